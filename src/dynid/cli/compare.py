@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dynid.cli.judged import show_answer
 from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus, WrongUsage
 
@@ -70,26 +71,31 @@ def command(
 
 
 def show(common: Common, found: RunComparison) -> None:
-    """Print one row per run, what changed in each, and the verdict."""
+    """Print what changed in each run, one row per run, and what to do next."""
+    compared = [(run, run.judgement) for run in found.runs if run.reference]
+    for run, judged in compared:
+        if len(found.runs) > 1:
+            common.terminal.answer(run.name)
+        show_answer(common, judged)
+        show_changes(common, run)
     common.terminal.show(found.table())
-    for run in found.runs:
-        if run.comparison is not None:
-            show_changes(common, run)
     if found.baseline is not None:
         for run in found.runs:
             if run.drift:
                 common.terminal.say(f"limit      {run.name}: {run.drift}")
-        common.terminal.answer()
-        common.terminal.fact("verdict", f"{'as' if found.passed else 'not as'} the baseline {found.baseline}")
+    changed = [judged for run, judged in compared if run.changed]
+    if changed:
+        step = changed[0].steps[0]
+        common.terminal.next(step.command, step.why)
 
 
 def show_changes(common: Common, run: ComparedRun) -> None:
     """Print what changed against the reference."""
     table = run.table()
     most = len(table) if common.verbose else SHOWN
-    common.terminal.answer()
-    common.terminal.answer(run.summary())
     common.terminal.show(table[:most])
+    if len(table):
+        common.terminal.answer()
     if len(table) > most:
         common.terminal.answer(f"and {len(table) - most} more; all with -v or --json")
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from dynid.estimation.covariance import KNOWN_WELL, NEGLIGIBLE, NOT_DETERMINED
 from dynid.estimation.least_squares import relative_error
+from dynid.files import typed
 from dynid.judgement.evidence import EffectEvidence, Event, Evidence, GapEvidence, JointEvidence, OtherArm, Unseen
 
 if TYPE_CHECKING:
@@ -28,6 +29,19 @@ def fingerprint(result: Identification) -> str:
     return hashlib.sha256(result.theta.tobytes()).hexdigest()[:16]
 
 
+def found_log(result: Identification, number: int) -> Path:
+    """Return the path of a log that a result was identified from, wherever the result is opened from.
+
+    Args:
+        result: the result.
+        number: of the log.
+    """
+    named, beside = (list(result.header.get(key, [])) for key in ("logs", "logs_from_here"))
+    name = Path(named[number] if number < len(named) else "")
+    near = [result.path.parent / beside[number]] if number < len(beside) and result.path.name else []
+    return next((path for path in (name, *near, result.path.parent / name) if name.name and path.exists()), name)
+
+
 def evidence_of(result: Identification) -> Evidence:
     """Return what is known of a result, with the replays and the search that lie beside its file.
 
@@ -39,7 +53,7 @@ def evidence_of(result: Identification) -> Evidence:
     found = Evidence(
         robot=result.robot.source or str(result.robot.path or result.robot.slug),
         result=str(result.path) if result.path.name else "",
-        logs=tuple(str(path) for path in header.get("logs", [])),
+        logs=tuple(typed(found_log(result, k)) for k in range(len(header.get("logs", [])))),
         joints=_joints(result),
         repeats=None if header.get("noise_floor_nm") is None else bool(header.get("noise_repeats_s", 0.0)),
         fitted=result.relative_error_percent,

@@ -17,6 +17,7 @@ from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.posterior import ExpectedError
 from dynid.estimation.residual_model import GROUP_NAMES, GROUPS, ModelError
 from dynid.estimation.result import Identification, JointQuality, Quality
+from dynid.files import typed
 from dynid.files.artifact import read_artifact, read_header, reading, write_artifact, write_text
 from dynid.files.contents import Array, Contents, Fact, require_numbers
 from dynid.files.robotfile import parse_robot, text_of
@@ -211,11 +212,12 @@ def load(path: Path) -> Identification:
             key: tuple(value) if isinstance(value, list) else value for key, value in stored["physical"].items()
         }
         full |= {key: a[f"full_{key}"] for key in FULL_ARRAYS}
-        robot = parse_robot(h["robot_file"], Path(h["robot_path"]))
+        file = Path(h["robot_path"])
+        robot = parse_robot(h["robot_file"], file)
         measured = {key: stored[key] for key in SCALARS if key in Quality.__annotations__}
         measured |= {"joints": _tuple(JointQuality, stored["joints"])}
         found = Identification(
-            robot=robot if h["robot_path"] else replace(robot, path=None),
+            robot=replace(robot, source=typed(file)) if h["robot_path"] else replace(robot, path=None),
             reduction=reduction_from(h["reduction"], a),
             fit=Fit(stored["method"], a["plain"], a["noise"], a["plain_covariance"], a["factors"], a["counts"]),
             quality=Quality(**measured, expected=_expected(stored["expected"], len(a["noise"]))),

@@ -186,7 +186,7 @@ class Change:
         name: of the number.
         before: its value.
         after: its value.
-        p_value: chance of such a change when nothing has changed.
+        p_value: chance of such a change when nothing has changed; None where it was not asked.
     """
 
     name: str
@@ -223,8 +223,11 @@ class Evidence:
         left_out: share of the samples that do not count.
         gap: what a search for missing effects found.
         other: another arm that explains the logs better.
-        changes: numbers that changed since an earlier result; None where there is no earlier one.
-        earlier: path of that.
+        changes: numbers that changed since an earlier result, the surest first; None where there is no earlier one
+            with the same parameters.
+        earlier: name of that.
+        earlier_result: path of that.
+        tolerance: largest change that counts as none, as a share; None to measure by the noise.
     """
 
     asked: str = "result"
@@ -251,3 +254,5 @@ class Evidence:
     other: OtherArm | None = None
     changes: tuple[Change, ...] | None = None
     earlier: str = ""
+    earlier_result: str = ""
+    tolerance: float | None = None

@@ -8,7 +8,7 @@ from typing import Any
 
 from dynid.judgement import tuning
 from dynid.judgement.evidence import Evidence
-from dynid.judgement.lights import OPEN, Light, lights, worst
+from dynid.judgement.lights import OPEN, Light, lights, ratio, worst
 from dynid.judgement.sentences import first_sentence, reasons, warnings
 from dynid.judgement.steps import Step, next_steps
 
@@ -75,12 +75,8 @@ def judge(evidence: Evidence) -> Judgement:
     )
 
 
-def says_nothing_missing(evidence: Evidence) -> bool:
-    """Return whether nothing is missing: every joint is at its noise, and the kept model as good as it expected."""
-    return {light.name: light.state for light in lights(evidence)}["complete"] == "good"
-
-
 def suspects_other_arm(evidence: Evidence) -> bool:
     """Return whether most joints are so far above their noise that the arm may be another one."""
-    found = [joint.fitted / joint.noise for joint in evidence.joints if joint.fitted is not None and joint.noise]
-    return len(found) == len(evidence.joints) > 0 and median(found) > tuning.OTHER_ARM
+    found = [ratio(joint.fitted, joint) for joint in evidence.joints if joint.fitted is not None]
+    known = [each for each in found if each is not None]
+    return len(known) == len(evidence.joints) > 0 and median(known) > tuning.OTHER_ARM

@@ -103,15 +103,18 @@ def at_noise(unseen: Unseen, evidence: Evidence) -> bool | None:
 
 
 def joint_state(joint: JointEvidence) -> str:
-    """Return how well a joint is fitted: at its noise it is good, whatever share of its torque noise is."""
+    """Return how well a joint is fitted: at its noise it is good, whatever share of its torque noise is.
+
+    Why the limit: a joint that carries little has a large share missing by an error that its drive does not notice.
+    """
     if joint.fitted is None or not joint.torque:
         return "good"
     times = ratio(joint.fitted, joint)
-    return (
-        "good"
-        if times is not None and times <= tuning.AT_NOISE
-        else grade(100.0 * joint.fitted / joint.torque, tuning.FIT)
-    )
+    if times is not None and times <= tuning.AT_NOISE:
+        return "good"
+    state = grade(100.0 * joint.fitted / joint.torque, tuning.FIT)
+    small = joint.limit is not None and joint.fitted <= tuning.SMALL * joint.limit
+    return "fair" if state == "bad" and small else state
 
 
 def surprise(unseen: Unseen) -> float | None:

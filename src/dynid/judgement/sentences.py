@@ -103,12 +103,15 @@ def of_changes(evidence: Evidence) -> str:
     changed = evidence.changes or ()
     since = f" since {evidence.earlier}" if evidence.earlier else ""
     if evidence.changes is None:
-        return "There is nothing to compare with."
+        than = f" than {evidence.earlier}" if evidence.earlier else ""
+        return f"There is nothing to compare with: this model has other parameters{than}."
+    measure = "its uncertainty" if evidence.tolerance is None else f"{100 * evidence.tolerance:g} %"
     if not changed:
-        return f"Nothing has changed{since} by more than its uncertainty."
+        return f"Nothing has changed{since} by more than {measure}."
     first = changed[0]
-    more = f" and {len(changed) - 1} more numbers" if len(changed) > 1 else ""
-    return f"The arm has changed{since}: {first.name} went from {first.before:.4g} to {first.after:.4g}{more}."
+    more = "" if len(changed) == 1 else ", and 1 more number" if len(changed) == 2 else f", and {len(changed) - 1} more"
+    what = "The arm has changed" if evidence.tolerance is None else f"Numbers have moved by more than {measure}"
+    return f"{what}{since}: {first.name} went from {first.before:.4g} to {first.after:.4g}{more}."
 
 
 # ---------------------------------------------------------------- missing effects
@@ -201,11 +204,46 @@ def reasons(evidence: Evidence, lights: Sequence[Light]) -> tuple[str, ...]:
         found += _gap_reasons(evidence.gap)
     elif evidence.asked == "replay" and evidence.unseen:
         found += _replay_reasons(evidence.unseen[-1], evidence)
-    elif evidence.asked != "change":
+    elif evidence.asked == "change":
+        found += _change_reasons(evidence)
+    else:
         tested = [each for each in evidence.unseen if not each.same_motion]
         if tested:
             found += _replay_reasons(max(tested, key=lambda each: each.percent), evidence)
-    return tuple(found)
+    return (*found, *_small_reasons(evidence)) if evidence.asked in ("result", "replay") else tuple(found)
+
+
+def _change_reasons(evidence: Evidence) -> list[str]:
+    first = next(iter(evidence.changes or ()), None)
+    if first is None or first.p_value is None:
+        return []
+    return [f"By chance alone {first.name} would change so much once in {1.0 / max(first.p_value, 1e-9):.1g} times."]
+
+
+def _small_reasons(evidence: Evidence) -> list[str]:
+    """Return what a model is good for, and what not, where joints miss much of a torque that is small."""
+    small = [
+        (100.0 * joint.fitted / joint.torque, joint)
+        for joint in evidence.joints
+        if joint.fitted is not None and joint.torque and joint.fitted > tuning.FIT[1] / 100.0 * joint.torque
+    ]
+    small = [each for each in small if joint_state(each[1]) == "fair"]
+    if not small:
+        return []
+    percent, worst = max(small, key=lambda each: each[0])
+    assert worst.fitted
+    assert worst.torque
+    assert worst.limit
+    names = [joint.joint for _, joint in small]
+    who = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    carry = "carries" if len(names) == 1 else "carry"
+    at = "" if len(names) == 1 else f" on {worst.joint}"
+    return [
+        f"{who} {carry} little here: the model misses {worst.fitted:.2g} of {worst.torque:.2g} {worst.unit}{at} "
+        f"({shown(percent)} %), {100 * worst.fitted / worst.limit:.1g} % of what the joint is built for. "
+        f"That does for motion and simulation. It is too coarse to tell forces below "
+        f"{tuning.AT_NOISE * worst.fitted:.2g} {worst.unit} there."
+    ]
 
 
 def _replay_reasons(unseen: Unseen, evidence: Evidence) -> list[str]:

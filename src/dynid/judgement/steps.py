@@ -29,8 +29,13 @@ class Step:
 def next_steps(evidence: Evidence, lights: Sequence[Light]) -> tuple[Step, ...]:
     """Return what to do next, most urgent first, each command once."""
     states = {light.name: light.state for light in lights}
-    found = [*_robot(evidence), *_gap(evidence, states), *_physics(evidence, states), *_unseen(evidence, states)]
-    found += [*_motion(evidence, states), *_search(evidence, states), *_use(evidence, states)]
+    found = [*_change(evidence), *_robot(evidence), *_gap(evidence, states), *_physics(evidence, states)]
+    found += [
+        *_unseen(evidence, states),
+        *_motion(evidence, states),
+        *_search(evidence, states),
+        *_use(evidence, states),
+    ]
     merged: dict[str, Step] = {}
     for step in found:
         earlier = merged.get(step.command, step)
@@ -39,9 +44,22 @@ def next_steps(evidence: Evidence, lights: Sequence[Light]) -> tuple[Step, ...]:
 
 
 def run_of(evidence: Evidence) -> str:
-    """Return the word for the result in a command: its folder, or its file where that has another name."""
-    path = PurePath(evidence.result)
-    return str(path.parent) if path.name == "parameters.npz" else evidence.result or "RESULT"
+    """Return the word for the result in a command."""
+    return folder_of(evidence.result) or "RESULT"
+
+
+def folder_of(result: str) -> str:
+    """Return the word for a result in a command: its folder, or its file where that has another name."""
+    path = PurePath(result)
+    return str(path.parent) if path.name == "parameters.npz" else result
+
+
+def _change(evidence: Evidence) -> list[Step]:
+    if evidence.asked != "change" or not evidence.changes or not evidence.earlier_result:
+        return []
+    why = "Ask what has changed, such as a load, friction or a sensor."
+    logs = evidence.logs or ("LOG",)
+    return [Step(why, f"{shell('dynid', 'gap', folder_of(evidence.earlier_result), *logs)} --ask changed")]
 
 
 def _logs(evidence: Evidence) -> tuple[str, ...]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import WrongUsage
+from dynid.files import typed
 from dynid.options import share_or_none
 from dynid.table import Table
 from dynid.workflows import arguments
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
     from dynid.estimation.compare import Change, Comparison, FigureOfMerit
     from dynid.estimation.result import Identification
+    from dynid.judgement.evidence import Evidence
+    from dynid.judgement.judge import Judgement
     from dynid.workflows.arguments import ResultLike
 
 
@@ -31,6 +34,7 @@ class ComparedRun:
         reference: name of the run that it is compared with, empty for the reference itself.
         comparison: what changed; None for the reference, or where another arm has other parameters.
         tolerance: largest change of any number that counts as none, as a share; None to measure by the noise.
+        earlier: path of the reference.
     """
 
     name: str
@@ -38,6 +42,7 @@ class ComparedRun:
     reference: str = ""
     comparison: Comparison | None = None
     tolerance: float | None = None
+    earlier: str = ""
 
     @property
     def changed(self) -> tuple[Change | FigureOfMerit, ...]:
@@ -56,6 +61,38 @@ class ComparedRun:
         worst, more = self.changed[0], len(self.changed) - 1
         rest = f" and {more} more" if more else ""
         return f"{worst.name} {worst.before:.4g} -> {worst.after:.4g} ({worst.percent:+.2f} %){rest}"
+
+    @property
+    def evidence(self) -> Evidence:
+        """What is known of its model, and what changed."""
+        from dynid.judgement.evidence import Change
+
+        known = self.result.evidence
+        if not self.reference:
+            return known
+        changes = None
+        if self.comparison is not None:
+            chances = (getattr(each, "p_value", None) for each in self.changed)
+            known_chances = (None if chance is None or chance != chance else chance for chance in chances)
+            changes = tuple(
+                Change(each.name, each.before, each.after, chance)
+                for each, chance in zip(self.changed, known_chances, strict=True)
+            )
+        return replace(
+            known,
+            asked="change",
+            changes=changes,
+            earlier=self.reference,
+            earlier_result=self.earlier,
+            tolerance=self.tolerance,
+        )
+
+    @property
+    def judgement(self) -> Judgement:
+        """What is said of it: what changed first, then what its model is worth."""
+        from dynid.judgement.judge import judge
+
+        return judge(self.evidence)
 
     def summary(self) -> str:
         """Return how many values changed, in one sentence; empty where nothing was compared."""
@@ -95,6 +132,7 @@ class ComparedRun:
             "beyond_tolerance": [] if tolerance is None else [asdict(c) for c in self.comparison.beyond(tolerance)],
             "figures": [asdict(each) for each in self.comparison.figures],
             "passed": not self.drift,
+            "judgement": self.judgement.facts(),
         }
 
 
@@ -116,6 +154,11 @@ class RunComparison:
     def passed(self) -> bool:
         """Whether no run has drifted from the baseline; True without one."""
         return self.baseline is None or not any(run.drift for run in self.runs)
+
+    @property
+    def judgement(self) -> Judgement:
+        """What is said of the run that differs most from the reference; of the only run where there is none."""
+        return max(self.runs, key=lambda run: (len(run.changed), bool(run.reference))).judgement
 
     @property
     def names(self) -> list[str]:
@@ -174,6 +217,7 @@ class RunComparison:
             "tolerance": self.tolerance,
             "comparisons": [run.facts() for run in self.runs if run.comparison],
             "passed": self.passed,
+            "judgement": self.judgement.facts(),
         }
 
     def csv(self) -> str:
@@ -238,6 +282,7 @@ def compare(
         raise arguments.refused("names", f"one name for each of {len(given)} results", names)
     first = baseline or given[0]
     reference = (baseline_name or short_names([first.path])[0]) if baseline else shown[0]
+    path = typed(first.path) if first.path.name else ""
     runs = []
     for name, result in zip(shown, given, strict=True):
         if result is first and baseline is None:
@@ -250,7 +295,7 @@ def compare(
                 fix="identify both with the same robot file",
             )
         comparison = compared(first, result) if same else None
-        runs.append(ComparedRun(name, result, reference, comparison, share))
+        runs.append(ComparedRun(name, result, reference, comparison, share, path))
     return RunComparison(tuple(runs), reference if baseline else None, share)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid.log import Log
@@ -386,6 +385,7 @@ def earlier_logs(
     Example:
         dynid.earlier_logs("out/kuka_lwr4plus", ["run3.bag", "run4.bag"])
     """
+    from dynid.estimation.evidence import found_log
     from dynid.files.artifact import sha256
 
     options, progress = arguments.options(GapOptions, options, changes), arguments.progress(progress)
@@ -404,16 +404,3 @@ def earlier_logs(
         text = f"missing, or changed since then: {', '.join(missing)}"
         progress.stage("earlier", f"logs that the model was identified from are {text}")
     return [load_log(path, result.robot, options, identify=False) for path in there]
-
-
-def found_log(result: Identification, number: int) -> Path:
-    """Return the path of a log that a result was identified from, wherever the result is opened from.
-
-    Args:
-        result: the result.
-        number: of the log.
-    """
-    named, beside = (list(result.header.get(key, [])) for key in ("logs", "logs_from_here"))
-    name = Path(named[number] if number < len(named) else "")
-    near = [result.path.parent / beside[number]] if number < len(beside) and result.path.name else []
-    return next((path for path in (name, *near, result.path.parent / name) if name.name and path.exists()), name)

@@ -74,7 +74,7 @@ def some_gap(rng):
 def some_evidence(seed):
     rng = random.Random(seed)
     joints = tuple(
-        JointEvidence(name, "N m", maybe(rng, positive(rng)), maybe(rng, positive(rng)), maybe(rng, positive(rng)))
+        JointEvidence(name, "N m", *(maybe(rng, positive(rng)) for _ in ("torque", "fitted", "noise", "limit")))
         for name in NAMES
     )
     changes = tuple(Change("m3", 1.0, 2.0, 1e-5) for _ in range(rng.choice((0, 0, 1, 3))))
@@ -90,6 +90,8 @@ def some_evidence(seed):
         open=maybe(rng, rng.randrange(20)), condition=maybe(rng, positive(rng, 1, 1e4)),
         seconds=maybe(rng, positive(rng, 1, 100)), left_out=maybe(rng, rng.random()), gap=maybe(rng, some_gap(rng)),
         other=rng.choice((None, None, None, OtherArm("ur5e", 1.1, 9.4))), changes=maybe(rng, changes),
+        earlier=rng.choice(("", "january")), earlier_result=rng.choice(("", "out/january/parameters.npz")),
+        tolerance=rng.choice((None, 0.01)),
     )  # fmt: skip
 
 
@@ -181,6 +183,36 @@ def test_every_light_that_is_not_green_has_a_next_step_whose_command_can_be_past
     assert {light.name for light in judged.lights if light.state != "good"} <= covered
     assert all(step.command.startswith("dynid ") for step in judged.steps)
     assert len({step.command for step in judged.steps}) == len(judged.steps)
+
+
+def test_a_wrist_that_misses_much_of_a_small_torque_does_not_make_the_arm_useless():
+    shoulder = JointEvidence("shoulder", "N m", 40.0, 0.5, 0.4, 176.0)
+    wrist = JointEvidence("wrist", "N m", 0.6, 0.14, 0.02, 38.0)
+    judged = judge(Evidence(joints=(shoulder, wrist), fitted=1.8))
+    assert judged.light("fit").state == "fair"
+    assert not judged.sentence.startswith("Do not use")
+    assert judged.reasons == (
+        "wrist carries little here: the model misses 0.14 of 0.6 N m (23 %), 0.4 % of what the joint is built for. "
+        "That does for motion and simulation. It is too coarse to tell forces below 0.28 N m there.",
+    )
+    wrong = judge(Evidence(joints=(shoulder, replace(wrist, fitted=1.2)), fitted=2.6))
+    assert wrong.light("fit").state == "bad"
+
+
+def test_what_has_changed_comes_first_with_the_command_that_asks_what():
+    changes = (Change("m3", 1.0, 2.0, 1e-5), Change("l3x", 0.1, 0.3, 1e-4), Change("l2x", 0.1, 0.2, 1e-3))
+    known = Evidence(
+        asked="change", logs=("now.bag",), changes=changes, earlier="january",
+        earlier_result="out/january/parameters.npz",
+    )  # fmt: skip
+    judged = judge(known)
+    assert judged.sentence == "The arm has changed since january: m3 went from 1 to 2, and 2 more."
+    assert judged.steps[0].command == "dynid gap out/january now.bag --ask changed"
+    moved = judge(replace(known, tolerance=0.01)).sentence
+    assert moved.startswith("Numbers have moved by more than 1 % since january")
+    assert (
+        judge(replace(known, changes=())).sentence == "Nothing has changed since january by more than its uncertainty."
+    )
 
 
 def contradictions(judged: Judgement) -> list[str]:
