@@ -72,9 +72,9 @@ def command(
 
 def show(common: Common, found: RunComparison) -> None:
     """Print what changed in each run, one row per run, and what to do next."""
-    compared = [(run, run.judgement) for run in found.runs if run.reference]
+    compared = [(run, run.judgement) for run in found.runs if run.reference or len(found.runs) == 1]
     for run, judged in compared:
-        if len(found.runs) > 1:
+        if len(compared) > 1:
             common.terminal.answer(run.name)
         show_answer(common, judged)
         show_changes(common, run)

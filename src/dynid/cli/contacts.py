@@ -37,9 +37,10 @@ def command(common: Common, parameters: Path, log: Path, plot: bool, **values: A
         if plot:
             picture = (common.out or stored.path.parent) / "contacts" / f"{Path(found.log).stem}.png"
             wrote.append(save_figure(found, picture))
-    common.terminal.answer(found.sentence())
+    common.terminal.answer(found.sentence(), style="bold", indent=2)
     if found.external.contacts:
         common.terminal.show([{key: str(value) for key, value in row.items()} for row in found.table()])
     common.terminal.wrote(*wrote)
     common.terminal.emit_json({**found.facts(), "wrote": wrote})
-    common.terminal.next(f"look at {wrote[0]}" if wrote else shell("dynid", "contacts", parameters, log, "--plot"))
+    if found.external.changed:
+        common.terminal.next(shell("dynid", "gap", parameters, log), "Ask what has changed.")

@@ -72,13 +72,14 @@ def write(common: Common, path: Path, text: str) -> None:
 
 
 def show(common: Common, made: ExportedModel) -> None:
-    """Print what was compared and what the formats leave out."""
+    """Print whether the files have the torques of the model, and what the formats leave out."""
+    common.terminal.answer(made.sentence(), style="bold", indent=2)
     common.terminal.show(made.table(), numbers=False)
     for file in made.files:
         for phrase in file.elements:
-            common.terminal.answer(f"{file.format} has {phrase}")
+            common.terminal.sentence(f"{file.format} has {phrase}")
         for phrase in file.leaves_out:
             if phrase.removeprefix("effect ") not in file.beside:
-                common.terminal.answer(f"{file.format} has no place for {phrase}")
+                common.terminal.sentence(f"{file.format} has no place for {phrase}")
         if file.beside:
-            common.terminal.answer(f"effects.py adds to {file.format}: {', '.join(file.beside)}")
+            common.terminal.sentence(f"effects.py adds to {file.format}: {', '.join(file.beside)}")

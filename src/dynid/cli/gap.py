@@ -56,9 +56,7 @@ def command(common: Common, parameters: Path | None, logs: tuple[Path, ...], **v
     if values["apply_"] and values["no_apply"]:
         raise WrongUsage("--apply and --no-apply cannot be used together", fix="leave one of them out")
     own = {key: values[key] for key in ("apply_", "no_apply", "new_name", "plot")}
-    answer = run_gap(common, parameters, logs, options_of(GapOptions, values), **own)
-    common.terminal.emit_json(answer)
-    common.terminal.wrote(*answer["wrote"])
+    common.terminal.emit_json(run_gap(common, parameters, logs, options_of(GapOptions, values), **own))
     return ExitStatus.DONE
 
 
@@ -108,10 +106,13 @@ def run_gap(
     if chosen and ask(common, "P7", given=given, effect=" and ".join(one.effect for one in chosen)) is Answer.YES:
         wrote += add(common, gap, chosen, new_name)
         applied = True
-    path = gap.save(folder / "gap.npz")
-    if not applied:
+    wrote.append(gap.save(folder / "gap.npz"))
+    common.terminal.wrote(*wrote)
+    if applied:
+        show_check(common, gap, wrote[-2])
+    else:
         show_next(common, gap.judgement)
-    return {**gap.facts(), "wrote": [*wrote, path]}
+    return {**gap.facts(), "wrote": wrote}
 
 
 def add(common: Common, gap: Gap, chosen: tuple[GapEffect, ...], new_name: Path | None) -> list[Path]:
@@ -125,13 +126,17 @@ def add(common: Common, gap: Gap, chosen: tuple[GapEffect, ...], new_name: Path 
         ask_to_overwrite(common, copy)
     path = (common.out or Path("out") / copy.stem) / "parameters.npz"
     gap.apply(chosen, robot_file=copy).save(path)
+    return [copy, path]
+
+
+def show_check(common: Common, gap: Gap, path: Path) -> None:
+    """Say how the model with the effects is tried on a log that was not used."""
     unseen = next((str(log.source) for log in gap.unseen_logs if log.source), "")
     if unseen:
         command = shell("dynid", "validate", path, unseen, "--cutoff", f"{gap.signals.cutoff:g}")
         common.terminal.next(command, "This log was held out: the errors are those of the table.")
     else:
         common.terminal.next(f"{shell('dynid', 'validate', path)} LOG", "LOG is one that was not used here.")
-    return [copy, path]
 
 
 def ask_to_overwrite(common: Common, path: Path) -> None:
@@ -148,29 +153,16 @@ def ask_to_overwrite(common: Common, path: Path) -> None:
 # ---------------------------------------------------------------- printing
 def show(common: Common, gap: Gap) -> None:
     """Print the answer, why, and the table of joints; with -v what was asked, tried and left."""
-    from dynid.model.effects.catalogue import CATALOGUE
-
     terminal = common.terminal
     show_answer(common, gap.judgement)
-    for one in gap.named:
-        terminal.fact("named", f"{CATALOGUE[one.effect].title} on {one.where}: {', '.join(one.texts())}")
     for one in gap.formulas:
         add = f"--apply formula@{one.indices[0] + 1} adds it"
         terminal.fact("formula", f"{one.formula} on {one.where} (not in the catalogue); {add}")
         terminal.fact(
             "", f"{', '.join(one.texts())}; held-out error {one.rms_before:.3g} -> {one.rms_after:.3g} {one.unit}"
         )
-    for clue in gap.clues:
-        terminal.fact("rest", clue)
     improvement_table(common, gap)
     terminal.stage("noise", f"{gap.noise_text}; held out: {gap.heldout}")
-    if gap.advice:
-        terminal.fact("advice", gap.advice)
-    if not len(gap.simulation):
-        terminal.stage(
-            "simulated",
-            "no: too little motion is held out, or a link is too light to be simulated from its torques",
-        )
     if common.verbose:
         show_search(common, gap)
 
@@ -184,6 +176,17 @@ def show_search(common: Common, gap: Gap) -> None:
     terminal.fact("asked", gap.asked)
     terminal.fact("where", gap.where_text)
     terminal.fact("verdict", gap.verdict_text)
+    for one in gap.named:
+        terminal.fact("named", f"{CATALOGUE[one.effect].title} on {one.where}: {', '.join(one.texts())}")
+    for clue in gap.clues:
+        terminal.fact("rest", clue)
+    if gap.advice:
+        terminal.fact("advice", gap.advice)
+    if not len(gap.simulation):
+        terminal.fact(
+            "simulated",
+            "no: too little motion is held out, or a link is too light to be simulated from its torques",
+        )
     if gap.named or gap.closest:
         rows = [effect_row(one) for one in (*gap.named, *gap.closest)]
         terminal.table(["candidate", "joints", "held-out error", "chance", "result"], rows, numbers=False)

@@ -21,15 +21,16 @@ def show_answer(common: Common, judged: Judgement) -> None:
 
 
 def show_judgement(common: Common, judged: Judgement) -> None:
-    """Print the answer, why, the lights, and what is behind those that are not green."""
+    """Print the answer, why, the lights, and what is behind those that are not green; with -v behind all."""
     terminal = common.terminal
     show_answer(common, judged)
     for light in judged.lights:
-        if light.state != "open":
-            terminal.fact(light.shown, f"{light.title}: {light.text}")
-    untested = [light.title for light in judged.lights if light.state == "open"]
-    if untested:
-        terminal.fact("not tested", ", ".join(untested))
+        if light.state not in ("good", "open") or (common.verbose and light.state == "good"):
+            terminal.fact(light.shown, ": ".join(filter(None, (light.title, light.text))))
+    for state, word in (("good", "good"), ("open", "not tested")):
+        found = [light.title for light in judged.lights if light.state == state]
+        if found and not (common.verbose and state == "good"):
+            terminal.fact(word, ", ".join(found))
     terminal.answer()
 
 

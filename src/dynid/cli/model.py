@@ -10,6 +10,7 @@ from dynid.cli.arguments import options_from, options_of, robot_argument
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask
 from dynid.errors import StaleCache
+from dynid.files import typed
 from dynid.text import shell
 from dynid.workflows.model import ModelOptions
 
@@ -68,7 +69,10 @@ def derive(common: Common, robot: Robot, rebuild: bool | None = None) -> Derived
     path = paths(folder)[0]
     turning = sum(joint.revolute for joint in robot.joints)
     kinds = f"{robot.n} joints ({turning} revolute, {robot.n - turning} prismatic)"
-    terminal.stage("robot", f"{robot.name}, {kinds}, {robot.convention} DH, file {robot.path or robot.source}")
+    terminal.stage(
+        "robot",
+        f"{robot.name}, {kinds}, {robot.convention} DH, file {typed(robot.path) if robot.path else robot.source}",
+    )
     changed = stored_differences(robot, folder)
     if changed is not None and rebuild is not True:
         if rebuild is False:

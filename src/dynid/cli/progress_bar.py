@@ -53,6 +53,7 @@ class Bar:
         self._name = ""
         self._began = time.monotonic()
         self._said = False
+        self._told: set[tuple[str, ...]] = set()
         self._lock = threading.RLock()
         self._timer: threading.Timer | None = None
         self._bar: rich.progress.Progress | None = None
@@ -72,7 +73,8 @@ class Bar:
     def stage(self, name: str, text: str = "") -> None:
         """Say a line when there is something to say; otherwise a stage begins that may get a bar."""
         self._end_stage()
-        if text:
+        # Why once: a log that several steps of one command read is one log to its reader.
+        if text and self._new(name, text):
             self._terminal.stage(name, text)
         with self._lock:
             self._name, self._began, self._said = name, time.monotonic(), bool(text)
@@ -97,11 +99,17 @@ class Bar:
     def findings(self, findings: Sequence[Finding]) -> None:
         """Say warnings below the stage that they belong to."""
         self._end_stage()
-        self._terminal.findings(findings)
+        self._terminal.findings([each for each in findings if self._new(each.code, each.text)])
 
     def pause(self) -> None:
         """Take the bar away until the next stage begins, so that a question can be asked."""
         self._end_stage()
+
+    def _new(self, *words: str) -> bool:
+        """Return whether something is said for the first time, and keep it."""
+        new = words not in self._told
+        self._told.add(words)
+        return new
 
     def _slow(self) -> bool:
         return not self._lively and not self._said and time.monotonic() - self._began > PATIENCE

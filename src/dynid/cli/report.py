@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dynid.cli.judged import show_next
 from dynid.cli.options import Common, dynid_command
 
 if TYPE_CHECKING:
@@ -27,8 +28,11 @@ if TYPE_CHECKING:
 def command(common: Common, run: Path, show: bool) -> None:
     """Make the report of a result again."""
     made, wrote = write_report(common, run)
-    for sentence in made.verdict:
-        common.terminal.answer(sentence)
+    first, *rest = made.verdict
+    common.terminal.answer(first, style="bold", indent=2)
+    for sentence in rest:
+        common.terminal.sentence(sentence)
+    show_next(common, made.judgement)
     common.terminal.emit_json({**made.facts(), "wrote": wrote})
     if show:
         click.launch(str(wrote[0].resolve()))

@@ -187,12 +187,14 @@ class Change:
         before: its value.
         after: its value.
         p_value: chance of such a change when nothing has changed; None where it was not asked.
+        unit: of the values, "" where they have none.
     """
 
     name: str
     before: float
     after: float
     p_value: float | None = None
+    unit: str = ""
 
 
 @dataclass(frozen=True)

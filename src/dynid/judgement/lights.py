@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dynid.judgement import tuning
-from dynid.judgement.evidence import Evidence, JointEvidence, Unseen
+from dynid.judgement.evidence import Evidence, GapEvidence, JointEvidence, Unseen
 
 #: From best to worst. A light that no fact stands behind is open, which is no praise.
 STATES = ("good", "fair", "bad")
@@ -134,6 +134,11 @@ def farthest(unseen: Unseen, evidence: Evidence) -> tuple[JointEvidence, float, 
     return max(found, key=lambda each: each[2], default=None)
 
 
+def over_noise(times: float) -> str:
+    """Return how far an error is from its noise, in words."""
+    return "at its noise" if times <= tuning.AT_NOISE else f"{times:.2g} times its noise"
+
+
 def unseen_state(unseen: Unseen, evidence: Evidence) -> str:
     """Return how good a model is on rows that were not fitted."""
     if at_noise(unseen, evidence):
@@ -150,7 +155,7 @@ def _of_fit(evidence: Evidence) -> list[Fact]:
         if joint.fitted is None or not joint.torque:
             continue
         percent, times, state = 100.0 * joint.fitted / joint.torque, ratio(joint.fitted, joint), joint_state(joint)
-        noise = "" if times is None or state == "good" else f", {times:.2g} times its noise"
+        noise = "" if times is None or state == "good" else f", {over_noise(times)}"
         found.append((state, f"{joint.joint} {shown(percent)} %{noise}" if state != "good" else ""))
     if found and evidence.fitted is not None:
         found.insert(0, (worst(state for state, _ in found), f"{shown(evidence.fitted)} % unexplained"))
@@ -166,13 +171,16 @@ def _of_fit(evidence: Evidence) -> list[Fact]:
 
 def _unseen_light(evidence: Evidence) -> Light:
     """Return the light of rows that were not fitted; the same motion again can only speak against a model."""
-    facts: list[Fact] = []
+    facts: list[tuple[str, Unseen]] = []
     for each in evidence.unseen:
         state = unseen_state(each, evidence)
         if each.same_motion and state == "good":
             continue
-        facts.append((state, _unseen_text(each, evidence)))
-    return _light("unseen motion", facts, "no recording of another motion was replayed")
+        facts.append((state, each))
+    # Why one text: all replays together fill a page, and what is worst says why.
+    told = max(facts, key=lambda fact: (STATES.index(fact[0]), not fact[1].same_motion, fact[1].percent), default=None)
+    texts = [(state, _unseen_text(each, evidence) if (state, each) == told else "") for state, each in facts]
+    return _light("unseen motion", texts, "no recording of another motion was replayed")
 
 
 def _unseen_text(unseen: Unseen, evidence: Evidence) -> str:
@@ -181,7 +189,7 @@ def _unseen_text(unseen: Unseen, evidence: Evidence) -> str:
     far = farthest(unseen, evidence)
     if unseen.expected:
         text += f", {unseen.expected:.2g} % expected"
-    return text if far is None else f"{text}, {far[0].joint} {far[2]:.2g} times its noise"
+    return text if far is None else f"{text}, {far[0].joint} {over_noise(far[2])}"
 
 
 def _of_knowledge(evidence: Evidence) -> list[Fact]:
@@ -214,7 +222,9 @@ def _of_physics(evidence: Evidence) -> list[Fact]:
         found.append((state, text if state != "good" else ""))
     if evidence.doubts:
         state = "bad" if evidence.physical is False else "fair"
-        found.append((state, f"see {', '.join(dict.fromkeys(evidence.doubts))}"))
+        found.append(
+            (state, f"bodies that can exist explain the torques worse ({', '.join(dict.fromkeys(evidence.doubts))})")
+        )
     if evidence.mass is not None and evidence.reach:
         state = grade(evidence.mass / evidence.reach**2, tuning.MASS)
         text = f"the links weigh {evidence.mass:.3g} kg in all on {evidence.reach:.2g} m of arm"
@@ -223,9 +233,18 @@ def _of_physics(evidence: Evidence) -> list[Fact]:
 
 
 def _of_gap(evidence: Evidence) -> list[Fact]:
-    gap = evidence.gap
-    if gap is None:
+    if evidence.gap is None:
         return []
+    missed = [("fair", f"the search has not seen {each.name}") for each in unsearched(evidence)]
+    return [*_of_search(evidence.gap), *missed]
+
+
+def finds_nothing(gap: GapEvidence) -> bool:
+    """Return whether a search says that nothing is missing in the logs that it has seen."""
+    return worst(state for state, _ in _of_search(gap)) == "good"
+
+
+def _of_search(gap: GapEvidence) -> list[Fact]:
     found: list[Fact] = []
     for name, error, noise in zip(gap.joints, gap.before, gap.noise, strict=True):
         more = not noise or error > tuning.MISSING * noise
@@ -244,3 +263,11 @@ def _of_gap(evidence: Evidence) -> list[Fact]:
         joints = dict.fromkeys((*gap.unrepeatable, *(each.joint for each in gap.events)))
         found.append(("fair", f"what does not repeat on {', '.join(joints)}"))
     return found or [("fair", "the search compared no joint with its noise")]
+
+
+def unsearched(evidence: Evidence) -> list[Unseen]:
+    """Return replays that the model misses and that the search for missing effects has not looked at."""
+    seen = () if evidence.gap is None else evidence.gap.logs
+    return [
+        each for each in evidence.unseen if each.log and each.log not in seen and unseen_state(each, evidence) != "good"
+    ]

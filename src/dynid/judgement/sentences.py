@@ -6,7 +6,18 @@ from collections.abc import Sequence
 
 from dynid.judgement import tuning
 from dynid.judgement.evidence import EffectEvidence, Evidence, GapEvidence, Unseen
-from dynid.judgement.lights import Light, at_noise, farthest, floor, joint_state, shown, surprise, unseen_state
+from dynid.judgement.lights import (
+    Light,
+    at_noise,
+    farthest,
+    finds_nothing,
+    floor,
+    joint_state,
+    shown,
+    surprise,
+    unsearched,
+    unseen_state,
+)
 from dynid.table import with_error
 
 
@@ -20,7 +31,13 @@ def first_sentence(evidence: Evidence, lights: Sequence[Light]) -> str:
     if evidence.alarms:
         return "The robot file does not describe the arm of these logs."
     if evidence.asked == "gap" and evidence.gap is not None:
-        return of_gap(evidence.gap, nothing=states["complete"] == "good")
+        nothing, odd = finds_nothing(evidence.gap), unsearched(evidence)
+        if nothing and odd:
+            return (
+                f"These logs miss nothing, but the model misses {shown(odd[0].percent)} % of the torque of "
+                f"{odd[0].name}, which was not searched."
+            )
+        return of_gap(evidence.gap, nothing=nothing)
     if evidence.asked == "replay" and evidence.unseen:
         return of_replay(evidence.unseen[-1], evidence)
     if evidence.asked == "change":
@@ -41,8 +58,9 @@ def of_result(evidence: Evidence, states: dict[str, str]) -> str:
         return f"Do not use this model yet: it misses {shown(tested.percent)} % of the torque of {tested.name}{many}."
     if states["fit"] == "bad" and (joints := weak_joints(evidence)):
         percent, names = max(percent for _, percent in joints), ", ".join(name for name, _ in joints)
-        whole = "" if evidence.fitted is None else f" ({shown(evidence.fitted)} % of all joints together)"
-        return f"Do not use this model for {names}: it misses up to {shown(percent)} % of the torque there{whole}."
+        whole = "" if evidence.fitted is None else f", {shown(evidence.fitted)} % on all joints together"
+        most = "up to " if len(joints) > 1 else ""
+        return f"Do not use this model for {names}: it misses {most}{shown(percent)} % of the torque there{whole}."
     if states["fit"] == "bad":
         return f"Do not use this model yet: it misses {fitted or 'much of the torque it was fitted to'}."
     if states["physics"] == "bad":
@@ -110,8 +128,9 @@ def of_changes(evidence: Evidence) -> str:
         return f"Nothing has changed{since} by more than {measure}."
     first = changed[0]
     more = "" if len(changed) == 1 else ", and 1 more number" if len(changed) == 2 else f", and {len(changed) - 1} more"
+    unit = f" {first.unit}" if first.unit else ""
     what = "The arm has changed" if evidence.tolerance is None else f"Numbers have moved by more than {measure}"
-    return f"{what}{since}: {first.name} went from {first.before:.4g} to {first.after:.4g}{more}."
+    return f"{what}{since}: {first.name} went from {first.before:.4g} to {first.after:.4g}{unit}{more}."
 
 
 # ---------------------------------------------------------------- missing effects
@@ -175,6 +194,9 @@ def _size(one: EffectEvidence) -> str:
     """Return the sizes of an effect with their errors."""
     shown = []
     for name, value, error, unit in one.sizes:
+        # Why: an order or a form is chosen, not measured.
+        if error == 0.0 and not unit:
+            continue
         number = f"about {value:.3g}" if error is None else with_error(value, error) if error else f"{value:.4g}"
         spread = f" +- {error:.2g}" if error else ""
         shown.append(f"{name} {number}{spread} {unit}".strip())
@@ -201,7 +223,7 @@ def reasons(evidence: Evidence, lights: Sequence[Light]) -> tuple[str, ...]:
             f"with these {shown(other.own)} %."
         )
     if evidence.asked == "gap" and evidence.gap is not None:
-        found += _gap_reasons(evidence.gap)
+        found += _gap_reasons(evidence.gap, {joint.joint: joint.unit for joint in evidence.joints})
     elif evidence.asked == "replay" and evidence.unseen:
         found += _replay_reasons(evidence.unseen[-1], evidence)
     elif evidence.asked == "change":
@@ -217,7 +239,10 @@ def _change_reasons(evidence: Evidence) -> list[str]:
     first = next(iter(evidence.changes or ()), None)
     if first is None or first.p_value is None:
         return []
-    return [f"By chance alone {first.name} would change so much once in {1.0 / max(first.p_value, 1e-9):.1g} times."]
+    often = (
+        "less than once in a million" if first.p_value < 1e-6 else f"once in {float(f'{1 / first.p_value:.1g}'):.0f}"
+    )
+    return [f"Noise alone changes {first.name} so much {often} times."]
 
 
 def _small_reasons(evidence: Evidence) -> list[str]:
@@ -254,24 +279,30 @@ def _replay_reasons(unseen: Unseen, evidence: Evidence) -> list[str]:
     if far is not None:
         joint, error, times = far
         bound = "" if evidence.repeats else " at least"
-        said += f"; {joint.joint} {error:.3g} {joint.unit}, noise{bound} {floor(joint) or 0.0:.3g} ({times:.2g} times)"
+        far_off = "" if times <= tuning.AT_NOISE else f" ({times:.2g} times)"
+        said += f"; {joint.joint} {error:.3g} {joint.unit}, noise{bound} {floor(joint) or 0.0:.3g}{far_off}"
     return [said + "."]
 
 
-def _gap_reasons(gap: GapEvidence) -> list[str]:
+def _gap_reasons(gap: GapEvidence, units: dict[str, str]) -> list[str]:
     found = []
+    rows = list(zip(gap.joints, gap.before, gap.after, gap.noise, strict=True))
     for one in gap.named:
         if one.before is not None and one.after is not None:
-            noise = dict(zip(gap.joints, gap.noise, strict=True)).get(one.joint)
+            noise = next((row[3] for row in rows if row[0] == one.joint), None)
             beside = "" if noise is None else f"; noise {noise:.3g}"
             found.append(f"Error of {one.joint} on unseen rows {one.before:.3g} -> {one.after:.3g} {one.unit}{beside}.")
-    if not gap.named and gap.joints:
-        rows = zip(gap.joints, gap.before, gap.noise, strict=True)
-        name, error, noise = max(rows, key=lambda row: row[1] / max(row[2], 1e-12))
+    left = [row for row in rows if row[0] in gap.more]
+    if gap.named and left:
+        name, _, after, noise = max(left, key=lambda row: row[2] / max(row[3], 1e-12))
+        others = f", and on {len(left) - 1} more joint{'s' * (len(left) > 2)}" if len(left) > 1 else ""
+        unit = f" {units[name]}" if name in units else ""
+        found.append(f"More is missing on {name} ({after:.3g}{unit}, noise {noise:.3g}){others}.")
+    if not gap.named and rows:
+        name, error, _, noise = max(rows, key=lambda row: row[1] / max(row[3], 1e-12))
+        unit = f" {units[name]}" if name in units else ""
         bound = "" if gap.repeats else " at least"
-        found.append(
-            f"{_start(name)} is furthest from its noise: {error:.3g} on unseen rows, noise{bound} {noise:.3g}."
-        )
+        found.append(f"{name} is furthest from its noise: {error:.3g}{unit} on unseen rows, noise{bound} {noise:.3g}.")
     if gap.kept is not None and gap.expected:
         found.append(
             f"The model as it was misses {gap.kept:.3g} % of these torques; {gap.expected:.3g} % was expected."

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 
 from dynid.judgement.evidence import Evidence
-from dynid.judgement.lights import Light, unseen_state
+from dynid.judgement.lights import Light, unsearched
 from dynid.text import shell
 
 
@@ -37,7 +37,12 @@ def next_steps(evidence: Evidence, lights: Sequence[Light]) -> tuple[Step, ...]:
         *_use(evidence, states),
     ]
     merged: dict[str, Step] = {}
+    covered: set[str] = set()
     for step in found:
+        # Why: what a first step may turn green needs no second one, which often only makes sense without the first.
+        if step.lights and covered.issuperset(step.lights):
+            continue
+        covered.update(step.lights)
         earlier = merged.get(step.command, step)
         merged[step.command] = Step(earlier.why, step.command, tuple(dict.fromkeys((*earlier.lights, *step.lights))))
     return tuple(merged.values())
@@ -63,11 +68,11 @@ def _change(evidence: Evidence) -> list[Step]:
 
 
 def _logs(evidence: Evidence) -> tuple[str, ...]:
-    """Return the logs to search: those of the search before, replays that went wrong, else the fitted ones."""
-    if evidence.gap is not None and evidence.gap.logs:
+    """Return the logs to search: replays that went wrong, else those of the search before, else the fitted ones."""
+    odd = tuple(each.log for each in unsearched(evidence))
+    if not odd and evidence.gap is not None and evidence.gap.logs:
         return evidence.gap.logs
-    odd = [each.log for each in evidence.unseen if each.log and unseen_state(each, evidence) != "good"]
-    return tuple(odd) or evidence.logs or ("LOG",)
+    return odd or evidence.logs or ("LOG",)
 
 
 def _robot(evidence: Evidence) -> list[Step]:
@@ -83,23 +88,20 @@ def _robot(evidence: Evidence) -> list[Step]:
 
 def _gap(evidence: Evidence, states: dict[str, str]) -> list[Step]:
     gap = evidence.gap
-    if gap is None or states["complete"] == "good":
+    if gap is None or states["complete"] == "good" or (unsearched(evidence) and not gap.named):
         return []
     found = []
     run, logs = run_of(evidence), gap.logs or ("LOG",)
-    for event in gap.events:
-        command = shell(
-            "dynid", "identify", evidence.robot, event.log, "--exclude", f"{max(0.0, event.start):.1f}-{event.end:.1f}"
-        )
-        found.append(
-            Step(f"Leave out what happened once on {event.joint}, at {event.start:.1f} s.", command, ("complete",))
-        )
     if gap.named and not gap.ambiguous:
         why = "Add what was found to a copy of the robot file, and identify the arm with it."
-        found.append(
-            Step(why, f"{shell('dynid', 'gap', run, *logs)} --apply best", ("complete", "fit", "unseen motion"))
-        )
-    elif gap.unrepeatable and not gap.events:
+        command = f"{shell('dynid', 'gap', run, *logs)} --apply best"
+        return [Step(why, command, ("complete", "fit", "unseen motion", "physics"))]
+    for event in gap.events:
+        times = f"{max(0.0, event.start):.1f}-{event.end:.1f}"
+        command = shell("dynid", "identify", evidence.robot, event.log, "--exclude", times)
+        why = f"Leave out what happened once on {event.joint}, at {event.start:.1f} s."
+        found.append(Step(why, command, ("complete",)))
+    if gap.unrepeatable and not gap.events:
         why = f"Look for contacts, cables or a drifting sensor on {', '.join(gap.unrepeatable)}, then record again."
         found.append(Step(why, shell("dynid", "check", logs[0], "--robot", evidence.robot), ("complete",)))
     else:
@@ -113,7 +115,7 @@ def _physics(evidence: Evidence, states: dict[str, str]) -> list[Step]:
     if states["physics"] in ("good", "open") and states["fit"] in ("good", "open"):
         return []
     lights = tuple(name for name in ("physics", "fit") if states[name] not in ("good", "open"))
-    if evidence.gap is None:
+    if evidence.gap is None or unsearched(evidence):
         why = "Search for the effect that the model lacks."
         return [Step(why, shell("dynid", "gap", run_of(evidence), *_logs(evidence)), (*lights, "complete"))]
     why = "Give what is known of the arm, such as the mass of link 2 from its data sheet, and identify again."
@@ -127,7 +129,7 @@ def _unseen(evidence: Evidence, states: dict[str, str]) -> list[Step]:
         return [Step(why, f"{shell('dynid', 'validate', run_of(evidence))} LOG", ("unseen motion",))]
     if states["unseen motion"] == "good":
         return []
-    if evidence.gap is None:
+    if evidence.gap is None or unsearched(evidence):
         why = "Ask what is missing, or has changed, on the motion that the model does not predict."
         return [Step(why, shell("dynid", "gap", run_of(evidence), *_logs(evidence)), ("unseen motion", "complete"))]
     why = "Add a recording of another motion to the fitted ones, so that the model need not guess there."

@@ -170,7 +170,7 @@ def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
         tau[part] = log.tau[part]
     tau[row[kept], joint[kept]] = usually[kept]
     counts = ", ".join(f"{name} {n}" for name, n in zip(log.names, count, strict=True) if n)
-    text = f"torque spikes were replaced by the median of their neighbours: {counts} of {len(log)} samples"
+    text = f"{log.name}: torque spikes were replaced by the median of their neighbours: {counts} of {len(log)} samples"
     return replace(log, tau=tau), (Finding("W324", "warning", text, {"samples": count.tolist()}),)
 
 

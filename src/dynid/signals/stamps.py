@@ -278,11 +278,11 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> tuple[Findin
     if len(pauses) == len(gaps):
         places = ", ".join(f"{step[k]:.1f} s at {log.t[k]:.2f} s" for k in pauses[:5])
         more = f" and {len(pauses) - 5} more" if len(pauses) > 5 else ""
-        text = f"the recording pauses ({places}{more}): cut into {len(pauses) + 1} segments, not bridged"
+        text = f"{log.name}: the recording pauses ({places}{more}): cut into {len(pauses) + 1} segments, not bridged"
         evidence = {"gaps": len(gaps), "longest_s": float(step[longest]), "at_s": log.t[gaps].tolist()}
         return (Finding("W312", "warning", text, evidence),)
     evidence = {"gaps": len(gaps), "longest_s": float(step[longest]), "at_s": log.t[gaps].tolist()}
-    text = f"{len(gaps)} {'gap' if len(gaps) == 1 else 'gaps'}, {where}: cut there, not bridged"
+    text = f"{log.name}: {len(gaps)} {'gap' if len(gaps) == 1 else 'gaps'}, {where}: cut there, not bridged"
     return (Finding("W312", "warning", text, evidence),)
 
 

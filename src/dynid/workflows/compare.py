@@ -72,11 +72,13 @@ class ComparedRun:
             return known
         changes = None
         if self.comparison is not None:
-            chances = (getattr(each, "p_value", None) for each in self.changed)
-            known_chances = (None if chance is None or chance != chance else chance for chance in chances)
+            units = {row["name"]: row["unit"] for row in self.result.parameter_rows()}
+            chances = (getattr(each, "p_value", float("nan")) for each in self.changed)
             changes = tuple(
-                Change(each.name, each.before, each.after, chance)
-                for each, chance in zip(self.changed, known_chances, strict=True)
+                Change(
+                    each.name, each.before, each.after, chance if chance == chance else None, units.get(each.name, "")
+                )
+                for each, chance in zip(self.changed, chances, strict=True)
             )
         return replace(
             known,

@@ -88,8 +88,8 @@ class FoundContacts:
             return f"No contact: the torque from outside stays below the threshold of every joint; {alarms}."
         if found.changed:
             return (
-                f"The arm has changed since it was identified (a load, warm gears): {count} intervals are above the "
-                "threshold, too many to be touches. Identify it again, or name the change with dynid gap."
+                f"The arm has changed since it was identified, perhaps by a load or warm gears: {count} times the "
+                "torque from outside is above the threshold, too often for touches."
             )
         joints = len({each.joint for each in found.contacts})
         return f"{count} contact{'s' * (count > 1)} on {joints} joint{'s' * (joints > 1)}; {alarms}."

@@ -139,6 +139,19 @@ class ExportedModel:
         """Whether every engine that loaded a file has dynid's torques."""
         return all(file.agrees for file in self.files)
 
+    def sentence(self) -> str:
+        """Return in one sentence whether the files have the torques of the model."""
+        refused = [file.format for file in self.files if file.refused]
+        if refused:
+            return f"Do not use {', '.join(refused)}: the program that should load it refuses it."
+        if not self.agrees:
+            worst = [file.format for file in self.files if not file.agrees]
+            return f"Do not use {', '.join(worst)}: the torques differ from those of the model."
+        tried = [each for file in self.files for each in file.agreements]
+        if not tried:
+            return "The files are written; there is no program here to load them."
+        return "The files have the torques of the model."
+
     def table(self) -> Table:
         """Return one row per comparison: format, engine, what was compared, largest difference [N m]."""
         heads = ("format", "loaded in", "compared", "largest difference")

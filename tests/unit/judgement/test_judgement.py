@@ -199,6 +199,30 @@ def test_a_wrist_that_misses_much_of_a_small_torque_does_not_make_the_arm_useles
     assert wrong.light("fit").state == "bad"
 
 
+def test_a_search_says_nothing_of_a_replay_that_it_has_not_seen():
+    joints = (JointEvidence("a", "N m", 10.0, 0.1, 0.09),)
+    loaded = Unseen("loaded.bag", 26.0, (2.6,), False, 1.4, True, "loaded.bag")
+    gap = GapEvidence("numbers", joints=("a",), before=(0.1,), after=(0.1,), noise=(0.09,), logs=("other.bag",))
+    known = Evidence(result="out/arm/parameters.npz", joints=joints, unseen=(loaded,), gap=gap)
+    judged = judge(known)
+    assert judged.light("complete").state == "fair"
+    assert judged.steps[0].command == "dynid gap out/arm loaded.bag"
+    assert judge(replace(known, asked="gap")).sentence == (
+        "These logs miss nothing, but the model misses 26 % of the torque of loaded.bag, which was not searched."
+    )
+
+
+def test_a_step_that_an_earlier_one_makes_needless_is_left_out():
+    load = EffectEvidence("payload that the model does not know", "the whole arm", "payload", (("m", 1.5, 0.02, "kg"),))
+    replayed = Unseen("new.bag", 14.7, (1.5,), True, 0.32, True, "new.bag")
+    gap = GapEvidence("changed", effects=(load,), joints=("a",), before=(1.0,), after=(0.1,), noise=(0.09,),
+                      logs=("new.bag",))  # fmt: skip
+    judged = judge(Evidence(asked="gap", gap=gap, unseen=(replayed,), physical=False, result="out/arm/parameters.npz"))
+    commands = [step.command for step in judged.steps]
+    assert commands[0] == "dynid gap out/arm new.bag --apply best"
+    assert not any("--update" in command or "--link-mass" in command for command in commands)
+
+
 def test_what_has_changed_comes_first_with_the_command_that_asks_what():
     changes = (Change("m3", 1.0, 2.0, 1e-5), Change("l3x", 0.1, 0.3, 1e-4), Change("l2x", 0.1, 0.2, 1e-3))
     known = Evidence(

@@ -28,11 +28,14 @@ def sentences(gathered: Gathered) -> list[str]:
         f"On the fitted logs {found.relative_error_percent:.2g} % of the torque is unexplained; {worst.joint} is the "
         f"weakest joint with {worst.relative_percent:.2g} %."
     )
-    known = sum(word in (KNOWN_WELL, NEGLIGIBLE) for word in found.knowledge)
+    known, open_ = (
+        sum(word in (KNOWN_WELL, NEGLIGIBLE) for word in found.knowledge),
+        found.knowledge.count(NOT_DETERMINED),
+    )
+    rest = f", {open_} are not determined by the logs" if open_ else ""
     parameters = (
-        f"{known} of {len(found.names)} base parameters are known as well as the torques need, "
-        f"{found.knowledge.count(NOT_DETERMINED)} are not determined by the logs. Predictions use the "
-        f"{USED[found.in_force]}."
+        f"{known} of {len(found.names)} base parameters are known as well as the torques need{rest}. "
+        f"Predictions use the {USED[found.in_force]}."
     )
     return [judged.sentence, *judged.reasons, *judged.warnings, fitted, parameters]
 
