@@ -170,7 +170,8 @@ def test_runs_become_one_table(shop):
     """Text, CSV and LaTeX; two runs of one arm."""
     done = shop("compare", "out/arm", "out/arm/parameters.npz", "--csv", "all.csv", "--latex", "all.tex")
     assert done.status == 0
-    head, *rows = done.out.splitlines()[:3]
+    answer, _, head, *rows = done.out.splitlines()[:5]
+    assert answer == "Nothing has changed since out/arm by more than its uncertainty."
     assert re.split("  +", head) == [
         "run", "robot", "method", "rank", "condition", "unexplained", "held out", "weakest joint",
     ]  # fmt: skip

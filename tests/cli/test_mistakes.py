@@ -195,7 +195,7 @@ def refused(run, code, status, says=".", advice="."):
 
 # ---------------------------------------------------------------- warnings: said, and the work goes on
 WARNINGS = [
-    ("W312", keep(np.r_[0:600, 630:2000]), r"1 gap, longest 310 ms at 5.99 s: cut there, not bridged"),
+    ("W312", keep(np.r_[0:600, 630:2000]), r"log.csv: 1 gap, longest 310 ms at 5.99 s: cut there, not bridged"),
     (
         "W319",
         spoil("tau", lambda v: np.clip(v, -12, 12)),
