@@ -252,18 +252,23 @@ class _Writer:
         names = {added.effect.name for added in arm.base.model.added}
         if not names & set(closed_forms.WHOLE_ARM[:3]):
             return ""
+        file = self.language.template.replace(".txt", "_arm.txt")
+        return template(file).substitute(n=self.robot.n, p=self.width, **self._joints())
+
+    def _joints(self) -> dict[str, str]:
+        """Return what templates say of the joints: what does not move in them, and which of them turn."""
         robot = self.robot
         poses = [fixed_poses(joint, robot.convention) for joint in robot.joints]
-        rows = [
-            np.concatenate([part for x in pair for part in (x[:3, :3].ravel(), x[:3, 3])]).tolist() for pair in poses
-        ]
-        values = self.language.between.join(
+        rows = [np.concatenate([part for x in pair for part in (x[:3, :3].ravel(), x[:3, 3])]) for pair in poses]
+        turning = ", ".join("1" if joint.revolute else "0" for joint in robot.joints)
+        return {"poses": self._rows(np.array(rows)), "turning": self.language.numbers.format(values=turning)}
+
+    def _rows(self, values: Floats) -> str:
+        """Return a matrix with one row for each joint."""
+        return self.language.between.join(
             self.language.value.format(value=", ".join(map(repr, row)), name=code(name))
-            for row, name in zip(rows, robot.joint_names, strict=True)
+            for row, name in zip(values.tolist(), self.robot.joint_names, strict=True)
         )
-        turning = self.language.numbers.format(values=", ".join("1" if j.revolute else "0" for j in robot.joints))
-        file = self.language.template.replace(".txt", "_arm.txt")
-        return template(file).substitute(n=robot.n, p=self.width, poses=values, turning=turning)
 
     def memory(self, arm: IdentifiedArm, remembered: list[str]) -> dict[str, str]:
         """Return what the template says of effects that remember: functions, nothing where there are none."""
@@ -293,14 +298,24 @@ class _Writer:
         def row(values: Floats) -> str:
             return ", ".join(repr(float(value)) for value in values)
 
+        inertial, base = watched.inertial, arm.base
+        links = closed_forms.representatives(base, np.where(inertial, arm.theta, 0.0))
+        # Why at rest in any pose: without the bodies, rotors are left, whose torque is a constant times qdd.
+        bodies = [base.model.parameters[k].kind in LINK_PARAMETERS[:10] for k in base.reduction.base]
+        rotors = np.where(inertial & ~np.array(bodies), arm.theta, 0.0)
+        still, unit = np.zeros((self.robot.n, self.robot.n)), np.eye(self.robot.n)
         return template(file).substitute(
+            self._joints(),
+            links=self._rows(links[:, :10]),
+            rotors=self._rows(base.observer.torque(rotors, still, still, unit).T),
+            gravity=row(np.array(self.robot.gravity)),
             gain=repr(watched.gain),
             multiple=repr(watched.multiple),
             inertial=", ".join(str(int(value)) for value in watched.inertial),
             size=row(watched.size),
             holding=row(watched.holding),
             slow=row(watched.slow),
-            residual="        residual(q, qd, Y, rest);\n        for (i = 0; i < DYNID_N; i++) u[i] -= rest[i];\n"
+            residual="    residual(q, qd, Y, rest);\n    for (i = 0; i < DYNID_N; i++) u[i] -= rest[i];\n"
             if arm.predicted_error is not None
             else "",
         )

@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import dynid
 from dynid import ExportOptions, export
 from dynid.errors import WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.contacts import inertial_columns
 from dynid.estimation.momentum_observer import MomentumObserver
 from dynid.exporters.languages import compiled, pointer
+from dynid.sim.sines import SineSpec, sines
 
 ROOT = Path(__file__).parents[3]
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
@@ -28,6 +30,21 @@ def written(result, tmp_path_factory):
 
 def test_c_and_python_observe_the_same_torque(result, written):
     """1000 steps of a motion with a push: rounding."""
+    assert_equal(result, written)
+
+
+@pytest.mark.parametrize("name", ["scara", "staubli_tx40"])
+def test_they_do_so_for_arms_that_slide_and_whose_motors_are_coupled(name, tmp_path):
+    """The SCARA has a sliding joint; the TX40 has modified DH and a motor that turns two joints."""
+    robot, rng = dynid.load_robot(name), np.random.default_rng(3)
+    spec = SineSpec(10.0, 10.0, 0.4, 0.5, 0.3, 0.03)
+    logs = [dynid.simulate(robot, sines(robot, spec, 5e-3, rng)).log for _ in range(2)]
+    found = dynid.identify(robot, logs)
+    export(found, tmp_path / "arm.c", ExportOptions(observer=True))
+    assert_equal(found, tmp_path / "arm.c")
+
+
+def assert_equal(result, written):
     library, n, dt = compiled(written), result.robot.n, 2e-3
     t = dt * np.arange(1000)[:, None]
     size = np.linspace(0.2, 0.4, n)
