@@ -4,6 +4,11 @@ The threshold is a multiple of the size that the residual model and the posterio
 contact, joint by joint and instant by instant. The multiple follows from the rate at which a low-pass noise crosses a
 level (Rice 1944), with a size that is itself uncertain: the multiple of Student's distribution. Where a log is rougher
 than expected its own median says so. A joint that sticks may carry anything up to its static friction.
+
+A position that was sent twice looks like a blow: the observer sees a momentum that comes and goes without a torque. So
+the size holds what momentum is uncertain by, from how far each position lies beside the cubic through its neighbours.
+A real push bends the path so little within a quarter of the observer's time that it hides a few percent of itself.
+The ends of a recording, where its own filters had no neighbours, are not judged.
 """
 
 from __future__ import annotations
@@ -23,6 +28,7 @@ from dynid.estimation.stack import scaled
 from dynid.log import Log
 from dynid.signals.checks import prepare
 from dynid.signals.conditioned_log import ConditionedLog, Segment, condition_log
+from dynid.signals.filters import too_short
 
 if TYPE_CHECKING:
     from dynid.estimation.result import Identification
@@ -117,7 +123,11 @@ def external_torque(result: Identification, log: Log, false_alarms: float = 1.0)
     checked = prepare(log, result.robot, identify=False)
     conditioned = condition_log(checked, base.model, cutoff=result.cutoff, delay=result.delay)
     (there,) = scaled([conditioned], base, result.theta)
-    parts = [_segment(result, segment, there) for segment in there.segments]
+    ends = 1.0 / there.filter.cutoff if there.filter.cutoff else 0.0
+    parts = [_segment(result, part, there, ends) for part in there.segments if np.ptp(part.t) > 3.0 * ends]
+    if not parts:
+        longest = max(float(np.ptp(part.t)) for part in there.segments)
+        raise too_short(checked, f"{longest:.2f} s are left of the longest part", there.filter.cutoff, 3.0 * ends)
     t, torque, size, hold = (np.concatenate(each) for each in zip(*parts, strict=True))
     ratio = np.abs(torque) / (size + hold)
     # Why at least 1: a log that happens to be smooth proves nothing about the next minute.
@@ -157,8 +167,17 @@ def inertial_columns(result: Identification) -> NDArray[np.bool_]:
     return np.array([kind not in ("fv", "fc", "fo", "fvc", "fcc", "effect") for kind in kinds])
 
 
-def _segment(result: Identification, segment: Segment, log: ConditionedLog) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return times, outside torque, its expected size without a contact, and what static friction may hold."""
+def _segment(
+    result: Identification, segment: Segment, log: ConditionedLog, ends: float
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return times, outside torque, its expected size without a contact, and what static friction may hold.
+
+    Args:
+        result: the identified arm.
+        segment: a part of the log.
+        log: the log.
+        ends: what is left out at each end [s].
+    """
     base, observer = result.base, result.base.observer
     q, qd = segment.q, segment.qd
     sign = segment.coulomb_sign if segment.coulomb_sign.size else observer.coulomb_sign(qd)
@@ -183,8 +202,23 @@ def _segment(result: Identification, segment: Segment, log: ConditionedLog) -> t
     dt = float(segment.t[1] - segment.t[0])
     found = MomentumObserver(observer, result.theta, inertial, tuning.OBSERVER_GAIN)
     torque = found.run(q, qd, segment.tau, other, dt)
-    hold = _spread(_sticking(result, qd), dt, log.filter.cutoff)
-    return segment.t, torque, np.sqrt(variance + noise**2), hold
+    doubt = found.gain * found.momentum_size(q, _unsteadiness(q, dt))
+    hold, doubt = (_spread(x, dt, log.filter.cutoff) for x in (_sticking(result, qd), doubt))
+    kept = slice(round(ends / dt), len(q) - round(ends / dt))
+    return segment.t[kept], torque[kept], np.sqrt(variance + noise**2 + doubt**2)[kept], hold[kept]
+
+
+def _unsteadiness(q: Floats, dt: float) -> Floats:
+    """Return how far velocities may be off where positions are no path of a moving mass, (N, n) [rad/s or m/s]."""
+    found = np.zeros_like(q)
+    for step in range(1, max(1, int(0.25 / tuning.OBSERVER_GAIN / dt)) + 1):
+        if len(q) <= 4 * step:
+            break
+        middle = slice(2 * step, -2 * step)
+        far, near = q[: -4 * step] + q[4 * step :], q[step : -3 * step] + q[3 * step : -step]
+        beside = np.abs(q[middle] - (4.0 * near - far) / 6.0) / (step * dt)
+        np.maximum(found[middle], beside, out=found[middle])
+    return found
 
 
 def _sticking(result: Identification, qd: Floats) -> Floats:

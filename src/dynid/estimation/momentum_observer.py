@@ -41,6 +41,14 @@ class MomentumObserver:
         """Return M qd, (N, n) [N m s or N s], at positions and velocities, (N, n)."""
         return np.asarray(np.einsum("mij,mj->mi", mass_matrices(self._moving, q), qd))
 
+    def momentum_size(self, q: Floats, spread: Floats) -> Floats:
+        """Return the size of the momentum's error by independent errors of the velocities, (N, n) [N m s or N s]."""
+        found = np.empty_like(q)
+        for part in spans(len(q)):
+            squares = mass_matrices(self._moving, q[part]) ** 2
+            found[part] = np.sqrt(np.einsum("mij,mj->mi", squares, spread[part] ** 2))
+        return found
+
     def drift(self, q: Floats, qd: Floats) -> Floats:
         """Return C^T qd - g, (N, n) [N m or N], at positions and velocities, (N, n)."""
         still = np.zeros_like(qd)

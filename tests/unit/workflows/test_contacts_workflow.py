@@ -63,6 +63,23 @@ def test_a_push_is_found_on_its_joint_at_its_time_with_its_size(found, recorded)
     assert len(answer.plot().axes) == 7
 
 
+def test_a_sample_that_was_sent_twice_is_no_blow(found, recorded):
+    """The observer sees a momentum that comes and goes; its neighbours say that the arm was not there."""
+    log = recorded[2]
+    fastest = int(np.argmax(np.abs(np.gradient(log.q[:, 3], log.t))))
+    q = log.q.copy()
+    q[fastest : fastest + 6] = q[fastest]
+    assert dynid.contacts(found, replace(log, q=q)).external.contacts == ()
+
+
+def test_the_ends_of_a_recording_are_not_judged(found, recorded):
+    """A recorder's own filter bends the last samples."""
+    log = recorded[2]
+    q = log.q.copy()
+    q[-20:] += 2e-5 * np.arange(20)[:, None] ** 2
+    assert dynid.contacts(found, replace(log, q=q)).external.contacts == ()
+
+
 def test_an_arm_that_has_changed_is_not_told_as_many_touches(found, recorded):
     """A constant torque of 8 N m on joint 2, such as that of a load."""
     log = replace(recorded[2], tau=recorded[2].tau - np.array([0, 8.0, 0, 0, 0, 0, 0]))
