@@ -100,7 +100,7 @@ RESULTS = (
     ["identify", "arm.yaml", "log.npz", "--out", "out"],
     ["trajectory", "arm.yaml", "plan.yaml", "--out", "out", "--preview", "none"],
     ["validate", "out/parameters.npz", "other.npz", "--out", "out"],
-    ["gap", "out/parameters.npz", "other.npz", "--no-apply"],
+    ["gap", "out/parameters.npz", "other.npz", "--apply", "best", "--out", "out/named"],
     ["run", "batch.yaml", "--out", "out/batch"],
 )
 

@@ -31,6 +31,8 @@ from dynid.model import base_model as store
 from dynid.model.base_model import BaseModel
 from dynid.npz import read_npz
 from dynid.reports.gathered import _spectrum, gather, relative_percent
+from dynid.sim import comparison
+from dynid.sim.comparison import SimulatorGap
 from dynid.workflows.earlier_information import require_same_arm
 from dynid.workflows.gap_result import with_methods
 from dynid.workflows.identify import identify
@@ -55,6 +57,11 @@ def identification(path: Path, robot) -> None:
 def gap(path: Path, robot) -> None:
     found = with_methods(read_record(path))
     found.facts(), found.summary(), repr(found), found.joint_table()
+
+
+def driven(path: Path, robot) -> None:
+    found = SimulatorGap.load(path, robot)
+    found.facts(), repr(found), found.save(path.with_name("again.npz"))
 
 
 def trajectory(path: Path, robot) -> None:
@@ -87,6 +94,7 @@ def reduction(path: Path, robot) -> None:
 KINDS = {
     "identification": (result_files.CONTENTS, "parameters.npz", identification),
     "gap": (record.contents(), "gap.npz", gap),
+    "driven": (comparison.CONTENTS, "simulator_gap.npz", driven),
     "trajectory": (read_trajectory.__globals__["CONTENTS"], "trajectory.npz", trajectory),
     "motion": (prediction.CONTENTS, "estimatedmotion.npz", motion),
     "stack": (observation_files.CONTENTS, "fullnumericregressor.npz", stack),
@@ -231,7 +239,7 @@ def of_three_joints(path: Path) -> None:
         header["record"]["torque_units"] += ["N m"]
     for name, array in arrays.items():
         if name != "ratio" and not name.startswith("curve") and 2 in array.shape:
-            axis = array.shape.index(2) if name != "simulation" else 1
+            axis = array.ndim - 1 if name in ("simulation", "simulated", "added") else array.shape.index(2)
             arrays[name] = np.concatenate([array, np.take(array, [1], axis=axis)], axis=axis)
         elif name == "ratio":
             arrays[name] = np.concatenate([array, array[1:]])
@@ -239,7 +247,14 @@ def of_three_joints(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "file", ["estimatedmotion.npz", "gap.npz", "fullnumericregressor.npz", "validation/other/estimatedmotion.npz"]
+    "file",
+    [
+        "estimatedmotion.npz",
+        "gap.npz",
+        "simulator_gap.npz",
+        "fullnumericregressor.npz",
+        "validation/other/estimatedmotion.npz",
+    ],
 )
 def test_a_report_beside_a_file_of_another_arm_names_it(file, originals, tmp_path):
     shutil.copytree(originals / "out", tmp_path / "out")
@@ -252,6 +267,7 @@ def test_what_is_beside_a_result_of_the_same_arm_is_gathered(originals):
     found = gather(dynid.load(originals / "out" / "parameters.npz"))
     assert found.motion is not None
     assert found.gap is not None
+    assert found.driven is not None
     assert found.singular_values is not None
 
 

@@ -63,6 +63,14 @@ def test_gap_names_adds_and_the_tool_has_it_from_then_on(dynid, logs):
     assert "# KUKA LWR4+" in copy.read_text(), "comments of the robot file stay"
     assert (dynid.folder / "before" / "gap" / "where.png").is_file()
 
+    driven = answer["simulator"]
+    (before, after) = (model["position_rms_rad"][3] for model in driven["models"])
+    assert after < before, "the exported file with the effect strays less in the simulator"
+    assert (dynid.folder / "before" / "gap" / "simulator.png").is_file()
+    assert dynid("report", "before", "-q").status == 0
+    page = (dynid.folder / "before" / "report.html").read_text()
+    assert f"Position error in {driven['engine']}" in page
+
     own = f"after/{copy.name}"
     again = json.loads(dynid("identify", own, logs[0], logs[2], "--json", "-o", "with", "--no-report").out)
     values = {row["name"]: row["value"] for row in again["parameters"]}
@@ -75,6 +83,20 @@ def test_gap_names_adds_and_the_tool_has_it_from_then_on(dynid, logs):
     rms = [answer["joints"][3]["rms_nm"] for answer in (before, after, kept)]
     assert rms[1] < 0.8 * rms[0]
     assert rms[2] < 0.8 * rms[0]
+
+
+def test_contacts_leave_another_picture_as_it_is(dynid, logs):
+    picture = dynid.folder / "before" / "contacts" / "log5.png"
+    words = ("contacts", "before", "log5.npz")
+    assert dynid(*words).status == 0
+    first = picture.read_bytes()
+    assert "the same bytes" in dynid(*words).err
+    ended = dynid(*words, "--false-alarms", "100/h")
+    assert ended.status == 7
+    assert "E702" in ended.err
+    assert picture.read_bytes() == first
+    assert dynid(*words, "--false-alarms", "100/h", "--force").status == 0
+    assert picture.read_bytes() != first
 
 
 def test_gap_without_a_terminal_reports_and_adds_nothing(dynid, logs):

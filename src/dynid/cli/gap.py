@@ -16,7 +16,9 @@ from dynid.text import shell
 from dynid.workflows.gap_options import GapOptions
 
 if TYPE_CHECKING:
+    from dynid.estimation.result import Identification
     from dynid.gap.record import GapEffect
+    from dynid.sim.comparison import SimulatorGap
     from dynid.workflows.gap_result import Gap
 
 
@@ -101,21 +103,46 @@ def run_gap(
         folder = stored.path.parent
         wrote = gap.write_figures(folder / "gap") if plot else []
     show(common, gap)
-    chosen, applied = gap.chosen(apply_ or "best"), False
+    # Why: what was driven for an earlier search says nothing of this one.
+    (folder / "simulator_gap.npz").unlink(missing_ok=True)
+    chosen, applied, driven = gap.chosen(apply_ or "best"), None, None
     given = False if no_apply else True if apply_ else None
     if chosen and ask(common, "P7", given=given, effect=" and ".join(one.effect for one in chosen)) is Answer.YES:
-        wrote += add(common, gap, chosen, new_name)
-        applied = True
+        after, added = add(common, gap, chosen, new_name)
+        driven, pictures = drive(common, gap, after, folder, plot=plot)
+        wrote += [*added, *pictures]
+        applied = added[-1]
     wrote.append(gap.save(folder / "gap.npz"))
     common.terminal.wrote(*wrote)
-    if applied:
-        show_check(common, gap, wrote[-2])
+    if applied is not None:
+        show_check(common, gap, applied)
     else:
         show_next(common, gap.judgement)
-    return {**gap.facts(), "wrote": wrote}
+    return {**gap.facts(), "simulator": driven and driven.facts(), "wrote": wrote}
 
 
-def add(common: Common, gap: Gap, chosen: tuple[GapEffect, ...], new_name: Path | None) -> list[Path]:
+def drive(
+    common: Common, gap: Gap, after: Identification, folder: Path, *, plot: bool
+) -> tuple[SimulatorGap | None, list[Path]]:
+    """Drive the exported files without and with what was added in a simulator; return what came of it, and files."""
+    from dynid.errors import DynidError
+    from dynid.workflows.simulator_gap import gap_in_simulator, save_figure
+
+    try:
+        with common.terminal.progress() as progress:
+            found = gap_in_simulator(gap, after, progress=progress)
+    except DynidError as error:
+        common.terminal.fact("simulator", f"not driven: {error}")
+        return None, []
+    common.terminal.fact("simulator", found.sentence())
+    common.terminal.show([{key: str(value) for key, value in row.items()} for row in found.table()])
+    picture = [save_figure(found, folder / "gap" / "simulator.png")] if plot else []
+    return found, [found.save(folder / "simulator_gap.npz"), *picture]
+
+
+def add(
+    common: Common, gap: Gap, chosen: tuple[GapEffect, ...], new_name: Path | None
+) -> tuple[Identification, list[Path]]:
     """Write the copy of the robot file and the arm identified again with the effects."""
     from dynid.workflows.gap_result import robot_file_beside
 
@@ -125,8 +152,9 @@ def add(common: Common, gap: Gap, chosen: tuple[GapEffect, ...], new_name: Path 
     if copy.exists() and not common.force:
         ask_to_overwrite(common, copy)
     path = (common.out or Path("out") / copy.stem) / "parameters.npz"
-    gap.apply(chosen, robot_file=copy).save(path)
-    return [copy, path]
+    after = gap.apply(chosen, robot_file=copy)
+    after.save(path)
+    return after, [copy, path]
 
 
 def show_check(common: Common, gap: Gap, path: Path) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import PackageMissing
+from dynid.errors import NotSimulated, PackageMissing
 from dynid.exporters import effects_file, mjcf, urdf
 from dynid.exporters.engines import bullet_body, module, silent
 from dynid.exporters.full_model import world_gravity
@@ -54,6 +54,7 @@ def drive(arm: IdentifiedArm, engine: str, recorded: tuple[Floats, Floats, Float
 
     Raises:
         PackageMissing: the engine is not installed.
+        NotSimulated: the arm flies apart.
     """
     t, q, qd, tau = recorded
     dt = float(t[1] - t[0])
@@ -83,6 +84,9 @@ def drive(arm: IdentifiedArm, engine: str, recorded: tuple[Floats, Floats, Float
                     here = step(push + more)
         finally:
             close()
+    if not np.all(np.isfinite(found)):
+        why = "its parameters are far from those of the real arm"
+        raise NotSimulated(f"in {engine} the arm flies apart", why=why, fix="identify it with --feasible")
     return Driven(found, added)
 
 
@@ -93,7 +97,9 @@ def _mujoco(arm: IdentifiedArm, effects: Any, h: float, q: Floats, qd: Floats) -
     model = engine.MjModel.from_xml_string(mjcf.text(arm))
     model.opt.timestep = h
     # Why no stops: a recording ends before them, and a model that is wrong must not lean on them.
-    model.opt.disableflags |= engine.mjtDisableBit.mjDSBL_LIMIT | engine.mjtDisableBit.mjDSBL_CONTACT
+    # Why no start anew: an arm that flies apart must be seen.
+    off = engine.mjtDisableBit
+    model.opt.disableflags |= off.mjDSBL_LIMIT | off.mjDSBL_CONTACT | off.mjDSBL_AUTORESET
     model.jnt_actfrclimited[:] = 0
     data, found = engine.MjData(model), effects.Mujoco(model)
     joints = [model.joint(name) for name in effects.JOINTS]

@@ -19,6 +19,7 @@ from dynid.robot import Robot
 if TYPE_CHECKING:
     from dynid.gap.record import GapRecord
     from dynid.judgement.judge import Judgement
+    from dynid.sim.comparison import SimulatorGap
 
 Floats = NDArray[np.float64]
 
@@ -53,6 +54,7 @@ class Gathered:
         unseen: validations found beside the result.
         singular_values: of the normalised stack of the fitted logs, None when its file is gone.
         gap: what ``dynid gap`` stored, None when it was not run.
+        driven: exported files in a simulator, without and with what it named; None where nothing was added.
     """
 
     result: Identification
@@ -61,6 +63,7 @@ class Gathered:
     unseen: tuple[Unseen, ...] = ()
     singular_values: Floats | None = None
     gap: GapRecord | None = None
+    driven: SimulatorGap | None = None
 
     @property
     def robot(self) -> Robot:
@@ -75,7 +78,9 @@ def gather(result: Identification) -> Gathered:
         JointCountDiffers: a file beside it is of another arm.
         NotAnArtifact: one is damaged.
     """
-    from dynid.gap.record import read_record  # here: most results have no gap beside them
+    # Why here: most results have no gap beside them.
+    from dynid.gap.record import read_record
+    from dynid.sim.comparison import SimulatorGap
 
     if not result.path.name:
         if result.stack is None:
@@ -84,7 +89,7 @@ def gather(result: Identification) -> Gathered:
         return Gathered(result, result.judgement, fitted, (), _spectrum(result.stack.whole[0]))
     folder, robot = result.path.parent, result.robot
     motion, stack, gap = (folder / name for name in ("estimatedmotion.npz", "fullnumericregressor.npz", "gap.npz"))
-    record = read_record(gap) if gap.is_file() else None
+    record, driven = read_record(gap) if gap.is_file() else None, folder / "simulator_gap.npz"
     if record is not None:
         robot.require_joints(record.joint_names, gap)
     return Gathered(
@@ -93,6 +98,7 @@ def gather(result: Identification) -> Gathered:
         unseen=tuple(_unseen(file, robot) for file in sorted((folder / "validation").glob("*/estimatedmotion.npz"))),
         singular_values=_singular_values(stack, result) if stack.is_file() else None,
         gap=record,
+        driven=SimulatorGap.load(driven, robot) if driven.is_file() else None,
         # Why last: it takes the files beside the result for those of this arm.
         judgement=result.judgement,
     )

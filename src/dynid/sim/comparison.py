@@ -3,15 +3,35 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.files.artifact import read_artifact, write_artifact
+from dynid.files.contents import Array, Contents, Fact
 from dynid.robot import Robot
 from dynid.table import Table
 
 Floats = NDArray[np.float64]
+
+SCHEMA = "dynid/simulator_gap/1"
+CONTENTS = Contents(
+    SCHEMA,
+    {
+        "joints": Fact(list[str], "n"),
+        "log": Fact(str),
+        "engine": Fact(str),
+        "models": Fact(list[str], "models"),
+    },
+    {
+        "t": Array("N", rising=True),
+        "q": Array("N n"),
+        "simulated": Array("models N n"),
+        "added": Array("models N n"),
+    },
+)
 
 
 @dataclass(frozen=True, repr=False)
@@ -73,7 +93,7 @@ class SimulatorGap:
     def facts(self) -> dict[str, Any]:
         """Return the figures for JSON."""
         return {
-            "schema": "dynid/simulator_gap/1",
+            "schema": SCHEMA,
             "robot": self.robot.name,
             "log": self.log,
             "engine": self.engine,
@@ -83,6 +103,32 @@ class SimulatorGap:
                 for name, position, torque in zip(self.models, self.position_rms, self.torque_rms, strict=True)
             ],
         }
+
+    def save(self, path: Path) -> Path:
+        """Write it as a file that ``load`` reads and the report shows."""
+        header = {
+            "joints": list(self.robot.joint_names),
+            "log": self.log,
+            "engine": self.engine,
+            "models": list(self.models),
+        }
+        arrays = {"t": self.t, "q": self.q, "simulated": self.simulated, "added": self.added}
+        write_artifact(path, SCHEMA, header, arrays)
+        return path
+
+    @classmethod
+    def load(cls, path: Path, robot: Robot) -> SimulatorGap:
+        """Read what was saved of an arm.
+
+        Raises:
+            NotAnArtifact: the file is damaged, or of another kind.
+            JointCountDiffers: it is of another arm.
+        """
+        artifact = read_artifact(path, CONTENTS)
+        robot.require_joints(artifact.header["joints"], path)
+        log, engine, models = (artifact.header[key] for key in ("log", "engine", "models"))
+        t, q, simulated, added = (artifact.arrays[key] for key in ("t", "q", "simulated", "added"))
+        return cls(robot, log, engine, tuple(models), t, q, simulated, added)
 
     def __repr__(self) -> str:
         """Return the answer and the table."""

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import WrongUsage
 from dynid.progress import SILENT, Progress
+from dynid.sim import tuning
 from dynid.sim.comparison import SimulatorGap
 from dynid.workflows import arguments
 from dynid.workflows.arguments import public
 
 if TYPE_CHECKING:
     from dynid.estimation.result import Identification
+    from dynid.log import Log
     from dynid.workflows.arguments import LogLike, ResultLike
+    from dynid.workflows.gap_result import Gap
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +35,7 @@ def compare_in_simulator(
     *,
     engine: str = "mujoco",
     names: Sequence[str] = (),
+    seconds: float | None = None,
     progress: Progress | None = None,
 ) -> SimulatorGap:
     """Drive the exported files of results along a recording in a simulator, with one controller for all.
@@ -44,11 +48,13 @@ def compare_in_simulator(
         log: a recording, best one that was not fitted.
         engine: ``"mujoco"`` or ``"pybullet"``.
         names: of the results; before and after for two of them.
+        seconds: the last so many seconds of the recording are driven; None for all [s].
         progress: reports what is simulated.
 
     Raises:
         WrongUsage: an argument is something else than what is wanted (E101).
         PackageMissing: the simulator is not installed.
+        NotSimulated: an arm flies apart.
         DynidError: the first serious fault of the log.
 
     Example:
@@ -70,7 +76,7 @@ def compare_in_simulator(
     models = tuple(names) or (("before", "after") if len(found) == 2 else tuple(f"{k + 1}" for k in range(len(found))))
     if len(models) != len(found):
         raise WrongUsage(f"{len(models)} names for {len(found)} results", fix="one name per result")
-    recorded = _recorded(found[0], recording)
+    recorded = _recorded(found[0], recording, seconds)
     arms = [identified_arm(each, ("mjcf",), ExportOptions(), None, SILENT) for each in found]
     inertia = _inertia(found[-1], recorded[1])
     runs = []
@@ -89,15 +95,38 @@ def compare_in_simulator(
     )
 
 
-def _recorded(result: Identification, log: Any) -> tuple[Floats, Floats, Floats, Floats]:  # noqa: ANN401
-    """Return time, position, velocity and torque of the longest part of a log without gaps, filtered."""
+def gap_in_simulator(gap: Gap, after: Identification, *, progress: Progress = SILENT) -> SimulatorGap:
+    """Drive an arm without and with what a search named along a recording, at best one that was held out.
+
+    Args:
+        gap: the search.
+        after: what ``gap.apply`` returned.
+        progress: reports what is simulated.
+
+    Raises:
+        PackageMissing: no simulator is installed.
+        NotSimulated: an arm flies apart.
+    """
+    from dynid.exporters.engines import module
+
+    assert gap.searched is not None
+    log = (*gap.unseen_logs, *reversed(gap.recordings))[0]
+    engine = next((name for name in ENGINES if module(name) is not None), ENGINES[0])
+    results = (gap.searched, after)
+    return compare_in_simulator(results, log, engine=engine, seconds=tuning.DRIVEN_S, progress=progress)
+
+
+def _recorded(result: Identification, log: Log, seconds: float | None) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return time, position, velocity and torque of the end of the longest part without gaps of a log, filtered."""
     from dynid.workflows.logs import LogOptions, checked_log, condition_logs
 
     options = LogOptions(cutoff=result.cutoff or None, delay=result.delay)
     checked = checked_log(log, result.robot, options, identify=False)
     (conditioned,) = condition_logs([checked], result.base.model, options)
     longest = max(conditioned.segments, key=len)
-    return longest.t - longest.t[0], longest.q, longest.qd, longest.tau
+    first = 0 if seconds is None else int(np.searchsorted(longest.t, longest.t[-1] - seconds))
+    t, q, qd, tau = (x[first:] for x in (longest.t, longest.q, longest.qd, longest.tau))
+    return t - t[0], q, qd, tau
 
 
 def _inertia(result: Identification, q: Floats) -> Floats:

@@ -6,6 +6,7 @@ from typing import Any
 
 from dynid.gap.record import GapEffect, GapRecord
 from dynid.model.effects.catalogue import CATALOGUE
+from dynid.reports.contacts import simulator_figure
 from dynid.reports.gap_figures import effect_figure, improvement_figure, residual_figure
 from dynid.reports.gathered import Gathered
 from dynid.reports.svg import Picture, drawn
@@ -30,8 +31,22 @@ def gap(gathered: Gathered) -> dict[str, Any]:
         "verdict": VERDICTS.get(record.verdict, record.verdict),
         "rows": [_row(one) for one in (*record.named, *record.closest, *record.formulas)],
         "alternatives": [" or ".join(group) for group in record.alternatives],
-        "pictures": _pictures(record),
+        "pictures": [*_pictures(record), *_driven(gathered)],
     }
+
+
+def _driven(gathered: Gathered) -> list[Picture]:
+    found = gathered.driven
+    if found is None:
+        return []
+    said = f"{found.engine}: simulated less measured position of each joint, {' and '.join(found.models)}"
+    return [
+        Picture(
+            (drawn("gap-simulator", lambda: simulator_figure(found), said),),
+            f"{found.sentence()} The exported files are driven by the measured torques and one soft controller.",
+            "A line after that is no nearer to zero: what was added does not move the arm like that.",
+        )
+    ]
 
 
 def _row(one: GapEffect) -> dict[str, Any]:
