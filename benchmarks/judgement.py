@@ -430,7 +430,13 @@ def main():
     else:
         seeds = range(1000 * given.seed, 1000 * given.seed + given.cases)
         searched = given.kind == "situations"
-        work = ((seed, lambda seed=seed: run(case_of(seed), searched)) for seed in seeds)
+        # Why: good is rare where logs are short and nothing else was replayed, and rates of good need many.
+        many = {} if searched else {"same": False, "repeats": 2}
+        work = (
+            (case["seed"], lambda case=case: run(case, searched))
+            for case in (case_of(seed) | many for seed in seeds)
+            if searched or case["seconds"] >= 8.0
+        )
     for name, task in work:
         if name in done or time.time() > end:
             continue
