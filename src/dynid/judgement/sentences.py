@@ -25,8 +25,10 @@ def first_sentence(evidence: Evidence, lights: Sequence[Light]) -> str:
     """Return the answer to what was asked; what makes every other answer wrong goes before it."""
     states = {light.name: light.state for light in lights}
     if evidence.other is not None:
+        other = evidence.other
         return (
-            "These logs fit another arm better: most joints miss several times their noise, and no effect explains it."
+            f"These logs fit another arm better: with the link lengths of {other.name} the model misses "
+            f"{shown(other.percent)} % of the torque, with these {shown(other.own)} %."
         )
     if evidence.alarms:
         return "The robot file does not describe the arm of these logs."
@@ -216,12 +218,6 @@ def _where(gap: GapEvidence) -> str:
 def reasons(evidence: Evidence, lights: Sequence[Light]) -> tuple[str, ...]:
     """Return why, in numbers beside what they are compared with."""
     found = []
-    if evidence.other is not None:
-        other = evidence.other
-        found.append(
-            f"With the link lengths of {other.name} the error is {shown(other.percent)} %, "
-            f"with these {shown(other.own)} %."
-        )
     if evidence.asked == "gap" and evidence.gap is not None:
         found += _gap_reasons(evidence.gap, {joint.joint: joint.unit for joint in evidence.joints})
     elif evidence.asked == "replay" and evidence.unseen:

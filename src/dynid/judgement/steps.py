@@ -29,7 +29,7 @@ class Step:
 def next_steps(evidence: Evidence, lights: Sequence[Light]) -> tuple[Step, ...]:
     """Return what to do next, most urgent first, each command once."""
     states = {light.name: light.state for light in lights}
-    found = [*_change(evidence), *_robot(evidence), *_gap(evidence, states), *_physics(evidence, states)]
+    found = [*_change(evidence), *_robot(evidence, states), *_gap(evidence, states), *_physics(evidence, states)]
     found += [
         *_unseen(evidence, states),
         *_motion(evidence, states),
@@ -75,14 +75,14 @@ def _logs(evidence: Evidence) -> tuple[str, ...]:
     return odd or evidence.logs or ("LOG",)
 
 
-def _robot(evidence: Evidence) -> list[Step]:
-    log = next(iter(evidence.logs), "LOG")
+def _robot(evidence: Evidence, states: dict[str, str]) -> list[Step]:
+    log, everything = next(iter(evidence.logs), "LOG"), tuple(states)
     if evidence.other is not None:
         why = f"Check whether the log is of {evidence.other.name}, and use the robot file of the arm that made it."
-        return [Step(why, shell("dynid", "check", log, "--robot", evidence.other.name), ("fit",))]
+        return [Step(why, shell("dynid", "check", log, "--robot", evidence.other.name), everything)]
     if evidence.alarms:
         why = "The robot file and the log do not belong together: see which edit of the file explains the torques."
-        return [Step(why, shell("dynid", "check", log, "--robot", evidence.robot), ("fit",))]
+        return [Step(why, shell("dynid", "check", log, "--robot", evidence.robot), everything)]
     return []
 
 
