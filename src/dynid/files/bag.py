@@ -37,6 +37,7 @@ from dynid.files.messages import (
     topics_of,
 )
 from dynid.log import Log
+from dynid.text import shell
 
 #: First bytes of a ROS bag of any version, and the line that opens one of version 2.0.
 START, MAGIC = b"#ROSBAG", b"#ROSBAG V2.0\n"
@@ -87,7 +88,8 @@ def _check_magic(path: Path) -> None:
     if not start:
         raise BagTruncated(f"{path.name} is empty: nothing was recorded", where=str(path), fix="record again")
     if not start.startswith(b"#ROSBAG V"):
-        raise LogNotFound(f"{path.name} is not a ROS 1 bag", where=str(path))
+        fix = f"see what it is: {shell('file', path)}; a bag begins with #ROSBAG V2.0"
+        raise LogNotFound(f"{path.name} is not a ROS 1 bag", where=str(path), fix=fix)
     if start != MAGIC:
         version = start.decode("latin-1").strip()
         raise LogNotFound(

@@ -423,7 +423,12 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
     """
     for name in ("position.txt", "torque.txt"):
         if not (path / name).is_file():
-            raise LogNotFound(f"{path} has no {name}", where=str(path))
+            holds = ", ".join(sorted(each.name for each in path.iterdir())[:5]) or "nothing"
+            raise LogNotFound(
+                f"the folder {path} is no log: it holds {holds}",
+                where=str(path),
+                fix="give the folder with metadata.yaml of rosbag2, or with position.txt and torque.txt",
+            )
     texts = {
         key: _read_text(path / f"{key}.txt")
         for key in ("position", "velocity", "torque", "time")

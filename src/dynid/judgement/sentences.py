@@ -294,7 +294,7 @@ def _gap_reasons(gap: GapEvidence, units: dict[str, str]) -> list[str]:
         others = f", and on {len(left) - 1} more joint{'s' * (len(left) > 2)}" if len(left) > 1 else ""
         unit = f" {units[name]}" if name in units else ""
         found.append(f"More is missing on {name} ({after:.3g}{unit}, noise {noise:.3g}){others}.")
-    if not gap.named and rows:
+    if not gap.named and not gap.events and rows:
         name, error, _, noise = max(rows, key=lambda row: row[1] / max(row[3], 1e-12))
         unit = f" {units[name]}" if name in units else ""
         bound = "" if gap.repeats else " at least"

@@ -456,11 +456,11 @@ def say_log(log: Log, conditioned: ConditionedLog, progress: Progress) -> None:
 
 
 def say_filter(conditioned: ConditionedLog, cutoff: float | None, progress: Progress) -> None:
-    """Tell how a log was filtered; its cut-off was as given, or from the motion's band when None [Hz]."""
-    how, chosen = "from the motion's band" if cutoff is None else "as given", conditioned.filter
+    """Tell how a log was filtered; its cut-off comes from the motion's band when None [Hz]."""
+    how, chosen = "from the motion's band; " if cutoff is None else "", conditioned.filter
     progress.stage(
         "filter",
-        f"zero-phase low-pass at {chosen.cutoff:.3g} Hz over torque and columns ({how}; positions at "
+        f"zero-phase low-pass at {chosen.cutoff:.3g} Hz over torque and columns ({how}positions at "
         f"{chosen.position_cutoff:.3g} Hz), {chosen.kept_rate:.3g} Hz kept",
     )
 
