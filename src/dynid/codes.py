@@ -32,6 +32,7 @@ WARNINGS: dict[str, str] = {
     "W330": "The names of the columns do not tell which are positions and torques; `driver: columns:` has to.",
     "W331": "Rows of a table without any number of a joint were left out: it holds something else as well.",
     "W332": "A joint moves beyond its limits: an offset, a direction or the limits in the robot file are wrong.",
+    "W333": "No topic of a recording holds joint states: nothing can be identified from it.",
     "W402": "A base parameter is hardly excited by this log.",
     "W403": "The log determines fewer base parameters than the structure has; the rest comes from the prior.",
     "W404": "No physical arm near the prior explains the torques as well as the plain fit does.",

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from dynid.files.robotfile import load_robot
@@ -61,7 +61,7 @@ def test_a_plan_is_a_joint_trajectory_of_ros_2(goal, tmp_path):
     assert np.allclose([point.positions for point in message.points], Q, atol=1e-8)
 
 
-def recorded(folder: Path, plugin: StoragePlugin) -> None:
+def recorded(folder: Path, plugin: StoragePlugin, packed: bool = False) -> None:
     """Write what ``ros2 bag record`` leaves: a folder with metadata.yaml, by a library that is not dynid's."""
     types = HUMBLE.types
     kind = "sensor_msgs/msg/JointState"
@@ -69,7 +69,10 @@ def recorded(folder: Path, plugin: StoragePlugin) -> None:
     data = arm.createData()
     tau = np.array([pin.rnea(arm, data, *state) for state in zip(Q, moved.qd, moved.qdd, strict=True)])
     tau += 2 * moved.qd + np.random.default_rng(0).normal(0, 0.2, Q.shape)
-    with Writer(folder, version=9, storage_plugin=plugin) as writer:
+    writer = Writer(folder, version=9, storage_plugin=plugin)
+    if packed:
+        writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    with writer:
         connection = writer.add_connection("/joint_states", kind, typestore=HUMBLE)
         writer.add_connection("/rosout", "rcl_interfaces/msg/Log", typestore=HUMBLE)
         for t, q, effort in zip(T, Q, tau, strict=True):
@@ -89,6 +92,28 @@ def test_a_recording_of_ros_2_is_checked_and_identified(plugin, dynid):
     done = dynid("identify", "ur5e", "recording", "--no-input", "--no-report", "--json")
     assert done.status == 0, done.err
     assert json.loads(done.out)["relative_error_percent"] < 5
+
+
+@pytest.mark.parametrize("plugin", list(StoragePlugin))
+def test_messages_that_were_packed_one_by_one_are_told(plugin, dynid):
+    recorded(dynid.folder / "recording", plugin, packed=True)
+    for words in (["--robot", "ur5e"], []):
+        done = dynid("check", "recording", *words)
+        assert done.status == 3
+        assert "error[E304] every message of the recording is compressed" in done.err
+
+
+@pytest.mark.parametrize("plugin", list(StoragePlugin))
+def test_a_recording_without_joint_states_is_not_usable(plugin, dynid):
+    kind = "std_msgs/msg/String"
+    with Writer(dynid.folder / "recording", version=9, storage_plugin=plugin) as writer:
+        connection = writer.add_connection("/chatter", kind, typestore=HUMBLE)
+        for k in range(20):
+            writer.write(connection, 10**9 * k, HUMBLE.serialize_cdr(HUMBLE.types[kind]("hello"), kind))
+    answer = json.loads(dynid("check", "recording", "--json").out)
+    assert not answer["usable"]
+    assert [finding["code"] for finding in answer["findings"]] == ["W333"]
+    assert "not usable: no joint states" in dynid("check", "recording").out
 
 
 def test_doctor_says_what_of_ros_2_is_there(dynid):

@@ -2,6 +2,8 @@
 
 import os
 import stat
+import subprocess
+import time
 
 import pytest
 
@@ -32,3 +34,24 @@ def test_an_installed_program_is_found_behind_one_of_the_current_folder(tmp_path
     monkeypatch.setenv("PATH", f".{os.pathsep}{there}")
     assert programs.installed("gcc", "cc") == str(there / "cc")
     assert programs.environment(tmp_path)["PATH"] == str(there)
+
+
+def test_a_program_that_hangs_is_ended_with_all_that_it_started(tmp_path, monkeypatch):
+    """What a script waits for would hold its pipes open for ever."""
+    script(tmp_path / "cc", f"sleep 300 &\necho $! > {tmp_path}/child\nwait")
+    monkeypatch.setattr(programs, "PATIENCE_S", 1.0)
+    start = time.monotonic()
+    with pytest.raises(subprocess.TimeoutExpired):
+        programs.run([str(tmp_path / "cc")], tmp_path)
+    assert time.monotonic() - start < 60.0
+    child = int((tmp_path / "child").read_text())
+    state = subprocess.run(["ps", "-o", "stat=", "-p", str(child)], capture_output=True, text=True).stdout.strip()
+    assert state[:1] in ("", "Z"), "the one that was waited for has ended too"
+
+
+def test_a_program_reads_its_text_and_tells_its_failure(tmp_path):
+    script(tmp_path / "cc", "cat > got; exit 3")
+    with pytest.raises(subprocess.CalledProcessError) as caught:
+        programs.run([str(tmp_path / "cc")], tmp_path, b"int x;")
+    assert caught.value.returncode == 3
+    assert (tmp_path / "got").read_bytes() == b"int x;"

@@ -59,6 +59,13 @@ def command(
     return _show(common, found, wrote, strict)
 
 
+#: What a file lacks, by the warning that tells it.
+_MISSING = {
+    "W330": "usable once `driver: columns:` names the columns",
+    "W333": "not usable: no joint states",
+}
+
+
 def _written(common: Common, checked: Checked, chosen: dict[str, Any], fix: bool) -> tuple[Path, ...]:
     """Write log.npz of a log where that is not done yet."""
     log = checked.log if fix else checked.raw
@@ -81,8 +88,8 @@ def _show(common: Common, found: Sequence[Checked], wrote: Sequence[tuple[Path, 
         terminal.findings(checked.findings)
         terminal.wrote(*paths)
     warnings = sum(checked.warnings for checked in found)
-    usable = all(finding.code != "W330" for checked in found for finding in checked.findings)
-    verdict = "usable" if usable else "usable once `driver: columns:` names the columns"
+    missing = [_MISSING[finding.code] for one in found for finding in one.findings if finding.code in _MISSING]
+    verdict = missing[0] if missing else "usable"
     terminal.fact("verdict", verdict + (f", {warnings} warning{'s' if warnings > 1 else ''}" if warnings else ""))
     terminal.emit_json(
         {
@@ -90,7 +97,7 @@ def _show(common: Common, found: Sequence[Checked], wrote: Sequence[tuple[Path, 
             "checked": [{**one.answer(), "wrote": list(paths)} for one, paths in zip(found, wrote, strict=True)],
             "findings": [asdict(finding) for checked in found for finding in checked.findings],
             "warnings": warnings,
-            "usable": usable,
+            "usable": not missing,
             "wrote": [path for paths in wrote for path in paths],
         }
     )

@@ -164,10 +164,14 @@ def usage_error(error: click.ClickException) -> DynidError:
     return WrongUsage(text[:1].lower() + text[1:], where=place or path, why=why, fix=fix)
 
 
-#: Least address space that commands need [byte]. Evidence: the libraries alone map 363 MB for a gap of two joints on
-#: one thread, 154 MB to check a log; a linear algebra library without memory tries for ever or ends the process.
+#: Least address space that commands need [byte]. Evidence: what each maps for an arm of two joints on one thread, 363
+#: MB for a gap; a linear algebra library without memory tries for ever or ends the process.
 ADDRESS_SPACE = 400 << 20
-_OF_SMALL = {"explain": 0, "completion": 0, "check": 160 << 20, "doctor": 160 << 20}
+#: And what those need that load fewer libraries [MiB].
+_OF_SMALL = {
+    "explain": 0, "completion": 0, "convert": 120, "compare": 150, "check": 160, "doctor": 160, "model": 160,
+    "import": 165, "trajectory": 320, "simulate": 190, "validate": 240, "report": 270, "contacts": 305, "export": 360,
+}  # fmt: skip
 
 
 def require_address_space(command: str) -> None:
@@ -179,7 +183,7 @@ def require_address_space(command: str) -> None:
     with suppress(ImportError):  # a system without such limits
         import resource
 
-        most, need = resource.getrlimit(resource.RLIMIT_AS)[0], _OF_SMALL.get(command, ADDRESS_SPACE)
+        most, need = resource.getrlimit(resource.RLIMIT_AS)[0], _OF_SMALL.get(command, ADDRESS_SPACE >> 20) << 20
         if most not in (-1, resource.RLIM_INFINITY) and most < need:
             raise OutOfMemory(
                 f"this shell allows {most >> 20} MiB of address space; {command} needs {need >> 20} MiB",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import shutil
-import subprocess
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -163,11 +162,12 @@ def compiled(path: Path, compiler: str = "cc") -> ctypes.CDLL:
 
     Raises:
         OSError: the compiler made nothing, or programs may not be run from that folder.
+        subprocess.SubprocessError: it failed, or took too long.
     """
     path = path.resolve()
     library = path.with_suffix(".so")
     words = [compiler, "-O1", "-std=c99", "-shared", "-fPIC", str(path), "-o", str(library), "-lm"]
-    subprocess.run(words, check=True, capture_output=True, env=programs.environment(path.parent), cwd=path.parent)
+    programs.run(words, path.parent)
     return ctypes.CDLL(str(library))
 
 
@@ -266,7 +266,7 @@ def run_octave(octave: str, path: Path, name: str, q: Floats, qd: Floats, qdd: F
             "save('-ascii', '-double', 'tau.txt', 't');"
         )
         words = [octave, "--norc", "--quiet", "--eval", script]
-        subprocess.run(words, cwd=folder, check=True, capture_output=True, env=programs.environment(folder))
+        programs.run(words, Path(folder))
         return np.loadtxt(Path(folder) / "tau.txt", ndmin=2)
 
 

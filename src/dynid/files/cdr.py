@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid import limits
-from dynid.errors import TooLarge
+from dynid.errors import TooLarge, WrongMessageType
 from dynid.files.messages import BrokenMessage
 
 #: Kind of the encapsulation (second byte) -> byte order and largest alignment.
 _KINDS = {0: (">", 8), 1: ("<", 8), 6: (">", 4), 7: ("<", 4)}
 _SEQUENCE = b"\0\0\0\0"
+#: What a frame of zstd begins with.
+_ZSTD = b"\x28\xb5\x2f\xfd"
 
 
 class _Reader:
@@ -28,6 +30,12 @@ class _Reader:
     """
 
     def __init__(self, raw: bytes) -> None:
+        if raw[:4] == _ZSTD:
+            raise WrongMessageType(
+                "every message of the recording is compressed (zstd)",
+                why="dynid reads messages as they were sent, and MCAP whose chunks are compressed",
+                fix="ros2 bag convert without compression_mode, or record without --compression-mode message",
+            )
         if len(raw) < 4 or raw[0] != 0 or raw[1] not in _KINDS:
             raise BrokenMessage("a message is not plain CDR")
         self.raw, self.at, self.starts = raw, 4, list[int]()

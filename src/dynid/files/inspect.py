@@ -11,7 +11,7 @@ from dynid.drivers.interface import JOINT_STATE
 from dynid.errors import Finding, LogLayout
 from dynid.files import logs, tables, tuning
 from dynid.files.columnwords import in_amperes, members, suggested, usual_joints
-from dynid.files.messages import MULTI_ARRAY, Topic
+from dynid.files.messages import KINOVA_TYPES, MULTI_ARRAY, Topic
 from dynid.log import Log
 from dynid.text import yaml_word
 
@@ -110,6 +110,10 @@ def inspect(path: Path, kind: str, rate: float | None = None) -> Inspected:
         wanted = [name for name, topic in topics.items() if topic.type == JOINT_STATE and topic.count]
         groups, findings = container.read_topics(path, wanted) if wanted else ({}, ())
         joints = tuple(Joints(name, log) for name in wanted for log in groups.get(name, []) if log.n)
+        # Why not those of Kinova: they are read where the robot file names their driver.
+        if not joints and not any(topic.type in KINOVA_TYPES and topic.count for topic in topics.values()):
+            none = Finding("W333", "warning", f"no topic of {path.name} holds joint states ({JOINT_STATE})")
+            findings = (*findings, none)
         return Inspected(path, topics, (), joints, {}, findings)
     if kind == "table":
         return _table(path, rate)

@@ -342,6 +342,8 @@ def pyarrow_of() -> tuple[Any, Any]:
         import pyarrow
         from pyarrow import parquet
     except ImportError as error:
+        if not isinstance(error, ModuleNotFoundError):
+            raise
         raise PackageMissing(
             "pyarrow is not installed: Parquet cannot be read or written", fix="pip install 'dynid[parquet]'"
         ) from error

@@ -399,11 +399,7 @@ def _compiled() -> ctypes.CDLL | None:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         with scratch_folder(path.parent) as folder:
             made = folder / path.name
-            words, patience = [program, *_FLAGS, "-o", str(made), "-x", "c", "-"], tuning.COMPILER_TIMEOUT_S
-            subprocess.run(
-                words, input=_SOURCE.encode(), capture_output=True, check=True, timeout=patience,
-                env=programs.environment(folder), cwd=folder,
-            )  # fmt: skip
+            programs.run([program, *_FLAGS, "-o", str(made), "-x", "c", "-"], Path(folder), _SOURCE.encode())
             made.chmod(0o700)
             made.replace(path)
         return _loaded(path)
