@@ -3,9 +3,10 @@
     PYTHONPATH=src python benchmarks/simulator_gap.py ../shared/data > benchmarks/simulator_gap.md
 
 Simulated arms are the LWR4+ of trajectories/lwr4plus_truth.yaml in PyBullet with a hidden torque of dynid.sim.hidden (seed
-0), two motions fitted, the third driven. Before: the plain identification. After: the same logs with the effect in the
-robot file. The LWR4+ is fitted on runs 1 and 2, what `dynid gap` names there is added, and run 3 is driven. The exported
-MJCF and effects.py are loaded in MuJoCo, URDF and effects.py in PyBullet.
+0), two motions fitted, the third driven. Before: bodies, rotors, frictionloss and damping alone. After: the same logs with
+the effect in the robot file. The LWR4+ is fitted on runs 1 and 2, what `dynid gap` names on all three runs is added, as
+`gap --apply` does, and run 3 is driven. The exported MJCF and effects.py are loaded in MuJoCo, URDF and effects.py in
+PyBullet.
 """
 
 from __future__ import annotations
@@ -59,9 +60,10 @@ def main() -> None:
     data = Path(sys.argv[1]) / "kuka_lwr4plus"
     runs = [data / f"run{k}.bag" for k in (1, 2, 3)]
     before = dynid.identify(robot, runs[:2])
-    gap = dynid.find_gap(before, runs[:2])
+    gap = dynid.find_gap(before, runs)
     print(
-        f"\nNamed on runs 1 and 2 of the real LWR4+: {', '.join(f'{e.name} on joints {e.joints}' for e in gap.named) or 'nothing'}.\n"
+        f"\nNamed on the runs of the real LWR4+: {', '.join(f'{e.effect} on {e.where}' for e in gap.named) or 'nothing'}; "
+        f"held out: {gap.heldout}.\n"
     )
     if gap.named:
         after = gap.apply()
