@@ -233,7 +233,8 @@ def signals(rng: np.random.Generator, original: bytes) -> bytes:
     with np.errstate(all="ignore"):
         for _ in range(rng.integers(1, 4)):
             name = str(rng.choice([key for key in arrays if key != "header"]))
-            arrays[name] = _oddly(rng, arrays[name], name)
+            # Why floating: an earlier change may have made integers of it.
+            arrays[name] = _oddly(rng, arrays[name].astype(float), name)
     if rng.random() < 0.3:
         arrays.pop("header", None)
     if rng.random() < 0.2:
