@@ -84,7 +84,7 @@ class Remembered(Judge):
         turns = tuple(round(each % (2 * math.pi), 6) % round(2 * math.pi, 6) for each in robot.driver.map.offset)
         map_ = robot.driver.map
         return (what, robot.name, robot.convention, robot.gravity, robot.log_names, map_.sign, turns, map_.torque_signs,
-                robot.driver.units["position"], float(f"{np.abs(self.tau).sum():.6g}"))  # fmt: skip
+                robot.driver.units["position"], self.says(robot).tobytes(), float(f"{np.abs(self.tau).sum():.6g}"))  # fmt: skip
 
 
 def remembered(log, robot, *, mapped=True):

@@ -71,6 +71,7 @@ class Diagnosis:
         same: hypotheses that make the same torques as the best one, whatever the arm does.
         tied: further ones that explain this log as well as the best one.
         wrong: whether the best one is so much better that the file must be wrong.
+        beyond: numbers of the joints that no file explains, which have no say.
     """
 
     given: Hypothesis
@@ -78,6 +79,7 @@ class Diagnosis:
     same: tuple[Hypothesis, ...]
     tied: tuple[Hypothesis, ...]
     wrong: bool
+    beyond: tuple[int, ...] = ()
 
 
 class _Search:
@@ -91,12 +93,30 @@ class _Search:
     def __init__(self, judge: Judge, names: Sequence[str]) -> None:
         self.judge, self.names = judge, names
         self.single = tuple(edits_of(judge, names))
-        self.bounds: dict[tuple[Edit, ...], Hypothesis] = {}
-        self.found: dict[tuple[Edit, ...], Hypothesis] = {}
         self.depth = 0
         self.price = max(tuning.CLEAR, tuning.FREE_NUMBERS / judge.independent)
-        self.least_error = np.full(judge.robot.n, np.inf)
+        self._begin()
+        beyond = self._beyond()
+        if any(beyond) and not all(beyond):
+            self.judge = replace(judge, beyond=beyond)
+            self._begin()
+
+    def _begin(self) -> None:
+        self.bounds: dict[tuple[Edit, ...], Hypothesis] = {}
+        self.found: dict[tuple[Edit, ...], Hypothesis] = {}
+        self.least_error = np.full(self.judge.robot.n, np.inf)
         self.given = self.fit(())
+
+    def _beyond(self) -> tuple[bool, ...]:
+        """Return which joints no robot file explains: their friction would not brake, whatever sign the torque has.
+
+        No edit of a file but that of the sign changes what a joint's own friction has to be.
+        """
+        noise, found = noise_of(self.judge.robot, self.given.floor), []
+        for j, suspect in enumerate(self.given.left > self.given.floor):
+            free, braking = np.hypot(self.judge.alone(j), noise[j]) if suspect else (1.0, 1.0)
+            found.append(bool(braking > tuning.NOT_BRAKING * free))
+        return tuple(found)
 
     @property
     def noise(self) -> Floats:
@@ -217,8 +237,9 @@ def find_mistake(log: Log, robot: Robot, names: Sequence[str] = (), *, mapped: b
         return None
     names = names or robot.log_names
     search = _Search(judge, names)
+    beyond = tuple(np.flatnonzero(search.judge.beyond).tolist())
     if search.unrivalled():
-        return Diagnosis(search.given, (search.given,), (), (), False)
+        return Diagnosis(search.given, (search.given,), (), (), False, beyond)
     search.widen([()])
     for _ in range(2):
         before = search.ranked()[0]
@@ -235,7 +256,7 @@ def find_mistake(log: Log, robot: Robot, names: Sequence[str] = (), *, mapped: b
     others = [each for each in ranked[1:] if each not in same]
     few = [each for each in others if len(each.edits) <= len(best.edits) and each is not search.given] if wrong else []
     tied = [each for each in few if search.rank(each) < search.rank(best) + tuning.TIED]
-    return Diagnosis(search.given, (best, *others[:4]), tuple(same), tuple(tied[:2]), wrong)
+    return Diagnosis(search.given, (best, *others[:4]), tuple(same), tuple(tied[:2]), wrong, beyond)
 
 
 def noise_of(robot: Robot, floor: Floats) -> Floats:
@@ -292,7 +313,7 @@ def diagnose(log: Log, robot: Robot, *, anyway: bool = False) -> tuple[Finding, 
         anyway: whether to go on with finding W329 where another robot file does.
 
     Returns:
-        Finding W329, or none.
+        Findings W329 and W334, or none.
 
     Raises:
         GravityRemoved: the torques do not change with the weight of the arm.
@@ -303,18 +324,22 @@ def diagnose(log: Log, robot: Robot, *, anyway: bool = False) -> tuple[Finding, 
     except GravityRemoved:
         # Why: torques that seem not to change with the weight may only be mapped wrongly.
         found = _explained(log, robot, anyway=anyway, least_gain=tuning.GAIN_OVER_GRAVITY)
-        if not found:
+        if not any(finding.code == "W329" for finding in found):
             raise
         return found
     return _explained(log, robot, anyway=anyway)
 
 
 def _explained(log: Log, robot: Robot, *, anyway: bool, least_gain: float = 1.0) -> tuple[Finding, ...]:
-    """Raise, or return W329, where another robot file leaves a share unexplained that is smaller by ``least_gain``."""
+    """Raise, or return W329, where another robot file leaves a share unexplained that is smaller by ``least_gain``.
+
+    W334 where no robot file explains some joints.
+    """
     columns, names = driver_columns(log, robot)
     found = find_mistake(columns, robot, names, mapped="driver_columns" in log.extra)
+    beyond = () if found is None else _unexplained(found, robot)
     if found is None or not found.wrong or found.given.unexplained < least_gain * found.best[0].unexplained:
-        return ()
+        return beyond
     best = found.best[0]
     what = f"{_improvement(found.given, best, robot)} with {said(best.edits, robot)}"
     if found.same:
@@ -328,16 +353,30 @@ def _explained(log: Log, robot: Robot, *, anyway: bool, least_gain: float = 1.0)
         "tied": [_evidence(each, robot) for each in found.tied],
     }
     if anyway:
-        return (Finding("W329", "warning", what, evidence),)
+        return (Finding("W329", "warning", what, evidence), *beyond)
     next_best = [each for each in found.best[1:3] if each.edits and each not in found.tied]
     others = [f"{said(each.edits, robot)} ({100 * each.unexplained:.0f} %)" for each in next_best]
     edits = [pasted(each.edits, robot, bool(names)) for each in (best, *found.same, *found.tied)]
     raise WrongMapping(
         what,
         why="with this robot file, no physically possible arm makes these torques"
-        + (f"; next likely: {'; '.join(others)}" if others else ""),
+        + (f"; next likely: {'; '.join(others)}" if others else "")
+        + "".join(f"; {finding.text}" for finding in beyond),
         fix=f"in {robot.editable}: {', or '.join(edits)}; or continue with --anyway",
     )
+
+
+def _unexplained(found: Diagnosis, robot: Robot) -> tuple[Finding, ...]:
+    """Return W334 where no robot file explains the torques of some joints."""
+    if not found.beyond:
+        return ()
+    names = [robot.joint_names[j] for j in found.beyond]
+    good = ", ".join(name for name in robot.joint_names if name not in names)
+    text = (
+        f"no edit of the robot file explains the torques of {', '.join(names)}: their friction would not brake with "
+        f"either sign, so these are not all of the torque; the file is judged by {good}"
+    )
+    return (Finding("W334", "warning", text, {"joints": names}),)
 
 
 def _improvement(given: Hypothesis, best: Hypothesis, robot: Robot) -> str:

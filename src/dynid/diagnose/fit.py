@@ -32,8 +32,8 @@ Floats = NDArray[np.float64]
 
 #: Eigenvalues below this share of the largest are combinations of parameters that the log does not show.
 RANK = 1e-9
-#: Friction and rotor inertia that a real motor has; what a sensor behind the gear sees of them can have any sign.
-OWN = 4
+#: Columns of what a joint has of its own: constant, viscous and Coulomb friction, rotor inertia; and the friction.
+OWN, FRICTION = 4, (1, 2)
 #: Samples whose columns are formed together; more leave the cache.
 TOGETHER = 2000
 #: Random samples on which two robot files are compared, and singular values that count as zero, relative.
@@ -72,19 +72,20 @@ class Columns:
             found[:, j, 10 * j :, 10 * j :] = B @ B.swapaxes(1, 2) - own @ own.swapaxes(1, 2)
         return found
 
-    def left(self, of: Sequence[int], tau: Floats, *, apart: bool) -> Floats:
+    def left(self, of: Sequence[int], tau: Floats, says: NDArray[np.bool_], *, apart: bool) -> Floats:
         """Return the root mean square that any bodies leave of each joint's torque, (M, n) [N m or N].
 
         Args:
             of: numbers of the motions that the torques belong to, M of them.
             tau: torques, (M, N, n) [N m or N].
+            says: which joints have a say about the bodies, (M, n).
             apart: whether each joint may have bodies of its own.
         """
         if apart:
             joints = range(tau.shape[2])
             both = (np.concatenate([self.own[of, j], self.of_joint(j)[of]], axis=2) for j in joints)
             return np.stack([_left(columns, tau[:, :, j]) for j, columns in zip(joints, both, strict=True)], axis=1)
-        return _shared(self, of, tau)
+        return _shared(self, of, tau, says)
 
     def floor(self, of: Sequence[int], tau: Floats) -> Floats:
         """Return what a constant, friction and rotor inertia alone leave of each joint's torque, (M, n) [N m or N]."""
@@ -102,6 +103,7 @@ class Judge:
         apart: whether torques are currents of unknown gains, so that each joint is fitted for itself.
         mapped: whether signs, offsets and order of the columns still have a say.
         independent: number of instants of the whole log that say something of their own: it was smoothed.
+        beyond: which columns no robot file explains, so that they have no say, (n,); () for none.
     """
 
     robot: Robot
@@ -110,6 +112,7 @@ class Judge:
     apart: bool
     mapped: bool
     independent: float = np.inf
+    beyond: tuple[bool, ...] = ()
 
     def least(self, robots: Sequence[Robot]) -> list[tuple[Floats, Floats]]:
         """Return what any bodies leave of each joint's torque under edited files, and what friction alone leaves.
@@ -134,22 +137,58 @@ class Judge:
                 columns = self._columns([(robots[same[0]], moved[same[0]][0]) for same in some])
                 several = [(number, k) for number, same in enumerate(some) for k in same]
                 of, tau = [number for number, _ in several], np.stack([moved[k][1] for _, k in several])
-                left, floor = columns.left(of, tau, apart=self.apart), columns.floor(of, tau)
+                says = np.stack([self.says(robots[k]) for _, k in several])
+                left, floor = columns.left(of, tau, says, apart=self.apart), columns.floor(of, tau)
+                left = np.where(says, left, floor)
                 found |= {k: (left[m], floor[m]) for m, (_, k) in enumerate(several)}
         return [found[k] for k in range(len(robots))]
 
     def possible(self, robot: Robot) -> tuple[Floats, Floats]:
         """Return what bodies that can exist leave of each joint's torque, and what friction alone leaves, (n,) each."""
         x, tau = self._dh(robot)
-        columns = self._columns([(robot, x)])
-        signed = robot.torque.source in ("motor_torque", "motor_current")
-        parts = [_reduced(columns, tau, j, signed=signed) for j in range(robot.n)]
+        columns, says = self._columns([(robot, x)]), self.says(robot)
+        parts = [_reduced(columns, tau, j, signed=self._signed) for j in np.flatnonzero(says).tolist()]
         bodies = _corners(robot.convention, robot.joints, prior_bodies(robot))
         (floor,) = columns.floor([0], tau[None])
+        found = floor.copy()
         if self.apart:
-            return np.array([_cone([part], bodies, np.ones(1))[0] for part in parts]), floor
-        (left,) = columns.left([0], tau[None], apart=False)
-        return _cone(parts, bodies, 1.0 / np.maximum(left, 1e-9)), floor
+            found[says] = [_cone([part], bodies, np.ones(1))[0] for part in parts]
+        elif says.any():
+            (left,) = columns.left([0], tau[None], says[None], apart=False)
+            found[says] = _cone(parts, bodies, 1.0 / np.maximum(left[says], 1e-9))
+        return found, floor
+
+    def alone(self, joint: int) -> tuple[float, float]:
+        """Return what a joint leaves with bodies of its own when its friction may have any sign, and when not.
+
+        Friction brakes, so it tells whether a torque is reversed: the second is the better one of both.
+
+        Args:
+            joint: its number.
+
+        Returns:
+            Root mean squares [N m or N].
+        """
+        robot = self.robot
+        x, tau = self._dh(robot)
+        columns, bodies = self._columns([(robot, x)]), _corners(robot.convention, robot.joints, prior_bodies(robot))
+        one = np.ones(1)
+        free, *braking = (
+            float(_cone([_reduced(columns, sign * tau, joint, signed=signed)], bodies, one)[0])
+            for sign, signed in ((1.0, ()), (1.0, self._signed), (-1.0, self._signed))
+        )
+        return free, min(braking)
+
+    def says(self, robot: Robot) -> NDArray[np.bool_]:
+        """Return which joints of an edited file have a say, (n,)."""
+        beyond = np.array(self.beyond or (False,) * robot.n)
+        return ~(beyond[self._order(robot)] if self.mapped and robot.driver is not None else beyond)
+
+    @property
+    def _signed(self) -> tuple[int, ...]:
+        """Which columns of a joint's own are never negative; a sensor behind the gear sees no rotor."""
+        motor = self.robot.torque.source in ("motor_torque", "motor_current")
+        return (*FRICTION, OWN - 1) if motor else FRICTION
 
     def outside(self, robot: Robot) -> int:
         """Return how many joints move far beyond their limits under an edited file."""
@@ -205,7 +244,7 @@ class Judge:
         x, tau = self.x, self.tau
         if not self.mapped or robot.driver is None:
             return self._joint_side(x, tau)
-        order = [self.robot.log_names.index(name) for name in robot.log_names]
+        order = self._order(robot)
         before = self.robot.driver.units["position"] if self.robot.driver is not None else "rad"
         x, tau = self._joint_side(x[:, :, order], tau[:, order])
         map_ = robot.driver.map
@@ -213,6 +252,10 @@ class Judge:
         x = x * (sign * POSITION[robot.driver.units["position"]] / POSITION[before])
         x[0] += np.array(map_.offset)
         return x, tau * sign * np.array(map_.torque_signs)
+
+    def _order(self, robot: Robot) -> list[int]:
+        """Return which column of the log belongs to each joint of an edited file."""
+        return [self.robot.log_names.index(name) for name in robot.log_names]
 
     def _joint_side(self, x: Floats, tau: Floats) -> tuple[Floats, Floats]:
         """Return motion and torques of motors as those of joints."""
@@ -290,7 +333,7 @@ def _left(columns: Floats, tau: Floats) -> Floats:
     return np.asarray(np.sqrt(np.mean((tau - (scaled @ fit)[..., 0]) ** 2, axis=-1)))
 
 
-def _shared(columns: Columns, of: Sequence[int], tau: Floats) -> Floats:
+def _shared(columns: Columns, of: Sequence[int], tau: Floats, says: NDArray[np.bool_]) -> Floats:
     """Return what is left of each joint's torque when all joints share the bodies, (M, n).
 
     Friction is taken out joint by joint; weights are found in three rounds, from what each joint leaves.
@@ -299,6 +342,7 @@ def _shared(columns: Columns, of: Sequence[int], tau: Floats) -> Floats:
         columns: of K motions.
         of: numbers of the motions that the torques belong to, M of them.
         tau: torques, (M, N, n) [N m or N].
+        says: which joints have a say about the bodies, (M, n).
     """
     grams, basis, torque = columns.grams[of], columns.basis[of], tau.swapaxes(1, 2)[..., None]
     (M, n, p), count = grams.shape[:3], tau.shape[1]
@@ -312,7 +356,7 @@ def _shared(columns: Columns, of: Sequence[int], tau: Floats) -> Floats:
     rms = np.sqrt(np.maximum(energy, 1e-18))
     ridge = np.tile(tuning.USUAL_BODY**-2.0, p // 10)
     for _ in range(3):
-        weight = 1.0 / (tuning.SAMPLES_ALIKE * rms[:, None] ** 2)
+        weight = says[:, None] / (tuning.SAMPLES_ALIKE * rms[:, None] ** 2)
         G, side = (weight @ grams.reshape(M, n, -1)).reshape(M, p, p), weight @ sides
         G[:, range(p), range(p)] += ridge
         theta = _solved(G, side.swapaxes(1, 2))[:, None]
@@ -330,17 +374,22 @@ def _solved(G: Floats, side: Floats) -> Floats:
         return np.stack([np.linalg.lstsq(A, b, rcond=None)[0] for A, b in zip(G, side, strict=True)])
 
 
-def _reduced(columns: Columns, torques: Floats, joint: int, *, signed: bool) -> tuple[Floats, Floats, Floats]:
-    """Return columns of the bodies, (N, 10 n), and of friction that must not be negative, (N, 3 or 0), and the torque.
+def _reduced(columns: Columns, torques: Floats, joint: int, *, signed: Sequence[int]) -> tuple[Floats, Floats, Floats]:
+    """Return columns of bodies, (N, 10 n), those of the joint's own that must not be negative, (N, m), and the torque.
 
-    What may have any sign is taken out of all three: the constant, and all friction where a sensor is behind the gear.
+    What may have any sign is taken out of all three.
+
+    Args:
+        columns: of one motion.
+        torques: (N, n) [N m or N].
+        joint: its number.
+        signed: which columns of its own must not be negative, m of them.
     """
-    own, tau = columns.own[0, joint], torques[:, joint]
-    Q = np.linalg.qr(own[:, :1] if signed else own)[0]
-    p = columns.bodies.shape[1]
-    kept = np.zeros((len(tau), p + own.shape[1] if signed else p + 1))
-    kept[:, 10 * joint : p] = columns.of_joint(joint)[0]
-    kept[:, p:-1], kept[:, -1] = own[:, 1 if signed else OWN :], tau
+    own, p = columns.own[0, joint], columns.bodies.shape[1]
+    Q = np.linalg.qr(own[:, [k for k in range(OWN) if k not in signed]])[0]
+    bodies = np.zeros((len(own), p))
+    bodies[:, 10 * joint :] = columns.of_joint(joint)[0]
+    kept = np.column_stack([bodies, own[:, list(signed)], torques[:, joint]])
     kept = kept - Q @ (Q.T @ kept)
     return kept[:, :p], kept[:, p:-1], kept[:, -1]
 

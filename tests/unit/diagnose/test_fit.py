@@ -31,5 +31,5 @@ def test_bodies_that_joints_share_leave_what_stacked_rows_leave():
         rest = [one - each @ theta for one, each in zip(left, W, strict=True)]
         rms = np.maximum([np.sqrt(np.mean(each**2)) for each in rest], tuning.MODELLED * least)
     several = Columns(np.stack([bodies, bodies]).transpose(2, 3, 0, 1), np.stack([own, own]))
-    found = several.left([1, 0], np.stack([tau, tau]), apart=False)
+    found = several.left([1, 0], np.stack([tau, tau]), np.ones((2, n), dtype=bool), apart=False)
     np.testing.assert_allclose(found, [rms, rms], rtol=1e-9)
