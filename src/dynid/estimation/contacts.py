@@ -73,6 +73,7 @@ class ExternalTorque:
         false_alarms: rate that the threshold is made for [1/h].
         rate: samples a second [Hz].
         rougher: how many times the outside torque of this log is larger than expected, at least 1, (n,).
+        begin: first time of the log, whose ends are not judged [s].
     """
 
     t: Floats
@@ -83,6 +84,7 @@ class ExternalTorque:
     false_alarms: float
     rate: float
     rougher: Floats
+    begin: float
 
     @property
     def changed(self) -> bool:
@@ -142,7 +144,9 @@ def external_torque(result: Identification, log: Log, false_alarms: float = 1.0)
         start = rows.stop
     found.sort(key=lambda each: (each.start, each.joint))
     rate = 1.0 / float(there.segments[0].t[1] - there.segments[0].t[0])
-    return ExternalTorque(t, names, torque, threshold, tuple(found), float(false_alarms), rate, rougher)
+    return ExternalTorque(
+        t, names, torque, threshold, tuple(found), float(false_alarms), rate, rougher, float(checked.t[0])
+    )
 
 
 def multiple(false_alarms: float, n: int, cutoff: float) -> float:

@@ -28,7 +28,7 @@ def contacts_figure(external: ExternalTorque, robot: Robot, title: str) -> Figur
     n = robot.n
     figure = new_figure(8.0, 1.3 * n + 0.8)
     axes = figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0]
-    t = external.t - external.t[0]
+    t = external.t - external.begin
     # Why a gap in the line: nothing is known where the log has none.
     gaps = np.flatnonzero(np.diff(t) > 5.0 / external.rate) + 1
     t = np.insert(t, gaps, np.nan)
@@ -38,7 +38,7 @@ def contacts_figure(external: ExternalTorque, robot: Robot, title: str) -> Figur
         axis.plot(t, torque, linewidth=0.9)
         for each in external.contacts:
             if each.joint == joint.name:
-                axis.axvspan(each.start - external.t[0], each.end - external.t[0], color="tab:red", alpha=0.3)
+                axis.axvspan(each.start - external.begin, each.end - external.begin, color="tab:red", alpha=0.3)
         axis.set_ylabel(f"{label(joint.name)}\n[{joint.torque_unit}]", fontsize=8)
     axes[0].set_title(f"torque from outside; grey: below the threshold; red: contact\n{label(title)}", fontsize=9)
     axes[-1].set_xlabel("time [s]")

@@ -65,7 +65,7 @@ class FoundContacts:
     def table(self) -> Table:
         """Return one row per contact: joint, time [s], length [s], largest torque [N m or N]."""
         units = dict(zip(self.robot.joint_names, (joint.torque_unit for joint in self.robot.joints), strict=True))
-        start = float(self.external.t[0])
+        start = self.external.begin
         return Table(
             [
                 {
