@@ -71,6 +71,10 @@ def compare_in_simulator(
     if arguments.words((engine,), "engine", ENGINES) != (engine,):
         raise WrongUsage(f"there is no engine '{engine}'", fix=" or ".join(ENGINES))
     names = arguments.words(names, "names")
+    if seconds is not None:
+        seconds = arguments.number(seconds, "seconds", "a length in seconds, such as 10.0, or None for all")
+        if not seconds > 0.0:
+            raise WrongUsage(f"{seconds:g} s cannot be driven", fix="seconds=10.0, or None for all")
     if any(each.robot.joint_names != found[0].robot.joint_names for each in found):
         raise WrongUsage("the results are of different arms", fix="results of one arm")
     models = tuple(names) or (("before", "after") if len(found) == 2 else tuple(f"{k + 1}" for k in range(len(found))))
@@ -124,7 +128,7 @@ def _recorded(result: Identification, log: Log, seconds: float | None) -> tuple[
     checked = checked_log(log, result.robot, options, identify=False)
     (conditioned,) = condition_logs([checked], result.base.model, options)
     longest = max(conditioned.segments, key=len)
-    first = 0 if seconds is None else int(np.searchsorted(longest.t, longest.t[-1] - seconds))
+    first = 0 if seconds is None else int(np.searchsorted(longest.t[:-2], longest.t[-1] - seconds))
     t, q, qd, tau = (x[first:] for x in (longest.t, longest.q, longest.qd, longest.tau))
     return t - t[0], q, qd, tau
 
