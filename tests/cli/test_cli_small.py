@@ -103,6 +103,15 @@ def test_the_shell_is_offered_commands_and_options(dynid):
     assert done.out == "plain,--strict\n"
 
 
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_a_word_that_steers_the_terminal_is_not_completed(dynid, shell):
+    """Found by the fuzzer: the word came back in the answer."""
+    word = "\x1b[31m"
+    words = {"COMP_WORDS": f"dynid identify arm.yaml {word}", "COMP_CWORD": word if shell == "fish" else "3"}
+    done = dynid(_DYNID_COMPLETE=f"{shell}_complete", **words)
+    assert (done.out, done.err) == ("", "")
+
+
 # ---------------------------------------------------------------- doctor
 def test_doctor_says_what_works_and_what_is_lost(dynid):
     """Every check is in one of the two lists; what is missing comes with what is lost by it."""

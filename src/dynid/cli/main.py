@@ -253,7 +253,11 @@ def _complete() -> None:
     """Answer the shell's request for completions; with nothing where the words so far are wrong."""
     from click.shell_completion import shell_complete
 
+    # Why: the word that is completed comes back in the answer, and a shell may show it.
+    typed = "".join(os.environ.get(name, "") for name in ("COMP_WORDS", "COMP_CWORD"))
     with suppress(Exception):
+        if not typed.replace("\n", "").isprintable():
+            sys.exit(1)
         sys.exit(shell_complete(cli, {}, "dynid", "_DYNID_COMPLETE", os.environ["_DYNID_COMPLETE"]))
     sys.exit(1)
 
