@@ -235,10 +235,9 @@ def _change_reasons(evidence: Evidence) -> list[str]:
     first = next(iter(evidence.changes or ()), None)
     if first is None or first.p_value is None:
         return []
-    often = (
-        "less than once in a million" if first.p_value < 1e-6 else f"once in {float(f'{1 / first.p_value:.1g}'):.0f}"
-    )
-    return [f"Noise alone changes {first.name} so much {often} times."]
+    times = 1e6 if first.p_value < 1e-6 else float(f"{1 / first.p_value:.1g}")
+    most = "less than " if first.p_value < 1e-6 else ""
+    return [f"Noise alone would change {first.name} so much {most}once in {times:,.0f} comparisons."]
 
 
 def _small_reasons(evidence: Evidence) -> list[str]:

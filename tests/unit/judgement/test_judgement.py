@@ -231,6 +231,7 @@ def test_what_has_changed_comes_first_with_the_command_that_asks_what():
     )  # fmt: skip
     judged = judge(known)
     assert judged.sentence == "The arm has changed since january: m3 went from 1 to 2, and 2 more."
+    assert judged.reasons == ("Noise alone would change m3 so much once in 100,000 comparisons.",)
     assert judged.steps[0].command == "dynid gap out/january now.bag --ask changed"
     moved = judge(replace(known, tolerance=0.01)).sentence
     assert moved.startswith("Numbers have moved by more than 1 % since january")
@@ -296,6 +297,15 @@ def test_a_payload_is_said_as_a_colleague_would_say_it():
     gap = GapEvidence("changed", effects=(load,), joints=("a",), before=(1.0,), after=(0.1,), noise=(0.09,))
     judged = judge(Evidence(asked="gap", gap=gap, result="out/arm/parameters.npz"))
     assert judged.sentence == "The arm carries 1.500 +- 0.02 kg more than when it was identified."
+
+
+def test_a_delay_that_predictions_allow_for_is_not_told_as_missing():
+    delay = EffectEvidence(
+        "delay of the torques", "the arm", "torque_delay", (("delay", 0.006, 1e-4, "s"),), corrected=True
+    )
+    gap = GapEvidence("numbers", effects=(delay,), joints=("a",), before=(0.1,), after=(0.1,), noise=(0.09,))
+    judged = judge(Evidence(asked="gap", gap=gap))
+    assert judged.sentence == "The arm: delay of the torques, delay 0.00600 +- 0.0001 s. The model corrects it already."
 
 
 def test_an_event_comes_with_the_option_that_leaves_it_out():
