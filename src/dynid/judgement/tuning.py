@@ -1,6 +1,6 @@
 """The one table of thresholds between good and bad: unit, meaning, and what each rests on.
 
-The figures are those of the benchmark that is named; none of them was halved and doubled yet.
+The figures are those of the benchmark that is named; benchmarks/judgement.md has those of half and double of each.
 """
 
 #: An error up to so many times the noise floor is at the noise. evidence: what "good" promises (unseen error within
