@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dynid.diagnose import tuning
 from dynid.diagnose.fit import Judge, judge_of
 from dynid.diagnose.gravity import check_gravity
-from dynid.diagnose.mistakes import Edit, edits_of, pasted, said, unlikeliness, with_edits, with_one_more
+from dynid.diagnose.mistakes import OF_ALL, Edit, edits_of, pasted, said, unlikeliness, with_edits, with_one_more
 from dynid.errors import Finding, GravityRemoved, WrongMapping
 from dynid.log import Log
 from dynid.robot import Robot
@@ -108,14 +108,17 @@ class _Search:
         self.given = self.fit(())
 
     def _beyond(self) -> tuple[bool, ...]:
-        """Return which joints no robot file explains: their friction would not brake, whatever sign the torque has.
+        """Return which joints no robot file explains: whatever their signs are, their friction would not brake.
 
-        No edit of a file but that of the sign changes what a joint's own friction has to be.
+        No edit of a file but those of a joint's signs changes what its friction has to be.
         """
         noise, found = noise_of(self.judge.robot, self.given.floor), []
         for j, suspect in enumerate(self.given.left > self.given.floor):
-            free, braking = np.hypot(self.judge.alone(j), noise[j]) if suspect else (1.0, 1.0)
-            found.append(bool(braking > tuning.NOT_BRAKING * free))
+            kinds = OF_ALL.values() if suspect and self.judge.mapped else ()
+            signs = [(), *((Edit(kind, (float(j),)),) for kind in kinds)] if suspect else []
+            files = [with_edits(self.judge.robot, edits) for edits in signs]
+            left = np.array([np.hypot(self.judge.alone(file, j), noise[j]) for file in files] or [[1.0, 1.0]])
+            found.append(bool(left[:, 1].min() > tuning.NOT_BRAKING * left[0, 0]))
         return tuple(found)
 
     @property

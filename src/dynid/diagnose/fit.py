@@ -158,26 +158,21 @@ class Judge:
             found[says] = _cone(parts, bodies, 1.0 / np.maximum(left[says], 1e-9))
         return found, floor
 
-    def alone(self, joint: int) -> tuple[float, float]:
-        """Return what a joint leaves with bodies of its own when its friction may have any sign, and when not.
-
-        Friction brakes, so it tells whether a torque is reversed: the second is the better one of both.
+    def alone(self, robot: Robot, joint: int) -> tuple[float, float]:
+        """Return what a joint leaves under an edited file with bodies of its own.
 
         Args:
+            robot: the arm as the edited file says.
             joint: its number.
 
         Returns:
-            Root mean squares [N m or N].
+            Root mean squares [N m or N] when its friction may have any sign, and when it has to brake.
         """
-        robot = self.robot
         x, tau = self._dh(robot)
         columns, bodies = self._columns([(robot, x)]), _corners(robot.convention, robot.joints, prior_bodies(robot))
-        one = np.ones(1)
-        free, *braking = (
-            float(_cone([_reduced(columns, sign * tau, joint, signed=signed)], bodies, one)[0])
-            for sign, signed in ((1.0, ()), (1.0, self._signed), (-1.0, self._signed))
-        )
-        return free, min(braking)
+        parts = [_reduced(columns, tau, joint, signed=signed) for signed in ((), self._signed)]
+        free, braking = (float(_cone([part], bodies, np.ones(1))[0]) for part in parts)
+        return free, braking
 
     def says(self, robot: Robot) -> NDArray[np.bool_]:
         """Return which joints of an edited file have a say, (n,)."""
