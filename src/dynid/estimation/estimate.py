@@ -40,6 +40,8 @@ Floats = NDArray[np.float64]
 
 #: Kinds of parameters that no real arm has with a minus sign.
 POSITIVE = ("m", "Im", "Imc", "fv", "fvc", "fc", "fcc")
+#: Kinds of parameters that are friction.
+FRICTION = ("fv", "fc", "fo", "fvc", "fcc")
 #: Names of the parameter sets, by whether a set is physically possible.
 SETS = {True: "physical", False: "plain"}
 #: Methods that need nothing but triangular factors, and can add a log to an earlier result.
@@ -216,6 +218,7 @@ def estimate(
             *physics_findings(
                 base, stack.observer, plain, joint_rms(*stack.whole, post.alone), knowledge, in_force, error
             ),
+            *apart_findings(base, stack, theta, error),
         ),
         header=_header(base, stack),
         motions=tuple(log_motion(log)[: tuning.MOTION_SAMPLES] for log in stack.logs),
@@ -507,6 +510,51 @@ def sensor_findings(base: BaseModel) -> list[Finding]:
     return [Finding("W410", "info", text, {"parameters": rotors})]
 
 
+def apart_findings(base: BaseModel, stack: Stack, theta: Floats, error: ModelError | None) -> list[Finding]:
+    """Say which joints have torques that contradict those of the others, and by which factor where it is only one.
+
+    Args:
+        base: model and base parameters.
+        stack: the fitted rows.
+        theta: base parameters in force, (p,).
+        error: the model error in force, None without.
+    """
+    apart = () if error is None else error.joints_apart
+    if error is None or not len(apart):
+        return []
+    names = [base.robot.joint_names[j] for j in apart]
+    scales = {name: scale_of(base, stack, theta, error, int(j)) for name, j in zip(names, apart, strict=True)}
+    told = [f"{name} has {scale:.2f} times what they ask for" for name, scale in scales.items() if scale is not None]
+    cause = "; ".join(told) or "another scale or sign, a part of the torque only, or stuck?"
+    text = (
+        f"the torques of {', '.join(names)} contradict those of the other joints: {cause}. They have parameters of "
+        "their own in predictions and no say in those of the arm"
+    )
+    return [Finding("W413", "warning", text, {"joints": names, "scales": scales})]
+
+
+def scale_of(base: BaseModel, stack: Stack, theta: Floats, error: ModelError, joint: int) -> float | None:
+    """Return how many times the torque that the other joints ask for a joint has; None where it is not only a scale.
+
+    Friction is left out: no other joint tells it.
+
+    Args:
+        base: model and base parameters.
+        stack: the fitted rows.
+        theta: base parameters of the arm, (p,).
+        error: the model error, in which the joint is apart.
+        joint: its number.
+    """
+    W = stack.whole[0][joint][:, :-1]
+    friction = np.array([base.model.parameters[k].kind in FRICTION for k in base.reduction.base])
+    Q = np.linalg.qr(W[:, friction & np.any(W != 0.0, axis=0)])[0]
+    asked, more = ((W[:, ~friction] @ each[~friction]) for each in (theta, error.own[joint]))
+    asked, more = (each - Q @ (Q.T @ each) for each in (asked, more))
+    scale = 1.0 + float(asked @ more) / max(float(asked @ asked), 1e-300)
+    rest = np.linalg.norm(more - (scale - 1.0) * asked)
+    return scale if rest < tuning.SCALE_REST * np.linalg.norm(more) else None
+
+
 def physics_findings(
     base: BaseModel,
     observer: Observer,
@@ -544,13 +592,6 @@ def physics_findings(
     worst = int(np.argmax(growth))
     large = () if error is None else error.free
     apart = () if error is None else error.joints_apart
-    if len(apart):
-        names = ", ".join(base.robot.joint_names[j] for j in apart)
-        text = (
-            f"the torques of {names} contradict those of the other joints: another scale or sign, a part of the torque "
-            "only, or stuck? They have parameters of their own in predictions and no say in those of the arm"
-        )
-        found.append(Finding("W413", "warning", text, {"joints": [base.robot.joint_names[j] for j in apart]}))
     for j in large:
         joint = base.robot.joint_names[j]
         text = (

@@ -539,6 +539,31 @@ def _report(objective: Objective, minimum: Point, constraints: PhysicalConstrain
     )
 
 
+def with_wider_errors(fit: PhysicalParameters, told: Floats, less: float, drift: Floats) -> PhysicalParameters:
+    """Return a fit whose error bars count that rows tell less than they seem to, and of an arm that changes.
+
+    Args:
+        fit: with error bars as if rows told all.
+        told: what the rows say of its parameters, the share of the Hessian that is theirs, (c, c).
+        less: over how many independent rows one is spread, on top of what the fit counts.
+        drift: covariance by which the arm differs between recordings, (c, c).
+    """
+    hessian = fit.hessian - (1.0 - 1.0 / less) * told
+    covariance = _inverse(hessian, None)
+    moved = covariance @ told / less
+    covariance = covariance + moved @ drift @ moved.T
+    before, after = np.diagonal(fit.covariance), np.diagonal(covariance)
+    growth = np.where(before > 0.0, after / np.where(before > 0.0, before, 1.0), 1.0)
+    return replace(
+        fit,
+        hessian=hessian,
+        covariance=covariance,
+        std_error=np.sqrt(np.maximum(after, 0.0)),
+        data_share=np.clip(1.0 - (1.0 - fit.data_share) * growth, 0.0, 1.0),
+        inflation=fit.inflation * less,
+    )
+
+
 def _share(after: Floats, before: Floats) -> Floats:
     """Return which part of the variance that the prior left open the data took away, (c,)."""
     known = before > 0.0

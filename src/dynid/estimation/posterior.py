@@ -22,8 +22,10 @@ from dynid.estimation.possible_arm import (
     curvature,
     fit_sized,
     require_possible_prior,
+    with_wider_errors,
 )
 from dynid.estimation.possible_set import PhysicalConstraints
+from dynid.estimation.recordings import disagreement, drift
 from dynid.estimation.residual_model import (
     GROUP_NAMES,
     ModelError,
@@ -70,6 +72,8 @@ class Posterior:
         covariance: theirs, (p, p).
         alone: base parameters of the set that fits best without any model error, (p,).
         error: the model error, None where the evidence wants none or it was not asked for.
+        told: what the rows say of the base parameters: information, (p, p).
+        noise: sigma of each joint that they were divided by, (n,) [N m or N].
     """
 
     physical: PhysicalParameters
@@ -77,6 +81,8 @@ class Posterior:
     covariance: Floats
     alone: Floats
     error: ModelError | None
+    told: Floats
+    noise: Floats
 
 
 def physical_posterior(
@@ -95,18 +101,47 @@ def physical_posterior(
         estimate: base parameters from the data.
         stack: the rows that it was made from.
         residual_model: look for model error or not; None where the evidence wants it.
-        like: model error whose sizes and free joints are taken.
+        like: model error whose sizes and free joints are taken; nothing is asked about the errors then.
         size: sizes of the groups of columns where they are known already.
 
     Raises:
         NotPhysical: the prior of the robot file is itself not physical.
     """
+    found = _as_rows_say(base, estimate, stack, residual_model=residual_model, like=like, size=size)
+    if like is not None or stack.earlier is not None or not stack.logs:
+        return found
+    K, fit = base.reduction.K, found.physical
+    share = np.diagonal(found.covariance) / np.maximum(np.diagonal(prior_covariance(base)), 1e-300)
+    less = disagreement(
+        stack,
+        found.theta,
+        found.covariance,
+        found.error,
+        found.noise,
+        fit.inflation,
+        share < tuning.TOLD_SHARE,
+        estimate.theta if estimate.method in ROBUST else None,
+    )
+    fit = with_wider_errors(fit, K.T @ found.told @ K, less, K.T * drift(base, stack, found.theta) @ K)
+    return replace(found, physical=fit, covariance=K @ fit.covariance @ K.T)
+
+
+def _as_rows_say(
+    base: BaseModel,
+    estimate: Fit,
+    stack: Stack,
+    *,
+    residual_model: bool | None,
+    like: ModelError | None,
+    size: Floats | None,
+) -> Posterior:
+    """Return what ``physical_posterior`` does, with errors as if the rows told all."""
     K = base.reduction.K
     worth = _inflation(estimate, stack)
     A = estimate.whitened[:-1, :-1] / np.sqrt(worth)
     fit, constraints = fit_sized(A @ K, A @ estimate.theta, constraints_of(base))
     alone = K @ fit.x
-    found = _posterior(K, fit, alone, worth)
+    found = _posterior(K, fit, alone, worth, A.T @ A, estimate.noise)
     if residual_model is False or stack.earlier is not None or not stack.logs:
         return found
     robust = estimate.theta if estimate.method in ROBUST else None
@@ -125,9 +160,10 @@ def physical_posterior(
         arm = _arm_of(base, rows, NONE, arm)
     rows, size, arm = _with_joints_apart(base, stack, rows, arm, size, like)
     if np.any(rows.apart):
-        without, _ = _fitted(rows.eliminated(NONE)[0], K, arm.constraints, arm.fit)
+        left, _ = rows.eliminated(NONE)
+        without, _ = _fitted(left, K, arm.constraints, arm.fit)
         alone = K @ without.x
-        found = _posterior(K, without, alone, worth)
+        found = _posterior(K, without, alone, worth, left[:-1, :-1].T @ left[:-1, :-1], rows.noise)
     gain = evidence_gain(rows, K, arm.fit.x, arm.held, size)
     if residual_model is None and gain < tuning.RESIDUAL_EVIDENCE:
         if not (np.any(rows.apart) or np.any(rows.free)):
@@ -135,7 +171,7 @@ def physical_posterior(
         size = NONE
     left, heads = rows.eliminated(size)
     fit, _ = _fitted(left, K, arm.constraints, arm.fit)
-    found = _posterior(K, fit, alone, worth)
+    found = _posterior(K, fit, alone, worth, left[:-1, :-1].T @ left[:-1, :-1], rows.noise)
     return replace(found, error=model_error(rows, size, gain + large, heads, found.theta, stack.whole[1]))
 
 
@@ -285,9 +321,11 @@ def _fitted(
     return fit_sized(left[:-1, :-1] @ K, left[:-1, -1], constraints, near=near.x)
 
 
-def _posterior(K: Floats, fit: PhysicalParameters, alone: Floats, worth: float) -> Posterior:
+def _posterior(
+    K: Floats, fit: PhysicalParameters, alone: Floats, worth: float, told: Floats, noise: Floats
+) -> Posterior:
     fit = replace(fit, inflation=worth)
-    return Posterior(fit, K @ fit.x, K @ fit.covariance @ K.T, alone, None)
+    return Posterior(fit, K @ fit.x, K @ fit.covariance @ K.T, alone, None, told, noise)
 
 
 # ---------------------------------------------------------------- what a set is worth

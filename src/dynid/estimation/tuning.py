@@ -224,6 +224,15 @@ APART_ROUNDS = 4
 #: How many filtered rows are worth one at least: of complete models it is 3.6 to 5 whatever their length, and a log of
 #: 3 to 8 s, whose slow errors the fit takes away, seems to say 1. evidence: those figures.
 COLOURED_ROWS = 4.0
+#: Parts that each recording is cut into, which have to agree. evidence: halves of the Rokae's recording, two to eight:
+#: four tell best how far both are apart.
+PARTS_OF_LOG = 4
+#: A parameter counts as told by the rows when they leave this share of the prior's variance. evidence: a convention.
+TOLD_SHARE = 0.1
+#: By how much a joint's Coulomb and viscous friction differ between recordings, as a share, and its offset, as
+#: a share of both. evidence: friction that is known to 10 % differs by 5 % (Shanghai cobot, UR10, TX40), within its
+#: errors, and by 16 % of much less between runs 1 and 2 of the LWR4+; offsets stay within theirs.
+FRICTION_DRIFT, OFFSET_DRIFT = 0.03, 0.015
 #: Where something is missing in the model, the columns hold a part of it; by this factor the residual of another
 #: recording is larger than that of the fitted one (recordings of real arms and simulated ones, median).
 #: evidence: those figures.
@@ -260,6 +269,10 @@ LARGE_CONDITION = 1000.0
 #: A physical set that explains the torques worse than the plain fit by more than this factor contradicts the data.
 #: evidence: none yet.
 CONTRADICTION = 1.5
+#: What a scale may leave of how a joint's torque differs from what the others ask for, as a share, to be all of it.
+#: evidence: scaled, reversed and stuck torques of a simulated LWR leave at most 0.007, the wrists of the Shanghai cobot
+#: at least 0.07.
+SCALE_REST = 0.05
 #: Share of open parameters beyond which a log is called poor. evidence: none yet.
 MANY_OPEN = 0.2
 #: Poses in which the mass matrix is tested. evidence: none yet.

@@ -50,6 +50,8 @@ def test_a_reversed_joint_is_named_and_predicted_by_parameters_of_its_own(logs):
     result = identify(robot, spoilt(log, -1.0), holdout=None)
     (finding,) = [finding for finding in result.findings if finding.code == "W413"]
     assert finding.evidence["joints"] == [robot.joint_names[BAD]]
+    assert finding.evidence["scales"][robot.joint_names[BAD]] == pytest.approx(-1.0, abs=0.05)
+    assert f"{robot.joint_names[BAD]} has -1.0" in finding.text
     assert shares(validate(result, spoilt(other, -1.0)))[BAD] < 0.2
 
 

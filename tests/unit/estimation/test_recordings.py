@@ -1,0 +1,78 @@
+"""How much less recordings tell than their rows: parts that agree widen nothing, parts that disagree do."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_stack import simulated, stacked
+
+from dynid.estimation import tuning
+from dynid.estimation.estimators import wls
+from dynid.estimation.possible_arm import with_wider_errors
+from dynid.estimation.posterior import _as_rows_say
+from dynid.estimation.recordings import disagreement, drift
+from dynid.files.robotfile import load_robot
+from dynid.model import build_model
+from dynid.model.base_model import BaseModel
+from dynid.model.parameters import prior_base_parameters
+from dynid.model.reduce import reduce
+
+
+@pytest.fixture(scope="module")
+def scara():
+    model = build_model(load_robot("scara"))
+    return BaseModel(model, reduce(model))
+
+
+def fitted(base, log):
+    stack = stacked(base, log)
+    fit = wls(stack, prior_base_parameters(base.model, base.reduction))
+    return stack, fit
+
+
+def asked(stack, fit, like):
+    """By how much parts disagree when rows are said to be worth what they are in another fit."""
+    A = like.whitened[:-1, :-1]
+    told = np.ones(len(fit.theta), dtype=bool)
+    covariance = np.linalg.inv(A.T @ A) * like.inflation
+    return disagreement(stack, fit.theta, covariance, None, like.noise, like.inflation, told, None)
+
+
+def test_parts_that_differ_by_noise_alone_widen_nothing(scara):
+    stack, fit = fitted(scara, simulated(scara, seed=0, noise=0.05))
+    assert asked(stack, fit, fit) == 1.0
+
+
+def test_torques_whose_scale_changes_in_the_recording_widen_unless_the_fit_counts_it_already(scara):
+    log = simulated(scara, seed=0, noise=0.05)
+    _, steady = fitted(scara, log)
+    scale = 1.0 + 0.3 * ((log.t - log.t[0]) / np.ptp(log.t) - 0.5)
+    stack, fit = fitted(scara, replace(log, tau=log.tau * scale[:, None]))
+    assert asked(stack, fit, steady) == tuning.LARGEST_INFLATION
+    assert asked(stack, fit, fit) == 1.0
+
+
+def test_friction_alone_differs_between_recordings_and_less_the_more_there_are(scara):
+    stack, fit = fitted(scara, simulated(scara, seed=0, noise=0.05))
+    one = drift(scara, stack, fit.theta)
+    table, kept = scara.model.parameters, scara.reduction.base
+    for value, theta, k in zip(one, fit.theta, kept, strict=True):
+        if table[k].kind in ("fc", "fv"):
+            assert value == pytest.approx((tuning.FRICTION_DRIFT * theta) ** 2)
+        elif table[k].kind != "fo":
+            assert value == 0.0
+    again = replace(stack, rows=stack.rows * 2)
+    assert drift(scara, again, fit.theta) == pytest.approx(one / 2)
+
+
+def test_rows_that_tell_half_as_much_widen_what_they_told_and_nothing_else(scara):
+    stack, estimate = fitted(scara, simulated(scara, seed=0, noise=0.05))
+    plain = _as_rows_say(scara, estimate, stack, residual_model=False, like=None, size=None)
+    K, fit = scara.reduction.K, plain.physical
+    wider = with_wider_errors(fit, K.T @ plain.told @ K, 2.0, np.zeros_like(fit.covariance))
+    growth = wider.std_error / np.maximum(fit.std_error, 1e-12)
+    assert np.all(growth > 1.0 - 1e-6)
+    assert np.all(growth < np.sqrt(2.0) + 1e-6)
+    assert np.median(growth[fit.data_share > 0.99]) == pytest.approx(np.sqrt(2.0), rel=0.01)
+    assert np.median(growth[fit.data_share < 0.01]) == pytest.approx(1.0, rel=0.01)
+    assert wider.inflation == pytest.approx(2.0 * fit.inflation)
