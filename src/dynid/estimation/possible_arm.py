@@ -539,19 +539,16 @@ def _report(objective: Objective, minimum: Point, constraints: PhysicalConstrain
     )
 
 
-def with_wider_errors(fit: PhysicalParameters, told: Floats, less: float, drift: Floats) -> PhysicalParameters:
-    """Return a fit whose error bars count that rows tell less than they seem to, and of an arm that changes.
+def with_wider_errors(fit: PhysicalParameters, told: Floats, less: float) -> PhysicalParameters:
+    """Return a fit whose error bars count that rows tell less than they seem to.
 
     Args:
         fit: with error bars as if rows told all.
         told: what the rows say of its parameters, the share of the Hessian that is theirs, (c, c).
         less: over how many independent rows one is spread, on top of what the fit counts.
-        drift: covariance by which the arm differs between recordings, (c, c).
     """
     hessian = fit.hessian - (1.0 - 1.0 / less) * told
-    covariance = _inverse(hessian, None)
-    moved = covariance @ told / less
-    covariance = covariance + moved @ drift @ moved.T
+    covariance = _inverse(hessian, None) if less > 1.0 else fit.covariance
     before, after = np.diagonal(fit.covariance), np.diagonal(covariance)
     growth = np.where(before > 0.0, after / np.where(before > 0.0, before, 1.0), 1.0)
     return replace(

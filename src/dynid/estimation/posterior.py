@@ -25,7 +25,7 @@ from dynid.estimation.possible_arm import (
     with_wider_errors,
 )
 from dynid.estimation.possible_set import PhysicalConstraints
-from dynid.estimation.recordings import disagreement, drift
+from dynid.estimation.recordings import disagreement
 from dynid.estimation.residual_model import (
     GROUP_NAMES,
     ModelError,
@@ -122,7 +122,7 @@ def physical_posterior(
         share < tuning.TOLD_SHARE,
         estimate.theta if estimate.method in ROBUST else None,
     )
-    fit = with_wider_errors(fit, K.T @ found.told @ K, less, K.T * drift(base, stack, found.theta) @ K)
+    fit = with_wider_errors(fit, K.T @ found.told @ K, less)
     return replace(found, physical=fit, covariance=K @ fit.covariance @ K.T)
 
 

@@ -1,10 +1,10 @@
-"""How much less a recording tells than its rows seem to: its parts disagree, and until the next one friction changes.
+"""How much less a recording tells than its rows seem to, because its parts disagree.
 
 Residuals are coloured, and an estimate counts that as far as its covariance sees it: over a second or so. What the
 model lacks lasts as long as the motion stays in one place, and what changes with time (warm gears, offsets of currents)
-lasts for the whole recording. So the recording is cut into parts, and each part says by how much it would move the
-parameters; where they move them further than independent rows would, rows are worth less. Source: Liang, Zeger 1986
-(covariances from clusters), averaged over the parameters, for a few parts alone tell little about each.
+lasts longer. So the recording is cut into parts, and each part says by how much it would move the parameters; where
+they move them further than independent rows would, rows are worth less. Source: Liang, Zeger 1986 (covariances from
+clusters), averaged over the parameters, for a few parts alone tell little about each.
 """
 
 from __future__ import annotations
@@ -13,15 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
-from dynid.estimation.residual_model import ModelError, rms_speed, rows_under
+from dynid.estimation.residual_model import ModelError, rows_under
 from dynid.estimation.stack import Stack
-from dynid.model.base_model import BaseModel
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-#: Kinds of a joint's own friction: the constant, viscous friction, and that with the Coulomb friction.
-OFFSET, VISCOUS, FRICTION = (("fo",), ("fv", "fvc"), ("fc", "fcc", "fv", "fvc"))
 
 
 def disagreement(
@@ -97,24 +93,3 @@ def _part(
         score[own] += A.T @ (factors[j] @ np.concatenate([-error.mean[j], -theta, [1.0]]))
         square[np.ix_(own, own)] += A.T @ A
     return score, square
-
-
-def drift(base: BaseModel, stack: Stack, theta: Floats) -> Floats:
-    """Return the variance by which the mean of recordings differs from other ones in friction, (p,), of theta's units.
-
-    Args:
-        base: model and base parameters.
-        stack: the fitted rows.
-        theta: base parameters, (p,).
-    """
-    table, kept = base.model.parameters, base.reduction.base
-    kinds = np.array([table[k].kind for k in kept])
-    own = np.isin(kinds, FRICTION)
-    speed = rms_speed(stack.logs, base.robot.n)[np.array([table[k].number - 1 for k in kept])]
-    torque = np.abs(theta) * np.where(np.isin(kinds, VISCOUS), speed, 1.0)
-    joints = np.array([table[k].number for k in kept])
-    # Why the whole for offsets: they are what friction differs by between both directions.
-    whole = np.array([torque[own & (joints == j)].sum() for j in joints])
-    found = np.where(own, tuning.FRICTION_DRIFT * np.abs(theta), 0.0)
-    found = np.where(np.isin(kinds, OFFSET), tuning.OFFSET_DRIFT * whole, found)
-    return found**2 / max(1, len(stack.logs))

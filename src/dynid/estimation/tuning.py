@@ -229,10 +229,6 @@ COLOURED_ROWS = 4.0
 PARTS_OF_LOG = 4
 #: A parameter counts as told by the rows when they leave this share of the prior's variance. evidence: a convention.
 TOLD_SHARE = 0.1
-#: By how much a joint's Coulomb and viscous friction differ between recordings, as a share, and its offset, as
-#: a share of both. evidence: friction that is known to 10 % differs by 5 % (Shanghai cobot, UR10, TX40), within its
-#: errors, and by 16 % of much less between runs 1 and 2 of the LWR4+; offsets stay within theirs.
-FRICTION_DRIFT, OFFSET_DRIFT = 0.03, 0.015
 #: Where something is missing in the model, the columns hold a part of it; by this factor the residual of another
 #: recording is larger than that of the fitted one (recordings of real arms and simulated ones, median).
 #: evidence: those figures.

@@ -10,7 +10,7 @@ from dynid.estimation import tuning
 from dynid.estimation.estimators import wls
 from dynid.estimation.possible_arm import with_wider_errors
 from dynid.estimation.posterior import _as_rows_say
-from dynid.estimation.recordings import disagreement, drift
+from dynid.estimation.recordings import disagreement
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
@@ -52,24 +52,11 @@ def test_torques_whose_scale_changes_in_the_recording_widen_unless_the_fit_count
     assert asked(stack, fit, fit) == 1.0
 
 
-def test_friction_alone_differs_between_recordings_and_less_the_more_there_are(scara):
-    stack, fit = fitted(scara, simulated(scara, seed=0, noise=0.05))
-    one = drift(scara, stack, fit.theta)
-    table, kept = scara.model.parameters, scara.reduction.base
-    for value, theta, k in zip(one, fit.theta, kept, strict=True):
-        if table[k].kind in ("fc", "fv"):
-            assert value == pytest.approx((tuning.FRICTION_DRIFT * theta) ** 2)
-        elif table[k].kind != "fo":
-            assert value == 0.0
-    again = replace(stack, rows=stack.rows * 2)
-    assert drift(scara, again, fit.theta) == pytest.approx(one / 2)
-
-
 def test_rows_that_tell_half_as_much_widen_what_they_told_and_nothing_else(scara):
     stack, estimate = fitted(scara, simulated(scara, seed=0, noise=0.05))
     plain = _as_rows_say(scara, estimate, stack, residual_model=False, like=None, size=None)
     K, fit = scara.reduction.K, plain.physical
-    wider = with_wider_errors(fit, K.T @ plain.told @ K, 2.0, np.zeros_like(fit.covariance))
+    wider = with_wider_errors(fit, K.T @ plain.told @ K, 2.0)
     growth = wider.std_error / np.maximum(fit.std_error, 1e-12)
     assert np.all(growth > 1.0 - 1e-6)
     assert np.all(growth < np.sqrt(2.0) + 1e-6)
