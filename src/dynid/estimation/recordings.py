@@ -57,7 +57,7 @@ def disagreement(
 
 def _divisions(stack: Stack) -> list[list[Mask]]:
     """Return masks of the blocks of time of a stack, one for each part: quarters of each log, and whole logs."""
-    logs = [np.flatnonzero(stack.log_of_block == log) for log in np.unique(stack.log_of_block)]
+    logs = [np.flatnonzero(stack.log_of_block == log) for log in sorted(set(stack.log_of_block.tolist()))]
     parts = [part for log in logs for part in np.array_split(log, tuning.PARTS_OF_LOG) if len(part)]
     divisions = [parts, logs] if len(logs) > 1 else [parts]
     return [[np.isin(np.arange(stack.blocks), part) for part in each] for each in divisions if len(each) > 1]

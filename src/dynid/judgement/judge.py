@@ -8,7 +8,7 @@ from typing import Any
 
 from dynid.judgement import tuning
 from dynid.judgement.evidence import Evidence
-from dynid.judgement.lights import OPEN, Light, lights, ratio, worst
+from dynid.judgement.lights import OPEN, Light, lights, worst
 from dynid.judgement.sentences import first_sentence, reasons, warnings
 from dynid.judgement.steps import Step, next_steps
 
@@ -76,7 +76,9 @@ def judge(evidence: Evidence) -> Judgement:
 
 
 def suspects_other_arm(evidence: Evidence) -> bool:
-    """Return whether most joints are so far above their noise that the arm may be another one."""
-    found = [ratio(joint.fitted, joint) for joint in evidence.joints if joint.fitted is not None]
-    known = [each for each in found if each is not None]
-    return len(known) == len(evidence.joints) > 0 and median(known) > tuning.OTHER_ARM
+    """Return whether most joints are so far above their noise that the arm may be another one.
+
+    Why not ``ratio``, which lets an error pass that matters to nobody: wrong lengths leave little in slow torques.
+    """
+    found = [joint.fitted / joint.noise for joint in evidence.joints if joint.fitted is not None and joint.noise]
+    return len(found) == len(evidence.joints) > 0 and median(found) > tuning.OTHER_ARM

@@ -64,7 +64,7 @@ def test_a_few_gaps_are_reported_with_the_longest():
     log = prepare(take_samples(lwr_log(), np.flatnonzero(keep)), lwr())
     (finding,) = log.findings
     assert finding.code == "W312"
-    assert re.match(r"2 gaps, longest 15\d ms at 7\.50 s", finding.text)
+    assert re.match(r"lwr4plus_validate\.bag: 2 gaps, longest 15\d ms at 7\.50 s", finding.text)
 
 
 def test_more_than_one_sample_in_twenty_missing_is_too_many():
