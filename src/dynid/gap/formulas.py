@@ -402,14 +402,6 @@ def _unproved(problem: GapProblem, others: Sequence[SelectedEffect], formula: Se
     return ""
 
 
-def held_out_ratio(
-    problem: GapProblem, before: Sequence[SelectedEffect], after: Sequence[SelectedEffect], joint: int
-) -> tuple[float, float]:
-    """Return the 95 % interval of a joint's held-out error with some effects over that with others."""
-    squares = (held_out_squares(problem, some)[joint] for some in (before, after))
-    return _ratio(*squares)[:2]
-
-
 def held_out_squares(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[Floats]:
     """Return sum of squares of the held-out error and number of rows in each block of time, for each joint, (2, B)."""
     held, e, _ = _held_out(problem, selected)

@@ -72,7 +72,6 @@ class GapEffect:
     formula: str = ""
     rival_keys: tuple[tuple[str, Joints], ...] = ()
     share: float | None = None
-    fitted_with: str = ""
     probability: float = 1.0
 
     @property
@@ -80,10 +79,9 @@ class GapEffect:
         """What is said of it: that it is named, as a part of its joint's gap or whole, or why not."""
         if self.why_not or self.formula:
             return self.why_not or "formula, not in the catalogue"
-        size = f"; fitted jointly with {self.fitted_with}" if self.fitted_with else ""
         if self.share is None:
-            return f"named{size}"
-        return f"named; explains {100 * self.share:.0f} % of the gap of {self.joint}, the rest is unexplained{size}"
+            return "named"
+        return f"named; explains {100 * self.share:.0f} % of the gap of {self.joint}, the rest is unexplained"
 
     def facts(self) -> dict[str, Any]:
         """Return the effect as the JSON answer of ``dynid gap`` has it."""
@@ -105,7 +103,6 @@ class GapEffect:
             **({"why_not": self.why_not} if self.why_not else {}),
             **({"formula": self.formula} if self.formula else {}),
             **({} if self.share is None else {"share_of_gap": self.share}),
-            **({"size_beside": self.fitted_with} if self.fitted_with else {}),
         }
 
     def open(self, name: str) -> bool:
@@ -415,7 +412,7 @@ def contents() -> Contents:
 
     words, text = list[str], Fact(str)
     effect = {
-        **dict.fromkeys(("effect", "where", "joint", "unit", "why_not", "formula", "beside"), text),
+        **dict.fromkeys(("effect", "where", "joint", "unit", "why_not", "formula"), text),
         "indices": Fact(list[int], least=0),
         "joints": Fact(words),
         "values": Fact(list[tuple[str, float]]),
@@ -496,13 +493,11 @@ def _require_one_arm(record: GapRecord) -> None:
 
 
 def _stored(one: GapEffect) -> dict[str, Any]:
-    facts = asdict(one) | {key: list(getattr(one, key).items()) for key in _MAPPINGS}
-    return facts | {"beside": facts.pop("fitted_with")}
+    return asdict(one) | {key: list(getattr(one, key).items()) for key in _MAPPINGS}
 
 
 def _effect_of(stored: Mapping[str, Any]) -> GapEffect:
     facts: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in stored.items()}
-    facts["fitted_with"] = facts.pop("beside", "")
     keys = tuple((name, tuple(joints)) for name, joints in stored.get("rival_keys", ()))
     numbers = {key: dict(stored[key]) for key in _MAPPINGS}
     if not all(set(names) <= set(numbers["values"]) for names in numbers.values()):

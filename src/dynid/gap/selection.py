@@ -164,7 +164,7 @@ class EvidenceSelection:
         late: SelectedEffect | None = None,
     ) -> None:
         self.problem, self.options, self.progress = problem, options, progress
-        self.wanted = [x for x in wanted_effects(problem, options) if delay or x[0].name != "torque_delay"]
+        self.wanted = wanted_effects(problem, options, delay=delay)
         self.late = late if any(effect.name == "torque_delay" for effect, _ in self.wanted) else None
         self.named: list[Named] = []
         self.barred: set[Key] = set()

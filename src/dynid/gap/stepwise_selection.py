@@ -98,7 +98,7 @@ class StepwiseSelection:
     ) -> None:
         self.problem, self.options, self.progress = problem, options, progress
         self.explained_before = explained_before
-        self.wanted = [x for x in wanted_effects(problem, options) if delay or x[0].name != "torque_delay"]
+        self.wanted = wanted_effects(problem, options, delay=delay)
         self.late = late if any(effect.name == "torque_delay" for effect, _ in self.wanted) else None
         self.selected: list[SelectedEffect] = []
         self.barred: set[Key] = set()
@@ -406,13 +406,22 @@ def contains(wide: SelectedEffect, narrow: SelectedEffect) -> bool:
     return wide.joints == narrow.joints and wide.effect.name in SIMPLER.get(narrow.effect.name, ())
 
 
-def wanted_effects(problem: GapProblem, options: SelectionOptions) -> list[tuple[Effect, Joints]]:
-    """Return every effect that is worth a look, with every joint, pair of joints or arm that it may sit on."""
+def wanted_effects(
+    problem: GapProblem, options: SelectionOptions, *, delay: bool = True
+) -> list[tuple[Effect, Joints]]:
+    """Return every effect that is worth a look, with every joint, pair of joints or arm that it may sit on.
+
+    Args:
+        problem: what is searched.
+        options: which effects are tried, and where.
+        delay: whether a delay is tried.
+    """
     use = "frozen" if problem.since else "refit" if problem.arm is None else "arm"
     moves = np.sum([s.use.sum(axis=0) for s in problem.segments], axis=0) > 0
     return [
         (effect, joints)
         for effect in CATALOGUE.values()
+        if delay or effect.name != "torque_delay"
         for joints in effect.candidate_joints(problem.base.robot.n)
         if (use in effect.uses or (effect.name, joints) in options.also)
         if not options.effects or effect.name in options.effects
