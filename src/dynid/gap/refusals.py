@@ -89,7 +89,7 @@ def _left(case: Case) -> float:
 TABLE = (
     Refusal(_periods, SAMPLING, True, SMALL_DELAY, "recorders of five public arms skew by up to 0.3 periods"),
     Refusal(
-        _against_rest, tuning.SURE, True, LIKELY + " ({percent:.0f} %); 99 % are needed to name it",
+        _against_rest, tuning.SURE, True, LIKELY + " {percent:.0f} %, and 99 % are needed",
         "of names given with 90 to 99 % as many are right",
     ),
     Refusal(

@@ -40,7 +40,7 @@ TRACE = 0.12
 #: Standard errors between a shape parameter and its null: a 95 % interval. The Wald test of the amplitude, with what
 #: the model has at the null, has told them apart already.
 OUTSIDE = 1.96
-LIKELY = "probably this effect"
+LIKELY = "its probability is only"
 SMALL_DELAY = "the delay is shorter than the sampling can resolve"
 LITTLE = "it explains only"
 NOT_SMALLER = "it does not reduce the error on unseen data"

@@ -158,12 +158,9 @@ def of_gap(gap: GapEvidence, *, nothing: bool) -> str:
     likely = [one for one in effects if not one.named and one.probability is not None and one.probability >= 0.5]
     if likely:
         one = likely[0]
-        assert one.probability is not None
         size = f", {_size(one)}" if one.sizes else ""
-        return (
-            f"{_start(one.where)} probably has {one.title}{size} ({100 * one.probability:.0f} %); 99 % are needed to "
-            "name it."
-        )
+        why = f" It is not named: {one.why_not}." if one.why_not else ""
+        return f"{_start(one.where)} may have {one.title}{size}.{why}"
     where = _where(gap)
     if gap.unrepeatable:
         return f"What disturbs {', '.join(gap.unrepeatable)} does not repeat, so it is no property of the arm."

@@ -137,7 +137,7 @@ def test_what_is_likely_and_not_sure_is_told_with_its_probability(twolinks, on_j
     seen = analyse_gap(on_one_clock(twolinks.logs(law)), twolinks.base, None, only, simulate=False)
     ((one, why),) = seen.verdict.closest
     assert one.key == ("asymmetric_viscous", (1,))
-    assert why.startswith("probably this effect")
+    assert why.startswith("its probability is only")
     assert seen.verdict.named == ()
     assert seen.verdict.advice.startswith("Probably asymmetric_viscous on elbow, a = 0.0")
 

@@ -299,6 +299,15 @@ def test_a_payload_is_said_as_a_colleague_would_say_it():
     assert judged.sentence == "The arm carries 1.500 +- 0.02 kg more than when it was identified."
 
 
+def test_what_is_likely_comes_with_the_reason_that_it_has_no_name():
+    why = "what is left of this joint is 1.3 times as large: it may stand in for something else"
+    sizes = (("a", 0.488, 0.078, "N m"),)
+    sure = EffectEvidence("a hump", "elbow", "hump", sizes, named=False, probability=0.9999, why_not=why)
+    gap = GapEvidence("numbers", effects=(sure,), joints=("elbow",), before=(1.0,), after=(1.0,), noise=(0.1,))
+    judged = judge(Evidence(asked="gap", gap=gap, robot="my_arm.yaml"))
+    assert judged.sentence == f"elbow may have a hump, a 0.488 +- 0.078 N m. It is not named: {why}."
+
+
 def test_a_delay_that_predictions_allow_for_is_not_told_as_missing():
     delay = EffectEvidence(
         "delay of the torques", "the arm", "torque_delay", (("delay", 0.006, 1e-4, "s"),), corrected=True
