@@ -38,7 +38,7 @@ def command(common: Common, parameters: Path, log: Path, plot: bool, **values: A
         found = contacts(stored, log, options_of(ContactOptions, values), progress=progress)
     common.terminal.answer(found.sentence(), style="bold", indent=2)
     if found.external.contacts:
-        common.terminal.show([{key: str(value) for key, value in row.items()} for row in found.table()])
+        common.terminal.show(found.table())
     picture = (common.out or stored.path.parent) / "contacts" / f"{Path(found.log).stem}.png"
     wrote = draw(common, found, picture) if plot else []
     common.terminal.wrote(*wrote)

@@ -135,7 +135,7 @@ def drive(
         common.terminal.fact("simulator", f"not driven: {error}")
         return None, []
     common.terminal.fact("simulator", found.sentence())
-    common.terminal.show([{key: str(value) for key, value in row.items()} for row in found.table()])
+    common.terminal.show(found.table())
     picture = [save_figure(found, folder / "gap" / "simulator.png")] if plot else []
     return found, [found.save(folder / "simulator_gap.npz"), *picture]
 

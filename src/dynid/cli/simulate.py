@@ -72,6 +72,6 @@ def compare(common: Common, before: Path, after: Path, log: Path, engine: str) -
         folder = common.out or results[1].path.parent
         wrote = [save_figure(found, folder / "simulator" / f"{log.stem}_{engine}.png")]
     common.terminal.answer(found.sentence())
-    common.terminal.show([{key: str(value) for key, value in row.items()} for row in found.table()])
+    common.terminal.show(found.table())
     common.terminal.wrote(*wrote)
     common.terminal.emit_json({**found.facts(), "wrote": wrote})

@@ -224,10 +224,10 @@ class Terminal:
                 return self._print_trimmed(table)
         return self._records(columns, rows)
 
-    def show(self, rows: Sequence[Mapping[str, str]], *, numbers: bool = True) -> None:
-        """Print rows of text that have the same keys, as a ``Table`` holds them; nothing where there are none."""
+    def show(self, rows: Sequence[Mapping[str, object]], *, numbers: bool = True) -> None:
+        """Print rows that have the same keys, as a ``Table`` holds them; nothing where there are none."""
         if rows:
-            self.table(list(rows[0]), [list(row.values()) for row in rows], numbers=numbers)
+            self.table(list(rows[0]), [list(map(str, row.values())) for row in rows], numbers=numbers)
 
     def _records(self, columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> None:
         """Print one line a cell, because the table is wider than the terminal."""
