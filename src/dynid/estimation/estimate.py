@@ -14,7 +14,6 @@ from dynid.errors import Finding, NothingChanged, PoorlyExcited, RankDeficient, 
 from dynid.estimation import tuning
 from dynid.estimation.covariance import NOT_DETERMINED, judge
 from dynid.estimation.estimators import INSTRUMENTAL, METHODS, choose, test_of_instruments, wls
-from dynid.estimation.evidence import SAME_MOTION
 from dynid.estimation.least_squares import Fit, condition_number, joint_rms, nonnegative, relative_error, solvable
 from dynid.estimation.posterior import (
     ExpectedError,
@@ -25,7 +24,7 @@ from dynid.estimation.posterior import (
     uncertainty,
 )
 from dynid.estimation.residual_model import ModelError, squares
-from dynid.estimation.result import Identification, JointQuality, Quality
+from dynid.estimation.result import SAME_MOTION, Identification, JointQuality, Quality
 from dynid.estimation.stack import Earlier, Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import prior_base_parameters

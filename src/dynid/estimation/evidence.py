@@ -12,6 +12,7 @@ import numpy as np
 
 from dynid.estimation.covariance import KNOWN_WELL, NEGLIGIBLE, NOT_DETERMINED
 from dynid.estimation.least_squares import relative_error
+from dynid.estimation.result import SAME_MOTION
 from dynid.files import typed
 from dynid.judgement.evidence import EffectEvidence, Event, Evidence, GapEvidence, JointEvidence, OtherArm, Unseen
 
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
 
 #: Findings that say that no possible arm explains the torques, and that the robot file or the log is read wrongly.
 DOUBTS, ALARMS = ("W404", "W405"), ("W329",)
-#: How the text of what was held out ends where it is part of the fitted motion.
-SAME_MOTION = "the same motion"
 
 
 def fingerprint(result: Identification) -> str:

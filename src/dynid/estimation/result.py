@@ -45,6 +45,8 @@ T = TypeVar("T")
 
 #: Draws torques of some joints on the fitted logs, or only what is left of them; the workflow gives it to new results.
 Drawing = Callable[["Identification", tuple[str, ...], bool], "Figure"]
+#: How the text of what was held out ends where it is part of the fitted motion.
+SAME_MOTION = "the same motion"
 USED = {"physical": "the physical parameters", "plain": "the plain estimate"}
 
 

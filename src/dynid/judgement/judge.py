@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from statistics import median
 from typing import Any
 
-from dynid.judgement import tuning
 from dynid.judgement.evidence import Evidence
 from dynid.judgement.lights import OPEN, Light, lights, worst
 from dynid.judgement.sentences import first_sentence, reasons, warnings
@@ -73,12 +71,3 @@ def judge(evidence: Evidence) -> Judgement:
         warnings(evidence, found),
         next_steps(evidence, found),
     )
-
-
-def suspects_other_arm(evidence: Evidence) -> bool:
-    """Return whether most joints are so far above their noise that the arm may be another one.
-
-    Why not ``ratio``, which lets an error pass that matters to nobody: wrong lengths leave little in slow torques.
-    """
-    found = [joint.fitted / joint.noise for joint in evidence.joints if joint.fitted is not None and joint.noise]
-    return len(found) == len(evidence.joints) > 0 and median(found) > tuning.OTHER_ARM

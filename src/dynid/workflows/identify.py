@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import WrongUsage
@@ -16,7 +18,7 @@ from dynid.progress import SILENT, Progress
 from dynid.workflows import arguments
 from dynid.workflows.arguments import public
 from dynid.workflows.logs import LogOptions, checked_log, condition_logs, identified
-from dynid.workflows.model import PriorOptions, with_prior
+from dynid.workflows.model import PriorOptions, base_model, with_prior
 from dynid.workflows.parameters import Observations, observe, observed, stack_logs
 from dynid.workflows.results import base_model_of
 
@@ -128,7 +130,6 @@ def identify(
         dynid.identify("kuka_lwr4plus", "run1.bag", holdout="run2.bag")
     """
     from dynid.estimation.estimate import estimate
-    from dynid.workflows.other_arm import other_arm
 
     options, progress = arguments.options(IdentifyOptions, options, changes), arguments.progress(progress)
     update = None if update is None else arguments.result(update, "update")
@@ -190,6 +191,62 @@ def noise_facts(found: Identification) -> dict[str, Any]:
     return {"noise_floor_nm": noise.rms.tolist(), "noise_repeats_s": noise.repeats}
 
 
+# ---------------------------------------------------------------- is it another arm?
+def other_arm(found: Identification, logs: Sequence[Log], progress: Progress = SILENT) -> dict[str, Any] | None:
+    """Return the shipped arm whose link lengths explain logs far better: name, and both errors [%]; None for none.
+
+    Args:
+        found: a result.
+        logs: the checked logs that it was made from.
+        progress: reports that other arms are tried.
+    """
+    from dynid.judgement import tuning
+
+    noise = found.header.get("noise_floor_nm")
+    if not logs or not noise or not all(noise):
+        return None
+    # Why not by the light, which lets an error pass that matters to nobody: wrong lengths leave little in slow torques.
+    if median(joint.rms / floor for joint, floor in zip(found.joints, noise, strict=True)) <= tuning.OTHER_ARM:
+        return None
+    progress.stage("arm", "most joints miss several times their noise: the link lengths of other arms are tried")
+    own = _unexplained(found.robot, logs, found.cutoff)
+    tried = [(_unexplained(arm, logs, found.cutoff), name) for name, arm in _other_lengths(found.robot)]
+    percent, name = min(tried, default=(own, ""))
+    return {"name": name, "percent": percent, "own": own} if percent < tuning.OTHER_ARM_GAIN * own else None
+
+
+def _other_lengths(robot: Robot) -> Iterator[tuple[str, Robot]]:
+    """Yield shipped arms of the same kind: their lengths and twists on the joints of the robot file."""
+    from dynid.files import packaged
+    from dynid.files.robotfile import load_robot
+
+    for path in sorted(Path(packaged("robots")).glob("*.yaml")):
+        other = load_robot(path)
+        if other.n != robot.n or other.convention != robot.convention:
+            continue
+        joints = tuple(
+            replace(own, a=one.a, d=one.d, twist=one.twist, theta_offset=one.theta_offset, type=one.type)
+            for own, one in zip(robot.joints, other.joints, strict=True)
+        )
+        if joints != robot.joints:
+            yield path.stem, replace(robot, joints=joints, prior=None, effects=())
+
+
+def _unexplained(robot: Robot, logs: Sequence[Log], cutoff: float) -> float:
+    """Return what is unexplained of logs with the links of an arm [%]."""
+    from dynid.estimation.estimators import wls
+    from dynid.estimation.least_squares import relative_error
+    from dynid.estimation.stack import stack_logs
+    from dynid.model.parameters import prior_base_parameters
+    from dynid.signals.conditioned_log import condition_logs
+
+    base = base_model(replace(robot, prior=None))
+    stack = stack_logs(condition_logs(logs, base.model, cutoff=cutoff or None), base)
+    fit = wls(stack, prior_base_parameters(base.model, base.reduction))
+    return relative_error(stack.whole[0], fit.theta)
+
+
+# ---------------------------------------------------------------- what is drawn, written and answered
 def torque_figure(result: Identification, joints: tuple[str, ...], residual_only: bool) -> Figure:
     """Return a figure of torques on the logs that a new result was made from, which follow each other.
 
