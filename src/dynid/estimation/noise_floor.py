@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from dynid.scratch import joined, median
 from dynid.signals.filters import Filter
 
 Floats = NDArray[np.float64]
+#: Part of a log without gaps: positions, what the model leaves, and the rows that count, (M, n) each.
+Part: TypeAlias = tuple[Floats, Floats, NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
@@ -28,15 +31,6 @@ class NoiseFloor:
 
     rms: Floats
     repeats: float
-
-
-@dataclass(frozen=True)
-class _Part:
-    """Part of a log without gaps: positions, (M, n), what the model leaves, (M, n), and the rows that count, (M, n)."""
-
-    q: Floats
-    left: Floats
-    use: NDArray[np.bool_]
 
 
 def noise_floor(stack: Stack, theta: Floats, error: ModelError | None = None) -> NoiseFloor | None:
@@ -60,11 +54,11 @@ def noise_floor(stack: Stack, theta: Floats, error: ModelError | None = None) ->
     seconds = sum(len(left) for left, _ in differences) / chosen.kept_rate
     if seconds >= tuning.SHORTEST_REPEAT_S:
         return NoiseFloor(_rms(differences), float(seconds))
-    left = [(part.left, part.use) for part in parts if len(part.left) >= tuning.SPECTRUM_ROWS]
+    left = [(left, use) for _, left, use in parts if len(left) >= tuning.SPECTRUM_ROWS]
     return NoiseFloor(_from_spectrum(left, chosen), 0.0) if left else None
 
 
-def _parts(stack: Stack, number: int, theta: Floats, error: ModelError | None) -> Iterator[_Part]:
+def _parts(stack: Stack, number: int, theta: Floats, error: ModelError | None) -> Iterator[Part]:
     """Yield the parts of a log without gaps, no more than a few minutes: these say what hours do."""
     log = stack.logs[number]
     t, q = (joined(getattr(segment, name) for segment in log.segments) for name in ("t", "q"))
@@ -85,26 +79,27 @@ def _parts(stack: Stack, number: int, theta: Floats, error: ModelError | None) -
         yield _joined(held, t, q)
 
 
-def _joined(held: Sequence[tuple[Floats, Floats, NDArray[np.bool_]]], t: Floats, q: Floats) -> _Part:
+def _joined(held: Sequence[tuple[Floats, Floats, NDArray[np.bool_]]], t: Floats, q: Floats) -> Part:
     at, left, use = (np.concatenate(column) for column in zip(*held, strict=True))
-    return _Part(np.stack([np.interp(at, t, column) for column in q.T], axis=1), left, use)
+    return np.stack([np.interp(at, t, column) for column in q.T], axis=1), left, use
 
 
-def _difference(one: _Part, other: _Part, chosen: Filter) -> Iterator[tuple[Floats, NDArray[np.bool_]]]:
+def _difference(one: Part, other: Part, chosen: Filter) -> Iterator[tuple[Floats, NDArray[np.bool_]]]:
     """Yield what two runs of one motion do not have in common, over the root of two, and the rows that count."""
     shortest = round(tuning.SHORTEST_REPEAT_S * chosen.kept_rate)
-    lag = _lag(one.q, other.q, shortest, shortest if one is other else None)
+    (q, left, use), (other_q, other_left, other_use) = one, other
+    lag = _lag(q, other_q, shortest, shortest if one is other else None)
     if lag is None:
         return
     whole = int(np.floor(lag))
-    start, end = max(0, -whole), min(len(one.q), len(other.q) - whole)
-    moved = _shifted(other.left, lag - whole)[start + whole : end + whole]
-    e = (one.left[start:end] - moved) / np.sqrt(2.0)
-    use = one.use[start:end] & other.use[start + whole : end + whole]
+    start, end = max(0, -whole), min(len(q), len(other_q) - whole)
+    moved = _shifted(other_left, lag - whole)[start + whole : end + whole]
+    e = (left[start:end] - moved) / np.sqrt(2.0)
+    both = use[start:end] & other_use[start + whole : end + whole]
     edge = np.zeros(len(e), dtype=bool)
     edge[8:-8] = True
     line = np.column_stack([np.ones(len(e)), np.linspace(-1.0, 1.0, len(e))])
-    yield e - line @ np.linalg.lstsq(line, e, rcond=None)[0], use & edge[:, None]
+    yield e - line @ np.linalg.lstsq(line, e, rcond=None)[0], both & edge[:, None]
 
 
 def _lag(one: Floats, other: Floats, shortest: int, least: int | None) -> float | None:

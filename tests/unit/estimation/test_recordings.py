@@ -9,8 +9,7 @@ from test_stack import simulated, stacked
 from dynid.estimation import tuning
 from dynid.estimation.estimators import wls
 from dynid.estimation.possible_arm import with_wider_errors
-from dynid.estimation.posterior import _as_rows_say
-from dynid.estimation.recordings import disagreement
+from dynid.estimation.posterior import _as_rows_say, disagreement
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
