@@ -703,10 +703,22 @@ def joints_apart(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floa
         prior: Hessian of the prior there, (c, c).
         size: lambda of each group of columns, (groups,).
     """
-    told = _Told.of(rows, size)
+    # What the rows of each joint say of its parameters when the columns of the model error are integrated out.
+    _, heads = rows.eliminated(size)
+    k, F = rows.k, rows.factors
+    each = F[:, :, k:].swapaxes(1, 2) @ F[:, :, k:] - heads[:, :, k:].swapaxes(1, 2) @ heads[:, :, k:]
+    values, vectors = np.linalg.eigh(rows.spread.T @ each[:, :-1, :-1] @ rows.spread)
+    values, along = np.maximum(values, 0.0), each[:, :, :-1] @ rows.spread @ vectors
+    none, together, narrower = np.zeros(len(F)), np.sum(each, axis=0), rows.log_volume(size, heads)
+    if values.max(initial=0.0) > tuning.APART_TOLD:
+        return none, 0.0
 
     def worth(apart: Floats) -> float:
-        S, volume = told.shared(apart)
+        S, volume = together, -narrower
+        for j in np.flatnonzero(apart):
+            weight = apart[j] / (1.0 + apart[j] * values[j])
+            S = S - (along[j] * weight) @ along[j].T
+            volume -= 0.5 * float(np.sum(np.log1p(apart[j] * values[j])))
         # Why: of what a joint has no say in, differences of large numbers are left, which may be negative.
         try:
             found = volume + _of_parameters(S, K, x, prior)[0] - tuning.APART_EVIDENCE * np.count_nonzero(apart)
@@ -719,55 +731,16 @@ def joints_apart(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floa
         for _ in range(tuning.APART_STEPS):
             others = [(j, one) for j in range(len(apart)) for one in (0.0, *tuning.APART_SIZES) if one != apart[j]]
             tried = [np.where(np.arange(len(apart)) == j, one, apart) for j, one in others]
-            values = [worth(other) for other in tried]
-            k = int(np.argmax(values))
-            if not values[k] > best + max(tuning.APART_SETTLED, tuning.APART_ROUNDING * abs(best)):
+            worths = [worth(other) for other in tried]
+            first = int(np.argmax(worths))
+            if not worths[first] > best + max(tuning.APART_SETTLED, tuning.APART_ROUNDING * abs(best)):
                 break
-            best, apart = values[k], tried[k]
+            best, apart = worths[first], tried[first]
         return best, apart
 
-    none = np.zeros(len(rows.factors))
-    if told.values.max(initial=0.0) > tuning.APART_TOLD:
-        return none, 0.0
     starts = [none, rows.apart] if np.any(rows.apart) else [none]
-    best, apart = max((best_from(each) for each in starts), key=lambda found: found[0])
+    best, apart = max((best_from(start) for start in starts), key=lambda found: found[0])
     return apart, best - worth(none)
-
-
-@dataclass(frozen=True)
-class _Told:
-    """What the rows of each joint say of its parameters when the columns of the model error are integrated out.
-
-    Attributes:
-        squares: [W tau]^T [W tau] without b, (n, p + 1, p + 1).
-        volume: log of how much narrower the rows make b, which the evidence subtracts.
-        values: eigenvalues of L^T W^T W L, (n, p).
-        along: [W tau]^T W L times its eigenvectors, (n, p + 1, p).
-    """
-
-    squares: Floats
-    volume: float
-    values: Floats
-    along: Floats
-
-    @classmethod
-    def of(cls, rows: Whitened, size: Floats) -> _Told:
-        """Return what rows say for sizes of the groups."""
-        _, heads = rows.eliminated(size)
-        k, F = rows.k, rows.factors
-        S = F[:, :, k:].swapaxes(1, 2) @ F[:, :, k:] - heads[:, :, k:].swapaxes(1, 2) @ heads[:, :, k:]
-        values, vectors = np.linalg.eigh(rows.spread.T @ S[:, :-1, :-1] @ rows.spread)
-        along = S[:, :, :-1] @ rows.spread @ vectors
-        return cls(S, rows.log_volume(size, heads), np.maximum(values, 0.0), along)
-
-    def shared(self, apart: Floats) -> tuple[Floats, float]:
-        """Return what all rows say of the arm's parameters, (p + 1, p + 1), and the log volume, for lambdas, (n,)."""
-        S, volume = np.sum(self.squares, axis=0), -self.volume
-        for j in np.flatnonzero(apart):
-            weight = apart[j] / (1.0 + apart[j] * self.values[j])
-            S = S - (self.along[j] * weight) @ self.along[j].T
-            volume -= 0.5 * float(np.sum(np.log1p(apart[j] * self.values[j])))
-        return S, volume
 
 
 def _of_parameters(S: Floats, K: Floats, x: Floats, prior: Floats) -> tuple[float, Floats, Floats]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from dynid.log import Log
 
 Floats = NDArray[np.float64]
-T = TypeVar("T")
 
 #: Draws torques of some joints on the fitted logs, or only what is left of them; the workflow gives it to new results.
 Drawing = Callable[["Identification", tuple[str, ...], bool], "Figure"]
@@ -98,14 +97,9 @@ class Quality:
     expected: ExpectedError | None = None
 
 
-class _Part(Generic[T]):
-    """An attribute of a part of a result that is an attribute of the result too."""
-
-    def __init__(self, path: str) -> None:
-        self._get = attrgetter(path)
-
-    def __get__(self, owner: object, kind: type | None = None) -> T:
-        return cast("T", self if owner is None else self._get(owner))
+def _part(path: str) -> Any:  # noqa: ANN401 - what it is stands beside it
+    """Return an attribute of a part of a result as an attribute of the result."""
+    return property(attrgetter(path))
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -161,22 +155,22 @@ class Identification:
     stack: Stack | None = None
     draw: Drawing | None = None
 
-    method = _Part[str]("fit.method")
-    plain = _Part[Floats]("fit.theta")
-    plain_covariance = _Part[Floats]("fit.covariance")
-    noise = _Part[Floats]("fit.noise")
-    factors = _Part[Floats]("fit.factors")
-    counts = _Part[NDArray[np.int64]]("fit.counts")
-    joints = _Part[tuple[JointQuality, ...]]("quality.joints")
-    relative_error_percent = _Part[float]("quality.relative_error_percent")
-    heldout_relative_error_percent = _Part["float | None"]("quality.heldout_relative_error_percent")
-    heldout = _Part[str]("quality.heldout")
-    heldout_by_set = _Part[dict[str, float]]("quality.heldout_by_set")
-    rank = _Part[int]("quality.rank")
-    condition_number = _Part[float]("quality.condition_number")
-    condition_number_scaled = _Part[float]("quality.condition_number_scaled")
-    samples = _Part[int]("quality.samples")
-    expected = _Part["ExpectedError | None"]("quality.expected")
+    method = cast("str", _part("fit.method"))
+    plain = cast("Floats", _part("fit.theta"))
+    plain_covariance = cast("Floats", _part("fit.covariance"))
+    noise = cast("Floats", _part("fit.noise"))
+    factors = cast("Floats", _part("fit.factors"))
+    counts = cast("NDArray[np.int64]", _part("fit.counts"))
+    joints = cast("tuple[JointQuality, ...]", _part("quality.joints"))
+    relative_error_percent = cast("float", _part("quality.relative_error_percent"))
+    heldout_relative_error_percent = cast("float | None", _part("quality.heldout_relative_error_percent"))
+    heldout = cast("str", _part("quality.heldout"))
+    heldout_by_set = cast("dict[str, float]", _part("quality.heldout_by_set"))
+    rank = cast("int", _part("quality.rank"))
+    condition_number = cast("float", _part("quality.condition_number"))
+    condition_number_scaled = cast("float", _part("quality.condition_number_scaled"))
+    samples = cast("int", _part("quality.samples"))
+    expected = cast("ExpectedError | None", _part("quality.expected"))
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what is derived: it is derived again where it is needed."""
