@@ -27,7 +27,6 @@ from dynid.estimation.covariance import hac_covariance, hac_covariances
 from dynid.estimation.least_squares import Fit, merge, ordinary, ridge, solve, weighted
 from dynid.estimation.rows import (
     ObservationRows,
-    RowWalk,
     joint_factors,
     robust_noise,
     root_mean_square,
@@ -36,6 +35,7 @@ from dynid.estimation.rows import (
 )
 from dynid.estimation.stack import Earlier, Stack
 from dynid.robot import Controller
+from dynid.signals.conditioned_log import driven_as_commanded
 
 Floats = NDArray[np.float64]
 
@@ -299,7 +299,7 @@ def idim_iv(stack: Stack, prior: Floats, controller: Controller | None = None, *
     fit = instrumental(_whitened(stack), stack.first_fit, robust=True)
     for _ in range(tuning.IDIM_ROUNDS):
         again = simulate(fit.theta)
-        before, fit = fit.theta, instrumental(whitened(again, effects) if effects else again, fit, robust=True)
+        before, fit = fit.theta, instrumental(list(whitened(again, effects)) if effects else again, fit, robust=True)
         if _settled(fit, before, tuning.IDIM_SETTLED):
             break
     return replace(fit, method="idim-iv")
@@ -314,7 +314,8 @@ def didim(stack: Stack, prior: Floats, controller: Controller | None = None, *, 
     simulate = _simulation(stack, controller, "didim")
     fit = instrumental(_whitened(stack), stack.first_fit, robust=True)
     for _ in range(tuning.DIDIM_ROUNDS):
-        rows, before = _of_simulation(simulate(fit.theta)), fit.theta
+        simulated = simulate(fit.theta)
+        rows, before = simulated.with_logs([driven_as_commanded(log) for log in simulated.logs]), fit.theta
         found = weighted(*joint_factors(rows))
         _, robust = look_for_spikes(rows, found.theta)
         if robust:
@@ -402,7 +403,8 @@ def _with_earlier(stack: Stack, earlier: Earlier, fit: Fit) -> Floats:
 
 def _whitened(stack: Stack) -> Iterable[ObservationRows]:
     """Return the rows with no more trust in what happens at reversals than it deserves; of an update, as they are."""
-    return whitened(stack, stack.reversals) if stack.reversals else stack
+    # Why a list: only rows that are few have reversals, and estimators walk over them many times.
+    return list(whitened(stack, stack.reversals)) if stack.reversals else stack
 
 
 def _simulation(stack: Stack, controller: Controller | None, method: str) -> Callable[[Floats], Stack]:
@@ -420,13 +422,6 @@ def _simulation(stack: Stack, controller: Controller | None, method: str) -> Cal
     from dynid.estimation.closed_loop import simulated  # here: the usual estimator simulates nothing
 
     return lambda theta: simulated(stack, theta, controller)
-
-
-def _of_simulation(rows: Iterable[ObservationRows]) -> RowWalk:
-    """Return the rows with the regressor itself on the simulated motion."""
-    return RowWalk(
-        lambda: (replace(each, entries=each.command, command=None) for each in rows if each.command is not None)
-    )
 
 
 def _settled(fit: Fit, before: Floats, errors: float) -> bool:

@@ -32,9 +32,9 @@ from dynid.estimation.possible_set import (
     Objective,
     PhysicalConstraints,
     Point,
-    approach,
     basis,
     body_parameters,
+    certificate,
     make_constraints,
     minimise,
     pseudo_inertia,
@@ -240,8 +240,8 @@ def fit_physical(
         The unique minimiser.
     """
     objective = _objective(R, r, constraints, gamma)
-    minimum = minimise(objective, feasible_start(constraints))
-    return _report(objective, minimum, constraints)
+    (y, _, _), steps = minimise(objective, feasible_start(constraints))
+    return _report(objective, y, steps, constraints)[0]
 
 
 def fit_pooled(
@@ -274,19 +274,18 @@ def fit_pooled(
     constraints = with_pooled_prior(constraints, start)
     bound = constraints if near is None else _followed(constraints, near)
     objective = _objective(*_with_spread(R, r, bound, gamma), bound, gamma)
-    here = approach(objective, start, tuning.POOLING_TOLERANCE)
-    steps = here.steps
+    here, steps = minimise(objective, start, tuning.POOLING_TOLERANCE)
     for _ in range(tuning.POOLING_ROUNDS):
-        before, constraints = bound, with_pooled_prior(constraints, here.y)
-        bound = _followed(constraints, here.y)
+        before, constraints = bound, with_pooled_prior(constraints, here[0])
+        bound = _followed(constraints, here[0])
         if _settled(before, bound):
             break
         objective = _objective(*_with_spread(R, r, bound, gamma), bound, gamma)
-        here = approach(objective, here, tuning.POOLING_TOLERANCE)
-        steps += here.steps
-    minimum = minimise(objective, here)
-    fit = _report(objective, replace(minimum, steps=steps + minimum.steps), constraints)
-    return _honest(fit, R, minimum, constraints, gamma), constraints
+        here, more = minimise(objective, here, tuning.POOLING_TOLERANCE)
+        steps += more
+    (y, _, _), more = minimise(objective, here)
+    fit, logs = _report(objective, y, steps + more, constraints)
+    return _honest(fit, R, logs, constraints, gamma), constraints
 
 
 def _followed(constraints: PhysicalConstraints, x: Floats) -> PhysicalConstraints:
@@ -307,24 +306,24 @@ def _settled(before: PhysicalConstraints, after: PhysicalConstraints) -> bool:
 
 
 def _honest(
-    fit: PhysicalParameters, R: Floats, minimum: Point, constraints: PhysicalConstraints, gamma: float
+    fit: PhysicalParameters, R: Floats, logs: Floats, constraints: PhysicalConstraints, gamma: float
 ) -> PhysicalParameters:
     """Return the fit with error bars for bodies that may be far from the prior's.
 
     Args:
         fit: with the curvature of entropic divergences.
         R: whitened regressor, (rows, c).
-        minimum: where the solver stopped.
+        logs: the curvature of the entropic prior there, (c, c).
         constraints: with the prior's bodies.
         gamma: weight of the prior.
     """
     data, entropic = R.T @ R, fit.hessian
     change, columns = np.zeros_like(entropic), constraints.bodies
     places = columns[:, :, None], columns[:, None, :]
-    change[places] = curvature(constraints, fit.x, gamma) - minimum.logs[places]
+    change[places] = curvature(constraints, fit.x, gamma) - logs[places]
     prior = tuning.PRIOR_COUNTED * (entropic + change - data)
     covariance = _inverse(data + prior, None)
-    open_ = np.diagonal(_inverse(tuning.PRIOR_COUNTED * (minimum.logs + change), None))
+    open_ = np.diagonal(_inverse(tuning.PRIOR_COUNTED * (logs + change), None))
     return replace(
         fit,
         hessian=data + prior,
@@ -423,18 +422,17 @@ def exact_parameters(
     sigma = np.sqrt(np.diagonal(covariance))
     whiten = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(sigma, sigma))) / sigma
     x = feasible_start(constraints)
-    minimum: Point | None = None
+    here: Floats | Point = np.concatenate([K @ x, Vt[p:] @ x])
     worst, steps = np.inf, 0
     for tolerance in tuning.COMPLETION_STEPS:
         R = np.hstack([whiten, np.zeros((p, c - p))]) / tolerance
         objective = replace(_objective(R, whiten @ beta / tolerance, constraints, gamma), T=T)
-        minimum = minimise(objective, minimum or np.concatenate([K @ x, Vt[p:] @ x]))
-        steps, before, worst = steps + minimum.steps, worst, float(np.abs((minimum.y[:p] - beta) / sigma).max())
+        here, more = minimise(objective, here)
+        steps, before, worst = steps + more, worst, float(np.abs((here[0][:p] - beta) / sigma).max())
         # Why: where a body exists, ten times the stiffness leaves a hundredth of the miss; where none does, nothing.
         if worst < 1e-3 * tuning.REPRODUCED_SHARE or worst > 0.5 * before:
             break
-    assert minimum is not None
-    return _report(objective, replace(minimum, steps=steps), constraints), worst
+    return _report(objective, here[0], steps, constraints)[0], worst
 
 
 def require_possible_prior(constraints: PhysicalConstraints) -> None:
@@ -485,7 +483,7 @@ def _move_inside(constraints: PhysicalConstraints, x: Floats) -> Floats:
     R, weights = np.eye(c, c + 1) / (1.0 + np.abs(x))[:, None], np.ones(k + 1)
     base = _objective(R, R @ y, constraints, 1.0)
     for weight in (1e2, 1e4, 1e6, 1e8):
-        y = minimise(replace(base, linear=np.append(base.linear, weight), G=G, h=h, mu=weights), y).y
+        (y, _, _), _ = minimise(replace(base, linear=np.append(base.linear, weight), G=G, h=h, mu=weights), y)
         if np.all(constraints.slack(y[:-1]) > 0.0):
             return np.asarray(y[:-1])
     broken = constraints.labels[int(np.argmin(constraints.slack(y[:-1]) / size))]
@@ -515,28 +513,33 @@ def _objective(R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: fl
     return Objective(R, r, constraints.bodies, weights, linear, constraints.G, constraints.h, mu)
 
 
-def _report(objective: Objective, minimum: Point, constraints: PhysicalConstraints) -> PhysicalParameters:
-    x = objective.to_x(minimum.y)
-    residual = objective.R @ minimum.y - objective.r
+def _report(
+    objective: Objective, y: Floats, steps: int, constraints: PhysicalConstraints
+) -> tuple[PhysicalParameters, Floats]:
+    """Return the parameters at a minimum with their certificate, and the curvature of the prior there, (c, c)."""
+    gap, hessian, logs = certificate(objective, y)
+    x = objective.to_x(y)
+    residual = objective.R @ y - objective.r
     # A bound's multiplier mu / slack, times its distance from the prior, says how much cost it holds back.
     slack = constraints.slack(x)
     held = objective.mu * np.abs(constraints.slack(feasible_start(constraints)) / slack)
     touched = tuple(label for label, cost in zip(constraints.labels, held, strict=True) if cost > 1.0)
-    covariance = _inverse(minimum.hessian, objective.T)
-    after, before = np.maximum(np.diagonal(covariance), 0.0), np.diagonal(_inverse(minimum.logs, None))
-    return PhysicalParameters(
+    covariance = _inverse(hessian, objective.T)
+    after, before = np.maximum(np.diagonal(covariance), 0.0), np.diagonal(_inverse(logs, None))
+    found = PhysicalParameters(
         names=tuple(parameter.name for parameter in constraints.parameters),
         x=x,
         cost=float(0.5 * residual @ residual),
-        objective=objective.value(minimum.y),
-        gap=minimum.gap + tuning.BOUND_WEIGHT * int(_only_bounds(constraints).sum()),
-        steps=minimum.steps,
+        objective=objective.value(y),
+        gap=gap + tuning.BOUND_WEIGHT * int(_only_bounds(constraints).sum()),
+        steps=steps,
         touched=touched,
         data_share=_share(after, before),
         std_error=np.sqrt(after),
         covariance=covariance,
-        hessian=minimum.hessian,
+        hessian=hessian,
     )
+    return found, logs
 
 
 def with_wider_errors(fit: PhysicalParameters, told: Floats, less: float) -> PhysicalParameters:

@@ -14,8 +14,9 @@ identification" (the pseudo-inertia); Boyd, Vandenberghe 2004, sections 9.6 and 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cache
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -225,61 +226,14 @@ class Objective:
         return float(0.5 * residual @ residual + self.linear @ x - barrier)
 
 
-@dataclass(frozen=True)
-class Point:
-    """Where the method is, and at its end how good that is.
-
-    Attributes:
-        y: the point, (d,).
-        P: pseudo-inertias there, (L, 4, 4).
-        slack: how far the bounds are kept, (k,).
-        Z: multipliers of the pseudo-inertias, (L, 4, 4).
-        z: multipliers of the bounds, (k,).
-        steps: Newton steps that led there.
-        decrement: Newton decrement of f at y; infinite before it is certified.
-        gap: bound on f(y) minus the smallest f; infinite where the decrement is too large for a bound.
-        hessian: of f at y, (d, d), once it is certified.
-        logs: the part of it that comes from the logarithms, in x, (c, c).
-    """
-
-    y: Floats
-    P: Floats
-    slack: Floats
-    Z: Floats
-    z: Floats
-    steps: int = 0
-    decrement: float = np.inf
-    gap: float = np.inf
-    hessian: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    logs: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-
-    def error(self, objective: Objective) -> float:
-        """Return the relative error of the optimality conditions."""
-        matrices = self.P @ self.Z / objective.gamma[:, None, None] - np.eye(4)
-        return float(
-            max(np.abs(matrices).max(initial=0.0), np.abs(self.slack * self.z / objective.mu - 1).max(initial=0))
-        )
-
-    def complementarity(self) -> float:
-        """Return the sum of what is zero in the limit: each matrix and slack times its multiplier."""
-        return float(np.sum(self.P * self.Z)) + float(self.slack @ self.z)
+#: Where the method is: y, (d,); multipliers of the pseudo-inertias, (L, 4, 4); multipliers of the bounds, (k,).
+Point: TypeAlias = tuple[Floats, Floats, Floats]
 
 
-def minimise(objective: Objective, start: Floats | Point) -> Point:
+def minimise(
+    objective: Objective, start: Floats | Point, tolerance: float = tuning.INTERIOR_TOLERANCE
+) -> tuple[Point, int]:
     """Minimise the objective from an interior point.
-
-    Args:
-        objective: the function.
-        start: a point where f is finite, (d,), or where the method came to with a similar objective.
-
-    Returns:
-        The minimum with its certificate.
-    """
-    return _certified(objective, approach(objective, start))
-
-
-def approach(objective: Objective, start: Floats | Point, tolerance: float = tuning.INTERIOR_TOLERANCE) -> Point:
-    """Come near the minimum, without a certificate.
 
     Args:
         objective: the function.
@@ -287,22 +241,47 @@ def approach(objective: Objective, start: Floats | Point, tolerance: float = tun
         tolerance: relative error of the optimality conditions at which the method stops.
 
     Returns:
-        Where it stopped.
+        Where it stopped, and after how many steps; ``certificate`` says how good that is.
     """
     RtR = objective.R.T @ objective.R
-    here = _cold(objective, start) if isinstance(start, np.ndarray) else _warm(objective, start)
-    step = 0.0
-    while here.steps < tuning.INTERIOR_STEPS and not (step == 1.0 and here.error(objective) < tolerance):
+    here = _cold(objective, start) if isinstance(start, np.ndarray) else start
+    P, slack = _primal(objective, here[0])
+    step, steps = 0.0, 0
+    while steps < tuning.INTERIOR_STEPS and not (step == 1.0 and _error(objective, here, P, slack) < tolerance):
         try:
-            after, step = _step(objective, RtR, here)
-            np.linalg.cholesky(after.P)
+            after, step = _step(objective, RtR, here, P, slack)
+            primal = _primal(objective, after[0])
+            np.linalg.cholesky(primal[0])
         except np.linalg.LinAlgError:  # at the limit of double precision: the certificate says how good that is
             break
-        here = after
-    return here
+        here, (P, slack), steps = after, primal, steps + 1
+    return here, steps
+
+
+def certificate(objective: Objective, y: Floats) -> tuple[float, Floats, Floats]:
+    """Return how good a point is.
+
+    Args:
+        objective: the function f.
+        y: the point, (d,).
+
+    Returns:
+        A bound on f(y) minus the smallest f, infinite where there is none; the Hessian of f there, (d, d); the part of
+        it that comes from the logarithms, in x, (c, c).
+    """
+    P, slack = _primal(objective, y)
+    back = np.linalg.inv(np.linalg.cholesky(P))
+    gradient = _gradient(objective, y, back.swapaxes(-1, -2) @ back, slack)
+    logs = _curvature(objective, objective.gamma[:, None, None] ** 0.25 * back, objective.mu / slack**2)
+    hessian = objective.R.T @ objective.R + _in_y(objective, logs)
+    decrement = max(float(gradient @ solve_scaled(hessian, gradient)), 0.0) ** 0.5
+    # f over its smallest weight is self-concordant, which turns the decrement into a bound.
+    weakest = float(min(objective.gamma.min(initial=np.inf), objective.mu.min(initial=np.inf)))
+    return weakest * _gap_bound(decrement / weakest**0.5), hessian, logs
 
 
 def _primal(objective: Objective, y: Floats) -> tuple[Floats, Floats]:
+    """Return the pseudo-inertias at a point, (L, 4, 4), and how far the bounds are kept, (k,)."""
     x = objective.to_x(y)
     return pseudo_inertia(x[objective.bodies]), objective.G @ x - objective.h
 
@@ -313,62 +292,53 @@ def _cold(objective: Objective, y: Floats) -> Point:
     # Why: multipliers of the size of the force that they have to hold start near the central path.
     pressure = float(residual @ residual) / (4 * len(P) + len(slack))
     gamma, mu = np.maximum(objective.gamma, pressure), np.maximum(objective.mu, pressure)
-    return Point(np.array(y, dtype=float), P, slack, gamma[:, None, None] * np.linalg.inv(P), mu / slack)
+    return np.array(y, dtype=float), gamma[:, None, None] * np.linalg.inv(P), mu / slack
 
 
-def _warm(objective: Objective, before: Point) -> Point:
-    return Point(before.y, *_primal(objective, before.y), before.Z, before.z)
+def _error(objective: Objective, here: Point, P: Floats, slack: Floats) -> float:
+    """Return the relative error of the optimality conditions."""
+    _, Z, z = here
+    matrices = P @ Z / objective.gamma[:, None, None] - np.eye(4)
+    return float(max(np.abs(matrices).max(initial=0.0), np.abs(slack * z / objective.mu - 1).max(initial=0)))
 
 
-def _step(objective: Objective, RtR: Floats, here: Point) -> tuple[Point, float]:
+def _step(objective: Objective, RtR: Floats, here: Point, P: Floats, slack: Floats) -> tuple[Point, float]:
     """Take one Newton step, aiming straight at the optimum or, where that is blocked, back to the central path."""
-    back, v, inverse = _nesterov_todd(here)
-    ratio = here.z / here.slack
+    y, Z, z = here
+    back, v, inverse = _nesterov_todd(P, Z)
+    ratio = z / slack
     hessian = RtR + _in_y(objective, _curvature(objective, back, ratio))
     gradients = (
-        _gradient(objective, here.y, inverse, here.slack),
-        _barrier_gradient(objective, inverse, here.slack, np.ones_like(objective.gamma), np.ones_like(objective.mu)),
+        _gradient(objective, y, inverse, slack),
+        _barrier_gradient(objective, inverse, slack, np.ones_like(objective.gamma), np.ones_like(objective.mu)),
     )
     # Why two directions at once: the step towards a point of the central path is affine in that point's weight.
     straight, centring = -solve_scaled(hessian, np.stack(gradients, axis=1)).T
 
-    def towards(aim: float) -> tuple[float, tuple[Floats, ...]]:
+    def towards(aim: float) -> tuple[float, Point]:
         dy = straight + aim * centring
         dx = objective.to_x(dy)
         ds = objective.G @ dx
         # In scaled coordinates P and Z are the same diagonal matrix, v.
         dP = back @ pseudo_inertia(dx[objective.bodies]) @ back.swapaxes(-1, -2)
         dZ = _diagonal((objective.gamma + aim)[:, None] / v - v) - dP
-        dz = (objective.mu + aim) / here.slack - here.z - ratio * ds
+        dz = (objective.mu + aim) / slack - z - ratio * ds
         root = 1.0 / np.sqrt(v)
         relative = np.concatenate([dP, dZ]) * np.tile(root[:, :, None] * root[:, None, :], (2, 1, 1))
         fall = min(
             float(np.linalg.eigvalsh(relative).min(initial=0.0)),
-            float(np.concatenate([ds / here.slack, dz / here.z]).min(initial=0.0)),
+            float(np.concatenate([ds / slack, dz / z]).min(initial=0.0)),
         )
         return min(1.0, tuning.INTERIOR_REACH / -fall if fall < 0.0 else 1.0), (dy, dZ, dz)
 
     weights = 4 * float(objective.gamma.sum()) + float(objective.mu.sum())
-    excess = (here.complementarity() - weights) / (4 * len(here.Z) + len(here.z))
+    # What is zero in the limit: each matrix and slack times its multiplier.
+    excess = (float(np.sum(P * Z)) + float(slack @ z) - weights) / (4 * len(Z) + len(z))
     step, (dy, dZ, dz) = towards(0.0)
     if step < tuning.INTERIOR_REACH and excess > 0.0:
         step, (dy, dZ, dz) = towards(excess * (1.0 - step))
-    y = here.y + step * dy
-    Z = here.Z + step * back.swapaxes(-1, -2) @ dZ @ back
-    Z = 0.5 * (Z + Z.swapaxes(-1, -2))
-    return Point(y, *_primal(objective, y), Z, here.z + step * dz, here.steps + 1), step
-
-
-def _certified(objective: Objective, here: Point) -> Point:
-    back = np.linalg.inv(np.linalg.cholesky(here.P))
-    gradient = _gradient(objective, here.y, back.swapaxes(-1, -2) @ back, here.slack)
-    logs = _curvature(objective, objective.gamma[:, None, None] ** 0.25 * back, objective.mu / here.slack**2)
-    hessian = objective.R.T @ objective.R + _in_y(objective, logs)
-    decrement = max(float(gradient @ solve_scaled(hessian, gradient)), 0.0) ** 0.5
-    # f over its smallest weight is self-concordant, which turns the decrement into a bound.
-    weakest = float(min(objective.gamma.min(initial=np.inf), objective.mu.min(initial=np.inf)))
-    gap = weakest * _gap_bound(decrement / weakest**0.5)
-    return replace(here, decrement=decrement, gap=gap, hessian=hessian, logs=logs)
+    Z = Z + step * back.swapaxes(-1, -2) @ dZ @ back
+    return (y + step * dy, 0.5 * (Z + Z.swapaxes(-1, -2)), z + step * dz), step
 
 
 def _barrier_gradient(objective: Objective, inverse: Floats, slack: Floats, gamma: Floats, mu: Floats) -> Floats:
@@ -395,10 +365,10 @@ def _in_y(objective: Objective, hessian: Floats) -> Floats:
     return hessian if objective.T is None else objective.T.T @ hessian @ objective.T
 
 
-def _nesterov_todd(here: Point) -> tuple[Floats, Floats, Floats]:
+def _nesterov_todd(P: Floats, Z: Floats) -> tuple[Floats, Floats, Floats]:
     """Return B and v with B P B^T = B^-T Z B^-1 = diag(v), and the inverse of P."""
-    lower = np.linalg.cholesky(here.P)
-    value, vector = np.linalg.eigh(lower.swapaxes(-1, -2) @ here.Z @ lower)
+    lower = np.linalg.cholesky(P)
+    value, vector = np.linalg.eigh(lower.swapaxes(-1, -2) @ Z @ lower)
     if value.min(initial=1.0) <= 0.0:
         raise np.linalg.LinAlgError
     outwards = np.linalg.inv(lower)

@@ -16,7 +16,7 @@ Source: Harville 1977 (variance components).
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -130,10 +130,6 @@ class ObservationRows:
         """Return tau - W theta, (M, n) [N m or N]; zero where rows do not count."""
         return np.where(self.mask, self.tau - self.torque(theta), 0.0)
 
-    def fresh(self) -> ObservationRows:
-        """Return the same rows without W and Z in memory; rows that are kept are walked as fresh ones."""
-        return replace(self)
-
     def part(self, start: int, end: int, *, follows: bool, block: int) -> ObservationRows:
         """Return some of the rows, copied so that they keep nothing else alive; all of them as they are."""
         if end - start == len(self.tau):
@@ -186,20 +182,6 @@ def dense_rows(W: Floats, tau: Floats, Z: Floats | None = None, **facts: Any) ->
     entries, command = (None if x is None else np.asarray(x, dtype=float).reshape(M, n * p).T for x in (W, Z))
     assert entries is not None
     return ObservationRows(entries, joints, columns, p, tau, command, **facts)
-
-
-@dataclass(frozen=True)
-class RowWalk:
-    """Rows that are made anew every time they are walked over.
-
-    Attributes:
-        start: begins a walk.
-    """
-
-    start: Callable[[], Iterator[ObservationRows]]
-
-    def __iter__(self) -> Iterator[ObservationRows]:
-        return self.start()
 
 
 # ---------------------------------------------------------------- evaluation
@@ -411,15 +393,15 @@ ReversalShapes: TypeAlias = tuple[Floats, Floats, Floats]
 ReversalEffects: TypeAlias = tuple[tuple[tuple[ReversalShapes, ...], ...], Floats]
 
 
-def whitened(rows: Iterable[ObservationRows], effects: ReversalEffects) -> RowWalk:
-    """Return the rows times the inverse root of the covariance that noise and reversals give them.
+def whitened(rows: Iterable[ObservationRows], effects: ReversalEffects) -> Iterator[ObservationRows]:
+    """Yield the rows times the inverse root of the covariance that noise and reversals give them.
 
     Args:
         rows: the rows that the effects were found in, or others of the same instants.
         effects: what reversals leave in them.
     """
     shapes, strength = effects
-    return RowWalk(lambda: (_whitened(run, each, strength) for run, each in zip(_runs(rows), shapes, strict=True)))
+    return (_whitened(run, each, strength) for run, each in zip(_runs(rows), shapes, strict=True))
 
 
 def whitened_factors(factors: Floats, effects: ReversalEffects) -> Floats:

@@ -475,6 +475,16 @@ def without_command(log: ConditionedLog) -> ConditionedLog:
     return replace(log, segments=[bare(segment) for segment in log.segments])
 
 
+def driven_as_commanded(log: ConditionedLog) -> ConditionedLog:
+    """Return a log whose motion is the commanded one, with the torques that were measured."""
+
+    def driven(one: Segment) -> Segment:
+        sign = one.command_coulomb_sign
+        return replace(one, q=one.command_q, qd=one.command_qd, qdd=one.command_qdd, coulomb_sign=sign)
+
+    return without_command(replace(log, segments=[driven(segment) for segment in log.segments]))
+
+
 def stretches(logs: Sequence[ConditionedLog], seconds: float) -> tuple[list[ConditionedLog], int]:
     """Return logs of which only some stretches are left, spread evenly over each, where they are longer together.
 
