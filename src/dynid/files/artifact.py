@@ -7,13 +7,12 @@ carry a fixed date, so that two runs on the same inputs give the same bytes.
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from numpy.typing import NDArray
 
@@ -74,11 +73,8 @@ def reading(path: Path) -> Iterator[None]:
 
 
 # ---------------------------------------------------------------- hashes
-#: What is read at once for a hash alone [byte], and of how many files, the last ones, hashes are kept.
-_PIECE, _MOST = 1 << 20, 256
-#: Path, time of change and size of a file, and the hashes of those that were read.
+#: Path, time of change and size of a file.
 State = tuple[Path, int, int]
-_known: dict[State, str] = {}
 
 
 def sha256(path: Path) -> str:
@@ -86,96 +82,19 @@ def sha256(path: Path) -> str:
 
     A file is read for it once per process, and again only when its size or time of change is another.
     """
-    if path.is_dir():
-        return _of_folder(tuple(map(_state_of, sorted(p for p in path.iterdir() if p.is_file()))))
-    state = _state_of(path)
-    if state not in _known:
-        limits.check_holes(path)
-        with HashedFile(path) as stream:
-            stream.finish()
-        # Why: a file that changes while it is read is not kept.
-        return stream.hexdigest
-    return _known[state]
+    files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
+    return _hashed(tuple((file.absolute(), file.stat().st_mtime_ns, file.stat().st_size) for file in files))
 
 
 @lru_cache(maxsize=256)
-def _of_folder(files: tuple[State, ...]) -> str:
+def _hashed(files: tuple[State, ...]) -> str:
     digest = hashlib.sha256()
     for file, _, _ in files:
+        limits.check_holes(file)
         with limits.open_file(file) as stream:
             while block := stream.read(1 << 20):
                 digest.update(block)
     return digest.hexdigest()
-
-
-class HashedFile:
-    """A file that is read from front to back, and hashed on the way; what is passed over is read for the hash.
-
-    Args:
-        path: of a regular file.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path, self._stream = path, limits.open_file(path)
-        self._before, self._digest, self._hashed = _state_of(path), hashlib.sha256(), 0
-
-    def __enter__(self) -> HashedFile:
-        """Return the open file."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close the file."""
-        self._stream.close()
-
-    @property
-    def hexdigest(self) -> str:
-        """Hash of what was read."""
-        return self._digest.hexdigest()
-
-    def read(self, size: int = -1) -> bytes:
-        """Return the next bytes."""
-        at = self._stream.tell()
-        content = self._stream.read(size)
-        if at == self._hashed:
-            self._digest.update(content)
-            self._hashed += len(content)
-        return content
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Go to another place, as a file does; back only over what was read."""
-        if whence == os.SEEK_CUR:
-            offset, whence = self.tell() + offset, os.SEEK_SET
-        if whence == os.SEEK_SET and offset > self._hashed:
-            self._pass(offset)
-        return self._stream.seek(offset, whence)
-
-    def tell(self) -> int:
-        """Return the place of the next byte."""
-        return self._stream.tell()
-
-    def finish(self) -> None:
-        """Read what is left, and keep the hash where the file is as it was when it was opened."""
-        self._pass(None)
-        if _state_of(self._path) == self._before and self._hashed == self._before[2]:
-            _known[self._before] = self.hexdigest
-            while len(_known) > _MOST:
-                del _known[next(iter(_known))]
-
-    def _pass(self, end: int | None) -> None:
-        """Read on to a place, or to the end, for the hash."""
-        self._stream.seek(self._hashed)
-        while (left := _PIECE if end is None else min(_PIECE, end - self._hashed)) and self.read(left):
-            pass
-
-
-def _state_of(path: Path) -> State:
-    """Return what tells whether a file is still the same."""
-    info = path.stat()
-    return path.absolute(), info.st_mtime_ns, info.st_size
-
-
-#: What the readers of recordings take for a file.
-Readable = IO[bytes] | HashedFile
 
 
 # ---------------------------------------------------------------- results

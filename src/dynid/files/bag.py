@@ -15,16 +15,14 @@ import bz2
 import os
 import struct
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.errors import BagTruncated, Finding, LogNotFound
-from dynid.files.artifact import HashedFile, Readable
 from dynid.files.messages import (
     FEW,
     Broken,
@@ -141,20 +139,8 @@ def read_index(path: Path) -> tuple[dict[int, Connection], dict[int, dict[int, i
 
 
 # ---------------------------------------------------------------- the walk
-@dataclass
-class _Walk:
-    """State of a walk over a bag: the connections that were met, bytes that were unpacked, the first damage."""
-
-    path: Path
-    connections: dict[int, Connection] = field(default_factory=dict)
-    unpacked: int = 0
-    broken: str = ""
-
-
 def scan(path: Path, topics: Collection[str] | None = None) -> Iterator[Messages]:
     """Yield every readable message, chunk by chunk in the order of the file; those that are alike come together.
-
-    The file is hashed on the way, so that nothing reads it again for that.
 
     Args:
         path: the bag.
@@ -164,21 +150,18 @@ def scan(path: Path, topics: Collection[str] | None = None) -> Iterator[Messages
         Broken: after the last readable message, where there were others: a record or a chunk is damaged.
         TooLarge: a chunk unpacks to more than the limit.
     """
-    walk = _Walk(path)
-    known: dict[int, Connection] = {}
+    connections: dict[int, Connection] = {}
     chunks: dict[int, dict[int, int]] = {}
+    damage: list[str] = []
     try:
-        known, chunks = read_index(path)
-        walk.connections.update(known)
+        connections, chunks = read_index(path)
     except Broken as error:
-        walk.broken = str(error)
+        damage.append(str(error))
     # Why: a chunk without any wanted message is not unpacked.
-    unwanted = {
-        place
-        for place, numbers in chunks.items()
-        if topics is not None and not any(number in known and known[number].topic in topics for number in numbers)
-    }
-    with HashedFile(path) as stream:
+    wanted = {number for number, one in connections.items() if topics is None or one.topic in topics}
+    unwanted = {place for place, numbers in chunks.items() if topics is not None and not wanted & set(numbers)}
+    unpacked = 0
+    with limits.open_file(path) as stream:
         end = stream.seek(0, os.SEEK_END)
         stream.seek(len(MAGIC))
         try:
@@ -186,50 +169,54 @@ def scan(path: Path, topics: Collection[str] | None = None) -> Iterator[Messages
                 place = stream.tell()
                 header, size = _read_head(stream, end)
                 if header.get(b"op") != _CHUNK:
-                    messages = _one(header, _read_exactly(stream, size, end), walk)
+                    messages = _one(header, _read_exactly(stream, size, end), connections, path)
                 elif place in unwanted:
                     stream.seek(size, os.SEEK_CUR)
                     continue
                 else:
-                    messages = _chunk(stream, header, size, end, walk)
+                    content = _content(stream, header, size, end, path, damage)
+                    unpacked += len(content) if header.get(b"compression") != b"none" else 0
+                    limits.check_expansion(stream.tell(), unpacked, path, whole=True)
+                    messages = _messages(content, connections, path, damage)
                 for item in messages:
                     if topics is None or item[0].topic in topics:
                         yield item
         except Broken as error:
-            walk.broken = walk.broken or str(error)
-        if walk.broken:
-            raise Broken(walk.broken)
-        stream.finish()
+            damage.append(str(error))
+    if damage:
+        raise Broken(damage[0])
 
 
-def _chunk(stream: Readable, header: dict[bytes, bytes], size: int, end: int, walk: _Walk) -> Iterator[Messages]:
-    """Yield the messages of a chunk.
+def _content(
+    stream: IO[bytes], header: dict[bytes, bytes], size: int, end: int, path: Path, damage: list[str]
+) -> bytes:
+    """Return what a chunk holds, and note what is wrong with it.
 
     Why: a chunk is given its size when it is closed; an open one reaches to the end of the file, and the messages of an
     uncompressed one simply follow.
     """
     compression = header.get(b"compression", b"")
     if size == 0:
-        walk.broken = walk.broken or "its last chunk was not closed"
+        damage.append("its last chunk was not closed")
         if compression == b"none":
-            return
+            return b""
     left = size or end - stream.tell()
     whole = size > 0 and left <= end - stream.tell()
     if compression == b"none":
-        limits.check("chunk_bytes", min(left, end - stream.tell()), walk.path)
-    content = _unpacked(stream, min(left, end - stream.tell()), compression, whole, walk)
+        limits.check("chunk_bytes", min(left, end - stream.tell()), path)
+    content = _unpacked(stream, min(left, end - stream.tell()), compression, whole, path, damage)
     if not whole:
-        walk.broken = walk.broken or "its last chunk is cut"
-    yield from _messages(content, walk)
+        damage.append("its last chunk is cut")
+    return content
 
 
-def _read_exactly(stream: Readable, size: int, end: int) -> bytes:
+def _read_exactly(stream: IO[bytes], size: int, end: int) -> bytes:
     if size > end - stream.tell():
         raise Broken("it ends in the middle of a record")
     return stream.read(size)
 
 
-def _read_head(stream: Readable, end: int) -> tuple[dict[bytes, bytes], int]:
+def _read_head(stream: IO[bytes], end: int) -> tuple[dict[bytes, bytes], int]:
     """Read a record's header and the size of its data."""
     length = struct.unpack("<I", _read_exactly(stream, 4, end))[0]
     if length > _LARGEST_HEADER:
@@ -253,7 +240,7 @@ def _fields(block: bytes) -> dict[bytes, bytes]:
     return found
 
 
-def _messages(chunk: bytes, walk: _Walk) -> Iterator[Messages]:
+def _messages(chunk: bytes, connections: dict[int, Connection], path: Path, damage: list[str]) -> Iterator[Messages]:
     """Yield the messages of a chunk up to the first broken one, those together that are alike."""
     places: dict[tuple[int, int], list[int]] = {}
     position, end, last, row = 0, len(chunk), (0, 0), 0
@@ -262,7 +249,7 @@ def _messages(chunk: bytes, walk: _Walk) -> Iterator[Messages]:
         body = position + head
         size = int.from_bytes(chunk[body - 4 : body], "little")
         if body > end or body + size > end:
-            walk.broken = walk.broken or "a chunk ends in the middle of a message"
+            damage.append("a chunk ends in the middle of a message")
             break
         row = row + 1 if (head, size) == last else 0
         last, count = (head, size), 1
@@ -285,12 +272,12 @@ def _messages(chunk: bytes, walk: _Walk) -> Iterator[Messages]:
             headers[end] = _fields(chunk[end + 4 : end + head - 4])
             if headers[end].get(b"op") == _CONNECTION:
                 for place in where.tolist():
-                    _remember(headers[end], chunk[place + head :][:size], walk.connections, walk.path)
+                    _remember(headers[end], chunk[place + head :][:size], connections, path)
         end = len(chunk)
     except Broken as error:
-        walk.broken = walk.broken or str(error)
+        damage.append(str(error))
     for head, size, where in groups:
-        yield from _of_group(chunk, headers.get(int(where[0]), {}), head, size, where[where < end], walk)
+        yield from _of_group(chunk, headers.get(int(where[0]), {}), head, size, where[where < end], connections)
 
 
 def _alike(chunk: bytes, position: int, head: int, size: int) -> int:
@@ -320,12 +307,17 @@ def _by_header(chunk: bytes, head: int, step: int, where: NDArray[np.int64]) -> 
 
 
 def _of_group(
-    chunk: bytes, header: dict[bytes, bytes], head: int, size: int, where: NDArray[np.int64], walk: _Walk
+    chunk: bytes,
+    header: dict[bytes, bytes],
+    head: int,
+    size: int,
+    where: NDArray[np.int64],
+    connections: dict[int, Connection],
 ) -> Iterator[Messages]:
     """Yield the messages of records with one header but for the time."""
     if header.get(b"op") != _MESSAGE or not len(where) or len(header.get(b"time", b"")) != 8:
         return
-    connection = walk.connections.get(_number(header, b"conn"))
+    connection = connections.get(_number(header, b"conn"))
     if connection is None:
         return
     records = _rows(chunk, where, head + size, head + size)
@@ -342,18 +334,18 @@ def _rows(chunk: bytes, where: NDArray[np.int64], length: int, step: int) -> NDA
     return np.asarray(content[where[:, None] + np.arange(length)])
 
 
-def _one(header: dict[bytes, bytes], data: bytes, walk: _Walk) -> Iterator[Messages]:
+def _one(header: dict[bytes, bytes], data: bytes, connections: dict[int, Connection], path: Path) -> Iterator[Messages]:
     """Yield the message of a record, or remember the connection it describes."""
     op = header.get(b"op")
     if op == _MESSAGE:
-        connection = walk.connections.get(_number(header, b"conn"))
+        connection = connections.get(_number(header, b"conn"))
         stamp = header.get(b"time", b"")
         if connection is not None and len(stamp) == 8:
             seconds, nanoseconds = struct.unpack("<II", stamp)
             arrival = np.array([seconds * 10**9 + nanoseconds], dtype=np.int64)
             yield connection, arrival, np.frombuffer(data, np.uint8)[None]
     elif op == _CONNECTION:
-        _remember(header, data, walk.connections, walk.path)
+        _remember(header, data, connections, path)
 
 
 def _remember(header: dict[bytes, bytes], data: bytes, found: dict[int, Connection], path: Path) -> None:
@@ -372,7 +364,7 @@ def _number(header: dict[bytes, bytes], key: bytes) -> int:
     return int.from_bytes(value, "little")
 
 
-def _unpacked(stream: Readable, size: int, compression: bytes, whole: bool, walk: _Walk) -> bytes:
+def _unpacked(stream: IO[bytes], size: int, compression: bytes, whole: bool, path: Path, damage: list[str]) -> bytes:
     """Return the content of a chunk, of which ``size`` bytes are in the file; unpacked piece by piece within the limit.
 
     Why: a chunk that is cut gives what its complete blocks hold; one that is whole but does not decompress is given up,
@@ -385,19 +377,17 @@ def _unpacked(stream: Readable, size: int, compression: bytes, whole: bool, walk
     out = bytearray()
     try:
         if unpack is None:
-            walk.broken = walk.broken or "a chunk has an unknown compression"
+            damage.append("a chunk has an unknown compression")
             return b""
         while stream.tell() < after:
             for part in unpack(stream.read(min(_PIECE, after - stream.tell()))):
                 out += part
-                limits.check("chunk_bytes", len(out), walk.path)
+                limits.check("chunk_bytes", len(out), path)
     except (OSError, RuntimeError, EOFError, ValueError, MemoryError):
-        walk.broken = walk.broken or "a chunk cannot be decompressed"
+        damage.append("a chunk cannot be decompressed")
         out = bytearray() if whole else out
     finally:
         stream.seek(after)
-    walk.unpacked += len(out)
-    limits.check_expansion(after, walk.unpacked, walk.path, whole=True)
     return bytes(out)
 
 

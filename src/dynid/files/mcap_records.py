@@ -16,9 +16,9 @@ from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 from dynid import limits
-from dynid.files.artifact import HashedFile, Readable
 from dynid.files.messages import Broken, Connection
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -151,7 +151,7 @@ def _take_chunk(found: Summary, data: bytes) -> None:
 
 
 def scan(path: Path, topics: Collection[str] | None = None) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield channel, time of arrival [ns] and bytes of the messages, in the order of the file, hashed on the way.
+    """Yield channel, time of arrival [ns] and bytes of the messages, in the order of the file.
 
     Args:
         path: the file.
@@ -169,7 +169,7 @@ def scan(path: Path, topics: Collection[str] | None = None) -> Iterator[tuple[Co
             skip = frozenset(place for place, has in summary.chunks.items() if not has & wanted)
             # Why: channels may be told only in the chunks that are passed over.
             known.schemas, known.channels = summary.schemas, summary.channels
-    with HashedFile(path) as stream:
+    with limits.open_file(path) as stream:
         end = stream.seek(0, os.SEEK_END)
         stream.seek(0)
         if stream.read(len(MAGIC)) != MAGIC:
@@ -177,7 +177,6 @@ def scan(path: Path, topics: Collection[str] | None = None) -> Iterator[tuple[Co
         unpacked = 0
         for op, data, at in _records(stream, len(MAGIC), end, path, skip=skip):
             if op == _DATA_END:
-                stream.finish()
                 return
             if op == _CHUNK and len(data) >= _CHUNK_HEAD.size:
                 # Why: many small chunks that each expand as they like would take as long as one large one.
@@ -206,7 +205,7 @@ def _head(content: bytes, known: Summary) -> tuple[Connection, int]:
 
 
 def _records(
-    stream: Readable, start: int, end: int, path: Path, *, skip: Collection[int] = (), whole: bool = False
+    stream: IO[bytes], start: int, end: int, path: Path, *, skip: Collection[int] = (), whole: bool = False
 ) -> Iterator[tuple[int, bytes, int]]:
     """Yield kind, content and place of the records that matter; the others are passed over unread."""
     at = start

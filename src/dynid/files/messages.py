@@ -255,7 +255,8 @@ class Collector:
         self._pending: list[tuple[int, bytes]] = []
         self._bytes = 0
         self._count = 0
-        self._groups: dict[frozenset[str], _Group] = {}
+        # By the joints that messages carry: their names in the order of the first message, and the numbers so far.
+        self._groups: dict[frozenset[str], tuple[tuple[str, ...], dict[str, Growing]]] = {}
 
     def add(self, arrival: Times, raw: NDArray[np.uint8]) -> None:
         """Take messages of one length; few of them are put together with others before they are decoded.
@@ -280,7 +281,7 @@ class Collector:
     def logs(self) -> list[Log]:
         """Return one raw log for each set of joint names, the largest first."""
         self._flush()
-        found = (_log(group.names, group.columns(), self.connection.topic) for group in self._groups.values())
+        found = (_log(names, _in_order(kept), self.connection.topic) for names, kept in self._groups.values())
         return sorted(found, key=len, reverse=True)
 
     def _flush(self) -> None:
@@ -310,8 +311,9 @@ class Collector:
         for names, columns in blocks:
             key = frozenset(names)
             if key not in self._groups:
-                self._groups[key] = _Group(names)
-            self._groups[key].append(names, columns)
+                self._groups[key] = names, {each: Growing(0, np.int64) for each in ("arrival", "stamp")}
+            first, kept = self._groups[key]
+            _append(kept, first, names, columns)
         limits.check("joint_sets", len(self._groups), self.connection.topic)
 
     def _one_by_one(self, arrival: Times, raws: Sequence[bytes]) -> list[tuple[tuple[str, ...], Columns]]:
@@ -332,46 +334,41 @@ class Collector:
         return [(key[0], _columns(key[0], entries)) for key, entries in rows.items()]
 
 
-class _Group:
-    """The numbers of messages that carry the same joints, in the order of their first message's names.
+def _append(kept: dict[str, Growing], names: tuple[str, ...], own: tuple[str, ...], columns: Columns) -> None:
+    """Add messages to the numbers of those that carry the same joints; NaN where some lack what others have.
 
     Args:
-        names: of the first message.
+        kept: the numbers so far.
+        names: of the first message, whose order all get.
+        own: the same in the order of these messages.
+        columns: what they hold.
     """
+    before, count, width = len(kept["arrival"]), len(columns["arrival"]), len(names) or 7
 
-    def __init__(self, names: tuple[str, ...]) -> None:
-        self.names = names
-        self._width = len(names) or 7
-        self._times = {key: Growing(0, np.int64) for key in ("arrival", "stamp")}
-        self._fields: dict[str, Growing] = {}
+    def lack(key: str, count: int) -> None:
+        for start in range(0, count if key in kept else 0, tuning.MESSAGES):
+            kept[key].append(np.full((min(tuning.MESSAGES, count - start), width), np.nan))
 
-    def append(self, own: tuple[str, ...], columns: Columns) -> None:
-        """Add messages whose names may stand in another order; NaN where some lack what others have."""
-        before, count = len(self._times["arrival"]), len(columns["arrival"])
-        for key in FIELDS:
-            values = columns[key]
-            if values.shape[1] and key not in self._fields:
-                self._fields[key] = Growing(values.shape[1])
-                self._lack(key, before)
-            if not values.shape[1]:
-                self._lack(key, count)
-            else:
-                order = None if own == self.names else [own.index(name) for name in self.names]
-                self._fields[key].append(values if order is None else values[:, order])
-        for key, growing in self._times.items():
-            growing.append(columns[key])
+    for key in FIELDS:
+        values = columns[key]
+        if values.shape[1] and key not in kept:
+            kept[key] = Growing(values.shape[1])
+            lack(key, before)
+        if not values.shape[1]:
+            lack(key, count)
+        else:
+            kept[key].append(values if own == names else values[:, [own.index(name) for name in names]])
+    for key in ("arrival", "stamp"):
+        kept[key].append(columns[key])
 
-    def _lack(self, key: str, count: int) -> None:
-        for start in range(0, count if key in self._fields else 0, tuning.MESSAGES):
-            self._fields[key].append(np.full((min(tuning.MESSAGES, count - start), self._width), np.nan))
 
-    def columns(self) -> Columns:
-        """Return all messages in the order of arrival."""
-        found: Columns = {key: growing.whole() for key, growing in (self._times | self._fields).items()}
-        if np.any(np.diff(found["arrival"]) < 0):
-            order = np.argsort(found["arrival"], kind="stable")
-            found = {key: taken(values, order) for key, values in found.items()}
-        return {key: np.zeros((len(found["arrival"]), 0)) for key in FIELDS} | found
+def _in_order(kept: dict[str, Growing]) -> Columns:
+    """Return all messages in the order of arrival."""
+    found: Columns = {key: growing.whole() for key, growing in kept.items()}
+    if np.any(np.diff(found["arrival"]) < 0):
+        order = np.argsort(found["arrival"], kind="stable")
+        found = {key: taken(values, order) for key, values in found.items()}
+    return {key: np.zeros((len(found["arrival"]), 0)) for key in FIELDS} | found
 
 
 def joint_state_block(arrival: Times, table: NDArray[np.uint8]) -> tuple[tuple[str, ...], Columns] | None:
