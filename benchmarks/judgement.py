@@ -44,10 +44,10 @@ from dynid.robot import Prior
 from dynid.signals.conditioned_log import condition_logs
 from dynid.sim.sines import SineSpec, sines
 from dynid.workflows.gap import find_gap
-from dynid.workflows.identify import answer_of, identify, save_result
+from dynid.workflows.identify import identify
 from dynid.workflows.model import base_model
 from dynid.workflows.report import report
-from dynid.workflows.results import load_run
+from dynid.workflows.results import answer_of, load_run, save_result
 from dynid.workflows.robots import load_robot
 from dynid.workflows.simulate import simulate
 from dynid.workflows.validate import validate

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and .npz files of arrays with one JSON header in them.
+"""Files that are written whole or not at all and known by their hash, and .npz files of arrays with one JSON header.
 
 Member files carry a fixed date, so that equal contents give equal bytes; nothing is ever pickled. What is read is
 measured first: how members are packed, what type and shape they say they have, and how much memory that takes.
@@ -7,6 +7,7 @@ measured first: how members are packed, what type and shape they say they have, 
 from __future__ import annotations
 
 import errno
+import hashlib
 import io
 import json
 import math
@@ -18,6 +19,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any
 
@@ -27,6 +29,7 @@ from numpy.typing import NDArray
 from dynid import limits
 from dynid.errors import CannotWrite
 from dynid.scratch import empty, prefix, release, sweep
+from dynid.version import __version__
 
 #: Name of the array that holds the header.
 HEADER = "header"
@@ -100,6 +103,31 @@ def written_whole(path: Path | str) -> Iterator[IO[bytes]]:
         temporary.unlink(missing_ok=True)
 
 
+#: Path, time of change and size of a file.
+State = tuple[Path, int, int]
+
+
+def sha256(path: Path) -> str:
+    """Return the sha256 of a file, or of all files of a folder in the order of their names.
+
+    A file is read for it once per process, and again only when its size or time of change is another.
+    """
+    files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
+    return _hashed(tuple((file.absolute(), file.stat().st_mtime_ns, file.stat().st_size) for file in files))
+
+
+@lru_cache(maxsize=256)
+def _hashed(files: tuple[State, ...]) -> str:
+    digest = hashlib.sha256()
+    for file, _, _ in files:
+        limits.check_holes(file)
+        with limits.open_file(file) as stream:
+            while block := stream.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+# ---------------------------------------------------------------- .npz
 def write_npz(path: Path, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
     """Write arrays and a header of JSON-able facts whole; equal contents give equal bytes."""
     with written_whole(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
@@ -115,6 +143,18 @@ def write_npz(path: Path, header: Mapping[str, Any], arrays: Mapping[str, NDArra
             content = buffer.getbuffer()
             method = zipfile.ZIP_DEFLATED if _packs(content) else zipfile.ZIP_STORED
             archive.writestr(info, content, method, 1)
+
+
+def write_artifact(path: Path, schema: str, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write a result file whole; equal contents give equal bytes.
+
+    Args:
+        path: where to.
+        schema: name and number, such as ``"dynid/regressor/1"``.
+        header: JSON-able facts.
+        arrays: arrays by name.
+    """
+    write_npz(path, {"schema": schema, "dynid": __version__, **header}, arrays)
 
 
 def _packs(content: memoryview) -> bool:

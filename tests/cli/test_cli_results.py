@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from dynid.estimation.result_files import load
-from dynid.files.artifact import read_artifact, write_artifact
+from dynid.files.artifact import read_artifact
+from dynid.npz import write_artifact
 from dynid.workflows.results import base_model_of, load_run
 
 IDENTIFY = Path(__file__).parents[2] / "trajectories" / "lwr4plus_identify.bag"

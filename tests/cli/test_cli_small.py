@@ -13,7 +13,7 @@ from dynid import errors
 from dynid.cli import terminal
 from dynid.cli.reference import api_page, cli_page, effects_page, errors_page, limits_page, robot_page
 from dynid.codes import codes
-from dynid.files.artifact import write_artifact
+from dynid.npz import write_artifact
 from dynid.version import __version__
 
 ROOT = Path(__file__).parents[2]

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import twolink
-from dynid.files.artifact import write_artifact
+from dynid.npz import write_artifact
 from makelogs import kinova, state_messages, write_bag
 
 ROOT = Path(__file__).parents[2]

@@ -28,7 +28,7 @@ def types_name(common, move, **_):
 
 
 def writes(common, word, samples, **_):
-    from dynid.files.artifact import write_artifact  # NumPy comes with it, and most jobs do without
+    from dynid.npz import write_artifact  # NumPy comes with it, and most jobs do without
 
     path, inputs = common.folder("arm") / "result.npz", input_hashes({"log": Path(word)}, {"samples": samples})
     if may_write(common, path, inputs):

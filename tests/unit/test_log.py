@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from dynid.errors import Finding, JointNamesDiffer, LogLayout
-from dynid.files.artifact import sha256
 from dynid.files.logs import read_log
 from dynid.log import Log
+from dynid.npz import sha256
 from dynid.signals.checks import prepare
 from makelogs import lwr, lwr_log
 

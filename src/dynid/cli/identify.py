@@ -137,9 +137,9 @@ def run_identify(
     # Why now: unpacking a bag and importing what comes next take as long, and neither waits for the other.
     read = reading(arm, logs, options)
     from dynid.workflows import drive_gains
-    from dynid.workflows.identify import answer_of, find_payload, resolved
+    from dynid.workflows.identify import find_payload, resolved
     from dynid.workflows.inputs import identify_inputs
-    from dynid.workflows.results import load_run
+    from dynid.workflows.results import answer_of, load_run
 
     unloaded, earlier = (load_run(path) if path else None for path in (payload_from, update))
     files = {"loaded": loaded, "prior_file": options.prior, "holdout": options.holdout}
@@ -268,10 +268,11 @@ def obtain_result(
     """Return the result, its model and what was written: a new result, or the one that is there from equal inputs."""
     from dynid.estimation import result_files as results
     from dynid.workflows.cluster import current_client
-    from dynid.workflows.identify import identify, save_result
+    from dynid.workflows.identify import identify
     from dynid.workflows.inputs import of_observations
     from dynid.workflows.model import base_model
     from dynid.workflows.parameters import load_observations, observe
+    from dynid.workflows.results import save_result
 
     path = folder / "parameters.npz"
     terminal = common.terminal

@@ -192,7 +192,7 @@ def key_pressed(common: Common) -> bool:
 def input_hashes(files: Mapping[str, Path], options: Mapping[str, Any] | None = None) -> dict[str, str]:
     """Return what a result depends on, for its header's ``inputs``: sha256 of files, and of the options as a whole."""
     from dynid.cli.terminal import plain
-    from dynid.files.artifact import sha256
+    from dynid.npz import sha256
 
     hashes = {name: sha256(path) for name, path in files.items()}
     if options is not None:

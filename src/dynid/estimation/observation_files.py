@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from dynid.estimation.result_files import LATEST
 from dynid.estimation.stack import Stack
-from dynid.files.artifact import read_artifact, reading, write_artifact
+from dynid.files.artifact import read_artifact, reading
 from dynid.files.contents import Array, Contents, Fact
 from dynid.limits import LIMITS
+from dynid.npz import write_artifact
 from dynid.scratch import joined
 from dynid.signals.conditioned_log import ConditionedLog, Segment
 from dynid.signals.filters import Filter, pulse_width

@@ -15,9 +15,10 @@ from dynid.estimation import tuning
 from dynid.estimation.residual_model import ModelError
 from dynid.estimation.rows import ObservationRows
 from dynid.estimation.stack import Stack
-from dynid.files.artifact import read_artifact, write_artifact
+from dynid.files.artifact import read_artifact
 from dynid.files.contents import Array, Contents, Fact
 from dynid.model.regressor import Observer
+from dynid.npz import write_artifact
 from dynid.scratch import Growing, release
 from dynid.signals.conditioned_log import ConditionedLog, Segment
 from dynid.signals.filters import Filter, decimate

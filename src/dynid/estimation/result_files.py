@@ -18,12 +18,13 @@ from dynid.estimation.posterior import ExpectedError
 from dynid.estimation.residual_model import GROUP_NAMES, GROUPS, ModelError
 from dynid.estimation.result import Identification, JointQuality, Quality
 from dynid.files import typed
-from dynid.files.artifact import read_artifact, read_header, reading, write_artifact, write_text
+from dynid.files.artifact import read_artifact, read_header, reading, write_text
 from dynid.files.contents import Array, Contents, Fact, require_numbers
 from dynid.files.robotfile import parse_robot, text_of
 from dynid.limits import LIMITS
 from dynid.model.base_model import REDUCTION_ARRAYS, REDUCTION_FACTS, reduction_facts, reduction_from
 from dynid.model.regressor import parameter_names
+from dynid.npz import write_artifact
 from dynid.text import csv_row, yaml_text
 
 Floats = NDArray[np.float64]

@@ -1,25 +1,21 @@
-"""Results on disk: .npz files with arrays and one JSON header, written whole or not at all, never pickled.
+"""Results that are read: .npz files with arrays and one JSON header, whose contents are checked and never executed.
 
-The header holds schema, dynid version, command line, seed, sha256 of every input, units and joint names. Member files
-carry a fixed date, so that two runs on the same inputs give the same bytes.
+The header holds schema, dynid version, command line, seed, sha256 of every input, units and joint names.
 """
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
 
-from dynid import limits
 from dynid.errors import Finding, NewerSchema, NotAnArtifact, TooLarge
 from dynid.files.contents import Contents, Fact
-from dynid.npz import HEADER, parse_json, read_npz, write_npz, written_whole
+from dynid.npz import HEADER, parse_json, read_npz, written_whole
 from dynid.text import whole_number
 from dynid.version import __version__
 
@@ -72,48 +68,11 @@ def reading(path: Path) -> Iterator[None]:
         raise NotAnArtifact(f"{path} is damaged: {type(error).__name__}: {error}", where=str(path)) from error
 
 
-# ---------------------------------------------------------------- hashes
-#: Path, time of change and size of a file.
-State = tuple[Path, int, int]
-
-
-def sha256(path: Path) -> str:
-    """Return the sha256 of a file, or of all files of a folder in the order of their names.
-
-    A file is read for it once per process, and again only when its size or time of change is another.
-    """
-    files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
-    return _hashed(tuple((file.absolute(), file.stat().st_mtime_ns, file.stat().st_size) for file in files))
-
-
-@lru_cache(maxsize=256)
-def _hashed(files: tuple[State, ...]) -> str:
-    digest = hashlib.sha256()
-    for file, _, _ in files:
-        limits.check_holes(file)
-        with limits.open_file(file) as stream:
-            while block := stream.read(1 << 20):
-                digest.update(block)
-    return digest.hexdigest()
-
-
 # ---------------------------------------------------------------- results
 def write_text(path: Path, text: str) -> None:
     """Write a text file whole."""
     with written_whole(path) as stream:
         stream.write(text.encode("utf-8"))
-
-
-def write_artifact(path: Path, schema: str, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write a result file whole; equal contents give equal bytes.
-
-    Args:
-        path: where to.
-        schema: name and number, such as ``"dynid/regressor/1"``.
-        header: JSON-able facts.
-        arrays: arrays by name.
-    """
-    write_npz(path, {"schema": schema, "dynid": __version__, **header}, arrays)
 
 
 def read_artifact(path: Path, contents: Contents | None = None) -> Artifact:

@@ -20,10 +20,9 @@ from dynid import limits
 from dynid.drivers.interface import JOINT_STATE, driver_of
 from dynid.errors import Finding, JointNamesDiffer, LogLayout, LogNotFound, NewerSchema, WrongMessageType
 from dynid.files import tuning
-from dynid.files.artifact import sha256
 from dynid.files.messages import KINOVA_TYPES, MULTI_ARRAY, Topic
 from dynid.log import COLUMNS, SCHEMA, Log, has_rows
-from dynid.npz import HEADER, parse_json, read_npz
+from dynid.npz import HEADER, parse_json, read_npz, sha256
 from dynid.robot import Robot
 from dynid.text import whole_number
 from dynid.units import POSITION

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotAnArtifact
-from dynid.files.artifact import read_artifact, write_artifact
+from dynid.files.artifact import read_artifact
 from dynid.files.contents import Array, Contents, Fact
 from dynid.motion import Motion
-from dynid.npz import written_whole
+from dynid.npz import write_artifact, written_whole
 from dynid.robot import Robot
 from dynid.text import column, yaml_word
 

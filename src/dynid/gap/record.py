@@ -361,7 +361,7 @@ _CURVE = ("t", "residual", "torque", "left", "against")
 
 def write_record(path: Path, record: GapRecord) -> None:
     """Write gap.npz."""
-    from dynid.files.artifact import write_artifact
+    from dynid.npz import write_artifact
 
     facts = {each.name: getattr(record, each.name) for each in fields(GapRecord)}
     improvement, simulation, curves = facts.pop("improvement"), facts.pop("simulation"), facts.pop("curves")

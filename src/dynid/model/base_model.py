@@ -17,11 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotAnArtifact
-from dynid.files.artifact import read_artifact, read_header, reading, write_artifact
+from dynid.files.artifact import read_artifact, read_header, reading
 from dynid.files.contents import Array, Contents, Fact
+from dynid.model import tuning
 from dynid.model.kinematics import geometry
 from dynid.model.program import Program
-from dynid.model.regressor import Model, Observer
+from dynid.model.regressor import Model, Observer, build_model
+from dynid.npz import write_artifact
 from dynid.robot import FRICTION_PARAMETERS, LINK_PARAMETERS, Robot
 from dynid.table import Table
 
@@ -194,6 +196,32 @@ class BaseModel:
     def _title(self) -> str:
         count = len(self.reduction.names)
         return f"{self.robot.name}: {count} parameters, {self.rank} base parameters"
+
+
+#: Base models that are kept in memory, by the key of their robot: deriving one takes a quarter of a second.
+_kept: dict[str, BaseModel] = {}
+KEPT = 8
+
+
+def in_memory(robot: Robot, samples: int = 200, tolerance: float | None = None) -> BaseModel:
+    """Return the base model of an arm, derived once in this process.
+
+    Args:
+        robot: the arm.
+        samples: number of random states at which singular values are computed.
+        tolerance: relative singular value below which columns count as dependent; None for the usual one.
+    """
+    from dynid.model.reduce import base_parameters
+
+    tolerance = tuning.DEPENDENT_COLUMN if tolerance is None else tolerance
+    key = f"{key_of(robot)}-{samples}-{tolerance}"
+    if key not in _kept:
+        model = build_model(robot)
+        if len(_kept) >= KEPT:
+            del _kept[next(iter(_kept))]
+        _kept[key] = BaseModel(model, base_parameters(model, samples=samples, tolerance=tolerance))
+    found = _kept[key]
+    return found if found.robot is robot else BaseModel(Model(robot, found.model.rigid), found.reduction)
 
 
 # ---------------------------------------------------------------- on disk

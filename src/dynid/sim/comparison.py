@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.files.artifact import read_artifact, write_artifact
+from dynid.files.artifact import read_artifact
 from dynid.files.contents import Array, Contents, Fact
+from dynid.npz import write_artifact
 from dynid.robot import Robot
 from dynid.table import Table
 

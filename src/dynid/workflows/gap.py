@@ -386,7 +386,7 @@ def earlier_logs(
         dynid.earlier_logs("out/kuka_lwr4plus", ["run3.bag", "run4.bag"])
     """
     from dynid.estimation.evidence import found_log
-    from dynid.files.artifact import sha256
+    from dynid.npz import sha256
 
     options, progress = arguments.options(GapOptions, options, changes), arguments.progress(progress)
     result = arguments.result(result)

@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import zip_longest
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from dynid.errors import WrongUsage
+from dynid.errors import LogNotFound, WrongUsage
 from dynid.log import Log
-from dynid.options import option, share
+from dynid.options import Options, option, share
 from dynid.progress import SILENT, Progress
+from dynid.robot import Known, Prior
+from dynid.text import whole_number
 from dynid.workflows import arguments
 from dynid.workflows.arguments import public
 from dynid.workflows.logs import LogOptions, checked_log, condition_logs, identified
-from dynid.workflows.model import PriorOptions, base_model, with_prior
 from dynid.workflows.parameters import Observations, observe, observed, stack_logs
-from dynid.workflows.results import base_model_of
+from dynid.workflows.results import base_model_of, torque_figure
 
 if TYPE_CHECKING:
     from distributed import Client
-    from matplotlib.figure import Figure
 
     from dynid.estimation.estimate import HoldOut
     from dynid.estimation.payload import IdentifiedPayload
@@ -68,6 +66,140 @@ def _holdout(value: Any, name: str) -> Any:  # noqa: ANN401
     return share(value, name) if digits.isdigit() else Path(text)
 
 
+# ---------------------------------------------------------------- what is known besides the logs
+Range = tuple[float, float]
+Corner = tuple[float, float, float]
+
+
+def _range(value: Any, name: str) -> Range | None:  # noqa: ANN401
+    if value is None:
+        return None
+    low, high = _two(value, name, 1) if isinstance(value, str) else ((float(value[0]),), (float(value[1]),))
+    if not low[0] < high[0]:
+        raise WrongUsage(f"{name} '{value}': the first number must be the smaller one")
+    return low[0], high[0]
+
+
+def _ranges(value: Any, name: str) -> tuple[tuple[int, Range], ...]:  # noqa: ANN401
+    found = []
+    for item in value:
+        link, rest = _link(item, name)
+        bounds = _range(rest, name)
+        assert bounds is not None
+        found.append((link, bounds))
+    return tuple(found)
+
+
+def _boxes(value: Any, name: str) -> tuple[tuple[int, tuple[Corner, Corner]], ...]:  # noqa: ANN401
+    found = []
+    for item in value:
+        link, rest = _link(item, name)
+        low, high = _two(rest, name, 3) if isinstance(rest, str) else rest
+        (a, b, c), (x, y, z) = low, high
+        if not (a < x and b < y and c < z):
+            raise WrongUsage(f"{name} '{rest}': the first corner must be the lower one")
+        found.append((link, ((a, b, c), (x, y, z))))
+    return tuple(found)
+
+
+def _link(item: Any, name: str) -> tuple[int, Any]:  # noqa: ANN401
+    if not isinstance(item, str):
+        return int(item[0]), item[1]
+    number, equals, rest = item.partition("=")
+    if not equals or whole_number(number.strip()) < 1:
+        raise WrongUsage(f"{name} '{item}' does not begin with LINK=, the number of a link")
+    return int(number), rest
+
+
+def _two(text: str, name: str, count: int) -> tuple[Sequence[float], Sequence[float]]:
+    try:
+        parts = [[float(word) for word in part.split(",")] for part in text.split(":")]
+    except ValueError:
+        parts = []
+    if len(parts) != 2 or any(len(part) != count for part in parts):
+        fix = "such as --total-mass 15:17" if count == 1 else "such as --com-box 7=-0.1,-0.1,0:0.1,0.1,0.2"
+        raise WrongUsage(f"{name} '{text}' is not LOW:HIGH", fix=fix)
+    return parts[0], parts[1]
+
+
+def _prior(value: Any, name: str) -> Path | Prior | None:  # noqa: ANN401
+    if value is None or isinstance(value, (Path, Prior)):
+        return value
+    if not isinstance(value, str):
+        raise WrongUsage(f"{name} {value!r:.60} is no file", fix=f"such as {name} prior.yaml")
+    return Path(value)
+
+
+@dataclass(frozen=True)
+class PriorOptions(Options):
+    """What is known about the bodies of an arm before anything is measured."""
+
+    prior: Path | Prior | None = option(
+        None,
+        "Link inertias that are known before measuring: a YAML file with `links:` or `cylinders:`, or a URDF of this "
+        "arm (default: those of the robot file).",
+        metavar="FILE", kind="file", read=_prior,
+    )  # fmt: skip
+    total_mass: Range | None = option(
+        None, "Smallest and largest mass of all identified links together [kg].", metavar="LOW:HIGH", read=_range
+    )
+    link_mass: tuple[tuple[int, Range], ...] = option(
+        (), "Smallest and largest mass of one link [kg]; may be repeated.",
+        metavar="LINK=LOW:HIGH", repeatable=True, read=_ranges,
+    )  # fmt: skip
+    com_box: tuple[tuple[int, tuple[Corner, Corner]], ...] = option(
+        (), "Corners of the box around a link's centre of mass, in its DH frame [m]; may be repeated.",
+        metavar="LINK=X,Y,Z:X,Y,Z", repeatable=True, read=_boxes,
+    )  # fmt: skip
+
+    @property
+    def given(self) -> bool:
+        """Whether any option says what is known of the bodies."""
+        return self.prior is not None or self.total_mass is not None or bool(self.link_mass or self.com_box)
+
+
+def with_prior(robot: Robot, options: PriorOptions) -> Robot:
+    """Return the robot with the prior and the bounds of the options, which go before those of the robot file.
+
+    Raises:
+        WrongUsage: a bound names a link that the arm does not have.
+        LogNotFound: the file of the prior is not there.
+    """
+    prior = options.prior
+    if prior is not None:
+        robot = replace(robot, prior=prior if isinstance(prior, Prior) else read_prior(prior, robot))
+    for name, bounds in (("--link-mass", options.link_mass), ("--com-box", options.com_box)):
+        for link, _ in bounds:
+            if link > robot.n:
+                raise WrongUsage(f"{name}: there is no link {link}", fix=f"a number from 1 to {robot.n}")
+    known = robot.known
+    return replace(
+        robot,
+        known=Known(
+            options.total_mass or known.total_mass,
+            tuple({**dict(known.link_mass), **dict(options.link_mass)}.items()),
+            tuple({**dict(known.com_box), **dict(options.com_box)}.items()),
+        ),
+    )
+
+
+def read_prior(path: Path, robot: Robot) -> Prior:
+    """Read link bodies from a YAML file, or from a URDF whose frames are found by comparing poses.
+
+    Raises:
+        LogNotFound: the file is not there.
+    """
+    from dynid.exporters.user_urdf import attached
+    from dynid.files import robotfile
+
+    if not path.is_file():
+        raise LogNotFound(f"no such file {path}", where=str(path), fix="--prior FILE.yaml or --prior FILE.urdf")
+    if path.suffix in (".yaml", ".yml"):
+        return robotfile.read_prior(path, robot)
+    return attached(path, robot).prior()
+
+
+# ---------------------------------------------------------------- identify
 @dataclass(frozen=True)
 class IdentifyOptions(PriorOptions, LogOptions):
     """How parameters are identified."""
@@ -237,34 +369,17 @@ def _unexplained(robot: Robot, logs: Sequence[Log], cutoff: float) -> float:
     from dynid.estimation.estimators import wls
     from dynid.estimation.least_squares import relative_error
     from dynid.estimation.stack import stack_logs
+    from dynid.model.base_model import in_memory
     from dynid.model.parameters import prior_base_parameters
     from dynid.signals.conditioned_log import condition_logs
 
-    base = base_model(replace(robot, prior=None))
+    base = in_memory(replace(robot, prior=None))
     stack = stack_logs(condition_logs(logs, base.model, cutoff=cutoff or None), base)
     fit = wls(stack, prior_base_parameters(base.model, base.reduction))
     return relative_error(stack.whole[0], fit.theta)
 
 
-# ---------------------------------------------------------------- what is drawn, written and answered
-def torque_figure(result: Identification, joints: tuple[str, ...], residual_only: bool) -> Figure:
-    """Return a figure of torques on the logs that a new result was made from, which follow each other.
-
-    Args:
-        result: what ``identify`` returned.
-        joints: names of the joints that are drawn.
-        residual_only: draw only what the model leaves.
-    """
-    from dynid.estimation import prediction
-    from dynid.reports import figures
-
-    stack = result.stack
-    assert stack is not None, "only new results have a drawing"
-    motions = prediction.predict_logs(stack, result.theta, result.model_error)
-    title = f"{result.robot.name}, fitted logs"
-    return figures.torque_figure(prediction.joined(motions), result.robot, joints, title, residual_only=residual_only)
-
-
+# ---------------------------------------------------------------- what is fitted, and what is held out
 def resolved(
     robot: Robot, options: IdentifyOptions, earlier: Identification | None = None
 ) -> tuple[Robot, IdentifyOptions]:
@@ -329,66 +444,6 @@ def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progres
     conditioned = condition_logs([checked_log(kept, base.robot, same, alone=False)], base.model, same, progress)
     test = folded(scaled(conditioned, base, stack.first_fit.theta), base, progress)
     return stack, test, str(kept.source or "log")
-
-
-def save_result(folder: Path, result: Identification, facts: dict[str, Any] | None = None) -> list[Path]:
-    """Write parameters.npz, parameters.yaml, parameters.csv and estimatedmotion.npz of a new result.
-
-    Args:
-        folder: where to.
-        result: what ``identify`` returned.
-        facts: further facts for the headers, such as the inputs that they depend on.
-    """
-    from dynid.estimation import prediction
-
-    stack = result.stack
-    assert stack is not None, "a result that was read from a file is written by its own method save"
-    # Why both: a log is found from any working folder, and where the folders were moved together.
-    beside = [os.path.relpath(path, folder) for path in result.header.get("logs", []) if path and Path(path).exists()]
-    if len(beside) == len(result.header.get("logs", [])):
-        facts = {**(facts or {}), "logs_from_here": beside}
-    header = {**(facts or {}), **result.header}
-    motions = prediction.predict_logs(stack, result.theta, result.model_error)
-    motion = folder / "estimatedmotion.npz"
-    prediction.save(motion, motions, {**header, "joints": list(stack.joints), "torque_from": "identified"})
-    # Why last: parameters.npz is what later commands look for, so it appears only when everything else is there.
-    tables = [result.save_yaml(folder / "parameters.yaml"), result.save_csv(folder / "parameters.csv")]
-    return [motion, *tables, result.save(folder / "parameters.npz", facts)]
-
-
-def answer_of(found: Identification) -> dict[str, Any]:
-    """Return what the JSON answer of ``dynid identify`` says about a result."""
-    return {
-        "schema": "dynid/identify/1",
-        "robot": found.robot.name,
-        "method": found.method,
-        "rank": found.rank,
-        "samples": found.samples,
-        "condition_number": found.condition_number,
-        "condition_number_scaled": found.condition_number_scaled,
-        "relative_error_percent": found.relative_error_percent,
-        "heldout": found.heldout,
-        "heldout_relative_error_percent": found.heldout_relative_error_percent,
-        "joints": [
-            {
-                "joint": j.joint,
-                "rms_nm": j.rms,
-                "relative_error_percent": j.relative_percent,
-                "heldout_rms_nm": j.heldout_rms,
-                "noise_floor_nm": floor,
-            }
-            for j, floor in zip_longest(found.joints, found.header.get("noise_floor_nm") or ())
-        ],
-        "parameters": found.parameter_rows(),
-        "physically_consistent": found.in_force == "physical",
-        "in_force": found.in_force,
-        "heldout_relative_error_percent_by_set": found.heldout_by_set,
-        "expected_torque_error": None if found.expected is None else found.expected.facts(),
-        "residual_model": found.residual_facts(),
-        "links": found.links(),
-        "findings": [asdict(f) for f in found.findings],
-        "judgement": found.judgement.facts(),
-    }
 
 
 @public

@@ -25,7 +25,7 @@ def log_inputs(robot: Robot, logs: Sequence[Path]) -> dict[str, str]:
     Raises:
         LogNotFound: a log is not there.
     """
-    from dynid.files.artifact import sha256
+    from dynid.npz import sha256
 
     for log in logs:
         if not log.exists():
@@ -54,7 +54,7 @@ def identify_inputs(
     Raises:
         WrongUsage: the stored observations were read with other options.
     """
-    from dynid.files.artifact import sha256
+    from dynid.npz import sha256
     from dynid.workflows.parameters import stored_key
 
     texts = {key: value for key, value in options.texts().items() if key != "prior"}

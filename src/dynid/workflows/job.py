@@ -23,11 +23,11 @@ from typing import Any
 
 from dynid import limits
 from dynid.errors import DynidError, ExitStatus, WorkerDiffers
-from dynid.files.artifact import sha256, write_text
+from dynid.files.artifact import write_text
 from dynid.files.batchfile import Job
 from dynid.files.contents import Contents, Fact
 from dynid.files.remote import fetch
-from dynid.npz import parse_json
+from dynid.npz import parse_json, sha256
 from dynid.text import shell
 from dynid.version import __version__
 

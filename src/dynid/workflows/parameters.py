@@ -16,7 +16,6 @@ from dynid.workflows import arguments
 from dynid.workflows.arguments import one_thread, public
 from dynid.workflows.cluster import mapped
 from dynid.workflows.logs import LogOptions, checked_log, condition_logs, read_log
-from dynid.workflows.model import in_memory
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -163,6 +162,7 @@ def observe(
     Example:
         dynid.observe("kuka_lwr4plus", ["run1.bag", "run2.bag"])
     """
+    from dynid.model.base_model import in_memory
     from dynid.signals.motion import check_amount
 
     options, progress = arguments.options(LogOptions, options, changes), arguments.progress(progress)

@@ -420,7 +420,7 @@ def _written(
     forecast: Forecast | None,
 ) -> Recording:
     """Open the files, work, close them; the manifest is written before the first motion and completed after."""
-    from dynid.files.artifact import sha256
+    from dynid.npz import sha256
     from dynid.record import manifest, session
     from dynid.record.recorder import LogRecorder
 
@@ -446,7 +446,7 @@ def _written(
 
 def _beginning(run: _Session, port: CommandPort, forecast: Forecast | None) -> dict[str, Any]:
     """Return what the manifest says before the first motion."""
-    from dynid.files.artifact import sha256
+    from dynid.npz import sha256
     from dynid.record import manifest
 
     facts = manifest.beginning(run.robot, run.node, run.command)

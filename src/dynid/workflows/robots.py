@@ -59,7 +59,7 @@ def load_robot(source: RobotLike, *, base: str | None = None, tip: str | None = 
 def robot_hash(source: str | Path) -> str:
     """Return the sha256 of the file that an arm is read from."""
     from dynid.files import robotfile
-    from dynid.files.artifact import sha256
+    from dynid.npz import sha256
 
     file, mark, _ = str(source).rpartition("#")
     return sha256(robotfile.find_robot(file if mark and file.lower().endswith(URDF) else str(source)))

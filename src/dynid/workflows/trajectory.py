@@ -409,7 +409,7 @@ def plan_inputs(robot: Robot, options: PlanOptions, files: Mapping[str, Path]) -
         options: what is wanted.
         files: further files by what they are.
     """
-    from dynid.files.artifact import sha256
+    from dynid.npz import sha256
 
     parts: list[Any] = [[asdict(joint.limits) for joint in robot.joints], robot.base_xyz, robot.base_rpy]
     parts += [asdict(robot.prior) if robot.prior else None, asdict(robot.tool) if robot.tool else None]

@@ -16,11 +16,12 @@ from export_cases import made
 
 from dynid.errors import NotAnArtifact, TooLarge, WrongRobotFile
 from dynid.exporters import FORMATS, Provenance
-from dynid.files.artifact import read_artifact, write_artifact
+from dynid.files.artifact import read_artifact
 from dynid.files.robotfile import parse_robot
 from dynid.limits import limit
 from dynid.model.base_model import BaseModel, load_model, save_model
 from dynid.model.regressor import build_model
+from dynid.npz import write_artifact
 from dynid.text import printable
 
 #: Code for each language, led in by what ends a comment, a string or a line there, or joins lines.

@@ -5,7 +5,7 @@ import hashlib
 import pytest
 
 from dynid import limits
-from dynid.files.artifact import sha256
+from dynid.npz import sha256
 
 CONTENT = bytes(range(256)) * 9000
 

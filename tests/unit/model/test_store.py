@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import NewerSchema, NotAnArtifact
-from dynid.files.artifact import read_artifact, write_artifact
+from dynid.files.artifact import read_artifact
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.base_model import (
@@ -17,6 +17,7 @@ from dynid.model.base_model import (
     save_reduction,
 )
 from dynid.model.reduce import base_parameters
+from dynid.npz import write_artifact
 
 LISTS = ("names", "alone", "none", "combined", "gap", "method", "formulas")
 

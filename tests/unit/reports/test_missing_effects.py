@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from dynid.errors import NotAnArtifact
-from dynid.files.artifact import write_artifact
 from dynid.gap.formulas import HeldOutEffect
 from dynid.gap.localisation import JointGap, ResidualRegion
 from dynid.gap.record import SCHEMA, GapEffect, GapRecord, read_record, write_record
 from dynid.gap.refit import HeldOutImprovement
+from dynid.npz import write_artifact
 from dynid.reports.charts import binned
 from dynid.reports.gap_figures import effect_figure
 from dynid.reports.page import page

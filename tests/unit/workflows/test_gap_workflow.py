@@ -14,8 +14,7 @@ from dynid.errors import NotAnArtifact, WrongUsage
 from dynid.robot import Known
 from dynid.workflows.gap_options import joint_indices
 from dynid.workflows.gap_result import Gap
-from dynid.workflows.identify import save_result
-from dynid.workflows.results import load_run
+from dynid.workflows.results import load_run, save_result
 
 EFFECTS = "spring,torque_offset,asymmetric_viscous"
 STIFFNESS = 2.0
