@@ -138,7 +138,9 @@ def _click_option(each: Field[Any]) -> Callable[[Any], Any]:
     if declared.deliberate:
         facts["allow_from_autoenv"] = False
     if declared.shown is not None:
-        facts["show_default"] = declared.shown or True
+        facts["show_default"] = not declared.shown
+        # Why not by click, which puts a text in brackets of its own.
+        facts["help"] += f"  [default: {declared.shown}]" if declared.shown else ""
     if declared.pair:
         return click.option(f"{flag}/{declared.off or '--no-' + flag[2:]}", each.name, **facts)
     if isinstance(each.default, bool):

@@ -35,7 +35,7 @@ EVENT = "dynid/run-event/1"
 @click.option(
     "--junit", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write a JUnit XML report."
 )
-@click.option("--json-lines", is_flag=True, help="Print a JSON object on a line of its own as each job ends.")
+@click.option("--json-lines", is_flag=True, help="Print one line of JSON for each job, when it ends.")
 def command(common: Common, batch: Path, junit: Path | None, json_lines: bool, **values: Any) -> ExitStatus:  # noqa: ANN401
     """Identify, validate and compare many recordings from one YAML list."""
     from dynid.cli.identify import command as identify

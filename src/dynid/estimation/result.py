@@ -99,7 +99,7 @@ class Quality:
 
 def _part(path: str) -> Any:  # noqa: ANN401 - what it is stands beside it
     """Return an attribute of a part of a result as an attribute of the result."""
-    return property(attrgetter(path))
+    return property(attrgetter(path), doc=f"The same as ``{path}``.")
 
 
 @dataclass(frozen=True, repr=False, eq=False)

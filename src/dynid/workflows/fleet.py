@@ -44,7 +44,7 @@ class FleetOptions(Options):
 
     false_alarms: float = option(
         0.05,
-        "Of the arms that are called changed, so many may be unchanged ones, on average over all arms and days.",
+        "Largest share of false alarms among the arms that are called changed, on average over arms and days.",
         metavar="SHARE", shown="5%", read=share,
     )  # fmt: skip
     jobs: int | None = option(

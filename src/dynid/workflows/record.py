@@ -61,11 +61,16 @@ class RecordOptions(Options):
         1, "How many times the motion is played, each time into the same log.", bounds=(1, 1000), shown=""
     )
     speed: float = option(
-        "100%", "Speed of the motion, as a share of the planned one.", shown="", read=_quantity("%", 10.0)
+        "100%",
+        "Speed of the motion, as a share of the planned one.",
+        metavar="SHARE",
+        shown="",
+        read=_quantity("%", 10.0),
     )
     max_deviation: float = option(
         "0.15rad",
-        "Stop the arm when a joint is further than this from where the plan wants it [rad or m].",
+        "Stop the arm when a joint is further than this from the planned position [rad or m].",
+        metavar="DISTANCE",
         shown="",
         read=_quantity("rad", 1e3),
     )
@@ -74,20 +79,19 @@ class RecordOptions(Options):
     command_topic: str | None = option(None, "Topic or action of the commands (default: the driver's).", metavar="T")
     timeout: float = option(
         "2s",
-        "How long to wait for the ROS master and for messages before giving up [s].",
+        "How long to wait for the ROS master and for messages [s].",
+        metavar="SECONDS",
         shown="",
         read=_quantity("s", 86400.0),
     )
     accept_unreviewed: bool = option(False, "Play a motion whose preview nobody has confirmed.", deliberate=True)
-    go_to_start: bool = option(
-        False, "First move slowly from where the arm stands to the beginning of the motion.", deliberate=True
-    )
+    go_to_start: bool = option(False, "First move the arm slowly to the start of the motion.", deliberate=True)
     zero_torques: bool = option(
         False, "Zero the torque sensors before the motion (Kinova, in the candle pose).", deliberate=True
     )
     duration: float | None = option(
         None,
-        "End a recording with --listen-only after so many seconds [s] (default: when the messages stop).",
+        "Length of a recording with --listen-only [s] (default: until the messages stop).",
         metavar="S",
         kind="positive",
     )
