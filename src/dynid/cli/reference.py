@@ -187,9 +187,8 @@ def _described(name: str, thing: Any) -> list[str]:  # noqa: ANN401
         if not key.startswith("_") and (inspect.isfunction(value) or isinstance(value, property))
     ]
     for key, value in public:
-        function = value.fget if isinstance(value, property) else value
-        call = key if isinstance(value, property) else f"{key}{_signature(function)}"
-        first = (function.__doc__ or "").strip().split("\n\n")[0]
+        call = key if isinstance(value, property) else f"{key}{_signature(value)}"
+        first = (value.__doc__ or "").strip().split("\n\n")[0]
         lines.append(f"- `.{call}`: {_escaped(_text(first))}")
     return lines
 
