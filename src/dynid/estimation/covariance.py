@@ -34,24 +34,6 @@ KNOWN_WELL, NEGLIGIBLE, KNOWN_ROUGHLY, NOT_DETERMINED = "well", "negligible", "r
 WORDS = (KNOWN_WELL, NEGLIGIBLE, KNOWN_ROUGHLY, NOT_DETERMINED)
 
 
-def hac_covariance(
-    rows: Iterable[ObservationRows],
-    theta: Floats,
-    noise: Floats,
-    lags: int | None = None,
-    *,
-    robust: bool = False,
-    bread: Floats | None = None,
-    basis: Floats | None = None,
-    of: Sequence[int] | None = None,
-) -> Floats:
-    """Return the covariance of an estimate, allowing for coloured residuals, (p, p) in squared units of theta.
-
-    Arguments as for ``hac_covariances``; of a short log the corrected one.
-    """
-    return hac_covariances(rows, theta, noise, lags, robust=robust, bread=bread, basis=basis, of=of)[0]
-
-
 def hac_covariances(
     rows: Iterable[ObservationRows],
     theta: Floats,

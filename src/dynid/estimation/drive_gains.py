@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import RankDeficient, WrongUsage
 from dynid.estimation import tuning
-from dynid.estimation.covariance import hac_covariance
+from dynid.estimation.covariance import hac_covariances
 from dynid.estimation.payload import friction, last_link
 from dynid.estimation.rows import ObservationRows
 from dynid.estimation.stack import Stack
@@ -233,7 +233,7 @@ def _variances(problem: _GainProblem, x: Floats, h: Floats, sigma: Floats, relat
         )
     columns = axes[:, kept] / length[:, None]
     reduced = [part.with_arrays(part.W @ columns, part.residual(x)) for part in _linearised(problem, x, h)]
-    inner = hac_covariance(reduced, np.zeros(columns.shape[1]), sigma)
+    inner = hac_covariances(reduced, np.zeros(columns.shape[1]), sigma)[0]
     spread = columns[len(x) - count :]
     if relative:
         spread = spread - spread.mean(axis=0)

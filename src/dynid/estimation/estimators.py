@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import RankDeficient, WrongUsage
 from dynid.estimation import tuning
-from dynid.estimation.covariance import hac_covariance, hac_covariances
+from dynid.estimation.covariance import hac_covariances
 from dynid.estimation.least_squares import Fit, merge, ordinary, ridge, solve, weighted
 from dynid.estimation.rows import (
     ObservationRows,
@@ -189,7 +189,7 @@ def test_of_instruments(stack: Stack) -> InstrumentTest:
                 Z, place = part.instruments.of_joint(j)[1], np.concatenate([columns, p + columns, [2 * p]])
                 rows = np.vstack([W, Z, part.tau[:, j]]) * weight[:, j]
                 both[np.ix_(place, place)] += rows @ rows.T
-    split = np.array_split(np.array(list(blocks.values())), tuning.INSTRUMENTS_PARTS)
+    split = np.array_split(np.array(list(blocks.values())), tuning.PARTS_OF_LOG)
     parts = [np.sum(some, axis=0) for some in split if len(some)]
     whole = np.sum(parts, axis=0)
     size = np.sqrt(np.maximum(np.diagonal(whole), np.finfo(float).tiny))
@@ -397,7 +397,7 @@ def _with_earlier(stack: Stack, earlier: Earlier, fit: Fit) -> Floats:
     sensitivity = bread @ old.T @ old
     if not stack.logs:
         return np.asarray(sensitivity @ earlier.covariance @ sensitivity.T)
-    new = hac_covariance(stack, fit.theta, fit.noise, bread=bread)
+    new = hac_covariances(stack, fit.theta, fit.noise, bread=bread)[0]
     return np.asarray(sensitivity @ earlier.covariance @ sensitivity.T + new)
 
 

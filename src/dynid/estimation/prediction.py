@@ -119,8 +119,8 @@ def _pieces(segment: Segment, chosen: Filter) -> Iterator[tuple[Floats, ...]]:
     kernel, step = chosen.second_kernel, chosen.second_step
     taps = kernel.shape[1]
     count = max(0, (len(segment) - taps) // step + 1)
-    for first in range(0, count, tuning.INSTANTS_PREDICTED):
-        last = min(first + tuning.INSTANTS_PREDICTED, count)
+    for first in range(0, count, tuning.ROWS_EVALUATED):
+        last = min(first + tuning.ROWS_EVALUATED, count)
         part = slice(first * step, (last - 1) * step + taps)
         centres = slice((taps - 1) // 2, (taps - 1) // 2 + (last - first - 1) * step + 1, step)
         motion = (segment.q, segment.qd, segment.qdd)

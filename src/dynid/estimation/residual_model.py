@@ -728,7 +728,7 @@ def joints_apart(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floa
 
     def best_from(apart: Floats) -> tuple[float, Floats]:
         best = worth(apart)
-        for _ in range(tuning.APART_STEPS):
+        while True:
             others = [(j, one) for j in range(len(apart)) for one in (0.0, *tuning.APART_SIZES) if one != apart[j]]
             tried = [np.where(np.arange(len(apart)) == j, one, apart) for j, one in others]
             worths = [worth(other) for other in tried]

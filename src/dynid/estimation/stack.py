@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding
 from dynid.estimation import tuning
-from dynid.estimation.covariance import hac_covariance
+from dynid.estimation.covariance import hac_covariances
 from dynid.estimation.least_squares import Fit, block_diagonal, merge, triangle, weighted, with_columns
 from dynid.estimation.rows import ObservationRows, ReversalEffects, fold, reversal_effects, rows_of
 from dynid.model.base_model import BaseModel
@@ -348,7 +348,7 @@ def estimate_delay(stack: Stack) -> tuple[float, float]:
     seen = zip(factors, *_products(stack, slopes), strict=True)
     factors = np.array([with_columns(R, across, square, at=-1) for R, across, square in seen])
     found = weighted(np.array([triangle(R @ block_diagonal(basis, np.eye(1))) for R in factors]), counts)
-    variance = hac_covariance(rows, found.theta, found.noise, bread=found.covariance, basis=basis, of=[-1])[0, 0]
+    variance = hac_covariances(rows, found.theta, found.noise, bread=found.covariance, basis=basis, of=[-1])[0][0, 0]
     return float(found.theta[-1]), float(np.sqrt(max(0.0, variance)))
 
 

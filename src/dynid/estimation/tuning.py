@@ -96,8 +96,6 @@ INSTRUMENTS_STRONG = 10.0
 #: What instruments may leave of rows that they were not fitted to, over what least squares leaves; encoder noise biases
 #: the latter so that it leaves less. evidence: strong instruments 0.98 to 1.02, weak ones 1.02 to 175 on the same arms.
 INSTRUMENTS_UNSEEN = 1.05
-#: Parts of the logs that are predicted from the others. evidence: a convention.
-INSTRUMENTS_PARTS = 4
 
 # ---------------------------------------------------------------- estimators
 #: A prior base parameter is trusted to this share of itself by ``ridge``, and never better than this share of the
@@ -208,8 +206,8 @@ APART_SIZES = 10.0 ** np.arange(-4.0, 3.1)
 #: evidence: joints of real arms with nothing wrong reach 13.4 (LWR4+), 14.7 (UR10) and 14.9 (Rokae), of simulated ones
 #: 1.5; a scaled, reversed or partial torque 16.5 to 2e5, and the wrists of the Shanghai cobot 27 to 1700.
 APART_EVIDENCE, APART_SETTLED = 15.0, 0.1
-#: Steps of that search, and share of the evidence that is rounding. evidence: none yet; seven joints took 3 at most.
-APART_STEPS, APART_ROUNDING = 20, 1e-9
+#: Share of the evidence that is rounding. evidence: none yet.
+APART_ROUNDING = 1e-9
 #: By how much rows may narrow the prior's variances: beyond, torques have no noise, and what contradicts is rounding.
 #: evidence: none yet; logs of simulated arms with noise reach 1.3e9, of real ones 1e6.
 APART_TOLD = 1e11
@@ -224,8 +222,8 @@ APART_ROUNDS = 4
 #: How many filtered rows are worth one at least: of complete models it is 3.6 to 5 whatever their length, and a log of
 #: 3 to 8 s, whose slow errors the fit takes away, seems to say 1. evidence: those figures.
 COLOURED_ROWS = 4.0
-#: Parts that each recording is cut into, which have to agree. evidence: halves of the Rokae's recording, two to eight:
-#: four tell best how far both are apart.
+#: Parts that recordings are cut into: they have to agree, and instruments predict each from the others.
+#: evidence: halves of the Rokae's recording, two to eight: four tell best how far both are apart.
 PARTS_OF_LOG = 4
 #: A parameter counts as told by the rows when they leave this share of the prior's variance. evidence: a convention.
 TOLD_SHARE = 0.1
@@ -277,10 +275,6 @@ ALARM_POSES = 500
 FINDINGS_WORDED = 8
 #: Beyond this factor a number would only pretend that faster motion of the same kind could help. evidence: none yet.
 MOST_SENSIBLE = 30.0
-
-# ---------------------------------------------------------------- predictions
-#: Kept instants that are filtered together. evidence: none yet.
-INSTANTS_PREDICTED = 4096
 
 # ---------------------------------------------------------------- comparison of results
 #: Chance of naming any parameter when none has changed.

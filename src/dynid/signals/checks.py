@@ -499,7 +499,7 @@ def check_order(log: Log, robot: Robot) -> None:
     best = linear_sum_assignment(-likeness)[1]
     for i in np.flatnonzero(best != np.arange(k)):
         labelled, swapped = float(likeness[i, i]), float(likeness[i, best[i]])
-        if swapped > tuning.RIGHT_COLUMN and labelled < tuning.WRONG_COLUMN:
+        if swapped > tuning.WRONG_COLUMN > labelled:
             one, other = robot.joint_names[joints[i]], robot.joint_names[joints[best[i]]]
             raise JointNamesDiffer(
                 f"{one} and {other} look swapped (correlation {swapped:.2f} swapped, {labelled:.2f} as labelled)",

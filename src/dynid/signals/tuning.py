@@ -121,9 +121,9 @@ SLOPE_RADIANS = (0.010, 0.030)
 SLOPE_REVERSED = (-1.5, -0.5)
 #: Slopes outside this band are not noise any more, but no known unit either. Evidence: none yet.
 SLOPE_AGREES = (0.8, 1.25)
-#: A wrong column correlates up to 0.73 with a joint of the same motion; a right one above 0.9 unless very noisy.
+#: Correlation of a joint's velocity with its position's slope between those of a wrong column, up to 0.73 with a joint
+#: of the same motion, and of a right one, above 0.9 unless very noisy.
 WRONG_COLUMN = 0.75
-RIGHT_COLUMN = 0.9
 
 #: Positions this far beyond a limit are no rounding of a data sheet [rad or m]. Evidence: none yet.
 BEYOND_LIMITS = 0.1

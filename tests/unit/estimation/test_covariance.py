@@ -5,7 +5,6 @@ import pytest
 
 from dynid.estimation.covariance import (
     automatic_lags,
-    hac_covariance,
     hac_covariances,
     judge,
     long_run_variance,
@@ -38,7 +37,7 @@ def recording(seed, rho, samples=1000, joints=2):
 
 def fitted(segment):
     fit = weighted(*joint_factors([segment]))
-    return fit, hac_covariance([segment], fit.theta, fit.noise)
+    return fit, hac_covariances([segment], fit.theta, fit.noise)[0]
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +98,7 @@ def test_intervals_of_a_short_log_cover_what_they_say():
     for seed in range(100):
         theta, rows = slow_log(seed)
         fit = weighted(*joint_factors([rows]))
-        covariance = hac_covariance([rows], fit.theta, fit.noise)
+        covariance = hac_covariances([rows], fit.theta, fit.noise)[0]
         inside.append(np.abs(fit.theta - theta) <= 1.96 * np.sqrt(np.diagonal(covariance)))
     assert 0.92 <= np.mean(inside) <= 0.98
 
@@ -129,8 +128,8 @@ def test_judgement_separates_unknown_from_known_to_be_zero():
 def test_some_parameters_have_the_covariance_that_they_have_among_all():
     rows = recording(3, 0.8)
     fit = weighted(*joint_factors([rows]))
-    whole = hac_covariance([rows], fit.theta, fit.noise)
-    some = hac_covariance([rows], fit.theta, fit.noise, of=[3, 1])
+    whole = hac_covariances([rows], fit.theta, fit.noise)[0]
+    some = hac_covariances([rows], fit.theta, fit.noise, of=[3, 1])[0]
     np.testing.assert_allclose(some, whole[np.ix_([3, 1], [3, 1])], rtol=1e-11)
 
 
