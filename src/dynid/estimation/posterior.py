@@ -9,7 +9,7 @@ for the covariance; docs/explanation/estimators.md for what was tried.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,9 +59,6 @@ Mask = NDArray[np.bool_]
 ROBUST = ("irls", "iv", "idim-iv")
 #: Errors of noise-free torques, which are rounding [%].
 NOISE_FREE = 1e-6
-#: A possible arm that some rows ask for: its parameters; the constraints with the sizes of bodies, friction and rotors
-#: as prior; the Hessian of the prior there, (c, c).
-Arm: TypeAlias = tuple[PhysicalParameters, PhysicalConstraints, Floats]
 #: Sizes of the groups without any model error.
 NONE = np.full(len(GROUP_NAMES), tuning.RESIDUAL_NOTHING)
 
@@ -151,36 +148,50 @@ def _as_rows_say(
     robust = estimate.theta if estimate.method in ROBUST else None
     spread = prior_covariance(base)
     rows = whitened_rows(stack, base, alone, estimate.noise, worth, spread, robust).centred(estimate.theta)
-    held, large = fit.hessian - K.T @ (A.T @ A) @ K, 0.0
+    arm, large = Arm(fit, constraints, fit.hessian - K.T @ (A.T @ A) @ K), 0.0
     if like is not None:
         for joint in like.free:
             rows = rows.freed(joint)
     elif contradicts(*(relative_error(stack.whole[0], theta) for theta in (alone, estimate.theta))):
         freed, large = _with_large_torques(base, rows, estimate.theta, fit)
         # Why: a scaled or partial torque asks for a torque of the position as well, but for more beside it.
-        _, apart = joints_apart(rows, K, fit.x, held, NONE)
+        _, apart = joints_apart(rows, K, fit.x, arm.held, NONE)
         rows, large = (rows, 0.0) if apart > large else (freed, large)
-    arm = fit, constraints, held
     if np.any(rows.free):
-        arm = _arm_of(base, rows, NONE, fit)
-    rows, size, (near, constraints, held) = _with_joints_apart(base, stack, rows, arm, size, like)
+        arm = _arm_of(base, rows, NONE, arm)
+    rows, size, arm = _with_joints_apart(base, stack, rows, arm, size, like)
     if np.any(rows.apart):
         left, _ = rows.eliminated(NONE)
-        without, _ = _fitted(left, K, constraints, near)
+        without, _ = _fitted(left, K, arm.constraints, arm.fit)
         alone = K @ without.x
         found = _posterior(K, without, alone, worth, left[:-1, :-1].T @ left[:-1, :-1], rows.noise)
-    gain = evidence_gain(rows, K, near.x, held, size)
+    gain = evidence_gain(rows, K, arm.fit.x, arm.held, size)
     if residual_model is None and gain < tuning.RESIDUAL_EVIDENCE:
         if not (np.any(rows.apart) or np.any(rows.free)):
             return found
         size = NONE
     left, heads = rows.eliminated(size)
-    fit, _ = _fitted(left, K, constraints, near)
+    fit, _ = _fitted(left, K, arm.constraints, arm.fit)
     found = _posterior(K, fit, alone, worth, left[:-1, :-1].T @ left[:-1, :-1], rows.noise)
     return replace(found, error=model_error(rows, size, gain + large, heads, found.theta, stack.whole[1]))
 
 
-def _arm_of(base: BaseModel, rows: Whitened, size: Floats, near: PhysicalParameters) -> Arm:
+@dataclass(frozen=True)
+class Arm:
+    """A possible arm that some rows ask for.
+
+    Attributes:
+        fit: its parameters.
+        constraints: with the sizes of bodies, friction and rotors as prior.
+        held: Hessian of the prior there, (c, c).
+    """
+
+    fit: PhysicalParameters
+    constraints: PhysicalConstraints
+    held: Floats
+
+
+def _arm_of(base: BaseModel, rows: Whitened, size: Floats, near: Arm) -> Arm:
     """Return the possible arm that rows ask for, for sizes of the groups, beginning near another one.
 
     From the prior's own sizes: what no arm can make has made the bodies of the other one heavier.
@@ -188,8 +199,8 @@ def _arm_of(base: BaseModel, rows: Whitened, size: Floats, near: PhysicalParamet
     K = base.reduction.K
     left, _ = rows.eliminated(size)
     R = left[:-1, :-1] @ K
-    fit, constraints = _fitted(left, K, constraints_of(base), near)
-    return fit, constraints, fit.hessian - R.T @ R
+    fit, constraints = _fitted(left, K, constraints_of(base), near.fit)
+    return Arm(fit, constraints, fit.hessian - R.T @ R)
 
 
 def _with_joints_apart(
@@ -214,21 +225,19 @@ def _with_joints_apart(
     # Why without what somebody knows about the arm: torques that contradict that do not contradict each other.
     robot = replace(base.robot, known=Known())
     free = replace(base, model=replace(base.model, robot=robot))
-    there, noise = arm if robot == base.robot else _arm_of(free, rows, NONE, arm[0]), rows.noise
+    there, noise = arm if robot == base.robot else _arm_of(free, rows, NONE, arm), rows.noise
     for _ in range(tuning.APART_ROUNDS):
-        fit, _, held = there
-        size = best_size(rows, K, fit.x, held) if given is None else given
-        apart = joints_apart(rows, K, fit.x, held, size)[0] if like is None else like.apart
+        size = best_size(rows, K, there.fit.x, there.held) if given is None else given
+        apart = joints_apart(rows, K, there.fit.x, there.held, size)[0] if like is None else like.apart
         # Why not back to none: with what contradicts the others apart, these fit so well that nothing seems to.
         if np.array_equal(apart, rows.apart) or (np.any(rows.apart) and not np.any(apart)):
             break
         rows = rows.set_apart(apart, noise * _share_of_noise(stack, apart))
-        there = _arm_of(free, rows, size, fit)
+        there = _arm_of(free, rows, size, there)
     if robot == base.robot:
         return rows, size, there
-    arm = _arm_of(base, rows, size, arm[0]) if np.any(rows.apart) else arm
-    fit, _, held = arm
-    return rows, best_size(rows, K, fit.x, held) if given is None else given, arm
+    arm = _arm_of(base, rows, size, arm) if np.any(rows.apart) else arm
+    return rows, best_size(rows, K, arm.fit.x, arm.held) if given is None else given, arm
 
 
 def _share_of_noise(stack: Stack, apart: Floats) -> Floats:
