@@ -172,7 +172,8 @@ def contradictions(answers):
         states = {light["name"]: light["state"] for light in gap["judgement"]["lights"]}
         said = gap["judgement"]["sentence"]
         early = said.startswith(("These logs fit another arm", "The robot file does not"))
-        if nothing != (states["complete"] == "good"):
+        corrected = said.endswith("Nothing else is missing.")
+        if (nothing or corrected) != (states["complete"] == "good"):
             found.append("gap: its verdict and its light")
         if nothing and not early and not said.startswith("Nothing"):
             found.append("gap: its verdict and its sentence")

@@ -116,7 +116,7 @@ def report(common: Common, derived: DerivedModel, reduced: ReducedModel | None) 
     terminal, name = common.terminal, derived.model.robot.word
     terminal.emit_json(derived.facts(reduced))
     if reduced is None:
-        terminal.answer(f"The equations of {derived.model.robot.name} are there.", style="bold", indent=2)
+        terminal.answer(f"The equations of {derived.model.robot.name} are ready.", style="bold", indent=2)
         why = "Find out which of its parameters torques show, alone or in groups."
         terminal.next(shell("dynid", "model", name, "--reduce"), why)
         return

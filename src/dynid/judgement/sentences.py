@@ -52,7 +52,7 @@ def first_sentence(evidence: Evidence, lights: Sequence[Light]) -> str:
 def of_result(evidence: Evidence, states: dict[str, str]) -> str:
     """Return what a model is worth."""
     fitted = "" if evidence.fitted is None else f"{shown(evidence.fitted)} % of the torque it was fitted to"
-    if evidence.gap is not None and evidence.gap.named:
+    if evidence.gap is not None and evidence.gap.missing:
         # Why first: it is why the model is no better, and what to do about it.
         return of_gap(evidence.gap, nothing=False)
     tested = _worst_unseen(evidence)
@@ -152,7 +152,7 @@ def of_gap(gap: GapEvidence, *, nothing: bool) -> str:
         names = " or ".join(f"{one.title} on {one.where}" for one in gap.named)
         return f"Something is missing, and these explain it equally well: {names}."
     if gap.named:
-        return " ".join(_named(one, changed=changed) for one in gap.named)
+        return " ".join([*(_named(one, changed=changed) for one in gap.named), *["Nothing else is missing."] * nothing])
     if nothing:
         if changed:
             return "Nothing has changed since the model was identified: every joint is as it was expected."
@@ -298,7 +298,9 @@ def _gap_reasons(gap: GapEvidence, units: dict[str, str]) -> list[str]:
         if one.before is not None and one.after is not None:
             noise = next((row[3] for row in rows if row[0] == one.joint), None)
             beside = "" if noise is None else f"; noise {noise:.3g}"
-            found.append(f"Error of {one.joint} on unseen rows {one.before:.3g} -> {one.after:.3g} {one.unit}{beside}.")
+            sizes = f"{one.before:.3g} -> {one.after:.3g} {one.unit}"
+            what = f"without and with the correction {sizes}" if one.corrected else f"on unseen rows {sizes}"
+            found.append(f"Error of {one.joint} {what}{beside}.")
     left = [row for row in rows if row[0] in gap.more]
     if gap.named and left:
         name, _, after, noise = max(left, key=lambda row: row[2] / max(row[3], 1e-12))

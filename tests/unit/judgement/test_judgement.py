@@ -362,7 +362,14 @@ def test_a_delay_that_predictions_allow_for_is_not_told_as_missing():
     )
     gap = GapEvidence("numbers", effects=(delay,), joints=("a",), before=(0.1,), after=(0.1,), noise=(0.09,))
     judged = judge(Evidence(asked="gap", gap=gap))
-    assert judged.sentence == "The arm: delay of the torques, delay 0.00600 +- 0.0001 s. The model corrects it already."
+    answer = "The arm: delay of the torques, delay 0.00600 +- 0.0001 s. The model corrects it already."
+    assert judged.sentence == f"{answer} Nothing else is missing."
+    assert judged.light("complete").state == "good"
+    assert not any("--apply" in step.command for step in judged.steps)
+    more = judge(Evidence(asked="gap", gap=replace(gap, after=(0.3,))))
+    assert more.sentence == answer
+    assert more.light("complete").state == "fair"
+    assert not any("--apply" in step.command for step in more.steps)
 
 
 def test_an_event_comes_with_the_option_that_leaves_it_out():
