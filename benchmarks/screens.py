@@ -33,7 +33,9 @@ from dynid.workflows.simulate import simulate
 ROWS, COLUMNS = 60, 80
 STEP, SECONDS, NOISE = 0.005, 20.0, 0.003
 #: What a person sees and does not read.
-LEFT_OUT = re.compile(r"(wrote|reused|read|model|log|filter|stacked|delay|estimate|excited|search|info\[)")
+LEFT_OUT = re.compile(
+    r"(wrote|reused|read|model|log|filter|stacked?|delay|estimate|excited|search|simulate|arm|noticed) {2,}|info\["
+)
 
 #: Title, what is simulated, and the commands.
 CASES = (
