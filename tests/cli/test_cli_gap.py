@@ -100,6 +100,12 @@ def test_contacts_leave_another_picture_as_it_is(dynid, logs):
 
 
 def test_gap_without_a_terminal_reports_and_adds_nothing(dynid, logs):
+    """What an earlier search left goes, what is somebody's own stays, and the page beside the result is made again."""
+    before = dynid.folder / "before"
+    (before / "gap").mkdir()
+    old = [before / name for name in ("gap/effect_2_spring.png", "gap/simulator.png", "simulator_gap.npz")]
+    for path in (*old, before / "gap" / "own.png", before / "report.html"):
+        path.write_text("old")
     ended = dynid(
         "gap",
         "before/parameters.npz",
@@ -115,6 +121,9 @@ def test_gap_without_a_terminal_reports_and_adds_nothing(dynid, logs):
     assert ended.out.startswith("lwr_3_joint: friction that grows with the load")
     assert "(not asked: no terminal" in ended.err
     assert not list(dynid.folder.glob("arm+*"))
+    assert not any(path.exists() for path in old)
+    assert (before / "gap" / "own.png").read_text() == "old"
+    assert "friction that grows with the load" in (before / "report.html").read_text()
 
 
 def test_gap_with_an_unknown_effect_suggests_one(dynid, logs):

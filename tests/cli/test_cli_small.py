@@ -161,6 +161,7 @@ def test_check_shows_the_header_of_a_result(dynid):
     done = dynid("check", "r.npz")
     assert (done.status, done.err) == (0, "")
     assert done.out.splitlines() == [
+        "r.npz can be used: no mistake was found.",
         f"result     dynid/parameters/1, written by dynid {__version__}",
         "robot      arm",
         "input      log  sha256 0123456789ab",
@@ -179,8 +180,11 @@ def test_strict_turns_warnings_into_status_1(dynid, words, status):
     assert done.status == status
     assert done.err.splitlines() == [
         "warning[W202] arm.yaml:4: joints[0].twist = 1.5708 is 3.7e-06 rad from 90 deg; 90 deg is used "
-        "(write `90 deg` to silence this)"
+        "(write `90 deg` to silence this)",
+        "next       dynid model arm.yaml",
+        "           Find out which parameters of the arm torques show.",
     ]
+    assert done.out.splitlines()[0] == "arm.yaml can be used, but see the warning."
     assert done.out.splitlines()[-1] == "verdict    usable, 1 warning"
 
 

@@ -13,6 +13,7 @@ from dynid.cli.arguments import ROBOT, options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import input_hashes, may_write
 from dynid.errors import ExitStatus
+from dynid.text import shell
 from dynid.workflows.logs import LogOptions
 
 if TYPE_CHECKING:
@@ -80,6 +81,9 @@ def _written(common: Common, checked: Checked, chosen: dict[str, Any], fix: bool
 
 def _show(common: Common, found: Sequence[Checked], wrote: Sequence[tuple[Path, ...]], strict: bool) -> ExitStatus:
     terminal = common.terminal
+    warnings = sum(checked.warnings for checked in found)
+    missing = [_MISSING[finding.code] for one in found for finding in one.findings if finding.code in _MISSING]
+    terminal.answer(_answer(found, warnings, missing), style="bold", indent=2)
     for i, (checked, paths) in enumerate(zip(found, wrote, strict=True)):
         if i:
             terminal.answer()
@@ -87,8 +91,6 @@ def _show(common: Common, found: Sequence[Checked], wrote: Sequence[tuple[Path, 
             terminal.fact(label, text)
         terminal.findings(checked.findings)
         terminal.wrote(*paths)
-    warnings = sum(checked.warnings for checked in found)
-    missing = [_MISSING[finding.code] for one in found for finding in one.findings if finding.code in _MISSING]
     verdict = missing[0] if missing else "usable"
     terminal.fact("verdict", verdict + (f", {warnings} warning{'s' if warnings > 1 else ''}" if warnings else ""))
     terminal.emit_json(
@@ -101,4 +103,35 @@ def _show(common: Common, found: Sequence[Checked], wrote: Sequence[tuple[Path, 
             "wrote": [path for paths in wrote for path in paths],
         }
     )
+    if step := _next(found, missing):
+        terminal.next(*step)
     return ExitStatus.LIMIT_NOT_MET if strict and warnings else ExitStatus.DONE
+
+
+def _answer(found: Sequence[Checked], warnings: int, missing: Sequence[str]) -> str:
+    """Return whether the files can be used, in one sentence."""
+    names = [Path(each.path).name for each in found]
+    what = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    if missing:
+        return f"{what}: {missing[0]}."
+    if any(each.kind == "log" and each.robot is None for each in found):
+        return f"{what} can be read; only a robot file tells whether the numbers are right."
+    but = f", but see the warning{'s' * (warnings > 1)}" if warnings else ": no mistake was found"
+    return f"{what} can be used{but}."
+
+
+def _next(found: Sequence[Checked], missing: Sequence[str]) -> tuple[str, str] | None:
+    """Return the next command and why; None where the files do not say."""
+    logs = [each for each in found if each.kind == "log"]
+    if missing:
+        return None
+    if logs and logs[0].robot is None:
+        command = f"{shell('dynid', 'check', *(each.path for each in logs))} --robot ROBOT"
+        return command, "ROBOT is a robot file; the block above is the part of it that reads this recording."
+    if logs and logs[0].robot is not None:
+        command = shell("dynid", "identify", logs[0].robot.word, *(each.path for each in logs))
+        return command, "Identify the arm from it." if len(logs) == 1 else "Identify the arm from them."
+    robots = [each.robot for each in found if each.robot is not None]
+    if robots:
+        return shell("dynid", "model", robots[0].word), "Find out which parameters of the arm torques show."
+    return None

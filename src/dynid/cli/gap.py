@@ -85,8 +85,10 @@ def run_gap(
         new_name: path of the copy of the robot file.
         plot: whether pictures are drawn.
     """
+    from dynid.cli.report import renewed
     from dynid.workflows.gap import earlier_logs, find_gap
     from dynid.workflows.gap_options import selection_options
+    from dynid.workflows.gap_result import remove_search
     from dynid.workflows.logs import load_log
     from dynid.workflows.results import base_model_of, load_run
 
@@ -101,10 +103,9 @@ def run_gap(
         gap = find_gap(stored, read, options, earlier=earlier, base=base, progress=progress)
         progress.stage("draw")
         folder = stored.path.parent
+        remove_search(folder)
         wrote = gap.write_figures(folder / "gap") if plot else []
     show(common, gap)
-    # Why: what was driven for an earlier search says nothing of this one.
-    (folder / "simulator_gap.npz").unlink(missing_ok=True)
     chosen, applied, driven = gap.chosen(apply_ or "best"), None, None
     given = False if no_apply else True if apply_ else None
     if chosen and ask(common, "P7", given=given, effect=" and ".join(one.effect for one in chosen)) is Answer.YES:
@@ -114,6 +115,7 @@ def run_gap(
         applied = added[-1]
     wrote.append(gap.save(folder / "gap.npz"))
     common.terminal.wrote(*wrote)
+    wrote += renewed(common, stored.path, base)
     if applied is not None:
         show_check(common, gap, applied)
     else:
@@ -125,6 +127,7 @@ def drive(
     common: Common, gap: Gap, after: Identification, folder: Path, *, plot: bool
 ) -> tuple[SimulatorGap | None, list[Path]]:
     """Drive the exported files without and with what was added in a simulator; return what came of it, and files."""
+    from dynid.cli.simulate import show_comparison
     from dynid.errors import DynidError
     from dynid.workflows.simulator_gap import gap_in_simulator, save_figure
 
@@ -134,8 +137,7 @@ def drive(
     except DynidError as error:
         common.terminal.fact("simulator", f"not driven: {error}")
         return None, []
-    common.terminal.fact("simulator", found.sentence())
-    common.terminal.show(found.table())
+    show_comparison(common, found)
     picture = [save_figure(found, folder / "gap" / "simulator.png")] if plot else []
     return found, [found.save(folder / "simulator_gap.npz"), *picture]
 
@@ -238,14 +240,17 @@ def effect_row(one: GapEffect) -> list[str]:
 
 
 def improvement_table(common: Common, gap: Gap) -> None:
-    """Print the gap joint by joint."""
-    held_out, rows = gap.improvement, []
-    mixed = "N" in gap.torque_units
+    """Print the gap joint by joint; where something is named, without and with it."""
+    held_out, rows, both = gap.improvement, [], bool(gap.named)
+
+    def change(before: float, after: float, form: str) -> str:
+        return f"{before:{form}} -> {after:{form}}" if both else f"{before:{form}}"
+
     for j, (name, unit) in enumerate(zip(gap.joint_names, gap.torque_units, strict=True)):
-        short = " mm" * (mixed and unit == "N") or " mrad" * mixed
-        row = [name, *(f"{rms[j]:.3g} {unit}" for rms in (held_out.before, held_out.after, held_out.floor))]
-        rows.append([*row, *(f"{1e3 * error[j]:.2f}{short}" for error in gap.simulation)])
-    heads = ["joint", "held out before", "after", "noise"]
-    common.terminal.table(
-        heads + (["simulated before" + " [mrad]" * (not mixed), "after"] if len(gap.simulation) else []), rows
-    )
+        row = [name, f"{change(held_out.before[j], held_out.after[j], '.3g')} {unit}", f"{held_out.floor[j]:.3g}"]
+        if len(gap.simulation):
+            before, after = 1e3 * gap.simulation[:, j]
+            row.append(f"{change(before, after, '.1f')} {'mm' if unit == 'N' else 'mrad'}")
+        rows.append(row)
+    heads = ["joint", "error on unseen rows", "noise"]
+    common.terminal.table([*heads, "error of simulated motion"] if len(gap.simulation) else heads, rows)

@@ -27,7 +27,7 @@ def show_judgement(common: Common, judged: Judgement) -> None:
     for light in judged.lights:
         if light.state not in ("good", "open") or (common.verbose and light.state == "good"):
             terminal.fact(light.shown, ": ".join(filter(None, (light.title, light.text))))
-    for state, word in (("good", "good"), ("open", "not tested")):
+    for state, word in (("good", "good"), ("open", "untested")):
         found = [light.title for light in judged.lights if light.state == state]
         if found and not (common.verbose and state == "good"):
             terminal.fact(word, ", ".join(found))

@@ -116,9 +116,13 @@ def report(common: Common, derived: DerivedModel, reduced: ReducedModel | None) 
     terminal, name = common.terminal, derived.model.robot.word
     terminal.emit_json(derived.facts(reduced))
     if reduced is None:
-        terminal.next(shell("dynid", "model", name, "--reduce"))
+        terminal.answer(f"The equations of {derived.model.robot.name} are ready.", style="bold", indent=2)
+        why = "Find out which of its parameters torques show, alone or in groups."
+        terminal.next(shell("dynid", "model", name, "--reduce"), why)
         return
     base = reduced.base
+    terminal.answer(base.sentence, style="bold", indent=2)
+    terminal.answer()
     table = base.class_table()
     cells = [[(text, STYLES[text]) if k else text for k, text in enumerate(row.values())] for row in table]
     terminal.table(list(table[0]), cells)
@@ -126,7 +130,8 @@ def report(common: Common, derived: DerivedModel, reduced: ReducedModel | None) 
     for relation in base.relations.values():
         terminal.answer(f"  {relation}")
     terminal.answer(f"  {base.where}" if base.where else "")
-    terminal.next(f"{shell('dynid', 'trajectory', name)}, or with a log: {shell('dynid', 'identify', name)} LOG")
+    terminal.next(shell("dynid", "trajectory", name), "Plan a motion that shows these parameters well.")
+    terminal.next(f"{shell('dynid', 'identify', name)} LOG", "Identify them, where there is a recording already.")
 
 
 def show_relations(common: Common, derived: DerivedModel, form: str, *, at_rest: bool) -> None:

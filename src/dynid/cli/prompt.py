@@ -112,7 +112,7 @@ def _reason(common: Common) -> str:
 
 def _unasked(common: Common, text: str, question: Question, answer: Answer, reason: str) -> Answer:
     shown = question.unasked_text if answer is Answer.NO and question.unasked_text else answer.value
-    common.terminal.say(f"? {text} -> {shown} (not asked: {reason}; set with {question.flag})")
+    common.terminal.say(f"? {text} -> {shown} (not asked: {reason}; set with {question.flag})", indent=2)
     return answer
 
 

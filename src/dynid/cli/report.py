@@ -38,6 +38,21 @@ def command(common: Common, run: Path, show: bool) -> None:
         click.launch(str(wrote[0].resolve()))
 
 
+def renewed(common: Common, run: Path, base: BaseModel) -> list[Path]:
+    """Make the report beside a result again where there is one, and return what was written.
+
+    Why: a command that writes beside a result makes the page there say less than is known, or something else.
+
+    Args:
+        common: the common options.
+        run: the result.
+        base: its base model.
+    """
+    if not (run.parent / "report.html").is_file():
+        return []
+    return write_report(replace(common, out=run.parent), run, base)[1]
+
+
 def write_report(common: Common, run: Path, base: BaseModel | None = None) -> tuple[Report, list[Path]]:
     """Write report.html and summary.md of a result, beside it or where --out says.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,6 +12,9 @@ from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import input_hashes, may_write
 from dynid.text import shell
 from dynid.workflows.simulate import SimulateOptions
+
+if TYPE_CHECKING:
+    from dynid.sim.comparison import SimulatorGap
 
 
 @dynid_command(
@@ -71,7 +74,12 @@ def compare(common: Common, before: Path, after: Path, log: Path, engine: str) -
         found = compare_in_simulator(results, log, engine=engine, progress=progress)
         folder = common.out or results[1].path.parent
         wrote = [save_figure(found, folder / "simulator" / f"{log.stem}_{engine}.png")]
-    common.terminal.answer(found.sentence())
-    common.terminal.show(found.table())
+    show_comparison(common, found)
     common.terminal.wrote(*wrote)
     common.terminal.emit_json({**found.facts(), "wrote": wrote})
+
+
+def show_comparison(common: Common, found: SimulatorGap) -> None:
+    """Print how far simulated arms stray from a log, with one model and with another."""
+    common.terminal.sentence(found.sentence())
+    common.terminal.show(found.table())

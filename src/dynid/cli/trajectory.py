@@ -109,7 +109,7 @@ def command(common: Common, robot: str, plan: Path | None, **values: Any) -> Non
         return plan_inputs(arm, options, {name: file for name, file in files.items() if file is not None})
 
     if not may_write(common, path, inputs()):
-        return reuse(common, path, accept=values["accept"])
+        return reuse(common, arm, path, accept=values["accept"])
     while plan_once(common, arm, written, options, values, path, inputs()) is Answer.NO:
         options, values = changed(common, options, values)
     return None
@@ -201,7 +201,7 @@ def plan_once(
         # Why: dynid record would refuse it.
         common.terminal.next(f"write `limits:` of every joint into {arm.editable}, then plan with that file")
     else:
-        common.terminal.next(f"{shell('dynid', 'record', arm.word, path)}       (moves the arm; asks first)")
+        show_next(common, arm, path, reviewed=answer is Answer.YES)
     return Answer.YES
 
 
@@ -218,8 +218,9 @@ def wrote_trajectory(common: Common, path: Path, *, reviewed: bool, seen: bool =
 
 
 def show(common: Common, found: Plan) -> None:
-    """Say on stderr what was found, and print the joints' peaks on stdout."""
+    """Print the answer and the joints' peaks on stdout, and say on stderr why."""
     common.terminal.findings(found.findings)
+    common.terminal.answer(found.sentence, style="bold", indent=2)
     for label, text in found.lines():
         common.terminal.stage(label, text)
     for picture in found.clearance.pictures:
@@ -267,11 +268,14 @@ def view(common: Common, values: dict[str, Any], folder: Path) -> View:
     return View(drawing, wanted == "gui" or automatic_window)
 
 
-def reuse(common: Common, path: Path, *, accept: bool) -> None:
+def reuse(common: Common, arm: Robot, path: Path, *, accept: bool) -> None:
     """Answer from a motion that was planned before with the same inputs; accept it when asked to."""
     from dynid.files.trajectoryfile import read_trajectory, write_trajectory
+    from dynid.workflows.plan import plan_sentence
 
     stored = read_trajectory(path)
+    if answer := stored.facts.get("answer"):
+        common.terminal.sentence(plan_sentence(arm, answer))
     wrote: list[Path] = []
     if accept and not stored.reviewed:
         drawn = stored.facts.get("pictures", [])
@@ -280,6 +284,16 @@ def reuse(common: Common, path: Path, *, accept: bool) -> None:
         write_trajectory(path, stored)
         wrote_trajectory(common, path, reviewed=True, seen=seen)
     common.terminal.emit_json({**stored.facts.get("answer", {}), "wrote": wrote, "reviewed": stored.reviewed})
+    show_next(common, arm, path, reviewed=stored.reviewed)
+
+
+def show_next(common: Common, arm: Robot, path: Path, *, reviewed: bool) -> None:
+    """Say what to do with a motion: record it, or look at it before."""
+    if reviewed:
+        common.terminal.next(shell("dynid", "record", arm.word, path), "Record it. This moves the arm and asks first.")
+    else:
+        command = shell("dynid", "trajectory", arm.word, "--review", path)
+        common.terminal.next(command, "Look at it and accept it: an arm plays no motion that nobody has seen.")
 
 
 def review(common: Common, arm: Robot, options: PlanOptions, values: dict[str, Any]) -> None:
@@ -305,3 +319,4 @@ def review(common: Common, arm: Robot, options: PlanOptions, values: dict[str, A
         write_trajectory(path, stored)
         wrote_trajectory(common, path, reviewed=True, seen=seen)
     common.terminal.emit_json({**stored.facts.get("answer", {}), "wrote": wrote, "reviewed": stored.reviewed})
+    show_next(common, arm, path, reviewed=stored.reviewed)

@@ -77,6 +77,7 @@ def run_validate(
         mcap: file for viewers.
         final: say the next command as well; not when another command goes on.
     """
+    from dynid.cli.report import renewed
     from dynid.workflows.logs import read_log
     from dynid.workflows.results import base_model_of, load_run
     from dynid.workflows.validate import urdf_of, validate
@@ -101,6 +102,7 @@ def run_validate(
         terminal.say(f"limit      {sentence}")
     show(common, found)
     terminal.wrote(*wrote)
+    wrote += renewed(common, stored.path, base)
     if final:
         show_next(common, found.judgement)
     return {**found.facts(), "passed": not broken, "wrote": wrote}

@@ -41,13 +41,18 @@ def check_gravity(log: Log, robot: Robot) -> None:
     if known:
         carries |= change > max(tuning.LIGHTER_JOINT * change.max(), tuning.LIGHTER_LOAD_NM)
     loaded = np.flatnonzero(carries)
-    shares = [share for j in loaded if (share := _share(load[:, j], tau[:, j], [part[:, j] for part in besides])) >= 0]
+    alike = 1.0 if at_rest else tuning.SAMPLES_ALIKE
+    asked = (_share(load[:, j], tau[:, j], [part[:, j] for part in besides], alike) for j in loaded)
+    shares = [each for each in asked if each is not None]
     heaviest = int(loaded[np.argmax(change[loaded])]) if len(loaded) else 0
-    if shares and max(shares) < (tuning.WEIGHT_SHARE_KNOWN if known else tuning.WEIGHT_SHARE_UNKNOWN):
+    largest = tuning.WEIGHT_SHARE_KNOWN if known else tuning.WEIGHT_SHARE_UNKNOWN
+    missing = bool(shares) and max(share for share, _ in shares) < largest
+    # Why: friction and noise of a motion that hardly lifts the arm hide its weight, whatever came out.
+    if missing and min(share + 2.0 * error for share, error in shares) < tuning.LEAST_WEIGHT * largest:
         beside = [part[:, heaviest] for part in besides]
         if _likeness(load[:, heaviest], tau[:, heaviest], beside) > tuning.ALIKE:
             raise GravityRemoved(
-                f"torques follow the weight at {100 * max(shares):.2g} % of its size: their scale is unknown",
+                f"torques follow the weight at {100 * max(shares)[0]:.2g} % of its size: their scale is unknown",
                 where=log.topic,
                 why="readings of motors come in units of their maker, such as parts of the rated current",
                 fix="`torque: {source: motor_current, relative: true}`, or the unit under `driver: {units: ...}`",
@@ -97,9 +102,21 @@ def _likeness(load: Floats, tau: Floats, besides: list[Floats]) -> float:
     return abs(float(own @ seen)) / max(float(np.linalg.norm(own) * np.linalg.norm(seen)), 1e-300)
 
 
-def _share(load: Floats, tau: Floats, besides: list[Floats]) -> float:
-    """Return the measured change with the load over the expected one; -1 when the rest could explain it as well."""
+def _share(load: Floats, tau: Floats, besides: list[Floats], alike: float) -> tuple[float, float] | None:
+    """Return the measured change with the load over the expected one, and its standard error.
+
+    None where the rest could explain the load as well.
+
+    Args:
+        load: expected torque, (N,).
+        tau: measured torque, (N,).
+        besides: what else makes torque, (N,) each.
+        alike: number of rows that follow each other and count as one.
+    """
     own = _without(load, besides)
     if np.linalg.norm(own) < tuning.DISTINCT_LOAD * np.linalg.norm(load - load.mean()):
-        return -1.0
-    return abs(float(own @ tau / (own @ own)))
+        return None
+    share = float(own @ tau / (own @ own))
+    left = _without(tau, besides) - share * own
+    free = max(1.0, len(load) / alike - 2 - len(besides))
+    return abs(share), float(np.linalg.norm(left) / np.linalg.norm(own) / np.sqrt(free))

@@ -524,7 +524,7 @@ def apart_findings(base: BaseModel, stack: Stack, theta: Floats, error: ModelErr
     names = [base.robot.joint_names[j] for j in apart]
     scales = {name: scale_of(base, stack, theta, error, int(j)) for name, j in zip(names, apart, strict=True)}
     told = [f"{name} has {scale:.2f} times what they ask for" for name, scale in scales.items() if scale is not None]
-    cause = "; ".join(told) or "another scale or sign, a part of the torque only, or stuck?"
+    cause = "; ".join(told) or "another scale or sign, a part of it, a stuck reading, or what the model lacks"
     text = (
         f"the torques of {', '.join(names)} contradict those of the other joints: {cause}. They have parameters of "
         "their own in predictions and no say in those of the arm"

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import os
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +24,8 @@ if TYPE_CHECKING:
 
 #: Findings that say that no possible arm explains the torques, and that the robot file or the log is read wrongly.
 DOUBTS, ALARMS = ("W404", "W405"), ("W329",)
+#: How the text of what was held out begins where it is another motion than the fitted ones.
+ANOTHER_MOTION = "another motion: "
 
 
 def fingerprint(result: Identification) -> str:
@@ -39,6 +44,30 @@ def found_log(result: Identification, number: int) -> Path:
     name = Path(named[number] if number < len(named) else "")
     near = [result.path.parent / beside[number]] if number < len(beside) and result.path.name else []
     return next((path for path in (name, *near, result.path.parent / name) if name.name and path.exists()), name)
+
+
+def here(name: str) -> str:
+    """Return the path of a recording as it is typed here, whichever way it was given; one that is gone stays as it is.
+
+    Why: the same file, named from two folders, is one recording. Links stay as they were typed.
+    """
+    return typed(Path(os.path.abspath(name))) if name and Path(name).exists() else name  # noqa: PTH100
+
+
+def found_path(result: Identification, name: str) -> str:
+    """Return where a recording is now that a command on a result was given, wherever the result is opened from.
+
+    It is looked for as it was typed, beside the result, and from where the arm was identified.
+
+    Args:
+        result: the result.
+        name: of the recording, as it was typed.
+    """
+    folder, header = result.path.parent, result.header
+    pairs = zip(header.get("logs", []), header.get("logs_from_here", []), strict=False)
+    starts = dict.fromkeys(near.removesuffix(log) for log, near in pairs if near.endswith(log))
+    places = [Path(name), folder / name, *(folder / start / name for start in starts)]
+    return here(str(next((path for path in places if path.exists()), name))) if name else ""
 
 
 def evidence_of(result: Identification) -> Evidence:
@@ -106,7 +135,15 @@ def _held_out(result: Identification) -> tuple[Unseen, ...]:
         return ()
     same = result.heldout.endswith(SAME_MOTION)
     known = tuple(error / size for error, size in zip(rms, _sizes(result), strict=True) if error is not None)
-    return (Unseen(f"what was held out ({result.heldout})", percent, known if len(known) == len(rms) else (), same),)
+    return (Unseen(_held_out_name(result.heldout), percent, known if len(known) == len(rms) else (), same),)
+
+
+def _held_out_name(text: str) -> str:
+    """Return what was held out as a sentence has it: a share of each log, a motion, or one log."""
+    if text.endswith(SAME_MOTION):
+        return f"the {text} (held out)"
+    motion = text.removeprefix(ANOTHER_MOTION)
+    return f"{Path(text).name} (held out)" if motion == text else f"{motion} (held out, another motion)"
 
 
 def _possible(result: Identification) -> float | None:
@@ -153,7 +190,7 @@ def _replay(path: Path, result: Identification) -> Unseen | None:
     torque = np.where(motion.usable, motion.tau_measured, 0.0)
     percent = 100.0 * float(np.linalg.norm(left)) / max(float(np.linalg.norm(torque)), 1e-12)
     rms = np.linalg.norm(left, axis=0) / np.sqrt(np.maximum(1, motion.usable.sum(axis=0))) / np.array(_sizes(result))
-    log = str(header.get("log", path.parent.name))
+    log = found_path(result, str(header.get("log", path.parent.name)))
     expected = header.get("expected_percent")
     return Unseen(
         Path(log).name, percent, tuple(rms.tolist()), bool(header.get("same_motion", False)), expected, True, log
@@ -169,16 +206,23 @@ def _gap(path: Path, result: Identification) -> GapEvidence | None:
         return None
     artifact = read_artifact(path)
     with reading(path):
-        return gap_evidence(dict(artifact.header["record"]), artifact.arrays, result.delay)
+        found = partial(found_path, result)
+        return gap_evidence(dict(artifact.header["record"]), artifact.arrays, result.delay, found)
 
 
-def gap_evidence(record: dict[str, Any], arrays: Any, delay: float) -> GapEvidence:  # noqa: ANN401
+def gap_evidence(
+    record: dict[str, Any],
+    arrays: Any,  # noqa: ANN401
+    delay: float,
+    found: Callable[[str], str] = here,
+) -> GapEvidence:
     """Return the evidence of a search.
 
     Args:
         record: its record as plain values.
         arrays: its held-out errors by name.
         delay: by how much the searched model moves torques back [s].
+        found: returns where a recording is now.
     """
     effects = [_effect(one, named=True) for one in record["named"]]
     effects = [replace(one, corrected=_corrected(one, delay)) for one in effects]
@@ -196,11 +240,11 @@ def gap_evidence(record: dict[str, Any], arrays: Any, delay: float) -> GapEviden
         repeats=float(record.get("repeats") or 0.0) > 0.0,
         more=tuple(str(name) for name in record.get("more", ())),
         unrepeatable=tuple(str(name) for name in record["not_repeatable"]),
-        events=tuple(Event(**event) for event in record.get("events", ())),
+        events=tuple(Event(**{**event, "log": found(event["log"])}) for event in record.get("events", ())),
         kept=None if record.get("kept") is None else float(record["kept"]),
         expected=None if record.get("expected") is None else float(record["expected"]),
         kept_rms=tuple(float(x) for x in record.get("kept_rms", ())),
-        logs=tuple(str(path) for path in record["logs"]),
+        logs=tuple(found(str(path)) for path in record["logs"]),
     )
 
 

@@ -162,6 +162,19 @@ class GapEvidence:
         """Effects that are proved."""
         return tuple(one for one in self.effects if one.named)
 
+    @property
+    def missing(self) -> tuple[EffectEvidence, ...]:
+        """Effects that are proved and that predictions do not allow for yet."""
+        return tuple(one for one in self.named if not one.corrected)
+
+    @property
+    def errors(self) -> tuple[float, ...]:
+        """Error of each joint on rows that were not fitted with the model as it is, (n,) [N m or N].
+
+        A search takes back what the model corrects, to find it again: the error without it is not that of the model.
+        """
+        return self.after if self.named and not self.missing else self.before
+
 
 @dataclass(frozen=True)
 class OtherArm:

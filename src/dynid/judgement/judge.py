@@ -31,8 +31,13 @@ class Judgement:
 
     @property
     def state(self) -> str:
-        """``"bad"`` or ``"fair"`` as the worst light, ``"good"`` when proved on unseen motion, else ``"open"``."""
+        """``"bad"`` or ``"fair"`` as the worst light, ``"good"`` when proved on unseen motion, else ``"open"``.
+
+        Torques that are proved on unseen motion are no worse for masses that no arm has: that is fair.
+        """
         states = {light.name: light.state for light in self.lights}
+        if states["unseen motion"] == "good" and states["physics"] == "bad":
+            states["physics"] = "fair"
         found = worst(state for state in states.values() if state != OPEN)
         return OPEN if found == "good" and states["unseen motion"] == OPEN else found
 
@@ -64,9 +69,10 @@ def judge(evidence: Evidence) -> Judgement:
         evidence: what is known of it.
     """
     found = lights(evidence)
+    sentence = first_sentence(evidence, found)
     return Judgement(
-        first_sentence(evidence, found),
-        reasons(evidence, found),
+        sentence,
+        reasons(evidence, sentence),
         found,
         warnings(evidence, found),
         next_steps(evidence, found),

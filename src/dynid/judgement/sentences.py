@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from dynid.judgement import tuning
 from dynid.judgement.evidence import EffectEvidence, Evidence, GapEvidence, Unseen
@@ -51,7 +52,7 @@ def first_sentence(evidence: Evidence, lights: Sequence[Light]) -> str:
 def of_result(evidence: Evidence, states: dict[str, str]) -> str:
     """Return what a model is worth."""
     fitted = "" if evidence.fitted is None else f"{shown(evidence.fitted)} % of the torque it was fitted to"
-    if evidence.gap is not None and evidence.gap.named:
+    if evidence.gap is not None and evidence.gap.missing:
         # Why first: it is why the model is no better, and what to do about it.
         return of_gap(evidence.gap, nothing=False)
     tested = _worst_unseen(evidence)
@@ -65,6 +66,11 @@ def of_result(evidence: Evidence, states: dict[str, str]) -> str:
         return f"Do not use this model for {names}: it misses {most}{shown(percent)} % of the torque there{whole}."
     if states["fit"] == "bad":
         return f"Do not use this model yet: it misses {fitted or 'much of the torque it was fitted to'}."
+    if states["physics"] == "bad" and states["unseen motion"] == "good":
+        return (
+            "The torques are right up to their noise on motions that were not fitted, but no arm has such masses: use "
+            "this model for torques, not for its bodies."
+        )
     if states["physics"] == "bad":
         return "Do not use this model yet: no arm with possible masses has these torques."
     if states["complete"] == "bad" and evidence.gap is not None:
@@ -114,7 +120,9 @@ def of_replay(unseen: Unseen, evidence: Evidence) -> str:
         return f"The model is worse on {unseen.name} than it expected: {much}."
     what = "a motion that was fitted" if unseen.same_motion else "a motion that was not fitted"
     word = "Do not use this model yet: it" if state == "bad" else "The model"
-    return f"{word} misses {shown(unseen.percent)} % of the torque of {unseen.name}, {what}."
+    weak = ", ".join(name for name, _ in weak_joints(evidence)) if state != "bad" else ""
+    but = f" Do not use it for {weak}." if weak else ""
+    return f"{word} misses {shown(unseen.percent)} % of the torque of {unseen.name}, {what}.{but}"
 
 
 # ---------------------------------------------------------------- what changed
@@ -132,7 +140,8 @@ def of_changes(evidence: Evidence) -> str:
     more = "" if len(changed) == 1 else ", and 1 more number" if len(changed) == 2 else f", and {len(changed) - 1} more"
     unit = f" {first.unit}" if first.unit else ""
     what = "The arm has changed" if evidence.tolerance is None else f"Numbers have moved by more than {measure}"
-    return f"{what}{since}: {first.name} went from {first.before:.4g} to {first.after:.4g}{unit}{more}."
+    kind = "" if first.p_value is None else "parameter "
+    return f"{what}{since}: {kind}{first.name} went from {first.before:.4g} to {first.after:.4g}{unit}{more}."
 
 
 # ---------------------------------------------------------------- missing effects
@@ -143,12 +152,12 @@ def of_gap(gap: GapEvidence, *, nothing: bool) -> str:
         names = " or ".join(f"{one.title} on {one.where}" for one in gap.named)
         return f"Something is missing, and these explain it equally well: {names}."
     if gap.named:
-        return " ".join(_named(one, changed=changed) for one in gap.named)
+        return " ".join([*(_named(one, changed=changed) for one in gap.named), *["Nothing else is missing."] * nothing])
     if nothing:
         if changed:
             return "Nothing has changed since the model was identified: every joint is as it was expected."
-        noise = "at its noise" if gap.repeats else "at the lowest noise it can have"
-        return f"Nothing is missing: every joint is {noise}, on rows that were not used."
+        joints = "every joint is at its noise" if gap.repeats else "no joint is above the least noise that it can have"
+        return f"Nothing is missing: {joints}, on rows that were not used."
     if gap.events:
         event = gap.events[0]
         return (
@@ -212,20 +221,22 @@ def _where(gap: GapEvidence) -> str:
 
 
 # ---------------------------------------------------------------- why
-def reasons(evidence: Evidence, lights: Sequence[Light]) -> tuple[str, ...]:
-    """Return why, in numbers beside what they are compared with."""
+def reasons(evidence: Evidence, sentence: str) -> tuple[str, ...]:
+    """Return why, in numbers beside what they are compared with; what the first sentence says is not said again."""
     found = []
     if evidence.asked == "gap" and evidence.gap is not None:
         found += _gap_reasons(evidence.gap, {joint.joint: joint.unit for joint in evidence.joints})
     elif evidence.asked == "replay" and evidence.unseen:
-        found += _replay_reasons(evidence.unseen[-1], evidence)
+        found += _replay_reasons(evidence.unseen[-1], evidence, sentence)
     elif evidence.asked == "change":
         found += _change_reasons(evidence)
     else:
-        tested = [each for each in evidence.unseen if not each.same_motion]
-        if tested:
-            found += _replay_reasons(max(tested, key=lambda each: each.percent), evidence)
-    return (*found, *_small_reasons(evidence)) if evidence.asked in ("result", "replay") else tuple(found)
+        tested = _worst_unseen(replace(evidence, unseen=tuple(u for u in evidence.unseen if not u.same_motion)))
+        if tested is not None:
+            found += _replay_reasons(tested, evidence, sentence)
+    # Why not beside another arm: what this model is good for is not the question then.
+    whole = evidence.asked in ("result", "replay") and evidence.other is None and not evidence.alarms
+    return (*found, *_small_reasons(evidence)) if whole else tuple(found)
 
 
 def _change_reasons(evidence: Evidence) -> list[str]:
@@ -234,7 +245,7 @@ def _change_reasons(evidence: Evidence) -> list[str]:
         return []
     times = 1e6 if first.p_value < 1e-6 else float(f"{1 / first.p_value:.1g}")
     most = "less than " if first.p_value < 1e-6 else ""
-    return [f"Noise alone would change {first.name} so much {most}once in {times:,.0f} comparisons."]
+    return [f"Noise alone would do that to {first.name} {most}once in {times:,.0f} comparisons."]
 
 
 def _small_reasons(evidence: Evidence) -> list[str]:
@@ -263,17 +274,21 @@ def _small_reasons(evidence: Evidence) -> list[str]:
     ]
 
 
-def _replay_reasons(unseen: Unseen, evidence: Evidence) -> list[str]:
-    said = f"{unseen.percent:.2f} % unexplained on {unseen.name}"
-    if unseen.expected:
-        said += f"; expected {unseen.expected:.2f} %"
+def _replay_reasons(unseen: Unseen, evidence: Evidence, sentence: str) -> list[str]:
+    found, expected = [], f"{unseen.expected:.2g} % was expected" if unseen.expected else ""
+    if f"{shown(unseen.percent)} %" not in sentence or unseen.name not in sentence:
+        missed = f"The model misses {shown(unseen.percent)} % of the torque of {unseen.name}"
+        found.append(f"{missed}; {expected}." if expected else f"{missed}.")
+    elif expected and expected not in sentence:
+        found.append(f"{expected} there.")
     far = farthest(unseen, evidence)
     if far is not None:
         joint, error, times = far
         bound = "" if evidence.repeats else " at least"
         far_off = "" if times <= tuning.AT_NOISE else f" ({times:.2g} times)"
-        said += f"; {joint.joint} {error:.3g} {joint.unit}, noise{bound} {floor(joint) or 0.0:.3g}{far_off}"
-    return [said + "."]
+        noise = f"noise{bound} {floor(joint) or 0.0:.3g}{far_off}"
+        found.append(f"{joint.joint} is furthest from its noise there: {error:.3g} {joint.unit}, {noise}.")
+    return found
 
 
 def _gap_reasons(gap: GapEvidence, units: dict[str, str]) -> list[str]:
@@ -283,13 +298,15 @@ def _gap_reasons(gap: GapEvidence, units: dict[str, str]) -> list[str]:
         if one.before is not None and one.after is not None:
             noise = next((row[3] for row in rows if row[0] == one.joint), None)
             beside = "" if noise is None else f"; noise {noise:.3g}"
-            found.append(f"Error of {one.joint} on unseen rows {one.before:.3g} -> {one.after:.3g} {one.unit}{beside}.")
+            sizes = f"{one.before:.3g} -> {one.after:.3g} {one.unit}"
+            what = f"without and with the correction {sizes}" if one.corrected else f"on unseen rows {sizes}"
+            found.append(f"Error of {one.joint} {what}{beside}.")
     left = [row for row in rows if row[0] in gap.more]
     if gap.named and left:
         name, _, after, noise = max(left, key=lambda row: row[2] / max(row[3], 1e-12))
         others = f", and on {len(left) - 1} more joint{'s' * (len(left) > 2)}" if len(left) > 1 else ""
         unit = f" {units[name]}" if name in units else ""
-        found.append(f"More is missing on {name} ({after:.3g}{unit}, noise {noise:.3g}){others}.")
+        found.append(f"More than noise is left on {name}: {after:.3g}{unit}, noise {noise:.3g}{others}.")
     if not gap.named and not gap.events and rows:
         name, error, _, noise = max(rows, key=lambda row: row[1] / max(row[3], 1e-12))
         unit = f" {units[name]}" if name in units else ""
@@ -303,14 +320,22 @@ def _gap_reasons(gap: GapEvidence, units: dict[str, str]) -> list[str]:
 
 
 # ---------------------------------------------------------------- several facts together
+def _explained(unseen: Unseen, evidence: Evidence) -> bool:
+    """Return whether a search names why a model misses more of a log than it expected: the arm is another one there."""
+    gap = evidence.gap
+    return gap is not None and bool(gap.named) and gap.question == "changed" and unseen.log in gap.logs
+
+
 def warnings(evidence: Evidence, lights: Sequence[Light]) -> tuple[str, ...]:
     """Return what several facts together warn of."""
     states = {light.name: light.state for light in lights}
     found = []
-    broken = [(times, each) for each in evidence.unseen if (times := surprise(each)) and times > tuning.EXPECTED[0]]
+    # Why not the last replay where it is what was asked: the answer says it.
+    told = evidence.unseen[:-1] if evidence.asked == "replay" else evidence.unseen
+    broken = [(times, each) for each in told if (times := surprise(each)) and times > tuning.EXPECTED[0]]
     if broken:
         times, each = max(broken, key=lambda one: one[0])
-        if at_noise(each, evidence) is not True:
+        if at_noise(each, evidence) is not True and not _explained(each, evidence):
             found.append(f"Do not rely on the expected error: on {each.name} it was {times:.2g} times too small.")
     if evidence.seconds is not None and evidence.seconds < tuning.SECONDS and states["fit"] == "good":
         found.append(f"A log of {evidence.seconds:.2g} s is easy to fit, which says little about other motions.")

@@ -92,7 +92,7 @@ def _gap(evidence: Evidence, states: dict[str, str]) -> list[Step]:
         return []
     found = []
     run, logs = run_of(evidence), gap.logs or ("LOG",)
-    if gap.named and not gap.ambiguous:
+    if gap.missing and not gap.ambiguous:
         why = "Add what was found to a copy of the robot file, and identify the arm with it."
         command = f"{shell('dynid', 'gap', run, *logs)} --apply best"
         return [Step(why, command, ("complete", "fit", "unseen motion", "physics"))]

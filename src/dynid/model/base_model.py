@@ -172,6 +172,17 @@ class BaseModel:
         return Table(rows, self._title(), (self.legend,))
 
     @property
+    def sentence(self) -> str:
+        """What torques tell of the arm, in one sentence."""
+        found = self.reduction
+        alone, grouped, every = len(found.alone), len(found.combined), len(found.names)
+        groups = self.rank - alone
+        return (
+            f"Torques of {self.robot.name} show {alone} of its {every} parameters alone and {grouped} in {groups} "
+            f"groups; no motion shows the other {len(found.none)}."
+        )
+
+    @property
     def legend(self) -> str:
         """What the symbols of the class table mean, and how many parameters each class has."""
         found = self.reduction

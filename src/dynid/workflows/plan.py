@@ -138,6 +138,11 @@ class Plan:
         return (*self.clearance.findings, *more)
 
     @property
+    def sentence(self) -> str:
+        """What the motion is worth, in one sentence."""
+        return plan_sentence(self.robot, self.facts())
+
+    @property
     def at_full_speed(self) -> AlphaRow:
         """What the motion costs and teaches at full speed."""
         return next(row for row in self.alphas if row.alpha == 1.0)
@@ -353,6 +358,20 @@ class Plan:
             NoDisplay: there is no display.
         """
         return show_in_window(self.robot, self.trajectory, self.options.scene, self.urdf)
+
+
+def plan_sentence(robot: Robot, facts: Mapping[str, Any]) -> str:
+    """Return what a motion is worth, in one sentence.
+
+    Args:
+        robot: the arm.
+        facts: of the motion, as ``Plan.facts`` says them.
+    """
+    units = " or ".join(dict.fromkeys(joint.torque_unit for joint in robot.joints))
+    return (
+        f"This motion of {facts['duration_s']:.1f} s keeps all limits of {robot.name}. With a recording of it the "
+        f"model should predict other motions to {facts['expected_torque_error_nm']:.2g} {units}."
+    )
 
 
 @contextmanager

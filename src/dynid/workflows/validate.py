@@ -84,17 +84,20 @@ class Validation:
     @property
     def seen(self) -> Unseen:
         """The log as evidence."""
+        from dynid.estimation.evidence import here
+
         torque = self.robot.torque
         gains = torque.gain if torque.relative and torque.gain else (1.0,) * self.robot.n
         rms = tuple(joint.rms / (gain or 1.0) for joint, gain in zip(self.joints, gains, strict=True))
         percent, name = self.relative_error_percent, Path(self.log).name
-        return Unseen(name, percent, rms, self.same_motion, self.expected_percent, True, self.log)
+        return Unseen(name, percent, rms, self.same_motion, self.expected_percent, True, here(self.log))
 
     @property
     def evidence(self) -> Evidence:
         """What is known of the model with this log."""
-        earlier = tuple(each for each in self.known.unseen if each.log != self.log)
-        return replace(self.known, asked="replay", unseen=(*earlier, self.seen))
+        seen = self.seen
+        earlier = tuple(each for each in self.known.unseen if each.log != seen.log)
+        return replace(self.known, asked="replay", unseen=(*earlier, seen))
 
     @property
     def judgement(self) -> Judgement:

@@ -66,6 +66,24 @@ def test_torques_of_a_moving_arm_without_its_weight_are_refused():
     check_gravity(prepare(broken, free), free)
 
 
+def short_log(amplitude, noise, seed, weight):
+    """A log of 3 s around one pose whose friction is no tanh of the speed, with or without the weight of the arm."""
+    robot, rng, t = lwr(), np.random.default_rng(seed), np.arange(0.0, 3.0, 0.005)
+    window = np.sin(np.pi * t / 3.0) ** 2
+    phases, speeds = rng.uniform(0, 6, robot.n), rng.uniform(1.0, 4.0, robot.n)
+    q = rng.uniform(-0.5, 0.5, robot.n) + amplitude * window[:, None] * np.sin(np.outer(t, speeds) + phases)
+    qd = np.gradient(q, t, axis=0)
+    tau = 15.0 * np.arctan(20.0 * qd) + noise * rng.standard_normal(q.shape)
+    return Log(t, q, tau + weight * expected_torque(q, robot), robot.joint_names, qd), robot
+
+
+def test_a_short_motion_that_hardly_lifts_the_arm_does_not_tell_its_weight():
+    for seed in range(30):
+        check_gravity(*short_log(0.02, 3.0, seed, weight=1.0))
+    with pytest.raises(GravityRemoved):
+        check_gravity(*short_log(1.0, 0.3, 0, weight=0.0))
+
+
 def poses(robot, hold=1.0, rate=100.0, count=8, seed=0):
     """A log that rests in several poses, with quick moves between them."""
     rng = np.random.default_rng(seed)

@@ -230,8 +230,8 @@ def test_what_has_changed_comes_first_with_the_command_that_asks_what():
         earlier_result="out/january/parameters.npz",
     )  # fmt: skip
     judged = judge(known)
-    assert judged.sentence == "The arm has changed since january: m3 went from 1 to 2, and 2 more."
-    assert judged.reasons == ("Noise alone would change m3 so much once in 100,000 comparisons.",)
+    assert judged.sentence == "The arm has changed since january: parameter m3 went from 1 to 2, and 2 more."
+    assert judged.reasons == ("Noise alone would do that to m3 once in 100,000 comparisons.",)
     assert judged.steps[0].command == "dynid gap out/january now.bag --ask changed"
     moved = judge(replace(known, tolerance=0.01)).sentence
     assert moved.startswith("Numbers have moved by more than 1 % since january")
@@ -267,6 +267,54 @@ def test_no_two_statements_contradict_each_other(seed):
     assert contradictions(judge(some_evidence(seed))) == []
 
 
+def held_out_beside(replays):
+    """Return what is said of a model whose half missed much of another motion, after replays of the whole model."""
+    joints = tuple(JointEvidence(name, "N m", 10.0, 0.05, 0.04) for name in NAMES)
+    held = Unseen("b.csv (held out, another motion)", 39.0, (3.9, 3.9, 3.9))
+    return judge(Evidence(joints=joints, fitted=0.5, unseen=(held, *replays), known=0.9, physical=True))
+
+
+def test_what_the_model_in_force_predicts_counts_more_than_what_a_model_of_half_the_logs_missed():
+    assert held_out_beside(()).light("unseen motion").state == "bad"
+    right = Unseen("c.csv", 0.5, (0.05, 0.05, 0.05), replayed=True, log="c.csv")
+    assert held_out_beside((right,)).light("unseen motion").state == "fair"
+    # The fitted motion again shows nothing of others, and a replay that is wrong is as bad as before.
+    assert held_out_beside((replace(right, same_motion=True),)).light("unseen motion").state == "bad"
+    wrong = Unseen("c.csv", 39.0, (3.9, 3.9, 3.9), replayed=True, log="c.csv")
+    assert held_out_beside((right, wrong)).light("unseen motion").state == "bad"
+
+
+def test_torques_that_are_proved_are_not_bad_because_no_arm_weighs_so_much():
+    joints = tuple(JointEvidence(name, "N m", 10.0, 0.05, 0.04) for name in NAMES)
+    right = Unseen("c.csv", 0.5, (0.05, 0.05, 0.05), replayed=True, log="c.csv")
+    known = Evidence(joints=joints, fitted=0.5, unseen=(right,), known=0.9, physical=True, mass=3080.0, reach=1.3)
+    judged = judge(known)
+    assert judged.light("physics").state == "bad"
+    assert judged.state == "fair"
+    assert "use this model for torques, not for its bodies" in judged.sentence
+    assert not any("export" in step.command for step in judged.steps)
+    assert judge(replace(known, unseen=())).state == "bad"
+
+
+def test_a_load_that_is_found_does_not_speak_against_the_expected_error():
+    joints = (JointEvidence("a", "N m", 10.0, 0.1, 0.09),)
+    loaded = Unseen("loaded.csv", 26.0, (2.6,), False, 0.45, True, "loaded.csv")
+    load = EffectEvidence("payload that the model does not know", "the whole arm", "payload", (("m", 1.2, 0.02, "kg"),))
+    gap = GapEvidence("changed", effects=(load,), joints=("a",), before=(2.6,), after=(0.1,), noise=(0.09,),
+                      logs=("loaded.csv",))  # fmt: skip
+    known = Evidence(joints=joints, unseen=(loaded,))
+    assert any("expected error" in text for text in judge(known).warnings)
+    assert not any("expected error" in text for text in judge(replace(known, gap=gap)).warnings)
+
+
+def test_a_figure_is_said_once():
+    joints = (JointEvidence("a", "N m", 10.0, 0.1, 0.09),)
+    replayed = Unseen("new.csv", 26.0, (2.6,), False, 0.45, True, "new.csv")
+    judged = judge(Evidence(asked="replay", joints=joints, unseen=(replayed,), repeats=True))
+    assert "26 % of the torque where 0.45 % was expected" in judged.sentence
+    assert judged.reasons == ("a is furthest from its noise there: 2.6 N m, noise 0.09 (29 times).",)
+
+
 def test_what_was_not_looked_at_is_not_good():
     judged = judge(Evidence())
     assert {light.state for light in judged.lights} == {"open"}
@@ -275,7 +323,7 @@ def test_what_was_not_looked_at_is_not_good():
 
 def test_a_short_log_with_a_third_held_out_is_not_good():
     joints = tuple(JointEvidence(name, "N m", 10.0, 0.05, 0.04) for name in NAMES)
-    held = Unseen("what was held out (last 20 % of each log, the same motion)", 32.0, (3.0, 3.0, 3.0), True)
+    held = Unseen("the last 20 % of each log, the same motion (held out)", 32.0, (3.0, 3.0, 3.0), True)
     judged = judge(Evidence(joints=joints, fitted=0.47, unseen=(held,), seconds=3.0, known=0.9, physical=True))
     assert judged.light("unseen motion").state == "bad"
     assert judged.state == "bad"
@@ -314,7 +362,14 @@ def test_a_delay_that_predictions_allow_for_is_not_told_as_missing():
     )
     gap = GapEvidence("numbers", effects=(delay,), joints=("a",), before=(0.1,), after=(0.1,), noise=(0.09,))
     judged = judge(Evidence(asked="gap", gap=gap))
-    assert judged.sentence == "The arm: delay of the torques, delay 0.00600 +- 0.0001 s. The model corrects it already."
+    answer = "The arm: delay of the torques, delay 0.00600 +- 0.0001 s. The model corrects it already."
+    assert judged.sentence == f"{answer} Nothing else is missing."
+    assert judged.light("complete").state == "good"
+    assert not any("--apply" in step.command for step in judged.steps)
+    more = judge(Evidence(asked="gap", gap=replace(gap, after=(0.3,))))
+    assert more.sentence == answer
+    assert more.light("complete").state == "fair"
+    assert not any("--apply" in step.command for step in more.steps)
 
 
 def test_an_event_comes_with_the_option_that_leaves_it_out():

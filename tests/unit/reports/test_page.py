@@ -208,7 +208,7 @@ def test_the_summary_shows_names_as_they_are(gathered):
     name = r'\<b\>x \& "y"\</b\>'
     percent = f"{gathered.unseen[0].percent:.2g} %"
     assert f"| 🟡 fair | unseen motion | {percent} unexplained on {name} |" in lines
-    assert "| ⚪ not tested yet | missing effects | nobody has searched for missing effects: dynid gap |" in lines
+    assert "| ⚪ untested | missing effects | nobody has searched for missing effects: dynid gap |" in lines
     assert f"| {name} | 0.01 N m | 1.4 % | - |" in lines
 
 
