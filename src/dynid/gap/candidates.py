@@ -162,10 +162,14 @@ class Gains:
     Attributes:
         log_odds: log Bayes factor, a mixture over sizes, (G,).
         scale: prior size of the part of that mixture with the most evidence, (G,).
+        amplitudes: as they are most likely with that prior size, (G, k).
+        covariance: of them, (G, k, k).
     """
 
     log_odds: Floats
     scale: Floats
+    amplitudes: Floats
+    covariance: Floats
 
 
 def gains(evidence: Evidence, one: Candidate) -> Gains:
@@ -192,14 +196,18 @@ def gains(evidence: Evidence, one: Candidate) -> Gains:
     alike = likeness(np.asarray(sum(one.own.values())))
     volume = np.linalg.slogdet(alike)[1]
     odds = np.full((len(tuning.SCALES), count), NEVER)
+    found, spread = np.zeros((len(tuning.SCALES), count, k)), np.zeros((len(tuning.SCALES), count, k, k))
     for s, scale in enumerate(tuning.SCALES):
         size = scale * unit
         W = U * size[:, :, None] * size[:, None, :] + alike
         v = q * size
-        best = np.linalg.solve(W, v[..., None])[..., 0]
+        inverse = np.linalg.inv(W)
+        best = np.einsum("gkl,gl->gk", inverse, v)
+        found[s], spread[s] = size * best, inverse * size[:, :, None] * size[:, None, :]
         odds[s] = 0.5 * np.sum(v * best, axis=1) - 0.5 * (np.linalg.slogdet(W)[1] - volume)
     possible = there & ((q[:, 0] > 0) if one.effect.positive else True)
     top = odds.max(axis=0)
     mixed = top + np.log(np.mean(np.exp(odds - top), axis=0))
-    scales = np.array(tuning.SCALES)[odds.argmax(axis=0)]
-    return Gains(np.where(possible, mixed, NEVER), scales)
+    chosen = odds.argmax(axis=0), np.arange(count)
+    scales = np.array(tuning.SCALES)[chosen[0]]
+    return Gains(np.where(possible, mixed, NEVER), scales, found[chosen], spread[chosen])

@@ -271,6 +271,7 @@ def _from_spectrum(chosen: Filter, parts: Sequence[tuple[Floats, Mask]]) -> Nois
     kernel, step = chosen.second_kernel[0], chosen.second_step
     shape = np.correlate(kernel, kernel, "full")[len(kernel) - 1 :]
     covariance = np.array([shape[lag * step] if lag * step < len(shape) else 0.0 for lag in range(ORDER + 1)])
+    covariance[0] *= 1.0 + tuning.STOP_BAND
     ar = yule_walker(covariance)
     n = parts[0][0].shape[1]
     level, left = np.zeros(n), np.full(n, np.inf)

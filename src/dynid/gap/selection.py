@@ -9,11 +9,12 @@ import numpy as np
 
 from dynid.gap import tuning
 from dynid.gap.candidates import Candidate, candidates_of, gains, likeness, visible_share
-from dynid.gap.evidence import NONE, Evidence, evidence_of, forward
+from dynid.gap.evidence import NONE, Evidence, evidence_of
 from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.gap.shapes import integrated
 from dynid.gap.significance import Key, SignificanceTest, significance_test, whitened_columns
+from dynid.gap.sizes import sizes_of
 from dynid.gap.stepwise_selection import SelectionOptions, wanted_effects
 from dynid.gap.whitened_regression import EffectColumns
 from dynid.model.effects.interface import Effect, Floats, Joints
@@ -33,8 +34,6 @@ SIMPLER = {
     "coulomb": ("presliding_hysteresis", "stribeck", "position_friction", "nonlinear_viscous", "warmup_friction"),
     "viscous": ("nonlinear_viscous", "asymmetric_viscous", "warmup_friction"),
 }
-#: Step of a shape for its slope, in shares of its first step or of itself.
-STEP = 1e-2
 #: A delay found by moving torques wins by so much evidence.
 LATE = 12.0
 
@@ -284,40 +283,22 @@ class EvidenceSelection:
         one, effect = self.named[k], self.named[k].effect
         counts = [len(next(iter(columns.values()))) for columns in self.added]
         at = self.first.width + sum(counts[:k])
-        own = slice(at, at + counts[k])
-        sizes = self.evidence.estimate[own]
-        free = [name for name in effect.steps if name in one.shape]
-        slopes: dict[int, list[Floats]] = {j: [] for j in self.added[k]}
-        for name in free:
-            kind, size = effect.steps[name]
-            step = STEP * (size if kind == "plus" else abs(one.shape[name]))
-            up, down = (
-                whitened_columns(self.rows.regression, effect, one.joints, [one.shape | {name: one.shape[name] + h}])
-                for h in (step, -step)
-            )
-            for j in slopes:
-                slopes[j].append(sizes @ (up[j][0] - down[j][0]) / (2 * step))
-        evidence = self.evidence
-        if free:
-            steps = [effect.steps[name] for name in free]
-            width = np.array([
-                abs(one.shape[name]) if kind == "times" else 10 * size
-                for name, (kind, size) in zip(free, steps, strict=True)
-            ])  # fmt: skip
-            columns = {j: np.array(x) for j, x in slopes.items()}
-            evidence = evidence.with_columns(self.rows.products(columns, self.added), width**-2.0)
-        root, _ = evidence.whole
-        chosen = np.r_[own, evidence.width - len(free) : evidence.width]
-        half = forward(root, np.eye(evidence.width)[:, chosen])
-        covariance = half.T @ half
-        errors = np.sqrt(np.diag(covariance))
-        names = list(effect.amplitudes(one.shape))
-        values = dict(zip(names, sizes.tolist(), strict=True)) | dict(one.shape)
-        held = dict.fromkeys(effect.steps, float("inf"))
-        test = replace(told.test, amplitudes=sizes)
-        z = float(np.sqrt(sizes @ np.linalg.solve(covariance[: len(sizes), : len(sizes)], sizes)))
-        told_errors = held | dict(zip([*names, *free], errors.tolist(), strict=True))
-        return replace(told, values=values, std_errors=told_errors, test=test, z=z)
+        others = [columns for i, columns in enumerate(self.added) if i != k]
+        beside = self.evidence.without(at, at + counts[k])
+        found = sizes_of(beside, self.rows, effect, one.joints, one.shape, others)
+        names, sizes = list(effect.amplitudes(one.shape)), found.amplitudes
+        errors = np.sqrt(np.diag(found.covariance))
+        z = float(np.sqrt(sizes @ np.linalg.solve(found.covariance, sizes)))
+        return replace(
+            told,
+            shape=found.shape,
+            values=dict(zip(names, sizes.tolist(), strict=True)) | found.shape,
+            std_errors=dict.fromkeys(effect.steps, float("inf"))
+            | found.shape_errors
+            | dict(zip(names, errors.tolist(), strict=True)),
+            test=replace(told.test, amplitudes=sizes),
+            z=z,
+        )
 
     # ------------------------------------------------------------ names
     def _take(self, look: Look) -> None:
