@@ -16,6 +16,8 @@ from dynid.scratch import release
 
 #: Log Bayes factor of what cannot be.
 NEVER = -1e9
+#: Rms of a column beside the effect's largest below which it is rounding: a force along an axis turns no joint.
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def candidate(
         keep: whether its columns are kept.
     """
     regression = rows.regression
-    columns = whitened_columns(regression, effect, joints, shapes)
+    columns = without_rounding(whitened_columns(regression, effect, joints, shapes))
     count, k = len(shapes), len(effect.amplitudes(shapes[0]))
     own, others, kept = {}, {}, {}
     power = np.zeros((count, k))
@@ -101,6 +103,13 @@ def candidate(
     if regression.store is not None:
         release()
     return Candidate(effect, joints, shapes, own, others, np.sqrt(power), groups, kept)
+
+
+def without_rounding(columns: dict[int, Floats]) -> dict[int, Floats]:
+    """Return columns of shapes, {joint: (G, k, M)}, those that are nothing but rounding as zeros."""
+    largest = np.max([np.abs(C).max(axis=2, initial=0.0) for C in columns.values()], axis=0)
+    kept = largest > ROUNDING * largest.max()
+    return columns if kept.all() else {j: C * kept[:, :, None] for j, C in columns.items()}
 
 
 def in_range(effect: Effect, shape: Mapping[str, float]) -> bool:
@@ -141,7 +150,7 @@ def visible_share(evidence: Evidence, one: Candidate, base: int) -> float:
     raw = np.asarray(sum(one.own.values()))
     own = np.sqrt(np.maximum(np.diagonal(raw, axis1=1, axis2=2), 1e-300))
     left = (raw - np.einsum("mgk,mgl->gkl", Z, Z)) / own[:, :, None] / own[:, None, :]
-    return float(np.max(np.linalg.eigvalsh(left)[np.all(one.rms > 0, axis=1), -1], initial=0.0))
+    return float(np.max(np.linalg.eigvalsh(left)[np.any(one.rms > 0, axis=1), -1], initial=0.0))
 
 
 def likeness(own: Floats) -> Floats:
@@ -191,8 +200,8 @@ def gains(evidence: Evidence, one: Candidate) -> Gains:
     q = (Q[:, -1] - Z.T @ right).reshape(count, k)
     Z = Z.reshape(t, count, k)
     U = U + raw - np.einsum("mgk,mgl->gkl", Z, Z)
-    there = np.all(one.rms > 0, axis=1)
-    unit = 1.0 / np.where(one.rms > 0, one.rms, 1.0)
+    there = np.any(one.rms > 0, axis=1)
+    unit = np.where(one.rms > 0, 1.0 / np.where(one.rms > 0, one.rms, 1.0), 0.0)
     alike = likeness(np.asarray(sum(one.own.values())))
     volume = np.linalg.slogdet(alike)[1]
     odds = np.full((len(tuning.SCALES), count), NEVER)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynid.gap import tuning
-from dynid.gap.candidates import Candidate, candidates_of, gains, likeness, visible_share
+from dynid.gap.candidates import Candidate, candidates_of, gains, likeness, visible_share, without_rounding
 from dynid.gap.evidence import NONE, Evidence, evidence_of
 from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import SelectedEffect
@@ -256,7 +256,10 @@ class EvidenceSelection:
         products = {j: (one.own[j][g], one.others[j].reshape(len(one.shapes), k, -1)[g]) for j in one.own}
         strength = {j: float(np.trace(own) / evidence.joints[j].count) for j, (own, _) in products.items()}
         joints = tuple(sorted(strength, key=lambda j: -strength[j])[:MOST_JOINTS])
-        rms, whole = np.maximum(one.rms[g], 1e-12) / scale, np.sum([own for own, _ in products.values()], axis=0)
+        rms, whole = (
+            np.where(one.rms[g] > 0, one.rms[g], 1.0) / scale,
+            np.sum([own for own, _ in products.values()], axis=0),
+        )
         precision = likeness(whole) * np.outer(rms, rms)
         beside = evidence.with_columns(products, precision).sized(joints).without(t, t + k)
         again = gains(beside, one)
@@ -287,8 +290,10 @@ class EvidenceSelection:
         beside = self.evidence.without(at, at + counts[k])
         found = sizes_of(beside, self.rows, effect, one.joints, one.shape, others)
         names, sizes = list(effect.amplitudes(one.shape)), found.amplitudes
-        errors = np.sqrt(np.diag(found.covariance))
-        z = float(np.sqrt(sizes @ np.linalg.solve(found.covariance, sizes)))
+        power = np.diag(found.covariance)
+        seen = power > 0
+        z = float(np.sqrt(sizes[seen] @ np.linalg.solve(found.covariance[np.ix_(seen, seen)], sizes[seen])))
+        errors = np.where(seen, np.sqrt(power), np.inf)
         return replace(
             told,
             shape=found.shape,
@@ -346,12 +351,12 @@ class EvidenceSelection:
         return any(effect.needs_model for effect in before)
 
     def _columns(self, one: Named) -> EffectColumns:
-        found = whitened_columns(self.rows.regression, one.effect, one.joints, [one.shape])
+        found = without_rounding(whitened_columns(self.rows.regression, one.effect, one.joints, [one.shape]))
         return {j: C[0] for j, C in found.items() if C.any()}
 
     def _rms(self, columns: EffectColumns) -> Floats:
         rms = np.max([np.sqrt(np.mean(C**2, axis=1)) for C in columns.values()], axis=0)
-        return np.asarray(np.maximum(rms, 1e-12))
+        return np.asarray(np.where(rms > 0, rms, 1.0))
 
     def _without(self, k: int) -> Evidence:
         """Return the evidence without one name, the rest of its joints sized again."""
