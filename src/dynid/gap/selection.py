@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynid.gap import tuning
-from dynid.gap.candidates import Candidate, candidates_of, gains, likeness, visible_share, without_rounding
+from dynid.gap.candidates import Candidate, candidate, candidates_of, gains, likeness, visible_share, without_rounding
 from dynid.gap.evidence import NONE, Evidence, evidence_of
 from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import SelectedEffect
@@ -167,6 +167,7 @@ class EvidenceSelection:
         self.late = late if any(effect.name == "torque_delay" for effect, _ in self.wanted) else None
         self.named: list[Named] = []
         self.barred: set[Key] = set()
+        self.unclear: set[int] = set()
         self.selected: list[SelectedEffect] = []
         self.regression = problem.regression()
         bare = problem.regression(nuisance=False)
@@ -200,23 +201,54 @@ class EvidenceSelection:
             return self.late.test
         likely: Look | None = None
         while len(self.named) < self.options.most:
-            looks = self.looks(self.evidence)
-            best = simplest(looks)
+            best = self._best(sure)
             if best is None or best.log_odds < sure:
                 likely = best
                 break
             if best.key[0] == "torque_delay":
                 columns = whitened_columns(self.regression, best.candidate.effect, (), [{}])
                 return significance_test(self.regression, {j: C[0] for j, C in columns.items()})
+            self.unclear = set()
             self._take(best)
             self._exchange(sure)
         self._conclude(likely)
         return None
 
     # ------------------------------------------------------------ looking
+    def _best(self, sure: float) -> Look | None:
+        """Return the best look, of a joint on which it explains more than is left, where there is any."""
+        first: Look | None = None
+        self.unclear = set()
+        while True:
+            best = simplest(self.looks(self.evidence))
+            if best is None or best.log_odds < sure:
+                break
+            first = first or best
+            place = best.candidate.joints[:1]
+            if not place or not self._stands_in(best):
+                return best
+            self.unclear.add(place[0])
+        # Why the first all the same: two effects on one joint, of which either leaves the other, are found one by one.
+        return best if first is None else first
+
+    def _stands_in(self, look: Look) -> bool:
+        """Return whether more is left of the joint of a look than it explains there."""
+        one, j = look.candidate, look.candidate.joints[0]
+        if j not in one.own:
+            return False
+        g = one.shapes.index(look.shape) if look.shape in one.shapes else None
+        found = one if g is not None else candidate(self.rows, one.effect, one.joints, [look.shape], self.added)
+        k, g = one.rms.shape[1], g or 0
+        products = {i: (own[g], found.others[i].reshape(len(found.shapes), k, -1)[g]) for i, own in found.own.items()}
+        rms = np.where(found.rms[g] > 0, found.rms[g], 1.0) / look.scale
+        precision = likeness(np.sum([own for own, _ in products.values()], axis=0)) * np.outer(rms, rms)
+        left = look.beside.with_columns(products, precision).rest().rms[j].get("all", 0.0)
+        return left > self._visible(look)
+
     def looks(self, evidence: Evidence, most: int = tuning.MOST_LOOKS) -> list[Look]:
         """Return the leading candidates beside some evidence, each with the rest sized beside it, the best first."""
         taken = {one.key for one in self.named} | self.barred
+        taken |= {one.key for one in self.candidates if set(one.joints[:1]) & self.unclear}
         picked: dict[int, float] = {}
         for some, count in ((evidence, most // 2), (without_rest(evidence), most)):
             found = [(k, gains(some, one)) for k, one in enumerate(self.candidates) if one.key not in taken]
