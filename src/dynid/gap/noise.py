@@ -166,7 +166,8 @@ def measure_noise(
     parts = [_difference(segments, residuals, pair) for pair in pairs]
     seconds = sum(len(e) for e, _ in parts) / segments[0].rate
     if seconds >= SHORTEST_REPEAT:
-        return _from_repeats(parts, segments[0].rate, seconds)
+        several = len(set(motions_of(len(segments), pairs))) > 1
+        return _from_repeats(parts, segments[0].rate, seconds, tuning.STOP_BAND if several else 0.0)
     parts = [(r[rows], s.use[rows]) for s, r, rows in zip(segments, residuals, train, strict=True)]
     parts = [(r, use) for r, use in parts if len(r) >= SHORTEST]
     if not parts:
@@ -227,7 +228,7 @@ def shifted(x: Floats, fraction: float) -> Floats:
     return np.stack([np.convolve(column, kernel[::-1], "same") for column in x.T], axis=1)
 
 
-def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: float) -> NoiseModel:
+def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: float, stop_band: float) -> NoiseModel:
     n = parts[0][0].shape[1]
     ar, sigma, floor, burst, drift = np.zeros((n, ORDER)), np.ones(n), np.ones(n), np.zeros(n), np.zeros(n)
     for j in range(n):
@@ -236,7 +237,7 @@ def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: fl
             x = np.where(use[:, j], e[:, j], 0.0)
             covariance += [float(x[lag:] @ x[: len(x) - lag]) for lag in range(ORDER + 1)]
         # Why white noise on top: the stop band of the filter holds almost none, and would be whitened by as much.
-        ar[j] = yule_walker(covariance * np.where(np.arange(ORDER + 1) == 0, 1.0 + tuning.STOP_BAND, 1.0))
+        ar[j] = yule_walker(covariance * np.where(np.arange(ORDER + 1) == 0, 1.0 + stop_band, 1.0))
         white = [whitened(e[:, j], ar[j])[use[ORDER:, j]] for e, use in parts]
         count = max(1, sum(len(w) for w in white))
         sigma[j] = np.sqrt(sum(float(w @ w) for w in white) / count)

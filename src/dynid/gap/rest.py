@@ -96,7 +96,7 @@ def _in_time(segments: Sequence[SegmentRows], repeats: Sequence[RepeatPair], joi
     ends = min(x[0] for x in t), max(x[-1] for x in t)
     motion, phase = phases(segments, repeats)
     # Why not beside earlier logs: a slow function of time steps between old and new ones, as any change does.
-    slow = all(s.is_new for s in segments) and len(set(motion)) > 1
+    slow = all(s.is_new for s in segments)
     found = {"time": [smooth(x, *ends, TIME) for x in t]} if slow else {}
     seen, clock = sorted(set(motion)), 0.0
     every = np.concatenate(phase)
@@ -106,9 +106,7 @@ def _in_time(segments: Sequence[SegmentRows], repeats: Sequence[RepeatPair], joi
         every[number == m] += clock - own.min()
         clock += float(own.max() - own.min()) + 4 * STRAY_S
     ends_of_parts = np.cumsum([len(x) for x in phase])[:-1]
-    # Why not of one motion: there, every function of the state repeats with it.
-    if len(seen) > 1:
-        found["locked"] = np.split(_present(bumps(every, LOCKED_S)), ends_of_parts, axis=1)
+    found["locked"] = np.split(_present(bumps(every, LOCKED_S)), ends_of_parts, axis=1)
     starts = np.cumsum([0.0, *(x[-1] - x[0] + 4 * STRAY_S for x in t)])
     alone = np.concatenate([x - x[0] + start for x, start in zip(t, starts, strict=False)])
     stray = np.array([_unrepeated(x, every) for x in _present(bumps(alone, STRAY_S))])

@@ -12,7 +12,7 @@ from dynid.gap.evidence import Rest
 from dynid.gap.known_errors import KnownErrors
 from dynid.gap.late_torques import late_torques
 from dynid.gap.localisation import chi_square_between_reversals
-from dynid.gap.noise import measure_noise
+from dynid.gap.noise import measure_noise, motions_of
 from dynid.gap.problem import (
     GapProblem,
     KeptModel,
@@ -156,8 +156,13 @@ def search_effects(
 
 
 def by_evidence(problem: GapProblem) -> bool:
-    """Return whether names are chosen by evidence."""
-    return problem.arm is None and not problem.since
+    """Return whether names are chosen by evidence.
+
+    Why not of one motion alone: there, every function of the state repeats with the phase of the motion, and what has
+    no name explains all that an effect does.
+    """
+    motions = set(motions_of(len(problem.segments), problem.repeats))
+    return problem.arm is None and not problem.since and len(motions) > 1
 
 
 def rest_of_delay(regression: WhitenedRegression) -> SignificanceTest:
