@@ -57,6 +57,23 @@ class Candidate:
         """Return the candidate without its products with some columns of T."""
         return replace(self, others={j: np.delete(x, np.s_[first:last], axis=1) for j, x in self.others.items()})
 
+    def at(self, g: int) -> tuple[dict[int, tuple[Floats, Floats]], Floats]:
+        """Return products of the columns of one shape, {joint: (own, others)}, and their rms, 1 for none, (k,)."""
+        count, k = self.rms.shape
+        found = {j: (own[g], self.others[j].reshape(count, k, -1)[g]) for j, own in self.own.items()}
+        return found, np.where(self.rms[g] > 0, self.rms[g], 1.0)
+
+    def and_also(self, other: Candidate) -> Candidate:
+        """Return the candidate with the shapes of another one of the same effect at the same place."""
+        return replace(
+            self,
+            shapes=[*self.shapes, *other.shapes],
+            own={j: np.concatenate([own, other.own[j]]) for j, own in self.own.items()},
+            others={j: np.concatenate([x, other.others[j]]) for j, x in self.others.items()},
+            rms=np.concatenate([self.rms, other.rms]),
+            columns={j: np.concatenate([C, other.columns[j]]) for j, C in self.columns.items()},
+        )
+
     @property
     def key(self) -> Key:
         """Identifier and joints."""

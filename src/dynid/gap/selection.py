@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -126,6 +126,11 @@ def simplest(looks: Sequence[Look]) -> Look | None:
     return next((one for one in likely if contains(best.key, one.key)), min(fewer, key=_amplitudes, default=best))
 
 
+def _precision(products: Mapping[int, tuple[Floats, Floats]], strength: Floats) -> Floats:
+    """Return the prior precision of amplitudes, (k, k), of columns of so much rms over their prior size, (k,)."""
+    return np.asarray(likeness(np.sum([own for own, _ in products.values()], axis=0)) * np.outer(strength, strength))
+
+
 def _amplitudes(look: Look) -> int:
     return int(look.candidate.rms.shape[1])
 
@@ -236,13 +241,11 @@ class EvidenceSelection:
         one, j = look.candidate, look.candidate.joints[0]
         if j not in one.own:
             return False
-        g = one.shapes.index(look.shape) if look.shape in one.shapes else None
-        found = one if g is not None else candidate(self.rows, one.effect, one.joints, [look.shape], self.added)
-        k, g = one.rms.shape[1], g or 0
-        products = {i: (own[g], found.others[i].reshape(len(found.shapes), k, -1)[g]) for i, own in found.own.items()}
-        rms = np.where(found.rms[g] > 0, found.rms[g], 1.0) / look.scale
-        precision = likeness(np.sum([own for own, _ in products.values()], axis=0)) * np.outer(rms, rms)
-        left = look.beside.with_columns(products, precision).rest().rms[j].get("all", 0.0)
+        if look.shape not in one.shapes:
+            one = candidate(self.rows, one.effect, one.joints, [look.shape], self.added)
+        products, rms = one.at(one.shapes.index(look.shape))
+        beside = look.beside.with_columns(products, _precision(products, rms / look.scale))
+        left = beside.rest().rms[j].get("all", 0.0)
         return left > self._visible(look)
 
     def looks(self, evidence: Evidence, most: int = tuning.MOST_LOOKS) -> list[Look]:
@@ -274,25 +277,24 @@ class EvidenceSelection:
 
     def _look(self, evidence: Evidence, one: Candidate) -> Look:
         """Return a candidate with the rest sized beside it, from its best shape beside the rest and without it."""
-        starts: dict[int, float] = {}
-        for some in (evidence, without_rest(evidence)):
-            found = gains(some, one)
-            g = int(np.argmax(found.log_odds))
-            starts.setdefault(g, float(found.scale[g]))
-        looks = [self._look_from(evidence, one, g, scale) for g, scale in starts.items()]
+        found = gains(evidence, one)
+        g = int(np.argmax(found.log_odds))
+        # Why refined: beside a shape of the grid the rest holds what that one misses, and does the work of the effect.
+        _, shape, scale = integrated(without_rest(evidence), self.rows, one, self.added)
+        starts = {g: float(found.scale[g])}
+        if shape not in one.shapes:
+            one = one.and_also(candidate(self.rows, one.effect, one.joints, [shape], self.added, keep=True))
+        starts.setdefault(one.shapes.index(shape), scale)
+        looks = [self._look_from(evidence, one, *start) for start in starts.items()]
         return max(looks, key=lambda look: look.log_odds)
 
     def _look_from(self, evidence: Evidence, one: Candidate, g: int, scale: float) -> Look:
         """Return a candidate with the rest sized beside one of its shapes."""
         k, t = one.rms.shape[1], evidence.width
-        products = {j: (one.own[j][g], one.others[j].reshape(len(one.shapes), k, -1)[g]) for j in one.own}
+        products, rms = one.at(g)
         strength = {j: float(np.trace(own) / evidence.joints[j].count) for j, (own, _) in products.items()}
         joints = tuple(sorted(strength, key=lambda j: -strength[j])[:MOST_JOINTS])
-        rms, whole = (
-            np.where(one.rms[g] > 0, one.rms[g], 1.0) / scale,
-            np.sum([own for own, _ in products.values()], axis=0),
-        )
-        precision = likeness(whole) * np.outer(rms, rms)
+        precision = _precision(products, rms / scale)
         beside = evidence.with_columns(products, precision).sized(joints).without(t, t + k)
         again = gains(beside, one)
         best = int(np.argmax(again.log_odds))
