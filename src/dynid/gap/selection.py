@@ -173,6 +173,7 @@ class EvidenceSelection:
         self.named: list[Named] = []
         self.barred: set[Key] = set()
         self.unclear: set[int] = set()
+        self.in_place: list[list[Look]] = []
         self.selected: list[SelectedEffect] = []
         self.regression = problem.regression()
         bare = problem.regression(nuisance=False)
@@ -418,9 +419,11 @@ class EvidenceSelection:
 
     def _exchange(self, sure: float) -> None:
         """Exchange names for better ones, and drop those that the others do without."""
-        for _ in range(EXCHANGES if len(self.named) > 1 else 0):
+        for _ in range(EXCHANGES):
+            self.in_place = []
             for k, one in enumerate(self.named):
-                best = simplest(self._in_place_of(k))
+                self.in_place.append(self._in_place_of(k))
+                best = simplest(self.in_place[k])
                 if best is None or best.log_odds < sure:
                     self.barred.add(one.key)
                     del self.named[k]
@@ -437,7 +440,7 @@ class EvidenceSelection:
     def _conclude(self, likely: Look | None) -> None:
         """Find the probability of each name and its rivals, and test it as it is told."""
         for k, one in enumerate(self.named):
-            looks = self._in_place_of(k)
+            looks = self.in_place[k] if len(self.in_place) == len(self.named) else self._in_place_of(k)
             own = next(look for look in looks if look.key == one.key)
             beside = {c.key: float(gains(self.evidence, c).log_odds.max()) for c in self.candidates}
             rivals = tuple(
