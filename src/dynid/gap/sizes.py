@@ -11,7 +11,7 @@ from itertools import product
 
 import numpy as np
 
-from dynid.gap.candidates import NEVER, candidate, gains
+from dynid.gap.candidates import candidate, gains
 from dynid.gap.evidence import Evidence, EvidenceRows
 from dynid.gap.shapes import ends_of, from_steps, in_steps
 from dynid.gap.whitened_regression import EffectColumns
@@ -22,8 +22,10 @@ FIRST, NEXT = 7, 5
 #: Spread of the posterior in spacings of the lattice from which it is resolved, and half the width of the next lattice
 #: in spreads. A sum over points 1.7 spreads apart is off by less than a percent.
 RESOLVED, WIDE = 0.6, 2.5
-#: Most lattices.
-CLOSINGS = 6
+#: Log odds by which the best shape may beat all points of a lattice that is fine enough.
+BETWEEN = 3.0
+#: Half the width of the next lattice at least, in spacings of this one, and most lattices.
+CLOSER, CLOSINGS = 0.5, 12
 #: Share of the width of reversals within which friction with the sign of the velocity may turn as well.
 SHARP = 0.25
 
@@ -71,21 +73,28 @@ def sizes_of(
         low, high = ends_of(effect, grid)
         lattice = bool(np.all(np.isfinite(low) & np.isfinite(high)))
     points = [from_steps(effect, shape, x) for x in _lattice(low, high, FIRST)] if lattice else grid
-    points, spacing = [*points, shape], (high - low) / (FIRST - 1)
+    spacing = (high - low) / (FIRST - 1)
     for _ in range(CLOSINGS):
-        weights, amplitudes, covariance = _posterior(evidence, ways, effect, joints, points, added)
+        # Why the best shape too: a lattice that is too wide for the peak has no point near it.
+        odds, amplitudes, covariance = _posterior(evidence, ways, effect, joints, [*points, shape], added)
+        inside = np.tile(np.arange(len(points) + 1) < len(points), len(ways))
+        between = float(odds[~inside].max() - odds[inside].max()) > BETWEEN
+        if between or not lattice:
+            points, inside = [*points, shape], np.ones(len(odds), dtype=bool)
+        weights = np.exp(odds[inside] - odds[inside].max())
+        weights, amplitudes, covariance = weights / weights.sum(), amplitudes[inside], covariance[inside]
         x = np.array([in_steps(effect, each) for each in points])
         likely = weights.reshape(len(ways), -1).sum(axis=0)
         mean = likely @ x
         spread = np.sqrt(likely @ (x - mean) ** 2)
-        if not lattice or np.all(spread > RESOLVED * spacing):
+        if not lattice or (not between and np.all(spread > RESOLVED * spacing)):
             break
-        half = np.maximum(WIDE * spread, spacing)
+        half = np.maximum(WIDE * spread, CLOSER * spacing)
         ends = np.maximum(mean - half, low), np.minimum(mean + half, high)
-        points, spacing = (
-            [from_steps(effect, shape, y) for y in _lattice(*ends, NEXT)],
-            (ends[1] - ends[0]) / (NEXT - 1),
-        )
+        tried, spacing = _lattice(*ends, NEXT), (ends[1] - ends[0]) / (NEXT - 1)
+        nearest, points = points, [from_steps(effect, shape, y) for y in tried]
+    else:
+        points = nearest
     size = weights @ amplitudes
     off = amplitudes - size
     spread_of_size = np.einsum("g,gkl->kl", weights, covariance + off[:, :, None] * off[:, None, :])
@@ -110,16 +119,14 @@ def _posterior(
     points: list[dict[str, float]],
     added: Sequence[EffectColumns],
 ) -> tuple[Floats, Floats, Floats]:
-    """Return weights of shapes, way by way, (G,), amplitudes, (G, k), and covariances of them, (G, k, k)."""
+    """Return log odds of shapes, way by way, (G,), amplitudes, (G, k), and covariances of them, (G, k, k)."""
     odds, amplitudes, covariance = [], [], []
     for rows in ways:
         found = gains(evidence, candidate(rows, effect, joints, points, added))
         odds.append(found.log_odds)
         amplitudes.append(found.amplitudes)
         covariance.append(found.covariance)
-    every = np.concatenate(odds)
-    weights = np.where(every > NEVER, np.exp(every - every.max()), 0.0)
-    return weights / weights.sum(), np.concatenate(amplitudes), np.concatenate(covariance)
+    return np.concatenate(odds), np.concatenate(amplitudes), np.concatenate(covariance)
 
 
 def with_sharp_reversals(rows: EvidenceRows) -> EvidenceRows:
