@@ -116,7 +116,7 @@ def _in_time(segments: Sequence[SegmentRows], repeats: Sequence[RepeatPair], joi
 
 def _present(columns: Floats) -> Floats:
     """Return bells that some row is near, (m, M)."""
-    return columns[columns.max(axis=1) > 0.5]
+    return np.asarray(columns[columns.max(axis=1) > 0.5])
 
 
 def _unrepeated(bell: Floats, phase: Floats) -> Floats:
