@@ -8,7 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynid.gap import tuning
-from dynid.gap.candidates import Candidate, candidate, candidates_of, gains, likeness, visible_share, without_rounding
+from dynid.gap.candidates import (
+    Candidate,
+    candidate,
+    candidates_of,
+    gains,
+    likeness,
+    visible_share,
+    without_rounding,
+)
 from dynid.gap.evidence import NONE, Evidence, evidence_of
 from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import SelectedEffect
@@ -172,7 +180,6 @@ class EvidenceSelection:
         self.late = late if any(effect.name == "torque_delay" for effect, _ in self.wanted) else None
         self.named: list[Named] = []
         self.barred: set[Key] = set()
-        self.unclear: set[int] = set()
         self.in_place: list[list[Look]] = []
         self.selected: list[SelectedEffect] = []
         self.regression = problem.regression()
@@ -207,52 +214,22 @@ class EvidenceSelection:
             return self.late.test
         likely: Look | None = None
         while len(self.named) < self.options.most:
-            best = self._best(sure)
+            best = simplest(self.looks(self.evidence))
             if best is None or best.log_odds < sure:
                 likely = best
                 break
             if best.key[0] == "torque_delay":
                 columns = whitened_columns(self.regression, best.candidate.effect, (), [{}])
                 return significance_test(self.regression, {j: C[0] for j, C in columns.items()})
-            self.unclear = set()
             self._take(best)
             self._exchange(sure)
         self._conclude(likely)
         return None
 
     # ------------------------------------------------------------ looking
-    def _best(self, sure: float) -> Look | None:
-        """Return the best look, of a joint on which it explains more than is left, where there is any."""
-        first: Look | None = None
-        self.unclear = set()
-        while True:
-            best = simplest(self.looks(self.evidence))
-            if best is None or best.log_odds < sure:
-                break
-            first = first or best
-            place = best.candidate.joints[:1]
-            if not place or not self._stands_in(best):
-                return best
-            self.unclear.add(place[0])
-        # Why the first all the same: two effects on one joint, of which either leaves the other, are found one by one.
-        return best if first is None else first
-
-    def _stands_in(self, look: Look) -> bool:
-        """Return whether more is left of the joint of a look than it explains there."""
-        one, j = look.candidate, look.candidate.joints[0]
-        if j not in one.own:
-            return False
-        if look.shape not in one.shapes:
-            one = candidate(self.rows, one.effect, one.joints, [look.shape], self.added)
-        products, rms = one.at(one.shapes.index(look.shape))
-        beside = look.beside.with_columns(products, _precision(products, rms / look.scale))
-        left = beside.rest().rms[j].get("all", 0.0)
-        return left > self._visible(look)
-
     def looks(self, evidence: Evidence, most: int = tuning.MOST_LOOKS) -> list[Look]:
         """Return the leading candidates beside some evidence, each with the rest sized beside it, the best first."""
         taken = {one.key for one in self.named} | self.barred
-        taken |= {one.key for one in self.candidates if set(one.joints[:1]) & self.unclear}
         picked: dict[int, float] = {}
         for some, count in ((evidence, most // 2), (without_rest(evidence), most)):
             found = [(k, gains(some, one)) for k, one in enumerate(self.candidates) if one.key not in taken]
