@@ -913,7 +913,9 @@ def sizes_inside(effect, parameters, coulomb):
 def judge(truth, facts, identified_delay):
     """Return the answer of a search beside the truth: its kind, wrong names, sizes."""
     hidden = [one for one in truth["effects"] if one["name"] not in OUTSIDE]
-    told = facts["named"]
+    # What the model always lacked is told too, where nothing that changed is named.
+    always = {(one["name"], f"axis_{one['joint']}") for one in truth.get("always", ())}
+    told = [one for one in facts["named"] if (one["effect"], *one["joints"][:1]) not in always]
     recorder = truth["recorder"]
     extra = recorder["skew_samples"] / recorder["rate"] if recorder["skew"] == "late" else 0.0
     wrong, sizes, found = [], [], set()
@@ -955,6 +957,7 @@ def judge(truth, facts, identified_delay):
         any(effect["name"] in name for name in groups) for i, effect in enumerate(hidden) if i not in found
     )
     quiet = facts["verdict"] in ("nothing_missing", "nothing_changed")
+    quiet |= truth["set"] == "changed" and facts["question"] == "numbers" and len(told) < len(facts["named"])
     if facts["verdict"] == "ambiguous" and among and hidden:
         kind = "ambiguous"
     elif wrong:

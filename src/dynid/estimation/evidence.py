@@ -237,6 +237,7 @@ def gap_evidence(
         before=tuple(float(x) for x in arrays["before"]),
         after=tuple(float(x) for x in arrays["after"]),
         noise=tuple(float(x) for x in arrays["floor"]),
+        known=tuple(float(x) for x in arrays["known"]),
         repeats=float(record.get("repeats") or 0.0) > 0.0,
         more=tuple(str(name) for name in record.get("more", ())),
         unrepeatable=tuple(str(name) for name in record["not_repeatable"]),

@@ -16,6 +16,8 @@ from dynid.scratch import release
 
 #: Log Bayes factor of what cannot be.
 NEVER = -1e9
+#: Rms of a column beside the effect's largest below which it is rounding: a force along an axis turns no joint.
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,23 @@ class Candidate:
         """Return the candidate without its products with some columns of T."""
         return replace(self, others={j: np.delete(x, np.s_[first:last], axis=1) for j, x in self.others.items()})
 
+    def at(self, g: int) -> tuple[dict[int, tuple[Floats, Floats]], Floats]:
+        """Return products of the columns of one shape, {joint: (own, others)}, and their rms, 1 for none, (k,)."""
+        count, k = self.rms.shape
+        found = {j: (own[g], self.others[j].reshape(count, k, -1)[g]) for j, own in self.own.items()}
+        return found, np.where(self.rms[g] > 0, self.rms[g], 1.0)
+
+    def and_also(self, other: Candidate) -> Candidate:
+        """Return the candidate with the shapes of another one of the same effect at the same place."""
+        return replace(
+            self,
+            shapes=[*self.shapes, *other.shapes],
+            own={j: np.concatenate([own, other.own[j]]) for j, own in self.own.items()},
+            others={j: np.concatenate([x, other.others[j]]) for j, x in self.others.items()},
+            rms=np.concatenate([self.rms, other.rms]),
+            columns={j: np.concatenate([C, other.columns[j]]) for j, C in self.columns.items()},
+        )
+
     @property
     def key(self) -> Key:
         """Identifier and joints."""
@@ -83,7 +102,7 @@ def candidate(
         keep: whether its columns are kept.
     """
     regression = rows.regression
-    columns = whitened_columns(regression, effect, joints, shapes)
+    columns = without_rounding(whitened_columns(regression, effect, joints, shapes))
     count, k = len(shapes), len(effect.amplitudes(shapes[0]))
     own, others, kept = {}, {}, {}
     power = np.zeros((count, k))
@@ -101,6 +120,13 @@ def candidate(
     if regression.store is not None:
         release()
     return Candidate(effect, joints, shapes, own, others, np.sqrt(power), groups, kept)
+
+
+def without_rounding(columns: dict[int, Floats]) -> dict[int, Floats]:
+    """Return columns of shapes, {joint: (G, k, M)}, those that are nothing but rounding as zeros."""
+    largest = np.max([np.abs(C).max(axis=2, initial=0.0) for C in columns.values()], axis=0)
+    kept = largest > ROUNDING * largest.max()
+    return columns if kept.all() else {j: C * kept[:, :, None] for j, C in columns.items()}
 
 
 def in_range(effect: Effect, shape: Mapping[str, float]) -> bool:
@@ -141,7 +167,7 @@ def visible_share(evidence: Evidence, one: Candidate, base: int) -> float:
     raw = np.asarray(sum(one.own.values()))
     own = np.sqrt(np.maximum(np.diagonal(raw, axis1=1, axis2=2), 1e-300))
     left = (raw - np.einsum("mgk,mgl->gkl", Z, Z)) / own[:, :, None] / own[:, None, :]
-    return float(np.max(np.linalg.eigvalsh(left)[np.all(one.rms > 0, axis=1), -1], initial=0.0))
+    return float(np.max(np.linalg.eigvalsh(left)[np.any(one.rms > 0, axis=1), -1], initial=0.0))
 
 
 def likeness(own: Floats) -> Floats:
@@ -162,10 +188,14 @@ class Gains:
     Attributes:
         log_odds: log Bayes factor, a mixture over sizes, (G,).
         scale: prior size of the part of that mixture with the most evidence, (G,).
+        amplitudes: as they are most likely with that prior size, (G, k).
+        covariance: of them, (G, k, k).
     """
 
     log_odds: Floats
     scale: Floats
+    amplitudes: Floats
+    covariance: Floats
 
 
 def gains(evidence: Evidence, one: Candidate) -> Gains:
@@ -187,19 +217,23 @@ def gains(evidence: Evidence, one: Candidate) -> Gains:
     q = (Q[:, -1] - Z.T @ right).reshape(count, k)
     Z = Z.reshape(t, count, k)
     U = U + raw - np.einsum("mgk,mgl->gkl", Z, Z)
-    there = np.all(one.rms > 0, axis=1)
-    unit = 1.0 / np.where(one.rms > 0, one.rms, 1.0)
+    there = np.any(one.rms > 0, axis=1)
+    unit = np.where(one.rms > 0, 1.0 / np.where(one.rms > 0, one.rms, 1.0), 0.0)
     alike = likeness(np.asarray(sum(one.own.values())))
     volume = np.linalg.slogdet(alike)[1]
     odds = np.full((len(tuning.SCALES), count), NEVER)
+    found, spread = np.zeros((len(tuning.SCALES), count, k)), np.zeros((len(tuning.SCALES), count, k, k))
     for s, scale in enumerate(tuning.SCALES):
         size = scale * unit
         W = U * size[:, :, None] * size[:, None, :] + alike
         v = q * size
-        best = np.linalg.solve(W, v[..., None])[..., 0]
+        inverse = np.linalg.inv(W)
+        best = np.einsum("gkl,gl->gk", inverse, v)
+        found[s], spread[s] = size * best, inverse * size[:, :, None] * size[:, None, :]
         odds[s] = 0.5 * np.sum(v * best, axis=1) - 0.5 * (np.linalg.slogdet(W)[1] - volume)
     possible = there & ((q[:, 0] > 0) if one.effect.positive else True)
     top = odds.max(axis=0)
     mixed = top + np.log(np.mean(np.exp(odds - top), axis=0))
-    scales = np.array(tuning.SCALES)[odds.argmax(axis=0)]
-    return Gains(np.where(possible, mixed, NEVER), scales)
+    chosen = odds.argmax(axis=0), np.arange(count)
+    scales = np.array(tuning.SCALES)[chosen[0]]
+    return Gains(np.where(possible, mixed, NEVER), scales, found[chosen], spread[chosen])

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.gap import tuning
-from dynid.gap.known_errors import SHARP, acceleration_torques, common_columns, own_columns
+from dynid.gap.known_errors import SHARP, KnownErrors, acceleration_torques, common_columns, own_columns
 from dynid.gap.noise import RepeatPair
 from dynid.gap.rest import MISSING, rest_columns
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
@@ -281,6 +281,18 @@ class Evidence:
             rows = np.r_[0:first, last : len(model.gram)]
             joints.append(replace(model, gram=model.gram[np.ix_(rows, rows)]))
         return replace(self, joints=tuple(joints), prior=self.prior[np.ix_(kept, kept)], held=self.held[kept])
+
+    def known_errors(self, first: int) -> KnownErrors:
+        """Return what no effect has to explain, known errors as large as they are most likely.
+
+        Args:
+            first: number of base parameters, the first columns of T.
+        """
+        theta, own = self.estimate, []
+        half = forward(self.whole[0], np.eye(self.width)[:, :first])
+        for model, part in zip(self.joints, self.parts, strict=True):
+            own.append(back(part.root, part.towards @ np.append(-theta, 1.0))[: model.errors])
+        return KnownErrors(theta[first : self.base], np.array(own), half.T @ half)
 
     def rest(self) -> Rest:
         """Return what is missing without a name."""

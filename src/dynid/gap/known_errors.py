@@ -7,7 +7,7 @@ each column is scaled to one standard deviation of what it stands for, which fol
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -143,3 +143,30 @@ def own_columns(segment: SegmentRows, joint: int, torques: Floats) -> Floats:
     own = torques[:, joint]
     inertial = tuning.ACCELERATION * np.concatenate([own, 3.0 * without_slow(own, 0.08 / step)])
     return np.concatenate([reversal_columns(segment, joint), segment.filtered(inertial)])
+
+
+@dataclass(frozen=True)
+class KnownErrors:
+    """What no effect has to explain: known errors, each in its own standard deviations, and unsure base parameters.
+
+    Attributes:
+        common: errors that all joints share, (1 + 2 n,).
+        own: errors of one joint alone, (n, 7 + 2 n).
+        covariance: of the base parameters, (p, p).
+    """
+
+    common: Floats
+    own: Floats
+    covariance: Floats
+
+    def power(self, segment: SegmentRows) -> Floats:
+        """Return the expected square of all of them in the rows of a segment, filtered, (M, n)."""
+        unsure = np.einsum("mjp,pq,mjq->mj", segment.W, self.covariance, segment.W, optimize=True)
+        return np.asarray(unsure + self.torques(segment).T ** 2)
+
+    def torques(self, segment: SegmentRows) -> Floats:
+        """Return the torque of known errors in the rows of a segment, filtered, (n, M) [N m or N]."""
+        by_acceleration = acceleration_torques(segment)
+        shared = np.einsum("c,cnm->nm", self.common, common_columns(segment, by_acceleration))
+        alone = [w @ own_columns(segment, j, by_acceleration) for j, w in enumerate(self.own)]
+        return np.asarray(shared + np.array(alone))

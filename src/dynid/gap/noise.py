@@ -86,11 +86,15 @@ class NoiseModel:
 
     @property
     def peak(self) -> Floats:
-        """Highest over median power of the noise's spectrum in the pass band, (n,); 1 where it is not whitened."""
+        """How far the highest peak of the noise's spectrum in the pass band stands out, in power, (n,).
+
+        A spectrum that only rises or falls, as that of differentiated positions does, has no peak: 1.
+        """
         # In turns per row: rows are kept at four times the cut-off.
         z = np.exp(-2j * np.pi * np.outer(np.linspace(0.02, 0.2, 60), np.arange(1, self.order + 1)))
         power = 1.0 / np.abs(1.0 - z @ self.ar.T) ** 2
-        return np.asarray(power.max(axis=0) / np.median(power, axis=0))
+        beside = np.maximum(np.minimum.accumulate(power), np.minimum.accumulate(power[::-1])[::-1])
+        return np.asarray(np.max(power / beside, axis=0))
 
 
 @dataclass(frozen=True)
@@ -271,6 +275,7 @@ def _from_spectrum(chosen: Filter, parts: Sequence[tuple[Floats, Mask]]) -> Nois
     kernel, step = chosen.second_kernel[0], chosen.second_step
     shape = np.correlate(kernel, kernel, "full")[len(kernel) - 1 :]
     covariance = np.array([shape[lag * step] if lag * step < len(shape) else 0.0 for lag in range(ORDER + 1)])
+    covariance[0] *= 1.0 + tuning.STOP_BAND
     ar = yule_walker(covariance)
     n = parts[0][0].shape[1]
     level, left = np.zeros(n), np.full(n, np.inf)

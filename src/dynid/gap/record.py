@@ -354,7 +354,7 @@ _MAPPINGS = ("values", "std_errors", "units")
 _EFFECTS = ("named", "closest", "formulas")
 _WORDS = ("joint_names", "torque_units", "not_repeatable", "logs", "clues", "more", "kept_rms", "events")
 #: What of a record is stored as arrays: the fields of its held-out improvement, and its simulation.
-_IMPROVEMENT = ("before", "after", "ratio", "floor")
+_IMPROVEMENT = ("before", "after", "ratio", "floor", "known")
 #: And those of its curves.
 _CURVE = ("t", "residual", "torque", "left", "against")
 

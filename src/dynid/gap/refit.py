@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.possible_set import pseudo_inertia
+from dynid.gap.known_errors import KnownErrors
 from dynid.gap.noise import NoiseModel
 from dynid.gap.problem import GapProblem, at_possible, near_possible
 from dynid.gap.search import EffectSearch
@@ -66,6 +67,8 @@ class HeldOutImprovement:
         after: rms with them [N m or N].
         ratio: lower and upper end of the 95 % interval of after / before, (n, 2).
         floor: the noise [N m or N].
+        known: rms of what no effect has to explain, but for noise: what recorder, filter and reversals do, and base
+            parameters that the searched rows leave unsure [N m or N].
         chance: of such growth where there is none, in a comparison with earlier logs.
     """
 
@@ -73,6 +76,7 @@ class HeldOutImprovement:
     after: Floats
     ratio: Floats
     floor: Floats
+    known: Floats
     chance: Floats | None = None
 
     def worse(self, allowed: Floats | float = GROWN) -> list[int]:
@@ -419,7 +423,20 @@ def held_out_improvement(
     ratio = np.array([_ratio(b, a, j, few=first.since) for j, (b, a) in enumerate(pairs)])
     # Why another test: few blocks of time are held out there, and their ratio says too little.
     chance = np.array([chance_of_growth(b, a) for b, a in pairs]) if first.since else None
-    return HeldOutImprovement(rms[0], rms[1], ratio, search.problem.noise.floor, chance)
+    known = _held_known_errors(search.problem, search.errors)
+    return HeldOutImprovement(rms[0], rms[1], ratio, search.problem.noise.floor, known, chance)
+
+
+def _held_known_errors(problem: GapProblem, errors: KnownErrors) -> Floats:
+    """Return the rms of what no effect has to explain on held-out rows, but for noise, (n,) [N m or N]."""
+    first, n = problem.noise.order, problem.base.robot.n
+    power, count = np.zeros(n), np.zeros(n)
+    for s in cut(problem.segments, problem.held):
+        use = s.use[first:]
+        if use.any():
+            power += np.sum(np.where(use, errors.power(s)[first:], 0.0), axis=0)
+            count += use.sum(axis=0)
+    return np.sqrt(power / np.maximum(count, 1))
 
 
 def chance_of_growth(before: HeldOutRows, after: HeldOutRows) -> float:

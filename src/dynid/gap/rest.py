@@ -24,6 +24,8 @@ PLACE, PLACE_SIGN, SPEED, LOAD, TIME = (12, 0.15), (8, 0.2), (10, 0.2), (5, 0.25
 KNEE = 0.05
 #: Seconds between columns of what repeats with the motion, and of what does not.
 LOCKED_S, STRAY_S = 0.6, 2.0
+#: Share of a stretch in all that is driven of it from which it is driven once.
+ONCE = 0.7
 #: Range beyond that of the rows, so that no column ends at their edge.
 WIDER = 1.25
 #: Kinds that stand for something that is missing; the others are errors that every log has.
@@ -96,17 +98,39 @@ def _in_time(segments: Sequence[SegmentRows], repeats: Sequence[RepeatPair], joi
     # Why not beside earlier logs: a slow function of time steps between old and new ones, as any change does.
     slow = all(s.is_new for s in segments)
     found = {"time": [smooth(x, *ends, TIME) for x in t]} if slow else {}
-    clock = np.cumsum([0.0, *(float(x.max() - x.min()) + 4 * STRAY_S for x in phase)])
-    seen = sorted(set(motion))
-    begin = {m: clock[k] for k, m in enumerate(seen)}
-    locked = [x - x.min() + begin[m] for x, m in zip(phase, motion, strict=True)]
-    own = np.cumsum([0.0, *(x[-1] - x[0] + 4 * STRAY_S for x in t)])
-    alone = [x - x[0] + start for x, start in zip(t, own, strict=False)]
-    for name, times, spacing in (("locked", locked, LOCKED_S), ("stray", alone, STRAY_S)):
-        every = bumps(np.concatenate(times), spacing)
-        every = every[every.max(axis=1) > 0.5]
-        found[name] = np.split(every, np.cumsum([len(x) for x in times])[:-1], axis=1)
+    seen, clock = sorted(set(motion)), 0.0
+    every = np.concatenate(phase)
+    number = np.repeat(motion, [len(x) for x in phase])
+    for m in seen:
+        own = every[number == m]
+        every[number == m] += clock - own.min()
+        clock += float(own.max() - own.min()) + 4 * STRAY_S
+    ends_of_parts = np.cumsum([len(x) for x in phase])[:-1]
+    found["locked"] = np.split(_present(bumps(every, LOCKED_S)), ends_of_parts, axis=1)
+    starts = np.cumsum([0.0, *(x[-1] - x[0] + 4 * STRAY_S for x in t)])
+    alone = np.concatenate([x - x[0] + start for x, start in zip(t, starts, strict=False)])
+    stray = np.array([_unrepeated(x, every) for x in _present(bumps(alone, STRAY_S))])
+    found["stray"] = np.split(stray, ends_of_parts, axis=1)
     return found | {"reversals": _reversals(segments, joint)}
+
+
+def _present(columns: Floats) -> Floats:
+    """Return bells that some row is near, (m, M)."""
+    return np.asarray(columns[columns.max(axis=1) > 0.5])
+
+
+def _unrepeated(bell: Floats, phase: Floats) -> Floats:
+    """Return a bell less what repeats of it: its mean over all times that the motion is driven, (M,).
+
+    Args:
+        bell: over the time of one recording, (M,).
+        phase: of all motions, one after the other [s], (M,).
+    """
+    here = np.flatnonzero(bell > 1e-3)
+    here = here[np.argsort(phase[here])]
+    again = np.interp(phase, phase[here], bell[here], left=0.0, right=0.0)
+    share = float(bell.sum() / max(again.sum(), 1e-300))
+    return bell - share * again if share < ONCE else bell
 
 
 def _reversals(segments: Sequence[SegmentRows], joint: int) -> list[Floats]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from dynid.gap.change import change_test
 from dynid.gap.evidence import Rest
+from dynid.gap.known_errors import KnownErrors
 from dynid.gap.late_torques import late_torques
 from dynid.gap.localisation import chi_square_between_reversals
 from dynid.gap.noise import measure_noise, motions_of
@@ -67,6 +68,7 @@ class EffectSearch:
         between_reversals: the same between reversals, where that is less: below 1 cm/s the velocity is not known well
             enough to say whether friction turns as the model says, (n,).
         visibility: largest visible share of each candidate.
+        errors: what recorder, filter and reversals do.
         rest: what is missing without a name; None where names were not chosen by evidence.
         strays: short disturbances that do not repeat.
     """
@@ -79,6 +81,7 @@ class EffectSearch:
     after: Floats
     between_reversals: Floats
     visibility: dict[Key, float]
+    errors: KnownErrors
     rest: Rest | None = None
     strays: tuple[Stray, ...] = ()
 
@@ -141,13 +144,14 @@ def search_effects(
     selected, rest = stepwise.selected, None
     strays: tuple[Stray, ...] = ()
     if isinstance(stepwise, EvidenceSelection):
-        rest = stepwise.evidence.rest()
+        rest, errors = stepwise.evidence.rest(), stepwise.evidence.known_errors(stepwise.rows.regression.size)
         strays = tuple(find_strays(stepwise.evidence, stepwise.rows, stepwise.added, problem.noise.unrepeatable))
     else:
         selected = settled_rivals(problem, selected)
+        errors = with_selected(bare, selected).known_errors
     after, between = chi_squares(with_selected(bare, selected))
     return EffectSearch(
-        problem, selected, delay, delay_test, chi_before, after, between, stepwise.visibility, rest, strays
+        problem, selected, delay, delay_test, chi_before, after, between, stepwise.visibility, errors, rest, strays
     )
 
 

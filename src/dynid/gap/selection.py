@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynid.gap import tuning
-from dynid.gap.candidates import Candidate, candidates_of, gains, likeness, visible_share
-from dynid.gap.evidence import NONE, Evidence, evidence_of, forward
+from dynid.gap.candidates import (
+    Candidate,
+    candidate,
+    candidates_of,
+    gains,
+    likeness,
+    visible_share,
+    without_rounding,
+)
+from dynid.gap.evidence import NONE, Evidence, evidence_of
 from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.gap.shapes import integrated
 from dynid.gap.significance import Key, SignificanceTest, significance_test, whitened_columns
+from dynid.gap.sizes import sizes_of
 from dynid.gap.stepwise_selection import SelectionOptions, wanted_effects
 from dynid.gap.whitened_regression import EffectColumns
 from dynid.model.effects.interface import Effect, Floats, Joints
@@ -33,8 +42,6 @@ SIMPLER = {
     "coulomb": ("presliding_hysteresis", "stribeck", "position_friction", "nonlinear_viscous", "warmup_friction"),
     "viscous": ("nonlinear_viscous", "asymmetric_viscous", "warmup_friction"),
 }
-#: Step of a shape for its slope, in shares of its first step or of itself.
-STEP = 1e-2
 #: A delay found by moving torques wins by so much evidence.
 LATE = 12.0
 
@@ -127,6 +134,11 @@ def simplest(looks: Sequence[Look]) -> Look | None:
     return next((one for one in likely if contains(best.key, one.key)), min(fewer, key=_amplitudes, default=best))
 
 
+def _precision(products: Mapping[int, tuple[Floats, Floats]], strength: Floats) -> Floats:
+    """Return the prior precision of amplitudes, (k, k), of columns of so much rms over their prior size, (k,)."""
+    return np.asarray(likeness(np.sum([own for own, _ in products.values()], axis=0)) * np.outer(strength, strength))
+
+
 def _amplitudes(look: Look) -> int:
     return int(look.candidate.rms.shape[1])
 
@@ -168,6 +180,7 @@ class EvidenceSelection:
         self.late = late if any(effect.name == "torque_delay" for effect, _ in self.wanted) else None
         self.named: list[Named] = []
         self.barred: set[Key] = set()
+        self.in_place: list[list[Look]] = []
         self.selected: list[SelectedEffect] = []
         self.regression = problem.regression()
         bare = problem.regression(nuisance=False)
@@ -201,8 +214,7 @@ class EvidenceSelection:
             return self.late.test
         likely: Look | None = None
         while len(self.named) < self.options.most:
-            looks = self.looks(self.evidence)
-            best = simplest(looks)
+            best = simplest(self.looks(self.evidence))
             if best is None or best.log_odds < sure:
                 likely = best
                 break
@@ -243,22 +255,24 @@ class EvidenceSelection:
 
     def _look(self, evidence: Evidence, one: Candidate) -> Look:
         """Return a candidate with the rest sized beside it, from its best shape beside the rest and without it."""
-        starts: dict[int, float] = {}
-        for some in (evidence, without_rest(evidence)):
-            found = gains(some, one)
-            g = int(np.argmax(found.log_odds))
-            starts.setdefault(g, float(found.scale[g]))
-        looks = [self._look_from(evidence, one, g, scale) for g, scale in starts.items()]
+        found = gains(evidence, one)
+        g = int(np.argmax(found.log_odds))
+        # Why refined: beside a shape of the grid the rest holds what that one misses, and does the work of the effect.
+        _, shape, scale = integrated(without_rest(evidence), self.rows, one, self.added)
+        starts = {g: float(found.scale[g])}
+        if shape not in one.shapes:
+            one = one.and_also(candidate(self.rows, one.effect, one.joints, [shape], self.added, keep=True))
+        starts.setdefault(one.shapes.index(shape), scale)
+        looks = [self._look_from(evidence, one, *start) for start in starts.items()]
         return max(looks, key=lambda look: look.log_odds)
 
     def _look_from(self, evidence: Evidence, one: Candidate, g: int, scale: float) -> Look:
         """Return a candidate with the rest sized beside one of its shapes."""
         k, t = one.rms.shape[1], evidence.width
-        products = {j: (one.own[j][g], one.others[j].reshape(len(one.shapes), k, -1)[g]) for j in one.own}
+        products, rms = one.at(g)
         strength = {j: float(np.trace(own) / evidence.joints[j].count) for j, (own, _) in products.items()}
         joints = tuple(sorted(strength, key=lambda j: -strength[j])[:MOST_JOINTS])
-        rms, whole = np.maximum(one.rms[g], 1e-12) / scale, np.sum([own for own, _ in products.values()], axis=0)
-        precision = likeness(whole) * np.outer(rms, rms)
+        precision = _precision(products, rms / scale)
         beside = evidence.with_columns(products, precision).sized(joints).without(t, t + k)
         again = gains(beside, one)
         best = int(np.argmax(again.log_odds))
@@ -284,40 +298,24 @@ class EvidenceSelection:
         one, effect = self.named[k], self.named[k].effect
         counts = [len(next(iter(columns.values()))) for columns in self.added]
         at = self.first.width + sum(counts[:k])
-        own = slice(at, at + counts[k])
-        sizes = self.evidence.estimate[own]
-        free = [name for name in effect.steps if name in one.shape]
-        slopes: dict[int, list[Floats]] = {j: [] for j in self.added[k]}
-        for name in free:
-            kind, size = effect.steps[name]
-            step = STEP * (size if kind == "plus" else abs(one.shape[name]))
-            up, down = (
-                whitened_columns(self.rows.regression, effect, one.joints, [one.shape | {name: one.shape[name] + h}])
-                for h in (step, -step)
-            )
-            for j in slopes:
-                slopes[j].append(sizes @ (up[j][0] - down[j][0]) / (2 * step))
-        evidence = self.evidence
-        if free:
-            steps = [effect.steps[name] for name in free]
-            width = np.array([
-                abs(one.shape[name]) if kind == "times" else 10 * size
-                for name, (kind, size) in zip(free, steps, strict=True)
-            ])  # fmt: skip
-            columns = {j: np.array(x) for j, x in slopes.items()}
-            evidence = evidence.with_columns(self.rows.products(columns, self.added), width**-2.0)
-        root, _ = evidence.whole
-        chosen = np.r_[own, evidence.width - len(free) : evidence.width]
-        half = forward(root, np.eye(evidence.width)[:, chosen])
-        covariance = half.T @ half
-        errors = np.sqrt(np.diag(covariance))
-        names = list(effect.amplitudes(one.shape))
-        values = dict(zip(names, sizes.tolist(), strict=True)) | dict(one.shape)
-        held = dict.fromkeys(effect.steps, float("inf"))
-        test = replace(told.test, amplitudes=sizes)
-        z = float(np.sqrt(sizes @ np.linalg.solve(covariance[: len(sizes), : len(sizes)], sizes)))
-        told_errors = held | dict(zip([*names, *free], errors.tolist(), strict=True))
-        return replace(told, values=values, std_errors=told_errors, test=test, z=z)
+        others = [columns for i, columns in enumerate(self.added) if i != k]
+        beside = self.evidence.without(at, at + counts[k])
+        found = sizes_of(beside, self.rows, effect, one.joints, one.shape, others)
+        names, sizes = list(effect.amplitudes(one.shape)), found.amplitudes
+        power = np.diag(found.covariance)
+        seen = power > 0
+        z = float(np.sqrt(sizes[seen] @ np.linalg.solve(found.covariance[np.ix_(seen, seen)], sizes[seen])))
+        errors = np.where(seen, np.sqrt(power), np.inf)
+        return replace(
+            told,
+            shape=found.shape,
+            values=dict(zip(names, sizes.tolist(), strict=True)) | found.shape,
+            std_errors=dict.fromkeys(effect.steps, float("inf"))
+            | found.shape_errors
+            | dict(zip(names, errors.tolist(), strict=True)),
+            test=replace(told.test, amplitudes=sizes),
+            z=z,
+        )
 
     # ------------------------------------------------------------ names
     def _take(self, look: Look) -> None:
@@ -365,12 +363,12 @@ class EvidenceSelection:
         return any(effect.needs_model for effect in before)
 
     def _columns(self, one: Named) -> EffectColumns:
-        found = whitened_columns(self.rows.regression, one.effect, one.joints, [one.shape])
+        found = without_rounding(whitened_columns(self.rows.regression, one.effect, one.joints, [one.shape]))
         return {j: C[0] for j, C in found.items() if C.any()}
 
     def _rms(self, columns: EffectColumns) -> Floats:
         rms = np.max([np.sqrt(np.mean(C**2, axis=1)) for C in columns.values()], axis=0)
-        return np.asarray(np.maximum(rms, 1e-12))
+        return np.asarray(np.where(rms > 0, rms, 1.0))
 
     def _without(self, k: int) -> Evidence:
         """Return the evidence without one name, the rest of its joints sized again."""
@@ -398,9 +396,11 @@ class EvidenceSelection:
 
     def _exchange(self, sure: float) -> None:
         """Exchange names for better ones, and drop those that the others do without."""
-        for _ in range(EXCHANGES if len(self.named) > 1 else 0):
+        for _ in range(EXCHANGES):
+            self.in_place = []
             for k, one in enumerate(self.named):
-                best = simplest(self._in_place_of(k))
+                self.in_place.append(self._in_place_of(k))
+                best = simplest(self.in_place[k])
                 if best is None or best.log_odds < sure:
                     self.barred.add(one.key)
                     del self.named[k]
@@ -417,7 +417,7 @@ class EvidenceSelection:
     def _conclude(self, likely: Look | None) -> None:
         """Find the probability of each name and its rivals, and test it as it is told."""
         for k, one in enumerate(self.named):
-            looks = self._in_place_of(k)
+            looks = self.in_place[k] if len(self.in_place) == len(self.named) else self._in_place_of(k)
             own = next(look for look in looks if look.key == one.key)
             beside = {c.key: float(gains(self.evidence, c).log_odds.max()) for c in self.candidates}
             rivals = tuple(

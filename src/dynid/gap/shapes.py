@@ -32,6 +32,16 @@ def from_steps(effect: Effect, shape: dict[str, float], x: Floats) -> dict[str, 
     return shape | {name: v * size if kind == "plus" else float(size**v) for (name, (kind, size)), v in pairs}
 
 
+def ends_of(effect: Effect, shapes: Sequence[dict[str, float]]) -> tuple[Floats, Floats]:
+    """Return between what the refined parameters of an effect may be, in units of their first steps, (d,) each."""
+    grid = np.array([in_steps(effect, shape) for shape in shapes])
+    low, high = grid.min(axis=0) - BEYOND, grid.max(axis=0) + BEYOND
+    for k, name in enumerate(effect.steps):
+        if (effect.name, name) in tuning.RANGES:
+            low[k], high[k] = (in_steps(effect, shapes[0] | {name: x})[k] for x in tuning.RANGES[effect.name, name])
+    return low, high
+
+
 def integrated(
     evidence: Evidence, rows: EvidenceRows, one: Candidate, added: Sequence[EffectColumns]
 ) -> tuple[float, dict[str, float], float]:
@@ -50,13 +60,8 @@ def integrated(
     effect = one.effect
     if not effect.steps or top < -1e8:
         return mean, shape, scale
-    grid = np.array([in_steps(effect, s) for s in one.shapes])
-    low, high = grid.min(axis=0) - BEYOND, grid.max(axis=0) + BEYOND
-    for k, name in enumerate(effect.steps):
-        if (effect.name, name) in tuning.RANGES:
-            ends = [in_steps(effect, shape | {name: x})[k] for x in tuning.RANGES[effect.name, name]]
-            low[k], high[k] = ends
-    if "form" in effect.steps or not np.all(np.isfinite(grid)):
+    low, high = ends_of(effect, one.shapes)
+    if not np.all(np.isfinite(low) & np.isfinite(high)):
         return mean, shape, scale
     x, step = in_steps(effect, shape), 1.0
     d = len(x)

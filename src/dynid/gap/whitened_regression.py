@@ -14,6 +14,7 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.gap.known_errors import KnownErrors
 from dynid.gap.noise import NoiseModel, whitened
 from dynid.gap.segments import SegmentRows, jackknife_blocks
 from dynid.model.effects.catalogue import joined_motion
@@ -231,6 +232,15 @@ class WhitenedRegression:
     def amplitudes(self) -> Floats:
         """Amplitudes of the effects, one after the other."""
         return self.fit.theta[self.size :]
+
+    @property
+    def known_errors(self) -> KnownErrors:
+        """What no effect has to explain, as it was fitted: of known errors those at reversals."""
+        n = len(self.joints)
+        turns = self.fit.theta[self._errors].reshape(n, -1)
+        p = self.size - self.bounded
+        own = np.column_stack([turns, np.zeros((n, 2 * n))])
+        return KnownErrors(np.zeros(1 + 2 * n), own, self.fit.inverse[:p, :p])
 
     @property
     def squares(self) -> float:

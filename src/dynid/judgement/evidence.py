@@ -5,6 +5,7 @@ A fact that was not looked at is None, or an empty tuple. That is not good: it i
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from dynid.judgement import tuning
@@ -122,6 +123,7 @@ class GapEvidence:
         before: error of each joint on rows that were not fitted, without the named effects, (n,) [N m or N].
         after: and with them, (n,) [N m or N].
         noise: rms of the noise of each joint, (n,) [N m or N].
+        known: rms of what recorder, filter and reversals do, and of what unsure parameters leave, (n,) [N m or N].
         repeats: whether the noise comes from repeats.
         more: names of joints where more is left than noise, with or without the named effects.
         unrepeatable: names of joints whose disturbance does not repeat.
@@ -139,6 +141,7 @@ class GapEvidence:
     before: tuple[float, ...] = ()
     after: tuple[float, ...] = ()
     noise: tuple[float, ...] = ()
+    known: tuple[float, ...] = ()
     repeats: bool = False
     more: tuple[str, ...] = ()
     unrepeatable: tuple[str, ...] = ()
@@ -149,11 +152,17 @@ class GapEvidence:
     logs: tuple[str, ...] = ()
 
     @property
+    def allowed(self) -> tuple[float, ...]:
+        """Rms of what no effect has to explain: noise, and known errors, (n,) [N m or N]."""
+        known = self.known or (0.0,) * len(self.noise)
+        return tuple(math.hypot(*pair) for pair in zip(self.noise, known, strict=True))
+
+    @property
     def surprise(self) -> float | None:
         """Error of the model as it was over the expected one, where that is more than the noise; None where unknown."""
         if self.kept is None or not self.expected:
             return None
-        rows = zip(self.kept_rms, self.noise, strict=False)
+        rows = zip(self.kept_rms, self.allowed, strict=False)
         at_noise = len(self.kept_rms) == len(self.noise) > 0 and all(x <= tuning.AT_NOISE * noise for x, noise in rows)
         return 1.0 if at_noise else self.kept / self.expected
 

@@ -249,8 +249,8 @@ def finds_nothing(gap: GapEvidence) -> bool:
 
 def _of_search(gap: GapEvidence) -> list[Fact]:
     found: list[Fact] = []
-    for name, error, noise in zip(gap.joints, gap.errors, gap.noise, strict=True):
-        more = not noise or error > tuning.MISSING * noise
+    for name, error, noise in zip(gap.joints, gap.errors, gap.allowed, strict=True):
+        more = not noise or error > tuning.MISSING[not gap.repeats] * noise
         found.append(("fair" if more else "good", f"{name} {error:.2g}, noise {noise:.2g}" if more else ""))
     if (surprised := gap.surprise) is not None:
         state = grade(surprised, tuning.EXPECTED)

@@ -214,8 +214,8 @@ def _size(one: EffectEvidence) -> str:
 def _where(gap: GapEvidence) -> str:
     names = gap.more or tuple(
         name
-        for name, error, noise in zip(gap.joints, gap.before, gap.noise, strict=True)
-        if error > tuning.MISSING * noise
+        for name, error, noise in zip(gap.joints, gap.before, gap.allowed, strict=True)
+        if error > tuning.MISSING[not gap.repeats] * noise
     )
     return f" on {', '.join(names)}" if names else ""
 

@@ -22,9 +22,10 @@ UNSEEN_FAIR = 15.0
 #: An error so many times the expected one is worse than expected, and far worse. evidence: predicted_errors.md: 95 %
 #: of simulated arms stay below 1.5 times; payloads and wrong mappings begin at 4 times.
 EXPECTED = (1.5, 3.0)
-#: Error of a joint over its noise floor up to which nothing is missing. evidence: gap_blind.md, clean logs reach 1.25
+#: Error of a joint over its noise up to which nothing is missing: of noise from repeats, and of a lower bound.
+#: evidence: gap_blind.md, clean logs reach 1.25
 #: between reversals and 1.5 with them; named effects begin at 1.4.
-MISSING = 1.5
+MISSING = (1.5, 2.0)
 #: Error of the possible arm over that of the plain estimate that is good, and still fair.
 #: evidence: estimators.md, simulated possible arms reach 1.1; a counterbalance or an unknown load begins at 1.5.
 POSSIBLE = (1.2, 2.0)

@@ -30,6 +30,7 @@ def search_of(problem, selected=()):
         chi,
         between,
         {},
+        problem.regression().known_errors,
         Rest(np.zeros(len(chi)), ({"all": 0.0},) * len(chi), np.zeros(len(chi))),
     )
 

@@ -1,5 +1,6 @@
 """The noise floor on signals whose noise is known."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -164,3 +165,14 @@ def test_rows_that_were_not_fitted_say_nothing_of_the_noise():
     quiet = measure_noise([rows], [residual], [], [train])
     residual[3000:] *= 50
     np.testing.assert_allclose(measure_noise([rows], [residual], [], [train]).floor, quiet.floor)
+
+
+def test_a_spectrum_that_rises_with_the_frequency_does_not_ring_and_a_resonance_does():
+    """Noise of positions, differentiated, rises; a link at 4 Hz stands out."""
+    pole = 0.97 * np.exp(2j * np.pi * 0.1)
+    ringing = [2 * pole.real, -(abs(pole) ** 2), 0.0, 0.0]
+    rising = [-0.9, -0.2, 0.0, 0.0]
+    noise = replace(NoiseModel.white(np.ones(2)), ar=np.array([ringing, rising]))
+    assert noise.peak[0] > 50.0
+    assert noise.peak[1] == pytest.approx(1.0)
+    assert noise.unrepeatable == [0]

@@ -26,7 +26,9 @@ def record(gathered):
                     names[0], 0.9, 0.36, "N m")  # fmt: skip
     regions = (ResidualRegion("speed", "slow", 4.0, 100), ResidualRegion("speed", "fast", 1.1, 100))
     joints = tuple(JointGap(j, 2.5, 1 / n, regions, "when slow") for j in range(n))
-    improvement = HeldOutImprovement(np.full(n, 0.9), np.full(n, 0.36), np.tile([0.3, 0.5], (n, 1)), np.full(n, 0.3))
+    improvement = HeldOutImprovement(
+        np.full(n, 0.9), np.full(n, 0.36), np.tile([0.3, 0.5], (n, 1)), np.full(n, 0.3), np.zeros(n)
+    )
     t = np.linspace(0, 20, 500)
     curve = HeldOutEffect(t, np.sin(t), 0.9 * np.sin(t), 0.1 * np.sin(t), np.cos(t), f"speed of {NASTY} [rad/s]")
     return GapRecord(

@@ -29,7 +29,7 @@ def base(tmp_path_factory):
 
 def record_of(base, named=(), verdict="ambiguous", chi=(1.0, 3.0), **more):
     names = base.robot.joint_names
-    levels = HeldOutImprovement(np.full(2, 0.3), np.full(2, 0.1), np.ones((2, 2)), np.array([0.05, 0.04]))
+    levels = HeldOutImprovement(np.full(2, 0.3), np.full(2, 0.1), np.ones((2, 2)), np.array([0.05, 0.04]), np.zeros(2))
     joints = tuple(JointGap(j, one, one - 1, (), "") for j, one in enumerate(chi))
     return GapRecord(
         base.robot.name, "refit", verdict, tuple(named), (), (), "", names, ("N m",) * 2, joints, levels,
