@@ -98,7 +98,7 @@ def test_names_are_text_wherever_they_stand(html):
     assert "<b>x" not in html
     assert {anchor: text.count(NASTY) for anchor, text in by_section(html).items()} == {
         "": 2,  # title and heading
-        "verdict": 4,  # answer, reason and light of the unseen log, weakest joint
+        "verdict": 3,  # answer and light of the unseen log, weakest joint
         "next": 1,  # the log to search
         "run": 3,  # robot, command, log
         "quality": 1,  # the finding
