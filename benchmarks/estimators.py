@@ -16,6 +16,7 @@ import json
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +73,8 @@ def one(name: str, regime: str, draw: int) -> dict[str, list[float]]:
         start = time.perf_counter()
         each = METHODS[method](replace(rows), prior, arm.robot.controller)
         seconds = made + time.perf_counter() - start
-        whole = physical_posterior(arm.base, each, rows, residual_model=False).theta
+        again = partial(METHODS[method], prior=prior)
+        whole = physical_posterior(arm.base, each, rows, refit=again, residual_model=False).theta
         fitted = relative_error(rows.whole[0], each.theta)
         found[method] = figures(arm, each.theta, each.covariance, fitted, seconds, whole)
     found["auto"] = found[choose(rows)[0]]

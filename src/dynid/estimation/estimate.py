@@ -18,6 +18,7 @@ from dynid.estimation.least_squares import Fit, condition_number, joint_rms, non
 from dynid.estimation.posterior import (
     ExpectedError,
     Posterior,
+    Refit,
     contradicts,
     expected_error,
     physical_posterior,
@@ -161,7 +162,12 @@ def estimate(
     name, why = choose(stack) if method == "auto" else (method, "as asked")
     plain = METHODS[name](stack, prior, controller_of(base))
     instruments = instrument_findings(stack, plain, why)
-    post = physical_posterior(base, plain, stack, residual_model=residual_model, size=size)
+
+    def refit(part: Stack) -> Fit:
+        chosen = choose(part)[0] if method == "auto" else method
+        return METHODS[chosen](part, prior, controller_of(base), corrected=False)
+
+    post = physical_posterior(base, plain, stack, refit=refit, residual_model=residual_model, size=size)
     sets = _sets(base, plain, post)
 
     @cache
@@ -179,7 +185,7 @@ def estimate(
     excitation = excitation_findings(stack, plain, cost, drop_weak=drop_weak or physical)
     if physical:
         _require_change(prior, plain=plain.theta, physical=post.theta)
-    held = {} if holdout is None else _held_out(base, holdout, prior, name, post)
+    held = {} if holdout is None else _held_out(base, holdout, prior, name, post, refit)
     theta, covariance, error = sets[in_force]
     unseen = held.get(in_force)
     rms, total, expected = judged(in_force)
@@ -261,12 +267,12 @@ def _sets(base: BaseModel, plain: Fit, post: Posterior) -> dict[str, tuple[Float
 
 
 def _held_out(
-    base: BaseModel, holdout: HoldOut, prior: Floats, method: str, post: Posterior
+    base: BaseModel, holdout: HoldOut, prior: Floats, method: str, post: Posterior, refit: Refit
 ) -> dict[str, tuple[Floats, float]]:
     """Return the errors of each set on the held-out rows, fitted without them."""
     train, test, _ = holdout
     fit = METHODS[method](train, prior, controller_of(base), corrected=False)
-    again = physical_posterior(base, fit, train, residual_model=post.error is not None, like=post.error)
+    again = physical_posterior(base, fit, train, refit=refit, residual_model=post.error is not None, like=post.error)
     sets = _sets(base, fit, again)
     return {key: _of_squares(test, squares(test, theta, error)) for key, (theta, _, error) in sets.items()}
 

@@ -382,10 +382,10 @@ def _with_covariance(
         return replace(fit, covariance=_with_earlier(stack, stack.earlier, fit))
     # Why a pseudo-inverse where the rank is short: what coloured residuals are worth shows in the other directions.
     open_ = fit.solution.rank < len(fit.theta)
-    same = rows is stack and not robust and not stack.commanded
+    same = rows is stack and not robust
     bread = fit.solution.inverse if open_ or same else None
     covariance, uncorrected = hac_covariances(
-        rows, fit.theta, fit.noise, robust=robust, bread=bread, corrected=corrected
+        _measured(rows), fit.theta, fit.noise, robust=robust, bread=bread, corrected=corrected
     )
     return replace(fit, covariance=fit.solution.inverse if open_ else covariance, uncorrected=uncorrected)
 
@@ -397,8 +397,13 @@ def _with_earlier(stack: Stack, earlier: Earlier, fit: Fit) -> Floats:
     sensitivity = bread @ old.T @ old
     if not stack.logs:
         return np.asarray(sensitivity @ earlier.covariance @ sensitivity.T)
-    new = hac_covariances(stack, fit.theta, fit.noise, bread=bread)[0]
+    new = hac_covariances(_measured(stack), fit.theta, fit.noise, bread=bread)[0]
     return np.asarray(sensitivity @ earlier.covariance @ sensitivity.T + new)
+
+
+def _measured(rows: Iterable[ObservationRows]) -> Iterator[ObservationRows]:
+    """Yield rows without their instruments: least squares takes its scores from the measured motion alone."""
+    return (replace(part, command=None) for part in rows)
 
 
 def _whitened(stack: Stack) -> Iterable[ObservationRows]:

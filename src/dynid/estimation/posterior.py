@@ -8,8 +8,9 @@ for the covariance; docs/explanation/estimators.md for what was tried.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,10 @@ NOISE_FREE = 1e-6
 NONE = np.full(len(GROUP_NAMES), tuning.RESIDUAL_NOTHING)
 
 
+#: Makes an estimate of a stack, as that of all rows was made.
+Refit: TypeAlias = Callable[[Stack], Fit]
+
+
 @dataclass(frozen=True)
 class Posterior:
     """The physically possible set with everything that is known about it.
@@ -91,6 +96,7 @@ def physical_posterior(
     estimate: Fit,
     stack: Stack,
     *,
+    refit: Refit,
     residual_model: bool | None,
     like: ModelError | None = None,
     size: Floats | None = None,
@@ -101,6 +107,7 @@ def physical_posterior(
         base: model and base parameters.
         estimate: base parameters from the data.
         stack: the rows that it was made from.
+        refit: makes such an estimate of the rows of some joints, where the others contradict these.
         residual_model: look for model error or not; None where the evidence wants it.
         like: model error whose sizes and free joints are taken; nothing is asked about the errors then.
         size: sizes of the groups of columns where they are known already.
@@ -108,7 +115,7 @@ def physical_posterior(
     Raises:
         NotPhysical: the prior of the robot file is itself not physical.
     """
-    found = _as_rows_say(base, estimate, stack, residual_model=residual_model, like=like, size=size)
+    found, estimate = _as_rows_say(base, estimate, stack, refit, residual_model=residual_model, like=like, size=size)
     if like is not None or stack.earlier is not None or not stack.logs:
         return found
     K, fit = base.reduction.K, found.physical
@@ -131,12 +138,13 @@ def _as_rows_say(
     base: BaseModel,
     estimate: Fit,
     stack: Stack,
+    refit: Refit,
     *,
     residual_model: bool | None,
     like: ModelError | None,
     size: Floats | None,
-) -> Posterior:
-    """Return what ``physical_posterior`` does, with errors as if the rows told all."""
+) -> tuple[Posterior, Fit]:
+    """Return what ``physical_posterior`` does, with errors as if the rows told all, and the estimate it is made of."""
     K = base.reduction.K
     worth = _inflation(estimate, stack)
     A = estimate.whitened[:-1, :-1] / np.sqrt(worth)
@@ -144,10 +152,8 @@ def _as_rows_say(
     alone = K @ fit.x
     found = _posterior(K, fit, alone, worth, A.T @ A, estimate.noise)
     if residual_model is False or stack.earlier is not None or not stack.logs:
-        return found
-    robust = estimate.theta if estimate.method in ROBUST else None
-    spread = prior_covariance(base)
-    rows = whitened_rows(stack, base, alone, estimate.noise, worth, spread, robust).centred(estimate.theta)
+        return found, estimate
+    rows = _rows_of(base, stack, estimate, alone, np.zeros(base.robot.n))
     arm, large = Arm(fit, constraints, fit.hessian - K.T @ (A.T @ A) @ K), 0.0
     if like is not None:
         for joint in like.free:
@@ -159,21 +165,38 @@ def _as_rows_say(
         rows, large = (rows, 0.0) if apart > large else (freed, large)
     if np.any(rows.free):
         arm = _arm_of(base, rows, NONE, arm)
-    rows, size, arm = _with_joints_apart(base, stack, rows, arm, size, like)
+    rows, size, arm, estimate = _with_joints_apart(base, stack, rows, arm, size, like, estimate, refit)
     if np.any(rows.apart):
         left, _ = rows.eliminated(NONE)
         without, _ = _fitted(left, K, arm.constraints, arm.fit)
         alone = K @ without.x
-        found = _posterior(K, without, alone, worth, left[:-1, :-1].T @ left[:-1, :-1], rows.noise)
+        found = _posterior(K, without, alone, rows.inflation, left[:-1, :-1].T @ left[:-1, :-1], rows.noise)
     gain = evidence_gain(rows, K, arm.fit.x, arm.held, size)
     if residual_model is None and gain < tuning.RESIDUAL_EVIDENCE:
         if not (np.any(rows.apart) or np.any(rows.free)):
-            return found
+            return found, estimate
         size = NONE
     left, heads = rows.eliminated(size)
     fit, _ = _fitted(left, K, arm.constraints, arm.fit)
-    found = _posterior(K, fit, alone, worth, left[:-1, :-1].T @ left[:-1, :-1], rows.noise)
-    return replace(found, error=model_error(rows, size, gain + large, heads, found.theta, stack.whole[1]))
+    found = _posterior(K, fit, alone, rows.inflation, left[:-1, :-1].T @ left[:-1, :-1], rows.noise)
+    error = model_error(rows, size, gain + large, heads, found.theta, stack.whole[1])
+    return replace(found, error=error), estimate
+
+
+def _rows_of(base: BaseModel, stack: Stack, estimate: Fit, reference: Floats, apart: Floats) -> Whitened:
+    """Return the rows of all joints, of which an estimate is the one of the joints that are not apart.
+
+    Args:
+        base: model and base parameters.
+        stack: the stacked logs.
+        estimate: of the joints that are not apart.
+        reference: base parameters that give the torque of the load, (p,).
+        apart: lambda of each joint, (n,).
+    """
+    robust = estimate.theta if estimate.method in ROBUST else None
+    worth, spread = _inflation(estimate, stack), prior_covariance(base)
+    rows = whitened_rows(stack, base, reference, estimate.noise, worth, spread, robust)
+    return replace(rows, apart=apart).centred(estimate.theta)
 
 
 @dataclass(frozen=True)
@@ -204,8 +227,15 @@ def _arm_of(base: BaseModel, rows: Whitened, size: Floats, near: Arm) -> Arm:
 
 
 def _with_joints_apart(
-    base: BaseModel, stack: Stack, rows: Whitened, arm: Arm, given: Floats | None, like: ModelError | None
-) -> tuple[Whitened, Floats, Arm]:
+    base: BaseModel,
+    stack: Stack,
+    rows: Whitened,
+    arm: Arm,
+    given: Floats | None,
+    like: ModelError | None,
+    estimate: Fit,
+    refit: Refit,
+) -> tuple[Whitened, Floats, Arm, Fit]:
     """Find the sizes of the groups of columns, and the joints whose torques contradict those of the others.
 
     The columns come first: where friction or a cable is what a joint has beyond the model, it contradicts nobody.
@@ -217,9 +247,11 @@ def _with_joints_apart(
         arm: the arm that they ask for.
         given: sizes that are known already.
         like: model error whose sizes and joints apart are taken.
+        estimate: of all joints.
+        refit: makes such an estimate of some joints.
 
     Returns:
-        The rows, the sizes, and the arm that the other joints ask for.
+        The rows, the sizes, the arm that the other joints ask for, and their estimate.
     """
     K, given = base.reduction.K, given if like is None else like.size
     # Why without what somebody knows about the arm: torques that contradict that do not contradict each other.
@@ -234,10 +266,34 @@ def _with_joints_apart(
             break
         rows = rows.set_apart(apart, noise * _share_of_noise(stack, apart))
         there = _arm_of(free, rows, size, there)
+    if np.any(rows.apart):
+        rows, estimate, there = _without_those_apart(free, stack, rows, refit)
+        size = best_size(rows, K, there.fit.x, there.held) if given is None else given
+        rows = replace(rows, apart=joints_apart(rows, K, there.fit.x, there.held, size, known=True)[0])
+        there = _arm_of(free, rows, size, there)
+        size = best_size(rows, K, there.fit.x, there.held) if given is None else given
     if robot == base.robot:
-        return rows, size, there
+        return rows, size, there, estimate
     arm = _arm_of(base, rows, size, arm) if np.any(rows.apart) else arm
-    return rows, best_size(rows, K, arm.fit.x, arm.held) if given is None else given, arm
+    return rows, best_size(rows, K, arm.fit.x, arm.held) if given is None else given, arm, estimate
+
+
+def _without_those_apart(base: BaseModel, stack: Stack, rows: Whitened, refit: Refit) -> tuple[Whitened, Fit, Arm]:
+    """Return rows that were made anew from an estimate of the joints that are not apart, this estimate and its arm.
+
+    Beside joints that contradict them the others look noisy, coloured and full of spikes, and what is no spike of
+    theirs gets the weight of one. The arm is not sought near the one of all joints: what these asked for together may
+    have driven a kind of parameter to zero, from where no pooled size leads back.
+    """
+    apart = rows.apart > 0.0
+    estimate = refit(stack.without(np.flatnonzero(apart)))
+    estimate = replace(estimate, noise=np.where(apart, rows.noise, estimate.noise))
+    K, A = base.reduction.K, estimate.whitened[:-1, :-1] / np.sqrt(_inflation(estimate, stack))
+    fit, constraints = fit_sized(A @ K, A @ estimate.theta, constraints_of(base))
+    found = _rows_of(base, stack, estimate, K @ fit.x, rows.apart)
+    for joint in np.flatnonzero(np.any(rows.free > 0.0, axis=1)):
+        found = found.freed(int(joint))
+    return found, estimate, Arm(fit, constraints, fit.hessian - K.T @ (A.T @ A) @ K)
 
 
 def _share_of_noise(stack: Stack, apart: Floats) -> Floats:

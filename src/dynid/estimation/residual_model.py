@@ -460,6 +460,12 @@ class Whitened:
         free = self.free * (self.noise / noise)[:, None] ** 2
         return replace(self, factors=self.factors * weight, noise=noise, free=free, apart=apart)
 
+    @property
+    def agreeing(self) -> Whitened:
+        """The rows of the joints that are not apart: what is wrong with another one tells nothing of their columns."""
+        together = self.apart == 0.0
+        return replace(self, factors=self.factors * together[:, None, None], apart=np.zeros_like(self.apart))
+
     def variances(self, size: Floats) -> Floats:
         """Return the variance of the factor of each column in units of sigma^2, (n, k), for sizes of the groups."""
         return np.where(self.free > 0.0, self.free, size[GROUPS])
@@ -491,7 +497,9 @@ class Whitened:
 
         Instruments find other parameters than least squares of the same rows; the model error must not undo that.
         """
-        return replace(self, factors=centred(self.factors, self.k, theta))
+        factors, others = self.factors.copy(), self.apart == 0.0
+        factors[others] = centred(factors[others], self.k, theta)
+        return replace(self, factors=factors)
 
     @property
     def k(self) -> int:
@@ -657,6 +665,7 @@ def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> Floats:
         x: all parameters, where the prior is approximated, (c,).
         prior: Hessian of the prior there, (c, c).
     """
+    rows = rows.agreeing
     gram = rows.gram()
     low, high = np.log([np.full(len(tuning.RESIDUAL_LARGEST), tuning.RESIDUAL_NOTHING), tuning.RESIDUAL_LARGEST])
 
@@ -672,6 +681,7 @@ def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> Floats:
 
 def evidence_gain(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floats) -> float:
     """Return by how much the log evidence gains by a model error of given sizes, (groups,); see ``best_size``."""
+    rows = rows.agreeing
     gram, none = rows.gram(), np.full(len(tuning.RESIDUAL_LARGEST), tuning.RESIDUAL_NOTHING)
     with_it, without = (_log_evidence(rows, gram, each, K, x, prior)[0] for each in (size, none))
     return with_it - without
@@ -689,7 +699,9 @@ def own_half(S: Floats, size: float, spread: Floats) -> Floats:
     return np.asarray(np.linalg.solve(np.linalg.cholesky(np.eye(len(L)) + L.T @ S @ L), L.T))
 
 
-def joints_apart(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floats) -> tuple[Floats, float]:
+def joints_apart(
+    rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floats, *, known: bool = False
+) -> tuple[Floats, float]:
     """Return the lambda of each joint, 0 of those that agree with the others, (n,), and what the log evidence gains.
 
     One joint after the other is let apart, taken back or given another size, whatever makes the data most likely. That
@@ -702,6 +714,7 @@ def joints_apart(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floa
         x: all parameters, where the prior is approximated, (c,).
         prior: Hessian of the prior there, (c, c).
         size: lambda of each group of columns, (groups,).
+        known: whether it is known which joints are apart, and only their sizes are asked for.
     """
     # What the rows of each joint say of its parameters when the columns of the model error are integrated out.
     _, heads = rows.eliminated(size)
@@ -711,7 +724,9 @@ def joints_apart(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floa
     values, along = np.maximum(values, 0.0), each[:, :, :-1] @ rows.spread @ vectors
     none, together, narrower = np.zeros(len(F)), np.sum(each, axis=0), rows.log_volume(size, heads)
     if values.max(initial=0.0) > tuning.APART_TOLD:
-        return none, 0.0
+        return (rows.apart if known else none), 0.0
+    joints = np.flatnonzero(rows.apart) if known else np.arange(len(none))
+    choices = (*tuning.APART_SIZES,) if known else (0.0, *tuning.APART_SIZES)
 
     def worth(apart: Floats) -> float:
         S, volume = together, -narrower
@@ -729,7 +744,7 @@ def joints_apart(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floa
     def best_from(apart: Floats) -> tuple[float, Floats]:
         best = worth(apart)
         while True:
-            others = [(j, one) for j in range(len(apart)) for one in (0.0, *tuning.APART_SIZES) if one != apart[j]]
+            others = [(j, one) for j in joints for one in choices if one != apart[j]]
             tried = [np.where(np.arange(len(apart)) == j, one, apart) for j, one in others]
             worths = [worth(other) for other in tried]
             first = int(np.argmax(worths))
@@ -738,7 +753,7 @@ def joints_apart(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floa
             best, apart = worths[first], tried[first]
         return best, apart
 
-    starts = [none, rows.apart] if np.any(rows.apart) else [none]
+    starts = [rows.apart] if known else [none, rows.apart] if np.any(rows.apart) else [none]
     best, apart = max((best_from(start) for start in starts), key=lambda found: found[0])
     return apart, best - worth(none)
 
@@ -777,7 +792,7 @@ def _log_evidence(
     squares that the data expect of a group, in units of its size, beyond their number.
 
     Args:
-        rows: rows of all joints.
+        rows: rows of joints none of which is apart.
         gram: [Z W tau]^T [Z W tau] of each joint, (n, k + p + 1, k + p + 1).
         size: lambda of each group, (groups,).
         K: base parameters as combinations of all parameters, (p, c).
@@ -790,21 +805,10 @@ def _log_evidence(
     inverse = np.linalg.inv(L)
     part = inverse @ (sd[:, :, None] * gram[:, :k, k:])
     S = np.sum(gram[:, k:, k:], axis=0) - np.tensordot(part, part, ((0, 1), (0, 1)))
-    halves = {}
-    for j in np.flatnonzero(rows.apart):
-        alone = gram[j, k:, k:] - part[j].T @ part[j]
-        half = own_half(alone[:-1, :-1], float(rows.apart[j]), rows.spread)
-        halves[j] = half, half @ alone[:-1]
-        S = S - halves[j][1].T @ halves[j][1]
     evidence, best, root = _of_parameters(S, K, x, prior)
     evidence -= float(np.sum(np.log(np.diagonal(L, axis1=1, axis2=2))))
     by = inverse.swapaxes(1, 2) @ part
     squares = (by[:, :, -1] - by[:, :, :-1] @ best) ** 2 + np.sum((by[:, :, :-1] @ root) ** 2, axis=2)
-    for j, (half, told) in halves.items():
-        own = best + half.T @ (told[:, -1] - told[:, :-1] @ best)
-        moved = root - half.T @ (told[:, :-1] @ root)
-        squares[j] = (by[j, :, -1] - by[j, :, :-1] @ own) ** 2 + np.sum((by[j, :, :-1] @ moved) ** 2, axis=1)
-        squares[j] += np.sum((by[j, :, :-1] @ half.T) ** 2, axis=1)
     squares += np.sum(inverse**2, axis=1)
     counted = np.where(rows.free > 0.0, 0.0, squares - 1.0)
     return evidence, np.asarray(0.5 * np.bincount(GROUPS, counted.sum(axis=0), minlength=len(size)))

@@ -122,6 +122,7 @@ class Stack:
         block: number of each block within its log, (B,).
         rows: the single rows of each log.
         earlier: the result that is updated, None otherwise; its rows are the first block.
+        silent: numbers of the joints whose rows do not count.
     """
 
     base: BaseModel = field(repr=False, compare=False)
@@ -131,6 +132,7 @@ class Stack:
     block: Ints
     rows: tuple[LogRows, ...] = field(repr=False, compare=False)
     earlier: Earlier | None = field(default=None, repr=False, compare=False)
+    silent: tuple[int, ...] = ()
 
     def __add__(self, other: Stack) -> Stack:
         """Return the stack of the logs of both."""
@@ -144,7 +146,11 @@ class Stack:
     def rows_of_log(self, number: int) -> Iterator[ObservationRows]:
         """Yield the single rows of one log."""
         chosen = set(self.block[self.log_of_block == number].tolist())
-        return (rows for rows in self.rows[number] if rows.block in chosen)
+        found = (rows for rows in self.rows[number] if rows.block in chosen)
+        if not self.silent:
+            return found
+        counts = ~np.isin(np.arange(len(self.joints)), self.silent)
+        return (replace(rows, usable=rows.mask & counts) for rows in found)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -207,6 +213,12 @@ class Stack:
             log_of_block=self.log_of_block[blocks],
             block=self.block[blocks],
         )
+
+    def without(self, joints: Ints | NDArray[np.intp]) -> Stack:
+        """Return the stack as if some joints, by number, had no torques."""
+        factors, counts = self.factors.copy(), self.counts.copy()
+        factors[:, joints], counts[:, joints] = 0.0, 0
+        return replace(self, factors=factors, counts=counts, silent=tuple(int(j) for j in joints))
 
     def with_logs(self, logs: Sequence[ConditionedLog]) -> Stack:
         """Return the stack with another commanded motion in its logs; its factors do not depend on that."""

@@ -45,6 +45,34 @@ def test_a_joint_with_another_scale_or_sign_spoils_no_other(logs, gain):
     assert np.linalg.norm(shares(bad)[rest]) < 1.1 * np.linalg.norm(shares(good)[rest])
 
 
+def stuck(log):
+    """Return the log with a torque that stays as it is after a third of it."""
+    tau, last = log.tau.copy(), len(log.t) // 3
+    tau[last:, BAD] = tau[last, BAD]
+    return replace(log, tau=tau)
+
+
+def test_a_joint_whose_sensor_sticks_spoils_no_other(logs):
+    (robot, log), (_, other) = logs
+    good = validate(identify(robot, log, holdout=None), other)
+    bad = validate(identify(robot, stuck(log), holdout=None), other)
+    rest = np.arange(robot.n) != BAD
+    assert np.linalg.norm(shares(bad)[rest]) < 1.1 * np.linalg.norm(shares(good)[rest])
+
+
+def test_a_stack_without_a_joint_is_that_of_the_rows_of_the_others():
+    model = build_model(load_robot("scara"))
+    base = BaseModel(model, reduce(model))
+    stack = stacked(base, simulated(base, seed=0, noise=0.05))
+    part = stack.without(np.array([1]))
+    kept = [0, 2, 3]
+    assert part.whole[1][1] == 0
+    assert all(not rows.mask[:, 1].any() and rows.mask[:, kept].all() for rows in part)
+    others = np.concatenate([rows.W[:, kept].reshape(-1, len(stack.names)) for rows in stack])
+    R = part.whole[0][kept].reshape(-1, len(stack.names) + 1)[:, :-1]
+    assert pytest.approx(others.T @ others, rel=1e-9, abs=1e-9) == R.T @ R
+
+
 def test_a_reversed_joint_is_named_and_predicted_by_parameters_of_its_own(logs):
     (robot, log), (_, other) = logs
     result = identify(robot, spoilt(log, -1.0), holdout=None)

@@ -51,9 +51,14 @@ def test_torques_whose_scale_changes_in_the_recording_widen_unless_the_fit_count
     assert asked(stack, fit, fit) == 1.0
 
 
+def no_joint_is_apart(stack):
+    """Stand for what estimates the rows of some joints anew, where all are fitted."""
+    raise AssertionError("no joint contradicts the others")
+
+
 def test_rows_that_tell_half_as_much_widen_what_they_told_and_nothing_else(scara):
     stack, estimate = fitted(scara, simulated(scara, seed=0, noise=0.05))
-    plain = _as_rows_say(scara, estimate, stack, residual_model=False, like=None, size=None)
+    plain, _ = _as_rows_say(scara, estimate, stack, no_joint_is_apart, residual_model=False, like=None, size=None)
     K, fit = scara.reduction.K, plain.physical
     wider = with_wider_errors(fit, K.T @ plain.told @ K, 2.0)
     growth = wider.std_error / np.maximum(fit.std_error, 1e-12)

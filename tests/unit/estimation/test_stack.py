@@ -1,6 +1,7 @@
 """Stacking and estimating against the same things done whole, and against simulated truth."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -278,7 +279,8 @@ def test_a_search_that_stays_at_its_start_is_refused(base, monkeypatch):
     """A physical set that is the prior although the torques say otherwise; where they say the same it is a result."""
     found = stacked(base, simulated(base))
     prior = prior_base_parameters(base.model, base.reduction)
-    post = physical_posterior(base, wls(found, prior), found, residual_model=False)
+    again = partial(wls, prior=prior)
+    post = physical_posterior(base, wls(found, prior), found, refit=again, residual_model=False)
     unmoved = replace(post, theta=np.nan_to_num(prior))
     monkeypatch.setattr("dynid.estimation.estimate.physical_posterior", lambda *given, **options: unmoved)
     with pytest.raises(NothingChanged, match="nothing changed: the physical parameters equal the prior in"):
