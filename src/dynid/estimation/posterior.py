@@ -23,10 +23,11 @@ from dynid.estimation.possible_arm import (
     curvature,
     fit_sized,
     require_possible_prior,
+    with_changes,
     with_wider_errors,
 )
 from dynid.estimation.possible_set import PhysicalConstraints
-from dynid.estimation.recordings import disagreement
+from dynid.estimation.recordings import changes, disagreement, parts_of
 from dynid.estimation.residual_model import (
     GROUP_NAMES,
     ModelError,
@@ -79,6 +80,7 @@ class Posterior:
         error: the model error, None where the evidence wants none or it was not asked for.
         told: what the rows say of the base parameters: information, (p, p).
         noise: sigma of each joint that they were divided by, (n,) [N m or N].
+        changes: A with A A^T what the covariance holds because other recordings differ from these, (p, k).
     """
 
     physical: PhysicalParameters
@@ -88,6 +90,7 @@ class Posterior:
     error: ModelError | None
     told: Floats
     noise: Floats
+    changes: Floats
 
 
 def physical_posterior(
@@ -119,18 +122,13 @@ def physical_posterior(
         return found
     K, fit = base.reduction.K, found.physical
     share = np.diagonal(found.covariance) / np.maximum(np.diagonal(prior_covariance(base)), 1e-300)
-    less = disagreement(
-        stack,
-        found.theta,
-        found.covariance,
-        found.error,
-        found.noise,
-        fit.inflation,
-        share < tuning.TOLD_SHARE,
-        estimate.theta if estimate.method in ROBUST else None,
-    )
+    robust = estimate.theta if estimate.method in ROBUST else None
+    parts = parts_of(stack, found.theta, found.error, found.noise, fit.inflation, robust)
+    less = disagreement(parts, found.covariance, found.error, share < tuning.TOLD_SHARE)
     fit = with_wider_errors(fit, K.T @ found.told @ K, less)
-    return replace(found, physical=fit, covariance=K @ fit.covariance @ K.T)
+    changed = changes(parts, base, found.theta)
+    fit = with_changes(fit, np.linalg.pinv(K) @ changed)
+    return replace(found, physical=fit, covariance=K @ fit.covariance @ K.T, changes=changed)
 
 
 def _as_rows_say(
@@ -381,7 +379,7 @@ def _posterior(
     K: Floats, fit: PhysicalParameters, alone: Floats, worth: float, told: Floats, noise: Floats
 ) -> Posterior:
     fit = replace(fit, inflation=worth)
-    return Posterior(fit, K @ fit.x, K @ fit.covariance @ K.T, alone, None, told, noise)
+    return Posterior(fit, K @ fit.x, K @ fit.covariance @ K.T, alone, None, told, noise, np.zeros((len(K), 0)))
 
 
 # ---------------------------------------------------------------- what a set is worth
@@ -417,7 +415,13 @@ class ExpectedError:
 
 
 def expected_error(
-    base: BaseModel, stack: Stack, theta: Floats, covariance: Floats, error: ModelError | None, rms: Floats
+    base: BaseModel,
+    stack: Stack,
+    theta: Floats,
+    covariance: Floats,
+    error: ModelError | None,
+    rms: Floats,
+    changes: Floats | None = None,
 ) -> ExpectedError:
     """Return how far the torques of a set will be off, on the fitted motion and on an exciting one.
 
@@ -428,14 +432,16 @@ def expected_error(
         covariance: theirs, (p, p).
         error: the model error, None without.
         rms: residual of each joint on the fitted rows, (n,) [N m or N].
+        changes: A with A A^T what of the covariance is no doubt about these recordings, (p, k); None for nothing.
     """
     factors, counts = stack.whole
     root = symmetric_root(covariance)
     count = np.maximum(counts, 1)
     spread = np.sum((factors[:, :, :-1] @ root) ** 2, axis=(1, 2)) / count
+    other = 0.0 if changes is None else np.sum((factors[:, :, :-1] @ changes) ** 2, axis=(1, 2)) / count
     size = np.sum(factors[:, :, -1] ** 2, axis=1) / count
     # Why: a fit takes from the residuals what it cannot take from those of another recording.
-    noise = np.sqrt(rms**2 + spread) * (1.0 if error is None else tuning.UNSEEN_RESIDUAL)
+    noise = np.sqrt(rms**2 + np.maximum(spread - other, 0.0)) * (1.0 if error is None else tuning.UNSEEN_RESIDUAL)
     observer = stack.observer
     q, qd, qdd = exciting_states(base)
     W = observer.dense(q, qd, qdd)
