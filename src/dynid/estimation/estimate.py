@@ -174,7 +174,8 @@ def estimate(
     def judged(key: str) -> tuple[Floats, float, ExpectedError]:
         theta, covariance, error = sets[key]
         rms, total = _of_squares(stack, squares(stack, theta, error))
-        return rms, total, expected_error(base, stack, theta, covariance, error, rms)
+        changes = post.changes if key == SETS[True] else None
+        return rms, total, expected_error(base, stack, theta, covariance, error, rms, changes)
 
     in_force, choice = SETS[bool(feasible)], "as asked"
     if feasible is None:

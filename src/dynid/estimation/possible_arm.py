@@ -564,6 +564,25 @@ def with_wider_errors(fit: PhysicalParameters, told: Floats, less: float) -> Phy
     )
 
 
+def with_changes(fit: PhysicalParameters, changes: Floats) -> PhysicalParameters:
+    """Return a fit whose error bars hold what differs from one recording to the next as well.
+
+    Args:
+        fit: with the error bars of one recording.
+        changes: A with A A^T the covariance that other recordings add, (c, k).
+    """
+    covariance = fit.covariance + changes @ changes.T
+    before, after = np.diagonal(fit.covariance), np.diagonal(covariance)
+    growth = np.where(before > 0.0, after / np.where(before > 0.0, before, 1.0), 1.0)
+    return replace(
+        fit,
+        hessian=_inverse(covariance, None),
+        covariance=covariance,
+        std_error=np.sqrt(after),
+        data_share=np.clip(1.0 - (1.0 - fit.data_share) * growth, 0.0, 1.0),
+    )
+
+
 def _share(after: Floats, before: Floats) -> Floats:
     """Return which part of the variance that the prior left open the data took away, (c,)."""
     known = before > 0.0

@@ -23,9 +23,11 @@ from dynid.estimation.possible_arm import (
     curvature,
     fit_sized,
     require_possible_prior,
+    with_changes,
     with_wider_errors,
 )
 from dynid.estimation.possible_set import PhysicalConstraints
+from dynid.estimation.recordings import changes, disagreement, parts_of
 from dynid.estimation.residual_model import (
     GROUP_NAMES,
     ModelError,
@@ -37,7 +39,6 @@ from dynid.estimation.residual_model import (
     model_error,
     orthogonal,
     random_states,
-    rows_under,
     shapes_of,
     whitened_rows,
 )
@@ -80,6 +81,7 @@ class Posterior:
         error: the model error, None where the evidence wants none or it was not asked for.
         told: what the rows say of the base parameters: information, (p, p).
         noise: sigma of each joint that they were divided by, (n,) [N m or N].
+        changes: A with A A^T what the covariance holds because other recordings differ from these, (p, k).
     """
 
     physical: PhysicalParameters
@@ -89,6 +91,7 @@ class Posterior:
     error: ModelError | None
     told: Floats
     noise: Floats
+    changes: Floats
 
 
 def physical_posterior(
@@ -120,18 +123,13 @@ def physical_posterior(
         return found
     K, fit = base.reduction.K, found.physical
     share = np.diagonal(found.covariance) / np.maximum(np.diagonal(prior_covariance(base)), 1e-300)
-    less = disagreement(
-        stack,
-        found.theta,
-        found.covariance,
-        found.error,
-        found.noise,
-        fit.inflation,
-        share < tuning.TOLD_SHARE,
-        estimate.theta if estimate.method in ROBUST else None,
-    )
+    robust = estimate.theta if estimate.method in ROBUST else None
+    parts = parts_of(stack, found.theta, found.error, found.noise, fit.inflation, robust)
+    less = disagreement(parts, found.covariance, found.error, share < tuning.TOLD_SHARE)
     fit = with_wider_errors(fit, K.T @ found.told @ K, less)
-    return replace(found, physical=fit, covariance=K @ fit.covariance @ K.T)
+    changed = changes(parts, base, found.theta)
+    fit = with_changes(fit, np.linalg.pinv(K) @ changed)
+    return replace(found, physical=fit, covariance=K @ fit.covariance @ K.T, changes=changed)
 
 
 def _as_rows_say(
@@ -382,89 +380,7 @@ def _posterior(
     K: Floats, fit: PhysicalParameters, alone: Floats, worth: float, told: Floats, noise: Floats
 ) -> Posterior:
     fit = replace(fit, inflation=worth)
-    return Posterior(fit, K @ fit.x, K @ fit.covariance @ K.T, alone, None, told, noise)
-
-
-# ---------------------------------------------------------------- how much less a recording tells
-def disagreement(
-    stack: Stack,
-    theta: Floats,
-    covariance: Floats,
-    error: ModelError | None,
-    noise: Floats,
-    worth: float,
-    told: Mask,
-    robust: Floats | None,
-) -> float:
-    """Return how many times more the parts of recordings move the parameters than their rows let expect, at least 1.
-
-    Residuals are coloured, and an estimate counts that as far as its covariance sees it: over a second or so. What the
-    model lacks lasts as long as the motion stays in one place, and what changes with time (warm gears, offsets of
-    currents) lasts longer. So the recording is cut into parts, and each says by how much it would move the parameters;
-    where they move them further than independent rows would, rows are worth less. Source: Liang, Zeger 1986
-    (covariances from clusters), averaged over the parameters, for a few parts alone tell little about each.
-
-    Args:
-        stack: the fitted rows.
-        theta: base parameters, (p,).
-        covariance: theirs, (p, p).
-        error: the residual model; None without.
-        noise: sigma of each joint, (n,) [N m or N].
-        worth: how many rows are worth one independent row, as far as the covariance counts it.
-        told: which parameters come from the rows, (p,).
-        robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
-    """
-    if not told.any():
-        return 1.0
-    X = _joint_covariance(covariance, error)
-    weight = np.append(np.zeros(len(X) - len(theta)), np.where(told, 1.0 / np.diagonal(covariance), 0.0))
-    found = [1.0]
-    for masks in _divisions(stack):
-        parts = [_score(stack.select(mask), theta, error, noise, worth, robust) for mask in masks]
-        moved = sum(float((X @ score) ** 2 @ weight) for score, _ in parts)
-        usual = sum(float(np.sum(X * ((S - S @ X @ S) @ X), axis=0) @ weight) for _, S in parts)
-        found.append(moved / max(usual, 1e-300))
-    return min(max(found), tuning.LARGEST_INFLATION)
-
-
-def _divisions(stack: Stack) -> list[list[Mask]]:
-    """Return masks of the blocks of time of a stack, one for each part: quarters of each log, and whole logs."""
-    logs = [np.flatnonzero(stack.log_of_block == log) for log in sorted(set(stack.log_of_block.tolist()))]
-    parts = [part for log in logs for part in np.array_split(log, tuning.PARTS_OF_LOG) if len(part)]
-    divisions = [parts, logs] if len(logs) > 1 else [parts]
-    return [[np.isin(np.arange(stack.blocks), part) for part in each] for each in divisions if len(each) > 1]
-
-
-def _joint_covariance(covariance: Floats, error: ModelError | None) -> Floats:
-    """Return the covariance of the residual model's factors and the parameters, (n k + p, n k + p)."""
-    if error is None:
-        return covariance
-    n, k, p = error.slope.shape
-    by_theta = np.concatenate([error.slope.reshape(n * k, p), np.eye(p)])
-    found = np.asarray(by_theta @ covariance @ by_theta.T)
-    for j, root in enumerate(error.root):
-        found[j * k : j * k + k, j * k : j * k + k] += root @ root.T
-    return found
-
-
-def _score(
-    stack: Stack, theta: Floats, error: ModelError | None, noise: Floats, worth: float, robust: Floats | None
-) -> tuple[Floats, Floats]:
-    """Return what rows say against the estimate, (n k + p,), and how much they say, (n k + p, n k + p)."""
-    p, whiten = len(theta), noise * np.sqrt(worth)
-    if error is None:
-        factors = stack.whole[0] / whiten[:, None, None]
-        A, left = factors[:, :, :-1], factors @ np.append(-theta, 1.0)
-        return np.einsum("jmp,jm->p", A, left), np.einsum("jmp,jmq->pq", A, A)
-    factors = rows_under(stack, error, whiten, noise, robust)
-    n, k = error.mean.shape
-    score, square = np.zeros(n * k + p), np.zeros((n * k + p, n * k + p))
-    for j in np.flatnonzero(error.apart == 0.0):
-        own = np.append(np.arange(j * k, j * k + k), np.arange(n * k, n * k + p))
-        A = factors[j][:, :-1]
-        score[own] += A.T @ (factors[j] @ np.concatenate([-error.mean[j], -theta, [1.0]]))
-        square[np.ix_(own, own)] += A.T @ A
-    return score, square
+    return Posterior(fit, K @ fit.x, K @ fit.covariance @ K.T, alone, None, told, noise, np.zeros((len(K), 0)))
 
 
 # ---------------------------------------------------------------- what a set is worth
@@ -500,7 +416,13 @@ class ExpectedError:
 
 
 def expected_error(
-    base: BaseModel, stack: Stack, theta: Floats, covariance: Floats, error: ModelError | None, rms: Floats
+    base: BaseModel,
+    stack: Stack,
+    theta: Floats,
+    covariance: Floats,
+    error: ModelError | None,
+    rms: Floats,
+    changes: Floats | None = None,
 ) -> ExpectedError:
     """Return how far the torques of a set will be off, on the fitted motion and on an exciting one.
 
@@ -511,14 +433,16 @@ def expected_error(
         covariance: theirs, (p, p).
         error: the model error, None without.
         rms: residual of each joint on the fitted rows, (n,) [N m or N].
+        changes: A with A A^T what of the covariance is no doubt about these recordings, (p, k); None for nothing.
     """
     factors, counts = stack.whole
     root = symmetric_root(covariance)
     count = np.maximum(counts, 1)
     spread = np.sum((factors[:, :, :-1] @ root) ** 2, axis=(1, 2)) / count
+    other = 0.0 if changes is None else np.sum((factors[:, :, :-1] @ changes) ** 2, axis=(1, 2)) / count
     size = np.sum(factors[:, :, -1] ** 2, axis=1) / count
     # Why: a fit takes from the residuals what it cannot take from those of another recording.
-    noise = np.sqrt(rms**2 + spread) * (1.0 if error is None else tuning.UNSEEN_RESIDUAL)
+    noise = np.sqrt(rms**2 + np.maximum(spread - other, 0.0)) * (1.0 if error is None else tuning.UNSEEN_RESIDUAL)
     observer = stack.observer
     q, qd, qdd = exciting_states(base)
     W = observer.dense(q, qd, qdd)

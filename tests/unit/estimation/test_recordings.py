@@ -1,4 +1,4 @@
-"""How much less recordings tell than their rows: parts that agree widen nothing, parts that disagree do."""
+"""How much less recordings tell than their rows, and what others will differ by: parts that agree widen nothing."""
 
 from dataclasses import replace
 
@@ -9,7 +9,8 @@ from test_stack import simulated, stacked
 from dynid.estimation import tuning
 from dynid.estimation.estimators import wls
 from dynid.estimation.possible_arm import with_wider_errors
-from dynid.estimation.posterior import _as_rows_say, disagreement
+from dynid.estimation.posterior import _as_rows_say
+from dynid.estimation.recordings import Part, changes, disagreement, parts_of
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
@@ -34,7 +35,8 @@ def asked(stack, fit, like):
     A = like.whitened[:-1, :-1]
     told = np.ones(len(fit.theta), dtype=bool)
     covariance = np.linalg.inv(A.T @ A) * like.inflation
-    return disagreement(stack, fit.theta, covariance, None, like.noise, like.inflation, told, None)
+    parts = parts_of(stack, fit.theta, None, like.noise, like.inflation, None)
+    return disagreement(parts, covariance, None, told)
 
 
 def test_parts_that_differ_by_noise_alone_widen_nothing(scara):
@@ -67,3 +69,48 @@ def test_rows_that_tell_half_as_much_widen_what_they_told_and_nothing_else(scara
     assert np.median(growth[fit.data_share > 0.99]) == pytest.approx(np.sqrt(2.0), rel=0.01)
     assert np.median(growth[fit.data_share < 0.01]) == pytest.approx(1.0, rel=0.01)
     assert wider.inflation == pytest.approx(2.0 * fit.inflation)
+
+
+def wandering(base, theta, within, between, logs=3, seed=0, error=0.002):
+    """Return parts whose levels of friction differ, known to an error: within recordings, and between these."""
+    rng, p, n = np.random.default_rng(seed), len(theta), base.robot.n
+    found = []
+    for log in range(logs):
+        level = between * rng.normal(size=n)
+        for _ in range(tuning.PARTS_OF_LOG):
+            grams = np.zeros((n, p + 1, p + 1))
+            for j in range(n):
+                k = base.names.index(f"fc{j + 1}")
+                told = 1.0 / (error * theta[k]) ** 2
+                grams[j, k, k] = told
+                asked_for = theta[k] * (level[j] + within * rng.normal() + error * rng.normal())
+                grams[j, k, -1] = grams[j, -1, k] = told * asked_for
+            found.append(Part(log, grams))
+    return found
+
+
+@pytest.fixture(scope="module")
+def friction(scara):
+    """Parameters with Coulomb friction alone."""
+    theta = np.zeros(len(scara.names))
+    for j in range(scara.robot.n):
+        theta[scara.names.index(f"fc{j + 1}")] = 2.0 + j
+    return theta
+
+
+def added(base, theta, parts):
+    """What a further recording adds to the standard error of each joint's Coulomb friction, as a share of it."""
+    places = [base.names.index(f"fc{j + 1}") for j in range(base.robot.n)]
+    return np.sqrt(np.sum(changes(parts, base, theta) ** 2, axis=1))[places] / theta[places]
+
+
+def test_what_differs_between_recordings_is_the_error_of_their_mean(scara, friction):
+    found = [added(scara, friction, wandering(scara, friction, 0.02, 0.16, seed=seed)) for seed in range(8)]
+    assert np.median(found) == pytest.approx(0.16 / np.sqrt(3.0), rel=0.3)
+
+
+def test_one_recording_that_wanders_tells_that_others_differ_and_a_steady_one_that_they_do_not(scara, friction):
+    moving = [added(scara, friction, wandering(scara, friction, 0.02, 0.0, logs=1, seed=seed)) for seed in range(8)]
+    steady = [added(scara, friction, wandering(scara, friction, 0.0, 0.0, logs=1, seed=seed)) for seed in range(8)]
+    assert np.median(moving) == pytest.approx(0.02 * tuning.CHANGE_BETWEEN, rel=0.4)
+    assert np.median(steady) < 0.1 * np.median(moving)

@@ -1,0 +1,192 @@
+"""How much less a recording tells than its rows seem to: its parts disagree, and other recordings will differ from it.
+
+Residuals are coloured, and an estimate counts that as far as its covariance sees it: over a second or so. What the
+model lacks lasts as long as the motion stays in one place, and what changes with time (warm gears, offsets of currents)
+lasts longer. So the recording is cut into parts, and each part says by how much it would move the parameters; where
+they move them further than independent rows would, rows are worth less. Source: Liang, Zeger 1986 (covariances from
+clusters), averaged over the parameters, for a few parts alone tell little about each.
+
+Offsets and the level of friction are known to differ from one recording to the next, which no part of one recording
+shows. What wanders a little within the recording wanders further between two: the offset of each joint, as a share of
+its Coulomb friction, and the level of its friction have a size that all joints share, and parts and recordings tell it
+together. Source: random effects whose size has a half-t prior (Gelman 2006).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.estimation import tuning
+from dynid.estimation.residual_model import ModelError, rows_under
+from dynid.estimation.stack import Stack
+from dynid.model.base_model import BaseModel
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Part:
+    """Rows of some seconds of a recording, whitened.
+
+    Attributes:
+        log: number of the recording.
+        grams: of [Z W left] of each joint, where left is what the estimate leaves, (n, k + p + 1, k + p + 1).
+    """
+
+    log: int
+    grams: Floats
+
+
+def parts_of(
+    stack: Stack, theta: Floats, error: ModelError | None, noise: Floats, worth: float, robust: Floats | None
+) -> list[Part]:
+    """Return what each quarter of each recording says; joints that are apart have no say.
+
+    Args:
+        stack: the fitted rows.
+        theta: base parameters, (p,).
+        error: the residual model; None without.
+        noise: sigma of each joint, (n,) [N m or N].
+        worth: how many rows are worth one independent row, as far as the covariance counts it.
+        robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
+    """
+    found = []
+    for log in sorted(set(stack.log_of_block.tolist())):
+        for blocks in np.array_split(np.flatnonzero(stack.log_of_block == log), tuning.PARTS_OF_LOG):
+            if len(blocks):
+                part = stack.select(np.isin(np.arange(stack.blocks), blocks))
+                found.append(Part(log, _grams(part, theta, error, noise, worth, robust)))
+    return found
+
+
+def _grams(
+    stack: Stack, theta: Floats, error: ModelError | None, noise: Floats, worth: float, robust: Floats | None
+) -> Floats:
+    whiten = noise * np.sqrt(worth)
+    if error is None:
+        factors = stack.whole[0] / whiten[:, None, None]
+        b, together = np.zeros((len(noise), 0)), np.ones(len(noise))
+    else:
+        factors = rows_under(stack, error, whiten, noise, robust)
+        b, together = error.mean, error.apart == 0.0
+    rows = factors * together[:, None, None]
+    left = rows[:, :, -1] - np.einsum("jmk,jk->jm", rows[:, :, : b.shape[1]], b) - rows[:, :, b.shape[1] : -1] @ theta
+    rows = np.concatenate([rows[:, :, :-1], left[:, :, None]], axis=2)
+    return np.asarray(rows.swapaxes(1, 2) @ rows)
+
+
+def disagreement(parts: list[Part], covariance: Floats, error: ModelError | None, told: Mask) -> float:
+    """Return how many times more the parts of recordings move the parameters than their rows let expect, at least 1.
+
+    Args:
+        parts: quarters of recordings.
+        covariance: of the parameters, (p, p).
+        error: the residual model; None without.
+        told: which parameters come from the rows, (p,).
+    """
+    if not told.any():
+        return 1.0
+    X = _covariance(covariance, error)
+    weight = np.append(np.zeros(len(X) - len(told)), np.where(told, 1.0 / np.diagonal(covariance), 0.0))
+    logs = [[part for part in parts if part.log == log] for log in sorted({part.log for part in parts})]
+    found = [1.0]
+    for each in ([[part] for part in parts], logs):
+        sums = [_score(np.sum([part.grams for part in some], axis=0), len(told)) for some in each]
+        if len(sums) > 1:
+            moved = sum(float((X @ score) ** 2 @ weight) for score, _ in sums)
+            usual = sum(float(np.sum(X * ((S - S @ X @ S) @ X), axis=0) @ weight) for _, S in sums)
+            found.append(moved / max(usual, 1e-300))
+    return min(max(found), tuning.LARGEST_INFLATION)
+
+
+def _covariance(covariance: Floats, error: ModelError | None) -> Floats:
+    """Return the covariance of the residual model's factors and the parameters, (n k + p, n k + p)."""
+    if error is None:
+        return covariance
+    n, k, p = error.slope.shape
+    by_theta = np.concatenate([error.slope.reshape(n * k, p), np.eye(p)])
+    found = np.asarray(by_theta @ covariance @ by_theta.T)
+    for j, root in enumerate(error.root):
+        found[j * k : j * k + k, j * k : j * k + k] += root @ root.T
+    return found
+
+
+def _score(grams: Floats, p: int) -> tuple[Floats, Floats]:
+    """Return what rows say against the estimate, (n k + p,), and how much they say, (n k + p, n k + p)."""
+    n, k = len(grams), grams.shape[1] - p - 1
+    score, square = np.zeros(n * k + p), np.zeros((n * k + p, n * k + p))
+    for j, gram in enumerate(grams):
+        own = np.append(np.arange(j * k, j * k + k), np.arange(n * k, n * k + p))
+        score[own] += gram[:-1, -1]
+        square[np.ix_(own, own)] += gram[:-1, :-1]
+    return score, square
+
+
+# ---------------------------------------------------------------- what differs between recordings
+def changes(parts: list[Part], base: BaseModel, theta: Floats) -> Floats:
+    """Return A with A A^T what other recordings will add to the covariance of the parameters, (p, 2 n).
+
+    Args:
+        parts: quarters of recordings.
+        base: model and base parameters.
+        theta: base parameters, (p,).
+    """
+    directions = _directions(base, theta)
+    count = len({part.log for part in parts})
+    found = [column * np.sqrt(_variance(parts, column) / count) for column in directions]
+    return np.concatenate(found, axis=1)
+
+
+def _directions(base: BaseModel, theta: Floats) -> tuple[Floats, Floats]:
+    """Return how offsets, and levels of friction, change the parameters, (p, n) each: one column for each joint."""
+    place = {name: k for k, name in enumerate(base.names)}
+    offset, level = np.zeros((2, len(theta), base.robot.n))
+    for j in range(base.robot.n):
+        coulomb, viscous, shift = (place.get(f"{kind}{j + 1}") for kind in ("fc", "fv", "fo"))
+        if coulomb is not None and shift is not None:
+            offset[shift, j] = abs(theta[coulomb])
+        for k in (coulomb, viscous):
+            if k is not None:
+                level[k, j] = theta[k]
+    return offset, level
+
+
+def _variance(parts: list[Part], directions: Floats) -> float:
+    """Return the variance by which the size of some directions, (p, n), differs between recordings.
+
+    Each part says by how much the size of each joint's direction is another there, a, with a variance v. Within a
+    recording these differ by s, and the means of recordings by ``CHANGE_BETWEEN`` times s; what is asked for is the
+    posterior mean of s^2 on a grid, so that few parts leave it large.
+    """
+    p = len(directions)
+    logs = sorted({part.log for part in parts})
+    told = np.array([[_size(part.grams[j], directions[:, j], p) for j in range(directions.shape[1])] for part in parts])
+    number = np.array([logs.index(part.log) for part in parts])
+    sizes = np.geomspace(*tuning.CHANGE_SIZES, tuning.CHANGE_GRID)
+    freedom = tuning.CHANGE_FREEDOM
+    value = np.log(sizes) - 0.5 * (freedom + 1.0) * np.log1p((sizes / tuning.CHANGE_PRIOR) ** 2 / freedom)
+    for j in range(directions.shape[1]):
+        a, v = told[:, j].T
+        if not np.all(np.isfinite(v)) or len(a) < 2:
+            continue
+        together = tuning.CHANGE_BETWEEN**2 * (number[:, None] == number)
+        for k, size in enumerate(sizes):
+            covariance = np.diag(v) + size**2 * (np.eye(len(a)) + together)
+            # Why without the mean: the estimate has taken it.
+            weight = np.linalg.inv(covariance)
+            total = weight.sum()
+            mean = weight.sum(axis=0) @ a / total
+            value[k] -= 0.5 * (np.linalg.slogdet(covariance)[1] + np.log(total) + (a - mean) @ weight @ (a - mean))
+    chance = np.exp(value - value.max())
+    return float(tuning.CHANGE_BETWEEN**2 * (chance @ sizes**2) / chance.sum())
+
+
+def _size(gram: Floats, direction: Floats, p: int) -> tuple[float, float]:
+    """Return by how much rows ask for more of a direction, (p,), and the variance of that; infinite without rows."""
+    W = gram[-p - 1 : -1, -p - 1 : -1]
+    told = float(direction @ W @ direction)
+    return (float(direction @ gram[-p - 1 : -1, -1]) / told, 1.0 / told) if told > 0.0 else (0.0, np.inf)
