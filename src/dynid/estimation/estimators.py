@@ -359,7 +359,9 @@ def choose(stack: Stack) -> tuple[str, str]:
     if stack.earlier is not None:
         return "wls", "the earlier result that is updated keeps triangular factors, not single rows"
     without = "no commanded motion in the log"
-    if stack.commanded:
+    if is_open(stack):
+        without = "the rows leave parameters open"
+    elif stack.commanded:
         test = test_of_instruments(stack)
         if not test.weak:
             return "iv", "the log holds the commanded motion, which has no encoder noise"
@@ -370,6 +372,11 @@ def choose(stack: Stack) -> tuple[str, str]:
         also = f"; {without}" if stack.commanded else ""
         return "irls", f"the residual has spikes ({share}), which get little weight{also}"
     return "wls", f"{without} and no spikes in the residual"
+
+
+def is_open(stack: Stack) -> bool:
+    """Return whether the rows leave parameters open, for which instruments have no answer."""
+    return bool(stack.first_fit.solution.rank < len(stack.first_fit.theta))
 
 
 def _with_covariance(
