@@ -8,7 +8,7 @@ from loaded_arm import recorded
 from test_stack import simulated, stacked
 
 from dynid import identify, load, validate
-from dynid.estimation.estimators import wls
+from dynid.estimation.estimators import choose, is_open, wls
 from dynid.estimation.posterior import prior_covariance
 from dynid.estimation.residual_model import GROUPS, model_error, whitened_rows
 from dynid.files.robotfile import load_robot
@@ -58,6 +58,18 @@ def test_a_joint_whose_sensor_sticks_spoils_no_other(logs):
     bad = validate(identify(robot, stuck(log), holdout=None), other)
     rest = np.arange(robot.n) != BAD
     assert np.linalg.norm(shares(bad)[rest]) < 1.1 * np.linalg.norm(shares(good)[rest])
+
+
+def test_a_stack_without_a_joint_has_no_instruments_for_what_it_leaves_open():
+    """The friction of a joint that has no rows is open; least squares takes the shortest answer, instruments none."""
+    model = build_model(load_robot("scara"))
+    base = BaseModel(model, reduce(model))
+    stack = stacked(base, simulated(base, seed=0, noise=0.05))
+    part = stack.without(np.array([1]))
+    assert not is_open(stack)
+    assert is_open(part)
+    assert "leave parameters open" in choose(part)[1]
+    assert np.all(np.isfinite(wls(part, np.full(len(part.names), np.nan)).theta))
 
 
 def test_a_stack_without_a_joint_is_that_of_the_rows_of_the_others():
