@@ -71,8 +71,7 @@ def differences(one, other, place=""):
         for k, pair in enumerate(zip(one, other, strict=False)):
             yield from differences(*pair, f"{place}/{k}")
     elif isinstance(one, float):
-        # Why so wide: sizes of the residual model are searched until a step gains little, and rounding may add a step.
-        if not math.isclose(one, other, rel_tol=5e-3, abs_tol=1e-6):
+        if not math.isclose(one, other, rel_tol=1e-6, abs_tol=1e-7):
             yield f"{place}: {one} {other}"
     elif one != other:
         yield f"{place}: {one} {other}"

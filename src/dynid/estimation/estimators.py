@@ -82,10 +82,12 @@ def huber(rows: Iterable[ObservationRows], start: Fit, max_rounds: int = 50) -> 
     while True:
         noise = np.where(start.counts < tuning.NOISE_LEAST_ROWS, start.noise, robust_noise(rows, theta))
         factors, _ = joint_factors(_weighted(rows, theta, noise))
-        solution = solve(merge(factors, 1.0 / noise))
+        R = merge(factors, 1.0 / noise)
+        solution = solve(R)
         change, theta, rounds = solution.theta - theta, solution.theta, rounds + 1
-        moved = np.abs(change) / np.maximum(np.sqrt(np.diagonal(solution.inverse)), 1e-300)
-        if moved.max() < 1e-3 or rounds == max_rounds:
+        # Why not each parameter by its error: of those that the rows leave open both are rounding.
+        moved = np.linalg.norm(R[:-1, :-1] @ change) / np.sqrt(max(1, solution.rank))
+        if moved < tuning.HUBER_SETTLED or rounds == max_rounds:
             return replace(start, method="irls", theta=theta, noise=noise, covariance=solution.inverse)
 
 

@@ -196,14 +196,19 @@ def _together(rows: Iterable[ObservationRows]) -> Iterator[ObservationRows]:
 
 
 # ---------------------------------------------------------------- a search between bounds
-#: A slope along the box, and a relative change of the value, that count as none.
-FLAT, SAME = 1e-8, 1e-13
+#: A slope along the box that counts as none.
+FLAT = 1e-10
 #: A step is shortened until it gains this share of what the slope promises, at most so many times.
-PROMISE, SHORTER = 1e-4, 30
+PROMISE, SHORTER = 1e-4, 10
 
 
 def smallest_in_box(
-    function: Callable[[Floats], tuple[float, Floats]], start: Floats, low: Floats, high: Floats, steps: int
+    function: Callable[[Floats], tuple[float, Floats]],
+    start: Floats,
+    low: Floats,
+    high: Floats,
+    steps: int,
+    rounding: float,
 ) -> Floats:
     """Return where a function is smallest between bounds, (k,), as far as going downhill from a start finds it.
 
@@ -218,6 +223,7 @@ def smallest_in_box(
         low: lower bounds, (k,).
         high: upper bounds, (k,).
         steps: limit of the steps.
+        rounding: change of the value that counts as none.
     """
     x = np.clip(start, low, high)
     value, slope = function(x)
@@ -228,11 +234,12 @@ def smallest_in_box(
             break
         way = np.zeros_like(x)
         way[free] = -np.linalg.solve(bend[np.ix_(free, free)], slope[free])
-        rounding = SAME * max(1.0, abs(value))
         for _ in range(SHORTER):
             there = np.clip(x + way, low, high)
             found, turned = function(there)
-            if found <= value + PROMISE * float(slope @ (there - x)) + rounding:
+            promised = PROMISE * float(slope @ (there - x))
+            flatter = np.linalg.norm(turned[free]) < np.linalg.norm(slope[free])
+            if found <= value + promised - rounding or (abs(found - value) <= rounding and flatter):
                 break
             way = 0.5 * way
         else:
@@ -241,8 +248,6 @@ def smallest_in_box(
         if float(moved @ change) > 1e-12 * float(np.linalg.norm(moved) * np.linalg.norm(change)):
             along = bend @ moved
             bend += np.outer(change, change) / (moved @ change) - np.outer(along, along) / (moved @ along)
-        if value - found <= rounding and np.linalg.norm(turned[free]) >= np.linalg.norm(slope[free]):
-            break
         x, value, slope = there, found, turned
     return x
 
@@ -254,6 +259,8 @@ FREE = np.flatnonzero(GROUPS == 0)
 FREE_SIZE = np.repeat(np.arange(1.0, tuning.POSITION_HARMONICS + 1), 2) ** -4.0
 #: Names of the groups, for people.
 GROUP_NAMES = ("position", "friction", "load")
+#: Share of the squared torques that their differences, of which the log evidence is made, lose in rounding.
+LOST = 1e-12
 #: Pivot of a Cholesky factor, of a matrix with a diagonal of ones, below which rounding has a say in its inverse.
 SINGULAR = 1e-5
 
@@ -673,8 +680,10 @@ def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> Floats:
         evidence, slope = _log_evidence(rows, gram, np.exp(logs), K, x, prior)
         return -evidence, -slope
 
+    rounding = LOST * max(1.0, float(np.sum(gram[:, -1, -1])))
     found = [
-        smallest_in_box(negative, start, low, high, tuning.RESIDUAL_STEPS) for start in np.log(tuning.RESIDUAL_BEGIN)
+        smallest_in_box(negative, start, low, high, tuning.RESIDUAL_STEPS, rounding)
+        for start in np.log(tuning.RESIDUAL_BEGIN)
     ]
     return np.asarray(np.exp(min(found, key=lambda logs: negative(logs)[0])))
 

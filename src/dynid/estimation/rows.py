@@ -485,9 +485,13 @@ def _less(R: Floats, shapes: list[ReversalShapes], strength: float) -> Floats:
     taken = np.concatenate([seen * np.sqrt(1.0 - _trusted(size, strength))[:, None] for _, size, seen in shapes])
     length = np.linalg.norm(R, axis=0)
     length = np.where(length > 0.0, length, 1.0)
-    scaled, taken = R / length, taken / length
-    value, vector = np.linalg.eigh(scaled.T @ scaled - taken.T @ taken)
-    return triangle(np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T * length)
+    # Why not R^T R less taken^T taken: its rounding would tell of parameters that the rows leave open.
+    _, sigma, Vt = np.linalg.svd(R / length)
+    told = sigma > tuning.RANK_TOLERANCE * sigma[0]
+    share = taken / length @ (Vt[told] / sigma[told, None]).T
+    value, vector = np.linalg.eigh(np.eye(np.count_nonzero(told)) - share.T @ share)
+    left = np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T @ (sigma[told, None] * Vt[told]) * length
+    return triangle(np.vstack([left, np.zeros((len(R) - len(left), len(R)))]))
 
 
 def _whitened(rows: ObservationRows, shapes: tuple[ReversalShapes, ...], strength: Floats) -> ObservationRows:

@@ -77,6 +77,9 @@ HARMLESS_TORQUE = 0.05
 #: Residual, in robust standard deviations, from which on its weight falls; 95 % efficient without spikes (Huber 1981).
 #: evidence: that law.
 HUBER = 1.345
+#: Rms change of a round, in standard errors of independent combinations of parameters, from which on weights have
+#: settled. evidence: none yet.
+HUBER_SETTLED = 1e-3
 #: A residual beyond this many robust standard deviations is a spike; 2 in 10^9 of normal ones are.
 #: evidence: that law.
 SPIKE_ERRORS = 6.0
