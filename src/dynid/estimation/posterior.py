@@ -259,8 +259,7 @@ def _with_joints_apart(
     for _ in range(tuning.APART_ROUNDS):
         size = best_size(rows, K, there.fit.x, there.held) if given is None else given
         apart = joints_apart(rows, K, there.fit.x, there.held, size)[0] if like is None else like.apart
-        # Why not back to none: with what contradicts the others apart, these fit so well that nothing seems to.
-        if np.array_equal(apart, rows.apart) or (np.any(rows.apart) and not np.any(apart)):
+        if np.array_equal(apart, rows.apart):
             break
         rows = rows.set_apart(apart, noise * _share_of_noise(stack, apart))
         there = _arm_of(free, rows, size, there)

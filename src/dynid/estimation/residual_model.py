@@ -713,9 +713,9 @@ def joints_apart(
 ) -> tuple[Floats, float]:
     """Return the lambda of each joint, 0 of those that agree with the others, (n,), and what the log evidence gains.
 
-    One joint after the other is let apart, taken back or given another size, whatever makes the data most likely. That
-    begins with none and with those that were apart before: of several that contradict the rest together, the first
-    alone may gain little.
+    One joint after the other is let apart, taken back or given another size, whatever makes the data most likely. What
+    was apart before stays so: the prior is approximated where the others put the arm, and from there another one that
+    agrees with all of them may seem near, which no possible arm is.
 
     Args:
         rows: rows of all joints.
@@ -733,9 +733,9 @@ def joints_apart(
     values, along = np.maximum(values, 0.0), each[:, :, :-1] @ rows.spread @ vectors
     none, together, narrower = np.zeros(len(F)), np.sum(each, axis=0), rows.log_volume(size, heads)
     if values.max(initial=0.0) > tuning.APART_TOLD:
-        return (rows.apart if known else none), 0.0
-    joints = np.flatnonzero(rows.apart) if known else np.arange(len(none))
-    choices = (*tuning.APART_SIZES,) if known else (0.0, *tuning.APART_SIZES)
+        return rows.apart, 0.0
+    before = rows.apart > 0.0
+    joints = np.flatnonzero(before) if known else np.arange(len(none))
 
     def worth(apart: Floats) -> float:
         S, volume = together, -narrower
@@ -750,21 +750,15 @@ def joints_apart(
             return -np.inf
         return float(found) if np.isfinite(found) else -np.inf
 
-    def best_from(apart: Floats) -> tuple[float, Floats]:
-        best = worth(apart)
-        while True:
-            others = [(j, one) for j in joints for one in choices if one != apart[j]]
-            tried = [np.where(np.arange(len(apart)) == j, one, apart) for j, one in others]
-            worths = [worth(other) for other in tried]
-            first = int(np.argmax(worths))
-            if not worths[first] > best + max(tuning.APART_SETTLED, tuning.APART_ROUNDING * abs(best)):
-                break
-            best, apart = worths[first], tried[first]
-        return best, apart
-
-    starts = [rows.apart] if known else [none, rows.apart] if np.any(rows.apart) else [none]
-    best, apart = max((best_from(start) for start in starts), key=lambda found: found[0])
-    return apart, best - worth(none)
+    apart, best = rows.apart, worth(rows.apart)
+    while True:
+        sizes = ((j, tuning.APART_SIZES if before[j] else (0.0, *tuning.APART_SIZES)) for j in joints)
+        tried = [np.where(np.arange(len(apart)) == j, one, apart) for j, some in sizes for one in some]
+        worths = [worth(other) for other in tried]
+        first = int(np.argmax(worths))
+        if not worths[first] > best + max(tuning.APART_SETTLED, tuning.APART_ROUNDING * abs(best)):
+            return apart, best - worth(none)
+        best, apart = worths[first], tried[first]
 
 
 def _of_parameters(S: Floats, K: Floats, x: Floats, prior: Floats) -> tuple[float, Floats, Floats]:

@@ -366,27 +366,49 @@ def check_torque_scale(log: Log, robot: Robot) -> None:
 
 
 def clipped_samples(log: Log, robot: Robot) -> tuple[Flags, tuple[Finding, ...]]:
-    """Return which torques sit at their largest value, (N, n), and findings W319; in the driver's columns."""
-    mask = empty(log.tau.shape, bool)
-    alive, flat, level = any_moves(log, robot), np.zeros(log.n, dtype=int), np.zeros(log.n)
-    low, high = extremes(log.tau)
-    for j in range(log.n):
-        above = _flat_top(log.tau[:, j], 1.0, float(high[j]), float(low[j]), alive)
-        below = _flat_top(log.tau[:, j], -1.0, float(-low[j]), float(-high[j]), alive)
-        mask[:, j], flat[j] = above | below, int(np.sum(above | below))
-        level[j] = max(high[j] if above.any() else 0.0, -low[j] if below.any() else 0.0)
-    findings = []
-    for k in np.flatnonzero(flat):
-        share = float(flat[k] / len(log))
-        unit = "A" if log.tau_unit == "A" else robot.joints[k].torque_unit.replace(" ", "")
-        text = (
-            f"{robot.joint_names[k]} torque sits at {level[k]:.4g} {unit} for {flat[k] / log.rate:.2g} s: "
-            f"clipped samples are left out ({100 * share:.1f} %)"
-        )
-        findings.append(
-            Finding("W319", "warning", text, {"joint": robot.joint_names[k], "share": share, "level": float(level[k])})
-        )
+    """Return which torques are none, (N, n), and findings W319; in the driver's columns.
+
+    They sit at their largest value, or stay at any value while their joint moves to and fro.
+    """
+    mask, alive, findings = empty(log.tau.shape, bool), any_moves(log, robot), []
+    (low, high), moved = extremes(log.tau), per_joint(tuning.STILL_SPAN, robot)
+    for j, joint in enumerate(robot.joints):
+        x = log.tau[:, j]
+        above = _flat_top(x, 1.0, float(high[j]), float(low[j]), alive)
+        below = _flat_top(x, -1.0, float(-low[j]), float(-high[j]), alive)
+        top, clipped = max(high[j] if above.any() else 0.0, -low[j] if below.any() else 0.0), above | below
+        stuck = _stuck(x, log.q[:, j], float(moved[j]), round(tuning.STUCK_S * log.rate)) & ~clipped
+        mask[:, j] = clipped | stuck
+        stays = "stays at", float(x[int(np.argmax(stuck))]), " while the joint moves to and fro: these"
+        for flags, (does, level, which) in ((clipped, ("sits at", top, ": clipped")), (stuck, stays)):
+            if not flags.any():
+                continue
+            share, unit = float(np.mean(flags)), "A" if log.tau_unit == "A" else joint.torque_unit.replace(" ", "")
+            size = f"{level:.4g} {unit} for {np.sum(flags) / log.rate:.2g} s"
+            text = f"{joint.name} torque {does} {size}{which} samples are left out ({100 * share:.1f} %)"
+            findings.append(Finding("W319", "warning", text, {"joint": joint.name, "share": share, "level": level}))
     return mask, tuple(findings)
+
+
+def _stuck(x: Floats, q: Floats, moved: float, least: int) -> Flags:
+    """Return the samples of a torque that does not change at all while its joint moves one way and back.
+
+    Args:
+        x: torques of a joint, (N,).
+        q: its positions, (N,).
+        moved: a path that counts as motion [rad or m].
+        least: so many samples without any change are more than friction, gravity and noise allow.
+    """
+    same = np.append(same_rows(x[:, None]), False)
+    found = np.zeros(len(x), dtype=bool)
+    for run in runs(same, least):
+        some = q[run]
+        there = np.maximum.accumulate(some) - some, some - np.minimum.accumulate(some)
+        if min(float(way.max()) for way in there) > moved:
+            found[run.start : run.stop + 1] = True
+    # Why: a coarse torque stays the same for long as well.
+    coarse = np.sum(same & ~found) >= tuning.STUCK_OTHERS * np.sum(~found)
+    return np.zeros(len(x), dtype=bool) if coarse and not found.all() else found
 
 
 def _flat_top(x: Floats, sign: float, top: float, bottom: float, alive: Flags) -> Flags:

@@ -98,6 +98,9 @@ RARE_TURNS = 0.01
 FLAT_RUN = 5
 #: At a flat top the largest value is this many times as frequent as the next one; at a quantised peak 1.4 times.
 FLAT_SHARE = 3.0
+#: A torque that does not change for so long [s] while its joint moves to and fro is none. Where this share of the other
+#: samples does not change either, its steps are coarse. Evidence: tests of coarse torques; case 210 of defects.md.
+STUCK_S, STUCK_OTHERS = 1.0, 0.5
 #: Above this share of repeated samples in motion the driver publishes faster than it reads. Evidence: none yet.
 REPEAT_SHARE = 0.2
 #: No sensor reads more in any unit, and none of torques so little; a flipped bit in a bag, which carries no checksum,
