@@ -19,7 +19,7 @@ WARNINGS: dict[str, str] = {
     "W314": "The driver repeats old samples; new ones arrive more rarely than the rate says.",
     "W315": "A position jumped by a full turn and was unwrapped.",
     "W316": "A torque does not balance gravity at rest: the sensor was probably not zeroed.",
-    "W319": "A torque stays at its largest value, or does not change while its joint moves: those samples are left out.",
+    "W319": "A torque stays at its largest value, or does not change in motion: those samples are left out.",
     "W320": "The joint order was assumed because the file does not name its columns.",
     "W321": "Torques are stamped later or earlier than the positions they belong to.",
     "W323": "The stamps stray but the samples were taken evenly: an even clock is used.",

@@ -489,7 +489,7 @@ def _less(R: Floats, shapes: list[ReversalShapes], strength: float) -> Floats:
     _, sigma, Vt = np.linalg.svd(R / length)
     told = sigma > tuning.RANK_TOLERANCE * sigma[0]
     share = taken / length @ (Vt[told] / sigma[told, None]).T
-    value, vector = np.linalg.eigh(np.eye(np.count_nonzero(told)) - share.T @ share)
+    value, vector = np.linalg.eigh(np.eye(int(told.sum())) - share.T @ share)
     left = np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T @ (sigma[told, None] * Vt[told]) * length
     return triangle(np.vstack([left, np.zeros((len(R) - len(left), len(R)))]))
 
