@@ -187,7 +187,7 @@ def test_intervals_of_two_runs_agree(results_of_the_lwr):
     [
         ("ur10", "ur10_salerno/exc.npz", 18.0, "physical", 4.27, 5.59),
         ("staubli_tx40", "tx40/exc.npz", 3.5, "physical", 5.25, 5.79),
-        ("franka_panda", "panda_salerno/exc.npz", 16.0, "physical", 3.25, 4.52),
+        ("franka_panda", "panda_salerno/exc.npz", 13.0, "physical", 3.37, 5.13),
     ],
 )
 def test_the_first_part_of_a_recording_predicts_the_rest(

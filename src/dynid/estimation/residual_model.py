@@ -754,7 +754,8 @@ def joints_apart(
     while True:
         sizes = ((j, tuning.APART_SIZES if before[j] else (0.0, *tuning.APART_SIZES)) for j in joints)
         tried = [np.where(np.arange(len(apart)) == j, one, apart) for j, some in sizes for one in some]
-        worths = [worth(other) for other in tried]
+        # Why not all: the last one has nobody left to contradict.
+        worths = [-np.inf if np.all(other) else worth(other) for other in tried]
         first = int(np.argmax(worths))
         if not worths[first] > best + max(tuning.APART_SETTLED, tuning.APART_ROUNDING * abs(best)):
             return apart, best - worth(none)

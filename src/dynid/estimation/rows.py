@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
-from dynid.estimation.least_squares import accumulate, triangle, weighted
+from dynid.estimation.least_squares import ROUNDING, accumulate, triangle, weighted
 from dynid.model.regressor import Observer
 from dynid.scratch import Growing, median, release, spans
 from dynid.signals.conditioned_log import ConditionedLog, Segment
@@ -484,7 +484,7 @@ def _trusted(size: Floats, strength: float) -> Floats:
 def _less(R: Floats, shapes: list[ReversalShapes], strength: float) -> Floats:
     taken = np.concatenate([seen * np.sqrt(1.0 - _trusted(size, strength))[:, None] for _, size, seen in shapes])
     length = np.linalg.norm(R, axis=0)
-    length = np.where(length > 0.0, length, 1.0)
+    length = np.where(length > ROUNDING * length.max(), length, 1.0)
     # Why not R^T R less taken^T taken: its rounding would tell of parameters that the rows leave open.
     _, sigma, Vt = np.linalg.svd(R / length)
     told = sigma > tuning.RANK_TOLERANCE * sigma[0]

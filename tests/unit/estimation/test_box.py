@@ -30,7 +30,7 @@ def test_nothing_between_the_bounds_is_smaller():
     low, high = np.full(3, -2.0), np.full(3, 1.5)
     for _ in range(40):
         function = bowl(random)
-        x = smallest_in_box(function, np.zeros(3), low, high, 100)
+        x = smallest_in_box(function, np.zeros(3), low, high, 100, 1e-15)
         best = minimize(function, np.zeros(3), jac=True, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)))
         assert function(x)[0] <= best.fun + 1e-9 * abs(best.fun)
         assert np.all((low <= x) & (x <= high))
@@ -38,7 +38,7 @@ def test_nothing_between_the_bounds_is_smaller():
 
 @pytest.mark.parametrize(("wall", "expected"), [(2.0, (1.0, 1.0)), (0.5, (0.5, 0.25))])
 def test_a_bent_valley_is_followed_to_its_end_or_to_the_wall(wall, expected):
-    x = smallest_in_box(valley, np.array([-1.2, 1.0]), np.array([-2.0, -2.0]), np.array([wall, 2.0]), 100)
+    x = smallest_in_box(valley, np.array([-1.2, 1.0]), np.array([-2.0, -2.0]), np.array([wall, 2.0]), 100, 1e-15)
     assert x == pytest.approx(expected, abs=1e-6)
 
 
@@ -53,4 +53,4 @@ def test_the_end_is_found_where_the_value_is_rounded_away():
         def deep(x, H=H, centre=centre):
             return 1e6 + float(0.5 * (x - centre) @ H @ (x - centre)), H @ (x - centre)
 
-        assert smallest_in_box(deep, np.zeros(3), -bounds, bounds, 100) == pytest.approx(centre, abs=1e-6)
+        assert smallest_in_box(deep, np.zeros(3), -bounds, bounds, 100, 1e-9) == pytest.approx(centre, abs=1e-6)

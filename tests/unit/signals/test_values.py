@@ -134,6 +134,25 @@ def test_a_coarsely_quantised_torque_is_not_clipped():
         assert "W319" not in codes(log)
 
 
+def test_a_torque_that_stays_while_its_joint_moves_to_and_fro_is_none():
+    log, stuck = lwr_log(), slice(500, None)
+    tau = log.tau.copy()
+    tau[stuck, 3] = tau[500, 3]
+    found = prepare(replace(log, tau=tau), lwr())
+    (finding,) = found.findings
+    assert finding.code == "W319"
+    assert re.match(rf"lwr_3_joint torque stays at {tau[500, 3]:.4g} Nm for .* to and fro: these samples", finding.text)
+    assert found.extra["clipped"][stuck, 3].all()
+    assert not found.extra["clipped"][:500].any()
+
+
+def test_a_torque_that_stays_while_its_joint_stands_is_one():
+    log = lwr_log()
+    q, tau = log.q.copy(), log.tau.copy()
+    q[500:, 0], tau[500:, 0] = q[500, 0], 0.2
+    assert "W319" not in codes(prepare(replace(log, q=q, tau=tau), lwr()))
+
+
 def test_repeated_samples_in_motion_are_reported_with_the_true_rate():
     hold = np.arange(len(lwr_log())) // 2 * 2
     log = prepare(replace(lwr_log(), q=lwr_log().q[hold]), lwr())
