@@ -200,6 +200,8 @@ def _together(rows: Iterable[ObservationRows]) -> Iterator[ObservationRows]:
 FLAT = 1e-10
 #: A step is shortened until it gains this share of what the slope promises, at most so many times.
 PROMISE, SHORTER = 1e-4, 10
+#: Newton's steps at the end, and the width of the differences that their bend is taken from.
+NEWTON, BEND = 4, 1e-3
 
 
 def smallest_in_box(
@@ -249,6 +251,34 @@ def smallest_in_box(
             along = bend @ moved
             bend += np.outer(change, change) / (moved @ change) - np.outer(along, along) / (moved @ along)
         x, value, slope = there, found, turned
+    return x
+
+
+def settled(function: Callable[[Floats], tuple[float, Floats]], x: Floats, low: Floats, high: Floats) -> Floats:
+    """Return where the slopes of a function vanish near a place that ``smallest_in_box`` found, (k,).
+
+    Newton's steps, with the bend of the slopes by differences: where rounding ended that search, another machine would
+    have ended it elsewhere.
+
+    Args:
+        function: returns its value and its slopes, (k,).
+        x: where to begin, (k,).
+        low: lower bounds, (k,).
+        high: upper bounds, (k,).
+    """
+    for _ in range(NEWTON):
+        slope = function(x)[1]
+        free = np.flatnonzero(~(((x <= low) & (slope > 0.0)) | ((x >= high) & (slope < 0.0))))
+        steps = BEND * np.eye(len(x))[free]
+        bend = np.array([(function(x + step)[1] - function(x - step)[1])[free] / (2.0 * BEND) for step in steps])
+        if not len(free) or np.min(np.linalg.eigvalsh(bend + bend.T)) <= 0.0:
+            break
+        there = x.copy()
+        there[free] -= np.clip(np.linalg.solve(0.5 * (bend + bend.T), slope[free]), -1.0, 1.0)
+        there = np.clip(there, low, high)
+        if np.linalg.norm(function(there)[1][free]) >= np.linalg.norm(slope[free]):
+            break
+        x = there
     return x
 
 
@@ -685,7 +715,8 @@ def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> Floats:
         smallest_in_box(negative, start, low, high, tuning.RESIDUAL_STEPS, rounding)
         for start in np.log(tuning.RESIDUAL_BEGIN)
     ]
-    return np.asarray(np.exp(min(found, key=lambda logs: negative(logs)[0])))
+    best = min(found, key=lambda logs: negative(logs)[0])
+    return np.asarray(np.exp(settled(negative, best, low, high)))
 
 
 def evidence_gain(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floats) -> float:
