@@ -248,7 +248,9 @@ class PositionFriction(Effect):
     separate = "cross the whole travel both ways at one slow speed"
     family = "position"
     shape_units: ClassVar[dict[str, str]] = {"h": "1/rad"}
-    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"h": h} for h in (1.0, 2.0))
+    # Why not whole waves a turn alone: wheels in the gear turn at other rates, and few joints turn all round.
+    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"h": h} for h in (0.5, 1.0, 1.5, 2.0, 2.5))
+    steps: ClassVar[dict[str, tuple[str, float]]] = {"h": ("plus", 0.25)}
     units: ClassVar[dict[str, str]] = {"a": "N m", "b": "N m"}
 
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
