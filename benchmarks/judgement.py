@@ -89,16 +89,16 @@ def case_of(seed):
 
 
 def light_case_of(seed):
-    """Return a situation for the lights: of three cases one as it comes, one well recorded, one with a large mistake.
+    """Return a situation for the lights: of four one as it comes, one well recorded, two with a large mistake.
 
     Why: good and bad are said of few situations as they come, and their rates need 59 cases each. What is true is drawn
     and measured as in the others: a well recorded arm may be worse than its noise, a mistake may be harmless.
     """
     case, rng = case_of(seed), np.random.default_rng([seed, 30])
     case |= {"same": False, "repeats": 2, "seconds": float(rng.choice((8.0, 15.0, 30.0))), "drawn": "as it comes"}
-    if seed % 3 == 1:
+    if seed % 4 == 1:
         case |= {"hidden": "nothing", "motions": 2, "drawn": "well recorded"}
-    elif seed % 3 == 2:
+    elif seed % 4 >= 2:
         hidden = str(rng.choice(("wrong_sign", "wrong_arm", "payload", "spring", "asymmetric_viscous")))
         case |= {"hidden": hidden, "size": float(10 ** rng.uniform(-0.5, 0.5)), "drawn": "large mistake"}
     return case

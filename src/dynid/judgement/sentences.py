@@ -235,7 +235,7 @@ def reasons(evidence: Evidence, sentence: str) -> tuple[str, ...]:
         if tested is not None:
             found += _replay_reasons(tested, evidence, sentence)
     # Why not beside another arm: what this model is good for is not the question then.
-    whole = evidence.asked in ("result", "replay") and evidence.other is None and not evidence.alarms
+    whole = evidence.asked in ("result", "replay") and not evidence.of_another_arm
     return (*found, *_small_reasons(evidence)) if whole else tuple(found)
 
 

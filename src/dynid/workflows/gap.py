@@ -203,6 +203,8 @@ class _Search:
         if kept is not None:
             rms = tuple(joint.rms for joint in kept.joints)
             gap = replace(gap, kept=kept.relative_error_percent, expected=kept.expected_percent, kept_rms=rms)
+        if gap.evidence.of_another_arm:
+            gap = self._unproved(gap)
         if gap.named and gap.unseen_logs:
             gap = self._proved(gap)
         if gap.verdict.startswith("nothing") and gap.judgement.light("complete").state != "good":
@@ -213,14 +215,38 @@ class _Search:
         """Return an answer with the errors that ``apply`` and then ``validate`` reach on the recordings held out."""
         applied, unseen = gap.apply(), gap.unseen_logs
         after = self._errors(applied, unseen, gap)
-        known = any(log.sha256 in self.result.log_sha256 for log in unseen)
-        before = gap.improvement.before if known else self._errors(self.result, unseen, gap)
+        before = self._before(gap)
         at = {name: j for j, name in enumerate(gap.joint_names)}
         named = tuple(
             replace(one, rms_before=float(before[at[one.joint]]), rms_after=float(after[at[one.joint]]))
             for one in gap.named
         )
         return replace(gap, named=named, improvement=replace(gap.improvement, before=before, after=after))
+
+    def _unproved(self, gap: Gap) -> Gap:
+        """Return an answer that names nothing: what links of another arm leave over is no effect of this one."""
+        import numpy as np
+
+        why, before = "the robot file does not describe the arm of these logs", self._before(gap)
+        unchanged = replace(gap.improvement, before=before, after=before, ratio=np.ones_like(gap.improvement.ratio))
+        return replace(
+            gap,
+            verdict="unexplained" if gap.named else gap.verdict,
+            named=(),
+            closest=(*(replace(one, why_not=why, rms_after=None, share=None) for one in gap.named), *gap.closest),
+            alternatives=(),
+            advice="",
+            formulas=(),
+            curves=(),
+            improvement=unchanged,
+            simulation=gap.simulation[[0, 0]] if len(gap.simulation) else gap.simulation,
+        )
+
+    def _before(self, gap: Gap) -> NDArray[np.float64]:
+        """Return the error of each joint without what is named, of the model as it is where it is tried, (n,)."""
+        unseen = gap.unseen_logs
+        known = any(log.sha256 in self.result.log_sha256 for log in unseen)
+        return gap.improvement.before if known or not unseen else self._errors(self.result, unseen, gap)
 
     def _errors(self, result: Identification, logs: Sequence[Log], gap: Gap) -> NDArray[np.float64]:
         """Return the error of each joint on recordings, with the filter of the search, (n,) [N m or N]."""
