@@ -250,6 +250,8 @@ def said_of(case, searched):
     }
 
 
+#: Errors of joints in the evidence of a search.
+GAP_ERRORS = ("before", "after", "noise", "known", "kept_rms")
 #: What is kept of answers beside their judgement.
 KEPT = ("verdict", "named", "relative_error_percent", "expected_relative_error_percent")
 
@@ -342,7 +344,9 @@ def evidence_from(kept):
     if kept["other"] is not None:
         found["other"] = OtherArm(**kept["other"])
     if (gap := kept["gap"]) is not None:
-        inside = {key: tupled(value) for key, value in gap.items()}
+        # Why: JSON has no infinity, which a refit to a short log may be off by.
+        inside = {key: tuple(math.inf if one is None else one for one in gap[key]) for key in GAP_ERRORS}
+        inside = {key: tupled(value) for key, value in gap.items()} | inside
         inside |= {"effects": each(EffectEvidence, gap["effects"]), "events": each(Event, gap["events"])}
         found["gap"] = GapEvidence(**inside)
     return Evidence(**found)

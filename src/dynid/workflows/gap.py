@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from dynid.log import Log
@@ -126,6 +127,13 @@ class _Search:
     options: GapOptions
     progress: Progress
 
+    @cached_property
+    def of_another_arm(self) -> bool:
+        """Whether the robot file does not describe the arm of the logs, so that nothing can be named."""
+        from dynid.estimation.evidence import evidence_of
+
+        return evidence_of(self.result).of_another_arm
+
     def checked(self, logs: Sequence[Log]) -> list[Log]:
         """Return checked recordings."""
         found = [checked_log(log, self.base.robot, self.options, identify=False) for log in logs]
@@ -203,7 +211,7 @@ class _Search:
         if kept is not None:
             rms = tuple(joint.rms for joint in kept.joints)
             gap = replace(gap, kept=kept.relative_error_percent, expected=kept.expected_percent, kept_rms=rms)
-        if gap.evidence.of_another_arm:
+        if self.of_another_arm:
             gap = self._unproved(gap)
         if gap.named and gap.unseen_logs:
             gap = self._proved(gap)
@@ -263,7 +271,9 @@ class _Search:
         return np.asarray(np.sqrt(np.sum(counts * squares, axis=0) / np.maximum(1, counts.sum(axis=0))))
 
     def _with_formulas(self, gap: Gap) -> Gap:
-        """Return an answer with what is left put into words."""
+        """Return an answer with what is left put into words; not of links that are not there."""
+        if self.of_another_arm:
+            return gap
         from dynid.gap.analysis import fit_formulas
         from dynid.gap.record import record_of
 
