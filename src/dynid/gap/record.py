@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Literal
@@ -454,7 +455,8 @@ def contents() -> Contents:
         "cannot_judge": Fact(list[tuple[str, list[int]]]),
     }
     arrays = {name: Array("n", least=0.0) for name in _IMPROVEMENT}
-    arrays |= {"ratio": Array("n 2"), "simulation": Array("_ n")}
+    # Why endless: few blocks of time may leave an interval without an upper end.
+    arrays |= {"ratio": Array("n 2", endless=True, most=math.inf), "simulation": Array("_ n")}
     return Contents(
         SCHEMA,
         {"record": Fact(dict[str, Any])} | {f"record.{key}": fact for key, fact in record.items()},

@@ -280,3 +280,8 @@ class Evidence:
     earlier: str = ""
     earlier_result: str = ""
     tolerance: float | None = None
+
+    @property
+    def of_another_arm(self) -> bool:
+        """Whether the robot file does not describe the arm of the logs."""
+        return self.other is not None or bool(self.alarms)

@@ -235,7 +235,7 @@ def reasons(evidence: Evidence, sentence: str) -> tuple[str, ...]:
         if tested is not None:
             found += _replay_reasons(tested, evidence, sentence)
     # Why not beside another arm: what this model is good for is not the question then.
-    whole = evidence.asked in ("result", "replay") and evidence.other is None and not evidence.alarms
+    whole = evidence.asked in ("result", "replay") and not evidence.of_another_arm
     return (*found, *_small_reasons(evidence)) if whole else tuple(found)
 
 
@@ -339,7 +339,7 @@ def warnings(evidence: Evidence, lights: Sequence[Light]) -> tuple[str, ...]:
             found.append(f"Do not rely on the expected error: on {each.name} it was {times:.2g} times too small.")
     if evidence.seconds is not None and evidence.seconds < tuning.SECONDS and states["fit"] == "good":
         found.append(f"A log of {evidence.seconds:.2g} s is easy to fit, which says little about other motions.")
-    if evidence.repeats is False and states["complete"] != "open":
+    if evidence.gap is not None and not evidence.gap.repeats:
         found.append("The noise is a lower bound, because no motion is repeated: record each motion twice.")
     if states["physics"] == "bad" and evidence.physical:
         found.append("Torques may be right where masses are not: use this model for the fitted motions only.")

@@ -120,7 +120,7 @@ def _physics(evidence: Evidence, states: dict[str, str]) -> list[Step]:
         return [Step(why, shell("dynid", "gap", run_of(evidence), *_logs(evidence)), (*lights, "complete"))]
     why = "Give what is known of the arm, such as the mass of link 2 from its data sheet, and identify again."
     logs = evidence.logs or ("LOG",)
-    return [Step(why, f"{shell('dynid', 'identify', evidence.robot, *logs)} --link-mass 2=MASS", lights)]
+    return [Step(why, f"{shell('dynid', 'identify', evidence.robot, *logs)} --link-mass 2=LOW:HIGH", lights)]
 
 
 def _unseen(evidence: Evidence, states: dict[str, str]) -> list[Step]:

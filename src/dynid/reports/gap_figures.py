@@ -49,6 +49,8 @@ def residual_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str)
             va="center",
             fontsize=7,
             color="white" if chi[j, k] > worst**0.75 else "black",
+            # Why: it stands inside the axes, and measuring hundreds of them takes longer than the rest of the picture.
+            in_layout=False,
         )
     axis.set_yticks(range(len(joints)), [label(name) for name in joints], fontsize=8)
     axis.set_xticks(range(len(names)), [f"{kind}: {name}" for kind, name in names], rotation=50, ha="right", fontsize=7)

@@ -135,5 +135,5 @@ def _png(arm: Floats, arm_there: Floats, bodies: Floats, bodies_there: Floats) -
     there = np.where(arm_there, 1.0, np.where(bodies_there, 1 - THROUGH, 0.0))
     pixels = np.dstack([picture, 255 * there]).round().astype(np.uint8)
     stream = io.BytesIO()
-    Image.fromarray(pixels, "RGBA").save(stream, "PNG", optimize=True)
+    Image.fromarray(pixels, "RGBA").save(stream, "PNG")
     return stream.getvalue()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from dynid.log import Log
@@ -126,6 +127,13 @@ class _Search:
     options: GapOptions
     progress: Progress
 
+    @cached_property
+    def of_another_arm(self) -> bool:
+        """Whether the robot file does not describe the arm of the logs, so that nothing can be named."""
+        from dynid.estimation.evidence import evidence_of
+
+        return evidence_of(self.result).of_another_arm
+
     def checked(self, logs: Sequence[Log]) -> list[Log]:
         """Return checked recordings."""
         found = [checked_log(log, self.base.robot, self.options, identify=False) for log in logs]
@@ -203,6 +211,8 @@ class _Search:
         if kept is not None:
             rms = tuple(joint.rms for joint in kept.joints)
             gap = replace(gap, kept=kept.relative_error_percent, expected=kept.expected_percent, kept_rms=rms)
+        if self.of_another_arm:
+            gap = self._unproved(gap)
         if gap.named and gap.unseen_logs:
             gap = self._proved(gap)
         if gap.verdict.startswith("nothing") and gap.judgement.light("complete").state != "good":
@@ -213,14 +223,38 @@ class _Search:
         """Return an answer with the errors that ``apply`` and then ``validate`` reach on the recordings held out."""
         applied, unseen = gap.apply(), gap.unseen_logs
         after = self._errors(applied, unseen, gap)
-        known = any(log.sha256 in self.result.log_sha256 for log in unseen)
-        before = gap.improvement.before if known else self._errors(self.result, unseen, gap)
+        before = self._before(gap)
         at = {name: j for j, name in enumerate(gap.joint_names)}
         named = tuple(
             replace(one, rms_before=float(before[at[one.joint]]), rms_after=float(after[at[one.joint]]))
             for one in gap.named
         )
         return replace(gap, named=named, improvement=replace(gap.improvement, before=before, after=after))
+
+    def _unproved(self, gap: Gap) -> Gap:
+        """Return an answer that names nothing: what links of another arm leave over is no effect of this one."""
+        import numpy as np
+
+        why, before = "the robot file does not describe the arm of these logs", self._before(gap)
+        unchanged = replace(gap.improvement, before=before, after=before, ratio=np.ones_like(gap.improvement.ratio))
+        return replace(
+            gap,
+            verdict="unexplained" if gap.named else gap.verdict,
+            named=(),
+            closest=(*(replace(one, why_not=why, rms_after=None, share=None) for one in gap.named), *gap.closest),
+            alternatives=(),
+            advice="",
+            formulas=(),
+            curves=(),
+            improvement=unchanged,
+            simulation=gap.simulation[[0, 0]] if len(gap.simulation) else gap.simulation,
+        )
+
+    def _before(self, gap: Gap) -> NDArray[np.float64]:
+        """Return the error of each joint without what is named, of the model as it is where it is tried, (n,)."""
+        unseen = gap.unseen_logs
+        known = any(log.sha256 in self.result.log_sha256 for log in unseen)
+        return gap.improvement.before if known or not unseen else self._errors(self.result, unseen, gap)
 
     def _errors(self, result: Identification, logs: Sequence[Log], gap: Gap) -> NDArray[np.float64]:
         """Return the error of each joint on recordings, with the filter of the search, (n,) [N m or N]."""
@@ -237,7 +271,9 @@ class _Search:
         return np.asarray(np.sqrt(np.sum(counts * squares, axis=0) / np.maximum(1, counts.sum(axis=0))))
 
     def _with_formulas(self, gap: Gap) -> Gap:
-        """Return an answer with what is left put into words."""
+        """Return an answer with what is left put into words; not of links that are not there."""
+        if self.of_another_arm:
+            return gap
         from dynid.gap.analysis import fit_formulas
         from dynid.gap.record import record_of
 

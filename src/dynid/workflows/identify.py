@@ -69,6 +69,8 @@ def _holdout(value: Any, name: str) -> Any:  # noqa: ANN401
 # ---------------------------------------------------------------- what is known besides the logs
 Range = tuple[float, float]
 Corner = tuple[float, float, float]
+#: What each option is given.
+SUCH_AS = {"--total-mass": "15:17", "--link-mass": "2=3.5:4.5", "--com-box": "7=-0.1,-0.1,0:0.1,0.1,0.2"}
 
 
 def _range(value: Any, name: str) -> Range | None:  # noqa: ANN401
@@ -117,8 +119,7 @@ def _two(text: str, name: str, count: int) -> tuple[Sequence[float], Sequence[fl
     except ValueError:
         parts = []
     if len(parts) != 2 or any(len(part) != count for part in parts):
-        fix = "such as --total-mass 15:17" if count == 1 else "such as --com-box 7=-0.1,-0.1,0:0.1,0.1,0.2"
-        raise WrongUsage(f"{name} '{text}' is not LOW:HIGH", fix=fix)
+        raise WrongUsage(f"{name} '{text}' is not LOW:HIGH", fix=f"such as {name} {SUCH_AS[name]}")
     return parts[0], parts[1]
 
 

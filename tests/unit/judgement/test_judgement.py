@@ -317,6 +317,13 @@ def test_a_figure_is_said_once():
     assert judged.reasons == ("a is furthest from its noise there: 2.6 N m, noise 0.09 (29 times).",)
 
 
+def test_noise_from_repeats_of_the_searched_logs_is_no_lower_bound():
+    gap = GapEvidence("numbers", joints=("a",), before=(0.1,), after=(0.1,), noise=(0.1,), repeats=True)
+    known = Evidence(asked="gap", repeats=False, gap=gap)
+    assert not any("lower bound" in text for text in judge(known).warnings)
+    assert any("lower bound" in text for text in judge(replace(known, gap=replace(gap, repeats=False))).warnings)
+
+
 def test_what_was_not_looked_at_is_not_good():
     judged = judge(Evidence())
     assert {light.state for light in judged.lights} == {"open"}

@@ -86,6 +86,13 @@ def test_what_is_saved_reads_back_and_prints_the_same(gap, tmp_path):
         again.apply()
 
 
+def test_an_interval_without_an_upper_end_reads_back(gap, tmp_path):
+    ratio = gap.improvement.ratio.copy()
+    ratio[0] = 0.0, np.inf
+    saved = replace(gap, improvement=replace(gap.improvement, ratio=ratio)).save(tmp_path / "gap.npz")
+    np.testing.assert_array_equal(Gap.load(saved).improvement.ratio, ratio)
+
+
 def test_what_is_no_search_is_not_read(tmp_path):
     (tmp_path / "gap.npz").write_bytes(b"no")
     with pytest.raises(NotAnArtifact):

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid import identify, load_robot
+from dynid import find_gap, identify, load_robot
 from dynid.model.parameters import prior_bodies
 from dynid.robot import Prior
 from dynid.sim.sines import SineSpec, sines
@@ -33,6 +33,12 @@ def test_the_file_of_another_arm_is_told_with_the_arm_that_it_is(logs):
     assert judged.sentence.startswith("These logs fit another arm better")
     assert judged.light("fit").state == "bad"
     assert judged.steps[0].command.endswith("--robot ur3e")
+    gap = find_gap(found, [replace(log, names=wrong.log_names) for log in logs], effects="spring,torque_crosstalk")
+    assert gap.closest
+    assert not gap.named
+    assert gap.verdict == "unexplained"
+    assert gap.judgement.sentence == judged.sentence
+    assert not any("Error of" in reason for reason in gap.judgement.reasons)
 
 
 def test_the_right_file_raises_no_doubt(logs):
