@@ -25,7 +25,6 @@ from dynid.gap.refit import (
     ratio_interval,
     refit,
     unsure_of_reversals,
-    unsure_of_shape,
     with_columns,
     with_delay,
 )
@@ -214,7 +213,7 @@ def proved(
             failing = spoiling_replay(search, effects, simulation) if problem.arm is None else []
         if not failing:
             # Why only now: what is named is decided by what the rows tell; what it measures depends on more than that.
-            sized = unsure_of_shape(search, unsure_of_reversals(search, effects))
+            sized = unsure_of_reversals(search, effects)
             return Proof(search, sized, refused, improvement, regression, simulation)
         refused += failing
         for one, _ in failing:

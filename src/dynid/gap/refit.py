@@ -336,37 +336,6 @@ def unsure_of_reversals(search: EffectSearch, effects: Sequence[SelectedEffect])
     return found
 
 
-def unsure_of_shape(search: EffectSearch, effects: Sequence[SelectedEffect]) -> list[SelectedEffect]:
-    """Return effects whose errors also count what another shape of the grid would change, by how likely it is.
-
-    Two waves of friction over a short travel fit alike, and the amplitudes of one say nothing of the other's. Shapes
-    that are refined have an error of their own.
-
-    Source: Hoeting, Madigan, Raftery and Volinsky 1999, "Bayesian model averaging: a tutorial", for the variance.
-
-    Args:
-        search: the search.
-        effects: what it found, with numbers.
-    """
-    shown, bare, found = with_columns(effects), search.problem.regression(nuisance=False), []
-    for one in effects:
-        grid = one.effect.grid(bare.motion, one.joints) if one in shown and not one.effect.steps else []
-        shapes = [shape for shape in grid if list(one.effect.amplitudes(shape)) == one.amplitudes]
-        if len(shapes) < 2 or search.problem.arm is not None:
-            found.append(one)
-            continue
-        rest = with_selected(bare, [other for other in shown if other is not one])
-        made = whitened_columns(rest, one.effect, one.joints, shapes)
-        tests = [significance_test(rest, {j: C[k] for j, C in made.items()}) for k in range(len(shapes))]
-        lead = np.array([test.gain for test in tests])
-        weights = np.exp(0.5 * (lead - lead.max())) / np.sum(np.exp(0.5 * (lead - lead.max())))
-        own = np.array([one.values[name] for name in one.amplitudes])
-        more = np.sqrt(weights @ np.array([(test.amplitudes - own) ** 2 for test in tests]))
-        errors = {name: float(np.hypot(one.std_errors[name], x)) for name, x in zip(one.amplitudes, more, strict=True)}
-        found.append(replace(one, std_errors=one.std_errors | errors))
-    return found
-
-
 def lead_over_always(regression: WhitenedRegression, selected: Sequence[SelectedEffect], k: int) -> tuple[float, float]:
     """Return by how much more an effect explains when it acts since the earlier logs than when it always did, twice.
 
