@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
+from dynid.estimation.least_squares import symmetric_root
 from dynid.estimation.rows import ObservationRows, joined, runs
 from dynid.scratch import Growing, median, release
 from dynid.signals.filters import decimate, pulse, pulse_width
@@ -88,7 +89,9 @@ def hac_covariances(
         scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
         bread = scale[:, None] * np.linalg.inv(scale[:, None] * sensitivity * scale) * scale
     wanted = bread if of is None else bread[of]
-    covariance = uncorrected = np.asarray(wanted @ long_run_variance(series, lags) @ wanted.T)
+    # Why by a root: of parameters that the log hardly tells the product of three would be no covariance, by rounding.
+    spread = wanted @ symmetric_root(long_run_variance(series, lags))
+    covariance = uncorrected = np.asarray(spread @ spread.T)
     if corrected and instants <= tuning.SHORT_LOG_INSTANTS:
         factor = short_log_factor([joined(run) for run in runs(short)], bread, noise, lags, of)
         covariance = covariance * np.outer(factor, factor)

@@ -140,3 +140,15 @@ def test_uncorrected_error_bars_are_those_before_the_correction():
     for found in hac_covariances([rows], fit.theta, fit.noise, corrected=False):
         np.testing.assert_array_equal(found, before)
     assert np.all(np.diagonal(corrected) > np.diagonal(before))
+
+
+def test_parameters_that_the_log_hardly_tells_have_a_covariance_all_the_same():
+    """The correlation of no two numbers is more than one, also where columns differ by rounding alone."""
+    rng = np.random.default_rng(5)
+    W = ar1(rng, (400, 6), 0.95).reshape(400, 2, 3)
+    nearly = W @ rng.standard_normal((3, 3)) + 1e-5 * rng.standard_normal((400, 2, 3))
+    segment = dense_rows(np.concatenate([W, nearly], axis=2), ar1(rng, (400, 2), 0.5))
+    for covariance in hac_covariances([segment], np.zeros(6), np.ones(2)):
+        spread = np.sqrt(np.diagonal(covariance))
+        assert np.array_equal(covariance, covariance.T)
+        assert (np.abs(covariance) <= (1 + 1e-9) * np.outer(spread, spread)).all()
