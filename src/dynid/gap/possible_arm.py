@@ -105,13 +105,15 @@ def reduced(regression: WhitenedRegression, more: Sequence[EffectColumns] = ()) 
     if other:
         side = gram[np.ix_(other, order)]
         kept = kept - side.T @ _inverse(gram[np.ix_(other, other)]) @ side
-    # Why of the rows before: a direction that is eliminated has nothing but rounding left.
-    size = np.sqrt(np.maximum(np.diag(gram)[:p], 1e-300))
+    # Why of the rows before: a direction that is eliminated has nothing but rounding left. What no row sees is zero,
+    # not rounding: on a scale of its own, rounding would tell a number.
+    length = np.sqrt(np.maximum(np.diag(gram)[:p], 0.0))
+    size = np.where(length > 0.0, length, 1.0)
     values, V = np.linalg.eigh(kept[:p, :p] / np.outer(size, size))
     seen = values > NONE * values[-1]
     root = np.sqrt(values[seen])
     r = V[:, seen].T @ (kept[:p, p] / size) / root
-    return ReducedRows(root[:, None] * V[:, seen].T * size, r, float(kept[p, p] - r @ r))
+    return ReducedRows(root[:, None] * V[:, seen].T * length, r, float(kept[p, p] - r @ r))
 
 
 def best_possible(regression: WhitenedRegression, base: BaseModel) -> Floats:
@@ -168,7 +170,8 @@ def least_gain(
 
 def _inverse(matrix: Floats) -> Floats:
     """Return the inverse of a positive semi-definite matrix, zero along directions that it does not see."""
-    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    length = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    size = np.where(length > 0.0, length, 1.0)
     inverse = np.linalg.pinv(matrix / np.outer(size, size), rcond=NONE, hermitian=True)
     return np.asarray(inverse / np.outer(size, size))
 

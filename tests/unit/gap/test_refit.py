@@ -1,6 +1,5 @@
 """Sizes that were put in come back with errors that hold, and the held-out gap shrinks by what was explained."""
 
-
 import numpy as np
 import pytest
 
