@@ -123,7 +123,7 @@ def _instead(
 
 def _price(regression: WhitenedRegression, one: EffectColumns) -> float:
     """Return what the freedom of an effect costs (BIC)."""
-    return len(next(iter(one.values()))) * float(np.log(sum(len(e) for e in regression.fit.e)))
+    return len(next(iter(one.values()))) * float(np.log(max(1, sum(len(e) for e in regression.fit.e))))
 
 
 def with_rivals(analysis: GapAnalysis, rivals: Mapping[int, Key]) -> GapAnalysis:

@@ -75,8 +75,9 @@ def improvement_figure(
     axis = figure.subplots()
     place = np.arange(len(joints))
     axis.barh(place - 0.19, improvement.before, 0.36, color=RESIDUAL, label="before")
-    error = np.abs(improvement.ratio.T * improvement.before - improvement.after)
-    error = np.where(np.isfinite(error), error, 0.0)
+    # Why: of few rows an interval has no upper end.
+    ratio = np.where(np.isfinite(improvement.ratio), improvement.ratio, np.nan)
+    error = np.nan_to_num(np.abs(ratio.T * improvement.before - improvement.after))
     axis.barh(
         place + 0.19,
         improvement.after,
