@@ -4,7 +4,8 @@ inside their 95 % intervals.
 PYTHONPATH=src python benchmarks/payloads.py [../shared/data] > benchmarks/payloads.md
 
 Pinocchio gives the torques of arm and load. The arm is identified without the load from another motion; friction then
-changes by 10 % and the gains of all joints are wrong in both logs, by up to 8 %, each joint's own or all joints' alike.
+changes by 10 % and the gains of all joints are wrong in both logs, by up to 8 or 25 %, each joint's own or all joints' alike,
+and the robot file says so or not.
 Into recordings a load is put as the torque of a rigid body that Pinocchio computes.
 """
 
@@ -24,9 +25,12 @@ from dynid.errors import DynidError
 from random_arms import ARMS, Arm
 from real_arms import part
 
-#: What is wrong with the gains: how large their error is said to be, and whether each joint has its own.
-GAINS = {"exact": (0.0, False), "all alike": (0.05, False), "each its own": (0.05, True)}
-WORST_GAIN = 0.08
+#: What is wrong with the gains: how large their error is said to be, how large it is at most, and whether each joint has
+#: its own.
+GAINS = {
+    "exact": (0.0, 0.0, False), "all alike": (0.05, 0.08, False), "each its own": (0.05, 0.08, True),
+    "each its own, not told": (0.0, 0.08, True), "far off, not told": (0.0, 0.25, True),
+}  # fmt: skip
 #: What the arms have and the model lacks.
 HIDDEN = {
     "nothing": (), "ripple, load friction": ("ripple", "load"), "angles, Stribeck": ("angle", "stribeck"),
@@ -115,8 +119,8 @@ def simulated(seeds: int) -> Iterator[tuple[str, str, float, np.ndarray, np.ndar
             rng = np.random.default_rng(1000 * index + k)
             arm = Arm(robot, 300 + 10 * index + k, mass)
             clean = arm.log(1, *KEPT, HIDDEN[hidden])
-            for how, (said, own) in GAINS.items():
-                gains = 1.0 + rng.uniform(-WORST_GAIN, WORST_GAIN, robot.n if own else 1) * (said > 0.0)
+            for how, (said, worst, own) in GAINS.items():
+                gains = 1.0 + rng.uniform(-worst, worst, robot.n if own else 1)
                 known = replace(robot, torque=replace(robot.torque, gain_error=said))
                 try:
                     kept = identify(known, replace(clean, tau=clean.tau * gains), IdentifyOptions(holdout=None))

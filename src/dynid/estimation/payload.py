@@ -114,12 +114,11 @@ def find_payload(loaded: Identification, unloaded: Identification) -> Identified
         if not result.factors.size:
             raise WrongUsage(f"{result.label} holds no triangular factors", fix="identify its log again")
     problem = LoadProblem.of(loaded, unloaded, K)
-    found = fitted_body(*problem.solved(0.0))
-    if loaded.robot.torque.scale_error > 0.0:
-        # Why not with the loaded log's own parameters: their noise would seem to tell the scale of the torques.
-        problem = replace(problem, torque=problem.kept.theta + K @ found.body.parameters())
-        found = fitted_body(*problem.solved(loaded.robot.torque.scale_error))
-    return found
+    found = fitted_body(*problem.solved(0.0, 0.0)[:3])
+    # Why not with the loaded log's own parameters: their noise would seem to tell the scale of the torques.
+    problem = replace(problem, torque=problem.kept.theta + K @ found.body.parameters())
+    told = loaded.robot.torque.scale_error
+    return fitted_body(*problem.solved(told, problem.own_scale_error(told))[:3])
 
 
 @dataclass(frozen=True)
@@ -158,17 +157,34 @@ class LoadProblem:
         rows = centred(loaded.factors / unknown[:, None, None], 0, loaded.plain)
         return cls(replace(kept, error=None), rows, loaded.theta, free, K, error is not None)
 
-    def solved(self, scale_error: float) -> tuple[Floats, Floats, float]:
+    def own_scale_error(self, told: float) -> float:
+        """Return how far the gains of joints are off beyond what is told, each by itself, as a share.
+
+        Each joint weighs the load with its own gain. Where they disagree by more than their errors, the evidence of the
+        rows says by how much.
+
+        Args:
+            told: what the robot file says of the torque's scale.
+        """
+        sizes = np.array(tuning.OWN_SCALE_ERRORS)
+        evidence = np.array([self.solved(told, x)[3] for x in sizes.tolist()])
+        weight = np.exp(evidence - evidence.max())
+        return float(np.sqrt(weight @ sizes**2 / weight.sum()))
+
+    def solved(self, scale_error: float, own: float) -> tuple[Floats, Floats, float, float]:
         """Return rows R, (10, 10), and r, (10,), with R x = r of the load, and how badly a load explains the change.
+
+        Last comes the log evidence of the rows, up to a constant that no scale error changes.
 
         Unknown are the base parameters and the residual model, known by the posterior; what friction has changed by;
         the gain of each joint, which was the same without the load but for its drift; and the load.
 
         Args:
             scale_error: standard deviation of the torque's scale, as a share.
+            own: the same of each joint's own, beyond that.
         """
         p, f, ten, theta = len(self.torque), len(self.free), self.K.shape[1], self.kept.theta
-        moved, share = self._gains(scale_error)
+        moved, share = self._gains(scale_error, own)
         g = p + f + len(share)
         rows, alone = [], []
         for j in range(len(self.factors)):
@@ -178,9 +194,9 @@ class LoadProblem:
             change[:, p + f : g] = moved
             change[:, p + f + j : g : len(self.factors)] += self.torque[:, None]
             change[:, g:] = self.K
-            left, own = self._without_error(j, change)
+            left, unloaded = self._without_error(j, change)
             rows.append(left)
-            alone.append(own)
+            alone.append(unloaded)
         known = np.zeros((p + f + len(share), g + ten + 1))
         known[:p, :p] = self.kept.root()
         known[:p, -1] = known[:p, :p] @ theta
@@ -190,17 +206,21 @@ class LoadProblem:
         # Why: free parameters leave this of the loaded log; what a load leaves beyond it has changed in another way.
         beyond = max(0.0, float(R[-1, -1] ** 2 - free[-1, -1] ** 2))
         freedom = max(1, int(np.linalg.matrix_rank(self.kept.root())) - ten - f)
-        return R[g : g + ten, g:-1], R[g : g + ten, -1], beyond / freedom
+        prior = np.linalg.slogdet(share)[1] if len(share) else 0.0
+        told = np.log(np.maximum(np.abs(np.diagonal(R)[:-1]), 1e-300)).sum()
+        evidence = -0.5 * float(R[-1, -1] ** 2) - float(told) - 0.5 * float(prior)
+        return R[g : g + ten, g:-1], R[g : g + ten, -1], beyond / freedom, evidence
 
-    def _gains(self, scale_error: float) -> tuple[Floats, Floats]:
+    def _gains(self, scale_error: float, own: float) -> tuple[Floats, Floats]:
         """Return how gains that are wrong move the kept parameters, (p, k), and their covariance, (k, k).
 
         k is n for each cause: the same in both logs, and of a real arm different ones.
         """
         n, moved, shares = len(self.factors), [np.zeros((len(self.torque), 0))], [np.zeros((0, 0))]
-        if scale_error > 0.0:
+        if scale_error > 0.0 or own > 0.0:
+            common = tuning.COMMON_SCALE_SHARE * scale_error**2
             moved.append(-self._moved())
-            shares.append(scale_error**2 * (tuning.COMMON_SCALE_SHARE + (1.0 - tuning.COMMON_SCALE_SHARE) * np.eye(n)))
+            shares.append(common + ((1.0 - tuning.COMMON_SCALE_SHARE) * scale_error**2 + own**2) * np.eye(n))
         if self.real:
             moved.append(np.zeros((len(self.torque), n)))
             shares.append(tuning.SCALE_DRIFT**2 * np.eye(n))

@@ -313,6 +313,9 @@ LOAD_LEAST_KG = 0.05
 #: Share of the variance of the torque's scale that all joints have in common: one data sheet, one ageing.
 #: evidence: none yet.
 COMMON_SCALE_SHARE = 0.75
+#: How far each joint's gain may be off by itself, as a share: sizes that the evidence of a loaded log weighs.
+#: evidence: benchmarks/payloads.md, gains that the robot file does not tell.
+OWN_SCALE_ERRORS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
 #: By how much the torque scale of a real arm's joint differs between two recordings, as a share: its sensors and drives
 #: get warm. Chosen on recordings of the LWR4+, in which a scale 0.5 % wrong at the shoulder weighs 50 g at the flange.
 #: evidence: those figures.
