@@ -194,9 +194,9 @@ class LoadProblem:
             change[:, p + f : g] = moved
             change[:, p + f + j : g : len(self.factors)] += self.torque[:, None]
             change[:, g:] = self.K
-            left, unloaded = self._without_error(j, change)
+            left, bare = self._without_error(j, change)
             rows.append(left)
-            alone.append(unloaded)
+            alone.append(bare)
         known = np.zeros((p + f + len(share), g + ten + 1))
         known[:p, :p] = self.kept.root()
         known[:p, -1] = known[:p, :p] @ theta
