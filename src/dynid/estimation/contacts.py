@@ -3,7 +3,8 @@
 The threshold is a multiple of the size that the residual model and the posterior expect of the outside torque without a
 contact, joint by joint and instant by instant. The multiple follows from the rate at which a low-pass noise crosses a
 level (Rice 1944), with a size that is itself uncertain: the multiple of Student's distribution. Where a log is rougher
-than expected its own median says so. A joint that sticks may carry anything up to its static friction.
+than expected its own median says so. Friction is no noise: it holds for as long as the arm is warm, and adds to the
+threshold what it may differ by. A joint that sticks may carry anything up to its static friction.
 
 A position that was sent twice looks like a blow: the observer sees a momentum that comes and goes without a torque. So
 the size holds what momentum is uncertain by, from how far each position lies beside the cubic through its neighbours.
@@ -174,7 +175,7 @@ def inertial_columns(result: Identification) -> NDArray[np.bool_]:
 def _segment(
     result: Identification, segment: Segment, log: ConditionedLog, ends: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return times, outside torque, its expected size without a contact, and what static friction may hold.
+    """Return times, outside torque, its expected size without a contact, and what friction may hold.
 
     Args:
         result: the identified arm.
@@ -207,7 +208,7 @@ def _segment(
     found = MomentumObserver(observer, result.theta, inertial, tuning.OBSERVER_GAIN)
     torque = found.run(q, qd, segment.tau, other, dt)
     doubt = found.gain * found.momentum_size(q, _unsteadiness(q, dt))
-    hold, doubt = (_spread(x, dt, log.filter.cutoff) for x in (_sticking(result, qd), doubt))
+    hold, doubt = (_spread(x, dt, log.filter.cutoff) for x in (_friction_doubt(result, qd), doubt))
     kept = slice(round(ends / dt), len(q) - round(ends / dt))
     return segment.t[kept], torque[kept], np.sqrt(variance + noise**2 + doubt**2)[kept], hold[kept]
 
@@ -225,17 +226,23 @@ def _unsteadiness(q: Floats, dt: float) -> Floats:
     return found
 
 
-def _sticking(result: Identification, qd: Floats) -> Floats:
-    """Return by how much friction may differ from what the model says where a joint may stick, (N, n) [N m or N]."""
-    speed = np.array(result.robot.coulomb_shape.velocity)
-    slow = np.abs(qd) < tuning.STICKING_SPEEDS * speed
-    return np.asarray(np.where(slow, (1.0 + tuning.STATIC_SHARE) * coulomb_sizes(result), 0.0))
+def _friction_doubt(result: Identification, qd: Floats) -> Floats:
+    """Return by how much friction may differ from what the model says, (N, n) [N m or N]."""
+    slow = np.abs(qd) < tuning.STICKING_SPEEDS * np.array(result.robot.coulomb_shape.velocity)
+    coulomb, viscous = friction_sizes(result, "fc"), friction_sizes(result, "fv")
+    moving = tuning.FRICTION_LEVEL * (coulomb + viscous * np.abs(qd))
+    return np.asarray(np.where(slow, (1.0 + tuning.STATIC_SHARE) * coulomb, moving))
 
 
-def coulomb_sizes(result: Identification) -> Floats:
-    """Return the size of the Coulomb friction of each joint, 0 where it has none, (n,) [N m or N]."""
+def friction_sizes(result: Identification, kind: str) -> Floats:
+    """Return the size of a coefficient of each joint's friction, 0 where it has none, (n,) [SI units].
+
+    Args:
+        result: the identified arm.
+        kind: ``fc`` for Coulomb, ``fv`` for viscous friction.
+    """
     values = dict(zip(result.names, result.theta.tolist(), strict=True))
-    return np.array([abs(values.get(f"fc{j + 1}", 0.0)) for j in range(result.robot.n)])
+    return np.array([abs(values.get(f"{kind}{j + 1}", 0.0)) for j in range(result.robot.n)])
 
 
 def _spread(x: Floats, dt: float, cutoff: float) -> Floats:

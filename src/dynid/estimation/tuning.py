@@ -376,6 +376,10 @@ STICKING_SPEEDS = 5.0
 #: Share of its Coulomb friction that static friction may be on top of it. evidence: benchmarks/contacts.md; the last
 #: joint of the UR10 breaks away at three times its Coulomb friction, and alarms with 0.5.
 STATIC_SHARE = 1.0
+#: Share by which the friction of a moving joint may differ from that of the fitted recordings.
+#: evidence: Coulomb friction of 70 joints in pairs of recordings of five real arms differs by 9 % in the median;
+#: benchmarks/contacts.md, simulated arms that are warmer by 5 and 10 %.
+FRICTION_LEVEL = 0.1
 #: Share of a log above the threshold from which it is more likely that the arm has changed than that it was touched.
 #: evidence: benchmarks/contacts.md, simulated arms with a payload or warm gears.
 CONTACT_CHANGED = 0.15

@@ -314,6 +314,8 @@ class _Writer:
             inertial=", ".join(str(int(value)) for value in watched.inertial),
             size=row(watched.size),
             holding=row(watched.holding),
+            coulomb=row(watched.coulomb),
+            viscous=row(watched.viscous),
             slow=row(watched.slow),
             residual="    residual(q, qd, Y, rest);\n    for (i = 0; i < DYNID_N; i++) u[i] -= rest[i];\n"
             if arm.predicted_error is not None

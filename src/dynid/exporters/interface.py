@@ -54,6 +54,8 @@ class Watched:
         size: expected size of the torque from outside without a contact, (n,) [N m or N].
         multiple: how many times that size is a contact.
         holding: what static friction may hold, (n,) [N m or N].
+        coulomb: what the Coulomb friction of a moving joint may differ by, (n,) [N m or N].
+        viscous: what its viscous friction may differ by, (n,) [N m s/rad or N s/m].
         slow: speed below which a joint may stick, (n,) [rad/s or m/s].
     """
 
@@ -62,6 +64,8 @@ class Watched:
     size: NDArray[np.float64]
     multiple: float
     holding: NDArray[np.float64]
+    coulomb: NDArray[np.float64]
+    viscous: NDArray[np.float64]
     slow: NDArray[np.float64]
 
 

@@ -11,8 +11,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import expit
+from scipy.stats import chi2
 
-from dynid.estimation.possible_arm import fit_sized
+from dynid.estimation.possible_arm import PhysicalParameters, fit_sized
+from dynid.gap import tuning
 from dynid.gap.possible_arm import (
     COUNTERBALANCE,
     LEAST_GAIN,
@@ -30,6 +33,8 @@ from dynid.gap.stepwise_selection import EQUAL
 from dynid.gap.verdict import judge
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
 from dynid.model.effects.interface import Floats
+from dynid.model.parameters import link_cylinders
+from dynid.robot import Robot
 
 if TYPE_CHECKING:
     from dynid.gap.analysis import GapAnalysis
@@ -47,30 +52,68 @@ class Suspicion:
 
     Attributes:
         joint: its index.
-        gain: drop of twice the objective after the price of its freedom, links as heavy as fit best jointly with it.
-        least: the same, the least over heavier links too.
-        link: number of the link whose mass it changes most.
+        gains: drop of twice the objective after the price of its freedom, for ``MASSES`` of the prior's links over
+            those that fit best jointly with it.
+        link: number of the link that it changes most.
         masses: of that link without and with the counterbalance [kg].
+        moved: how far that link's centre of mass lies elsewhere without it [m].
+        length: of that link [m].
+        offsets: torque offsets of the joint without and with it, and its Coulomb friction [N m].
+        sizes: its amplitudes, and their standard errors, (2, 2) [N m].
+        chance: of such a gain where there is no counterbalance.
         instead: the effect that was named on this joint and brings as much, or little more; None for none.
         beaten: whether that one is clearly worse.
     """
 
     joint: int
-    gain: float
-    least: float
+    gains: tuple[float, ...]
     link: int
     masses: tuple[float, float]
+    moved: float
+    length: float
+    offsets: tuple[float, float, float]
+    sizes: Floats
+    chance: float
     instead: Key | None = None
     beaten: bool = False
 
     @property
+    def gain(self) -> float:
+        """What it brings to links as heavy as fit best jointly with it."""
+        return self.gains[0]
+
+    @property
     def sure(self) -> bool:
         """Whether no heavier links would do as well."""
-        return self.least >= LEAST_GAIN
+        return min(self.gains) >= LEAST_GAIN
+
+    @property
+    def searched(self) -> bool:
+        """Whether it is worth a search with possible links."""
+        return self.gain >= LEAST_GAIN
+
+    @property
+    def probability(self) -> float:
+        """That it is there, whatever the links weigh, (0, 1)."""
+        likely = expit(np.array(self.gains) / 2 - tuning.COUNTERBALANCE_RARE)
+        chance = np.exp(-0.5 * (np.log(MASSES) / tuning.MASS_SPREAD) ** 2)
+        return float(likely @ chance / chance.sum())
+
+    @property
+    def odd(self) -> str:
+        """What the arm would have to be without it; nothing where it is an arm like others."""
+        (without, with_it), (offset, usual, friction) = self.masses, self.offsets
+        if without > tuning.ODD_TIMES * with_it:
+            return f"link {self.link} would weigh {without:.3g} kg instead of {with_it:.3g} kg"
+        if self.moved > self.length:
+            return f"the centre of mass of link {self.link} would lie {self.moved:.2g} m from where it lies with it"
+        if abs(offset) > tuning.ODD_TIMES * max(abs(usual), friction):
+            return f"the joint's torque would have an offset of {offset:.3g} N m instead of {usual:.2g} N m"
+        return ""
 
 
 def suspicions(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[Suspicion]:
-    """Return the joints that are likely to have a counterbalance.
+    """Return the joints that are likely to have a counterbalance: worth a search, or else told by the odd link.
 
     Args:
         problem: a search of what no numbers absorb.
@@ -91,9 +134,11 @@ def _suspected(regression: WhitenedRegression, problem: GapProblem) -> list[Susp
     for joint, one in imitated_counterbalances(regression, problem.base).items():
         price = _price(regression, one)
         gain = least_gain(regression, arm, one, MASSES[:1]) - price
-        if gain >= LEAST_GAIN:
-            least = least_gain(regression, arm, one) - price
-            found.append(Suspicion(joint, gain, least, *_carrier(regression, arm, one)))
+        if gain / 2 > tuning.COUNTERBALANCE_RARE:
+            gains = (gain, *(least_gain(regression, arm, one, [mass]) - price for mass in MASSES[1:]))
+            suspicion = _described(regression, arm, problem.base.robot, joint, one, gains)
+            if suspicion.searched or suspicion.odd:
+                found.append(suspicion)
     return found
 
 
@@ -144,16 +189,68 @@ def with_rivals(analysis: GapAnalysis, rivals: Mapping[int, Key]) -> GapAnalysis
     return replace(analysis, effects=effects, verdict=verdict)
 
 
-def _carrier(regression: WhitenedRegression, arm: PossibleArm, one: EffectColumns) -> tuple[int, tuple[float, float]]:
-    """Return the number of the link whose mass a counterbalance changes most, and its mass without and with it."""
-    without, with_it = (_masses(regression, arm, more) for more in ((), (one,)))
-    k = int(np.argmax(np.abs(without - with_it)))
-    parameters, bodies = arm.constraints.parameters, arm.constraints.bodies
-    return parameters[bodies[k, 0]].number, (float(without[k]), float(with_it[k]))
+def _described(
+    regression: WhitenedRegression,
+    arm: PossibleArm,
+    robot: Robot,
+    joint: int,
+    one: EffectColumns,
+    gains: tuple[float, ...],
+) -> Suspicion:
+    """Return a suspicion with the link that a counterbalance changes most, and its own size.
+
+    Args:
+        regression: the rows, without it.
+        arm: the prior of possible links.
+        robot: the robot.
+        joint: whose axis it is.
+        one: its columns.
+        gains: drop of twice the objective after its price, for several masses of the links.
+    """
+    without, with_it = _fitted(regression, arm, ()), _fitted(regression, arm, (one,))
+    bodies = arm.constraints.bodies
+    mass, other = without.x[bodies[:, 0]], with_it.x[bodies[:, 0]]
+    k = int(np.argmax(np.abs(mass - other)))
+    centres = [fit.x[bodies[k, 1:4]] / fit.x[bodies[k, 0]] for fit in (without, with_it)]
+    offsets = [
+        dict(zip(fit.names, fit.x.tolist(), strict=True)).get(f"fo{joint + 1}", 0.0) for fit in (without, with_it)
+    ]
+    friction = dict(zip(with_it.names, with_it.x.tolist(), strict=True)).get(f"fc{joint + 1}", 0.0)
+    number = arm.constraints.parameters[bodies[k, 0]].number
+    ends = link_cylinders(robot)[number - 1]
+    return Suspicion(
+        joint=joint,
+        gains=gains,
+        link=number,
+        masses=(float(mass[k]), float(other[k])),
+        moved=float(np.linalg.norm(centres[0] - centres[1])),
+        length=float(np.linalg.norm(ends[1] - ends[0])),
+        offsets=(*offsets, friction),
+        sizes=_sizes(regression, arm, one, with_it),
+        chance=float(chi2.sf(gains[0] + _price(regression, one), len(next(iter(one.values()))))),
+    )
 
 
-def _masses(regression: WhitenedRegression, arm: PossibleArm, more: Sequence[EffectColumns]) -> Floats:
-    """Return the masses of the best possible links jointly with further columns, (L,) [kg]."""
+def _sizes(regression: WhitenedRegression, arm: PossibleArm, one: EffectColumns, fit: PhysicalParameters) -> Floats:
+    """Return amplitudes and standard errors of a counterbalance beside possible links, (2, k) [N m].
+
+    Args:
+        regression: the rows, without it.
+        arm: the prior of possible links.
+        one: its columns.
+        fit: the possible links beside it.
+    """
+    wide = replace(regression, prior=None, effects=(one,))
+    p, k = regression.segments[0].W.shape[2], len(next(iter(one.values())))
+    gram = wide.gram.sum(axis=0)
+    its = np.arange(len(gram) - 1 - k, len(gram) - 1)
+    side, inverse = gram[its, :p], np.linalg.pinv(gram[np.ix_(its, its)])
+    size = inverse @ (gram[its, -1] - side @ arm.K @ fit.x)
+    spread = inverse + inverse @ side @ arm.K @ fit.covariance @ arm.K.T @ side.T @ inverse
+    return np.array([size, np.sqrt(np.diagonal(spread))])
+
+
+def _fitted(regression: WhitenedRegression, arm: PossibleArm, more: Sequence[EffectColumns]) -> PhysicalParameters:
+    """Return the best possible links jointly with further columns."""
     rows = reduced(regression, more)
-    x = fit_sized(rows.R @ arm.K, rows.r, arm.given)[0].x
-    return np.asarray(x[arm.constraints.bodies[:, 0]])
+    return fit_sized(rows.R @ arm.K, rows.r, arm.given)[0]

@@ -104,6 +104,12 @@ def _gap(evidence: Evidence, states: dict[str, str]) -> list[Step]:
     if gap.unrepeatable and not gap.events:
         why = f"Look for contacts, cables or a drifting sensor on {', '.join(gap.unrepeatable)}, then record again."
         found.append(Step(why, shell("dynid", "check", logs[0], "--robot", evidence.robot), ("complete",)))
+    elif gap.effects and gap.effects[0].effect == "counterbalance" and not gap.ambiguous:
+        # Why no motion: links of another mass make the same torques in every one.
+        link = gap.joints.index(gap.effects[0].joint) + 1
+        why = f"Give the mass of link {link} and a box around its centre of mass, from its drawing, and identify again."
+        command = f"{shell('dynid', 'identify', evidence.robot, *_logs(evidence))} --link-mass {link}=LOW:HIGH"
+        found.append(Step(why, f"{command} --com-box {link}=X,Y,Z:X,Y,Z", ("complete", "physics", "fit")))
     else:
         file = str(PurePath(evidence.result).parent / "gap.npz") if evidence.result else "GAP.npz"
         why = "Record the motion that decides, each run twice: repeats tell noise from effect."

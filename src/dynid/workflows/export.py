@@ -383,17 +383,20 @@ def watched(result: Identification) -> Watched:
     import numpy as np
 
     from dynid.estimation import tuning
-    from dynid.estimation.contacts import coulomb_sizes, inertial_columns, multiple
+    from dynid.estimation.contacts import friction_sizes, inertial_columns, multiple
     from dynid.exporters.interface import Watched
 
     noise = result.noise if result.expected is None else result.expected.noise
     speed = np.array(result.robot.coulomb_shape.velocity)
+    coulomb, viscous = friction_sizes(result, "fc"), friction_sizes(result, "fv")
     return Watched(
         gain=tuning.OBSERVER_GAIN,
         inertial=inertial_columns(result),
         size=noise,
         multiple=multiple(1.0, result.robot.n, 0.0),
-        holding=(1.0 + tuning.STATIC_SHARE) * coulomb_sizes(result),
+        holding=(1.0 + tuning.STATIC_SHARE) * coulomb,
+        coulomb=tuning.FRICTION_LEVEL * coulomb,
+        viscous=tuning.FRICTION_LEVEL * viscous,
         slow=tuning.STICKING_SPEEDS * speed,
     )
 

@@ -41,8 +41,6 @@ EXTRAPOLATES = 1.5
 #: Longer recordings are searched in stretches that are so long together [s]: whitened columns of a hundred candidates
 #: of eight minutes take half a gigabyte.
 LONGEST = 480.0
-#: A link that would be so many times as heavy is told.
-TOLD_MASS = 2.0
 
 
 @public
@@ -333,9 +331,10 @@ class _Search:
         suspected = [
             one for one in suspected if not effects or COUNTERBALANCE in effects if not joints or one.joint in joints
         ]
-        if not suspected:
-            return self._with_formulas(found)
         names = self.base.robot.joint_names
+        if not any(one.searched for one in suspected):
+            return _with_likely(self._with_formulas(found), suspected, names)
+        suspected = [one for one in suspected if one.searched]
         why = f"{found.asked} {_suspected(suspected, names)}: {ASKED['arm']}"
         places = [(one.joint,) for one in suspected]
         named = [(one.effect, one.indices) for one in found.named]
@@ -345,18 +344,55 @@ class _Search:
             assert odd.analysis is not None
             equal = {one.joint: one.instead for one in suspected if one.instead is not None and not one.beaten}
             return self._with_formulas(replace(odd, analysis=with_rivals(odd.analysis, equal)))
-        return replace(self._with_formulas(found), asked=f"{why} {_not_told(suspected, odd)}")
+        found = replace(self._with_formulas(found), asked=f"{why} {_not_told(suspected, odd)}")
+        return _with_likely(found, suspected, names)
 
 
 def _suspected(suspected: Sequence[Suspicion], names: Sequence[str]) -> str:
     """Return why effects are searched that only implausible links could imitate."""
     said = []
     for one in suspected:
-        without, with_it = one.masses
-        heavy = f" (without it, link {one.link} would weigh {without:.3g} kg instead of {with_it:.3g} kg)"
-        shown = heavy if without > TOLD_MASS * with_it else ""
+        shown = f" (without it, {one.odd})" if one.odd else ""
         said.append(f"A counterbalance on {names[one.joint]} makes the links more plausible{shown}")
     return " and ".join(said)
+
+
+def _with_likely(gap: Gap, suspected: Sequence[Suspicion], names: Sequence[str]) -> Gap:
+    """Return an answer of which odd links are a part: they may be a counterbalance, and nothing is not the answer."""
+    from dynid.gap.possible_arm import COUNTERBALANCE
+    from dynid.gap.record import GapEffect
+    from dynid.model.effects.catalogue import CATALOGUE
+
+    if not gap.verdict.startswith("nothing"):
+        return gap
+    effect, told = CATALOGUE[COUNTERBALANCE], []
+    for one in suspected:
+        if not one.odd:
+            continue
+        name, (sizes, errors) = names[one.joint], one.sizes.tolist()
+        told.append(
+            GapEffect(
+                effect=COUNTERBALANCE,
+                indices=(one.joint,),
+                joints=(name,),
+                where=name,
+                values=dict(zip(effect.units, sizes, strict=True)),
+                std_errors=dict(zip(effect.units, errors, strict=True)),
+                units=dict(effect.units),
+                p_value=one.chance,
+                joint=name,
+                rms_before=float(gap.improvement.before[one.joint]),
+                rms_after=None,
+                unit=gap.torque_units[one.joint],
+                why_not=f"torques alone cannot tell it from an odd arm. Without it, {one.odd}",
+                probability=one.probability,
+            )
+        )
+    if not told:
+        return gap
+    links = " and ".join(dict.fromkeys(f"of link {one.link}" for one in suspected if one.odd))
+    advice = f"Give the mass {links} from the data sheet with --link-mass and identify again."
+    return replace(gap, closest=(*told, *gap.closest), verdict="unexplained", advice=advice)
 
 
 def _not_told(suspected: Sequence[Suspicion], odd: Gap) -> str:

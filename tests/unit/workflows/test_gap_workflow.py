@@ -264,6 +264,10 @@ def test_a_counterbalance_is_not_told_from_heavier_links_until_their_mass_is_kno
         "A counterbalance on shoulder makes the links more plausible (without it, link 1 would weigh" in unknown.asked
     )
     assert "Give the mass of link 1 from the data sheet" in unknown.asked
+    (one,) = [one for one in unknown.closest if one.effect == "counterbalance"]
+    assert unknown.verdict == "unexplained", "an odd link is not nothing"
+    assert one.values["b"] == pytest.approx(-40.0, abs=4 * one.std_errors["b"])
+    assert "shoulder may have counterbalance" in unknown.judgement.sentence
     known = Known(link_mass=tuple((k + 1, (0.8 * mass, 1.2 * mass)) for k, mass in enumerate(twolink.MASS)))
     (one,) = find_gap(identify(replace(arm, known=known), logs[::2]), logs, options).named
     assert (one.effect, one.joints) == ("counterbalance", ("shoulder",))

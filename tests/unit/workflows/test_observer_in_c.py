@@ -66,14 +66,19 @@ def assert_equal(result, written):
     assert np.abs(found[550]).min() > 1.0, "the push is there"
 
 
-def test_the_threshold_in_c_is_larger_where_a_joint_may_stick(result, written):
+def test_the_threshold_in_c_holds_what_friction_may_differ_by(result, written):
     library, n = compiled(written), result.robot.n
-    still, fast = np.zeros(n), np.full(n, 10.0)
-    rest, moving = np.empty(n), np.empty(n)
-    library.dynid_contact_threshold(pointer(still), pointer(rest))
-    library.dynid_contact_threshold(pointer(fast), pointer(moving))
-    friction = np.array([abs(result.params.get(f"fc{j + 1}", 0.0)) for j in range(n)])
-    np.testing.assert_allclose(rest - moving, (1 + tuning.STATIC_SHARE) * friction)
+    at = {}
+    for speed in (0.0, 1.0, 2.0):
+        threshold, qd = np.empty(n), np.full(n, speed)
+        library.dynid_contact_threshold(pointer(qd), pointer(threshold))
+        at[speed] = threshold
+    coulomb, viscous = (
+        np.array([abs(result.params.get(f"{kind}{j + 1}", 0.0)) for j in range(n)]) for kind in ("fc", "fv")
+    )
+    np.testing.assert_allclose(at[2.0] - at[1.0], tuning.FRICTION_LEVEL * viscous, atol=1e-9)
+    moving = tuning.FRICTION_LEVEL * (coulomb + viscous)
+    np.testing.assert_allclose(at[0.0] - at[1.0], (1 + tuning.STATIC_SHARE) * coulomb - moving, atol=1e-9)
 
 
 def test_the_controller_of_the_docs_compiles_and_its_step_is_short(result, written):

@@ -104,7 +104,7 @@ class Counterbalance(Effect):
     """Counterbalance of an axis, by a spring or a cylinder."""
 
     name = "counterbalance"
-    title = "counterbalance of an axis (spring or cylinder)"
+    title = "counterbalance (spring or cylinder)"
     equation = "a sin(q) + b cos(q)"
     signature = (
         "one wave over a whole turn of the joint, wherever the other joints are; carries weight that no link has"
