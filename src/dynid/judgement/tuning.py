@@ -22,7 +22,8 @@ UNSEEN_FAIR = 15.0
 #: An error so many times the expected one is worse than expected, and far worse. evidence: predicted_errors.md: 95 %
 #: of simulated arms stay below 1.5 times; payloads and wrong mappings begin at 4 times.
 EXPECTED = (1.5, 3.0)
-#: Error of a joint over its noise up to which nothing is missing: of noise from repeats, and of a lower bound.
+#: Error of a joint over its noise up to which nothing is missing: where repeats tell the noise, and where only a
+#: lower bound of it is known.
 #: evidence: gap_blind.md, clean logs reach 1.25
 #: between reversals and 1.5 with them; named effects begin at 1.4.
 MISSING = (1.5, 2.0)
