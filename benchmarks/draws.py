@@ -30,7 +30,7 @@ from real_arms import pairs
 COUNT = 1000
 
 
-def torques(parts, log, result, theta, factors):
+def torques(parts, log, result, theta, factors, own=None):
     """Return torques of draws, (D, M, n), and what was measured, (M, n), on usable rows."""
     observer, error = result.base.observer, result.model_error
     found, measured, usable = [], [], []
@@ -38,6 +38,9 @@ def torques(parts, log, result, theta, factors):
         tau = np.einsum("mjp,dp->dmj", rows.W, theta, optimize=True)
         if error is not None and factors is not None:
             tau += np.einsum("mjk,djk->dmj", error.columns(rows, log, observer), factors, optimize=True)
+            tau[:, :, error.joints_apart] += np.einsum(
+                "map,dap->dma", rows.W[:, error.joints_apart], own, optimize=True
+            )
         found.append(tau)
         measured.append(rows.tau)
         usable.append(rows.mask)
@@ -86,7 +89,7 @@ def main() -> None:
             checked = checked_log(log, result.robot, options, identify=False)
             there = scaled(condition_logs([checked], result.base.model, options, SILENT), result.base, result.theta)[0]
             rows = [*LogRows(there, result.base)]
-            tau, measured, usable = torques(rows, there, result, drawn.theta, drawn.residual)
+            tau, measured, usable = torques(rows, there, result, drawn.theta, drawn.residual, drawn.own)
             low, high = band(tau, drawn.noise, rng)
             covered = 100 * np.mean(((measured >= low) & (measured <= high))[usable])
             by_arm.setdefault(pair.name.split(" ")[0], []).append(covered)

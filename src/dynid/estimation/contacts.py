@@ -172,6 +172,12 @@ def inertial_columns(result: Identification) -> NDArray[np.bool_]:
     return np.array([kind not in ("fv", "fc", "fo", "fvc", "fcc", "effect") for kind in kinds])
 
 
+def own_parameters(result: Identification) -> dict[int, Floats]:
+    """Return the base parameters of each joint that contradicts the others, (p,), by number of the joint."""
+    error = result.model_error
+    return {} if error is None else {int(j): result.theta + error.own[j] for j in error.joints_apart}
+
+
 def _segment(
     result: Identification, segment: Segment, log: ConditionedLog, ends: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
@@ -201,11 +207,12 @@ def _segment(
         variance = np.stack([np.sum((W[:, j] @ root) ** 2, axis=1) for j in range(W.shape[1])], axis=1)
     else:
         Z = orthogonal(shapes_of(q, qd, sign, error.speed), W, error.reference, error.scale, error.projection)
-        other = other + np.einsum("mjk,jk->mj", Z, error.mean)
+        own = np.einsum("mjp,jp->mj", W[:, :, ~inertial], error.own[:, ~inertial])
+        other = other + np.einsum("mjk,jk->mj", Z, error.mean) + own
         variance = error.variance(W, Z, result.covariance)
     noise = result.noise if result.expected is None else result.expected.noise
     dt = float(segment.t[1] - segment.t[0])
-    found = MomentumObserver(observer, result.theta, inertial, tuning.OBSERVER_GAIN)
+    found = MomentumObserver(observer, result.theta, inertial, tuning.OBSERVER_GAIN, own_parameters(result))
     torque = found.run(q, qd, segment.tau, other, dt)
     doubt = found.gain * found.momentum_size(q, _unsteadiness(q, dt))
     hold, doubt = (_spread(x, dt, log.filter.cutoff) for x in (_friction_doubt(result, qd), doubt))

@@ -304,14 +304,14 @@ def judge(theta: Floats, std_error: Floats, effect: Floats) -> tuple[str, ...]:
     Returns:
         One of ``WORDS`` for each parameter.
     """
-    relative = std_error / np.where(theta != 0.0, np.abs(theta), np.finfo(float).tiny)
     harmless = (std_error * effect <= tuning.HARMLESS_TORQUE) & (effect > 0.0)
     judgement = []
-    for error, small in zip(relative, harmless, strict=True):
-        if error <= tuning.WELL_ERROR or small:
-            judgement.append(KNOWN_WELL if error <= ZERO_INSIDE else NEGLIGIBLE)
+    # Why no quotient: a parameter may be zero.
+    for error, size, small in zip(std_error, np.abs(theta), harmless, strict=True):
+        if error <= tuning.WELL_ERROR * size or small:
+            judgement.append(KNOWN_WELL if error <= ZERO_INSIDE * size else NEGLIGIBLE)
         else:
-            judgement.append(KNOWN_ROUGHLY if error <= tuning.ROUGH_ERROR else NOT_DETERMINED)
+            judgement.append(KNOWN_ROUGHLY if error <= tuning.ROUGH_ERROR * size else NOT_DETERMINED)
     return tuple(judgement)
 
 

@@ -39,6 +39,7 @@ class Draws:
         names: parameters, (c,).
         x: their values, bodies possible, (D, c).
         residual: factors of the residual model's columns, (D, n, k) [N m or N]; (D, n, 0) where there is no such model.
+        own: what the parameters of joints that contradict the others differ by, (D, a, p) for a of them.
         noise: rms of what repeats in no draw, such as noise and torques without a name, (n,) [N m or N].
         seed: of the draws.
     """
@@ -47,6 +48,7 @@ class Draws:
     names: tuple[str, ...]
     x: Floats
     residual: Floats
+    own: Floats
     noise: Floats
     seed: int
 
@@ -75,6 +77,9 @@ class Draws:
             shapes = shapes_of(q, qd, result.base.observer.coulomb_sign(qd), error.speed)
             Z = orthogonal(shapes, W, error.reference, error.scale, error.projection)
             tau += np.einsum("mjk,djk->dmj", Z, self.residual, optimize=True)
+            tau[:, :, error.joints_apart] += np.einsum(
+                "map,dap->dma", W[:, error.joints_apart], self.own, optimize=True
+            )
         return np.asarray(tau)
 
     def band(
@@ -140,14 +145,18 @@ def draws(result: Identification, count: int, seed: int = 0) -> Draws:
     constraints = constraints_of(result.base)
     x = possible_draws(physical.x, symmetric_root(physical.covariance), constraints, count, rng)
     error = result.model_error
-    if error is None:
-        residual = np.zeros((count, len(result.noise), 0))
-    else:
-        z = rng.normal(size=(count, *error.mean.shape))
-        moved = np.einsum("jkp,dp->djk", error.slope, x @ K.T - K @ physical.x)
-        residual = error.mean + moved + np.einsum("jkl,djl->djk", error.root, z)
+    residual, own = np.zeros((count, len(result.noise), 0)), np.zeros((count, 0, len(K)))
+    if error is not None:
+        z, apart = rng.normal(size=(count, *error.mean.shape)), error.joints_apart
+        moved = np.repeat((x @ K.T - K @ physical.x)[:, None], len(result.noise), axis=1)
+        if len(apart):
+            d = np.einsum("apq,daq->dap", error.own_slope[apart], moved[:, apart])
+            d += np.einsum("apq,daq->dap", error.own_root[apart], rng.normal(size=d.shape))
+            own = error.own[apart] + d
+            moved[:, apart] += d
+        residual = error.mean + np.einsum("jkp,djp->djk", error.slope, moved) + np.einsum("jkl,djl->djk", error.root, z)
     noise = result.noise if result.expected is None else result.expected.noise
-    return Draws(result, physical.names, x, residual, noise, seed)
+    return Draws(result, physical.names, x, residual, own, noise, seed)
 
 
 def possible_draws(

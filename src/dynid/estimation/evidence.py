@@ -226,13 +226,15 @@ def gap_evidence(
     """
     effects = [_effect(one, named=True) for one in record["named"]]
     effects = [replace(one, corrected=_corrected(one, delay)) for one in effects]
+    closest = [_effect(one, named=False) for one in record["closest"]]
     # Why not beside "nothing": what was looked at and is none, such as a delay below the sampling, is no finding.
-    if not str(record["verdict"]).startswith("nothing"):
-        effects += [_effect(one, named=False) for one in record["closest"]]
+    nothing = str(record["verdict"]).startswith("nothing")
+    effects += [] if nothing else closest
     return GapEvidence(
         question=str(record["question"]),
         ambiguous=record["verdict"] == "ambiguous",
         effects=tuple(effects),
+        instead=tuple(one for one in closest if nothing and one.effect == "counterbalance"),
         joints=tuple(str(name) for name in record["joint_names"]),
         before=tuple(float(x) for x in arrays["before"]),
         after=tuple(float(x) for x in arrays["after"]),

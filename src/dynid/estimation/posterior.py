@@ -437,8 +437,12 @@ def expected_error(
     factors, counts = stack.whole
     root = symmetric_root(covariance)
     count = np.maximum(counts, 1)
-    spread = np.sum((factors[:, :, :-1] @ root) ** 2, axis=(1, 2)) / count
-    other = 0.0 if changes is None else np.sum((factors[:, :, :-1] @ changes) ** 2, axis=(1, 2)) / count
+    rows = factors[:, :, :-1]
+    doubt = rows @ root if error is None else [error.spread(j, W, root) for j, W in enumerate(rows)]
+    spread = np.array([np.sum(each**2) for each in doubt]) / count
+    other = np.zeros(len(spread)) if changes is None else np.sum((rows @ changes) ** 2, axis=(1, 2)) / count
+    if error is not None:
+        other = np.where(error.apart == 0.0, other, 0.0)
     size = np.sum(factors[:, :, -1] ** 2, axis=1) / count
     # Why: a fit takes from the residuals what it cannot take from those of another recording.
     noise = np.sqrt(rms**2 + np.maximum(spread - other, 0.0)) * (1.0 if error is None else tuning.UNSEEN_RESIDUAL)
@@ -452,7 +456,7 @@ def expected_error(
         sign = observer.coulomb_sign(qd)
         Z = orthogonal(shapes_of(q, qd, sign, error.speed), W, error.reference, error.scale, error.projection)
         variance = error.variance(W, Z, covariance)
-        tau = tau + np.einsum("mjk,jk->mj", Z, error.mean)
+        tau = tau + np.einsum("mjk,jk->mj", Z, error.mean) + np.einsum("mjp,jp->mj", W, error.own)
     return ExpectedError(
         _percent(np.sum(noise**2 + spread), np.sum(size)),
         _percent(np.sum(np.mean(variance, axis=0) + noise**2), np.sum(np.mean(tau**2, axis=0))),

@@ -378,6 +378,18 @@ class ModelError:
         by_column, by_parameter = self.mean_by_rows
         return np.asarray(np.einsum("mjk,jk->mj", D, by_column) + np.einsum("mjp,jp->mj", W, by_parameter))
 
+    def spread(self, j: int, W: Floats, root: Floats) -> Floats:
+        """Return how far a joint's own parameters let its torques be off, by rows of W, (M, r).
+
+        Args:
+            j: number of the joint.
+            W: its rows, (M, p), each with what its columns of the model error do by the parameters.
+            root: of the covariance of the arm's parameters, (p, q).
+        """
+        if not self.apart[j]:
+            return np.asarray(W @ root)
+        return np.hstack([(W + W @ self.own_slope[j]) @ root, W @ self.own_root[j]])
+
     def variance(self, W: Floats, Z: Floats, covariance: Floats) -> Floats:
         """Return the variance of predicted torques, noise not included, (M, n) [N^2 m^2 or N^2].
 
@@ -390,10 +402,9 @@ class ModelError:
         root = symmetric_root(covariance)
         for j in range(W.shape[1]):
             columns = W[:, j] + Z[:, j] @ self.slope[j]
-            by_theta = (columns + columns @ self.own_slope[j]) @ root if self.apart[j] else columns @ root
-            found[:, j] = np.sum(by_theta**2, axis=1) + np.sum((Z[:, j] @ self.root[j]) ** 2, axis=1)
-            if self.apart[j]:
-                found[:, j] += np.sum((columns @ self.own_root[j]) ** 2, axis=1)
+            found[:, j] = np.sum(self.spread(j, columns, root) ** 2, axis=1) + np.sum(
+                (Z[:, j] @ self.root[j]) ** 2, axis=1
+            )
         return found
 
 

@@ -32,6 +32,20 @@ _SIGN = {ADD: "+", SUB: "-", MUL: "*"}
 #: Inputs of the program that move, and the array or the function of an array that they are.
 _ARRAYS = ("q", "qd", "qdd")
 _FUNCTIONS = {"c": "cos", "s": "sin"}
+#: What the observer does for a joint whose torques contradict the others: its row of momentum and drift is that of the
+#: arm that it sees, which is no part of the residual then.
+_SEEN = """    {{
+        double apart_p[DYNID_N], apart_u[DYNID_N];
+        observer_momentum(observer_links[{k}], q, qd, apart_p, apart_u);
+        p[{joint}] = apart_p[{joint}];
+        u[{joint}] = apart_u[{joint}];
+    }}
+"""
+_OWN = """    {{
+        static const double own[DYNID_P] = {{{own}}};
+        for (j = 0; j < DYNID_P; j++) u[{joint}] += own[j] * Y[{joint} * DYNID_P + j];
+    }}
+"""
 
 
 @dataclass(frozen=True)
@@ -299,15 +313,27 @@ class _Writer:
             return ", ".join(repr(float(value)) for value in values)
 
         inertial, base = watched.inertial, arm.base
-        links = closed_forms.representatives(base, np.where(inertial, arm.theta, 0.0))
+        arms = [arm.theta, *watched.apart.values()]
+        links = [closed_forms.representatives(base, np.where(inertial, theta, 0.0)) for theta in arms]
         # Why at rest in any pose: without the bodies, rotors are left, whose torque is a constant times qdd.
         bodies = [base.model.parameters[k].kind in LINK_PARAMETERS[:10] for k in base.reduction.base]
-        rotors = np.where(inertial & ~np.array(bodies), arm.theta, 0.0)
         still, unit = np.zeros((self.robot.n, self.robot.n)), np.eye(self.robot.n)
+        turned = [
+            base.observer.torque(np.where(inertial & ~np.array(bodies), x, 0.0), still, still, unit).T for x in arms
+        ]
+        rotors = turned[0].copy()
+        for joint, other in zip(watched.apart, turned[1:], strict=True):
+            rotors[joint] = other[joint]
         return template(file).substitute(
             self._joints(),
-            links=self._rows(links[:, :10]),
-            rotors=self._rows(base.observer.torque(rotors, still, still, unit).T),
+            arms=str(len(arms)),
+            links=",\n".join(f"{{\n{self._rows(each[:, :10])}\n}}" for each in links),
+            rotors=self._rows(rotors),
+            seen="".join(_SEEN.format(k=k + 1, joint=joint) for k, joint in enumerate(watched.apart)),
+            own="".join(
+                _OWN.format(joint=joint, own=row(np.where(inertial, theta - arm.theta, 0.0)))
+                for joint, theta in watched.apart.items()
+            ),
             gravity=row(np.array(self.robot.gravity)),
             gain=repr(watched.gain),
             multiple=repr(watched.multiple),

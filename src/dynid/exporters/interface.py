@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -57,6 +57,7 @@ class Watched:
         coulomb: what the Coulomb friction of a moving joint may differ by, (n,) [N m or N].
         viscous: what its viscous friction may differ by, (n,) [N m s/rad or N s/m].
         slow: speed below which a joint may stick, (n,) [rad/s or m/s].
+        apart: base parameters of joints that contradict the others, (p,) each, by number of the joint.
     """
 
     gain: float
@@ -67,6 +68,7 @@ class Watched:
     coulomb: NDArray[np.float64]
     viscous: NDArray[np.float64]
     slow: NDArray[np.float64]
+    apart: Mapping[int, NDArray[np.float64]]
 
 
 @dataclass(frozen=True)

@@ -56,6 +56,7 @@ class Suspicion:
             those that fit best jointly with it.
         link: number of the link that it changes most.
         masses: of that link without and with the counterbalance [kg].
+        weight: of the whole arm without it, over the square of its reach [kg/m^2].
         moved: how far that link's centre of mass lies elsewhere without it [m].
         length: of that link [m].
         offsets: torque offsets of the joint without and with it, and its Coulomb friction [N m].
@@ -69,6 +70,7 @@ class Suspicion:
     gains: tuple[float, ...]
     link: int
     masses: tuple[float, float]
+    weight: float
     moved: float
     length: float
     offsets: tuple[float, float, float]
@@ -100,20 +102,30 @@ class Suspicion:
         return float(likely @ chance / chance.sum())
 
     @property
-    def odd(self) -> str:
-        """What the arm would have to be without it; nothing where it is an arm like others."""
-        (without, with_it), (offset, usual, friction) = self.masses, self.offsets
-        if without > tuning.ODD_TIMES * with_it:
-            return f"link {self.link} would weigh {without:.3g} kg instead of {with_it:.3g} kg"
+    def instead_of(self) -> str:
+        """What the arm would have in its stead; nothing where that is what it has with it."""
+        (without, with_it), (offset, usual, _) = self.masses, self.offsets
         if self.moved > self.length:
-            return f"the centre of mass of link {self.link} would lie {self.moved:.2g} m from where it lies with it"
-        if abs(offset) > tuning.ODD_TIMES * max(abs(usual), friction):
-            return f"the joint's torque would have an offset of {offset:.3g} N m instead of {usual:.2g} N m"
+            return f"a link {self.link} whose centre of mass lies {self.moved:.2g} m from where it lies with it"
+        if self._odd_offset:
+            return f"a torque offset of {offset:.3g} N m instead of {usual:.2g} N m"
+        if without > tuning.ODD_TIMES * with_it:
+            return f"a link {self.link} of {without:.3g} kg instead of {with_it:.3g} kg"
         return ""
+
+    @property
+    def odd(self) -> bool:
+        """Whether no arm is like that, whatever its links weigh."""
+        return self.moved > self.length or self._odd_offset or self.weight > tuning.HEAVIEST
+
+    @property
+    def _odd_offset(self) -> bool:
+        offset, usual, friction = self.offsets
+        return abs(offset) > tuning.ODD_TIMES * max(abs(usual), friction)
 
 
 def suspicions(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[Suspicion]:
-    """Return the joints that are likely to have a counterbalance: worth a search, or else told by the odd link.
+    """Return the joints that are likely to have a counterbalance: worth a search, or told with its rival.
 
     Args:
         problem: a search of what no numbers absorb.
@@ -137,7 +149,7 @@ def _suspected(regression: WhitenedRegression, problem: GapProblem) -> list[Susp
         if gain / 2 > tuning.COUNTERBALANCE_RARE:
             gains = (gain, *(least_gain(regression, arm, one, [mass]) - price for mass in MASSES[1:]))
             suspicion = _described(regression, arm, problem.base.robot, joint, one, gains)
-            if suspicion.searched or suspicion.odd:
+            if suspicion.searched or suspicion.instead_of:
                 found.append(suspicion)
     return found
 
@@ -223,6 +235,7 @@ def _described(
         gains=gains,
         link=number,
         masses=(float(mass[k]), float(other[k])),
+        weight=float(mass.sum() / sum(np.hypot(each.a, each.d) for each in robot.joints) ** 2),
         moved=float(np.linalg.norm(centres[0] - centres[1])),
         length=float(np.linalg.norm(ends[1] - ends[0])),
         offsets=(*offsets, friction),

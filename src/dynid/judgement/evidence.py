@@ -132,6 +132,7 @@ class GapEvidence:
         expected: error that was expected there [%].
         kept_rms: error of each joint of that model there, (n,) [N m or N]; () where it was not kept.
         logs: paths of the logs.
+        instead: what an arm of other links would have, where nothing is missing with these.
     """
 
     question: str
@@ -150,6 +151,7 @@ class GapEvidence:
     expected: float | None = None
     kept_rms: tuple[float, ...] = ()
     logs: tuple[str, ...] = ()
+    instead: tuple[EffectEvidence, ...] = ()
 
     @property
     def allowed(self) -> tuple[float, ...]:

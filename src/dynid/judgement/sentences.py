@@ -166,10 +166,7 @@ def of_gap(gap: GapEvidence, *, nothing: bool) -> str:
         )
     likely = [one for one in effects if not one.named and one.probability is not None and one.probability >= 0.5]
     if likely:
-        one = likely[0]
-        size = f", {_size(one)}" if one.sizes else ""
-        why = f" It is not named: {one.why_not}." if one.why_not else ""
-        return f"{_start(one.where)} may have {one.title}{size}.{why}"
+        return _likely(likely[0])
     where = _where(gap)
     if gap.unrepeatable:
         return f"What disturbs {', '.join(gap.unrepeatable)} does not repeat, so it is no property of the arm."
@@ -179,6 +176,12 @@ def of_gap(gap: GapEvidence, *, nothing: bool) -> str:
             "and no effect explains it."
         )
     return f"Something is missing{where} that no effect explains."
+
+
+def _likely(one: EffectEvidence) -> str:
+    size = f", {_size(one)}" if one.sizes else ""
+    why = f" It is not named: {one.why_not}." if one.why_not else ""
+    return f"{_start(one.where)} may have {one.title}{size}.{why}"
 
 
 def _named(one: EffectEvidence, *, changed: bool) -> str:
@@ -292,7 +295,7 @@ def _replay_reasons(unseen: Unseen, evidence: Evidence, sentence: str) -> list[s
 
 
 def _gap_reasons(gap: GapEvidence, units: dict[str, str]) -> list[str]:
-    found = []
+    found = [_likely(one) for one in gap.instead]
     rows = list(zip(gap.joints, gap.before, gap.after, gap.noise, strict=True))
     for one in gap.named:
         if one.before is not None and one.after is not None:

@@ -383,7 +383,7 @@ def watched(result: Identification) -> Watched:
     import numpy as np
 
     from dynid.estimation import tuning
-    from dynid.estimation.contacts import friction_sizes, inertial_columns, multiple
+    from dynid.estimation.contacts import friction_sizes, inertial_columns, multiple, own_parameters
     from dynid.exporters.interface import Watched
 
     noise = result.noise if result.expected is None else result.expected.noise
@@ -398,6 +398,7 @@ def watched(result: Identification) -> Watched:
         coulomb=tuning.FRICTION_LEVEL * coulomb,
         viscous=tuning.FRICTION_LEVEL * viscous,
         slow=tuning.STICKING_SPEEDS * speed,
+        apart=own_parameters(result),
     )
 
 

@@ -352,47 +352,44 @@ def _suspected(suspected: Sequence[Suspicion], names: Sequence[str]) -> str:
     """Return why effects are searched that only implausible links could imitate."""
     said = []
     for one in suspected:
-        shown = f" (without it, {one.odd})" if one.odd else ""
+        shown = f" (without it, there is {one.instead_of})" if one.instead_of else ""
         said.append(f"A counterbalance on {names[one.joint]} makes the links more plausible{shown}")
     return " and ".join(said)
 
 
 def _with_likely(gap: Gap, suspected: Sequence[Suspicion], names: Sequence[str]) -> Gap:
-    """Return an answer of which odd links are a part: they may be a counterbalance, and nothing is not the answer."""
+    """Return an answer with the counterbalances that an arm of other links would do for: what is odd is not nothing."""
     from dynid.gap.possible_arm import COUNTERBALANCE
     from dynid.gap.record import GapEffect
     from dynid.model.effects.catalogue import CATALOGUE
 
-    if not gap.verdict.startswith("nothing"):
+    told = [one for one in suspected if one.instead_of]
+    if not told or not gap.verdict.startswith("nothing"):
         return gap
-    effect, told = CATALOGUE[COUNTERBALANCE], []
-    for one in suspected:
-        if not one.odd:
-            continue
-        name, (sizes, errors) = names[one.joint], one.sizes.tolist()
-        told.append(
-            GapEffect(
-                effect=COUNTERBALANCE,
-                indices=(one.joint,),
-                joints=(name,),
-                where=name,
-                values=dict(zip(effect.units, sizes, strict=True)),
-                std_errors=dict(zip(effect.units, errors, strict=True)),
-                units=dict(effect.units),
-                p_value=one.chance,
-                joint=name,
-                rms_before=float(gap.improvement.before[one.joint]),
-                rms_after=None,
-                unit=gap.torque_units[one.joint],
-                why_not=f"torques alone cannot tell it from an odd arm. Without it, {one.odd}",
-                probability=one.probability,
-            )
+    effect = CATALOGUE[COUNTERBALANCE]
+    likely = tuple(
+        GapEffect(
+            effect=COUNTERBALANCE,
+            indices=(one.joint,),
+            joints=(names[one.joint],),
+            where=names[one.joint],
+            values=dict(zip(effect.units, one.sizes[0].tolist(), strict=True)),
+            std_errors=dict(zip(effect.units, one.sizes[1].tolist(), strict=True)),
+            units=dict(effect.units),
+            p_value=one.chance,
+            joint=names[one.joint],
+            rms_before=float(gap.improvement.before[one.joint]),
+            rms_after=None,
+            unit=gap.torque_units[one.joint],
+            why_not=f"torques alone cannot tell it from {one.instead_of}",
+            probability=one.probability,
         )
-    if not told:
-        return gap
-    links = " and ".join(dict.fromkeys(f"of link {one.link}" for one in suspected if one.odd))
+        for one in told
+    )
+    links = " and ".join(dict.fromkeys(f"of link {one.link}" for one in told))
     advice = f"Give the mass {links} from the data sheet with --link-mass and identify again."
-    return replace(gap, closest=(*told, *gap.closest), verdict="unexplained", advice=advice)
+    verdict = "unexplained" if any(one.odd for one in told) else gap.verdict
+    return replace(gap, closest=(*likely, *gap.closest), verdict=verdict, advice=advice)
 
 
 def _not_told(suspected: Sequence[Suspicion], odd: Gap) -> str:

@@ -27,7 +27,8 @@ def test_a_small_one_is_likely_with_its_size_and_the_link_that_it_depends_on(two
     (a, b), (da, db) = one.sizes
     assert abs(a) < 2 * da
     assert abs(b + 12.0) < 2 * db
-    assert "link 1 would weigh" in one.odd
+    assert one.instead_of.startswith("a link 1 of")
+    assert not one.odd, "arms weigh as much"
 
 
 def test_an_arm_without_one_is_not_suspected(clean):

@@ -261,7 +261,7 @@ def test_a_counterbalance_is_not_told_from_heavier_links_until_their_mass_is_kno
     unknown = find_gap(identify(arm, logs[::2]), logs, options)
     assert not unknown.named
     assert (
-        "A counterbalance on shoulder makes the links more plausible (without it, link 1 would weigh" in unknown.asked
+        "A counterbalance on shoulder makes the links more plausible (without it, there is a link 1 of" in unknown.asked
     )
     assert "Give the mass of link 1 from the data sheet" in unknown.asked
     (one,) = [one for one in unknown.closest if one.effect == "counterbalance"]

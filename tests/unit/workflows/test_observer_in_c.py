@@ -12,7 +12,7 @@ import dynid
 from dynid import ExportOptions, export
 from dynid.errors import WrongUsage
 from dynid.estimation import tuning
-from dynid.estimation.contacts import inertial_columns
+from dynid.estimation.contacts import inertial_columns, own_parameters
 from dynid.estimation.momentum_observer import MomentumObserver
 from dynid.exporters.languages import compiled, pointer
 from dynid.sim.sines import SineSpec, sines
@@ -44,6 +44,18 @@ def test_they_do_so_for_arms_that_slide_and_whose_motors_are_coupled(name, tmp_p
     assert_equal(found, tmp_path / "arm.c")
 
 
+def test_they_do_so_where_the_torque_of_a_joint_contradicts_the_others(tmp_path):
+    robot, rng = dynid.load_robot("kuka_lwr4plus"), np.random.default_rng(5)
+    spec = SineSpec(12.0, 10.0, 0.6, 0.7, 0.5, 0.03)
+    logs = [dynid.simulate(robot, sines(robot, spec, 5e-3, rng), noise=0.01).log for _ in range(2)]
+    for log in logs:
+        log.tau[:, 3] *= -1.0
+    found = dynid.identify(robot, logs, anyway=True)
+    assert 3 in own_parameters(found)
+    export(found, tmp_path / "arm.c", ExportOptions(observer=True))
+    assert_equal(found, tmp_path / "arm.c")
+
+
 def assert_equal(result, written):
     library, n, dt = compiled(written), result.robot.n, 2e-3
     t = dt * np.arange(1000)[:, None]
@@ -56,7 +68,8 @@ def assert_equal(result, written):
     other = W[:, :, ~inertial] @ result.theta[~inertial]
     if error is not None:
         other += error.torque_of(q, qd, result.base.observer.coulomb_sign(qd), W)
-    ours = MomentumObserver(result.base.observer, result.theta, inertial, tuning.OBSERVER_GAIN)
+        other -= np.einsum("mjp,jp->mj", W[:, :, inertial], error.own[:, inertial])
+    ours = MomentumObserver(result.base.observer, result.theta, inertial, tuning.OBSERVER_GAIN, own_parameters(result))
     expected = ours.run(q, qd, tau, other, dt)
     state, found = np.zeros(1 + 4 * n), np.empty_like(q)
     for k in range(len(q)):
@@ -64,6 +77,7 @@ def assert_equal(result, written):
         library.dynid_observer_step(pointer(state), *rows, ctypes.c_double(dt), pointer(found[k]))
     np.testing.assert_allclose(found, expected, atol=1e-10)
     assert np.abs(found[550]).min() > 1.0, "the push is there"
+    assert np.abs(found[:400]).max() < 0.1, "and nothing before"
 
 
 def test_the_threshold_in_c_holds_what_friction_may_differ_by(result, written):
