@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynid.errors import Finding, NothingChanged, PoorlyExcited, RankDeficient, WeakInstruments, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.covariance import NOT_DETERMINED, judge
-from dynid.estimation.estimators import INSTRUMENTAL, METHODS, choose, is_open, test_of_instruments, wls
+from dynid.estimation.estimators import INSTRUMENTAL, METHODS, choose, test_of_instruments, wls
 from dynid.estimation.least_squares import Fit, condition_number, joint_rms, nonnegative, relative_error, solvable
 from dynid.estimation.posterior import (
     ExpectedError,
@@ -165,7 +165,7 @@ def estimate(
 
     def refit(part: Stack) -> Fit:
         # Why also where one was asked for: joints that are left out leave parameters open.
-        chosen = choose(part)[0] if method == "auto" or is_open(part) else method
+        chosen = choose(part)[0] if method == "auto" or part.first_fit.leaves_open else method
         return METHODS[chosen](part, prior, controller_of(base), corrected=False)
 
     post = physical_posterior(base, plain, stack, refit=refit, residual_model=residual_model, size=size)

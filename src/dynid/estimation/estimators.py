@@ -361,7 +361,7 @@ def choose(stack: Stack) -> tuple[str, str]:
     if stack.earlier is not None:
         return "wls", "the earlier result that is updated keeps triangular factors, not single rows"
     without = "no commanded motion in the log"
-    if is_open(stack):
+    if stack.first_fit.leaves_open:
         without = "the rows leave parameters open"
     elif stack.commanded:
         test = test_of_instruments(stack)
@@ -376,11 +376,6 @@ def choose(stack: Stack) -> tuple[str, str]:
     return "wls", f"{without} and no spikes in the residual"
 
 
-def is_open(stack: Stack) -> bool:
-    """Return whether the rows leave parameters open, for which instruments have no answer."""
-    return bool(stack.first_fit.solution.rank < len(stack.first_fit.theta))
-
-
 def _with_covariance(
     stack: Stack, fit: Fit, rows: Iterable[ObservationRows], *, robust: bool = False, corrected: bool = True
 ) -> Fit:
@@ -390,13 +385,12 @@ def _with_covariance(
     if stack.earlier is not None:
         return replace(fit, covariance=_with_earlier(stack, stack.earlier, fit))
     # Why a pseudo-inverse where the rank is short: what coloured residuals are worth shows in the other directions.
-    open_ = fit.solution.rank < len(fit.theta)
     same = rows is stack and not robust
-    bread = fit.solution.inverse if open_ or same else None
+    bread = fit.solution.inverse if fit.leaves_open or same else None
     covariance, uncorrected = hac_covariances(
         _measured(rows), fit.theta, fit.noise, robust=robust, bread=bread, corrected=corrected
     )
-    return replace(fit, covariance=fit.solution.inverse if open_ else covariance, uncorrected=uncorrected)
+    return replace(fit, covariance=fit.solution.inverse if fit.leaves_open else covariance, uncorrected=uncorrected)
 
 
 def _with_earlier(stack: Stack, earlier: Earlier, fit: Fit) -> Floats:

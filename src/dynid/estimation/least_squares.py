@@ -244,6 +244,11 @@ class Fit:
         """Rank and condition numbers of the whitened rows."""
         return solve(self.whitened)
 
+    @property
+    def leaves_open(self) -> bool:
+        """Whether the rows leave parameters open, for which instruments have no answer."""
+        return self.solution.rank < len(self.theta)
+
     @cached_property
     def inflation(self) -> float:
         """How many rows are worth one independent row; 1/2 chi-square of all rows is divided by it."""

@@ -21,6 +21,7 @@ the price is convex; in P itself they vanish or explode at its edge.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -542,6 +543,26 @@ def _report(
     return found, logs
 
 
+def with_open_sizes(fit: PhysicalParameters, told: Floats, pools: Sequence[NDArray[np.intp]]) -> PhysicalParameters:
+    """Return a fit whose error bars count that the common size of each kind of friction and rotor is only estimated.
+
+    The prior draws joints of a kind to one size; a fit at the likeliest size knows how large they are together from
+    nobody else. So its curvature along their common size goes (Schur complement of the size).
+
+    Args:
+        fit: with error bars at the sizes that were found.
+        told: what the rows say of its parameters, the share of the Hessian that is theirs, (c, c).
+        pools: columns of each kind that has no size of its own.
+    """
+    hessian = fit.hessian.copy()
+    for columns in pools:
+        held = np.maximum(np.diagonal(fit.hessian - told)[columns], 0.0) * fit.x[columns]
+        whole = float(held @ fit.x[columns])
+        if len(columns) > 1 and whole > 0.0:
+            hessian[np.ix_(columns, columns)] -= np.outer(held, held) / whole
+    return _with_hessian(fit, hessian)
+
+
 def with_wider_errors(fit: PhysicalParameters, told: Floats, less: float) -> PhysicalParameters:
     """Return a fit whose error bars count that rows tell less than they seem to.
 
@@ -550,8 +571,13 @@ def with_wider_errors(fit: PhysicalParameters, told: Floats, less: float) -> Phy
         told: what the rows say of its parameters, the share of the Hessian that is theirs, (c, c).
         less: over how many independent rows one is spread, on top of what the fit counts.
     """
-    hessian = fit.hessian - (1.0 - 1.0 / less) * told
-    covariance = _inverse(hessian, None) if less > 1.0 else fit.covariance
+    found = _with_hessian(fit, fit.hessian - (1.0 - 1.0 / less) * told) if less > 1.0 else fit
+    return replace(found, inflation=fit.inflation * less)
+
+
+def _with_hessian(fit: PhysicalParameters, hessian: Floats) -> PhysicalParameters:
+    """Return a fit with the error bars of another Hessian, (c, c)."""
+    covariance = _inverse(hessian, None)
     before, after = np.diagonal(fit.covariance), np.diagonal(covariance)
     growth = np.where(before > 0.0, after / np.where(before > 0.0, before, 1.0), 1.0)
     return replace(
@@ -560,7 +586,6 @@ def with_wider_errors(fit: PhysicalParameters, told: Floats, less: float) -> Phy
         covariance=covariance,
         std_error=np.sqrt(np.maximum(after, 0.0)),
         data_share=np.clip(1.0 - (1.0 - fit.data_share) * growth, 0.0, 1.0),
-        inflation=fit.inflation * less,
     )
 
 

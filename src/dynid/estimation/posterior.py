@@ -24,6 +24,7 @@ from dynid.estimation.possible_arm import (
     fit_sized,
     require_possible_prior,
     with_changes,
+    with_open_sizes,
     with_wider_errors,
 )
 from dynid.estimation.possible_set import PhysicalConstraints
@@ -126,7 +127,8 @@ def physical_posterior(
     robust = estimate.theta if estimate.method in ROBUST else None
     parts = parts_of(stack, found.theta, found.error, found.noise, fit.inflation, robust)
     less = disagreement(parts, found.covariance, found.error, share < tuning.TOLD_SHARE)
-    fit = with_wider_errors(fit, K.T @ found.told @ K, less)
+    told = K.T @ found.told @ K
+    fit = with_wider_errors(with_open_sizes(fit, told, constraints_of(base).pools), told, less)
     changed = changes(parts, base, found.theta)
     fit = with_changes(fit, np.linalg.pinv(K) @ changed)
     return replace(found, physical=fit, covariance=K @ fit.covariance @ K.T, changes=changed)

@@ -6,7 +6,13 @@ from conic import clarabel_optimum
 from synthetic_arm import arm_with_measured_friction
 
 from dynid.errors import NotPhysical
-from dynid.estimation.possible_arm import exact_parameters, feasible_start, fit_physical, fit_pooled
+from dynid.estimation.possible_arm import (
+    exact_parameters,
+    feasible_start,
+    fit_physical,
+    fit_pooled,
+    with_open_sizes,
+)
 from dynid.estimation.possible_set import basis, make_constraints
 from dynid.model.parameters import numbered
 
@@ -165,6 +171,21 @@ def test_pooled_sizes_are_where_no_other_common_size_costs_less(arm):
             moved = fit.x.copy()
             moved[kind] *= factor
             assert cost(moved) > cost(fit.x) - 0.01
+
+
+def test_how_large_all_joints_are_together_is_known_from_the_rows_alone(arm):
+    """The pooled penalty is the same for all common sizes, gamma n log(arithmetic / geometric mean)."""
+    R, r = arm.whitened(*REGIMES["poor"])
+    fit, constraints = fit_pooled(R, r, arm.constraints)
+    told = R.T @ R
+    opened = with_open_sizes(fit, told, constraints.pools)
+    for columns in constraints.pools:
+        together = np.zeros(len(fit.x))
+        together[columns] = fit.x[columns]
+        rows = float(together @ told @ together)
+        assert together @ fit.hessian @ together > rows + 1.0
+        assert together @ opened.hessian @ together == pytest.approx(rows, abs=1e-6 * rows + 1e-6)
+    assert np.all(opened.std_error >= fit.std_error * (1 - 1e-6))
 
 
 def test_joints_with_ratings_lend_each_other_friction_in_proportion_to_them(arm):
