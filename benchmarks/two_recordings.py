@@ -1,6 +1,6 @@
 """Do the intervals of two recordings of one arm hold its parameters, when friction and offsets differ between them?
 
-PYTHONPATH=src python benchmarks/two_recordings.py --seeds 1 12 > table.md
+PYTHONPATH=src python benchmarks/two_recordings.py --seeds 1 22 > table.md
 
 Random arms of ``defects.py``, of which two motions are identified one by one: once as they are, once each at a temperature
 of its own (friction by 15 % and falling by up to 30 %, offsets that wander). Counted is how many parameters of both results
@@ -28,7 +28,7 @@ def z_of(one: np.ndarray, other: np.ndarray, variance: np.ndarray) -> np.ndarray
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, nargs=2, default=(1, 12), help="first and last seed")
+    parser.add_argument("--seeds", type=int, nargs=2, default=(1, 22), help="first and last seed")
     args = parser.parse_args()
     found: dict[tuple[str, str], list[np.ndarray]] = {}
     for seed in range(args.seeds[0], args.seeds[1] + 1):
