@@ -1112,10 +1112,13 @@ def table(rows):
 
 
 def reliability(rows):
-    """Return how often names of a given probability are right, of names and of likely names below the limit."""
+    """Return how often names of a given probability are right, of names and of likely names below the limit.
+
+    What the arm always lacked is right where it is told of a changed one.
+    """
     pairs = []
     for row in rows:
-        hidden = {(name, joint) for name, joint, _ in row["effects"]}
+        hidden = {(name, joint) for name, joint, *_ in (*row["effects"], *row.get("always", ()))}
         every = [(n, j, p) for n, j, p, _ in row.get("told", ())] + [(n, j, p) for n, j, _, p in row.get("closest", ())]
         for name, joints, p in every:
             if p is None:

@@ -53,7 +53,8 @@ class GapEffect:
         formula: the torque of ``effect: formula``.
         rival_keys: the same rivals as identifiers and 0-based joints.
         share: share of its joint's gap that is explained where that is a part; None where it is most, or not named.
-        probability: posterior probability of the name, against what has no name and against other names.
+        probability: posterior probability of the name, against what has no name and against other names; None where
+            something else speaks against it.
     """
 
     effect: str
@@ -73,7 +74,7 @@ class GapEffect:
     formula: str = ""
     rival_keys: tuple[tuple[str, Joints], ...] = ()
     share: float | None = None
-    probability: float = 1.0
+    probability: float | None = 1.0
 
     @property
     def message(self) -> str:
@@ -212,12 +213,21 @@ def record_of(analysis: GapAnalysis, robot: Robot, question: str, asked: str, ma
     import numpy as np
 
     from dynid.gap.formulas import clue_text
-    from dynid.gap.verdict import unrepeatable
+    from dynid.gap.verdict import LIKELY, unrepeatable
 
     verdict, names = analysis.verdict, robot.joint_names
     noise_from, noise_note = _noise_texts(analysis, names)
     simulation = np.zeros((0, robot.n)) if analysis.simulation is None else np.array(analysis.simulation)
-    closest = [replace(_effect(one, analysis, robot), why_not=why, rms_after=None) for one, why in verdict.closest]
+    closest = [
+        replace(
+            _effect(one, analysis, robot),
+            why_not=why,
+            rms_after=None,
+            # Why none: it is against other names and what has none, and something else speaks against this one.
+            probability=one.probability if why.startswith(LIKELY) else None,
+        )
+        for one, why in verdict.closest
+    ]
     return GapRecord(
         robot=robot.name,
         mode="frozen" if question == "changed" else "refit",
@@ -425,7 +435,7 @@ def contents() -> Contents:
         "rivals": Fact(words),
         "rival_keys": Fact(list[tuple[str, list[int]]]),
         "share": Fact(float | None),
-        "probability": Fact(float, least=0.0, needed=False),
+        "probability": Fact(float | None, least=0.0, needed=False),
     }
     record = {
         **dict.fromkeys(("robot", "advice", "heldout", "noise_from", "noise_note", "made_from", "asked"), text),

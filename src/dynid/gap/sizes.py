@@ -18,10 +18,10 @@ from dynid.gap.whitened_regression import EffectColumns
 from dynid.model.effects.interface import Effect, Floats, Joints
 
 #: Points of the lattice along each shape parameter: of the first one over all shapes, and of those that close in.
-FIRST, NEXT = 7, 5
-#: Spread of the posterior in spacings of the lattice from which it is resolved, and half the width of the next lattice
-#: in spreads. A sum over points 1.7 spreads apart is off by less than a percent.
-RESOLVED, WIDE = 0.6, 2.5
+FIRST, NEXT = 7, 7
+#: Spread of the posterior in spacings of the lattice from which it is resolved; half the width of a lattice in spreads,
+#: at least, and that of the next one. A sum over points 1.7 spreads apart is off by less than a percent.
+RESOLVED, REACH, WIDE = 0.6, 2.5, 3.0
 #: Log odds by which the best shape may beat all points of a lattice that is fine enough.
 BETWEEN = 3.0
 #: Half the width of the next lattice at least, in spacings of this one, and most lattices.
@@ -47,6 +47,49 @@ class Sizes:
     covariance: Floats
 
 
+@dataclass(frozen=True)
+class Lattice:
+    """Shapes at equal distances along the principal axes of what is known of them, in units of their first steps.
+
+    Why along those: speed and sharpness of a hump go together, and points along each of them alone miss the ridge.
+
+    Attributes:
+        low: least values that the parameters may have, (d,).
+        high: largest ones, (d,).
+        center: of the lattice, (d,).
+        steps: from one point to the next, a column for each axis, (d, d).
+        count: points along each axis.
+    """
+
+    low: Floats
+    high: Floats
+    center: Floats
+    steps: Floats
+    count: int
+
+    def points(self) -> list[Floats]:
+        """Return those of its points that may be, each (d,)."""
+        along = np.arange(self.count) - (self.count - 1) / 2
+        every = self.center + np.array(list(product(along, repeat=len(self.center)))) @ self.steps.T
+        margin = 1e-9 * (self.high - self.low)
+        return [x for x in every if np.all((x >= self.low - margin) & (x <= self.high + margin))]
+
+    def resolves(self, spread: Floats) -> bool:
+        """Return whether points lie close beside a covariance, (d, d), in every direction, and reach beyond it."""
+        inverse = np.linalg.inv(self.steps)
+        within = inverse @ spread @ inverse.T
+        reach = (self.count - 1) / 2
+        return bool(np.linalg.eigvalsh(within)[0] > RESOLVED**2 and np.all(np.diag(within) < (reach / REACH) ** 2))
+
+    def closer(self, mean: Floats, spread: Floats) -> Lattice:
+        """Return a lattice about a mean, (d,), along the axes of a covariance, (d, d)."""
+        wide = self.high - self.low
+        variances, axes = np.linalg.eigh(spread / np.outer(wide, wide))
+        here = axes.T @ (self.steps / wide[:, None])
+        half = np.maximum(WIDE * np.sqrt(np.maximum(variances, 0.0)), CLOSER * np.linalg.norm(here, axis=1))
+        return replace(self, center=mean, steps=wide[:, None] * axes * (2 * half / (NEXT - 1)), count=NEXT)
+
+
 def sizes_of(
     evidence: Evidence,
     rows: EvidenceRows,
@@ -68,31 +111,29 @@ def sizes_of(
     ways = [rows, with_sharp_reversals(rows)] if "vs" in effect.steps else [rows]
     names = list(effect.amplitudes(shape))
     grid = [x for x in effect.grid(rows.regression.motion, joints) if list(effect.amplitudes(x)) == names]
-    lattice, low, high = False, np.zeros(0), np.zeros(0)
+    lattice = None
     if effect.steps and grid:
         low, high = ends_of(effect, grid)
-        lattice = bool(np.all(np.isfinite(low) & np.isfinite(high)))
-    points = [from_steps(effect, shape, x) for x in _lattice(low, high, FIRST)] if lattice else grid
-    spacing = (high - low) / (FIRST - 1)
+        if np.all(np.isfinite(low) & np.isfinite(high)):
+            lattice = Lattice(low, high, (low + high) / 2, np.diag(high - low) / (FIRST - 1), FIRST)
+    points = [from_steps(effect, shape, x) for x in lattice.points()] if lattice else grid
     for _ in range(CLOSINGS):
         # Why the best shape too: a lattice that is too wide for the peak has no point near it.
         odds, amplitudes, covariance = _posterior(evidence, ways, effect, joints, [*points, shape], added)
         inside = np.tile(np.arange(len(points) + 1) < len(points), len(ways))
         between = float(odds[~inside].max() - odds[inside].max()) > BETWEEN
-        if between or not lattice:
+        if between or lattice is None:
             points, inside = [*points, shape], np.ones(len(odds), dtype=bool)
         weights = np.exp(odds[inside] - odds[inside].max())
         weights, amplitudes, covariance = weights / weights.sum(), amplitudes[inside], covariance[inside]
         x = np.array([in_steps(effect, each) for each in points])
         likely = weights.reshape(len(ways), -1).sum(axis=0)
         mean = likely @ x
-        spread = np.sqrt(likely @ (x - mean) ** 2)
-        if not lattice or (not between and np.all(spread > RESOLVED * spacing)):
+        spread = (x - mean).T @ ((x - mean) * likely[:, None])
+        if lattice is None or (not between and lattice.resolves(spread)):
             break
-        half = np.maximum(WIDE * spread, CLOSER * spacing)
-        ends = np.maximum(mean - half, low), np.minimum(mean + half, high)
-        tried, spacing = _lattice(*ends, NEXT), (ends[1] - ends[0]) / (NEXT - 1)
-        nearest, points = points, [from_steps(effect, shape, y) for y in tried]
+        lattice = lattice.closer(mean, spread)
+        nearest, points = points, [from_steps(effect, shape, y) for y in lattice.points()]
     else:
         points = nearest
     size = weights @ amplitudes
@@ -104,11 +145,6 @@ def sizes_of(
         for name in (effect.steps if lattice else ())
     }
     return Sizes(told, errors, size, spread_of_size)
-
-
-def _lattice(low: Floats, high: Floats, count: int) -> list[Floats]:
-    """Return the points of a lattice between corners, each (d,)."""
-    return [np.array(x) for x in product(*(np.linspace(a, b, count) for a, b in zip(low, high, strict=True)))]
 
 
 def _posterior(

@@ -239,7 +239,10 @@ class _Search:
             gap,
             verdict="unexplained" if gap.named else gap.verdict,
             named=(),
-            closest=(*(replace(one, why_not=why, rms_after=None, share=None) for one in gap.named), *gap.closest),
+            closest=(
+                *(replace(one, why_not=why, rms_after=None, share=None, probability=None) for one in gap.named),
+                *gap.closest,
+            ),
             alternatives=(),
             advice="",
             formulas=(),

@@ -14,7 +14,7 @@ from dynid.gap.problem import make_problem
 from dynid.gap.rest import rest_columns
 from dynid.gap.selection import EvidenceSelection, log_odds_of, without_rest
 from dynid.gap.significance import whitened_columns
-from dynid.gap.sizes import sizes_of
+from dynid.gap.sizes import sizes_of, with_sharp_reversals
 from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.progress import SILENT
@@ -183,6 +183,30 @@ def test_sizes_are_those_of_a_sum_over_many_shapes(twolinks, on_joint):
     assert found.covariance[0, 0] == pytest.approx(error**2, rel=0.1)
     assert np.log(found.shape["p"]) == pytest.approx(weights @ x, abs=0.1 * np.sqrt(weights @ (x - weights @ x) ** 2))
     assert abs(found.amplitudes[0] - 0.2) < 3 * error
+
+
+@pytest.mark.parametrize(("speed", "sharpness"), [(0.035, 1.8), (0.06, 2.2), (0.04, 0.9)])
+def test_sizes_of_a_hump_are_those_of_a_sum_over_many_shapes(twolinks, on_joint, speed, sharpness):
+    """Its speed and sharpness go together: the posterior is a ridge that is thin across both."""
+
+    def hump(t, q, qd, qdd):
+        return on_joint(1, 0.3 * np.exp(-((np.abs(qd[:, 1]) / speed) ** sharpness)) * np.tanh(qd[:, 1] / 0.01))
+
+    chosen = selection(twolinks, hump, ("stribeck",))
+    effect, beside = CATALOGUE["stribeck"], without_rest(chosen.first)
+    found = sizes_of(beside, chosen.rows, effect, (1,), {"vs": speed, "d": sharpness}, ())
+    x, y = (a.ravel() for a in np.meshgrid(np.log(np.geomspace(0.018, 0.25, 70)), np.log(np.geomspace(0.6, 2.5, 50))))
+    shapes = [{"vs": vs, "d": d} for vs, d in zip(np.exp(x), np.exp(y), strict=True)]
+    ways = [chosen.rows, with_sharp_reversals(chosen.rows)]
+    every = [gains(beside, candidate(rows, effect, (1,), shapes)) for rows in ways]
+    weights = np.exp(np.array([one.log_odds for one in every]) - max(one.log_odds.max() for one in every))
+    weights /= weights.sum()
+    sizes = np.array([one.amplitudes[:, 0] for one in every])
+    mean = np.sum(weights * sizes)
+    error = np.sqrt(np.sum(weights * (np.array([one.covariance[:, 0, 0] for one in every]) + (sizes - mean) ** 2)))
+    assert found.amplitudes[0] == pytest.approx(mean, abs=0.25 * error)
+    assert np.sqrt(found.covariance[0, 0]) == pytest.approx(error, rel=0.2)
+    assert abs(found.amplitudes[0] - 0.3) < 3 * error
 
 
 def test_what_does_not_repeat_holds_nothing_that_repeats(clean):

@@ -49,6 +49,14 @@ def test_tool_force_is_the_transposed_jacobian(arm, motion):
         np.testing.assert_allclose(columns[axis].T, arm.tip_force(motion.q, np.eye(3)[axis]), atol=1e-9)
 
 
+@pytest.mark.parametrize("waves", [np.linspace(1.0, 40.0, 30), np.append(np.linspace(5.0, 90.0, 9), 12.0), [3.0, 7.5]])
+def test_waves_are_those_of_their_numbers_evenly_spaced_or_not(motion, waves):
+    found = CATALOGUE["torque_ripple"].tried(motion, (2,), [{"k": k} for k in waves])
+    for k, columns in zip(waves, found, strict=True):
+        expected = np.array([np.cos(k * motion.q[:, 2]), np.sin(k * motion.q[:, 2])])
+        np.testing.assert_allclose(columns[:, 0], expected, atol=1e-9)
+
+
 def test_base_tilt_is_gravity_turned(arm, motion):
     still = np.zeros_like(motion.q)
     upright = arm.torque(motion.q, still, still)

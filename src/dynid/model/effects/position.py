@@ -10,7 +10,7 @@ import numpy as np
 from dynid.model import tuning
 from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints, Shape
 
-#: More shapes than this come from the grid, whose waves are evenly spaced.
+#: Evenly spaced shapes from which turning one wave into the next is worth its rounding.
 MANY = 8
 
 
@@ -34,7 +34,9 @@ def wave_shapes(
 def waves(q: Floats, shapes: Sequence[Shape]) -> list[Floats]:
     """Return cos(k q) and sin(k q) of several shapes, each (2, N); of evenly spaced ones each turns the one before."""
     k = np.array([shape["k"] for shape in shapes])
-    if len(k) < MANY:
+    steps = np.diff(k)
+    # Why not always: of what is not evenly spaced each needs its own, and of few each is more exact.
+    if len(k) < MANY or not np.allclose(steps, steps[0], rtol=1e-9, atol=0.0):
         return [np.array([np.cos(one * q), np.sin(one * q)]) for one in k]
     wave, turn = np.exp(1j * k[0] * q), np.exp(1j * (k[1] - k[0]) * q)
     found = []
