@@ -26,8 +26,8 @@ RESOLVED, REACH, WIDE = 0.6, 2.5, 3.0
 BETWEEN = 3.0
 #: Half the width of the next lattice at least, in spacings of this one, and most lattices.
 CLOSER, CLOSINGS = 0.5, 12
-#: Share of the width of reversals within which friction with the sign of the velocity may turn as well.
-SHARP = 0.25
+#: Shares of the width of reversals within which friction that is gone at speed may turn.
+TURNS = (1.0, 0.63, 0.4, 0.25)
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def sizes_of(
         shape: its best shape.
         added: columns of other names that have been added to T.
     """
-    ways = [rows, with_sharp_reversals(rows)] if "vs" in effect.steps else [rows]
+    ways = turning(rows) if "vs" in effect.steps else [rows]
     names = list(effect.amplitudes(shape))
     grid = [x for x in effect.grid(rows.regression.motion, joints) if list(effect.amplitudes(x)) == names]
     lattice = None
@@ -165,11 +165,17 @@ def _posterior(
     return np.concatenate(odds), np.concatenate(amplitudes), np.concatenate(covariance)
 
 
-def with_sharp_reversals(rows: EvidenceRows) -> EvidenceRows:
-    """Return rows in which friction that is an effect turns as sharply as it may; a hump loses its top otherwise."""
+def turning(rows: EvidenceRows) -> list[EvidenceRows]:
+    """Return rows in which friction that is an effect turns as wide and as sharply as it may.
+
+    Why not with the sign of the rows: it has been through a filter of the torques, and what is left of a reversal
+    there, times a hump, is no filtered hump.
+    """
     regression = rows.regression
-    segments = [
-        replace(s, motion=replace(s.motion, coulomb_sign=np.tanh(s.motion.qd / (SHARP * s.reversal))))
-        for s in regression.segments
-    ]
-    return replace(rows, regression=replace(regression, segments=segments))
+    return [
+        replace(rows, regression=replace(regression, segments=[
+            replace(s, motion=replace(s.motion, coulomb_sign=np.tanh(s.motion.qd / (share * s.reversal))))
+            for s in regression.segments
+        ]))
+        for share in TURNS
+    ]  # fmt: skip

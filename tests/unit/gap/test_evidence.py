@@ -14,7 +14,7 @@ from dynid.gap.problem import make_problem
 from dynid.gap.rest import rest_columns
 from dynid.gap.selection import EvidenceSelection, log_odds_of, without_rest
 from dynid.gap.significance import whitened_columns
-from dynid.gap.sizes import sizes_of, with_sharp_reversals
+from dynid.gap.sizes import sizes_of, turning
 from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.progress import SILENT
@@ -197,8 +197,7 @@ def test_sizes_of_a_hump_are_those_of_a_sum_over_many_shapes(twolinks, on_joint,
     found = sizes_of(beside, chosen.rows, effect, (1,), {"vs": speed, "d": sharpness}, ())
     x, y = (a.ravel() for a in np.meshgrid(np.log(np.geomspace(0.018, 0.25, 70)), np.log(np.geomspace(0.6, 2.5, 50))))
     shapes = [{"vs": vs, "d": d} for vs, d in zip(np.exp(x), np.exp(y), strict=True)]
-    ways = [chosen.rows, with_sharp_reversals(chosen.rows)]
-    every = [gains(beside, candidate(rows, effect, (1,), shapes)) for rows in ways]
+    every = [gains(beside, candidate(rows, effect, (1,), shapes)) for rows in turning(chosen.rows)]
     weights = np.exp(np.array([one.log_odds for one in every]) - max(one.log_odds.max() for one in every))
     weights /= weights.sum()
     sizes = np.array([one.amplitudes[:, 0] for one in every])
