@@ -23,7 +23,6 @@ from dynid.workflows.identify import IdentifyOptions, identify
 from dynid.workflows.logs import LogOptions, condition_logs, load_log
 from dynid.workflows.validate import ValidateOptions, validate
 from gap_real import ball_torque, read
-from real_arms import from_data
 
 pytestmark = pytest.mark.data
 
@@ -229,14 +228,3 @@ def test_a_result_with_a_residual_model_is_read_back(results_of_the_lwr, tmp_pat
     assert not np.allclose(kept.inverse_dynamics(q, qd, qdd), kept.inverse_dynamics(q, qd, qdd, residual_model=False))
     assert again.residual_facts() == kept.residual_facts()
     assert np.all(kept.physical.x[[name.startswith(("fv", "fc", "Im")) for name in kept.physical.names]] >= 0)
-
-
-def test_two_motions_of_an_arm_whose_wrist_nobody_can_explain_agree_within_their_errors(recordings):
-    """Joint 1 contradicts the others too in motion 2, which shows once the wrist has left: before, 71 % agreed."""
-    arm = load_robot(recordings / "shanghai_cobot/shanghai.yaml")
-    options = IdentifyOptions(holdout=None)
-    one, two = (identify(arm, load_log(recordings / f"shanghai_cobot/traj{k}.csv", arm), options) for k in (1, 2))
-    assert 0 in two.model_error.joints_apart
-    ours = from_data(one) & from_data(two)
-    variance = np.diag(one.covariance)[ours] + np.diag(two.covariance)[ours]
-    assert np.mean(np.abs(one.theta - two.theta)[ours] < 1.96 * np.sqrt(variance)) >= 0.88

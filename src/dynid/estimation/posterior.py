@@ -265,16 +265,12 @@ def _with_joints_apart(
             break
         rows = rows.set_apart(apart, noise * _share_of_noise(stack, apart))
         there = _arm_of(free, rows, size, there)
-    while np.any(rows.apart):
-        before = rows.apart > 0.0
+    if np.any(rows.apart):
         rows, estimate, there = _without_those_apart(free, stack, rows, refit)
         size = best_size(rows, K, there.fit.x, there.held) if given is None else given
-        apart = joints_apart(rows, K, there.fit.x, there.held, size, known=like is not None)[0]
-        rows = replace(rows, apart=apart)
-        if np.array_equal(apart > 0.0, before):
-            there = _arm_of(free, rows, size, there)
-            size = best_size(rows, K, there.fit.x, there.held) if given is None else given
-            break
+        rows = replace(rows, apart=joints_apart(rows, K, there.fit.x, there.held, size, known=True)[0])
+        there = _arm_of(free, rows, size, there)
+        size = best_size(rows, K, there.fit.x, there.held) if given is None else given
     if robot == base.robot:
         return rows, size, there, estimate
     arm = _arm_of(base, rows, size, arm) if np.any(rows.apart) else arm
