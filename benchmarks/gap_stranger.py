@@ -985,6 +985,7 @@ def run_case(folder, truth):
     there = [path for path, log in zip(paths, truth["logs"], strict=True) if log["there"]]
     row = {key: truth[key] for key in ("seed", "case", "set", "repeats", "third", "joints")}
     row |= {"effects": [[one["name"], one["joint"], round(one["visible"], 3)] for one in truth["effects"]],
+            "always": [[one["name"], one["joint"]] for one in truth["always"]],
             "reversals": truth["reversals_visible"], "rate": truth["recorder"]["rate"]}  # fmt: skip
     begun = time.process_time()
     try:

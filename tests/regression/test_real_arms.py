@@ -116,26 +116,28 @@ def results_of_the_lwr(runs_of_the_lwr):
     return {runs: identify(arm, [runs_of_the_lwr[k] for k in runs], options) for runs in {pair[0] for pair in PAIRS}}
 
 
+@pytest.fixture(scope="module")
+def unseen_of_the_lwr(runs_of_the_lwr, results_of_the_lwr):
+    return {pair[:2]: validate(results_of_the_lwr[pair[0]], runs_of_the_lwr[pair[1]]) for pair in PAIRS}
+
+
 @pytest.mark.parametrize(("fitted", "unseen", "default", "alone"), PAIRS)
 def test_what_the_default_misses_on_a_run_that_was_not_fitted(
-    runs_of_the_lwr, results_of_the_lwr, fitted, unseen, default, alone
+    runs_of_the_lwr, results_of_the_lwr, unseen_of_the_lwr, fitted, unseen, default, alone
 ):
     """Two-sided: a better figure is news too."""
-    result = results_of_the_lwr[fitted]
-    seen = validate(result, runs_of_the_lwr[unseen])
+    result, seen = results_of_the_lwr[fitted], unseen_of_the_lwr[fitted, unseen]
     assert seen.relative_error_percent == pytest.approx(default, abs=0.08)
     without = validate(result, runs_of_the_lwr[unseen], ValidateOptions(residual_model=False))
     assert without.relative_error_percent == pytest.approx(alone, abs=0.08)
     assert seen.same_motion == (unseen == 2 and fitted == (1,))
 
 
-def test_the_expected_error_is_right(runs_of_the_lwr, results_of_the_lwr):
-    """Of one pair within 0.5 to 1.5, as benchmarks/real_arms.md counts; the middle of the pairs is known better."""
-    found = []
-    for fitted, unseen, *_ in PAIRS:
-        seen = validate(results_of_the_lwr[fitted], runs_of_the_lwr[unseen])
-        found.append(seen.relative_error_percent / seen.expected_percent)
-    assert all(0.5 < ratio < 1.5 for ratio in found)
+def test_the_expected_error_is_right(unseen_of_the_lwr):
+    """Of each pair within 0.5 to 1.5, as benchmarks/real_arms.md counts, and of all but one within a factor of 1.5."""
+    found = np.array([seen.relative_error_percent / seen.expected_percent for seen in unseen_of_the_lwr.values()])
+    assert np.all((found > 0.5) & (found < 1.5))
+    assert np.count_nonzero((found < 1 / 1.5) | (found > 1.5)) <= 1
     assert 0.75 < np.median(found) < 1.3
 
 

@@ -17,8 +17,9 @@ from dynid.gap.shapes import ends_of, from_steps, in_steps
 from dynid.gap.whitened_regression import EffectColumns
 from dynid.model.effects.interface import Effect, Floats, Joints
 
-#: Points of the lattice along each shape parameter: of the first one over all shapes, and of those that close in.
-FIRST, NEXT = 7, 7
+#: Points of a lattice along each axis, and half of what lies between the outermost, in spacings.
+POINTS = 7
+HALF = (POINTS - 1) / 2
 #: Spread of the posterior in spacings of the lattice from which it is resolved; half the width of a lattice in spreads,
 #: at least, and that of the next one. A sum over points 1.7 spreads apart is off by less than a percent.
 RESOLVED, REACH, WIDE = 0.6, 2.5, 3.0
@@ -58,18 +59,16 @@ class Lattice:
         high: largest ones, (d,).
         center: of the lattice, (d,).
         steps: from one point to the next, a column for each axis, (d, d).
-        count: points along each axis.
     """
 
     low: Floats
     high: Floats
     center: Floats
     steps: Floats
-    count: int
 
     def points(self) -> list[Floats]:
         """Return those of its points that may be, each (d,)."""
-        along = np.arange(self.count) - (self.count - 1) / 2
+        along = np.linspace(-HALF, HALF, POINTS)
         every = self.center + np.array(list(product(along, repeat=len(self.center)))) @ self.steps.T
         margin = 1e-9 * (self.high - self.low)
         return [x for x in every if np.all((x >= self.low - margin) & (x <= self.high + margin))]
@@ -78,8 +77,7 @@ class Lattice:
         """Return whether points lie close beside a covariance, (d, d), in every direction, and reach beyond it."""
         inverse = np.linalg.inv(self.steps)
         within = inverse @ spread @ inverse.T
-        reach = (self.count - 1) / 2
-        return bool(np.linalg.eigvalsh(within)[0] > RESOLVED**2 and np.all(np.diag(within) < (reach / REACH) ** 2))
+        return bool(np.linalg.eigvalsh(within)[0] > RESOLVED**2 and np.all(np.diag(within) < (HALF / REACH) ** 2))
 
     def closer(self, mean: Floats, spread: Floats) -> Lattice:
         """Return a lattice about a mean, (d,), along the axes of a covariance, (d, d)."""
@@ -87,7 +85,7 @@ class Lattice:
         variances, axes = np.linalg.eigh(spread / np.outer(wide, wide))
         here = axes.T @ (self.steps / wide[:, None])
         half = np.maximum(WIDE * np.sqrt(np.maximum(variances, 0.0)), CLOSER * np.linalg.norm(here, axis=1))
-        return replace(self, center=mean, steps=wide[:, None] * axes * (2 * half / (NEXT - 1)), count=NEXT)
+        return replace(self, center=mean, steps=wide[:, None] * axes * (half / HALF))
 
 
 def sizes_of(
@@ -115,7 +113,7 @@ def sizes_of(
     if effect.steps and grid:
         low, high = ends_of(effect, grid)
         if np.all(np.isfinite(low) & np.isfinite(high)):
-            lattice = Lattice(low, high, (low + high) / 2, np.diag(high - low) / (FIRST - 1), FIRST)
+            lattice = Lattice(low, high, (low + high) / 2, np.diag(high - low) / (POINTS - 1))
     points = [from_steps(effect, shape, x) for x in lattice.points()] if lattice else grid
     for _ in range(CLOSINGS):
         # Why the best shape too: a lattice that is too wide for the peak has no point near it.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -340,10 +339,7 @@ def other_arm(found: Identification, logs: Sequence[Log], progress: Progress = S
     if not logs or not noise or not all(noise):
         return None
     # Why not by the light, which lets an error pass that matters to nobody: wrong lengths leave little in slow torques.
-    # A joint whose torque contradicts the others has parameters of its own, which follow wrong lengths as well.
-    apart = () if found.model_error is None else found.model_error.joints_apart
-    errors = [joint.rms / floor for joint, floor in zip(found.joints, noise, strict=True)]
-    if median(math.inf if j in apart else error for j, error in enumerate(errors)) <= tuning.OTHER_ARM:
+    if median(joint.rms / floor for joint, floor in zip(found.joints, noise, strict=True)) <= tuning.OTHER_ARM:
         return None
     progress.stage("arm", "most joints miss several times their noise: the link lengths of other arms are tried")
     own = _unexplained(found.robot, logs, found.cutoff)
