@@ -60,6 +60,7 @@ attack: $(VENV)/.ready-test
 	ATTACK_SHARE=1 $(BIN)/python -m pytest -n 2 tests/attack
 
 lint: $(VENV)/.ready-lint
+	$(BIN)/ruff format --check src tests benchmarks trajectories
 	$(BIN)/ruff check src tests benchmarks
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo

@@ -75,7 +75,10 @@ def arm_of(name: str) -> Arm:
     t, reduction = np.linspace(0, SECONDS, 200), arm.base.reduction
     observer = arm.base.model.observer(reduction.base)
     conditions = [
-        np.linalg.cond(observer.dense(*command(replace(arm, seed=s), t)).reshape(-1, reduction.rank)) for s in range(60)
+        np.linalg.cond(
+            observer.dense(*command(replace(arm, seed=s), t)).reshape(-1, reduction.rank)
+        )
+        for s in range(60)
     ]
     return replace(arm, seed=int(np.argmin(conditions)))
 
@@ -84,25 +87,47 @@ def _lwr() -> Arm:
     twist = np.deg2rad([90, -90, -90, 90, 90, -90, 0])
     d = [0.31, 0, 0.4, 0, 0.39, 0, 0.078]
     reach = np.deg2rad([170, 120, 170, 120, 170, 120, 170]) * 0.95
-    speed, acceleration = np.deg2rad([110, 110, 128, 128, 204, 184, 184]), [6.0, 6, 8, 8, 12, 12, 12]
+    speed, acceleration = (
+        np.deg2rad([110, 110, 128, 128, 204, 184, 184]),
+        [6.0, 6, 8, 8, 12, 12, 12],
+    )
     joints = tuple(
-        Joint(f"joint{i + 1}", twist=twist[i], d=d[i], friction=("viscous", "coulomb"),
-              limits=Limits((-reach[i], reach[i]), speed[i], acceleration[i]))
+        Joint(
+            f"joint{i + 1}",
+            twist=twist[i],
+            d=d[i],
+            friction=("viscous", "coulomb"),
+            limits=Limits((-reach[i], reach[i]), speed[i], acceleration[i]),
+        )
         for i in range(7)
-    )  # fmt: skip
+    )
     gains = Controller((2000.0, 2000, 1500, 1500, 800, 500, 250), (100.0, 100, 60, 60, 25, 15, 8))
     friction = np.array([3.0, 3, 2, 2, 1, 1, 0.5])
     length = [0.31, 0.2, 0.2, 0.2, 0.19, 0.1, 0.1]
     robot = Robot("LWR", "standard", joints, controller=gains)
     rotor = [0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05]
-    return _made(robot, [2.9, 3.1, 2.9, 2.0, 2.0, 1.7, 0.27], length, rotor, friction, friction, 1000, 60.0, 5)
+    return _made(
+        robot,
+        [2.9, 3.1, 2.9, 2.0, 2.0, 1.7, 0.27],
+        length,
+        rotor,
+        friction,
+        friction,
+        1000,
+        60.0,
+        5,
+    )
 
 
 def _tx40() -> Arm:
     """BIRDy names no centres of mass that are at hand: cylinders of its masses, bent and stretched like the LWR's."""
     shipped = load_robot("staubli_tx40")
     joints = tuple(
-        replace(j, friction=("viscous", "coulomb"), limits=replace(j.limits, acceleration=4 * j.limits.velocity))
+        replace(
+            j,
+            friction=("viscous", "coulomb"),
+            limits=replace(j.limits, acceleration=4 * j.limits.velocity),
+        )
         for j in shipped.joints
     )
     ktau = np.array([35.24, 32.04, 23.94, 9.05, 15.5, 6.56])
@@ -119,7 +144,9 @@ def _tx40() -> Arm:
 def _made(robot, masses, length, rotor, viscous, coulomb, rate, smooth, harmonics) -> Arm:
     rng, values, believed = np.random.default_rng(0), {}, []
     for i, mass in enumerate(masses):
-        stretch = np.eye(4) + rng.standard_normal((4, 4)) * np.array([[0.1, 0.1, 0.1, 0.02]] * 3 + [[0] * 4])
+        stretch = np.eye(4) + rng.standard_normal((4, 4)) * np.array(
+            [[0.1, 0.1, 0.1, 0.02]] * 3 + [[0] * 4]
+        )
         true = body_parameters(stretch @ pseudo_inertia(_cylinder(mass, length[i])) @ stretch.T)
         values |= {f"{p}{i + 1}": value for p, value in zip(BODY_PARAMETERS, true, strict=True)}
         values |= {f"Im{i + 1}": rotor[i], f"fv{i + 1}": viscous[i], f"fc{i + 1}": coulomb[i]}
@@ -127,12 +154,23 @@ def _made(robot, masses, length, rotor, viscous, coulomb, rate, smooth, harmonic
     model = build_model(replace(robot, prior=Prior(links=tuple(believed))))
     reduction = reduce(model)
     beta = reduction.K @ np.array([values[name] for name in reduction.names])
-    return Arm(BaseModel(model, reduction), beta, _plant(robot, values), viscous, coulomb, rate, smooth, harmonics)
+    return Arm(
+        BaseModel(model, reduction),
+        beta,
+        _plant(robot, values),
+        viscous,
+        coulomb,
+        rate,
+        smooth,
+        harmonics,
+    )
 
 
 def _cylinder(mass: float, length: float, radius: float = 0.06) -> np.ndarray:
     across = mass * (3 * radius**2 + length**2) / 12
-    return Body(mass, (0, 0, -length / 2), (across, 0, 0, across, 0, mass * radius**2 / 2)).parameters()
+    return Body(
+        mass, (0, 0, -length / 2), (across, 0, 0, across, 0, mass * radius**2 / 2)
+    ).parameters()
 
 
 def _plant(robot: Robot, values: dict[str, float]) -> pin.Model:
@@ -141,28 +179,39 @@ def _plant(robot: Robot, values: dict[str, float]) -> pin.Model:
         turn = pin.SE3(pin.utils.rotate("z", joint.theta_offset), np.array([0, 0, joint.d]))
         bend = pin.SE3(pin.utils.rotate("x", joint.twist), np.array([joint.a, 0, 0]))
         place, after = (
-            (before * turn, bend) if robot.convention == "standard" else (before * bend * turn, pin.SE3.Identity())
+            (before * turn, bend)
+            if robot.convention == "standard"
+            else (before * bend * turn, pin.SE3.Identity())
         )
         parent = plant.addJoint(parent, pin.JointModelRZ(), place, joint.name)
         m, *rest = (values[f"{p}{i + 1}"] for p in BODY_PARAMETERS)
         c, (xx, xy, xz, yy, yz, zz) = np.array(rest[:3]) / m, rest[3:]
-        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - m * (c @ c * np.eye(3) - np.outer(c, c))
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - m * (
+            c @ c * np.eye(3) - np.outer(c, c)
+        )
         plant.appendBodyToJoint(parent, pin.Inertia(m, c, tensor), after)
         before = after
     plant.armature = np.array([values[f"Im{i + 1}"] for i in range(robot.n)])
     return plant
 
 
-def command(arm: Arm, t: np.ndarray, seed: int | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def command(
+    arm: Arm, t: np.ndarray, seed: int | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a random Fourier motion, scaled to the tightest limit of each joint."""
     n, orders = arm.robot.n, np.arange(1, arm.harmonics + 1)
     rng, w = np.random.default_rng(arm.seed if seed is None else seed), 0.2 * np.pi * orders
     a, b = rng.standard_normal((2, arm.harmonics, n)) / orders[:, None]
     sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
-    q, qd, qdd = sin @ a + cos @ b, (cos * w) @ a - (sin * w) @ b, -(sin * w**2) @ a - (cos * w**2) @ b
+    q, qd, qdd = (
+        sin @ a + cos @ b,
+        (cos * w) @ a - (sin * w) @ b,
+        -(sin * w**2) @ a - (cos * w**2) @ b,
+    )
     middle = (q.max(axis=0) + q.min(axis=0)) / 2
     limits = [
-        (joint.limits.position[1], joint.limits.velocity, joint.limits.acceleration) for joint in arm.robot.joints
+        (joint.limits.position[1], joint.limits.velocity, joint.limits.acceleration)
+        for joint in arm.robot.joints
     ]
     sizes = zip((q - middle, qd, qdd), np.array(limits).T, strict=True)
     scale = np.min([limit / np.abs(x).max(axis=0) for x, limit in sizes], axis=0)
@@ -179,19 +228,34 @@ def recorded(name: str, regime: str, seed: int) -> Log:
     every = arm.rate // LOGGED
     t = np.arange(SECONDS * arm.rate) / arm.rate
     reference = command(arm, t)
-    seen, tau = _driven(arm, reference, np.deg2rad(encoder) * rng.standard_normal(reference[0].shape))
+    seen, tau = _driven(
+        arm, reference, np.deg2rad(encoder) * rng.standard_normal(reference[0].shape)
+    )
     # A torque is held from its sample to the next; what acted on average around a sample has half of either end.
     weights = np.ones(every + 1) if every > 1 else np.ones(2)
     weights[0] = weights[-1] = 0.5
     start = len(weights) // 2
-    padded = np.concatenate([np.repeat(tau[:1], start, axis=0), tau, np.repeat(tau[-1:], len(weights), axis=0)])
-    windows = np.lib.stride_tricks.sliding_window_view(padded, len(weights), axis=0)[::every][: SECONDS * LOGGED]
-    measured = windows @ weights / weights.sum() + torque * rng.standard_normal((SECONDS * LOGGED, arm.robot.n))
+    padded = np.concatenate(
+        [np.repeat(tau[:1], start, axis=0), tau, np.repeat(tau[-1:], len(weights), axis=0)]
+    )
+    windows = np.lib.stride_tricks.sliding_window_view(padded, len(weights), axis=0)[::every][
+        : SECONDS * LOGGED
+    ]
+    measured = windows @ weights / weights.sum() + torque * rng.standard_normal(
+        (SECONDS * LOGGED, arm.robot.n)
+    )
     if regime == "spikes":
         hit = rng.random(measured.shape) < 0.01
         measured += hit * 0.3 * np.abs(measured).max(axis=0) * rng.choice([-1, 1], measured.shape)
-    return Log(t[::every], seen[::every], measured, arm.robot.joint_names, tau_unit="Nm", dh=True,
-               extra={"q_ref": reference[0][::every]})  # fmt: skip
+    return Log(
+        t[::every],
+        seen[::every],
+        measured,
+        arm.robot.joint_names,
+        tau_unit="Nm",
+        dh=True,
+        extra={"q_ref": reference[0][::every]},
+    )
 
 
 def _driven(arm: Arm, reference, noise) -> tuple[np.ndarray, np.ndarray]:

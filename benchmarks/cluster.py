@@ -46,9 +46,12 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "OPENBLAS_NUM_THRE
 
 def dynid(folder, *words):
     return subprocess.Popen(
-        [sys.executable, "-m", "dynid", *words], cwd=folder, env=ENVIRONMENT, stdout=subprocess.PIPE,
+        [sys.executable, "-m", "dynid", *words],
+        cwd=folder,
+        env=ENVIRONMENT,
+        stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-    )  # fmt: skip
+    )
 
 
 def digest(folder):
@@ -70,7 +73,10 @@ def differing(one, other):
 def processor_of(process):
     """Return what a process and its children have taken so far [s]."""
     total = 0.0
-    for each in [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]:
+    for each in [
+        psutil.Process(process.pid),
+        *psutil.Process(process.pid).children(recursive=True),
+    ]:
         with suppress(psutil.Error):
             total += sum(each.cpu_times()[:2])
     return total
@@ -119,12 +125,18 @@ def seven_joint_logs(folder, count, seconds=60.0, rate=200.0):
         q, qd, qdd = (np.zeros((len(t), robot.n)) for _ in range(3))
         for j in range(robot.n):
             for k in range(1, 6):
-                w, a, phase = 0.1 * 2 * np.pi * k, rng.uniform(0.3, 0.8) / k, rng.uniform(0, 2 * np.pi)
+                w, a, phase = (
+                    0.1 * 2 * np.pi * k,
+                    rng.uniform(0.3, 0.8) / k,
+                    rng.uniform(0, 2 * np.pi),
+                )
                 q[:, j] += a * np.sin(w * t + phase)
                 qd[:, j] += a * w * np.cos(w * t + phase)
                 qdd[:, j] -= a * w * w * np.sin(w * t + phase)
         tau = model.observer().torque(theta, q, qd, qdd) + 0.05 * rng.standard_normal(q.shape)
-        Log(t=t, q=q, tau=tau, names=robot.joint_names, dh=True).save(folder / f"log{number:03d}.npz")
+        Log(t=t, q=q, tau=tau, names=robot.joint_names, dh=True).save(
+            folder / f"log{number:03d}.npz"
+        )
 
 
 class Run(NamedTuple):
@@ -151,7 +163,13 @@ def run_of(folder, workers):
         raise SystemExit(said.decode()[-2000:])
     # Why from the fourth end on: processes start once, whether there are 16 logs or 500.
     wall_each, processor_each = (np.array(ends[-1]) - ends[3]) / (len(ends) - 4)
-    return Run(time.perf_counter() - began, wall_each, processor_each, watched.thirds(), digest(folder / "out"))
+    return Run(
+        time.perf_counter() - began,
+        wall_each,
+        processor_each,
+        watched.thirds(),
+        digest(folder / "out"),
+    )
 
 
 def speed(given):
@@ -168,8 +186,13 @@ def speed(given):
         runs = {workers: [] for workers in (2, 1)}
         for workers in (2, 1) * given.rounds:
             runs[workers].append(run_of(folder, workers))
-    (w1, e1, c1), (w2, e2, c2) = (np.mean([run[:3] for run in runs[workers]], axis=0) for workers in (1, 2))
-    thirds, same = runs[2][0].thirds, len({run.result for both in runs.values() for run in both}) == 1
+    (w1, e1, c1), (w2, e2, c2) = (
+        np.mean([run[:3] for run in runs[workers]], axis=0) for workers in (1, 2)
+    )
+    thirds, same = (
+        runs[2][0].thirds,
+        len({run.result for both in runs.values() for run in both}) == 1,
+    )
     print(
         f"{given.logs} logs of 60 s: one worker {w1:.1f} s, two {w2:.1f} s, {w1 / w2:.2f} times as fast "
         f"({e1 / e2:.2f} once started, {2 * c1 / c2:.2f} by processor: {c1:.2f} and {c2:.2f} s a job); "
@@ -183,7 +206,9 @@ def overhead_of(workers, count=2000):
     with opened(workers) as client:
         began, used = time.perf_counter(), time.process_time()
         assert len(list(mapped(client, math.sqrt, range(count)))) == count
-        return 1e3 * (time.perf_counter() - began) / count, 1e3 * (time.process_time() - used) / count
+        return 1e3 * (time.perf_counter() - began) / count, 1e3 * (
+            time.process_time() - used
+        ) / count
 
 
 def overhead(given):
@@ -201,7 +226,9 @@ def two_link_batch(folder):
     jobs = "".join(f"  - {{name: job{k}, robot: arm.yaml, logs: log{k}.csv}}\n" for k in range(12))
     logs = ", ".join(f"log{k}.csv" for k in range(12, 16))
     many = f"  - {{name: many, robot: arm.yaml, logs: [{logs}], options: {{cutoff: 5}}}}\n"
-    (folder / "batch.yaml").write_text(f"jobs:\n{jobs}{many}  - {{name: cut, robot: arm.yaml, logs: missing.csv}}\n")
+    (folder / "batch.yaml").write_text(
+        f"jobs:\n{jobs}{many}  - {{name: cut, robot: arm.yaml, logs: missing.csv}}\n"
+    )
 
 
 def last(out):
@@ -220,7 +247,11 @@ def kills(given):
         two_link_batch(folder)
         began = time.perf_counter()
         out, _ = dynid(folder, "run", "batch.yaml", "--jobs", "2").communicate()
-        wall, wanted, whole = time.perf_counter() - began, digest(folder / "out"), contents(folder / "out")
+        wall, wanted, whole = (
+            time.perf_counter() - began,
+            digest(folder / "out"),
+            contents(folder / "out"),
+        )
         print(f"undisturbed: {wall:.1f} s, {wanted}, {last(out)}", flush=True)
         shutil.rmtree(folder / "out")
         process, killed = dynid(folder, "run", "batch.yaml", "--jobs", "2"), 0
@@ -247,9 +278,16 @@ def scheduler(folder, wall, wanted):
     address = f"tcp://127.0.0.1:{port}"
 
     def started():
-        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": ENVIRONMENT, "cwd": folder}
+        quiet = {
+            "stdout": subprocess.DEVNULL,
+            "stderr": subprocess.DEVNULL,
+            "env": ENVIRONMENT,
+            "cwd": folder,
+        }
         words = ["--host", "127.0.0.1", "--port", str(port), "--no-dashboard"]
-        top = subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_scheduler", *words], **quiet)
+        top = subprocess.Popen(
+            [sys.executable, "-m", "distributed.cli.dask_scheduler", *words], **quiet
+        )
         words = [
             address,
             "--nthreads",
@@ -260,7 +298,12 @@ def scheduler(folder, wall, wanted):
             "--local-directory",
             str(folder / "scratch"),
         ]
-        return [top, subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_worker", *words], **quiet)]
+        return [
+            top,
+            subprocess.Popen(
+                [sys.executable, "-m", "distributed.cli.dask_worker", *words], **quiet
+            ),
+        ]
 
     def ended(processes):
         for each in processes:
@@ -282,7 +325,9 @@ def scheduler(folder, wall, wanted):
     out, err = process.communicate()
     ended(processes)
     last = out.decode().splitlines()[-1] if out else err.decode()[-800:]
-    print(f"scheduler and workers killed after {done} jobs: {digest(folder / 'out')} (wanted {wanted}), {last}")
+    print(
+        f"scheduler and workers killed after {done} jobs: {digest(folder / 'out')} (wanted {wanted}), {last}"
+    )
 
 
 # ---------------------------------------------------------------- many logs of one arm

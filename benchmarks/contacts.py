@@ -52,7 +52,9 @@ def smallest(result, log, joint: int) -> tuple[float, float]:
     def delay(size: float) -> float:
         there, start = pushed(log, joint, size)
         name = result.robot.joint_names[joint]
-        hits = [c.start - start for c in contacts(result, there).external.contacts if c.joint == name]
+        hits = [
+            c.start - start for c in contacts(result, there).external.contacts if c.joint == name
+        ]
         hits = [late for late in hits if -0.2 <= late <= 0.7]
         return min(hits, default=np.inf)
 
@@ -66,7 +68,9 @@ def smallest(result, log, joint: int) -> tuple[float, float]:
 
 
 def recorded(data: Path) -> None:
-    print("| fitted | clean | seconds | alarms at 1/h | at 10/h | largest torque over threshold at 1/h |")
+    print(
+        "| fitted | clean | seconds | alarms at 1/h | at 10/h | largest torque over threshold at 1/h |"
+    )
     print("| --- | --- | --: | --: | --: | --: |")
     kept, total, alarms = {}, 0.0, np.zeros(2, dtype=int)
     for pair in pairs(data):
@@ -80,11 +84,18 @@ def recorded(data: Path) -> None:
             total, count = total + seconds, [len(each.contacts) for each in found]
             alarms += count
             share = float((np.abs(found[0].torque) / found[0].threshold).max())
-            print(f"| {pair.name} | {name} | {seconds:.0f} | {count[0]} | {count[1]} | {share:.2f} |", flush=True)
+            print(
+                f"| {pair.name} | {name} | {seconds:.0f} | {count[0]} | {count[1]} | {share:.2f} |",
+                flush=True,
+            )
             kept.setdefault(pair.name.split(" ")[0], (pair.name, result, name, log))
     print(f"| all | | {total:.0f} | {alarms[0]} | {alarms[1]} | |")
-    print(f"\nTo be expected in {total:.0f} s: {total / 3600:.2f} at 1/h, {total / 360:.2f} at 10/h.\n")
-    print("| fitted | pushed | smallest push found per joint [N m] | delay of a push twice as large [s] |")
+    print(
+        f"\nTo be expected in {total:.0f} s: {total / 3600:.2f} at 1/h, {total / 360:.2f} at 10/h.\n"
+    )
+    print(
+        "| fitted | pushed | smallest push found per joint [N m] | delay of a push twice as large [s] |"
+    )
     print("| --- | --- | --- | --- |")
     for name, result, unseen, log in kept.values():
         rows = [smallest(result, log, joint) for joint in range(result.robot.n)]
@@ -106,7 +117,10 @@ def simulated() -> None:
     last = plant.bodies[-1].parameters() + np.array([0.5, 0, 0, 0, 0, 0, 0, 0, 0, 0])
 
     def warm(share):
-        parts = {key: tuple(share * x for x in getattr(plant.friction, key)) for key in ("viscous", "coulomb")}
+        parts = {
+            key: tuple(share * x for x in getattr(plant.friction, key))
+            for key in ("viscous", "coulomb")
+        }
         return replace(plant, friction=replace(plant.friction, **parts))
 
     cases = {
@@ -121,7 +135,10 @@ def simulated() -> None:
     )
     print("| --- | --: | --: | --- | --: | --: |")
     for name, changed in cases.items():
-        found = [contacts(result, log(changed, sines(robot, spec, 1.25e-3, rng))).external for _ in range(MOTIONS)]
+        found = [
+            contacts(result, log(changed, sines(robot, spec, 1.25e-3, rng))).external
+            for _ in range(MOTIONS)
+        ]
         touched = [c for each in found if not each.changed for c in each.contacts]
         joints = sorted({c.joint for c in touched})
         rougher = max(float(each.rougher.max()) for each in found)
@@ -141,8 +158,14 @@ def long(minutes: float) -> None:
     total, hours = np.zeros(len(RATES), dtype=int), 0.0
     for number, case in enumerate(case for case in CASES if case.name not in NOT_CLEAN):
         rng = np.random.default_rng([11, number])
-        logs = hidden_logs(robot, plant, case, rng, motions=2 + round(3 * minutes), repeats=1, seconds=20.0)
-        result, alarms, seconds = identify(robot, logs[:2], IdentifyOptions(holdout=None)), total * 0, 0.0
+        logs = hidden_logs(
+            robot, plant, case, rng, motions=2 + round(3 * minutes), repeats=1, seconds=20.0
+        )
+        result, alarms, seconds = (
+            identify(robot, logs[:2], IdentifyOptions(holdout=None)),
+            total * 0,
+            0.0,
+        )
         for unseen in logs[2:]:
             found = [contacts(result, unseen, false_alarms=rate).external for rate in RATES]
             alarms += [len(each.contacts) for each in found]

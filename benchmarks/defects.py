@@ -31,9 +31,19 @@ from resumable import commit
 
 #: What is wrong, in the order in which seeds take them, two a seed.
 WRONG = (
-    "tracking", "stuck", "tracking, stale rows", "scaled", "tracking, two logs", "reversed", "tracking, resampled",
-    "partial", "drift", "delayed", "short", "nothing",
-)  # fmt: skip
+    "tracking",
+    "stuck",
+    "tracking, stale rows",
+    "scaled",
+    "tracking, two logs",
+    "reversed",
+    "tracking, resampled",
+    "partial",
+    "drift",
+    "delayed",
+    "short",
+    "nothing",
+)
 #: Worse than the best of both least squares by more than this factor is a failure.
 FACTOR = 1.1
 
@@ -97,10 +107,17 @@ def case_of(wrong: str, seed: int) -> Case:
     if wrong in ("nothing", "short"):
         return Case(arm, (first,), unseen, good)
     if wrong == "drift":
-        return Case(arm, (drifting(arm, first, rng), drifting(arm, second, rng)), drifting(arm, unseen, rng), good)
+        return Case(
+            arm,
+            (drifting(arm, first, rng), drifting(arm, second, rng)),
+            drifting(arm, unseen, rng),
+            good,
+        )
     j = int(rng.integers(0, n))
     # Why up to three: wrists share their electronics.
-    several = slice(j, min(n, j + int(rng.integers(1, 4)))) if wrong == "partial" else slice(j, j + 1)
+    several = (
+        slice(j, min(n, j + int(rng.integers(1, 4)))) if wrong == "partial" else slice(j, j + 1)
+    )
     good[several] = False
     spoilt = spoiler(wrong, arm, several, rng)
     return Case(arm, (spoilt(first),), spoilt(unseen), good)
@@ -131,7 +148,10 @@ def commanded(log: Log, error: float, rng: np.random.Generator) -> Log:
 def stale(log: Log, every: int) -> Log:
     """Return a log at a higher rate than the arm sends, whose rows are repeated."""
     kept = np.arange(len(log.t)) // every * every
-    extra = {key: value[kept] if np.shape(value)[:1] == log.t.shape else value for key, value in log.extra.items()}
+    extra = {
+        key: value[kept] if np.shape(value)[:1] == log.t.shape else value
+        for key, value in log.extra.items()
+    }
     return replace(log, q=log.q[kept], tau=log.tau[kept], extra=extra)
 
 
@@ -182,7 +202,9 @@ def spoiler(wrong: str, arm: Arm, joints: slice, rng: np.random.Generator):
             some = np.stack([np.interp(log.t - delay, log.t, x) for x in some.T], axis=1)
         elif wrong == "partial":
             # Why with the speed: a controller that publishes what it adds to a model, or before its own friction.
-            qd = np.gradient(filtfilt(*butter(2, 10.0, fs=RATE), log.q[:, joints], axis=0), log.t, axis=0)
+            qd = np.gradient(
+                filtfilt(*butter(2, 10.0, fs=RATE), log.q[:, joints], axis=0), log.t, axis=0
+            )
             some = part * some - over * slope * qd
         tau[:, joints] = some
         return replace(log, tau=tau)
@@ -194,7 +216,9 @@ def spoiler(wrong: str, arm: Arm, joints: slice, rng: np.random.Generator):
 # ---------------------------------------------------------------- least squares of a few lines
 def percent(factors: np.ndarray, theta: np.ndarray) -> float:
     """Return 100 |tau - W theta| / |tau| over the rows that triangular factors [W tau] stand for."""
-    return float(100 * np.linalg.norm(factors @ np.append(theta, -1.0)) / np.linalg.norm(factors[..., -1]))
+    return float(
+        100 * np.linalg.norm(factors @ np.append(theta, -1.0)) / np.linalg.norm(factors[..., -1])
+    )
 
 
 def ordinary(factors: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -214,7 +238,9 @@ def weighted(factors: np.ndarray, counts: np.ndarray) -> np.ndarray:
     return theta
 
 
-def baseline(robot: Robot, fitted, unseen: Log, cutoff: float, good: np.ndarray) -> tuple[float, float]:
+def baseline(
+    robot: Robot, fitted, unseen: Log, cutoff: float, good: np.ndarray
+) -> tuple[float, float]:
     """Return the errors of ordinary and weighted least squares of the good joints on a log they have not seen [%]."""
     # Why each log for itself: stacking two of one file would leave one out.
     options = IdentifyOptions(cutoff=cutoff, delay=0.0)
@@ -226,7 +252,10 @@ def baseline(robot: Robot, fitted, unseen: Log, cutoff: float, good: np.ndarray)
 
 def judged(found, good: np.ndarray) -> float:
     """Return the relative error of a validation over some joints [%]."""
-    rms, size = (np.array([getattr(joint, name) for joint in found.joints])[good] for name in ("rms", "torque_rms"))
+    rms, size = (
+        np.array([getattr(joint, name) for joint in found.joints])[good]
+        for name in ("rms", "torque_rms")
+    )
     return float(100 * np.linalg.norm(rms) / np.linalg.norm(size))
 
 
@@ -234,7 +263,12 @@ def run(wrong: str, seed: int) -> dict:
     """Return what became of one case."""
     began = time.monotonic()
     case = case_of(wrong, seed)
-    row = {"wrong": wrong, "seed": seed, "joints": case.arm.robot.n, "bad": np.flatnonzero(~case.good).tolist()}
+    row = {
+        "wrong": wrong,
+        "seed": seed,
+        "joints": case.arm.robot.n,
+        "bad": np.flatnonzero(~case.good).tolist(),
+    }
     row["tracking"] = case.tracking_percent
     options = IdentifyOptions(holdout=None)
     try:
@@ -242,17 +276,26 @@ def run(wrong: str, seed: int) -> dict:
     except DynidError as error:
         row["refused"] = str(error)[:300]
         try:
-            result = identify(case.arm.robot, case.fitted, replace(options, anyway=True, drop_weak=True))
+            result = identify(
+                case.arm.robot, case.fitted, replace(options, anyway=True, drop_weak=True)
+            )
         except DynidError as again:
             return row | {"stopped": str(again)[:300]}
     seen = validate(result, case.unseen)
     ols, wls = baseline(case.arm.robot, case.fitted, case.unseen, result.cutoff, case.good)
     error = judged(seen, case.good)
     return row | {
-        "method": result.method, "in_force": result.in_force, "why": result.why, "error": error, "ols": ols,
-        "wls": wls, "ratio": error / min(ols, wls), "expected": (seen.expected_percent or np.nan),
-        "whole": seen.relative_error_percent, "seconds": time.monotonic() - began,
-    }  # fmt: skip
+        "method": result.method,
+        "in_force": result.in_force,
+        "why": result.why,
+        "error": error,
+        "ols": ols,
+        "wls": wls,
+        "ratio": error / min(ols, wls),
+        "expected": (seen.expected_percent or np.nan),
+        "whole": seen.relative_error_percent,
+        "seconds": time.monotonic() - began,
+    }
 
 
 def said(row: dict) -> str:
@@ -270,8 +313,9 @@ def table(rows: list[dict]) -> str:
     lines = ["# One thing wrong", ""]
     lines += [
         "Relative torque error of the joints that are good on a motion that was not fitted, over the better of ordinary and",
-        "weighted least squares of those joints alone. Made by `benchmarks/defects.py`.", "",
-    ]  # fmt: skip
+        "weighted least squares of those joints alone. Made by `benchmarks/defects.py`.",
+        "",
+    ]
     for name, low, high in (
         ("Design, seeds 1 to 100", 1, 100),
         ("Seeds 101 to 260, which were proofs once", 101, 260),
@@ -282,7 +326,9 @@ def table(rows: list[dict]) -> str:
             continue
         codes = ", ".join(dict.fromkeys(row["code"] for row in some))
         lines += [f"## {name}", "", f"Code {codes}.", ""]
-        lines += [f"| what is wrong | arms | worse than {FACTOR:g} | worst | median | first refused | refused |"]
+        lines += [
+            f"| what is wrong | arms | worse than {FACTOR:g} | worst | median | first refused | refused |"
+        ]
         lines += ["| - | - | - | - | - | - | - |"]
         for wrong in [*WRONG, "all"]:
             mine = [row for row in some if wrong in ("all", row["wrong"])]
@@ -291,29 +337,45 @@ def table(rows: list[dict]) -> str:
                 continue
             figures = (f"{ratio.max():.2f} | {np.median(ratio):.2f}") if len(ratio) else "- | -"
             first, stopped = (sum(key in row for row in mine) for key in ("refused", "stopped"))
-            lines.append(f"| {wrong} | {len(mine)} | {int(np.sum(ratio > FACTOR))} | {figures} | {first} | {stopped} |")
-        lines += ["", "| arm | what is wrong | dynid | OLS | WLS | ratio | method | in force |", "| - " * 8 + "|"]
+            lines.append(
+                f"| {wrong} | {len(mine)} | {int(np.sum(ratio > FACTOR))} | {figures} | {first} | {stopped} |"
+            )
+        lines += [
+            "",
+            "| arm | what is wrong | dynid | OLS | WLS | ratio | method | in force |",
+            "| - " * 8 + "|",
+        ]
         for row in some:
             if "stopped" in row:
                 lines.append(f"| {row['seed']} | {row['wrong']} | refused | | | | | |")
                 continue
             figures = " | ".join(f"{row[key]:.2f}" for key in ("error", "ols", "wls", "ratio"))
-            lines.append(f"| {row['seed']} | {row['wrong']} | {figures} | {row['method']} | {row['in_force']} |")
+            lines.append(
+                f"| {row['seed']} | {row['wrong']} | {figures} | {row['method']} | {row['in_force']} |"
+            )
         lines.append("")
     return "\n".join(lines)
 
 
 def main() -> None:
     """Run what is missing, and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seeds", type=int, nargs=2, default=(1, 30), help="first and last seed")
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/defects.json"), help="where cases are kept")
+    parser.add_argument(
+        "--out", type=Path, default=Path("benchmarks/defects.json"), help="where cases are kept"
+    )
     parser.add_argument("--wrong", nargs="*", default=WRONG, help="only these")
     parser.add_argument("--minutes", type=float, default=1e9)
     parser.add_argument("--table", type=Path, help="where the table is written")
     args = parser.parse_args()
     rows = json.loads(args.out.read_text()) if args.out.exists() else []
-    done, end, code = {(row["wrong"], row["seed"]) for row in rows}, time.monotonic() + 60 * args.minutes, commit()
+    done, end, code = (
+        {(row["wrong"], row["seed"]) for row in rows},
+        time.monotonic() + 60 * args.minutes,
+        commit(),
+    )
     for seed in range(args.seeds[0], args.seeds[1] + 1):
         for wrong in (WRONG[(2 * seed + k) % len(WRONG)] for k in range(2)):
             if wrong in args.wrong and (wrong, seed) not in done and time.monotonic() < end:

@@ -37,7 +37,9 @@ def torques(parts, log, result, theta, factors, own=None):
     for rows in parts:
         tau = np.einsum("mjp,dp->dmj", rows.W, theta, optimize=True)
         if error is not None and factors is not None:
-            tau += np.einsum("mjk,djk->dmj", error.columns(rows, log, observer), factors, optimize=True)
+            tau += np.einsum(
+                "mjk,djk->dmj", error.columns(rows, log, observer), factors, optimize=True
+            )
             tau[:, :, error.joints_apart] += np.einsum(
                 "map,dap->dma", rows.W[:, error.joints_apart], own, optimize=True
             )
@@ -69,7 +71,9 @@ def main() -> None:
     data = Path(sys.argv[1])
     print("# Draws from the posterior\n")
     print(__doc__.split("\n\n")[2].strip(), "\n")
-    print("| fitted | unseen | covered [%] | width | width of +-20 % | 1000 draws [s] | bodies in MuJoCo; possible |")
+    print(
+        "| fitted | unseen | covered [%] | width | width of +-20 % | 1000 draws [s] | bodies in MuJoCo; possible |"
+    )
     print("| --- | --- | --: | --: | --: | --: | --- |")
     by_arm: dict[str, list[float]] = {}
     for pair in pairs(data):
@@ -87,9 +91,15 @@ def main() -> None:
         for name, log in pair.unseen:
             options = ValidateOptions(cutoff=result.cutoff, delay=result.delay)
             checked = checked_log(log, result.robot, options, identify=False)
-            there = scaled(condition_logs([checked], result.base.model, options, SILENT), result.base, result.theta)[0]
+            there = scaled(
+                condition_logs([checked], result.base.model, options, SILENT),
+                result.base,
+                result.theta,
+            )[0]
             rows = [*LogRows(there, result.base)]
-            tau, measured, usable = torques(rows, there, result, drawn.theta, drawn.residual, drawn.own)
+            tau, measured, usable = torques(
+                rows, there, result, drawn.theta, drawn.residual, drawn.own
+            )
             low, high = band(tau, drawn.noise, rng)
             covered = 100 * np.mean(((measured >= low) & (measured <= high))[usable])
             by_arm.setdefault(pair.name.split(" ")[0], []).append(covered)
@@ -97,7 +107,15 @@ def main() -> None:
             tau, _, _ = torques(rows, there, result, evenly, None)
             low, high = band(tau, drawn.noise, rng)
             other = np.mean((high - low)[usable])
-            cells = (pair.name, name, f"{covered:.0f}", f"{width:.2f}", f"{other:.2f}", f"{seconds:.1f}", bodies)
+            cells = (
+                pair.name,
+                name,
+                f"{covered:.0f}",
+                f"{width:.2f}",
+                f"{other:.2f}",
+                f"{seconds:.1f}",
+                bodies,
+            )
             print(f"| {' | '.join(cells)} |", flush=True)
     print("\n| arm | covered, mean of its pairs [%] |\n| --- | --: |")
     for arm, values in by_arm.items():

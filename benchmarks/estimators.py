@@ -37,7 +37,16 @@ PLAIN, SIMULATED = ("ols", "wls", "irls", "iv"), ("idim-iv", "didim")
 #: Draws of each regime; more where the coverage of the intervals is counted, fewer where they take long.
 DRAWS, COUNTED, OF_TX40, OF_SIMULATED = 10, 40, 10, 3
 COVERAGE = ("standard", "lwr_like", "high_position")
-FIGURES = ("error", "d_beta", "d_tau", "unseen", "inside", "seconds", "physical_error", "physical_unseen")
+FIGURES = (
+    "error",
+    "d_beta",
+    "d_tau",
+    "unseen",
+    "inside",
+    "seconds",
+    "physical_error",
+    "physical_unseen",
+)
 #: Largest parameter error that is asked for [%].
 TARGETS = {
     "low_position": 0.5,
@@ -100,7 +109,9 @@ def figures(arm: Arm, theta, covariance, fitted: float, seconds: float, whole) -
     beta = arm.beta
     inside = np.abs(theta - beta) <= 1.96 * np.sqrt(np.diagonal(covariance))
     d_beta = 200 * np.mean(np.abs(theta - beta) / (np.abs(beta) + np.abs(theta)))
-    W = arm.base.model.observer(arm.base.reduction.base).dense(*command(arm, np.linspace(0, SECONDS, 500), 10_000))
+    W = arm.base.model.observer(arm.base.reduction.base).dense(
+        *command(arm, np.linspace(0, SECONDS, 500), 10_000)
+    )
 
     def off(one):
         return 100 * np.linalg.norm(one - beta) / np.linalg.norm(beta), 100 * np.linalg.norm(
@@ -108,7 +119,19 @@ def figures(arm: Arm, theta, covariance, fitted: float, seconds: float, whole) -
         ) / np.linalg.norm(W @ beta)
 
     (error, unseen), (physical, of_physical) = off(theta), off(whole)
-    return [float(x) for x in (error, d_beta, fitted, unseen, 100 * inside.mean(), seconds, physical, of_physical)]
+    return [
+        float(x)
+        for x in (
+            error,
+            d_beta,
+            fitted,
+            unseen,
+            100 * inside.mean(),
+            seconds,
+            physical,
+            of_physical,
+        )
+    ]
 
 
 def tables(done: dict[str, dict[str, list[float]]]) -> Iterator[str]:
@@ -116,30 +139,50 @@ def tables(done: dict[str, dict[str, list[float]]]) -> Iterator[str]:
     names = {name: done_of(done, name) for name in ("lwr", "tx40")}
     for name, regimes in names.items():
         shown = ("OLS 50 Hz", *PLAIN, *SIMULATED)
-        yield f"\n| {name.upper()}: parameters / unseen torque [%] | asked | " + " | ".join(shown) + " | physical set |"
+        yield (
+            f"\n| {name.upper()}: parameters / unseen torque [%] | asked | "
+            + " | ".join(shown)
+            + " | physical set |"
+        )
         yield "| --- " * (len(shown) + 3) + "|"
         for regime, runs in regimes.items():
             cells = [cell(runs, method) for method in shown]
             physical = np.mean([found["auto"][6:8] for found in runs], axis=0)
             asked = f"{TARGETS[regime]} %" if regime in TARGETS else "-"
-            yield f"| {titled(regime, runs)} | {asked} | " + " | ".join([*cells, two(*physical)]) + " |"
-    yield "\n| inside the 95 % interval [%] | OLS 50 Hz (textbook) | " + " | ".join((*PLAIN, *SIMULATED)) + " |"
+            yield (
+                f"| {titled(regime, runs)} | {asked} | "
+                + " | ".join([*cells, two(*physical)])
+                + " |"
+            )
+    yield (
+        "\n| inside the 95 % interval [%] | OLS 50 Hz (textbook) | "
+        + " | ".join((*PLAIN, *SIMULATED))
+        + " |"
+    )
     yield "| --- " * (len(PLAIN) + len(SIMULATED) + 2) + "|"
     for name, regimes in names.items():
         for regime, runs in regimes.items():
-            cells = [cell(runs, method, inside=True) for method in ("OLS 50 Hz", *PLAIN, *SIMULATED)]
+            cells = [
+                cell(runs, method, inside=True) for method in ("OLS 50 Hz", *PLAIN, *SIMULATED)
+            ]
             yield f"| {name.upper()}, {titled(regime, runs)} | " + " | ".join(cells) + " |"
     yield "\n| seconds, conditioning included | " + " | ".join((*PLAIN, *SIMULATED)) + " |"
     yield "| --- " * (len(PLAIN) + len(SIMULATED) + 1) + "|"
     for name, regimes in names.items():
         runs = [found for some in regimes.values() for found in some]
-        times = [np.median([found[method][5] for found in runs if method in found]) for method in (*PLAIN, *SIMULATED)]
+        times = [
+            np.median([found[method][5] for found in runs if method in found])
+            for method in (*PLAIN, *SIMULATED)
+        ]
         yield f"| {name.upper()} | " + " | ".join(f"{t:.2f}" for t in times) + " |"
 
 
 def done_of(done, name: str) -> dict[str, list[dict[str, list[float]]]]:
     """Return the runs of each regime of an arm."""
-    runs = {regime: [v for key, v in done.items() if key.startswith(f"{name}/{regime}/")] for regime in REGIMES}
+    runs = {
+        regime: [v for key, v in done.items() if key.startswith(f"{name}/{regime}/")]
+        for regime in REGIMES
+    }
     return {regime: some for regime, some in runs.items() if some}
 
 
@@ -162,7 +205,9 @@ def cell(runs, method: str, *, inside: bool = False) -> str:
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     options.add_argument("--json", type=Path, default=Path("out/estimators.json"))
     options.add_argument("--minutes", type=float, default=25.0)
     options.add_argument("--table", action="store_true")

@@ -50,9 +50,13 @@ FAMILIES: dict[str, Basis] = {
 }
 #: The figure by which a cost is compared with random search.
 FIGURE = {
-    "I-optimal": "error", "D-optimal": "error", "cond": "cond", "cond, normalised": "scaled",
-    "cond, rigid columns": "rigid", "Eq. 14 along the path": "cond",
-}  # fmt: skip
+    "I-optimal": "error",
+    "D-optimal": "error",
+    "cond": "cond",
+    "cond, normalised": "scaled",
+    "cond, rigid columns": "rigid",
+    "Eq. 14 along the path": "cond",
+}
 LONG_COSTS = ("I-optimal", "D-optimal", "cond", "cond, normalised", "cond, rigid columns")
 #: Peak speeds and accelerations of FloBaRoID's recorded LWR4+ motion of 25 s, after a 5 Hz filter.
 RECORDED = ((0.49, 0.78, 0.85, 0.64, 0.77, 0.92, 0.64), (0.78, 2.75, 1.33, 0.97, 2.77, 1.39, 0.96))
@@ -73,8 +77,14 @@ class Bench:
     def row(self, trajectory: Trajectory, starts: int) -> dict[str, float]:
         """Return the figures of one motion, judged on 1,000 samples."""
         motion = trajectory.motion(np.linspace(0, trajectory.duration, 1000))
-        found = predict(self.model, self.base, motion, np.full(self.model.robot.n, NOISE), self.other)
-        W = self.model.observer(self.rigid).dense(motion.q, motion.qd, motion.qdd).reshape(-1, len(self.rigid))
+        found = predict(
+            self.model, self.base, motion, np.full(self.model.robot.n, NOISE), self.other
+        )
+        W = (
+            self.model.observer(self.rigid)
+            .dense(motion.q, motion.qd, motion.qdd)
+            .reshape(-1, len(self.rigid))
+        )
         return {
             "cond": found.figures.condition,
             "rigid": figures(W.T @ W).condition,
@@ -96,14 +106,19 @@ def broken(trajectory: Trajectory, limits: Bounds, rate: float = 1e4) -> int:
     q = trajectory.motion(t).q
     qd, qdd = np.diff(q, axis=0) * rate, np.diff(q, 2, axis=0) * rate**2
     over = [(q < limits.lower - 1e-9) | (q > limits.upper + 1e-9)]
-    over += [np.abs(qd) > limits.velocity * (1 + 1e-6), np.abs(qdd) > limits.acceleration * (1 + 1e-6)]
+    over += [
+        np.abs(qd) > limits.velocity * (1 + 1e-6),
+        np.abs(qdd) > limits.acceleration * (1 + 1e-6),
+    ]
     return int(sum(part.any(axis=0).sum() for part in over))
 
 
 def bench(name: str) -> Bench:
     """Prepare an arm."""
     robot = load_robot(name)
-    robot = replace(robot, joints=tuple(replace(j, friction=("viscous", "coulomb")) for j in robot.joints))
+    robot = replace(
+        robot, joints=tuple(replace(j, friction=("viscous", "coulomb")) for j in robot.joints)
+    )
     model = build_model(robot)
     base, names = reduce(model).base, model.parameter_names
     rigid = np.array([k for k in base if not names[k].startswith(("fv", "fc", "Im"))])
@@ -116,7 +131,9 @@ def bench(name: str) -> Bench:
         "cond, rigid columns": (rigid, Cost("condition")),
         "Eq. 14 along the path": (base, Cost("paper")),
     }
-    return Bench(model, base, rigid, limits, held_out(model, base, limits, seed=77, motions=6), costs)
+    return Bench(
+        model, base, rigid, limits, held_out(model, base, limits, seed=77, motions=6), costs
+    )
 
 
 class _Over(Exception):
@@ -145,11 +162,17 @@ def search_motions(b: Bench, basis: Basis, cost: str, seconds: float) -> dict[st
         return b.row(Trajectory(basis, objective.shaping.coefficients(kept)), start + 1)
 
 
-def random_search(b: Bench, basis: Basis, costs: tuple[str, ...], seconds: float) -> dict[str, dict[str, float]]:
+def random_search(
+    b: Bench, basis: Basis, costs: tuple[str, ...], seconds: float
+) -> dict[str, dict[str, float]]:
     """Take the best of random motions for each cost, each motion scaled to its limits as in the search."""
     end, count = time.process_time() + seconds, 0
     t = DURATION * (np.arange(200) + 0.5) / 200
-    shaping, observer, rng = Shaping(basis, b.limits, t), b.model.observer(b.base), np.random.default_rng(0)
+    shaping, observer, rng = (
+        Shaping(basis, b.limits, t),
+        b.model.observer(b.base),
+        np.random.default_rng(0),
+    )
     among = np.searchsorted(b.base, b.rigid)
     best = dict.fromkeys(costs, (np.inf, None))
     while time.process_time() < end:
@@ -160,7 +183,9 @@ def random_search(b: Bench, basis: Basis, costs: tuple[str, ...], seconds: float
             value = b.costs[cost][1].value(G[np.ix_(among, among)] if "rigid" in cost else G)[0]
             if value < best[cost][0]:
                 best[cost] = (value, x)
-    return {c: b.row(Trajectory(basis, shaping.coefficients(x)), count) for c, (_, x) in best.items()}
+    return {
+        c: b.row(Trajectory(basis, shaping.coefficients(x)), count) for c, (_, x) in best.items()
+    }
 
 
 def papers_recipe(b: Bench, points: int, seconds: float) -> tuple[Trajectory, float, int]:
@@ -169,7 +194,11 @@ def papers_recipe(b: Bench, points: int, seconds: float) -> tuple[Trajectory, fl
 
     end, count = time.process_time() + seconds, 0
     n = b.model.robot.n
-    regressor, cost, rng = RegressorGradient(b.model, b.base, points), Cost("paper"), np.random.default_rng(0)
+    regressor, cost, rng = (
+        RegressorGradient(b.model, b.base, points),
+        Cost("paper"),
+        np.random.default_rng(0),
+    )
     half, middle = (b.limits.upper - b.limits.lower) / 2, (b.limits.upper + b.limits.lower) / 2
     scale = (half, b.limits.velocity, b.limits.acceleration)
     best, kept = np.inf, np.zeros(0)
@@ -193,7 +222,9 @@ def papers_recipe(b: Bench, points: int, seconds: float) -> tuple[Trajectory, fl
             x, count = rng.standard_normal(3 * points * n), count + 1
             for power in (2.0, 8.0, np.inf):
                 options = {"maxiter": 60}
-                x = minimize(objective, x, args=(power,), jac=True, method="L-BFGS-B", options=options).x
+                x = minimize(
+                    objective, x, args=(power,), jac=True, method="L-BFGS-B", options=options
+                ).x
     except _Over:
         pass
     u = np.tanh(kept.reshape(3, points, n))
@@ -204,7 +235,11 @@ def papers_recipe(b: Bench, points: int, seconds: float) -> tuple[Trajectory, fl
     knots = np.linspace(0, 2.0 * (points - 1), points)
     basis = Quintic(tuple(knots.tolist()))
     phi = np.vstack([basis.matrix(knots, order) for order in range(3)])
-    return Trajectory(basis, np.linalg.lstsq(phi, np.vstack(rates), rcond=None)[0]), figures(W.T @ W).condition, count
+    return (
+        Trajectory(basis, np.linalg.lstsq(phi, np.vstack(rates), rcond=None)[0]),
+        figures(W.T @ W).condition,
+        count,
+    )
 
 
 class Store:
@@ -214,19 +249,25 @@ class Store:
         there = STORE.is_file() and not fresh
         self.cells = json.loads(STORE.read_text())["cells"] if there else {}
 
-    def cell(self, arm: str, part: str, label: str, make: Callable[[], dict[str, float]]) -> dict[str, float]:
+    def cell(
+        self, arm: str, part: str, label: str, make: Callable[[], dict[str, float]]
+    ) -> dict[str, float]:
         """Return a cell, made now when it is not there yet."""
         key = f"{arm}; {part}; {label}"
         if key not in self.cells:
             begin = time.process_time()
             found = make()
-            self.put(arm, part, label, found | {"processor_s": round(time.process_time() - begin, 1)})
+            self.put(
+                arm, part, label, found | {"processor_s": round(time.process_time() - begin, 1)}
+            )
         return self.cells[key]
 
     def put(self, arm: str, part: str, label: str, found: dict[str, float]) -> None:
         """Keep a cell."""
         self.cells[f"{arm}; {part}; {label}"] = found
-        machine = f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}"
+        machine = (
+            f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}"
+        )
         STORE.write_text(json.dumps({"machine": machine, "cells": self.cells}, indent=1) + "\n")
         print(f"{arm}; {part}: {line(label, found)}", flush=True)
 
@@ -240,11 +281,17 @@ def line(label: str, f: dict[str, float]) -> str:
 def grid(b: Bench, store: Store, arm: str) -> dict[str, str]:
     """Fill the grid; return the best family of each cost by the figure it is after."""
     found = {
-        cost: {f: store.cell(arm, "grid", f"{f}; {cost}", lambda c=cost, y=basis: search_motions(b, y, c, SHORT))
-               for f, basis in FAMILIES.items()}
+        cost: {
+            f: store.cell(
+                arm, "grid", f"{f}; {cost}", lambda c=cost, y=basis: search_motions(b, y, c, SHORT)
+            )
+            for f, basis in FAMILIES.items()
+        }
         for cost in b.costs
-    }  # fmt: skip
-    return {cost: min(rows, key=lambda f, c=cost: rows[f][FIGURE[c]]) for cost, rows in found.items()}
+    }
+    return {
+        cost: min(rows, key=lambda f, c=cost: rows[f][FIGURE[c]]) for cost, rows in found.items()
+    }
 
 
 def long(b: Bench, store: Store, arm: str, families: dict[str, str]) -> None:
@@ -252,7 +299,12 @@ def long(b: Bench, store: Store, arm: str, families: dict[str, str]) -> None:
     seconds = LONG[arm]
     for cost in LONG_COSTS:
         basis = FAMILIES[families[cost]]
-        store.cell(arm, "long", f"{families[cost]}; {cost}", lambda c=cost, y=basis: search_motions(b, y, c, seconds))
+        store.cell(
+            arm,
+            "long",
+            f"{families[cost]}; {cost}",
+            lambda c=cost, y=basis: search_motions(b, y, c, seconds),
+        )
     family = families["cond"]
     first = f"random search, {family}; {LONG_COSTS[0]}"
     if f"{arm}; long; {first}" not in store.cells:
@@ -263,14 +315,21 @@ def long(b: Bench, store: Store, arm: str, families: dict[str, str]) -> None:
         label = f"the paper's recipe, 24 points (cond {there:.1f} at them), joined"
         store.put(arm, "long", label, b.row(joined, count))
         safe = through_waypoints(joined.motion(np.array(joined.basis.knots)).q, b.limits)
-        store.put(arm, "long", "the same points of the paper's, intervals stretched to the limits", b.row(safe, count))
+        store.put(
+            arm,
+            "long",
+            "the same points of the paper's, intervals stretched to the limits",
+            b.row(safe, count),
+        )
 
 
 def slower(b: Bench, store: Store, arm: str) -> None:
     """How slow may the limits be and still beat what FloBaRoID stored, and the limits of what FloBaRoID recorded."""
     basis = FAMILIES["quintic, 6 waypoints"]
     for s in (0.9, 0.8, 0.7):
-        rates = replace(b.limits, velocity=s * b.limits.velocity, acceleration=s**2 * b.limits.acceleration)
+        rates = replace(
+            b.limits, velocity=s * b.limits.velocity, acceleration=s**2 * b.limits.acceleration
+        )
         less = replace(b, limits=rates)
         label = f"speed limits x {s}, acceleration limits x {s**2:.2f}; cond"
         store.cell(arm, "slower", label, lambda y=less: search_motions(y, basis, "cond", SHORT))
@@ -294,10 +353,20 @@ def table(store: Store) -> str:
     }
     for arm, title in ARMS.items():
         for part, words in parts.items():
-            rows = {k.split("; ", 2)[2]: v for k, v in store.cells.items() if k.startswith(f"{arm}; {part};")}
+            rows = {
+                k.split("; ", 2)[2]: v
+                for k, v in store.cells.items()
+                if k.startswith(f"{arm}; {part};")
+            }
             if rows:
                 seconds = {"grid": SHORT, "long": LONG[arm], "slower": SHORT}[part]
-                text += ["", f"## {title}: {words.format(seconds)}", "", HEADER, "| --- |" + " --- |" * (columns - 1)]
+                text += [
+                    "",
+                    f"## {title}: {words.format(seconds)}",
+                    "",
+                    HEADER,
+                    "| --- |" + " --- |" * (columns - 1),
+                ]
                 text += [line(label, row) for label, row in rows.items()]
     return "\n".join(text) + "\n"
 

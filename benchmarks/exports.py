@@ -24,11 +24,23 @@ from dynid.exporters.simulated import simulated  # noqa: E402
 def row(name: str) -> str:
     source = with_effect(name)
     where = simulated(source)
-    simulators = {each.engine.split()[0]: each for each in EFFECTS.check(EFFECTS.text(source), source)}
-    code = [each for key in ("c", "python") for each in FORMATS[key].check(FORMATS[key].text(source), source)]
-    phrase = next((p.partition(": ")[2] for p in (*where.numbers, *where.elements) if p.startswith(name)), "effects.py")
+    simulators = {
+        each.engine.split()[0]: each for each in EFFECTS.check(EFFECTS.text(source), source)
+    }
+    code = [
+        each
+        for key in ("c", "python")
+        for each in FORMATS[key].check(FORMATS[key].text(source), source)
+    ]
+    phrase = next(
+        (p.partition(": ")[2] for p in (*where.numbers, *where.elements) if p.startswith(name)),
+        "effects.py",
+    )
     left = next((p.partition(": ")[2] for p in where.left), "")
-    own = any(f"{key} of its joint" in phrase for key in ("viscous friction", "Coulomb friction")) or name == "payload"
+    own = (
+        any(f"{key} of its joint" in phrase for key in ("viscous friction", "Coulomb friction"))
+        or name == "payload"
+    )
     urdf = "-" if left else phrase if own else "effects.py"
     cells = (
         f"`{name}`",

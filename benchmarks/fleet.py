@@ -48,28 +48,47 @@ def simulated(result, seed, arms, days, share):
     rng = np.random.default_rng(seed)
     names, error = result.names, np.sqrt(np.diagonal(result.plain_covariance))
     root = np.linalg.cholesky(result.plain_covariance)
-    viscous, friction = (np.array([n.startswith(kinds) for n in names]) for kinds in ("fv", ("fv", "fc")))
+    viscous, friction = (
+        np.array([n.startswith(kinds) for n in names]) for kinds in ("fv", ("fv", "fc"))
+    )
     nominal = result.plain
     spread = np.where(friction, 0.1 * np.abs(nominal), np.maximum(0.01 * np.abs(nominal), error))
     true = nominal + spread * rng.standard_normal((arms, len(names)))
     restless = np.exp(0.3 * rng.standard_normal((arms, 1)))
     kelvin = 1.5 * wandering(rng, (1, days), 0.8) + restless * wandering(rng, (arms, days), 0.7)
-    value = true[:, None] * (1 + kelvin[:, :, None] * np.where(viscous, -0.012, np.where(friction, -0.004, 0.0)))
-    value += 0.5 * error * np.exp(0.2 * rng.standard_normal((arms, 1, 1))) * rng.standard_normal(value.shape)
+    value = true[:, None] * (
+        1 + kelvin[:, :, None] * np.where(viscous, -0.012, np.where(friction, -0.004, 0.0))
+    )
+    value += (
+        0.5
+        * error
+        * np.exp(0.2 * rng.standard_normal((arms, 1, 1)))
+        * rng.standard_normal(value.shape)
+    )
     length = np.exp(0.15 * rng.standard_normal((arms, days, 1)))
     value += length * (rng.standard_normal(value.shape) @ root.T)
     value += (rng.random((arms, days, 1)) < 0.005) * 8 * error * rng.standard_normal(value.shape)
     truth = {}
     for number, arm in enumerate(rng.choice(arms, round(share * arms), replace=False)):
-        kind, size, day = KINDS[number % 3], float(rng.choice(SIZES)), int(rng.integers(6, days - 5))
+        kind, size, day = (
+            KINDS[number % 3],
+            float(rng.choice(SIZES)),
+            int(rng.integers(6, days - 5)),
+        )
         after = (np.arange(days) >= day).astype(float)
         if kind == "tool":
             columns = [k for k, name in enumerate(names) if name in LEVERS]
-            value[arm][:, columns] += after[:, None] * size * np.array([LEVERS[names[k]] for k in columns])
+            value[arm][:, columns] += (
+                after[:, None] * size * np.array([LEVERS[names[k]] for k in columns])
+            )
         else:
             joint = int(rng.integers(1, 8))
             columns = [k for k, name in enumerate(names) if name in (f"fv{joint}", f"fc{joint}")]
-            shape = after if kind != KINDS[1] else np.clip((np.arange(days) - day) / (days - 1 - day), 0, 1)
+            shape = (
+                after
+                if kind != KINDS[1]
+                else np.clip((np.arange(days) - day) / (days - 1 - day), 0, 1)
+            )
             value[arm][:, columns] *= 1 + size * shape[:, None]
         truth[f"arm{arm}"] = (kind, size, day, {names[k] for k in columns})
     t = np.arange(days) + 0.3 * rng.random((arms, days))
@@ -83,8 +102,12 @@ def main():
     parser.add_argument("--seeds", type=int, default=3)
     given = parser.parse_args()
     robot = dynid.load_robot("kuka_lwr4plus")
-    result = dynid.identify(robot, [dynid.load_log(ROOT / "trajectories" / "lwr4plus_identify.bag", robot)])
-    print(f"{given.arms} arms x {given.days} days x {len(result.names)} parameters, {given.seeds} fleets\n")
+    result = dynid.identify(
+        robot, [dynid.load_log(ROOT / "trajectories" / "lwr4plus_identify.bag", robot)]
+    )
+    print(
+        f"{given.arms} arms x {given.days} days x {len(result.names)} parameters, {given.seeds} fleets\n"
+    )
     print("| changed | named | found | false | parameters right | processor |")
     print("| --- | --- | --- | --- | --- | --- |")
     hits, seconds = {}, []
@@ -103,7 +126,9 @@ def main():
             )
             for arm, (kind, size, _, _) in truth.items():
                 hits.setdefault((kind, size), []).append(arm in named)
-    print(f"\n| changed by | {' | '.join(f'{s:g}' for s in SIZES)} |\n| --- | {'--- | ' * len(SIZES)}")
+    print(
+        f"\n| changed by | {' | '.join(f'{s:g}' for s in SIZES)} |\n| --- | {'--- | ' * len(SIZES)}"
+    )
     for kind in KINDS:
         cells = (hits.get((kind, size), []) for size in SIZES)
         print(f"| {kind} | {' | '.join(f'{sum(c)} of {len(c)}' for c in cells)} |")
@@ -114,7 +139,9 @@ def main():
         path = result.save(Path(folder) / "parameters.npz")
         began = time.process_time()
         rows_of([path] * 100)
-        print(f"reading a result of {path.stat().st_size / 1e3:.0f} kB: {10 * (time.process_time() - began):.1f} ms")
+        print(
+            f"reading a result of {path.stat().st_size / 1e3:.0f} kB: {10 * (time.process_time() - began):.1f} ms"
+        )
     print(
         f"arrays: {3 * history.value.nbytes / 2**20:.0f} MB; peak of this process: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB"
     )

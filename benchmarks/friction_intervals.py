@@ -27,7 +27,10 @@ def recorded(robot, plant, seconds: float, rng) -> Log:
     """Return a log of an arm that moves as sines say."""
     motion = sines(robot, SineSpec(seconds, 6.0, 0.7, 0.7, 0.5, 0.1), 1.0 / RATE, rng)
     with plant.arm(robot) as arm:
-        rigid = [arm.inverse_dynamics(*state) for state in zip(motion.q, motion.qd, motion.qdd, strict=True)]
+        rigid = [
+            arm.inverse_dynamics(*state)
+            for state in zip(motion.q, motion.qd, motion.qdd, strict=True)
+        ]
         tau = np.array(rigid) + arm.friction.torque(motion.qd) + arm.rotor_inertia * motion.qdd
     tau = tau + 3.0 * rng.normal(size=tau.shape) * np.array(plant.sensors.torque_noise)
     q = np.round(motion.q / plant.sensors.position_step) * plant.sensors.position_step
@@ -50,14 +53,26 @@ def main() -> None:
                 known = arm.friction
                 viscous = [share * x * np.exp(rng.normal(0.0, 0.7)) for x in known.viscous]
                 coulomb = [x * np.exp(rng.normal(0.0, 0.4)) for x in known.coulomb]
-                plant = replace(arm, friction=replace(known, viscous=tuple(viscous), coulomb=tuple(coulomb)))
-                found = identify(robot, recorded(robot, plant, seconds, rng), holdout=None, anyway=True, drop_weak=True)
-                told = dict(zip(found.names, zip(found.theta, found.std_error, strict=True), strict=True))
+                plant = replace(
+                    arm, friction=replace(known, viscous=tuple(viscous), coulomb=tuple(coulomb))
+                )
+                found = identify(
+                    robot,
+                    recorded(robot, plant, seconds, rng),
+                    holdout=None,
+                    anyway=True,
+                    drop_weak=True,
+                )
+                told = dict(
+                    zip(found.names, zip(found.theta, found.std_error, strict=True), strict=True)
+                )
                 for kind, truth in (("fv", viscous), ("fc", coulomb)):
                     for j, value in enumerate(truth):
                         theta, error = told[f"{kind}{j + 1}"]
                         errors[kind].append(abs(theta - value) / error)
-            cells = [f"{100 * np.mean(np.array(z) < 1.96):.0f} | {max(z):.1f}" for z in errors.values()]
+            cells = [
+                f"{100 * np.mean(np.array(z) < 1.96):.0f} | {max(z):.1f}" for z in errors.values()
+            ]
             print(f"| {share:g} | {seconds:g} | {' | '.join(cells)} |", flush=True)
 
 

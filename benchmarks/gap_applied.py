@@ -29,11 +29,15 @@ def lines(pair: Pair) -> list[str]:
     after, found = gap.apply(), []
     joints = {j for one in gap.named for j in one.indices[:1]}
     for name, log in pair.unseen:
-        seen, alone = ([validate(r, log, o) for r in (before, after)] for o in (ValidateOptions(), ALONE))
+        seen, alone = (
+            [validate(r, log, o) for r in (before, after)] for o in (ValidateOptions(), ALONE)
+        )
         ratio = np.divide(*([joint.rms for joint in v.joints] for v in reversed(seen)))
         others = [r for j, r in enumerate(ratio) if j not in joints]
         own = ", ".join(f"{100 * (ratio[j] - 1):+.0f} %" for j in sorted(joints))
-        totals = [" -> ".join(f"{v.relative_error_percent:.2f}" for v in both) for both in (seen, alone)]
+        totals = [
+            " -> ".join(f"{v.relative_error_percent:.2f}" for v in both) for both in (seen, alone)
+        ]
         named = ", ".join(f"{one.effect}, {one.where}" for one in gap.named)
         found.append(
             f"| {pair.name} | {named} | {name} | {' | '.join(totals)} | {own} | {100 * (max(others) - 1):+.0f} % |"

@@ -45,9 +45,14 @@ JOINTS = (1, 2, 3, 4)
 LACKING = ("viscous", "coulomb")
 #: Effects that are hidden as a part, beside a rest on the same joint that is in no catalogue.
 PARTS = (
-    "asymmetric_viscous", "load_friction", "position_friction", "torque_ripple", "nonlinear_viscous", "joint_coupling",
+    "asymmetric_viscous",
+    "load_friction",
+    "position_friction",
+    "torque_ripple",
+    "nonlinear_viscous",
+    "joint_coupling",
     "torque_crosstalk",
-)  # fmt: skip
+)
 RESTS = ("odd_cross", "load_viscous", "sum_angle", "dead_band", "ringing")
 #: What old and new logs alike hold where nothing has changed: what goes on from one session to the next as it was.
 ALWAYS = tuple(
@@ -62,11 +67,17 @@ def model_of(name, lacks=None):
     """Return the model of an arm; without viscous or Coulomb friction of one joint when it lacks it."""
     if (name, lacks) not in _MODELS:
         robot = load_robot(hidden.ROBOT[name])
-        bare = [replace(j, friction=("viscous", "coulomb"), motor_inertia=False) for j in robot.joints]
+        bare = [
+            replace(j, friction=("viscous", "coulomb"), motor_inertia=False) for j in robot.joints
+        ]
         if lacks:
-            bare[lacks[1]] = replace(bare[lacks[1]], friction=tuple(f for f in ("viscous", "coulomb") if f != lacks[0]))
+            bare[lacks[1]] = replace(
+                bare[lacks[1]], friction=tuple(f for f in ("viscous", "coulomb") if f != lacks[0])
+            )
         # Why: the truth is tanh(v / 0.003); 0.005 leaves a difference that the search must not take for an effect.
-        model = build_model(replace(robot, joints=tuple(bare), coulomb=Coulomb("smooth", (0.005,) * robot.n)))
+        model = build_model(
+            replace(robot, joints=tuple(bare), coulomb=Coulomb("smooth", (0.005,) * robot.n))
+        )
         _MODELS[name, lacks] = BaseModel(model, reduce(model))
     return _MODELS[name, lacks]
 
@@ -77,7 +88,11 @@ def sources_of(logs, model):
     for k, (t, q, tau) in enumerate(logs):
         log = with_even_clock(Log(t, q, tau, model.robot.joint_names))
         one = replace(condition_log(log, model, cutoff=CUTOFF), name=f"log {k + 1}")
-        found.append(replace(one, segments=[replace(s, elapsed=s.elapsed + t[0] - start) for s in one.segments]))
+        found.append(
+            replace(
+                one, segments=[replace(s, elapsed=s.elapsed + t[0] - start) for s in one.segments]
+            )
+        )
     return found
 
 
@@ -116,7 +131,12 @@ def draw(set_name, k, seed=0):
         )
         return [(name, joint)], 0.0 if nothing else max(size, 1.2), arm, "plain"
     if set_name == "partial":
-        return [(PARTS[k % len(PARTS)], joint), (str(rng.choice(RESTS)), joint)], max(size, 2.0), arm, "plain"
+        return (
+            [(PARTS[k % len(PARTS)], joint), (str(rng.choice(RESTS)), joint)],
+            max(size, 2.0),
+            arm,
+            "plain",
+        )
     if set_name == "outside":
         return [(hidden.OUTSIDE[k % len(hidden.OUTSIDE)], joint)], max(size, 2.0), arm, "plain"
     if set_name == "changed":
@@ -128,7 +148,9 @@ def draw(set_name, k, seed=0):
         nothing = k % 2 == 0
         name = "torque_offset" if nothing else ALWAYS[(k // 2) % len(ALWAYS)]
         return [(name, joint)], 0.0 if nothing else max(size, 1.0), arm, "plain"
-    names = [n for n in (*hidden.CATALOGUE, *LACKING) if set_name == "single" or n != "torque_delay"]
+    names = [
+        n for n in (*hidden.CATALOGUE, *LACKING) if set_name == "single" or n != "torque_delay"
+    ]
     first = names[k % len(names)] if set_name == "single" else str(rng.choice(names[:18]))
     if first == "motor_inertia":
         joint = max(joint, 2)
@@ -153,7 +175,10 @@ def logs_of(effects, size, arm, seed, extra="plain", **options):
     if len(cases) == 2:
         other = hidden.simulate(cases[1], **options)
         bare = hidden.simulate(cases[1], hide=False, **options)
-        logs = [(t, q, tau + a - b) for (t, q, tau), (_, _, a), (_, _, b) in zip(logs, other, bare, strict=True)]
+        logs = [
+            (t, q, tau + a - b)
+            for (t, q, tau), (_, _, a), (_, _, b) in zip(logs, other, bare, strict=True)
+        ]
     return logs, cases
 
 
@@ -166,7 +191,9 @@ def known_of(base, arm, seed):
 def identified(logs, base):
     """Return the model that logs give, to be kept, and these as they are compared with later ones."""
     sources = sources_of(logs, base.model)
-    return kept_model(estimate(stack_logs(sources, base), base, method="wls", holdout=None)), sources
+    return kept_model(
+        estimate(stack_logs(sources, base), base, method="wls", holdout=None)
+    ), sources
 
 
 def visible_cases(cases):
@@ -208,7 +235,9 @@ def run(set_name, k, seed=0):
     else:
         start = time.process_time()
         sources = sources_of(logs, base.model)
-        seen = analyse_gap(sources, base, known, SelectionOptions(), simulate=False, earlier=earlier)
+        seen = analyse_gap(
+            sources, base, known, SelectionOptions(), simulate=False, earlier=earlier
+        )
     seconds = time.process_time() - start
     visible = np.sqrt(np.maximum(seen.search.before - 1, 0))
     joint = int(np.argmax(visible))
@@ -219,19 +248,45 @@ def run(set_name, k, seed=0):
     )
     changed = [] if set_name == "unchanged" else cases
     row = {
-        "set": set_name, "k": k, "seed": seed, "arm": arm, "size": size, "extra": extra,
-        "truth": truth_of(changed, base.robot.n), "hidden": [[c.effect, c.joint] for c in cases],
-        "verdict": seen.verdict.word, "named": [[f.name, list(f.joints)] for f in seen.verdict.named],
+        "set": set_name,
+        "k": k,
+        "seed": seed,
+        "arm": arm,
+        "size": size,
+        "extra": extra,
+        "truth": truth_of(changed, base.robot.n),
+        "hidden": [[c.effect, c.joint] for c in cases],
+        "verdict": seen.verdict.word,
+        "named": [[f.name, list(f.joints)] for f in seen.verdict.named],
         "closest": [[f.name, list(f.joints), why] for f, why in seen.verdict.closest],
         "alternatives": [list(group) for group in seen.verdict.alternatives],
         "equals": [[[name, list(place)] for name, place in f.rivals] for f in seen.verdict.named],
         "sizes": [[f.name, list(f.joints), f.values, f.std_errors] for f in seen.verdict.named],
-        "true": [[*place, size] for place, size in zip(truth_of(changed, base.robot.n), map(hidden.sizes_of, visible_cases(changed)), strict=True)],
-        "visible": float(size_seen), "joint": joint, "seconds": seconds,
-        "unrepeatable": [seen.search.problem.noise.burst.tolist(), seen.search.problem.noise.drift.tolist()],
-        "held": [x.tolist() for x in (seen.improvement.before, seen.improvement.after, seen.improvement.floor)],
-        "chi": [seen.search.before.round(2).tolist(), seen.search.after.round(2).tolist(), seen.search.between_reversals.round(2).tolist()],
-    }  # fmt: skip
+        "true": [
+            [*place, size]
+            for place, size in zip(
+                truth_of(changed, base.robot.n),
+                map(hidden.sizes_of, visible_cases(changed)),
+                strict=True,
+            )
+        ],
+        "visible": float(size_seen),
+        "joint": joint,
+        "seconds": seconds,
+        "unrepeatable": [
+            seen.search.problem.noise.burst.tolist(),
+            seen.search.problem.noise.drift.tolist(),
+        ],
+        "held": [
+            x.tolist()
+            for x in (seen.improvement.before, seen.improvement.after, seen.improvement.floor)
+        ],
+        "chi": [
+            seen.search.before.round(2).tolist(),
+            seen.search.after.round(2).tolist(),
+            seen.search.between_reversals.round(2).tolist(),
+        ],
+    }
     if set_name == "partial":
         row["part"] = float(visible_alone(base, effects[0], size, arm, number))
     if (
@@ -255,7 +310,9 @@ def run_heavy(k, seed):
         robot = load_robot(path)
     rng = np.random.default_rng([number, 6])
     if prior == "crude":
-        robot = replace(robot, prior=Prior(links=tuple(wrong_body(*body, rng) for body in drawn.bodies)))
+        robot = replace(
+            robot, prior=Prior(links=tuple(wrong_body(*body, rng) for body in drawn.bodies))
+        )
     if prior == "masses":
         masses = tuple((i + 1, (0.9 * m, 1.1 * m)) for i, (m, _, _) in enumerate(drawn.bodies))
         robot = replace(robot, known=Known(link_mass=masses))
@@ -265,17 +322,28 @@ def run_heavy(k, seed):
     start = time.process_time()
     seen = find_gap(result, logs)
     return {
-        "set": "counterbalance", "k": k, "seed": seed, "arm": f"{drawn.facts['kind']} {drawn.facts['mass']:.0f} kg",
-        "extra": prior, "truth": [["counterbalance", [1]]] if carries else [], "size": drawn.carries,
-        "hidden": [["counterbalance" if carries else "nothing", 1]], "counterweight": drawn.facts["counterweight"],
+        "set": "counterbalance",
+        "k": k,
+        "seed": seed,
+        "arm": f"{drawn.facts['kind']} {drawn.facts['mass']:.0f} kg",
+        "extra": prior,
+        "truth": [["counterbalance", [1]]] if carries else [],
+        "size": drawn.carries,
+        "hidden": [["counterbalance" if carries else "nothing", 1]],
+        "counterweight": drawn.facts["counterweight"],
         "misfit": float(np.divide(*(relative_error(result.factors, one) for one in theta))),
-        "verdict": seen.verdict, "named": [[f.effect, list(f.indices)] for f in seen.named],
+        "verdict": seen.verdict,
+        "named": [[f.effect, list(f.indices)] for f in seen.named],
         "closest": [[f.effect, list(f.indices), f.message] for f in seen.closest],
-        "equals": [[] for f in seen.named], "asked": seen.asked, "visible": 1.0, "joint": 1,
+        "equals": [[] for f in seen.named],
+        "asked": seen.asked,
+        "visible": 1.0,
+        "joint": 1,
         "told": "give the mass" in seen.asked,
         "sizes": [[f.effect, list(f.indices), f.values, f.std_errors] for f in seen.named],
-        "true": [["counterbalance", [1], drawn.sizes()]] if carries else [], "seconds": time.process_time() - start,
-    }  # fmt: skip
+        "true": [["counterbalance", [1], drawn.sizes()]] if carries else [],
+        "seconds": time.process_time() - start,
+    }
 
 
 def visible_alone(base, effect, size, arm, seed):
@@ -289,9 +357,13 @@ def visible_alone(base, effect, size, arm, seed):
 def oracle_of(effects, size, arm, number, extra, known):
     """Return the held-out error of the same logs without what is hidden, fitted by a model that lacks nothing."""
     name, joint = effects[0]
-    bare = hidden.Case(arm, "torque_offset" if name in LACKING else name, joint, size, number, extra)
+    bare = hidden.Case(
+        arm, "torque_offset" if name in LACKING else name, joint, size, number, extra
+    )
     base = model_of(arm)
-    first = make_problem(on_one_clock(sources_of(hidden.simulate(bare, hide=False), base.model)), base, known)
+    first = make_problem(
+        on_one_clock(sources_of(hidden.simulate(bare, hide=False), base.model)), base, known
+    )
     return held_out_improvement(first, search_nothing(first), []).before
 
 
@@ -322,7 +394,9 @@ def outcome(row):
         return "not told apart"
     if named == truth:
         if row["set"] == "outside":
-            return "exact" if row["verdict"] == "unexplained" or row["visible"] < SEEN else "not seen"
+            return (
+                "exact" if row["verdict"] == "unexplained" or row["visible"] < SEEN else "not seen"
+            )
         clear = row["verdict"] in ("nothing_missing", "nothing_changed")
         return "exact" if named or clear else "exact, with doubt"
     return "part of it" if named else "nothing named"
@@ -340,10 +414,17 @@ WORDS = (
     "wrong",
 )
 SETS = {
-    "clean": ((-1, 1e9),), "single": ((1, 1e9), (0.5, 1), (-1, 0.5)), "double": ((1, 1e9), (-1, 1)),
-    "changed": ((0.5, 1e9), (-1, 0.5)), "unchanged": ((-1, 1e9),), "outside": ((-1, 1e9),), "messy": ((0.5, 1e9), (-1, 0.5)),
-    "crude": ((1, 1e9), (0.5, 1), (-1, 0.5)), "partial": ((-1, 1e9),), "counterbalance": ((-1, 1e9),),
-}  # fmt: skip
+    "clean": ((-1, 1e9),),
+    "single": ((1, 1e9), (0.5, 1), (-1, 0.5)),
+    "double": ((1, 1e9), (-1, 1)),
+    "changed": ((0.5, 1e9), (-1, 0.5)),
+    "unchanged": ((-1, 1e9),),
+    "outside": ((-1, 1e9),),
+    "messy": ((0.5, 1e9), (-1, 0.5)),
+    "crude": ((1, 1e9), (0.5, 1), (-1, 0.5)),
+    "partial": ((-1, 1e9),),
+    "counterbalance": ((-1, 1e9),),
+}
 #: Visible sizes over noise of an effect that is a part, without the rest: a cap on sizes leaves some that none can see.
 PART_BANDS = (("1 and more", 1, 1e9), ("0.5 to 1", 0.5, 1), ("less than 0.5", -1, 0.5))
 #: Visible size from which something outside the catalogue should be seen: twice the power of a clean joint's limit.
@@ -351,7 +432,10 @@ SEEN = 0.5
 
 
 def table(rows):
-    lines = [f"| set | visible size over noise | cases | {' | '.join(WORDS)} |", "|---" * (3 + len(WORDS)) + "|"]
+    lines = [
+        f"| set | visible size over noise | cases | {' | '.join(WORDS)} |",
+        "|---" * (3 + len(WORDS)) + "|",
+    ]
     for name, bands in SETS.items():
         for low, high in bands:
             some = [r for r in rows if r["set"] == name and low <= r["visible"] < high]
@@ -374,13 +458,22 @@ def carried(rows):
     rows = [r for r in rows if r["set"] == "counterbalance"]
     if not rows:
         return []
-    lines = ["| heavy arms | known of the links | possible links miss | arms | named | not told apart | nothing said |"]
+    lines = [
+        "| heavy arms | known of the links | possible links miss | arms | named | not told apart | nothing said |"
+    ]
     lines += ["|---" * 7 + "|"]
     for there, what in ((True, "with a counterbalance"), (False, "without")):
         for prior in heavy.PRIORS:
-            for low, high, ratio in ((0, 3, "less than 3 times as much"), (3, 1e9, "3 times as much and more")):
+            for low, high, ratio in (
+                (0, 3, "less than 3 times as much"),
+                (3, 1e9, "3 times as much and more"),
+            ):
                 some = [
-                    r for r in rows if bool(r["truth"]) == there and r["extra"] == prior and low <= r["misfit"] < high
+                    r
+                    for r in rows
+                    if bool(r["truth"]) == there
+                    and r["extra"] == prior
+                    and low <= r["misfit"] < high
                 ]
                 named = sum(["counterbalance", [1]] in r["named"] for r in some)
                 told = sum(r["told"] for r in some)
@@ -395,11 +488,16 @@ def intervals(rows):
     """Return (error, standard error) of each true size that was named at its place."""
     found = []
     for r in rows:
-        said = {(name, tuple(place)): (values, errors) for name, place, values, errors in r.get("sizes", [])}
+        said = {
+            (name, tuple(place)): (values, errors)
+            for name, place, values, errors in r.get("sizes", [])
+        }
         for name, place, true in r.get("true", []):
             values, errors = said.get((name, tuple(place)), ({}, {}))
             pairs = [
-                (values[x] - true[x], errors[x]) for x in true if x in values and np.isfinite(errors.get(x, np.inf))
+                (values[x] - true[x], errors[x])
+                for x in true
+                if x in values and np.isfinite(errors.get(x, np.inf))
             ]
             found += [(r["set"], *pair) for pair in pairs]
     return found
@@ -410,10 +508,18 @@ def figures(rows):
     exact = [r for r in rows if r.get("oracle")]
     closed = []
     for r in exact:
-        before, after, oracle = (r["held"][0][r["joint"]], r["held"][1][r["joint"]], r["oracle"][r["joint"]])
+        before, after, oracle = (
+            r["held"][0][r["joint"]],
+            r["held"][1][r["joint"]],
+            r["oracle"][r["joint"]],
+        )
         closed.append((before**2 - after**2) / max(before**2 - oracle**2, 1e-12))
     seconds = np.array([r["seconds"] for r in rows])
-    replays = [(r["simulated"][0][r["joint"]], r["simulated"][1][r["joint"]]) for r in exact if r.get("simulated")]
+    replays = [
+        (r["simulated"][0][r["joint"]], r["simulated"][1][r["joint"]])
+        for r in exact
+        if r.get("simulated")
+    ]
     lines = [
         f"Processor time a case (7 joints, 120 s at 200 Hz): median {np.median(seconds):.1f} s, longest {seconds.max():.1f} s."
     ]
@@ -425,7 +531,9 @@ def figures(rows):
     pairs = intervals(rows)
     if pairs:
         inside = np.mean([abs(error) < 1.96 * sigma for _, error, sigma in pairs])
-        lines.append(f"True sizes inside their 95 % intervals: {100 * inside:.0f} % of {len(pairs)}.")
+        lines.append(
+            f"True sizes inside their 95 % intervals: {100 * inside:.0f} % of {len(pairs)}."
+        )
     for what, low, high in PART_BANDS:
         partial = [r for r in rows if r["set"] == "partial" and low <= r["part"] < high]
         if not partial:
@@ -434,7 +542,9 @@ def figures(rows):
         named = [[(name, tuple(place)) for name, place in r["named"]] for r in partial]
         right = [true[0] in said for true, said in zip(truth, named, strict=True)]
         near = [all(abs(error) < 2 * sigma for _, error, sigma in intervals([r])) for r in partial]
-        other = [any(one not in true for one in said) for true, said in zip(truth, named, strict=True)]
+        other = [
+            any(one not in true for one in said) for true, said in zip(truth, named, strict=True)
+        ]
         lines.append(
             f"Effects drawn as 15 to 50 % of their joint's gap, visible alone at {what}: named in {sum(right)} of {len(partial)}, with the size within two "
             f"standard errors in {sum(a and b for a, b in zip(right, near, strict=True))}; a stand-in in {sum(other)}."
@@ -449,10 +559,19 @@ def figures(rows):
 
 
 def misses(rows):
-    lines = ["Cases that were not exact:", "", "| set | hidden | visible | named | verdict |", "|---|---|---|---|---|"]
+    lines = [
+        "Cases that were not exact:",
+        "",
+        "| set | hidden | visible | named | verdict |",
+        "|---|---|---|---|---|",
+    ]
     for r in rows:
         if outcome(r) != "exact":
-            text = ", ".join(f"{n} on joint {j + 1}" for n, j in r["hidden"]) if r["size"] else "nothing"
+            text = (
+                ", ".join(f"{n} on joint {j + 1}" for n, j in r["hidden"])
+                if r["size"]
+                else "nothing"
+            )
             text += f" ({r['extra']})" if r["extra"] != "plain" else ""
             said = ", ".join(f"{n} {'-'.join(str(j + 1) for j in p)}" for n, p in r["named"]) or "-"
             lines.append(f"| {r['set']} | {text} | {r['visible']:.2f} | {said} | {r['verdict']} |")

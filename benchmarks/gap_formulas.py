@@ -41,15 +41,21 @@ def place(rng, j):
     h, where = int(rng.integers(1, 5)), j + int(rng.choice([0, 0, 0, -1, 1]))
     if kind == "wave":
         turn = np.pi / 2 * rng.integers(2)
-        return lambda q, rigid: np.sin(h * q[:, where] + turn), f"{'cos' if turn else 'sin'}({h} q{where + 1})"
+        return lambda q, rigid: np.sin(
+            h * q[:, where] + turn
+        ), f"{'cos' if turn else 'sin'}({h} q{where + 1})"
     if kind == "phase":
         turn = rng.uniform(0, 2 * np.pi)
-        return lambda q, rigid: np.cos(h * q[:, where] + turn), f"cos({h} q{where + 1} + {turn:.2f})"
+        return lambda q, rigid: np.cos(
+            h * q[:, where] + turn
+        ), f"cos({h} q{where + 1} + {turn:.2f})"
     if kind == "load":
         return lambda q, rigid: rigid[:, where], f"load{where + 1}"
     if kind == "sum":
         other = j + int(rng.choice([-1, 1]))
-        return lambda q, rigid: np.sin(h * (q[:, j] + q[:, other])), f"sin({h} q{j + 1} + {h} q{other + 1})"
+        return lambda q, rigid: np.sin(
+            h * (q[:, j] + q[:, other])
+        ), f"sin({h} q{j + 1} + {h} q{other + 1})"
     share = rng.uniform(0.2, 0.6)
 
     def limited(q, rigid):
@@ -61,16 +67,25 @@ def place(rng, j):
 
 def rate(rng, j):
     """Draw a function of speed, acceleration or time and how it reads."""
-    kind = rng.choice(["v", "|v|", "v^2", "v|v|", "sign", "a", "t"], p=[0.22, 0.22, 0.16, 0.14, 0.1, 0.08, 0.08])
+    kind = rng.choice(
+        ["v", "|v|", "v^2", "v|v|", "sign", "a", "t"], p=[0.22, 0.22, 0.16, 0.14, 0.1, 0.08, 0.08]
+    )
     k = j + int(rng.choice([0, 0, 0, -1, 1]))
     laws = {
-        "v": lambda t, v, a: v[:, k], "|v|": lambda t, v, a: np.abs(v[:, k]), "v^2": lambda t, v, a: v[:, k] ** 2,
-        "v|v|": lambda t, v, a: v[:, k] * np.abs(v[:, k]), "sign": lambda t, v, a: np.tanh(v[:, k] / 0.003),
-        "a": lambda t, v, a: a[:, k], "t": lambda t, v, a: t / 60,
-    }  # fmt: skip
-    return laws[kind], f"{kind.replace('v', f'v{k + 1}').replace('a', f'a{k + 1}')}" if kind not in ("t", "sign") else (
-        "t" if kind == "t" else f"sign(v{k + 1})"
-    )
+        "v": lambda t, v, a: v[:, k],
+        "|v|": lambda t, v, a: np.abs(v[:, k]),
+        "v^2": lambda t, v, a: v[:, k] ** 2,
+        "v|v|": lambda t, v, a: v[:, k] * np.abs(v[:, k]),
+        "sign": lambda t, v, a: np.tanh(v[:, k] / 0.003),
+        "a": lambda t, v, a: a[:, k],
+        "t": lambda t, v, a: t / 60,
+    }
+    return laws[
+        kind
+    ], f"{kind.replace('v', f'v{k + 1}').replace('a', f'a{k + 1}')}" if kind not in (
+        "t",
+        "sign",
+    ) else ("t" if kind == "t" else f"sign(v{k + 1})")
 
 
 def draw_law(rng, j):
@@ -111,32 +126,48 @@ def draw_physics(rng, j):
 def physics(rng, j, k):
     """Draw a cause, speeds and growth at joint j and its neighbour k: how they read, and as functions."""
     causes = {
-        f"sin(q{j + 1})": lambda q, g: np.sin(q[:, j]), f"cos(q{j + 1})": lambda q, g: np.cos(q[:, j]),
-        f"sin(q{k + 1})": lambda q, g: np.sin(q[:, k]), f"cos(2 q{j + 1})": lambda q, g: np.cos(2 * q[:, j]),
-        f"cos(q{j + 1} + q{k + 1})": lambda q, g: np.cos(q[:, j] + q[:, k]), f"load{j + 1}": lambda q, g: g[:, j],
-        f"load{k + 1}": lambda q, g: g[:, k], "": lambda q, g: np.ones(len(q)),
-    }  # fmt: skip
+        f"sin(q{j + 1})": lambda q, g: np.sin(q[:, j]),
+        f"cos(q{j + 1})": lambda q, g: np.cos(q[:, j]),
+        f"sin(q{k + 1})": lambda q, g: np.sin(q[:, k]),
+        f"cos(2 q{j + 1})": lambda q, g: np.cos(2 * q[:, j]),
+        f"cos(q{j + 1} + q{k + 1})": lambda q, g: np.cos(q[:, j] + q[:, k]),
+        f"load{j + 1}": lambda q, g: g[:, j],
+        f"load{k + 1}": lambda q, g: g[:, k],
+        "": lambda q, g: np.ones(len(q)),
+    }
     speeds = {
-        f"v{j + 1}": lambda t, v, a: v[:, j], f"v{j + 1}|v{j + 1}|": lambda t, v, a: v[:, j] * np.abs(v[:, j]),
-        f"v{k + 1}^2": lambda t, v, a: v[:, k] ** 2, f"v{j + 1}^2": lambda t, v, a: v[:, j] ** 2,
-        f"|v{k + 1}|": lambda t, v, a: np.abs(v[:, k]), f"a{j + 1}": lambda t, v, a: a[:, j],
+        f"v{j + 1}": lambda t, v, a: v[:, j],
+        f"v{j + 1}|v{j + 1}|": lambda t, v, a: v[:, j] * np.abs(v[:, j]),
+        f"v{k + 1}^2": lambda t, v, a: v[:, k] ** 2,
+        f"v{j + 1}^2": lambda t, v, a: v[:, j] ** 2,
+        f"|v{k + 1}|": lambda t, v, a: np.abs(v[:, k]),
+        f"a{j + 1}": lambda t, v, a: a[:, j],
         f"a{k + 1}": lambda t, v, a: a[:, k],
-    }  # fmt: skip
+    }
     grows = {
-        "": lambda t, v, a: np.ones(len(t)), "t": lambda t, v, a: t / 60, f"|v{j + 1}|": lambda t, v, a: np.abs(v[:, j]),
-        f"|v{k + 1}|": lambda t, v, a: np.abs(v[:, k]), f"sign(v{k + 1})": lambda t, v, a: hidden.sharp(v[:, k]),
-    }  # fmt: skip
+        "": lambda t, v, a: np.ones(len(t)),
+        "t": lambda t, v, a: t / 60,
+        f"|v{j + 1}|": lambda t, v, a: np.abs(v[:, j]),
+        f"|v{k + 1}|": lambda t, v, a: np.abs(v[:, k]),
+        f"sign(v{k + 1})": lambda t, v, a: hidden.sharp(v[:, k]),
+    }
     odds = [0.5, 0.14, 0.12, 0.12, 0.12]
-    words = str(rng.choice(list(causes))), str(rng.choice(list(speeds))), str(rng.choice(list(grows), p=odds))
-    return words, tuple(table[word] for table, word in zip((causes, speeds, grows), words, strict=True))
+    words = (
+        str(rng.choice(list(causes))),
+        str(rng.choice(list(speeds))),
+        str(rng.choice(list(grows), p=odds)),
+    )
+    return words, tuple(
+        table[word] for table, word in zip((causes, speeds, grows), words, strict=True)
+    )
 
 
 def bumps(rng, j):
     """Return narrow bumps at random places of the joint's travel."""
     at, height = rng.uniform(-1.2, 1.2, 4), rng.normal(size=4)
-    return lambda t, q, v, acc, rigid: (height * np.exp(-(((q[:, j, None] - q[:, j].mean() - at) / 0.05) ** 2))).sum(
-        axis=1
-    )
+    return lambda t, q, v, acc, rigid: (
+        height * np.exp(-(((q[:, j, None] - q[:, j].mean() - at) / 0.05) ** 2))
+    ).sum(axis=1)
 
 
 def stuck(rng, j):
@@ -152,7 +183,9 @@ def draw(name, k, seed):
     joint, size = int(rng.choice(blind.JOINTS)), float(np.exp(rng.uniform(np.log(1.5), np.log(6))))
     number = 20_000 + 131 * k + 1_000_003 * seed + SETS.index(name)
     if name == "clean":
-        return hidden.Case(arm, "torque_offset", joint, 0.0, number, hidden.DECOYS[k % len(hidden.DECOYS)]), "nothing"
+        return hidden.Case(
+            arm, "torque_offset", joint, 0.0, number, hidden.DECOYS[k % len(hidden.DECOYS)]
+        ), "nothing"
     if name == "law":
         law, text = draw_law(rng, joint)
         return hidden.Case(arm, "law", joint, size, number, law=law), text
@@ -180,7 +213,9 @@ def with_wrong_links(logs, arm, rng):
         acceleration = np.gradient(speed, step, axis=0)
         change = wrong.torque(q, speed, acceleration) - truth.torque(q, speed, acceleration)
         kernel = np.hanning(21) / np.hanning(21).sum()
-        found.append((t, q, tau + np.stack([np.convolve(x, kernel, "same") for x in change.T], axis=1)))
+        found.append(
+            (t, q, tau + np.stack([np.convolve(x, kernel, "same") for x in change.T], axis=1))
+        )
     return found
 
 
@@ -192,15 +227,31 @@ def run(name, k, seed):
     if text == "geometry":
         logs = with_wrong_links(logs, case.arm, np.random.default_rng(case.seed))
     start = time.process_time()
-    seen = analyse_gap(blind.sources_of(logs, base.model), base, None, SelectionOptions(), simulate=False)
+    seen = analyse_gap(
+        blind.sources_of(logs, base.model), base, None, SelectionOptions(), simulate=False
+    )
     seconds = time.process_time() - start
     row = {
-        "set": name, "k": k, "seed": seed, "arm": case.arm, "joint": case.joint, "size": case.size, "hidden": text,
-        "verdict": seen.verdict.word, "named": [[f.name, list(f.joints)] for f in seen.verdict.named],
-        "remainder": list(seen.verdict.remainder), "seconds": seconds, "chi": seen.search.before.round(2).tolist(),
-        "formulas": [[f.joints[0], f.effect.text, f.values, f.std_errors] for f in seen.formula_results.formulas],
-        "clues": [[c.joint, c.signal, c.share, c.repeats, c.near] for c in seen.formula_results.clues],
-    }  # fmt: skip
+        "set": name,
+        "k": k,
+        "seed": seed,
+        "arm": case.arm,
+        "joint": case.joint,
+        "size": case.size,
+        "hidden": text,
+        "verdict": seen.verdict.word,
+        "named": [[f.name, list(f.joints)] for f in seen.verdict.named],
+        "remainder": list(seen.verdict.remainder),
+        "seconds": seconds,
+        "chi": seen.search.before.round(2).tolist(),
+        "formulas": [
+            [f.joints[0], f.effect.text, f.values, f.std_errors]
+            for f in seen.formula_results.formulas
+        ],
+        "clues": [
+            [c.joint, c.signal, c.share, c.repeats, c.near] for c in seen.formula_results.clues
+        ],
+    }
     if name in LAWS:
         bare = blind.on_one_clock(blind.sources_of(hidden.simulate(case, hide=False), base.model))
         without = blind.make_problem(bare, base, None)
@@ -252,8 +303,10 @@ def closed(seen, case, first):
     """
     rms = []
     for problem, effects in (
-        (seen.problem, []), (seen.search.problem, [*seen.search.selected, *seen.formula_results.formulas]), (first, []),
-    ):  # fmt: skip
+        (seen.problem, []),
+        (seen.search.problem, [*seen.search.selected, *seen.formula_results.formulas]),
+        (first, []),
+    ):
         squares, count = held_out_squares(problem, effects)[case.joint].sum(axis=1)
         rms.append(squares / count)
     return float((rms[0] - rms[1]) / max(rms[0] - rms[2], 1e-12))
@@ -275,9 +328,15 @@ def table(rows):
         if name in LAWS:
             can = [r for r in seen if r["said"] >= SAID]
             numbers += [*closing(some), len(can), *closing(can)]
-        lines.append(f"| {name} | " + " | ".join(map(str, numbers)) + " |" + " - |" * (8 - len(numbers)))
+        lines.append(
+            f"| {name} | " + " | ".join(map(str, numbers)) + " |" + " - |" * (8 - len(numbers))
+        )
     seconds = np.array([r["seconds"] for r in rows])
-    lines += ["", f"Processor time a case: median {np.median(seconds):.1f} s, longest {seconds.max():.1f} s.", ""]
+    lines += [
+        "",
+        f"Processor time a case: median {np.median(seconds):.1f} s, longest {seconds.max():.1f} s.",
+        "",
+    ]
     lines += [
         "| set | hidden | size | a product says | said | formula or what came nearest | closed |",
         "|---" * 7 + "|",
@@ -286,13 +345,16 @@ def table(rows):
         if r["set"] == "clean" and not r["formulas"]:
             continue
         text = "; ".join(f"joint {j + 1}: {text}" for j, text, *_ in r["formulas"]) or "; ".join(
-            f"joint {j + 1} follows {signal} ({100 * share:.0f} %) {near}" for j, signal, share, _, near in r["clues"]
+            f"joint {j + 1} follows {signal} ({100 * share:.0f} %) {near}"
+            for j, signal, share, _, near in r["clues"]
         )
         verdict = ", ".join([r["verdict"], *(name for name, _ in r["named"])])
         shares = [f"{r[key]:.2f}" if key in r else "-" for key in ("said", "closed")]
         what = f"{r['hidden']} on joint {r['joint'] + 1}".replace("|", "\\|")
         text = text.replace("|", "\\|")
-        lines.append(f"| {r['set']} | {what} | {r['size']:.1f} | {shares[0]} | {verdict} | {text} | {shares[1]} |")
+        lines.append(
+            f"| {r['set']} | {what} | {r['size']:.1f} | {shares[0]} | {verdict} | {text} | {shares[1]} |"
+        )
     return "\n".join(lines)
 
 
@@ -312,7 +374,9 @@ def line(row):
 
 def main():
     parser = parser_of(__doc__, "gap_formulas.json", 30.0, 60)
-    parser.add_argument("--only", choices=SETS, nargs="+", default=SETS, help="the sets that are drawn from in turn")
+    parser.add_argument(
+        "--only", choices=SETS, nargs="+", default=SETS, help="the sets that are drawn from in turn"
+    )
     args = parser.parse_args()
     cases = ((args.only[number % len(args.only)], number // len(args.only)) for number in count())
     run_cases(args, cases, run, line, table)

@@ -44,14 +44,17 @@ def draw(k, seed):
 
 def look(case, base, **options):
     logs = hidden.simulate(case, trajectories=1, repeats=2, seconds=SECONDS, **options)
-    return analyse_gap(blind.sources_of(logs, base.model), base, None, SelectionOptions(), simulate=False)
+    return analyse_gap(
+        blind.sources_of(logs, base.model), base, None, SelectionOptions(), simulate=False
+    )
 
 
 def said(seen):
     return {
-        "verdict": seen.verdict.word, "named": [[f.name, list(f.joints)] for f in seen.verdict.named],
+        "verdict": seen.verdict.word,
+        "named": [[f.name, list(f.joints)] for f in seen.verdict.named],
         "equals": [[[name, list(place)] for name, place in f.rivals] for f in seen.verdict.named],
-    }  # fmt: skip
+    }
 
 
 def run(_, k, seed):
@@ -70,8 +73,12 @@ def run(_, k, seed):
     if first.verdict.word != "ambiguous":
         return row
     start = time.process_time()
-    options = PlanOptions(alpha=1.0, duration=SECONDS, segments=6, seed=seed, restarts=3, seconds=120.0, floor=None)
-    plan = plan_trajectory(base.robot, options, base=base, for_gap=record_of(first, base.robot, "numbers", "", ""))
+    options = PlanOptions(
+        alpha=1.0, duration=SECONDS, segments=6, seed=seed, restarts=3, seconds=120.0, floor=None
+    )
+    plan = plan_trajectory(
+        base.robot, options, base=base, for_gap=record_of(first, base.robot, "numbers", "", "")
+    )
     row |= {"outlook": list(plan.outlook), "seconds": time.process_time() - start}
     arm = hidden.load_arm(case.arm)
     sines = hidden.sines(arm, SECONDS, np.random.default_rng(case.seed + 5))
@@ -91,7 +98,9 @@ def run(_, k, seed):
 def outcome(row, which):
     """Return whether a search named the truth alone, the truth among equals, something else, or nothing."""
     found = row[which]
-    truth, named = ([(name, tuple(place)) for name, place in some] for some in (row["truth"], found["named"]))
+    truth, named = (
+        [(name, tuple(place)) for name, place in some] for some in (row["truth"], found["named"])
+    )
     if found["verdict"] == "ambiguous":
         groups = [[one, *more] for one, more in zip(found["named"], found["equals"], strict=True)]
         right = any((name, tuple(place)) in truth for group in groups for name, place in group)
@@ -106,15 +115,25 @@ def table(rows):
         f"{len(rows)} cases; {len(open_)} ambiguous after the first logs, the truth among the equals in {len(fair)} of them.",
         "",
     ]
-    lines += ["| second recording | resolved | still alike | nothing named | wrong |", "|---" * 5 + "|"]
-    for which, name in (("second", "planned with `--for-gap`"), ("usual", "another motion as the first, full size")):
+    lines += [
+        "| second recording | resolved | still alike | nothing named | wrong |",
+        "|---" * 5 + "|",
+    ]
+    for which, name in (
+        ("second", "planned with `--for-gap`"),
+        ("usual", "another motion as the first, full size"),
+    ):
         counts = [
             sum(outcome(r, which) == word for r in fair)
             for word in ("resolved", "still alike", "nothing named", "wrong")
         ]
         lines.append(f"| {name} | {' | '.join(map(str, counts))} |")
     if open_:
-        lines += ["", f"Processor time to plan: median {np.median([r['seconds'] for r in open_]):.0f} s.", ""]
+        lines += [
+            "",
+            f"Processor time to plan: median {np.median([r['seconds'] for r in open_]):.0f} s.",
+            "",
+        ]
     lines += ["| hidden | first | planned | usual | outlook |", "|---|---|---|---|---|"]
     for r in open_:
         texts = [
@@ -122,7 +141,10 @@ def table(rows):
             for w in ("first", "second", "usual")
         ]
         name, place = r["truth"][0]
-        words = [f"{text} ({outcome(r, w)})" for text, w in zip(texts, ("first", "second", "usual"), strict=True)]
+        words = [
+            f"{text} ({outcome(r, w)})"
+            for text, w in zip(texts, ("first", "second", "usual"), strict=True)
+        ]
         lines.append(
             f"| {name} {'-'.join(str(j + 1) for j in place)} | {' | '.join(words)} | {'; '.join(r['outlook'])} |"
         )

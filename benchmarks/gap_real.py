@@ -54,7 +54,14 @@ AS_THEY_ARE = {
     "TX40, its coupling left out": ("staubli_tx40", ("tx40/exc.npz",)),
     "Panda": ("franka_panda", ("panda_salerno/exc.npz",)),
 }
-INJECTED = ("payload", "torque_offset", "coulomb_change", "torque_delay", "torque_gain", "encoder_offset")
+INJECTED = (
+    "payload",
+    "torque_offset",
+    "coulomb_change",
+    "torque_delay",
+    "torque_gain",
+    "encoder_offset",
+)
 #: Changes that have no name: a joint that shakes between 1 and 4 Hz, and a torque that follows its speed and two positions.
 NAMELESS = ("vibration", "odd_cross")
 #: Recordings of one arm that nothing was put into.
@@ -78,10 +85,16 @@ def read(path, robot):
 
 def cut(log, rows):
     extra = {
-        k: v[rows] if isinstance(v, np.ndarray) and v.shape[:1] == log.t.shape else v for k, v in log.extra.items()
+        k: v[rows] if isinstance(v, np.ndarray) and v.shape[:1] == log.t.shape else v
+        for k, v in log.extra.items()
     }
     return replace(
-        log, t=log.t[rows], q=log.q[rows], tau=log.tau[rows], qd=None if log.qd is None else log.qd[rows], extra=extra
+        log,
+        t=log.t[rows],
+        q=log.q[rows],
+        tau=log.tau[rows],
+        qd=None if log.qd is None else log.qd[rows],
+        extra=extra,
     )
 
 
@@ -122,7 +135,11 @@ def smooth(x, t, seconds=0.1):
     width = max(1, round(seconds / np.median(np.diff(t)))) | 1
     window = np.hanning(width + 2)[1:-1]
     return np.stack(
-        [np.convolve(np.pad(c, width // 2, mode="edge"), window / window.sum(), "valid") for c in x.T], axis=1
+        [
+            np.convolve(np.pad(c, width // 2, mode="edge"), window / window.sum(), "valid")
+            for c in x.T
+        ],
+        axis=1,
     )
 
 
@@ -182,10 +199,11 @@ def drawn(name, arm, data, cache, rng):
     """Return a joint, and a sign."""
     _, _, log, _, _, residual, robot, gravity = known_of(arm, data, cache)
     joints = [
-        j for j in range(robot.n)
+        j
+        for j in range(robot.n)
         if size_of(name, j, log, robot, residual, gravity) <= LARGEST.get(name, np.inf)
         and np.ptp(log.q[:, j]) > 0.1
-    ]  # fmt: skip
+    ]
     return int(rng.choice(joints)), float(rng.choice([-1.0, 1.0]))
 
 
@@ -222,20 +240,33 @@ def one(arm, name, joint, sign, data, cache):
     named = [[f.name, list(f.joints)] for f in seen.verdict.named]
     before = {(f.name, f.joints) for f in bare.verdict.named}
     return {
-        "arm": arm, "effect": name, "joint": joint, "size": size, "named": named, "found": [name, place] in named,
+        "arm": arm,
+        "effect": name,
+        "joint": joint,
+        "size": size,
+        "named": named,
+        "found": [name, place] in named,
         "among": any((name, tuple(place)) in f.rivals for f in seen.verdict.named),
         "others": [n for n in named if n != [name, place] and (n[0], tuple(n[1])) not in before],
         "values": [f.values for f in seen.verdict.named if f.name == name],
-        "closest": [[f.name, list(f.joints), why] for f, why in seen.verdict.closest], "seconds": seconds,
-        "word": seen.verdict.word, "differ": [j + 1 for j in seen.verdict.remainder],
-    }  # fmt: skip
+        "closest": [[f.name, list(f.joints), why] for f, why in seen.verdict.closest],
+        "seconds": seconds,
+        "word": seen.verdict.word,
+        "differ": [j + 1 for j in seen.verdict.remainder],
+    }
 
 
 def look(logs, base, found, earlier=None):
     sources = [source_of(log, base.model) for log in logs]
     kept = None if found is None else kept_model(found)
     return analyse_gap(
-        sources, base, kept, SelectionOptions(), possible=True, simulate=False, earlier=[earlier] if earlier else ()
+        sources,
+        base,
+        kept,
+        SelectionOptions(),
+        possible=True,
+        simulate=False,
+        earlier=[earlier] if earlier else (),
     )
 
 
@@ -249,10 +280,22 @@ def unchanged(data, draws, seed):
         model = build_model(robot)
         base = BaseModel(model, reduce(model))
         source = source_of(read(data / first, robot), model)
-        verdict = look([read(data / second, robot)], base, identified([source], base), source).verdict
-        named = ", ".join(f"{f.name} {'-'.join(str(k + 1) for k in f.joints) or 'arm'}" for f in verdict.named)
+        verdict = look(
+            [read(data / second, robot)], base, identified([source], base), source
+        ).verdict
+        named = ", ".join(
+            f"{f.name} {'-'.join(str(k + 1) for k in f.joints) or 'arm'}" for f in verdict.named
+        )
         differ = ", ".join(str(j + 1) for j in verdict.remainder)
-        rows.append([arm, *(x.split("/")[1] for x in (first, second)), verdict.word, named or "-", differ or "-"])
+        rows.append(
+            [
+                arm,
+                *(x.split("/")[1] for x in (first, second)),
+                verdict.word,
+                named or "-",
+                differ or "-",
+            ]
+        )
         print(*rows[-1], flush=True)
     return rows
 
@@ -260,7 +303,10 @@ def unchanged(data, draws, seed):
 def drawn_pair(logs, rng):
     """Return two recordings, each most of one, or two parts of the same."""
     if len(logs) > 1 and rng.random() < 0.5:
-        return tuple(f"{log}:{rng.uniform(0, 0.3):.2f}:{rng.uniform(0.7, 1):.2f}" for log in rng.permutation(logs)[:2])
+        return tuple(
+            f"{log}:{rng.uniform(0, 0.3):.2f}:{rng.uniform(0.7, 1):.2f}"
+            for log in rng.permutation(logs)[:2]
+        )
     log, at = rng.choice(logs), rng.uniform(0.35, 0.65)
     return tuple(rng.permutation([f"{log}:0:{at:.2f}", f"{log}:{at:.2f}:1"]))
 
@@ -279,9 +325,15 @@ def as_they_are(data):
             j = f.test.joint
             interval = seen.improvement.ratio[j]
             rows.append(
-                [title, seen.verdict.word, f.name, "-".join(str(k + 1) for k in f.joints) or "arm",
-                 f"{100 * (ratio[j] - 1):+.0f} % ({100 * (interval[0] - 1):+.0f} to {100 * (interval[1] - 1):+.0f})", why]
-            )  # fmt: skip
+                [
+                    title,
+                    seen.verdict.word,
+                    f.name,
+                    "-".join(str(k + 1) for k in f.joints) or "arm",
+                    f"{100 * (ratio[j] - 1):+.0f} % ({100 * (interval[0] - 1):+.0f} to {100 * (interval[1] - 1):+.0f})",
+                    why,
+                ]
+            )
         if not seen.effects:
             rows.append([title, seen.verdict.word, "-", "-", "-", "-"])
     return rows
@@ -295,14 +347,29 @@ def table(natural, rows):
     lines += [f"| {' | '.join(row)} |" for row in natural]
     if not rows:
         return "\n".join(lines)
-    lines += ["", f"Put in at {SIZE:g} times the residual, model kept:", "", "| recordings | put in | draws | right name and joint | "
-              "among names that fit equally well | not named | told as unexplained | other names that were not there before |", "|---|---|---|---|---|---|---|---|"]  # fmt: skip
+    lines += [
+        "",
+        f"Put in at {SIZE:g} times the residual, model kept:",
+        "",
+        "| recordings | put in | draws | right name and joint | "
+        "among names that fit equally well | not named | told as unexplained | other names that were not there before |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
     for arm in ARMS:
         for name in (*INJECTED, "all", *NAMELESS):
             some = [
-                r for r in rows if r["arm"] == arm and name in (r["effect"], "all" if r["effect"] in INJECTED else "")
+                r
+                for r in rows
+                if r["arm"] == arm
+                and name in (r["effect"], "all" if r["effect"] in INJECTED else "")
             ]
-            others = sorted({f"{n} {'-'.join(str(k + 1) for k in p) or 'arm'}" for r in some for n, p in r["others"]})
+            others = sorted(
+                {
+                    f"{n} {'-'.join(str(k + 1) for k in p) or 'arm'}"
+                    for r in some
+                    for n, p in r["others"]
+                }
+            )
             among = sum(r["among"] and not r["found"] for r in some)
             nothing = sum(not r["named"] for r in some)
             told = sum(r["word"] == "unexplained" for r in some)
@@ -317,7 +384,10 @@ def main():
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--draws", type=int, default=30, help="of each pair of recordings")
     parser.add_argument(
-        "--unchanged", type=int, default=0, help="pairs that nothing was put into; nothing else is run then"
+        "--unchanged",
+        type=int,
+        default=0,
+        help="pairs that nothing was put into; nothing else is run then",
     )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("gap_real.json"))

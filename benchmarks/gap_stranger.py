@@ -28,33 +28,99 @@ from resumable import commit
 
 #: One cycle of 15 cases; four cycles are a seed.
 CYCLE = (
-    "single", "clean", "stribeck", "changed", "double", "single", "outside", "clean", "single", "changed",
-    "stribeck", "single", "clean", "double", "outside",
-)  # fmt: skip
+    "single",
+    "clean",
+    "stribeck",
+    "changed",
+    "double",
+    "single",
+    "outside",
+    "clean",
+    "single",
+    "changed",
+    "stribeck",
+    "single",
+    "clean",
+    "double",
+    "outside",
+)
 STEP, BAND, THIN = (
     0.001,
     10.0,
     40,
 )  # s of the fine grid; Hz below which sizes count; fine samples per row of least squares
 CATALOGUED = (
-    "torque_offset", "viscous", "coulomb", "motor_inertia", "asymmetric_viscous", "nonlinear_viscous", "load_friction",
-    "torque_gain", "torque_constant", "warmup_friction", "torque_drift", "position_friction", "gear_friction", "torque_ripple",
-    "spring", "end_stop", "joint_coupling", "torque_crosstalk", "joint_elasticity", "backlash", "encoder_offset",
-    "presliding_hysteresis", "base_tilt", "torque_delay", "tool_force",
-)  # fmt: skip
-OUTSIDE = ("ringing", "dead_band", "snag", "push", "coarse", "saturation", "gravity_part", "wander", "odd_product")
+    "torque_offset",
+    "viscous",
+    "coulomb",
+    "motor_inertia",
+    "asymmetric_viscous",
+    "nonlinear_viscous",
+    "load_friction",
+    "torque_gain",
+    "torque_constant",
+    "warmup_friction",
+    "torque_drift",
+    "position_friction",
+    "gear_friction",
+    "torque_ripple",
+    "spring",
+    "end_stop",
+    "joint_coupling",
+    "torque_crosstalk",
+    "joint_elasticity",
+    "backlash",
+    "encoder_offset",
+    "presliding_hysteresis",
+    "base_tilt",
+    "torque_delay",
+    "tool_force",
+)
+OUTSIDE = (
+    "ringing",
+    "dead_band",
+    "snag",
+    "push",
+    "coarse",
+    "saturation",
+    "gravity_part",
+    "wander",
+    "odd_product",
+)
 CHANGES = (
-    "payload", "coulomb_change", "viscous_change", "torque_offset", "torque_gain", "base_tilt", "tool_force", "encoder_offset",
-    "stribeck", "spring", "load_friction", "torque_ripple", "torque_crosstalk", "nothing", "nothing",
-)  # fmt: skip
+    "payload",
+    "coulomb_change",
+    "viscous_change",
+    "torque_offset",
+    "torque_gain",
+    "base_tilt",
+    "tool_force",
+    "encoder_offset",
+    "stribeck",
+    "spring",
+    "load_friction",
+    "torque_ripple",
+    "torque_crosstalk",
+    "nothing",
+    "nothing",
+)
 WHOLE = ("base_tilt", "torque_delay", "tool_force", "payload", "gravity_part", "push")
 LEFT_OUT = {"torque_offset": "offset", "viscous": "viscous", "coulomb": "coulomb"}
 ONE_CLOCK = ("warmup_friction", "torque_drift")
 #: Largest plausible amplitude of laws whose amplitude has a scale of its own.
 LARGEST = {
-    "torque_gain": 0.4, "torque_constant": 0.4, "encoder_offset": 0.2, "base_tilt": 0.15, "torque_delay": 0.03, "backlash": 0.02,
-    "joint_elasticity": 0.05, "load_friction": 0.4, "torque_crosstalk": 0.4, "gravity_part": 0.5, "saturation": 0.6,
-}  # fmt: skip
+    "torque_gain": 0.4,
+    "torque_constant": 0.4,
+    "encoder_offset": 0.2,
+    "base_tilt": 0.15,
+    "torque_delay": 0.03,
+    "backlash": 0.02,
+    "joint_elasticity": 0.05,
+    "load_friction": 0.4,
+    "torque_crosstalk": 0.4,
+    "gravity_part": 0.5,
+    "saturation": 0.6,
+}
 
 
 @dataclass
@@ -107,7 +173,9 @@ class Hidden:
 
 def turn_x(angle):
     """Return a rotation about x."""
-    return np.array([[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]])
+    return np.array(
+        [[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]]
+    )
 
 
 def draw_arm(rng):
@@ -120,13 +188,17 @@ def draw_arm(rng):
         parallel = parallel + 1 if flat else 0
         twists.append(0.0 if flat else rng.choice([-1, 1]) * np.pi / 2)
     if rng.random() < 0.2:
-        twists[int(rng.integers(n))] = rng.choice([-1, 1]) * np.deg2rad(rng.choice([30, 40, 55, 60]))
+        twists[int(rng.integers(n))] = rng.choice([-1, 1]) * np.deg2rad(
+            rng.choice([30, 40, 55, 60])
+        )
     share = rng.uniform(0.5, 1.5, n) * np.linspace(1.3, 0.5, n)
     length = reach * share / share.sum()
     along_x = rng.random(n) < 0.5
     a = np.where(along_x, length, rng.choice([0, 0.03, 0.06], n) * (rng.random(n) < 0.4))
     d = np.where(along_x, rng.choice([0, 0.1, -0.08], n) * (rng.random(n) < 0.5), length)
-    rows = np.round(np.column_stack([a, twists, d, rng.choice([0, 0, 0, np.pi / 2, -np.pi / 2], n)]), 12)
+    rows = np.round(
+        np.column_stack([a, twists, d, rng.choice([0, 0, 0, np.pi / 2, -np.pi / 2], n)]), 12
+    )
     rows[:, [0, 2]] = np.round(rows[:, [0, 2]], 3)
     mount = rng.choice(["floor", "floor", "floor", "floor", "wall", "ceiling"])
     gravity = {"floor": [0, 0, -9.81], "ceiling": [0, 0, 9.81], "wall": [9.81, 0, 0]}[mount]
@@ -137,7 +209,9 @@ def draw_arm(rng):
     for i in range(n):
         ai, twist, di, _ = rows[i]
         if not standard:  # a and twist belong to the axis before
-            put = pin.SE3(turn_x(twist), np.array([ai, 0, 0])) * pin.SE3(np.eye(3), np.array([0, 0, di]))
+            put = pin.SE3(turn_x(twist), np.array([ai, 0, 0])) * pin.SE3(
+                np.eye(3), np.array([0, 0, di])
+            )
         parent = model.addJoint(parent, pin.JointModelRZ(), put, f"j{i + 1}")
         if standard:
             put = pin.SE3(turn_x(twist), np.array([ai, 0, di]))
@@ -150,17 +224,29 @@ def draw_arm(rng):
         sides = np.array([max(np.linalg.norm(reachto), 0.08), *rng.uniform(0.05, 0.12, 2) * reach])
         box = m / 12 * (np.sum(sides**2) - sides**2)
         axes = pin.rpy.rpyToMatrix(*rng.uniform(-np.pi, np.pi, 3))
-        model.appendBodyToJoint(parent, pin.Inertia(m, centre, axes @ np.diag(box) @ axes.T), pin.SE3.Identity())
+        model.appendBodyToJoint(
+            parent, pin.Inertia(m, centre, axes @ np.diag(box) @ axes.T), pin.SE3.Identity()
+        )
     end = put if standard else pin.SE3.Identity()
     tip = model.addFrame(pin.Frame("tip", parent, 0, end, pin.FrameType.OP_FRAME))
     arm = Arm(
-        rows, "standard" if standard else "modified", np.array(gravity, float), model, tip,
-        *np.zeros((5, n)), rng.uniform(0.8, 2.8, n), rng.uniform(0.7, 2.2, n), np.zeros(n), model.createData(),
-    )  # fmt: skip
+        rows,
+        "standard" if standard else "modified",
+        np.array(gravity, float),
+        model,
+        tip,
+        *np.zeros((5, n)),
+        rng.uniform(0.8, 2.8, n),
+        rng.uniform(0.7, 2.2, n),
+        np.zeros(n),
+        model.createData(),
+    )
     arm.mount = str(mount)
     poses = rng.uniform(-1, 1, (200, n)) * arm.travel
     moved = arm.speed * rng.uniform(-1, 1, (200, n))
-    rigid = np.array([pin.rnea(model, arm.data, q, v, 3 * v) for q, v in zip(poses, moved, strict=True)])
+    rigid = np.array(
+        [pin.rnea(model, arm.data, q, v, 3 * v) for q, v in zip(poses, moved, strict=True)]
+    )
     inertia = np.mean([np.diag(pin.crba(model, arm.data, q)) for q in poses], axis=0)
     arm.rotors = inertia * rng.uniform(0.05, 0.5, n)
     load = np.sqrt(np.mean(rigid**2, axis=0)) + 0.02 * np.sqrt(np.mean(rigid**2))
@@ -195,7 +281,11 @@ def draw_reference(rng, arm, kind, seconds):
         if kind == "harmonics":
             base, most = rng.uniform(0.05, 0.15), int(rng.integers(3, 7))
             for h in range(1, most + 1):
-                q[:, j] += rng.normal() / h**0.7 * np.sin(2 * np.pi * base * h * t + rng.uniform(0, 2 * np.pi))
+                q[:, j] += (
+                    rng.normal()
+                    / h**0.7
+                    * np.sin(2 * np.pi * base * h * t + rng.uniform(0, 2 * np.pi))
+                )
         elif kind == "chirp":
             low, high = rng.uniform(0.03, 0.1), rng.uniform(0.4, 1.0)
             phase = 2 * np.pi * (low * t + (high - low) * t**2 / 2 / seconds)
@@ -246,10 +336,15 @@ def drive(arm, reference, rng, pull):
     speed = np.gradient(ref, step, axis=0)
     accel = np.gradient(speed, step, axis=0)
     ahead = rng.uniform(0.8, 1.0) * rigid_torque(arm, ref, speed, accel)
-    mass = np.mean([np.diag(pin.crba(arm.model, arm.data, q)) for q in ref[::500] + arm.rows[:, 3]], 0) + arm.rotors
+    mass = (
+        np.mean([np.diag(pin.crba(arm.model, arm.data, q)) for q in ref[::500] + arm.rows[:, 3]], 0)
+        + arm.rotors
+    )
     omega = 2 * np.pi * arm.stiff
     kp, kd = mass * omega**2, 2 * 0.8 * mass * omega
-    shake = signal.lfilter([1], [1, -0.98], rng.normal(0, 1, ref.shape), axis=0) * 0.0006 * arm.torque
+    shake = (
+        signal.lfilter([1], [1, -0.98], rng.normal(0, 1, ref.shape), axis=0) * 0.0006 * arm.torque
+    )
     pull = pull[::every] if pull is not None else np.zeros_like(ref)
     q, v = ref[0].copy(), speed[0].copy()
     out, turn = np.empty_like(ref), arm.rows[:, 3]
@@ -262,7 +357,13 @@ def drive(arm, reference, rng, pull):
         rub = arm.viscous * v + arm.coulomb * sign + arm.offset
         steep = arm.viscous + arm.coulomb / arm.width * (1 - sign**2)
         torque = (
-            ahead[i] + kp * (ref[i] - q) + kd * (speed[i] - v) + shake[i] - weight - rub - pull[min(i, len(pull) - 1)]
+            ahead[i]
+            + kp * (ref[i] - q)
+            + kd * (speed[i] - v)
+            + shake[i]
+            - weight
+            - rub
+            - pull[min(i, len(pull) - 1)]
         )
         left = inertia + np.diag(step * (steep + kd) + step**2 * kp)
         v = v + np.linalg.solve(left, step * (torque - step * kp * v))
@@ -288,7 +389,10 @@ def draw_hidden(name, joint, rng, arm, ref):
         shape = {"p": rng.choice([rng.uniform(0.3, 0.6), rng.uniform(1.6, 3.0)])}
     elif name in ("position_friction", "gear_friction", "torque_ripple"):
         low, high = (0.7, 2.5) if name == "position_friction" else (8, 50)
-        shape = {"k": np.exp(rng.uniform(np.log(low), np.log(high))), "phase": rng.uniform(0, 2 * np.pi)}
+        shape = {
+            "k": np.exp(rng.uniform(np.log(low), np.log(high))),
+            "phase": rng.uniform(0, 2 * np.pi),
+        }
     elif name == "spring":
         shape = {"cubic": bool(rng.random() < 0.35), "rest": rng.uniform(-0.5, 0.5) * span}
     elif name == "end_stop":
@@ -298,12 +402,19 @@ def draw_hidden(name, joint, rng, arm, ref):
             "q1": np.quantile(q, rng.uniform(0.65, 0.85) if side > 0 else rng.uniform(0.15, 0.35)),
         }
     elif name == "warmup_friction":
-        size, shape = typical, {"tw": rng.uniform(20, 150), "ratio": rng.uniform(0, 1) / arm.speed[joint]}
+        size, shape = (
+            typical,
+            {"tw": rng.uniform(20, 150), "ratio": rng.uniform(0, 1) / arm.speed[joint]},
+        )
     elif name == "torque_drift":
         size, shape = size / 100, {"tc": rng.choice([1e6, rng.uniform(40, 200)])}
     elif name == "joint_coupling":
         other = joint + 1 if joint == 0 or (joint + 1 < arm.n and rng.random() < 0.5) else joint - 1
-        shape = {"other": int(other), "ratio": rng.uniform(0, 1.5) * arm.speed[other], "viscous": True}
+        shape = {
+            "other": int(other),
+            "ratio": rng.uniform(0, 1.5) * arm.speed[other],
+            "viscous": True,
+        }
     elif name == "torque_crosstalk":
         shape = {"other": int(rng.choice([k for k in range(arm.n) if k != joint]))}
         size = rng.choice([-1, 1]) * 0.02
@@ -319,7 +430,10 @@ def draw_hidden(name, joint, rng, arm, ref):
     elif name == "presliding_hysteresis":
         size, shape = (
             typical,
-            {"delta": np.exp(rng.uniform(np.log(0.004), np.log(0.06))), "elements": int(rng.choice([1, 1, 4]))},
+            {
+                "delta": np.exp(rng.uniform(np.log(0.004), np.log(0.06))),
+                "elements": int(rng.choice([1, 1, 4])),
+            },
         )
     elif name == "torque_delay":
         size = 0.002
@@ -329,11 +443,20 @@ def draw_hidden(name, joint, rng, arm, ref):
     elif name == "payload":
         size, shape = 0.5, {"centre": rng.uniform(-0.08, 0.08, 3).tolist()}
     elif name in ("viscous", "coulomb", "motor_inertia"):
-        size = {"viscous": arm.viscous, "coulomb": arm.coulomb, "motor_inertia": arm.rotors}[name][joint]
+        size = {"viscous": arm.viscous, "coulomb": arm.coulomb, "motor_inertia": arm.rotors}[name][
+            joint
+        ]
     elif name in ("coulomb_change", "viscous_change"):
-        size = typical * rng.choice([1, 1, -0.2]) / (arm.speed[joint] if name == "viscous_change" else 1)
+        size = (
+            typical
+            * rng.choice([1, 1, -0.2])
+            / (arm.speed[joint] if name == "viscous_change" else 1)
+        )
     elif name == "ringing":
-        size, shape = arm.rotors[joint], {"hertz": rng.uniform(4, 9), "damping": rng.uniform(0.01, 0.05)}
+        size, shape = (
+            arm.rotors[joint],
+            {"hertz": rng.uniform(4, 9), "damping": rng.uniform(0.01, 0.05)},
+        )
     elif name == "dead_band":
         size = 0.02 * arm.torque[joint]
     elif name == "snag":
@@ -360,7 +483,10 @@ def draw_hidden(name, joint, rng, arm, ref):
         shape = {"kind": int(rng.integers(3)), "other": int((joint + 1) % arm.n)}
         size = typical / arm.speed[joint] * rng.choice([-1, 1])
     return Hidden(
-        name, joint, float(size), {k: v if isinstance(v, (list, bool, int)) else float(v) for k, v in shape.items()}
+        name,
+        joint,
+        float(size),
+        {k: v if isinstance(v, (list, bool, int)) else float(v) for k, v in shape.items()},
     )
 
 
@@ -498,7 +624,11 @@ def add_hidden(arm, s, tau, rigid, q_seen, hidden):
     elif name == "ringing":
         omega, zeta = 2 * np.pi * p["hertz"], p["damping"]
         num, den = signal.bilinear([-1, 0, 0], [1, 2 * zeta * omega, omega**2], 1 / STEP)
-        ring = abs(a) * np.gradient(np.gradient(signal.lfilter(num, den, s.a[:, j]) / 1.0, STEP), STEP) / omega**2
+        ring = (
+            abs(a)
+            * np.gradient(np.gradient(signal.lfilter(num, den, s.a[:, j]) / 1.0, STEP), STEP)
+            / omega**2
+        )
         tau[:, j] += ring
     elif name == "dead_band":
         tau[:, j] -= np.clip(tau[:, j], -abs(a), abs(a))
@@ -520,7 +650,10 @@ def add_hidden(arm, s, tau, rigid, q_seen, hidden):
         tau[:, j] += a * slow / slow.std() * (0.3 + np.abs(sign))
     elif name == "odd_product":
         other = s.q[:, p["other"]]
-        tau[:, j] += a * [v * np.cos(2 * other), s.v[:, p["other"]] * v, np.abs(v) * np.sin(3 * q)][p["kind"]]
+        tau[:, j] += (
+            a
+            * [v * np.cos(2 * other), s.v[:, p["other"]] * v, np.abs(v) * np.sin(3 * q)][p["kind"]]
+        )
     return tau, q_seen
 
 
@@ -529,7 +662,10 @@ def torques(arm, s, hidden):
     rigid = rigid_torque(arm, s.q, s.v, s.a)
     plain = rigid + arm.rotors * s.a + friction(arm, s.v)
     tau, seen = plain, s.q
-    for one in sorted(hidden, key=lambda one: one.name in ("torque_gain", "torque_delay", "dead_band", "saturation")):
+    for one in sorted(
+        hidden,
+        key=lambda one: one.name in ("torque_gain", "torque_delay", "dead_band", "saturation"),
+    ):
         tau, seen = add_hidden(arm, s, tau, rigid, seen, one)
     return tau, seen, plain
 
@@ -549,12 +685,17 @@ class Yardstick:
         n, data, rows = arm.n, arm.model.createData(), []
         for s in motions:
             sharp = low(np.tanh(s.v / 0.01))[::THIN]
-            for i, (q, v, a) in enumerate(zip(s.q[::THIN] + arm.rows[:, 3], s.v[::THIN], s.a[::THIN], strict=True)):
+            for i, (q, v, a) in enumerate(
+                zip(s.q[::THIN] + arm.rows[:, 3], s.v[::THIN], s.a[::THIN], strict=True)
+            ):
                 wide = [np.diag(a), np.diag(v), np.diag(sharp[i]), np.eye(n)]
                 for kind, j in left_out:
-                    wide[{"motor_inertia": 0, "viscous": 1, "coulomb": 2, "torque_offset": 3}[kind]][j, j] = 0
+                    wide[
+                        {"motor_inertia": 0, "viscous": 1, "coulomb": 2, "torque_offset": 3}[kind]
+                    ][j, j] = 0
                 rows.append(
-                    np.hstack([pin.computeJointTorqueRegressor(arm.model, data, q, v, a), *wide]) / noise[:, None]
+                    np.hstack([pin.computeJointTorqueRegressor(arm.model, data, q, v, a), *wide])
+                    / noise[:, None]
                 )
         u, size, _ = np.linalg.svd(np.vstack(rows), full_matrices=False)
         self.known, self.noise, self.n = u[:, size > 1e-7 * size[0]], noise, n
@@ -585,7 +726,12 @@ def scaled(arm, motions, yard, hidden, wanted, absorb):
     """Return a hidden thing as large as wanted where that is plausible, with its visible size; None where it cannot be seen."""
     one = hidden
     for _ in range(4):
-        one = replace(one, visible=float(yard.visible([unexplained(arm, s, [one]) for s in motions], absorb).max()))
+        one = replace(
+            one,
+            visible=float(
+                yard.visible([unexplained(arm, s, [one]) for s in motions], absorb).max()
+            ),
+        )
         if one.name == "coarse" or not np.isfinite(one.visible) or one.visible < 1e-6:
             break
         if abs(one.visible / wanted - 1) < 0.05:
@@ -594,7 +740,11 @@ def scaled(arm, motions, yard, hidden, wanted, absorb):
         if one.name == "joint_elasticity":
             most /= arm.torque[one.joint]
         one = replace(
-            one, size=float(np.sign(one.size) * min(abs(one.size) * np.clip(wanted / one.visible, 0.02, 50), most))
+            one,
+            size=float(
+                np.sign(one.size)
+                * min(abs(one.size) * np.clip(wanted / one.visible, 0.02, 50), most)
+            ),
         )
     return one
 
@@ -659,8 +809,16 @@ def record(rng, recorder, scale, s, tau, seen, begin):
 def noise_floor(arm, recorder, scale, s, tau, rng):
     """Return the noise of each joint below 10 Hz: that of the torques and what noisy positions do to the model, (n,) [N m]."""
     _, q, _, noisy = record(rng, recorder, scale, s, tau, s.q, 0.0)
-    plain = {**recorder, "torque_noise": 1e-9 + 0 * scale, "bits": 40, "position_noise": 0.0, "coarse": None}
-    _, exact, _, clean = record(np.random.default_rng(0), {**plain, "jitter": 0.0}, scale, s, tau, s.q, 0.0)
+    plain = {
+        **recorder,
+        "torque_noise": 1e-9 + 0 * scale,
+        "bits": 40,
+        "position_noise": 0.0,
+        "coarse": None,
+    }
+    _, exact, _, clean = record(
+        np.random.default_rng(0), {**plain, "jitter": 0.0}, scale, s, tau, s.q, 0.0
+    )
     rate = recorder["rate"]
     band = signal.butter(2, BAND, fs=rate, output="sos")
     models = []
@@ -669,7 +827,10 @@ def noise_floor(arm, recorder, scale, s, tau, rng):
         speed = np.gradient(kept, 1 / rate, axis=0)
         accel = np.gradient(speed, 1 / rate, axis=0)
         slow = max(1, int(rate // 50))
-        models.append(rigid_torque(arm, kept[::slow], speed[::slow], accel[::slow]) + arm.rotors * accel[::slow])
+        models.append(
+            rigid_torque(arm, kept[::slow], speed[::slow], accel[::slow])
+            + arm.rotors * accel[::slow]
+        )
     error = signal.sosfiltfilt(band, noisy - clean, axis=0)[::slow] - (models[0] - models[1])
     return np.sqrt(np.mean(error[10:-10] ** 2, axis=0))
 
@@ -678,7 +839,9 @@ def write_log(path, recorder, stamp, q, v, tau):
     """Write a log as a user has it: a table, or arrays."""
     names = [f"axis_{j + 1}" for j in range(q.shape[1])]
     if recorder["format"] == "npz":
-        np.savez(path.with_suffix(".npz"), t=stamp, q=q, tau=tau, **({} if v is None else {"qd": v}))
+        np.savez(
+            path.with_suffix(".npz"), t=stamp, q=q, tau=tau, **({} if v is None else {"qd": v})
+        )
         return path.with_suffix(".npz").name
     head = [
         "t",
@@ -687,7 +850,14 @@ def write_log(path, recorder, stamp, q, v, tau):
         *(f"tau_{name}" for name in names),
     ]
     columns = [stamp[:, None], q, *([] if v is None else [v]), tau]
-    np.savetxt(path.with_suffix(".csv"), np.hstack(columns), "%.9g", ",", header=",".join(head), comments="")
+    np.savetxt(
+        path.with_suffix(".csv"),
+        np.hstack(columns),
+        "%.9g",
+        ",",
+        header=",".join(head),
+        comments="",
+    )
     return path.with_suffix(".csv").name
 
 
@@ -754,7 +924,10 @@ def _make_case(folder, seed, k, attempt):
     arm = draw_arm(rng)
     arm.stiff = rng.uniform(2.5, 6.0)
     seconds = rng.uniform(15, 28)
-    kinds = ["harmonics", *rng.choice(["harmonics", "harmonics", "harmonics", "moves", "chirp", "sweeps"], 2)]
+    kinds = [
+        "harmonics",
+        *rng.choice(["harmonics", "harmonics", "harmonics", "moves", "chirp", "sweeps"], 2),
+    ]
     references = [draw_reference(rng, arm, str(one), seconds) for one in kinds]
     rigids = [smooth_states(ref, STEP) for ref in references]
     nominal = [replace(s, t=s.t + 40.0 * i) for i, s in enumerate(rigids)]
@@ -773,7 +946,9 @@ def _make_case(folder, seed, k, attempt):
             continue
         for joint in rng.permutation(arm.n)[:4]:
             missing = (
-                {(name, int(joint))} if kind in ("single", "double") and name in (*LEFT_OUT, "motor_inertia") else set()
+                {(name, int(joint))}
+                if kind in ("single", "double") and name in (*LEFT_OUT, "motor_inertia")
+                else set()
             )
             if name == "motor_inertia" and joint < 2:
                 continue
@@ -781,7 +956,8 @@ def _make_case(folder, seed, k, attempt):
             one = draw_hidden(name, int(joint), rng, arm, nominal[0])
             one = scaled(arm, nominal[:2], yard, one, wanted, kind != "changed")
             if np.isfinite(one.visible) and (
-                best is None or abs(np.log(one.visible / wanted)) < abs(np.log(best[0].visible / wanted))
+                best is None
+                or abs(np.log(one.visible / wanted)) < abs(np.log(best[0].visible / wanted))
             ):
                 best = one, missing
             if best and 0.7 < best[0].visible / wanted < 1.4:
@@ -802,7 +978,9 @@ def _make_case(folder, seed, k, attempt):
     always = []
     if kind == "changed" and rng.random() < 0.25:  # a model that lacked something before, too
         one = draw_hidden("stribeck", int(rng.integers(arm.n)), rng, arm, nominal[0])
-        always = [scaled(arm, nominal[:2], Yardstick(arm, nominal[:2], noise, set()), one, 1.0, True)]
+        always = [
+            scaled(arm, nominal[:2], Yardstick(arm, nominal[:2], noise, set()), one, 1.0, True)
+        ]
     if {one.name for one in hidden} & set(ONE_CLOCK):
         recorder["clock"] = "session"
     repeats = bool(rng.random() < 0.75)
@@ -817,7 +995,9 @@ def _make_case(folder, seed, k, attempt):
         )
     else:
         plan = (
-            [(0, True)] * twice + [(1, True)] * twice + ([(2, True)] * int(rng.integers(1, twice + 1)) if third else [])
+            [(0, True)] * twice
+            + [(1, True)] * twice
+            + ([(2, True)] * int(rng.integers(1, twice + 1)) if third else [])
         )
     folder.mkdir(parents=True, exist_ok=True)
     write_robot(folder / "arm.yaml", arm, left_out)
@@ -833,8 +1013,12 @@ def _make_case(folder, seed, k, attempt):
         tau, seen, _ = torques(arm, s, now)
         begin = 0.0 if recorder["same_start"] else float(rng.uniform(0, 0.4))
         counts[which] = counts.get(which, 0) + 1
-        name = write_log(folder / f"{'abc'[which]}{counts[which]}{'' if kind != 'changed' else '_new' if there else '_old'}",
-                         recorder, *record(rng, recorder, scale, s, tau, seen, begin))  # fmt: skip
+        name = write_log(
+            folder
+            / f"{'abc'[which]}{counts[which]}{'' if kind != 'changed' else '_new' if there else '_old'}",
+            recorder,
+            *record(rng, recorder, scale, s, tau, seen, begin),
+        )
         logs.append({"file": name, "motion": which, "there": there})
         if there:
             driven.append(s)
@@ -848,14 +1032,35 @@ def _make_case(folder, seed, k, attempt):
             one.visible = float(used[-1].max())
     plain = [low(friction(arm, s.v) - arm.coulomb * np.tanh(s.v / 0.01)) for s in first]
     truth = {
-        "seed": seed, "case": k, "set": kind if kind != "stribeck" else "single",
-        "effects": [{"name": one.name, "joint": one.joint + 1, "size": one.size, "shape": one.shape, "visible": one.visible} for one in hidden],
+        "seed": seed,
+        "case": k,
+        "set": kind if kind != "stribeck" else "single",
+        "effects": [
+            {
+                "name": one.name,
+                "joint": one.joint + 1,
+                "size": one.size,
+                "shape": one.shape,
+                "visible": one.visible,
+            }
+            for one in hidden
+        ],
         "visible_by_joint": [list(map(float, each)) for each in used],
         "always": [{"name": one.name, "joint": one.joint + 1} for one in always],
-        "reversals_visible": float(yard.visible(plain).max()), "coulomb": arm.coulomb.tolist(),
-        "noise": noise.tolist(), "joints": arm.n, "motions": kinds, "seconds": seconds, "repeats": repeats, "third": third, "logs": logs,
-        "recorder": {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in recorder.items()},
-    }  # fmt: skip
+        "reversals_visible": float(yard.visible(plain).max()),
+        "coulomb": arm.coulomb.tolist(),
+        "noise": noise.tolist(),
+        "joints": arm.n,
+        "motions": kinds,
+        "seconds": seconds,
+        "repeats": repeats,
+        "third": third,
+        "logs": logs,
+        "recorder": {
+            key: value.tolist() if isinstance(value, np.ndarray) else value
+            for key, value in recorder.items()
+        },
+    }
     (folder / "truth.json").write_text(json.dumps(truth, indent=1, default=float))
     return truth
 
@@ -883,11 +1088,26 @@ def true_numbers(effect, coulomb):
     if name == "tool_force":
         return {"x&y&z": (abs(size),)}
     letters = {
-        "stribeck": "a", "torque_offset": "c", "viscous": "fv", "coulomb": "fc", "motor_inertia": "Im", "asymmetric_viscous": "a",
-        "nonlinear_viscous": "a", "load_friction": "a", "torque_constant": "c", "torque_drift": "a", "end_stop": "a",
-        "torque_crosstalk": "a", "joint_elasticity": "compliance", "encoder_offset": "offset", "presliding_hysteresis": "a",
-        "torque_delay": "delay", "payload": "m", "coulomb_change": "c", "viscous_change": "v",
-    }  # fmt: skip
+        "stribeck": "a",
+        "torque_offset": "c",
+        "viscous": "fv",
+        "coulomb": "fc",
+        "motor_inertia": "Im",
+        "asymmetric_viscous": "a",
+        "nonlinear_viscous": "a",
+        "load_friction": "a",
+        "torque_constant": "c",
+        "torque_drift": "a",
+        "end_stop": "a",
+        "torque_crosstalk": "a",
+        "joint_elasticity": "compliance",
+        "encoder_offset": "offset",
+        "presliding_hysteresis": "a",
+        "torque_delay": "delay",
+        "payload": "m",
+        "coulomb_change": "c",
+        "viscous_change": "v",
+    }
     return {letters[name]: (size,)} if name in letters else {}
 
 
@@ -896,7 +1116,9 @@ def sizes_inside(effect, parameters, coulomb):
     out = []
     for letters, truths in true_numbers(effect, coulomb).items():
         parts = letters.split("&")
-        if any(part not in parameters or parameters[part].get("std_error") is None for part in parts):
+        if any(
+            part not in parameters or parameters[part].get("std_error") is None for part in parts
+        ):
             continue
         values = np.array([parameters[part]["value"] for part in parts])
         errors = np.array([parameters[part]["std_error"] for part in parts])
@@ -929,13 +1151,20 @@ def judge(truth, facts, identified_delay):
                 and (other is None or len(joints) < 2 or joints[1] == f"axis_{other + 1}")
             )
             # The zero of joint 1 turns the whole arm against gravity: it is a tilt of the base.
-            tilt = one["effect"] == "base_tilt" and effect["name"] == "encoder_offset" and effect["joint"] == 1
+            tilt = (
+                one["effect"] == "base_tilt"
+                and effect["name"] == "encoder_offset"
+                and effect["joint"] == 1
+            )
             if tilt:
                 found.add(i)
                 break
             if effect["name"] == one["effect"] and whole:
                 found.add(i)
-                sizes += [[effect["name"], *each] for each in sizes_inside(effect, one["parameters"], truth["coulomb"])]
+                sizes += [
+                    [effect["name"], *each]
+                    for each in sizes_inside(effect, one["parameters"], truth["coulomb"])
+                ]
                 break
         else:
             late = (
@@ -954,10 +1183,16 @@ def judge(truth, facts, identified_delay):
     groups = {name for group in facts["alternatives"] for name in group}
     groups |= {one["effect"] for one in told} if facts["verdict"] == "ambiguous" else set()
     among = bool(hidden) and all(
-        any(effect["name"] in name for name in groups) for i, effect in enumerate(hidden) if i not in found
+        any(effect["name"] in name for name in groups)
+        for i, effect in enumerate(hidden)
+        if i not in found
     )
     quiet = facts["verdict"] in ("nothing_missing", "nothing_changed")
-    quiet |= truth["set"] == "changed" and facts["question"] == "numbers" and len(told) < len(facts["named"])
+    quiet |= (
+        truth["set"] == "changed"
+        and facts["question"] == "numbers"
+        and len(told) < len(facts["named"])
+    )
     if facts["verdict"] == "ambiguous" and among and hidden:
         kind = "ambiguous"
     elif wrong:
@@ -984,17 +1219,26 @@ def run_case(folder, truth):
     paths = [folder / log["file"] for log in truth["logs"]]
     there = [path for path, log in zip(paths, truth["logs"], strict=True) if log["there"]]
     row = {key: truth[key] for key in ("seed", "case", "set", "repeats", "third", "joints")}
-    row |= {"effects": [[one["name"], one["joint"], round(one["visible"], 3)] for one in truth["effects"]],
-            "always": [[one["name"], one["joint"]] for one in truth["always"]],
-            "reversals": truth["reversals_visible"], "rate": truth["recorder"]["rate"]}  # fmt: skip
+    row |= {
+        "effects": [
+            [one["name"], one["joint"], round(one["visible"], 3)] for one in truth["effects"]
+        ],
+        "always": [[one["name"], one["joint"]] for one in truth["always"]],
+        "reversals": truth["reversals_visible"],
+        "rate": truth["recorder"]["rate"],
+    }
     begun = time.process_time()
     try:
         if truth["set"] == "changed":
-            known = dynid.identify(folder / "arm.yaml", [path for path in paths if path not in there])
+            known = dynid.identify(
+                folder / "arm.yaml", [path for path in paths if path not in there]
+            )
             before = time.process_time()
             gap = dynid.find_gap(known, there, earlier=dynid.earlier_logs(known, there))
         else:
-            first = [path for path, log in zip(paths, truth["logs"], strict=True) if log["motion"] < 2]
+            first = [
+                path for path, log in zip(paths, truth["logs"], strict=True) if log["motion"] < 2
+            ]
             known = dynid.identify(folder / "arm.yaml", first)
             before = time.process_time()
             gap = dynid.find_gap(known, there)
@@ -1008,14 +1252,32 @@ def run_case(folder, truth):
             "seconds": time.process_time() - begun,
         }
     end = time.process_time()
-    told = [[one["effect"], one["joints"], one.get("probability"), one["p_value"]] for one in facts["named"]]
-    return row | judge(truth, facts, known.delay) | {
-        "verdict": facts["verdict"], "told": told, "question": facts["question"], "alternatives": facts["alternatives"],
-        "closest": [[one["effect"], one["joints"], one.get("why_not"), one.get("probability")] for one in facts["closest"]],
-        "not_repeatable": list(facts["not_repeatable"]), "advice": facts["advice"], "delay": known.delay,
-        "chi": [round(one["chi"], 3) for one in facts["where"]], "noise_from": facts["gap"]["noise_from"],
-        "floor": np.asarray(facts["gap"]["noise_floor_nm"]).tolist(), "seconds": end - before, "identify_seconds": before - begun,
-    }  # fmt: skip
+    told = [
+        [one["effect"], one["joints"], one.get("probability"), one["p_value"]]
+        for one in facts["named"]
+    ]
+    return (
+        row
+        | judge(truth, facts, known.delay)
+        | {
+            "verdict": facts["verdict"],
+            "told": told,
+            "question": facts["question"],
+            "alternatives": facts["alternatives"],
+            "closest": [
+                [one["effect"], one["joints"], one.get("why_not"), one.get("probability")]
+                for one in facts["closest"]
+            ],
+            "not_repeatable": list(facts["not_repeatable"]),
+            "advice": facts["advice"],
+            "delay": known.delay,
+            "chi": [round(one["chi"], 3) for one in facts["where"]],
+            "noise_from": facts["gap"]["noise_from"],
+            "floor": np.asarray(facts["gap"]["noise_floor_nm"]).tolist(),
+            "seconds": end - before,
+            "identify_seconds": before - begun,
+        }
+    )
 
 
 # --- tables ---------------------------------------------------------------------------------------
@@ -1038,13 +1300,27 @@ def smallest(row):
 
 def table(rows):
     """Return the results as Markdown."""
-    kinds = ("exact", "part", "ambiguous", "right and wrong", "wrong", "something", "nothing", "refused")
-    lines = ["| set | visible | cases | " + " | ".join(kinds) + " |", "|---" * (len(kinds) + 3) + "|"]
+    kinds = (
+        "exact",
+        "part",
+        "ambiguous",
+        "right and wrong",
+        "wrong",
+        "something",
+        "nothing",
+        "refused",
+    )
+    lines = [
+        "| set | visible | cases | " + " | ".join(kinds) + " |",
+        "|---" * (len(kinds) + 3) + "|",
+    ]
 
     def line(name, size, chosen):
         counts = [sum(row["kind"] == kind for row in chosen) for kind in kinds]
         if chosen:
-            lines.append(f"| {name} | {size} | {len(chosen)} | " + " | ".join(map(str, counts)) + " |")
+            lines.append(
+                f"| {name} | {size} | {len(chosen)} | " + " | ".join(map(str, counts)) + " |"
+            )
 
     def named(row, *names):
         return any(name in names for name, _, _ in row["effects"])
@@ -1095,16 +1371,27 @@ def table(rows):
         ("double, both >= 0.5: both named", rate(big(by_set["double"], 0.5), both)),
         ("clean: nothing is missing", rate(by_set["clean"], lambda row: row["kind"] == "nothing")),
         ("clean: no name", rate(by_set["clean"], lambda row: not row["wrong"])),
-        ("outside: something is missing, without a name", rate(odd, lambda row: row["kind"] == "something" or (bool(
-            row.get("not_repeatable")) and not row["wrong"]))),
+        (
+            "outside: something is missing, without a name",
+            rate(
+                odd,
+                lambda row: (
+                    row["kind"] == "something"
+                    or (bool(row.get("not_repeatable")) and not row["wrong"])
+                ),
+            ),
+        ),
         ("outside: no name", rate(by_set["outside"], lambda row: not row["wrong"])),
         ("changed >= 1 exact", rate(big(changed), right)),
         ("changed >= 0.5 exact", rate(big(changed, 0.5), right)),
         ("unchanged: nothing said", rate(unchanged, lambda row: row["kind"] == "nothing")),
         ("wrong names in all cases", f"{wrong} in {len(rows)}"),
         ("true sizes inside 95 %", wilson(sum(sizes), len(sizes))),
-        ("processor time of the search, median and largest", f"{np.median(seconds):.1f} s, {max(seconds):.1f} s" if seconds else "-"),
-    ):  # fmt: skip
+        (
+            "processor time of the search, median and largest",
+            f"{np.median(seconds):.1f} s, {max(seconds):.1f} s" if seconds else "-",
+        ),
+    ):
         lines.append(f"| {name} | {text} |")
     bins = reliability(rows)
     if bins:
@@ -1120,12 +1407,16 @@ def reliability(rows):
     pairs = []
     for row in rows:
         hidden = {(name, joint) for name, joint, *_ in (*row["effects"], *row.get("always", ()))}
-        every = [(n, j, p) for n, j, p, _ in row.get("told", ())] + [(n, j, p) for n, j, _, p in row.get("closest", ())]
+        every = [(n, j, p) for n, j, p, _ in row.get("told", ())] + [
+            (n, j, p) for n, j, _, p in row.get("closest", ())
+        ]
         for name, joints, p in every:
             if p is None:
                 continue
             first = int(joints[0].removeprefix("axis_")) if joints else 0
-            pairs.append((p, (name, first) in hidden or (name in WHOLE and name in {n for n, _ in hidden})))
+            pairs.append(
+                (p, (name, first) in hidden or (name in WHOLE and name in {n for n, _ in hidden}))
+            )
     out = []
     for low_, high in (
         (0, 0.2),
@@ -1166,13 +1457,18 @@ def work(job):
 
 def main():
     """Run the cases that are asked for and not there yet, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seeds", default="1", help="such as 1-3,7")
     parser.add_argument("--cases", default="0-59", help="numbers of cases, such as 0-59 or 12")
     parser.add_argument("--only", help="one set")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument(
-        "--folder", type=Path, default=Path(tempfile.gettempdir()) / "gap_stranger", help="where cases are kept"
+        "--folder",
+        type=Path,
+        default=Path(tempfile.gettempdir()) / "gap_stranger",
+        help="where cases are kept",
     )
     parser.add_argument("--out", type=Path, default=Path("gap_stranger.jsonl"))
     parser.add_argument("--code", default=None, help="name of the code instead of its commit")
@@ -1182,16 +1478,25 @@ def main():
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     cases = numbers(args.cases)
     code = args.code or commit()
-    rows = [json.loads(line) for line in args.out.read_text().splitlines()] if args.out.exists() else []
+    rows = (
+        [json.loads(line) for line in args.out.read_text().splitlines()]
+        if args.out.exists()
+        else []
+    )
     done = {(row["code"], row["seed"], row["case"]) for row in rows}
-    kinds = {k: "single" if CYCLE[k % len(CYCLE)] == "stribeck" else CYCLE[k % len(CYCLE)] for k in cases}
+    kinds = {
+        k: "single" if CYCLE[k % len(CYCLE)] == "stribeck" else CYCLE[k % len(CYCLE)] for k in cases
+    }
     jobs = [
         (str(args.folder), seed, k, args.make)
         for seed in numbers(args.seeds)
         for k in cases
         if (code, seed, k) not in done and args.only in (None, kinds[k], CYCLE[k % len(CYCLE)])
     ]
-    print(f"seeds {args.seeds}, cases {args.cases}, code {code}: {len(jobs)} to do, {len(done)} there", flush=True)
+    print(
+        f"seeds {args.seeds}, cases {args.cases}, code {code}: {len(jobs)} to do, {len(done)} there",
+        flush=True,
+    )
     if args.jobs > 1:
         from multiprocessing import Pool
 
@@ -1212,7 +1517,9 @@ def main():
             flush=True,
         )
     chosen = [
-        row for row in rows if row["code"] == code and row["seed"] in numbers(args.seeds) and row["case"] in cases
+        row
+        for row in rows
+        if row["code"] == code and row["seed"] in numbers(args.seeds) and row["case"] in cases
     ]
     if chosen:
         print(table(chosen))

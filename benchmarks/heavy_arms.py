@@ -66,10 +66,24 @@ class Heavy:
 def table_of(kind, size):
     """DH rows (a, twist, d) of an arm, standard convention [m, rad], and centres of its joints' travel [rad]."""
     if kind == "industrial":
-        rows = [(0.16, 90, 0.4), (0.6, 0, 0), (0.08, 90, 0), (0, -90, 0.62), (0, 90, 0), (0, 0, 0.12)]
+        rows = [
+            (0.16, 90, 0.4),
+            (0.6, 0, 0),
+            (0.08, 90, 0),
+            (0, -90, 0.62),
+            (0, 90, 0),
+            (0, 0, 0.12),
+        ]
         centre = [0, 90, 0, 0, 30, 0]
     else:
-        rows = [(0, 90, 0.13), (0.61, 0, 0), (0.57, 0, 0), (0, 90, 0.16), (0, -90, 0.12), (0, 0, 0.09)]
+        rows = [
+            (0, 90, 0.13),
+            (0.61, 0, 0),
+            (0.57, 0, 0),
+            (0, 90, 0.16),
+            (0, -90, 0.12),
+            (0, 0, 0.09),
+        ]
         centre = [0, 90, -90, 0, 60, 0]
     return [(size * a, twist, size * d) for a, twist, d in rows], np.radians(centre)
 
@@ -80,7 +94,11 @@ def lumps(rng, start, end, mass, size):
     for share, at in zip(shares, rng.uniform(-0.15, 1.0, 4), strict=True):
         radii = size * rng.uniform(0.05, 0.16, 3)
         place = start + at * (end - start) + size * rng.normal(size=3) * 0.03
-        parts.append(pin.Inertia(share * mass, place, pin.Inertia.FromEllipsoid(1.0, *radii).inertia * share * mass))
+        parts.append(
+            pin.Inertia(
+                share * mass, place, pin.Inertia.FromEllipsoid(1.0, *radii).inertia * share * mass
+            )
+        )
     total = parts[0]
     for part in parts[1:]:
         total = total + part
@@ -113,18 +131,28 @@ def draw(seed, with_counterbalance):
     model.addFrame(pin.Frame("tip", parent, 0, previous, pin.FrameType.OP_FRAME))
     reach = np.radians([150, 65, 60, 150, 100, 170])
     arm = hidden.Arm(
-        model, np.zeros(6), np.zeros(6), centre - reach, centre + reach, np.radians([100, 90, 100, 150, 150, 200])
+        model,
+        np.zeros(6),
+        np.zeros(6),
+        centre - reach,
+        centre + reach,
+        np.radians([100, 90, 100, 150, 150, 200]),
     )
     arm.data = model.createData()
     poses = centre + rng.uniform(-1, 1, (200, 6)) * reach * 0.8
     still = arm.torque(poses, 0 * poses, 0 * poses)
     level = np.maximum(np.abs(still).max(axis=0), 0.02 * np.abs(still).max())
-    arm.coulomb, arm.viscous = 0.04 * level * rng.uniform(0.5, 1.5, 6), 0.04 * level * rng.uniform(0.5, 1.5, 6)
+    arm.coulomb, arm.viscous = (
+        0.04 * level * rng.uniform(0.5, 1.5, 6),
+        0.04 * level * rng.uniform(0.5, 1.5, 6),
+    )
     weight = float(
         np.sqrt(
             np.sum(
                 np.linalg.lstsq(
-                    np.column_stack([np.sin(poses[:, 1]), np.cos(poses[:, 1]), np.ones(200)]), still[:, 1], rcond=None
+                    np.column_stack([np.sin(poses[:, 1]), np.cos(poses[:, 1]), np.ones(200)]),
+                    still[:, 1],
+                    rcond=None,
                 )[0][:2]
                 ** 2
             )
@@ -151,10 +179,15 @@ def robot_table(heavy):
         for k, (a, t, d) in enumerate(heavy.rows, 1)
     ]
     return {
-        "name": "heavy", "convention": "standard", "angle_unit": "deg", "gravity": [0, 0, -9.81], "joints": joints,
-        "torque": {"source": "motor_torque"}, "coulomb": {"shape": "smooth", "velocity": 0.3},
+        "name": "heavy",
+        "convention": "standard",
+        "angle_unit": "deg",
+        "gravity": [0, 0, -9.81],
+        "joints": joints,
+        "torque": {"source": "motor_torque"},
+        "coulomb": {"shape": "smooth", "velocity": 0.3},
         "driver": {"kind": "generic", "topic": "/joint_states"},
-    }  # fmt: skip
+    }
 
 
 def simulate(heavy, seed, trajectories=3, repeats=2, seconds=20.0, noise=0.004):

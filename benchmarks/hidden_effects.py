@@ -18,15 +18,55 @@ ROOT = Path(__file__).parents[1]
 RATE = 200.0
 
 CATALOGUE = (
-    "torque_offset", "asymmetric_viscous", "stribeck", "nonlinear_viscous", "load_friction", "torque_gain",
-    "warmup_friction", "torque_drift", "position_friction", "torque_ripple", "spring", "end_stop", "motor_inertia",
-    "joint_coupling", "torque_crosstalk", "joint_elasticity", "encoder_offset", "presliding_hysteresis", "base_tilt",
-    "torque_delay", "tool_force",
-)  # fmt: skip
-OUTSIDE = ("ringing", "contacts", "wandering", "odd_cross", "load_viscous", "sum_angle", "dead_band")
-CHANGES = ("payload", "coulomb_change", "viscous_change", "torque_offset", "tool_force", "base_tilt")
+    "torque_offset",
+    "asymmetric_viscous",
+    "stribeck",
+    "nonlinear_viscous",
+    "load_friction",
+    "torque_gain",
+    "warmup_friction",
+    "torque_drift",
+    "position_friction",
+    "torque_ripple",
+    "spring",
+    "end_stop",
+    "motor_inertia",
+    "joint_coupling",
+    "torque_crosstalk",
+    "joint_elasticity",
+    "encoder_offset",
+    "presliding_hysteresis",
+    "base_tilt",
+    "torque_delay",
+    "tool_force",
+)
+OUTSIDE = (
+    "ringing",
+    "contacts",
+    "wandering",
+    "odd_cross",
+    "load_viscous",
+    "sum_angle",
+    "dead_band",
+)
+CHANGES = (
+    "payload",
+    "coulomb_change",
+    "viscous_change",
+    "torque_offset",
+    "tool_force",
+    "base_tilt",
+)
 #: What a model that is fitted again absorbs, and what recordings have without anything being missing.
-DECOYS = ("plain", "spikes", "loud_when_fast", "joint_at_rest", "heavier_tool", "more_friction", "drifting_tracking")
+DECOYS = (
+    "plain",
+    "spikes",
+    "loud_when_fast",
+    "joint_at_rest",
+    "heavier_tool",
+    "more_friction",
+    "drifting_tracking",
+)
 #: What recorders do to stamps and rows.
 MESSES = ("uneven", "late_stamps", "drop_outs", "one_repeat", "uneven and drop_outs", "slow")
 #: Largest share of the arm's own torques that is hidden: what no lab would overlook is no test.
@@ -75,7 +115,9 @@ class Arm:
         found = np.empty_like(q)
         frame = self.model.getFrameId("tip")
         for k, one in enumerate(q):
-            jacobian = pin.computeFrameJacobian(self.model, self.data, one, frame, pin.LOCAL_WORLD_ALIGNED)
+            jacobian = pin.computeFrameJacobian(
+                self.model, self.data, one, frame, pin.LOCAL_WORLD_ALIGNED
+            )
             found[k] = -jacobian[:3].T @ force
         return found
 
@@ -96,9 +138,15 @@ def load_arm(name):
         parent = model.addJoint(parent, pin.JointModelRZ(), previous * turn, row["name"])
         i = body["inertia_com"]
         tensor = np.array(
-            [[i["ixx"], i["ixy"], i["ixz"]], [i["ixy"], i["iyy"], i["iyz"]], [i["ixz"], i["iyz"], i["izz"]]]
+            [
+                [i["ixx"], i["ixy"], i["ixz"]],
+                [i["ixy"], i["iyy"], i["iyz"]],
+                [i["ixz"], i["iyz"], i["izz"]],
+            ]
         )
-        model.appendBodyToJoint(parent, pin.Inertia(body["mass"], np.array(body["com"], float), tensor), after)
+        model.appendBodyToJoint(
+            parent, pin.Inertia(body["mass"], np.array(body["com"], float), tensor), after
+        )
         previous = after
         limits = row.get("limits", {})
         low, high = limits.get("position") or (-150, 150)
@@ -126,10 +174,14 @@ def sines(arm, seconds, rng):
     size = rng.uniform(0.4, 1.0, (arm.n, count)) / f**0.8
     t = np.linspace(0, seconds, 2000)
     for j in range(arm.n):
-        wave = (size[j, :, None] * np.sin(2 * np.pi * f[j, :, None] * t + phase[j, :, None])).sum(axis=0)
+        wave = (size[j, :, None] * np.sin(2 * np.pi * f[j, :, None] * t + phase[j, :, None])).sum(
+            axis=0
+        )
         slope = np.gradient(wave, t)
         reach = 0.45 * (arm.upper[j] - arm.lower[j])
-        size[j] *= min(min(reach, 1.6) / np.abs(wave).max(), 0.6 * min(arm.speed[j], 2.0) / np.abs(slope).max())
+        size[j] *= min(
+            min(reach, 1.6) / np.abs(wave).max(), 0.6 * min(arm.speed[j], 2.0) / np.abs(slope).max()
+        )
     return f, size, phase
 
 
@@ -153,9 +205,15 @@ def motion(arm, plan, t, rng, wobble=1e-3):
         tremble = (
             wobble / 2 if size[j].any() or size.shape[1] == 1 else 0.0
         )  # a joint that rests is held by its friction
-        weight = np.append(size[j] * loop * np.exp(1j * phase[j]), tremble * np.exp(1j * rng.uniform(0, 7, 8)))
+        weight = np.append(
+            size[j] * loop * np.exp(1j * phase[j]), tremble * np.exp(1j * rng.uniform(0, 7, 8))
+        )
         wave = weight * np.exp(1j * np.outer(t, w))
-        q[:, j], qd[:, j], qdd[:, j] = wave.imag.sum(1), (1j * w * wave).imag.sum(1), (-(w**2) * wave).imag.sum(1)
+        q[:, j], qd[:, j], qdd[:, j] = (
+            wave.imag.sum(1),
+            (1j * w * wave).imag.sum(1),
+            (-(w**2) * wave).imag.sum(1),
+        )
     return q + centre * (size.shape[1] > 1), qd, qdd
 
 
@@ -192,12 +250,22 @@ def sharp(qd):
 def shape_of(case, rng, arm):
     """Draw the hidden effect's non-linear parameters."""
     return {
-        "vs": float(np.exp(rng.uniform(np.log(0.03), np.log(0.12)))), "d": rng.uniform(0.8, 2.0), "p": rng.uniform(1.6, 2.4),
-        "tw": rng.uniform(20, 60), "k": float(np.exp(rng.uniform(np.log(12), np.log(120)))), "phase": rng.uniform(0, 6.3),
-        "side": rng.choice([-1.0, 1.0]), "at": rng.uniform(0.3, 0.7), "cubic": rng.uniform(0, 0.3), "h": rng.integers(1, 3),
-        "delta": float(np.exp(rng.uniform(np.log(0.005), np.log(0.08)))), "neighbour": None, "direction": rng.normal(size=3),
-        "law": rng.integers(2), "tau": rng.uniform(30, 100),
-    }  # fmt: skip
+        "vs": float(np.exp(rng.uniform(np.log(0.03), np.log(0.12)))),
+        "d": rng.uniform(0.8, 2.0),
+        "p": rng.uniform(1.6, 2.4),
+        "tw": rng.uniform(20, 60),
+        "k": float(np.exp(rng.uniform(np.log(12), np.log(120)))),
+        "phase": rng.uniform(0, 6.3),
+        "side": rng.choice([-1.0, 1.0]),
+        "at": rng.uniform(0.3, 0.7),
+        "cubic": rng.uniform(0, 0.3),
+        "h": rng.integers(1, 3),
+        "delta": float(np.exp(rng.uniform(np.log(0.005), np.log(0.08)))),
+        "neighbour": None,
+        "direction": rng.normal(size=3),
+        "law": rng.integers(2),
+        "tau": rng.uniform(30, 100),
+    }
 
 
 def sizes_of(case):
@@ -205,12 +273,20 @@ def sizes_of(case):
     s, amount = case.facts, case.facts.get("amount", 0.0)
     h, turn = np.cos(s["phase"]), np.sin(s["phase"])
     found = {
-        "torque_offset": {"c": amount}, "asymmetric_viscous": {"a": amount}, "load_friction": {"a": amount},
-        "torque_gain": {"g": amount}, "motor_inertia": {"Im": amount}, "end_stop": {"a": amount},
-        "torque_crosstalk": {"a": amount}, "joint_coupling": {"a": amount, "b": 0.5 * amount},
-        "nonlinear_viscous": {"p": s["p"]}, "position_friction": {"a": amount * h, "b": -amount * turn},
-        "stribeck": {"a": amount, "vs": s["vs"]}, "coulomb_change": {"c": amount}, "viscous_change": {"v": amount},
-    }  # fmt: skip
+        "torque_offset": {"c": amount},
+        "asymmetric_viscous": {"a": amount},
+        "load_friction": {"a": amount},
+        "torque_gain": {"g": amount},
+        "motor_inertia": {"Im": amount},
+        "end_stop": {"a": amount},
+        "torque_crosstalk": {"a": amount},
+        "joint_coupling": {"a": amount, "b": 0.5 * amount},
+        "nonlinear_viscous": {"p": s["p"]},
+        "position_friction": {"a": amount * h, "b": -amount * turn},
+        "stribeck": {"a": amount, "vs": s["vs"]},
+        "coulomb_change": {"c": amount},
+        "viscous_change": {"v": amount},
+    }
     whole = {"encoder_offset": "offset", "joint_elasticity": "compliance", "torque_delay": "delay"}
     if case.effect in whole:
         return {whole[case.effect]: float(case.size * s["scale_of"])}
@@ -221,8 +297,13 @@ def truth_of(name):
     """Return mass, centre of mass and inertia about it of each true link of an arm, in its DH frame."""
     links = yaml.safe_load((ROOT / "trajectories" / TRUTH[name]).read_text())["links"]
     places = [[["ixx", "ixy", "ixz"], ["ixy", "iyy", "iyz"], ["ixz", "iyz", "izz"]]] * len(links)
-    tensors = [[[b["inertia_com"][x] for x in row] for row in place] for b, place in zip(links, places, strict=True)]
-    return [(b["mass"], np.array(b["com"]), np.array(i)) for b, i in zip(links, tensors, strict=True)]
+    tensors = [
+        [[b["inertia_com"][x] for x in row] for row in place]
+        for b, place in zip(links, places, strict=True)
+    ]
+    return [
+        (b["mass"], np.array(b["com"]), np.array(i)) for b, i in zip(links, tensors, strict=True)
+    ]
 
 
 def partner(case, n):
@@ -284,7 +365,9 @@ def added_torque(arm, case, s, t, q, qd, qdd, rigid, span):
         for k in turns:
             tail = np.arange(min(len(t) - k, 120)) / RATE
             out[k : k + len(tail), j] += (
-                np.sign(v[min(k + 2, len(v) - 1)]) * np.exp(-tail / 0.15) * np.sin(2 * np.pi * 5.5 * tail)
+                np.sign(v[min(k + 2, len(v) - 1)])
+                * np.exp(-tail / 0.15)
+                * np.sin(2 * np.pi * 5.5 * tail)
             )
     elif e == "odd_cross":
         out[:, j] = np.sin(2 * x) * np.sign(qd[:, partner(case, arm.n)]) * np.abs(v)
@@ -351,7 +434,9 @@ def recorded(case, t, q, tau, rng):
         for at in rng.uniform(t[0] + 2, t[-1] - 2, 2):
             kept &= np.abs(t - at) > rng.uniform(0.05, 0.4)
     if "late_stamps" in case.extra:
-        t = np.maximum.accumulate(t + rng.exponential(0.1 / RATE, len(t))) + 1e-7 * np.arange(len(t))
+        t = np.maximum.accumulate(t + rng.exponential(0.1 / RATE, len(t))) + 1e-7 * np.arange(
+            len(t)
+        )
     return t[kept], q[kept], tau[kept]
 
 
@@ -395,7 +480,11 @@ def simulate(
     s = shape_of(case, rng, arm)
     case.facts = s
     plans_rng = np.random.default_rng(case.seed + 1000 if plan_seed is None else plan_seed)
-    wobble = shrink * (4e-3 if case.extra == "drifting_tracking" else 1e-3) * (0.1 if in_step is not None else 1.0)
+    wobble = (
+        shrink
+        * (4e-3 if case.extra == "drifting_tracking" else 1e-3)
+        * (0.1 if in_step is not None else 1.0)
+    )
     white = np.array([0.14, 0.14, 0.14, 0.14, 0.085, 0.08, 0.075])[: arm.n]
     logs = []
     clock = start_at
@@ -437,13 +526,23 @@ def simulate(
                 shown[:, case.joint] += size
             tau = rigid + arm.viscous * moving_qd + arm.coulomb * sharp(moving_qd)
             extra = added_torque(
-                arm, case, s, clock + t, q, qd, qdd, rigid, (q.min(0), q.max(0)) if scale is None else s["span"]
+                arm,
+                case,
+                s,
+                clock + t,
+                q,
+                qd,
+                qdd,
+                rigid,
+                (q.min(0), q.max(0)) if scale is None else s["span"],
             )
             if scale is None:
                 s["span"] = (q.min(0), q.max(0))
                 scale = unit(extra, q, qd, qdd, white, case)
                 scale = min(
-                    scale, LARGEST.get(case.effect, np.inf) / max(case.size, 1e-9), overlooked(extra, tau, case)
+                    scale,
+                    LARGEST.get(case.effect, np.inf) / max(case.size, 1e-9),
+                    overlooked(extra, tau, case),
                 )
             tau = tau + (case.size if hide else 0.0) * scale * extra
             s |= {"amount": case.size * scale, "scale_of": scale_of(case, arm)}
@@ -471,7 +570,13 @@ def unit(extra, q, qd, qdd, white, case):
     for j in range(q.shape[1]):
         if not np.any(extra[:, j]):
             continue
-        basis = [np.ones(len(q)), qd[:, j], np.tanh(qd[:, j] / 0.01), np.sin(q[:, j]), np.cos(q[:, j])]
+        basis = [
+            np.ones(len(q)),
+            qd[:, j],
+            np.tanh(qd[:, j] / 0.01),
+            np.sin(q[:, j]),
+            np.cos(q[:, j]),
+        ]
         if case.effect in ("torque_offset", "torque_drift"):
             basis = basis[1:]
         if case.effect in ("spring", "end_stop"):

@@ -54,7 +54,16 @@ from dynid.workflows.validate import validate
 
 #: Arms, and what may be hidden at a joint: an effect of the catalogue with its numbers by the torque of the joint.
 ARMS = ("scara", "ur5e", "kuka_lwr4plus")
-HIDDEN = ("nothing", "nothing", "spring", "asymmetric_viscous", "payload", "wrong_sign", "wrong_arm", "drift")
+HIDDEN = (
+    "nothing",
+    "nothing",
+    "spring",
+    "asymmetric_viscous",
+    "payload",
+    "wrong_sign",
+    "wrong_arm",
+    "drift",
+)
 STEP = 0.005
 #: Effects that gap tries here: the others would only take time.
 TRIED = "spring,asymmetric_viscous,payload,torque_offset,stribeck"
@@ -95,12 +104,23 @@ def light_case_of(seed):
     and measured as in the others: a well recorded arm may be worse than its noise, a mistake may be harmless.
     """
     case, rng = case_of(seed), np.random.default_rng([seed, 30])
-    case |= {"same": False, "repeats": 2, "seconds": float(rng.choice((8.0, 15.0, 30.0))), "drawn": "as it comes"}
+    case |= {
+        "same": False,
+        "repeats": 2,
+        "seconds": float(rng.choice((8.0, 15.0, 30.0))),
+        "drawn": "as it comes",
+    }
     if seed % 4 == 1:
         case |= {"hidden": "nothing", "motions": 2, "drawn": "well recorded"}
     elif seed % 4 >= 2:
-        hidden = str(rng.choice(("wrong_sign", "wrong_arm", "payload", "spring", "asymmetric_viscous")))
-        case |= {"hidden": hidden, "size": float(10 ** rng.uniform(-0.5, 0.5)), "drawn": "large mistake"}
+        hidden = str(
+            rng.choice(("wrong_sign", "wrong_arm", "payload", "spring", "asymmetric_viscous"))
+        )
+        case |= {
+            "hidden": hidden,
+            "size": float(10 ** rng.uniform(-0.5, 0.5)),
+            "drawn": "large mistake",
+        }
     return case
 
 
@@ -109,12 +129,15 @@ def logs_of(case):
     robot, base = arm_of(case["arm"])
     spec = SineSpec(case["seconds"], max(5.0, case["seconds"] / 2), 0.7, 0.5, 0.5, -math.inf)
     motions = [
-        sines(robot, spec, STEP, np.random.default_rng([case["seed"], 2, k])) for k in range(case["motions"] + 2)
+        sines(robot, spec, STEP, np.random.default_rng([case["seed"], 2, k]))
+        for k in range(case["motions"] + 2)
     ]
     count = iter(range(100))
 
     def log(motion, changed):
-        found = simulate(robot, motion, base=base, noise=case["noise"], seed=case["seed"] + next(count))
+        found = simulate(
+            robot, motion, base=base, noise=case["noise"], seed=case["seed"] + next(count)
+        )
         tau, j = found.log.tau.copy(), case["joint"]
         size = case["size"] * np.sqrt(np.mean(found.torque[:, j] ** 2))
         if changed and case["hidden"] == "spring":
@@ -147,23 +170,34 @@ def contradictions(answers):
     found = []
     for name, answer in answers.items():
         judged = answer["judgement"]
-        states, said = {light["name"]: light["state"] for light in judged["lights"]}, judged["sentence"]
+        states, said = (
+            {light["name"]: light["state"] for light in judged["lights"]},
+            judged["sentence"],
+        )
         bad = "bad" in states.values()
         rules = {
             "a warning without a red light": said.startswith("Do not use") and not bad,
             "good beside a light that is not": judged["state"] == "good"
             and bool({"fair", "bad"} & set(states.values())),
-            "good without another motion": judged["state"] == "good" and states["unseen motion"] != "good",
-            "nothing missing beside a light": said.startswith(("Nothing is missing", "Nothing has changed"))
+            "good without another motion": judged["state"] == "good"
+            and states["unseen motion"] != "good",
+            "nothing missing beside a light": said.startswith(
+                ("Nothing is missing", "Nothing has changed")
+            )
             and states["complete"] != "good",
-            "not tested, and tested": "was not tested on another motion" in said and states["unseen motion"] != "open",
-            "to be used, and bad": bad and any("export" in step["command"] for step in judged["next"]),
-            "no next step": any(state != "good" for state in states.values()) and not judged["next"],
+            "not tested, and tested": "was not tested on another motion" in said
+            and states["unseen motion"] != "open",
+            "to be used, and bad": bad
+            and any("export" in step["command"] for step in judged["next"]),
+            "no next step": any(state != "good" for state in states.values())
+            and not judged["next"],
             "praise of unseen motion beside a light": said.startswith(
                 "The model predicts motions that it was not fitted"
             )
             and states["unseen motion"] != "good",
-            "a step that is no command": not all(step["command"].startswith("dynid ") for step in judged["next"]),
+            "a step that is no command": not all(
+                step["command"].startswith("dynid ") for step in judged["next"]
+            ),
         }
         found += [f"{name}: {rule}" for rule, broken in rules.items() if broken]
     if "gap" in answers:
@@ -182,7 +216,8 @@ def contradictions(answers):
     for one, other in (("validate", "after_validate"), ("gap", "report")):
         if one in answers and other in answers:
             lights = [
-                {light["name"]: light["state"] for light in answers[key]["judgement"]["lights"]} for key in (one, other)
+                {light["name"]: light["state"] for light in answers[key]["judgement"]["lights"]}
+                for key in (one, other)
             ]
             if lights[0] != lights[1]:
                 found.append(f"{one} and the report: {lights[0]} and {lights[1]}")
@@ -190,7 +225,11 @@ def contradictions(answers):
         replayed = answers["validate"]
         states = {light["name"]: light["state"] for light in replayed["judgement"]["lights"]}
         expected = replayed["expected_relative_error_percent"]
-        far = expected and replayed["relative_error_percent"] > 3 * expected and states["unseen motion"] == "bad"
+        far = (
+            expected
+            and replayed["relative_error_percent"] > 3 * expected
+            and states["unseen motion"] == "bad"
+        )
         if far and answers["gap"]["verdict"].startswith("nothing"):
             found.append("validate misses far more than expected, and gap finds nothing")
     return found
@@ -227,7 +266,9 @@ def said_of(case, searched):
             answers["after_validate"] = plain(report(load_run(Path(folder))).facts())
             known["after_validate"] = load_run(Path(folder)).evidence
             try:
-                gap = find_gap(load_run(Path(folder)), [replay], earlier=fitted, base=base, effects=TRIED)
+                gap = find_gap(
+                    load_run(Path(folder)), [replay], earlier=fitted, base=base, effects=TRIED
+                )
                 gap.save(Path(folder) / "gap.npz")
                 answers["gap"], known["gap"] = plain(gap.facts()), gap.evidence
                 answers["report"] = plain(report(load_run(Path(folder))).facts())
@@ -238,7 +279,10 @@ def said_of(case, searched):
     floor = true_floor(case, result, unseen)
     error = np.array([joint.rms for joint in truth.joints])
     torque = np.array([joint.torque_rms for joint in truth.joints])
-    kept = {name: {key: answer[key] for key in KEPT if key in answer} for name, answer in answers.items()}
+    kept = {
+        name: {key: answer[key] for key in KEPT if key in answer}
+        for name, answer in answers.items()
+    }
     return row | {
         "contradictions": contradictions(answers),
         "sentences": {name: answer["judgement"]["sentence"] for name, answer in answers.items()},
@@ -270,9 +314,15 @@ def true_floor(case, result, unseen):
 def noise_of(case, robot, base):
     """Return the standard deviation of the noise that ``simulate`` adds, (n,) [N m]."""
     motion = sines(
-        robot, SineSpec(3.0, 5.0, 0.7, 0.5, 0.5, -math.inf), STEP, np.random.default_rng([case["seed"], 2, 0])
+        robot,
+        SineSpec(3.0, 5.0, 0.7, 0.5, 0.5, -math.inf),
+        STEP,
+        np.random.default_rng([case["seed"], 2, 0]),
     )
-    both = [simulate(robot, motion, base=base, noise=noise, resolution=0.0) for noise in (case["noise"], 0.0)]
+    both = [
+        simulate(robot, motion, base=base, noise=noise, resolution=0.0)
+        for noise in (case["noise"], 0.0)
+    ]
     return np.std(both[0].log.tau - both[1].log.tau, axis=0)
 
 
@@ -283,14 +333,23 @@ def recordings(data):
 
     whole = {}
     for pair in pairs(data):
-        for name, log in (*((f"fitted {k}", log) for k, log in enumerate(pair.fitted)), *pair.unseen):
+        for name, log in (
+            *((f"fitted {k}", log) for k, log in enumerate(pair.fitted)),
+            *pair.unseen,
+        ):
             seconds = float(log.t[-1] - log.t[0])
             if pair.name.startswith(("LWR4+", "AIRBOT", "Shanghai", "arm")) or len(pair.fitted) > 1:
                 whole[log.sha256 or f"{pair.name} {name}"] = (pair.robot, log)
             halves = [part(log, 0.0, seconds / 2), part(log, seconds / 2, 1e9)]
             if (name, log) in pair.unseen:
                 for k in (0, 1):
-                    yield f"{pair.name} -> {name}, half {k + 1}", pair.robot, pair.fitted, halves[k], halves[1 - k]
+                    yield (
+                        f"{pair.name} -> {name}, half {k + 1}",
+                        pair.robot,
+                        pair.fitted,
+                        halves[k],
+                        halves[1 - k],
+                    )
     for key, (robot, log) in whole.items():
         seconds = float(log.t[-1] - log.t[0])
         cuts = [part(log, k * seconds / 4, (k + 1) * seconds / 4) for k in range(4)]
@@ -299,8 +358,11 @@ def recordings(data):
             for replayed, judging in (rest, rest[::-1]):
                 yield (
                     f"{robot.name} {key[:8]}, quarters {first + 1} {second + 1} -> {replayed + 1} {judging + 1}",
-                    robot, (cuts[first], cuts[second]), cuts[replayed], cuts[judging],
-                )  # fmt: skip
+                    robot,
+                    (cuts[first], cuts[second]),
+                    cuts[replayed],
+                    cuts[judging],
+                )
 
 
 def run_recording(name, robot, fitted, replay, judging):
@@ -345,9 +407,14 @@ def evidence_from(kept):
         found["other"] = OtherArm(**kept["other"])
     if (gap := kept["gap"]) is not None:
         # Why: JSON has no infinity, which a refit to a short log may be off by.
-        inside = {key: tuple(math.inf if one is None else one for one in gap[key]) for key in GAP_ERRORS}
+        inside = {
+            key: tuple(math.inf if one is None else one for one in gap[key]) for key in GAP_ERRORS
+        }
         inside = {key: tupled(value) for key, value in gap.items()} | inside
-        inside |= {"effects": each(EffectEvidence, gap["effects"]), "events": each(Event, gap["events"])}
+        inside |= {
+            "effects": each(EffectEvidence, gap["effects"]),
+            "events": each(Event, gap["events"]),
+        }
         found["gap"] = GapEvidence(**inside)
     return Evidence(**found)
 
@@ -360,7 +427,10 @@ def judged(row):
 def again(row):
     """Return what contradicts in kept evidence."""
     found = judged(row)
-    answers = {name: {**row["answers"].get(name, {}), "judgement": each.facts()} for name, each in found.items()}
+    answers = {
+        name: {**row["answers"].get(name, {}), "judgement": each.facts()}
+        for name, each in found.items()
+    }
     return contradictions(answers)
 
 
@@ -434,7 +504,9 @@ def look_again(paths, halved):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("judgement.json"))
-    parser.add_argument("--kind", choices=("situations", "lights", "recordings"), default="situations")
+    parser.add_argument(
+        "--kind", choices=("situations", "lights", "recordings"), default="situations"
+    )
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
     parser.add_argument("--cases", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
@@ -447,7 +519,11 @@ def main():
     rows = json.loads(given.out.read_text()) if given.out.exists() else []
     done, end = {row.get("name", row.get("seed")) for row in rows}, time.time() + 60 * given.minutes
     if given.kind == "recordings":
-        work = ((name, lambda each=each: run_recording(*each)) for each in recordings(given.data) for name in each[:1])
+        work = (
+            (name, lambda each=each: run_recording(*each))
+            for each in recordings(given.data)
+            for name in each[:1]
+        )
     else:
         seeds = range(1000 * given.seed, 1000 * given.seed + given.cases)
         searched = given.kind == "situations"
@@ -462,7 +538,14 @@ def main():
         given.out.write_text(json.dumps(rows))
         found = judged(row)
         state = list(found.values())[-1].state if found else row["refused"]
-        print(name, row.get("arm", ""), row.get("hidden", ""), state, row["contradictions"], flush=True)
+        print(
+            name,
+            row.get("arm", ""),
+            row.get("hidden", ""),
+            state,
+            row["contradictions"],
+            flush=True,
+        )
     return look_again([given.out], halved=False)
 
 

@@ -26,7 +26,9 @@ from dynid.signals.columns import in_si, matching_columns, robot_columns, to_dh
 from mapping_logs import simulated
 
 ROOT = Path(__file__).parents[1]
-SHARED = next((f / "shared" / "data" for f in ROOT.parents if (f / "shared" / "data").is_dir()), ROOT)
+SHARED = next(
+    (f / "shared" / "data" for f in ROOT.parents if (f / "shared" / "data").is_dir()), ROOT
+)
 RECORDED = [
     ("kuka_lwr4plus", ROOT / "trajectories/lwr4plus_identify.bag"),
     ("kuka_lwr4plus", ROOT / "trajectories/lwr4plus_validate.bag"),
@@ -45,7 +47,9 @@ VERDICTS = ("first", "tied", "among three", "wrong", "silent", "out of range", "
 
 def recordings(seed):
     """Return what is tried: name, source and where from; simulated logs on motions of a seed."""
-    recorded = [(name, path.parent.name + "/" + path.name, path) for name, path in RECORDED if path.exists()]
+    recorded = [
+        (name, path.parent.name + "/" + path.name, path) for name, path in RECORDED if path.exists()
+    ]
     return [*recorded, *((name, f"simulated, seed {seed}", seed) for name in ROBOTS)]
 
 
@@ -59,7 +63,9 @@ def loaded(name, source):
 
 def driver_columns(log, robot):
     """Return the driver's columns in SI units, which a file with a mistake need not make sense of, and their names."""
-    return in_si(robot_columns(log, robot), robot), [log.names[k] for k in matching_columns(log, robot)[0]]
+    return in_si(robot_columns(log, robot), robot), [
+        log.names[k] for k in matching_columns(log, robot)[0]
+    ]
 
 
 MEMORY = {}
@@ -81,10 +87,24 @@ class Remembered(Judge):
         return MEMORY[key]
 
     def _key(self, what, robot):
-        turns = tuple(round(each % (2 * math.pi), 6) % round(2 * math.pi, 6) for each in robot.driver.map.offset)
+        turns = tuple(
+            round(each % (2 * math.pi), 6) % round(2 * math.pi, 6)
+            for each in robot.driver.map.offset
+        )
         map_ = robot.driver.map
-        return (what, robot.name, robot.convention, robot.gravity, robot.log_names, map_.sign, turns, map_.torque_signs,
-                robot.driver.units["position"], self.says(robot).tobytes(), float(f"{np.abs(self.tau).sum():.6g}"))  # fmt: skip
+        return (
+            what,
+            robot.name,
+            robot.convention,
+            robot.gravity,
+            robot.log_names,
+            map_.sign,
+            turns,
+            map_.torque_signs,
+            robot.driver.units["position"],
+            self.says(robot).tobytes(),
+            float(f"{np.abs(self.tau).sum():.6g}"),
+        )
 
 
 def remembered(log, robot, *, mapped=True):
@@ -119,7 +139,9 @@ def one(task):
             wrong = with_edits(robot, edits)
             in_order = [names[robot.log_names.index(each)] for each in wrong.log_names]
             raw_wrong, _ = driver_columns(log, wrong)
-            answers.append((edits, *verdict(judge, robot, wrong, raw_wrong, in_order, right, edits)))
+            answers.append(
+                (edits, *verdict(judge, robot, wrong, raw_wrong, in_order, right, edits))
+            )
     finally:
         mapping.judge_of = judge_of
     return name, shown, seconds, alarm, answers
@@ -131,7 +153,10 @@ def verdict(judge, robot, wrong, raw, names, right, edits):
     noise = np.hypot(mapping.noise_of(robot, right.floor), mapping.usual_error(robot, right.left))
 
     def hidden(file):
-        return mapping.Hypothesis((), *judge.possible(file)).misfit(noise) - right.misfit(noise) < tuning.CLEAR
+        return (
+            mapping.Hypothesis((), *judge.possible(file)).misfit(noise) - right.misfit(noise)
+            < tuning.CLEAR
+        )
 
     if found is None or not found.wrong:
         if judge.same(wrong, robot):
@@ -144,14 +169,20 @@ def verdict(judge, robot, wrong, raw, names, right, edits):
         # Why: base parameters take some edits in, so that several repair a file; the answer lists those it knows.
         repaired = with_edits(wrong, hypothesis.edits)
         rest = [with_edits(robot, [edit]) for edit in edits]
-        if judge.same(repaired, robot) or any(judge.same(repaired, each) and hidden(each) for each in rest):
-            return "first" if place == 0 else "tied" if place <= len(found.tied) else "among three", said
+        if judge.same(repaired, robot) or any(
+            judge.same(repaired, each) and hidden(each) for each in rest
+        ):
+            return "first" if place == 0 else "tied" if place <= len(
+                found.tied
+            ) else "among three", said
     return "wrong", said
 
 
 def main():
     parser = argparse.ArgumentParser()
-    parser.add_argument("--every", type=int, default=1, help="every how manyth single mistake is tried")
+    parser.add_argument(
+        "--every", type=int, default=1, help="every how manyth single mistake is tried"
+    )
     parser.add_argument("--pairs", type=int, default=20)
     parser.add_argument("--seed", type=int, default=7, help="of simulated arms and motions")
     parser.add_argument("--only", default="", help="part of a robot's or recording's name")
@@ -162,7 +193,10 @@ def main():
         if given.only not in "".join(each[:2]) or [*each[:2]] in [answer[:2] for answer in answers]:
             continue
         name, shown, seconds, alarm, asked = one((*each, given.every, given.pairs, k))
-        said = [([(edit.kind, edit.value) for edit in edits], word, answer) for edits, word, answer in asked]
+        said = [
+            ([(edit.kind, edit.value) for edit in edits], word, answer)
+            for edits, word, answer in asked
+        ]
         answers.append([name, shown, seconds, alarm, said])
         print(name, shown, f"{seconds:.1f}", alarm, file=sys.stderr, flush=True)
         for edits, word, answer in said:
@@ -176,18 +210,32 @@ def main():
 def table(answers):
     """Print the pages's tables."""
     print(INTRODUCTION)
-    print("| robot | recording | mistakes |", " | ".join(VERDICTS), "| false alarm on the right file | s |")
+    print(
+        "| robot | recording | mistakes |",
+        " | ".join(VERDICTS),
+        "| false alarm on the right file | s |",
+    )
     print("| --- " * (len(VERDICTS) + 5) + "|")
     for name, shown, seconds, alarm, asked in answers:
         counts = [sum(word == each for _, word, _ in asked) for each in VERDICTS]
-        print(f"| {name} | {shown} | {len(asked)} |", " | ".join(map(str, counts)),
-              f"| {'yes' if alarm else 'no'} | {seconds:.1f} |")  # fmt: skip
-    print("\n| mistake | cases |", " | ".join(VERDICTS), "| first | first or tied | of all but absorbed |")
+        print(
+            f"| {name} | {shown} | {len(asked)} |",
+            " | ".join(map(str, counts)),
+            f"| {'yes' if alarm else 'no'} | {seconds:.1f} |",
+        )
+    print(
+        "\n| mistake | cases |",
+        " | ".join(VERDICTS),
+        "| first | first or tied | of all but absorbed |",
+    )
     print("| --- " * (len(VERDICTS) + 5) + "|")
     every = [(edits, word) for answer in answers for edits, word, _ in answer[4]]
     kinds = sorted({kind for edits, _ in every for kind, _ in edits})
     rows = [(kind, [w for e, w in every if len(e) == 1 and e[0][0] == kind]) for kind in kinds]
-    rows += [("all single", [w for e, w in every if len(e) == 1]), ("pairs", [w for e, w in every if len(e) == 2])]
+    rows += [
+        ("all single", [w for e, w in every if len(e) == 1]),
+        ("pairs", [w for e, w in every if len(e) == 2]),
+    ]
     for kind, words in rows:
         counts = [words.count(each) for each in VERDICTS]
         visible, named = sum(counts[:5]), sum(counts[:2])

@@ -36,7 +36,9 @@ def facts(robot, log):
 
 def main():
     parser = argparse.ArgumentParser()
-    parser.add_argument("--every", type=int, default=5, help="every how manyth single mistake is tried")
+    parser.add_argument(
+        "--every", type=int, default=5, help="every how manyth single mistake is tried"
+    )
     parser.add_argument("--pairs", type=int, default=2)
     parser.add_argument("--seed", type=int, default=7, help="of simulated arms and motions")
     parser.add_argument("--only", default="", help="part of a robot's or recording's name")
@@ -51,11 +53,22 @@ def main():
         judge = judge_of(mapping.driver_columns(log, robot)[0], robot)
         for edits in [(), *mapping.mistakes(judge, robot.log_names, given.every, given.pairs, k)]:
             try:
-                rows.append(("right file" if not edits else "pair" if len(edits) > 1 else edits[0].kind,
-                             *facts(with_edits(robot, edits), log)))  # fmt: skip
-            except DynidError:  # degrees, torques of another unit, joints that stand still: found while reading
+                rows.append(
+                    (
+                        "right file" if not edits else "pair" if len(edits) > 1 else edits[0].kind,
+                        *facts(with_edits(robot, edits), log),
+                    )
+                )
+            except (
+                DynidError
+            ):  # degrees, torques of another unit, joints that stand still: found while reading
                 continue
-    columns = "at least %", "median %", "no arm is so", *(f"not asked at {100 * share:g} %" for share in SHARES)
+    columns = (
+        "at least %",
+        "median %",
+        "no arm is so",
+        *(f"not asked at {100 * share:g} %" for share in SHARES),
+    )
     print("| mistake | cases |", " | ".join(columns), "|\n" + "| --- " * (len(columns) + 2) + "|")
     for kind in sorted({row[0] for row in rows}):
         of_kind = [row for row in rows if row[0] == kind]
@@ -67,9 +80,17 @@ def line(kind, rows):
     """Print one row of the table."""
     if rows:
         left = [row[2] for row in rows]
-        missed = [sum(each <= share and not impossible for _, _, each, impossible in rows) for share in SHARES]
-        print(f"| {kind} | {len(rows)} | {100 * min(left):.1f} | {100 * median(left):.0f} |",
-              sum(row[3] for row in rows), "|", " | ".join(map(str, missed)), "|")  # fmt: skip
+        missed = [
+            sum(each <= share and not impossible for _, _, each, impossible in rows)
+            for share in SHARES
+        ]
+        print(
+            f"| {kind} | {len(rows)} | {100 * min(left):.1f} | {100 * median(left):.0f} |",
+            sum(row[3] for row in rows),
+            "|",
+            " | ".join(map(str, missed)),
+            "|",
+        )
 
 
 if __name__ == "__main__":

@@ -32,19 +32,27 @@ def simulated(name, seed, speed=0.5):
     rated = np.array([each.torque for each in limits])
     fastest = np.minimum([each.velocity or 1.0 for each in limits], 2.5)
     motor = robot.torque.source != "joint_sensor"
-    rotor = np.where([j.revolute for j in robot.joints], rated / fastest / (40 if motor else 400), 2.0)
+    rotor = np.where(
+        [j.revolute for j in robot.joints], rated / fastest / (40 if motor else 400), 2.0
+    )
     t = np.arange(0, SECONDS, 1 / RATE)
     q, qd, qdd = _motion(t, robot, rng, speed * fastest)
-    tau = arms.pinocchio_torques(arms.pinocchio_model(robot, _bodies(robot, rng), rotor), q, qd, qdd)
+    tau = arms.pinocchio_torques(
+        arms.pinocchio_model(robot, _bodies(robot, rng), rotor), q, qd, qdd
+    )
     viscous, coulomb = (0.02, 0.04) if motor else (0.004, 0.005)
     tau += viscous * rated / fastest * qd + coulomb * rated * np.tanh(qd / 0.02)
     size = np.sqrt(np.mean((tau - tau.mean(axis=0)) ** 2, axis=0))
-    tau += 0.02 * size * np.sin(8 * q + rng.uniform(0, 6, robot.n)) + 0.02 * size * rng.standard_normal(tau.shape)
+    tau += 0.02 * size * np.sin(
+        8 * q + rng.uniform(0, 6, robot.n)
+    ) + 0.02 * size * rng.standard_normal(tau.shape)
     q = np.round(q / 2e-5) * 2e-5
     if robot.coupling is not None:
         matrix = np.array(robot.coupling.matrix)
         q, tau = q @ matrix.T, tau @ np.linalg.inv(matrix)
-    return robot, Log(t, q, tau, robot.log_names, tau_unit="Nm", motor_side=robot.coupling is not None)
+    return robot, Log(
+        t, q, tau, robot.log_names, tau_unit="Nm", motor_side=robot.coupling is not None
+    )
 
 
 def _motion(t, robot, rng, fastest):
@@ -52,7 +60,11 @@ def _motion(t, robot, rng, fastest):
     low, high = np.array([joint.limits.position or (-2.5, 2.5) for joint in robot.joints]).T
     a, b = rng.standard_normal((2, HARMONICS, n)) / np.arange(1, HARMONICS + 1)[:, None]
     sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
-    q, qd, qdd = sin @ a + cos @ b, (cos * w) @ a - (sin * w) @ b, -(sin * w**2) @ a - (cos * w**2) @ b
+    q, qd, qdd = (
+        sin @ a + cos @ b,
+        (cos * w) @ a - (sin * w) @ b,
+        -(sin * w**2) @ a - (cos * w**2) @ b,
+    )
     middle = (q.max(axis=0) + q.min(axis=0)) / 2
     reach = 0.8 * np.minimum((high - low) / 2, 2.0)
     scale = np.minimum(reach / np.abs(q - middle).max(axis=0), fastest / np.abs(qd).max(axis=0))

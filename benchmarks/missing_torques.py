@@ -51,14 +51,20 @@ class Case:
         """Draw a case."""
         rng, missing = np.random.default_rng(9000 + number), MISSING[number % len(MISSING)]
         robot = NAMES[rng.integers(len(NAMES))]
-        size = np.exp(rng.uniform(np.log(0.7), np.log(4.0))) if missing in LARGE else rng.uniform(0.4, 1.6)
+        size = (
+            np.exp(rng.uniform(np.log(0.7), np.log(4.0)))
+            if missing in LARGE
+            else rng.uniform(0.4, 1.6)
+        )
         motions = MOTIONS[number // 8 % 4] if number % 3 else MOTIONS[0]
         return cls(robot, 1000 + number, motions, missing, float(size), int(rng.integers(1, 4)))
 
     def logs(self) -> tuple[Arm, list[Log], Log]:
         """Return the arm, the logs that are fitted, and the one that judges."""
         arm = Arm(replace(load_robot(self.robot), coupling=None), 200 + self.seed, ARMS[self.robot])
-        fitted = [self.recorded(arm, kind, 10 * self.seed + k) for k, kind in enumerate(self.motions)]
+        fitted = [
+            self.recorded(arm, kind, 10 * self.seed + k) for k, kind in enumerate(self.motions)
+        ]
         return arm, fitted, self.recorded(arm, "rich", 7000 + self.seed)
 
     def recorded(self, arm: Arm, kind: str, seed: int) -> Log:
@@ -77,7 +83,9 @@ class Case:
             plant.appendBodyToJoint(n, body, pin.SE3.Identity())
         data = plant.createData()
         rigid = np.array([pin.rnea(plant, data, *state) for state in zip(q, qd, qdd, strict=True)])
-        fv, fc, fo = (np.array([values[f"{kind}{i + 1}"] for i in range(n)]) for kind in ("fv", "fc", "fo"))
+        fv, fc, fo = (
+            np.array([values[f"{kind}{i + 1}"] for i in range(n)]) for kind in ("fv", "fc", "fo")
+        )
         sign = np.tanh(qd / 0.003)
         tau = rigid + fv * qd + fc * sign + fo
         poses = np.random.default_rng(5).uniform(-1.5, 1.5, (200, n))
@@ -140,7 +148,10 @@ def judged(case: Case) -> tuple[tuple[float, ...], str]:
         f", joint {case.joint + 1}" if case.missing in (*LARGE, "scale") else ""
     )
     figures = " | ".join(f"{x:.2f}" for x in (*errors, errors[0] / min(errors[1:])))
-    return errors, f"| {case.robot} | {' + '.join(case.motions)} | {what} | {chosen.in_force} | {large} | {figures} |"
+    return (
+        errors,
+        f"| {case.robot} | {' + '.join(case.motions)} | {what} | {chosen.in_force} | {large} | {figures} |",
+    )
 
 
 def main() -> None:

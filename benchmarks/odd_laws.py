@@ -24,7 +24,17 @@ def draw(rng, j):
     shape = table[text]
 
     def law(t, q, qd, qdd, rigid):
-        return shape(t / 60, q[:, j], q[:, k], qd[:, j], qd[:, k], qdd[:, j], qdd[:, k], rigid[:, j], rigid[:, k])
+        return shape(
+            t / 60,
+            q[:, j],
+            q[:, k],
+            qd[:, j],
+            qd[:, k],
+            qdd[:, j],
+            qdd[:, k],
+            rigid[:, j],
+            rigid[:, k],
+        )
 
     return law, f"{text}, {k + 1} beside {j + 1}"
 
@@ -55,7 +65,9 @@ def mechanisms(rng, j, k):
         # two drives in one housing
         "sgn(v + w)": lambda t, x, y, v, w, a, b, L, K: sgn(v + side * w),
         "(v + w) |v + w|": lambda t, x, y, v, w, a, b, L, K: (v + side * w) * np.abs(v + side * w),
-        "cos(n (x + y) + p)": lambda t, x, y, v, w, a, b, L, K: np.cos((few + 1) * (x + side * y) + p),
+        "cos(n (x + y) + p)": lambda t, x, y, v, w, a, b, L, K: np.cos(
+            (few + 1) * (x + side * y) + p
+        ),
         "|w| v": lambda t, x, y, v, w, a, b, L, K: np.abs(w) * v,
         "sgn v / (1 + |w| / v0)": lambda t, x, y, v, w, a, b, L, K: sgn(v) / (1 + np.abs(w) / v0),
         "cos(n y + p) sgn v": lambda t, x, y, v, w, a, b, L, K: np.cos(few * y + p) * sgn(v),
@@ -64,13 +76,17 @@ def mechanisms(rng, j, k):
         "|L| v": lambda t, x, y, v, w, a, b, L, K: np.abs(L) * v,
         "L^2 sgn v": lambda t, x, y, v, w, a, b, L, K: L**2 * sgn(v),
         "K v": lambda t, x, y, v, w, a, b, L, K: K * v,
-        "|L| sgn v exp(-|v| / v0)": lambda t, x, y, v, w, a, b, L, K: np.abs(L) * sgn(v) * np.exp(-np.abs(v) / v0),
+        "|L| sgn v exp(-|v| / v0)": lambda t, x, y, v, w, a, b, L, K: (
+            np.abs(L) * sgn(v) * np.exp(-np.abs(v) / v0)
+        ),
         "cos(2 x + p) |v|": lambda t, x, y, v, w, a, b, L, K: np.cos(2 * x + p) * np.abs(v),
         "cos(2 x + p) L": lambda t, x, y, v, w, a, b, L, K: np.cos(2 * x + p) * L,
         "cos(n x + p) v": lambda t, x, y, v, w, a, b, L, K: np.cos(few * x + p) * v,
         "cos(x + p) v |v|": lambda t, x, y, v, w, a, b, L, K: np.cos(x + p) * v * np.abs(v),
         "cos(N x + p) v": lambda t, x, y, v, w, a, b, L, K: np.cos(fine * x + p) * v,
-        "cos(2 x + p) L sgn v": lambda t, x, y, v, w, a, b, L, K: np.cos(2 * x + p) * np.abs(L) * sgn(v),
+        "cos(2 x + p) L sgn v": lambda t, x, y, v, w, a, b, L, K: (
+            np.cos(2 * x + p) * np.abs(L) * sgn(v)
+        ),
         # motors and their amplifiers
         "L |L|": lambda t, x, y, v, w, a, b, L, K: L * np.abs(L),
         "L |v|": lambda t, x, y, v, w, a, b, L, K: L * np.abs(v),
@@ -78,7 +94,9 @@ def mechanisms(rng, j, k):
         "L t": lambda t, x, y, v, w, a, b, L, K: L * t,
         "L (1 - exp(-t / T))": lambda t, x, y, v, w, a, b, L, K: L * (1 - np.exp(-t / minutes)),
         "L beyond a dead zone": lambda t, x, y, v, w, a, b, L, K: L - np.clip(L, -top(L), top(L)),
-        "L up to a limit, |v|": lambda t, x, y, v, w, a, b, L, K: np.clip(L, -top(L), top(L)) * np.abs(v),
+        "L up to a limit, |v|": lambda t, x, y, v, w, a, b, L, K: (
+            np.clip(L, -top(L), top(L)) * np.abs(v)
+        ),
         "K |w|": lambda t, x, y, v, w, a, b, L, K: K * np.abs(w),
         # oil, flywheels and belts
         "v |v| exp(-t / T)": lambda t, x, y, v, w, a, b, L, K: v * np.abs(v) * np.exp(-t / minutes),
@@ -93,5 +111,5 @@ def mechanisms(rng, j, k):
         "b cos(n y + p)": lambda t, x, y, v, w, a, b, L, K: b * np.cos((few + 1) * y + p),
         "b |v|": lambda t, x, y, v, w, a, b, L, K: b * np.abs(v),
         "a sgn v": lambda t, x, y, v, w, a, b, L, K: a * sgn(v),
-    }  # fmt: skip
+    }
     return laws

@@ -89,17 +89,29 @@ def one(arm: Arm, row: str, draw: int) -> dict:
     rng = np.random.default_rng([draw, ROWS.index(row)])
     try:
         found = dynid.identify(
-            arm.robot, spoilt(row, clean(arm, draw), rng), dynid.IdentifyOptions(feasible=False), base=arm.base
+            arm.robot,
+            spoilt(row, clean(arm, draw), rng),
+            dynid.IdentifyOptions(feasible=False),
+            base=arm.base,
         )
     except DynidError as error:
         return {"refused": error.code, "text": str(error)}
     away = np.abs(found.plain - arm.beta) / found.std_error
-    codes = sorted({f["code"] for f in found.header["log_findings"]} | {f.code for f in found.findings})
-    return {"inside": float(np.mean(away < 2)), "worst": float(away.max()), "codes": codes, "method": found.method}
+    codes = sorted(
+        {f["code"] for f in found.header["log_findings"]} | {f.code for f in found.findings}
+    )
+    return {
+        "inside": float(np.mean(away < 2)),
+        "worst": float(away.max()),
+        "codes": codes,
+        "method": found.method,
+    }
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     options.add_argument("--logs", type=int, default=25)
     options.add_argument("--first", type=int, default=0)
     options.add_argument("--rows", nargs="*", default=ROWS)
@@ -107,18 +119,24 @@ def main() -> None:
     given = options.parse_args()
     arm = arm_of("lwr")
     done = {}
-    print("| noise | logs | refused | inside two standard errors [%] | largest error [standard errors] | warnings |")
+    print(
+        "| noise | logs | refused | inside two standard errors [%] | largest error [standard errors] | warnings |"
+    )
     print("| --- | --- | --- | --- | --- | --- |")
     for row in given.rows:
-        runs = done[row] = [one(arm, row, draw) for draw in range(given.first, given.first + given.logs)]
+        runs = done[row] = [
+            one(arm, row, draw) for draw in range(given.first, given.first + given.logs)
+        ]
         kept = [run for run in runs if "inside" in run]
         inside = f"{100 * np.mean([run['inside'] for run in kept]):.1f}" if kept else "-"
         worst = f"{max(run['worst'] for run in kept):.1f}" if kept else "-"
         codes = sorted(
-            {code for run in kept for code in run["codes"]} | {run["refused"] for run in runs if run not in kept}
+            {code for run in kept for code in run["codes"]}
+            | {run["refused"] for run in runs if run not in kept}
         )
         print(
-            f"| {row} | {len(runs)} | {len(runs) - len(kept)} | {inside} | {worst} | {', '.join(codes)} |", flush=True
+            f"| {row} | {len(runs)} | {len(runs) - len(kept)} | {inside} | {worst} | {', '.join(codes)} |",
+            flush=True,
         )
         given.json.parent.mkdir(parents=True, exist_ok=True)
         given.json.write_text(json.dumps(done))

@@ -47,7 +47,11 @@ def microseconds(action, samples=SAMPLES):
 def own(robot, urdf, x):
     model = build_model(robot)
     observer, gamma = model.observer(), np.random.default_rng(0).uniform(0.1, 1.0, model.size)
-    yield "regressor", "dynid, entries that are not zero", microseconds(lambda: [None for _ in observer.blocks(*x)])
+    yield (
+        "regressor",
+        "dynid, entries that are not zero",
+        microseconds(lambda: [None for _ in observer.blocks(*x)]),
+    )
     yield "regressor", "dynid, dense 7 x 98", microseconds(lambda: observer.dense(*x))
     yield "inverse dynamics", "dynid", microseconds(lambda: observer.torque(gamma, *x))
 
@@ -59,9 +63,12 @@ def pinocchio(robot, urdf, x):
     data = model.createData()
     rows = list(zip(*x, strict=True))
     yield (
-        "regressor", f"Pinocchio {pin.__version__}, loop, 7 x 70",
-        microseconds(lambda: [pin.computeJointTorqueRegressor(model, data, *row).copy() for row in rows]),
-    )  # fmt: skip
+        "regressor",
+        f"Pinocchio {pin.__version__}, loop, 7 x 70",
+        microseconds(
+            lambda: [pin.computeJointTorqueRegressor(model, data, *row).copy() for row in rows]
+        ),
+    )
     yield (
         "inverse dynamics",
         "Pinocchio rnea, loop",
@@ -90,21 +97,32 @@ def figaroh(robot, urdf, x):
         model = pin.buildModelFromUrdf(str(urdf))
 
     Arm.data = Arm.model.createData()
-    asked = ("is_external_wrench", "has_friction", "has_actuator_inertia", "has_joint_offset", "is_static_regressor")
+    asked = (
+        "is_external_wrench",
+        "has_friction",
+        "has_actuator_inertia",
+        "has_joint_offset",
+        "is_static_regressor",
+    )
     asked = dict.fromkeys((*asked, "is_inertia_regressor", "has_coupled_wrist"), False)
     asked |= {"is_joint_torques": True, "force_torque": None, "act_idxv": list(range(robot.n))}
     few = [part[: 10 * FEW] for part in x]
     yield (
-        "regressor", "FIGAROH build_regressor_basic",
+        "regressor",
+        "FIGAROH build_regressor_basic",
         microseconds(lambda: build_regressor_basic(Arm, *few, asked), 10 * FEW),
-    )  # fmt: skip
+    )
 
 
 def roboticstoolbox(robot, urdf, x):
     import roboticstoolbox as rtb
 
     arm, few = rtb.models.DH.Panda(), [part[: 10 * FEW] for part in x]
-    yield "inverse dynamics", "roboticstoolbox rne (C), Panda", microseconds(lambda: arm.rne(*few), 10 * FEW)
+    yield (
+        "inverse dynamics",
+        "roboticstoolbox rne (C), Panda",
+        microseconds(lambda: arm.rne(*few), 10 * FEW),
+    )
 
 
 def adam(robot, urdf, x):
@@ -116,7 +134,9 @@ def adam(robot, urdf, x):
 
     def loop():
         for q, v, a in few:
-            arm.mass_matrix(base, q) @ np.concatenate([still, a]) + arm.bias_force(base, q, still, v)
+            arm.mass_matrix(base, q) @ np.concatenate([still, a]) + arm.bias_force(
+                base, q, still, v
+            )
 
     yield "inverse dynamics", "ADAM (NumPy) mass matrix and bias, loop", microseconds(loop, FEW)
 
@@ -128,12 +148,19 @@ def main():
         urdf = Path(folder) / "arm.urdf"
         write_urdf(robot, None, urdf)
         for name, rows in (
-            ("dynid", own), ("pinocchio", pinocchio), ("mujoco", mujoco), ("figaroh", figaroh),
-            ("roboticstoolbox", roboticstoolbox), ("adam", adam),
-        ):  # fmt: skip
+            ("dynid", own),
+            ("pinocchio", pinocchio),
+            ("mujoco", mujoco),
+            ("figaroh", figaroh),
+            ("roboticstoolbox", roboticstoolbox),
+            ("adam", adam),
+        ):
             if importlib.util.find_spec(name) is not None:
                 found += rows(robot, urdf, x)
-    least = {kind: next(us for each, _, us in found if each == kind) for kind in ("regressor", "inverse dynamics")}
+    least = {
+        kind: next(us for each, _, us in found if each == kind)
+        for kind in ("regressor", "inverse dynamics")
+    }
     print("| what | who | us a sample | times dynid's |\n| --- | --- | ---: | ---: |")
     for kind in least:
         for each, name, us in found:

@@ -28,14 +28,19 @@ from real_arms import part
 #: What is wrong with the gains: how large their error is said to be, how large it is at most, and whether each joint has
 #: its own.
 GAINS = {
-    "exact": (0.0, 0.0, False), "all alike": (0.05, 0.08, False), "each its own": (0.05, 0.08, True),
-    "each its own, not told": (0.0, 0.08, True), "far off, not told": (0.0, 0.25, True),
-}  # fmt: skip
+    "exact": (0.0, 0.0, False),
+    "all alike": (0.05, 0.08, False),
+    "each its own": (0.05, 0.08, True),
+    "each its own, not told": (0.0, 0.08, True),
+    "far off, not told": (0.0, 0.25, True),
+}
 #: What the arms have and the model lacks.
 HIDDEN = {
-    "nothing": (), "ripple, load friction": ("ripple", "load"), "angles, Stribeck": ("angle", "stribeck"),
+    "nothing": (),
+    "ripple, load friction": ("ripple", "load"),
+    "angles, Stribeck": ("angle", "stribeck"),
     "springs, delay": ("spring", "delay"),
-}  # fmt: skip
+}
 #: Mass of loads [kg].
 MASSES = (0.2, 5.0)
 #: Seconds and share of the fastest speed, without and with a load.
@@ -68,7 +73,10 @@ class Load:
         mass = float(np.exp(rng.uniform(*np.log(MASSES))))
         count, size = rng.integers(2, 9), rng.uniform(0.02, 0.08)
         middle = rng.normal(size=3) * [0.03, 0.03, 0.05] + [0.0, 0.0, rng.uniform(0.0, 0.12)]
-        places, parts = middle + size * rng.normal(size=(count, 3)), mass * rng.dirichlet(np.full(count, 2.0))
+        places, parts = (
+            middle + size * rng.normal(size=(count, 3)),
+            mass * rng.dirichlet(np.full(count, 2.0)),
+        )
         com = parts @ places / mass
         inertia = 0.4 * rng.uniform(0.01, 0.04) ** 2 * mass * np.eye(3)
         for one, r in zip(parts, places - com, strict=True):
@@ -92,7 +100,10 @@ class LoadedArm(Arm):
         """True parameters of the arm without the load, and Pinocchio's copy of both."""
         values, plant = Arm(self.robot, self.seed, self.mass).truth
         rng = np.random.default_rng(self.seed + 77)
-        values = {k: v * np.exp(0.1 * rng.normal()) if k[:2] in ("fc", "fv") else v for k, v in values.items()}
+        values = {
+            k: v * np.exp(0.1 * rng.normal()) if k[:2] in ("fc", "fv") else v
+            for k, v in values.items()
+        }
         body = pin.Inertia(self.load.mass, self.load.com, self.load.inertia)
         plant.appendBodyToJoint(self.robot.n, body, last_frame(self.robot))
         return values, plant
@@ -123,13 +134,17 @@ def simulated(seeds: int) -> Iterator[tuple[str, str, float, np.ndarray, np.ndar
                 gains = 1.0 + rng.uniform(-worst, worst, robot.n if own else 1)
                 known = replace(robot, torque=replace(robot.torque, gain_error=said))
                 try:
-                    kept = identify(known, replace(clean, tau=clean.tau * gains), IdentifyOptions(holdout=None))
+                    kept = identify(
+                        known, replace(clean, tau=clean.tau * gains), IdentifyOptions(holdout=None)
+                    )
                 except DynidError as error:
                     print(f"{name}, {hidden}, {how}: {error}", file=sys.stderr)
                     continue
                 for seed in range(seeds):
                     load = Load.drawn(rng)
-                    log = LoadedArm(robot, arm.seed, mass, load).log(20 + seed, *LOADED, HIDDEN[hidden])
+                    log = LoadedArm(robot, arm.seed, mass, load).log(
+                        20 + seed, *LOADED, HIDDEN[hidden]
+                    )
                     options = IdentifyOptions(holdout=None, drop_weak=True, cutoff=kept.cutoff)
                     loaded = identify(known, replace(log, tau=log.tau * gains), options)
                     found = find_payload(loaded, kept)
@@ -144,9 +159,13 @@ def recorded(data: Path) -> Iterator[tuple[str, str, object]]:
         robot = load_robot(name)
         try:
             if before not in kept:
-                kept[before] = identify(robot, read(data, before, robot), IdentifyOptions(holdout=None))
+                kept[before] = identify(
+                    robot, read(data, before, robot), IdentifyOptions(holdout=None)
+                )
             log = with_ball(robot, read(data, after, robot))
-            options = IdentifyOptions(holdout=None, cutoff=kept[before].cutoff, delay=kept[before].delay)
+            options = IdentifyOptions(
+                holdout=None, cutoff=kept[before].cutoff, delay=kept[before].delay
+            )
             yield before, after, find_payload(identify(robot, log, options), kept[before])
         except DynidError as error:
             print(f"{before} {after}: {error}", file=sys.stderr)
@@ -200,7 +219,10 @@ def smooth(log: Log, seconds: float = 0.15) -> tuple[np.ndarray, ...]:
 def row(name: str, cases: list[tuple]) -> str:
     """Return one row of the table."""
     z = np.abs(np.array([case[3] for case in cases]))
-    inside = [100 * np.mean(z[:, part] < 1.96) for part in (slice(0, 1), slice(1, 4), slice(0, 4), slice(4, 10))]
+    inside = [
+        100 * np.mean(z[:, part] < 1.96)
+        for part in (slice(0, 1), slice(1, 4), slice(0, 4), slice(4, 10))
+    ]
     share = np.median([case[4][0] / case[2] for case in cases])
     centre = np.median([case[4][1:4].max() for case in cases])
     median = np.median(z[:, :4])
@@ -237,7 +259,9 @@ def main() -> None:
         truth = ball()
         for before, after, found in recorded(Path(sys.argv[1])):
             z, half = judged(found, truth)
-            centre = ", ".join(f"{x:.3f} +- {h:.3f}" for x, h in zip(found.body.com, half[1:4], strict=True))
+            centre = ", ".join(
+                f"{x:.3f} +- {h:.3f}" for x, h in zip(found.body.com, half[1:4], strict=True)
+            )
             mark = ["no", "yes"]
             inside = f"{int(np.sum(np.abs(z[4:]) < 1.96))} of 6"
             print(

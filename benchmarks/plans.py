@@ -63,7 +63,9 @@ def unhindered(robot: Robot, options: PlanOptions) -> float:
             trajectory = one.trajectory
             if not context.check(trajectory).violations:
                 motion = trajectory.sampled(options.rate)
-                return predict(base.model, base.reduction.base, motion, context.noise, context.other).torque_error
+                return predict(
+                    base.model, base.reduction.base, motion, context.noise, context.other
+                ).torque_error
     return float("nan")
 
 
@@ -138,7 +140,9 @@ def table(rows: dict[str, dict[str, object]]) -> str:
 def main() -> None:
     """Measure what is missing or named and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("arms", nargs="*", help="robot files; those that the store lacks when none are given")
+    parser.add_argument(
+        "arms", nargs="*", help="robot files; those that the store lacks when none are given"
+    )
     wanted = parser.parse_args().arms
     rows = json.loads(STORE.read_text()) if STORE.is_file() else {}
     for name in wanted or [name for name in known_robots() if name not in rows]:

@@ -61,7 +61,9 @@ class Planned:
     def __post_init__(self) -> None:
         base = base_model(self.arm.robot)
         other = held_out(base.model, base.reduction.base, bounds(self.arm.robot))
-        truth = base.reduction.K @ np.array([self.arm.truth[0][name] for name in base.reduction.names])
+        truth = base.reduction.K @ np.array(
+            [self.arm.truth[0][name] for name in base.reduction.names]
+        )
         for name, value in (("base", base), ("other", other), ("truth", truth)):
             object.__setattr__(self, name, value)
 
@@ -76,9 +78,16 @@ class Planned:
         """Record a motion with white torque noise, or with as much of a slow one beside it."""
         (values, plant), n, rng = self.arm.truth, self.arm.robot.n, np.random.default_rng(seed)
         data, states = plant.createData(), zip(motion.q, motion.qd, motion.qdd, strict=True)
-        fv, fc, fo = (np.array([values[f"{kind}{i + 1}"] for i in range(n)]) for kind in ("fv", "fc", "fo"))
+        fv, fc, fo = (
+            np.array([values[f"{kind}{i + 1}"] for i in range(n)]) for kind in ("fv", "fc", "fo")
+        )
         sign = np.tanh(motion.qd / np.array(self.arm.robot.coulomb_shape.velocity))
-        tau = np.array([pin.rnea(plant, data, *state) for state in states]) + fv * motion.qd + fc * sign + fo
+        tau = (
+            np.array([pin.rnea(plant, data, *state) for state in states])
+            + fv * motion.qd
+            + fc * sign
+            + fo
+        )
         noise = rng.normal(size=tau.shape)
         if coloured:
             noise = noise + lfilter([0.4], [1, -0.92], rng.normal(size=tau.shape), axis=0)
@@ -88,17 +97,23 @@ class Planned:
 
     def found(self, logs: list[Log]):
         """Return the default result."""
-        return identify(self.arm.robot, logs, IdentifyOptions(holdout=None, cutoff=5.0), base=self.base)
+        return identify(
+            self.arm.robot, logs, IdentifyOptions(holdout=None, cutoff=5.0), base=self.base
+        )
 
     def point(self, kind: str, motion: Motion, result, earlier: list) -> Point:
         """Return what a plan promised after earlier results, and what a result of its log is worth."""
         robot, base, n = self.arm.robot, self.base, self.arm.robot.n
         noise, _ = torque_noise(robot, None, earlier, RATE)
         known = believed(base, earlier, earlier_information(base, earlier, noise))
-        expected = predict(base.model, base.reduction.base, motion, noise, self.other, known).torque_error
+        expected = predict(
+            base.model, base.reduction.base, motion, noise, self.other, known
+        ).torque_error
         miss = result.theta - self.truth
         size = 100.0 / np.sqrt(self.truth @ self.other @ self.truth / n)
-        return Point(kind, robot.name, size * expected, size * float(np.sqrt(miss @ self.other @ miss / n)))
+        return Point(
+            kind, robot.name, size * expected, size * float(np.sqrt(miss @ self.other @ miss / n))
+        )
 
 
 def plans() -> Iterator[Point]:
@@ -111,10 +126,15 @@ def plans() -> Iterator[Point]:
             yield planned.point("plan", motion, result, [])
         for coloured in (False, True):
             first, motion = planned.motion(10, 10.0, 0.3), planned.motion(11, 10.0, 0.8)
-            logs = [planned.log(each, 20 + k, coloured=coloured) for k, each in enumerate((first, motion))]
+            logs = [
+                planned.log(each, 20 + k, coloured=coloured)
+                for k, each in enumerate((first, motion))
+            ]
             before = planned.found(logs[:1])
             noise = "coloured noise" if coloured else "white noise"
-            yield planned.point(f"plan after a result, {noise}", motion, planned.found(logs), [before])
+            yield planned.point(
+                f"plan after a result, {noise}", motion, planned.found(logs), [before]
+            )
 
 
 def simulated() -> Iterator[Point]:
@@ -123,10 +143,17 @@ def simulated() -> Iterator[Point]:
         robot = replace(load_robot(name), coupling=None)
         for seed, hidden in ((0, ()), (1, ()), (2, FOUR), (3, (HIDDEN[i % len(HIDDEN)],))):
             arm = Arm(robot, 100 + seed, mass)
-            result = identify(robot, arm.log(seed, *MOTIONS[seed], hidden), IdentifyOptions(holdout=None))
+            result = identify(
+                robot, arm.log(seed, *MOTIONS[seed], hidden), IdentifyOptions(holdout=None)
+            )
             seen = validate(result, arm.log(seed + 500, 20.0, 0.5, hidden))
             kind = "result, complete model" if not hidden else "result, hidden effects"
-            yield Point(kind, f"{robot.name} {'+'.join(hidden)}", seen.expected_percent, seen.relative_error_percent)
+            yield Point(
+                kind,
+                f"{robot.name} {'+'.join(hidden)}",
+                seen.expected_percent,
+                seen.relative_error_percent,
+            )
 
 
 def recorded(data: Path) -> Iterator[Point]:
@@ -137,7 +164,9 @@ def recorded(data: Path) -> Iterator[Point]:
             for name, log in pair.unseen:
                 seen = validate(result, log)
                 text = f"{pair.name} -> {name}"
-                yield Point("result, real arm", text, seen.expected_percent, seen.relative_error_percent)
+                yield Point(
+                    "result, real arm", text, seen.expected_percent, seen.relative_error_percent
+                )
         except DynidError as error:
             print(f"{pair.name}: {error}", file=sys.stderr)
 
@@ -186,7 +215,9 @@ def main() -> None:
     print(row("all", points))
     print("\n| | | predicted [%] | true [%] | ratio |\n| - | - | - | - | - |")
     for point in points:
-        print(f"| {point.kind} | {point.name} | {point.predicted:.2f} | {point.true:.2f} | {point.ratio:.2f} |")
+        print(
+            f"| {point.kind} | {point.name} | {point.predicted:.2f} | {point.true:.2f} | {point.ratio:.2f} |"
+        )
 
 
 if __name__ == "__main__":

@@ -23,9 +23,15 @@ from dynid.model.parameters import BODY_PARAMETERS
 
 #: Robot files and the mass of such an arm [kg], about which the true one is drawn.
 ARMS = {
-    "kuka_lwr4plus": 15.0, "kinova_gen2": 5.5, "ur10": 28.0, "ur5e": 18.0, "staubli_tx40": 27.0, "franka_panda": 17.0,
-    "xarm7": 13.0, "kuka_iiwa14": 30.0,
-}  # fmt: skip
+    "kuka_lwr4plus": 15.0,
+    "kinova_gen2": 5.5,
+    "ur10": 28.0,
+    "ur5e": 18.0,
+    "staubli_tx40": 27.0,
+    "franka_panda": 17.0,
+    "xarm7": 13.0,
+    "kuka_iiwa14": 30.0,
+}
 #: Seconds of motion and share of the fastest speed, by seed.
 MOTIONS = ((12.0, 0.6), (20.0, 0.35), (30.0, 0.6), (40.0, 0.5))
 HIDDEN = ("angle", "load", "ripple", "stribeck", "spring", "delay")
@@ -64,27 +70,39 @@ class Arm:
             plant.appendBodyToJoint(parent, pin.Inertia(masses[i], com, inertia), frame)
             about = inertia + masses[i] * (com @ com * np.eye(3) - np.outer(com, com))
             body = [masses[i], *(masses[i] * com), *about[np.triu_indices(3)]]
-            values |= {f"{kind}{i + 1}": value for kind, value in zip(BODY_PARAMETERS, body, strict=True)}
+            values |= {
+                f"{kind}{i + 1}": value for kind, value in zip(BODY_PARAMETERS, body, strict=True)
+            }
         plant.gravity.linear = np.array(self.robot.gravity)
         size = float(np.abs(np.diag(pin.crba(plant, plant.createData(), np.zeros(n)))).mean())
         plant.armature = 0.15 * size * np.exp(0.9 * rng.normal(size=n))
         rotors = zip(self.robot.joints, plant.armature, strict=True)
-        plant.armature = np.array([value if joint.motor_inertia else 0.0 for joint, value in rotors])
+        plant.armature = np.array(
+            [value if joint.motor_inertia else 0.0 for joint, value in rotors]
+        )
         drawn = {
             "Im": plant.armature,
             "fc": 0.04 * self.rated * np.exp(0.5 * rng.normal(size=n)),
             "fv": 0.03 * self.rated * np.exp(0.6 * rng.normal(size=n)),
             "fo": 0.005 * self.rated * rng.normal(size=n),
         }
-        return values | {f"{kind}{i + 1}": v[i] for kind, v in drawn.items() for i in range(n)}, plant
+        return values | {
+            f"{kind}{i + 1}": v[i] for kind, v in drawn.items() for i in range(n)
+        }, plant
 
     def lumps(self, rng: np.random.Generator, i: int, mass: float) -> tuple[np.ndarray, np.ndarray]:
         """Return centre of mass and inertia about it of 3 to 11 balls scattered around the link's axis."""
         joint, start, end = self.robot.joints[i], np.zeros(3), np.zeros(3)
         if self.robot.convention == "standard":
-            start = -joint.d * np.array([0, np.sin(joint.twist), np.cos(joint.twist)]) - [joint.a, 0, 0]
+            start = -joint.d * np.array([0, np.sin(joint.twist), np.cos(joint.twist)]) - [
+                joint.a,
+                0,
+                0,
+            ]
         else:
-            end = np.array([self.robot.joints[i + 1].a if i + 1 < self.robot.n else 0.0, 0, -joint.d])
+            end = np.array(
+                [self.robot.joints[i + 1].a if i + 1 < self.robot.n else 0.0, 0, -joint.d]
+            )
         if np.linalg.norm(end - start) < 0.05:
             end = end + 0.06 * rng.normal(size=3)
         count = rng.integers(3, 12)
@@ -103,7 +121,9 @@ class Arm:
         rated = [joint.limits.torque for joint in self.robot.joints]
         return np.array(rated) if all(rated) else 60.0 * np.exp(-0.45 * np.arange(self.robot.n))
 
-    def motion(self, t: np.ndarray, rng: np.random.Generator, share: float) -> tuple[np.ndarray, ...]:
+    def motion(
+        self, t: np.ndarray, rng: np.random.Generator, share: float
+    ) -> tuple[np.ndarray, ...]:
         """Return q, qd, qdd of five tones a joint inside the limits, (N, n) each."""
         n = self.robot.n
         q, qd, qdd = (np.zeros((len(t), n)) for _ in range(3))
@@ -113,7 +133,10 @@ class Arm:
             f = np.sort(rng.uniform(0.06, 0.7, 5))
             angle, w = 2 * np.pi * np.outer(t, f) + rng.uniform(0, 7, 5), 2 * np.pi * f
             size = rng.uniform(0.4, 1, 5) / f**0.8
-            reach, fastest = np.abs(np.sin(angle) @ size).max(), np.abs(np.cos(angle) @ (size * w)).max()
+            reach, fastest = (
+                np.abs(np.sin(angle) @ size).max(),
+                np.abs(np.cos(angle) @ (size * w)).max(),
+            )
             size *= min(min(0.42 * (high - low), 1.7) / reach, share * speed / fastest)
             q[:, j], qd[:, j] = np.sin(angle) @ size + (low + high) / 2, np.cos(angle) @ (size * w)
             qdd[:, j] = -np.sin(angle) @ (size * w**2)
@@ -125,16 +148,26 @@ class Arm:
         values, plant = self.truth
         n, t = self.robot.n, np.arange(0, seconds, 1 / RATE)
         q, qd, qdd = self.motion(t, rng, share)
-        offset, size, phase = own.normal(size=n), np.exp(0.4 * own.normal(size=(5, n))), own.uniform(0, 7, (2, n))
+        offset, size, phase = (
+            own.normal(size=n),
+            np.exp(0.4 * own.normal(size=(5, n))),
+            own.uniform(0, 7, (2, n)),
+        )
         off = np.deg2rad(0.5) * offset if "angle" in hidden else 0.0
         data = plant.createData()
-        rigid = np.array([pin.rnea(plant, data, *state) for state in zip(q + off, qd, qdd, strict=True)])
-        fv, fc, fo = (np.array([values[f"{kind}{i + 1}"] for i in range(n)]) for kind in ("fv", "fc", "fo"))
+        rigid = np.array(
+            [pin.rnea(plant, data, *state) for state in zip(q + off, qd, qdd, strict=True)]
+        )
+        fv, fc, fo = (
+            np.array([values[f"{kind}{i + 1}"] for i in range(n)]) for kind in ("fv", "fc", "fo")
+        )
         sign = np.tanh(qd / 0.003)
         tau = rigid + fv * qd + fc * sign + fo
         extra = {
             "load": 0.05 * size[0] * np.abs(rigid) * sign,
-            "ripple": 0.15 * fc * (size[1] * np.cos(3 * q + phase[0]) + size[2] * sign * np.cos(2 * q + phase[1])),
+            "ripple": 0.15
+            * fc
+            * (size[1] * np.cos(3 * q + phase[0]) + size[2] * sign * np.cos(2 * q + phase[1])),
             "stribeck": 0.4 * fc * size[3] * np.exp(-np.abs(qd) / 0.08) * sign,
             "spring": 0.4 * fc * size[4] * (q - q.mean(axis=0)),
         }
@@ -144,27 +177,49 @@ class Arm:
         noise = 0.004 * self.rated * np.exp(0.2 * own.normal(size=n))
         coloured = lfilter([0.28], [1, -0.96], rng.normal(size=tau.shape), axis=0)
         tau = tau + noise * (rng.normal(size=tau.shape) + 0.3 * coloured)
-        return Log(t, np.round(q / 2e-5) * 2e-5, tau, self.robot.joint_names, tau_unit="Nm", dh=True)
+        return Log(
+            t, np.round(q / 2e-5) * 2e-5, tau, self.robot.joint_names, tau_unit="Nm", dh=True
+        )
 
 
 def judged(arm: Arm, seed: int, hidden: tuple[str, ...]) -> tuple[float, ...]:
     """Return shares inside (set in force, plain), medians of |z|, torque errors [%] and true over expected error."""
     seconds, share = MOTIONS[seed % len(MOTIONS)]
-    result = identify(arm.robot, arm.log(seed, seconds, share, hidden), IdentifyOptions(holdout=None, drop_weak=True))
+    result = identify(
+        arm.robot,
+        arm.log(seed, seconds, share, hidden),
+        IdentifyOptions(holdout=None, drop_weak=True),
+    )
     values = arm.truth[0]
     true = result.reduction.K @ np.array([values[name] for name in result.reduction.names])
     other = arm.log(seed + 500, 20.0, 0.5, hidden)
     seen = validate(result, other)
     q, qd, qdd = arm.motion(np.linspace(0, 20, 400), np.random.default_rng(seed + 700), 0.5)
-    W = build_model(arm.robot).observer(result.reduction.base).dense(q, qd, qdd).reshape(-1, len(true))
+    W = (
+        build_model(arm.robot)
+        .observer(result.reduction.base)
+        .dense(q, qd, qdd)
+        .reshape(-1, len(true))
+    )
     found = []
-    for theta, covariance in ((result.theta, result.covariance), (result.plain, result.plain_covariance)):
+    for theta, covariance in (
+        (result.theta, result.covariance),
+        (result.plain, result.plain_covariance),
+    ):
         z = np.abs(theta - true) / np.sqrt(np.diag(covariance))
         error = 100 * np.linalg.norm(W @ (theta - true)) / np.linalg.norm(W @ true)
         found.append((np.mean(z < 1.96), np.median(z), error))
     (inside, median, error), (plain_inside, _, plain_error) = found
     ratio = seen.relative_error_percent / (seen.expected_percent or np.nan)
-    return inside, plain_inside, median, error, plain_error, ratio, float(result.model_error is not None)
+    return (
+        inside,
+        plain_inside,
+        median,
+        error,
+        plain_error,
+        ratio,
+        float(result.model_error is not None),
+    )
 
 
 def rows(title: str, cases: dict[str, list[tuple[float, ...]]]) -> None:
@@ -192,14 +247,18 @@ def main() -> None:
     complete: dict[str, list[tuple[float, ...]]] = {}
     hidden: dict[str, list[tuple[float, ...]]] = {}
     seeds = range(int(sys.argv[1]) if len(sys.argv) > 1 else len(MOTIONS))
-    print(f"# Arms with links of random lumps\n\nSeeds 0 to {len(seeds) - 1} of each arm; errors are geometric means.")
+    print(
+        f"# Arms with links of random lumps\n\nSeeds 0 to {len(seeds) - 1} of each arm; errors are geometric means."
+    )
     for name, mass in ARMS.items():
         robot = replace(load_robot(name), coupling=None)
         for seed in seeds:
             arm = Arm(robot, 100 + seed, mass)
             plan = [((), complete.setdefault(name, []))]
             plan += [((one,), hidden.setdefault(one, [])) for one in HIDDEN if seed == 1]
-            plan += [(("angle", "load", "ripple", "stribeck"), hidden.setdefault("four of them", []))]
+            plan += [
+                (("angle", "load", "ripple", "stribeck"), hidden.setdefault("four of them", []))
+            ]
             for what, found in plan:
                 try:
                     found.append(judged(arm, seed, what))

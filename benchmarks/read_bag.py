@@ -90,7 +90,9 @@ def read(way: str, path: Path) -> int:
     while block := list(islice(every, 4096)):
         connection = Connection(TOPIC, STATE, "", CHECKSUMS[STATE], block[0][0])
         collector = collector or Collector(connection)
-        table = np.frombuffer(b"".join(raw for _, _, raw in block), np.uint8).reshape(len(block), -1)
+        table = np.frombuffer(b"".join(raw for _, _, raw in block), np.uint8).reshape(
+            len(block), -1
+        )
         collector.add(np.array([arrival for _, arrival, _ in block]), table)
     return sum(map(len, collector.logs())) if collector else 0
 
@@ -106,7 +108,9 @@ def main() -> None:
         except Exception as error:  # noqa: BLE001
             text = f"{type(error).__name__}: {str(error)[:60]}"
         took = time.process_time() - start
-        print(f"{took:.1f} s, {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB, {text}")
+        print(
+            f"{took:.1f} s, {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB, {text}"
+        )
     else:
         with tempfile.TemporaryDirectory() as folder:
             # Why children: each has a peak of memory of its own.
@@ -116,8 +120,13 @@ def main() -> None:
                 size = (Path(folder) / name).stat().st_size / 1e6
                 for way in ways:
                     try:
-                        found = subprocess.run([*call, way, f"{folder}/{name}"], capture_output=True, text=True,
-                                               timeout=PATIENCE, env=quiet).stdout.strip()  # fmt: skip
+                        found = subprocess.run(
+                            [*call, way, f"{folder}/{name}"],
+                            capture_output=True,
+                            text=True,
+                            timeout=PATIENCE,
+                            env=quiet,
+                        ).stdout.strip()
                     except subprocess.TimeoutExpired:
                         found = f"stopped after {PATIENCE} s"
                     print(f"| {name}, {size:.1f} MB | {way} | {found or 'killed'} |", flush=True)

@@ -26,11 +26,16 @@ from dynid.workflows.validate import ValidateOptions
 
 #: Robot, recording, and the seconds that are fitted.
 PARTS = (
-    ("ur10", "ur10_salerno/exc.npz", 18.0), ("ur10", "ur10_salerno/exc.npz", 13.0), ("ur10", "ur10_salerno/exc.npz", 9.0),
-    ("staubli_tx40", "tx40/exc.npz", 5.0), ("staubli_tx40", "tx40/exc.npz", 3.5), ("staubli_tx40", "tx40/exc.npz", 2.5),
-    ("franka_panda", "panda_salerno/exc.npz", 16.0), ("franka_panda", "panda_salerno/exc.npz", 13.0),
+    ("ur10", "ur10_salerno/exc.npz", 18.0),
+    ("ur10", "ur10_salerno/exc.npz", 13.0),
+    ("ur10", "ur10_salerno/exc.npz", 9.0),
+    ("staubli_tx40", "tx40/exc.npz", 5.0),
+    ("staubli_tx40", "tx40/exc.npz", 3.5),
+    ("staubli_tx40", "tx40/exc.npz", 2.5),
+    ("franka_panda", "panda_salerno/exc.npz", 16.0),
+    ("franka_panda", "panda_salerno/exc.npz", 13.0),
     ("franka_panda", "panda_salerno/exc.npz", 10.0),
-)  # fmt: skip
+)
 #: Share of the prior's variance from which on a parameter comes from the data.
 DOMINATED = 0.9
 RUNS = ((1,), (2,), (3,), (1, 2), (1, 3), (2, 3))
@@ -63,9 +68,14 @@ class Outcome:
 def part(log: Log, first: float, last: float) -> Log:
     """Return what a log holds between two times since its begin [s]."""
     inside = (log.t - log.t[0] >= first) & (log.t - log.t[0] < last)
-    extra = {key: value[inside] if np.shape(value)[:1] == log.t.shape else value for key, value in log.extra.items()}
+    extra = {
+        key: value[inside] if np.shape(value)[:1] == log.t.shape else value
+        for key, value in log.extra.items()
+    }
     qd = None if log.qd is None else log.qd[inside]
-    return replace(log, t=log.t[inside], q=log.q[inside], tau=log.tau[inside], qd=qd, extra=extra, sha256="")
+    return replace(
+        log, t=log.t[inside], q=log.q[inside], tau=log.tau[inside], qd=qd, extra=extra, sha256=""
+    )
 
 
 def pairs(data: Path) -> Iterator[Pair]:
@@ -74,7 +84,9 @@ def pairs(data: Path) -> Iterator[Pair]:
     logs = {k: load_log(data / f"kuka_lwr4plus/run{k}.bag", arm) for k in (1, 2, 3)}
     for runs in RUNS:
         rest = tuple((f"run {k}", logs[k]) for k in logs if k not in runs)
-        yield Pair(f"LWR4+ run {' and '.join(map(str, runs))}", arm, tuple(logs[k] for k in runs), rest)
+        yield Pair(
+            f"LWR4+ run {' and '.join(map(str, runs))}", arm, tuple(logs[k] for k in runs), rest
+        )
     for robot, recording, seconds in PARTS:
         arm = load_robot(robot)
         log = load_log(data / recording, arm)
@@ -89,19 +101,32 @@ def pairs(data: Path) -> Iterator[Pair]:
     halves = {"A": part(log, 0.0, 10.0), "B": part(log, 10.0, 1e9)}
     yield from both(arm, halves)
     arm = load_robot(data / "airbot_play/airbot.urdf")
-    yield from both(arm, {name: load_log(data / f"airbot_play/{name}.csv", arm) for name in ("chirp", "trapezoid")})
+    yield from both(
+        arm,
+        {name: load_log(data / f"airbot_play/{name}.csv", arm) for name in ("chirp", "trapezoid")},
+    )
     arm = load_robot(data / "shanghai_cobot/shanghai.yaml")
     logs = {k: load_log(data / f"shanghai_cobot/traj{k}.csv", arm) for k in (1, 2, 3)}
     for runs in ((2, 3), (1, 3), (1, 2), (1,), (2,), (3,)):
         rest = tuple((f"motion {k}", logs[k]) for k in logs if k not in runs)
-        yield Pair(f"Shanghai motion {' and '.join(map(str, runs))}", arm, tuple(logs[k] for k in runs), rest)
+        yield Pair(
+            f"Shanghai motion {' and '.join(map(str, runs))}",
+            arm,
+            tuple(logs[k] for k in runs),
+            rest,
+        )
     arm = load_robot(data / "lbr_med7/med7.urdf")
     arm = replace(
-        arm, driver=DriverSpec("generic", None, arm.joint_names, JointMap((1.0,) * 7, (0.0,) * 7, (-1.0,) * 7))
+        arm,
+        driver=DriverSpec(
+            "generic", None, arm.joint_names, JointMap((1.0,) * 7, (0.0,) * 7, (-1.0,) * 7)
+        ),
     )
     log = load_log(data / "lbr_med7/med7.csv", arm)
     # Why at 12 s: it moves for 9 s from 3.7 s on.
-    yield Pair("LBR Med 7, first 10 s", arm, (part(log, 0.0, 10.0),), (("the rest", part(log, 10.0, 1e9)),))
+    yield Pair(
+        "LBR Med 7, first 10 s", arm, (part(log, 0.0, 10.0),), (("the rest", part(log, 10.0, 1e9)),)
+    )
 
 
 def both(arm: Robot, logs: dict[str, Log]) -> Iterator[Pair]:
@@ -119,14 +144,18 @@ def outcomes(pair: Pair) -> tuple[list[Outcome], Identification]:
         print(f"{pair.name}: {error}", file=sys.stderr)
         options = replace(options, anyway=True)
         result, refused = identify(pair.robot, pair.fitted, options), ", --anyway"
-    plain = identify(pair.robot, pair.fitted, replace(options, feasible=False, drop_weak=True, anyway=True))
+    plain = identify(
+        pair.robot, pair.fitted, replace(options, feasible=False, drop_weak=True, anyway=True)
+    )
     found = []
     for name, log in pair.unseen:
         seen = validate(result, log)
         alone = validate(result, log, ValidateOptions(residual_model=False))
         other = validate(plain, log)
         errors = (each.relative_error_percent for each in (seen, alone, other))
-        least = baseline(pair.robot, pair.fitted, log, result.cutoff, np.ones(pair.robot.n, dtype=bool))
+        least = baseline(
+            pair.robot, pair.fitted, log, result.cutoff, np.ones(pair.robot.n, dtype=bool)
+        )
         expected = seen.expected_percent or np.nan
         text = f"{result.method}, {result.in_force}{refused}"
         found.append(Outcome(f"{pair.name} -> {name}", text, *errors, expected, *least))
@@ -137,16 +166,27 @@ def from_data(result: Identification) -> np.ndarray:
     """Return which base parameters' variance is mostly gone, compared with that of the prior alone, (p,)."""
     full = result.physical
     prior = full.std_error**2 / np.maximum(1.0 - full.data_share, 1e-12)
-    return np.asarray(np.diag(result.covariance) < (1.0 - DOMINATED) * (result.reduction.K**2 @ prior))
+    return np.asarray(
+        np.diag(result.covariance) < (1.0 - DOMINATED) * (result.reduction.K**2 @ prior)
+    )
 
 
-def apart(data: Path, results: dict[str, Identification]) -> Iterator[tuple[str, Identification, Identification]]:
+def apart(
+    data: Path, results: dict[str, Identification]
+) -> Iterator[tuple[str, Identification, Identification]]:
     """Yield two results of one arm that were made from different rows."""
     for one, two in itertools.combinations((1, 2, 3), 2):
         yield f"LWR4+ {one}, {two}", results[f"LWR4+ run {one}"], results[f"LWR4+ run {two}"]
     for one, two in itertools.combinations((1, 2, 3), 2):
-        yield f"Shanghai {one}, {two}", results[f"Shanghai motion {one}"], results[f"Shanghai motion {two}"]
-    rokae, airbot = (load_robot(data / name).name for name in ("rokae_xmate3/rokae.yaml", "airbot_play/airbot.urdf"))
+        yield (
+            f"Shanghai {one}, {two}",
+            results[f"Shanghai motion {one}"],
+            results[f"Shanghai motion {two}"],
+        )
+    rokae, airbot = (
+        load_robot(data / name).name
+        for name in ("rokae_xmate3/rokae.yaml", "airbot_play/airbot.urdf")
+    )
     yield "Rokae halves", results[f"{rokae} A"], results[f"{rokae} B"]
     yield "AIRBOT chirp, trapezoid", results[f"{airbot} chirp"], results[f"{airbot} trapezoid"]
     for robot, recording, seconds in PARTS[1::3]:
@@ -154,7 +194,8 @@ def apart(data: Path, results: dict[str, Identification]) -> Iterator[tuple[str,
         log = load_log(data / recording, arm)
         try:
             halves = [
-                identify(arm, part(log, a, b), holdout=None, drop_weak=True) for a, b in ((0, seconds), (seconds, 1e9))
+                identify(arm, part(log, a, b), holdout=None, drop_weak=True)
+                for a, b in ((0, seconds), (seconds, 1e9))
             ]
         except DynidError as error:
             print(f"{arm.name} halves: {error}", file=sys.stderr)
@@ -173,7 +214,9 @@ def intervals(a: Identification, b: Identification) -> list[str]:
         spread = np.diag(getattr(a, covariance)) + np.diag(getattr(b, covariance))
         z = (np.abs(getattr(a, theta) - getattr(b, theta)) / np.sqrt(spread))[chosen]
         z = z[np.isfinite(z)]
-        cells.append(f"{np.sum(z < 1.96)} of {len(z)} = {100 * np.mean(z < 1.96):.0f} %, {np.median(z):.2f}")
+        cells.append(
+            f"{np.sum(z < 1.96)} of {len(z)} = {100 * np.mean(z < 1.96):.0f} %, {np.median(z):.2f}"
+        )
     return cells
 
 
@@ -189,9 +232,13 @@ def main() -> None:
             refused.append(f"{pair.name}: {error}")
             continue
         every += found
-    print("# Recordings of real arms\n\nTotal relative torque error on what was not fitted [%]. OLS and WLS are least")
+    print(
+        "# Recordings of real arms\n\nTotal relative torque error on what was not fitted [%]. OLS and WLS are least"
+    )
     print("squares of the filtered rows, without anything else.\n")
-    print("| pair | in force | default | parameters alone | plain | OLS | WLS | expected | true / expected |")
+    print(
+        "| pair | in force | default | parameters alone | plain | OLS | WLS | expected | true / expected |"
+    )
     print("| - | - | - | - | - | - | - | - | - |")
     for o in every:
         figures = (o.default, o.alone, o.plain, o.ols, o.wls, o.expected, o.default / o.expected)
@@ -199,11 +246,20 @@ def main() -> None:
     for line in refused:
         print(f"\nRefused: {line}.")
     ratio = np.array([o.default / o.expected for o in every])
-    within, wide = np.mean((ratio < 1.5) & (ratio > 1 / 1.5)), np.mean((ratio < 1.5) & (ratio > 0.5))
-    print(f"\nTrue over expected error: median {np.median(ratio):.2f}, {100 * within:.0f} % within a factor of 1.5,")
+    within, wide = (
+        np.mean((ratio < 1.5) & (ratio > 1 / 1.5)),
+        np.mean((ratio < 1.5) & (ratio > 0.5)),
+    )
+    print(
+        f"\nTrue over expected error: median {np.median(ratio):.2f}, {100 * within:.0f} % within a factor of 1.5,"
+    )
     print(f"{100 * wide:.0f} % between 0.5 and 1.5.\n")
-    print("Parameters that agree between two recordings within 1.96 combined standard errors, and median |z|.")
-    print(f"Those count as from the data of which both runs took {100 * DOMINATED:.0f} % of the prior's variance.\n")
+    print(
+        "Parameters that agree between two recordings within 1.96 combined standard errors, and median |z|."
+    )
+    print(
+        f"Those count as from the data of which both runs took {100 * DOMINATED:.0f} % of the prior's variance.\n"
+    )
     print("| recordings | in force | from the data | plain |\n| - | - | - | - |")
     for name, a, b in apart(data, results):
         print(f"| {name} | {' | '.join(intervals(a, b))} |")

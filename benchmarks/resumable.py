@@ -9,11 +9,15 @@ from pathlib import Path
 
 def parser_of(description, out, minutes, cases):
     """Return a parser of what all of them take."""
-    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--out", type=Path, default=Path(out), help="where finished cases are kept")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--minutes", type=float, default=minutes)
-    parser.add_argument("--cases", type=int, default=cases, help="largest number of cases in the file")
+    parser.add_argument(
+        "--cases", type=int, default=cases, help="largest number of cases in the file"
+    )
     parser.add_argument("--table", type=Path, help="where the table is written")
     return parser
 
@@ -25,7 +29,15 @@ def key_of(row):
 
 def commit():
     """Return which code runs: its commit, with a plus where it was changed since."""
-    asked = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty=+", "--exclude=*"]
+    asked = [
+        "git",
+        "-C",
+        str(Path(__file__).parent),
+        "describe",
+        "--always",
+        "--dirty=+",
+        "--exclude=*",
+    ]
     found = subprocess.run(asked, capture_output=True, text=True, check=False)
     return found.stdout.strip() or "unknown"
 

@@ -40,7 +40,8 @@ LEFT_OUT = re.compile(
 #: Title, what is simulated, and the commands.
 CASES = (
     (
-        "good", "Two motions of a SCARA, each recorded twice, and a third one that is not fitted.",
+        "good",
+        "Two motions of a SCARA, each recorded twice, and a third one that is not fitted.",
         (
             "check a1.csv --robot scara",
             "identify scara a1.csv a2.csv b1.csv b2.csv",
@@ -52,7 +53,8 @@ CASES = (
         ),
     ),
     (
-        "bad", "The same arm; a spring at the elbow that the model lacks.",
+        "bad",
+        "The same arm; a spring at the elbow that the model lacks.",
         (
             "check a1.csv --robot scara",
             "identify scara a1.csv a2.csv b1.csv b2.csv",
@@ -63,7 +65,8 @@ CASES = (
         ),
     ),
     (
-        "changed", "The good arm with 1.2 kg more than when it was identified.",
+        "changed",
+        "The good arm with 1.2 kg more than when it was identified.",
         (
             "identify scara a1.csv a2.csv b1.csv b2.csv -q",
             "check loaded1.csv --robot scara",
@@ -75,7 +78,8 @@ CASES = (
         ),
     ),
     (
-        "wrong arm", "A UR5e with the robot file of a UR10e.",
+        "wrong arm",
+        "A UR5e with the robot file of a UR10e.",
         (
             "check u1.csv --robot ur10e",
             "identify ur10e u1.csv u2.csv",
@@ -84,7 +88,7 @@ CASES = (
             "report out/ur10e",
         ),
     ),
-)  # fmt: skip
+)
 
 
 def record(folder, name, log):
@@ -129,7 +133,9 @@ def screen(command, folder):
     for name in ("COLUMNS", "LINES"):
         env.pop(name, None)
     words = [sys.executable, "-m", "dynid", *command.split()]
-    child = subprocess.Popen(words, cwd=folder, env=env, stdin=subprocess.DEVNULL, stdout=theirs, stderr=theirs)
+    child = subprocess.Popen(
+        words, cwd=folder, env=env, stdin=subprocess.DEVNULL, stdout=theirs, stderr=theirs
+    )
     os.close(theirs)
     found = b""
     while True:

@@ -25,10 +25,16 @@ from dynid.workflows.simulator_gap import compare_in_simulator
 
 #: Shapes of the effects that stand for hidden torques; the laws of some differ on purpose.
 SHAPES = {
-    "stribeck": {"vs": 0.06, "d": 2.0}, "spring": {"order": 3.0, "constant": 0.0}, "load_friction": {},
-    "position_friction": {"h": 1.0}, "torque_ripple": {"k": 40.0}, "end_stop": {"side": 1.0, "q1": 0.2},
-    "joint_coupling": {}, "asymmetric_viscous": {}, "presliding_hysteresis": {"delta": 0.03},
-}  # fmt: skip
+    "stribeck": {"vs": 0.06, "d": 2.0},
+    "spring": {"order": 3.0, "constant": 0.0},
+    "load_friction": {},
+    "position_friction": {"h": 1.0},
+    "torque_ripple": {"k": 40.0},
+    "end_stop": {"side": 1.0, "q1": 0.2},
+    "joint_coupling": {},
+    "asymmetric_viscous": {},
+    "presliding_hysteresis": {"delta": 0.03},
+}
 
 
 def row(name: str, joint: int, results, log) -> str:
@@ -44,7 +50,9 @@ def row(name: str, joint: int, results, log) -> str:
 def main() -> None:
     print("# The gap in the simulator\n")
     print(__doc__.split("\n\n")[2].strip(), "\n")
-    print("| arm, effect, joint | MuJoCo: position [mrad] | torque [N m] | PyBullet: position [mrad] | torque [N m] |")
+    print(
+        "| arm, effect, joint | MuJoCo: position [mrad] | torque [N m] | PyBullet: position [mrad] | torque [N m] |"
+    )
     print("| --- | --- | --- | --- | --- |")
     robot, rng = dynid.load_robot("kuka_lwr4plus"), np.random.default_rng(0)
     for case in CASES:
@@ -54,9 +62,14 @@ def main() -> None:
         own = [robot.joint_names[case.joint]]
         if case.name == "joint_coupling":
             own.append(robot.joint_names[case.joint + 1])
-        with_effect = replace(robot, effects=(EffectSpec(case.name, tuple(own), SHAPES[case.name]),))
+        with_effect = replace(
+            robot, effects=(EffectSpec(case.name, tuple(own), SHAPES[case.name]),)
+        )
         results = [dynid.identify(arm, logs[:2]) for arm in (robot, with_effect)]
-        print(row(f"simulated, `{case.name}`, joint {case.joint + 1}", case.joint, results, logs[2]), flush=True)
+        print(
+            row(f"simulated, `{case.name}`, joint {case.joint + 1}", case.joint, results, logs[2]),
+            flush=True,
+        )
     data = Path(sys.argv[1]) / "kuka_lwr4plus"
     runs = [data / f"run{k}.bag" for k in (1, 2, 3)]
     before = dynid.identify(robot, runs[:2])

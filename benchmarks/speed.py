@@ -45,10 +45,13 @@ def process(folder, *words):
     """Run dynid and return (seconds, peak memory [MB])."""
     began = time.perf_counter()
     child = subprocess.Popen(
-        [sys.executable, "-m", "dynid", *words], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        [sys.executable, "-m", "dynid", *words],
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
         # Why empty: an installed dynid has its byte code, which a source tree may keep from the second run on.
         env={**os.environ, "PYTHONPATH": str(ROOT / "src"), "PYTHONDONTWRITEBYTECODE": ""},
-    )  # fmt: skip
+    )
     err = child.stderr.read()
     _, status, usage = os.wait4(child.pid, 0)
     seconds = time.perf_counter() - began
@@ -74,7 +77,10 @@ def naive_regressor(robot, n):
 
     def turned(joint, q):
         c, s = sp.cos(q), sp.sin(q)
-        ca, sa = sp.nsimplify(round(np.cos(joint.twist), 12)), sp.nsimplify(round(np.sin(joint.twist), 12))
+        ca, sa = (
+            sp.nsimplify(round(np.cos(joint.twist), 12)),
+            sp.nsimplify(round(np.sin(joint.twist), 12)),
+        )
         return sp.Matrix([[c, -s * ca, s * sa], [s, c * ca, -c * sa], [0, sa, ca]])
 
     q, v, w = (sp.symbols(f"{name}1:{n + 1}") for name in ("q", "qd", "qdd"))
@@ -88,7 +94,10 @@ def naive_regressor(robot, n):
         arm = R.T * sp.Matrix([joint.a * sp.cos(q[i]), joint.a * sp.sin(q[i]), joint.d])
         linear = R.T * linear + alpha.cross(arm) + omega.cross(omega.cross(arm))
         m, mx, my, mz, xx, xy, xz, yy, yz, zz = parameters = sp.symbols(f"p{i}_0:10")
-        first, inertia = sp.Matrix([mx, my, mz]), sp.Matrix([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        first, inertia = (
+            sp.Matrix([mx, my, mz]),
+            sp.Matrix([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]),
+        )
         force = m * linear + alpha.cross(first) + omega.cross(omega.cross(first))
         moment = inertia * alpha + omega.cross(inertia * omega) + first.cross(linear)
         links.append((R, arm, force, moment))
@@ -139,7 +148,9 @@ def make_log(path, model, samples):
     gamma = np.concatenate([rigid, random.uniform(0.2, 1.0, model.size - len(rigid))])
     tau = model.observer().torque(gamma, q, qd, qdd) + 0.05 * random.standard_normal(q.shape)
     names = model.robot.joint_names
-    Log(t=t, q=q, tau=tau, names=names, units={"position": "rad", "effort": "Nm"}, dh=False).save(path)
+    Log(t=t, q=q, tau=tau, names=names, units={"position": "rad", "effort": "Nm"}, dh=False).save(
+        path
+    )
 
 
 # ---------------------------------------------------------------- rows of the table
@@ -148,8 +159,16 @@ def derivation(robot, largest):
     yield "derive the regressor, 7 joints", f"{ours:.2f} s", "0.5 s", ""
     times = {n: seconds(lambda n=n: naive_regressor(robot, n)) for n in range(2, largest + 1)}
     for n, value in times.items():
-        part = type(robot)(**{**vars(robot), "joints": robot.joints[:n], "prior": None, "driver": None, "tool": None,
-                              "links": None})  # fmt: skip
+        part = type(robot)(
+            **{
+                **vars(robot),
+                "joints": robot.joints[:n],
+                "prior": None,
+                "driver": None,
+                "tool": None,
+                "links": None,
+            }
+        )
         short = median(lambda part=part: seconds(lambda: build_model(part)), 3)
         yield (
             f"the same, {n} joints, SymPy written out",
@@ -160,9 +179,11 @@ def derivation(robot, largest):
     growth = times[largest] / times[largest - 1]
     guess = times[largest] * growth ** (7 - largest)
     yield (
-        "the same, 7 joints, extrapolated", f"about {guess:.0f} s", "",
+        "the same, 7 joints, extrapolated",
+        f"about {guess:.0f} s",
+        "",
         f"{guess / ours:.0f} x; not measured: x {growth:.1f} a further joint, as from {largest - 1} to {largest}",
-    )  # fmt: skip
+    )
 
 
 def evaluation(robot):
@@ -184,8 +205,18 @@ def evaluation(robot):
         "3 us",
         f"{theirs / ours:.1f} x faster than the loop",
     )
-    yield "regressor, dense 7 x 98, a sample", f"{dense:.2f} us", "", f"{theirs / dense:.1f} x faster than the loop"
-    yield "Pinocchio computeJointTorqueRegressor loop", f"{theirs:.2f} us", "", "70 columns, from Python"
+    yield (
+        "regressor, dense 7 x 98, a sample",
+        f"{dense:.2f} us",
+        "",
+        f"{theirs / dense:.1f} x faster than the loop",
+    )
+    yield (
+        "Pinocchio computeJointTorqueRegressor loop",
+        f"{theirs:.2f} us",
+        "",
+        "70 columns, from Python",
+    )
 
 
 def consistency():
@@ -200,9 +231,11 @@ def consistency():
         best, took = clarabel_optimum(R, r, arm.constraints, tuning.PRIOR_WEIGHT)
         bounds = -1e-5 * np.log(arm.constraints.slack(found.x)).sum()
         yield (
-            f"physical set, {name} samples", f"{1e3 * own:.1f} ms", "20 ms",
+            f"physical set, {name} samples",
+            f"{1e3 * own:.1f} ms",
+            "20 ms",
             f"Clarabel {1e3 * took:.0f} ms; its optimum differs by {abs(found.objective - bounds - best):.0e} of {best:.0f}",
-        )  # fmt: skip
+        )
         yield "the same with pooled friction and rotors", f"{1e3 * pooled:.1f} ms", "20 ms", ""
 
 
@@ -221,16 +254,29 @@ def whole_processes(robot, folder, samples):
 
     cold_time = median(cold, 3)
     yield "dynid model, cold", f"{cold_time:.2f} s", "3 s", "the paper: 165 s"
-    yield "dynid model, cached", f"{median(lambda: process(folder, 'model', ROBOT)[0], 3):.2f} s", "0.5 s", ""
+    yield (
+        "dynid model, cached",
+        f"{median(lambda: process(folder, 'model', ROBOT)[0], 3):.2f} s",
+        "0.5 s",
+        "",
+    )
     for count, label, limit in (
         (12000, "dynid identify, 60 s at 200 Hz", "2 s"),
         (samples, f"dynid identify, {samples:,} samples", "15 s, 500 MB"),
     ):
         make_log(folder / "log.npz", model, count)
-        runs = [process(folder, "identify", ROBOT, "log.npz", "--force") for _ in range(3 if count < 10**5 else 1)]
+        runs = [
+            process(folder, "identify", ROBOT, "log.npz", "--force")
+            for _ in range(3 if count < 10**5 else 1)
+        ]
         took, memory = statistics.median(run[0] for run in runs), max(run[1] for run in runs)
         note = "the paper: 109 s" if count < 10**5 else "all rows of 83 minutes"
-        yield label.replace(",", " ") if count > 10**5 else label, f"{took:.2f} s, {memory:.0f} MB", limit, note
+        yield (
+            label.replace(",", " ") if count > 10**5 else label,
+            f"{took:.2f} s, {memory:.0f} MB",
+            limit,
+            note,
+        )
 
 
 def machine():
@@ -254,9 +300,11 @@ def main():
     print("| what | measured | target | beside |\n| --- | --- | --- | --- |")
     with tempfile.TemporaryDirectory() as folder:
         for rows in (
-            derivation(robot, options.naive), evaluation(robot), consistency(),
+            derivation(robot, options.naive),
+            evaluation(robot),
+            consistency(),
             whole_processes(robot, Path(folder), options.samples),
-        ):  # fmt: skip
+        ):
             for row in rows:
                 print("| " + " | ".join(row) + " |", flush=True)
 

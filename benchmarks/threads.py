@@ -46,20 +46,28 @@ def spin():
 
 def timed(log, *, free):
     """Return wall and processor time of one call in a new process [s]."""
-    environment = {key: value for key, value in os.environ.items() if not key.endswith("_NUM_THREADS")}
+    environment = {
+        key: value for key, value in os.environ.items() if not key.endswith("_NUM_THREADS")
+    }
     environment["PYTHONPATH"] = str(ROOT / "src")
     program = CALL.format(free=free, robot=ROBOT, log=str(log))
-    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
     return json.loads(done.stdout.splitlines()[-1])
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--loads", type=int, nargs="+", default=[0, 1, 2, 4])
     parser.add_argument("--seconds", type=float, nargs="+", default=[60, 5000])
     parser.add_argument("--repeats", type=int, default=3)
     given = parser.parse_args()
-    print("| samples | other processes | limited: wall, processor | free: wall, processor |\n| --- | --- | --- | --- |")
+    print(
+        "| samples | other processes | limited: wall, processor | free: wall, processor |\n| --- | --- | --- | --- |"
+    )
     with tempfile.TemporaryDirectory() as folder:
         for seconds in given.seconds:
             log = Path(folder) / f"{seconds:g}.npz"
@@ -74,8 +82,13 @@ def main():
                         times.append(timed(log, free=free))
                 for other in others:
                     other.terminate()
-                cells = [" , ".join(f"{x:.1f} s" for x in min(times)).replace(" ,", ",") for times in found.values()]
-                print(f"| {round(seconds * 200):,} | {load} | {cells[0]} | {cells[1]} |", flush=True)
+                cells = [
+                    " , ".join(f"{x:.1f} s" for x in min(times)).replace(" ,", ",")
+                    for times in found.values()
+                ]
+                print(
+                    f"| {round(seconds * 200):,} | {load} | {cells[0]} | {cells[1]} |", flush=True
+                )
 
 
 if __name__ == "__main__":

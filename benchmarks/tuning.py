@@ -36,12 +36,16 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).parent
-sys.path[:0] = [*map(str, (HERE, HERE / "patched", HERE.parent / "tests", HERE.parent / "tests" / "physics"))]
+sys.path[:0] = [
+    *map(str, (HERE, HERE / "patched", HERE.parent / "tests", HERE.parent / "tests" / "physics"))
+]
 
 import numpy as np  # noqa: E402
 from constants import PATCH, WATCH, apply  # noqa: E402
 
-DATA = next((f / "shared/data" for f in HERE.parents if (f / "shared/data").is_dir()), Path("nowhere"))
+DATA = next(
+    (f / "shared/data" for f in HERE.parents if (f / "shared/data").is_dir()), Path("nowhere")
+)
 SHIPPED = HERE.parent / "trajectories"
 KEPT = HERE / "tuning.jsonl"
 #: A figure that changes by less than this share has not changed.
@@ -61,13 +65,25 @@ def real() -> Figures:
         return found
     arm = dynid.load_robot("kuka_lwr4plus")
     runs = {k: dynid.load_log(DATA / f"kuka_lwr4plus/run{k}.bag", arm) for k in (1, 2, 3)}
-    pairs = [("LWR4+ run 1 -> 3", arm, runs[1], runs[3]), ("LWR4+ run 3 -> 2", arm, runs[3], runs[2])]
+    pairs = [
+        ("LWR4+ run 1 -> 3", arm, runs[1], runs[3]),
+        ("LWR4+ run 3 -> 2", arm, runs[3], runs[2]),
+    ]
     for name, recording, seconds in (
-        ("ur10", "ur10_salerno", 13.0), ("staubli_tx40", "tx40", 3.5), ("franka_panda", "panda_salerno", 13.0)
-    ):  # fmt: skip
+        ("ur10", "ur10_salerno", 13.0),
+        ("staubli_tx40", "tx40", 3.5),
+        ("franka_panda", "panda_salerno", 13.0),
+    ):
         arm = dynid.load_robot(name)
         log = dynid.load_log(DATA / recording / "exc.npz", arm)
-        pairs.append((f"{name} {seconds} s", arm, part(log, 0.0, seconds), replace(part(log, seconds, 1e9), sha256="")))
+        pairs.append(
+            (
+                f"{name} {seconds} s",
+                arm,
+                part(log, 0.0, seconds),
+                replace(part(log, seconds, 1e9), sha256=""),
+            )
+        )
     for name, arm, fitted, unseen in pairs:
         result = dynid.identify(arm, [fitted], dynid.IdentifyOptions(holdout=None))
         seen = dynid.validate(result, unseen)
@@ -85,11 +101,17 @@ def simulated_arms() -> Figures:
 
     rows = []
     for name, seed, hidden in (
-        ("kuka_lwr4plus", 0, ()), ("ur5e", 1, ("angle", "load", "ripple", "stribeck")), ("staubli_tx40", 2, ("delay",)),
+        ("kuka_lwr4plus", 0, ()),
+        ("ur5e", 1, ("angle", "load", "ripple", "stribeck")),
+        ("staubli_tx40", 2, ("delay",)),
         ("franka_panda", 3, ("stribeck",)),
-    ):  # fmt: skip
+    ):
         robot = replace(dynid.load_robot(name), coupling=None)
-        rows.append(random_arms.judged(random_arms.Arm(robot, 100 + seed, random_arms.ARMS[name]), seed, hidden))
+        rows.append(
+            random_arms.judged(
+                random_arms.Arm(robot, 100 + seed, random_arms.ARMS[name]), seed, hidden
+            )
+        )
     x = np.array(rows)
     return {
         "in intervals %": 100 * float(x[:, 0].mean()),
@@ -105,7 +127,9 @@ def methods() -> Figures:
     import dynid
 
     arm = dynid.load_robot("kuka_lwr4plus")
-    fitted, unseen = (dynid.load_log(SHIPPED / f"lwr4plus_{k}.bag", arm) for k in ("identify", "validate"))
+    fitted, unseen = (
+        dynid.load_log(SHIPPED / f"lwr4plus_{k}.bag", arm) for k in ("identify", "validate")
+    )
     found: Figures = {}
     for method in ("auto", "wls", "ols", "irls", "ridge"):
         result = dynid.identify(arm, [fitted], dynid.IdentifyOptions(method=method))
@@ -140,7 +164,11 @@ def spoilt() -> Figures:
         try:
             read = dynid.load_log(path, arm)
             # Why without delay: finding it takes most of the time, and is done elsewhere.
-            more = () if "times" in path.stem else dynid.observe(arm, [read], dynid.LogOptions(delay=0.0)).findings
+            more = (
+                ()
+                if "times" in path.stem
+                else dynid.observe(arm, [read], dynid.LogOptions(delay=0.0)).findings
+            )
         except DynidError as error:
             found[path.stem] = error.code
         else:
@@ -161,7 +189,9 @@ def spoilt_logs() -> list[Path]:
     paths = []
     for name, columns in ways(log.t - log.t[0], np.array(log.q), np.array(log.tau), arm):
         paths.append(folder / f"{name}.npz")
-        dynid.Log(names=arm.joint_names, units={"position": "rad", "effort": "Nm"}, **columns).save(paths[-1])
+        dynid.Log(names=arm.joint_names, units={"position": "rad", "effort": "Nm"}, **columns).save(
+            paths[-1]
+        )
     return paths
 
 
@@ -177,9 +207,15 @@ def ways(t: Any, q: Any, tau: Any, arm: Any) -> Iterator[tuple[str, dict[str, An
     yield "with velocity", {"t": t, "q": q, "qd": qd, "tau": tau}
     for factor in (0.6, 0.75, 0.85, 1.2, 1.3, 20.0, 57.3, 150.0, 0.0175, -0.4, -1.0):
         yield f"velocity times {factor}", {"t": t, "q": q, "qd": factor * qd, "tau": tau}
-    yield "velocities swapped", {"t": t, "q": q, "qd": qd[:, [1, 0, *range(2, q.shape[1])]], "tau": tau}
+    yield (
+        "velocities swapped",
+        {"t": t, "q": q, "qd": qd[:, [1, 0, *range(2, q.shape[1])]], "tau": tau},
+    )
     for noise in (0.02, 0.1, 0.5):
-        yield f"velocity noise {noise}", {"t": t, "q": q, "qd": qd + noise * rng.normal(size=q.shape), "tau": tau}
+        yield (
+            f"velocity noise {noise}",
+            {"t": t, "q": q, "qd": qd + noise * rng.normal(size=q.shape), "tau": tau},
+        )
     for factor in (1.5, 2.5, 5.0, 57.3):
         yield f"position times {factor}", {"t": t, "q": factor * q, "tau": tau}
     for factor in (0.001, 2.0, 5.0, 10.0, 1000.0):
@@ -196,13 +232,18 @@ def ways(t: Any, q: Any, tau: Any, arm: Any) -> Iterator[tuple[str, dict[str, An
             {"t": t + pause * (t > t[n // 3]) + pause * (t > t[2 * n // 3]), "q": q, "tau": tau},
         )
     for jitter in (0.03, 0.1, 0.3, 0.45):
-        stamps = np.maximum.accumulate(t + jitter * dt * rng.uniform(-1, 1, n)) + 1e-9 * np.arange(n)
+        stamps = np.maximum.accumulate(t + jitter * dt * rng.uniform(-1, 1, n)) + 1e-9 * np.arange(
+            n
+        )
         yield f"stamps stray by {jitter}", {"t": stamps, "q": q, "tau": tau}
     for share in (0.05, 0.15, 0.3):
         stamps = t.copy()
         doubled = np.flatnonzero(some(share)[1:]) + 1
         stamps[doubled] = stamps[doubled - 1]
-        yield f"{share} of the stamps twice", {"t": np.maximum.accumulate(stamps), "q": q, "tau": tau}
+        yield (
+            f"{share} of the stamps twice",
+            {"t": np.maximum.accumulate(stamps), "q": q, "tau": tau},
+        )
     for share in (0.03, 0.08, 0.3):
         last = np.maximum.accumulate(np.where(some(share), 0, np.arange(n)))
         yield f"{share} of the samples held", {"t": t, "q": q[last], "tau": tau[last]}
@@ -210,7 +251,10 @@ def ways(t: Any, q: Any, tau: Any, arm: Any) -> Iterator[tuple[str, dict[str, An
         limit = share * np.abs(tau).max(axis=0)
         yield f"torque clipped at {share}", {"t": t, "q": q, "tau": np.clip(tau, -limit, limit)}
     for size in (3.0, 10.0, 100.0):
-        yield f"spikes of {size}", {"t": t, "q": q, "tau": tau + size * tau.std(axis=0) * some(0.002)[:, None]}
+        yield (
+            f"spikes of {size}",
+            {"t": t, "q": q, "tau": tau + size * tau.std(axis=0) * some(0.002)[:, None]},
+        )
     for seconds in (0.5, 1.5, 4.0, 8.0):
         kept = t < seconds
         yield f"{seconds} s", {"t": t[kept], "q": q[kept], "tau": tau[kept]}
@@ -234,11 +278,17 @@ def ways(t: Any, q: Any, tau: Any, arm: Any) -> Iterator[tuple[str, dict[str, An
     yield "a full turn", {"t": t, "q": turned, "tau": tau}
     for rows in (30, 80, 400):
         where = np.r_[0 : n // 2, n // 2 - rows : n]
-        yield f"{rows} rows again", {"t": dt * np.arange(len(where)), "q": q[where], "tau": tau[where]}
+        yield (
+            f"{rows} rows again",
+            {"t": dt * np.arange(len(where)), "q": q[where], "tau": tau[where]},
+        )
     for rest in (0.2, 0.5, 3.0):
         where = np.r_[0 : n // 2, np.full(round(rest / dt), n // 2), n // 2 : n]
         noise = 1e-5 * rng.normal(size=(len(where), q.shape[1]))
-        yield f"{rest} s at rest", {"t": dt * np.arange(len(where)), "q": q[where] + noise, "tau": tau[where]}
+        yield (
+            f"{rest} s at rest",
+            {"t": dt * np.arange(len(where)), "q": q[where] + noise, "tau": tau[where]},
+        )
     yield "time in milliseconds", {"t": 1000 * t, "q": q, "tau": tau}
     yield "no weight", {"t": t, "q": q, "tau": tau - tau.mean(axis=0)}
 
@@ -253,7 +303,9 @@ def relations() -> Figures:
     found: Figures = {}
     for name in known_robots():
         reduction = dynid.base_model(dynid.load_robot(name)).reduction
-        found[name] = f"rank {reduction.rank}, formulas {zlib.crc32(repr(reduction.formulas).encode()):08x}"
+        found[name] = (
+            f"rank {reduction.rank}, formulas {zlib.crc32(repr(reduction.formulas).encode()):08x}"
+        )
     return found
 
 
@@ -273,7 +325,12 @@ def plans() -> Figures:
     import dynid
 
     found: Figures = {}
-    for name, basis in (("scara", "quintic"), ("scara", "fourier"), ("ur3e", "quintic"), ("scara", "spline")):
+    for name, basis in (
+        ("scara", "quintic"),
+        ("scara", "fourier"),
+        ("ur3e", "quintic"),
+        ("scara", "spline"),
+    ):
         options = dynid.PlanOptions(
             alpha=1.0, duration=6.0, segments=3, basis=basis, restarts=1, seconds=600.0, processes=1
         )
@@ -285,7 +342,9 @@ def plans() -> Figures:
             f"{of} nearest m": facts["closest_m"] or math.nan,
             f"{of} noise": float(np.sum(facts["torque_noise_nm"])),
             f"{of} weakest": str(facts["weakest"])[:60],
-            f"{of} other speeds": str([(each["alpha"], f"{each['torque_error']:.3g}") for each in facts["ladder"]]),
+            f"{of} other speeds": str(
+                [(each["alpha"], f"{each['torque_error']:.3g}") for each in facts["ladder"]]
+            ),
             f"{of} assumed": str(facts["assumed_limits"])[:60],
         }
     return found
@@ -303,14 +362,29 @@ def reading() -> Figures:
         paths = [SHIPPED / "lwr4plus_identify.bag", SHIPPED / "lwr4plus_validate.bag"]
         for suffix in ("npz", "csv", "tsv", "parquet", "mcap", "db3", "bag"):
             paths.append(folder / f"log.{suffix}")
-            words = [sys.executable, "-m", "dynid", "convert", str(paths[1]), "--to", str(paths[-1])]
+            words = [
+                sys.executable,
+                "-m",
+                "dynid",
+                "convert",
+                str(paths[1]),
+                "--to",
+                str(paths[-1]),
+            ]
             subprocess.run(words, check=False, capture_output=True)
         heading = (
-            "a program wrote this\n" * 30 + "t," + ",".join(f"{k}_{j}" for k in ("q", "tau") for j in arm.joint_names)
+            "a program wrote this\n" * 30
+            + "t,"
+            + ",".join(f"{k}_{j}" for k in ("q", "tau") for j in arm.joint_names)
         )
-        rows = [",".join(f"{x:.6f}" for x in (t, *q, *tau)) for t, q, tau in zip(log.t, log.q, log.tau, strict=True)]
+        rows = [
+            ",".join(f"{x:.6f}" for x in (t, *q, *tau))
+            for t, q, tau in zip(log.t, log.q, log.tau, strict=True)
+        ]
         (folder / "headed.csv").write_text("\n".join([heading, *rows]))
-        (folder / "semicolon.csv").write_text("\n".join([heading, *rows][1:]).replace(",", ";").replace(".", ","))
+        (folder / "semicolon.csv").write_text(
+            "\n".join([heading, *rows][1:]).replace(",", ";").replace(".", ",")
+        )
         found: Figures = {}
         for path in [*paths, folder / "headed.csv", folder / "semicolon.csv"]:
             try:
@@ -318,7 +392,9 @@ def reading() -> Figures:
             except (DynidError, OSError) as error:
                 found[path.name] = getattr(error, "code", type(error).__name__)
             else:
-                found[path.name] = f"{len(read.t)} samples, {float(np.abs(read.q).sum() + np.abs(read.tau).sum()):.6g}"
+                found[path.name] = (
+                    f"{len(read.t)} samples, {float(np.abs(read.q).sum() + np.abs(read.tau).sum()):.6g}"
+                )
     return found
 
 
@@ -336,10 +412,18 @@ def driven() -> Figures:
         "verdict": gap.get("verdict", ""),
         "named": str(len(gap.get("named", []))),
     }
-    for name in ("heldout_before_nm", "heldout_after_nm", "simulation_before", "simulation_after", "noise_floor_nm"):
+    for name in (
+        "heldout_before_nm",
+        "heldout_after_nm",
+        "simulation_before",
+        "simulation_after",
+        "noise_floor_nm",
+    ):
         numbers = np.array(gap.get("gap", {}).get(name) or [math.nan], dtype=float)
         found[name] = float(np.nansum(numbers))
-    log = dynid.simulate(dynid.load_robot("kuka_lwr4plus"), SHIPPED / "kuka_lwr4plus_alpha1.0.npz").log
+    log = dynid.simulate(
+        dynid.load_robot("kuka_lwr4plus"), SHIPPED / "kuka_lwr4plus_alpha1.0.npz"
+    ).log
     found["simulated"] = f"{len(log.t)} samples, {float(np.abs(log.tau).sum()):.6g}"
     return found
 
@@ -376,7 +460,11 @@ class Constant:
     def at(self, factor: float) -> Any:
         """Return the value times a factor, of the same kind."""
         one = self._one
-        return tuple(one(x, factor) for x in self.value) if isinstance(self.value, tuple) else one(self.value, factor)
+        return (
+            tuple(one(x, factor) for x in self.value)
+            if isinstance(self.value, tuple)
+            else one(self.value, factor)
+        )
 
     def _one(self, value: float, factor: float) -> float:
         if isinstance(value, int):
@@ -393,9 +481,15 @@ def constants(folder: str) -> list[Constant]:
     lines, found = text.splitlines(), []
     for node in ast.parse(text).body:
         targets = (
-            node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
+            node.targets
+            if isinstance(node, ast.Assign)
+            else [node.target]
+            if isinstance(node, ast.AnnAssign)
+            else []
         )
-        for target in [each for t in targets for each in (t.elts if isinstance(t, ast.Tuple) else [t])]:
+        for target in [
+            each for t in targets for each in (t.elts if isinstance(t, ast.Tuple) else [t])
+        ]:
             value = getattr(module, target.id, None) if isinstance(target, ast.Name) else None
             parts = value if isinstance(value, tuple) and value else (value,)
             if all(isinstance(part, int | float) and not isinstance(part, bool) for part in parts):
@@ -428,11 +522,15 @@ def measure_from(folder: str) -> Callable[[tuple[str, str, Any] | None], Figures
 def bound_early(folder: str) -> set[str]:
     """Return the constants that are taken while modules are imported, such as defaults of arguments."""
     found = set()
-    for path in (Path(str(importlib.import_module(f"dynid.{folder}.tuning").__file__)).parents[1]).rglob("*.py"):
+    for path in (
+        Path(str(importlib.import_module(f"dynid.{folder}.tuning").__file__)).parents[1]
+    ).rglob("*.py"):
         tree = ast.parse(path.read_text())
         bodies = [n.body for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)]
         late = {each for body in bodies for statement in body for each in ast.walk(statement)}
-        late |= {each for n in ast.walk(tree) if isinstance(n, ast.Lambda) for each in ast.walk(n.body)}
+        late |= {
+            each for n in ast.walk(tree) if isinstance(n, ast.Lambda) for each in ast.walk(n.body)
+        }
         found |= {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute) and n not in late}
     return found
 
@@ -467,13 +565,17 @@ def afresh(folder: str, patched: tuple[str, str, Any] | None) -> Figures:
     if patched:
         environment[PATCH] = json.dumps(patched)
     words = [sys.executable, __file__, "--figures", folder]
-    done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=900, check=False)
+    done = subprocess.run(
+        words, env=environment, capture_output=True, text=True, timeout=900, check=False
+    )
     if done.returncode:
         return {"failure": (done.stderr.strip().splitlines() or ["killed"])[-1][:200]}
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def watched(folder: str, measured: Callable[[tuple[str, str, Any] | None], Figures]) -> tuple[Figures, set[str]]:
+def watched(
+    folder: str, measured: Callable[[tuple[str, str, Any] | None], Figures]
+) -> tuple[Figures, set[str]]:
     """Return a folder's figures and the constants that are read for them; without those no run is needed."""
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "read"
@@ -527,7 +629,9 @@ def study(folders: list[str], minutes: float) -> None:
     from resumable import commit
 
     end = time.monotonic() + 60 * minutes
-    os.environ["PYTHONPATH"] = os.pathsep.join([str(HERE / "patched"), os.environ.get("PYTHONPATH", "")])
+    os.environ["PYTHONPATH"] = os.pathsep.join(
+        [str(HERE / "patched"), os.environ.get("PYTHONPATH", "")]
+    )
     for folder in folders:
         done = {(row["folder"], row["name"], row["way"], str(row["at"])) for row in kept()}
         asked = [
@@ -535,7 +639,11 @@ def study(folders: list[str], minutes: float) -> None:
             for constant in constants(folder)
             for way, factor in (("half", 0.5), ("double", 2.0))
         ]
-        open_ = [each for each in asked if (folder, each[0].name, each[1], str(_plain(each[2]))) not in done]
+        open_ = [
+            each
+            for each in asked
+            if (folder, each[0].name, each[1], str(_plain(each[2]))) not in done
+        ]
         if not open_:
             continue
         measured = measure_from(folder)
@@ -546,14 +654,22 @@ def study(folders: list[str], minutes: float) -> None:
             if time.monotonic() > end:
                 return
             row = {
-                "folder": folder, "name": constant.name, "value": _plain(constant.value), "unit": constant.unit, "way": way,
-                "at": _plain(value), "commit": commit(), "figures": len(before),
-            }  # fmt: skip
+                "folder": folder,
+                "name": constant.name,
+                "value": _plain(constant.value),
+                "unit": constant.unit,
+                "way": way,
+                "at": _plain(value),
+                "commit": commit(),
+                "figures": len(before),
+            }
             row["read"] = constant.name in read
             if value == constant.value or constant.name not in read:
                 row["changed"] = {}
             else:
-                row["changed"] = changes(before, measured((f"dynid.{folder}.tuning", constant.name, value)))
+                row["changed"] = changes(
+                    before, measured((f"dynid.{folder}.tuning", constant.name, value))
+                )
             with KEPT.open("a") as stream:
                 stream.write(json.dumps(row) + "\n")
             print(folder, constant.name, way, _plain(value), cell(row), file=sys.stderr, flush=True)
@@ -594,18 +710,33 @@ def page() -> str:
         sets = ", ".join(f"{each.__name__.replace('_', ' ')}" for each in SETS[folder])
         commits = sorted({row["commit"] for key, row in rows.items() if key[0] == folder})
         lines += ["", f"## {folder}", "", f"Figures: {sets}. Commit {', '.join(commits)}.", ""]
-        lines += ["| constant | value | unit | at half | at double |", "| --- | --- | --- | --- | --- |"]
+        lines += [
+            "| constant | value | unit | at half | at double |",
+            "| --- | --- | --- | --- | --- |",
+        ]
         for name in [name for each, name in names if each == folder]:
             half, double = (rows.get((folder, name, way)) for way in ("half", "double"))
             row = half or double
             assert row is not None
-            lines.append(f"| {name} | {shown(row['value'])} | {row['unit']} | {cell(half)} | {cell(double)} |")
+            lines.append(
+                f"| {name} | {shown(row['value'])} | {row['unit']} | {cell(half)} | {cell(double)} |"
+            )
             if half and double and not half["changed"] and not double["changed"]:
                 (nothing if half.get("read", True) else unread).append(f"`{folder}.{name}`")
-    lines += ["", "## Numbers that are read and change no figure", "", ", ".join(nothing) or "None.", ""]
-    lines += ["These are candidates for removal; some decide about situations that the figures do not hold."]
+    lines += [
+        "",
+        "## Numbers that are read and change no figure",
+        "",
+        ", ".join(nothing) or "None.",
+        "",
+    ]
+    lines += [
+        "These are candidates for removal; some decide about situations that the figures do not hold."
+    ]
     lines += ["", "## Numbers that no figure reads", "", ", ".join(unread) or "None.", ""]
-    lines += ["Nothing is known of these; tests hold the situations that they decide about, or none does."]
+    lines += [
+        "Nothing is known of these; tests hold the situations that they decide about, or none does."
+    ]
     return "\n".join(lines)
 
 
@@ -624,9 +755,14 @@ nothing does, "not read" where no figure comes to the place where the constant i
 
 def main() -> None:
     """Measure, or print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument(
-        "--folder", nargs="+", choices=SETS, help="tables that are studied (default: all that are there)"
+        "--folder",
+        nargs="+",
+        choices=SETS,
+        help="tables that are studied (default: all that are there)",
     )
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--figures", choices=SETS, help="print the figures of a folder as JSON")
@@ -640,7 +776,10 @@ def main() -> None:
         import dynid
 
         root = Path(str(dynid.__file__)).parent
-        study(given.folder or [each for each in SETS if (root / each / "tuning.py").is_file()], given.minutes)
+        study(
+            given.folder or [each for each in SETS if (root / each / "tuning.py").is_file()],
+            given.minutes,
+        )
 
 
 if __name__ == "__main__":

@@ -35,9 +35,15 @@ def main() -> None:
         arm, rng = arm_of(seed), np.random.default_rng(60_000 + seed)
         seconds, share = rng.uniform(14.0, 26.0), rng.uniform(0.35, 0.7)
         logs = [arm.log(5000 * seed + k, seconds, share, ()) for k in (0, 1)]
-        for state, pair in (("as it is", logs), ("other temperature", [drifting(arm, log, rng) for log in logs])):
+        for state, pair in (
+            ("as it is", logs),
+            ("other temperature", [drifting(arm, log, rng) for log in logs]),
+        ):
             try:
-                a, b = (identify(arm.robot, log, IdentifyOptions(holdout=None, drop_weak=True)) for log in pair)
+                a, b = (
+                    identify(arm.robot, log, IdentifyOptions(holdout=None, drop_weak=True))
+                    for log in pair
+                )
             except DynidError as error:
                 print(seed, state, error, file=sys.stderr)
                 continue
@@ -51,7 +57,9 @@ def main() -> None:
                 spread = [np.diag(getattr(each, covariance)) for each in (a, b)]
                 values = [getattr(each, theta) for each in (a, b)]
                 apart = z_of(*values, sum(spread))[chosen]
-                off = np.concatenate([z_of(v, true, s)[chosen] for v, s in zip(values, spread, strict=True)])
+                off = np.concatenate(
+                    [z_of(v, true, s)[chosen] for v, s in zip(values, spread, strict=True)]
+                )
                 found.setdefault((state, f"{name}, both"), []).append(apart)
                 found.setdefault((state, f"{name}, true"), []).append(off)
             agree = z_of(a.theta, b.theta, np.diag(a.covariance) + np.diag(b.covariance))

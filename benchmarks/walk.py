@@ -62,7 +62,9 @@ def relations(folder: Path) -> Callable[[], object]:
     """Follow a robot file to its base parameters and their formulas."""
     import dynid
 
-    return lambda: print(dynid.base_model(dynid.load_robot("scara")).reduction.formulas, file=sys.stderr)
+    return lambda: print(
+        dynid.base_model(dynid.load_robot("scara")).reduction.formulas, file=sys.stderr
+    )
 
 
 def gap(folder: Path) -> Callable[[], object]:
@@ -77,10 +79,14 @@ def gap(folder: Path) -> Callable[[], object]:
 
 WALKS: dict[str, Callable[[Path], Callable[[], object]]] = {
     "bag to saved result: load_log, identify, save": bag_to_result,
-    "the same by command: identify LOG --no-report": command("identify", ARM, str(IDENTIFY), "--no-report"),
+    "the same by command: identify LOG --no-report": command(
+        "identify", ARM, str(IDENTIFY), "--no-report"
+    ),
     "identify LOG, with report": command("identify", ARM, str(IDENTIFY)),
     "DH parameters to relations: load_robot, base_model": relations,
-    "DH parameters to printed relations: model --groups text": command("model", "scara", "--groups", "text"),
+    "DH parameters to printed relations: model --groups text": command(
+        "model", "scara", "--groups", "text"
+    ),
     "find_gap on a recording where nothing is missing": gap,
 }
 COLUMNS = ("files", "functions", "own types", "own types in any variable")
@@ -100,7 +106,11 @@ def traced(prepare: Callable[[Path], Callable[[], object]]) -> dict[str, list[st
 
     def profile(frame: FrameType, event: str, _: object) -> None:
         code = frame.f_code
-        if event not in ("call", "return") or not code.co_filename.startswith(root) or code.co_name == "<module>":
+        if (
+            event not in ("call", "return")
+            or not code.co_filename.startswith(root)
+            or code.co_name == "<module>"
+        ):
             return
         types = handed if event == "call" else held
         for value in frame.f_locals.values():
@@ -134,7 +144,13 @@ def is_number(node: ast.AST) -> bool:
 
 def is_constant(node: ast.AST) -> bool:
     """Return whether a node is the name of a constant."""
-    name = node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else ""
+    name = (
+        node.id
+        if isinstance(node, ast.Name)
+        else node.attr
+        if isinstance(node, ast.Attribute)
+        else ""
+    )
     return name.isupper()
 
 
@@ -142,13 +158,24 @@ def constants(tree: ast.Module) -> Iterator[str]:
     """Yield the names in capitals that a module binds to numbers."""
     for node in tree.body:
         targets = (
-            node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
+            node.targets
+            if isinstance(node, ast.Assign)
+            else [node.target]
+            if isinstance(node, ast.AnnAssign)
+            else []
         )
-        pairs: list[tuple[ast.AST, ast.AST | None]] = [(target, getattr(node, "value", None)) for target in targets]
+        pairs: list[tuple[ast.AST, ast.AST | None]] = [
+            (target, getattr(node, "value", None)) for target in targets
+        ]
         for target, value in pairs:
             if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
                 pairs += zip(target.elts, value.elts, strict=False)
-            elif isinstance(target, ast.Name) and target.id.isupper() and value is not None and is_number(value):
+            elif (
+                isinstance(target, ast.Name)
+                and target.id.isupper()
+                and value is not None
+                and is_number(value)
+            ):
                 yield target.id
 
 
@@ -158,7 +185,9 @@ def literals(tree: ast.Module) -> int:
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef):
             inside.update(each for statement in node.body for each in ast.walk(statement))
-    return sum(isinstance(n, ast.Constant) and is_number(n) and n.value not in (0, 1, 2) for n in inside)
+    return sum(
+        isinstance(n, ast.Constant) and is_number(n) and n.value not in (0, 1, 2) for n in inside
+    )
 
 
 def size() -> dict[str, int]:
@@ -173,7 +202,10 @@ def size() -> dict[str, int]:
         "classes": sum(isinstance(node, ast.ClassDef) for tree in trees for node in ast.walk(tree)),
         "named numeric constants of modules": sum(1 for tree in trees for _ in constants(tree)),
         "of these in a tuning.py": sum(
-            1 for path, tree in zip(files, trees, strict=True) if path.name == "tuning.py" for _ in constants(tree)
+            1
+            for path, tree in zip(files, trees, strict=True)
+            if path.name == "tuning.py"
+            for _ in constants(tree)
         ),
         "numbers in functions other than -1, 0, 1, 2": sum(map(literals, trees)),
     }
@@ -185,7 +217,11 @@ def figures() -> dict[str, dict[str, int]]:
     found = {"src": size()}
     for name in WALKS:
         words = [sys.executable, __file__, "--walk", name]
-        met = json.loads(subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout.splitlines()[-1])
+        met = json.loads(
+            subprocess.run(
+                words, check=True, stdout=subprocess.PIPE, text=True
+            ).stdout.splitlines()[-1]
+        )
         found[name] = {column: len(met[column]) for column in COLUMNS}
     return found
 
@@ -197,10 +233,16 @@ def page(kept: dict[str, Any]) -> str:
         "",
         (__doc__ or "").split("\n\n")[-1].strip(),
     ]
-    lines += ["", f"| | | {' | '.join(kept)} |", f"| --- | --- | {' | '.join('--:' for _ in kept)} |"]
+    lines += [
+        "",
+        f"| | | {' | '.join(kept)} |",
+        f"| --- | --- | {' | '.join('--:' for _ in kept)} |",
+    ]
     for name, rows in next(iter(kept.values())).items():
         for i, row in enumerate(rows):
-            cells = " | ".join(f"{record[name][row]:,}".replace(",", " ") for record in kept.values())
+            cells = " | ".join(
+                f"{record[name][row]:,}".replace(",", " ") for record in kept.values()
+            )
             lines.append(f"| {'' if i else name} | {row} | {cells} |")
     return "\n".join(lines)
 

@@ -25,10 +25,26 @@ ROOT = Path(__file__).parents[1]
 TOY = Path(__file__).parent / "cli" / "toy.py"
 #: Imported inside functions by the commands.
 LIBRARIES = (
-    "jinja2", "matplotlib.backends.backend_agg", "matplotlib.backends.backend_svg", "matplotlib.figure", "mcap.reader",
-    "numpy.testing", "rich.console", "rich.progress", "rich.table", "rosbags.typesys", "scipy.linalg", "scipy.optimize",
-    "scipy.signal", "scipy.sparse.linalg", "scipy.special", "scipy.stats", "sqlite3", "sympy", "yaml",
-)  # fmt: skip
+    "jinja2",
+    "matplotlib.backends.backend_agg",
+    "matplotlib.backends.backend_svg",
+    "matplotlib.figure",
+    "mcap.reader",
+    "numpy.testing",
+    "rich.console",
+    "rich.progress",
+    "rich.table",
+    "rosbags.typesys",
+    "scipy.linalg",
+    "scipy.optimize",
+    "scipy.signal",
+    "scipy.sparse.linalg",
+    "scipy.special",
+    "scipy.stats",
+    "sqlite3",
+    "sympy",
+    "yaml",
+)
 
 
 # ---------------------------------------------------------------- whoever wants a command run
@@ -37,9 +53,16 @@ def server(ros: bool = False) -> str:
     """Start the server of this process, which ends with it, and return its socket; ``ros`` imports rospy, too."""
     folder = tempfile.TemporaryDirectory(prefix="commands-")
     place = f"{folder.name}/socket"
-    env = {"PATH": os.environ.get("PATH", ""), "PYTHONPATH": str(ROOT / "src"), "HOME": folder.name, "LANG": "C.UTF-8"}
+    env = {
+        "PATH": os.environ.get("PATH", ""),
+        "PYTHONPATH": str(ROOT / "src"),
+        "HOME": folder.name,
+        "LANG": "C.UTF-8",
+    }
     words = [sys.executable, __file__, "--serve-ros" if ros else "--serve", place]
-    process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=env, start_new_session=True)
+    process = subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=env, start_new_session=True
+    )
     assert process.stdout.readline() == b"ready\n"
     _KEPT.extend((folder, process))
     return place
@@ -59,7 +82,9 @@ class Command:
 
     def __init__(self, place: str, words, folder, env, streams) -> None:
         self.words = ["dynid", *map(str, words)]
-        text = json.dumps({"words": self.words[1:], "folder": os.fspath(folder), "env": env}).encode()
+        text = json.dumps(
+            {"words": self.words[1:], "folder": os.fspath(folder), "env": env}
+        ).encode()
         self.connection = socket.socket(socket.AF_UNIX)
         self.connection.connect(place)
         socket.send_fds(self.connection, [struct.pack("!I", len(text))], streams)
@@ -235,11 +260,16 @@ def _writer(number: int, at_once: bool):
     raw = open(number, "wb", 0, closefd=False)  # noqa: SIM115
     binary = raw if at_once and number == 1 else io.BufferedWriter(raw)
     terminal = os.isatty(number) or number == 2
-    return io.TextIOWrapper(binary, "utf-8", line_buffering=terminal, write_through=at_once and number == 1)
+    return io.TextIOWrapper(
+        binary, "utf-8", line_buffering=terminal, write_through=at_once and number == 1
+    )
 
 
 if __name__ == "__main__":
     if sys.argv[1].startswith("--serve"):
         serve(sys.argv[2], sys.argv[1] == "--serve-ros")
     else:
-        sys.exit(Command(sys.argv[2], sys.argv[3:], os.getcwd(), dict(os.environ), [0, 1, 2]).wait() & 0xFF)  # noqa: PTH109
+        sys.exit(
+            Command(sys.argv[2], sys.argv[3:], str(Path.cwd()), dict(os.environ), [0, 1, 2]).wait()
+            & 0xFF
+        )

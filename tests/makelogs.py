@@ -36,7 +36,13 @@ def shared_data(name: str) -> Path:
 
 
 def joint_state(
-    ns: int, names: Sequence[str], position: Any, velocity: Any = (), effort: Any = (), frame: str = "", seq: int = 0
+    ns: int,
+    names: Sequence[str],
+    position: Any,
+    velocity: Any = (),
+    effort: Any = (),
+    frame: str = "",
+    seq: int = 0,
 ) -> Any:
     types = STORE.types
     stamp = types["builtin_interfaces/msg/Time"](sec=ns // 10**9, nanosec=ns % 10**9)
@@ -71,7 +77,11 @@ def write_bag(
     if compression == "lz4":
         # Why: the linked blocks that rosbags writes are refused by ROS's own reader; a recorder writes these.
         writer.compressor = lambda data: lz4.frame.compress(
-            data, block_linked=False, block_size=lz4.frame.BLOCKSIZE_MAX1MB, content_checksum=True, store_size=False
+            data,
+            block_linked=False,
+            block_size=lz4.frame.BLOCKSIZE_MAX1MB,
+            content_checksum=True,
+            store_size=False,
         )
     connections: dict[str, Any] = {}
     for topic, ns, message in messages:

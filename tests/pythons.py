@@ -24,7 +24,19 @@ ROOT = Path(__file__).parents[1]
 VERSIONS = ("3.10", "3.11", "3.12", "3.13")
 #: A step that takes longer than this has failed [s].
 PATIENCE = 1800.0
-PLAN = ("--seconds", "60", "--duration", "10", "--segments", "4", "--restarts", "1", "--preview", "picture", "--accept")
+PLAN = (
+    "--seconds",
+    "60",
+    "--duration",
+    "10",
+    "--segments",
+    "4",
+    "--restarts",
+    "1",
+    "--preview",
+    "picture",
+    "--accept",
+)
 HEADER = "| Python | numpy | PyBullet | install | demo | plan | gap search | remark |"
 
 
@@ -46,9 +58,17 @@ def plan_is_there(folder: Path, said: str) -> bool:
 STEPS = (
     Step("demo", ("demo", "--no-input"), lambda folder, said: "error[" not in said),
     Step("plan", ("trajectory", "ur5e", *PLAN), plan_is_there),
-    Step("gap search", ("gap", "out/demo/kuka_lwr4plus/parameters.npz", "{logs}/lwr4plus_validate.bag", "--no-input"),
-         lambda _, said: "error[" not in said),
-)  # fmt: skip
+    Step(
+        "gap search",
+        (
+            "gap",
+            "out/demo/kuka_lwr4plus/parameters.npz",
+            "{logs}/lwr4plus_validate.bag",
+            "--no-input",
+        ),
+        lambda _, said: "error[" not in said,
+    ),
+)
 
 
 def interpreters() -> dict[str, str]:
@@ -56,7 +76,10 @@ def interpreters() -> dict[str, str]:
     found: dict[str, str] = {}
     pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
     for version in VERSIONS:
-        candidates = [shutil.which(f"python{version}"), *sorted(pyenv.glob(f"{version}.*/bin/python"))]
+        candidates = [
+            shutil.which(f"python{version}"),
+            *sorted(pyenv.glob(f"{version}.*/bin/python")),
+        ]
         for candidate in filter(None, candidates):
             words = [candidate, "-c", "import ensurepip, sys, venv; print('Python', sys.version)"]
             asked = subprocess.run(words, capture_output=True, text=True, check=False)
@@ -69,12 +92,20 @@ def interpreters() -> dict[str, str]:
 def tried(words: list[str], folder: Path) -> tuple[float, int, str]:
     """Return how long a command kept the processor busy [s], its exit status and what it said."""
     begin = processor()
-    clean = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    clean = {
+        key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV")
+    }
     try:
         done = subprocess.run(
-            words, cwd=folder, env=clean | {"PIP_DISABLE_PIP_VERSION_CHECK": "1", "HOME": str(folder)},
-            stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=PATIENCE, check=False,
-        )  # fmt: skip
+            words,
+            cwd=folder,
+            env=clean | {"PIP_DISABLE_PIP_VERSION_CHECK": "1", "HOME": str(folder)},
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+            check=False,
+        )
     except subprocess.TimeoutExpired:
         return PATIENCE, -1, f"took longer than {PATIENCE:g} s"
     return processor() - begin, done.returncode, done.stdout + done.stderr
@@ -88,7 +119,17 @@ def processor() -> float:
 
 def built(folder: Path, interpreter: str) -> Path:
     """Return the wheel of this dynid."""
-    words = [interpreter, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", str(folder), str(ROOT)]
+    words = [
+        interpreter,
+        "-m",
+        "pip",
+        "wheel",
+        "--quiet",
+        "--no-deps",
+        "--wheel-dir",
+        str(folder),
+        str(ROOT),
+    ]
     subprocess.run(words, check=True)
     (wheel,) = folder.glob("dynid-*.whl")
     return wheel
@@ -104,7 +145,9 @@ def version_of(python: Path, package: str) -> str:
 def shipped_logs(python: Path) -> str:
     """Return the folder of the logs that came with the installed dynid."""
     code = "from dynid.files import packaged; print(packaged('trajectories'))"
-    return subprocess.run([str(python), "-c", code], capture_output=True, text=True, check=False).stdout.strip()
+    return subprocess.run(
+        [str(python), "-c", code], capture_output=True, text=True, check=False
+    ).stdout.strip()
 
 
 def measure(version: str, interpreter: str, wheel: Path) -> dict[str, str]:
@@ -114,8 +157,19 @@ def measure(version: str, interpreter: str, wheel: Path) -> dict[str, str]:
         python = folder / "venv" / "bin" / "python"
         row = {"Python": version}
         subprocess.run([interpreter, "-m", "venv", str(folder / "venv")], check=True)
-        cache = subprocess.run([str(python), "-m", "pip", "cache", "dir"], capture_output=True, text=True, check=True)
-        install = [str(python), "-m", "pip", "install", "--quiet", "--no-compile", "--cache-dir", cache.stdout.strip()]
+        cache = subprocess.run(
+            [str(python), "-m", "pip", "cache", "dir"], capture_output=True, text=True, check=True
+        )
+        install = [
+            str(python),
+            "-m",
+            "pip",
+            "install",
+            "--quiet",
+            "--no-compile",
+            "--cache-dir",
+            cache.stdout.strip(),
+        ]
         install.append(str(wheel))
         seconds, status, said = tried(install, folder)
         row |= {name: version_of(python, name) for name in ("numpy", "pybullet")}
@@ -141,7 +195,11 @@ def main() -> None:
     parser.add_argument("--store", type=Path, help="JSON of rows measured before, to go on with")
     given = parser.parse_args()
     rows = json.loads(given.store.read_text()) if given.store and given.store.is_file() else {}
-    found = {v: path for v, path in interpreters().items() if (not given.only or v in given.only) and v not in rows}
+    found = {
+        v: path
+        for v, path in interpreters().items()
+        if (not given.only or v in given.only) and v not in rows
+    }
     with tempfile.TemporaryDirectory() as name:
         wheel = built(Path(name), next(iter(found.values()))) if found else Path()
         for version, interpreter in found.items():
@@ -151,7 +209,10 @@ def main() -> None:
                 given.store.write_text(json.dumps(rows))
     cells = ("Python", "numpy", "pybullet", "install", "demo", "plan", "gap search", "remark")
     lines = [HEADER, "|" + " --- |" * len(cells)]
-    lines += ["| " + " | ".join(rows[v].get(cell, "-") or " " for cell in cells) + " |" for v in sorted(rows)]
+    lines += [
+        "| " + " | ".join(rows[v].get(cell, "-") or " " for cell in cells) + " |"
+        for v in sorted(rows)
+    ]
     intro = "# Current Pythons\n\n`make test-pythons` installs dynid with every Python that is there and runs it. "
     intro += "Seconds are those of the processor.\n\n"
     if given.write:

@@ -26,19 +26,25 @@ def stamps(log: Log, start: int = 1_700_000_000_000_000_000) -> list[int]:
 
 def ros2_state(ns, names, q, qd=(), tau=()):
     types = ROS2.types
-    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](ns // 10**9, ns % 10**9), "base")
+    header = types["std_msgs/msg/Header"](
+        types["builtin_interfaces/msg/Time"](ns // 10**9, ns % 10**9), "base"
+    )
     return types[KIND](header, list(names), *(np.asarray(x, dtype=float) for x in (q, qd, tau)))
 
 
 def ros2_array(values):
     types = ROS2.types
-    layout = types["std_msgs/msg/MultiArrayLayout"]([types["std_msgs/msg/MultiArrayDimension"]("j", 7, 7)], 0)
+    layout = types["std_msgs/msg/MultiArrayLayout"](
+        [types["std_msgs/msg/MultiArrayDimension"]("j", 7, 7)], 0
+    )
     return types[ARRAY](layout, np.asarray(values, dtype=float))
 
 
 def ros1_array(values):
     types = ROS1.types
-    layout = types["std_msgs/msg/MultiArrayLayout"]([types["std_msgs/msg/MultiArrayDimension"]("j", 7, 7)], 0)
+    layout = types["std_msgs/msg/MultiArrayLayout"](
+        [types["std_msgs/msg/MultiArrayDimension"]("j", 7, 7)], 0
+    )
     return types[ARRAY](layout, np.asarray(values, dtype=float))
 
 
@@ -56,7 +62,9 @@ def write_rosbag2(folder: Path, messages, storage="sqlite3", little=True, compre
     with writer:
         for topic, ns, message in messages:
             if topic not in connections:
-                connections[topic] = writer.add_connection(topic, message.__msgtype__, typestore=ROS2)
+                connections[topic] = writer.add_connection(
+                    topic, message.__msgtype__, typestore=ROS2
+                )
             writer.write(connections[topic], ns, cdr(message, little))
     return folder
 
@@ -68,14 +76,18 @@ def single(folder: Path, target: Path) -> Path:
     return target
 
 
-def write_mcap(path: Path, messages, profile: str = "ros1", compression: str = "zstd", chunk: int = 1 << 16) -> Path:
+def write_mcap(
+    path: Path, messages, profile: str = "ros1", compression: str = "zstd", chunk: int = 1 << 16
+) -> Path:
     """Write (topic, arrival [ns], message) with the mcap library; ``profile`` is ros1 or ros2."""
     from mcap.writer import CompressionType
     from mcap.writer import Writer as McapWriter
 
     ros1 = profile == "ros1"
     store, encoding = (ROS1, "ros1msg") if ros1 else (ROS2, "ros2msg")
-    kind = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}[compression]
+    kind = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}[
+        compression
+    ]
     with path.open("wb") as stream:
         writer = McapWriter(stream, chunk_size=chunk, compression=kind)
         writer.start(profile, "test")
@@ -84,7 +96,9 @@ def write_mcap(path: Path, messages, profile: str = "ros1", compression: str = "
             name = message.__msgtype__
             if topic not in channels:
                 text, _ = store.generate_msgdef(name, ros_version=1 if ros1 else 2)
-                schema = writer.register_schema(name.replace("/msg/", "/") if ros1 else name, encoding, text.encode())
+                schema = writer.register_schema(
+                    name.replace("/msg/", "/") if ros1 else name, encoding, text.encode()
+                )
                 channels[topic] = writer.register_channel(topic, "ros1" if ros1 else "cdr", schema)
             raw = bytes(store.serialize_ros1(message, name)) if ros1 else cdr(message)
             writer.add_message(channels[topic], ns, raw, ns)
@@ -110,12 +124,22 @@ def write_bag(path: Path, log: Log, topic: str) -> Path:
     return write_ros1(path, of_ros1(log, topic))
 
 
-def write_text(path: Path, log: Log, delimiter: str = ",", comma: bool = False, head: str = "", pattern=None, unit=1.0):
+def write_text(
+    path: Path,
+    log: Log,
+    delimiter: str = ",",
+    comma: bool = False,
+    head: str = "",
+    pattern=None,
+    unit=1.0,
+):
     """Write a table in one dialect; ``pattern`` gives the names of the columns: position, effort, time."""
     position, effort, time = pattern or ("q_{name}", "tau_{name}", "t")
     words = [time]
     for form in (position, effort):
-        words += [form.replace("{name}", name).replace("{i}", str(i)) for i, name in enumerate(log.names)]
+        words += [
+            form.replace("{name}", name).replace("{i}", str(i)) for i, name in enumerate(log.names)
+        ]
     rows = np.column_stack([log.t, log.q, log.tau])
     lines = [head + delimiter.join(words)]
     for row in rows.tolist():

@@ -46,9 +46,15 @@ class Runner:
 
     def __call__(self, *args, stdin=subprocess.DEVNULL, **env):
         """Run with stdin not a terminal, in a fork; extra keywords are variables of the environment."""
-        with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err, Path(os.devnull).open() as nothing:
+        with (
+            tempfile.TemporaryFile() as out,
+            tempfile.TemporaryFile() as err,
+            Path(os.devnull).open() as nothing,
+        ):
             given = nothing if stdin is subprocess.DEVNULL else stdin
-            streams = [each if isinstance(each, int) else each.fileno() for each in (given, out, err)]
+            streams = [
+                each if isinstance(each, int) else each.fileno() for each in (given, out, err)
+            ]
             status = Command(server(), args, self.folder, {**self.env, **env}, streams).wait(LIMIT)
             out.seek(0)
             err.seek(0)
@@ -57,7 +63,12 @@ class Runner:
     def fresh(self, *args, stdin=subprocess.DEVNULL, **env):
         """Run the same in a new interpreter, where its start matters."""
         done = subprocess.run(
-            self.words(args), cwd=self.folder, env={**self.env, **env}, stdin=stdin, capture_output=True, timeout=LIMIT
+            self.words(args),
+            cwd=self.folder,
+            env={**self.env, **env},
+            stdin=stdin,
+            capture_output=True,
+            timeout=LIMIT,
         )
         return Ended(done.returncode, done.stdout.decode(), done.stderr.decode())
 
@@ -68,7 +79,9 @@ class Runner:
         """Run on a pseudo-terminal, in a fork; each key sequence is typed when the program waits for one."""
         master, slave = pty.openpty()
         out = tempfile.TemporaryFile()  # noqa: SIM115
-        process = Command(server(), args, self.folder, {**self.env, **env}, [slave, out.fileno(), slave])
+        process = Command(
+            server(), args, self.folder, {**self.env, **env}, [slave, out.fileno(), slave]
+        )
         os.close(slave)
         shown, keys, end = b"", list(keys), time.monotonic() + LIMIT
         while time.monotonic() < end:

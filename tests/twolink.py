@@ -30,7 +30,12 @@ def torque(q, qd, qdd):
     coriolis = m2 * LENGTH * r2 * sine
     g2 = m2 * r2 * GRAVITY * np.cos(q[:, 0] + q[:, 1])
     g1 = (m1 * r1 + m2 * LENGTH) * GRAVITY * np.cos(q[:, 0]) + g2
-    tau1 = m11 * qdd[:, 0] + m12 * qdd[:, 1] - coriolis * (2 * qd[:, 0] * qd[:, 1] + qd[:, 1] ** 2) + g1
+    tau1 = (
+        m11 * qdd[:, 0]
+        + m12 * qdd[:, 1]
+        - coriolis * (2 * qd[:, 0] * qd[:, 1] + qd[:, 1] ** 2)
+        + g1
+    )
     tau2 = m12 * qdd[:, 0] + m22 * qdd[:, 1] + coriolis * qd[:, 0] ** 2 + g2
     friction = np.array(VISCOUS) * qd + np.array(COULOMB) * np.tanh(qd / SMOOTH)
     return np.column_stack([tau1, tau2]) + friction
@@ -55,10 +60,17 @@ def write_log(path, seed, change=None, **options):
     """Write a CSV log with a little sensor noise; ``change`` spoils the columns t, q, qd, tau first."""
     t, q, qd, qdd = motion(seed, **options)
     random = np.random.default_rng(seed + 100)
-    columns = {"t": t, "q": q, "qd": qd, "tau": torque(q, qd, qdd) + 0.02 * random.standard_normal(q.shape)}
+    columns = {
+        "t": t,
+        "q": q,
+        "qd": qd,
+        "tau": torque(q, qd, qdd) + 0.02 * random.standard_normal(q.shape),
+    }
     if change is not None:
         columns = change(columns) or columns
-    names = ["t"] + [f"{kind}_{joint}" for kind in ("q", "qd", "tau") for joint in ("shoulder", "elbow")]
+    names = ["t"] + [
+        f"{kind}_{joint}" for kind in ("q", "qd", "tau") for joint in ("shoulder", "elbow")
+    ]
     table = np.column_stack([columns[name] for name in ("t", "q", "qd", "tau")])
     np.savetxt(path, table, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
 

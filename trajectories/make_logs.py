@@ -42,7 +42,12 @@ def make_log(plant: Plant, robot: Robot, limits: dict[str, float], entry: dict[s
     """Simulate one motion and write its bag."""
     rng = np.random.default_rng(entry["seed"])
     with plant.arm(robot) as arm:
-        motion = sines(robot, SineSpec(duration=entry["duration"], period=entry["period"], **limits), arm.dt, rng)
+        motion = sines(
+            robot,
+            SineSpec(duration=entry["duration"], period=entry["period"], **limits),
+            arm.dt,
+            rng,
+        )
         truth = track(arm, motion, every=round(1 / entry["rate"] / arm.dt))
     check_torques(robot, truth.tau)
     log = as_published(robot, plant.sensors.measure(truth, robot.log_names, rng))
@@ -59,7 +64,9 @@ def check_torques(robot: Robot, tau: np.ndarray) -> None:
     """Refuse a motion that asks a drive for more than its share of the rating."""
     for joint, largest in zip(robot.joints, np.abs(tau).max(axis=0), strict=True):
         if largest > TORQUE_SHARE * joint.limits.torque:
-            raise SystemExit(f"{joint.name} needs {largest:.1f} N m of {joint.limits.torque:g}: choose another seed")
+            raise SystemExit(
+                f"{joint.name} needs {largest:.1f} N m of {joint.limits.torque:g}: choose another seed"
+            )
 
 
 def as_published(robot: Robot, log: Log) -> Log:
@@ -69,8 +76,15 @@ def as_published(robot: Robot, log: Log) -> Log:
     qd = None if log.qd is None else log.qd[:, order]
     if robot.driver.kind == "kinova_gen2":
         still = np.zeros((len(log), len(FINGERS)))
-        names, q, tau, qd = (*names, *FINGERS), np.hstack([q, still]), np.hstack([tau, still]), np.hstack([qd, still])
-    single = [None if part is None else part.astype(np.float32).astype(float) for part in (q, tau, qd)]
+        names, q, tau, qd = (
+            (*names, *FINGERS),
+            np.hstack([q, still]),
+            np.hstack([tau, still]),
+            np.hstack([qd, still]),
+        )
+    single = [
+        None if part is None else part.astype(np.float32).astype(float) for part in (q, tau, qd)
+    ]
     return Log(log.t, single[0], single[1], names, single[2])
 
 

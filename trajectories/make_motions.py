@@ -26,7 +26,17 @@ def main() -> int:
             full = HERE / f"{robot}_alpha1.0.npz"
             path = SEARCH.split() if alpha == "1.0" else ["--from-trajectory", str(full)]
             with tempfile.TemporaryDirectory() as folder:
-                words = ["trajectory", robot, "--alpha", alpha, *path, *SHOWN.split(), "--out", folder, *sys.argv[1:]]
+                words = [
+                    "trajectory",
+                    robot,
+                    "--alpha",
+                    alpha,
+                    *path,
+                    *SHOWN.split(),
+                    "--out",
+                    folder,
+                    *sys.argv[1:],
+                ]
                 status = run(words)
                 if status:
                     return status

@@ -20,7 +20,11 @@ def apply() -> None:
     """Do what the variables of the environment say."""
     if PATCH in os.environ:
         module, name, value = json.loads(os.environ[PATCH])
-        setattr(importlib.import_module(module), name, tuple(value) if isinstance(value, list) else value)
+        setattr(
+            importlib.import_module(module),
+            name,
+            tuple(value) if isinstance(value, list) else value,
+        )
     if WATCH in os.environ:
         watch(*json.loads(os.environ[WATCH]))
 

@@ -35,7 +35,14 @@ _START = "import sys; sys.path[:1] = [sys.argv.pop(1)]; from dynid.children impo
 
 def command(module: str, *words: str) -> list[str]:
     """Return the command line of a child that runs a module of this dynid; it needs ``environment``."""
-    return [sys.executable, "-c", _START.format("main"), str(Path(__file__).parents[1]), module, *words]
+    return [
+        sys.executable,
+        "-c",
+        _START.format("main"),
+        str(Path(__file__).parents[1]),
+        module,
+        *words,
+    ]
 
 
 class Worker:
@@ -51,7 +58,10 @@ class Worker:
     """
 
     def __init__(
-        self, function: Callable[..., None], arguments: tuple[Any, ...], arrived: queue.SimpleQueue[Any]
+        self,
+        function: Callable[..., None],
+        arguments: tuple[Any, ...],
+        arrived: queue.SimpleQueue[Any],
     ) -> None:
         # Why one thread of linear algebra: matrices are small, and threads would fight for the cores.
         modest = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")

@@ -66,7 +66,9 @@ def codes() -> list[str]:
 
 def summary(code: str) -> str:
     """Return what happened, in one sentence."""
-    return WARNINGS[code] if code in WARNINGS else " ".join((catalogue()[code].__doc__ or "").split())
+    return (
+        WARNINGS[code] if code in WARNINGS else " ".join((catalogue()[code].__doc__ or "").split())
+    )
 
 
 def page(code: str) -> dict[str, str]:

@@ -82,7 +82,11 @@ class DynidError(Exception):
 
 def bounded(text: str) -> str:
     """Return a text without its middle where a name in it, from a file, is longer than anybody reads."""
-    return text if len(text) <= MOST_TEXT else f"{text[: MOST_TEXT // 2]} ... {text[-MOST_TEXT // 4 :]}"
+    return (
+        text
+        if len(text) <= MOST_TEXT
+        else f"{text[: MOST_TEXT // 2]} ... {text[-MOST_TEXT // 4 :]}"
+    )
 
 
 # ---------------------------------------------------------------- 1: the command line
@@ -253,7 +257,9 @@ class TimeNotIncreasing(DynidError):
 
     code, status = "E311", ExitStatus.INPUT
     why = "derivatives over such a step are meaningless"
-    fix = "leave the overlap out with --exclude T0-T1, or use --sort-time if stamps are only shuffled"
+    fix = (
+        "leave the overlap out with --exclude T0-T1, or use --sort-time if stamps are only shuffled"
+    )
 
 
 class TooManyLost(DynidError):
@@ -337,7 +343,8 @@ class WrongMapping(DynidError):
     code, status = "E324", ExitStatus.INPUT
     why = "the model explains little more than a constant and friction"
     fix = (
-        "correct the DH convention, signs, offsets or order of the columns in the robot file, or continue with --anyway"
+        "correct the DH convention, signs, offsets or order of the columns in the robot file, "
+        "or continue with --anyway"
     )
 
 
@@ -566,7 +573,9 @@ class WorkersDied(DynidError):
 
     code, status = "E609", ExitStatus.MACHINE
     why = "a task that needs more memory than a worker may take ends like this"
-    fix = "fewer --jobs or more --memory, then the same command again: what is done is not done again"
+    fix = (
+        "fewer --jobs or more --memory, then the same command again: what is done is not done again"
+    )
 
 
 class WorkerDiffers(DynidError):

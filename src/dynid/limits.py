@@ -45,65 +45,121 @@ class Limit:
 
 LIMITS: dict[str, Limit] = {
     "chunk_bytes": Limit(
-        64 * MIB, "bytes", "one chunk of a bag, unpacked",
+        64 * MIB,
+        "bytes",
+        "one chunk of a bag, unpacked",
         "recorders close a chunk at 0.75 MiB, some at 4 MiB; one chunk at a time is held in memory",
     ),
     "expansion": Limit(
-        200, "times", "how far packed data of more than 16 MiB may expand",
+        200,
+        "times",
+        "how far packed data of more than 16 MiB may expand",
         "joint states pack three- to tenfold; a decompression bomb expands a thousandfold",
     ),
     "message_bytes": Limit(
-        MIB, "bytes", "one message of a bag",
+        MIB,
+        "bytes",
+        "one message of a bag",
         "a joint state of 100 joints has 5 kB; 4096 messages are decoded together",
     ),
     "joint_sets": Limit(
-        256, "sets", "different sets of joint names on one topic",
+        256,
+        "sets",
+        "different sets of joint names on one topic",
         "an arm and its gripper are two; each set is a log of its own",
     ),
-    "connections": Limit(10_000, "connections", "publishers and topics of a bag", "a large robot has some hundred"),
+    "connections": Limit(
+        10_000, "connections", "publishers and topics of a bag", "a large robot has some hundred"
+    ),
     "archive_bytes": Limit(
-        4096 * MIB, "bytes", "all arrays of an .npz file, unpacked",
+        4096 * MIB,
+        "bytes",
+        "all arrays of an .npz file, unpacked",
         "ten million samples of seven joints have 1.2 GB; long arrays are read piece by piece into a temporary file",
     ),
     "members": Limit(1000, "members", "arrays of an .npz file", "results have up to 60"),
-    "header_bytes": Limit(32 * MIB, "bytes", "the JSON header of an .npz file", "headers have 10 kB to 1 MB"),
+    "header_bytes": Limit(
+        32 * MIB, "bytes", "the JSON header of an .npz file", "headers have 10 kB to 1 MB"
+    ),
     "yaml_bytes": Limit(
-        MIB, "bytes", "a YAML or JSON file, or waypoints", "robot files have 5 kB; YAML is read at 1 MB in ten seconds",
+        MIB,
+        "bytes",
+        "a YAML or JSON file, or waypoints",
+        "robot files have 5 kB; YAML is read at 1 MB in ten seconds",
     ),
     "urdf_bytes": Limit(16 * MIB, "bytes", "a URDF", "the longest that are published have 0.5 MB"),
     "text_bytes": Limit(
-        4096 * MIB, "bytes", "a text log", "an hour of seven joints at 500 Hz has 400 MB; it is read block by block",
+        4096 * MIB,
+        "bytes",
+        "a text log",
+        "an hour of seven joints at 500 Hz has 400 MB; it is read block by block",
     ),
     "fetched_bytes": Limit(
-        64 * 1024 * MIB, "bytes", "a recording at a URL", "eight hours with a camera have 50 GB; it is copied to disk",
+        64 * 1024 * MIB,
+        "bytes",
+        "a recording at a URL",
+        "eight hours with a camera have 50 GB; it is copied to disk",
     ),
     "line_bytes": Limit(MIB, "bytes", "one line of a text log", "a row of 1000 columns has 20 kB"),
-    "nesting": Limit(50, "levels", "lists and keys inside each other in YAML and JSON", "no file of dynid has ten"),
+    "nesting": Limit(
+        50,
+        "levels",
+        "lists and keys inside each other in YAML and JSON",
+        "no file of dynid has ten",
+    ),
     "samples": Limit(
-        20_000_000, "samples", "samples of a log, also after resampling", "eleven hours at 500 Hz; five arrays of them",
+        20_000_000,
+        "samples",
+        "samples of a log, also after resampling",
+        "eleven hours at 500 Hz; five arrays of them",
     ),
     "motion_samples": Limit(
-        1_000_000, "samples", "a planned motion", "17 minutes at the 1 kHz of its checks; it is held in memory",
+        1_000_000,
+        "samples",
+        "a planned motion",
+        "17 minutes at the 1 kHz of its checks; it is held in memory",
     ),
     "matrix": Limit(
-        16_000_000, "numbers", "a regressor that is worked on as a whole",
+        16_000_000,
+        "numbers",
+        "a regressor that is worked on as a whole",
         "128 MB, of which a few are held at a time; random states of ten joints make 2 million",
     ),
-    "rate_hz": Limit(100_000, "Hz", "sample rate of a log", "the fastest drivers publish at 10 kHz"),
-    "joints": Limit(32, "joints", "joints of a robot", "the model grows with their square; arms have up to ten"),
+    "rate_hz": Limit(
+        100_000, "Hz", "sample rate of a log", "the fastest drivers publish at 10 kHz"
+    ),
+    "joints": Limit(
+        32, "joints", "joints of a robot", "the model grows with their square; arms have up to ten"
+    ),
     "effects": Limit(
-        200, "columns", "the torque effects of a robot file",
+        200,
+        "columns",
+        "the torque effects of a robot file",
         "each adds a column or more to the model; a search adds up to ten",
     ),
-    "waypoints": Limit(500, "waypoints", "points of a motion", "one spline is solved for all; people give ten"),
-    "obstacles": Limit(500, "boxes", "obstacles around an arm", "each is compared with each link at each instant"),
-    "jobs": Limit(2000, "jobs", "jobs of a batch file", "each reads its files first; a fleet of 100 arms has 1000"),
-    "links": Limit(1000, "links", "links or joints of a URDF", "a humanoid with hands has about 100"),
+    "waypoints": Limit(
+        500, "waypoints", "points of a motion", "one spline is solved for all; people give ten"
+    ),
+    "obstacles": Limit(
+        500, "boxes", "obstacles around an arm", "each is compared with each link at each instant"
+    ),
+    "jobs": Limit(
+        2000,
+        "jobs",
+        "jobs of a batch file",
+        "each reads its files first; a fleet of 100 arms has 1000",
+    ),
+    "links": Limit(
+        1000, "links", "links or joints of a URDF", "a humanoid with hands has about 100"
+    ),
     "columns": Limit(512, "columns", "columns of a log", "a humanoid publishes about 100 joints"),
     "name_length": Limit(
-        100, "characters", "a name of a robot, joint or link", "names go into file names, of which systems keep 255",
+        100,
+        "characters",
+        "a name of a robot, joint or link",
+        "names go into file names, of which systems keep 255",
     ),
-}  # fmt: skip
+}
 
 #: Packed data of up to this size may expand as it likes; all chunks of a recording together up to that one.
 _SMALL, _SMALL_RECORDING = 16 * MIB, 128 * MIB
@@ -127,7 +183,11 @@ def raised(values: Mapping[str, float]) -> Iterator[None]:
 
 def words() -> list[str]:
     """Return the words of a command line that put the raised limits in force in another process."""
-    return [word for name, value in (_RAISED.get() or {}).items() for word in ("--limit", f"{name}={value:.10g}")]
+    return [
+        word
+        for name, value in (_RAISED.get() or {}).items()
+        for word in ("--limit", f"{name}={value:.10g}")
+    ]
 
 
 def check(name: str, size: float, where: Path | str) -> None:
@@ -145,7 +205,11 @@ def check(name: str, size: float, where: Path | str) -> None:
     # Why so: what is not a number is not below it either.
     if not size <= most:
         entry = LIMITS[name]
-        trusted = f"if the file is to be trusted: --limit {name}={_round_up(size)}" if size < ENDLESS else ""
+        trusted = (
+            f"if the file is to be trusted: --limit {name}={_round_up(size)}"
+            if size < ENDLESS
+            else ""
+        )
         raise TooLarge(
             f"{where}: {_spaced(size)} {entry.unit} for {entry.what}; at most {_spaced(most)} are read",
             where=str(where),

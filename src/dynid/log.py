@@ -32,8 +32,13 @@ SCHEMA = "dynid/log/1"
 #: What has one column per joint, (N, n), in the order of tables, and the quantity whose unit, sign and offset it takes;
 #: none of them, and never saved, where that is "". What only some logs have stands in ``extra``.
 COLUMNS = {
-    "q": "position", "qd": "velocity", "tau": "effort", "q_ref": "position", "qd_reported": "velocity", "clipped": "",
-}  # fmt: skip
+    "q": "position",
+    "qd": "velocity",
+    "tau": "effort",
+    "q_ref": "position",
+    "qd_reported": "velocity",
+    "clipped": "",
+}
 
 #: Other names of arrays in a file of a log, which mean something else there.
 ARRAYS = ("t", "q_motor", "tau_motor")
@@ -103,7 +108,11 @@ class Log:
         self._set("tau", self._columns("tau", self.tau))
         if self.qd is not None:
             self._set("qd", self._columns("qd", self.qd))
-        further = {key: self._columns(key, self.extra[key], COLUMNS[key]) for key in COLUMNS if key in self.extra}
+        further = {
+            key: self._columns(key, self.extra[key], COLUMNS[key])
+            for key in COLUMNS
+            if key in self.extra
+        }
         if further:
             self._set("extra", self.extra | further)
         self._set("names", tuple(str(name) for name in self.names))
@@ -111,7 +120,9 @@ class Log:
             raise self._wrong(f"names {len(self.names)} joints but has {self.n} columns")
         for key, unit in self.units.items():
             if key not in FACTORS or unit not in FACTORS[key]:
-                raise self._wrong(f"units.{key} = {unit} is not known; known: {', '.join(FACTORS.get(key, FACTORS))}")
+                raise self._wrong(
+                    f"units.{key} = {unit} is not known; known: {', '.join(FACTORS.get(key, FACTORS))}"
+                )
         if self.tau_unit not in ("", "Nm", "A"):
             raise self._wrong(f"tau_unit = {self.tau_unit} is not known; known: Nm, A")
 
@@ -192,7 +203,10 @@ class Log:
         return "\n".join(visible(f"{label:<10} {text}") for label, text in self._facts().items())
 
     def _repr_html_(self) -> str:
-        rows = (f"<tr><th>{label}</th><td>{html(text)}</td></tr>" for label, text in self._facts().items())
+        rows = (
+            f"<tr><th>{label}</th><td>{html(text)}</td></tr>"
+            for label, text in self._facts().items()
+        )
         return f"<table>{''.join(rows)}</table>"
 
     def to_dataframe(self) -> DataFrame:
@@ -208,14 +222,18 @@ class Log:
         names = self.names or tuple(f"joint_{k + 1}" for k in range(self.n))
         kinds = {"q": self.q, **({"qd": self.qd} if self.qd is not None else {}), "tau": self.tau}
         columns = [f"{kind}_{name}" for kind in kinds for name in names]
-        return pd.DataFrame(np.hstack(list(kinds.values())), index=pd.Index(self.t, name="t"), columns=columns)
+        return pd.DataFrame(
+            np.hstack(list(kinds.values())), index=pd.Index(self.t, name="t"), columns=columns
+        )
 
     def further(self) -> dict[str, NDArray[Any]]:
         """Return what stands in ``extra`` beside ``COLUMNS`` and has a row of numbers per sample, (N, ...)."""
         return {
             key: value
             for key, value in self.extra.items()
-            if key not in (*COLUMNS, *ARRAYS) and has_rows(value, len(self)) and np.issubdtype(value.dtype, np.number)
+            if key not in (*COLUMNS, *ARRAYS)
+            and has_rows(value, len(self))
+            and np.issubdtype(value.dtype, np.number)
         }
 
     def save(self, path: str | Path, run: Mapping[str, Any] | None = None) -> Path:
@@ -232,7 +250,8 @@ class Log:
             "dynid": __version__,
             **(run or {}),
             "joint_names": list(self.names),
-            "units": self.units | ({"effort": self.tau_unit} if self.tau_unit and "effort" not in self.units else {}),
+            "units": self.units
+            | ({"effort": self.tau_unit} if self.tau_unit and "effort" not in self.units else {}),
             "topic": self.topic,
             "motor_side": self.motor_side,
             "dh": self.dh,

@@ -47,7 +47,10 @@ class Motion:
         for name in ("q", "qd", "qdd"):
             shape = getattr(self, name).shape
             if len(shape) != 2 or shape[0] != len(self.t) or shape != self.q.shape:
-                raise LogLayout(f"{name} of the motion is {shape}, expected ({len(self.t)}, joints)", fix=_SHAPES)
+                raise LogLayout(
+                    f"{name} of the motion is {shape}, expected ({len(self.t)}, joints)",
+                    fix=_SHAPES,
+                )
 
     def __len__(self) -> int:
         """Return the number of samples."""

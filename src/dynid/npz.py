@@ -62,7 +62,9 @@ def require_file(path: Path) -> None:
         OSError: it is a folder, a device, a pipe or a socket, or a link to one.
     """
     if path.exists() and not path.is_file():
-        raise OSError(errno.EINVAL, "it is a folder" if path.is_dir() else "it is no regular file", str(path))
+        raise OSError(
+            errno.EINVAL, "it is a folder" if path.is_dir() else "it is no regular file", str(path)
+        )
 
 
 def put_in_place(temporary: Path, path: Path) -> None:
@@ -113,7 +115,9 @@ def sha256(path: Path) -> str:
     A file is read for it once per process, and again only when its size or time of change is another.
     """
     files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
-    return _hashed(tuple((file.absolute(), file.stat().st_mtime_ns, file.stat().st_size) for file in files))
+    return _hashed(
+        tuple((file.absolute(), file.stat().st_mtime_ns, file.stat().st_size) for file in files)
+    )
 
 
 @lru_cache(maxsize=256)
@@ -130,7 +134,10 @@ def _hashed(files: tuple[State, ...]) -> str:
 # ---------------------------------------------------------------- .npz
 def write_npz(path: Path, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
     """Write arrays and a header of JSON-able facts whole; equal contents give equal bytes."""
-    with written_whole(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+    with (
+        written_whole(path) as stream,
+        zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+    ):
         text = np.array(json.dumps(header, sort_keys=True, default=_plain))
         for name, array in {HEADER: text, **arrays}.items():
             info = zipfile.ZipInfo(f"{name}.npy")
@@ -145,7 +152,9 @@ def write_npz(path: Path, header: Mapping[str, Any], arrays: Mapping[str, NDArra
             archive.writestr(info, content, method, 1)
 
 
-def write_artifact(path: Path, schema: str, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+def write_artifact(
+    path: Path, schema: str, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
+) -> None:
     """Write a result file whole; equal contents give equal bytes.
 
     Args:
@@ -190,9 +199,21 @@ def read_npz(path: Path, only: str | None = None) -> dict[str, NDArray[Any]]:
                 members = archive.infolist()
                 limits.check("members", len(members), path)
                 limits.check("archive_bytes", sum(member.file_size for member in members), path)
-                wanted = [member for member in members if only is None or member.filename == f"{only}.npy"]
-                return {member.filename.removesuffix(".npy"): _array(archive, member, path) for member in wanted}
-        except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, struct.error) as error:
+                wanted = [
+                    member for member in members if only is None or member.filename == f"{only}.npy"
+                ]
+                return {
+                    member.filename.removesuffix(".npy"): _array(archive, member, path)
+                    for member in wanted
+                }
+        except (
+            zipfile.BadZipFile,
+            zlib.error,
+            EOFError,
+            NotImplementedError,
+            RuntimeError,
+            struct.error,
+        ) as error:
             raise ValueError(f"it is not a whole archive: {error}") from error
         except (UnicodeError, IndexError, OverflowError, KeyError) as error:
             raise ValueError("its directory is damaged") from error
@@ -214,7 +235,10 @@ def _check_directory(stream: IO[bytes], path: Path) -> None:
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, path: Path) -> NDArray[Any]:
     name = member.filename[:80]
-    if member.flag_bits & 1 or member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+    if member.flag_bits & 1 or member.compress_type not in (
+        zipfile.ZIP_STORED,
+        zipfile.ZIP_DEFLATED,
+    ):
         raise ValueError(f"'{name}' is encrypted or packed in a way that .npz files do not have")
     if not name.endswith(".npy"):
         raise ValueError(f"'{name}' is no array")
@@ -224,11 +248,18 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, path: Path) -> NDA
         limits.check("header_bytes", member.file_size / 4, path)
     with archive.open(member) as stream:
         version = np.lib.format.read_magic(stream)
-        length = struct.unpack("<H", stream.read(2))[0] if version == (1, 0) else struct.unpack("<I", stream.read(4))[0]
+        length = (
+            struct.unpack("<H", stream.read(2))[0]
+            if version == (1, 0)
+            else struct.unpack("<I", stream.read(4))[0]
+        )
         match = _ARRAY_HEADER.fullmatch(stream.read(min(length, _ENTRY_BYTES)).decode("latin-1"))
         if match is None:
             raise ValueError(f"'{name}' holds no numbers and no text")
-        dtype, shape = np.dtype(match[1]), tuple(int(size) for size in match[3].replace(",", " ").split())
+        dtype, shape = (
+            np.dtype(match[1]),
+            tuple(int(size) for size in match[3].replace(",", " ").split()),
+        )
         rest = member.file_size - length - (10 if version == (1, 0) else 12)
         if math.prod(shape) * dtype.itemsize != rest:
             raise ValueError(f"'{name}' has another length than its shape {shape}")

@@ -90,10 +90,16 @@ class Options:
         """Describe the fields in the docstring from their declarations, so that they are described once."""
         super().__init_subclass__()
         inherited = {
-            each.name: each for base in reversed(cls.__mro__[1:]) if is_dataclass(base) for each in fields(base)
+            each.name: each
+            for base in reversed(cls.__mro__[1:])
+            if is_dataclass(base)
+            for each in fields(base)
         }
         own = {name: each for name, each in vars(cls).items() if isinstance(each, Field)}
-        lines = [f"    {name}: {declaration_of(each).help}" for name, each in {**inherited, **own}.items()]
+        lines = [
+            f"    {name}: {declaration_of(each).help}"
+            for name, each in {**inherited, **own}.items()
+        ]
         cls.__doc__ = "\n".join([inspect.cleandoc(cls.__doc__ or ""), "", "Attributes:", *lines])
 
     def __post_init__(self) -> None:
@@ -113,24 +119,41 @@ class Options:
             object.__setattr__(self, declared.name, said.read(value, flag_of(declared)))
         else:
             object.__setattr__(self, declared.name, _plain(value, str(declared.type)))
-        if said.read is None and said.choices and value is not None and not set(_listed(value)) <= set(said.choices):
-            raise WrongUsage(f"{flag_of(declared)} '{value}' is not possible", fix=f"one of {', '.join(said.choices)}")
+        if (
+            said.read is None
+            and said.choices
+            and value is not None
+            and not set(_listed(value)) <= set(said.choices)
+        ):
+            raise WrongUsage(
+                f"{flag_of(declared)} '{value}' is not possible",
+                fix=f"one of {', '.join(said.choices)}",
+            )
         value = getattr(self, declared.name)
         if any(isinstance(each, float) and not abs(each) <= MOST for each in _listed(value)):
-            raise WrongUsage(f"{flag_of(declared)} {value!r:.60} is not possible", fix=f"a number up to {MOST:g}")
+            raise WrongUsage(
+                f"{flag_of(declared)} {value!r:.60} is not possible", fix=f"a number up to {MOST:g}"
+            )
         if (
             said.kind in ("positive", "float")
             and value is not None
             and not (value >= LEAST or (value == 0 and said.kind == "float"))
         ):
-            raise WrongUsage(f"{flag_of(declared)} {value:g} is not possible", fix=f"a number of at least {LEAST:g}")
+            raise WrongUsage(
+                f"{flag_of(declared)} {value:g} is not possible",
+                fix=f"a number of at least {LEAST:g}",
+            )
         low, high = said.bounds
         # Why so: what is not a number is neither below nor above.
         if (low is not None and not value >= low) or (high is not None and not value <= high):
             limits = " and ".join(
-                f"{word} {bound:g}" for word, bound in (("at least", low), ("at most", high)) if bound is not None
+                f"{word} {bound:g}"
+                for word, bound in (("at least", low), ("at most", high))
+                if bound is not None
             )
-            raise WrongUsage(f"{flag_of(declared)} {value:g} is not possible", fix=f"a number of {limits}")
+            raise WrongUsage(
+                f"{flag_of(declared)} {value:g} is not possible", fix=f"a number of {limits}"
+            )
 
     def texts(self) -> dict[str, str]:
         """Return the options as text, for the inputs of results: name and value, without what nobody gave."""
@@ -186,7 +209,9 @@ def frequency_or_auto(value: Any, name: str) -> float | None:  # noqa: ANN401
         return None
     found = _number(value)
     if found is None or not 0 < found < float("inf"):
-        raise WrongUsage(f"{name} '{value}' is neither auto nor a frequency in Hz", fix=f"such as {name} 8")
+        raise WrongUsage(
+            f"{name} '{value}' is neither auto nor a frequency in Hz", fix=f"such as {name} 8"
+        )
     return found
 
 
@@ -210,7 +235,9 @@ def share(value: Any, name: str) -> float:  # noqa: ANN401
     if found is not None and text.endswith("%"):
         found /= 100.0
     if found is None or not 0 < found < 1:
-        raise WrongUsage(f"{name} '{value}' is not a share between 0 and 100 %", fix=f"such as {name} 20%")
+        raise WrongUsage(
+            f"{name} '{value}' is not a share between 0 and 100 %", fix=f"such as {name} 20%"
+        )
     return found
 
 
@@ -224,7 +251,11 @@ def bytes_or_none(value: Any, name: str) -> int | None:  # noqa: ANN401
     if value is None:
         return None
     match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([kMGT]?)(i?)B?\s*", str(value))
-    found = 0.0 if match is None else float(match[1]) * (1024 if match[3] else 1000) ** " kMGT".index(match[2] or " ")
+    found = (
+        0.0
+        if match is None
+        else float(match[1]) * (1024 if match[3] else 1000) ** " kMGT".index(match[2] or " ")
+    )
     if found < 1:
         raise WrongUsage(f"{name} '{value}' is no size of memory", fix=f"such as {name} 4GB")
     return int(found)
@@ -245,7 +276,8 @@ def intervals(value: Any, name: str) -> tuple[tuple[float, float], ...]:  # noqa
             match = _INTERVAL.fullmatch(word)
             if match is None or float(match[1]) >= float(match[2]):
                 raise WrongUsage(
-                    f"{name} {word} is not an interval of time", fix=f"write first and last second: {name} 3.2-3.4"
+                    f"{name} {word} is not an interval of time",
+                    fix=f"write first and last second: {name} 3.2-3.4",
                 )
             found.append((float(match[1]), float(match[2])))
     return tuple(found)

@@ -25,12 +25,16 @@ def search_path() -> str:
     except OSError:  # the folder is gone
         here = Path(os.devnull)
     words = os.environ.get("PATH", os.defpath).split(os.pathsep)
-    return os.pathsep.join(word for word in words if Path(word).is_absolute() and Path(word) != here)
+    return os.pathsep.join(
+        word for word in words if Path(word).is_absolute() and Path(word) != here
+    )
 
 
 def installed(*names: str) -> str | None:
     """Return the first of some programs that is installed, None where none is."""
-    return next((found for name in names if (found := shutil.which(name, path=search_path()))), None)
+    return next(
+        (found for name in names if (found := shutil.which(name, path=search_path()))), None
+    )
 
 
 def environment(folder: Path) -> dict[str, str]:
@@ -53,7 +57,13 @@ def run(words: Sequence[str], folder: Path, text: bytes = b"") -> None:
     pipe = subprocess.PIPE
     # Why a session: a shell script that is killed leaves behind what it waits for, and that holds the pipes open.
     with subprocess.Popen(
-        words, stdin=pipe, stdout=pipe, stderr=pipe, env=environment(folder), cwd=folder, start_new_session=True
+        words,
+        stdin=pipe,
+        stdout=pipe,
+        stderr=pipe,
+        env=environment(folder),
+        cwd=folder,
+        start_new_session=True,
     ) as child:
         try:
             said = child.communicate(text, timeout=PATIENCE_S)

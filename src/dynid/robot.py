@@ -152,7 +152,9 @@ class Known:
 
     total_mass: tuple[float, float] | None = None
     link_mass: tuple[tuple[int, tuple[float, float]], ...] = ()
-    com_box: tuple[tuple[int, tuple[tuple[float, float, float], tuple[float, float, float]]], ...] = ()
+    com_box: tuple[
+        tuple[int, tuple[tuple[float, float, float], tuple[float, float, float]]], ...
+    ] = ()
 
 
 @dataclass(frozen=True)
@@ -194,7 +196,9 @@ class DriverSpec:
     topic: str | None
     joint_names: tuple[str, ...]
     map: JointMap
-    units: dict[str, str] = field(default_factory=lambda: {"position": "rad", "velocity": "rad/s", "effort": "Nm"})
+    units: dict[str, str] = field(
+        default_factory=lambda: {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
+    )
     effort_topic: str | None = None
     columns: dict[str, str] = field(default_factory=dict)
 
@@ -357,7 +361,9 @@ class Robot:
         """
         if tuple(names) != self.joint_names:
             found, expected = ", ".join(names), ", ".join(self.joint_names)
-            raise JointCountDiffers(f"{where} has the joints {found}, the robot {expected}", where=str(where))
+            raise JointCountDiffers(
+                f"{where} has the joints {found}, the robot {expected}", where=str(where)
+            )
 
     def joint_name(self, joint: int | str) -> str:
         """Return the name of a joint given by its number from 1 or by its name.
@@ -369,13 +375,17 @@ class Robot:
         if joint in names:
             return str(joint)
         if not isinstance(joint, int) or not 1 <= joint <= self.n:
-            raise WrongUsage(f"there is no joint '{joint}'", fix=f"a number from 1 to {self.n}, or a name")
+            raise WrongUsage(
+                f"there is no joint '{joint}'", fix=f"a number from 1 to {self.n}, or a name"
+            )
         return names[joint - 1]
 
     @property
     def log_names(self) -> tuple[str, ...]:
         """Names of a log's columns in chain order."""
-        return self.driver.joint_names if self.driver and self.driver.joint_names else self.joint_names
+        return (
+            self.driver.joint_names if self.driver and self.driver.joint_names else self.joint_names
+        )
 
     @property
     def slug(self) -> str:
@@ -399,9 +409,18 @@ class Robot:
         """
         source, _, tip = (self.source or "").partition(".urdf#")
         if tip or source.lower().endswith(".urdf"):
-            urdf = shlex.quote(f"{source}.urdf") + f" --tip {shlex.quote(tip)}" if tip else shlex.quote(source)
+            urdf = (
+                shlex.quote(f"{source}.urdf") + f" --tip {shlex.quote(tip)}"
+                if tip
+                else shlex.quote(source)
+            )
             return f"the robot file that `dynid import {urdf}` makes"
-        if self.path is not None and self.path.is_absolute() and self.source and self.source != str(self.path):
+        if (
+            self.path is not None
+            and self.path.is_absolute()
+            and self.source
+            and self.source != str(self.path)
+        ):
             return f"a copy of {self.path}"
         return str(self.path or "the robot file")
 
@@ -413,7 +432,9 @@ class Robot:
     @property
     def coulomb_shape(self) -> Coulomb:
         """Shape of the Coulomb sign: the file's, or smooth within 0.01 rad/s (1 mm/s for a sliding joint)."""
-        return self.coulomb or Coulomb("smooth", tuple(0.01 if joint.revolute else 1e-3 for joint in self.joints))
+        return self.coulomb or Coulomb(
+            "smooth", tuple(0.01 if joint.revolute else 1e-3 for joint in self.joints)
+        )
 
     def table(self) -> Table:
         """Return the DH table with the limits, one row per joint; angles in degrees."""
@@ -437,7 +458,9 @@ class Robot:
             for joint in self.joints
         ]
         gravity = ", ".join(f"{g:g}" for g in self.gravity)
-        return Table(rows, f"{self.name}: {self.convention} DH, gravity ({gravity}) m/s^2 in frame 0")
+        return Table(
+            rows, f"{self.name}: {self.convention} DH, gravity ({gravity}) m/s^2 in frame 0"
+        )
 
     def __repr__(self) -> str:
         """Return the table as text."""
@@ -456,7 +479,10 @@ class Robot:
             "coupling": asdict(self.coupling) if self.coupling else None,
             "coulomb": asdict(self.coulomb_shape),
             "effects": [effect.facts() for effect in self.effects],
-            "joints": [(j.type, j.a, j.twist, j.d, j.theta_offset, j.motor_inertia, j.friction) for j in self.joints],
+            "joints": [
+                (j.type, j.a, j.twist, j.d, j.theta_offset, j.motor_inertia, j.friction)
+                for j in self.joints
+            ],
         }
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
 

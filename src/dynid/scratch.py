@@ -175,7 +175,9 @@ def empty(shape: tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray[Any]
     with _file() as file:
         try:
             # Why: a mapped file that meets a full disk ends the process; room is taken before.
-            os.posix_fallocate(file.fileno(), 0, size) if hasattr(os, "posix_fallocate") else file.truncate(size)
+            os.posix_fallocate(file.fileno(), 0, size) if hasattr(
+                os, "posix_fallocate"
+            ) else file.truncate(size)
         except OSError as error:
             raise _no_room(error) from error
         mapped = mmap.mmap(file.fileno(), size)
@@ -188,7 +190,10 @@ def spread(count: int, most: int) -> list[slice]:
     if count <= most:
         return [slice(0, count)]
     length = most // 16
-    return [slice(start, start + length) for start in np.linspace(0, count - length, 16).astype(int).tolist()]
+    return [
+        slice(start, start + length)
+        for start in np.linspace(0, count - length, 16).astype(int).tolist()
+    ]
 
 
 def median(x: NDArray[Any], axis: int | None = None) -> NDArray[np.float64]:
@@ -264,7 +269,10 @@ def samples_where(count: int, condition: Callable[[slice], NDArray[np.bool_]]) -
 
 def extremes(x: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the smallest and the largest value of each column of samples, (n,) each."""
-    low, high = zip(*((by_column(np.min, x[part]), by_column(np.max, x[part])) for part in spans(len(x))), strict=True)
+    low, high = zip(
+        *((by_column(np.min, x[part]), by_column(np.max, x[part])) for part in spans(len(x))),
+        strict=True,
+    )
     return np.min(low, axis=0), np.max(high, axis=0)
 
 
@@ -304,7 +312,11 @@ class Store:
         """Return an array as it is kept."""
         if self._used + array.nbytes > len(self._file):
             self._file, self._used = empty((max(STORE, array.nbytes),), np.uint8), 0
-        kept = self._file[self._used : self._used + array.nbytes].view(array.dtype).reshape(array.shape)
+        kept = (
+            self._file[self._used : self._used + array.nbytes]
+            .view(array.dtype)
+            .reshape(array.shape)
+        )
         kept[...] = array
         # Unit: bytes; every array begins at a multiple of what a processor reads at once.
         self._used += -(-array.nbytes // 64) * 64
@@ -316,7 +328,11 @@ def release() -> None:
 
     Why not always: pages that are used again have to be mapped again.
     """
-    if not _MAPPED or not hasattr(mmap, "MADV_DONTNEED") or _file_pages() - _after_release[0] < PAGES:
+    if (
+        not _MAPPED
+        or not hasattr(mmap, "MADV_DONTNEED")
+        or _file_pages() - _after_release[0] < PAGES
+    ):
         return
     for mapped in list(_MAPPED):
         with suppress(ValueError, OSError):

@@ -25,7 +25,9 @@ class Table(Sequence[dict[str, Any]]):
         footer: lines below it.
     """
 
-    def __init__(self, rows: Sequence[Mapping[str, Any]], title: str = "", footer: Sequence[str] = ()) -> None:
+    def __init__(
+        self, rows: Sequence[Mapping[str, Any]], title: str = "", footer: Sequence[str] = ()
+    ) -> None:
         self._rows = [dict(row) for row in rows]
         self.title = title
         self.footer = tuple(footer)
@@ -61,7 +63,9 @@ class Table(Sequence[dict[str, Any]]):
             heads = list(self._rows[0])
             cells = [[cell_text(row[head]) for head in heads] for row in self._rows]
             numbers = [all(_is_number(row[head]) for row in self._rows) for head in heads]
-            widths = [max(len(head), *(len(row[k]) for row in cells)) for k, head in enumerate(heads)]
+            widths = [
+                max(len(head), *(len(row[k]) for row in cells)) for k, head in enumerate(heads)
+            ]
             for row in [heads, *cells]:
                 aligned = (
                     text.rjust(width) if number else text.ljust(width)
@@ -76,7 +80,9 @@ class Table(Sequence[dict[str, Any]]):
         if self._rows:
             heads = "".join(f"<th>{html(str(head))}</th>" for head in self._rows[0])
             body = "".join(
-                "<tr>" + "".join(f"<td>{html(cell_text(value))}</td>" for value in row.values()) + "</tr>"
+                "<tr>"
+                + "".join(f"<td>{html(cell_text(value))}</td>" for value in row.values())
+                + "</tr>"
                 for row in self._rows
             )
             parts.append(f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>")

@@ -15,10 +15,19 @@ from typing import Any
 _CODE = frozenset("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-. +(),")
 #: What LaTeX gives a meaning, a ligature or another glyph.
 _LATEX = {
-    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}",
-    ">": r"\textgreater{}", "|": r"\textbar{}", '"': r"{''}", "[": "{[}", "]": "{]}", "*": "{*}", "`": "{`}",
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    '"': r"{''}",
+    "[": "{[}",
+    "]": "{]}",
+    "*": "{*}",
+    "`": "{`}",
     **{c: f"\\{c}" for c in "_&%$#{}"},
-}  # fmt: skip
+}
 #: A sign that starts a formula, where a spreadsheet may start a cell: at the beginning or behind a separator.
 _FORMULA = re.compile(r"(^|[;|\t])(\s*)(?=[=+\-@＝＋－＠])")
 #: Words that YAML reads as something else than text.
@@ -109,7 +118,9 @@ def csv_row(cells: Iterable[object]) -> str:
     import io
 
     stream = io.StringIO()
-    csv.writer(stream, lineterminator="").writerow(csv_cell(c) if isinstance(c, str) else c for c in cells)
+    csv.writer(stream, lineterminator="").writerow(
+        csv_cell(c) if isinstance(c, str) else c for c in cells
+    )
     return stream.getvalue()
 
 
@@ -145,7 +156,11 @@ def yaml_word(text: str) -> str:
     """Return text as one word of YAML that is read back exactly, quoted where it could be anything else."""
     import json
 
-    return text if re.fullmatch(r"[A-Za-z_/][A-Za-z0-9_/]*", text) and text.lower() not in _YAML else json.dumps(text)
+    return (
+        text
+        if re.fullmatch(r"[A-Za-z_/][A-Za-z0-9_/]*", text) and text.lower() not in _YAML
+        else json.dumps(text)
+    )
 
 
 def column(text: str) -> str:

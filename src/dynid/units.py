@@ -11,9 +11,19 @@ EFFORT = {"Nm": 1.0, "mNm": 1e-3, "N": 1.0, "A": 1.0, "mA": 1e-3}
 
 #: Units of a turning joint and what they are called at a sliding one.
 SLIDING = {
-    "N m s/rad": "N s/m", "N m (s/rad)^p": "N (s/m)^p", "N m/rad": "N/m", "rad/N m": "m/N", "N m/s": "N/s", "N m": "N",
-    "kg m^2": "kg", "rad/s": "m/s", "rad/s^2": "m/s^2", "1/rad": "1/m", "rad": "m", "mrad": "mm",
-}  # fmt: skip
+    "N m s/rad": "N s/m",
+    "N m (s/rad)^p": "N (s/m)^p",
+    "N m/rad": "N/m",
+    "rad/N m": "m/N",
+    "N m/s": "N/s",
+    "N m": "N",
+    "kg m^2": "kg",
+    "rad/s": "m/s",
+    "rad/s^2": "m/s^2",
+    "1/rad": "1/m",
+    "rad": "m",
+    "mrad": "mm",
+}
 
 
 def joint_unit(unit: str, *, revolute: bool) -> str:
@@ -23,9 +33,14 @@ def joint_unit(unit: str, *, revolute: bool) -> str:
 
 #: Units of parameters where torques are counted in amperes, because no gain of a drive is known.
 AMPERES = {
-    "kg": "A s^2/m^2", "kg m": "A s^2/m", "kg m^2": "A s^2/rad^2", "N m": "A", "N": "A", "N m s/rad": "A s/rad",
+    "kg": "A s^2/m^2",
+    "kg m": "A s^2/m",
+    "kg m^2": "A s^2/rad^2",
+    "N m": "A",
+    "N": "A",
+    "N m s/rad": "A s/rad",
     "N s/m": "A s/m",
-}  # fmt: skip
+}
 
 
 def ampere_unit(unit: str) -> str:

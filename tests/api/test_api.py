@@ -47,7 +47,9 @@ def test_an_unknown_name_is_an_attribute_error():
 
 def test_arrays_give_the_parameters_of_the_file(arm, log, result):
     """The log's arrays are DH quantities here because the driver map of this arm is the identity."""
-    again = dynid.identify(arm, dynid.Log(t=log.t, q=log.q, tau=log.tau, qd=log.qd, names=arm.joint_names))
+    again = dynid.identify(
+        arm, dynid.Log(t=log.t, q=log.q, tau=log.tau, qd=log.qd, names=arm.joint_names)
+    )
     assert np.array_equal(again.theta, result.theta)
 
 

@@ -38,9 +38,18 @@ def here(tmp_path_factory):
     plan = dynid.plan_trajectory(arm, **QUICK)
     plan.save(folder / "trajectory.npz")
     return SimpleNamespace(
-        folder=folder, arm=arm, log=log, unseen=unseen, result=dynid.load(folder / "out"), new=result, gap=gap,
-        plan=plan, motion=dynid.Motion(t, q, qd, qdd), base=dynid.base_model(arm), observations=dynid.observe(arm, log),
-    )  # fmt: skip
+        folder=folder,
+        arm=arm,
+        log=log,
+        unseen=unseen,
+        result=dynid.load(folder / "out"),
+        new=result,
+        gap=gap,
+        plan=plan,
+        motion=dynid.Motion(t, q, qd, qdd),
+        base=dynid.base_model(arm),
+        observations=dynid.observe(arm, log),
+    )
 
 
 def right(here, name):
@@ -77,19 +86,31 @@ ALSO = {
     "result": lambda here: [here.new, str(here.folder / "out"), here.folder / "out/parameters.npz"],
     "loaded": lambda here: [str(here.folder / "out"), here.folder / "out/parameters.npz"],
     "unloaded": lambda here: [str(here.folder / "out"), here.folder / "out/parameters.npz"],
-    "results": lambda here: [here.result, str(here.folder / "out"), [here.folder / "out", here.result], (here.new,)],
+    "results": lambda here: [
+        here.result,
+        str(here.folder / "out"),
+        [here.folder / "out", here.result],
+        (here.new,),
+    ],
     "baseline": lambda here: [here.result, str(here.folder / "out"), here.folder / "out"],
     "update": lambda here: [],
     "like": lambda here: [here.result, here.folder / "out"],
     "log": lambda here: [str(here.folder / "unseen.csv"), here.folder / "unseen.csv"],
-    "logs": lambda here: [str(here.folder / "third.csv"), here.folder / "third.csv", [here.folder / "third.csv"]],
+    "logs": lambda here: [
+        str(here.folder / "third.csv"),
+        here.folder / "third.csv",
+        [here.folder / "third.csv"],
+    ],
     "motion": lambda here: [
-        here.plan, dynid.load(here.folder / "trajectory.npz"), str(here.folder / "trajectory.npz"), here.log,
+        here.plan,
+        dynid.load(here.folder / "trajectory.npz"),
+        str(here.folder / "trajectory.npz"),
+        here.log,
         here.folder / "log.csv",
     ],
     "waypoints": lambda here: [[[0.0, 0.0], [0.5, 0.4], [0.0, -0.3]]],
     "for_gap": lambda here: [],
-}  # fmt: skip
+}
 PAIRS = [
     (name, parameter.name)
     for name in FUNCTIONS
@@ -130,7 +151,9 @@ def test_a_wrong_argument_is_answered_by_a_sentence_that_names_it(here, name, pa
 
 
 @pytest.mark.parametrize(("name", "parameter"), [pair for pair in PAIRS if pair[1] not in WORDS])
-@pytest.mark.parametrize("value", ["no/such/file", Path("no/such/file"), "", "nul\0byte", "x" * 5000])
+@pytest.mark.parametrize(
+    "value", ["no/such/file", Path("no/such/file"), "", "nul\0byte", "x" * 5000]
+)
 def test_a_path_that_leads_nowhere_is_a_mistake_of_the_catalogue(here, name, parameter, value):
     if (name, parameter) == ("export", "path") and "/" in str(value):
         value = here.folder / "no" / "such"
@@ -176,9 +199,15 @@ def test_options_are_keywords_or_an_object_or_both(here):
     by_words = dynid.identify(here.arm, here.log, **words)
     by_object = dynid.identify(here.arm, here.log, dynid.IdentifyOptions(**words))
     by_both = dynid.identify(
-        here.arm, here.log, dynid.IdentifyOptions(method="wls", holdout=0.3), method="ols", cutoff=5.0
+        here.arm,
+        here.log,
+        dynid.IdentifyOptions(method="wls", holdout=0.3),
+        method="ols",
+        cutoff=5.0,
     )
-    shared = dynid.identify(here.arm, here.log, dynid.LogOptions(cutoff=5), method="ols", holdout="30%")
+    shared = dynid.identify(
+        here.arm, here.log, dynid.LogOptions(cutoff=5), method="ols", holdout="30%"
+    )
     assert by_words.cutoff == 5
     for other in (by_object, by_both, shared):
         assert np.array_equal(other.theta, by_words.theta)
@@ -238,7 +267,9 @@ def test_a_pickled_result_predicts_alike(here):
 
 
 def test_a_plan_read_back_can_be_simulated(here):
-    simulated = dynid.simulate(here.arm, dynid.load(here.folder / "trajectory.npz"), noise=0, payload=1.0)
+    simulated = dynid.simulate(
+        here.arm, dynid.load(here.folder / "trajectory.npz"), noise=0, payload=1.0
+    )
     assert len(simulated.log) == len(here.plan.motion)
 
 

@@ -30,8 +30,14 @@ def many_chunks(path: Path) -> None:
 
     inner = _record(77, bytes(15 << 20))
     packed = zstandard.compress(inner)
-    head = struct.pack("<QQQI", 0, 10**9, len(inner), 0) + _text("zstd") + struct.pack("<Q", len(packed))
-    path.write_bytes(MAGIC + _record(1, _text("ros2") + _text("x")) + _record(6, head + packed) * 1500)
+    head = (
+        struct.pack("<QQQI", 0, 10**9, len(inner), 0)
+        + _text("zstd")
+        + struct.pack("<Q", len(packed))
+    )
+    path.write_bytes(
+        MAGIC + _record(1, _text("ros2") + _text("x")) + _record(6, head + packed) * 1500
+    )
 
 
 def stamped_late(log: Log) -> Callable[[Path], None]:
@@ -52,7 +58,9 @@ def stamped_late(log: Log) -> Callable[[Path], None]:
             number = writer.register_channel(channel.topic, channel.message_encoding, kind)
             for k, (_, _, message) in enumerate(messages):
                 late = 2**63 if k > len(messages) // 2 else 0
-                writer.add_message(number, message.log_time + late, message.data, message.publish_time)
+                writer.add_message(
+                    number, message.log_time + late, message.data, message.publish_time
+                )
             writer.finish()
 
     return made
@@ -62,13 +70,18 @@ def many_bag_chunks(path: Path) -> None:
     """A bag of ROS 1 of 30 kB with 500 chunks, each of which unpacks to 60 MB."""
 
     def fields(**values: bytes) -> bytes:
-        return b"".join(struct.pack("<I", len(k) + 1 + len(v)) + k.encode() + b"=" + v for k, v in values.items())
+        return b"".join(
+            struct.pack("<I", len(k) + 1 + len(v)) + k.encode() + b"=" + v
+            for k, v in values.items()
+        )
 
     def record(head: bytes, data: bytes) -> bytes:
         return struct.pack("<I", len(head)) + head + struct.pack("<I", len(data)) + data
 
     none, size = bytes(4), struct.pack("<I", 60 << 20)
-    first = record(fields(op=b"\3", index_pos=bytes(8), conn_count=none, chunk_count=none), b" " * 4000)
+    first = record(
+        fields(op=b"\3", index_pos=bytes(8), conn_count=none, chunk_count=none), b" " * 4000
+    )
     chunk = record(fields(op=b"\5", compression=b"bz2", size=size), bz2.compress(bytes(60 << 20)))
     path.write_bytes(b"#ROSBAG V2.0\n" + first + chunk * 500)
 
@@ -146,7 +159,8 @@ def shared_pages(column: str, *, text: bool = False, pages: int = 8) -> Callable
             column: "x" * size if text else bytes(size)
         }
         base.execute(
-            f"INSERT INTO messages VALUES (1, {', '.join('?' * len(names))})", [values[name] for name in names]
+            f"INSERT INTO messages VALUES (1, {', '.join('?' * len(names))})",
+            [values[name] for name in names],
         )
         base.commit()
         ((root,),) = base.execute("SELECT rootpage FROM sqlite_master WHERE name = 'messages'")

@@ -41,10 +41,29 @@ def load() -> None:
 
     from dynid.cli.main import available, module_of
 
-    for name in [*map(module_of, available()), "scipy.optimize", "scipy.signal", "scipy.stats", "scipy.sparse.linalg", "sympy",
-                 "matplotlib.backends.backend_agg", "matplotlib.figure", "jinja2", "pyarrow.parquet", "sqlite3", "rosbags.typesys", "yaml",
-                 "dynid.workflows.identify", "dynid.workflows.gap", "dynid.workflows.validate", "dynid.workflows.trajectory",
-                 "dynid.workflows.run", "dynid.workflows.export", "dynid.workflows.compare", "dynid.workflows.check"]:  # fmt: skip
+    for name in [
+        *map(module_of, available()),
+        "scipy.optimize",
+        "scipy.signal",
+        "scipy.stats",
+        "scipy.sparse.linalg",
+        "sympy",
+        "matplotlib.backends.backend_agg",
+        "matplotlib.figure",
+        "jinja2",
+        "pyarrow.parquet",
+        "sqlite3",
+        "rosbags.typesys",
+        "yaml",
+        "dynid.workflows.identify",
+        "dynid.workflows.gap",
+        "dynid.workflows.validate",
+        "dynid.workflows.trajectory",
+        "dynid.workflows.run",
+        "dynid.workflows.export",
+        "dynid.workflows.compare",
+        "dynid.workflows.check",
+    ]:
         importlib.import_module(name)
 
 
@@ -54,7 +73,11 @@ def mapped() -> int:
 
 
 def run(
-    words, folder: Path, seconds: float = SECONDS, prepare: Callable[[], object] = lambda: None, command=None
+    words,
+    folder: Path,
+    seconds: float = SECONDS,
+    prepare: Callable[[], object] = lambda: None,
+    command=None,
 ) -> Ended:
     """Run ``dynid WORDS`` in a fork of this process, after ``prepare``; a hang ends as SIGALRM, a memory hog as MemoryError.
 
@@ -74,7 +97,9 @@ def run(
             os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
             os.chdir(folder)
             os.environ.update(HOME=str(folder.parent), TERM="xterm", LANG="C.UTF-8", NO_COLOR="1")
-            sys.stdin, sys.stdout, sys.stderr = (os.fdopen(k, mode) for k, mode in ((0, "r"), (1, "w"), (2, "w")))
+            sys.stdin, sys.stdout, sys.stderr = (
+                os.fdopen(k, mode) for k, mode in ((0, "r"), (1, "w"), (2, "w"))
+            )
             most = mapped() + MEMORY
             resource.setrlimit(resource.RLIMIT_AS, (most, most))
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -132,11 +157,22 @@ def faults(ended: Ended, folder: Path, before: dict[str, bytes]) -> list[str]:
             found.append(f"executed: {name}")
         if ".dynid-" in path.name or path.name.startswith("dynid-"):
             found.append(f"litter: {name}")
-        if path.suffix in SHOWN and path.name not in GIVEN and path.is_file() and STEERING.search(path.read_bytes()):
+        if (
+            path.suffix in SHOWN
+            and path.name not in GIVEN
+            and path.is_file()
+            and STEERING.search(path.read_bytes())
+        ):
             found.append(f"control characters in {name}")
-        if path.is_file() and path.suffix == ".html" and MARKUP.search(path.read_text(errors="replace")):
+        if (
+            path.is_file()
+            and path.suffix == ".html"
+            and MARKUP.search(path.read_text(errors="replace"))
+        ):
             found.append(f"live markup in {name}")
     now = contents(folder)
-    found += [f"input changed: {name}" for name, content in before.items() if now.get(name) != content]
+    found += [
+        f"input changed: {name}" for name, content in before.items() if now.get(name) != content
+    ]
     found += [f"outside the output folder: {name}" for name in set(now) - set(before)]
     return found

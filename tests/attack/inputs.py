@@ -77,7 +77,12 @@ def pendulum(q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
         i2 + m2 * c2**2,
     )
     v1, v2, a1, a2 = *qd.T, *qdd.T
-    first = M11 * a1 + M12 * a2 - h * (2 * v1 + v2) * v2 + g * ((m1 * c1 + m2 * l1) * one + m2 * c2 * both)
+    first = (
+        M11 * a1
+        + M12 * a2
+        - h * (2 * v1 + v2) * v2
+        + g * ((m1 * c1 + m2 * l1) * one + m2 * c2 * both)
+    )
     return np.column_stack([first, M12 * a1 + M22 * a2 + h * v1**2 + g * m2 * c2 * both])
 
 
@@ -85,9 +90,16 @@ def motion(seed: int) -> Log:
     rng = np.random.default_rng(seed)
     t = np.arange(1200) / 100
     w, p = np.array([2.1, 4.4, 3.3, 5.2]), rng.uniform(0, 6, 4)
-    q = np.column_stack([np.sin(w[0] * t + p[0]) + 0.3 * np.sin(w[1] * t + p[1]), 0.9 * np.sin(w[2] * t + p[2])])
+    q = np.column_stack(
+        [np.sin(w[0] * t + p[0]) + 0.3 * np.sin(w[1] * t + p[1]), 0.9 * np.sin(w[2] * t + p[2])]
+    )
     qd, qdd = np.gradient(q, t, axis=0), np.gradient(np.gradient(q, t, axis=0), t, axis=0)
-    tau = pendulum(q, qd, qdd) + 0.3 * qd + 0.5 * np.tanh(qd / 0.01) + 0.05 * rng.standard_normal(q.shape)
+    tau = (
+        pendulum(q, qd, qdd)
+        + 0.3 * qd
+        + 0.5 * np.tanh(qd / 0.01)
+        + 0.05 * rng.standard_normal(q.shape)
+    )
     # Why: the model lacks this wave, so that results hold a residual model, and a search names something.
     tau[:, 1] += 0.4 * np.sin(3 * q[:, 1])
     return Log(t, q + 1e-5 * rng.standard_normal(q.shape), tau, ("shoulder", "elbow"), qd=qd)

@@ -27,13 +27,28 @@ import numpy as np
 import yaml
 
 COMMANDS = (
-    "model arm.yaml --out new", "model arm.yaml --out new --rebuild", "trajectory arm.yaml plan.yaml --preview none --out new", "trajectory arm.yaml --optimise --seconds 1 --preview none --out new",
-    "trajectory arm.yaml plan.yaml --preview picture --out new", "parameters arm.yaml log.npz --out new --no-identify", "identify arm.yaml log.npz --out new",
-    "identify arm.yaml log.bag --out new", "validate out/parameters.npz other.npz --out new", "gap out/parameters.npz other.npz --no-apply --out new",
-    "check log.mcap --robot arm.yaml --convert --out new", "convert log.npz --to new/x.mcap", "convert log.npz --to new/x.bag", "convert log.npz --to new/x.csv", "import arm.urdf --out new/a.yaml",
-    "compare out/parameters.npz --csv new/a.csv --latex new/a.tex", "run batch.yaml --out new", "report new", "export out/parameters.npz --format urdf --out new",
-    "export out/parameters.npz --format c --out new", "simulate arm.yaml out/trajectory.npz --out new",
-)  # fmt: skip
+    "model arm.yaml --out new",
+    "model arm.yaml --out new --rebuild",
+    "trajectory arm.yaml plan.yaml --preview none --out new",
+    "trajectory arm.yaml --optimise --seconds 1 --preview none --out new",
+    "trajectory arm.yaml plan.yaml --preview picture --out new",
+    "parameters arm.yaml log.npz --out new --no-identify",
+    "identify arm.yaml log.npz --out new",
+    "identify arm.yaml log.bag --out new",
+    "validate out/parameters.npz other.npz --out new",
+    "gap out/parameters.npz other.npz --no-apply --out new",
+    "check log.mcap --robot arm.yaml --convert --out new",
+    "convert log.npz --to new/x.mcap",
+    "convert log.npz --to new/x.bag",
+    "convert log.npz --to new/x.csv",
+    "import arm.urdf --out new/a.yaml",
+    "compare out/parameters.npz --csv new/a.csv --latex new/a.tex",
+    "run batch.yaml --out new",
+    "report new",
+    "export out/parameters.npz --format urdf --out new",
+    "export out/parameters.npz --format c --out new",
+    "simulate arm.yaml out/trajectory.npz --out new",
+)
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 #: Variable by which processes that belong to a run are found.
 MARK = "DYNID_KILLED"
@@ -58,8 +73,16 @@ def start(command: str, folder: Path, mark: str) -> subprocess.Popen[bytes]:
         # Why: whoever runs this in the background ignores interrupts, and so would what is started here.
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-    return subprocess.Popen(words, cwd=folder / "work", env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-                            stderr=(folder / "stderr").open("wb"), start_new_session=True, preexec_fn=listening)  # fmt: skip
+    return subprocess.Popen(
+        words,
+        cwd=folder / "work",
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=(folder / "stderr").open("wb"),
+        start_new_session=True,
+        preexec_fn=listening,
+    )
 
 
 def alive(mark: str) -> list[str]:
@@ -67,8 +90,15 @@ def alive(mark: str) -> list[str]:
     found = []
     for entry in Path("/proc").iterdir():
         try:
-            if entry.name.isdigit() and f"{MARK}={mark}".encode() in (entry / "environ").read_bytes().split(b"\0"):
-                found.append((entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")[:120])
+            if entry.name.isdigit() and f"{MARK}={mark}".encode() in (
+                entry / "environ"
+            ).read_bytes().split(b"\0"):
+                found.append(
+                    (entry / "cmdline")
+                    .read_bytes()
+                    .replace(b"\0", b" ")
+                    .decode(errors="replace")[:120]
+                )
         except OSError:
             continue
     return found
@@ -89,12 +119,19 @@ def is_whole(path: Path) -> bool:
             return ET.fromstring(raw) is not None
     except (zipfile.BadZipFile, yaml.YAMLError, ValueError, ET.ParseError, OSError):
         return False
-    ends = {".html": b"</html>", ".png": b"IEND\xaeB`\x82", ".mcap": b"\x89MCAP0\r\n", ".gif": b";", ".tex": b"}"}
+    ends = {
+        ".html": b"</html>",
+        ".png": b"IEND\xaeB`\x82",
+        ".mcap": b"\x89MCAP0\r\n",
+        ".gif": b";",
+        ".tex": b"}",
+    }
     if path.suffix in ends:
         return raw.rstrip(b"\n").endswith(ends[path.suffix]) or raw.endswith(ends[path.suffix])
     if path.suffix == ".bag":
         return (
-            raw.startswith(b"#ROSBAG V2.0") and int.from_bytes(raw[raw.index(b"index_pos=") + 10 :][:8], "little") > 0
+            raw.startswith(b"#ROSBAG V2.0")
+            and int.from_bytes(raw[raw.index(b"index_pos=") + 10 :][:8], "little") > 0
         )
     return raw.endswith(b"\n") or path.suffix == ".log"
 
@@ -102,18 +139,23 @@ def is_whole(path: Path) -> bool:
 def litter(folder: Path) -> list[str]:
     """Return temporary files and folders of dynid, and crash files."""
     return [
-        str(path.relative_to(folder)) for path in folder.rglob("*")
-        if path.name.startswith(("dynid-", ".dynid-", "crash-", "core")) or (path.parent == folder / "tmp")
-    ]  # fmt: skip
+        str(path.relative_to(folder))
+        for path in folder.rglob("*")
+        if path.name.startswith(("dynid-", ".dynid-", "crash-", "core"))
+        or (path.parent == folder / "tmp")
+    ]
 
 
 def broken(folder: Path) -> list[str]:
     """Return files of results that are not whole."""
     work = folder / "work"
     return [
-        str(path.relative_to(work)) for path in (work / "new").rglob("*")
-        if path.is_file() and not any(part.startswith(".dynid-") for part in path.relative_to(work).parts) and not is_whole(path)
-    ]  # fmt: skip
+        str(path.relative_to(work))
+        for path in (work / "new").rglob("*")
+        if path.is_file()
+        and not any(part.startswith(".dynid-") for part in path.relative_to(work).parts)
+        and not is_whole(path)
+    ]
 
 
 def fresh(originals: Path, folder: Path) -> Path:
@@ -137,7 +179,9 @@ def times(originals: Path, commands: tuple[str, ...]) -> dict[str, float]:
     return found
 
 
-def kill(command: str, seconds: float, number: int, originals: Path, seed: int) -> tuple[float, list[str]]:
+def kill(
+    command: str, seconds: float, number: int, originals: Path, seed: int
+) -> tuple[float, list[str]]:
     """Kill a command at a random moment; return that moment [s] and what is wrong afterwards."""
     moment = float(np.random.default_rng([seed, 77]).uniform(0, 1.02)) * seconds
     mark, wrong = f"{os.getpid()}-{seed}", []
@@ -160,18 +204,26 @@ def kill(command: str, seconds: float, number: int, originals: Path, seed: int) 
         end = time.monotonic() + PATIENCE / 6
         while (left := alive(mark)) and time.monotonic() < end:
             time.sleep(0.05)
-        wrong += [f"alive: {each}" for each in left] + [f"half-written: {each}" for each in broken(folder)]
+        wrong += [f"alive: {each}" for each in left] + [
+            f"half-written: {each}" for each in broken(folder)
+        ]
         if number != signal.SIGKILL:
             wrong += [f"litter: {each}" for each in litter(folder)]
         status = start(command, folder, mark).wait()
-        wrong += [f"run again: status {status}: {(folder / 'stderr').read_text()[-300:]}"] if status else []
+        wrong += (
+            [f"run again: status {status}: {(folder / 'stderr').read_text()[-300:]}"]
+            if status
+            else []
+        )
         wrong += [f"litter after the next run: {each}" for each in litter(folder)]
         wrong += [f"half-written after the next run: {each}" for each in broken(folder)]
     return moment, wrong
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     options.add_argument("--count", type=int, default=200)
     options.add_argument("--first", type=int, default=0)
     options.add_argument("--json", type=Path, default=Path("out/kills.jsonl"))

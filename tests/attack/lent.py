@@ -12,7 +12,19 @@ from odd import VALUES, WHOLE
 #: What would be executed; the judge looks for the file.
 PROGRAM = "#!/bin/sh\ntouch HACKED\n"
 MODULE = "open('HACKED', 'w').close()\n"
-PLACES = ("/tmp/lent", "../lent", "~/lent", "link/lent", "out/../../lent", "tcp://127.0.0.1:1", "http://127.0.0.1:1/x", "s3://b/x.npz", "out/x", "said", "x.csv")  # fmt: skip
+PLACES = (
+    "/tmp/lent",
+    "../lent",
+    "~/lent",
+    "link/lent",
+    "out/../../lent",
+    "tcp://127.0.0.1:1",
+    "http://127.0.0.1:1/x",
+    "s3://b/x.npz",
+    "out/x",
+    "said",
+    "x.csv",
+)
 
 
 def _settings(rng: np.random.Generator, command: str) -> dict[str, object]:
@@ -22,7 +34,11 @@ def _settings(rng: np.random.Generator, command: str) -> dict[str, object]:
     from dynid.cli.main import module_of
     from dynid.cli.options import COMMON_NAMES, key_of
 
-    params = [param for param in importlib.import_module(module_of(command)).command.params if param.opts[0][0] == "-"]
+    params = [
+        param
+        for param in importlib.import_module(module_of(command)).command.params
+        if param.opts[0][0] == "-"
+    ]
     found: dict[str, object] = {}
     for _ in range(rng.integers(1, 4)):
         key = key_of(params[rng.integers(len(params))])
@@ -54,7 +70,9 @@ def folders(rng: np.random.Generator, folder: Path) -> list[str]:
             own = found.get("identify", {})
             assert isinstance(own, dict)
             options = [
-                f"--{key.replace('_', '-')}={value}" for key, value in {**found, **own}.items() if key != "identify"
+                f"--{key.replace('_', '-')}={value}"
+                for key, value in {**found, **own}.items()
+                if key != "identify"
             ]
             stored = {"identify": {"arguments": ["arm.yaml", "log.npz", "--out", "out", *options]}}
             (folder / "out" / "run.yaml").write_text(json.dumps(stored))
@@ -101,7 +119,17 @@ def folders(rng: np.random.Generator, folder: Path) -> list[str]:
             )
             (folder / f"{name}.py").write_text(MODULE)
         elif kind == 7:
-            some = ("text.usetex: True", "font.size: 1e99", "savefig.format: pgf", "svg.fonttype: x", "figure.dpi: nan", "backend: TkAgg", "\udcff", "axes.prop_cycle: cycler('c', [])", "pgf.texsystem: ./cc")  # fmt: skip
+            some = (
+                "text.usetex: True",
+                "font.size: 1e99",
+                "savefig.format: pgf",
+                "svg.fonttype: x",
+                "figure.dpi: nan",
+                "backend: TkAgg",
+                "\udcff",
+                "axes.prop_cycle: cycler('c', [])",
+                "pgf.texsystem: ./cc",
+            )
             place = folder / "matplotlibrc"
             place.unlink(missing_ok=True)
             os.mkfifo(place) if rng.random() < 0.1 else place.write_text(
@@ -116,7 +144,10 @@ def folders(rng: np.random.Generator, folder: Path) -> list[str]:
                     .replace("velocity: 4", f"velocity: {VALUES[rng.integers(len(VALUES))]!r}")
                 )
                 (folder / "robots" / f"{name}.yaml").write_text(text)
-            words = [word.replace("arm.yaml", "kinova_gen2") if rng.random() < 0.3 else word for word in words]
+            words = [
+                word.replace("arm.yaml", "kinova_gen2") if rng.random() < 0.3 else word
+                for word in words
+            ]
     return words
 
 
@@ -124,8 +155,25 @@ def completions(rng: np.random.Generator, folder: Path) -> list[str]:
     """Return words of a command line that is not finished; the folder may hold settings that are wrong."""
     words = WHOLE[rng.integers(len(WHOLE))].split()[: int(rng.integers(0, 5))]
     if rng.random() < 0.5:
-        (folder / "dynid.yaml").write_text(json.dumps(_settings(rng, words[0] if words else "check")))
+        (folder / "dynid.yaml").write_text(
+            json.dumps(_settings(rng, words[0] if words else "check"))
+        )
     extra = str(
-        rng.choice(["", "-", "--", "--o", "identfy", "'", '"', "\\", "\x1b[31m", "x" * 5000, "--config", "--from"])
+        rng.choice(
+            [
+                "",
+                "-",
+                "--",
+                "--o",
+                "identfy",
+                "'",
+                '"',
+                "\\",
+                "\x1b[31m",
+                "x" * 5000,
+                "--config",
+                "--from",
+            ]
+        )
     )
     return [*words, extra]

@@ -12,20 +12,81 @@ from pathlib import Path
 import numpy as np
 
 NUMBERS = (
-    "1e308", "-1e308", "1e-308", "1e400", "nan", ".inf", "-inf", "0", "-0.0", "-1", "1e9", "123456789012345678901234567890",
-    "1e-9", "0x10", "1_000", "010", "1:30", "''", "true", "[]", "{}", "null", "1e",
-)  # fmt: skip
+    "1e308",
+    "-1e308",
+    "1e-308",
+    "1e400",
+    "nan",
+    ".inf",
+    "-inf",
+    "0",
+    "-0.0",
+    "-1",
+    "1e9",
+    "123456789012345678901234567890",
+    "1e-9",
+    "0x10",
+    "1_000",
+    "010",
+    "1:30",
+    "''",
+    "true",
+    "[]",
+    "{}",
+    "null",
+    "1e",
+)
 WORDS = (
-    "\x1b[31mred\x1b[0m", "<script>alert(1)</script>", "'\"><img src=x onerror=alert(1)>", "../../HACKED", "/etc/HACKED",
-    "$(touch HACKED)", "`touch HACKED`", "; touch HACKED", "a" * 5000, "\u202egnp", "\x00", "\x07", "&a *a", "=1+1", "%s%n",
-    "--force", "$x_{1}$", "\\input{HACKED}", "*/ int x; /*", '"""\nopen("HACKED","w")\n"""', "\ud7ff", "", " ", "\r\n",
-    "!!python/object/apply:os.system ['touch HACKED']", "{{7*7}}", "%{raw}", "'''", "-", "~", "é" * 300,
-)  # fmt: skip
+    "\x1b[31mred\x1b[0m",
+    "<script>alert(1)</script>",
+    "'\"><img src=x onerror=alert(1)>",
+    "../../HACKED",
+    "/etc/HACKED",
+    "$(touch HACKED)",
+    "`touch HACKED`",
+    "; touch HACKED",
+    "a" * 5000,
+    "\u202egnp",
+    "\x00",
+    "\x07",
+    "&a *a",
+    "=1+1",
+    "%s%n",
+    "--force",
+    "$x_{1}$",
+    "\\input{HACKED}",
+    "*/ int x; /*",
+    '"""\nopen("HACKED","w")\n"""',
+    "\ud7ff",
+    "",
+    " ",
+    "\r\n",
+    "!!python/object/apply:os.system ['touch HACKED']",
+    "{{7*7}}",
+    "%{raw}",
+    "'''",
+    "-",
+    "~",
+    "é" * 300,
+)
 BLOBS = (
-    "[" * 3000, "{" * 3000, "- " * 3000, "(" * 3000, "a: " * 500, "&a [*a, *a]", "\t", "\n" * 1000, "#" * 100_000, "\ufeff",
-    "<!ENTITY a 'b'>", "<!DOCTYPE x [<!ENTITY e SYSTEM 'file:///etc/passwd'>]>&e;", "<a>" * 2000, '<?xml version="1.0" '
-    'encoding="utf-99"?>', "1,2,3\n" * 10, "nan " * 50,
-)  # fmt: skip
+    "[" * 3000,
+    "{" * 3000,
+    "- " * 3000,
+    "(" * 3000,
+    "a: " * 500,
+    "&a [*a, *a]",
+    "\t",
+    "\n" * 1000,
+    "#" * 100_000,
+    "\ufeff",
+    "<!ENTITY a 'b'>",
+    "<!DOCTYPE x [<!ENTITY e SYSTEM 'file:///etc/passwd'>]>&e;",
+    "<a>" * 2000,
+    '<?xml version="1.0" encoding="utf-99"?>',
+    "1,2,3\n" * 10,
+    "nan " * 50,
+)
 
 
 def text(rng: np.random.Generator, original: str) -> bytes:
@@ -39,7 +100,9 @@ def text(rng: np.random.Generator, original: str) -> bytes:
             found = list(re.finditer(r"-?\d+\.?\d*(?:e-?\d+)?", content))
             if found:
                 match = found[rng.integers(len(found))]
-                content = content[: match.start()] + str(rng.choice(NUMBERS)) + content[match.end() :]
+                content = (
+                    content[: match.start()] + str(rng.choice(NUMBERS)) + content[match.end() :]
+                )
         elif kind <= 4:
             found = list(re.finditer(r"[A-Za-z_]{2,}", content))
             if found:
@@ -52,7 +115,9 @@ def text(rng: np.random.Generator, original: str) -> bytes:
             lines.insert(place, BLOBS[rng.integers(len(BLOBS))])
             content = "\n".join(lines)
         elif kind == 6:
-            lines[place : place + 1] = [] if rng.random() < 0.5 else [lines[place]] * int(rng.integers(2, 40))
+            lines[place : place + 1] = (
+                [] if rng.random() < 0.5 else [lines[place]] * int(rng.integers(2, 40))
+            )
             content = "\n".join(lines)
         else:
             content = content[: int(rng.integers(0, len(content) + 1))]
@@ -70,7 +135,20 @@ def data(rng: np.random.Generator, original: bytes) -> bytes:
         if kind <= 1:
             content[place] ^= 1 << int(rng.integers(0, 8))
         elif kind <= 3:
-            value = int(rng.choice([0, 1, 0xFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 0x10000000, int(rng.integers(2**32))]))
+            value = int(
+                rng.choice(
+                    [
+                        0,
+                        1,
+                        0xFF,
+                        0xFFFF,
+                        0x7FFFFFFF,
+                        0xFFFFFFFF,
+                        0x10000000,
+                        int(rng.integers(2**32)),
+                    ]
+                )
+            )
             content[place : place + 4] = struct.pack("<I", value)
         elif kind == 4:
             del content[place : place + int(rng.integers(1, 200))]
@@ -83,9 +161,24 @@ def data(rng: np.random.Generator, original: bytes) -> bytes:
 
 def _value(rng: np.random.Generator, old: object) -> object:
     choices: list[object] = [
-        None, True, -1, 0, 1e308, float("inf"), float("nan"), [], {}, "x", WORDS[rng.integers(len(WORDS))], [[]] * 50, 10**30,
-        [old, old], {"a": old}, str(old), "1" * 400,
-    ]  # fmt: skip
+        None,
+        True,
+        -1,
+        0,
+        1e308,
+        float("inf"),
+        float("nan"),
+        [],
+        {},
+        "x",
+        WORDS[rng.integers(len(WORDS))],
+        [[]] * 50,
+        10**30,
+        [old, old],
+        {"a": old},
+        str(old),
+        "1" * 400,
+    ]
     return choices[rng.integers(len(choices))]
 
 
@@ -94,7 +187,13 @@ def facts(rng: np.random.Generator, document: object) -> object:
     places: list[tuple[object, object]] = []
 
     def walk(node: object) -> None:
-        items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+        items = (
+            node.items()
+            if isinstance(node, dict)
+            else enumerate(node)
+            if isinstance(node, list)
+            else ()
+        )
         for key, value in list(items):
             places.append((node, key))
             walk(value)
@@ -114,7 +213,9 @@ def array(rng: np.random.Generator, old: np.ndarray) -> np.ndarray:
     kind = rng.integers(0, 10)
     if old.dtype.kind in "fiu" and old.size and kind <= 3:
         new = old.astype(float).copy()
-        new.flat[rng.integers(old.size)] = rng.choice([np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-308, 0, -1, 1e12])
+        new.flat[rng.integers(old.size)] = rng.choice(
+            [np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-308, 0, -1, 1e12]
+        )
         return new if kind else np.full_like(new, rng.choice([np.nan, 0.0, 1e300, -1.0]))
     if kind == 4:
         return old[: len(old) // 2] if old.ndim else np.array([old, old])
@@ -126,7 +227,9 @@ def array(rng: np.random.Generator, old: np.ndarray) -> np.ndarray:
         return np.array(["2020-01-01"], dtype="datetime64[D]")
     if kind == 8:
         return np.zeros((0, *old.shape[1:]))
-    return np.arange(7)[:, None] * np.ones(3, dtype=rng.choice([np.complex128, np.int8, np.float16]))
+    return np.arange(7)[:, None] * np.ones(
+        3, dtype=rng.choice([np.complex128, np.int8, np.float16])
+    )
 
 
 def npz(rng: np.random.Generator, original: bytes) -> bytes:

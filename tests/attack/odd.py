@@ -10,25 +10,144 @@ from mutate import WORDS
 
 #: Commands that work, which odd options and odd paths are put into; {out} is the folder of results.
 WHOLE = (
-    "model arm.yaml --out out", "trajectory arm.yaml plan.yaml --preview none --out out", "trajectory arm.yaml --out out --preview none --seconds 1",
-    "parameters arm.yaml log.npz --out out --no-identify", "identify arm.yaml log.npz --out out", "identify arm.yaml log.bag --out out",
-    "validate out/parameters.npz other.npz --out out", "gap out/parameters.npz other.npz --no-apply --out out", "check arm.yaml log.csv",
-    "check log.mcap", "convert log.db3 --to out/x.mcap", "convert log.npz --to out/x.parquet", "convert log.csv --to out/x.db3", "import arm.urdf --out out/a.yaml", "compare out/parameters.npz out/parameters.npz",
-    "run batch.yaml --out out", "report out", "export out/parameters.npz --format urdf", "export out/parameters.npz --format python",
-    "simulate arm.yaml out/trajectory.npz --out out", "record arm.yaml out/trajectory.npz --dry-run --out out", "doctor", "explain E201",
-    "completion bash", "identify arm.yaml text --out out", "identify arm.yaml log.parquet --out out", "sim-driver arm.yaml --duration 1",
-    "fleet runs.csv --out out/fleet", "gap out/parameters.npz other.npz --apply best --new-name out/named.yaml --out out", "explain robot-file", "model arm.yaml -v --out out",
-    "identify --from out/run.yaml --out out", "identify arm.yaml log.npz --update out/parameters.npz --out out",
-)  # fmt: skip
+    "model arm.yaml --out out",
+    "trajectory arm.yaml plan.yaml --preview none --out out",
+    "trajectory arm.yaml --out out --preview none --seconds 1",
+    "parameters arm.yaml log.npz --out out --no-identify",
+    "identify arm.yaml log.npz --out out",
+    "identify arm.yaml log.bag --out out",
+    "validate out/parameters.npz other.npz --out out",
+    "gap out/parameters.npz other.npz --no-apply --out out",
+    "check arm.yaml log.csv",
+    "check log.mcap",
+    "convert log.db3 --to out/x.mcap",
+    "convert log.npz --to out/x.parquet",
+    "convert log.csv --to out/x.db3",
+    "import arm.urdf --out out/a.yaml",
+    "compare out/parameters.npz out/parameters.npz",
+    "run batch.yaml --out out",
+    "report out",
+    "export out/parameters.npz --format urdf",
+    "export out/parameters.npz --format python",
+    "simulate arm.yaml out/trajectory.npz --out out",
+    "record arm.yaml out/trajectory.npz --dry-run --out out",
+    "doctor",
+    "explain E201",
+    "completion bash",
+    "identify arm.yaml text --out out",
+    "identify arm.yaml log.parquet --out out",
+    "sim-driver arm.yaml --duration 1",
+    "fleet runs.csv --out out/fleet",
+    "gap out/parameters.npz other.npz --apply best --new-name out/named.yaml --out out",
+    "explain robot-file",
+    "model arm.yaml -v --out out",
+    "identify --from out/run.yaml --out out",
+    "identify arm.yaml log.npz --update out/parameters.npz --out out",
+)
 VALUES = (
-    "0", "-1", "1", "2", "nan", "inf", "-inf", "1e308", "1e400", "1e-308", "-0.0", "1e-9", "99999999999999999999", "9" * 4500, "0.5", "50%", "-5%",
-    "150%", "nan%", "1e400%", "0-1", "1-0", "0-1e308", "nan-nan", "5", "auto", "none", "off", "best", "all", "all@shoulder", "coulomb@9", "1,2", "1,2,3",
-    "0,0,nan", "1e200,1e200,1e200", "0,0,-9.81", ",", ",,,", "=", "x=", "=x", "a=b", "link1=0:1", "1=1:2", "1=2:1", "0:1", "1:0", "nan:nan", ":", "1:2:3",
-    "shoulder", "lower", "lower=0,0,0:1,1,1", "samples=1e99", "samples=1", "samples=nan", "yaml_bytes=10", "archive_bytes=1", "nesting=1e9",
-    "max_rms_nm > 1", "max_rms_nm > nan", "__import__('os').system('touch HACKED') > 1", "x > y > z", "arm.yaml", "log.npz", "out", "out/parameters.npz",
-    "plan.yaml", "arm.urdf", "settings.yaml", "missing/x", ".", "..", "", " ", "-", "--", "\n", "'", '"', "http://localhost:1", "0:0", "0:5",
-    "quintic", "fourier", "wls", "iv", "didim", "physical", "plain", "T", "/joint_states", "tcp://x", "²", "١", "0x10", "1_000", "+5", "true", "5 Hz", "10 deg",
-)  # fmt: skip
+    "0",
+    "-1",
+    "1",
+    "2",
+    "nan",
+    "inf",
+    "-inf",
+    "1e308",
+    "1e400",
+    "1e-308",
+    "-0.0",
+    "1e-9",
+    "99999999999999999999",
+    "9" * 4500,
+    "0.5",
+    "50%",
+    "-5%",
+    "150%",
+    "nan%",
+    "1e400%",
+    "0-1",
+    "1-0",
+    "0-1e308",
+    "nan-nan",
+    "5",
+    "auto",
+    "none",
+    "off",
+    "best",
+    "all",
+    "all@shoulder",
+    "coulomb@9",
+    "1,2",
+    "1,2,3",
+    "0,0,nan",
+    "1e200,1e200,1e200",
+    "0,0,-9.81",
+    ",",
+    ",,,",
+    "=",
+    "x=",
+    "=x",
+    "a=b",
+    "link1=0:1",
+    "1=1:2",
+    "1=2:1",
+    "0:1",
+    "1:0",
+    "nan:nan",
+    ":",
+    "1:2:3",
+    "shoulder",
+    "lower",
+    "lower=0,0,0:1,1,1",
+    "samples=1e99",
+    "samples=1",
+    "samples=nan",
+    "yaml_bytes=10",
+    "archive_bytes=1",
+    "nesting=1e9",
+    "max_rms_nm > 1",
+    "max_rms_nm > nan",
+    "__import__('os').system('touch HACKED') > 1",
+    "x > y > z",
+    "arm.yaml",
+    "log.npz",
+    "out",
+    "out/parameters.npz",
+    "plan.yaml",
+    "arm.urdf",
+    "settings.yaml",
+    "missing/x",
+    ".",
+    "..",
+    "",
+    " ",
+    "-",
+    "--",
+    "\n",
+    "'",
+    '"',
+    "http://localhost:1",
+    "0:0",
+    "0:5",
+    "quintic",
+    "fourier",
+    "wls",
+    "iv",
+    "didim",
+    "physical",
+    "plain",
+    "T",
+    "/joint_states",
+    "tcp://x",
+    "²",
+    "١",
+    "0x10",
+    "1_000",
+    "+5",
+    "true",
+    "5 Hz",
+    "10 deg",
+)
 
 
 def options(rng: np.random.Generator) -> list[str]:
@@ -42,13 +161,25 @@ def options(rng: np.random.Generator) -> list[str]:
     words = WHOLE[rng.integers(len(WHOLE))].split()
     command = importlib.import_module(module_of(words[0])).command
     switches = [param for param in command.params if isinstance(param, click.Option)]
-    own = [param for param in switches if param.name not in ("debug", "help", "open_", "limit", "config", "log_file")]
+    own = [
+        param
+        for param in switches
+        if param.name not in ("debug", "help", "open_", "limit", "config", "log_file")
+    ]
     for _ in range(rng.integers(1, 4)):
-        param = own[rng.integers(len(own))] if rng.random() < 0.9 else switches[rng.integers(len(switches))]
+        param = (
+            own[rng.integers(len(own))]
+            if rng.random() < 0.9
+            else switches[rng.integers(len(switches))]
+        )
         name = str(rng.choice([*param.opts, *param.secondary_opts]))
         if name in ("--color", "--debug", "--open", "-h", "--help", "--version", "--self-test"):
             continue
-        value = WORDS[rng.integers(len(WORDS))] if rng.random() < 0.15 else VALUES[rng.integers(len(VALUES))]
+        value = (
+            WORDS[rng.integers(len(WORDS))]
+            if rng.random() < 0.15
+            else VALUES[rng.integers(len(VALUES))]
+        )
         value = value.replace("\0", "")
         if getattr(param.type, "choices", None) and rng.random() < 0.7:
             value = str(rng.choice(list(param.type.choices)))
@@ -61,13 +192,27 @@ def options(rng: np.random.Generator) -> list[str]:
             "to",
             "sent",
         ):
-            value = str(rng.choice(["out/x", "out", "out/x/y.yaml", "out/pipe", "arm.yaml/x", "out/" + "a" * 300]))
-        words += [name] if param.is_flag or param.count else [name, value] if rng.random() < 0.95 else [name]
+            value = str(
+                rng.choice(
+                    ["out/x", "out", "out/x/y.yaml", "out/pipe", "arm.yaml/x", "out/" + "a" * 300]
+                )
+            )
+        words += (
+            [name]
+            if param.is_flag or param.count
+            else [name, value]
+            if rng.random() < 0.95
+            else [name]
+        )
     if rng.random() < 0.1:
         del words[int(rng.integers(0, len(words)))]
     if rng.random() < 0.1:
         # Why not behind a place to write to: the judge looks for files outside the folder out/.
-        free = [at for at in range(1, len(words) + 1) if words[at - 1] not in ("--out", "--to", "--new-name")]
+        free = [
+            at
+            for at in range(1, len(words) + 1)
+            if words[at - 1] not in ("--out", "--to", "--new-name")
+        ]
         words.insert(free[rng.integers(len(free))], VALUES[rng.integers(len(VALUES))])
     return words
 

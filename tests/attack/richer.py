@@ -11,38 +11,135 @@ from structured import document
 
 #: Everything that the robot file of ``inputs.ROBOT`` does not say; one block each.
 KEYS = (
-    "mount: floor", "links: all", "links: [1, 2]", "torque: {source: joint_sensor, noise: 0.1, gain_error: 5%}",
-    "torque: {source: motor_current, gain: [1.5, null], relative: true}", "torque: {source: motor_torque, noise: [0.1, 0.2]}",
+    "mount: floor",
+    "links: all",
+    "links: [1, 2]",
+    "torque: {source: joint_sensor, noise: 0.1, gain_error: 5%}",
+    "torque: {source: motor_current, gain: [1.5, null], relative: true}",
+    "torque: {source: motor_torque, noise: [0.1, 0.2]}",
     "driver: {kind: generic, topic: /joint_states, joint_names: [shoulder, elbow], sign: [1, -1], torque_sign: [1, 1], offset: [0, 0.1],\n"
     "  units: {position: rad, velocity: rad/s, effort: Nm}, columns: {time: t, position: 'q_{name}', effort: 'tau_{name}'}}",
     "driver: {kind: generic, effort_topic: /effort, columns: {time: t, position: 'q{i}', velocity: 'qd{i}', effort: 'tau{i}', reference: 'r{i}'}}",
-    "simulator: {sign: [1, -1], offset: [0, 0.5]}", "tool: {mass: 0.5, com: [0, 0, 0.1], inertia_com: {ixx: 0.001, iyy: 0.001, izz: 0.001}}",
+    "simulator: {sign: [1, -1], offset: [0, 0.5]}",
+    "tool: {mass: 0.5, com: [0, 0, 0.1], inertia_com: {ixx: 0.001, iyy: 0.001, izz: 0.001}}",
     "known: {total_mass: [1, 20], link_mass: {1: [0, 5]}, com_box: {2: [[-1, -1, -1], [1, 1, 1]]}}",
-    "controller: {kp: [100, 50], kd: 5}", "coupling: {reduction: [100, 80]}", "coupling: {matrix: [[100, 0], [5, 80]]}",
-    "coulomb: {shape: threshold, velocity: [0.01, 0.02]}", "coulomb: {velocity: 0.05}",
-)  # fmt: skip
+    "controller: {kp: [100, 50], kd: 5}",
+    "coupling: {reduction: [100, 80]}",
+    "coupling: {matrix: [[100, 0], [5, 80]]}",
+    "coulomb: {shape: threshold, velocity: [0.01, 0.02]}",
+    "coulomb: {velocity: 0.05}",
+)
 #: One effect of each kind, with the parameters that give it its shape.
 EFFECTS = (
-    "torque_offset", "viscous", "coulomb", "asymmetric_viscous", "stribeck, {vs: 0.1, d: 1}", "nonlinear_viscous, {p: 2}", "load_friction",
-    "torque_gain", "torque_constant", "warmup_friction, {tw: 5}", "torque_drift, {tc: 5}", "position_friction, {h: 1}", "gear_friction, {k: 7}",
-    "torque_ripple, {k: 7}", "spring, {order: 3, constant: 1}", "spring, {order: 1.0e9, constant: 1}", "counterbalance", "end_stop, {side: 1, q1: 0.1}",
-    "motor_inertia", "joint_coupling", "torque_crosstalk", "joint_elasticity", "backlash, {b: 0.01}", "encoder_offset",
-    "presliding_hysteresis, {delta: 0.01}", "base_tilt", "torque_delay", "no_such_effect",
-)  # fmt: skip
+    "torque_offset",
+    "viscous",
+    "coulomb",
+    "asymmetric_viscous",
+    "stribeck, {vs: 0.1, d: 1}",
+    "nonlinear_viscous, {p: 2}",
+    "load_friction",
+    "torque_gain",
+    "torque_constant",
+    "warmup_friction, {tw: 5}",
+    "torque_drift, {tc: 5}",
+    "position_friction, {h: 1}",
+    "gear_friction, {k: 7}",
+    "torque_ripple, {k: 7}",
+    "spring, {order: 3, constant: 1}",
+    "spring, {order: 1.0e9, constant: 1}",
+    "counterbalance",
+    "end_stop, {side: 1, q1: 0.1}",
+    "motor_inertia",
+    "joint_coupling",
+    "torque_crosstalk",
+    "joint_elasticity",
+    "backlash, {b: 0.01}",
+    "encoder_offset",
+    "presliding_hysteresis, {delta: 0.01}",
+    "base_tilt",
+    "torque_delay",
+    "no_such_effect",
+)
 FORMULAS = (
-    "a", "a cos(2 q1) |qd2| + b tau1 qd", "a q^2 / (1 + qd^2)", "a clip(q, 0.1) - b exp(-qd^2)", "a tanh(3 qd) + b sqrt(|q|)", "a sign(qd) t",
-)  # fmt: skip
+    "a",
+    "a cos(2 q1) |qd2| + b tau1 qd",
+    "a q^2 / (1 + qd^2)",
+    "a clip(q, 0.1) - b exp(-qd^2)",
+    "a tanh(3 qd) + b sqrt(|q|)",
+    "a sign(qd) t",
+)
 ODD_WORDS = (
-    "a q", "q^1e308", "exp(exp(exp(9 qdd)))", "1e400", "1e308*1e308", "(" * 300, "|" * 30, "a" * 1001, "q99999999999999999999", "q0", "tau²",
-    "q１", "é", "a / 0", "a / (q - q)", "a^a", "a a", "a + a", "sqrt(-1)", "clip(q)", "clip(q, a)", "__import__('os')", "a.b", "lambda", "q^-9999",
-    "-" * 500, "a" + " q" * 400, "\x1b[31m", "<script>alert(1)</script>", "\u202e", "a\nb", "sin(" * 25 + "q" + ")" * 25, "e5", "1e", "0x1", "nan", "inf",
-)  # fmt: skip
+    "a q",
+    "q^1e308",
+    "exp(exp(exp(9 qdd)))",
+    "1e400",
+    "1e308*1e308",
+    "(" * 300,
+    "|" * 30,
+    "a" * 1001,
+    "q99999999999999999999",
+    "q0",
+    "tau²",
+    "q１",
+    "é",
+    "a / 0",
+    "a / (q - q)",
+    "a^a",
+    "a a",
+    "a + a",
+    "sqrt(-1)",
+    "clip(q)",
+    "clip(q, a)",
+    "__import__('os')",
+    "a.b",
+    "lambda",
+    "q^-9999",
+    "-" * 500,
+    "a" + " q" * 400,
+    "\x1b[31m",
+    "<script>alert(1)</script>",
+    "\u202e",
+    "a\nb",
+    "sin(" * 25 + "q" + ")" * 25,
+    "e5",
+    "1e",
+    "0x1",
+    "nan",
+    "inf",
+)
 URLS = (
-    "file:///dev/zero", "file:///dev/null", "file:///nowhere", "file://", "://", "memory://x", "memory://", "local:///dev/tty", "FILE:///etc/passwd", "zip://a::file://b.zip",
-    "reference://::file:///etc/passwd", "simplecache::file:///etc/passwd", "data://text/plain,x", "a+b://c", "dask://x", "github://a:b@c/d", "file:///proc/self/mem",
-    "file:///tmp/\u202e", "file:///\x1b[31m", "memory://" + "a" * 5000, "file://../../etc/passwd", "file:///%00", "file:///\0", "memory://../../HACKED.npz",
-    "generic://x", "root://x", "jupyter://x", "git://x", "tar://x", "libarchive://x", "c://x",
-)  # fmt: skip
+    "file:///dev/zero",
+    "file:///dev/null",
+    "file:///nowhere",
+    "file://",
+    "://",
+    "memory://x",
+    "memory://",
+    "local:///dev/tty",
+    "FILE:///etc/passwd",
+    "zip://a::file://b.zip",
+    "reference://::file:///etc/passwd",
+    "simplecache::file:///etc/passwd",
+    "data://text/plain,x",
+    "a+b://c",
+    "dask://x",
+    "github://a:b@c/d",
+    "file:///proc/self/mem",
+    "file:///tmp/\u202e",
+    "file:///\x1b[31m",
+    "memory://" + "a" * 5000,
+    "file://../../etc/passwd",
+    "file:///%00",
+    "file:///\0",
+    "memory://../../HACKED.npz",
+    "generic://x",
+    "root://x",
+    "jupyter://x",
+    "git://x",
+    "tar://x",
+    "libarchive://x",
+    "c://x",
+)
 
 
 def _noise(rng: np.random.Generator, text: str) -> str:
@@ -69,14 +166,19 @@ def robot_keys(rng: np.random.Generator, original: str) -> bytes:
     for _ in range(rng.integers(0, 4)):
         name, _, shape = str(rng.choice(EFFECTS)).partition(", ")
         joints = str(
-            rng.choice(["[shoulder]", "[elbow]", "[shoulder, elbow]", "[]", "[wrist]"], p=[0.4, 0.3, 0.2, 0.05, 0.05])
+            rng.choice(
+                ["[shoulder]", "[elbow]", "[shoulder, elbow]", "[]", "[wrist]"],
+                p=[0.4, 0.3, 0.2, 0.05, 0.05],
+            )
         )
         more = f", parameters: {shape}" if shape else ""
         effects.append(f"  - {{effect: {name}, joints: {joints}{more}}}\n")
     if rng.random() < 0.5:
         formula = str(rng.choice(FORMULAS))
         said = json.dumps(_noise(rng, formula) if rng.random() < 0.7 else formula)
-        effects.append(f"  - {{effect: formula, joints: [elbow], formula: {said}, parameters: {{a: 0.1}}}}\n")
+        effects.append(
+            f"  - {{effect: formula, joints: [elbow], formula: {said}, parameters: {{a: 0.1}}}}\n"
+        )
     text += "effects:\n" + "".join(effects) if effects else ""
     return document(rng, text) if rng.random() < 0.6 else text.encode("utf-8", "surrogatepass")
 
@@ -87,15 +189,36 @@ def batch_keys(rng: np.random.Generator, original: str) -> bytes:
     for _ in range(rng.integers(1, 4)):
         job: dict[str, object] = {"robot": "arm.yaml", "logs": ["log.npz"]}
         for _ in range(rng.integers(1, 4)):
-            kind, word = rng.integers(0, 9), WORDS[rng.integers(len(WORDS))].encode("utf-8", "replace").decode()
+            kind, word = (
+                rng.integers(0, 9),
+                WORDS[rng.integers(len(WORDS))].encode("utf-8", "replace").decode(),
+            )
             if kind <= 1:
                 job["name"] = str(
-                    rng.choice([word, ".", "..", "con", "a/b", "../x", "x" * 300, "-", "job.json", "Ä\u0301", "\u202e"])
+                    rng.choice(
+                        [
+                            word,
+                            ".",
+                            "..",
+                            "con",
+                            "a/b",
+                            "../x",
+                            "x" * 300,
+                            "-",
+                            "job.json",
+                            "Ä\u0301",
+                            "\u202e",
+                        ]
+                    )
                 )
             elif kind <= 3:
-                job["logs"] = [URLS[rng.integers(len(URLS))]] + (["log.npz"] if rng.random() < 0.3 else [])
+                job["logs"] = [URLS[rng.integers(len(URLS))]] + (
+                    ["log.npz"] if rng.random() < 0.3 else []
+                )
             elif kind == 4:
-                job["tolerance"] = str(rng.choice(["1", "5%", "1e-300", "1e300", "nan", "1e-3", "-1", "9" * 400]))
+                job["tolerance"] = str(
+                    rng.choice(["1", "5%", "1e-300", "1e300", "nan", "1e-3", "-1", "9" * 400])
+                )
             elif kind == 5:
                 key = str(
                     rng.choice(
@@ -117,7 +240,20 @@ def batch_keys(rng: np.random.Generator, original: str) -> bytes:
                     )
                 )
                 job["options"] = {
-                    key: str(rng.choice([word, "5", "true", "/dev/zero", "log.npz", "arm.yaml", "../HACKED", "auto"]))
+                    key: str(
+                        rng.choice(
+                            [
+                                word,
+                                "5",
+                                "true",
+                                "/dev/zero",
+                                "log.npz",
+                                "arm.yaml",
+                                "../HACKED",
+                                "auto",
+                            ]
+                        )
+                    )
                 }
             elif kind == 6:
                 job["validate"] = [URLS[rng.integers(len(URLS))] if rng.random() < 0.5 else word]
@@ -126,7 +262,9 @@ def batch_keys(rng: np.random.Generator, original: str) -> bytes:
                     rng.choice([word, "out", "5%", "nan%", "1e400"])
                 )
             else:
-                job["robot"] = str(rng.choice([word, "arm.urdf", "/dev/zero", "out", "ur5e\0", "../arm.yaml"]))
+                job["robot"] = str(
+                    rng.choice([word, "arm.urdf", "/dev/zero", "out", "ur5e\0", "../arm.yaml"])
+                )
         jobs.append(job)
     return json.dumps({"jobs": jobs}).encode("utf-8", "replace")
 
@@ -168,7 +306,11 @@ def fleet_list(rng: np.random.Generator, original: str) -> bytes:
             arms[k % 3],
             (way if rng.random() < 0.9 else str(rng.choice(days))).format(k % 9),
         ]
-        rows.append(row if rng.random() < 0.97 else row[: rng.integers(0, 3)] + ["more"] * int(rng.integers(0, 3)))
+        rows.append(
+            row
+            if rng.random() < 0.97
+            else row[: rng.integers(0, 3)] + ["more"] * int(rng.integers(0, 3))
+        )
     text = "result,arm,time\n" + "\n".join(
         ",".join(f'"{cell}"' if rng.random() < 0.5 else cell for cell in row) for row in rows
     )
@@ -207,7 +349,9 @@ def run_file(rng: np.random.Generator, original: str) -> bytes:
             "--version",
         ]
         arguments = [str(rng.choice(words)) for _ in range(rng.integers(0, 6))]
-        return ("identify:\n  arguments: " + json.dumps(arguments) + "\n  inputs: {}\n").encode("utf-8", "replace")
+        return ("identify:\n  arguments: " + json.dumps(arguments) + "\n  inputs: {}\n").encode(
+            "utf-8", "replace"
+        )
     return document(rng, original)
 
 
@@ -257,13 +401,32 @@ def names(rng: np.random.Generator, original: bytes) -> bytes:
 
 #: Headings of tables of other programs; N stands for a number, J for a joint.
 STYLES = (
-    ("t", "q_J", "tau_J"), ("Zeit [s]", "q N [deg]", "Drehmoment N [Nm]"), ("%time", "field.position{N}", "field.effort{N}"), ("__time", "/joint_states/J/position", "/joint_states/J/effort"),
-    ("timestamp", "actual_q_N", "actual_current_N"), ("", "joint_N_position", "joint_N_torque"), ("secs;nsecs", "position_N", "effort_N"), ("time_ms", "aN", "bN"), ("Index", "qN", "iN"),
-)  # fmt: skip
+    ("t", "q_J", "tau_J"),
+    ("Zeit [s]", "q N [deg]", "Drehmoment N [Nm]"),
+    ("%time", "field.position{N}", "field.effort{N}"),
+    ("__time", "/joint_states/J/position", "/joint_states/J/effort"),
+    ("timestamp", "actual_q_N", "actual_current_N"),
+    ("", "joint_N_position", "joint_N_torque"),
+    ("secs;nsecs", "position_N", "effort_N"),
+    ("time_ms", "aN", "bN"),
+    ("Index", "qN", "iN"),
+)
 DATES = (
-    "2024-03-14 15:09:{}", "14.03.2024 15:09:{}", "3/14/2024 15:09:{}", "15:09:{}", "2024-03-14T15:09:{}Z", "9999-12-31T23:59:{}-14:00", "0000-00-00 00:00:{}", "999:59:{}",
-    "2024-02-30 1:00:{}", "14/14/2024 15:09:{}", "-2024-03-14 15:09:{}", "2024-03-14 15:09:{}.999999999999", "15:09:{},{}", "٢٠٢٤-03-14 15:09:{}",
-)  # fmt: skip
+    "2024-03-14 15:09:{}",
+    "14.03.2024 15:09:{}",
+    "3/14/2024 15:09:{}",
+    "15:09:{}",
+    "2024-03-14T15:09:{}Z",
+    "9999-12-31T23:59:{}-14:00",
+    "0000-00-00 00:00:{}",
+    "999:59:{}",
+    "2024-02-30 1:00:{}",
+    "14/14/2024 15:09:{}",
+    "-2024-03-14 15:09:{}",
+    "2024-03-14 15:09:{}.999999999999",
+    "15:09:{},{}",
+    "٢٠٢٤-03-14 15:09:{}",
+)
 
 
 def spreadsheet(rng: np.random.Generator, original: str) -> bytes:
@@ -294,7 +457,11 @@ def spreadsheet(rng: np.random.Generator, original: str) -> bytes:
             else [date.format(f"{row[0] % 60:09.6f}", 1) if date else cell(row[0])]
         )
         lines.append(
-            [*stamp, *(cell(row[1 + k % 2]) for k in range(more)), *(cell(row[3 + k % 2]) for k in range(more))]
+            [
+                *stamp,
+                *(cell(row[1 + k % 2]) for k in range(more)),
+                *(cell(row[3 + k % 2]) for k in range(more)),
+            ]
         )
     for _ in range(rng.integers(0, 3)):
         place, column = int(rng.integers(len(lines))), int(rng.integers(len(head)))
@@ -320,12 +487,16 @@ def spreadsheet(rng: np.random.Generator, original: str) -> bytes:
             )
         )
     if rng.random() < 0.2:
-        lines.insert(0, [str(rng.choice(["[s]", "[rad]", "[Nm]", "(deg)", "", "mA"])) for _ in head])
+        lines.insert(
+            0, [str(rng.choice(["[s]", "[rad]", "[Nm]", "(deg)", "", "mA"])) for _ in head]
+        )
     if rng.random() < 0.2:
         lines[int(rng.integers(len(lines)))] = []
     if rng.random() < 0.1:
         head = [f"{'1_' * 40}{k}" for k in range(len(head))]
     delimiter = ";" if comma else str(rng.choice([",", ";", "\t", "|", " "]))
     text = "\n".join(delimiter.join(line) for line in [head, *lines])
-    how = str(rng.choice(["utf-8", "utf-8", "utf-16", "utf-16-le", "cp1252", "utf-8-sig", "utf-32"]))
+    how = str(
+        rng.choice(["utf-8", "utf-8", "utf-16", "utf-16-le", "cp1252", "utf-8-sig", "utf-32"])
+    )
     return text.encode(how, "replace")[: None if rng.random() < 0.9 else -1]

@@ -32,8 +32,23 @@ LOGS = {
     "dates": lambda t, q, tau: (np.arange(len(t)).astype("M8[s]"), q, tau),
 }
 VALUES = (
-    None, float("nan"), float("inf"), "", "\0", b"x", [], {}, (), object(), np.zeros(3), np.zeros((0, 2)), np.array(["a"]), 10**400, "9" * 5000, len,
-)  # fmt: skip
+    None,
+    float("nan"),
+    float("inf"),
+    "",
+    "\0",
+    b"x",
+    [],
+    {},
+    (),
+    object(),
+    np.zeros(3),
+    np.zeros((0, 2)),
+    np.array(["a"]),
+    10**400,
+    "9" * 5000,
+    len,
+)
 
 
 @pytest.fixture(scope="module")
@@ -58,8 +73,14 @@ def test_what_is_no_log_is_told_what_would_be_one(logs, arm):
 def asked_with(name: str, arm) -> list[str]:
     """Call a public function with each argument in turn as something else; return what is no error of the catalogue."""
     function = getattr(dynid, name)
-    given = [each for each in inspect.signature(function).parameters.values() if each.kind not in (2, 4)]
-    usual = {each.name: LOG if each.name in ("log", "logs") else arm for each in given if each.default is each.empty}
+    given = [
+        each for each in inspect.signature(function).parameters.values() if each.kind not in (2, 4)
+    ]
+    usual = {
+        each.name: LOG if each.name in ("log", "logs") else arm
+        for each in given
+        if each.default is each.empty
+    }
     wrong = []
     for each in given:
         for value in VALUES if each.name not in ("progress", "write") else ():
@@ -76,15 +97,42 @@ def asked_with(name: str, arm) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "name", ["base_model", "compare", "export", "find_drive_gains", "find_gap", "identify", "load", "load_log", "load_robot", "observe", "report", "simulate", "validate"]
-)  # fmt: skip
+    "name",
+    [
+        "base_model",
+        "compare",
+        "export",
+        "find_drive_gains",
+        "find_gap",
+        "identify",
+        "load",
+        "load_log",
+        "load_robot",
+        "observe",
+        "report",
+        "simulate",
+        "validate",
+    ],
+)
 def test_an_argument_of_any_kind_is_an_error_of_the_catalogue(name, arm, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with np.errstate(all="ignore"):
         assert asked_with(name, arm) == []
 
 
-@pytest.mark.parametrize("points", [np.zeros(3), np.zeros((2, 2, 2)), np.zeros((0, 2)), [[0, 0], [10**400, 0]], [[0], [1]], "x", [[0, np.nan], [1, 1]]], ids=repr)  # fmt: skip
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.zeros(3),
+        np.zeros((2, 2, 2)),
+        np.zeros((0, 2)),
+        [[0, 0], [10**400, 0]],
+        [[0], [1]],
+        "x",
+        [[0, np.nan], [1, 1]],
+    ],
+    ids=repr,
+)
 def test_waypoints_of_any_kind_are_taken_or_refused_in_a_sentence(points, arm):
     with pytest.raises(DynidError):
         dynid.plan_trajectory(arm, waypoints=points)

@@ -102,14 +102,46 @@ KINDS = {
     "reduction": (store.FULL, "fullregressor.npz", reduction),
 }
 VALUES = (
-    None, True, -1, 0, 1, 0.5, 7, 10**9, 10**30, 10**400, 1e-300, -1e150, 1e149, float("inf"), float("nan"), "", "x", "\ud800"[:0], "a" * 5000,
-    [], {}, [[]], [None], ["x"], [1.0, 2.0], {"x": 1}, [["x", 1]], [0] * 40,
-)  # fmt: skip
+    None,
+    True,
+    -1,
+    0,
+    1,
+    0.5,
+    7,
+    10**9,
+    10**30,
+    10**400,
+    1e-300,
+    -1e150,
+    1e149,
+    float("inf"),
+    float("nan"),
+    "",
+    "x",
+    "\ud800"[:0],
+    "a" * 5000,
+    [],
+    {},
+    [[]],
+    [None],
+    ["x"],
+    [1.0, 2.0],
+    {"x": 1},
+    [["x", 1]],
+    [0] * 40,
+)
 
 
 def places(node: object) -> list[tuple[object, object]]:
     """Return every place of a JSON document: what holds it, and its key."""
-    items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    items = (
+        node.items()
+        if isinstance(node, dict)
+        else enumerate(node)
+        if isinstance(node, list)
+        else ()
+    )
     return [place for key, value in items for place in ((node, key), *places(value))]
 
 
@@ -149,16 +181,36 @@ def other_array(rng: np.random.Generator, arrays: dict) -> str:
     numbers = (np.nan, np.inf, -np.inf, -1.0, 0.0, 1e-300, 1e-30, 1e59, -1e59, 1e308, 1e12)
     changes = {
         **{f"one is {value}": (lambda value=value: with_value(value)) for value in numbers},
-        "an integer is huge": lambda: np.where(np.arange(old.size).reshape(old.shape) == one, 2**30, old).astype(old.dtype),
-        "an integer is negative": lambda: np.where(np.arange(old.size).reshape(old.shape) == one, -1, old).astype(old.dtype),
-        "zeros": lambda: np.zeros_like(old), "ones": lambda: np.ones_like(old), "negative": lambda: (-old.astype(float)).astype(old.dtype),
-        **{kind: (lambda kind=kind: old.astype(kind)) for kind in ("f2", "f4", ">f8", "i1", "u8", "U8", "b1", "f8", "i8")},
-        "reversed": lambda: old[::-1], "shuffled": lambda: rng.permutation(old), "short": lambda: old[: len(old) // 2],
-        "one row": lambda: old[:1], "empty": lambda: old[:0], "longer": lambda: np.concatenate([old, old], axis=axis),
-        "narrow": lambda: np.take(old, [0], axis=axis), "wide": lambda: np.repeat(old, 2, axis=axis), "none across": lambda: np.take(old, [], axis=axis),
-        "column": lambda: old[..., None], "flat": lambda: old.reshape(-1), "scalar": lambda: old.reshape(-1)[0], "turned": lambda: np.swapaxes(old, 0, -1),
-        "same": lambda: np.full_like(old, old.reshape(-1)[0]), "times 1e30": lambda: (old * 1e30).astype(old.dtype), "times 1e-30": lambda: (old * 1e-30).astype(old.dtype),
-    }  # fmt: skip
+        "an integer is huge": lambda: np.where(
+            np.arange(old.size).reshape(old.shape) == one, 2**30, old
+        ).astype(old.dtype),
+        "an integer is negative": lambda: np.where(
+            np.arange(old.size).reshape(old.shape) == one, -1, old
+        ).astype(old.dtype),
+        "zeros": lambda: np.zeros_like(old),
+        "ones": lambda: np.ones_like(old),
+        "negative": lambda: (-old.astype(float)).astype(old.dtype),
+        **{
+            kind: (lambda kind=kind: old.astype(kind))
+            for kind in ("f2", "f4", ">f8", "i1", "u8", "U8", "b1", "f8", "i8")
+        },
+        "reversed": lambda: old[::-1],
+        "shuffled": lambda: rng.permutation(old),
+        "short": lambda: old[: len(old) // 2],
+        "one row": lambda: old[:1],
+        "empty": lambda: old[:0],
+        "longer": lambda: np.concatenate([old, old], axis=axis),
+        "narrow": lambda: np.take(old, [0], axis=axis),
+        "wide": lambda: np.repeat(old, 2, axis=axis),
+        "none across": lambda: np.take(old, [], axis=axis),
+        "column": lambda: old[..., None],
+        "flat": lambda: old.reshape(-1),
+        "scalar": lambda: old.reshape(-1)[0],
+        "turned": lambda: np.swapaxes(old, 0, -1),
+        "same": lambda: np.full_like(old, old.reshape(-1)[0]),
+        "times 1e30": lambda: (old * 1e30).astype(old.dtype),
+        "times 1e-30": lambda: (old * 1e-30).astype(old.dtype),
+    }
     word = str(rng.choice(list(changes))) if old.size else "column"
     arrays[name] = np.asarray(changes[word]())
     return f"{name}: {word}"
@@ -176,7 +228,9 @@ def changed(rng: np.random.Generator, path: Path) -> str:
     return "; ".join(done)
 
 
-def outcome(kind: str, seed: int, originals: Path, folder: Path) -> tuple[str, BaseException | None]:
+def outcome(
+    kind: str, seed: int, originals: Path, folder: Path
+) -> tuple[str, BaseException | None]:
     """Change a result as a seed says and use it; return what was done and the exception that nobody expects, None without one."""
     _, file, use = KINDS[kind]
     shutil.copy(originals / "out" / "regressor.npz", folder)
@@ -220,7 +274,9 @@ def test_a_result_as_it_was_written_has_the_contents_of_its_table(kind, original
     contents, file, _ = KINDS[kind]
     for path in (originals / "out").rglob(file):
         found = artifact.read_artifact(path, contents)
-        assert {place.split(".")[0] for place, fact in contents.facts.items() if fact.needed} <= set(found.header)
+        assert {
+            place.split(".")[0] for place, fact in contents.facts.items() if fact.needed
+        } <= set(found.header)
 
 
 def of_three_joints(path: Path) -> None:
@@ -239,7 +295,11 @@ def of_three_joints(path: Path) -> None:
         header["record"]["torque_units"] += ["N m"]
     for name, array in arrays.items():
         if name != "ratio" and not name.startswith("curve") and 2 in array.shape:
-            axis = array.ndim - 1 if name in ("simulation", "simulated", "added") else array.shape.index(2)
+            axis = (
+                array.ndim - 1
+                if name in ("simulation", "simulated", "added")
+                else array.shape.index(2)
+            )
             arrays[name] = np.concatenate([array, np.take(array, [1], axis=axis)], axis=axis)
         elif name == "ratio":
             arrays[name] = np.concatenate([array, array[1:]])

@@ -19,10 +19,19 @@ from odd import WHOLE
 FLAGS = ["--no-input", "--force"]
 #: Commands that write results of every kind, with the folder that they are to write to.
 WRITING = (
-    "model arm.yaml --out {}", "identify arm.yaml log.npz --out {}", "identify arm.yaml log.npz --out {} --report", "trajectory arm.yaml plan.yaml --preview none --out {}",
-    "convert log.npz --to {}/x.mcap", "convert log.npz --to {}/x.bag", "convert log.npz --to {}/x.csv", "export out/parameters.npz --format urdf --out {}",
-    "simulate arm.yaml out/trajectory.npz --out {}", "import arm.urdf --out {}/a.yaml", "compare out/parameters.npz --csv {}/a.csv", "run batch.yaml --out {}",
-)  # fmt: skip
+    "model arm.yaml --out {}",
+    "identify arm.yaml log.npz --out {}",
+    "identify arm.yaml log.npz --out {} --report",
+    "trajectory arm.yaml plan.yaml --preview none --out {}",
+    "convert log.npz --to {}/x.mcap",
+    "convert log.npz --to {}/x.bag",
+    "convert log.npz --to {}/x.csv",
+    "export out/parameters.npz --format urdf --out {}",
+    "simulate arm.yaml out/trajectory.npz --out {}",
+    "import arm.urdf --out {}/a.yaml",
+    "compare out/parameters.npz --csv {}/a.csv",
+    "run batch.yaml --out {}",
+)
 #: Bytes that are free on the disk, or that a file may have.
 SIZES = (4 << 10, 64 << 10, 256 << 10, 1 << 20, 4 << 20)
 
@@ -42,7 +51,10 @@ def disk(tmp_path):
     place.mkdir()
 
     def made(size: int, how: str = "rw") -> Path:
-        done = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size},{how}", "tmpfs", place], capture_output=True)
+        done = subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", f"size={size},{how}", "tmpfs", place],
+            capture_output=True,
+        )
         if done.returncode:
             pytest.skip("file systems cannot be mounted here")
         return place
@@ -55,7 +67,9 @@ def looked_at(ended, place: Path, statuses) -> None:
     assert ended.status in statuses, ended
     assert "Traceback" not in ended.err
     assert "internal error" not in ended.err
-    left = [path for path in place.rglob("*") if path.name.startswith((".dynid-", "dynid-", "crash-"))]
+    left = [
+        path for path in place.rglob("*") if path.name.startswith((".dynid-", "dynid-", "crash-"))
+    ]
     assert not left
     assert [path for path in place.rglob("*") if path.is_file() and not kills.is_whole(path)] == []
 
@@ -105,7 +119,11 @@ def test_a_folder_that_may_only_be_read_is_said_to_be_so(folder, disk):
 
 
 def test_two_runs_in_one_folder_do_not_disturb_each_other(folder):
-    words = ("identify arm.yaml log.npz --out new", "identify arm.yaml other.npz --out new", "model arm.yaml --out new")
+    words = (
+        "identify arm.yaml log.npz --out new",
+        "identify arm.yaml other.npz --out new",
+        "model arm.yaml --out new",
+    )
     running = [kills.start(command, folder.parent, "two") for command in (*words, *words)]
     assert [process.wait() for process in running] == [0] * len(running)
     assert kills.litter(folder.parent) == []
@@ -172,9 +190,15 @@ def test_a_terminal_on_a_full_disk_is_no_crash(stream, folder):
         "--help",
     ):
         assert run(
-            [*command.split(), *(FLAGS if command[0] != "-" and "explain" not in command else [])], folder, prepare=full
+            [*command.split(), *(FLAGS if command[0] != "-" and "explain" not in command else [])],
+            folder,
+            prepare=full,
         ).status in (0, 1, 2, 3, 6)
-    assert not list((folder.parent / ".cache").glob("**/crash*")) if (folder.parent / ".cache").exists() else True
+    assert (
+        not list((folder.parent / ".cache").glob("**/crash*"))
+        if (folder.parent / ".cache").exists()
+        else True
+    )
 
 
 #: Writes down every connection that a child process opens, too: Python imports a module of this name when it starts.
@@ -203,12 +227,23 @@ def watched(tmp_path):
     return watch, seen
 
 
-@pytest.mark.parametrize("url", ["file://{}/log.npz", "memory://lab/log.npz", "http://127.0.0.1:9/log.npz", "ftp://127.0.0.1:9/log.npz", "s3://lab/log.npz"])  # fmt: skip
+@pytest.mark.parametrize(
+    "url",
+    [
+        "file://{}/log.npz",
+        "memory://lab/log.npz",
+        "http://127.0.0.1:9/log.npz",
+        "ftp://127.0.0.1:9/log.npz",
+        "s3://lab/log.npz",
+    ],
+)
 def test_a_log_at_a_url_opens_a_connection_only_where_its_url_says(url, folder, watched):
     watch, seen = watched
     log = url.format(folder)
     (folder / "batch.yaml").write_text(f"jobs: [{{name: one, robot: arm.yaml, logs: ['{log}']}}]")
-    ended = run(["run", "batch.yaml", "--out", "out/b", "--jobs", "1", *FLAGS], folder, prepare=watch)
+    ended = run(
+        ["run", "batch.yaml", "--out", "out/b", "--jobs", "1", *FLAGS], folder, prepare=watch
+    )
     assert ended.status in ((0,) if url.startswith("file") else (3, 6)), ended
     said = seen.read_text().splitlines() if seen.exists() else []
     there = "'127.0.0.1', 9" if "127.0.0.1" in url else None
@@ -217,7 +252,9 @@ def test_a_log_at_a_url_opens_a_connection_only_where_its_url_says(url, folder, 
 
 
 @pytest.mark.parametrize("part", range(3))
-def test_no_command_opens_a_connection_but_to_the_ros_master_that_it_was_given(part, folder, watched):
+def test_no_command_opens_a_connection_but_to_the_ros_master_that_it_was_given(
+    part, folder, watched
+):
     watch, seen = watched
     commands = [
         *WHOLE,
@@ -237,7 +274,9 @@ def test_no_command_opens_a_connection_but_to_the_ros_master_that_it_was_given(p
         said = seen.read_text().splitlines() if seen.exists() else []
         ros = command.startswith(("record", "sim-driver", "doctor"))
         assert [
-            line for line in said if not (ros and ("'127.0.0.1', 19" in line or line.startswith("socket.bind")))
+            line
+            for line in said
+            if not (ros and ("'127.0.0.1', 19" in line or line.startswith("socket.bind")))
         ] == [], command
         seen.unlink(missing_ok=True)
 
@@ -258,9 +297,18 @@ def test_no_command_opens_a_connection_but_to_the_ros_master_that_it_was_given(p
 def test_a_machine_of_few_addresses_says_so(command, size, folder):
     environment = {**os.environ, "HOME": str(folder.parent / "home"), "OMP_NUM_THREADS": "1"}
     done = subprocess.run(
-        ["bash", "-c", f'ulimit -v {size << 10}; exec "$0" -m dynid {command} --no-input --force', sys.executable],
-        cwd=folder, env=environment, capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+        [
+            "bash",
+            "-c",
+            f'ulimit -v {size << 10}; exec "$0" -m dynid {command} --no-input --force',
+            sys.executable,
+        ],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     # Why: below 60 MB Python itself does not start, and NumPy has no memory for its libraries below 120 MB.
     assert done.returncode in ((6,) if command.startswith("identify") else (0, 6)), done.stderr
     assert "Traceback" not in done.stderr

@@ -23,7 +23,12 @@ def arm(dynid):
     """A folder with a two-joint arm and a way to write logs of it."""
     (dynid.folder / "arm.yaml").write_text(ROBOT)
     t = np.arange(0, 30, 0.01)
-    q = np.column_stack([0.8 * np.sin(1.1 * t) + 0.3 * np.sin(2.7 * t), 0.7 * np.cos(1.3 * t) + 0.3 * np.sin(2.1 * t)])
+    q = np.column_stack(
+        [
+            0.8 * np.sin(1.1 * t) + 0.3 * np.sin(2.7 * t),
+            0.7 * np.cos(1.3 * t) + 0.3 * np.sin(2.1 * t),
+        ]
+    )
     tau = 4 * np.cos(q) + 0.3 * np.gradient(q, t, axis=0)
 
     def write(change=None, name="log.csv"):
@@ -32,7 +37,9 @@ def arm(dynid):
             change(values)
         columns = np.column_stack([values["t"], values["q"], values["tau"]])
         header = "t,q_shoulder,q_elbow,tau_shoulder,tau_elbow"
-        np.savetxt(dynid.folder / name, columns, delimiter=",", header=header, comments="", fmt="%.9g")
+        np.savetxt(
+            dynid.folder / name, columns, delimiter=",", header=header, comments="", fmt="%.9g"
+        )
 
     dynid.write = write
     return dynid
@@ -52,7 +59,14 @@ def test_check_tells_people_the_same(dynid):
     done = dynid("check", str(BAG), "--robot", "kuka_lwr4plus")
     answer, *rest = done.out.splitlines()
     assert answer == f"{BAG.name} can be used: no mistake was found."
-    assert [line.split()[0] for line in rest] == ["log", "topic", "columns", "units", "motion", "verdict"]
+    assert [line.split()[0] for line in rest] == [
+        "log",
+        "topic",
+        "columns",
+        "units",
+        "motion",
+        "verdict",
+    ]
     assert f"dynid identify kuka_lwr4plus {BAG}" in done.err
 
 

@@ -35,7 +35,9 @@ def imported_by(dynid, *args):
     return {line.rsplit("|", 1)[-1].strip() for line in done.stderr.splitlines() if "|" in line}
 
 
-@pytest.mark.parametrize("args", [(), ("-h",), ("--help",), ("--version",), ("doctor", "-h"), ("explain", "E307")])
+@pytest.mark.parametrize(
+    "args", [(), ("-h",), ("--help",), ("--version",), ("doctor", "-h"), ("explain", "E307")]
+)
 def test_help_imports_nothing_heavy(dynid, args):
     heavy = {"numpy", "sympy", "scipy", "matplotlib", "pybullet", "rospy", "rosbags", "jinja2"}
     assert not imported_by(dynid, *args) & heavy
@@ -48,7 +50,10 @@ def test_plain_help_does_without_rich_and_yaml(dynid, args):
 
 def test_the_map_lists_the_commands_that_exist_and_no_others():
     rows, small = loop_map().split("  Also ")
-    listed = re.findall(r"^ {2}(?:Loop \d|Then)? +([a-z]+) ", rows, re.M) + small.split("\n\n")[0].split()
+    listed = (
+        re.findall(r"^ {2}(?:Loop \d|Then)? +([a-z]+) ", rows, re.M)
+        + small.split("\n\n")[0].split()
+    )
     assert listed == list(available())
 
 
@@ -96,7 +101,9 @@ def test_abbreviated_options_are_refused(dynid):
     assert dynid("toy", "values", "--sam", "3").status == 2
 
 
-@pytest.mark.parametrize("words", [("values", "--samples", "x"), (), ("values", "--color", "blue"), ("nothing",)])
+@pytest.mark.parametrize(
+    "words", [("values", "--samples", "x"), (), ("values", "--color", "blue"), ("nothing",)]
+)
 def test_wrong_usage_exits_2_in_the_style_of_the_catalogue(dynid, words):
     done = dynid("toy", *words)
     assert (done.status, done.out) == (2, "")
@@ -108,7 +115,12 @@ def test_wrong_usage_exits_2_in_the_style_of_the_catalogue(dynid, words):
 def test_an_error_has_four_parts_and_its_exit_status(dynid):
     done = dynid("toy", "error")
     assert (done.status, done.out) == (3, "")
-    assert [line.split()[0] for line in done.err.splitlines()] == ["error[E306]", "where", "why", "fix"]
+    assert [line.split()[0] for line in done.err.splitlines()] == [
+        "error[E306]",
+        "where",
+        "why",
+        "fix",
+    ]
 
 
 def test_debug_shows_the_traceback(dynid):
@@ -128,7 +140,13 @@ def test_an_unforeseen_exception_leaves_a_crash_file_and_status_70(dynid):
     (file,) = (dynid.home / ".cache/dynid").glob("crash-*.txt")
     assert str(file) in done.err
     text = file.read_text()
-    for word in ("ZeroDivisionError: something unforeseen", "Traceback", "command: dynid toy crash", "numpy", "Python"):
+    for word in (
+        "ZeroDivisionError: something unforeseen",
+        "Traceback",
+        "command: dynid toy crash",
+        "numpy",
+        "Python",
+    ):
         assert word in text
 
 
@@ -163,12 +181,18 @@ def without_privileges():
 
 @pytest.mark.skipif(sys.platform != "linux", reason="drops privileges the Linux way")
 @pytest.mark.parametrize(
-    ("words", "status"), [(("text",), 6), (("values", "--log-file", "a.log"), 6), (("crash",), 70), (("values",), 0)]
+    ("words", "status"),
+    [(("text",), 6), (("values", "--log-file", "a.log"), 6), (("crash",), 70), (("values",), 0)],
 )
 def test_a_sealed_home_and_working_folder_end_in_a_message(dynid, sealed, words, status):
     env = {**dynid.env, "HOME": str(sealed)}
     done = subprocess.run(
-        dynid.words(("toy", *words)), cwd=sealed, env=env, capture_output=True, text=True, preexec_fn=without_privileges
+        dynid.words(("toy", *words)),
+        cwd=sealed,
+        env=env,
+        capture_output=True,
+        text=True,
+        preexec_fn=without_privileges,
     )
     assert done.returncode == status
     assert "Traceback" not in done.stderr
@@ -180,7 +204,12 @@ def test_a_sealed_home_and_working_folder_end_in_a_message(dynid, sealed, words,
 def test_a_full_disk_behind_stdout_is_e606(dynid):
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
-            dynid.words(("toy", "values")), cwd=dynid.folder, env=dynid.env, stdout=full, stderr=-1, text=True
+            dynid.words(("toy", "values")),
+            cwd=dynid.folder,
+            env=dynid.env,
+            stdout=full,
+            stderr=-1,
+            text=True,
         )
     assert done.returncode == 6
     assert done.stderr.startswith("error[E606]")
@@ -221,13 +250,28 @@ def test_a_reader_that_leaves_does_not_stop_the_job(dynid):
 # ---------------------------------------------------------------- streams and colours
 def test_the_answer_goes_to_stdout_and_everything_else_to_stderr(dynid):
     done = dynid("toy", "talk", "joint_1")
-    assert done.out.split() == ["joint", "rms", "error", "joint_1", "0.42", "Nm", "joint_2", "0.31", "Nm"]
-    assert done.err.splitlines() == ["stage      about joint_1", "warning[W316] joint_1 reads 1.8 Nm at rest"]
+    assert done.out.split() == [
+        "joint",
+        "rms",
+        "error",
+        "joint_1",
+        "0.42",
+        "Nm",
+        "joint_2",
+        "0.31",
+        "Nm",
+    ]
+    assert done.err.splitlines() == [
+        "stage      about joint_1",
+        "warning[W316] joint_1 reads 1.8 Nm at rest",
+    ]
 
 
 def test_json_is_one_object_on_stdout_with_any_verbosity(dynid):
     for words in ((), ("-vv",), ("-q",)):
-        assert json.loads(dynid("toy", "talk", "joint_1", "--json", *words).out)["joint"] == "joint_1"
+        assert (
+            json.loads(dynid("toy", "talk", "joint_1", "--json", *words).out)["joint"] == "joint_1"
+        )
 
 
 def test_what_is_not_finite_is_null_in_json(dynid):
@@ -366,7 +410,10 @@ def test_a_wrong_value_in_the_file_is_named_by_file_and_line(dynid):
 def test_doctor_shows_value_and_source_of_each_option(dynid):
     (dynid.folder / "dynid.yaml").write_text("out: results\ncheck:\n  sort_time: yes\n")
     done = dynid("doctor", "--config", "--seed", "4", "--json", DYNID_QUIET="1")
-    found = {(s["command"], s["option"]): (s["value"], s["source"]) for s in json.loads(done.out)["settings"]}
+    found = {
+        (s["command"], s["option"]): (s["value"], s["source"])
+        for s in json.loads(done.out)["settings"]
+    }
     assert found["", "out"] == ("results", "dynid.yaml:1")
     assert found["", "seed"] == (4, "command line")
     assert found["", "quiet"] == ("1", "DYNID_QUIET")
@@ -400,7 +447,11 @@ def test_a_run_of_another_command_cannot_be_repeated(dynid):
 def test_an_error_is_one_json_object_too(dynid):
     done = dynid("check", "no_such_arm", "--json")
     answer = json.loads(done.out)
-    assert (answer["schema"], answer["status"], answer["error"]["code"]) == ("dynid/error/1", done.status, "E205")
+    assert (answer["schema"], answer["status"], answer["error"]["code"]) == (
+        "dynid/error/1",
+        done.status,
+        "E205",
+    )
     assert "no_such_arm" in answer["error"]["what"]
     assert answer["error"]["fix"] in done.err
 

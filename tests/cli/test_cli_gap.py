@@ -28,7 +28,12 @@ def shop(tmp_path_factory, runner):
     for k, (t, q, tau) in enumerate(hidden.simulate(case, seconds=15.0)):
         np.savez(folder / "work" / f"log{k + 1}.npz", t=t, q=q, tau=tau)
     run = runner(folder / "work", folder)
-    assert run("identify", "arm.yaml", "log1.npz", "log3.npz", "-q", "-o", "before", "--no-report").status == 0
+    assert (
+        run(
+            "identify", "arm.yaml", "log1.npz", "log3.npz", "-q", "-o", "before", "--no-report"
+        ).status
+        == 0
+    )
     return run.folder
 
 
@@ -42,7 +47,17 @@ def logs(dynid, shop):
 def test_gap_names_adds_and_the_tool_has_it_from_then_on(dynid, logs):
     some = "load_friction,position_friction,stribeck,spring,torque_gain,torque_crosstalk"
     ended = dynid(
-        "gap", "before/parameters.npz", *logs, "--json", "--apply", "best", "-o", "after", "--effects", some, **ONE
+        "gap",
+        "before/parameters.npz",
+        *logs,
+        "--json",
+        "--apply",
+        "best",
+        "-o",
+        "after",
+        "--effects",
+        some,
+        **ONE,
     )
     assert ended.status == 0, ended.err
     answer = json.loads(ended.out)
@@ -72,13 +87,24 @@ def test_gap_names_adds_and_the_tool_has_it_from_then_on(dynid, logs):
     assert f"Position error in {driven['engine']}" in page
 
     own = f"after/{copy.name}"
-    again = json.loads(dynid("identify", own, logs[0], logs[2], "--json", "-o", "with", "--no-report").out)
+    again = json.loads(
+        dynid("identify", own, logs[0], logs[2], "--json", "-o", "with", "--no-report").out
+    )
     values = {row["name"]: row["value"] for row in again["parameters"]}
     assert values["load_friction4_a"] == pytest.approx(entry["parameters"]["a"], rel=0.15)
-    before = json.loads(dynid("validate", "before/parameters.npz", logs[4], "--json", "--no-plot").out)
+    before = json.loads(
+        dynid("validate", "before/parameters.npz", logs[4], "--json", "--no-plot").out
+    )
     after = json.loads(dynid("validate", "with/parameters.npz", logs[4], "--json", "--no-plot").out)
     kept = json.loads(
-        dynid("validate", "after/parameters.npz", logs[4], "--json", "--no-plot", "--allow-training-data").out
+        dynid(
+            "validate",
+            "after/parameters.npz",
+            logs[4],
+            "--json",
+            "--no-plot",
+            "--allow-training-data",
+        ).out
     )
     rms = [answer["joints"][3]["rms_nm"] for answer in (before, after, kept)]
     assert rms[1] < 0.8 * rms[0]
@@ -103,7 +129,10 @@ def test_gap_without_a_terminal_reports_and_adds_nothing(dynid, logs):
     """What an earlier search left goes, what is somebody's own stays, and the page beside the result is made again."""
     before = dynid.folder / "before"
     (before / "gap").mkdir()
-    old = [before / name for name in ("gap/effect_2_spring.png", "gap/simulator.png", "simulator_gap.npz")]
+    old = [
+        before / name
+        for name in ("gap/effect_2_spring.png", "gap/simulator.png", "simulator_gap.npz")
+    ]
     for path in (*old, before / "gap" / "own.png", before / "report.html"):
         path.write_text("old")
     ended = dynid(
@@ -145,9 +174,20 @@ def test_gap_with_a_kept_model_names_the_payload_that_is_new(dynid):
         for k, (t, q, tau) in enumerate(hidden.simulate(case, seconds=15.0, **options)):
             np.savez(dynid.folder / f"{name}{k + 1}.npz", t=t, q=q, tau=tau)
 
-    record("old", hidden.Case("lwr4plus", "payload", 2, 0.0, 40), trajectories=2, repeats=1, plan_seed=7)
+    record(
+        "old",
+        hidden.Case("lwr4plus", "payload", 2, 0.0, 40),
+        trajectories=2,
+        repeats=1,
+        plan_seed=7,
+    )
     record("new", hidden.Case("lwr4plus", "payload", 2, 3.0, 41), trajectories=2)
-    assert dynid("identify", "arm.yaml", "old1.npz", "old2.npz", "-q", "-o", "before", "--no-report").status == 0
+    assert (
+        dynid(
+            "identify", "arm.yaml", "old1.npz", "old2.npz", "-q", "-o", "before", "--no-report"
+        ).status
+        == 0
+    )
     some = "payload,tool_force,torque_offset,coulomb_change,base_tilt"
     logs = [f"new{k}.npz" for k in (1, 2, 3, 4)]
     options = ("--mode", "frozen", "--effects", some, "--no-apply", "--json", "--no-plot")
@@ -165,7 +205,9 @@ def test_demo_finds_the_effect_that_it_hid(dynid):
     answer = json.loads(ended.out)
     assert answer["right"]
     assert answer["gap"]["named"][0]["effect"] == "spring"
-    assert Path(dynid.folder / "out" / "demo" / "effect" / "with_effect" / "parameters.npz").is_file()
+    assert Path(
+        dynid.folder / "out" / "demo" / "effect" / "with_effect" / "parameters.npz"
+    ).is_file()
 
 
 def test_demo_names_what_can_be_hidden(dynid):
@@ -174,14 +216,21 @@ def test_demo_names_what_can_be_hidden(dynid):
     assert "did you mean 'stribeck'" in ended.err
 
 
-def test_the_copy_of_a_robot_that_comes_with_dynid_is_not_hidden_among_installed_files(tmp_path, monkeypatch):
+def test_the_copy_of_a_robot_that_comes_with_dynid_is_not_hidden_among_installed_files(
+    tmp_path, monkeypatch
+):
     from dynid.files.robotfile import load_robot
     from dynid.workflows.gap_result import robot_file_beside
 
     monkeypatch.chdir(tmp_path)
-    assert robot_file_beside(load_robot("kuka_lwr4plus"), []).resolve() == tmp_path / "kuka_lwr4plus.yaml"
+    assert (
+        robot_file_beside(load_robot("kuka_lwr4plus"), []).resolve()
+        == tmp_path / "kuka_lwr4plus.yaml"
+    )
     (tmp_path / "robots").mkdir()
-    assert robot_file_beside(load_robot("kuka_lwr4plus"), []).resolve().parent == tmp_path / "robots"
+    assert (
+        robot_file_beside(load_robot("kuka_lwr4plus"), []).resolve().parent == tmp_path / "robots"
+    )
     own = tmp_path / "mine" / "arm.yaml"
     own.parent.mkdir()
     own.write_text(twolink.ROBOT)

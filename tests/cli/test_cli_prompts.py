@@ -29,7 +29,9 @@ def test_without_a_terminal_the_documented_answer_is_taken_and_said_in_one_line(
 
 
 @pytest.mark.parametrize(("row", "text", "enter", "unasked", "yes", "flag"), TABLE)
-def test_yes_gives_the_documented_answer_even_on_a_terminal(dynid, row, text, enter, unasked, yes, flag):
+def test_yes_gives_the_documented_answer_even_on_a_terminal(
+    dynid, row, text, enter, unasked, yes, flag
+):
     done = dynid.typing("toy", "ask", row, "-y")
     assert done.out == yes + "\n"
     assert "not asked: -y" in done.err
@@ -47,7 +49,8 @@ def test_unsafe_motions_are_said_to_be_written_unreviewed(dynid):
 
 
 @pytest.mark.parametrize(
-    ("row", "key", "answer"), [("P1", "r", "retry"), ("P1", "No", "no"), ("P2", "q", "quit"), ("P2", "y", "yes")]
+    ("row", "key", "answer"),
+    [("P1", "r", "retry"), ("P1", "No", "no"), ("P2", "q", "quit"), ("P2", "y", "yes")],
 )
 def test_letters_and_words_are_understood(dynid, row, key, answer):
     assert dynid.typing("toy", "ask", row, keys=[key + "\n"]).out == answer + "\n"
@@ -134,7 +137,9 @@ def test_a_result_of_other_inputs_is_not_overwritten(written, words):
     (written.folder / "log.csv").write_text("t\n2\n")
     done = written("toy", "write", "log.csv", *words)
     assert (done.status, done.out) == (7, "")
-    assert done.err.startswith("error[E702] out/arm/result.npz exists and differs in inputs (log sha ")
+    assert done.err.startswith(
+        "error[E702] out/arm/result.npz exists and differs in inputs (log sha "
+    )
     assert "--force" in done.err
 
 
@@ -168,7 +173,9 @@ def test_a_foreign_file_in_the_way_is_not_overwritten(dynid):
 # ---------------------------------------------------------------- stdin of every kind
 def test_a_closed_stdin_neither_hangs_nor_crashes(dynid):
     words = " ".join(dynid.words(("toy", "ask", "P1")))
-    done = subprocess.run(f"{words} <&-", shell=True, cwd=dynid.folder, env=dynid.env, capture_output=True, timeout=40)
+    done = subprocess.run(
+        f"{words} <&-", shell=True, cwd=dynid.folder, env=dynid.env, capture_output=True, timeout=40
+    )
     assert done.stdout == b"yes\n"
     assert b"Traceback" not in done.stderr
 

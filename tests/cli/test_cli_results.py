@@ -35,7 +35,10 @@ def shop(tmp_path_factory, runner):
     folder = tmp_path_factory.mktemp("shop")
     (folder / "home").mkdir()
     run = runner(folder, folder / "home")
-    assert run("check", str(IDENTIFY), "--robot", "kuka_lwr4plus", "--convert", "-o", "log").status == 0
+    assert (
+        run("check", str(IDENTIFY), "--robot", "kuka_lwr4plus", "--convert", "-o", "log").status
+        == 0
+    )
     with np.load(folder / "log" / "log.npz") as archive:
         arrays = dict(archive)
     arrays["tau"] = arrays["tau"] * np.array([1, 1, 1.02, 1, 1, 1, 1])
@@ -51,12 +54,15 @@ def test_code_is_exported_compiled_and_compared(shop):
     assert (done.status, answer["schema"]) == (0, "dynid/export/1")
     checks = [check for file in answer["files"] for check in file["checks"]]
     assert [(check["engine"], check["agrees"], check["states"]) for check in checks] == [
-        ("cc", True, 1000), ("NumPy", True, 1000),
-    ]  # fmt: skip
+        ("cc", True, 1000),
+        ("NumPy", True, 1000),
+    ]
     assert max(check["largest_difference_nm"] for check in checks) < 1e-10
     assert answer["wrote"] == ["out/arm/kuka_lwr4plus.c", "out/arm/kuka_lwr4plus.py"]
     script = "import kuka_lwr4plus as arm; print(*arm.inverse_dynamics([0.3]*7, [0.2]*7, [0.1]*7).tolist())"
-    alone = subprocess.run([sys.executable, "-c", script], cwd=shop.folder / "out/arm", capture_output=True, text=True)
+    alone = subprocess.run(
+        [sys.executable, "-c", script], cwd=shop.folder / "out/arm", capture_output=True, text=True
+    )
     stored = load_run(shop.folder / "out/arm")
     observer = base_model_of(stored).model.observer(stored.reduction.base)
     state = (np.full((1, 7), value) for value in (0.3, 0.2, 0.1))
@@ -69,12 +75,23 @@ def test_the_physical_set_is_accepted_by_every_simulator_and_the_plain_one_refus
     done = shop("export", "out/arm", "--format", "all", "--set", "physical", "-o", "all", "--json")
     answer = json.loads(done.out)
     assert (done.status, answer["impossible_links"]) == (0, [])
-    assert {file["format"]: [check["engine"].split()[0] for check in file["checks"]] for file in answer["files"]} == {
-        "urdf": ["Pinocchio", "PyBullet"], "mjcf": ["MuJoCo", "Pinocchio"], "sdf": ["PyBullet"], "yaml": ["dynid"],
+    assert {
+        file["format"]: [check["engine"].split()[0] for check in file["checks"]]
+        for file in answer["files"]
+    } == {
+        "urdf": ["Pinocchio", "PyBullet"],
+        "mjcf": ["MuJoCo", "Pinocchio"],
+        "sdf": ["PyBullet"],
+        "yaml": ["dynid"],
         "effects": ["MuJoCo", "PyBullet"],
-        "c": ["cc"], "python": ["NumPy"], "matlab": ["Octave"] if shutil.which("octave-cli") else [],
-    }  # fmt: skip
-    assert max(check["largest_difference_nm"] for file in answer["files"] for check in file["checks"]) < 1e-6
+        "c": ["cc"],
+        "python": ["NumPy"],
+        "matlab": ["Octave"] if shutil.which("octave-cli") else [],
+    }
+    assert (
+        max(check["largest_difference_nm"] for file in answer["files"] for check in file["checks"])
+        < 1e-6
+    )
     assert set(answer["origin"].values()) == {"data", "prior"}
     assert sorted(path.name for path in (shop.folder / "all").iterdir()) == ["effects.py"] + [
         f"kuka_lwr4plus{suffix}" for suffix in (".c", ".m", ".py", ".sdf", ".urdf", ".xml", ".yaml")
@@ -88,9 +105,21 @@ def test_the_physical_set_is_accepted_by_every_simulator_and_the_plain_one_refus
     assert (refused.status, refused.out) == (1, "")
     assert refused.err.splitlines()[0].startswith("error[E404] no body has the parameters of link ")
     assert not (shop.folder / "plain").exists()
-    allowed = shop("export", "out/bad", "--format", "urdf", "--set", "plain", "-o", "plain", "--allow-infeasible")
+    allowed = shop(
+        "export",
+        "out/bad",
+        "--format",
+        "urdf",
+        "--set",
+        "plain",
+        "-o",
+        "plain",
+        "--allow-infeasible",
+    )
     assert allowed.status == 0
-    assert allowed.err.splitlines()[0].startswith("warning[W409] no body has the parameters of link ")
+    assert allowed.err.splitlines()[0].startswith(
+        "warning[W409] no body has the parameters of link "
+    )
     assert (shop.folder / "plain/kuka_lwr4plus.urdf").is_file()
 
 
@@ -106,7 +135,11 @@ def test_exporting_twice_reuses_the_file_and_another_file_is_not_overwritten(sho
     assert refused.err.splitlines()[0].startswith("error[E702] out/arm/kuka_lwr4plus.m exists")
     assert (shop.folder / "out/arm/kuka_lwr4plus.m").read_text() == "mine"
     assert shop("export", "out/arm", "--format", "matlab", "--force").status == 0
-    assert (shop.folder / "out/arm/kuka_lwr4plus.m").read_text().startswith("function out = kuka_lwr4plus(what")
+    assert (
+        (shop.folder / "out/arm/kuka_lwr4plus.m")
+        .read_text()
+        .startswith("function out = kuka_lwr4plus(what")
+    )
 
 
 def test_an_urdf_option_without_the_format_is_refused(shop):
@@ -148,11 +181,24 @@ def test_a_result_is_as_its_baseline_and_a_scaled_torque_column_is_not(shop):
     """The regression job: the same log passes at a tolerance of 1 %, a column times 1.02 fails and is named."""
     same = shop("identify", "kuka_lwr4plus", str(IDENTIFY), "-o", "out/again", "--no-report")
     assert same.status == 0
-    passed = shop("compare", "out/again", "--baseline", "out/arm", "--tolerance", "1%", "--junit", "same.xml")
+    passed = shop(
+        "compare", "out/again", "--baseline", "out/arm", "--tolerance", "1%", "--junit", "same.xml"
+    )
     assert passed.status == 0
-    assert shop("identify", "kuka_lwr4plus", "scaled.npz", "-o", "out/scaled", "--no-report").status == 0
+    assert (
+        shop("identify", "kuka_lwr4plus", "scaled.npz", "-o", "out/scaled", "--no-report").status
+        == 0
+    )
     failed = shop(
-        "compare", "out/scaled", "--baseline", "out/arm", "--tolerance", "1%", "--junit", "scaled.xml", "--json"
+        "compare",
+        "out/scaled",
+        "--baseline",
+        "out/arm",
+        "--tolerance",
+        "1%",
+        "--junit",
+        "scaled.xml",
+        "--json",
     )
     answer = json.loads(failed.out)
     assert (failed.status, answer["passed"]) == (1, False)
@@ -160,22 +206,38 @@ def test_a_result_is_as_its_baseline_and_a_scaled_torque_column_is_not(shop):
     moved = [each["name"] for each in comparison["beyond_tolerance"]]
     assert moved[0] == "lwr_2_joint rms_nm"
     assert {"Iyz3", "fo3"} <= set(moved)
-    torque = {f["name"].split()[0]: f["percent"] for f in comparison["figures"] if "torque_rms_nm" in f["name"]}
+    torque = {
+        f["name"].split()[0]: f["percent"]
+        for f in comparison["figures"]
+        if "torque_rms_nm" in f["name"]
+    }
     expected = {f"lwr_{k}_joint": 2.0 if k == 2 else 0.0 for k in range(7)}
     assert torque == pytest.approx(expected, abs=1e-9)
-    counts = [ET.parse(shop.folder / name).getroot().get("failures") for name in ("same.xml", "scaled.xml")]
+    counts = [
+        ET.parse(shop.folder / name).getroot().get("failures")
+        for name in ("same.xml", "scaled.xml")
+    ]
     assert counts == ["0", "1"]
 
 
 def test_runs_become_one_table(shop):
     """Text, CSV and LaTeX; two runs of one arm."""
-    done = shop("compare", "out/arm", "out/arm/parameters.npz", "--csv", "all.csv", "--latex", "all.tex")
+    done = shop(
+        "compare", "out/arm", "out/arm/parameters.npz", "--csv", "all.csv", "--latex", "all.tex"
+    )
     assert done.status == 0
     answer, _, head, *rows = done.out.splitlines()[:5]
     assert answer == "Nothing has changed since out/arm by more than its uncertainty."
     assert re.split("  +", head) == [
-        "run", "robot", "method", "rank", "condition", "unexplained", "held out", "weakest joint",
-    ]  # fmt: skip
+        "run",
+        "robot",
+        "method",
+        "rank",
+        "condition",
+        "unexplained",
+        "held out",
+        "weakest joint",
+    ]
     assert [row.split()[0] for row in rows] == ["out/arm", "out/arm/parameters.npz"]
     found = load_run(shop.folder / "out/arm")
     with (shop.folder / "all.csv").open(newline="") as stream:
@@ -207,7 +269,9 @@ jobs:
 
 #: Code for C, and for Python, behind what ends a comment there; together what ends everything else.
 C_ATTACK = '=cmd\n*/ __attribute__((constructor)) void f(void) { fopen("HACKED", "w"); } /*??/\n\\\n$x$ {{ 7 }}'
-PYTHON_ATTACK = '-1\n"""\nopen(\'HACKED\', \'w\')\n"""\n--><script>alert(1)</script>\x1b[2J\u202e\u2028'
+PYTHON_ATTACK = (
+    '-1\n"""\nopen(\'HACKED\', \'w\')\n"""\n--><script>alert(1)</script>\x1b[2J\u202e\u2028'
+)
 ATTACK = C_ATTACK + PYTHON_ATTACK
 
 
@@ -230,11 +294,25 @@ def test_a_result_from_a_stranger_is_exported_reported_and_compared_without_runn
     write_artifact(shop.folder / "evil/parameters.npz", stored.schema, header, stored.arrays)
     done = shop("export", "evil", "--format", "all", "--json")
     assert (done.status, json.loads(done.out)["robot"]) == (0, C_ATTACK)
-    assert all(check["agrees"] for file in json.loads(done.out)["files"] for check in file["checks"])
+    assert all(
+        check["agrees"] for file in json.loads(done.out)["files"] for check in file["checks"]
+    )
     for words in (
-        ("export", "evil", "--format", "all"), ("report", "evil"), ("check", "evil/parameters.npz"),
-        ("compare", "evil", "evil", "--csv", "evil/all.csv", "--latex", "evil/all.tex", "--junit", "evil/all.xml"),
-    ):  # fmt: skip
+        ("export", "evil", "--format", "all"),
+        ("report", "evil"),
+        ("check", "evil/parameters.npz"),
+        (
+            "compare",
+            "evil",
+            "evil",
+            "--csv",
+            "evil/all.csv",
+            "--latex",
+            "evil/all.tex",
+            "--junit",
+            "evil/all.xml",
+        ),
+    ):
         done = shop(*words)
         assert done.status == 0, done.err
         assert (done.out + done.err).replace("\n", "").isprintable()
@@ -253,7 +331,9 @@ def test_a_failing_job_does_not_stop_the_others_and_done_work_is_not_done_again(
     assert [job["outcome"] for job in answer["jobs"]] == ["passed", "beyond a limit", "failed"]
     good, scaled, missing = (job["message"] for job in answer["jobs"])
     assert good == ""
-    assert re.fullmatch(r"limit +scaled: lwr_2_joint rms_nm \S+ -> \S+ \(\+\d+\.\d\d %\) and \d+ more", scaled)
+    assert re.fullmatch(
+        r"limit +scaled: lwr_2_joint rms_nm \S+ -> \S+ \(\+\d+\.\d\d %\) and \d+ more", scaled
+    )
     assert missing.startswith("no such file nowhere.bag")
     root = ET.parse(shop.folder / "batch.xml").getroot()
     assert (root.get("tests"), root.get("failures"), root.get("errors")) == ("3", "1", "1")
@@ -262,7 +342,9 @@ def test_a_failing_job_does_not_stop_the_others_and_done_work_is_not_done_again(
     (shop.folder / "batch.yaml").write_text(
         BATCH.replace("tolerance: 1%}\n  - {name: scaled", "tolerance: 2%}\n  - {name: scaled")
     )
-    third = json.loads(shop("run", "batch.yaml", "--json", "-o", "jobs", "--only", "good", "--only", "scaled").out)
+    third = json.loads(
+        shop("run", "batch.yaml", "--json", "-o", "jobs", "--only", "good", "--only", "scaled").out
+    )
     assert [job["reused"] for job in third["jobs"]] == [False, True]
 
 
@@ -285,7 +367,9 @@ def test_the_report_is_one_file_beside_the_result(shop):
     page, summary = ((shop.folder / path).read_text(encoding="utf-8") for path in answer["wrote"])
     lead = html.unescape(re.search(r'<p class="lead">(.*?)</p>', page, flags=re.S)[1])
     assert lead == " ".join(answer["verdict"])
-    assert re.findall(r'<li class="(\w+)"><span class="dot"', page) == list(answer["lights"].values())
+    assert re.findall(r'<li class="(\w+)"><span class="dot"', page) == list(
+        answer["lights"].values()
+    )
     assert summary.splitlines()[0] == "### KUKA LWR4+"
     again = shop("report", "out/arm")
     assert (again.status, again.out.splitlines()) == (0, answer["verdict"])

@@ -11,7 +11,14 @@ from rich.console import Console
 
 from dynid import errors
 from dynid.cli import terminal
-from dynid.cli.reference import api_page, cli_page, effects_page, errors_page, limits_page, robot_page
+from dynid.cli.reference import (
+    api_page,
+    cli_page,
+    effects_page,
+    errors_page,
+    limits_page,
+    robot_page,
+)
 from dynid.codes import codes
 from dynid.npz import write_artifact
 from dynid.version import __version__
@@ -93,7 +100,10 @@ def test_completion_prints_a_script_for_dynid(dynid, shell, start, end):
 
 
 def test_the_completion_script_is_valid_bash(dynid):
-    assert subprocess.run(["bash", "-n"], input=dynid("completion", "bash").out, text=True).returncode == 0
+    assert (
+        subprocess.run(["bash", "-n"], input=dynid("completion", "bash").out, text=True).returncode
+        == 0
+    )
 
 
 def test_the_shell_is_offered_commands_and_options(dynid):
@@ -107,7 +117,10 @@ def test_the_shell_is_offered_commands_and_options(dynid):
 def test_a_word_that_steers_the_terminal_is_not_completed(dynid, shell):
     """Found by the fuzzer: the word came back in the answer."""
     word = "\x1b[31m"
-    words = {"COMP_WORDS": f"dynid identify arm.yaml {word}", "COMP_CWORD": word if shell == "fish" else "3"}
+    words = {
+        "COMP_WORDS": f"dynid identify arm.yaml {word}",
+        "COMP_CWORD": word if shell == "fish" else "3",
+    }
     done = dynid(_DYNID_COMPLETE=f"{shell}_complete", **words)
     assert (done.out, done.err) == ("", "")
 
@@ -119,8 +132,12 @@ def test_doctor_says_what_works_and_what_is_lost(dynid):
     answer = json.loads(done.out)
     assert done.status == 0
     assert answer["works"] == [check["name"] for check in answer["checks"] if check["ok"]]
-    assert answer["does_not_work"] == [check["name"] for check in answer["checks"] if check["ok"] is False]
-    assert {"Python", "numpy", "scipy", "sympy", "pyyaml", "click", "rich", "rosbags"} <= set(answer["works"])
+    assert answer["does_not_work"] == [
+        check["name"] for check in answer["checks"] if check["ok"] is False
+    ]
+    assert {"Python", "numpy", "scipy", "sympy", "pyyaml", "click", "rich", "rosbags"} <= set(
+        answer["works"]
+    )
     assert answer["does_not_work"][-2:] == ["ROS master", "display"]
     said = dynid("doctor", DISPLAY="", ROS_MASTER_URI="http://localhost:1").out.splitlines()[-2:]
     assert said == [
@@ -157,7 +174,9 @@ def test_check_describes_a_robot_with_its_tool_at_zero(dynid):
 
 def test_check_shows_the_header_of_a_result(dynid):
     header = {"robot": "arm", "inputs": {"log": "0123456789abcdef" * 4}}
-    write_artifact(dynid.folder / "r.npz", "dynid/parameters/1", header, {"theta": np.zeros((3, 2))})
+    write_artifact(
+        dynid.folder / "r.npz", "dynid/parameters/1", header, {"theta": np.zeros((3, 2))}
+    )
     done = dynid("check", "r.npz")
     assert (done.status, done.err) == (0, "")
     assert done.out.splitlines() == [
@@ -195,12 +214,24 @@ def test_strict_turns_warnings_into_status_1(dynid, words, status):
             ROBOT.replace("convention", "convetion"),
             "[E201] arm.yaml:2: unknown key 'convetion'; did you mean 'convention'",
         ),
-        (ROBOT.replace("1.5708", "90"), "[E202] arm.yaml:4: joints[0].twist = 90 rad is more than a full turn"),
-        (ROBOT.replace("0.1", "1e-3"), "[E203] arm.yaml:4: joints[0].d = '1e-3' is text in YAML; write 1.0e-3"),
+        (
+            ROBOT.replace("1.5708", "90"),
+            "[E202] arm.yaml:4: joints[0].twist = 90 rad is more than a full turn",
+        ),
+        (
+            ROBOT.replace("0.1", "1e-3"),
+            "[E203] arm.yaml:4: joints[0].d = '1e-3' is text in YAML; write 1.0e-3",
+        ),
         (ROBOT.replace("convention: standard\n", ""), "[E204] arm.yaml: say which DH convention"),
-        (ROBOT + "gravity: [0, 0, -981]\n", "[E206] arm.yaml:5: gravity is (0, 0, -981): 981 m/s^2; cm?"),
+        (
+            ROBOT + "gravity: [0, 0, -981]\n",
+            "[E206] arm.yaml:5: gravity is (0, 0, -981): 981 m/s^2; cm?",
+        ),
         (ROBOT + "name: arm\n", "[E207] arm.yaml:5: key 'name' is given twice"),
-        (ROBOT.replace("- {name", "-\t{name").replace("  -", "\t-"), "[E207] arm.yaml:4: not YAML: found character"),
+        (
+            ROBOT.replace("- {name", "-\t{name").replace("  -", "\t-"),
+            "[E207] arm.yaml:4: not YAML: found character",
+        ),
     ],
 )
 def test_a_faulty_robot_file_gives_its_code_its_line_and_status_3(dynid, text, said):
@@ -217,7 +248,9 @@ def test_a_faulty_robot_file_gives_its_code_its_line_and_status_3(dynid, text, s
 def test_an_unknown_robot_is_suggested_with_status_2(dynid):
     done = dynid("check", "kinova_gen")
     assert (done.status, done.out) == (2, "")
-    assert done.err.splitlines()[0] == "error[E205] no robot 'kinova_gen'; did you mean 'kinova_gen2'?"
+    assert (
+        done.err.splitlines()[0] == "error[E205] no robot 'kinova_gen'; did you mean 'kinova_gen2'?"
+    )
 
 
 @pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04broken"])
@@ -225,7 +258,10 @@ def test_a_damaged_result_is_an_input_error(dynid, content):
     (dynid.folder / "r.npz").write_bytes(content)
     done = dynid("check", "r.npz")
     assert (done.status, done.out) == (3, "")
-    assert done.err.splitlines()[0] == "error[E321] r.npz is not a dynid result, or is damaged: it is not an archive"
+    assert (
+        done.err.splitlines()[0]
+        == "error[E321] r.npz is not a dynid result, or is damaged: it is not an archive"
+    )
 
 
 def test_sentences_are_folded_between_words_where_the_terminal_ends(monkeypatch):

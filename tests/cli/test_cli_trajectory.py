@@ -29,10 +29,24 @@ def planned(tmp_path_factory):
 def test_answer_has_the_keys_of_the_contract_with_units_in_their_names(planned):
     _, answer, _ = planned
     assert answer["schema"] == "dynid/trajectory/1"
-    keys = {"robot", "duration_s", "alpha", "condition_number", "condition_number_scaled", "smallest_singular_value"}
+    keys = {
+        "robot",
+        "duration_s",
+        "alpha",
+        "condition_number",
+        "condition_number_scaled",
+        "smallest_singular_value",
+    }
     keys |= {"peak", "collisions", "closest_m", "predicted_std_error", "wrote"}
     assert keys <= set(answer)
-    peak = {"joint", "position_rad", "velocity_rad_s", "acceleration_rad_s2", "torque_nm", "limit_share"}
+    peak = {
+        "joint",
+        "position_rad",
+        "velocity_rad_s",
+        "acceleration_rad_s2",
+        "torque_nm",
+        "limit_share",
+    }
     assert [set(row) >= peak for row in answer["peak"]] == [True] * 7
     assert answer["duration_s"] == pytest.approx(6 / 0.2)
     assert all(error > 0 for error in answer["predicted_std_error"].values())
@@ -42,7 +56,9 @@ def test_answer_has_the_keys_of_the_contract_with_units_in_their_names(planned):
 def test_npz_csv_and_yaml_hold_the_same_motion(planned):
     runner, answer, _ = planned
     out = runner.folder / "out" / "kuka_lwr4plus"
-    assert {str(out / name) for name in ("trajectory.npz",)} <= {str(runner.folder / path) for path in answer["wrote"]}
+    assert {str(out / name) for name in ("trajectory.npz",)} <= {
+        str(runner.folder / path) for path in answer["wrote"]
+    }
     with np.load(out / "trajectory.npz") as stored:
         t, q = stored["t"], stored["q"]
     with (out / "trajectory.csv").open() as stream:
@@ -59,7 +75,9 @@ def test_unattended_motion_is_marked_unreviewed_and_accepted_on_review(planned):
     assert answer["reviewed"] is False
     assert "written, marked reviewed: no (not asked: no terminal; set with --accept)" in said
     path = "out/kuka_lwr4plus/trajectory.npz"
-    done = runner("trajectory", "kuka_lwr4plus", "--review", path, "--accept", "--preview", "none", "--json")
+    done = runner(
+        "trajectory", "kuka_lwr4plus", "--review", path, "--accept", "--preview", "none", "--json"
+    )
     assert (done.status, json.loads(done.out)["reviewed"]) == (0, True), done.err
 
 
@@ -99,7 +117,9 @@ def test_arm_built_lower_than_the_wanted_distance_is_planned_and_still_kept_off_
     assert done.status == 0, done.err
     assert json.loads(done.out)["closest_m"] > 0.03
     (dynid.folder / "down.csv").write_text("0,0.5\n0,-0.5\n0,0.5\n")
-    down = dynid("trajectory", "low.yaml", "--from-waypoints", "down.csv", "--preview", "none", "-o", "down")
+    down = dynid(
+        "trajectory", "low.yaml", "--from-waypoints", "down.csv", "--preview", "none", "-o", "down"
+    )
     assert down.status == 5
     assert "error[E502]" in down.err
     assert "floor" in down.err
@@ -107,7 +127,9 @@ def test_arm_built_lower_than_the_wanted_distance_is_planned_and_still_kept_off_
 
 def test_waypoints_into_the_floor_end_with_status_5_and_the_pair(dynid):
     (dynid.folder / "floor.csv").write_text("0,0,0,0,0,0,0\n0,1.8,0,-0.4,0,0,0\n0,0,0,0,0,0,0\n")
-    done = dynid("trajectory", "kuka_lwr4plus", "--from-waypoints", "floor.csv", "--preview", "none")
+    done = dynid(
+        "trajectory", "kuka_lwr4plus", "--from-waypoints", "floor.csv", "--preview", "none"
+    )
     assert done.status == 5
     assert "error[E502]" in done.err
     assert "floor" in done.err
@@ -115,7 +137,16 @@ def test_waypoints_into_the_floor_end_with_status_5_and_the_pair(dynid):
 
 def test_too_fast_a_tool_is_told_the_alpha_that_passes_and_that_alpha_passes(dynid):
     (dynid.folder / "w.csv").write_text("0,0,0,0,0,0,0\n0.5,0.8,0,0.4,0,0,0\n0,0,0,0,0,0,0\n")
-    words = ("trajectory", "kuka_lwr4plus", "--from-waypoints", "w.csv", "--preview", "none", "--tool-speed", "0.25")
+    words = (
+        "trajectory",
+        "kuka_lwr4plus",
+        "--from-waypoints",
+        "w.csv",
+        "--preview",
+        "none",
+        "--tool-speed",
+        "0.25",
+    )
     done = dynid(*words, "--alpha", "1")
     assert done.status == 5
     alpha = done.err.split("--alpha ")[1].split()[0]
@@ -123,36 +154,81 @@ def test_too_fast_a_tool_is_told_the_alpha_that_passes_and_that_alpha_passes(dyn
 
 
 def test_plan_file_sets_options_and_the_command_line_wins(dynid):
-    text = "alpha: 0.5\nsegments: 4\nduration: 6\nwaypoints: [[0,0,0,0,0,0,0],[0.3,0.3,0,0,0,0,0]]\n"
+    text = (
+        "alpha: 0.5\nsegments: 4\nduration: 6\nwaypoints: [[0,0,0,0,0,0,0],[0.3,0.3,0,0,0,0,0]]\n"
+    )
     (dynid.folder / "plan.yaml").write_text(text)
-    first = dynid("trajectory", "kuka_lwr4plus", "plan.yaml", "--preview", "none", "--json", "-o", "a")
-    second = dynid("trajectory", "kuka_lwr4plus", "plan.yaml", "--preview", "none", "--json", "--alpha", "1", "-o", "b")
+    first = dynid(
+        "trajectory", "kuka_lwr4plus", "plan.yaml", "--preview", "none", "--json", "-o", "a"
+    )
+    second = dynid(
+        "trajectory",
+        "kuka_lwr4plus",
+        "plan.yaml",
+        "--preview",
+        "none",
+        "--json",
+        "--alpha",
+        "1",
+        "-o",
+        "b",
+    )
     assert (json.loads(first.out)["alpha"], json.loads(second.out)["alpha"]) == (0.5, 1.0)
-    assert json.loads(first.out)["duration_s"] == pytest.approx(2 * json.loads(second.out)["duration_s"])
+    assert json.loads(first.out)["duration_s"] == pytest.approx(
+        2 * json.loads(second.out)["duration_s"]
+    )
 
 
 def test_path_of_an_earlier_motion_runs_again_at_another_alpha(planned):
     run, answer, _ = planned
     earlier = "out/kuka_lwr4plus/trajectory.npz"
-    words = ("trajectory", "kuka_lwr4plus", "--from-trajectory", earlier, "--alpha", "0.4", "-o", "faster")
+    words = (
+        "trajectory",
+        "kuka_lwr4plus",
+        "--from-trajectory",
+        earlier,
+        "--alpha",
+        "0.4",
+        "-o",
+        "faster",
+    )
     done = run(*words, "--preview", "none", "--json")
     assert done.status == 0, done.err
     assert json.loads(done.out)["duration_s"] == pytest.approx(answer["duration_s"] / 2)
-    with np.load(run.folder / earlier) as slow, np.load(run.folder / "faster" / "trajectory.npz") as fast:
+    with (
+        np.load(run.folder / earlier) as slow,
+        np.load(run.folder / "faster" / "trajectory.npz") as fast,
+    ):
         assert np.allclose(slow["q"][::2][: len(fast["q"])], fast["q"], atol=1e-9)
         assert np.allclose(2 * slow["qd"][::2][: len(fast["q"])], fast["qd"], atol=1e-9)
 
 
 def test_search_that_the_time_ended_says_how_to_make_its_plan_again_and_that_makes_it(dynid):
-    short = ("--duration", "6", "--segments", "4", "--seconds", "4", "--restarts", "1000", "--preview", "none")
+    short = (
+        "--duration",
+        "6",
+        "--segments",
+        "4",
+        "--seconds",
+        "4",
+        "--restarts",
+        "1000",
+        "--preview",
+        "none",
+    )
     first = dynid("trajectory", "kuka_lwr4plus", *short, "--json", "-o", "a")
     assert first.status == 0, first.err
     search = json.loads(first.out)["search"]
     assert search["ended"] == "time"
     assert "the same plan again: --seed 0 --replay " in first.err
-    second = dynid("trajectory", "kuka_lwr4plus", *short, *search["again"].split(), "--json", "-o", "b")
+    second = dynid(
+        "trajectory", "kuka_lwr4plus", *short, *search["again"].split(), "--json", "-o", "b"
+    )
     assert second.status == 0, second.err
-    with np.load(dynid.folder / "a" / "trajectory.npz") as a, np.load(dynid.folder / "b" / "trajectory.npz") as b:
+    with (
+        np.load(dynid.folder / "a" / "trajectory.npz") as a,
+        np.load(dynid.folder / "b" / "trajectory.npz") as b,
+    ):
         assert np.array_equal(a["q"], b["q"])
 
 
@@ -193,7 +269,9 @@ def assert_between(factor, smaller, larger):
     assert ratio.max() == pytest.approx(factor, rel=0.01)
 
 
-def test_twice_the_same_motion_before_makes_predicted_errors_smaller_by_up_to_the_root_of_three(planned):
+def test_twice_the_same_motion_before_makes_predicted_errors_smaller_by_up_to_the_root_of_three(
+    planned,
+):
     run, answer, _ = planned
     earlier = ("--earlier", "out/kuka_lwr4plus/trajectory.npz") * 2
     done = run("trajectory", "kuka_lwr4plus", *QUICK, *earlier, "--json", "-o", "third")
@@ -237,13 +315,17 @@ def test_noise_of_the_robot_file_scales_the_predicted_errors_and_the_option_wins
         assert done.status == 0, done.err
         answers.append(json.loads(done.out))
     errors = [np.array(list(answer["predicted_std_error"].values())) for answer in answers]
-    assert [answer["torque_noise_from"] for answer in answers] == ["from the robot file"] * 2 + ["given with --noise"]
+    assert [answer["torque_noise_from"] for answer in answers] == ["from the robot file"] * 2 + [
+        "given with --noise"
+    ]
     assert_between(3.0, errors[0], errors[1])
     assert np.allclose(errors[2], errors[0], rtol=1e-6)
 
 
 @pytest.mark.parametrize("noise", ["-0.1", "[0.1, 0.1]", "[0.1, 0.1, 0.1, null, 0.1, 0.1, 0.1]"])
-def test_noise_that_is_not_one_positive_number_a_joint_is_refused_with_the_line(dynid, noisy, noise):
+def test_noise_that_is_not_one_positive_number_a_joint_is_refused_with_the_line(
+    dynid, noisy, noise
+):
     noisy(noise)
     done = dynid("trajectory", "arm.yaml", *QUICK)
     assert done.status == 3
@@ -286,4 +368,7 @@ def test_no_asks_what_to_change_old_pictures_go_and_an_unseen_motion_is_accepted
 
 def test_help_of_trajectory_imports_no_numpy():
     code = "import sys, dynid.cli.trajectory; print('numpy' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "False\n"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout
+        == "False\n"
+    )

@@ -75,11 +75,14 @@ def test_identify_finds_the_friction_that_was_put_in(done):
 def test_identify_finds_the_gravity_load_that_was_put_in(done):
     """Both moments m c about the joints, in the frames at the link ends: m r = mcx + a m."""
     values = {
-        row["name"]: row["value"] for row in answer(done("identify", "arm.yaml", "log.csv", "--json"))["parameters"]
+        row["name"]: row["value"]
+        for row in answer(done("identify", "arm.yaml", "log.csv", "--json"))["parameters"]
     }
     (m1, m2), (r1, r2) = twolink.MASS, twolink.COM
     assert values["mcx2R"] + 0.3 * values["m2R"] == pytest.approx(m2 * r2, rel=0.01)
-    assert values["mcx1R"] + 0.4 * values["m1R"] == pytest.approx(m1 * r1 + 0.4 * m2 - 0.4 * values["m2R"], rel=0.01)
+    assert values["mcx1R"] + 0.4 * values["m1R"] == pytest.approx(
+        m1 * r1 + 0.4 * m2 - 0.4 * values["m2R"], rel=0.01
+    )
 
 
 def test_validate_is_as_good_on_the_unseen_log_as_the_sensor_noise(done):
@@ -91,17 +94,46 @@ def test_validate_is_as_good_on_the_unseen_log_as_the_sensor_noise(done):
 
 # ---------------------------------------------------------------- JSON: the keys of the contract
 KEYS = {
-    "model": {"schema", "robot", "n_joints", "n_parameters", "rank", "classes", "groups", "seconds", "wrote"},
+    "model": {
+        "schema",
+        "robot",
+        "n_joints",
+        "n_parameters",
+        "rank",
+        "classes",
+        "groups",
+        "seconds",
+        "wrote",
+    },
     "parameters": {
-        "schema", "samples", "rate_hz", "cutoff_hz", "delay_s", "rank", "structural_rank", "condition_number",
-        "condition_number_scaled", "findings", "wrote",
+        "schema",
+        "samples",
+        "rate_hz",
+        "cutoff_hz",
+        "delay_s",
+        "rank",
+        "structural_rank",
+        "condition_number",
+        "condition_number_scaled",
+        "findings",
+        "wrote",
     },
     "identify": {
-        "schema", "method", "rank", "condition_number_scaled", "relative_error_percent", "joints",
-        "heldout_relative_error_percent", "parameters", "physically_consistent", "links", "findings", "wrote",
+        "schema",
+        "method",
+        "rank",
+        "condition_number_scaled",
+        "relative_error_percent",
+        "joints",
+        "heldout_relative_error_percent",
+        "parameters",
+        "physically_consistent",
+        "links",
+        "findings",
+        "wrote",
     },
     "validate": {"schema", "relative_error_percent", "joints", "passed", "wrote"},
-}  # fmt: skip
+}
 WORDS = {
     "model": ("arm.yaml", "--reduce"),
     "parameters": ("arm.yaml", "log.csv", "--no-identify"),
@@ -134,12 +166,17 @@ def test_json_of_identify_and_validate_has_the_keys_of_joints_and_parameters(don
     assert [j["joint"] for j in found["joints"]] == ["shoulder", "elbow"]
     assert all(joint <= set(j) for j in found["joints"])
     found = answer(done("validate", f"{OUT}/parameters.npz", "unseen.csv", "--no-plot", "--json"))
-    assert all({"joint", "rms_nm", "relative_error_percent", "baseline_rms_nm"} <= set(j) for j in found["joints"])
+    assert all(
+        {"joint", "rms_nm", "relative_error_percent", "baseline_rms_nm"} <= set(j)
+        for j in found["joints"]
+    )
 
 
 @pytest.mark.parametrize("command", list(KEYS))
 def test_stdout_is_the_answer_and_stderr_the_rest(done, command):
-    quiet, usual, loud = (done(command, *WORDS[command], "--force", *more) for more in (("-q",), (), ("-v",)))
+    quiet, usual, loud = (
+        done(command, *WORDS[command], "--force", *more) for more in (("-q",), (), ("-v",))
+    )
     assert quiet.status == usual.status == loud.status == 0
     answered = [line for line in quiet.out.splitlines() if not line.startswith("values ")]
     assert usual.out.splitlines()[: len(answered)] == answered
@@ -176,7 +213,9 @@ def test_the_answer_r_opens_the_editor_and_builds_again(arm):
     editor = arm.folder / "editor.sh"
     editor.write_text('#!/bin/sh\nsed -i "s/a: 0.3/a: 0.35/" "$1"\n')
     editor.chmod(0o755)
-    run = arm.typing("model", "arm.yaml", keys=["r\n", "y\n", "y\n"], EDITOR=str(editor), VISUAL=str(editor))
+    run = arm.typing(
+        "model", "arm.yaml", keys=["r\n", "y\n", "y\n"], EDITOR=str(editor), VISUAL=str(editor)
+    )
     assert run.status == 0, run.err
     assert "joints[1].a 0.3 -> 0.35" in run.err
     assert "a2 = 0.35 m" in run.out
@@ -217,7 +256,9 @@ def test_the_answer_r_changes_the_filter_and_stacks_again(arm):
 def test_parameters_then_identify_equals_identify_at_once(arm, finished):
     assert arm("parameters", "arm.yaml", "log.csv").status == 0
     assert arm("identify", "arm.yaml").status == 0
-    assert (arm.folder / OUT / "parameters.yaml").read_bytes() == (finished / OUT / "parameters.yaml").read_bytes()
+    assert (arm.folder / OUT / "parameters.yaml").read_bytes() == (
+        finished / OUT / "parameters.yaml"
+    ).read_bytes()
     again = arm("identify", "arm.yaml", "log.csv")
     assert again.status == 0
     assert again.err.startswith("reused")
@@ -263,14 +304,19 @@ def test_a_changed_robot_file_is_noticed_and_built_again(done):
     run = done("model", "arm.yaml")
     assert run.status == 0
     assert "joints[1].a 0.3 -> 0.35" in run.err
-    assert "is stale. Rebuild? -> yes (not asked: no terminal; set with --rebuild/--frozen)" in run.err
+    assert (
+        "is stale. Rebuild? -> yes (not asked: no terminal; set with --rebuild/--frozen)" in run.err
+    )
 
 
 def test_frozen_refuses_a_changed_robot_file_and_names_the_entry(done):
     edit(done, "a: 0.3", "a: 0.35")
     run = done("model", "arm.yaml", "--frozen")
     assert (run.status, run.out) == (7, "")
-    assert "error[E701] out/arm/regressor.npz was made from an older robot file (joints[1].a 0.3 -> 0.35)" in run.err
+    assert (
+        "error[E701] out/arm/regressor.npz was made from an older robot file (joints[1].a 0.3 -> 0.35)"
+        in run.err
+    )
     assert done("model", "arm.yaml", "--rebuild").status == 0
     assert done("model", "arm.yaml", "--frozen").status == 0
 
@@ -300,7 +346,12 @@ def test_a_run_is_repeated_from_run_yaml(done):
 
 @pytest.mark.parametrize(
     ("limit", "status"),
-    [("max_rms_nm > 1.5", 0), ("max_rms_nm > 0.001", 1), ("heldout_relative_error_percent<0.5", 1), ("rank >= 12", 0)],
+    [
+        ("max_rms_nm > 1.5", 0),
+        ("max_rms_nm > 0.001", 1),
+        ("heldout_relative_error_percent<0.5", 1),
+        ("rank >= 12", 0),
+    ],
 )
 def test_fail_if_gives_ci_a_threshold(done, limit, status):
     run = done("identify", "arm.yaml", "log.csv", "--fail-if", limit)
@@ -310,7 +361,8 @@ def test_fail_if_gives_ci_a_threshold(done, limit, status):
 
 
 @pytest.mark.parametrize(
-    "limit", ["max_rms > 1", "max_rms_nm", "max_rms_nm > much", "max_rms_nm != 1", "__import__('os') > 1"]
+    "limit",
+    ["max_rms > 1", "max_rms_nm", "max_rms_nm > much", "max_rms_nm != 1", "__import__('os') > 1"],
 )
 def test_a_limit_that_is_none_is_wrong_usage(done, limit):
     run = done("identify", "arm.yaml", "log.csv", "--fail-if", limit)
@@ -320,10 +372,14 @@ def test_a_limit_that_is_none_is_wrong_usage(done, limit):
 @pytest.mark.parametrize(
     ("words", "status"),
     [
-        (("--max-rms", "1"), 0), (("--max-rms", "0.001"), 1), (("--max-unexplained", "5%"), 0),
-        (("--max-unexplained", "0.01%"), 1), (("--max-unexplained", "lots"), 2), (("--max-rms", "-1"), 2),
+        (("--max-rms", "1"), 0),
+        (("--max-rms", "0.001"), 1),
+        (("--max-unexplained", "5%"), 0),
+        (("--max-unexplained", "0.01%"), 1),
+        (("--max-unexplained", "lots"), 2),
+        (("--max-rms", "-1"), 2),
     ],
-)  # fmt: skip
+)
 def test_validate_exits_1_when_a_limit_is_not_met(done, words, status):
     run = done("validate", f"{OUT}/parameters.npz", "unseen.csv", "--no-plot", *words)
     assert run.status == status
@@ -331,13 +387,26 @@ def test_validate_exits_1_when_a_limit_is_not_met(done, words, status):
 
 
 def test_validate_says_false_in_json_when_a_limit_is_not_met(done):
-    run = done("validate", f"{OUT}/parameters.npz", "unseen.csv", "--no-plot", "--max-rms", "0.001", "--json")
+    run = done(
+        "validate",
+        f"{OUT}/parameters.npz",
+        "unseen.csv",
+        "--no-plot",
+        "--max-rms",
+        "0.001",
+        "--json",
+    )
     assert run.status == 1
     assert json.loads(run.out)["passed"] is False
 
 
 def test_wrong_words_are_refused_before_anything_is_read_or_written(arm):
-    for words in (("--cutoff", "fast"), ("--exclude", "9-3"), ("--holdout", "120%"), ("--method", "magic")):
+    for words in (
+        ("--cutoff", "fast"),
+        ("--exclude", "9-3"),
+        ("--holdout", "120%"),
+        ("--method", "magic"),
+    ):
         run = arm("identify", "arm.yaml", "log.csv", *words)
         assert (run.status, run.out) == (2, ""), words
         assert not (arm.folder / "out").exists(), words
@@ -346,7 +415,11 @@ def test_wrong_words_are_refused_before_anything_is_read_or_written(arm):
 # ---------------------------------------------------------------- stdin of every kind
 @pytest.mark.parametrize("command", ["model", "parameters", "identify", "validate"])
 def test_no_command_reads_a_pipe_or_waits_for_one(done, command):
-    words = (command, *(word for word in WORDS[command] if word not in ("--reduce", "--no-identify")), "--force")
+    words = (
+        command,
+        *(word for word in WORDS[command] if word not in ("--reduce", "--no-identify")),
+        "--force",
+    )
     reader, writer = os.pipe()
     try:
         assert done(*words, stdin=reader).status == 0
@@ -357,7 +430,9 @@ def test_no_command_reads_a_pipe_or_waits_for_one(done, command):
         assert done(*words, stdin=yes.stdout).status == 0
         yes.kill()
     text = " ".join(done.words(words))
-    closed = subprocess.run(f"{text} <&-", shell=True, cwd=done.folder, env=done.env, capture_output=True, timeout=90)
+    closed = subprocess.run(
+        f"{text} <&-", shell=True, cwd=done.folder, env=done.env, capture_output=True, timeout=90
+    )
     assert closed.returncode == 0
     assert b"Traceback" not in closed.stderr
 
@@ -365,7 +440,9 @@ def test_no_command_reads_a_pipe_or_waits_for_one(done, command):
 # ---------------------------------------------------------------- the same bytes, whole files
 def test_two_runs_write_the_same_parameters_yaml(arm, finished):
     assert arm("identify", "arm.yaml", "log.csv").status == 0
-    assert (arm.folder / OUT / "parameters.yaml").read_bytes() == (finished / OUT / "parameters.yaml").read_bytes()
+    assert (arm.folder / OUT / "parameters.yaml").read_bytes() == (
+        finished / OUT / "parameters.yaml"
+    ).read_bytes()
 
 
 def whole(folder):
@@ -467,7 +544,9 @@ def test_sixty_plain_columns_hold_no_escape_code_and_no_broken_number(done, comm
     assert (run.out + run.err).isascii()
     wide = done(command, *WORDS[command], "--force")
     numbers = [word for word in wide.out.split() if any(c.isdigit() for c in word)]
-    assert sorted(set(numbers)) == sorted({word for word in run.out.split() if any(c.isdigit() for c in word)})
+    assert sorted(set(numbers)) == sorted(
+        {word for word in run.out.split() if any(c.isdigit() for c in word)}
+    )
 
 
 # ---------------------------------------------------------------- shipped arms and logs
@@ -475,7 +554,14 @@ def test_the_shipped_logs_go_through_all_three_loops(dynid):
     """Shortened: thirty seconds of the identification log, ten of the other."""
     logs = ROOT / "trajectories"
     short = ("--exclude", "30-1e12", "--no-plot")
-    run = dynid("identify", "kuka_lwr4plus", str(logs / "lwr4plus_identify.bag"), "--exclude", "30-1e12", "--json")
+    run = dynid(
+        "identify",
+        "kuka_lwr4plus",
+        str(logs / "lwr4plus_identify.bag"),
+        "--exclude",
+        "30-1e12",
+        "--json",
+    )
     found = answer(run)
     assert found["rank"] == 69
     assert found["heldout_relative_error_percent"] < 1.0

@@ -97,63 +97,198 @@ def poses(gravity=1.0, zero=0.0):
         qd = step * (30 * x**2 - 60 * x**3 + 30 * x**4)
         qdd = step * (60 * x - 180 * x**2 + 120 * x**3)
         weight = twolink.torque(q, 0 * q, 0 * q)
-        return {"t": t, "q": q, "qd": qd, "tau": twolink.torque(q, qd, qdd) - (1 - gravity) * weight + zero}
+        return {
+            "t": t,
+            "q": q,
+            "qd": qd,
+            "tau": twolink.torque(q, qd, qdd) - (1 - gravity) * weight + zero,
+        }
 
     return change
 
 
 ROBOT_FILE = [
-    Mistake("E201", 3, ("check", "arm.yaml"), r"arm.yaml:2: unknown key 'convetion'; did you mean 'convention'\?",
-            robot=("convention", "convetion"), fix=("convetion", "convention")),
-    Mistake("E202", 3, ("check", "arm.yaml"), r"arm.yaml:\d+: joints\[0\].twist = 90 rad is more than a full turn",
-            robot=("shoulder, a: 0.4", "shoulder, twist: 90, a: 0.4"),
-            fix=("convention:", "angle_unit: deg\nconvention:"), advice="angle_unit: deg"),
-    Mistake("E203", 3, ("check", "arm.yaml"), r"joints\[1\].a = '3e-1' is text in YAML; write 3.0e-1",
-            robot=("a: 0.3", "a: 3e-1"), fix=("3e-1", "3.0e-1")),
-    Mistake("E203", 3, ("check", "arm.yaml"), r"joints\[1\].a", robot=("a: 0.3", "a: 0x"), fix=("0x", "0.3")),
-    Mistake("E204", 3, ("check", "arm.yaml"), "standard or modified", robot=("convention: standard\n", ""),
-            fix=("name: arm", "name: arm\nconvention: standard"), advice="convention: standard"),
-    Mistake("E205", 2, ("model", "kinova_gen"), r"no robot 'kinova_gen'; did you mean 'kinova_gen2'\?"),
-    Mistake("E206", 3, ("check", "arm.yaml"), r"981 m/s\^2", robot=("-9.81", "-981"), fix=("-981", "-9.81")),
-    Mistake("E207", 3, ("check", "arm.yaml"), "arm.yaml:2: key 'name' is given twice",
-            robot=("name: arm\n", "name: arm\nname: arm\n"), fix=("name: arm\nname: arm\n", "name: arm\n")),
-]  # fmt: skip
+    Mistake(
+        "E201",
+        3,
+        ("check", "arm.yaml"),
+        r"arm.yaml:2: unknown key 'convetion'; did you mean 'convention'\?",
+        robot=("convention", "convetion"),
+        fix=("convetion", "convention"),
+    ),
+    Mistake(
+        "E202",
+        3,
+        ("check", "arm.yaml"),
+        r"arm.yaml:\d+: joints\[0\].twist = 90 rad is more than a full turn",
+        robot=("shoulder, a: 0.4", "shoulder, twist: 90, a: 0.4"),
+        fix=("convention:", "angle_unit: deg\nconvention:"),
+        advice="angle_unit: deg",
+    ),
+    Mistake(
+        "E203",
+        3,
+        ("check", "arm.yaml"),
+        r"joints\[1\].a = '3e-1' is text in YAML; write 3.0e-1",
+        robot=("a: 0.3", "a: 3e-1"),
+        fix=("3e-1", "3.0e-1"),
+    ),
+    Mistake(
+        "E203",
+        3,
+        ("check", "arm.yaml"),
+        r"joints\[1\].a",
+        robot=("a: 0.3", "a: 0x"),
+        fix=("0x", "0.3"),
+    ),
+    Mistake(
+        "E204",
+        3,
+        ("check", "arm.yaml"),
+        "standard or modified",
+        robot=("convention: standard\n", ""),
+        fix=("name: arm", "name: arm\nconvention: standard"),
+        advice="convention: standard",
+    ),
+    Mistake(
+        "E205", 2, ("model", "kinova_gen"), r"no robot 'kinova_gen'; did you mean 'kinova_gen2'\?"
+    ),
+    Mistake(
+        "E206",
+        3,
+        ("check", "arm.yaml"),
+        r"981 m/s\^2",
+        robot=("-9.81", "-981"),
+        fix=("-981", "-9.81"),
+    ),
+    Mistake(
+        "E207",
+        3,
+        ("check", "arm.yaml"),
+        "arm.yaml:2: key 'name' is given twice",
+        robot=("name: arm\n", "name: arm\nname: arm\n"),
+        fix=("name: arm\nname: arm\n", "name: arm\n"),
+    ),
+]
 
 LOGS = [
-    Mistake("E301", 3, ("check", "arm.yaml", "logg.csv"), r"no such file logg.csv; nearby: log.csv"),
-    Mistake("E301", 3, ("identify", "arm.yaml", "logg.csv"), r"no such file logg.csv; nearby: log.csv"),
-    Mistake("E306", 3, CHECK, r"elbow torque is not a number in 12 samples, first at t = 3.000 s \(row 301\)",
-            log=spoil("tau", put(slice(300, 312), 1, np.nan)), fix=("--exclude", "2.999-3.111"),
-            advice="--exclude 2.999-3.111"),
-    Mistake("E307", 3, CHECK, r"position spans .*degrees\? limits are \+-3.00 rad",
-            log=lambda c: {**c, "q": np.degrees(c["q"]), "qd": np.degrees(c["qd"])},
-            fix=("joints:", DRIVER % "position: deg, velocity: deg/s" + "joints:"),
-            advice="position: deg, velocity: deg/s"),
-    Mistake("E308", 3, CHECK, r"shoulder velocity is 57.\d x the change of position: deg/s",
-            log=spoil("qd", np.degrees), fix=("joints:", DRIVER % "velocity: deg/s" + "joints:"),
-            advice="velocity: deg/s"),
-    Mistake("E308", 3, ("identify", "arm.yaml", "log.csv"), "elbow velocity has the opposite sign",
-            log=spoil("qd", scaled(1, -1)), fix=("--velocity", "derived"), advice="--velocity derived"),
-    Mistake("E309", 3, CHECK, "log.csv names shoulder, elbow; the robot file expects schulter, elbow",
-            robot=("name: shoulder", "name: schulter"),
-            fix=("joints:", "driver: {kind: generic, joint_names: [shoulder, elbow]}\njoints:"),
-            advice=r"joint_names: \[shoulder, elbow\]"),
-    Mistake("E309", 3, ("identify", "arm.yaml", "log.csv"),
-            r"shoulder and elbow look swapped \(correlation",
-            log=spoil("qd", lambda v: v[:, ::-1]), fix=("--velocity", "derived"), advice="--velocity derived"),
-    Mistake("E311", 3, CHECK, r"time goes back 4.99 s at row 1501 \(t = 14.99 s\): two recordings joined\?",
-            log=spoil("t", jump_back), fix=("--exclude", "10.000-14.990"), advice="--exclude 10.000-14.990"),
-    Mistake("E312", 3, CHECK, r"\d+ % of the samples are missing \(9 gaps",
-            log=keep(np.flatnonzero(np.arange(2000) % 200 < 180))),
-    Mistake("E313", 4, CHECK, "s of motion; about 18 parameters need about", log=keep(slice(0, 60))),
-    Mistake("E314", 4, CHECK, r"joint states arrive at 5.0 Hz", log=keep(slice(None, None, 20)), advice="rate"),
-    Mistake("E317", 3, CHECK, "gravity was already removed", log=poses(gravity=0),
-            fix=("joints:", "torque: {source: gravity_free}\njoints:"), advice="gravity_free"),
-    Mistake("E318", 3, CHECK, r"torque reaches .*: mNm\? rating 60 Nm", log=spoil("tau", lambda v: 1000 * v),
-            fix=("joints:", DRIVER % "effort: mNm" + "joints:"), advice="effort: mNm"),
-    Mistake("E401", 4, CHECK, "elbow moves 0 rad: its 4 own parameters cannot be found",
-            log=lambda c: {**c, "q": put(slice(None), 1, 0.3)(c["q"]), "qd": put(slice(None), 1, 0.0)(c["qd"])}),
-]  # fmt: skip
+    Mistake(
+        "E301", 3, ("check", "arm.yaml", "logg.csv"), r"no such file logg.csv; nearby: log.csv"
+    ),
+    Mistake(
+        "E301", 3, ("identify", "arm.yaml", "logg.csv"), r"no such file logg.csv; nearby: log.csv"
+    ),
+    Mistake(
+        "E306",
+        3,
+        CHECK,
+        r"elbow torque is not a number in 12 samples, first at t = 3.000 s \(row 301\)",
+        log=spoil("tau", put(slice(300, 312), 1, np.nan)),
+        fix=("--exclude", "2.999-3.111"),
+        advice="--exclude 2.999-3.111",
+    ),
+    Mistake(
+        "E307",
+        3,
+        CHECK,
+        r"position spans .*degrees\? limits are \+-3.00 rad",
+        log=lambda c: {**c, "q": np.degrees(c["q"]), "qd": np.degrees(c["qd"])},
+        fix=("joints:", DRIVER % "position: deg, velocity: deg/s" + "joints:"),
+        advice="position: deg, velocity: deg/s",
+    ),
+    Mistake(
+        "E308",
+        3,
+        CHECK,
+        r"shoulder velocity is 57.\d x the change of position: deg/s",
+        log=spoil("qd", np.degrees),
+        fix=("joints:", DRIVER % "velocity: deg/s" + "joints:"),
+        advice="velocity: deg/s",
+    ),
+    Mistake(
+        "E308",
+        3,
+        ("identify", "arm.yaml", "log.csv"),
+        "elbow velocity has the opposite sign",
+        log=spoil("qd", scaled(1, -1)),
+        fix=("--velocity", "derived"),
+        advice="--velocity derived",
+    ),
+    Mistake(
+        "E309",
+        3,
+        CHECK,
+        "log.csv names shoulder, elbow; the robot file expects schulter, elbow",
+        robot=("name: shoulder", "name: schulter"),
+        fix=("joints:", "driver: {kind: generic, joint_names: [shoulder, elbow]}\njoints:"),
+        advice=r"joint_names: \[shoulder, elbow\]",
+    ),
+    Mistake(
+        "E309",
+        3,
+        ("identify", "arm.yaml", "log.csv"),
+        r"shoulder and elbow look swapped \(correlation",
+        log=spoil("qd", lambda v: v[:, ::-1]),
+        fix=("--velocity", "derived"),
+        advice="--velocity derived",
+    ),
+    Mistake(
+        "E311",
+        3,
+        CHECK,
+        r"time goes back 4.99 s at row 1501 \(t = 14.99 s\): two recordings joined\?",
+        log=spoil("t", jump_back),
+        fix=("--exclude", "10.000-14.990"),
+        advice="--exclude 10.000-14.990",
+    ),
+    Mistake(
+        "E312",
+        3,
+        CHECK,
+        r"\d+ % of the samples are missing \(9 gaps",
+        log=keep(np.flatnonzero(np.arange(2000) % 200 < 180)),
+    ),
+    Mistake(
+        "E313", 4, CHECK, "s of motion; about 18 parameters need about", log=keep(slice(0, 60))
+    ),
+    Mistake(
+        "E314",
+        4,
+        CHECK,
+        r"joint states arrive at 5.0 Hz",
+        log=keep(slice(None, None, 20)),
+        advice="rate",
+    ),
+    Mistake(
+        "E317",
+        3,
+        CHECK,
+        "gravity was already removed",
+        log=poses(gravity=0),
+        fix=("joints:", "torque: {source: gravity_free}\njoints:"),
+        advice="gravity_free",
+    ),
+    Mistake(
+        "E318",
+        3,
+        CHECK,
+        r"torque reaches .*: mNm\? rating 60 Nm",
+        log=spoil("tau", lambda v: 1000 * v),
+        fix=("joints:", DRIVER % "effort: mNm" + "joints:"),
+        advice="effort: mNm",
+    ),
+    Mistake(
+        "E401",
+        4,
+        CHECK,
+        "elbow moves 0 rad: its 4 own parameters cannot be found",
+        log=lambda c: {
+            **c,
+            "q": put(slice(None), 1, 0.3)(c["q"]),
+            "qd": put(slice(None), 1, 0.0)(c["qd"]),
+        },
+    ),
+]
 
 
 def names(row):
@@ -195,7 +330,11 @@ def refused(run, code, status, says=".", advice="."):
 
 # ---------------------------------------------------------------- warnings: said, and the work goes on
 WARNINGS = [
-    ("W312", keep(np.r_[0:600, 630:2000]), r"log.csv: 1 gap, longest 310 ms at 5.99 s: cut there, not bridged"),
+    (
+        "W312",
+        keep(np.r_[0:600, 630:2000]),
+        r"log.csv: 1 gap, longest 310 ms at 5.99 s: cut there, not bridged",
+    ),
     (
         "W319",
         spoil("tau", lambda v: np.clip(v, -12, 12)),
@@ -221,7 +360,9 @@ def test_a_jump_by_a_full_turn_is_unwrapped(dynid):
         columns["q"][1500:, 1] += 2 * np.pi
 
     twolink.write_log(dynid.folder / "log.csv", 1, turn)
-    assert re.search(r"warning\[W315\] elbow jumps by 6.\d+ rad at 15.00 s; unwrapped", dynid(*CHECK).err)
+    assert re.search(
+        r"warning\[W315\] elbow jumps by 6.\d+ rad at 15.00 s; unwrapped", dynid(*CHECK).err
+    )
 
 
 def test_gravity_that_points_up_is_a_warning_when_the_mount_is_not_said(dynid):
@@ -256,7 +397,9 @@ def test_masses_and_centres_alone_are_a_prior(dynid):
     twolink.write_log(dynid.folder / "log.csv", 1)
     file = dynid.folder / "arm.yaml"
     text = re.sub(r"\nprior:.*", "", file.read_text(), flags=re.DOTALL)
-    file.write_text(f"{text}\nprior:\n  links:\n" + "    - {mass: 3, com: [-0.2, 0, 0]}\n    - {mass: 0}\n")
+    file.write_text(
+        f"{text}\nprior:\n  links:\n" + "    - {mass: 3, com: [-0.2, 0, 0]}\n    - {mass: 0}\n"
+    )
     run = dynid("identify", "arm.yaml", "log.csv", "--no-input", "--json")
     assert run.status == 0
     assert "E404" not in run.err
@@ -268,13 +411,17 @@ def lwr(name, *words):
 
 
 def test_a_topic_that_is_not_there_lists_those_that_are(dynid):
-    refused(dynid(*lwr(str(BAG), "--topic", "/joint_state")), "E303", 3, "/lwr/joint_states", "--topic")
+    refused(
+        dynid(*lwr(str(BAG), "--topic", "/joint_state")), "E303", 3, "/lwr/joint_states", "--topic"
+    )
     assert dynid(*lwr(str(BAG), "--topic", "/lwr/joint_states")).status == 0
 
 
 def test_a_topic_of_another_kind_names_its_type(dynid):
     stamps = [1_460_000_000 * 10**9 + i * 10**7 for i in range(50)]
-    messages = [("/arm/joint_angles", ns, kinova("kinova_msgs/msg/JointAngles", [0.0] * 7)) for ns in stamps]
+    messages = [
+        ("/arm/joint_angles", ns, kinova("kinova_msgs/msg/JointAngles", [0.0] * 7)) for ns in stamps
+    ]
     write_bag(dynid.folder / "log.bag", messages)
     run = dynid("check", "log.bag", "--robot", "kinova_gen2", "--topic", "/arm/joint_angles")
     refused(run, "E304", 3, "kinova_msgs/(msg/)?JointAngles", "joint state")
@@ -300,7 +447,13 @@ def test_a_bag_that_ends_early_is_read_as_far_as_it_goes(dynid):
 def test_a_log_of_fewer_joints_than_the_robot_is_counted(dynid):
     messages = state_messages(200, [f"lwr_{i}_joint" for i in range(6)], topic="/lwr/joint_states")
     write_bag(dynid.folder / "log.bag", messages)
-    refused(dynid(*lwr("log.bag")), "E310", 3, "log.bag has 6 joints .*, KUKA LWR4\\+ has 7", "robot file")
+    refused(
+        dynid(*lwr("log.bag")),
+        "E310",
+        3,
+        "log.bag has 6 joints .*, KUKA LWR4\\+ has 7",
+        "robot file",
+    )
 
 
 def test_a_torque_at_rest_where_nothing_weighs_is_worth_zeroing(dynid):
@@ -325,7 +478,9 @@ def test_joints_that_hardly_move_apart_are_refused_until_they_are_dropped(dynid)
         waves = (np.sin(2 * t), 2 * np.cos(2 * t), -4 * np.sin(2 * t))
         apart = (np.sin(3 * t), 3 * np.cos(3 * t), -9 * np.sin(3 * t))
         for key, wave, own in zip(("q", "qd", "qdd"), waves, apart, strict=True):
-            columns[key] = 0.6 * np.column_stack([wave, wave]) + 0.001 * np.column_stack([0 * own, own])
+            columns[key] = 0.6 * np.column_stack([wave, wave]) + 0.001 * np.column_stack(
+                [0 * own, own]
+            )
         columns["tau"] = twolink.torque(columns["q"], columns["qd"], columns.pop("qdd"))
         columns["tau"] += noise * np.random.default_rng(1).normal(size=columns["tau"].shape)
         return columns
@@ -353,7 +508,11 @@ def test_joints_that_move_together_leave_parameters_open_until_they_are_dropped(
 
     def together(columns):
         t = columns["t"]
-        for key, wave in (("q", np.sin(2 * t)), ("qd", 2 * np.cos(2 * t)), ("qdd", -4 * np.sin(2 * t))):
+        for key, wave in (
+            ("q", np.sin(2 * t)),
+            ("qd", 2 * np.cos(2 * t)),
+            ("qdd", -4 * np.sin(2 * t)),
+        ):
             columns[key] = 0.6 * np.column_stack([wave, wave])
         columns["tau"] = twolink.torque(columns["q"], columns["qd"], columns.pop("qdd"))
         return columns
@@ -380,7 +539,11 @@ def test_a_result_of_a_newer_dynid_is_not_guessed_at(dynid):
     twolink.write_arm(dynid.folder)
     write_artifact(dynid.folder / "p.npz", "dynid/identification/99", {"dynid": "9.9"}, {})
     refused(
-        dynid("validate", "p.npz", "unseen.csv"), "E320", 3, r"written by dynid 9.9 \(schema 99\); this is", "upgrade"
+        dynid("validate", "p.npz", "unseen.csv"),
+        "E320",
+        3,
+        r"written by dynid 9.9 \(schema 99\); this is",
+        "upgrade",
     )
 
 
@@ -396,14 +559,26 @@ def test_a_stored_model_of_another_robot_file_is_not_used_when_frozen(dynid):
     assert dynid("model", "arm.yaml").status == 0
     file = dynid.folder / "arm.yaml"
     file.write_text(file.read_text().replace("a: 0.3", "a: 0.31"))
-    refused(dynid("model", "arm.yaml", "--frozen", "-q"), "E701", 7, r"joints\[1\].a 0.3 -> 0.31", "drop --frozen")
+    refused(
+        dynid("model", "arm.yaml", "--frozen", "-q"),
+        "E701",
+        7,
+        r"joints\[1\].a 0.3 -> 0.31",
+        "drop --frozen",
+    )
     assert dynid("model", "arm.yaml").status == 0
 
 
 def test_results_are_not_overwritten_and_the_advice_works(dynid):
     twolink.write_arm(dynid.folder)
     assert dynid("identify", "arm.yaml", "log.csv").status == 0
-    refused(dynid("identify", "arm.yaml", "unseen.csv"), "E702", 7, r"log 1 sha \w{4} -> \w{4}", "--force")
+    refused(
+        dynid("identify", "arm.yaml", "unseen.csv"),
+        "E702",
+        7,
+        r"log 1 sha \w{4} -> \w{4}",
+        "--force",
+    )
     assert dynid("identify", "arm.yaml", "unseen.csv", "--force").status == 0
 
 

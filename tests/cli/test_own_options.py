@@ -36,7 +36,12 @@ REFUSED = {
 
 @pytest.fixture
 def lab(dynid):
-    texts = {"arm.yaml": ARM, "batch.yaml": "jobs: []", "runs.csv": "result,arm,time\n", "log.csv": "t,q_j\n"}
+    texts = {
+        "arm.yaml": ARM,
+        "batch.yaml": "jobs: []",
+        "runs.csv": "result,arm,time\n",
+        "log.csv": "t,q_j\n",
+    }
     for name, text in texts.items():
         (dynid.folder / name).write_text(text)
     (dynid.folder / "trajectory.npz").write_bytes(b"")
@@ -48,7 +53,9 @@ def lab(dynid):
 @pytest.mark.parametrize("where", ["dynid.yaml", "--config"])
 def test_a_file_of_the_folder_does_not_set_what_reaches_out_of_it(text, where, lab):
     (lab.folder / ("dynid.yaml" if where == "dynid.yaml" else "other.yaml")).write_text(f"{text}\n")
-    done = lab(*REFUSED[text].split(), *([] if where == "dynid.yaml" else ["--config", "other.yaml"]))
+    done = lab(
+        *REFUSED[text].split(), *([] if where == "dynid.yaml" else ["--config", "other.yaml"])
+    )
     assert (done.status, done.out) == (2, "")
     assert done.err.startswith("error[E101]")
     assert "only you may set" in done.err or "leads out of the folder" in done.err
@@ -70,7 +77,9 @@ def test_what_a_file_of_the_folder_sets_is_said(lab):
     assert "settings" not in lab("model", "arm.yaml", "--no-input", "--seed", "1", "--out", "o").err
 
 
-@pytest.mark.parametrize("word", ["--log-file=said", "--limit=joints=40", "--out=/tmp/elsewhere", "--open", "--force"])
+@pytest.mark.parametrize(
+    "word", ["--log-file=said", "--limit=joints=40", "--out=/tmp/elsewhere", "--open", "--force"]
+)
 def test_a_run_of_somebody_else_is_not_repeated_with_what_only_the_user_may_say(word, lab):
     stored = {"identify": {"arguments": ["arm.yaml", "log.csv", word]}}
     (lab.folder / "run.yaml").write_text(yaml.safe_dump(stored))
@@ -91,7 +100,9 @@ def test_a_job_of_a_list_opens_no_window(lab):
     rows = np.column_stack([t, np.sin(t), t])
     np.savetxt(lab.folder / "log.csv", rows, delimiter=",", header="t,q_j,tau_j", comments="")
     (lab.folder / "batch.yaml").write_text(
-        json.dumps({"jobs": [{"robot": "arm.yaml", "logs": ["log.csv"], "options": {"open": True}}]})
+        json.dumps(
+            {"jobs": [{"robot": "arm.yaml", "logs": ["log.csv"], "options": {"open": True}}]}
+        )
     )
     done = lab("run", "batch.yaml")
     assert done.status == 2
@@ -126,6 +137,11 @@ def test_each_option_that_is_the_users_own_is_one_of_a_command():
     from dynid.cli.options import key_of
 
     commands = [importlib.import_module(module_of(name)).command for name in available()]
-    names = {key_of(param) for command in commands for param in command.params if param.opts[0].startswith("-")}
+    names = {
+        key_of(param)
+        for command in commands
+        for param in command.params
+        if param.opts[0].startswith("-")
+    }
     assert set(own.OPTIONS) <= names
     assert set(own.COMMANDS) <= set(available())

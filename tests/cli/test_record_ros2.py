@@ -40,7 +40,9 @@ def as_message(kind, value):
             if inner[0].name == "NAME":
                 made[name] = [as_message(inner[1], each) for each in given]
             else:
-                made[name] = np.array(given, dtype=float) if inner[1][0] == "float64" else list(given)
+                made[name] = (
+                    np.array(given, dtype=float) if inner[1][0] == "float64" else list(given)
+                )
         else:
             made[name] = given
     return HUMBLE.types[kind](**made)
@@ -56,7 +58,9 @@ def test_a_plan_is_a_joint_trajectory_of_ros_2(goal, tmp_path):
     kind = "trajectory_msgs/msg/JointTrajectory"
     message = HUMBLE.deserialize_cdr(HUMBLE.serialize_cdr(as_message(kind, found), kind), kind)
     assert message.joint_names == list(ROBOT.log_names)
-    times = [point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in message.points]
+    times = [
+        point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in message.points
+    ]
     assert np.allclose(times, T, atol=1e-9)
     assert np.allclose([point.positions for point in message.points], Q, atol=1e-8)
 
@@ -67,7 +71,9 @@ def recorded(folder: Path, plugin: StoragePlugin, packed: bool = False) -> None:
     kind = "sensor_msgs/msg/JointState"
     arm, moved = pin.buildModelFromXML(urdf_text(ROBOT)), motion()
     data = arm.createData()
-    tau = np.array([pin.rnea(arm, data, *state) for state in zip(Q, moved.qd, moved.qdd, strict=True)])
+    tau = np.array(
+        [pin.rnea(arm, data, *state) for state in zip(Q, moved.qd, moved.qdd, strict=True)]
+    )
     tau += 2 * moved.qd + np.random.default_rng(0).normal(0, 0.2, Q.shape)
     writer = Writer(folder, version=9, storage_plugin=plugin)
     if packed:
@@ -79,7 +85,11 @@ def recorded(folder: Path, plugin: StoragePlugin, packed: bool = False) -> None:
             stamp = types["builtin_interfaces/msg/Time"](1_760_000_000 + int(t), round(t % 1 * 1e9))
             header = types["std_msgs/msg/Header"](stamp, "")
             message = types[kind](header, list(ROBOT.log_names), q, np.zeros(6), effort)
-            writer.write(connection, 1_760_000_000 * 10**9 + round(t * 1e9), HUMBLE.serialize_cdr(message, kind))
+            writer.write(
+                connection,
+                1_760_000_000 * 10**9 + round(t * 1e9),
+                HUMBLE.serialize_cdr(message, kind),
+            )
 
 
 @pytest.mark.parametrize("plugin", list(StoragePlugin))
@@ -109,7 +119,9 @@ def test_a_recording_without_joint_states_is_not_usable(plugin, dynid):
     with Writer(dynid.folder / "recording", version=9, storage_plugin=plugin) as writer:
         connection = writer.add_connection("/chatter", kind, typestore=HUMBLE)
         for k in range(20):
-            writer.write(connection, 10**9 * k, HUMBLE.serialize_cdr(HUMBLE.types[kind]("hello"), kind))
+            writer.write(
+                connection, 10**9 * k, HUMBLE.serialize_cdr(HUMBLE.types[kind]("hello"), kind)
+            )
     answer = json.loads(dynid("check", "recording", "--json").out)
     assert not answer["usable"]
     assert [finding["code"] for finding in answer["findings"]] == ["W333"]

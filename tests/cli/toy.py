@@ -30,7 +30,10 @@ def types_name(common, move, **_):
 def writes(common, word, samples, **_):
     from dynid.npz import write_artifact  # NumPy comes with it, and most jobs do without
 
-    path, inputs = common.folder("arm") / "result.npz", input_hashes({"log": Path(word)}, {"samples": samples})
+    path, inputs = (
+        common.folder("arm") / "result.npz",
+        input_hashes({"log": Path(word)}, {"samples": samples}),
+    )
     if may_write(common, path, inputs):
         write_artifact(path, "dynid/toy/1", {"inputs": inputs}, {})
         common.terminal.wrote(path)
@@ -44,7 +47,9 @@ def writes_text(common, **_):
 
 
 def values(common, samples, **_):
-    common.terminal.answer(f"samples {samples} seed {common.seed} quiet {common.quiet} out {common.out}")
+    common.terminal.answer(
+        f"samples {samples} seed {common.seed} quiet {common.quiet} out {common.out}"
+    )
     common.terminal.emit_json({"schema": "dynid/toy/1", "samples": samples, "rms_nm": float("nan")})
 
 
@@ -58,7 +63,9 @@ def talks(common, word, **_):
 
 
 def prints_wide(common, **_):
-    common.terminal.table(("joint", *(f"quantity {i}" for i in range(9))), [("joint_1", *("1234.5678 Nm",) * 9)])
+    common.terminal.table(
+        ("joint", *(f"quantity {i}" for i in range(9))), [("joint_1", *("1234.5678 Nm",) * 9)]
+    )
 
 
 def works(common, **_):
@@ -99,7 +106,9 @@ def waits_in_archive(common, **_):
     import zipfile
 
     with zipfile.ZipFile("archive.zip", "w") as archive:
-        archive._writing = True  # as an interrupt finds it that comes while an entry is being opened
+        archive._writing = (
+            True  # as an interrupt finds it that comes while an entry is being opened
+        )
         common.terminal.answer("ready")
         sys.stdout.flush()
         time.sleep(60)
@@ -112,10 +121,21 @@ def chatters(common, **_):
 
 
 JOBS = {
-    "ask": asks, "typed": types_name, "write": writes, "text": writes_text, "values": values, "talk": talks,
-    "wide": prints_wide, "work": works, "error": fails, "crash": crashes, "limit": misses_limit, "wait": waits,
-    "chatter": chatters, "archive": waits_in_archive,
-}  # fmt: skip
+    "ask": asks,
+    "typed": types_name,
+    "write": writes,
+    "text": writes_text,
+    "values": values,
+    "talk": talks,
+    "wide": prints_wide,
+    "work": works,
+    "error": fails,
+    "crash": crashes,
+    "limit": misses_limit,
+    "wait": waits,
+    "chatter": chatters,
+    "archive": waits_in_archive,
+}
 
 
 @dynid_command("toy", examples=("dynid toy ask P1",), repeatable=True)

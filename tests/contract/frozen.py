@@ -9,7 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from situations import BEFORE, CHAPTERS, COPIES, MAY_BE_EMPTY, OPEN_MAPS, PLACES, SPOILT_LOGS, files, logs
+from situations import (
+    BEFORE,
+    CHAPTERS,
+    COPIES,
+    MAY_BE_EMPTY,
+    OPEN_MAPS,
+    PLACES,
+    SPOILT_LOGS,
+    files,
+    logs,
+)
 
 from dynid.files.artifact import read_artifact
 from runner import Runner
@@ -41,7 +51,8 @@ def lost(then: list[str], now: list[str]) -> list[str]:
     def empty(path: str) -> bool:
         parts = re.findall(r"[^.\[\]]+|\[\]", path)
         return any(
-            part in MAY_BE_EMPTY and not any(each.startswith((f"{inside}[]", f"{inside}.")) for each in here)
+            part in MAY_BE_EMPTY
+            and not any(each.startswith((f"{inside}[]", f"{inside}.")) for each in here)
             for i, part in enumerate(parts)
             for inside in [".".join(parts[: i + 1]).replace(".[]", "[]")]
         )
@@ -63,7 +74,11 @@ def contents(path: Path) -> list[str]:
 
 def seen(folder: Path) -> dict[str, int]:
     """Return every file below a folder with the time of its last change."""
-    return {str(path.relative_to(folder)): path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.stat().st_mtime_ns
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 def situation(dynid: Runner, line: str) -> dict[str, Any]:
@@ -73,7 +88,10 @@ def situation(dynid: Runner, line: str) -> dict[str, Any]:
     after = seen(dynid.folder)
     found: dict[str, Any] = {
         "status": run.status,
-        "errors": ["no ROS" if code in NO_ROS else code for code in re.findall(r"^error\[(E\d+)\]", run.err, re.M)],
+        "errors": [
+            "no ROS" if code in NO_ROS else code
+            for code in re.findall(r"^error\[(E\d+)\]", run.err, re.M)
+        ],
         "answered": bool(run.out),
     }
     if "--json" in line.split():
@@ -111,7 +129,9 @@ def options(dynid: Runner) -> dict[str, list[str]]:
     words = dynid("-h").out.split("Commands:")[1].split("\n\n")[0]
     commands = re.findall(r"^  (\S+)", words, re.MULTILINE)
     return {
-        name: sorted(set(re.findall(r"(?<=[ /])--?[a-z][a-z-]*", dynid(name, "-h").out.split("Options:")[1])))
+        name: sorted(
+            set(re.findall(r"(?<=[ /])--?[a-z][a-z-]*", dynid(name, "-h").out.split("Options:")[1]))
+        )
         for name in commands
     }
 
@@ -119,4 +139,8 @@ def options(dynid: Runner) -> dict[str, list[str]]:
 def errors(dynid: Runner) -> dict[str, int]:
     """Return the exit status of every error code."""
     codes = json.loads(dynid("explain", "--json").out)["codes"]
-    return {code: int(page["exit"].split(",")[0]) for code, page in codes.items() if code.startswith("E")}
+    return {
+        code: int(page["exit"].split(",")[0])
+        for code, page in codes.items()
+        if code.startswith("E")
+    }

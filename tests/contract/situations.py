@@ -26,13 +26,29 @@ PLACES = {
 
 #: Keys whose value is a map with names of its own: parameters, joints, stages, what a finding rests on.
 OPEN_MAPS = {
-    "base_parameters", "cannot_judge", "codes", "formulas", "inputs", "origin", "parameters", "predicted_std_error",
-    "seconds", "symbols", "terms",
-}  # fmt: skip
+    "base_parameters",
+    "cannot_judge",
+    "codes",
+    "formulas",
+    "inputs",
+    "origin",
+    "parameters",
+    "predicted_std_error",
+    "seconds",
+    "symbols",
+    "terms",
+}
 #: Keys whose value is a copy of something that is described elsewhere: what stands in it is not compared.
 COPIES = {"arrays", "evidence", "header"}
 #: Keys whose list or map may be empty where numbers move a little; what stands in them is compared where it is not.
-MAY_BE_EMPTY = {"findings", "cannot_judge", "alternatives", "most_changed", "beyond_tolerance", "changed"}
+MAY_BE_EMPTY = {
+    "findings",
+    "cannot_judge",
+    "alternatives",
+    "most_changed",
+    "beyond_tolerance",
+    "changed",
+}
 
 # ---------------------------------------------------------------- the files that commands meet
 BATCH = """\
@@ -92,7 +108,9 @@ def logs(folder: Path) -> None:
     torques = [i for i, name in enumerate(names) if name.startswith("tau_")]
 
     def scaled(columns: list[int], factor: float) -> Callable[[list[float]], list[float]]:
-        return lambda row: [value * factor if i in columns else value for i, value in enumerate(row)]
+        return lambda row: [
+            value * factor if i in columns else value for i, value in enumerate(row)
+        ]
 
     def write(name: str, rows: list[list[float]], kept: list[int] | None = None) -> None:
         kept = list(range(len(names))) if kept is None else kept
@@ -103,14 +121,26 @@ def logs(folder: Path) -> None:
     middle = len(table) // 2
     write("degrees.csv", [*map(scaled(positions, 180 / math.pi), table)])
     write("millinewton.csv", [*map(scaled(torques, 1000.0), table)])
-    write("not_a_number.csv", [[math.nan if i == torques[2] and 300 <= r < 312 else v for i, v in enumerate(row)]
-                               for r, row in enumerate(table)])  # fmt: skip
-    write("six_joints.csv", table, [i for i in range(len(names)) if i not in (positions[-1], torques[-1])])
+    write(
+        "not_a_number.csv",
+        [
+            [math.nan if i == torques[2] and 300 <= r < 312 else v for i, v in enumerate(row)]
+            for r, row in enumerate(table)
+        ],
+    )
+    write(
+        "six_joints.csv",
+        table,
+        [i for i in range(len(names)) if i not in (positions[-1], torques[-1])],
+    )
     write("back.csv", [[row[0] - 5 * (r > middle), *row[1:]] for r, row in enumerate(table)])
     write("gaps.csv", [row for r, row in enumerate(table) if r % 200 < 170])
     write("short.csv", table[:60])
     write("slow.csv", table[::20])
-    write("still.csv", [[table[0][3] if i == positions[3] else v for i, v in enumerate(row)] for row in table])
+    write(
+        "still.csv",
+        [[table[0][3] if i == positions[3] else v for i, v in enumerate(row)] for row in table],
+    )
     write("no_torque.csv", table, [0, *positions])
     shown = re.sub("lwr_", "other_", ",".join(names))
     body = (folder / "log.csv").read_text().split("\n", 1)[1]

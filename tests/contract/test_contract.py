@@ -33,7 +33,9 @@ def differences(then, now):
 def test_commands_answer_as_they_did_when_the_contract_was_frozen(name, tmp_path):
     frozen, now = FROZEN["situations"][name], chapter(name, tmp_path / "chapter")
     assert list(frozen) == list(now), "the table does not hold these command lines: run freeze.py"
-    assert not [f"dynid {line}: {text}" for line in frozen for text in differences(frozen[line], now[line])]
+    assert not [
+        f"dynid {line}: {text}" for line in frozen for text in differences(frozen[line], now[line])
+    ]
 
 
 def test_no_command_and_no_option_is_lost(dynid):

@@ -23,7 +23,9 @@ FENCE = re.compile(r"^```console\n(.*?)^```$", re.M | re.S)
 VARIABLE = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?|\b[0-9a-f]{6,}\b")
 
 #: Stages that are only shown where they take long.
-PROGRESS = re.compile(r"(stack|read|replay|reduce|model|fit|symbolic|search|simulate|draw) +(?!derived|Newton)\S")
+PROGRESS = re.compile(
+    r"(stack|read|replay|reduce|model|fit|symbolic|search|simulate|draw) +(?!derived|Newton)\S"
+)
 
 
 @dataclass(frozen=True)
@@ -70,13 +72,24 @@ def folder_for(path, dynid="-m dynid"):
 def run(line, folder):
     """Run a command as a shell does and return (status, output with stderr in its place)."""
     env = {
-        "PATH": f"{folder / 'bin'}:{os.environ['PATH']}", "HOME": str(folder / "home"), "LANG": "C.UTF-8",
-        "PYTHONPATH": str(ROOT / "src"), "PYTHONUNBUFFERED": "1", "COLUMNS": "120", "MPLBACKEND": "agg",
-    }  # fmt: skip
+        "PATH": f"{folder / 'bin'}:{os.environ['PATH']}",
+        "HOME": str(folder / "home"),
+        "LANG": "C.UTF-8",
+        "PYTHONPATH": str(ROOT / "src"),
+        "PYTHONUNBUFFERED": "1",
+        "COLUMNS": "120",
+        "MPLBACKEND": "agg",
+    }
     done = subprocess.run(
-        ["bash", "-c", line], cwd=folder / "work", env=env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT, timeout=120, text=True,
-    )  # fmt: skip
+        ["bash", "-c", line],
+        cwd=folder / "work",
+        env=env,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        timeout=120,
+        text=True,
+    )
     lines = [part.rstrip() for part in done.stdout.splitlines() if not PROGRESS.match(part)]
     return done.returncode, "".join(f"{part}\n" for part in lines)
 
@@ -87,7 +100,9 @@ def alike(shown, real):
     for line in shown.rstrip("\n").splitlines():
         masked = re.sub(r"\s+", " ", VARIABLE.sub("#", line)).strip()
         pattern += r"(.*\n)*?" if masked == "..." else re.escape(masked) + "\n"
-    text = "".join(re.sub(r"\s+", " ", VARIABLE.sub("#", line)).strip() + "\n" for line in real.splitlines())
+    text = "".join(
+        re.sub(r"\s+", " ", VARIABLE.sub("#", line)).strip() + "\n" for line in real.splitlines()
+    )
     return re.fullmatch(pattern, text) is not None
 
 
@@ -112,5 +127,7 @@ if __name__ == "__main__":
         with tempfile.TemporaryDirectory() as place:
             page = Path(name)
             page.write_text(refreshed(page.read_text(), folder_for(Path(place))))
-            for picture in re.findall(r"<!-- from (\S+) -->\n!\[[^]]*\]\((\S+?)\)", page.read_text()):
+            for picture in re.findall(
+                r"<!-- from (\S+) -->\n!\[[^]]*\]\((\S+?)\)", page.read_text()
+            ):
                 shutil.copyfile(Path(place) / "work" / picture[0], page.parent / picture[1])

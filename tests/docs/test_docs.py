@@ -14,7 +14,11 @@ MISTAKE = re.compile(r"^error\[(E\d+)\]", re.M)
 LINK = re.compile(r"\]\(([^)\s#]+)(#[^)\s]+)?\)")
 WITH_COMMANDS = [page for page in pages() if commands(page.read_text())]
 #: Pages with recordings of real arms.
-REAL = [page for page in WITH_COMMANDS if "$ dynid identify kuka_lwr4plus recordings/" in page.read_text()]
+REAL = [
+    page
+    for page in WITH_COMMANDS
+    if "$ dynid identify kuka_lwr4plus recordings/" in page.read_text()
+]
 
 
 def name(page):
@@ -22,7 +26,9 @@ def name(page):
 
 
 @pytest.mark.parametrize(
-    "page", [pytest.param(page, marks=pytest.mark.data if page in REAL else ()) for page in WITH_COMMANDS], ids=name
+    "page",
+    [pytest.param(page, marks=pytest.mark.data if page in REAL else ()) for page in WITH_COMMANDS],
+    ids=name,
 )
 def test_every_command_of_a_page_prints_what_the_page_shows(page, tmp_path):
     if page in REAL and not RECORDINGS.is_dir():
@@ -57,7 +63,11 @@ def test_every_page_is_reachable_from_the_index():
         if page in reached:
             continue
         reached.add(page)
-        todo += [(page.parent / t).resolve() for t, _ in LINK.findall(page.read_text()) if t.endswith(".md")]
+        todo += [
+            (page.parent / t).resolve()
+            for t, _ in LINK.findall(page.read_text())
+            if t.endswith(".md")
+        ]
     assert set((ROOT / "docs").rglob("*.md")) <= reached
 
 
@@ -86,7 +96,11 @@ def test_pages_that_messages_point_to_exist():
     for target in set(re.findall(r"docs/[a-z0-9/-]+\.md", source)):
         assert (ROOT / target).is_file(), target
     named = set(re.findall(r"dynid explain ([a-z][a-z0-9-]+)", source))
-    assert {"robot-file", "log-format", "limits"} <= named <= {path.stem for path in (ROOT / "docs").rglob("*.md")}
+    assert (
+        {"robot-file", "log-format", "limits"}
+        <= named
+        <= {path.stem for path in (ROOT / "docs").rglob("*.md")}
+    )
 
 
 def test_pictures_of_the_docs_are_used():
@@ -114,4 +128,6 @@ def test_commands_stand_in_blocks_that_are_run_or_said_to_need_more():
     for page in pages():
         if page != ROOT / "docs/reference/cli.md":
             outside = re.sub(r"^```.*?^```$", "", page.read_text(), flags=re.M | re.S)
-            assert re.findall(r"^ {4,}\$?\s*(dynid|rosmaster|python3?) .*$", outside, re.M) == [], name(page)
+            assert re.findall(r"^ {4,}\$?\s*(dynid|rosmaster|python3?) .*$", outside, re.M) == [], (
+                name(page)
+            )

@@ -12,7 +12,14 @@ from dynid.cli.main import available, cli
 
 PAGES = [*pages(), ROOT / "CONTRIBUTING.md", *sorted((ROOT / "benchmarks").glob("*.md"))]
 #: Where a path on a page may begin, beside the folder of the page.
-STARTS = (ROOT, ROOT / "src", ROOT / "src/dynid", ROOT / "tests", ROOT / "docs", ROOT / "benchmarks")
+STARTS = (
+    ROOT,
+    ROOT / "src",
+    ROOT / "src/dynid",
+    ROOT / "tests",
+    ROOT / "docs",
+    ROOT / "benchmarks",
+)
 #: Files with these endings belong to the project; files of a user have others, or stand in no folder.
 OURS = (".py", ".md", ".svg", ".ipynb", ".toml")
 #: Folders that a command writes or that a reader of the page has.
@@ -21,12 +28,21 @@ OF_READERS = {"log/", "logs/", "out/", "validation/", "my_arms/", "draws/"}
 WRITTEN = {"effects.py"}
 #: Options of other programs, and of the project's own scripts outside of ``dynid``.
 OTHER_OPTIONS = {
-    "--exclude-editable", "--requirement",  # pip
-    "--nthreads", "--nworkers", "--tls-cert",  # dask worker
+    "--exclude-editable",
+    "--requirement",  # pip
+    "--nthreads",
+    "--nworkers",
+    "--tls-cert",  # dask worker
     "--core",  # rosmaster
-    "--commands", "--data", "--folder", "--logs", "--minutes", "--seeds", "--unchanged",  # scripts in benchmarks/
+    "--commands",
+    "--data",
+    "--folder",
+    "--logs",
+    "--minutes",
+    "--seeds",
+    "--unchanged",  # scripts in benchmarks/
     "--stdin",  # ros2 action
-}  # fmt: skip
+}
 
 #: A word that stands for another one; README, CHANGELOG and CONTRIBUTING are files.
 PLACEHOLDER = re.compile(r"\b(NAME|PAGE|FOLDER|COMMAND|FILE)\b")
@@ -59,9 +75,13 @@ def named_files(page):
         for word in re.findall(r"[\w./{},*-]+", span):
             folder = word.endswith("/") and len(word) > 2 and not word.startswith(("/", "~"))
             written = word in WRITTEN or "out/" in word
-            if (folder and word not in OF_READERS and not written) or (word.endswith(OURS) and not written):
+            if (folder and word not in OF_READERS and not written) or (
+                word.endswith(OURS) and not written
+            ):
                 yield from (
-                    each for each in alternatives(word) if not PLACEHOLDER.search(str(Path(each).with_suffix("")))
+                    each
+                    for each in alternatives(word)
+                    if not PLACEHOLDER.search(str(Path(each).with_suffix("")))
                 )
 
 
@@ -82,7 +102,9 @@ def test_names_that_a_page_lists_for_a_module_are_in_it(page):
 def test_dotted_names_on_a_page_can_be_imported(page):
     for span in spans(page):
         for dotted in re.findall(r"\bdynid(?:\.[A-Za-z_]\w*)+", span):
-            if not dotted.endswith((".yaml", "dynid.fresh", "dynid.start")):  # a file; a fixture of the tests
+            if not dotted.endswith(
+                (".yaml", "dynid.fresh", "dynid.start")
+            ):  # a file; a fixture of the tests
                 found(dotted)
 
 
@@ -103,13 +125,19 @@ def found(dotted):
 def options():
     context = click.Context(cli)
     params = [param for name in available() for param in cli.get_command(context, name).params]
-    return {word for param in params for word in (*param.opts, *param.secondary_opts)} | {"--help", "--version"}
+    return {word for param in params for word in (*param.opts, *param.secondary_opts)} | {
+        "--help",
+        "--version",
+    }
 
 
 def test_options_on_the_pages_exist():
     known = options() | OTHER_OPTIONS
     text = {page: page.read_text() for page in PAGES}
-    named = {page: {word for word in OPTION.findall(body) if word not in known} for page, body in text.items()}
+    named = {
+        page: {word for word in OPTION.findall(body) if word not in known}
+        for page, body in text.items()
+    }
     assert {str(page.relative_to(ROOT)): words for page, words in named.items() if words} == {}
 
 

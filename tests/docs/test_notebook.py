@@ -25,7 +25,9 @@ def pages():
     shown = nbformat.read(NOTEBOOK, 4)
     run = nbformat.read(NOTEBOOK, 4)
     os.environ["PYTHONPATH"] = str(ROOT / "src")
-    NotebookClient(run, timeout=300, resources={"metadata": {"path": str(NOTEBOOK.parent)}}).execute()
+    NotebookClient(
+        run, timeout=300, resources={"metadata": {"path": str(NOTEBOOK.parent)}}
+    ).execute()
     return printed(shown), printed(run), run
 
 
@@ -40,4 +42,6 @@ def test_the_notebook_finds_the_spring_that_it_hides(pages):
     assert any("spring  lwr_3_joint" in text for text in run)
     without, with_it = (float(line.split(":")[1].split()[0]) for line in run[-1].splitlines())
     assert with_it < 0.1 * without
-    assert any("image/png" in o.get("data", {}) for cell in notebook.cells for o in cell.get("outputs", []))
+    assert any(
+        "image/png" in o.get("data", {}) for cell in notebook.cells for o in cell.get("outputs", [])
+    )

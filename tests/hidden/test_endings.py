@@ -22,7 +22,12 @@ def look(effects, size, seed, known=None, seconds=SECONDS, only=(), **options):
     base = gap_blind.model_of(ARM)
     logs, cases = gap_blind.logs_of(effects, size, ARM, seed, seconds=seconds, **options)
     sources = gap_blind.sources_of(logs, base.model)
-    return base, sources, analyse_gap(sources, base, known, SelectionOptions(effects=only), simulate=False), cases
+    return (
+        base,
+        sources,
+        analyse_gap(sources, base, known, SelectionOptions(effects=only), simulate=False),
+        cases,
+    )
 
 
 def named(seen):
@@ -49,7 +54,9 @@ def test_hidden_load_friction_is_named_added_and_shrinks_the_gap():
     assert found.joints[3].heldout_rms == pytest.approx(seen.improvement.after[3], rel=0.1)
     assert found.robot.effects == tuple(specs)
     after = analyse_gap(sources, found.base, None, SelectionOptions(), simulate=False)
-    assert after.verdict.word == "nothing_missing", "with the effect in the model, nothing else is missing"
+    assert after.verdict.word == "nothing_missing", (
+        "with the effect in the model, nothing else is missing"
+    )
     assert named(after) == set()
 
 
@@ -91,14 +98,22 @@ def test_the_same_motion_before_tells_a_change_from_what_was_missing_already():
     """The model has lacked position friction on joint 4 all along; on joint 2 Coulomb friction grows."""
     base = gap_blind.model_of(ARM)
     lacking, changed = [("position_friction", 3)], [("position_friction", 3), ("coulomb_change", 1)]
-    before, now = (gap_blind.logs_of(e, 2.0, ARM, 33, seconds=SECONDS, trajectories=2)[0] for e in (lacking, changed))
+    before, now = (
+        gap_blind.logs_of(e, 2.0, ARM, 33, seconds=SECONDS, trajectories=2)[0]
+        for e in (lacking, changed)
+    )
     earlier, new = (gap_blind.sources_of(logs, base.model) for logs in (before[::2], now[1::2]))
     known = kept_model(estimate(stack_logs(earlier, base), base, method="wls", holdout=None))
     seen = analyse_gap(new, base, known, SelectionOptions(), simulate=False, earlier=earlier)
     assert seen.problem.matched == pytest.approx(1.0, rel=0.05)
     assert named(seen) == {("coulomb_change", (1,))}
     same = analyse_gap(
-        gap_blind.sources_of(before[1::2], base.model), base, known, SelectionOptions(), simulate=False, earlier=earlier
+        gap_blind.sources_of(before[1::2], base.model),
+        base,
+        known,
+        SelectionOptions(),
+        simulate=False,
+        earlier=earlier,
     )
     assert named(same) == set()
 
@@ -114,7 +129,9 @@ def test_joints_that_always_move_together_make_their_coupling_ambiguous(monkeypa
 
     monkeypatch.setattr(hidden, "sines", together)
     tracked = hidden.motion
-    monkeypatch.setattr(hidden, "motion", lambda arm, plan, t, rng, wobble: tracked(arm, plan, t, rng, 1e-5))
+    monkeypatch.setattr(
+        hidden, "motion", lambda arm, plan, t, rng, wobble: tracked(arm, plan, t, rng, 1e-5)
+    )
     base, _, seen, cases = look([("joint_coupling", 2)], 2.0, 31)
     assert hidden.partner(cases[0], 7) == 3
     assert seen.verdict.word == "ambiguous"

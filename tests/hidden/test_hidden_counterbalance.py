@@ -32,7 +32,9 @@ def suspected(tmp_path, seed, with_counterbalance):
 
 
 @pytest.mark.parametrize(("seed", "sure"), [(15, True), (13, False)])
-def test_it_is_sure_where_the_first_axes_are_apart_and_likely_where_they_cross(tmp_path, seed, sure):
+def test_it_is_sure_where_the_first_axes_are_apart_and_likely_where_they_cross(
+    tmp_path, seed, sure
+):
     """Axis 1 of the first arm is 0.2 m before axis 2: the torques of the first tell what the second carries."""
     (one,) = suspected(tmp_path, seed, True)
     assert (one.joint, one.sure) == (1, sure)

@@ -11,7 +11,8 @@ from dynid.gap.stepwise_selection import SelectionOptions
 
 
 @pytest.mark.parametrize(
-    ("name", "joint", "size", "near"), [("encoder_offset", 2, 4.2, 0.01), ("joint_elasticity", 3, 3.0, 0.05)]
+    ("name", "joint", "size", "near"),
+    [("encoder_offset", 2, 4.2, 0.01), ("joint_elasticity", 3, 3.0, 0.05)],
 )
 def test_a_large_size_is_right_and_leaves_nothing_for_a_companion(name, joint, size, near):
     """An encoder zero of an eighth of a radian, and a gear that bends by some hundredths of one."""

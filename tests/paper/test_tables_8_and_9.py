@@ -16,30 +16,79 @@ from dynid.model.exact import reduce_exactly
 ROWS = ["m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "Im"]
 NAMES = [f"{name}{link}" for link in range(1, 8) for name in ROWS]
 #: Table 8 as coloured: G green, identifiable alone; R red, not identifiable; . empty, in combinations. Joints 1 to 7.
-TABLE_8 = ["RR.GGGG"] * 4 + ["R......", "R..GGGG", "R..GGGG", ".......", "RGGG..G", "R.....G", "..GGGGG"]
+TABLE_8 = ["RR.GGGG"] * 4 + [
+    "R......",
+    "R..GGGG",
+    "R..GGGG",
+    ".......",
+    "RGGG..G",
+    "R.....G",
+    "..GGGGG",
+]
 #: Gen2 column of Table 10: the numbers phi of the parameters that were given as combinations.
-TABLE_10 = (8, 11, 16, 19, 21, 22, 23, 24, 30, 32, 38, 41, 43, 49, 52, 53, 54, 60, 63, 64, 65, 71, 74)
+TABLE_10 = (
+    8,
+    11,
+    16,
+    19,
+    21,
+    22,
+    23,
+    24,
+    30,
+    32,
+    38,
+    41,
+    43,
+    49,
+    52,
+    53,
+    54,
+    60,
+    63,
+    64,
+    65,
+    71,
+    74,
+)
 #: Eq. 9: which components of r are not zero, links 1 to 7, r12 = 0; any general values do.
-EQ_9 = ((0, 0.28, 0), (0, 0, 0), (0.41, 0, 0), (0, 0.21, 0), (0, 0.07, 0.15), (0, 0, 0.12), (0, 0, 0.16))
+EQ_9 = (
+    (0, 0.28, 0),
+    (0, 0, 0),
+    (0.41, 0, 0),
+    (0, 0.21, 0),
+    (0, 0.07, 0.15),
+    (0, 0, 0.12),
+    (0, 0, 0.16),
+)
 #: Table 6, but joints 5 and 6 with the 60 degrees of Eqs. 20-21.
 TWISTS = np.radians([90, 90, 90, 90, 60, 60, 0])
 Z = np.array([0.0, 0.0, 1.0])
 
 
 def printed_classes():
-    return {f"{name}{k + 1}": cell for name, row in zip(ROWS, TABLE_8, strict=True) for k, cell in enumerate(row)}
+    return {
+        f"{name}{k + 1}": cell
+        for name, row in zip(ROWS, TABLE_8, strict=True)
+        for k, cell in enumerate(row)
+    }
 
 
 def corrected_classes():
     """Return Table 8 with Table 10's list of combinations: the seven empty cells that are missing there are green."""
     listed = {NAMES[phi - 1] for phi in TABLE_10}
-    return {name: "G" if cell == "." and name not in listed else cell for name, cell in printed_classes().items()}
+    return {
+        name: "G" if cell == "." and name not in listed else cell
+        for name, cell in printed_classes().items()
+    }
 
 
 def turn(theta, twist):
     """Return R_z(theta) R_x(twist) for each sample, (N, 3, 3)."""
     c, s, o = np.cos(theta), np.sin(theta), np.zeros_like(theta)
-    about_z = np.stack([np.stack([c, -s, o], -1), np.stack([s, c, o], -1), np.stack([o, o, o + 1], -1)], -2)
+    about_z = np.stack(
+        [np.stack([c, -s, o], -1), np.stack([s, c, o], -1), np.stack([o, o, o + 1], -1)], -2
+    )
     ca, sa = np.cos(twist), np.sin(twist)
     return about_z @ np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]])
 
@@ -51,7 +100,11 @@ def times(R, v):
 def printed_regressor(q, qd, qdd, *, gravity=0.0, twists=TWISTS, eq3_as_printed=True):
     """Return P of Eqs. 2-6 with Eq. 3 as printed: angular acceleration of link i-1, bracket turned, (N, 7, 77)."""
     R = [turn(q[:, i], twists[i]) for i in range(7)]
-    w, dw, dv = np.zeros((len(q), 3)), np.zeros((len(q), 3)), np.tile([0.0, 0.0, gravity], (len(q), 1))
+    w, dw, dv = (
+        np.zeros((len(q), 3)),
+        np.zeros((len(q), 3)),
+        np.tile([0.0, 0.0, gravity], (len(q), 1)),
+    )
     P = np.zeros((len(q), 7, 77))
     for k in range(7):
         back, r = R[k].transpose(0, 2, 1), np.array(EQ_9[k])
@@ -87,7 +140,9 @@ def classify(P):
     W = P.reshape(-1, 77)
     size = np.linalg.norm(W, axis=0)
     present = size > 1e-9
-    values, Vt = np.linalg.svd(np.where(present, W / np.where(present, size, 1), 0), full_matrices=False)[1:]
+    values, Vt = np.linalg.svd(
+        np.where(present, W / np.where(present, size, 1), 0), full_matrices=False
+    )[1:]
     rank = int(np.sum(values > 1e-9 * values[0]))
     mixed = np.abs(Vt[rank:]).max(axis=0) > 1e-8
     cells = np.where(~present, "R", np.where(mixed, ".", "G"))
@@ -108,7 +163,9 @@ def test_table_8_as_coloured_contradicts_the_counts_in_the_text():
 def test_table_8_with_the_list_of_table_10_has_the_counts_in_the_text():
     cells = list(corrected_classes().values())
     assert [cells.count(c) for c in "GR."] == [41, 13, 14 + 9]
-    changed = {name for name, cell in corrected_classes().items() if cell != printed_classes()[name]}
+    changed = {
+        name for name, cell in corrected_classes().items() if cell != printed_classes()[name]
+    }
     assert changed == {"mcy3", "mcz3", "Ixx3", "Ixy2", "Ixy3", "Ixz2", "Ixz3"}
 
 
@@ -134,14 +191,21 @@ def test_each_of_the_four_departures_is_needed(states):
 
 def test_masses_that_stand_alone_come_from_the_misprint_of_eq_3(states):
     cells = classify(printed_regressor(*states))[1]
-    right = reduce_exactly(build_model(load_robot(Path(__file__).parents[2] / "robots/paper/kinova_gen2_table6.yaml")))
+    right = reduce_exactly(
+        build_model(load_robot(Path(__file__).parents[2] / "robots/paper/kinova_gen2_table6.yaml"))
+    )
     assert all(cells[f"m{k}"] == "G" for k in (4, 5, 6, 7))
     assert not {"m4", "m5", "m6", "m7"} & set(right.alone)
 
 
 def test_the_right_model_matches_57_of_the_77_printed_cells():
-    right = reduce_exactly(build_model(load_robot(Path(__file__).parents[2] / "robots/paper/kinova_gen2_table6.yaml")))
-    cells = {name: "G" if name in right.alone else "R" if name in right.none else "." for name in right.names}
+    right = reduce_exactly(
+        build_model(load_robot(Path(__file__).parents[2] / "robots/paper/kinova_gen2_table6.yaml"))
+    )
+    cells = {
+        name: "G" if name in right.alone else "R" if name in right.none else "."
+        for name in right.names
+    }
     printed = printed_classes()
     assert sum(cells[name] == printed[name] for name in printed) == 57
     assert right.rank == 48

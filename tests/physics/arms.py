@@ -44,7 +44,9 @@ def random_bodies(rng, n):
         masses, points = rng.uniform(0.1, 1.0, 6), rng.uniform(-0.2, 0.2, (6, 3))
         com = masses @ points / masses.sum()
         arms = points - com
-        tensor = sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, arms, strict=True))
+        tensor = sum(
+            m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, arms, strict=True)
+        )
         bodies.append(Body(float(masses.sum()), tuple(com), tuple(tensor[np.triu_indices(3)])))
     return tuple(bodies)
 
@@ -81,7 +83,9 @@ def pinocchio_model(robot, bodies, rotor_inertia=None):
     for joint, body, (place, to_dh) in zip(robot.joints, bodies, placements(robot), strict=True):
         kind = pin.JointModelRZ() if joint.revolute else pin.JointModelPZ()
         parent = model.addJoint(parent, kind, place, joint.name)
-        model.appendBodyToJoint(parent, pin.Inertia(body.mass, np.array(body.com), tensor_of(body)), to_dh)
+        model.appendBodyToJoint(
+            parent, pin.Inertia(body.mass, np.array(body.com), tensor_of(body)), to_dh
+        )
     if rotor_inertia is not None:
         model.armature = np.array(rotor_inertia)
     return model
@@ -101,4 +105,6 @@ def _some_zero(rng):
 
 
 def _angle(rng):
-    return float(rng.choice(RIGHT_ANGLES)) if rng.random() < 0.5 else float(rng.uniform(-np.pi, np.pi))
+    return (
+        float(rng.choice(RIGHT_ANGLES)) if rng.random() < 0.5 else float(rng.uniform(-np.pi, np.pi))
+    )

@@ -47,7 +47,9 @@ def follow_motion(robot, bodies, friction, rotor, motion, controller, encoder, t
     # A torque is held from its sample to the next, so the mean of two belongs to the sample between them.
     tau[1:] = 0.5 * (tau[1:] + tau[:-1])
     tau += np.array(torque) * rng.standard_normal(tau.shape)
-    return Log(motion.t, seen, tau, robot.joint_names, tau_unit="Nm", dh=True, extra={"q_ref": motion.q})
+    return Log(
+        motion.t, seen, tau, robot.joint_names, tau_unit="Nm", dh=True, extra={"q_ref": motion.q}
+    )
 
 
 __all__ = ["Controller", "Friction", "follow_motion"]

@@ -39,7 +39,9 @@ RATE, TORQUE_NOISE = 500.0, (0.05, 0.05, 0.05)
 def logged(encoder_deg, seed=0, seconds=12.0):
     rng = np.random.default_rng(seed)
     motion = sines(ROBOT, SineSpec(seconds, 10.0, 0.8, 0.8, 0.8, -9.0), 1 / RATE, rng)
-    return follow_motion(ROBOT, BODIES, FRICTION, ROTOR, motion, GAINS, np.deg2rad(encoder_deg), TORQUE_NOISE, rng)
+    return follow_motion(
+        ROBOT, BODIES, FRICTION, ROTOR, motion, GAINS, np.deg2rad(encoder_deg), TORQUE_NOISE, rng
+    )
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +54,9 @@ def truth(base):
     values = {f"Im{k + 1}": rotor for k, rotor in enumerate(ROTOR)}
     for k, body in enumerate(BODIES, start=1):
         names = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
-        values |= {f"{name}{k}": value for name, value in zip(names, body.parameters(), strict=True)}
+        values |= {
+            f"{name}{k}": value for name, value in zip(names, body.parameters(), strict=True)
+        }
         values |= {f"fv{k}": FRICTION.viscous[k - 1], f"fc{k}": FRICTION.coulomb[k - 1]}
     return base.reduction.K @ np.array([values[name] for name in base.reduction.names])
 
@@ -83,7 +87,10 @@ def test_the_simulated_arm_moves_as_pinocchio_moves_it(base, truth):
 def test_instruments_from_the_simulated_arm_remove_the_bias_of_bad_encoders(base, truth):
     """With 0.03 degrees of noise behind wide filters least squares are far off; IDIM-IV and DIDIM are not."""
     rows = stacked(base, logged(0.03), cutoff=20.0)
-    found = {name: METHODS[name](rows, np.zeros(len(truth)), GAINS) for name in ("ols", "wls", "idim-iv", "didim")}
+    found = {
+        name: METHODS[name](rows, np.zeros(len(truth)), GAINS)
+        for name in ("ols", "wls", "idim-iv", "didim")
+    }
     wrong = {name: error(each.theta, truth) for name, each in found.items()}
     assert wrong["ols"] > 0.2
     assert wrong["idim-iv"] < 0.2 * wrong["ols"]

@@ -28,7 +28,9 @@ def parameters(model, bodies, rotors, friction):
     values = {}
     kinds = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
     for i, body in enumerate(bodies, start=1):
-        about_origin = tensor_of(body) - body.mass * pin.skew(np.array(body.com)) @ pin.skew(np.array(body.com))
+        about_origin = tensor_of(body) - body.mass * pin.skew(np.array(body.com)) @ pin.skew(
+            np.array(body.com)
+        )
         ten = [body.mass, *(body.mass * np.array(body.com)), *about_origin[np.triu_indices(3)]]
         values |= {f"{kind}{i}": value for kind, value in zip(kinds, ten, strict=True)}
         values[f"Im{i}"] = rotors[i - 1]
@@ -66,7 +68,9 @@ def test_any_arm_has_the_torques_of_pybullet(seed):
     nothing = {kind: np.zeros(robot.n) for kind in FRICTION}
     tau = model.regressor(q, qd, qdd) @ parameters(model, bodies, np.zeros(robot.n), nothing)
     with SimulatedArm(robot, bodies) as arm:
-        expected = np.array([arm.inverse_dynamics(*state) for state in zip(q, qd, qdd, strict=True)])
+        expected = np.array(
+            [arm.inverse_dynamics(*state) for state in zip(q, qd, qdd, strict=True)]
+        )
     assert relative_error(tau, expected) < 1e-6
 
 
@@ -98,13 +102,23 @@ def mjcf(robot, bodies, rotors, viscous):
     for i, (place, to_dh) in enumerate(placements(robot)):
         quaternion = pin.Quaternion(place.rotation)
         xyzw = quaternion.coeffs()
-        parent = ET.SubElement(parent, "body", pos=words(place.translation), quat=words(np.roll(xyzw, 1)))
+        parent = ET.SubElement(
+            parent, "body", pos=words(place.translation), quat=words(np.roll(xyzw, 1))
+        )
         drive = {"armature": repr(float(rotors[i])), "damping": repr(float(viscous[i]))}
-        ET.SubElement(parent, "joint", type="hinge" if robot.joints[i].revolute else "slide", axis="0 0 1", **drive)
+        ET.SubElement(
+            parent,
+            "joint",
+            type="hinge" if robot.joints[i].revolute else "slide",
+            axis="0 0 1",
+            **drive,
+        )
         com = to_dh * np.array(bodies[i].com)
         t = to_dh.rotation @ tensor_of(bodies[i]) @ to_dh.rotation.T
         six = (t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2])
-        ET.SubElement(parent, "inertial", pos=words(com), mass=repr(bodies[i].mass), fullinertia=words(six))
+        ET.SubElement(
+            parent, "inertial", pos=words(com), mass=repr(bodies[i].mass), fullinertia=words(six)
+        )
     return ET.tostring(root, encoding="unicode")
 
 

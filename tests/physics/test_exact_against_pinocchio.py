@@ -24,7 +24,18 @@ def random_arm(seed):
         a, d = (round(rng.uniform(0.1, 0.5), 3) * int(rng.integers(0, 2)) for _ in range(2))
         kind = "prismatic" if rng.random() < 0.2 else "revolute"
         offset = float(rng.choice([0, math.pi / 2, 0.3]))
-        joints.append(Joint(f"j{i + 1}", kind, a, math.radians(twist), d, offset, motor_inertia=False, friction=()))
+        joints.append(
+            Joint(
+                f"j{i + 1}",
+                kind,
+                a,
+                math.radians(twist),
+                d,
+                offset,
+                motor_inertia=False,
+                friction=(),
+            )
+        )
     gravity = GRAVITIES[int(rng.integers(len(GRAVITIES)))]
     return Robot("arm", ("standard", "modified")[seed % 2], tuple(joints), gravity=gravity)
 
@@ -41,11 +52,15 @@ def pinocchio_arm(robot):
     for i, j in enumerate(robot.joints):
         across = pose("x", 0, j.a) * pose("x", j.twist)
         before = frame * (
-            pose("z", j.theta_offset) if robot.convention == "standard" else across * pose("z", j.theta_offset)
+            pose("z", j.theta_offset)
+            if robot.convention == "standard"
+            else across * pose("z", j.theta_offset)
         )
         joint = pin.JointModelRZ() if j.revolute else pin.JointModelPZ()
         model.addJoint(i, joint, before, j.name)
-        frame = pose("z", 0, j.d) * (across if robot.convention == "standard" else pin.SE3.Identity())
+        frame = pose("z", 0, j.d) * (
+            across if robot.convention == "standard" else pin.SE3.Identity()
+        )
         frames.append(frame)
     return model, frames
 
@@ -63,7 +78,13 @@ def pseudo(parameters):
 def pinocchio_parameters(J):
     """Return Pinocchio's ten parameters of a pseudo-inertia: m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz."""
     tensor = np.trace(J[:3, :3]) * np.eye(3) - J[:3, :3]
-    return np.array([J[3, 3], *J[:3, 3], *(tensor[i, k] for i, k in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)))])
+    return np.array(
+        [
+            J[3, 3],
+            *J[:3, 3],
+            *(tensor[i, k] for i, k in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))),
+        ]
+    )
 
 
 def pinocchio_regressor(robot, q, qd, qdd):
@@ -73,9 +94,14 @@ def pinocchio_regressor(robot, q, qd, qdd):
     change = np.zeros((10 * robot.n, 10 * robot.n))
     for k, frame in enumerate(frames):
         T = frame.homogeneous
-        block = np.column_stack([pinocchio_parameters(T @ pseudo(unit) @ T.T) for unit in np.eye(10)])
+        block = np.column_stack(
+            [pinocchio_parameters(T @ pseudo(unit) @ T.T) for unit in np.eye(10)]
+        )
         change[10 * k : 10 * k + 10, 10 * k : 10 * k + 10] = block
-    rows = [pin.computeJointTorqueRegressor(model, data, *state).copy() for state in zip(q, qd, qdd, strict=True)]
+    rows = [
+        pin.computeJointTorqueRegressor(model, data, *state).copy()
+        for state in zip(q, qd, qdd, strict=True)
+    ]
     return np.array(rows) @ change
 
 
@@ -102,7 +128,11 @@ def test_random_arm_has_the_span_rank_and_classes_of_pinocchio(seed):
         if name in exact.none:
             assert np.linalg.norm(theirs[:, k]) < 1e-9
         else:
-            assert (normalised_rank(np.delete(theirs, k, axis=1)) < exact.rank) == (name in exact.alone)
+            assert (normalised_rank(np.delete(theirs, k, axis=1)) < exact.rank) == (
+                name in exact.alone
+            )
     require_agreement(exact, reduce(model))
     # The relations themselves hold for Pinocchio's columns.
-    np.testing.assert_allclose(theirs[:, exact.base] @ exact.K, theirs, atol=1e-8 * np.abs(theirs).max())
+    np.testing.assert_allclose(
+        theirs[:, exact.base] @ exact.K, theirs, atol=1e-8 * np.abs(theirs).max()
+    )

@@ -24,7 +24,10 @@ def recorded(seed, crawl=1.0, seconds=16.0):
     rng, n = np.random.default_rng(seed), ROBOT.n
     t = np.arange(round(seconds * RATE)) / RATE
     f, phase = rng.uniform(0.1, 0.5, (2, 4, n))
-    size, w = rng.uniform(0.2, 0.3, (4, n)) * np.where(np.arange(n) == JOINT, crawl, 1.0), 2 * np.pi * f
+    size, w = (
+        rng.uniform(0.2, 0.3, (4, n)) * np.where(np.arange(n) == JOINT, crawl, 1.0),
+        2 * np.pi * f,
+    )
     angle = w * t[:, None, None] + 2 * np.pi * phase
     q, qd = (size * np.sin(angle)).sum(1), (size * w * np.cos(angle)).sum(1)
     tau = pinocchio_torques(ENGINE, q, qd, (-size * w**2 * np.sin(angle)).sum(1))

@@ -39,7 +39,15 @@ def logged(seed, load=None, seconds=25.0):
     motion = sines(ROBOT, SineSpec(seconds, 12.0, 0.8, 0.7, 0.7, 0.1), 1 / RATE, rng)
     bodies = PLANT.bodies if load is None else (*PLANT.bodies[:-1], joined(PLANT.bodies[-1], load))
     return follow_motion(
-        ROBOT, bodies, PLANT.friction, ROTOR, motion, CONTROLLER, ENCODER, PLANT.sensors.torque_noise, rng
+        ROBOT,
+        bodies,
+        PLANT.friction,
+        ROTOR,
+        motion,
+        CONTROLLER,
+        ENCODER,
+        PLANT.sensors.torque_noise,
+        rng,
     )
 
 
@@ -65,7 +73,9 @@ def test_the_load_is_found_within_three_percent_and_inside_its_error_bars(base, 
     assert np.mean(np.abs(found - truth) <= 1.96 * payload.std_error) >= 0.8
 
 
-def test_currents_with_a_load_of_known_mass_tell_the_gains_and_the_mass_within_three_percent(base, logs):
+def test_currents_with_a_load_of_known_mass_tell_the_gains_and_the_mass_within_three_percent(
+    base, logs
+):
     def in_amperes(log):
         return stacked(base, replace(log, tau=log.tau / GAINS, tau_unit="A"))
 
@@ -73,6 +83,7 @@ def test_currents_with_a_load_of_known_mass_tell_the_gains_and_the_mass_within_t
     found = find_gains(in_amperes(logs[0]), np.full(7, np.nan), load)
     assert found.gain == pytest.approx(GAINS, rel=0.03)
     empty, loaded = (
-        estimate(stacked(base, replace(log, tau=log.tau / GAINS * found.gain)), base, holdout=None) for log in logs
+        estimate(stacked(base, replace(log, tau=log.tau / GAINS * found.gain)), base, holdout=None)
+        for log in logs
     )
     assert find_payload(loaded, empty).body.mass == pytest.approx(LOAD.mass, rel=0.03)

@@ -38,7 +38,9 @@ def sprung():
     return recorded(1, 1, 40.0)
 
 
-def test_a_large_spring_is_named_and_predicted_on_another_motion_where_a_plain_fit_is_worthless(sprung):
+def test_a_large_spring_is_named_and_predicted_on_another_motion_where_a_plain_fit_is_worthless(
+    sprung,
+):
     options = IdentifyOptions(holdout=None)
     found = identify(ROBOT, sprung, options)
     assert found.in_force == "physical"
@@ -47,8 +49,12 @@ def test_a_large_spring_is_named_and_predicted_on_another_motion_where_a_plain_f
     assert [finding.evidence["joint"] for finding in named] == [ROBOT.joint_names[JOINT]]
     other = recorded(2, 4, 40.0)
     seen = validate(found, other).relative_error_percent
-    plain = validate(identify(ROBOT, sprung, replace(options, feasible=False)), other).relative_error_percent
-    alone = validate(identify(ROBOT, sprung, replace(options, feasible=True, residual_model=False)), other)
+    plain = validate(
+        identify(ROBOT, sprung, replace(options, feasible=False)), other
+    ).relative_error_percent
+    alone = validate(
+        identify(ROBOT, sprung, replace(options, feasible=True, residual_model=False)), other
+    )
     assert seen < 4.0
     assert plain > 4 * seen
     assert alone.relative_error_percent > 4 * seen
@@ -66,7 +72,9 @@ def test_an_arm_without_a_spring_has_no_large_torque():
     assert not [finding for finding in found.findings if finding.code == "W404"]
 
 
-def test_where_a_possible_arm_is_contradicted_the_set_in_force_hangs_on_what_is_expected_elsewhere(sprung, monkeypatch):
+def test_where_a_possible_arm_is_contradicted_the_set_in_force_hangs_on_what_is_expected_elsewhere(
+    sprung, monkeypatch
+):
     options = IdentifyOptions(holdout=None, residual_model=False)
     found = identify(ROBOT, sprung, options)
     assert found.in_force == "plain"

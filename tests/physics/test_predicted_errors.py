@@ -42,12 +42,16 @@ def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_i
 
     with SimulatedArm(robot, dt=STEP) as arm:
         truth = track(arm, plan.sampled(1 / STEP), every=round(1 / STEP / RATE))
-    sensors = dataclasses.replace(Sensors.perfect(robot.n), torque_noise=tuple(noise), velocity_noise=None)
+    sensors = dataclasses.replace(
+        Sensors.perfect(robot.n), torque_noise=tuple(noise), velocity_noise=None
+    )
     rng = np.random.default_rng(8)
     draws = []
     for _ in range(DRAWS):
         sensors.measure(truth, robot.log_names, rng).save(tmp_path / "log.npz")
-        sources = condition_logs([load_log(tmp_path / "log.npz", robot, identify=False)], model, LogOptions())
+        sources = condition_logs(
+            [load_log(tmp_path / "log.npz", robot, identify=False)], model, LogOptions()
+        )
         stacked = stack_logs(sources, BaseModel(model, reduction))
         draws.append(weighted(*stacked.whole).theta)
     misses = np.array(draws) - prior_base_parameters(model, reduction, unknown=0.0)
@@ -76,14 +80,19 @@ def test_expected_torque_errors_come_true_of_what_is_identified_by_default_from_
         motion = Trajectory(basis, shaping.coefficients(shaping.random(rng)), alpha).sampled(RATE)
         with plant.arm(robot) as arm:
             tau = np.array(
-                [arm.inverse_dynamics(*state) for state in zip(motion.q, motion.qd, motion.qdd, strict=True)]
+                [
+                    arm.inverse_dynamics(*state)
+                    for state in zip(motion.q, motion.qd, motion.qdd, strict=True)
+                ]
             )
             tau = tau + arm.friction.torque(motion.qd) + arm.rotor_inertia * motion.qdd
         tau = tau + noise * rng.normal(size=tau.shape)
         log = Log(motion.t, motion.q, tau, robot.joint_names, tau_unit="Nm", dh=True)
         found = identify(robot, log, IdentifyOptions(holdout=None), base=base)
         known = plant.parameters()
-        miss = found.theta - base.reduction.K @ np.array([known[name] for name in base.reduction.names])
+        miss = found.theta - base.reduction.K @ np.array(
+            [known[name] for name in base.reduction.names]
+        )
         expected = predict(model, columns, motion, noise, other, prior).torque_error
         ratio.append(np.sqrt(miss @ other @ miss / robot.n) / expected)
     # Why so wide: each ratio is one draw of the noise and of how far the arm is from the prior.

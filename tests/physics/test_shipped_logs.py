@@ -26,7 +26,9 @@ def read(robot, path):
     assert channel.topic == robot.driver.topic
     order = [messages[0].name.index(name) for name in robot.log_names]
     t = np.array([m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages])
-    return t - t[0], *(np.array([getattr(m, part) for m in messages])[:, order] for part in ("position", "effort"))
+    return t - t[0], *(
+        np.array([getattr(m, part) for m in messages])[:, order] for part in ("position", "effort")
+    )
 
 
 def derivatives(t, q, cutoff):
@@ -96,7 +98,9 @@ def test_positions_are_multiples_of_the_encoders_step(log):
 def test_the_motion_uses_its_share_of_the_limits_and_no_more(log):
     """The fastest joint moves as fast as was asked, to the controller's 2 %; none goes further or needs its torque."""
     robot, _, made, t, q, tau = log
-    speed = np.abs(filtered(t, q)[1]).max(axis=0) / [joint.limits.velocity for joint in robot.joints]
+    speed = np.abs(filtered(t, q)[1]).max(axis=0) / [
+        joint.limits.velocity for joint in robot.joints
+    ]
     assert speed.max() == pytest.approx(made["speed"], rel=0.02)
     for k, joint in enumerate(robot.joints):
         low, high = joint.limits.position or (-np.pi, np.pi)
@@ -133,7 +137,15 @@ def test_the_truth_has_a_value_for_every_parameter_of_the_model_and_no_other(arm
 def test_the_bodies_are_those_that_were_published():
     """Masses of rtt_lwr and of kinova-ros; all inertias obey the triangle inequality."""
     masses = {
-        "lwr4plus": [2.30339939, 2.30343543, 2.30342144, 2.30343587, 1.60059828, 1.49302437, 0.108688241],
+        "lwr4plus": [
+            2.30339939,
+            2.30343543,
+            2.30342144,
+            2.30343587,
+            1.60059828,
+            1.49302437,
+            0.108688241,
+        ],
         "kinova_gen2": [0.7477, 0.8447, 0.8447, 0.6763, 0.463, 0.463, 0.99],
     }
     for arm, expected in masses.items():

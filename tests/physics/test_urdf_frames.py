@@ -7,7 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from arms import pinocchio_model, pinocchio_torques, placements, random_bodies, random_robot, random_states
+from arms import (
+    pinocchio_model,
+    pinocchio_torques,
+    placements,
+    random_bodies,
+    random_robot,
+    random_states,
+)
 
 from dynid.model.kinematics import fixed_poses
 from dynid.robot import Body, Joint, Limits, Robot, roll_pitch_yaw, rotation_rpy
@@ -16,7 +23,10 @@ from dynid.sim.urdf import urdf_text, write_urdf
 
 def configuration(robot, q):
     """Return q as Pinocchio wants it from a URDF: cosine and sine of each joint without limits."""
-    pairs = [[math.cos(v), math.sin(v)] if j.revolute else [v] for j, v in zip(robot.joints, q, strict=True)]
+    pairs = [
+        [math.cos(v), math.sin(v)] if j.revolute else [v]
+        for j, v in zip(robot.joints, q, strict=True)
+    ]
     return np.concatenate(pairs)
 
 
@@ -45,8 +55,13 @@ def test_links_stand_where_the_dh_product_says(seed):
     model = pin.buildModelFromXML(urdf_text(robot))
     data, q = model.createData(), rng.uniform(-3, 3, robot.n)
     pin.framesForwardKinematics(model, data, configuration(robot, q))
-    for i, (joint, expected) in enumerate(zip(robot.joints, dh_product(robot, q), strict=True), start=1):
-        found = data.oMf[model.getFrameId(f"link_{i}")].homogeneous @ fixed_poses(joint, robot.convention)[1]
+    for i, (joint, expected) in enumerate(
+        zip(robot.joints, dh_product(robot, q), strict=True), start=1
+    ):
+        found = (
+            data.oMf[model.getFrameId(f"link_{i}")].homogeneous
+            @ fixed_poses(joint, robot.convention)[1]
+        )
         np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
@@ -95,7 +110,9 @@ def test_names_that_mean_something_in_xml_survive(tmp_path):
     """Quotes, ampersands and angle brackets in joint names are escaped."""
     names = ('a"b', "c&d", "<e>")
     robot = Robot("x & y", "standard", tuple(Joint(name, d=0.1) for name in names))
-    write_urdf(robot, [Body(1.0, inertia_com=(0.1, 0.0, 0.0, 0.1, 0.0, 0.1))] * 3, tmp_path / "r.urdf")
+    write_urdf(
+        robot, [Body(1.0, inertia_com=(0.1, 0.0, 0.0, 0.1, 0.0, 0.1))] * 3, tmp_path / "r.urdf"
+    )
     root = ET.parse(tmp_path / "r.urdf").getroot()
     assert tuple(joint.get("name") for joint in root.findall("joint")) == names
 

@@ -27,7 +27,10 @@ ELSEWHERE = {"seconds", "folder", "wrote", "reused", "name"}
 
 
 def batch(path, logs, **more):
-    jobs = [{"name": name, "robot": robot, "logs": str(log), **_of(name, more)} for (name, robot, *_), log in logs]
+    jobs = [
+        {"name": name, "robot": robot, "logs": str(log), **_of(name, more)}
+        for (name, robot, *_), log in logs
+    ]
     path.write_text(json.dumps({"defaults": {"options": {"report": False}}, "jobs": jobs}))
 
 
@@ -104,14 +107,25 @@ def test_a_torque_column_times_1_02_fails_in_every_log(job):
         np.savez(job.folder / f"{where}.npz", **arrays)
         logs.append((row, job.folder / f"{where}.npz"))
     batch(job.folder / "scaled.yaml", logs, baseline="expected")
-    ended = job.fresh("run", "scaled.yaml", "-o", "scaled", "--json", "--junit", "scaled.xml", **ONE)
+    ended = job.fresh(
+        "run", "scaled.yaml", "-o", "scaled", "--json", "--junit", "scaled.xml", **ONE
+    )
     assert ended.status == 1, ended.err
     answer = json.loads(ended.out)
     assert [each["outcome"] for each in answer["jobs"]] == ["beyond a limit"] * len(LOGS)
     suite = ET.parse(job.folder / "scaled.xml").getroot()
-    assert [suite.get(key) for key in ("tests", "failures", "errors")] == [str(len(LOGS)), str(len(LOGS)), "0"]
+    assert [suite.get(key) for key in ("tests", "failures", "errors")] == [
+        str(len(LOGS)),
+        str(len(LOGS)),
+        "0",
+    ]
     for row, each in zip(LOGS, answer["jobs"], strict=True):
-        moved = {one["name"] for one in each["answers"]["compare"][0]["comparisons"][0]["beyond_tolerance"]}
-        joints = {name.removesuffix(" torque_rms_nm") for name in moved if name.endswith(" torque_rms_nm")}
+        moved = {
+            one["name"]
+            for one in each["answers"]["compare"][0]["comparisons"][0]["beyond_tolerance"]
+        }
+        joints = {
+            name.removesuffix(" torque_rms_nm") for name in moved if name.endswith(" torque_rms_nm")
+        }
         wanted = each["answers"]["identify"][0]["joints"][row[3]]["joint"]
         assert joints == {wanted}

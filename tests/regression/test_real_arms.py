@@ -37,7 +37,13 @@ def test_lwr_run_1_predicts_run_2_within_2_2_percent(dynid, recordings):
     fitted = answer(dynid("identify", "kuka_lwr4plus", str(folder / "run1.bag"), "--json"))
     assert fitted["schema"] == "dynid/identify/1"
     assert fitted["rank"] == 69
-    replay = dynid("validate", "out/kuka_lwr4plus/parameters.npz", str(folder / "run2.bag"), "--no-plot", "--json")
+    replay = dynid(
+        "validate",
+        "out/kuka_lwr4plus/parameters.npz",
+        str(folder / "run2.bag"),
+        "--no-plot",
+        "--json",
+    )
     checked = answer(replay)
     assert checked["relative_error_percent"] <= 2.2
     assert all(joint["rms_nm"] < joint["baseline_rms_nm"] for joint in checked["joints"])
@@ -48,10 +54,18 @@ def test_lwr_run_1_predicts_run_2_within_2_2_percent(dynid, recordings):
 
 @pytest.mark.parametrize(
     ("robot", "folder", "bound"),
-    [("ur10", "ur10_salerno", 7.5), ("staubli_tx40", "tx40", 7.4), ("franka_panda", "panda_salerno", 3.8)],
+    [
+        ("ur10", "ur10_salerno", 7.5),
+        ("staubli_tx40", "tx40", 7.4),
+        ("franka_panda", "panda_salerno", 3.8),
+    ],
 )
-def test_other_arms_reach_the_plain_baselines_on_held_out_rows(dynid, recordings, robot, folder, bound):
-    run = answer(dynid("identify", robot, str(recordings / folder / "exc.npz"), "--holdout", "33%", "--json"))
+def test_other_arms_reach_the_plain_baselines_on_held_out_rows(
+    dynid, recordings, robot, folder, bound
+):
+    run = answer(
+        dynid("identify", robot, str(recordings / folder / "exc.npz"), "--holdout", "33%", "--json")
+    )
     assert run["heldout_relative_error_percent"] <= bound
 
 
@@ -63,14 +77,18 @@ def test_the_tx40_has_61_base_parameters_with_its_coupled_wrist(dynid, recording
 def test_the_jaco_torques_agree_with_the_official_inertias(recordings):
     """Gravity and inertia of the maker's URDF, no friction: 14.2 % in an independent evaluation."""
     robot = load_robot(Path(__file__).parents[1] / "robots" / "jaco2_6dof.yaml")
-    table = yaml.safe_load((recordings / "inertia_tables" / "kinova_j2n6s300_kinova_ros.yaml").read_text())
+    table = yaml.safe_load(
+        (recordings / "inertia_tables" / "kinova_j2n6s300_kinova_ros.yaml").read_text()
+    )
     model = build_model(robot)
     bag = next((recordings / "jaco2_6dof").glob("*.bag"))
     log = load_log(bag, robot, identify=False)
     (source,) = condition_logs([log], model, LogOptions())
     gamma = np.zeros(model.size)
     for k, link in enumerate(table["links_dh"], start=1):
-        inertia = tuple(link["inertia_com"][key] for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+        inertia = tuple(
+            link["inertia_com"][key] for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        )
         first = model.parameter_names.index(f"m{k}")
         gamma[first : first + 10] = Body(link["mass"], tuple(link["com"]), inertia).parameters()
     rows = list(rows_of(source, model.observer()))
@@ -100,8 +118,12 @@ def test_the_prior_is_far_worse_than_the_fit(dynid, recordings):
 
 #: Runs of the LWR4+ that are fitted, run that is predicted, and what the default and its parameters alone miss [%].
 PAIRS = (
-    ((1,), 2, 2.20, 2.66), ((1,), 3, 2.68, 3.07), ((3,), 1, 2.46, 3.10), ((3,), 2, 2.40, 2.90), ((1, 2), 3, 2.69, 3.05),
-)  # fmt: skip
+    ((1,), 2, 2.20, 2.66),
+    ((1,), 3, 2.68, 3.07),
+    ((3,), 1, 2.46, 3.10),
+    ((3,), 2, 2.40, 2.90),
+    ((1, 2), 3, 2.69, 3.05),
+)
 
 
 @pytest.fixture(scope="module")
@@ -113,12 +135,17 @@ def runs_of_the_lwr(recordings):
 @pytest.fixture(scope="module")
 def results_of_the_lwr(runs_of_the_lwr):
     arm, options = load_robot("kuka_lwr4plus"), IdentifyOptions(holdout=None)
-    return {runs: identify(arm, [runs_of_the_lwr[k] for k in runs], options) for runs in {pair[0] for pair in PAIRS}}
+    return {
+        runs: identify(arm, [runs_of_the_lwr[k] for k in runs], options)
+        for runs in {pair[0] for pair in PAIRS}
+    }
 
 
 @pytest.fixture(scope="module")
 def unseen_of_the_lwr(runs_of_the_lwr, results_of_the_lwr):
-    return {pair[:2]: validate(results_of_the_lwr[pair[0]], runs_of_the_lwr[pair[1]]) for pair in PAIRS}
+    return {
+        pair[:2]: validate(results_of_the_lwr[pair[0]], runs_of_the_lwr[pair[1]]) for pair in PAIRS
+    }
 
 
 @pytest.mark.parametrize(("fitted", "unseen", "default", "alone"), PAIRS)
@@ -135,7 +162,9 @@ def test_what_the_default_misses_on_a_run_that_was_not_fitted(
 
 def test_the_expected_error_is_right(unseen_of_the_lwr):
     """Of each pair within 0.5 to 1.5, as benchmarks/real_arms.md counts, and of all but one within a factor of 1.5."""
-    found = np.array([seen.relative_error_percent / seen.expected_percent for seen in unseen_of_the_lwr.values()])
+    found = np.array(
+        [seen.relative_error_percent / seen.expected_percent for seen in unseen_of_the_lwr.values()]
+    )
     assert np.all((found > 0.5) & (found < 1.5))
     assert np.count_nonzero((found < 1 / 1.5) | (found > 1.5)) <= 1
     assert 0.75 < np.median(found) < 1.3
@@ -154,7 +183,10 @@ def test_the_spring_of_joint_7_named_on_two_runs_of_a_motion_holds_on_another_mo
     assert rms[:, 6] == pytest.approx([0.0695, 0.0509], abs=0.003)
     assert np.all(rms[1] < 1.05 * rms[0])
     assert unseen[1].relative_error_percent == pytest.approx(2.71, abs=0.08)
-    alone = [validate(r, runs_of_the_lwr[3], ValidateOptions(residual_model=False)) for r in (before, after)]
+    alone = [
+        validate(r, runs_of_the_lwr[3], ValidateOptions(residual_model=False))
+        for r in (before, after)
+    ]
     assert alone[1].relative_error_percent < 0.98 * alone[0].relative_error_percent
 
 
@@ -164,7 +196,9 @@ def test_a_load_put_on_or_taken_off_between_two_motions_of_a_ur10_has_its_mass_i
 ):
     """A ball of 2.805 kg, whose torques Pinocchio gives: model from the first 60 % of the log, change in the rest."""
     mass, centre, arm = 2.805, np.array([0.01, 0.02, 0.04]), load_robot("ur10")
-    parts = [read(recordings / f"ur10_salerno/exc.npz:{share}", arm) for share in ("0:0.6", "0.6:1")]
+    parts = [
+        read(recordings / f"ur10_salerno/exc.npz:{share}", arm) for share in ("0:0.6", "0.6:1")
+    ]
     loaded = 1 if direction > 0 else 0
     part = parts[loaded]
     parts[loaded] = replace(part, tau=part.tau + mass * ball_torque(arm, part.t, part.q), qd=None)
@@ -186,7 +220,9 @@ def test_intervals_of_two_runs_agree(results_of_the_lwr):
     determined = np.ones(len(z), dtype=bool)
     for found in (one, two):
         full = found.physical
-        prior = found.reduction.K**2 @ (full.std_error**2 / np.maximum(1.0 - full.data_share, 1e-12))
+        prior = found.reduction.K**2 @ (
+            full.std_error**2 / np.maximum(1.0 - full.data_share, 1e-12)
+        )
         determined &= np.diag(found.covariance) < 0.1 * prior
     assert 20 <= determined.sum() <= 35
     assert 0.4 < np.median(z[determined]) < 0.9
@@ -208,7 +244,14 @@ def test_the_first_part_of_a_recording_predicts_the_rest(
     robot = load_robot(name)
     log = load_log(recordings / recording, robot)
     parts = [
-        replace(log, t=log.t[k], q=log.q[k], tau=log.tau[k], qd=None if log.qd is None else log.qd[k], extra={})
+        replace(
+            log,
+            t=log.t[k],
+            q=log.q[k],
+            tau=log.tau[k],
+            qd=None if log.qd is None else log.qd[k],
+            extra={},
+        )
         for k in (log.t - log.t[0] < seconds, log.t - log.t[0] >= seconds)
     ]
     result = identify(robot, parts[0], IdentifyOptions(holdout=None))
@@ -227,6 +270,10 @@ def test_a_result_with_a_residual_model_is_read_back(results_of_the_lwr, tmp_pat
     rng = np.random.default_rng(0)
     q, qd, qdd = rng.uniform(-1, 1, (3, 20, 7))
     assert np.array_equal(again.inverse_dynamics(q, qd, qdd), kept.inverse_dynamics(q, qd, qdd))
-    assert not np.allclose(kept.inverse_dynamics(q, qd, qdd), kept.inverse_dynamics(q, qd, qdd, residual_model=False))
+    assert not np.allclose(
+        kept.inverse_dynamics(q, qd, qdd), kept.inverse_dynamics(q, qd, qdd, residual_model=False)
+    )
     assert again.residual_facts() == kept.residual_facts()
-    assert np.all(kept.physical.x[[name.startswith(("fv", "fc", "Im")) for name in kept.physical.names]] >= 0)
+    assert np.all(
+        kept.physical.x[[name.startswith(("fv", "fc", "Im")) for name in kept.physical.names]] >= 0
+    )

@@ -37,7 +37,11 @@ class Child:
     def __init__(self, words, lab, stdin=None):
         self.said = lab.folder / f"stdout-{time.monotonic_ns()}.txt"
         self.log = lab.folder / f"stderr-{time.monotonic_ns()}.txt"
-        with self.said.open("w") as out, self.log.open("w") as err, Path(os.devnull).open() as nothing:
+        with (
+            self.said.open("w") as out,
+            self.log.open("w") as err,
+            Path(os.devnull).open() as nothing,
+        ):
             streams = [each.fileno() for each in (stdin or nothing, out, err)]
             self.process = Command(server(ros=True), words, lab.folder, lab.env, streams)
 
@@ -65,9 +69,14 @@ class Lab:
     def __init__(self, folder, uri):
         self.folder, self.uri, self.children = folder, uri, []
         self.env = {
-            "PATH": os.environ["PATH"], "PYTHONPATH": str(ROOT / "src"), "HOME": str(folder / "home"),
-            "LANG": "C.UTF-8", "ROS_MASTER_URI": uri, "PYTHONDONTWRITEBYTECODE": "1", "OMP_NUM_THREADS": "1",
-        }  # fmt: skip
+            "PATH": os.environ["PATH"],
+            "PYTHONPATH": str(ROOT / "src"),
+            "HOME": str(folder / "home"),
+            "LANG": "C.UTF-8",
+            "ROS_MASTER_URI": uri,
+            "PYTHONDONTWRITEBYTECODE": "1",
+            "OMP_NUM_THREADS": "1",
+        }
 
     def start(self, *words, **options):
         self.children.append(Child(words, self, **options))
@@ -110,7 +119,10 @@ def start_master(folder):
     env = {**os.environ, "ROS_IP": "127.0.0.1", "ROS_LOG_DIR": str(folder), "ROS_HOME": str(folder)}
     env.pop("PYTHONPATH", None)
     process = subprocess.Popen(
-        ["rosmaster", "--core", "-p", str(port)], env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        ["rosmaster", "--core", "-p", str(port)],
+        env=env,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
     end = time.monotonic() + 20
     while True:
@@ -145,5 +157,7 @@ def store(path, robot, motion, reviewed=True):
     arm = load_robot(robot)
     review = Review("a person", "2026-01-01T12:00:00", motion_hash(motion)) if reviewed else None
     plan = np.zeros((1, len(arm.joint_names)))
-    write_trajectory(path, StoredTrajectory(arm.name, arm.joint_names, motion, 1.0, {}, plan, review))
+    write_trajectory(
+        path, StoredTrajectory(arm.name, arm.joint_names, motion, 1.0, {}, plan, review)
+    )
     return path

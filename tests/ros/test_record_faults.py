@@ -32,7 +32,9 @@ def manifest_of(lab, robot=KINOVA):
         (LWR, "dies@1", 5, "E506", False),
     ],
 )
-def test_a_fault_of_the_driver_stops_the_arm_and_keeps_the_log(lab, plan, robot, fault, status, code, stopped):
+def test_a_fault_of_the_driver_stops_the_arm_and_keeps_the_log(
+    lab, plan, robot, fault, status, code, stopped
+):
     trajectory = plan(robot, 4.0)
     driver = lab.driver(robot, "--pose", trajectory, "--fault", fault)
     done = lab.record(robot, trajectory, "--move", robot, "--max-deviation", "0.1rad")
@@ -88,8 +90,12 @@ def test_a_signal_stops_the_arm_first_and_keeps_the_log(lab, plan, robot, number
     assert len(log_of(lab, robot)) > 80
     sent = lab.finish(driver)
     assert sent["commands"] < 300
-    assert sent["violations"] == [], "the last command before the stop keeps the limits like all others"
-    assert sent["stop_acceleration_share"] > 0, "how hard this driver brakes is told; dynid sends nothing then"
+    assert sent["violations"] == [], (
+        "the last command before the stop keeps the limits like all others"
+    )
+    assert sent["stop_acceleration_share"] > 0, (
+        "how hard this driver brakes is told; dynid sends nothing then"
+    )
 
 
 def test_a_killed_recorder_leaves_a_bag_of_which_99_percent_are_read(lab, plan):
@@ -130,7 +136,9 @@ def small_disk(tmp_path):
     """A folder on a disk with room for one second of messages."""
     folder = tmp_path / "small"
     folder.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=256k", "none", folder], capture_output=True)
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=256k", "none", folder], capture_output=True
+    )
     if mounted.returncode:
         pytest.skip("a small disk cannot be mounted here (root only)")
     yield folder

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 import yaml
 
-from dynid.drivers.follow_joint_trajectory import CANCEL, GOAL, RESULT, STATUS, action_message, choose_commands
+from dynid.drivers.follow_joint_trajectory import (
+    CANCEL,
+    GOAL,
+    RESULT,
+    STATUS,
+    action_message,
+    choose_commands,
+)
 from dynid.files.bag import list_topics
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
@@ -37,7 +44,9 @@ def test_classes_of_messages_leave_no_folder_when_the_program_is_killed(tmp_path
         "import os; from dynid.drivers.kinova_gen2 import kinova_message, kinova_service;"
         "kinova_message('JointVelocity'); kinova_service('Start'); os.kill(os.getpid(), 9)"
     )
-    done = subprocess.run([sys.executable, "-c", program], env=os.environ | {"TMPDIR": str(tmp_path)})
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=os.environ | {"TMPDIR": str(tmp_path)}
+    )
     assert done.returncode == -signal.SIGKILL
     assert not list(tmp_path.iterdir())
 
@@ -66,7 +75,11 @@ def test_an_arm_with_a_trajectory_controller_is_moved_and_recorded(lab, plan, wo
 @pytest.mark.parametrize(
     ("fault", "status", "said"),
     [
-        ("gives-up@0.5", 5, "error[E509] the controller says that the motion is aborted: a joint left its path"),
+        (
+            "gives-up@0.5",
+            5,
+            "error[E509] the controller says that the motion is aborted: a joint left its path",
+        ),
         ("deaf@0.5", 5, "error[E504]"),
         ("silent@0.5", 5, "error[E506]"),
     ],
@@ -74,7 +87,9 @@ def test_an_arm_with_a_trajectory_controller_is_moved_and_recorded(lab, plan, wo
 def test_a_goal_that_goes_wrong_is_cancelled(lab, plan, fault, status, said):
     trajectory = plan(UR, 4.0)
     driver = lab.driver(UR, "--pose", trajectory, "--fault", fault)
-    done = lab.record(UR, trajectory, "--move", UR, "--command-topic", ACTION, "--max-deviation", "0.1rad")
+    done = lab.record(
+        UR, trajectory, "--move", UR, "--command-topic", ACTION, "--max-deviation", "0.1rad"
+    )
     assert (done.status, done.out) == (status, "")
     assert said in done.err
     assert ("goal aborted" if "gives-up" in fault else "goal preempted") in done.err
@@ -85,7 +100,10 @@ def test_a_goal_that_goes_wrong_is_cancelled(lab, plan, fault, status, said):
 
 def test_ctrl_c_cancels_the_goal_and_a_cancel_that_nobody_confirms_is_said(lab, plan):
     trajectory = plan(UR, 5.0)
-    for fault, said in ((), "the arm stands still"), (("--fault", "stop-fails"), "use the physical stop button now"):
+    for fault, said in (
+        ((), "the arm stands still"),
+        (("--fault", "stop-fails"), "use the physical stop button now"),
+    ):
         driver = lab.driver(UR, "--pose", trajectory, *fault)
         child = lab.moving(UR, trajectory, "--command-topic", ACTION, "--force")
         child.send(signal.SIGINT)
@@ -96,7 +114,12 @@ def test_ctrl_c_cancels_the_goal_and_a_cancel_that_nobody_confirms_is_said(lab, 
 
 
 def test_where_to_send_motions_is_found_and_doubt_is_said():
-    types = {TOPIC: POINTS, f"{ACTION}/goal": GOAL, "/other/command": POINTS, "/joint_states": "sensor_msgs/JointState"}
+    types = {
+        TOPIC: POINTS,
+        f"{ACTION}/goal": GOAL,
+        "/other/command": POINTS,
+        "/joint_states": "sensor_msgs/JointState",
+    }
     assert choose_commands(types, {TOPIC, f"{ACTION}/goal"}, None, TOPIC) == (TOPIC, False)
     assert choose_commands(types, {f"{ACTION}/goal"}, None, TOPIC) == (f"{ACTION}/goal", True)
     assert choose_commands(types, {"/other/command"}, None, TOPIC) == ("/other/command", False)
@@ -104,5 +127,7 @@ def test_where_to_send_motions_is_found_and_doubt_is_said():
     assert choose_commands(types, set(types), f"{ACTION}/goal", TOPIC) == (f"{ACTION}/goal", True)
     assert choose_commands(types, set(types), "/other/command", TOPIC) == ("/other/command", False)
     two = types | {"/third/command": POINTS}
-    with pytest.raises(Exception, match="several topics take motions: /other/command, /third/command"):
+    with pytest.raises(
+        Exception, match="several topics take motions: /other/command, /third/command"
+    ):
         choose_commands(two, {"/other/command", "/third/command"}, None, "/none")

@@ -30,7 +30,9 @@ def done(child):
 def planned(lab, robot, names):
     """Plan motions, look at their pictures unattended, and accept them; return their paths."""
     children = [
-        lab.start("trajectory", robot, *PLAN, "--seed", seed, "--preview", "picture", "--out", name, "-q")
+        lab.start(
+            "trajectory", robot, *PLAN, "--seed", seed, "--preview", "picture", "--out", name, "-q"
+        )
         for seed, name in enumerate(names)
     ]
     for child in children:
@@ -39,7 +41,10 @@ def planned(lab, robot, names):
     for path in paths:
         assert (path.parent / "preview.png").stat().st_size > 10_000
         assert not read_trajectory(path).reviewed, "nobody has said yes"
-    for child in [lab.start("trajectory", robot, "--review", path, "--accept", "--preview", "none") for path in paths]:
+    for child in [
+        lab.start("trajectory", robot, "--review", path, "--accept", "--preview", "none")
+        for path in paths
+    ]:
         done(child)
     assert all(read_trajectory(path).reviewed for path in paths)
     return paths
@@ -49,7 +54,9 @@ def recorded(lab, robot, trajectory, rate, *words):
     """Record a motion; return the log and the command's answer. Nothing is lost, and all commands keep the limits."""
     driver = lab.driver(robot, "--pose", trajectory, "--rate", rate)
     folder = trajectory.parent / "recording"
-    answer = done(lab.start("record", robot, trajectory, "--move", robot, "--out", folder, *words, "--json")).facts
+    answer = done(
+        lab.start("record", robot, trajectory, "--move", robot, "--out", folder, *words, "--json")
+    ).facts
     sent = lab.finish(driver)
     assert answer["lost"] == 0
     assert answer["rate_hz"] == pytest.approx(rate, rel=0.01)
@@ -77,7 +84,10 @@ def predicts(lab, robot, parameters, unseen):
     answer = done(lab.start("validate", parameters, unseen, "--no-plot", "--json")).facts
     noise = read_plant(ROOT / "trajectories" / TRUTH[robot]).sensors.torque_noise
     errors = [joint["rms_nm"] for joint in answer["joints"]]
-    assert all(error <= 1.2 * added for error, added in zip(errors, noise, strict=True)), (errors, noise)
+    assert all(error <= 1.2 * added for error, added in zip(errors, noise, strict=True)), (
+        errors,
+        noise,
+    )
 
 
 @pytest.mark.alone
@@ -123,7 +133,9 @@ def test_another_program_may_move_the_arm_while_it_is_recorded(lab):
 @pytest.mark.alone
 def test_dropped_and_late_messages_are_survived_and_told(lab, plan):
     trajectory = plan(KINOVA, 3.0)
-    lab.driver(KINOVA, "--pose", trajectory, "--drop", "0.05", "--latency", "0.02", "--jitter", "0.005")
+    lab.driver(
+        KINOVA, "--pose", trajectory, "--drop", "0.05", "--latency", "0.02", "--jitter", "0.005"
+    )
     done = lab.record(KINOVA, trajectory, "--move", KINOVA, "--json", "--no-convert")
     assert done.status == 0, done.err
     log = read_log(Path(lab.folder) / "out" / KINOVA / "log.bag", robot=load_robot(KINOVA))
@@ -131,4 +143,6 @@ def test_dropped_and_late_messages_are_survived_and_told(lab, plan):
     arm = slice(load_robot(KINOVA).n)
     derived = np.gradient(log.q, log.t, axis=0)[:, arm]
     doubled = np.sum(log.qd[:, arm] * derived, axis=0) / np.sum(derived**2, axis=0)
-    np.testing.assert_allclose(doubled, 2, rtol=0.1, err_msg="kinova-ros doubles the firmware's velocity")
+    np.testing.assert_allclose(
+        doubled, 2, rtol=0.1, err_msg="kinova-ros doubles the firmware's velocity"
+    )

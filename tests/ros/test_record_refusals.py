@@ -22,17 +22,29 @@ def test_nothing_moves_unless_a_person_or_the_option_names_the_robot(lab, plan):
     trajectory = plan(KINOVA)
     driver = lab.driver(KINOVA, "--pose", trajectory)
     words = ("record", KINOVA, trajectory)
-    typing = threading.Thread(target=lambda: typed_yes.extend(typed(lab, trajectory, b"\ny\nyes\n", "--yes")))
+    typing = threading.Thread(
+        target=lambda: typed_yes.extend(typed(lab, trajectory, b"\ny\nyes\n", "--yes"))
+    )
     typed_yes = []
     typing.start()
     runs = [lab.start(*words, "--yes"), lab.start(*words)]
     closed = subprocess.Popen(
-        [sys.executable, "-m", "dynid", *map(str, words)], cwd=lab.folder, env=lab.env, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True, preexec_fn=lambda: os.close(0),
-    )  # fmt: skip
+        [sys.executable, "-m", "dynid", *map(str, words)],
+        cwd=lab.folder,
+        env=lab.env,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: os.close(0),
+    )
     yes = subprocess.Popen(["yes", KINOVA], stdout=subprocess.PIPE)
     runs.append(lab.start(*words, "--yes", stdin=yes.stdout))
-    lab.env |= {"DYNID_MOVE": KINOVA, "DYNID_RECORD_MOVE": KINOVA, "DYNID_YES": "1", "DYNID_NO_INPUT": "0"}
+    lab.env |= {
+        "DYNID_MOVE": KINOVA,
+        "DYNID_RECORD_MOVE": KINOVA,
+        "DYNID_YES": "1",
+        "DYNID_NO_INPUT": "0",
+    }
     runs.append(lab.start(*words))
     out, err = closed.communicate(timeout=LIMIT)
     for done in [*(run.end() for run in runs), Ended(closed.returncode, out, err)]:
@@ -68,9 +80,14 @@ def typed(lab, trajectory, line, *words):
     """Run on a pseudo-terminal and type a line when the robot's name is asked for."""
     master, slave = pty.openpty()
     process = subprocess.Popen(
-        [sys.executable, "-m", "dynid", "record", KINOVA, str(trajectory), "--no-convert", *words], cwd=lab.folder,
-        env=lab.env, stdin=slave, stderr=slave, stdout=subprocess.DEVNULL, start_new_session=True,
-    )  # fmt: skip
+        [sys.executable, "-m", "dynid", "record", KINOVA, str(trajectory), "--no-convert", *words],
+        cwd=lab.folder,
+        env=lab.env,
+        stdin=slave,
+        stderr=slave,
+        stdout=subprocess.DEVNULL,
+        start_new_session=True,
+    )
     os.close(slave)
     shown, end = b"", time.monotonic() + 60
     while time.monotonic() < end:
@@ -108,9 +125,18 @@ def test_what_preflight_refuses_is_not_sent(lab, plan):
     trajectory = plan(KINOVA)
     driver = lab.driver(KINOVA, "--pose", trajectory)
     stored = read_trajectory(trajectory)
-    slower = replace(stored.motion, t=stored.motion.t * 1.5, qd=stored.motion.qd / 1.5, qdd=stored.motion.qdd / 1.5**2)
+    slower = replace(
+        stored.motion,
+        t=stored.motion.t * 1.5,
+        qd=stored.motion.qd / 1.5,
+        qdd=stored.motion.qdd / 1.5**2,
+    )
     write_trajectory(lab.folder / "changed.npz", replace(stored, motion=slower))
-    store(lab.folder / "away.npz", KINOVA, replace(stored.motion, q=stored.motion.q + 0.4 * (np.arange(7) == 1)))
+    store(
+        lab.folder / "away.npz",
+        KINOVA,
+        replace(stored.motion, q=stored.motion.q + 0.4 * (np.arange(7) == 1)),
+    )
     start = "error[E503] the arm is 0.40 rad from the start on j2s7s300_joint_2"
     expected = {
         (plan(KINOVA, name="unreviewed.npz", reviewed=False),): (5, "error[E505] nobody confirmed"),
@@ -146,7 +172,9 @@ def test_torques_without_gravity_are_refused(lab, plan):
     for robot, path in plans.items():
         lab.driver(robot, "--pose", path, "--fault", "gravity-free")
     topics = {KINOVA: "/j2s7s300_driver/out/joint_state", LWR: "/lwr/joint_states"}
-    running = [lab.start("record", r, p, "--move", r, "--topic", topics[r]) for r, p in plans.items()]
+    running = [
+        lab.start("record", r, p, "--move", r, "--topic", topics[r]) for r, p in plans.items()
+    ]
     for child in running:
         done = child.end()
         assert done.status == 3
@@ -188,7 +216,15 @@ def test_a_silent_driver_is_told_from_an_absent_one(lab, plan):
 
 def test_sensors_are_zeroed_at_the_candle_pose(lab):
     candle = Motion(
-        *(part[:] for part in (np.array([0.0, 1.0]), np.full((2, 7), np.pi), np.zeros((2, 7)), np.zeros((2, 7))))
+        *(
+            part[:]
+            for part in (
+                np.array([0.0, 1.0]),
+                np.full((2, 7), np.pi),
+                np.zeros((2, 7)),
+                np.zeros((2, 7)),
+            )
+        )
     )
     path = store(lab.folder / "candle.npz", KINOVA, candle)
     lab.driver(KINOVA, "--torque-offset", "0.5", "--torque-noise", "0.01")

@@ -50,7 +50,9 @@ def test_a_child_ends_with_its_parent(number, tmp_path):
     (tmp_path / "modules").mkdir()
     (tmp_path / "modules" / "waiting.py").write_text(WAITING)
     environment = {**os.environ, "PYTHONPATH": f"{SOURCE}:{tmp_path / 'modules'}"}
-    parent = subprocess.Popen([sys.executable, "-c", PARENT, str(tmp_path)], env=environment, stderr=subprocess.DEVNULL)
+    parent = subprocess.Popen(
+        [sys.executable, "-c", PARENT, str(tmp_path)], env=environment, stderr=subprocess.DEVNULL
+    )
     assert wait_for((tmp_path / "pid").exists)
     child = int((tmp_path / "pid").read_text())
     parent.send_signal(number)
@@ -60,17 +62,25 @@ def test_a_child_ends_with_its_parent(number, tmp_path):
 
 def test_a_child_whose_parent_is_already_gone_ends_at_once():
     environment = {**os.environ, **children.variables(), children.PARENT: "1", "PYTHONPATH": SOURCE}
-    done = subprocess.run(children.command("dynid", "--version"), env=environment, capture_output=True)
+    done = subprocess.run(
+        children.command("dynid", "--version"), env=environment, capture_output=True
+    )
     assert done.returncode == 130
     assert not done.stdout
 
 
 def test_a_child_imports_nothing_from_the_folder_it_runs_in(tmp_path):
     for name in ("numpy", "json", "sitecustomize", "dynid", "click", "runpy"):
-        (tmp_path / f"{name}.py").write_text("import pathlib; pathlib.Path('EXECUTED').write_text('')\n")
+        (tmp_path / f"{name}.py").write_text(
+            "import pathlib; pathlib.Path('EXECUTED').write_text('')\n"
+        )
     environment = {**children.environment(), "PYTHONPATH": SOURCE}
     done = subprocess.run(
-        children.command("dynid", "explain", "E201"), env=environment, cwd=tmp_path, capture_output=True, text=True
+        children.command("dynid", "explain", "E201"),
+        env=environment,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert not (tmp_path / "EXECUTED").exists()

@@ -33,7 +33,10 @@ FOUND = {
 def declared() -> dict[str, str]:
     """Return the versions of the packages that dynid needs, or can use, as pyproject.toml gives them."""
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    lists = [re.search(rf"(?ms)^{name} = \[(.*?)\]$", text)[1] for name in ("dependencies", "parquet", "cluster")]
+    lists = [
+        re.search(rf"(?ms)^{name} = \[(.*?)\]$", text)[1]
+        for name in ("dependencies", "parquet", "cluster")
+    ]
     return dict(re.findall(r'"([A-Za-z0-9-]+)([^";]*)', " ".join(lists)))
 
 
@@ -42,7 +45,9 @@ def imported() -> set[str]:
     for path in Path(dynid.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
+            names += (
+                [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
+            )
             found |= {name.partition(".")[0] for name in names}
     return found - set(sys.stdlib_module_names) - {"dynid"}
 
@@ -59,7 +64,9 @@ def test_every_package_has_its_place_on_the_page_of_dependencies(package):
     assert package in page
 
 
-@pytest.mark.parametrize("package", ["numpy", "pyyaml", "matplotlib", "click", "rosbags", "jinja2", "sympy", "scipy"])
+@pytest.mark.parametrize(
+    "package", ["numpy", "pyyaml", "matplotlib", "click", "rosbags", "jinja2", "sympy", "scipy"]
+)
 def test_a_package_whose_next_major_version_may_break_is_bounded(package):
     assert re.fullmatch(r">=[0-9.]+,<[0-9.]+", declared()[package])
 
@@ -77,7 +84,11 @@ for name in sys.argv[1:]:
 def test_every_command_and_workflow_can_be_imported_first():
     """In a new interpreter: the commands of the tests run where everything was imported before."""
     folders = [Path(dynid.__file__).parent / name for name in ("cli", "workflows")]
-    names = [f"dynid.{folder.name}.{each.name}" for folder in folders for each in pkgutil.iter_modules([str(folder)])]
+    names = [
+        f"dynid.{folder.name}.{each.name}"
+        for folder in folders
+        for each in pkgutil.iter_modules([str(folder)])
+    ]
     assert len(names) > 50
     done = subprocess.run([sys.executable, "-c", FIRST, *names], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

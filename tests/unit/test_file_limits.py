@@ -54,9 +54,25 @@ def test_raised_limits_hold_in_their_block_also_inside_each_other_and_after_an_e
 
 
 @pytest.mark.parametrize(
-    "text", ["joints", "joints=1e18", "joints=", "joints=-1", "joints=0", "joints=nan", "joints=inf", "joints=1e999",
-             "=5", "x=5", "joints=1_0", "joints=²", "joints=0x10", "joints= 5", "joints=" + "9" * 5000],
-)  # fmt: skip
+    "text",
+    [
+        "joints",
+        "joints=1e18",
+        "joints=",
+        "joints=-1",
+        "joints=0",
+        "joints=nan",
+        "joints=inf",
+        "joints=1e999",
+        "=5",
+        "x=5",
+        "joints=1_0",
+        "joints=²",
+        "joints=0x10",
+        "joints= 5",
+        "joints=" + "9" * 5000,
+    ],
+)
 def test_what_is_no_limit_is_refused(text):
     with pytest.raises(ValueError, match=r"no limit|not a positive number"):
         limits.read_limits(text)
@@ -107,7 +123,9 @@ def test_what_a_command_asks_for_is_bounded_by_the_product_of_its_numbers():
     """Each number is possible for itself: an hour, a millisecond, a slow run; a hundred thousand states; a second."""
     robot = parse_robot(ARM, Path("arm.yaml"))
     none = np.zeros(0, dtype=np.int32)
-    model = Model(robot, Program((), (), none, none, none, none, none, none, (robot.n, 11 * robot.n)))
+    model = Model(
+        robot, Program((), (), none, none, none, none, none, none, (robot.n, 11 * robot.n))
+    )
     slow = Trajectory(Fourier(3600.0, 3), np.zeros((5, 2)), alpha=0.1)
     with pytest.raises(TooLarge, match="a planned motion"):
         slow.sampled(1000.0)

@@ -18,7 +18,13 @@ T = np.arange(5) / 100
 
 
 def test_anything_that_numpy_understands_becomes_float64():
-    log = Log(t=[0, 1, 2], q=[1, 2, 3], tau=np.ones((3, 1), np.float32), names=["elbow"], extra={"q_ref": [0, 0, 1]})
+    log = Log(
+        t=[0, 1, 2],
+        q=[1, 2, 3],
+        tau=np.ones((3, 1), np.float32),
+        names=["elbow"],
+        extra={"q_ref": [0, 0, 1]},
+    )
     assert [x.shape for x in (log.q, log.tau, log.extra["q_ref"])] == [(3, 1)] * 3
     assert {x.dtype for x in (log.t, log.q, log.tau, log.extra["q_ref"])} == {np.dtype(np.float64)}
     assert (log.names, log.n, len(log), log.duration, log.rate) == (("elbow",), 1, 3, 2.0, 1.0)
@@ -41,7 +47,10 @@ def test_float_arrays_are_not_copied():
         ({"q": [[1, 2], [3]]}, "array 'q' has rows of different lengths"),
         ({"names": ("one",)}, "the log names 1 joints but has 2 columns"),
         ({"units": {"position": "gon"}}, "units.position = gon is not known; known: rad, deg"),
-        ({"units": {"place": "rad"}}, "units.place = rad is not known; known: position, velocity, effort"),
+        (
+            {"units": {"place": "rad"}},
+            "units.place = rad is not known; known: position, velocity, effort",
+        ),
         ({"tau_unit": "mA"}, "tau_unit = mA is not known; known: Nm, A"),
     ],
 )
@@ -54,7 +63,14 @@ def test_a_log_shows_its_name_size_joints_and_findings():
     log = replace(lwr_log(), findings=(Finding("W312", "warning", "1 gap, <longest> 30 ms"),))
     shown = repr(log)
     size = f"{len(log)}, {log.duration:.1f} s"
-    for part in ("lwr4plus_validate.bag", size, "7: lwr_0_joint", "not checked", "W312", "<longest>"):
+    for part in (
+        "lwr4plus_validate.bag",
+        size,
+        "7: lwr_0_joint",
+        "not checked",
+        "W312",
+        "<longest>",
+    ):
         assert part in shown
     assert "&lt;longest&gt;" in log._repr_html_()
     assert "made from arrays" in repr(Log(T, T, T))
@@ -71,12 +87,19 @@ def test_a_table_has_one_column_for_each_quantity_of_each_joint():
 
 
 def test_what_is_saved_is_read_back(tmp_path):
-    made = Log(T, np.ones((5, 2)), 2 * np.ones((5, 2)), ("a", "b"), units={"position": "deg"}, tau_unit="A")
+    made = Log(
+        T, np.ones((5, 2)), 2 * np.ones((5, 2)), ("a", "b"), units={"position": "deg"}, tau_unit="A"
+    )
     for log in (made, prepare(lwr_log(), lwr())):
         again = read_log(log.save(tmp_path / "log.npz"), robot=lwr())
         for key in ("t", "q", "tau"):
             np.testing.assert_array_equal(getattr(again, key), getattr(log, key))
-        assert (again.names, again.tau_unit, again.dh, again.checked) == (log.names, log.tau_unit, log.dh, False)
+        assert (again.names, again.tau_unit, again.dh, again.checked) == (
+            log.names,
+            log.tau_unit,
+            log.dh,
+            False,
+        )
         assert again.units["position"] == "deg" if log is made else True
 
 
@@ -96,7 +119,11 @@ def test_a_checked_log_is_not_checked_again_but_still_cut_and_asked_for_enough_m
     short = [(2.0, 1e9)]
     assert "W313" in [finding.code for finding in prepare(log, lwr(), exclude=short).findings]
     assert prepare(log, lwr(), exclude=short, identify=False).duration < 2.1
-    other = replace(lwr(), joints=tuple(replace(joint, name=f"x{joint.name}") for joint in lwr().joints), driver=None)
+    other = replace(
+        lwr(),
+        joints=tuple(replace(joint, name=f"x{joint.name}") for joint in lwr().joints),
+        driver=None,
+    )
     with pytest.raises(JointNamesDiffer):
         prepare(log, other)
 

@@ -20,7 +20,9 @@ def test_rows_come_back_as_they_were_added_whether_they_fit_into_memory_or_not(m
         for start in range(0, 5000, 700):
             growing.append(rows[start : start + 700])
         np.testing.assert_array_equal(growing.whole(), rows)
-        np.testing.assert_array_equal(scratch.taken(growing.whole(), np.arange(4999, 0, -3)), rows[4999:0:-3])
+        np.testing.assert_array_equal(
+            scratch.taken(growing.whole(), np.arange(4999, 0, -3)), rows[4999:0:-3]
+        )
 
 
 def test_released_pages_keep_what_was_written(monkeypatch):
@@ -56,7 +58,10 @@ print(total == 256 * PIECE * 8, resource.getrusage(resource.RUSAGE_SELF).ru_maxr
 def test_other_numbers_become_floats_piece_by_piece(monkeypatch):
     monkeypatch.setattr(scratch, "IN_MEMORY", 1000)
     monkeypatch.setattr(scratch, "PIECE", 300)
-    for array in (np.arange(3000, dtype=np.int32).reshape(1000, 3), np.linspace(0, 1, 2000).astype(">f8")):
+    for array in (
+        np.arange(3000, dtype=np.int32).reshape(1000, 3),
+        np.linspace(0, 1, 2000).astype(">f8"),
+    ):
         found = scratch.floats(array)
         assert found.dtype == np.float64
         np.testing.assert_array_equal(found, array.astype(float))
@@ -99,5 +104,7 @@ dynid.identify(arm, dynid.load_log(sys.argv[1], arm), base=base)
 print("numpy.ma" in sys.modules)
 """
     log = Path(__file__).parents[2] / "trajectories" / "lwr4plus_validate.bag"
-    done = subprocess.run([sys.executable, "-c", code, str(log)], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(log)], capture_output=True, text=True, check=True
+    )
     assert done.stdout.strip() == "False"

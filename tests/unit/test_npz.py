@@ -39,7 +39,10 @@ def test_what_is_no_file_is_not_replaced(make, tmp_path):
     path = tmp_path / "result.npz"
     make(path)
     before = os.lstat(path)
-    with pytest.raises(CannotWrite, match=r"no regular file|a folder"), written_whole(path) as stream:
+    with (
+        pytest.raises(CannotWrite, match=r"no regular file|a folder"),
+        written_whole(path) as stream,
+    ):
         stream.write(b"x")
     assert os.lstat(path).st_ino == before.st_ino
     assert stat.S_IFMT(os.lstat(path).st_mode) == stat.S_IFMT(before.st_mode)
@@ -94,8 +97,14 @@ def test_long_arrays_are_written_in_pieces_as_numpy_writes_them_whole(tmp_path, 
     monkeypatch.setattr("dynid.npz.COMPRESSED_BYTES", 1)
     monkeypatch.setattr("dynid.npz.PIECE_BYTES", 1000)
     write_npz(tmp_path / "dynid.npz", {}, LONG)
-    np.savez(tmp_path / "numpy.npz", **{name: np.ascontiguousarray(array) for name, array in LONG.items()})
-    with zipfile.ZipFile(tmp_path / "dynid.npz") as own, zipfile.ZipFile(tmp_path / "numpy.npz") as theirs:
+    np.savez(
+        tmp_path / "numpy.npz",
+        **{name: np.ascontiguousarray(array) for name, array in LONG.items()},
+    )
+    with (
+        zipfile.ZipFile(tmp_path / "dynid.npz") as own,
+        zipfile.ZipFile(tmp_path / "numpy.npz") as theirs,
+    ):
         for name in LONG:
             if LONG[name].ndim:
                 assert own.read(f"{name}.npy") == theirs.read(f"{name}.npy")
@@ -106,7 +115,10 @@ def test_only_what_gets_smaller_is_packed(tmp_path):
     arrays = {"noise": noise, "few": noise[:100], "rounded": np.round(noise, 2)}
     write_npz(path, {}, arrays)
     with zipfile.ZipFile(path) as archive:
-        packed = {member.filename: member.compress_type == zipfile.ZIP_DEFLATED for member in archive.infolist()}
+        packed = {
+            member.filename: member.compress_type == zipfile.ZIP_DEFLATED
+            for member in archive.infolist()
+        }
     assert packed == {"header.npy": True, "noise.npy": False, "few.npy": True, "rounded.npy": True}
     found = read_npz(path)
     assert all(np.array_equal(found[name], array) for name, array in arrays.items())

@@ -45,7 +45,9 @@ def test_a_program_that_hangs_is_ended_with_all_that_it_started(tmp_path, monkey
         programs.run([str(tmp_path / "cc")], tmp_path)
     assert time.monotonic() - start < 60.0
     child = int((tmp_path / "child").read_text())
-    state = subprocess.run(["ps", "-o", "stat=", "-p", str(child)], capture_output=True, text=True).stdout.strip()
+    state = subprocess.run(
+        ["ps", "-o", "stat=", "-p", str(child)], capture_output=True, text=True
+    ).stdout.strip()
     assert state[:1] in ("", "Z"), "the one that was waited for has ended too"
 
 

@@ -30,10 +30,15 @@ def not_swept(monkeypatch):
 def test_what_ended_processes_left_is_removed_and_nothing_else(tmp_path, ended):
     left = [f"{of_process(ended)}abc", f".{of_process(ended)}def"]
     kept = [
-        f"{of_process(os.getpid())}abc", f"{of_process(os.getppid())}abc", f".{of_process(1)}abc",
-        "log.npz", "dynid-notes-1-x",
-        f"dynid-00000000-{ended}-abc", f"dynid-{ended}-abc", f"{of_process(10**30)}x",
-    ]  # fmt: skip
+        f"{of_process(os.getpid())}abc",
+        f"{of_process(os.getppid())}abc",
+        f".{of_process(1)}abc",
+        "log.npz",
+        "dynid-notes-1-x",
+        f"dynid-00000000-{ended}-abc",
+        f"dynid-{ended}-abc",
+        f"{of_process(10**30)}x",
+    ]
     for name in (*left, *kept):
         (tmp_path / name).write_text("x")
     (tmp_path / f"{of_process(ended)}folder" / "deep").mkdir(parents=True)

@@ -48,7 +48,16 @@ PLAIN = "KUKA lwr_4-plus.v2 joint 1"
 
 @pytest.mark.parametrize(
     "function",
-    [text.printable, text.visible, text.code, text.file_name, text.xml, text.html, text.csv_cell, text.label],
+    [
+        text.printable,
+        text.visible,
+        text.code,
+        text.file_name,
+        text.xml,
+        text.html,
+        text.csv_cell,
+        text.label,
+    ],
 )
 def test_plain_names_stay_as_they_are(function):
     assert function(PLAIN) == PLAIN
@@ -133,8 +142,19 @@ def test_markdown_has_no_character_left_that_it_would_interpret(name):
 def test_latex_has_no_command_math_comment_or_optional_argument(name):
     """What is left after the known replacements has no special character."""
     rest = text.latex(name)
-    for known in (r"\textbackslash{}", r"\textasciitilde{}", r"\textasciicircum{}", r"\textless{}", r"\textgreater{}",
-                  r"\textbar{}", "{''}", "{[}", "{]}", "{*}", "{`}"):  # fmt: skip
+    for known in (
+        r"\textbackslash{}",
+        r"\textasciitilde{}",
+        r"\textasciicircum{}",
+        r"\textless{}",
+        r"\textgreater{}",
+        r"\textbar{}",
+        "{''}",
+        "{[}",
+        "{]}",
+        "{*}",
+        "{`}",
+    ):
         rest = rest.replace(known, "")
     rest = re.sub(r"\\[_&%$#{}]", "", rest)
     assert not re.search(r"[\\_&%$#{}~^<>|\"\[\]*`\n\r]", rest)
@@ -181,7 +201,8 @@ def test_a_word_of_yaml_is_read_back_in_a_list(name):
 
 
 @pytest.mark.parametrize(
-    "name", ["no", "null", "1e3", "012", "1:30", "~", "true", "Off", "<<", "=", "2001-01-01", "0x1f"]
+    "name",
+    ["no", "null", "1e3", "012", "1:30", "~", "true", "Off", "<<", "=", "2001-01-01", "0x1f"],
 )
 def test_a_word_that_yaml_takes_for_something_else_is_quoted(name):
     assert yaml.safe_load(f"[{text.yaml_word(name)}]") == [name]

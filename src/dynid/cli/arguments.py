@@ -28,19 +28,31 @@ class Completed(click.ParamType):  # type: ignore[type-arg]  # generic from clic
 
     name = "text"
 
-    def __init__(self, words: Callable[[], Iterable[str]], *, files: bool = False, listed: bool = False) -> None:
+    def __init__(
+        self, words: Callable[[], Iterable[str]], *, files: bool = False, listed: bool = False
+    ) -> None:
         self._words, self._files, self._listed = words, files, listed
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:  # noqa: ANN401
         """Return the text as it is."""
         return str(value)
 
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
         """Return the words that begin with what was typed, and files where a path was begun or no word fits."""
         before, comma, begun = incomplete.rpartition(",") if self._listed else ("", "", incomplete)
-        found = [CompletionItem(f"{before}{comma}{word}") for word in self._words() if word.startswith(begun)]
+        found = [
+            CompletionItem(f"{before}{comma}{word}")
+            for word in self._words()
+            if word.startswith(begun)
+        ]
         path = "/" in incomplete or Path(incomplete).suffix
-        return [*found, CompletionItem(incomplete, type="file")] if self._files and (path or not found) else found
+        return (
+            [*found, CompletionItem(incomplete, type="file")]
+            if self._files and (path or not found)
+            else found
+        )
 
 
 def _robots() -> Iterable[str]:
@@ -79,7 +91,9 @@ def robot_argument(function: Callable[..., Any]) -> Callable[..., Any]:
 
     update_wrapper(joined, function)
     option = click.option(
-        "--tip", metavar="LINK", help="Last link of the arm, where ROBOT is a URDF whose joints fork."
+        "--tip",
+        metavar="LINK",
+        help="Last link of the arm, where ROBOT is a URDF whose joints fork.",
     )
     return click.argument("robot", type=ROBOT)(option(joined))
 
@@ -106,7 +120,9 @@ class NumberInRange(click.FloatRange):
         return found
 
 
-def options_from(kind: type[Options], *, without: tuple[str, ...] = ()) -> Callable[[Callable[..., Any]], Any]:
+def options_from(
+    kind: type[Options], *, without: tuple[str, ...] = ()
+) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator that gives a command one option per field of an options dataclass.
 
     Args:
@@ -147,7 +163,9 @@ def _click_option(each: Field[Any]) -> Callable[[Any], Any]:
         return click.option(flag, each.name, is_flag=True, **facts)
     if declared.metavar:
         facts["metavar"] = declared.metavar
-    return click.option(flag, each.name, type=_type(each, declared), multiple=declared.repeatable, **facts)
+    return click.option(
+        flag, each.name, type=_type(each, declared), multiple=declared.repeatable, **facts
+    )
 
 
 def _type(each: Field[Any], declared: Declaration) -> Any:  # noqa: ANN401
@@ -164,10 +182,18 @@ def _type(each: Field[Any], declared: Declaration) -> Any:  # noqa: ANN401
     if declared.bounds != (None, None):
         low, high = declared.bounds
         if isinstance(each.default, int):
-            return click.IntRange(None if low is None else int(low), None if high is None else int(high))
+            return click.IntRange(
+                None if low is None else int(low), None if high is None else int(high)
+            )
         return NumberInRange(low, high)
     if declared.kind == "count":
         return click.IntRange(min=1)
-    if declared.kind in ("positive", "float") or (isinstance(each.default, float) and declared.read is None):
-        return NumberInRange(min=0, min_open=declared.kind == "positive") if declared.kind else Number()
+    if declared.kind in ("positive", "float") or (
+        isinstance(each.default, float) and declared.read is None
+    ):
+        return (
+            NumberInRange(min=0, min_open=declared.kind == "positive")
+            if declared.kind
+            else Number()
+        )
     return str if declared.read is not None or each.default in (None, ()) else type(each.default)

@@ -34,11 +34,16 @@ FILTERING = ("cutoff", "velocity", "delay")
 )
 @click.argument("paths", metavar="PATH...", nargs=-1, required=True)
 @click.option(
-    "--robot", type=ROBOT, metavar="ROBOT", help="The arm of the logs; by default the robot file among the paths."
+    "--robot",
+    type=ROBOT,
+    metavar="ROBOT",
+    help="The arm of the logs; by default the robot file among the paths.",
 )
 @options_from(LogOptions, without=FILTERING)
 @click.option("--convert", is_flag=True, help="Write log.npz: all columns as they were recorded.")
-@click.option("--fix", is_flag=True, help="Write log.npz after the repairs that lose nothing, and list them.")
+@click.option(
+    "--fix", is_flag=True, help="Write log.npz after the repairs that lose nothing, and list them."
+)
 @click.option("--strict", is_flag=True, help="Exit with 1 when there are warnings.")
 def command(
     common: Common,
@@ -67,7 +72,9 @@ _MISSING = {
 }
 
 
-def _written(common: Common, checked: Checked, chosen: dict[str, Any], fix: bool) -> tuple[Path, ...]:
+def _written(
+    common: Common, checked: Checked, chosen: dict[str, Any], fix: bool
+) -> tuple[Path, ...]:
     """Write log.npz of a log where that is not done yet."""
     log = checked.log if fix else checked.raw
     if log is None or checked.robot is None:
@@ -79,10 +86,17 @@ def _written(common: Common, checked: Checked, chosen: dict[str, Any], fix: bool
     return (log.save(target, common.header(inputs)),)
 
 
-def _show(common: Common, found: Sequence[Checked], wrote: Sequence[tuple[Path, ...]], strict: bool) -> ExitStatus:
+def _show(
+    common: Common, found: Sequence[Checked], wrote: Sequence[tuple[Path, ...]], strict: bool
+) -> ExitStatus:
     terminal = common.terminal
     warnings = sum(checked.warnings for checked in found)
-    missing = [_MISSING[finding.code] for one in found for finding in one.findings if finding.code in _MISSING]
+    missing = [
+        _MISSING[finding.code]
+        for one in found
+        for finding in one.findings
+        if finding.code in _MISSING
+    ]
     terminal.answer(_answer(found, warnings, missing), style="bold", indent=2)
     for i, (checked, paths) in enumerate(zip(found, wrote, strict=True)):
         if i:
@@ -92,11 +106,17 @@ def _show(common: Common, found: Sequence[Checked], wrote: Sequence[tuple[Path, 
         terminal.findings(checked.findings)
         terminal.wrote(*paths)
     verdict = missing[0] if missing else "usable"
-    terminal.fact("verdict", verdict + (f", {warnings} warning{'s' if warnings > 1 else ''}" if warnings else ""))
+    terminal.fact(
+        "verdict",
+        verdict + (f", {warnings} warning{'s' if warnings > 1 else ''}" if warnings else ""),
+    )
     terminal.emit_json(
         {
             "schema": "dynid/check/1",
-            "checked": [{**one.answer(), "wrote": list(paths)} for one, paths in zip(found, wrote, strict=True)],
+            "checked": [
+                {**one.answer(), "wrote": list(paths)}
+                for one, paths in zip(found, wrote, strict=True)
+            ],
             "findings": [asdict(finding) for checked in found for finding in checked.findings],
             "warnings": warnings,
             "usable": not missing,
@@ -127,11 +147,18 @@ def _next(found: Sequence[Checked], missing: Sequence[str]) -> tuple[str, str] |
         return None
     if logs and logs[0].robot is None:
         command = f"{shell('dynid', 'check', *(each.path for each in logs))} --robot ROBOT"
-        return command, "ROBOT is a robot file; the block above is the part of it that reads this recording."
+        return (
+            command,
+            "ROBOT is a robot file; the block above is the part of it that reads this recording.",
+        )
     if logs and logs[0].robot is not None:
         command = shell("dynid", "identify", logs[0].robot.word, *(each.path for each in logs))
-        return command, "Identify the arm from it." if len(logs) == 1 else "Identify the arm from them."
+        return command, "Identify the arm from it." if len(
+            logs
+        ) == 1 else "Identify the arm from them."
     robots = [each.robot for each in found if each.robot is not None]
     if robots:
-        return shell("dynid", "model", robots[0].word), "Find out which parameters of the arm torques show."
+        return shell(
+            "dynid", "model", robots[0].word
+        ), "Find out which parameters of the arm torques show."
     return None

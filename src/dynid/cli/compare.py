@@ -29,13 +29,22 @@ SHOWN = 12
     ),
 )
 @click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN...")
-@click.option("--baseline", type=click.Path(path_type=Path), metavar="RUN", help="What the runs are judged against.")
+@click.option(
+    "--baseline",
+    type=click.Path(path_type=Path),
+    metavar="RUN",
+    help="What the runs are judged against.",
+)
 @click.option(
     "--tolerance",
     metavar="SHARE",
     help="Largest change of any number against the baseline; without it the noise is the measure.",
 )
-@click.option("--methods", is_flag=True, help="Run all estimators on the same logs instead: --methods ROBOT LOG...")
+@click.option(
+    "--methods",
+    is_flag=True,
+    help="Run all estimators on the same logs instead: --methods ROBOT LOG...",
+)
 @click.option("--csv", type=_FILE, metavar="FILE", help="Write one row per run as CSV.")
 @click.option("--latex", type=_FILE, metavar="FILE", help="Write a LaTeX table.")
 @click.option("--junit", type=_FILE, metavar="FILE", help="Write a JUnit XML report.")
@@ -107,7 +116,9 @@ def compare_estimators(common: Common, words: tuple[Path, ...]) -> ExitStatus:
     from dynid.workflows.robots import load_robot
 
     if len(words) < 2:
-        raise WrongUsage("--methods needs a robot and a log", fix="dynid compare --methods ROBOT LOG...")
+        raise WrongUsage(
+            "--methods needs a robot and a log", fix="dynid compare --methods ROBOT LOG..."
+        )
     robot = load_robot(words[0])
     with common.terminal.progress() as progress:
         base = base_model(robot, common.folder(robot.slug), progress)

@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 @click.argument("parameters", type=click.Path(path_type=Path))
 @click.argument("log", type=click.Path(path_type=Path))
 @options_from(ContactOptions)
-@click.option("--plot/--no-plot", default=True, show_default=True, help="Draw the torque from outside.")
+@click.option(
+    "--plot/--no-plot", default=True, show_default=True, help="Draw the torque from outside."
+)
 def command(common: Common, parameters: Path, log: Path, plot: bool, **values: Any) -> None:  # noqa: ANN401
     """Find contacts on a log, with a threshold for a stated rate of false alarms."""
     from dynid.workflows.contacts import contacts

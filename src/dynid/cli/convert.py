@@ -30,21 +30,36 @@ from dynid.workflows.convert import ConvertOptions
     metavar="FILE",
     help="File to write: .mcap, .db3, .bag, .npz, .csv, .tsv or .parquet; -o FILE is the same.",
 )
-@click.option("--robot", metavar="ROBOT", help="The arm of the log, whose file names topic and columns.")
+@click.option(
+    "--robot", metavar="ROBOT", help="The arm of the log, whose file names topic and columns."
+)
 @options_from(ConvertOptions)
-def command(common: Common, log: Path, target: Path | None, robot: str | None, **values: Any) -> ExitStatus:  # noqa: ANN401
+def command(
+    common: Common,
+    log: Path,
+    target: Path | None,
+    robot: str | None,
+    **values: Any,  # noqa: ANN401
+) -> ExitStatus:
     """Write a recording in another format; every number stays as it was recorded."""
     from dynid.workflows.convert import convert
     from dynid.workflows.robots import load_robot
 
     target = target or common.out
     if target is None:
-        raise WrongUsage("no file to write is given", fix=shell("dynid", "convert", log, "-o", f"{log.stem}.mcap"))
+        raise WrongUsage(
+            "no file to write is given",
+            fix=shell("dynid", "convert", log, "-o", f"{log.stem}.mcap"),
+        )
     if target.exists() and not common.force:
         raise OutputExists(f"{target} exists", fix="--force, or another --to")
-    done = convert(log, target, load_robot(robot) if robot else None, options_of(ConvertOptions, values))
+    done = convert(
+        log, target, load_robot(robot) if robot else None, options_of(ConvertOptions, values)
+    )
     common.terminal.findings(done.findings)
-    common.terminal.fact("log", f"{len(done.log)} samples, {done.log.duration:.1f} s, {done.log.n} joints")
+    common.terminal.fact(
+        "log", f"{len(done.log)} samples, {done.log.duration:.1f} s, {done.log.n} joints"
+    )
     common.terminal.wrote(done.path)
     common.terminal.emit_json(done.facts())
     return ExitStatus.DONE

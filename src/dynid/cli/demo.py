@@ -37,7 +37,11 @@ ARMS = {"kuka_lwr4plus": "lwr4plus", "kinova_gen2": "kinova_gen2"}
     metavar="ROBOT",
     help=f"The arm: {' or '.join(ARMS)} with shipped logs; any other, a robot file or a URDF, is simulated now.",
 )
-@click.option("--effect", metavar="NAME|random", help="Hide an effect in the simulated LWR4+, find it and add it.")
+@click.option(
+    "--effect",
+    metavar="NAME|random",
+    help="Hide an effect in the simulated LWR4+, find it and add it.",
+)
 def command(common: Common, robot: str, effect: str | None) -> ExitStatus:
     """Run all four loops on a simulated arm whose truth is known, and show them on one page."""
     if effect:
@@ -73,30 +77,56 @@ def all_loops(common: Common, robot: str) -> ExitStatus:
     path = folder / "parameters.npz"
     validated = run_validate(common, path, unseen, final=False)
     counted = against_truth(load_run(path), truth)
-    inside = "{inside_95_percent} of {parameters} true base parameters lie inside their 95 % interval".format(**counted)
+    inside = "{inside_95_percent} of {parameters} true base parameters lie inside their 95 % interval".format(
+        **counted
+    )
     number = len(identified["parameters"])
     chapters = [
-        Chapter("The model", (f"{number} base parameters say everything about the torques of this arm.",),
-                (shell("dynid", "model", robot, "-o", folder),)),
-        Chapter("A motion that shows them", planned, (shell("dynid", "trajectory", robot, "-o", top / "motion"),),
-                tuple((each, "The planned motion: the arm at several times.") for each in wrote)),
-        Chapter("Identify", (identified["judgement"]["sentence"], f"{inside}."),
-                (shell("dynid", "identify", robot, logs, "-o", folder),)),
-        Chapter("Another motion", (validated["judgement"]["sentence"], *validated["judgement"]["reasons"]),
-                (shell("dynid", "validate", folder, unseen),),
-                ((path.parent / "validation" / unseen.stem / "torque.png", "Measured and predicted torque."),)),
-    ]  # fmt: skip
+        Chapter(
+            "The model",
+            (f"{number} base parameters say everything about the torques of this arm.",),
+            (shell("dynid", "model", robot, "-o", folder),),
+        ),
+        Chapter(
+            "A motion that shows them",
+            planned,
+            (shell("dynid", "trajectory", robot, "-o", top / "motion"),),
+            tuple((each, "The planned motion: the arm at several times.") for each in wrote),
+        ),
+        Chapter(
+            "Identify",
+            (identified["judgement"]["sentence"], f"{inside}."),
+            (shell("dynid", "identify", robot, logs, "-o", folder),),
+        ),
+        Chapter(
+            "Another motion",
+            (validated["judgement"]["sentence"], *validated["judgement"]["reasons"]),
+            (shell("dynid", "validate", folder, unseen),),
+            (
+                (
+                    path.parent / "validation" / unseen.stem / "torque.png",
+                    "Measured and predicted torque.",
+                ),
+            ),
+        ),
+    ]
     facts = {"identify": identified, "validate": validated, "truth": counted}
     if ARMS.get(robot) == "lwr4plus":
         story = find_hidden(replace(common, out=top / "effect"), random_effect(common.seed))
         chapters.append(story.chapter)
-        facts |= {"hidden": story.facts["hidden"], "right": story.facts["right"], "gap": story.facts["gap"]}
+        facts |= {
+            "hidden": story.facts["hidden"],
+            "right": story.facts["right"],
+            "gap": story.facts["gap"],
+        }
     page = write_demo_page(top / "index.html", arm.name, chapters[-1].text[0], chapters, program())
     terminal.answer()
     terminal.fact("truth", inside)
     terminal.fact("page", str(page))
     last = f"your log:  {shell('dynid', 'identify', robot if robot not in ARMS else 'my_arm.yaml', 'my_log.bag')}"
-    terminal.fact("next", f"your robot:  dynid check my_arm.yaml;  {last}" if robot in ARMS else last)
+    terminal.fact(
+        "next", f"your robot:  dynid check my_arm.yaml;  {last}" if robot in ARMS else last
+    )
     terminal.emit_json({"schema": "dynid/demo/1", "robot": robot, **facts, "page": page})
     return ExitStatus.DONE
 
@@ -124,13 +154,21 @@ def plan(common: Common, arm: Robot, robot: str) -> tuple[list[Path], tuple[str,
     terminal, folder = common.terminal, common.folder(arm.slug)
     terminal.say("--- loop 2: dynid trajectory, a motion that shows the parameters", "bold")
     shipped = packaged("trajectories") / f"{arm.slug}_alpha1.0.npz" if robot in ARMS else None
-    options = PlanOptions(alpha=1.0) if shipped else PlanOptions(optimise=False, duration=10.0, seed=common.seed)
+    options = (
+        PlanOptions(alpha=1.0)
+        if shipped
+        else PlanOptions(optimise=False, duration=10.0, seed=common.seed)
+    )
     picture = folder / "preview.png"
     with terminal.progress() as progress:
         base = base_model(arm, folder, progress)
-        found = plan_trajectory(arm, options, path=shipped, base=base, drawing=Drawing(picture), progress=progress)
+        found = plan_trajectory(
+            arm, options, path=shipped, base=base, drawing=Drawing(picture), progress=progress
+        )
     number, closest = found.facts()["condition_number_scaled"], found.facts()["closest_m"]
-    said = [f"A motion of {found.facts()['duration_s']:.0f} s inside all limits; condition number {number:.3g}."]
+    said = [
+        f"A motion of {found.facts()['duration_s']:.0f} s inside all limits; condition number {number:.3g}."
+    ]
     if closest is not None:
         said.append(f"The links stay {1e3 * closest:.0f} mm apart.")
     terminal.stage("motion", " ".join(said))
@@ -149,7 +187,8 @@ def _recordings(common: Common, name: str, arm: Robot) -> tuple[Path, Path, dict
         seen, unseen = (logs / f"{word}_{which}.bag" for which in ("identify", "validate"))
         return seen, unseen, truth_of(logs / f"{word}_truth.yaml"), "PyBullet"
     common.terminal.say(
-        "--- two motions of the arm, with bodies up to 20 % off those of its file, friction, noise", "bold"
+        "--- two motions of the arm, with bodies up to 20 % off those of its file, friction, noise",
+        "bold",
     )
     folder = common.folder(arm.slug)
     folder.mkdir(parents=True, exist_ok=True)
@@ -188,11 +227,16 @@ def find_hidden(common: Common, effect: str) -> Story:
     folder = common.out or Path("out") / "demo" / "effect"
     common = replace(common, out=folder, force=True)
     terminal = common.terminal
-    terminal.say("--- a simulated LWR4+ with something hidden in it: three motions, each driven twice", "bold")
+    terminal.say(
+        "--- a simulated LWR4+ with something hidden in it: three motions, each driven twice",
+        "bold",
+    )
     with terminal.progress() as progress:
         robot, logs = simulate_hidden(folder, hidden, common.seed, progress)
     terminal.say("--- dynid identify, on the first two motions", "bold")
-    run_identify(common, str(robot), logs[:4], IdentifyOptions(feasible=False), show=False, final=False)
+    run_identify(
+        common, str(robot), logs[:4], IdentifyOptions(feasible=False), show=False, final=False
+    )
     terminal.say("--- dynid gap, proved on the third motion", "bold")
     added, copy = replace(common, out=folder / "with_effect"), folder / "arm_with_effect.yaml"
     path = folder / "parameters.npz"
@@ -203,22 +247,37 @@ def find_hidden(common: Common, effect: str) -> Story:
     terminal.fact("hidden", f"{hidden.name}{where} (seed {common.seed})")
     terminal.fact("verdict", f"{answer['verdict']}: {'right' if right else 'wrong'}")
     terminal.fact("picture", str(folder / "gap" / "shrink.png"))
-    facts: dict[str, Any] = {"effect": hidden.name, "joint": hidden.joint + 1, "size": hidden.size, "seed": common.seed}
+    facts: dict[str, Any] = {
+        "effect": hidden.name,
+        "joint": hidden.joint + 1,
+        "size": hidden.size,
+        "seed": common.seed,
+    }
     judged, shrunk = answer["judgement"], _shrunk(answer)
     proof = f"{shell('dynid', 'validate', folder / 'with_effect', logs[-1])} --cutoff 10"
     again = [proof] if answer["named"] else []
     chapter = Chapter(
         "Something is hidden in the arm: find it, add it, see the gap shrink",
-        (judged["sentence"], *judged["reasons"], *shrunk,
-         f"Hidden was {hidden.name}{where}: the answer is {'right' if right else 'wrong'}."),
+        (
+            judged["sentence"],
+            *judged["reasons"],
+            *shrunk,
+            f"Hidden was {hidden.name}{where}: the answer is {'right' if right else 'wrong'}.",
+        ),
         (
             f"{shell('dynid', 'identify', robot, *logs[:4], '-o', folder)} --no-feasible",
             f"{shell('dynid', 'gap', path, *logs, '-o', folder / 'with_effect')} --apply best -f",
             *again,
         ),
         tuple((each, _caption(each)) for each in answer["wrote"] if Path(each).suffix == ".png"),
-    )  # fmt: skip
-    facts = {"schema": "dynid/demo/1", "robot": ROBOT, "hidden": facts, "right": right, "gap": answer}
+    )
+    facts = {
+        "schema": "dynid/demo/1",
+        "robot": ROBOT,
+        "hidden": facts,
+        "right": right,
+        "gap": answer,
+    }
     return Story(facts, chapter)
 
 
@@ -227,11 +286,16 @@ def _shrunk(answer: dict[str, Any]) -> list[str]:
     gap = answer["gap"]
     if not answer["named"]:
         return []
-    ratios = [after / before for before, after in zip(gap["heldout_before_nm"], gap["heldout_after_nm"], strict=True)]
+    ratios = [
+        after / before
+        for before, after in zip(gap["heldout_before_nm"], gap["heldout_after_nm"], strict=True)
+    ]
     best = ratios.index(min(ratios))
     before, after = (gap[f"heldout_{word}_nm"][best] for word in ("before", "after"))
     joint = gap["joints"][best]
-    said = [f"With it the torque error of {joint} on unseen motion went from {before:.3g} to {after:.3g} N m."]
+    said = [
+        f"With it the torque error of {joint} on unseen motion went from {before:.3g} to {after:.3g} N m."
+    ]
     if gap["simulation_before"] is not None:
         before, after = (1e3 * gap[f"simulation_{word}"][best] for word in ("before", "after"))
         said.append(

@@ -60,10 +60,15 @@ def settings(given: Path | None) -> Iterator[Setting]:
                 yield Setting(name, key_of(param), value, source)
 
 
-def _resolved(param: click.Option, values: dict[str, Any], places: dict[str, str]) -> tuple[Any, str]:
+def _resolved(
+    param: click.Option, values: dict[str, Any], places: dict[str, str]
+) -> tuple[Any, str]:
     ctx = click.get_current_context()
     name = str(param.name)
-    if param in ctx.command.params and ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+    if (
+        param in ctx.command.params
+        and ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
+    ):
         return ctx.params[name], "command line"
     for variable in param.envvar if isinstance(param.envvar, list) else []:
         if os.environ.get(variable):
@@ -74,7 +79,9 @@ def _resolved(param: click.Option, values: dict[str, Any], places: dict[str, str
     return default if isinstance(default, (bool, int, float, str)) else None, "default"
 
 
-def _show_or_configure(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
+def _show_or_configure(
+    ctx: click.Context, param: click.Parameter, value: Path | None
+) -> Path | None:
     configure(ctx, param, None if value == SHOW else value)
     return value
 
@@ -82,10 +89,17 @@ def _show_or_configure(ctx: click.Context, param: click.Parameter, value: Path |
 def _show_settings(common: Common) -> None:
     terminal = common.terminal
     found = list(settings(None if common.config == SHOW else common.config))
-    terminal.emit_json({"schema": "dynid/doctor/1", "settings": [asdict(setting) for setting in found]})
-    rows = [(f"{s.command} {s.option}".strip(), "-" if s.value is None else str(s.value), s.source) for s in found]
+    terminal.emit_json(
+        {"schema": "dynid/doctor/1", "settings": [asdict(setting) for setting in found]}
+    )
+    rows = [
+        (f"{s.command} {s.option}".strip(), "-" if s.value is None else str(s.value), s.source)
+        for s in found
+    ]
     terminal.table(("option", "value", "source"), rows, numbers=False)
-    terminal.stage("note", "options of single commands are listed when they differ from their default")
+    terminal.stage(
+        "note", "options of single commands are listed when they differ from their default"
+    )
 
 
 @dynid_command(
@@ -123,7 +137,11 @@ def command(common: Common) -> ExitStatus:
         }
     )
     words: dict[bool | None, Cell] = {True: "ok", False: ("missing", "yellow"), None: ""}
-    terminal.table(("what", "state", "found"), [(c.name, words[c.ok], c.value) for c in found.checks], numbers=False)
+    terminal.table(
+        ("what", "state", "found"),
+        [(c.name, words[c.ok], c.value) for c in found.checks],
+        numbers=False,
+    )
     terminal.answer()
     terminal.fact("works", ", ".join(found.works))
     for check in found.missing:

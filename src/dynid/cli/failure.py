@@ -23,7 +23,16 @@ from dynid.text import visible
 from dynid.xdg import cache_folder
 
 #: Errors of the machine that a person can do something about; anything else is a mistake of dynid.
-_MACHINE = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EMFILE}
+_MACHINE = {
+    errno.EACCES,
+    errno.EPERM,
+    errno.EROFS,
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EFBIG,
+    errno.EIO,
+    errno.EMFILE,
+}
 
 
 @dataclass
@@ -87,7 +96,9 @@ def prepare_streams() -> None:
         if stream is None:
             setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115
         elif hasattr(stream, "reconfigure"):
-            stream.reconfigure(encoding=None if utf8_locale() else "ascii", errors="backslashreplace")
+            stream.reconfigure(
+                encoding=None if utf8_locale() else "ascii", errors="backslashreplace"
+            )
 
 
 def silence_streams() -> None:
@@ -127,7 +138,15 @@ def report(error: DynidError, context: FailureContext) -> int:
         # Why: file:line usually opens the message already; saying it twice would hide the rest.
         if text and not (label == "where" and text in error.what):
             _say(f"  {label:<7} {visible(text)}")
-    _answer(context, int(error.status), error.code, error.what, where=error.where, why=error.why, fix=error.fix)
+    _answer(
+        context,
+        int(error.status),
+        error.code,
+        error.what,
+        where=error.where,
+        why=error.why,
+        fix=error.fix,
+    )
     return int(error.status)
 
 
@@ -139,7 +158,9 @@ def _answer(context: FailureContext, status: int, code: str, what: str, **more: 
 
     error = {"code": code, "what": what, **{key: text for key, text in more.items() if text}}
     try:
-        click.echo(json.dumps({"schema": "dynid/error/1", "status": status, "error": error}, indent=2))
+        click.echo(
+            json.dumps({"schema": "dynid/error/1", "status": status, "error": error}, indent=2)
+        )
     except OSError:  # the reader has left, or the disk is full
         silence_streams()
 
@@ -169,9 +190,21 @@ def usage_error(error: click.ClickException) -> DynidError:
 ADDRESS_SPACE = 400 << 20
 #: And what those need that load fewer libraries [MiB].
 _OF_SMALL = {
-    "explain": 0, "completion": 0, "convert": 120, "compare": 150, "check": 160, "doctor": 160, "model": 160,
-    "import": 165, "trajectory": 320, "simulate": 190, "validate": 240, "report": 270, "contacts": 305, "export": 360,
-}  # fmt: skip
+    "explain": 0,
+    "completion": 0,
+    "convert": 120,
+    "compare": 150,
+    "check": 160,
+    "doctor": 160,
+    "model": 160,
+    "import": 165,
+    "trajectory": 320,
+    "simulate": 190,
+    "validate": 240,
+    "report": 270,
+    "contacts": 305,
+    "export": 360,
+}
 
 
 def require_address_space(command: str) -> None:
@@ -183,7 +216,10 @@ def require_address_space(command: str) -> None:
     with suppress(ImportError):  # a system without such limits
         import resource
 
-        most, need = resource.getrlimit(resource.RLIMIT_AS)[0], _OF_SMALL.get(command, ADDRESS_SPACE >> 20) << 20
+        most, need = (
+            resource.getrlimit(resource.RLIMIT_AS)[0],
+            _OF_SMALL.get(command, ADDRESS_SPACE >> 20) << 20,
+        )
         if most not in (-1, resource.RLIM_INFINITY) and most < need:
             raise OutOfMemory(
                 f"this shell allows {most >> 20} MiB of address space; {command} needs {need >> 20} MiB",
@@ -195,7 +231,9 @@ def require_address_space(command: str) -> None:
 def unexpected(error: Exception, context: FailureContext) -> int:
     """Return the exit status of what nobody foresaw: memory that a library did not get, or a mistake of dynid."""
     said = str(error)
-    if (isinstance(error, ImportError) and "failed to map" in said) or "can't start new thread" in said:
+    if (
+        isinstance(error, ImportError) and "failed to map" in said
+    ) or "can't start new thread" in said:
         return report(OutOfMemory(f"there is not enough memory: {said}"), context)
     return crash(error, context)
 
@@ -214,7 +252,9 @@ def os_error(error: OSError) -> DynidError:
     """Return an error of the system in the style of the catalogue."""
     place = str(error.filename) if error.filename is not None else "the output"
     if _folder_is_gone(error):
-        return CannotWrite("the current folder was removed", where="the current folder", fix="cd to another one")
+        return CannotWrite(
+            "the current folder was removed", where="the current folder", fix="cd to another one"
+        )
     return CannotWrite(f"cannot read or write {place}: {error.strerror or error}", where=place)
 
 
@@ -238,7 +278,13 @@ def crash(error: BaseException, context: FailureContext) -> int:
         _say(f"  details in {file}; report it with that file, or run again with --debug")
     else:
         _say("  no crash file could be written; run again with --debug to see the details")
-    _answer(context, int(ExitStatus.INTERNAL), "E700", f"{type(error).__name__}: {error}", where=str(file or ""))
+    _answer(
+        context,
+        int(ExitStatus.INTERNAL),
+        "E700",
+        f"{type(error).__name__}: {error}",
+        where=str(file or ""),
+    )
     return int(ExitStatus.INTERNAL)
 
 
@@ -262,7 +308,9 @@ def _facts(context: FailureContext) -> str:
     from dynid.workflows.doctor import version_lines
 
     command, folder = " ".join(["dynid", *context.words]), os.environ.get("PWD", "")
-    return "\n".join([*version_lines(), platform.platform(), f"command: {command}", f"folder: {folder}", ""])
+    return "\n".join(
+        [*version_lines(), platform.platform(), f"command: {command}", f"folder: {folder}", ""]
+    )
 
 
 def _crash_file(text: str) -> Path | None:

@@ -24,7 +24,9 @@ SHOWN = 20
         "dynid fleet out/*/* --fail-if-changed       for a job of every night",
     ),
 )
-@click.argument("results", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RESULT...")
+@click.argument(
+    "results", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RESULT..."
+)
 @options_from(FleetOptions)
 def command(common: Common, results: tuple[Path, ...], **values: Any) -> ExitStatus:  # noqa: ANN401
     """Find which arms have changed over time, and which differ from others of their model."""
@@ -37,14 +39,21 @@ def command(common: Common, results: tuple[Path, ...], **values: Any) -> ExitSta
         common.terminal.say(f"left out   {path}: {why}")
     wrote = found.save(common.out or Path("out") / "fleet")
     common.terminal.wrote(*wrote)
-    for title, table in (("changed", found.changes()), ("unlike other arms of the model", found.outliers())):
+    for title, table in (
+        ("changed", found.changes()),
+        ("unlike other arms of the model", found.outliers()),
+    ):
         if len(table):
             most = len(table) if common.verbose else SHOWN
             common.terminal.answer(title)
             common.terminal.show(table[:most])
             if len(table) > most:
-                common.terminal.answer(f"and {len(table) - most} more; all with -v, in fleet.csv or with --json")
+                common.terminal.answer(
+                    f"and {len(table) - most} more; all with -v, in fleet.csv or with --json"
+                )
             common.terminal.answer()
     common.terminal.fact("verdict", found.verdict())
     common.terminal.emit_json({**found.facts(), "wrote": wrote})
-    return ExitStatus.LIMIT_NOT_MET if options.fail_if_changed and found.changed else ExitStatus.DONE
+    return (
+        ExitStatus.LIMIT_NOT_MET if options.fail_if_changed and found.changed else ExitStatus.DONE
+    )

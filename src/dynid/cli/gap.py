@@ -35,30 +35,49 @@ if TYPE_CHECKING:
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
 @options_from(GapOptions)
 @click.option(
-    "--apply", "apply_", is_flag=False, flag_value="best", metavar="NAME[@JOINTS]|best",
+    "--apply",
+    "apply_",
+    is_flag=False,
+    flag_value="best",
+    metavar="NAME[@JOINTS]|best",
     help="Add the named effects (best), or one candidate, without asking.",
-)  # fmt: skip
+)
 @click.option("--no-apply", is_flag=True, help="Only report: add nothing and do not ask.")
 @click.option(
-    "--new-name", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+    "--new-name",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
     help="Path of the copy of the robot file with the effects.",
-)  # fmt: skip
+)
 @click.option("--plot/--no-plot", default=True, show_default=True, help="Draw the pictures.")
 @click.option(
-    "--self-test", is_flag=True, help="Search simulated logs with and without hidden effects, and print what is named."
+    "--self-test",
+    is_flag=True,
+    help="Search simulated logs with and without hidden effects, and print what is named.",
 )
-def command(common: Common, parameters: Path | None, logs: tuple[Path, ...], **values: Any) -> ExitStatus:  # noqa: ANN401
+def command(
+    common: Common,
+    parameters: Path | None,
+    logs: tuple[Path, ...],
+    **values: Any,  # noqa: ANN401
+) -> ExitStatus:
     """Find which effect the model lacks, add it, and show how much smaller the error becomes."""
     if values["self_test"]:
         from dynid.cli.self_test import run_self_test
 
         return run_self_test(common)
     if parameters is None or not logs:
-        raise WrongUsage("gap needs PARAMETERS and at least one LOG", fix="dynid gap out/arm log.bag")
+        raise WrongUsage(
+            "gap needs PARAMETERS and at least one LOG", fix="dynid gap out/arm log.bag"
+        )
     if values["apply_"] and values["no_apply"]:
-        raise WrongUsage("--apply and --no-apply cannot be used together", fix="leave one of them out")
+        raise WrongUsage(
+            "--apply and --no-apply cannot be used together", fix="leave one of them out"
+        )
     own = {key: values[key] for key in ("apply_", "no_apply", "new_name", "plot")}
-    common.terminal.emit_json(run_gap(common, parameters, logs, options_of(GapOptions, values), **own))
+    common.terminal.emit_json(
+        run_gap(common, parameters, logs, options_of(GapOptions, values), **own)
+    )
     return ExitStatus.DONE
 
 
@@ -99,7 +118,11 @@ def run_gap(
         base = base_model_of(stored, stored.path.parent, progress)
         progress.stage("read")
         read = [load_log(path, base.robot, options, identify=False) for path in logs]
-        earlier = earlier_logs(stored, read, options, progress) if options.question in ("auto", "changed") else []
+        earlier = (
+            earlier_logs(stored, read, options, progress)
+            if options.question in ("auto", "changed")
+            else []
+        )
         gap = find_gap(stored, read, options, earlier=earlier, base=base, progress=progress)
         progress.stage("draw")
         folder = stored.path.parent
@@ -108,7 +131,11 @@ def run_gap(
     show(common, gap)
     chosen, applied, driven = gap.chosen(apply_ or "best"), None, None
     given = False if no_apply else True if apply_ else None
-    if chosen and ask(common, "P7", given=given, effect=" and ".join(one.effect for one in chosen)) is Answer.YES:
+    if (
+        chosen
+        and ask(common, "P7", given=given, effect=" and ".join(one.effect for one in chosen))
+        is Answer.YES
+    ):
         after, added = add(common, gap, chosen, new_name)
         driven, pictures = drive(common, gap, after, folder, plot=plot)
         wrote += [*added, *pictures]
@@ -166,7 +193,9 @@ def show_check(common: Common, gap: Gap, path: Path) -> None:
         command = shell("dynid", "validate", path, unseen, "--cutoff", f"{gap.signals.cutoff:g}")
         common.terminal.next(command, "This log was held out: the errors are those of the table.")
     else:
-        common.terminal.next(f"{shell('dynid', 'validate', path)} LOG", "LOG is one that was not used here.")
+        common.terminal.next(
+            f"{shell('dynid', 'validate', path)} LOG", "LOG is one that was not used here."
+        )
 
 
 def ask_to_overwrite(common: Common, path: Path) -> None:
@@ -177,7 +206,9 @@ def ask_to_overwrite(common: Common, path: Path) -> None:
     if not common.yes and not can_ask(common):
         raise OutputExists(f"{path} exists", fix="use --force, or another name with --new-name")
     if ask(common, "P6", path=path) is not Answer.YES:
-        raise Declined(f"{path} is left as it was", fix="use --force, or another name with --new-name")
+        raise Declined(
+            f"{path} is left as it was", fix="use --force, or another name with --new-name"
+        )
 
 
 # ---------------------------------------------------------------- printing
@@ -189,7 +220,8 @@ def show(common: Common, gap: Gap) -> None:
         add = f"--apply formula@{one.indices[0] + 1} adds it"
         terminal.fact("formula", f"{one.formula} on {one.where} (not in the catalogue); {add}")
         terminal.fact(
-            "", f"{', '.join(one.texts())}; held-out error {one.rms_before:.3g} -> {one.rms_after:.3g} {one.unit}"
+            "",
+            f"{', '.join(one.texts())}; held-out error {one.rms_before:.3g} -> {one.rms_after:.3g} {one.unit}",
         )
     improvement_table(common, gap)
     terminal.stage("noise", f"{gap.noise_text}; held out: {gap.heldout}")
@@ -207,7 +239,9 @@ def show_search(common: Common, gap: Gap) -> None:
     terminal.fact("where", gap.where_text)
     terminal.fact("verdict", gap.verdict_text)
     for one in gap.named:
-        terminal.fact("named", f"{CATALOGUE[one.effect].title} on {one.where}: {', '.join(one.texts())}")
+        terminal.fact(
+            "named", f"{CATALOGUE[one.effect].title} on {one.where}: {', '.join(one.texts())}"
+        )
     for clue in gap.clues:
         terminal.fact("rest", clue)
     if gap.advice:
@@ -219,12 +253,15 @@ def show_search(common: Common, gap: Gap) -> None:
         )
     if gap.named or gap.closest:
         rows = [effect_row(one) for one in (*gap.named, *gap.closest)]
-        terminal.table(["candidate", "joints", "held-out error", "chance", "result"], rows, numbers=False)
+        terminal.table(
+            ["candidate", "joints", "held-out error", "chance", "result"], rows, numbers=False
+        )
     for one in gap.named:
         terminal.fact("shape", f"{one.effect} on {one.where}: {CATALOGUE[one.effect].signature}")
     if gap.cannot_judge:
         hidden = ", ".join(
-            f"{name} ({','.join(str(j + 1) for j in joints) or 'arm'})" for name, joints in gap.cannot_judge.items()
+            f"{name} ({','.join(str(j + 1) for j in joints) or 'arm'})"
+            for name, joints in gap.cannot_judge.items()
         )
         terminal.fact("not shown", f"these logs cannot show: {hidden}")
 
@@ -247,10 +284,16 @@ def improvement_table(common: Common, gap: Gap) -> None:
         return f"{before:{form}} -> {after:{form}}" if both else f"{before:{form}}"
 
     for j, (name, unit) in enumerate(zip(gap.joint_names, gap.torque_units, strict=True)):
-        row = [name, f"{change(held_out.before[j], held_out.after[j], '.3g')} {unit}", f"{held_out.floor[j]:.3g}"]
+        row = [
+            name,
+            f"{change(held_out.before[j], held_out.after[j], '.3g')} {unit}",
+            f"{held_out.floor[j]:.3g}",
+        ]
         if len(gap.simulation):
             before, after = 1e3 * gap.simulation[:, j]
             row.append(f"{change(before, after, '.1f')} {'mm' if unit == 'N' else 'mrad'}")
         rows.append(row)
     heads = ["joint", "error on unseen rows", "noise"]
-    common.terminal.table([*heads, "error of simulated motion"] if len(gap.simulation) else heads, rows)
+    common.terminal.table(
+        [*heads, "error of simulated motion"] if len(gap.simulation) else heads, rows
+    )

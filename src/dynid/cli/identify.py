@@ -56,7 +56,12 @@ if TYPE_CHECKING:
     metavar="RESULT",
     help="Result without the load: find mass, centre and inertia of the load that the arm of the LOG carries.",
 )
-@click.option("--report/--no-report", default=True, show_default=True, help="Write report.html and summary.md as well.")
+@click.option(
+    "--report/--no-report",
+    default=True,
+    show_default=True,
+    help="Write report.html and summary.md as well.",
+)
 @click.option("--open", "open_report", is_flag=True, help="Open report.html in the browser.")
 @click.option(
     "--loaded",
@@ -77,7 +82,10 @@ if TYPE_CHECKING:
     help="Add the LOG to this result; its own logs are not needed. It may be overwritten.",
 )
 @click.option(
-    "--fail-if", metavar="EXPR", multiple=True, help="Exit 1 if the condition is true, such as 'max_rms_nm > 1.5'."
+    "--fail-if",
+    metavar="EXPR",
+    multiple=True,
+    help="Exit 1 if the condition is true, such as 'max_rms_nm > 1.5'.",
 )
 def command(
     common: Common,
@@ -90,13 +98,22 @@ def command(
 ) -> ExitStatus:
     """Identify the base parameters of an arm by least squares."""
     limits = [parsed_limit(text) for text in fail_if]
-    extras = {key: values.pop(key) for key in ("explained", "payload_from", "loaded", "load_mass", "update")}
+    extras = {
+        key: values.pop(key)
+        for key in ("explained", "payload_from", "loaded", "load_mass", "update")
+    }
     report = report or open_report
-    facts = run_identify(common, robot, logs, options_of(IdentifyOptions, values), report=report, **extras)
+    facts = run_identify(
+        common, robot, logs, options_of(IdentifyOptions, values), report=report, **extras
+    )
     write_run(Path(facts["folder"]), facts["inputs"])
     if open_report:
         click.launch(str((Path(facts["folder"]) / "report.html").resolve()))
-    return ExitStatus.LIMIT_NOT_MET if sum(broken(common, facts, *limit) for limit in limits) else ExitStatus.DONE
+    return (
+        ExitStatus.LIMIT_NOT_MET
+        if sum(broken(common, facts, *limit) for limit in limits)
+        else ExitStatus.DONE
+    )
 
 
 def run_identify(
@@ -159,10 +176,17 @@ def run_identify(
         facts = drive_gains.gain_facts(arm, gains)
     inputs = identify_inputs(arm, folder, logs, options, files, load_mass)
     result, base, wrote = obtain_result(common, arm, folder, recordings, options, inputs, earlier)
-    timing = {key: result.header.get(key) for key in ("delay_s", "delay_std_error_s", "delay_applied_s")}
+    timing = {
+        key: result.header.get(key) for key in ("delay_s", "delay_std_error_s", "delay_applied_s")
+    }
     facts = {
-        **answer_of(result), "wrote": wrote, **timing, **facts, "folder": folder, "inputs": inputs,
-    }  # fmt: skip
+        **answer_of(result),
+        "wrote": wrote,
+        **timing,
+        **facts,
+        "folder": folder,
+        "inputs": inputs,
+    }
     result = replace(result, path=folder / "parameters.npz")
     if report and (wrote or not (folder / "report.html").is_file()):
         from dynid.cli.report import write_report
@@ -171,7 +195,9 @@ def run_identify(
     if show:
         show_result(common, base, result)
     if unloaded is not None:
-        add_payload(common, folder, find_payload(recordings.with_rows(result, base), unloaded), facts)
+        add_payload(
+            common, folder, find_payload(recordings.with_rows(result, base), unloaded), facts
+        )
     if explained:
         facts["explain"] = explain(common, result, recordings, options, base)
     if show and final:
@@ -252,7 +278,13 @@ class Recordings:
         folder = self._common.folder(robot.slug)
         with self._common.terminal.progress() as progress:
             return find_drive_gains(
-                robot, self.read(), options, loaded=second, load_mass=load_mass, folder=folder, progress=progress
+                robot,
+                self.read(),
+                options,
+                loaded=second,
+                load_mass=load_mass,
+                folder=folder,
+                progress=progress,
             )
 
 
@@ -282,13 +314,17 @@ def obtain_result(
     if not may_write(replace(common, force=True) if overwrite else common, path, inputs):
         # Why: a result would derive the model that is here already.
         stored = replace(results.load(path), rigid=base.model.rigid)
-        terminal.findings((*(Finding(**each) for each in stored.header.get("log_findings", [])), *stored.findings))
+        terminal.findings(
+            (*(Finding(**each) for each in stored.header.get("log_findings", [])), *stored.findings)
+        )
         return stored, base, []
     logs = recordings.read()
     facts = common.header(inputs)
     with terminal.progress() as progress:
         if logs:
-            seen = observe(robot, logs, options, base=base, client=current_client(), progress=progress)
+            seen = observe(
+                robot, logs, options, base=base, client=current_client(), progress=progress
+            )
             terminal.wrote(seen.save_stack(folder, common.header(of_observations(inputs))))
         else:
             seen = load_observations(folder / "fullnumericregressor.npz", base, progress)
@@ -302,7 +338,9 @@ def obtain_result(
 USED = {"physical": "the physical parameters", "plain": "the plain estimate"}
 
 
-def add_payload(common: Common, folder: Path, payload: IdentifiedPayload, facts: dict[str, Any]) -> None:
+def add_payload(
+    common: Common, folder: Path, payload: IdentifiedPayload, facts: dict[str, Any]
+) -> None:
     """Write payload.yaml, print the load, and add it to the JSON answer."""
     from dynid.files.artifact import write_text
 
@@ -322,7 +360,9 @@ def add_payload(common: Common, folder: Path, payload: IdentifiedPayload, facts:
     common.terminal.answer("load on the last link, in its frame (inertia about the centre of mass)")
     rows = [
         [name, f"{value:.4g}", f"{low:.4g} to {high:.4g}", unit]
-        for name, value, (low, high), unit in zip(names, payload.numbers, payload.intervals, units, strict=True)
+        for name, value, (low, high), unit in zip(
+            names, payload.numbers, payload.intervals, units, strict=True
+        )
     ]
     common.terminal.table(["load", "value", "95 % interval", "unit"], rows)
 
@@ -341,15 +381,23 @@ def show_gains(common: Common, robot: Robot, found: Gains) -> None:
     if not common.json:
         common.terminal.table(["joint", "gain", "std error", "unit"], rows)
     if found.relative:
-        common.terminal.say("amperes    the size of the gains is unknown, so results are in A; see --loaded")
+        common.terminal.say(
+            "amperes    the size of the gains is unknown, so results are in A; see --loaded"
+        )
     worst = int((found.std_error / found.gain).argmax())
     if found.std_error[worst] > UNCERTAIN * found.gain[worst]:
         percent = 100 * found.std_error[worst] / found.gain[worst]
-        common.terminal.say(f"uncertain  the gain of {robot.joint_names[worst]} is known to {percent:.0f} % only")
+        common.terminal.say(
+            f"uncertain  the gain of {robot.joint_names[worst]} is known to {percent:.0f} % only"
+        )
 
 
 def explain(
-    common: Common, result: Identification, recordings: Recordings, options: IdentifyOptions, base: BaseModel
+    common: Common,
+    result: Identification,
+    recordings: Recordings,
+    options: IdentifyOptions,
+    base: BaseModel,
 ) -> list[dict[str, Any]]:
     """Print and return how far the parameters move with other cut-offs and another delay.
 
@@ -360,7 +408,9 @@ def explain(
 
     logs = recordings.read()
     if not logs:
-        raise WrongUsage("--explain needs the log", fix=f"dynid identify {base.robot.word} LOG --explain")
+        raise WrongUsage(
+            "--explain needs the log", fix=f"dynid identify {base.robot.word} LOG --explain"
+        )
     with common.terminal.progress() as progress:
         progress.stage("explain")
         answer = sensitivity(result, logs, options, base=base, progress=progress)
@@ -381,7 +431,9 @@ def show_sensitivity(common: Common, answer: list[dict[str, Any]], count: int) -
         for row in answer
     ]
     common.terminal.answer()
-    common.terminal.table(["variant", "unexplained", "held out", "moved over 2 std errors", "most changed"], rows)
+    common.terminal.table(
+        ["variant", "unexplained", "held out", "moved over 2 std errors", "most changed"], rows
+    )
 
 
 def show_result(common: Common, base: BaseModel, found: Identification) -> None:
@@ -395,10 +447,14 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     rows = []
     for quality, unit, size, floor in zip(found.joints, units, sizes, floors, strict=True):
         errors = (quality.rms, floor, quality.torque_rms, quality.heldout_rms)
-        rms, noise, whole, held = ("-" if x is None else f"{x / (size or 1.0):.3g} {unit}" for x in errors)
+        rms, noise, whole, held = (
+            "-" if x is None else f"{x / (size or 1.0):.3g} {unit}" for x in errors
+        )
         rows.append([quality.joint, rms, noise, whole, f"{quality.relative_percent:.1f} %", held])
     bound = "" if found.header.get("noise_repeats_s") else " >="
-    terminal.table(["joint", "rms error", f"noise{bound}", "torque rms", "unexplained", "held out"], rows)
+    terminal.table(
+        ["joint", "rms error", f"noise{bound}", "torque rms", "unexplained", "held out"], rows
+    )
     held_total = found.heldout_relative_error_percent
     total = f"total relative error {found.relative_error_percent:.2f} %"
     held_text = f", held out {held_total:.2f} % ({found.heldout})" if held_total is not None else ""
@@ -408,12 +464,18 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     terminal.answer()
     terminal.fact("used", f"{USED[found.in_force]} for predictions: {found.choice}")
     for line in found.expectation():
-        terminal.fact("expected" if line.startswith("expected") else "residual", line.removeprefix("expected "))
+        terminal.fact(
+            "expected" if line.startswith("expected") else "residual",
+            line.removeprefix("expected "),
+        )
     mass = sum(link["mass_kg"] for link in found.links())
     known = "masses are unknown without motor gains" if torque.relative else f"{mass:.3g} kg in all"
     terminal.fact("physical", f"links with mass, centre and inertia in parameters.npz, {known}")
     terminal.answer()
-    terminal.table(["parameter", "value", "std error", "unit", "class", "known", "prior"], parameter_rows(found))
+    terminal.table(
+        ["parameter", "value", "std error", "unit", "class", "known", "prior"],
+        parameter_rows(found),
+    )
 
 
 def parameter_rows(found: Identification) -> list[list[str]]:
@@ -424,7 +486,13 @@ def parameter_rows(found: Identification) -> list[list[str]]:
     for row in found.parameter_rows():
         error = row["std_error"]
         value = "not determined" if error is None else with_error(row["value"], error)
-        prior = "-" if row["prior"] is None else f"{row['prior']:.4g}" if abs(row["prior"]) > ROUNDING else "0"
+        prior = (
+            "-"
+            if row["prior"] is None
+            else f"{row['prior']:.4g}"
+            if abs(row["prior"]) > ROUNDING
+            else "0"
+        )
         rows.append(
             [
                 row["name"],
@@ -442,9 +510,15 @@ def parameter_rows(found: Identification) -> list[list[str]]:
 LIMIT = re.compile(r"\s*([a-z_]+)\s*(<=|>=|<|>)\s*([-+0-9.eE]+)\s*")
 #: Figures that --fail-if may name.
 FIGURES = (
-    "condition_number", "condition_number_scaled", "heldout_relative_error_percent", "max_heldout_rms_nm",
-    "max_rms_nm", "rank", "relative_error_percent", "samples",
-)  # fmt: skip
+    "condition_number",
+    "condition_number_scaled",
+    "heldout_relative_error_percent",
+    "max_heldout_rms_nm",
+    "max_rms_nm",
+    "rank",
+    "relative_error_percent",
+    "samples",
+)
 
 
 def parsed_limit(text: str) -> tuple[str, str, float]:
@@ -461,13 +535,18 @@ def parsed_limit(text: str) -> tuple[str, str, float]:
             f"--fail-if '{text}' is not NAME > NUMBER", fix="such as --fail-if 'max_rms_nm > 1.5'"
         ) from None
     if name not in FIGURES:
-        raise WrongUsage(f"--fail-if: no figure '{name}'{closest(name, FIGURES)}", fix=f"one of {', '.join(FIGURES)}")
+        raise WrongUsage(
+            f"--fail-if: no figure '{name}'{closest(name, FIGURES)}",
+            fix=f"one of {', '.join(FIGURES)}",
+        )
     return name, sign, limit
 
 
 def broken(common: Common, facts: dict[str, Any], name: str, sign: str, limit: float) -> bool:
     """Return whether a limit is broken, and say so."""
-    held = [joint["heldout_rms_nm"] for joint in facts["joints"] if joint["heldout_rms_nm"] is not None]
+    held = [
+        joint["heldout_rms_nm"] for joint in facts["joints"] if joint["heldout_rms_nm"] is not None
+    ]
     values = {
         **facts,
         "max_rms_nm": max(joint["rms_nm"] for joint in facts["joints"]),
@@ -475,8 +554,12 @@ def broken(common: Common, facts: dict[str, Any], name: str, sign: str, limit: f
     }
     value = values[name]
     if value is None:
-        raise WrongUsage(f"--fail-if: nothing is held out, so there is no {name}", fix="--holdout 20%")
-    holds = bool({"<": value < limit, ">": value > limit, "<=": value <= limit, ">=": value >= limit}[sign])
+        raise WrongUsage(
+            f"--fail-if: nothing is held out, so there is no {name}", fix="--holdout 20%"
+        )
+    holds = bool(
+        {"<": value < limit, ">": value > limit, "<=": value <= limit, ">=": value >= limit}[sign]
+    )
     if holds:
         common.terminal.say(f"limit      {name} = {value:.4g} {sign} {limit:g}")
     return holds

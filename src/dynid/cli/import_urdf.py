@@ -53,14 +53,26 @@ def show(common: Common, found: Imported) -> None:
     """Print the table."""
     robot = found.robot
     rows = [
-        [j.name, j.type, f"{j.a:.6g}", f"{degrees(j.twist):.6g}", f"{j.d:.6g}", f"{degrees(j.theta_offset):.6g}"]
+        [
+            j.name,
+            j.type,
+            f"{j.a:.6g}",
+            f"{degrees(j.twist):.6g}",
+            f"{j.d:.6g}",
+            f"{degrees(j.theta_offset):.6g}",
+        ]
         for j in robot.joints
     ]
     common.terminal.fact(
-        "robot", f"{robot.name}, {robot.n} joints from {found.base} to {found.tip}, {robot.convention} DH"
+        "robot",
+        f"{robot.name}, {robot.n} joints from {found.base} to {found.tip}, {robot.convention} DH",
     )
-    common.terminal.table(["joint", "type", "a [m]", "twist [deg]", "d [m]", "theta offset [deg]"], rows)
-    common.terminal.fact("check", f"forward kinematics agree with the URDF to {found.largest:.1e} m and rad")
+    common.terminal.table(
+        ["joint", "type", "a [m]", "twist [deg]", "d [m]", "theta offset [deg]"], rows
+    )
+    common.terminal.fact(
+        "check", f"forward kinematics agree with the URDF to {found.largest:.1e} m and rad"
+    )
     unknown = "a URDF does not say what the effort column of a log is; write `torque: {source: ...}` into the file"
     common.terminal.fact("torque", unknown)
     if robot.prior:

@@ -43,7 +43,9 @@ COMMANDS: dict[str, Entry] = {
     "model": Entry("Loop 1", "DH robot file", "regressor.npz, fullregressor.npz"),
     "trajectory": Entry("Loop 2", "plan and preview", "trajectory.npz"),
     "record": Entry("Loop 2", "move the arm and log", "log.bag, log.npz            (needs ROS 1)"),
-    "parameters": Entry("Loop 3", "regressor on the log", "fullnumericregressor.npz, estimatedmotion.npz"),
+    "parameters": Entry(
+        "Loop 3", "regressor on the log", "fullnumericregressor.npz, estimatedmotion.npz"
+    ),
     "identify": Entry("Loop 3", "least squares", "parameters.npz, report.html"),
     "validate": Entry("Then", "replay an unseen log", "how wrong is the model, per joint"),
     "gap": Entry("Then", "name the missing effect, add it, show the gap shrink"),
@@ -57,8 +59,12 @@ COMMANDS: dict[str, Entry] = {
     "report": Entry("", "rebuild report.html"),
     "export": Entry("", "write the identified model as URDF, YAML or code"),
     "demo": Entry("", "the whole workflow on a simulated arm with a hidden effect"),
-    "simulate": Entry("", "a log of an arm that follows a motion, with friction, noise and effects; no ROS"),
-    "sim-driver": Entry("", "a simulated arm behind its driver's ROS topics, to rehearse a recording"),
+    "simulate": Entry(
+        "", "a log of an arm that follows a motion, with friction, noise and effects; no ROS"
+    ),
+    "sim-driver": Entry(
+        "", "a simulated arm behind its driver's ROS topics, to rehearse a recording"
+    ),
     "doctor": Entry("", "what works on this machine and what does not"),
     "explain": Entry("", "what an error or warning code means"),
     "completion": Entry("", "shell completion for bash, zsh or fish"),
@@ -79,7 +85,9 @@ def module_of(name: str) -> str:
 
 def available() -> dict[str, Entry]:
     """Return the commands whose module exists."""
-    return {name: entry for name, entry in COMMANDS.items() if importlib.util.find_spec(module_of(name))}
+    return {
+        name: entry for name, entry in COMMANDS.items() if importlib.util.find_spec(module_of(name))
+    }
 
 
 class LazyGroup(click.Group):
@@ -119,12 +127,16 @@ class LazyGroup(click.Group):
             formatter.write_dl([(name, entry.help) for name, entry in available().items()])
         self.format_options_only(ctx, formatter)
         with formatter.section("Exit statuses"):
-            formatter.write_dl([(str(int(status)), meaning) for status, meaning in EXIT_MEANING.items()])
+            formatter.write_dl(
+                [(str(int(status)), meaning) for status, meaning in EXIT_MEANING.items()]
+            )
         formatter.write("\nDocs: docs/index.md, or dynid explain PAGE\n")
 
     def format_options_only(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options of ``dynid`` itself."""
-        records = [record for param in self.get_params(ctx) if (record := param.get_help_record(ctx))]
+        records = [
+            record for param in self.get_params(ctx) if (record := param.get_help_record(ctx))
+        ]
         with formatter.section("Options (each command has more: dynid COMMAND -h)"):
             formatter.write_dl(records)
 
@@ -150,7 +162,9 @@ def loop_map() -> str:
     small = [name for name, entry in here.items() if not entry.loop]
     lines += [f"  {'Also':<8} {'  '.join(small)}", ""]
     if "demo" in here:
-        lines.append(f"{'First time?   dynid demo':<40}whole workflow on a simulated arm, no robot, under a minute")
+        lines.append(
+            f"{'First time?   dynid demo':<40}whole workflow on a simulated arm, no robot, under a minute"
+        )
     start = f"{'Your robot?   dynid check my_arm.yaml':<40}" if "check" in here else ""
     lines.append(f"{start}Help: dynid COMMAND -h     Docs: docs/index.md")
     return "\n".join(lines)
@@ -170,7 +184,12 @@ def _version(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.option(
-    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_version, help="Show versions and exit."
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_version,
+    help="Show versions and exit.",
 )
 @click.pass_context
 def cli(ctx: click.Context) -> None:
@@ -204,7 +223,9 @@ def run(args: Sequence[str]) -> int:
                 return failure.crash(error, context)
             return failure.report(failure.os_error(error), context)
         except MemoryError as error:
-            return failure.report(OutOfMemory(f"there is not enough memory: {error or 'none is left'}"), context)
+            return failure.report(
+                OutOfMemory(f"there is not enough memory: {error or 'none is left'}"), context
+            )
         except Exception as error:  # noqa: BLE001
             return failure.unexpected(error, context)
 

@@ -31,14 +31,32 @@ STYLES = {"#": "bold green", "+": "", ".": "red", "": ""}
 )
 @robot_argument
 @options_from(ModelOptions)
-@click.option("--reduce/--no-reduce", "reduce_now", default=None, help="Reduce to base parameters without asking.")
-@click.option("--rebuild/--frozen", "rebuild", default=None, help="Rebuild a stored model without asking, or never.")
 @click.option(
-    "--groups", type=click.Choice(["json", "latex", "text"]), help="Print the relations of all base parameters."
+    "--reduce/--no-reduce",
+    "reduce_now",
+    default=None,
+    help="Reduce to base parameters without asking.",
 )
-@click.option("--at-rest", is_flag=True, help="With --groups: only what torques at rest show, as vendors publish it.")
+@click.option(
+    "--rebuild/--frozen",
+    "rebuild",
+    default=None,
+    help="Rebuild a stored model without asking, or never.",
+)
+@click.option(
+    "--groups",
+    type=click.Choice(["json", "latex", "text"]),
+    help="Print the relations of all base parameters.",
+)
+@click.option(
+    "--at-rest",
+    is_flag=True,
+    help="With --groups: only what torques at rest show, as vendors publish it.",
+)
 @click.option("--latex", is_flag=True, help="Print the regressor as LaTeX.")
-@click.option("--python", "--code", "python", is_flag=True, help="Print the regressor as a NumPy function.")
+@click.option(
+    "--python", "--code", "python", is_flag=True, help="Print the regressor as a NumPy function."
+)
 def command(common: Common, robot: str, **values: Any) -> None:  # noqa: ANN401
     """Derive the regressor of an arm from its DH table and group it into base parameters."""
     from dynid.workflows.model import adapted
@@ -76,11 +94,16 @@ def derive(common: Common, robot: Robot, rebuild: bool | None = None) -> Derived
     changed = stored_differences(robot, folder)
     if changed is not None and rebuild is not True:
         if rebuild is False:
-            raise StaleCache(f"{path} was made from an older robot file ({changed})", where=str(path))
-        terminal.stage("noticed", f"{path} was made from another version of the robot file: {changed}")
+            raise StaleCache(
+                f"{path} was made from an older robot file ({changed})", where=str(path)
+            )
+        terminal.stage(
+            "noticed", f"{path} was made from another version of the robot file: {changed}"
+        )
         if ask(common, "P8", path=path) is not Answer.YES:
             raise StaleCache(
-                f"{path} belongs to an older robot file and was not rebuilt", fix="answer yes, or add --rebuild"
+                f"{path} belongs to an older robot file and was not rebuilt",
+                fix="answer yes, or add --rebuild",
             )
     with terminal.progress() as progress:
         derived = derive_model(robot, folder, rebuild=rebuild is True, progress=progress)
@@ -89,24 +112,31 @@ def derive(common: Common, robot: Robot, rebuild: bool | None = None) -> Derived
         return derived
     model = derived.model
     terminal.stage(
-        "symbolic", f"Newton-Euler, {model.size} parameters, {model.rigid.flops} operations, {derived.seconds:.2f} s"
+        "symbolic",
+        f"Newton-Euler, {model.size} parameters, {model.rigid.flops} operations, {derived.seconds:.2f} s",
     )
     terminal.wrote(path, note=f"key {key_of(robot)}, reused until the robot file changes")
     return derived
 
 
-def reduce(common: Common, derived: DerivedModel, options: ModelOptions | None = None) -> ReducedModel:
+def reduce(
+    common: Common, derived: DerivedModel, options: ModelOptions | None = None
+) -> ReducedModel:
     """Group the parameters into base parameters, and say what came out."""
     from dynid.workflows.model import reduce_model
 
     with common.terminal.progress() as progress:
-        reduced = reduce_model(derived, options or ModelOptions(), seed=common.seed, progress=progress)
+        reduced = reduce_model(
+            derived, options or ModelOptions(), seed=common.seed, progress=progress
+        )
     if not reduced.found:
         common.terminal.stage("reused", str(reduced.path))
         return reduced
     found = reduced.base.reduction
     gap = f"confirmed exactly; gap between kept and dropped singular values {found.gap:.0e}, seed {common.seed}"
-    common.terminal.stage("reduced", f"{len(found.names)} -> {found.rank} columns, rank {found.rank}, {gap}")
+    common.terminal.stage(
+        "reduced", f"{len(found.names)} -> {found.rank} columns, rank {found.rank}, {gap}"
+    )
     common.terminal.wrote(reduced.path)
     return reduced
 
@@ -116,7 +146,9 @@ def report(common: Common, derived: DerivedModel, reduced: ReducedModel | None) 
     terminal, name = common.terminal, derived.model.robot.word
     terminal.emit_json(derived.facts(reduced))
     if reduced is None:
-        terminal.answer(f"The equations of {derived.model.robot.name} are ready.", style="bold", indent=2)
+        terminal.answer(
+            f"The equations of {derived.model.robot.name} are ready.", style="bold", indent=2
+        )
         why = "Find out which of its parameters torques show, alone or in groups."
         terminal.next(shell("dynid", "model", name, "--reduce"), why)
         return
@@ -124,14 +156,22 @@ def report(common: Common, derived: DerivedModel, reduced: ReducedModel | None) 
     terminal.answer(base.sentence, style="bold", indent=2)
     terminal.answer()
     table = base.class_table()
-    cells = [[(text, STYLES[text]) if k else text for k, text in enumerate(row.values())] for row in table]
+    cells = [
+        [(text, STYLES[text]) if k else text for k, text in enumerate(row.values())]
+        for row in table
+    ]
     terminal.table(list(table[0]), cells)
     terminal.answer(base.legend)
     for relation in base.relations.values():
         terminal.answer(f"  {relation}")
     terminal.answer(f"  {base.where}" if base.where else "")
-    terminal.next(shell("dynid", "trajectory", name), "Plan a motion that shows these parameters well.")
-    terminal.next(f"{shell('dynid', 'identify', name)} LOG", "Identify them, where there is a recording already.")
+    terminal.next(
+        shell("dynid", "trajectory", name), "Plan a motion that shows these parameters well."
+    )
+    terminal.next(
+        f"{shell('dynid', 'identify', name)} LOG",
+        "Identify them, where there is a recording already.",
+    )
 
 
 def show_relations(common: Common, derived: DerivedModel, form: str, *, at_rest: bool) -> None:
@@ -148,5 +188,7 @@ def show_code(common: Common, derived: DerivedModel, *, latex: bool) -> None:
     from dynid.model.printing import as_latex, as_python
 
     text = as_latex(derived.model) if latex else as_python(derived.model)
-    common.terminal.emit_json({"schema": "dynid/model/1", "robot": derived.model.robot.name, "text": text})
+    common.terminal.emit_json(
+        {"schema": "dynid/model/1", "robot": derived.model.robot.name, "text": text}
+    )
     common.terminal.answer(text)

@@ -75,7 +75,11 @@ class Common:
 
     def header(self, inputs: Mapping[str, str]) -> dict[str, Any]:
         """Return what every result's header says about the run: command line, seed, hashes of the inputs."""
-        return {"command": shlex.join(["dynid", *sys.argv[1:]]), "seed": self.seed, "inputs": dict(inputs)}
+        return {
+            "command": shlex.join(["dynid", *sys.argv[1:]]),
+            "seed": self.seed,
+            "inputs": dict(inputs),
+        }
 
 
 @dataclass(frozen=True)
@@ -100,7 +104,9 @@ def settings_files(given: Path | None) -> list[Path]:
     return [path for path in (config_file(), LOCAL_CONFIG) if path.is_file()]
 
 
-def load_settings(given: Path | None, command: str, keys: Mapping[str, str], common: Sequence[str]) -> Settings:
+def load_settings(
+    given: Path | None, command: str, keys: Mapping[str, str], common: Sequence[str]
+) -> Settings:
     """Read what the configuration files say about the options of a command.
 
     Args:
@@ -118,16 +124,22 @@ def load_settings(given: Path | None, command: str, keys: Mapping[str, str], com
     return settings
 
 
-def _read(path: Path, command: str, keys: Mapping[str, str], common: Sequence[str], settings: Settings) -> None:
+def _read(
+    path: Path, command: str, keys: Mapping[str, str], common: Sequence[str], settings: Settings
+) -> None:
     from dynid.cli.main import COMMANDS
     from dynid.files.yamlfile import read_yaml
 
     try:
         top = read_yaml(path).mapping([*common, *COMMANDS])
-        own = top[command].mapping(tuple(keys)) if command in top and not top[command].is_null else {}
+        own = (
+            top[command].mapping(tuple(keys)) if command in top and not top[command].is_null else {}
+        )
     except UnknownKey as error:
         raise UnknownKey(
-            error.what, where=error.where, fix="rename or remove the key; keys are long option names"
+            error.what,
+            where=error.where,
+            fix="rename or remove the key; keys are long option names",
         ) from error
     for key, value in {**{k: v for k, v in top.items() if k in common}, **own}.items():
         if not value.is_null:
@@ -151,7 +163,9 @@ def _note(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noq
     return value
 
 
-def _checked_limits(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> tuple[str, ...]:
+def _checked_limits(
+    ctx: click.Context, param: click.Parameter, value: tuple[str, ...]
+) -> tuple[str, ...]:
     for text in value:
         try:
             read_limits(text)
@@ -167,9 +181,14 @@ def configure(ctx: click.Context, param: click.Parameter, value: Path | None) ->
         require_inside(ctx.command, name, settings.values[name], settings.places[name], Path())
     for option in ctx.command.params:
         name = option.name or ""
-        if isinstance(settings.values.get(name), list) and not option.multiple and option.nargs == 1:
+        if (
+            isinstance(settings.values.get(name), list)
+            and not option.multiple
+            and option.nargs == 1
+        ):
             raise WrongUsage(
-                f"{settings.places[name]}: {name} takes one value, not a list", where=settings.places[name]
+                f"{settings.places[name]}: {name} takes one value, not a list",
+                where=settings.places[name],
             )
     ctx.default_map = settings.values
     ctx.meta["dynid.places"], ctx.meta["dynid.lent"] = settings.places, settings.lent
@@ -179,7 +198,11 @@ def configure(ctx: click.Context, param: click.Parameter, value: Path | None) ->
 def _say_settings(common: Common) -> None:
     """Say which options a file of the working folder has set: nobody may notice that it lies there."""
     ctx = click.get_current_context()
-    used = [name for name in ctx.meta.get("dynid.lent", ()) if ctx.get_parameter_source(name) is _FROM_FILE]
+    used = [
+        name
+        for name in ctx.meta.get("dynid.lent", ())
+        if ctx.get_parameter_source(name) is _FROM_FILE
+    ]
     if used:
         path = ctx.meta["dynid.places"][used[0]].rsplit(":", 1)[0]
         common.terminal.stage("settings", f"{path} sets {', '.join(used)}")
@@ -211,9 +234,20 @@ COMMON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
         help="Folder of the results (default: out/ROBOT).",
     ),
     click.option("-f", "--force", is_flag=True, help="Overwrite results without asking."),
-    click.option("-y", "--yes", is_flag=True, help="Answer questions with yes; never those that move the arm."),
+    click.option(
+        "-y",
+        "--yes",
+        is_flag=True,
+        help="Answer questions with yes; never those that move the arm.",
+    ),
     click.option("--no-input", is_flag=True, help="Ask nothing, take the documented answers."),
-    click.option("--json", is_flag=True, is_eager=True, callback=_note, help="Print one JSON object on stdout."),
+    click.option(
+        "--json",
+        is_flag=True,
+        is_eager=True,
+        callback=_note,
+        help="Print one JSON object on stdout.",
+    ),
     click.option("-q", "--quiet", is_flag=True, help="Only the answer, warnings and errors."),
     click.option("-v", "--verbose", count=True, help="More detail; twice for all."),
     click.option(
@@ -224,7 +258,9 @@ COMMON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
         callback=_note,
         help="Colour on the terminal.",
     ),
-    click.option("--log-file", type=_FILE, metavar="FILE", help="Append what is said on stderr to FILE."),
+    click.option(
+        "--log-file", type=_FILE, metavar="FILE", help="Append what is said on stderr to FILE."
+    ),
     click.option(
         "--seed",
         type=click.IntRange(min=0),
@@ -270,7 +306,11 @@ class Command(click.Command):
         super().__init__(*args, **kwargs)
         for param in self.params:
             # Why: DYNID_SEED serves every command, DYNID_IDENTIFY_SEED one of them; the narrower name comes first.
-            if isinstance(param, click.Option) and param.allow_from_autoenv and param.envvar is None:
+            if (
+                isinstance(param, click.Option)
+                and param.allow_from_autoenv
+                and param.envvar is None
+            ):
                 name, own = key_of(param).upper(), (self.name or "").upper().replace("-", "_")
                 param.envvar = [f"DYNID_{own}_{name}", f"DYNID_{name}"]
 
@@ -291,7 +331,9 @@ class Command(click.Command):
         for option in options:
             given = ctx.params.get(str(option.name))
             for value in given if isinstance(given, tuple) else (given,):
-                if isinstance(value, (str, Path)) and (str(value).startswith("--") or str(value) in names):
+                if isinstance(value, (str, Path)) and (
+                    str(value).startswith("--") or str(value) in names
+                ):
                     raise WrongUsage(
                         f"{option.opts[-1]} needs a value, and '{value}' is an option",
                         fix=f"{option.opts[-1]} VALUE {value}, or ./{value} where a file is called so",
@@ -315,7 +357,9 @@ class Command(click.Command):
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
             if record and (isinstance(param, click.Option) or record[1]):
-                (common if param.name in COMMON_NAMES or param.name == "help" else own).append(record)
+                (common if param.name in COMMON_NAMES or param.name == "help" else own).append(
+                    record
+                )
         for title, records in (("Options", own), ("Common options", common)):
             if records:
                 with formatter.section(title):
@@ -323,7 +367,11 @@ class Command(click.Command):
 
 
 def dynid_command(
-    name: str, *, examples: Sequence[str] = (), repeatable: bool = False, config: Callable[[Any], Any] | None = None
+    name: str,
+    *,
+    examples: Sequence[str] = (),
+    repeatable: bool = False,
+    config: Callable[[Any], Any] | None = None,
 ) -> Callable[[Callable[..., Any]], Command]:
     """Make a command of a function that takes ``common`` first and its own options by keyword.
 

@@ -20,16 +20,32 @@ from dynid.xdg import config_file
 #: Options, by their keys, that answer a question, connect or listen, start a program, write anywhere, or switch a
 #: protection off.
 OPTIONS = (
-    "force", "yes", "log_file", "limit", "config", "from", "scheduler", "dashboard", "open", "accept", "master",
+    "force",
+    "yes",
+    "log_file",
+    "limit",
+    "config",
+    "from",
+    "scheduler",
+    "dashboard",
+    "open",
+    "accept",
+    "master",
     "accept_unreviewed",
-)  # fmt: skip
+)
 #: Commands that move an arm or answer on its network: none of the options that are theirs alone.
 COMMANDS = ("record", "sim-driver")
 #: Options that may name a file and are no paths by their type.
 _FILES = ("robot", "holdout")
 
 
-def require_inside(command: click.Command, name: str, value: Any, where: str, *folders: Path) -> None:  # noqa: ANN401
+def require_inside(
+    command: click.Command,
+    name: str,
+    value: Any,  # noqa: ANN401
+    where: str,
+    *folders: Path,
+) -> None:
     """Raise where a file of a folder sets what only the user may set.
 
     Args:
@@ -44,7 +60,9 @@ def require_inside(command: click.Command, name: str, value: Any, where: str, *f
     """
     from dynid.cli.options import COMMON_NAMES, key_of
 
-    option = next(param for param in command.params if isinstance(param, click.Option) and param.name == name)
+    option = next(
+        param for param in command.params if isinstance(param, click.Option) and param.name == name
+    )
     word = option.opts[-1]
     asked = f"{where} sets {word}"
     if key_of(option) in OPTIONS or (command.name in COMMANDS and name not in COMMON_NAMES):
@@ -59,11 +77,18 @@ def inside(text: str, folders: Iterable[Path]) -> bool:
     """Return whether a path, all links followed, lies in one of some folders; a URL does not."""
     try:
         place = Path(text).resolve()
-        return "://" not in text and any(place.is_relative_to(folder.resolve()) for folder in folders)
+        return "://" not in text and any(
+            place.is_relative_to(folder.resolve()) for folder in folders
+        )
     except (OSError, RuntimeError, ValueError):  # a ring of links, a zero byte
         return False
 
 
 def _refused(what: str, where: str, word: str) -> WrongUsage:
     why = "the folder may be somebody else's (dynid explain working-folder)"
-    return WrongUsage(what, where=where, why=why, fix=f"give {word} on the command line, or in {shell(config_file())}")
+    return WrongUsage(
+        what,
+        where=where,
+        why=why,
+        fix=f"give {word} on the command line, or in {shell(config_file())}",
+    )

@@ -31,7 +31,12 @@ if TYPE_CHECKING:
 @robot_argument
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
 @options_from(LogOptions)
-@click.option("--identify/--no-identify", "identify_now", default=None, help="Identify afterwards without asking.")
+@click.option(
+    "--identify/--no-identify",
+    "identify_now",
+    default=None,
+    help="Identify afterwards without asking.",
+)
 def command(
     common: Common,
     robot: str,
@@ -61,7 +66,9 @@ def command(
         common.terminal.next(shell("dynid", "identify", robot))
 
 
-def stack_and_write(common: Common, robot: Robot, logs: tuple[Path, ...], options: LogOptions) -> dict[str, Any]:
+def stack_and_write(
+    common: Common, robot: Robot, logs: tuple[Path, ...], options: LogOptions
+) -> dict[str, Any]:
     """Stack logs, write fullnumericregressor.npz and estimatedmotion.npz, and return the answer."""
     from dynid.workflows.inputs import log_inputs
     from dynid.workflows.logs import read_log

@@ -58,14 +58,21 @@ class Bar:
         self._timer: threading.Timer | None = None
         self._bar: rich.progress.Progress | None = None
         # Why: a bar moves the cursor; where colour is off no escape codes may appear at all.
-        self._lively = terminal.err.is_terminal and terminal.err.color_system is not None and not terminal.quiet
+        self._lively = (
+            terminal.err.is_terminal
+            and terminal.err.color_system is not None
+            and not terminal.quiet
+        )
 
     def __enter__(self) -> Bar:
         """Begin."""
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         """Take the bar away, also after an error."""
         self._end_stage()
@@ -89,7 +96,10 @@ class Bar:
             if self._bar is not None:
                 task = self._bar.task_ids[0]
                 self._bar.update(
-                    task, completed=done, total=total or None, description=visible(f"{self._name}  {text}")
+                    task,
+                    completed=done,
+                    total=total or None,
+                    description=visible(f"{self._name}  {text}"),
                 )
             # Why not with --json: what a program reads would depend on how busy the machine is.
             elif self._slow() and not self._terminal.unwatched:
@@ -120,7 +130,11 @@ class Bar:
         with self._lock:
             if self._timer is None or self._bar is not None:
                 return
-            columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
+            columns = (
+                TextColumn("{task.description}", markup=False),
+                BarColumn(),
+                TimeElapsedColumn(),
+            )
             self._bar = Progress(*columns, console=self._terminal.err, transient=True)
             self._bar.add_task(visible(self._name), total=None)
             self._bar.start()

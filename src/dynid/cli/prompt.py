@@ -63,22 +63,43 @@ class Question:
 
 QUESTIONS: dict[str, Question] = {
     "P1": Question(
-        "Reduce to base parameters now?", "Ynr", "--reduce/--no-reduce", Answer.YES, Answer.YES,
+        "Reduce to base parameters now?",
+        "Ynr",
+        "--reduce/--no-reduce",
+        Answer.YES,
+        Answer.YES,
         "r = edit the robot file, then rebuild",
     ),
     "P2": Question(
-        "Does this motion look safe?", "yNq", "--accept", Answer.NO, Answer.NO,
-        "n = change alpha, seed or waypoints and plan again", "written, marked reviewed: no",
+        "Does this motion look safe?",
+        "yNq",
+        "--accept",
+        Answer.NO,
+        Answer.NO,
+        "n = change alpha, seed or waypoints and plan again",
+        "written, marked reviewed: no",
     ),
-    "P4": Question("Convert to log.npz now?", "Yn", "--convert/--no-convert", Answer.YES, Answer.YES),
+    "P4": Question(
+        "Convert to log.npz now?", "Yn", "--convert/--no-convert", Answer.YES, Answer.YES
+    ),
     "P5": Question(
-        "Identify now?", "Ynr", "--identify/--no-identify", Answer.NO, Answer.YES,
+        "Identify now?",
+        "Ynr",
+        "--identify/--no-identify",
+        Answer.NO,
+        Answer.YES,
         "r = change the filter and stack again",
     ),
     "P6": Question("Overwrite {path}?", "yN", "--force", Answer.NO, Answer.YES),
-    "P7": Question("Add {effect} to a copy of the robot file?", "yN", "--apply/--no-apply", Answer.NO, Answer.NO),
+    "P7": Question(
+        "Add {effect} to a copy of the robot file?",
+        "yN",
+        "--apply/--no-apply",
+        Answer.NO,
+        Answer.NO,
+    ),
     "P8": Question("{path} is stale. Rebuild?", "Yn", "--rebuild/--frozen", Answer.YES, Answer.YES),
-}  # fmt: skip
+}
 
 
 def can_ask(common: Common) -> bool:
@@ -112,7 +133,9 @@ def _reason(common: Common) -> str:
 
 def _unasked(common: Common, text: str, question: Question, answer: Answer, reason: str) -> Answer:
     shown = question.unasked_text if answer is Answer.NO and question.unasked_text else answer.value
-    common.terminal.say(f"? {text} -> {shown} (not asked: {reason}; set with {question.flag})", indent=2)
+    common.terminal.say(
+        f"? {text} -> {shown} (not asked: {reason}; set with {question.flag})", indent=2
+    )
     return answer
 
 
@@ -125,7 +148,9 @@ def _asked(common: Common, text: str, question: Question) -> Answer:
         if line is None:
             return _unasked(common, text, question, question.unasked, "end of input")
         word = line.strip().lower() or usual
-        found = next((letter for letter in allowed if word and _LETTERS[letter].value.startswith(word)), None)
+        found = next(
+            (letter for letter in allowed if word and _LETTERS[letter].value.startswith(word)), None
+        )
         if found:
             return _LETTERS[found]
         common.terminal.say(f"  answer with one of {', '.join(allowed)}")
@@ -133,7 +158,9 @@ def _asked(common: Common, text: str, question: Question) -> Answer:
     raise CannotAsk(f'cannot ask "{text}": {tried}', fix=f"add {question.flag}")
 
 
-def confirm(common: Common, expected: str, question: str, *, given: str | None = None, flag: str = "--move") -> None:
+def confirm(
+    common: Common, expected: str, question: str, *, given: str | None = None, flag: str = "--move"
+) -> None:
     """Have a person type a word before something dangerous (P3); -y never answers this.
 
     Args:
@@ -150,15 +177,23 @@ def confirm(common: Common, expected: str, question: str, *, given: str | None =
     """
     if given is not None:
         if given != expected:
-            raise WrongUsage(f"{flag} names '{given}', but this is '{expected}'", fix=shell(flag, expected))
+            raise WrongUsage(
+                f"{flag} names '{given}', but this is '{expected}'", fix=shell(flag, expected)
+            )
         return
     if not can_ask(common):
-        raise CannotAsk(f'cannot ask "{question}": {_reason(common)}', fix=f"add {shell(flag, expected)}")
+        raise CannotAsk(
+            f'cannot ask "{question}": {_reason(common)}', fix=f"add {shell(flag, expected)}"
+        )
     line = _read_line(f"{question}: ")
     if line is None:
-        raise CannotAsk(f'cannot ask "{question}": end of input', fix=f"add {shell(flag, expected)}")
+        raise CannotAsk(
+            f'cannot ask "{question}": end of input', fix=f"add {shell(flag, expected)}"
+        )
     if line.strip() != expected:
-        raise Declined(f"'{visible(line.strip())}' is not '{expected}'", why="the arm was not moved")
+        raise Declined(
+            f"'{visible(line.strip())}' is not '{expected}'", why="the arm was not moved"
+        )
 
 
 def ask_line(common: Common, question: str) -> str:
@@ -189,7 +224,9 @@ def key_pressed(common: Common) -> bool:
 
 
 # ---------------------------------------------------------------- P6: overwriting
-def input_hashes(files: Mapping[str, Path], options: Mapping[str, Any] | None = None) -> dict[str, str]:
+def input_hashes(
+    files: Mapping[str, Path], options: Mapping[str, Any] | None = None
+) -> dict[str, str]:
     """Return what a result depends on, for its header's ``inputs``: sha256 of files, and of the options as a whole."""
     from dynid.cli.terminal import plain
     from dynid.npz import sha256
@@ -219,11 +256,15 @@ def may_write(common: Common, path: Path, inputs: Mapping[str, str]) -> bool:
         return True
     found = (read_header(path) or {}).get("inputs")
     if found == dict(inputs) and not common.yes:
-        common.terminal.stage("reused", f"{path}       (made from the same inputs; --force makes it again)")
+        common.terminal.stage(
+            "reused", f"{path}       (made from the same inputs; --force makes it again)"
+        )
         return False
     if not common.yes and not can_ask(common):
         difference = _difference(found, inputs)
-        raise OutputExists(f"{path} exists and {difference}", fix="use --force, or another folder with --out")
+        raise OutputExists(
+            f"{path} exists and {difference}", fix="use --force, or another folder with --out"
+        )
     if ask(common, "P6", path=path) is Answer.YES:
         return True
     raise Declined(f"{path} is left as it was", fix="use --force, or another folder with --out")

@@ -62,7 +62,9 @@ class TerminalOperator:
     ),
 )
 @robot_argument
-@click.argument("trajectory", required=False, type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument(
+    "trajectory", required=False, type=click.Path(exists=True, dir_okay=False, path_type=Path)
+)
 @click.option(
     "--move",
     metavar="ROBOT_NAME",
@@ -82,9 +84,14 @@ class TerminalOperator:
     help="Result whose model predicts the torques that the motion needs (default: the robot file's prior).",
 )
 def command(
-    common: Common, robot: str, trajectory: Path | None, move: str | None, convert: bool | None,
-    parameters: Path | None, **values: Any,  # noqa: ANN401
-) -> ExitStatus:  # fmt: skip
+    common: Common,
+    robot: str,
+    trajectory: Path | None,
+    move: str | None,
+    convert: bool | None,
+    parameters: Path | None,
+    **values: Any,  # noqa: ANN401
+) -> ExitStatus:
     """Play a reviewed trajectory on the arm and record what its driver publishes."""
     from dynid.drivers.ros import raise_priority
     from dynid.files.trajectoryfile import read_trajectory
@@ -122,7 +129,8 @@ def _require_name(arm: Robot, move: str | None, options: RecordOptions) -> None:
         )
     if options.listen_only and move is not None:
         raise WrongUsage(
-            "--listen-only sends nothing to the arm", fix="leave out --move, --go-to-start and --zero-torques"
+            "--listen-only sends nothing to the arm",
+            fix="leave out --move, --go-to-start and --zero-torques",
         )
 
 
@@ -148,10 +156,11 @@ def show(common: Common, done: Recording, convert: bool | None) -> ExitStatus:
         raise done.failure
     if not done.options.listen_only:
         terminal.stage(
-            "moved", f"{outcome.commands} commands, latest {1e3 * outcome.largest_lateness:.1f} ms; "
+            "moved",
+            f"{outcome.commands} commands, latest {1e3 * outcome.largest_lateness:.1f} ms; "
             f"largest error {outcome.largest_deviation:.3f} rad, "
             f"torque {100 * outcome.largest_torque_share:.0f} % of the rating",
-        )  # fmt: skip
+        )
     terminal.emit_json({**done.facts(), "wrote": [*done.files, *converted(common, done, convert)]})
     terminal.next(f"dynid identify {done.robot.word} {shell(done.bag)}")
     return ExitStatus.DONE
@@ -160,7 +169,10 @@ def show(common: Common, done: Recording, convert: bool | None) -> ExitStatus:
 def say_stopped(common: Common, outcome: Outcome) -> None:
     """Say what is known about the arm after it was stopped."""
     if outcome.stop_failure:
-        common.terminal.say(f"stop       FAILED: {outcome.stop_failure}; use the physical stop button now", "bold red")
+        common.terminal.say(
+            f"stop       FAILED: {outcome.stop_failure}; use the physical stop button now",
+            "bold red",
+        )
     else:
         common.terminal.say(f"stop       {outcome.stop}")
     words = {

@@ -57,11 +57,22 @@ def cli_page() -> str:
     lines += ["", "## Common options", "", *_options(first, common=True)]
     for name, command in commands.items():
         assert isinstance(command, Command)
-        arguments = " ".join(_argument(param) for param in command.params if isinstance(param, click.Argument))
+        arguments = " ".join(
+            _argument(param) for param in command.params if isinstance(param, click.Argument)
+        )
         writes = COMMANDS[name].writes
-        lines += ["", f"## {name}", "", f"`{f'dynid {name} {arguments}'.strip()}`", "", _text(command.help or "")]
+        lines += [
+            "",
+            f"## {name}",
+            "",
+            f"`{f'dynid {name} {arguments}'.strip()}`",
+            "",
+            _text(command.help or ""),
+        ]
         lines += ["", f"Gives: {' '.join(writes.split())}."] if writes else []
-        lines += ["", *(f"    {example}" for example in command.examples)] if command.examples else []
+        lines += (
+            ["", *(f"    {example}" for example in command.examples)] if command.examples else []
+        )
         own = _options(command, common=False)
         lines += ["", *own] if own else []
     return "\n".join(lines) + "\n"
@@ -88,7 +99,11 @@ def _options(command: click.Command, *, common: bool) -> list[str]:
 
 
 def _default(option: click.Option) -> str:
-    plain = isinstance(option.default, (int, float, str)) and not isinstance(option.default, bool) and not option.count
+    plain = (
+        isinstance(option.default, (int, float, str))
+        and not isinstance(option.default, bool)
+        and not option.count
+    )
     return f" Default: {option.default}." if plain and option.default != "" else ""
 
 
@@ -261,9 +276,19 @@ def robot_page() -> str:
     _collect(ROBOT, "", tables)
     lines = [_ROBOT_HEAD.rstrip("\n")]
     for keys, places in tables.items():
-        titled = ["", f"## {', '.join(f'`{place}`' for place in places)}"] if keys is not ROBOT else []
-        lines += [*titled, "", "| key | type | unit | default | meaning |", "| --- | --- | --- | --- | --- |"]
-        lines += [f"| `{key.name}` | {key.kind.words} | {key.unit} | {key.default} | {key.help} |" for key in keys]
+        titled = (
+            ["", f"## {', '.join(f'`{place}`' for place in places)}"] if keys is not ROBOT else []
+        )
+        lines += [
+            *titled,
+            "",
+            "| key | type | unit | default | meaning |",
+            "| --- | --- | --- | --- | --- |",
+        ]
+        lines += [
+            f"| `{key.name}` | {key.kind.words} | {key.unit} | {key.default} | {key.help} |"
+            for key in keys
+        ]
     return "\n".join([*lines, _ROBOT_FOOT])
 
 
@@ -295,7 +320,11 @@ that it acts on, and `t`, the time since the log began. Each term has one amplit
 identified with everything else. There are numbers, `+ - * /`, powers `^2`, brackets, bars for sizes, and `sin`, `cos`,
 `tanh`, `exp`, `sqrt`, `abs`, `sign`, `clip(x, limit)`. The text is read by a parser of its own and is never executed.
 """
-_WHERE = {"joint": "a joint", "pair": "a joint, and another one it depends on", "arm": "the whole arm"}
+_WHERE = {
+    "joint": "a joint",
+    "pair": "a joint, and another one it depends on",
+    "arm": "the whole arm",
+}
 _USES = {
     ("refit", "frozen"): "found by --ask numbers and --ask changed",
     ("frozen",): "found by --ask changed only: identifying again absorbs it",
@@ -314,7 +343,11 @@ def effects_page() -> str:
         lines += [f"- acts on {_WHERE[effect.scope]}; {_USES[effect.uses]}"]
         lines += [f"- amplitudes: {_with_units(effect.amplitudes(shape))}"]
         lines += [f"- shape: {_with_units(effect.shape_units)}"] if effect.shape_units else []
-        lines += [f"- seen as: {effect.signature}", f"- to tell it from others: {effect.separate}", ""]
+        lines += [
+            f"- seen as: {effect.signature}",
+            f"- to tell it from others: {effect.separate}",
+            "",
+        ]
     return "\n".join(lines)
 
 

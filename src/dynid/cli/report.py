@@ -53,7 +53,9 @@ def renewed(common: Common, run: Path, base: BaseModel) -> list[Path]:
     return write_report(replace(common, out=run.parent), run, base)[1]
 
 
-def write_report(common: Common, run: Path, base: BaseModel | None = None) -> tuple[Report, list[Path]]:
+def write_report(
+    common: Common, run: Path, base: BaseModel | None = None
+) -> tuple[Report, list[Path]]:
     """Write report.html and summary.md of a result, beside it or where --out says.
 
     Args:

@@ -33,10 +33,21 @@ EVENT = "dynid/run-event/1"
 @click.argument("batch", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @options_from(RunOptions)
 @click.option(
-    "--junit", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE", help="Write a JUnit XML report."
+    "--junit",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Write a JUnit XML report.",
 )
-@click.option("--json-lines", is_flag=True, help="Print one line of JSON for each job, when it ends.")
-def command(common: Common, batch: Path, junit: Path | None, json_lines: bool, **values: Any) -> ExitStatus:  # noqa: ANN401
+@click.option(
+    "--json-lines", is_flag=True, help="Print one line of JSON for each job, when it ends."
+)
+def command(
+    common: Common,
+    batch: Path,
+    junit: Path | None,
+    json_lines: bool,
+    **values: Any,  # noqa: ANN401
+) -> ExitStatus:
     """Identify, validate and compare many recordings from one YAML list."""
     from dynid.cli.identify import command as identify
     from dynid.cli.main import run as run_command
@@ -44,7 +55,9 @@ def command(common: Common, batch: Path, junit: Path | None, json_lines: bool, *
     from dynid.workflows.run import run
 
     if json_lines and common.json:
-        raise WrongUsage("--json-lines and --json are two forms of the same answer", fix="give one of them")
+        raise WrongUsage(
+            "--json-lines and --json are two forms of the same answer", fix="give one of them"
+        )
 
     def told(each: JobResult) -> None:
         if json_lines:
@@ -71,7 +84,11 @@ def command(common: Common, batch: Path, junit: Path | None, json_lines: bool, *
         write_text(path, done.junit())
         common.terminal.wrote(path)
     if json_lines:
-        counts = {"passed": done.passed, "beyond_limit": len(done.beyond_limit), "failed": len(done.failed)}
+        counts = {
+            "passed": done.passed,
+            "beyond_limit": len(done.beyond_limit),
+            "failed": len(done.failed),
+        }
         common.terminal.emit_json_line({"schema": EVENT, "event": "end", **counts, "wrote": wrote})
     else:
         show(common, done)
@@ -95,7 +112,9 @@ def show(common: Common, done: BatchResult) -> None:
         ]
         for each in done.jobs
     ]
-    common.terminal.table(["job", "outcome", "unexplained", "unseen log", "what"], rows, numbers=False)
+    common.terminal.table(
+        ["job", "outcome", "unexplained", "unseen log", "what"], rows, numbers=False
+    )
     common.terminal.answer()
     counts = f"{len(done.beyond_limit)} beyond a limit, {len(done.failed)} failed"
     common.terminal.fact("verdict", f"{done.passed} of {len(done.jobs)} passed, {counts}")

@@ -25,8 +25,17 @@ if TYPE_CHECKING:
 NAME = "run.yaml"
 #: Common options about the terminal and the files, which change no result and are not repeated.
 NOT_REPEATED = (
-    "force", "yes", "no_input", "json", "quiet", "verbose", "color", "config", "log_file", "debug",
-)  # fmt: skip
+    "force",
+    "yes",
+    "no_input",
+    "json",
+    "quiet",
+    "verbose",
+    "color",
+    "config",
+    "log_file",
+    "debug",
+)
 _KEYS = ("dynid", "command", "arguments", "inputs")
 
 
@@ -94,7 +103,9 @@ def _others(path: Path) -> dict[str, object]:
 
 def _section(value: Value) -> dict[str, object]:
     keys = value.mapping(_KEYS, required=("arguments",))
-    words: dict[str, object] = {key: keys[key].text() for key in ("dynid", "command") if key in keys}
+    words: dict[str, object] = {
+        key: keys[key].text() for key in ("dynid", "command") if key in keys
+    }
     inputs = keys["inputs"].entries() if "inputs" in keys else {}
     return {
         **words,
@@ -128,9 +139,16 @@ def _stored(ctx: click.Context, path: Path, besides: list[str]) -> list[str]:
         raise WrongUsage(f"no such file {path}", why=f"--from takes the {NAME} of a results folder")
     runs = read_yaml(path).mapping(tuple(COMMANDS))
     if command not in runs:
-        raise WrongUsage(f"{path} holds no run of '{command}'; it has {', '.join(runs)}", where=str(path))
-    stored = [item.text() for item in runs[command].mapping(_KEYS, required=("arguments",))["arguments"].items()]
-    asked, given = (ctx.command.make_parser(ctx).parse_args(list(words))[0] for words in (stored, besides))
+        raise WrongUsage(
+            f"{path} holds no run of '{command}'; it has {', '.join(runs)}", where=str(path)
+        )
+    stored = [
+        item.text()
+        for item in runs[command].mapping(_KEYS, required=("arguments",))["arguments"].items()
+    ]
+    asked, given = (
+        ctx.command.make_parser(ctx).parse_args(list(words))[0] for words in (stored, besides)
+    )
     names = {param.name for param in ctx.command.params if isinstance(param, click.Option)}
     for name in names & set(asked) - set(given):
         require_inside(ctx.command, str(name), asked[name], str(path), Path(), path.parent)

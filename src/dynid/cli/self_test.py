@@ -56,6 +56,9 @@ def case_answer(case: SelfTestCase) -> dict[str, Any]:
 def said(case: SelfTestCase) -> str:
     """Return what was named, in words."""
     return (
-        ", ".join(f"{name} on {'joint ' + str(place[0] + 1) if place else 'the arm'}" for name, place in case.named)
+        ", ".join(
+            f"{name} on {'joint ' + str(place[0] + 1) if place else 'the arm'}"
+            for name, place in case.named
+        )
         or "-"
     )

@@ -28,7 +28,10 @@ if TYPE_CHECKING:
 @robot_argument
 @options_from(SimDriverOptions, without=("seed",))
 @click.option(
-    "--sent", type=click.Path(dir_okay=False, path_type=Path), metavar="CSV", help="Write all commands that came."
+    "--sent",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="CSV",
+    help="Write all commands that came.",
 )
 def command(common: Common, robot: str, sent: Path | None, **values: Any) -> ExitStatus:  # noqa: ANN401
     """Simulate an arm behind its driver's topics, in real time."""
@@ -41,8 +44,12 @@ def command(common: Common, robot: str, sent: Path | None, **values: Any) -> Exi
     arm, options = load_robot(robot), options_of(SimDriverOptions, values, seed=common.seed)
 
     def started(topic: str, master: str) -> None:
-        common.terminal.stage("driver", f"{topic} at {options.rate:g} Hz, master {master}, seed {common.seed}")
-        common.terminal.stage("stop", "Ctrl-C" if options.duration is None else f"after {options.duration:g} s")
+        common.terminal.stage(
+            "driver", f"{topic} at {options.rate:g} Hz, master {master}, seed {common.seed}"
+        )
+        common.terminal.stage(
+            "stop", "Ctrl-C" if options.duration is None else f"after {options.duration:g} s"
+        )
         # Why: a shell that started this in the background has it ignore Ctrl-C; it is ended with kill then.
         signal.signal(signal.SIGTERM, signal.default_int_handler)
 
@@ -63,11 +70,21 @@ def show(common: Common, done: DriverRun) -> ExitStatus:
     terminal.fact("published", f"{facts['published']} joint states, {facts['dropped']} dropped")
     if facts["commands"]:
         shares = {name: facts[f"{name}_share"] for name in ("velocity", "acceleration")}
-        used = [f"{name} {100 * share:.0f} % of the limits" for name, share in shares.items() if share is not None]
-        terminal.fact("received", f"{facts['commands']} commands; {', '.join(used) or 'the robot file has no limits'}")
+        used = [
+            f"{name} {100 * share:.0f} % of the limits"
+            for name, share in shares.items()
+            if share is not None
+        ]
+        terminal.fact(
+            "received",
+            f"{facts['commands']} commands; {', '.join(used) or 'the robot file has no limits'}",
+        )
     if facts["stop_acceleration_share"]:
         share = 100 * facts["stop_acceleration_share"]
-        terminal.fact("stops", f"braking took {share:.0f} % of the acceleration limits; this driver brakes as it can")
+        terminal.fact(
+            "stops",
+            f"braking took {share:.0f} % of the acceleration limits; this driver brakes as it can",
+        )
     for broken in facts["violations"]:
         terminal.fact("broken", broken)
     return ExitStatus.LIMIT_NOT_MET if facts["violations"] else ExitStatus.DONE

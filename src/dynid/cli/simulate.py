@@ -37,10 +37,20 @@ if TYPE_CHECKING:
     help="Drive the exported files of the two arguments, results of one arm, along this log and show the errors.",
 )
 @click.option(
-    "--engine", type=click.Choice(["mujoco", "pybullet"]), default="mujoco", show_default=True,
+    "--engine",
+    type=click.Choice(["mujoco", "pybullet"]),
+    default="mujoco",
+    show_default=True,
     help="Simulator that --compare loads the exported files in.",
-)  # fmt: skip
-def command(common: Common, robot: str, source: Path, log: Path | None, engine: str, **values: Any) -> None:  # noqa: ANN401
+)
+def command(
+    common: Common,
+    robot: str,
+    source: Path,
+    log: Path | None,
+    engine: str,
+    **values: Any,  # noqa: ANN401
+) -> None:
     """Simulate the log of an arm that follows a motion: friction, noise, effects; no ROS is needed."""
     if log is not None:
         return compare(common, Path(robot), source, log, engine)

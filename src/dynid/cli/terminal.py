@@ -92,16 +92,25 @@ class Terminal:
                 common.log_file.parent.mkdir(parents=True, exist_ok=True)
                 self._copy = _opened(common.log_file)
             except OSError as error:
-                nobody = "it is a pipe that nobody reads" if error.errno == errno.ENXIO else error.strerror
+                nobody = (
+                    "it is a pipe that nobody reads"
+                    if error.errno == errno.ENXIO
+                    else error.strerror
+                )
                 what = f"cannot write {common.log_file}: {nobody}"
-                raise CannotWrite(what, where=str(common.log_file), fix="give another --log-file") from error
+                raise CannotWrite(
+                    what, where=str(common.log_file), fix="give another --log-file"
+                ) from error
 
     def __enter__(self) -> Terminal:
         """Begin the run."""
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         """Close the copy; what ended the run is its last line."""
         if self._copy is not None:
@@ -149,7 +158,10 @@ class Terminal:
 
     def next(self, command: str, why: str = "") -> None:
         """Say the next sensible command, and below it why; not with --quiet."""
-        self.stage("next", program() + command.removeprefix("dynid") if command.startswith("dynid ") else command)
+        self.stage(
+            "next",
+            program() + command.removeprefix("dynid") if command.startswith("dynid ") else command,
+        )
         if why and not self.common.quiet:
             self.say(f"{'':<{LABEL}}{why}", indent=LABEL)
 
@@ -194,7 +206,10 @@ class Terminal:
         from rich.markdown import Markdown
 
         if not self.common.json:
-            self.out.print(Markdown(markdown) if is_terminal(self.out.file) else Text(markdown), soft_wrap=False)
+            self.out.print(
+                Markdown(markdown) if is_terminal(self.out.file) else Text(markdown),
+                soft_wrap=False,
+            )
 
     def sentence(self, text: str) -> None:
         """Print a long line of the answer, folded where the terminal ends; nothing with --json."""
@@ -204,7 +219,9 @@ class Terminal:
         """Print a line of the answer: a short label and a sentence; nothing with --json."""
         self.answer(f"{name:<{LABEL}}{text}", indent=None if name in COPYABLE else LABEL)
 
-    def table(self, columns: Sequence[str], rows: Sequence[Sequence[Cell]], *, numbers: bool = True) -> None:
+    def table(
+        self, columns: Sequence[str], rows: Sequence[Sequence[Cell]], *, numbers: bool = True
+    ) -> None:
         """Print a table on stdout; nothing with --json.
 
         Args:
@@ -217,28 +234,42 @@ class Terminal:
         for gap in GAPS:
             table = Table(box=None, pad_edge=False, padding=(0, gap, 0, 0), header_style="bold")
             for i, column in enumerate(columns):
-                table.add_column(Text(visible(column)), justify="right" if numbers and i else "left", no_wrap=True)
+                table.add_column(
+                    Text(visible(column)),
+                    justify="right" if numbers and i else "left",
+                    no_wrap=True,
+                )
             for row in rows:
                 table.add_row(*(_cell(cell) for cell in row))
-            if table.__rich_measure__(self.out, self.out.options.update(width=UNLIMITED)).maximum <= self.out.width:
+            if (
+                table.__rich_measure__(self.out, self.out.options.update(width=UNLIMITED)).maximum
+                <= self.out.width
+            ):
                 return self._print_trimmed(table)
         return self._records(columns, rows)
 
     def show(self, rows: Sequence[Mapping[str, object]], *, numbers: bool = True) -> None:
         """Print rows that have the same keys, as a ``Table`` holds them; nothing where there are none."""
         if rows:
-            self.table(list(rows[0]), [list(map(str, row.values())) for row in rows], numbers=numbers)
+            self.table(
+                list(rows[0]), [list(map(str, row.values())) for row in rows], numbers=numbers
+            )
 
     def _records(self, columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> None:
         """Print one line a cell, because the table is wider than the terminal."""
         width = max(len(column) for column in columns)
         for row in rows:
             for i, (column, cell) in enumerate(zip(columns, row, strict=True)):
-                self.out.print(Text.assemble("  " if i else "", f"{column:<{width}}  ", _cell(cell)), soft_wrap=True)
+                self.out.print(
+                    Text.assemble("  " if i else "", f"{column:<{width}}  ", _cell(cell)),
+                    soft_wrap=True,
+                )
 
     def _print_trimmed(self, table: Table) -> None:
         for line in self.out.render_lines(table, pad=False, new_lines=False):
-            text = Text.assemble(*((segment.text, segment.style or "") for segment in line if not segment.control))
+            text = Text.assemble(
+                *((segment.text, segment.style or "") for segment in line if not segment.control)
+            )
             text.rstrip()
             self.out.print(text, soft_wrap=True)
 
@@ -261,7 +292,11 @@ def folded(line: str, console: Console, indent: int | None) -> list[str]:
     if indent is None or not is_terminal(console.file) or len(line) <= console.width:
         return [line]
     return textwrap.wrap(
-        line, console.width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False
+        line,
+        console.width,
+        subsequent_indent=" " * indent,
+        break_long_words=False,
+        break_on_hyphens=False,
     )
 
 
@@ -290,7 +325,9 @@ def _console(stream: TextIO, mode: str) -> Console:
 
 def _opened(path: Path) -> TextIO:
     """Open a file to append to; a pipe that nobody reads is an error at once, where Python would wait for a reader."""
-    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_NONBLOCK", 0), 0o666)
+    handle = os.open(
+        path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_NONBLOCK", 0), 0o666
+    )
     os.set_blocking(handle, True)
     return os.fdopen(handle, "a", encoding="utf-8", errors="backslashreplace")
 

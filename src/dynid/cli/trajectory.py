@@ -57,10 +57,16 @@ class View:
 @click.argument("plan", required=False, metavar="[PLAN.yaml]", type=_FILE)
 @options_from(PlanOptions, without=("seed", "processes"))
 @click.option(
-    "--from-waypoints", metavar="CSV", type=_FILE, help="Go through these points, one per row, instead of searching."
+    "--from-waypoints",
+    metavar="CSV",
+    type=_FILE,
+    help="Go through these points, one per row, instead of searching.",
 )
 @click.option(
-    "--from-trajectory", metavar="NPZ", type=_FILE, help="The path of a motion planned before, at this --alpha."
+    "--from-trajectory",
+    metavar="NPZ",
+    type=_FILE,
+    help="The path of a motion planned before, at this --alpha.",
 )
 @click.option(
     "--earlier",
@@ -84,7 +90,10 @@ class View:
 )
 @click.option("--urdf", type=_FILE, metavar="FILE", help="URDF of the arm with its own meshes.")
 @click.option(
-    "--review", type=click.Path(path_type=Path), metavar="FILE", help="Preview and accept a motion planned before."
+    "--review",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Preview and accept a motion planned before.",
 )
 @click.option("--accept", is_flag=True, help="Mark the motion as reviewed without being asked.")
 def command(common: Common, robot: str, plan: Path | None, **values: Any) -> None:  # noqa: ANN401
@@ -103,10 +112,16 @@ def command(common: Common, robot: str, plan: Path | None, **values: Any) -> Non
         return review(common, arm, options, values)
 
     def inputs() -> dict[str, str]:
-        files = {"plan": plan, "waypoints": values["from_waypoints"], "trajectory": values["from_trajectory"]}
+        files = {
+            "plan": plan,
+            "waypoints": values["from_waypoints"],
+            "trajectory": values["from_trajectory"],
+        }
         files["gap"] = values["for_gap"]
         files |= {f"earlier {k + 1}": earlier for k, earlier in enumerate(values["earlier"])}
-        return plan_inputs(arm, options, {name: file for name, file in files.items() if file is not None})
+        return plan_inputs(
+            arm, options, {name: file for name, file in files.items() if file is not None}
+        )
 
     if not may_write(common, path, inputs()):
         return reuse(common, arm, path, accept=values["accept"])
@@ -115,7 +130,9 @@ def command(common: Common, robot: str, plan: Path | None, **values: Any) -> Non
     return None
 
 
-def changed(common: Common, options: PlanOptions, values: dict[str, Any]) -> tuple[PlanOptions, dict[str, Any]]:
+def changed(
+    common: Common, options: PlanOptions, values: dict[str, Any]
+) -> tuple[PlanOptions, dict[str, Any]]:
     """Ask what to change in a motion that did not look safe."""
     seed = options.seed + 1
     question = f"change what? such as alpha {options.alpha / 2:g}, seed {seed}, points.csv; Enter means seed {seed}"
@@ -129,11 +146,17 @@ def changed(common: Common, options: PlanOptions, values: dict[str, Any]) -> tup
             elif len(words) <= 2 and Path(words[-1]).is_file():
                 values = values | {"from_waypoints": Path(words[-1]), "from_trajectory": None}
             else:
-                raise WrongUsage(f"'{' '.join(words)}' is neither alpha, seed nor a file of waypoints")
+                raise WrongUsage(
+                    f"'{' '.join(words)}' is neither alpha, seed nor a file of waypoints"
+                )
         except (ValueError, WrongUsage) as error:
-            common.terminal.say(f"  {error.what if isinstance(error, WrongUsage) else f'{words[1]} is no number'}")
+            common.terminal.say(
+                f"  {error.what if isinstance(error, WrongUsage) else f'{words[1]} is no number'}"
+            )
             continue
-        text = f"alpha {options.alpha:g}, seed {options.seed}; a changed waypoint file is read again"
+        text = (
+            f"alpha {options.alpha:g}, seed {options.seed}; a changed waypoint file is read again"
+        )
         common.terminal.stage("again", text)
         return options, values
     raise Declined("the motion was not accepted", why="nothing was written")
@@ -150,17 +173,27 @@ def with_plan(ctx: click.Context, plan: PlanFile, values: dict[str, Any]) -> dic
         try:
             chosen[name] = params[name].type_cast_value(ctx, text)
         except click.BadParameter as error:
-            raise WrongUsage(f"{plan.places[name]}: {name}: {error.message}", where=plan.places[name]) from None
-    chosen["obstacles"] = (*((*lower, *upper) for lower, upper in plan.obstacles), *chosen["obstacles"])
+            raise WrongUsage(
+                f"{plan.places[name]}: {name}: {error.message}", where=plan.places[name]
+            ) from None
+    chosen["obstacles"] = (
+        *((*lower, *upper) for lower, upper in plan.obstacles),
+        *chosen["obstacles"],
+    )
     if plan.workspace is not None and chosen["workspace"] is None:
         chosen["workspace"] = (*plan.workspace[0], *plan.workspace[1])
     return chosen
 
 
 def plan_once(
-    common: Common, arm: Robot, written: PlanFile, options: PlanOptions, values: dict[str, Any], path: Path,
+    common: Common,
+    arm: Robot,
+    written: PlanFile,
+    options: PlanOptions,
+    values: dict[str, Any],
+    path: Path,
     inputs: dict[str, str],
-) -> Answer:  # fmt: skip
+) -> Answer:
     """Plan, show, ask and write; NO when the person wants another motion."""
     from dynid.workflows.model import base_model
     from dynid.workflows.trajectory import plan_trajectory
@@ -192,14 +225,20 @@ def plan_once(
     # Why: pictures of another motion beside this one would be taken for pictures of it.
     remove({path.parent / name for name in PICTURES} - set(found.clearance.pictures))
     wrote = found.save(path, inputs)
-    wrote_trajectory(common, path, reviewed=answer is Answer.YES, seen=answer is not Answer.YES or seen)
+    wrote_trajectory(
+        common, path, reviewed=answer is Answer.YES, seen=answer is not Answer.YES or seen
+    )
     for text in wrote[1:]:
         common.terminal.wrote(text)
     wrote += found.clearance.pictures
-    common.terminal.emit_json(found.facts() | {"wrote": [str(p) for p in wrote], "reviewed": answer is Answer.YES})
+    common.terminal.emit_json(
+        found.facts() | {"wrote": [str(p) for p in wrote], "reviewed": answer is Answer.YES}
+    )
     if any(finding.code == "W606" for finding in found.findings):
         # Why: dynid record would refuse it.
-        common.terminal.next(f"write `limits:` of every joint into {arm.editable}, then plan with that file")
+        common.terminal.next(
+            f"write `limits:` of every joint into {arm.editable}, then plan with that file"
+        )
     else:
         show_next(common, arm, path, reviewed=answer is Answer.YES)
     return Answer.YES
@@ -226,10 +265,16 @@ def show(common: Common, found: Plan) -> None:
     for picture in found.clearance.pictures:
         common.terminal.stage("preview", str(picture))
     rows = [
-        (p.joint, f"{p.position:.3f}", f"{p.velocity:.3f}", f"{p.acceleration:.3f}",
-         "-" if p.torque is None else f"{p.torque:.2f}", f"{100 * p.share:.0f} %")
+        (
+            p.joint,
+            f"{p.position:.3f}",
+            f"{p.velocity:.3f}",
+            f"{p.acceleration:.3f}",
+            "-" if p.torque is None else f"{p.torque:.2f}",
+            f"{100 * p.share:.0f} %",
+        )
         for p in found.check.peaks
-    ]  # fmt: skip
+    ]
     names = ("position", "velocity", "accel.", "torque")
     heads = [f"{name} {unit}" for name, unit in zip(names, found.units, strict=True)]
     common.terminal.table(("joint", *heads, "of limit"), rows)
@@ -255,7 +300,9 @@ def view(common: Common, values: dict[str, Any], folder: Path) -> View:
     wanted = values["preview"]
     if wanted == "gui" and not has_display():
         raise NoDisplay("no display: PyBullet cannot open its window")
-    automatic_window = wanted == "auto" and has_display() and can_ask(common) and not values["accept"]
+    automatic_window = (
+        wanted == "auto" and has_display() and can_ask(common) and not values["accept"]
+    )
     if wanted == "auto" and not has_display():
         text = f"no display: preview saved as {folder / 'preview.png'} and {folder / 'preview.gif'} instead"
         common.terminal.finding(Finding("W604", "info", text))
@@ -283,17 +330,24 @@ def reuse(common: Common, arm: Robot, path: Path, *, accept: bool) -> None:
         stored, wrote = stored.accepted(seen=seen), [path]
         write_trajectory(path, stored)
         wrote_trajectory(common, path, reviewed=True, seen=seen)
-    common.terminal.emit_json({**stored.facts.get("answer", {}), "wrote": wrote, "reviewed": stored.reviewed})
+    common.terminal.emit_json(
+        {**stored.facts.get("answer", {}), "wrote": wrote, "reviewed": stored.reviewed}
+    )
     show_next(common, arm, path, reviewed=stored.reviewed)
 
 
 def show_next(common: Common, arm: Robot, path: Path, *, reviewed: bool) -> None:
     """Say what to do with a motion: record it, or look at it before."""
     if reviewed:
-        common.terminal.next(shell("dynid", "record", arm.word, path), "Record it. This moves the arm and asks first.")
+        common.terminal.next(
+            shell("dynid", "record", arm.word, path),
+            "Record it. This moves the arm and asks first.",
+        )
     else:
         command = shell("dynid", "trajectory", arm.word, "--review", path)
-        common.terminal.next(command, "Look at it and accept it: an arm plays no motion that nobody has seen.")
+        common.terminal.next(
+            command, "Look at it and accept it: an arm plays no motion that nobody has seen."
+        )
 
 
 def review(common: Common, arm: Robot, options: PlanOptions, values: dict[str, Any]) -> None:
@@ -307,7 +361,13 @@ def review(common: Common, arm: Robot, options: PlanOptions, values: dict[str, A
     with common.terminal.progress() as progress:
         base = base_model(arm, common.folder(arm.slug), progress)
         found = review_trajectory(
-            arm, stored, options, urdf=values["urdf"], base=base, drawing=look.drawing, progress=progress
+            arm,
+            stored,
+            options,
+            urdf=values["urdf"],
+            base=base,
+            drawing=look.drawing,
+            progress=progress,
         )
     common.terminal.findings(found.clearance.findings)
     for picture in found.clearance.pictures:
@@ -318,5 +378,7 @@ def review(common: Common, arm: Robot, options: PlanOptions, values: dict[str, A
         stored, wrote = found.accepted(seen=seen), [path, *wrote]
         write_trajectory(path, stored)
         wrote_trajectory(common, path, reviewed=True, seen=seen)
-    common.terminal.emit_json({**stored.facts.get("answer", {}), "wrote": wrote, "reviewed": stored.reviewed})
+    common.terminal.emit_json(
+        {**stored.facts.get("answer", {}), "wrote": wrote, "reviewed": stored.reviewed}
+    )
     show_next(common, arm, path, reviewed=stored.reviewed)

@@ -36,7 +36,11 @@ if TYPE_CHECKING:
     metavar="NM",
     help="Exit 1 if the rms torque error of any joint is larger [N m or N].",
 )
-@click.option("--max-unexplained", metavar="SHARE", help="Exit 1 if the total relative torque error is larger.")
+@click.option(
+    "--max-unexplained",
+    metavar="SHARE",
+    help="Exit 1 if the total relative torque error is larger.",
+)
 @click.option(
     "--mcap",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -44,10 +48,19 @@ if TYPE_CHECKING:
     help="Write measured, predicted and residual joint states with the arm's URDF for Foxglove, PlotJuggler and Rerun.",
 )
 @click.option("--plot/--no-plot", default=True, show_default=True, help="Draw the figures.")
-def command(common: Common, parameters: Path, log: Path, plot: bool, mcap: Path | None, **values: Any) -> ExitStatus:  # noqa: ANN401
+def command(
+    common: Common,
+    parameters: Path,
+    log: Path,
+    plot: bool,
+    mcap: Path | None,
+    **values: Any,  # noqa: ANN401
+) -> ExitStatus:
     """Compare predicted with measured torques on a recording that was not used to identify."""
     limits = {key: values.pop(key) for key in ("max_rms", "max_unexplained")}
-    facts = run_validate(common, parameters, log, options_of(ValidateOptions, values), plot=plot, mcap=mcap, **limits)
+    facts = run_validate(
+        common, parameters, log, options_of(ValidateOptions, values), plot=plot, mcap=mcap, **limits
+    )
     common.terminal.emit_json(facts)
     return ExitStatus.DONE if facts["passed"] else ExitStatus.LIMIT_NOT_MET
 
@@ -92,7 +105,9 @@ def run_validate(
     with terminal.progress() as progress:
         base = base_model_of(stored, parent, progress)
         progress.stage("read")
-        found = validate(stored, read_log(log, stored.robot, options), options, base=base, progress=progress)
+        found = validate(
+            stored, read_log(log, stored.robot, options), options, base=base, progress=progress
+        )
         folder = found.folder(parent / "validation")
         wrote = [found.save(folder), *(found.write_figures(folder) if plot else [])]
         if mcap is not None:
@@ -114,7 +129,13 @@ def show(common: Common, found: Validation) -> None:
     rows = []
     for quality, joint in zip(found.joints, found.robot.joints, strict=True):
         unit = joint.torque_unit
-        errors = (f"{quality.rms:.3g} {unit}", f"{quality.torque_rms:.3g} {unit}", f"{quality.relative_percent:.1f} %")
+        errors = (
+            f"{quality.rms:.3g} {unit}",
+            f"{quality.torque_rms:.3g} {unit}",
+            f"{quality.relative_percent:.1f} %",
+        )
         rows.append([quality.joint, *errors, f"{quality.baseline_rms:.3g} {unit}"])
     common.terminal.table(["joint", "rms error", "torque rms", "unexplained", "baseline"], rows)
-    common.terminal.sentence(f"total relative error {found.relative_error_percent:.2f} %; baseline: {found.baseline}")
+    common.terminal.sentence(
+        f"total relative error {found.relative_error_percent:.2f} %; baseline: {found.baseline}"
+    )

@@ -18,7 +18,16 @@ from numpy.typing import NDArray
 from dynid.diagnose import tuning
 from dynid.diagnose.fit import Judge, judge_of
 from dynid.diagnose.gravity import check_gravity
-from dynid.diagnose.mistakes import OF_ALL, Edit, edits_of, pasted, said, unlikeliness, with_edits, with_one_more
+from dynid.diagnose.mistakes import (
+    OF_ALL,
+    Edit,
+    edits_of,
+    pasted,
+    said,
+    unlikeliness,
+    with_edits,
+    with_one_more,
+)
 from dynid.errors import Finding, GravityRemoved, WrongMapping
 from dynid.log import Log
 from dynid.robot import Robot
@@ -117,7 +126,9 @@ class _Search:
             kinds = OF_ALL.values() if suspect and self.judge.mapped else ()
             signs = [(), *((Edit(kind, (float(j),)),) for kind in kinds)] if suspect else []
             files = [with_edits(self.judge.robot, edits) for edits in signs]
-            left = np.array([np.hypot(self.judge.alone(file, j), noise[j]) for file in files] or [[1.0, 1.0]])
+            left = np.array(
+                [np.hypot(self.judge.alone(file, j), noise[j]) for file in files] or [[1.0, 1.0]]
+            )
             found.append(bool(left[:, 1].min() > tuning.NOT_BRAKING * left[0, 0]))
         return tuple(found)
 
@@ -131,7 +142,9 @@ class _Search:
         if edits not in self.found:
             edited = with_edits(self.judge.robot, edits)
             found = Hypothesis(edits, *self.judge.possible(edited), self.judge.outside(edited))
-            self.least_error = np.minimum(self.least_error, usual_error(self.judge.robot, found.left))
+            self.least_error = np.minimum(
+                self.least_error, usual_error(self.judge.robot, found.left)
+            )
             self.found[edits] = found
         return self.found[edits]
 
@@ -188,7 +201,9 @@ class _Search:
     @property
     def well(self) -> bool:
         """Whether the robot file explains so much that it has no two mistakes that hide each other."""
-        return self.given.misfit(noise_of(self.judge.robot, self.given.floor)) < tuning.WELL_EXPLAINED
+        return (
+            self.given.misfit(noise_of(self.judge.robot, self.given.floor)) < tuning.WELL_EXPLAINED
+        )
 
     def unrivalled(self) -> bool:
         """Return whether the robot file explains the log well, and all single edits stay behind it."""
@@ -206,11 +221,20 @@ class _Search:
         lost = not self.well and self.depth == 1
         values = [*(self.bounds if lost else self.found).values()]
         places = sorted(values, key=self.promise)[: tuning.BEAM_LOST if lost else tuning.BEAM]
-        return [each.edits for each in places if self.promise(each) < self.promise(places[0]) + tuning.NEAR_BEST]
+        return [
+            each.edits
+            for each in places
+            if self.promise(each) < self.promise(places[0]) + tuning.NEAR_BEST
+        ]
 
     def more(self, starts: Iterable[tuple[Edit, ...]]) -> list[tuple[Edit, ...]]:
         """Return what has one edit more than a start and is not fitted yet, with what it leaves at least found out."""
-        tried = (more for start in starts for edit in self.single if (more := with_one_more(start, edit)) is not None)
+        tried = (
+            more
+            for start in starts
+            for edit in self.single
+            if (more := with_one_more(start, edit)) is not None
+        )
         # Why in this order: equally good ones are tried as they were written, in every run.
         new = [edits for edits in dict.fromkeys(tried) if edits not in self.found]
         self.find_bounds(new)
@@ -226,7 +250,9 @@ class _Search:
             self.fit(edits)
 
 
-def find_mistake(log: Log, robot: Robot, names: Sequence[str] = (), *, mapped: bool = True) -> Diagnosis | None:
+def find_mistake(
+    log: Log, robot: Robot, names: Sequence[str] = (), *, mapped: bool = True
+) -> Diagnosis | None:
     """Return what a log says about a robot file; None where it hardly moves.
 
     Args:
@@ -254,10 +280,18 @@ def find_mistake(log: Log, robot: Robot, names: Sequence[str] = (), *, mapped: b
     ranked = search.ranked()
     best = ranked[0]
     wrong = best is not search.given
-    alike = [each for each in ranked[1:] if len(each.edits) <= len(best.edits) and each.alike(best)] if wrong else []
+    alike = (
+        [each for each in ranked[1:] if len(each.edits) <= len(best.edits) and each.alike(best)]
+        if wrong
+        else []
+    )
     same = [each for each in alike if search.same(each, best)]
     others = [each for each in ranked[1:] if each not in same]
-    few = [each for each in others if len(each.edits) <= len(best.edits) and each is not search.given] if wrong else []
+    few = (
+        [each for each in others if len(each.edits) <= len(best.edits) and each is not search.given]
+        if wrong
+        else []
+    )
     tied = [each for each in few if search.rank(each) < search.rank(best) + tuning.TIED]
     return Diagnosis(search.given, (best, *others[:4]), tuple(same), tuple(tied[:2]), wrong, beyond)
 
@@ -270,7 +304,9 @@ def noise_of(robot: Robot, floor: Floats) -> Floats:
         floor: what constant, friction and rotor inertia leave of each joint's torque, (n,) [N m or N].
     """
     turning = np.array([joint.revolute for joint in robot.joints])
-    return np.asarray(tuning.MODEL_ERROR * np.where(turning, np.max(floor * turning), np.max(floor * ~turning)))
+    return np.asarray(
+        tuning.MODEL_ERROR * np.where(turning, np.max(floor * turning), np.max(floor * ~turning))
+    )
 
 
 def usual_error(robot: Robot, left: Floats) -> Floats:
@@ -297,7 +333,10 @@ def driver_columns(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
     if robot.driver is None or "driver_columns" not in log.extra:
         return log, names
     map_ = robot.driver.map
-    to_q, to_tau = np.diag(np.asarray(map_.sign, dtype=float)), np.diag(np.multiply(map_.sign, map_.torque_signs) * 1.0)
+    to_q, to_tau = (
+        np.diag(np.asarray(map_.sign, dtype=float)),
+        np.diag(np.multiply(map_.sign, map_.torque_signs) * 1.0),
+    )
     if robot.coupling is not None:
         matrix = np.array(robot.coupling.matrix)
         to_q, to_tau = to_q @ matrix.T, to_tau @ np.linalg.inv(matrix)
@@ -333,7 +372,9 @@ def diagnose(log: Log, robot: Robot, *, anyway: bool = False) -> tuple[Finding, 
     return _explained(log, robot, anyway=anyway)
 
 
-def _explained(log: Log, robot: Robot, *, anyway: bool, least_gain: float = 1.0) -> tuple[Finding, ...]:
+def _explained(
+    log: Log, robot: Robot, *, anyway: bool, least_gain: float = 1.0
+) -> tuple[Finding, ...]:
     """Raise, or return W329, where another robot file leaves a share unexplained that is smaller by ``least_gain``.
 
     W334 where no robot file explains some joints.
@@ -341,14 +382,20 @@ def _explained(log: Log, robot: Robot, *, anyway: bool, least_gain: float = 1.0)
     columns, names = driver_columns(log, robot)
     found = find_mistake(columns, robot, names, mapped="driver_columns" in log.extra)
     beyond = () if found is None else _unexplained(found, robot)
-    if found is None or not found.wrong or found.given.unexplained < least_gain * found.best[0].unexplained:
+    if (
+        found is None
+        or not found.wrong
+        or found.given.unexplained < least_gain * found.best[0].unexplained
+    ):
         return beyond
     best = found.best[0]
     what = f"{_improvement(found.given, best, robot)} with {said(best.edits, robot)}"
     if found.same:
         what += f" (the same torques result with {' or '.join(said(e.edits, robot) for e in found.same)})"
     if found.tied:
-        what += f" (this log fits as well with {' or '.join(said(e.edits, robot) for e in found.tied)})"
+        what += (
+            f" (this log fits as well with {' or '.join(said(e.edits, robot) for e in found.tied)})"
+        )
     evidence = {
         "unexplained": found.given.unexplained,
         "hypotheses": [_evidence(each, robot) for each in found.best],
@@ -388,7 +435,11 @@ def _improvement(given: Hypothesis, best: Hypothesis, robot: Robot) -> str:
     if before < 2 * after:
         shares = given.left / given.floor, best.left / best.floor
         j = int(np.argmax(shares[0] / np.maximum(shares[1], 1e-3)))
-        before, after, whose = float(shares[0][j]), float(shares[1][j]), f"the torque of {robot.joint_names[j]}"
+        before, after, whose = (
+            float(shares[0][j]),
+            float(shares[1][j]),
+            f"the torque of {robot.joint_names[j]}",
+        )
     return (
         f"with this robot file, {100 * before:.0f} % of {whose} beyond friction is unexplained; "
         f"it would be {100 * after:.0f} %"

@@ -72,7 +72,9 @@ class Columns:
             found[:, j, 10 * j :, 10 * j :] = B @ B.swapaxes(1, 2) - own @ own.swapaxes(1, 2)
         return found
 
-    def left(self, of: Sequence[int], tau: Floats, says: NDArray[np.bool_], *, apart: bool) -> Floats:
+    def left(
+        self, of: Sequence[int], tau: Floats, says: NDArray[np.bool_], *, apart: bool
+    ) -> Floats:
         """Return the root mean square that any bodies leave of each joint's torque, (M, n) [N m or N].
 
         Args:
@@ -84,7 +86,10 @@ class Columns:
         if apart:
             joints = range(tau.shape[2])
             both = (np.concatenate([self.own[of, j], self.of_joint(j)[of]], axis=2) for j in joints)
-            return np.stack([_left(columns, tau[:, :, j]) for j, columns in zip(joints, both, strict=True)], axis=1)
+            return np.stack(
+                [_left(columns, tau[:, :, j]) for j, columns in zip(joints, both, strict=True)],
+                axis=1,
+            )
         return _shared(self, of, tau, says)
 
     def floor(self, of: Sequence[int], tau: Floats) -> Floats:
@@ -133,10 +138,15 @@ class Judge:
         found: dict[int, tuple[Floats, Floats]] = {}
         together = max(1, TOGETHER // len(self.tau))
         for files in (list(alike.values()) for alike in tables.values()):
-            for some in (files[start : start + together] for start in range(0, len(files), together)):
+            for some in (
+                files[start : start + together] for start in range(0, len(files), together)
+            ):
                 columns = self._columns([(robots[same[0]], moved[same[0]][0]) for same in some])
                 several = [(number, k) for number, same in enumerate(some) for k in same]
-                of, tau = [number for number, _ in several], np.stack([moved[k][1] for _, k in several])
+                of, tau = (
+                    [number for number, _ in several],
+                    np.stack([moved[k][1] for _, k in several]),
+                )
                 says = np.stack([self.says(robots[k]) for _, k in several])
                 left, floor = columns.left(of, tau, says, apart=self.apart), columns.floor(of, tau)
                 left = np.where(says, left, floor)
@@ -147,7 +157,9 @@ class Judge:
         """Return what bodies that can exist leave of each joint's torque, and what friction alone leaves, (n,) each."""
         x, tau = self._dh(robot)
         columns, says = self._columns([(robot, x)]), self.says(robot)
-        parts = [_reduced(columns, tau, j, signed=self._signed) for j in np.flatnonzero(says).tolist()]
+        parts = [
+            _reduced(columns, tau, j, signed=self._signed) for j in np.flatnonzero(says).tolist()
+        ]
         bodies = _corners(robot.convention, robot.joints, prior_bodies(robot))
         (floor,) = columns.floor([0], tau[None])
         found = floor.copy()
@@ -169,7 +181,10 @@ class Judge:
             Root mean squares [N m or N] when its friction may have any sign, and when it has to brake.
         """
         x, tau = self._dh(robot)
-        columns, bodies = self._columns([(robot, x)]), _corners(robot.convention, robot.joints, prior_bodies(robot))
+        columns, bodies = (
+            self._columns([(robot, x)]),
+            _corners(robot.convention, robot.joints, prior_bodies(robot)),
+        )
         parts = [_reduced(columns, tau, joint, signed=signed) for signed in ((), self._signed)]
         free, braking = (float(_cone([part], bodies, np.ones(1))[0]) for part in parts)
         return free, braking
@@ -225,7 +240,10 @@ class Judge:
     def _columns(self, moved: Sequence[tuple[Robot, Floats]]) -> Columns:
         """Return the columns of edited files of one convention on motions in DH quantities, (3, N, n) each."""
         robot, motions = moved[0][0], [x for _, x in moved]
-        slow, free = per_joint(signal_tuning.MOVING_SPEED, robot), robot.torque.source == "gravity_free"
+        slow, free = (
+            per_joint(signal_tuning.MOVING_SPEED, robot),
+            robot.torque.source == "gravity_free",
+        )
         gravity = np.array([(0.0, 0.0, 0.0) if free else each.gravity for each, _ in moved])
         gravity = np.repeat(gravity, len(self.tau), axis=0)
         q, qd, qdd = np.concatenate(motions, axis=1)
@@ -302,13 +320,18 @@ def judge_of(log: Log, robot: Robot, *, mapped: bool = True) -> Judge | None:
     whole = reach < 1.5 * 3 * (span - 1) * usual + 3 * usual
     # Why: a log in rad that the robot file takes for degrees seems to stand still.
     unit = POSITION[robot.driver.units["position"]] if robot.driver is not None else 1.0
-    alive = np.any(np.abs(velocity) > unit * per_joint(signal_tuning.MOVING_SPEED, robot), axis=1) & whole
+    alive = (
+        np.any(np.abs(velocity) > unit * per_joint(signal_tuning.MOVING_SPEED, robot), axis=1)
+        & whole
+    )
     rows = np.flatnonzero(alive)
     if len(rows) < 50:
         return None
     independent = len(rows) / width
     rows = rows[:: max(1, len(rows) // tuning.SAMPLES)]
-    unknown = log.tau_unit == "A" and (robot.torque.gain is None or any(g is None for g in robot.torque.gain))
+    unknown = log.tau_unit == "A" and (
+        robot.torque.gain is None or any(g is None for g in robot.torque.gain)
+    )
     motion = np.stack([position[rows], velocity[rows], x2[rows]])
     return Judge(robot, motion, smoothed[:count][rows], unknown, mapped, independent)
 
@@ -366,10 +389,14 @@ def _solved(G: Floats, side: Floats) -> Floats:
     try:
         return np.asarray(np.linalg.solve(G, side))
     except np.linalg.LinAlgError:  # numbers so far apart that the ridge is lost beside them
-        return np.stack([np.linalg.lstsq(A, b, rcond=None)[0] for A, b in zip(G, side, strict=True)])
+        return np.stack(
+            [np.linalg.lstsq(A, b, rcond=None)[0] for A, b in zip(G, side, strict=True)]
+        )
 
 
-def _reduced(columns: Columns, torques: Floats, joint: int, *, signed: Sequence[int]) -> tuple[Floats, Floats, Floats]:
+def _reduced(
+    columns: Columns, torques: Floats, joint: int, *, signed: Sequence[int]
+) -> tuple[Floats, Floats, Floats]:
     """Return columns of bodies, (N, 10 n), those of the joint's own that must not be negative, (N, m), and the torque.
 
     What may have any sign is taken out of all three.
@@ -389,7 +416,9 @@ def _reduced(columns: Columns, torques: Floats, joint: int, *, signed: Sequence[
     return kept[:, :p], kept[:, p:-1], kept[:, -1]
 
 
-def _cone(parts: Sequence[tuple[Floats, Floats, Floats]], bodies: Sequence[Floats], weights: Floats) -> Floats:
+def _cone(
+    parts: Sequence[tuple[Floats, Floats, Floats]], bodies: Sequence[Floats], weights: Floats
+) -> Floats:
     """Return what non-negative least squares over the cone of bodies leaves of some joints, (m,).
 
     Args:
@@ -407,7 +436,9 @@ def _cone(parts: Sequence[tuple[Floats, Floats, Floats]], bodies: Sequence[Float
     stacked = np.concatenate(rows)
     R = np.asarray(np.linalg.qr(stacked, mode="r"))
     p = 10 * len(bodies)
-    corners = np.hstack([R[:, 10 * i : 10 * i + 10] @ each for i, each in enumerate(bodies)] + [R[:, p:-1]])
+    corners = np.hstack(
+        [R[:, 10 * i : 10 * i + 10] @ each for i, each in enumerate(bodies)] + [R[:, p:-1]]
+    )
     scale = np.maximum(np.linalg.norm(corners, axis=0), 1e-12)
     found = nonnegative_least_squares(corners / scale, R[:, -1], 10 * corners.shape[1]) / scale
     edges = np.cumsum([0, *(each.shape[1] for each in bodies)])
@@ -438,7 +469,9 @@ def _corners(
             np.array(sorted({*np.linspace(low, high, tuning.BOX_POINTS).tolist(), 0.0}))
             for low, high in zip(ends.min(axis=0) - reach, ends.max(axis=0) + reach, strict=True)
         ]
-        x, y, z = np.hstack([np.stack(np.meshgrid(*axes, indexing="ij")).reshape(3, -1), _points(prior[i]).T])
+        x, y, z = np.hstack(
+            [np.stack(np.meshgrid(*axes, indexing="ij")).reshape(3, -1), _points(prior[i]).T]
+        )
         tensor = [y**2 + z**2, -x * y, -x * z, x**2 + z**2, -y * z, x**2 + y**2]
         found.append(np.stack([np.ones_like(x), x, y, z, *tensor]))
     return tuple(found)

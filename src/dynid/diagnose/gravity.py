@@ -28,7 +28,10 @@ def check_gravity(log: Log, robot: Robot) -> None:
     poses = rest_slices(log, robot)
     at_rest = len(poses) >= tuning.LEAST_POSES
     if at_rest:
-        q, tau = (np.array([np.mean(values[part], axis=0) for part in poses]) for values in (log.q, log.tau))
+        q, tau = (
+            np.array([np.mean(values[part], axis=0) for part in poses])
+            for values in (log.q, log.tau)
+        )
         besides: list[Floats] = []
     elif any_moves(log, robot).any():
         q, tau, besides = _in_motion(log, robot)
@@ -48,7 +51,10 @@ def check_gravity(log: Log, robot: Robot) -> None:
     largest = tuning.WEIGHT_SHARE_KNOWN if known else tuning.WEIGHT_SHARE_UNKNOWN
     missing = bool(shares) and max(share for share, _ in shares) < largest
     # Why: friction and noise of a motion that hardly lifts the arm hide its weight, whatever came out.
-    if missing and min(share + 2.0 * error for share, error in shares) < tuning.LEAST_WEIGHT * largest:
+    if (
+        missing
+        and min(share + 2.0 * error for share, error in shares) < tuning.LEAST_WEIGHT * largest
+    ):
         beside = [part[:, heaviest] for part in besides]
         if _likeness(load[:, heaviest], tau[:, heaviest], beside) > tuning.ALIKE:
             raise GravityRemoved(
@@ -72,10 +78,14 @@ def _in_motion(log: Log, robot: Robot) -> tuple[Floats, Floats, list[Floats]]:
     part = slice(first, first + tuning.MIDDLE_SAMPLES)
     # Why at most: a log so short has fewer samples than the smoothing would take.
     width = min(
-        max(3, round(tuning.SMOOTHING_S * (len(log) - 1) / float(np.ptp(log.t)))), max(3, len(log.t[part]) // 3)
+        max(3, round(tuning.SMOOTHING_S * (len(log) - 1) / float(np.ptp(log.t)))),
+        max(3, len(log.t[part]) // 3),
     )
     kernel = np.hanning(width + 2) / np.hanning(width + 2).sum()
-    q, tau = (np.apply_along_axis(np.convolve, 0, x, kernel, "valid") for x in (log.q[part], log.tau[part]))
+    q, tau = (
+        np.apply_along_axis(np.convolve, 0, x, kernel, "valid")
+        for x in (log.q[part], log.tau[part])
+    )
     t = np.convolve(log.t[part], kernel, "valid")
 
     def slope(x: Floats) -> Floats:
@@ -102,7 +112,9 @@ def _likeness(load: Floats, tau: Floats, besides: list[Floats]) -> float:
     return abs(float(own @ seen)) / max(float(np.linalg.norm(own) * np.linalg.norm(seen)), 1e-300)
 
 
-def _share(load: Floats, tau: Floats, besides: list[Floats], alike: float) -> tuple[float, float] | None:
+def _share(
+    load: Floats, tau: Floats, besides: list[Floats], alike: float
+) -> tuple[float, float] | None:
     """Return the measured change with the load over the expected one, and its standard error.
 
     None where the rest could explain the load as well.

@@ -41,18 +41,28 @@ OF_ALL = {"signs": "sign", "positions": "position", "torques": "torque"}
 def edited(robot: Robot, edit: Edit) -> Robot:
     """Return a robot file with one edit."""
     if edit.kind == "convention":
-        return replace(robot, convention="modified" if robot.convention == "standard" else "standard")
+        return replace(
+            robot, convention="modified" if robot.convention == "standard" else "standard"
+        )
     if edit.kind == "gravity":
         return replace(robot, gravity=edit.value)  # type: ignore[arg-type]
     n = robot.n
-    driver = robot.driver or DriverSpec("generic", None, robot.joint_names, JointMap((1.0,) * n, (0.0,) * n))
+    driver = robot.driver or DriverSpec(
+        "generic", None, robot.joint_names, JointMap((1.0,) * n, (0.0,) * n)
+    )
     if edit.kind == "order":
         names = robot.log_names
-        return replace(robot, driver=replace(driver, joint_names=tuple(names[int(k)] for k in edit.value)))
+        return replace(
+            robot, driver=replace(driver, joint_names=tuple(names[int(k)] for k in edit.value))
+        )
     if edit.kind == "unit":
         unit = "deg" if driver.units["position"] == "rad" else "rad"
         return replace(robot, driver=replace(driver, units={**driver.units, "position": unit}))
-    sign, offset, torque = list(driver.map.sign), list(driver.map.offset), list(driver.map.torque_signs)
+    sign, offset, torque = (
+        list(driver.map.sign),
+        list(driver.map.offset),
+        list(driver.map.torque_signs),
+    )
     if edit.kind == "offset":
         j = int(edit.value[0])
         offset[j] = math.remainder(offset[j] + edit.value[1] * math.pi / 2, 2 * math.pi)
@@ -134,7 +144,11 @@ def pasted(edits: Sequence[Edit], robot: Robot, named: bool = True) -> str:
     }
     inside = ", ".join(text for text, needed in keys.items() if needed)
     if inside:
-        lines.append(f"under `driver:` `{inside}`" if before is not None else f"`driver: {{kind: generic, {inside}}}`")
+        lines.append(
+            f"under `driver:` `{inside}`"
+            if before is not None
+            else f"`driver: {{kind: generic, {inside}}}`"
+        )
     return " and ".join(lines)
 
 
@@ -158,7 +172,9 @@ def edits_of(judge: Judge, names: Sequence[str]) -> Iterator[Edit]:
         yield from (Edit(kind, (float(j),)) for j in range(robot.n))
     yield from map(Edit, OF_ALL)
     for j, joint in enumerate(robot.joints):
-        yield from (Edit("offset", (float(j), quarter)) for quarter in (1.0, -1.0, 2.0) if joint.revolute)
+        yield from (
+            Edit("offset", (float(j), quarter)) for quarter in (1.0, -1.0, 2.0) if joint.revolute
+        )
     yield Edit("unit")
     yield from _orders(judge, names)
 
@@ -186,7 +202,11 @@ def _orders(judge: Judge, names: Sequence[str]) -> Iterator[Edit]:
         [by_name.index(k) for k in same],
         _by_size(judge),
     ]
-    swaps = [[b if k == a else a if k == b else k for k in same] for a in range(n) for b in range(a + 1, n)]
+    swaps = [
+        [b if k == a else a if k == b else k for k in same]
+        for a in range(n)
+        for b in range(a + 1, n)
+    ]
     for order in [*swaps, *whole]:
         if sorted(order) == same and tuple(order) not in seen:
             seen.add(tuple(order))
@@ -202,7 +222,11 @@ def _by_size(judge: Judge) -> list[int]:
     wanted = size if np.isfinite(size).all() else carried
     cost = np.abs(np.log(have / have.mean())[None, :] - np.log(wanted / wanted.mean())[:, None])
     for j, joint in enumerate(robot.joints):
-        if joint.limits.position is not None and robot.coupling is None and robot.driver is not None:
+        if (
+            joint.limits.position is not None
+            and robot.coupling is None
+            and robot.driver is not None
+        ):
             map_ = robot.driver.map
             low, high = sorted((np.array(joint.limits.position) - map_.offset[j]) * map_.sign[j])
             outside = np.maximum(0, x[0].max(axis=0) - high) + np.maximum(0, low - x[0].min(axis=0))
@@ -212,9 +236,13 @@ def _by_size(judge: Judge) -> list[int]:
 
 def unlikeliness(edit: Edit) -> float:
     """Return how much less likely a mistake is than the likeliest one, in units of ``tuning.CLEAR``."""
-    moved = sum(int(source) != k for k, source in enumerate(edit.value)) if edit.kind == "order" else 0
+    moved = (
+        sum(int(source) != k for k, source in enumerate(edit.value)) if edit.kind == "order" else 0
+    )
     odd = tuning.COLUMN_MOVED * max(0, moved - 2)
-    return tuning.UNLIKELY[edit.kind] + (min(odd, tuning.REGULAR_ORDER) if _regular(edit.value) else odd)
+    return tuning.UNLIKELY[edit.kind] + (
+        min(odd, tuning.REGULAR_ORDER) if _regular(edit.value) else odd
+    )
 
 
 def _regular(order: Sequence[float]) -> bool:
@@ -226,7 +254,11 @@ def _regular(order: Sequence[float]) -> bool:
 def with_one_more(edits: tuple[Edit, ...], edit: Edit) -> tuple[Edit, ...] | None:
     """Return edits with one more, None where that says nothing new."""
     for before in edits:
-        if before.kind == edit.kind and edit.kind != "order" and (not edit.value or before.value[0] == edit.value[0]):
+        if (
+            before.kind == edit.kind
+            and edit.kind != "order"
+            and (not edit.value or before.value[0] == edit.value[0])
+        ):
             return None
         if before.kind == edit.kind == "gravity":
             return None
@@ -262,7 +294,9 @@ def assignment(cost: Floats) -> list[int]:
         while True:
             if column >= 0:
                 done[column] = True
-            reduced = cost[row] - row_price[row] - price + (distance[column] if column >= 0 else 0.0)
+            reduced = (
+                cost[row] - row_price[row] - price + (distance[column] if column >= 0 else 0.0)
+            )
             shorter = ~done & (reduced < distance)
             distance[shorter], before[shorter] = reduced[shorter], column
             column = int(np.argmin(np.where(done, np.inf, distance)))

@@ -40,9 +40,18 @@ WELL_EXPLAINED = -0.7
 #: How much less likely a mistake is, in units of ``CLEAR``, where several explain the log equally well. Evidence:
 #: none yet.
 UNLIKELY = {
-    "convention": 0.0, "sign": 0.0, "unit": 0.0, "torques": 0.02, "order": 0.04, "gravity": 0.04, "offset": 0.06,
-    "positions": 0.08, "signs": 0.08, "torque": 0.08, "position": 0.1,
-}  # fmt: skip
+    "convention": 0.0,
+    "sign": 0.0,
+    "unit": 0.0,
+    "torques": 0.02,
+    "order": 0.04,
+    "gravity": 0.04,
+    "offset": 0.06,
+    "positions": 0.08,
+    "signs": 0.08,
+    "torque": 0.08,
+    "position": 0.1,
+}
 #: The same for each column beyond two that another order moves, and for an order that recorders and people make.
 #: Evidence: none yet.
 COLUMN_MOVED, REGULAR_ORDER = 0.3, 0.3

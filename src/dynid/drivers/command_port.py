@@ -62,7 +62,9 @@ class CommandPort(ABC):
     slotted: ClassVar[bool] = False
     stop_words: ClassVar[str]
 
-    def __init__(self, node: Node, robot: Robot, state_topic: str, command_topic: str | None = None) -> None:
+    def __init__(
+        self, node: Node, robot: Robot, state_topic: str, command_topic: str | None = None
+    ) -> None:
         self.node, self.robot, self.state_topic = node, robot, state_topic
         self.command_topic = command_topic or self.default_command_topic()
         self.columns = Columns(robot)
@@ -142,9 +144,11 @@ class CommandPort(ABC):
         while publisher.get_num_connections() == 0:
             if time.monotonic() > end:
                 raise TopicSilent(
-                    f"nobody listens to {topic}", where=topic, why="commands would go nowhere",
+                    f"nobody listens to {topic}",
+                    where=topic,
+                    why="commands would go nowhere",
                     fix="is the driver's controller for that topic running?",
-                )  # fmt: skip
+                )
             time.sleep(0.02)
 
     def send(self, target: Target, measured: Floats) -> Any:  # noqa: ANN401
@@ -181,13 +185,16 @@ class CommandPort(ABC):
             ServiceMissing: this driver cannot.
         """
         raise ServiceMissing(
-            f"{type(self).__name__} has no service that zeroes torque sensors", fix="zero them by hand"
+            f"{type(self).__name__} has no service that zeroes torque sensors",
+            fix="zero them by hand",
         )
 
     def call(self, proxy: Any, name: str, request: Any = None) -> Any:  # noqa: ANN401
         """Call a service within a limit."""
         service_error = self.node.rospy.ServiceException
         try:
-            return within(SERVICE_PATIENCE, lambda: proxy(request) if request is not None else proxy())
+            return within(
+                SERVICE_PATIENCE, lambda: proxy(request) if request is not None else proxy()
+            )
         except (service_error, OSError, self.node.rospy.ROSException) as error:
             raise ServiceMissing(f"{name} did not answer ({error})", where=name) from error

@@ -38,17 +38,30 @@ CANCEL = "actionlib_msgs/GoalID"
 
 #: States of a goal by the numbers of actionlib_msgs/GoalStatus.
 STATES = (
-    "pending", "active", "preempted", "succeeded", "aborted", "rejected", "preempting", "recalling", "recalled", "lost",
-)  # fmt: skip
+    "pending",
+    "active",
+    "preempted",
+    "succeeded",
+    "aborted",
+    "rejected",
+    "preempting",
+    "recalling",
+    "recalled",
+    "lost",
+)
 ACTIVE, PREEMPTED, SUCCEEDED, ABORTED, REJECTED, RECALLED, LOST = 1, 2, 3, 4, 5, 8, 9
 #: A goal that has come to one of these moves nothing any more.
 ENDED = (PREEMPTED, SUCCEEDED, ABORTED, REJECTED, RECALLED, LOST)
 
 _NUMBERS = "".join(f"uint8 {name.upper()}={k}\n" for k, name in enumerate(STATES))
 _ERRORS = (
-    "SUCCESSFUL", "INVALID_GOAL", "INVALID_JOINTS", "OLD_HEADER_TIMESTAMP", "PATH_TOLERANCE_VIOLATED",
+    "SUCCESSFUL",
+    "INVALID_GOAL",
+    "INVALID_JOINTS",
+    "OLD_HEADER_TIMESTAMP",
+    "PATH_TOLERANCE_VIOLATED",
     "GOAL_TOLERANCE_VIOLATED",
-)  # fmt: skip
+)
 _CODES = "".join(f"int32 {name}={-k}\n" for k, name in enumerate(_ERRORS))
 _TEXTS = {
     "std_msgs/Header": "uint32 seq\ntime stamp\nstring frame_id\n",
@@ -64,7 +77,9 @@ _TEXTS = {
         "trajectory_msgs/JointTrajectory trajectory\nJointTolerance[] path_tolerance\nJointTolerance[] goal_tolerance\n"
         "duration goal_time_tolerance\n"
     ),
-    "control_msgs/FollowJointTrajectoryResult": (f"int32 error_code\n{_CODES}string error_string\n"),
+    "control_msgs/FollowJointTrajectoryResult": (
+        f"int32 error_code\n{_CODES}string error_string\n"
+    ),
     GOAL: "Header header\nactionlib_msgs/GoalID goal_id\nFollowJointTrajectoryGoal goal\n",
     RESULT: "Header header\nactionlib_msgs/GoalStatus status\nFollowJointTrajectoryResult result\n",
     STATUS: "Header header\nGoalStatus[] status_list\n",
@@ -133,13 +148,21 @@ class FollowJointTrajectoryPort(CommandPort):
         """Connect to goal and cancel, and wait for the server's status, which it publishes without a goal too."""
         rospy = self.node.rospy
         super().ready()
-        self._cancel = rospy.Publisher(self._topic("cancel"), action_message(CANCEL), queue_size=10, tcp_nodelay=True)
-        rospy.Subscriber(self._topic("status"), action_message(STATUS), self._status, tcp_nodelay=True)
-        rospy.Subscriber(self._topic("result"), action_message(RESULT), self._result, tcp_nodelay=True)
+        self._cancel = rospy.Publisher(
+            self._topic("cancel"), action_message(CANCEL), queue_size=10, tcp_nodelay=True
+        )
+        rospy.Subscriber(
+            self._topic("status"), action_message(STATUS), self._status, tcp_nodelay=True
+        )
+        rospy.Subscriber(
+            self._topic("result"), action_message(RESULT), self._result, tcp_nodelay=True
+        )
         try:
             self.wait_for_listener(self._cancel, self._topic("cancel"))
         except TopicSilent as error:
-            raise ServiceMissing(f"nobody listens to {self._topic('cancel')}", where=self._topic("cancel")) from error
+            raise ServiceMissing(
+                f"nobody listens to {self._topic('cancel')}", where=self._topic("cancel")
+            ) from error
         if not self._alive.wait(CONNECT_PATIENCE):
             raise TopicSilent(
                 f"{self._topic('status')} is silent for {CONNECT_PATIENCE:g} s",
@@ -170,7 +193,9 @@ class FollowJointTrajectoryPort(CommandPort):
         end = time.monotonic() + ACCEPT_PATIENCE
         while self._state < 1:
             if time.monotonic() > end:
-                raise GoalRefused(f"{self.command_topic} did not accept the motion within {ACCEPT_PATIENCE:g} s")
+                raise GoalRefused(
+                    f"{self.command_topic} did not accept the motion within {ACCEPT_PATIENCE:g} s"
+                )
             time.sleep(LOOK)
         self._judge()
         return time.monotonic(), goal
@@ -190,7 +215,10 @@ class FollowJointTrajectoryPort(CommandPort):
         goal = self.command_type()()
         goal.goal_id.stamp = genpy.Time(*divmod(time.time_ns(), 10**9))
         goal.goal_id.id = f"{self.node.rospy.get_name()}-{time.time_ns()}"
-        goal.goal.trajectory.joint_names, goal.goal.trajectory.points = list(self.columns.names), points
+        goal.goal.trajectory.joint_names, goal.goal.trajectory.points = (
+            list(self.columns.names),
+            points,
+        )
         return goal
 
     def finish(self) -> None:
@@ -203,7 +231,9 @@ class FollowJointTrajectoryPort(CommandPort):
         while self._state != SUCCEEDED:
             self._judge()
             if time.monotonic() > end:
-                raise GoalRefused(f"the controller did not reach the end within {FINISH_PATIENCE:g} s after it")
+                raise GoalRefused(
+                    f"the controller did not reach the end within {FINISH_PATIENCE:g} s after it"
+                )
             time.sleep(LOOK)
 
     def stop(self) -> str:
@@ -218,14 +248,18 @@ class FollowJointTrajectoryPort(CommandPort):
         while self._state not in ENDED:
             if time.monotonic() > end:
                 where = self._topic("cancel")
-                raise ServiceMissing(f"{where} did not confirm within {SERVICE_PATIENCE:g} s", where=where)
+                raise ServiceMissing(
+                    f"{where} did not confirm within {SERVICE_PATIENCE:g} s", where=where
+                )
             time.sleep(LOOK)
         return f"goal {STATES[self._state]}"
 
     def _judge(self) -> None:
         if self._state in ENDED and self._state != SUCCEEDED:
             reason = f": {self._text}" if self._text else ""
-            raise GoalRefused(f"the controller says that the motion is {STATES[self._state]}{reason}")
+            raise GoalRefused(
+                f"the controller says that the motion is {STATES[self._state]}{reason}"
+            )
 
     def _status(self, statuses: Any) -> None:  # noqa: ANN401
         self._alive.set()

@@ -38,7 +38,13 @@ class Driver:
     )
 
     def open_port(
-        self, node: Node, robot: Robot, state_topic: str, command_topic: str | None = None, *, moving: bool = True
+        self,
+        node: Node,
+        robot: Robot,
+        state_topic: str,
+        command_topic: str | None = None,
+        *,
+        moving: bool = True,
     ) -> CommandPort:
         """Return the port through which the arm is commanded: of the controller that listens, points or an action.
 
@@ -61,13 +67,17 @@ class Driver:
         _, subscribed, _ = node.master().getSystemState()
         types, heard = dict(node.master().getTopicTypes()), {name for name, _ in subscribed}
         topic, goals = choose_commands(types, heard, command_topic, streamed.command_topic)
-        return (FollowJointTrajectoryPort if goals else JointTrajectoryPort)(node, robot, state_topic, topic)
+        return (FollowJointTrajectoryPort if goals else JointTrajectoryPort)(
+            node, robot, state_topic, topic
+        )
 
     def ignores(self, name: str) -> bool:
         """Return whether a column is known not to be a joint of the arm."""
         return False
 
-    def choose_topic(self, topics: Mapping[str, str], asked: str | None, robot: Robot, bag: str) -> str:
+    def choose_topic(
+        self, topics: Mapping[str, str], asked: str | None, robot: Robot, bag: str
+    ) -> str:
         """Return the topic to read.
 
         Args:
@@ -85,8 +95,12 @@ class Driver:
         if wanted is None:
             return self._default_topic(states, topics, bag)
         if wanted not in topics:
-            better = shell("--topic", states[0]) if len(states) == 1 else "name one of them with --topic"
-            raise TopicMissing(f"topic '{wanted}' is not in {bag}; it has {_listed(topics)}", where=bag, fix=better)
+            better = (
+                shell("--topic", states[0]) if len(states) == 1 else "name one of them with --topic"
+            )
+            raise TopicMissing(
+                f"topic '{wanted}' is not in {bag}; it has {_listed(topics)}", where=bag, fix=better
+            )
         if topics[wanted] != JOINT_STATE:
             self.refuse_type(wanted, topics, bag)
         return wanted
@@ -146,7 +160,13 @@ class Lwr4Plus(Driver):
     )
 
     def open_port(
-        self, node: Node, robot: Robot, state_topic: str, command_topic: str | None = None, *, moving: bool = True
+        self,
+        node: Node,
+        robot: Robot,
+        state_topic: str,
+        command_topic: str | None = None,
+        *,
+        moving: bool = True,
     ) -> CommandPort:
         """Return the port of the position controller."""
         from dynid.drivers.lwr4plus import Lwr4PlusPort
@@ -189,7 +209,13 @@ class KinovaGen2(Driver):
         )
 
     def open_port(
-        self, node: Node, robot: Robot, state_topic: str, command_topic: str | None = None, *, moving: bool = True
+        self,
+        node: Node,
+        robot: Robot,
+        state_topic: str,
+        command_topic: str | None = None,
+        *,
+        moving: bool = True,
     ) -> CommandPort:
         """Return the port of the velocity topic."""
         from dynid.drivers.kinova_gen2 import KinovaGen2Port
@@ -197,7 +223,9 @@ class KinovaGen2(Driver):
         return KinovaGen2Port(node, robot, state_topic, command_topic)
 
 
-DRIVERS: dict[str, Driver] = {driver.kind: driver for driver in (KinovaGen2(), Lwr4Plus(), Driver())}
+DRIVERS: dict[str, Driver] = {
+    driver.kind: driver for driver in (KinovaGen2(), Lwr4Plus(), Driver())
+}
 
 
 def driver_of(robot: Robot) -> Driver:

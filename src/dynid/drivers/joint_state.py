@@ -53,7 +53,9 @@ class Columns:
             )
         self.names = robot.log_names
         self._known: dict[tuple[str, ...], list[int] | None] = {}
-        units = {"position": "rad", "velocity": "rad/s", "effort": "Nm"} | (robot.driver.units if robot.driver else {})
+        units = {"position": "rad", "velocity": "rad/s", "effort": "Nm"} | (
+            robot.driver.units if robot.driver else {}
+        )
         turning = np.array([joint.revolute for joint in robot.joints])
         # Why: one unit is given for all joints; `deg` says nothing about a sliding joint, which is then in metres.
         self._position, self._velocity = (
@@ -63,7 +65,9 @@ class Columns:
         self._effort = EFFORT[units["effort"]]
         self.sign = np.array(robot.driver.map.sign) if robot.driver else np.ones(robot.n)
         self._offset = np.array(robot.driver.map.offset) if robot.driver else np.zeros(robot.n)
-        self._torque_sign = self.sign * np.array(robot.driver.map.torque_signs) if robot.driver else self.sign
+        self._torque_sign = (
+            self.sign * np.array(robot.driver.map.torque_signs) if robot.driver else self.sign
+        )
 
     def indices(self, names: Sequence[str]) -> list[int] | None:
         """Return where the robot's joints stand in a message; None when one is missing."""
@@ -76,9 +80,16 @@ class Columns:
     def sample(self, message: Any, arrival: float) -> Sample | None:  # noqa: ANN401
         """Return a sensor_msgs/JointState in DH quantities; None for one that is not of this arm, or has no torques."""
         where = self.indices(message.name)
-        if where is None or len(message.position) != len(message.name) or len(message.effort) != len(message.name):
+        if (
+            where is None
+            or len(message.position) != len(message.name)
+            or len(message.effort) != len(message.name)
+        ):
             return None
-        q, tau = (np.array([values[i] for i in where], dtype=float) for values in (message.position, message.effort))
+        q, tau = (
+            np.array([values[i] for i in where], dtype=float)
+            for values in (message.position, message.effort)
+        )
         stamp = message.header.stamp.secs * 10**9 + message.header.stamp.nsecs
         return Sample(arrival, stamp, self.positions_dh(q), self.efforts_dh(tau))
 

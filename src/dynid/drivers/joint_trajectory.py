@@ -59,4 +59,6 @@ class JointTrajectoryPort(CommandPort):
 
     def _require_listener(self) -> None:
         if self.publisher.get_num_connections() == 0:
-            raise ServiceMissing(f"nobody listens to {self.command_topic} any more", where=self.command_topic)
+            raise ServiceMissing(
+                f"nobody listens to {self.command_topic} any more", where=self.command_topic
+            )

@@ -75,7 +75,9 @@ class KinovaGen2Port(CommandPort):
 
     def endpoints(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Return the velocity topic, and the services that stop and start."""
-        return (self.command_topic,), tuple(f"{self.namespace}/in/{name}" for name in ("stop", "start"))
+        return (self.command_topic,), tuple(
+            f"{self.namespace}/in/{name}" for name in ("stop", "start")
+        )
 
     def ready(self) -> None:
         """Connect, put the arm into position mode, and try the stop while it stands still.
@@ -104,10 +106,15 @@ class KinovaGen2Port(CommandPort):
 
     def zero_torques(self) -> None:
         """Call ``in/set_zero_torques``."""
-        self.call(self._proxy("ZeroTorques", "in/set_zero_torques"), f"{self.namespace}/in/set_zero_torques")
+        self.call(
+            self._proxy("ZeroTorques", "in/set_zero_torques"),
+            f"{self.namespace}/in/set_zero_torques",
+        )
 
     def _proxy(self, kind: str, name: str, *, persistent: bool = False) -> Any:  # noqa: ANN401
-        return self.node.rospy.ServiceProxy(f"{self.namespace}/{name}", kinova_service(kind), persistent=persistent)
+        return self.node.rospy.ServiceProxy(
+            f"{self.namespace}/{name}", kinova_service(kind), persistent=persistent
+        )
 
 
 @cache

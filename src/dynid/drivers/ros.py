@@ -30,7 +30,16 @@ PATIENCE = 2.0
 #: Where Ubuntu 20.04's Noetic and Debian 12's own packages put their Python modules.
 FOLDERS = ("/opt/ros/noetic/lib/python3/dist-packages", "/usr/lib/python3/dist-packages")
 #: What ``dynid record`` imports.
-MODULES = ("rospy", "rosgraph", "rosbag", "genpy", "genmsg", "sensor_msgs", "std_msgs", "trajectory_msgs")
+MODULES = (
+    "rospy",
+    "rosgraph",
+    "rosbag",
+    "genpy",
+    "genmsg",
+    "sensor_msgs",
+    "std_msgs",
+    "trajectory_msgs",
+)
 #: The line that installs all of it on Debian 12.
 APT = (
     "apt-get install -y --no-install-recommends python3-rospy python3-rosbag python3-rosmaster python3-roslaunch "
@@ -45,7 +54,9 @@ NICENESS = -10
 def ros_folders() -> list[str]:
     """Return the folders that may hold rospy, DYNID_ROS_PATH first."""
     own = os.environ.get("DYNID_ROS_PATH", "")
-    return [folder for folder in (*own.split(os.pathsep), *FOLDERS) if folder and Path(folder).is_dir()]
+    return [
+        folder for folder in (*own.split(os.pathsep), *FOLDERS) if folder and Path(folder).is_dir()
+    ]
 
 
 def missing_modules() -> list[str]:
@@ -182,7 +193,9 @@ class _Limited:
             try:
                 return within(self._patience, lambda: function(*args))
             except OSError as error:
-                raise MasterSilent(f"the ROS master at {self._uri} no longer answers ({error})") from error
+                raise MasterSilent(
+                    f"the ROS master at {self._uri} no longer answers ({error})"
+                ) from error
 
         return call
 
@@ -213,11 +226,18 @@ def connect(name: str, given: str | None = None, patience: float = PATIENCE) -> 
         within(
             5 * patience,
             lambda: rospy.init_node(
-                name, argv=[], anonymous=True, disable_signals=True, disable_rosout=True, disable_rostime=True
+                name,
+                argv=[],
+                anonymous=True,
+                disable_signals=True,
+                disable_rosout=True,
+                disable_rostime=True,
             ),
         )
     except (OSError, rospy.ROSException) as error:
-        raise MasterSilent(f"the master at {uri} did not take this node ({error})", where=uri) from error
+        raise MasterSilent(
+            f"the master at {uri} did not take this node ({error})", where=uri
+        ) from error
     _silence()
     return Node(rospy, uri, address)
 

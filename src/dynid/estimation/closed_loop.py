@@ -61,7 +61,9 @@ class Followed:
     rounds: int
 
 
-def follow(segment: Segment, arm: Arm, known: Floats, controller: Controller, cutoff: float) -> Followed:
+def follow(
+    segment: Segment, arm: Arm, known: Floats, controller: Controller, cutoff: float
+) -> Followed:
     """Simulate the closed loop over one segment, from the measured state at its beginning.
 
     Args:
@@ -78,8 +80,17 @@ def follow(segment: Segment, arm: Arm, known: Floats, controller: Controller, cu
     kp, kd = np.array(controller.kp), np.array(controller.kd)
     grid = float(segment.t[-1] - segment.t[0]) / max(1, len(segment) - 1)
     inertia = mass_matrices(arm.torque, segment.q[:: max(1, len(segment) // 200)])
-    fastest = float(np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(inertia, np.diag(kp)[None]))).max()))
-    finer = max(1, int(np.ceil(max(grid / tuning.SIMULATION_STEP_S, grid * fastest / tuning.SIMULATION_STEP_SHARE))))
+    fastest = float(
+        np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(inertia, np.diag(kp)[None]))).max())
+    )
+    finer = max(
+        1,
+        int(
+            np.ceil(
+                max(grid / tuning.SIMULATION_STEP_S, grid * fastest / tuning.SIMULATION_STEP_SHARE)
+            )
+        ),
+    )
     limits.check("samples", len(segment) * finer, "the simulated closed loop")
     step = grid / finer
     fine = segment.t[0] + step * np.arange((len(segment) - 1) * finer + 1)
@@ -87,7 +98,9 @@ def follow(segment: Segment, arm: Arm, known: Floats, controller: Controller, cu
         resampled(segment.t, x, fine) if finer > 1 else x
         for x in (kp * segment.command[0] + kd * segment.command[1], known, segment.q)
     )
-    problem = _ClosedLoop(arm.torque, kp, kd, step, max(1, round(tuning.MASS_MATRIX_SECONDS / step)))
+    problem = _ClosedLoop(
+        arm.torque, kp, kd, step, max(1, round(tuning.MASS_MATRIX_SECONDS / step))
+    )
     limit = tuning.SIMULATION_SETTLED * step * float(np.abs(segment.command[1]).max(initial=0.0))
     q, most = guess.copy(), 0
     q[1] = q[0] + step * segment.qd[0] + 0.5 * step**2 * segment.qdd[0]
@@ -98,7 +111,9 @@ def follow(segment: Segment, arm: Arm, known: Floats, controller: Controller, cu
         q[part], rounds = problem.solve(q[part], aim[part] - further[part], limit)
         most = max(most, rounds)
     motion = _differences(q, step)
-    smooth = [_thinned(x, cutoff, 1.0 / step, finer) for x in (*motion, arm.coulomb_sign(motion[1]))]
+    smooth = [
+        _thinned(x, cutoff, 1.0 / step, finer) for x in (*motion, arm.coulomb_sign(motion[1]))
+    ]
     return Followed(smooth[0], smooth[1], smooth[2], smooth[3], most)
 
 
@@ -138,12 +153,18 @@ def simulated(stack: Stack, theta: Floats, controller: Controller) -> Stack:
         found = follow(segment, arm, known, controller, cutoff)
         sign = found.coulomb_sign if segment.coulomb_sign.size else segment.command_coulomb_sign
         return replace(
-            segment, command_q=found.q, command_qd=found.qd, command_qdd=found.qdd, command_coulomb_sign=sign
+            segment,
+            command_q=found.q,
+            command_qd=found.qd,
+            command_qdd=found.qdd,
+            command_coulomb_sign=sign,
         )
 
     try:
         logs = [
-            replace(log, segments=[along(each, log.filter.position_cutoff) for each in log.segments])
+            replace(
+                log, segments=[along(each, log.filter.position_cutoff) for each in log.segments]
+            )
             for log in stack.logs
         ]
     except np.linalg.LinAlgError as error:
@@ -162,7 +183,9 @@ class _ClosedLoop:
     def solve(self, q: Floats, aim: Floats, limit: float) -> tuple[Floats, int]:
         """Return the motion from its first two samples on, and the number of corrections."""
         h = self.step
-        M = np.repeat(mass_matrices(self.torque, q[:: self.thinning]), self.thinning, axis=0)[1 : len(q) - 1]
+        M = np.repeat(mass_matrices(self.torque, q[:: self.thinning]), self.thinning, axis=0)[
+            1 : len(q) - 1
+        ]
         before: Floats | None = None
         for k in range(1, tuning.SIMULATION_ROUNDS + 1):
             state = tuple(x[1:-1] for x in _differences(q, h))
@@ -186,7 +209,8 @@ class _ClosedLoop:
     def _slope(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the slope of each joint's torque by the speeds, never negative, (N, n)."""
         more, less = (
-            self.torque(q, qd + side, qdd) for side in (tuning.SIMULATION_SLOPE_SPEED, -tuning.SIMULATION_SLOPE_SPEED)
+            self.torque(q, qd + side, qdd)
+            for side in (tuning.SIMULATION_SLOPE_SPEED, -tuning.SIMULATION_SLOPE_SPEED)
         )
         return np.maximum((more - less) / (2 * tuning.SIMULATION_SLOPE_SPEED), 0.0)
 

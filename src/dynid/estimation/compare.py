@@ -80,7 +80,9 @@ class Comparison:
 
 def same_parameters(one: Identification, other: Identification) -> bool:
     """Return whether two results have the same base parameters and joints, so that they can be compared."""
-    return one.names == other.names and [j.joint for j in one.joints] == [j.joint for j in other.joints]
+    return one.names == other.names and [j.joint for j in one.joints] == [
+        j.joint for j in other.joints
+    ]
 
 
 def compare(baseline: Identification, other: Identification) -> Comparison:
@@ -105,7 +107,12 @@ def compare(baseline: Identification, other: Identification) -> Comparison:
     scale = np.maximum(np.abs(baseline.theta), tuning.CHANGE_FLOOR_ERRORS * error)
     changes = tuple(
         Change(
-            name, float(before), float(after), _percent(float(before), float(after), float(size)), float(p), bool(sure)
+            name,
+            float(before),
+            float(after),
+            _percent(float(before), float(after), float(size)),
+            float(p),
+            bool(sure),
         )
         for name, before, after, size, p, sure in zip(
             baseline.names, baseline.theta, other.theta, scale, p_values, significant, strict=True
@@ -132,10 +139,15 @@ def biased(least_squares: Identification, instruments: Identification) -> list[s
     Source: Hausman 1978, "Specification tests in econometrics".
     """
     variances = [np.diagonal(each.plain_covariance) for each in (instruments, least_squares)]
-    error = np.sqrt(np.maximum(variances[0] - variances[1], tuning.HAUSMAN_LEAST_VARIANCE * variances[0]))
+    error = np.sqrt(
+        np.maximum(variances[0] - variances[1], tuning.HAUSMAN_LEAST_VARIANCE * variances[0])
+    )
     known = np.isfinite(instruments.std_error) & (instruments.std_error > 0)
     return _beyond(
-        instruments, least_squares.plain - instruments.plain, np.where(known, error, np.inf), tuning.HAUSMAN_ERRORS
+        instruments,
+        least_squares.plain - instruments.plain,
+        np.where(known, error, np.inf),
+        tuning.HAUSMAN_ERRORS,
     )
 
 

@@ -121,21 +121,34 @@ def external_torque(result: Identification, log: Log, false_alarms: float = 1.0)
         DynidError: the first serious fault of the log.
     """
     if not isinstance(false_alarms, (int, float)) or not 1e-6 <= false_alarms <= 1e6:
-        raise WrongUsage(f"{false_alarms!r} false alarms an hour cannot be had", fix="a number such as 1, or 0.1")
+        raise WrongUsage(
+            f"{false_alarms!r} false alarms an hour cannot be had", fix="a number such as 1, or 0.1"
+        )
     base = result.base
     checked = prepare(log, result.robot, identify=False)
     conditioned = condition_log(checked, base.model, cutoff=result.cutoff, delay=result.delay)
     (there,) = scaled([conditioned], base, result.theta)
     ends = 1.0 / there.filter.cutoff if there.filter.cutoff else 0.0
-    parts = [_segment(result, part, there, ends) for part in there.segments if np.ptp(part.t) > 3.0 * ends]
+    parts = [
+        _segment(result, part, there, ends)
+        for part in there.segments
+        if np.ptp(part.t) > 3.0 * ends
+    ]
     if not parts:
         longest = max(float(np.ptp(part.t)) for part in there.segments)
-        raise too_short(checked, f"{longest:.2f} s are left of the longest part", there.filter.cutoff, 3.0 * ends)
+        raise too_short(
+            checked,
+            f"{longest:.2f} s are left of the longest part",
+            there.filter.cutoff,
+            3.0 * ends,
+        )
     t, torque, size, hold = (np.concatenate(each) for each in zip(*parts, strict=True))
     ratio = np.abs(torque) / (size + hold)
     # Why at least 1: a log that happens to be smooth proves nothing about the next minute.
     rougher = np.maximum(1.0, np.median(ratio, axis=0) / MEDIAN)
-    threshold = multiple(false_alarms, len(result.noise), there.filter.cutoff) * rougher * size + hold
+    threshold = (
+        multiple(false_alarms, len(result.noise), there.filter.cutoff) * rougher * size + hold
+    )
     names = result.robot.joint_names
     found: list[Contact] = []
     start = 0
@@ -146,7 +159,15 @@ def external_torque(result: Identification, log: Log, false_alarms: float = 1.0)
     found.sort(key=lambda each: (each.start, each.joint))
     rate = 1.0 / float(there.segments[0].t[1] - there.segments[0].t[0])
     return ExternalTorque(
-        t, names, torque, threshold, tuple(found), float(false_alarms), rate, rougher, float(checked.t[0])
+        t,
+        names,
+        torque,
+        threshold,
+        tuple(found),
+        float(false_alarms),
+        rate,
+        rougher,
+        float(checked.t[0]),
     )
 
 
@@ -168,14 +189,19 @@ def multiple(false_alarms: float, n: int, cutoff: float) -> float:
 def inertial_columns(result: Identification) -> NDArray[np.bool_]:
     """Return which base parameters move masses and rotors, (p,)."""
     model = result.base.model
-    kinds = [model.parameters[k].kind if k < model.plain_size else "effect" for k in result.reduction.base]
+    kinds = [
+        model.parameters[k].kind if k < model.plain_size else "effect"
+        for k in result.reduction.base
+    ]
     return np.array([kind not in ("fv", "fc", "fo", "fvc", "fcc", "effect") for kind in kinds])
 
 
 def own_parameters(result: Identification) -> dict[int, Floats]:
     """Return the base parameters of each joint that contradicts the others, (p,), by number of the joint."""
     error = result.model_error
-    return {} if error is None else {int(j): result.theta + error.own[j] for j in error.joints_apart}
+    return (
+        {} if error is None else {int(j): result.theta + error.own[j] for j in error.joints_apart}
+    )
 
 
 def _segment(
@@ -204,15 +230,21 @@ def _segment(
     other = W[:, :, ~inertial] @ result.theta[~inertial]
     if error is None:
         root = symmetric_root(result.covariance)
-        variance = np.stack([np.sum((W[:, j] @ root) ** 2, axis=1) for j in range(W.shape[1])], axis=1)
+        variance = np.stack(
+            [np.sum((W[:, j] @ root) ** 2, axis=1) for j in range(W.shape[1])], axis=1
+        )
     else:
-        Z = orthogonal(shapes_of(q, qd, sign, error.speed), W, error.reference, error.scale, error.projection)
+        Z = orthogonal(
+            shapes_of(q, qd, sign, error.speed), W, error.reference, error.scale, error.projection
+        )
         own = np.einsum("mjp,jp->mj", W[:, :, ~inertial], error.own[:, ~inertial])
         other = other + np.einsum("mjk,jk->mj", Z, error.mean) + own
         variance = error.variance(W, Z, result.covariance)
     noise = result.noise if result.expected is None else result.expected.noise
     dt = float(segment.t[1] - segment.t[0])
-    found = MomentumObserver(observer, result.theta, inertial, tuning.OBSERVER_GAIN, own_parameters(result))
+    found = MomentumObserver(
+        observer, result.theta, inertial, tuning.OBSERVER_GAIN, own_parameters(result)
+    )
     torque = found.run(q, qd, segment.tau, other, dt)
     doubt = found.gain * found.momentum_size(q, _unsteadiness(q, dt))
     hold, doubt = (_spread(x, dt, log.filter.cutoff) for x in (_friction_doubt(result, qd), doubt))
@@ -260,10 +292,14 @@ def _spread(x: Floats, dt: float, cutoff: float) -> Floats:
     around = round((1.0 / cutoff if cutoff else 0.0) / dt)
     wide = maximum_filter1d(x, 2 * around + 1, axis=0, mode="nearest")
     # What the observer remembers lies before an instant only.
-    return np.asarray(maximum_filter1d(wide, before + 1, axis=0, mode="nearest", origin=before // 2))
+    return np.asarray(
+        maximum_filter1d(wide, before + 1, axis=0, mode="nearest", origin=before // 2)
+    )
 
 
-def _intervals(t: Floats, torque: Floats, threshold: Floats, names: tuple[str, ...]) -> list[Contact]:
+def _intervals(
+    t: Floats, torque: Floats, threshold: Floats, names: tuple[str, ...]
+) -> list[Contact]:
     """Return the intervals of each joint above its threshold."""
     found = []
     for j, name in enumerate(names):

@@ -31,7 +31,12 @@ Floats = NDArray[np.float64]
 ZERO_INSIDE = 1 / 1.96
 #: Words for how well a parameter is known: within a tenth of its value; zero as far as the torques can tell; within a
 #: third; or the log says nothing about it.
-KNOWN_WELL, NEGLIGIBLE, KNOWN_ROUGHLY, NOT_DETERMINED = "well", "negligible", "roughly", "not determined"
+KNOWN_WELL, NEGLIGIBLE, KNOWN_ROUGHLY, NOT_DETERMINED = (
+    "well",
+    "negligible",
+    "roughly",
+    "not determined",
+)
 WORDS = (KNOWN_WELL, NEGLIGIBLE, KNOWN_ROUGHLY, NOT_DETERMINED)
 
 
@@ -71,13 +76,17 @@ def hac_covariances(
         inside = part.mask & (np.abs(residual) <= tuning.HUBER * noise) if robust else part.mask
         if not (part.follows and growing):
             growing.append(Growing(len(theta)))
-        bounded = np.clip(residual, -tuning.HUBER * noise, tuning.HUBER * noise) if robust else residual
+        bounded = (
+            np.clip(residual, -tuning.HUBER * noise, tuning.HUBER * noise) if robust else residual
+        )
         scores = _scores(part, bounded / noise**2)
         if bread is None:
             _add_sensitivity(part, inside / noise**2, sensitivity)
         growing[-1].append(scores.T if basis is None else scores.T @ basis)
         instants += len(residual)
-        short = [*short, replace(part, usable=inside)] if instants <= tuning.SHORT_LOG_INSTANTS else []
+        short = (
+            [*short, replace(part, usable=inside)] if instants <= tuning.SHORT_LOG_INSTANTS else []
+        )
     if basis is not None:
         sensitivity, short = (
             basis.T @ sensitivity @ basis,
@@ -107,7 +116,10 @@ def _scores(rows: ObservationRows, weighted: Floats) -> Floats:
         rows: observation rows.
         weighted: residuals over noise^2, (M, n) [1 / (N m)].
     """
-    scores, Z = np.zeros((rows.size, len(weighted))), rows if rows.command is None else rows.instruments
+    scores, Z = (
+        np.zeros((rows.size, len(weighted))),
+        rows if rows.command is None else rows.instruments,
+    )
     for j, one in enumerate(np.ascontiguousarray(weighted.T)):
         columns, entries = Z.of_joint(j)
         scores[columns] += entries * one
@@ -183,7 +195,9 @@ def automatic_lags(series: Sequence[Floats]) -> int:
             together += np.einsum("kp,kp->p", here, after)
             release()
     rho = together / np.where(power > 0.0, power, 1.0)
-    rho = np.clip(rho, -0.97, 0.97)  # Andrews, Monahan 1992: a unit root would ask for infinitely many lags
+    rho = np.clip(
+        rho, -0.97, 0.97
+    )  # Andrews, Monahan 1992: a unit root would ask for infinitely many lags
     innovation = 1.0 - rho**2  # columns scaled to unit variance
     top = np.sum(4 * rho**2 * innovation**2 / ((1 - rho) ** 6 * (1 + rho) ** 2))
     bottom = np.sum(innovation**2 / (1 - rho) ** 4)
@@ -193,7 +207,11 @@ def automatic_lags(series: Sequence[Floats]) -> int:
 
 # ---------------------------------------------------------------- short logs
 def short_log_factor(
-    segments: Sequence[ObservationRows], bread: Floats, noise: Floats, lags: int, of: Sequence[int] | None = None
+    segments: Sequence[ObservationRows],
+    bread: Floats,
+    noise: Floats,
+    lags: int,
+    of: Sequence[int] | None = None,
 ) -> Floats:
     """Return the factor on each standard error after which 1.96 of them are a 95 % interval, (p,).
 
@@ -210,7 +228,9 @@ def short_log_factor(
         of: numbers of the parameters whose factors are wanted; None for all.
     """
     instants = sum(len(rows.tau) for rows in segments)
-    draws = int(np.clip(tuning.SHORT_LOG_WORK // max(instants, 1), tuning.LEAST_DRAWS, tuning.MOST_DRAWS))
+    draws = int(
+        np.clip(tuning.SHORT_LOG_WORK // max(instants, 1), tuning.LEAST_DRAWS, tuning.MOST_DRAWS)
+    )
     rng = np.random.default_rng(0)
     whitened = [_whitened(rows, noise) for rows in segments]
     kernels = [_kernel(rows) for rows in segments]
@@ -218,7 +238,9 @@ def short_log_factor(
         _filtered(rng, (draws, len(noise), len(rows.tau)), kernel) * rows.mask[:, :, None]
         for rows, kernel in zip(segments, kernels, strict=True)
     ]
-    scores = np.sum([np.tensordot(Z, e, ((0, 1), (0, 1))) for Z, e in zip(whitened, drawn, strict=True)], axis=0)
+    scores = np.sum(
+        [np.tensordot(Z, e, ((0, 1), (0, 1))) for Z, e in zip(whitened, drawn, strict=True)], axis=0
+    )
     error, wanted = bread @ scores, bread if of is None else bread[of]
     true, judged = np.zeros(len(wanted)), np.zeros((draws, len(wanted)))
     for rows, Z, kernel, e in zip(segments, whitened, kernels, drawn, strict=True):
@@ -244,12 +266,16 @@ def _judged(influence: Floats, left: Floats, width: int) -> Floats:
     for first in range(0, p, some):
         scores = left.swapaxes(1, 2) @ influence[:, :, first : first + some]
         sums = _moving_sums(scores.reshape(M, -1), width)
-        found[:, first : first + some] = np.einsum("tk,tk->k", sums, sums).reshape(draws, -1) / width
+        found[:, first : first + some] = (
+            np.einsum("tk,tk->k", sums, sums).reshape(draws, -1) / width
+        )
     return found
 
 
 def _factor(true: Floats, judged: Floats) -> Floats:
-    from scipy.special import stdtrit  # here: its import takes as long as an estimate from a long log
+    from scipy.special import (
+        stdtrit,
+    )  # here: its import takes as long as an estimate from a long log
 
     mean = np.maximum(judged.mean(axis=1), np.finfo(float).tiny)
     freedom = 2.0 * mean**2 / np.maximum(judged.var(axis=1, ddof=1), np.finfo(float).tiny)
@@ -283,7 +309,9 @@ def _variance(influence: Floats, kernel: Floats) -> Floats:
     """Return the variance that coloured noise gives the parameters, (p,)."""
     M, n, p = influence.shape
     ends = len(kernel) - 1
-    (spread,) = decimate(np.pad(influence.reshape(M, n * p).T, ((0, 0), (ends, ends))), kernel[None], 1)
+    (spread,) = decimate(
+        np.pad(influence.reshape(M, n * p).T, ((0, 0), (ends, ends))), kernel[None], 1
+    )
     return np.asarray(np.einsum("jpt,jpt->p", *2 * (spread.reshape(n, p, -1),)))
 
 
@@ -311,7 +339,9 @@ def judge(theta: Floats, std_error: Floats, effect: Floats) -> tuple[str, ...]:
         if error <= tuning.WELL_ERROR * size or small:
             judgement.append(KNOWN_WELL if error <= ZERO_INSIDE * size else NEGLIGIBLE)
         else:
-            judgement.append(KNOWN_ROUGHLY if error <= tuning.ROUGH_ERROR * size else NOT_DETERMINED)
+            judgement.append(
+                KNOWN_ROUGHLY if error <= tuning.ROUGH_ERROR * size else NOT_DETERMINED
+            )
     return tuple(judgement)
 
 

@@ -121,7 +121,9 @@ class Draws:
             "correlation": np.round(unit.T @ unit / len(unit), 4).tolist(),
             "random_torque_nm": [
                 {"joint": joint, "noise_rms": float(noise), "residual_model_rms": float(rms)}
-                for joint, noise, rms in zip(self.result.robot.joint_names, self.noise, left, strict=True)
+                for joint, noise, rms in zip(
+                    self.result.robot.joint_names, self.noise, left, strict=True
+                )
             ],
         }
 
@@ -154,7 +156,11 @@ def draws(result: Identification, count: int, seed: int = 0) -> Draws:
             d += np.einsum("apq,daq->dap", error.own_root[apart], rng.normal(size=d.shape))
             own = error.own[apart] + d
             moved[:, apart] += d
-        residual = error.mean + np.einsum("jkp,djp->djk", error.slope, moved) + np.einsum("jkl,djl->djk", error.root, z)
+        residual = (
+            error.mean
+            + np.einsum("jkp,djp->djk", error.slope, moved)
+            + np.einsum("jkl,djl->djk", error.root, z)
+        )
     noise = result.noise if result.expected is None else result.expected.noise
     return Draws(result, physical.names, x, residual, own, noise, seed)
 
@@ -183,7 +189,10 @@ def possible_draws(
         low, high = angle - 2.0 * np.pi, angle.copy()
         left, after = np.arange(count), step.copy()
         for _ in range(tuning.DRAW_TRIES):
-            tried = np.cos(angle[left])[:, None] * step[left] + np.sin(angle[left])[:, None] * fresh[left]
+            tried = (
+                np.cos(angle[left])[:, None] * step[left]
+                + np.sin(angle[left])[:, None] * fresh[left]
+            )
             good = _possible(x[left] + tried, constraints)
             after[left[good]] = tried[good]
             left = left[~good]

@@ -73,7 +73,9 @@ class _GainProblem:
 
     def theta(self, x: Floats, log: int) -> Floats:
         """Return the base parameters of a log, (p,)."""
-        return x[: self.p] + (self.body + self.extra @ x[self.p : self.p + self.extra.shape[1]] if log else 0.0)
+        return x[: self.p] + (
+            self.body + self.extra @ x[self.p : self.p + self.extra.shape[1]] if log else 0.0
+        )
 
     def jacobian(self, W: Floats, h: float, joint: int, x: Floats, log: int) -> Floats:
         """Return the derivative of h W theta by x for rows of one joint, (N, P)."""
@@ -87,7 +89,9 @@ class _GainProblem:
         return J
 
 
-def find_gains(stack: Stack, known: Floats, load: Load | None = None, scale_error: float = 0.0) -> Gains:
+def find_gains(
+    stack: Stack, known: Floats, load: Load | None = None, scale_error: float = 0.0
+) -> Gains:
     """Find the unknown gains, all positive.
 
     Args:
@@ -135,7 +139,10 @@ def known_load(base: BaseModel, stack: Stack, mass: float | None) -> Load:
     if mass is not None:
         return Load(stack, K[:, 0] * mass, np.hstack([rubbing, K[:, 1:]]))
     if tool is None:
-        raise WrongUsage("--loaded needs the mass of the load", fix="--load-mass KG, or `tool:` in the robot file")
+        raise WrongUsage(
+            "--loaded needs the mass of the load",
+            fix="--load-mass KG, or `tool:` in the robot file",
+        )
     return Load(stack, K @ tool.parameters(), rubbing)
 
 
@@ -161,7 +168,9 @@ def _first_guess(problem: _GainProblem, known: Floats) -> Floats:
             place = np.isnan(known[j])
             block[:, size + j] = -current if place else 0.0
             rows.append(scale * block)
-            right.append(scale * ((0.0 if place else known[j]) * current - log * (A @ problem.body)))
+            right.append(
+                scale * ((0.0 if place else known[j]) * current - log * (A @ problem.body))
+            )
     M, b = np.vstack(rows), np.concatenate(right)
     length = np.linalg.norm(M, axis=0)
     length = np.where(length > 0.0, length, 1.0)
@@ -173,7 +182,9 @@ def _first_guess(problem: _GainProblem, known: Floats) -> Floats:
     gains = x[size:] * np.sign(np.sum(x[size:]) or 1.0)
     middle = float(np.median(np.abs(gains[problem.unknown]))) or 1.0
     safe = np.where(gains > 1e-3 * middle, gains, middle)
-    return np.concatenate([x[:size] * np.sign(np.sum(x[size:]) or 1.0), -np.log(safe[problem.unknown])])
+    return np.concatenate(
+        [x[:size] * np.sign(np.sum(x[size:]) or 1.0), -np.log(safe[problem.unknown])]
+    )
 
 
 def _solve(problem: _GainProblem, x: Floats, known: Floats) -> tuple[Floats, Floats]:
@@ -209,11 +220,15 @@ def _linearised(problem: _GainProblem, x: Floats, h: Floats) -> Iterator[Observa
     for log, stack in enumerate(problem.stacks):
         theta = problem.theta(x, log)
         for rows in stack:
-            J = np.stack([problem.jacobian(rows.W[:, j], h_j, j, x, log) for j, h_j in enumerate(h)], axis=1)
+            J = np.stack(
+                [problem.jacobian(rows.W[:, j], h_j, j, x, log) for j, h_j in enumerate(h)], axis=1
+            )
             yield rows.with_arrays(J, rows.tau - h * (rows.W @ theta) + J @ x)
 
 
-def _variances(problem: _GainProblem, x: Floats, h: Floats, sigma: Floats, relative: bool) -> Floats:
+def _variances(
+    problem: _GainProblem, x: Floats, h: Floats, sigma: Floats, relative: bool
+) -> Floats:
     """Return the variance of log h, allowing for coloured residuals, of each unknown gain, (count,)."""
     information: Floats | float = 0.0
     for part in _linearised(problem, x, h):
@@ -232,7 +247,9 @@ def _variances(problem: _GainProblem, x: Floats, h: Floats, sigma: Floats, relat
             fix="move more joints at once and faster, or use a heavier load",
         )
     columns = axes[:, kept] / length[:, None]
-    reduced = [part.with_arrays(part.W @ columns, part.residual(x)) for part in _linearised(problem, x, h)]
+    reduced = [
+        part.with_arrays(part.W @ columns, part.residual(x)) for part in _linearised(problem, x, h)
+    ]
     inner = hac_covariances(reduced, np.zeros(columns.shape[1]), sigma)[0]
     spread = columns[len(x) - count :]
     if relative:

@@ -10,11 +10,25 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Finding, NothingChanged, PoorlyExcited, RankDeficient, WeakInstruments, WrongUsage
+from dynid.errors import (
+    Finding,
+    NothingChanged,
+    PoorlyExcited,
+    RankDeficient,
+    WeakInstruments,
+    WrongUsage,
+)
 from dynid.estimation import tuning
 from dynid.estimation.covariance import NOT_DETERMINED, judge
 from dynid.estimation.estimators import INSTRUMENTAL, METHODS, choose, test_of_instruments, wls
-from dynid.estimation.least_squares import Fit, condition_number, joint_rms, nonnegative, relative_error, solvable
+from dynid.estimation.least_squares import (
+    Fit,
+    condition_number,
+    joint_rms,
+    nonnegative,
+    relative_error,
+    solvable,
+)
 from dynid.estimation.posterior import (
     ExpectedError,
     Posterior,
@@ -68,7 +82,11 @@ def last_share(stack: Stack, share: float) -> HoldOut:
         cut = len(blocks) - max(1, round(share * len(blocks)))
         train[blocks[: max(1, cut)]] = True
         judged[blocks[cut:]] = True
-    return stack.select(train), stack.select(judged), f"last {100 * share:.0f} % of each log, {SAME_MOTION}"
+    return (
+        stack.select(train),
+        stack.select(judged),
+        f"last {100 * share:.0f} % of each log, {SAME_MOTION}",
+    )
 
 
 def last_motion(stack: Stack, share: float) -> HoldOut:
@@ -114,7 +132,9 @@ def stack_of_result(earlier: Identification, base: BaseModel) -> Stack:
             fix="identify both with the same robot file",
         )
     if not earlier.factors.size:
-        raise WrongUsage(f"{earlier.label} holds no triangular factors", fix="identify the earlier log again")
+        raise WrongUsage(
+            f"{earlier.label} holds no triangular factors", fix="identify the earlier log again"
+        )
     return Stack(
         base=base,
         factors=earlier.factors[None],
@@ -168,7 +188,9 @@ def estimate(
         chosen = choose(part)[0] if method == "auto" or part.first_fit.leaves_open else method
         return METHODS[chosen](part, prior, controller_of(base), corrected=False)
 
-    post = physical_posterior(base, plain, stack, refit=refit, residual_model=residual_model, size=size)
+    post = physical_posterior(
+        base, plain, stack, refit=refit, residual_model=residual_model, size=size
+    )
     sets = _sets(base, plain, post)
 
     @cache
@@ -223,7 +245,13 @@ def estimate(
             *excitation,
             *sensor_findings(base),
             *physics_findings(
-                base, stack.observer, plain, joint_rms(*stack.whole, post.alone), knowledge, in_force, error
+                base,
+                stack.observer,
+                plain,
+                joint_rms(*stack.whole, post.alone),
+                knowledge,
+                in_force,
+                error,
             ),
             *apart_findings(base, stack, theta, error),
         ),
@@ -244,7 +272,11 @@ def _header(base: BaseModel, stack: Stack) -> dict[str, Any]:
         "log_findings": [asdict(finding) for log in stack.logs for finding in log.findings],
     }
     first = stack.logs[0] if stack.logs else None
-    return header if first is None else {**header, "cutoff_hz": first.filter.cutoff, "delay_applied_s": first.delay}
+    return (
+        header
+        if first is None
+        else {**header, "cutoff_hz": first.filter.cutoff, "delay_applied_s": first.delay}
+    )
 
 
 def _of_squares(stack: Stack, left: Floats) -> tuple[Floats, float]:
@@ -254,18 +286,26 @@ def _of_squares(stack: Stack, left: Floats) -> tuple[Floats, float]:
     return np.sqrt(left / np.maximum(counts, 1)), float(100.0 * np.sqrt(left.sum()) / torque)
 
 
-def _sets(base: BaseModel, plain: Fit, post: Posterior) -> dict[str, tuple[Floats, Floats, ModelError | None]]:
+def _sets(
+    base: BaseModel, plain: Fit, post: Posterior
+) -> dict[str, tuple[Floats, Floats, ModelError | None]]:
     """Return base parameters (p,), their covariance (p, p) and the model error of both sets.
 
     No drive has negative friction or rotor inertia, whatever a log of one motion says, so the plain set that may be in
     force has none either.
     """
     table, reduction = base.model.parameters, base.reduction
-    alone = [len(reduction.terms(i)) == 1 and table[k].kind in POSITIVE for i, k in enumerate(reduction.base)]
+    alone = [
+        len(reduction.terms(i)) == 1 and table[k].kind in POSITIVE
+        for i, k in enumerate(reduction.base)
+    ]
     theta = plain.theta
     if plain.solution.rank == len(theta):
         theta = nonnegative(plain.whitened, theta, np.array(alone, dtype=bool))
-    return {"plain": (theta, plain.covariance, None), "physical": (post.theta, post.covariance, post.error)}
+    return {
+        "plain": (theta, plain.covariance, None),
+        "physical": (post.theta, post.covariance, post.error),
+    }
 
 
 def _held_out(
@@ -274,9 +314,14 @@ def _held_out(
     """Return the errors of each set on the held-out rows, fitted without them."""
     train, test, _ = holdout
     fit = METHODS[method](train, prior, controller_of(base), corrected=False)
-    again = physical_posterior(base, fit, train, refit=refit, residual_model=post.error is not None, like=post.error)
+    again = physical_posterior(
+        base, fit, train, refit=refit, residual_model=post.error is not None, like=post.error
+    )
     sets = _sets(base, fit, again)
-    return {key: _of_squares(test, squares(test, theta, error)) for key, (theta, _, error) in sets.items()}
+    return {
+        key: _of_squares(test, squares(test, theta, error))
+        for key, (theta, _, error) in sets.items()
+    }
 
 
 def _qualities(stack: Stack, rms: Floats, held: Floats | None) -> tuple[JointQuality, ...]:
@@ -286,7 +331,9 @@ def _qualities(stack: Stack, rms: Floats, held: Floats | None) -> tuple[JointQua
         JointQuality(
             joint=joint,
             rms=float(rms[j]),
-            relative_percent=float(100.0 * rms[j] * np.sqrt(counts[j]) / size[j]) if size[j] else 0.0,
+            relative_percent=float(100.0 * rms[j] * np.sqrt(counts[j]) / size[j])
+            if size[j]
+            else 0.0,
             torque_rms=float(size[j] / np.sqrt(max(1, counts[j]))),
             heldout_rms=None if held is None else float(held[j]),
         )
@@ -294,7 +341,9 @@ def _qualities(stack: Stack, rms: Floats, held: Floats | None) -> tuple[JointQua
     )
 
 
-def _certainty(plain: Fit, theta: Floats, covariance: Floats, *, physical: bool) -> tuple[Floats, tuple[str, ...]]:
+def _certainty(
+    plain: Fit, theta: Floats, covariance: Floats, *, physical: bool
+) -> tuple[Floats, tuple[str, ...]]:
     """Return standard errors and how well each parameter is known.
 
     Directions that the log leaves open are infinite for the plain estimate; for the physical set they are as wide as
@@ -323,11 +372,17 @@ def _require_change(prior: Floats, *, plain: Floats, physical: Floats) -> None:
 
     if known.any() and same(physical).all() and not same(plain).all():
         count = int(known.sum())
-        raise NothingChanged(f"nothing changed: the physical parameters equal the prior in {count} of {count}")
+        raise NothingChanged(
+            f"nothing changed: the physical parameters equal the prior in {count} of {count}"
+        )
 
 
 def _in_force(
-    stack: Stack, method: str, plain: Fit, post: Posterior, judged: Callable[[str], tuple[Floats, float, ExpectedError]]
+    stack: Stack,
+    method: str,
+    plain: Fit,
+    post: Posterior,
+    judged: Callable[[str], tuple[Floats, float, ExpectedError]],
 ) -> tuple[str, str]:
     """Decide which parameters are in force, and say why.
 
@@ -356,7 +411,10 @@ def _in_force(
     missing = f"no physically possible arm explains the torques ({figures}), so something is missing: try dynid gap"
     expected = {key: judged(key)[2].exciting_percent for key in SETS.values()}
     if expected["physical"] < tuning.CLEARLY_BETTER * expected["plain"]:
-        return "physical", f"{missing}; on other motions the physical parameters should still be better"
+        return (
+            "physical",
+            f"{missing}; on other motions the physical parameters should still be better",
+        )
     return "plain", missing
 
 
@@ -385,13 +443,24 @@ def weakly_excited(base: BaseModel, stack: Stack, prior: Floats) -> list[Finding
     error[np.abs(fit.solution.weak).max(axis=1, initial=0.0) > 1e-9] = np.inf
     size = np.maximum(np.abs(fit.theta), np.abs(np.nan_to_num(prior)))
     rows = max(1, int(stack.whole[1].sum()))
-    harmless = error * np.linalg.norm(fit.whitened[:, :-1], axis=0) / np.sqrt(rows) <= tuning.HARMLESS_TORQUE
+    harmless = (
+        error * np.linalg.norm(fit.whitened[:, :-1], axis=0) / np.sqrt(rows)
+        <= tuning.HARMLESS_TORQUE
+    )
     relative = error / np.maximum(size, np.finfo(float).tiny)
-    weak = [k for k in np.argsort(-relative) if relative[k] > tuning.ROUGH_ERROR and not harmless[k]]
-    findings = [_finding(base, stack, int(k), float(relative[k])) for k in weak[: tuning.FINDINGS_WORDED]]
+    weak = [
+        k for k in np.argsort(-relative) if relative[k] > tuning.ROUGH_ERROR and not harmless[k]
+    ]
+    findings = [
+        _finding(base, stack, int(k), float(relative[k])) for k in weak[: tuning.FINDINGS_WORDED]
+    ]
     if len(weak) > tuning.FINDINGS_WORDED:
         rest = ", ".join(stack.names[k] for k in weak[tuning.FINDINGS_WORDED :])
-        findings.append(Finding("W402", "warning", f"also hardly excited: {rest}", {"parameters": rest.split(", ")}))
+        findings.append(
+            Finding(
+                "W402", "warning", f"also hardly excited: {rest}", {"parameters": rest.split(", ")}
+            )
+        )
     return findings
 
 
@@ -399,7 +468,12 @@ def _finding(base: BaseModel, stack: Stack, k: int, relative: float) -> Finding:
     name = stack.names[k]
     evidence = {"parameter": name, "relative_error": relative if np.isfinite(relative) else None}
     if not np.isfinite(relative):
-        return Finding("W402", "warning", f"{name} leaves no trace in this log: {_reason(base, stack, k)}", evidence)
+        return Finding(
+            "W402",
+            "warning",
+            f"{name} leaves no trace in this log: {_reason(base, stack, k)}",
+            evidence,
+        )
     factor = relative / tuning.WELL_ERROR
     more = f"{factor:.0f} times more" if factor < tuning.MOST_SENSIBLE else "far more"
     why = f"{name} hardly excited (error {100 * relative:.0f} %): {_reason(base, stack, k)}"
@@ -417,7 +491,9 @@ def _reason(base: BaseModel, stack: Stack, k: int) -> str:
     if kind.startswith("I"):
         # Why filtered once more: behind the position filter alone, encoder noise still looks like acceleration.
         largest = max(
-            float(np.abs(decimate(s.qdd[:, j][None, :], log.filter.second_kernel, 1)).max(initial=0.0))
+            float(
+                np.abs(decimate(s.qdd[:, j][None, :], log.filter.second_kernel, 1)).max(initial=0.0)
+            )
             for log in stack.logs
             for s in log.segments
         )
@@ -432,7 +508,9 @@ def _reason(base: BaseModel, stack: Stack, k: int) -> str:
     return f"{joint.name} covers only {max(spans):.2g} {unit}: gravity and speed change little"
 
 
-def excitation_findings(stack: Stack, plain: Fit, cost: float, *, drop_weak: bool) -> tuple[Finding, ...]:
+def excitation_findings(
+    stack: Stack, plain: Fit, cost: float, *, drop_weak: bool
+) -> tuple[Finding, ...]:
     """Say when the logs do not determine all base parameters, or some only through what is left of noise.
 
     Args:
@@ -449,7 +527,9 @@ def excitation_findings(stack: Stack, plain: Fit, cost: float, *, drop_weak: boo
     if rank < size:
         open_ = np.abs(plain.solution.weak).max(axis=1)
         names = ", ".join(stack.names[k] for k in np.flatnonzero(open_ > 1e-3 * open_.max()))
-        text = f"this log determines {rank} of {size} base parameters; it cannot tell apart: {names}"
+        text = (
+            f"this log determines {rank} of {size} base parameters; it cannot tell apart: {names}"
+        )
         if not drop_weak:
             fix = "record a motion in which every joint moves on its own, or continue with --drop-weak"
             raise RankDeficient(text, fix=fix)
@@ -486,10 +566,14 @@ def instrument_findings(stack: Stack, plain: Fit, why: str) -> tuple[Finding, ..
         return ()
     test = test_of_instruments(stack)
     if asked:
-        left, least = (relative_error(stack.whole[0], theta) for theta in (plain.theta, stack.first_fit.theta))
+        left, least = (
+            relative_error(stack.whole[0], theta) for theta in (plain.theta, stack.first_fit.theta)
+        )
         if contradicts(left, least):
             because = f": {test.said()}" if test.weak else ""
-            raise WeakInstruments(f"{plain.method} leaves {left:.3g} % of the torque, wls {least:.3g} %{because}")
+            raise WeakInstruments(
+                f"{plain.method} leaves {left:.3g} % of the torque, wls {least:.3g} %{because}"
+            )
     if not test.weak:
         return ()
     done = f"{plain.method} was asked for all the same" if asked else f"{plain.method} is used"
@@ -500,7 +584,11 @@ def instrument_findings(stack: Stack, plain: Fit, why: str) -> tuple[Finding, ..
 def sensor_findings(base: BaseModel) -> list[Finding]:
     """Say what a torque sensor between gear and link cannot see."""
     reduction, table = base.reduction, base.model.parameters
-    rotors = [name for name, k in zip(reduction.base_names, reduction.base, strict=True) if table[k].kind == "Im"]
+    rotors = [
+        name
+        for name, k in zip(reduction.base_names, reduction.base, strict=True)
+        if table[k].kind == "Im"
+    ]
     if base.robot.torque.source not in ("joint_sensor", "unknown") or not rotors:
         return []
     if base.robot.torque.source == "unknown":
@@ -517,7 +605,9 @@ def sensor_findings(base: BaseModel) -> list[Finding]:
     return [Finding("W410", "info", text, {"parameters": rotors})]
 
 
-def apart_findings(base: BaseModel, stack: Stack, theta: Floats, error: ModelError | None) -> list[Finding]:
+def apart_findings(
+    base: BaseModel, stack: Stack, theta: Floats, error: ModelError | None
+) -> list[Finding]:
     """Say which joints have torques that contradict those of the others, and by which factor where it is only one.
 
     Args:
@@ -530,9 +620,19 @@ def apart_findings(base: BaseModel, stack: Stack, theta: Floats, error: ModelErr
     if error is None or not len(apart):
         return []
     names = [base.robot.joint_names[j] for j in apart]
-    scales = {name: scale_of(base, stack, theta, error, int(j)) for name, j in zip(names, apart, strict=True)}
-    told = [f"{name} has {scale:.2f} times what they ask for" for name, scale in scales.items() if scale is not None]
-    cause = "; ".join(told) or "another scale or sign, a part of it, a stuck reading, or what the model lacks"
+    scales = {
+        name: scale_of(base, stack, theta, error, int(j))
+        for name, j in zip(names, apart, strict=True)
+    }
+    told = [
+        f"{name} has {scale:.2f} times what they ask for"
+        for name, scale in scales.items()
+        if scale is not None
+    ]
+    cause = (
+        "; ".join(told)
+        or "another scale or sign, a part of it, a stuck reading, or what the model lacks"
+    )
     text = (
         f"the torques of {', '.join(names)} contradict those of the other joints: {cause}. They have parameters of "
         "their own in predictions and no say in those of the arm"
@@ -540,7 +640,9 @@ def apart_findings(base: BaseModel, stack: Stack, theta: Floats, error: ModelErr
     return [Finding("W413", "warning", text, {"joints": names, "scales": scales})]
 
 
-def scale_of(base: BaseModel, stack: Stack, theta: Floats, error: ModelError, joint: int) -> float | None:
+def scale_of(
+    base: BaseModel, stack: Stack, theta: Floats, error: ModelError, joint: int
+) -> float | None:
     """Return how many times the torque that the other joints ask for a joint has; None where it is not only a scale.
 
     Friction is left out: no other joint tells it.
@@ -613,11 +715,17 @@ def physics_findings(
             f"the physical parameters explain {joint} worse than the plain fit: its torque error grows from "
             f"{plain.rms[worst]:.3g} to {rms[worst]:.3g} N m; a missing effect (dynid gap), or units, signs, payload"
         )
-        found.append(Finding("W404", "warning", text, {"joint": joint, "growth": float(growth[worst])}))
+        found.append(
+            Finding("W404", "warning", text, {"joint": joint, "growth": float(growth[worst])})
+        )
     if open_ > tuning.MANY_OPEN:
         count = f"{sum(word == NOT_DETERMINED for word in knowledge)} of {len(knowledge)} base parameters"
-        plain_text = "the plain estimate holds for motions like this one only; for others use --feasible"
-        consequence = "their values come mostly from the prior" if in_force == "physical" else plain_text
+        plain_text = (
+            "the plain estimate holds for motions like this one only; for others use --feasible"
+        )
+        consequence = (
+            "their values come mostly from the prior" if in_force == "physical" else plain_text
+        )
         text = f"{count} are not determined by this log: {consequence}"
         found.append(Finding("W406", "warning", text, {"share": open_}))
     return found

@@ -57,7 +57,13 @@ def look_for_spikes(rows: Iterable[ObservationRows], theta: Floats) -> tuple[Flo
     for part in rows:
         scaled = np.ascontiguousarray(part.residual(theta).T) / noise[:, None]
         square = scaled * scaled
-        powers = scaled, square, square * scaled, square * square, np.abs(scaled) > tuning.SPIKE_ERRORS
+        powers = (
+            scaled,
+            square,
+            square * scaled,
+            square * square,
+            np.abs(scaled) > tuning.SPIKE_ERRORS,
+        )
         moments += [np.sum(each, axis=1) for each in powers]
         count = count + part.mask.sum(axis=0)
     one, two, three, four, beyond = moments / np.maximum(count, 1)
@@ -80,7 +86,9 @@ def huber(rows: Iterable[ObservationRows], start: Fit, max_rounds: int = 50) -> 
     """
     theta, rounds = np.array(start.theta, dtype=float), 0
     while True:
-        noise = np.where(start.counts < tuning.NOISE_LEAST_ROWS, start.noise, robust_noise(rows, theta))
+        noise = np.where(
+            start.counts < tuning.NOISE_LEAST_ROWS, start.noise, robust_noise(rows, theta)
+        )
         factors, _ = joint_factors(_weighted(rows, theta, noise))
         R = merge(factors, 1.0 / noise)
         solution = solve(R)
@@ -88,13 +96,19 @@ def huber(rows: Iterable[ObservationRows], start: Fit, max_rounds: int = 50) -> 
         # Why not each parameter by its error: of those that the rows leave open both are rounding.
         moved = np.linalg.norm(R[:-1, :-1] @ change) / np.sqrt(max(1, solution.rank))
         if moved < tuning.HUBER_SETTLED or rounds == max_rounds:
-            return replace(start, method="irls", theta=theta, noise=noise, covariance=solution.inverse)
+            return replace(
+                start, method="irls", theta=theta, noise=noise, covariance=solution.inverse
+            )
 
 
-def _weighted(rows: Iterable[ObservationRows], theta: Floats, noise: Floats) -> Iterator[ObservationRows]:
+def _weighted(
+    rows: Iterable[ObservationRows], theta: Floats, noise: Floats
+) -> Iterator[ObservationRows]:
     for part in rows:
         root = np.sqrt(huber_weight(part.residual(theta), noise))
-        yield replace(part, entries=part.entries * root.T[part.joints], command=None, tau=part.tau * root)
+        yield replace(
+            part, entries=part.entries * root.T[part.joints], command=None, tau=part.tau * root
+        )
 
 
 def huber_weight(residual: Floats, noise: Floats) -> Floats:
@@ -135,7 +149,9 @@ def instrumental(
             break
         weigh = robust
     covariance, uncorrected = hac_covariances(rows, theta, noise, lags, robust=robust)
-    return replace(plain, method="iv", theta=theta, noise=noise, covariance=covariance, uncorrected=uncorrected)
+    return replace(
+        plain, method="iv", theta=theta, noise=noise, covariance=covariance, uncorrected=uncorrected
+    )
 
 
 @dataclass(frozen=True)
@@ -188,7 +204,10 @@ def test_of_instruments(stack: Stack) -> InstrumentTest:
             weight = part.mask / noise
             for j in range(len(noise)):
                 columns, W = part.of_joint(j)
-                Z, place = part.instruments.of_joint(j)[1], np.concatenate([columns, p + columns, [2 * p]])
+                Z, place = (
+                    part.instruments.of_joint(j)[1],
+                    np.concatenate([columns, p + columns, [2 * p]]),
+                )
                 rows = np.vstack([W, Z, part.tau[:, j]]) * weight[:, j]
                 both[np.ix_(place, place)] += rows @ rows.T
     split = np.array_split(np.array(list(blocks.values())), tuning.PARTS_OF_LOG)
@@ -197,17 +216,23 @@ def test_of_instruments(stack: Stack) -> InstrumentTest:
     size = np.sqrt(np.maximum(np.diagonal(whole), np.finfo(float).tiny))
     parts, whole = [each / np.outer(size, size) for each in parts], whole / np.outer(size, size)
     roots = [_inverse_root(whole[own, own]) for own in (slice(0, p), slice(p, 2 * p))]
-    least = float(np.linalg.svd(roots[0].T @ whole[:p, p:-1] @ roots[1], compute_uv=False).min(initial=1.0))
+    least = float(
+        np.linalg.svd(roots[0].T @ whole[:p, p:-1] @ roots[1], compute_uv=False).min(initial=1.0)
+    )
     left = np.zeros(2)
     for each in parts:
         rest = whole - each
         seen = np.delete(np.delete(each, np.s_[p:-1], axis=0), np.s_[p:-1], axis=1)
         for k, by in enumerate((slice(0, p), slice(p, 2 * p))):
-            theta = np.append(np.linalg.lstsq(rest[by, :p], rest[by, -1], rcond=tuning.RANK_TOLERANCE)[0], -1.0)
+            theta = np.append(
+                np.linalg.lstsq(rest[by, :p], rest[by, -1], rcond=tuning.RANK_TOLERANCE)[0], -1.0
+            )
             left[k] += float(theta @ seen @ theta)
     independent = max(float(np.sum(stack.whole[1])) / tuning.COLOURED_ROWS - p, 1.0)
     strength = independent / p * least**2 / max(1.0 - least**2, np.finfo(float).eps)
-    return InstrumentTest(strength, float(np.sqrt(max(left[1], 0.0) / max(left[0], np.finfo(float).tiny))))
+    return InstrumentTest(
+        strength, float(np.sqrt(max(left[1], 0.0) / max(left[0], np.finfo(float).tiny)))
+    )
 
 
 def _inverse_root(matrix: Floats) -> Floats:
@@ -217,11 +242,15 @@ def _inverse_root(matrix: Floats) -> Floats:
     return np.asarray(vector[:, kept] / np.sqrt(value[kept]))
 
 
-def _normal_equations(rows: Iterable[ObservationRows], noise: Floats, theta: Floats | None) -> tuple[Floats, Floats]:
+def _normal_equations(
+    rows: Iterable[ObservationRows], noise: Floats, theta: Floats | None
+) -> tuple[Floats, Floats]:
     """Return (Z^T S W)^-1, (p, p), and Z^T S tau, (p,); Huber weights where theta is given."""
     left, right = np.zeros((0, 0)), np.zeros(0)
     for part in rows:
-        left, right = (left, right) if left.size else (np.zeros((part.size, part.size)), np.zeros(part.size))
+        left, right = (
+            (left, right) if left.size else (np.zeros((part.size, part.size)), np.zeros(part.size))
+        )
         weight = _weights(part, noise, theta)
         for j in range(len(noise)):
             (columns, W), (_, Z) = part.of_joint(j), part.instruments.of_joint(j)
@@ -251,7 +280,12 @@ class Estimator(Protocol):
     """From rows to parameters with error bars."""
 
     def __call__(
-        self, stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True
+        self,
+        stack: Stack,
+        prior: Floats,
+        controller: Controller | None = None,
+        *,
+        corrected: bool = True,
     ) -> Fit:
         """Return the fit.
 
@@ -263,25 +297,37 @@ class Estimator(Protocol):
         """
 
 
-def ols(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
+def ols(
+    stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True
+) -> Fit:
     """Ordinary least squares, the paper's choice (Eq. 24)."""
     return _with_covariance(stack, ordinary(*stack.whole), stack, corrected=corrected)
 
 
-def wls(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
+def wls(
+    stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True
+) -> Fit:
     """Least squares with one noise level per joint."""
     factors, counts = stack.whole
-    fit = weighted(whitened_factors(factors, stack.reversals) if stack.reversals else factors, counts)
+    fit = weighted(
+        whitened_factors(factors, stack.reversals) if stack.reversals else factors, counts
+    )
     return _with_covariance(stack, fit, _whitened(stack), corrected=corrected)
 
 
-def irls(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
+def irls(
+    stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True
+) -> Fit:
     """Least squares in which spikes have little weight (Huber)."""
     rows = _whitened(stack)
-    return _with_covariance(stack, huber(rows, stack.first_fit), rows, robust=True, corrected=corrected)
+    return _with_covariance(
+        stack, huber(rows, stack.first_fit), rows, robust=True, corrected=corrected
+    )
 
 
-def iv(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
+def iv(
+    stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True
+) -> Fit:
     """Instrumental variables from the commanded motion, which knows nothing of the encoders' noise."""
     if not stack.commanded:
         raise WrongUsage(
@@ -291,7 +337,9 @@ def iv(stack: Stack, prior: Floats, controller: Controller | None = None, *, cor
     return instrumental(_whitened(stack), stack.first_fit, robust=True)
 
 
-def idim_iv(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
+def idim_iv(
+    stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True
+) -> Fit:
     """Instrumental variables from the arm simulated under its controller.
 
     The simulated motion follows the measured one more closely than the command does, where friction or gravity make the
@@ -301,13 +349,18 @@ def idim_iv(stack: Stack, prior: Floats, controller: Controller | None = None, *
     fit = instrumental(_whitened(stack), stack.first_fit, robust=True)
     for _ in range(tuning.IDIM_ROUNDS):
         again = simulate(fit.theta)
-        before, fit = fit.theta, instrumental(list(whitened(again, effects)) if effects else again, fit, robust=True)
+        before, fit = (
+            fit.theta,
+            instrumental(list(whitened(again, effects)) if effects else again, fit, robust=True),
+        )
         if _settled(fit, before, tuning.IDIM_SETTLED):
             break
     return replace(fit, method="idim-iv")
 
 
-def didim(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
+def didim(
+    stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True
+) -> Fit:
     """Direct and inverse model: the torques of the arm simulated under its controller are fitted to the measured ones.
 
     Measured positions take no part, so their noise cannot bias anything; wrong gains can. The simulated motion hardly
@@ -317,23 +370,39 @@ def didim(stack: Stack, prior: Floats, controller: Controller | None = None, *, 
     fit = instrumental(_whitened(stack), stack.first_fit, robust=True)
     for _ in range(tuning.DIDIM_ROUNDS):
         simulated = simulate(fit.theta)
-        rows, before = simulated.with_logs([driven_as_commanded(log) for log in simulated.logs]), fit.theta
+        rows, before = (
+            simulated.with_logs([driven_as_commanded(log) for log in simulated.logs]),
+            fit.theta,
+        )
         found = weighted(*joint_factors(rows))
         _, robust = look_for_spikes(rows, found.theta)
         if robust:
             found = huber(rows, found)
         covariance, uncorrected = hac_covariances(rows, found.theta, found.noise, robust=robust)
-        fit = replace(fit, theta=found.theta, noise=found.noise, covariance=covariance, uncorrected=uncorrected)
+        fit = replace(
+            fit,
+            theta=found.theta,
+            noise=found.noise,
+            covariance=covariance,
+            uncorrected=uncorrected,
+        )
         if _settled(fit, before, tuning.DIDIM_SETTLED):
             break
     return replace(fit, method="didim")
 
 
-def ridge_to_prior(stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True) -> Fit:
+def ridge_to_prior(
+    stack: Stack, prior: Floats, controller: Controller | None = None, *, corrected: bool = True
+) -> Fit:
     """Weighted pseudo-inverse with prior data, in base parameters (the paper's last remark on estimation)."""
     known = np.nan_to_num(prior)
-    spread = np.maximum(tuning.RIDGE_SPREAD * np.abs(known), tuning.RIDGE_FLOOR * max(1.0, float(np.abs(known).max())))
-    return ridge(*stack.whole, known, np.diag(np.where(np.isnan(prior), 1e3 * spread.max(), spread) ** 2))
+    spread = np.maximum(
+        tuning.RIDGE_SPREAD * np.abs(known),
+        tuning.RIDGE_FLOOR * max(1.0, float(np.abs(known).max())),
+    )
+    return ridge(
+        *stack.whole, known, np.diag(np.where(np.isnan(prior), 1e3 * spread.max(), spread) ** 2)
+    )
 
 
 #: The estimators by name.
@@ -377,7 +446,12 @@ def choose(stack: Stack) -> tuple[str, str]:
 
 
 def _with_covariance(
-    stack: Stack, fit: Fit, rows: Iterable[ObservationRows], *, robust: bool = False, corrected: bool = True
+    stack: Stack,
+    fit: Fit,
+    rows: Iterable[ObservationRows],
+    *,
+    robust: bool = False,
+    corrected: bool = True,
 ) -> Fit:
     """Return a fit with the factors of all rows as they are, and a covariance that allows for coloured residuals."""
     factors, counts = stack.whole
@@ -390,7 +464,11 @@ def _with_covariance(
     covariance, uncorrected = hac_covariances(
         _measured(rows), fit.theta, fit.noise, robust=robust, bread=bread, corrected=corrected
     )
-    return replace(fit, covariance=fit.solution.inverse if fit.leaves_open else covariance, uncorrected=uncorrected)
+    return replace(
+        fit,
+        covariance=fit.solution.inverse if fit.leaves_open else covariance,
+        uncorrected=uncorrected,
+    )
 
 
 def _with_earlier(stack: Stack, earlier: Earlier, fit: Fit) -> Floats:
@@ -415,7 +493,9 @@ def _whitened(stack: Stack) -> Iterable[ObservationRows]:
     return list(whitened(stack, stack.reversals)) if stack.reversals else stack
 
 
-def _simulation(stack: Stack, controller: Controller | None, method: str) -> Callable[[Floats], Stack]:
+def _simulation(
+    stack: Stack, controller: Controller | None, method: str
+) -> Callable[[Floats], Stack]:
     """Return what simulates the logs with given parameters."""
     if controller is None:
         raise WrongUsage(
@@ -427,7 +507,9 @@ def _simulation(stack: Stack, controller: Controller | None, method: str) -> Cal
             f"--method {method} needs the commanded motion, and the log has none (q_ref)",
             fix="use --method wls, or a log recorded by dynid record",
         )
-    from dynid.estimation.closed_loop import simulated  # here: the usual estimator simulates nothing
+    from dynid.estimation.closed_loop import (
+        simulated,
+    )  # here: the usual estimator simulates nothing
 
     return lambda theta: simulated(stack, theta, controller)
 

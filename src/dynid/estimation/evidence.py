@@ -17,7 +17,15 @@ from dynid.estimation.covariance import KNOWN_WELL, NEGLIGIBLE, NOT_DETERMINED
 from dynid.estimation.least_squares import relative_error
 from dynid.estimation.result import SAME_MOTION
 from dynid.files import typed
-from dynid.judgement.evidence import EffectEvidence, Event, Evidence, GapEvidence, JointEvidence, OtherArm, Unseen
+from dynid.judgement.evidence import (
+    EffectEvidence,
+    Event,
+    Evidence,
+    GapEvidence,
+    JointEvidence,
+    OtherArm,
+    Unseen,
+)
 
 if TYPE_CHECKING:
     from dynid.estimation.result import Identification
@@ -42,8 +50,13 @@ def found_log(result: Identification, number: int) -> Path:
     """
     named, beside = (list(result.header.get(key, [])) for key in ("logs", "logs_from_here"))
     name = Path(named[number] if number < len(named) else "")
-    near = [result.path.parent / beside[number]] if number < len(beside) and result.path.name else []
-    return next((path for path in (name, *near, result.path.parent / name) if name.name and path.exists()), name)
+    near = (
+        [result.path.parent / beside[number]] if number < len(beside) and result.path.name else []
+    )
+    return next(
+        (path for path in (name, *near, result.path.parent / name) if name.name and path.exists()),
+        name,
+    )
 
 
 def here(name: str) -> str:
@@ -83,7 +96,9 @@ def evidence_of(result: Identification) -> Evidence:
         result=str(result.path) if result.path.name else "",
         logs=tuple(typed(found_log(result, k)) for k in range(len(header.get("logs", [])))),
         joints=_joints(result),
-        repeats=None if header.get("noise_floor_nm") is None else bool(header.get("noise_repeats_s", 0.0)),
+        repeats=None
+        if header.get("noise_floor_nm") is None
+        else bool(header.get("noise_repeats_s", 0.0)),
         fitted=result.relative_error_percent,
         unseen=_held_out(result),
         possible=_possible(result),
@@ -91,8 +106,13 @@ def evidence_of(result: Identification) -> Evidence:
         physical=result.in_force == "physical",
         doubts=tuple(code for code in codes if code in DOUBTS),
         alarms=tuple(code for code in codes if code in ALARMS),
-        mass=None if result.robot.torque.relative else sum(link["mass_kg"] for link in result.links()),
-        reach=float(sum(np.hypot(joint.a, joint.d) for joint in result.robot.joints if joint.revolute)) or None,
+        mass=None
+        if result.robot.torque.relative
+        else sum(link["mass_kg"] for link in result.links()),
+        reach=float(
+            sum(np.hypot(joint.a, joint.d) for joint in result.robot.joints if joint.revolute)
+        )
+        or None,
         known=known / max(1, len(result.names)),
         open=result.knowledge.count(NOT_DETERMINED),
         condition=result.condition_number_scaled,
@@ -105,7 +125,9 @@ def evidence_of(result: Identification) -> Evidence:
 
 def _joints(result: Identification) -> tuple[JointEvidence, ...]:
     noise = result.header.get("noise_floor_nm") or ()
-    units = ["A" if result.robot.torque.relative else joint.torque_unit for joint in result.robot.joints]
+    units = [
+        "A" if result.robot.torque.relative else joint.torque_unit for joint in result.robot.joints
+    ]
     limits = [joint.limits.torque for joint in result.robot.joints]
     return tuple(
         JointEvidence(
@@ -130,12 +152,21 @@ def _sizes(result: Identification) -> tuple[float, ...]:
 
 
 def _held_out(result: Identification) -> tuple[Unseen, ...]:
-    percent, rms = result.heldout_relative_error_percent, [joint.heldout_rms for joint in result.joints]
+    percent, rms = (
+        result.heldout_relative_error_percent,
+        [joint.heldout_rms for joint in result.joints],
+    )
     if percent is None:
         return ()
     same = result.heldout.endswith(SAME_MOTION)
-    known = tuple(error / size for error, size in zip(rms, _sizes(result), strict=True) if error is not None)
-    return (Unseen(_held_out_name(result.heldout), percent, known if len(known) == len(rms) else (), same),)
+    known = tuple(
+        error / size for error, size in zip(rms, _sizes(result), strict=True) if error is not None
+    )
+    return (
+        Unseen(
+            _held_out_name(result.heldout), percent, known if len(known) == len(rms) else (), same
+        ),
+    )
 
 
 def _held_out_name(text: str) -> str:
@@ -143,7 +174,11 @@ def _held_out_name(text: str) -> str:
     if text.endswith(SAME_MOTION):
         return f"the {text} (held out)"
     motion = text.removeprefix(ANOTHER_MOTION)
-    return f"{Path(text).name} (held out)" if motion == text else f"{motion} (held out, another motion)"
+    return (
+        f"{Path(text).name} (held out)"
+        if motion == text
+        else f"{motion} (held out, another motion)"
+    )
 
 
 def _possible(result: Identification) -> float | None:
@@ -161,14 +196,19 @@ def _seconds(result: Identification) -> float | None:
 
 def _left_out(result: Identification) -> float | None:
     rows = result.samples * len(result.joints)
-    return max(0.0, 1.0 - float(result.counts.sum()) / rows) if rows and result.counts.size else None
+    return (
+        max(0.0, 1.0 - float(result.counts.sum()) / rows) if rows and result.counts.size else None
+    )
 
 
 # ---------------------------------------------------------------- beside the file
 def _with_files(evidence: Evidence, result: Identification) -> Evidence:
     """Add replays and the search beside a result, where they were made with the parameters that it has now."""
     folder = result.path.parent
-    replays = [_replay(path, result) for path in sorted((folder / "validation").glob("*/estimatedmotion.npz"))]
+    replays = [
+        _replay(path, result)
+        for path in sorted((folder / "validation").glob("*/estimatedmotion.npz"))
+    ]
     gap = folder / "gap.npz"
     return replace(
         evidence,
@@ -189,11 +229,21 @@ def _replay(path: Path, result: Identification) -> Unseen | None:
     left = np.where(motion.usable, motion.tau_measured - motion.tau_estimated, 0.0)
     torque = np.where(motion.usable, motion.tau_measured, 0.0)
     percent = 100.0 * float(np.linalg.norm(left)) / max(float(np.linalg.norm(torque)), 1e-12)
-    rms = np.linalg.norm(left, axis=0) / np.sqrt(np.maximum(1, motion.usable.sum(axis=0))) / np.array(_sizes(result))
+    rms = (
+        np.linalg.norm(left, axis=0)
+        / np.sqrt(np.maximum(1, motion.usable.sum(axis=0)))
+        / np.array(_sizes(result))
+    )
     log = found_path(result, str(header.get("log", path.parent.name)))
     expected = header.get("expected_percent")
     return Unseen(
-        Path(log).name, percent, tuple(rms.tolist()), bool(header.get("same_motion", False)), expected, True, log
+        Path(log).name,
+        percent,
+        tuple(rms.tolist()),
+        bool(header.get("same_motion", False)),
+        expected,
+        True,
+        log,
     )
 
 
@@ -243,7 +293,9 @@ def gap_evidence(
         repeats=float(record.get("repeats") or 0.0) > 0.0,
         more=tuple(str(name) for name in record.get("more", ())),
         unrepeatable=tuple(str(name) for name in record["not_repeatable"]),
-        events=tuple(Event(**{**event, "log": found(event["log"])}) for event in record.get("events", ())),
+        events=tuple(
+            Event(**{**event, "log": found(event["log"])}) for event in record.get("events", ())
+        ),
         kept=None if record.get("kept") is None else float(record["kept"]),
         expected=None if record.get("expected") is None else float(record["expected"]),
         kept_rms=tuple(float(x) for x in record.get("kept_rms", ())),
@@ -253,7 +305,9 @@ def gap_evidence(
 
 def _corrected(one: EffectEvidence, delay: float) -> bool:
     """Return whether most of a delay is known to the model."""
-    found = [value for name, value, _, _ in one.sizes if one.effect == "torque_delay" and name == "delay"]
+    found = [
+        value for name, value, _, _ in one.sizes if one.effect == "torque_delay" and name == "delay"
+    ]
     return bool(found) and abs(found[0] - delay) < 0.5 * abs(found[0])
 
 
@@ -264,7 +318,12 @@ def _effect(stored: dict[str, Any], *, named: bool) -> EffectEvidence:
     name, errors, units = str(stored["effect"]), dict(stored["std_errors"]), dict(stored["units"])
     title = CATALOGUE[name].title if name in CATALOGUE else name
     sizes = tuple(
-        (str(key), float(value), _error(errors[key]) if key in errors else 0.0, str(units.get(key, "")))
+        (
+            str(key),
+            float(value),
+            _error(errors[key]) if key in errors else 0.0,
+            str(units.get(key, "")),
+        )
         for key, value in dict(stored["values"]).items()
     )
     after = stored["rms_after"]

@@ -238,14 +238,23 @@ def shortened(history: History) -> History:
     runs = history.t.shape[1]
     if runs <= LONGEST:
         return history
-    weight = np.where(_known(history.value, history.std_error), 1.0, 0.0) / np.maximum(history.std_error, 1e-300) ** 2
+    weight = (
+        np.where(_known(history.value, history.std_error), 1.0, 0.0)
+        / np.maximum(history.std_error, 1e-300) ** 2
+    )
     weight = np.where(np.isfinite(weight), weight, 0.0)
     edges = np.linspace(0, runs, LONGEST + 1).astype(int)[:-1]
     total = np.add.reduceat(weight, edges, axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        value = np.add.reduceat(np.where(weight > 0, weight * history.value, 0.0), edges, axis=1) / total
+        value = (
+            np.add.reduceat(np.where(weight > 0, weight * history.value, 0.0), edges, axis=1)
+            / total
+        )
         counts = np.add.reduceat(np.isfinite(history.t).astype(float), edges, axis=1)
-        t = np.add.reduceat(np.where(np.isfinite(history.t), history.t, 0.0), edges, axis=1) / counts
+        t = (
+            np.add.reduceat(np.where(np.isfinite(history.t), history.t, 0.0), edges, axis=1)
+            / counts
+        )
         return History(history.arms, history.names, t, value, 1.0 / np.sqrt(total))
 
 
@@ -268,7 +277,12 @@ def _test(history: History, k: int) -> _Tested:
             _steps(t[part], y[part], s[part], good[part], omega2, memory)
             for part in (slice(first, first + TOGETHER) for first in range(0, len(t), TOGETHER))
         ]
-        found = _Steps(*(np.concatenate(each) for each in zip(*(vars(part).values() for part in parts), strict=True)))
+        found = _Steps(
+            *(
+                np.concatenate(each)
+                for each in zip(*(vars(part).values() for part in parts), strict=True)
+            )
+        )
         p_value, scale, freedom = _judged(found)
         # Why twice: the most restless arms were left out for the sake of those that changed, which are known now.
         usual, left_out = ~(p_value < SUSPECT), 0.0
@@ -285,7 +299,15 @@ def _test(history: History, k: int) -> _Tested:
     )
     errors = (np.sqrt(variance * own) for variance in (found.variance, found.level_variance))
     return _Tested(
-        p_value, found.split, found.before, found.after, next(errors), found.level, next(errors), known & ~good, table
+        p_value,
+        found.split,
+        found.before,
+        found.after,
+        next(errors),
+        found.level,
+        next(errors),
+        known & ~good,
+        table,
     )
 
 
@@ -295,7 +317,9 @@ def _judged(found: _Steps) -> tuple[Floats, float, float]:
     usual = enough.copy()
     p_value, scale, freedom = np.full(len(enough), np.nan), 1.0, 0.0
     for _ in range(3):
-        scale, freedom = _usual_variance(found.rss[usual] / (found.count[usual] - 1), found.count[usual] - 1)
+        scale, freedom = _usual_variance(
+            found.rss[usual] / (found.count[usual] - 1), found.count[usual] - 1
+        )
         p_value = np.where(enough, _chance(found, scale, freedom), np.nan)
         usual = enough & ~(p_value < SUSPECT)
     return p_value, scale, freedom
@@ -317,9 +341,12 @@ def _without_common(t: Floats, y: Floats, known: Mask) -> tuple[Floats, float]:
     deviations = apart[known]
     order = np.argsort(which, kind="stable")
     edges = np.searchsorted(which[order], np.arange(len(values) + 1))
-    shift = np.array([
-        np.median(deviations[order[a:b]]) if b - a >= FLEET else 0.0 for a, b in pairwise(edges.tolist())
-    ])  # fmt: skip
+    shift = np.array(
+        [
+            np.median(deviations[order[a:b]]) if b - a >= FLEET else 0.0
+            for a, b in pairwise(edges.tolist())
+        ]
+    )
     shift -= np.median(shift)
     found = y.copy()
     found[known] -= shift[which]
@@ -334,7 +361,9 @@ def _nanmedian(x: Floats, axis: int) -> Floats:
         return np.asarray(np.nanmedian(x, axis=axis))
 
 
-def _drift(t: Floats, y: Floats, s: Floats, known: Mask, arms: Mask, left_out: float) -> tuple[float, float]:
+def _drift(
+    t: Floats, y: Floats, s: Floats, known: Mask, arms: Mask, left_out: float
+) -> tuple[float, float]:
     """Return the variance of the drift between runs, and how long it lasts [days].
 
     Half the mean square difference of runs that are apart by a time; what is more than their errors is drift. Steps
@@ -347,7 +376,12 @@ def _drift(t: Floats, y: Floats, s: Floats, known: Mask, arms: Mask, left_out: f
         pairs = both.sum(axis=1)
         if not pairs.any():
             continue
-        half = np.where(both, (y[:, lag:] - y[:, :-lag]) ** 2 - s[:, lag:] ** 2 - s[:, :-lag] ** 2, 0.0).sum(axis=1) / 2
+        half = (
+            np.where(
+                both, (y[:, lag:] - y[:, :-lag]) ** 2 - s[:, lag:] ** 2 - s[:, :-lag] ** 2, 0.0
+            ).sum(axis=1)
+            / 2
+        )
         gap = np.where(both, t[:, lag:] - t[:, :-lag], 0.0).sum(axis=1)
         each = np.sort(half[pairs > 0] / pairs[pairs > 0])
         lags.append(float(lag))
@@ -359,7 +393,11 @@ def _drift(t: Floats, y: Floats, s: Floats, known: Mask, arms: Mask, left_out: f
     best = (np.inf, 0.0, MEMORIES[0])
     for memory in MEMORIES:
         shape = 1.0 - np.exp(-np.array(gaps) / memory)
-        size = max(0.0, float((weight * shape) @ np.array(excess)) / max(float((weight * shape) @ shape), 1e-300))
+        size = max(
+            0.0,
+            float((weight * shape) @ np.array(excess))
+            / max(float((weight * shape) @ shape), 1e-300),
+        )
         misfit = float(weight @ (np.array(excess) - size * shape) ** 2)
         if misfit < best[0] * (1 - 1e-9):
             best = (misfit, size, memory)
@@ -438,7 +476,9 @@ def _steps(t: Floats, y: Floats, s: Floats, good: Mask, omega2: float, memory: f
     )
 
 
-def _firm(step: Floats, rest: Floats, one: Floats, weight: Floats, lower: Floats, good: Mask) -> tuple[Floats, Floats]:
+def _firm(
+    step: Floats, rest: Floats, one: Floats, weight: Floats, lower: Floats, good: Mask
+) -> tuple[Floats, Floats]:
     """Return what a step takes away, (A,), without the run that speaks most for it, and what is left then.
 
     Args:
@@ -449,19 +489,28 @@ def _firm(step: Floats, rest: Floats, one: Floats, weight: Floats, lower: Floats
         lower: what whitens, (A, N, N); its columns stand for single runs.
         good: runs that count, (A, N).
     """
-    run = lower - (np.einsum("an,ank->ak", one, lower) / weight[:, None])[:, None, :] * one[:, :, None]
-    uu, ur, rr = (np.einsum("an,an->a", x, y)[:, None] for x, y in ((step, step), (step, rest), (rest, rest)))
+    run = (
+        lower
+        - (np.einsum("an,ank->ak", one, lower) / weight[:, None])[:, None, :] * one[:, :, None]
+    )
+    uu, ur, rr = (
+        np.einsum("an,an->a", x, y)[:, None] for x, y in ((step, step), (step, rest), (rest, rest))
+    )
     vv = np.einsum("ank,ank->ak", run, run)
     uv, vr = (np.einsum("an,ank->ak", x, run) for x in (step, rest))
     left = np.where(good & (vv > 1e-12), uu - uv**2 / np.where(vv > 1e-12, vv, 1.0), 0.0)
     size = ur - uv * vr / np.where(vv > 1e-12, vv, 1.0)
     # Why the sign: a step that turns round without one run was that run.
-    power = np.where((left > 1e-9 * uu) & (size * ur > 0), size**2 / np.where(left > 0, left, 1.0), 0.0)
+    power = np.where(
+        (left > 1e-9 * uu) & (size * ur > 0), size**2 / np.where(left > 0, left, 1.0), 0.0
+    )
     power = np.where(good, power, np.inf)
     least = np.argmin(power, axis=1)
     a = np.arange(len(step))
     found = np.where(np.isfinite(power[a, least]), power[a, least], 0.0)
-    return found, np.maximum(rr[:, 0] - (vr**2 / np.where(vv > 1e-12, vv, 1.0))[a, least] - found, 0.0)
+    return found, np.maximum(
+        rr[:, 0] - (vr**2 / np.where(vv > 1e-12, vv, 1.0))[a, least] - found, 0.0
+    )
 
 
 def _chance(found: _Steps, scale: float, prior: float) -> Floats:
@@ -477,7 +526,9 @@ def _chance(found: _Steps, scale: float, prior: float) -> Floats:
 
 
 # ---------------------------------------------------------------- arms of one model
-def _outliers(history: History, tested: Sequence[_Tested], changed: Mask, share: float) -> tuple[Outlier, ...]:
+def _outliers(
+    history: History, tested: Sequence[_Tested], changed: Mask, share: float
+) -> tuple[Outlier, ...]:
     """Return arms that are unlike the others; what has changed is not asked again."""
     from scipy import special
 
@@ -498,10 +549,14 @@ def _outliers(history: History, tested: Sequence[_Tested], changed: Mask, share:
         for a, k in np.argwhere(_selected(p_values, share)):
             found.append(
                 Outlier(
-                    history.arms[a], history.names[k], float(level[a, k]), float(usual[k]), float(spread[a, k]),
+                    history.arms[a],
+                    history.names[k],
+                    float(level[a, k]),
+                    float(usual[k]),
+                    float(spread[a, k]),
                     float(p_values[a, k]),
                 )
-            )  # fmt: skip
+            )
         return tuple(sorted(found, key=lambda each: each.p_value))
     pairs = [(a, b) for a in range(arms) for b in range(a + 1, arms)]
     if not pairs:
@@ -516,10 +571,15 @@ def _outliers(history: History, tested: Sequence[_Tested], changed: Mask, share:
         a, b = pairs[row]
         found.append(
             Outlier(
-                history.arms[b], history.names[k], float(level[b, k]), float(level[a, k]), float(spread[row, k]),
-                float(p_values[row, k]), history.arms[a],
+                history.arms[b],
+                history.names[k],
+                float(level[b, k]),
+                float(level[a, k]),
+                float(spread[row, k]),
+                float(p_values[row, k]),
+                history.arms[a],
             )
-        )  # fmt: skip
+        )
     return tuple(sorted(found, key=lambda each: each.p_value))
 
 
@@ -535,7 +595,9 @@ def _moderated(rss: Floats, freedom: NDArray[np.int64], scale: float, prior: flo
     """
     if np.isinf(prior):
         return np.full(len(rss), scale)
-    return np.asarray((prior * scale + np.maximum(rss, 0.0)) / np.maximum(prior + np.maximum(freedom, 0), 1.0))
+    return np.asarray(
+        (prior * scale + np.maximum(rss, 0.0)) / np.maximum(prior + np.maximum(freedom, 0), 1.0)
+    )
 
 
 def _usual_variance(variances: Floats, freedom: NDArray[np.int64]) -> tuple[float, float]:

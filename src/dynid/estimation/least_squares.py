@@ -86,7 +86,10 @@ def merge(factors: Floats, weights: Floats | None = None) -> Floats:
     Returns:
         (p + 1, p + 1) upper triangular.
     """
-    scaled, size = factors if weights is None else factors * weights[:, None, None], factors.shape[-1]
+    scaled, size = (
+        factors if weights is None else factors * weights[:, None, None],
+        factors.shape[-1],
+    )
     rows = scaled.reshape(-1, size)
     # Why: a joint has no rows for the links before it, which are nearly half of all.
     rows = rows[np.any(rows, axis=1)]
@@ -252,7 +255,10 @@ class Fit:
     @cached_property
     def inflation(self) -> float:
         """How many rows are worth one independent row; 1/2 chi-square of all rows is divided by it."""
-        A, spread = self.whitened[:-1, :-1], self.covariance if self.uncorrected is None else self.uncorrected
+        A, spread = (
+            self.whitened[:-1, :-1],
+            self.covariance if self.uncorrected is None else self.uncorrected,
+        )
         worth = tuning.COLOUR_UNSEEN * float(np.sum((A @ spread) * A)) / max(1, self.solution.rank)
         return float(np.clip(worth, 1.0, tuning.LARGEST_INFLATION))
 
@@ -279,7 +285,9 @@ def ordinary(factors: Floats, counts: Ints) -> Fit:
     return Fit("ols", solution.theta, same, solution.inverse, factors, counts)
 
 
-def weighted(factors: Floats, counts: Ints, prior: Floats | None = None, max_rounds: int = 50) -> Fit:
+def weighted(
+    factors: Floats, counts: Ints, prior: Floats | None = None, max_rounds: int = 50
+) -> Fit:
     """Fit with each joint divided by its own noise, found from the residuals and iterated.
 
     Args:
@@ -320,7 +328,9 @@ def ridge(factors: Floats, counts: Ints, prior: Floats, prior_covariance: Floats
 def prior_rows(prior: Floats, covariance: Floats) -> Floats:
     """Return prior parameters, (p,) in their units, with covariance as a factor like whitened rows, (p + 1, p + 1)."""
     root = np.linalg.inv(np.linalg.cholesky(covariance))
-    return triangle(np.vstack([np.column_stack([root, root @ prior]), np.zeros((1, len(prior) + 1))]))
+    return triangle(
+        np.vstack([np.column_stack([root, root @ prior]), np.zeros((1, len(prior) + 1))])
+    )
 
 
 def nonnegative(whitened: Floats, theta: Floats, positive: NDArray[np.bool_]) -> Floats:
@@ -365,7 +375,9 @@ def _solved(factors: Floats, noise: Floats, prior: Floats | None) -> Solution:
     return solve(whitened if prior is None else merge(np.stack([whitened, prior])))
 
 
-def _joint_noise(factors: Floats, counts: Ints, theta: Floats, noise: Floats, covariance: Floats) -> Floats:
+def _joint_noise(
+    factors: Floats, counts: Ints, theta: Floats, noise: Floats, covariance: Floats
+) -> Floats:
     """Return residual rms per joint, corrected for the parameters that each joint's own rows have spent."""
     scaled = factors[:, :, :-1] / noise[:, None, None]
     spent = np.einsum("jab,bc,jac->j", scaled, covariance, scaled, optimize=True)
@@ -373,19 +385,25 @@ def _joint_noise(factors: Floats, counts: Ints, theta: Floats, noise: Floats, co
     # Why: what a joint's few rows leave of its noise says nothing once as many parameters were fitted to them.
     found = rms * np.sqrt(counts / np.maximum(counts - spent, tuning.LEAST_ROWS_LEFT))
     return np.asarray(
-        np.maximum(np.where(counts - spent > tuning.LEAST_ROWS_LEFT, found, noise), _floor(factors, counts))
+        np.maximum(
+            np.where(counts - spent > tuning.LEAST_ROWS_LEFT, found, noise), _floor(factors, counts)
+        )
     )
 
 
 def _floor(factors: Floats, counts: Ints) -> Floats:
     """Return the rounding error of each joint's torque: noise-free simulations must not divide by zero."""
     torque = np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=-1) / np.maximum(counts, 1))
-    return np.asarray(np.maximum(1e-12 * torque, 1e-12 * max(float(torque.max(initial=0.0)), 1e-30)))
+    return np.asarray(
+        np.maximum(1e-12 * torque, 1e-12 * max(float(torque.max(initial=0.0)), 1e-30))
+    )
 
 
 def _freedom(rows: float, spent: float) -> float:
     if rows <= spent:
-        raise LogTooShort(f"{rows:.0f} rows for {spent:.0f} parameters", fix="record a longer motion")
+        raise LogTooShort(
+            f"{rows:.0f} rows for {spent:.0f} parameters", fix="record a longer motion"
+        )
     return float(rows - spent)
 
 
@@ -420,11 +438,19 @@ def nonnegative_least_squares(A: Floats, b: Floats, rounds: int) -> Floats:
         more = Q.T @ own
         along, own = along + more, own - Q @ more
         length = float(np.linalg.norm(own))
-        if length <= 1e-10 * float(np.linalg.norm(A[:, new])) or float(own @ (b - A[:, use] @ x[use])) <= 0.0:
+        if (
+            length <= 1e-10 * float(np.linalg.norm(A[:, new]))
+            or float(own @ (b - A[:, use] @ x[use])) <= 0.0
+        ):
             barred[new] = True
             continue
         use, Q = np.append(use, new), np.column_stack([Q, own / length])
-        inverse = np.block([[inverse, -(inverse @ along)[:, None] / length], [np.zeros((1, len(along))), 1.0 / length]])
+        inverse = np.block(
+            [
+                [inverse, -(inverse @ along)[:, None] / length],
+                [np.zeros((1, len(along))), 1.0 / length],
+            ]
+        )
         barred[:] = False
         wanted = inverse @ (Q.T @ b)
         while len(use) and wanted.min() <= 0.0:

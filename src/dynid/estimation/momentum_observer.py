@@ -49,7 +49,9 @@ class MomentumObserver:
         """Return the size of the momentum's error by independent errors of the velocities, (N, n) [N m s or N s]."""
         found = np.empty_like(q)
         for part in spans(len(q)):
-            found[part] = np.sqrt(np.einsum("mij,mj->mi", self._masses(q[part]) ** 2, spread[part] ** 2))
+            found[part] = np.sqrt(
+                np.einsum("mij,mj->mi", self._masses(q[part]) ** 2, spread[part] ** 2)
+            )
         return found
 
     def drift(self, q: Floats, qd: Floats) -> Floats:

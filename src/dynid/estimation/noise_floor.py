@@ -72,7 +72,11 @@ def _parts(stack: Stack, number: int, theta: Floats, error: ModelError | None) -
         begun = rows.t[0] if begun is None else begun
         if rows.t[0] - begun > tuning.NOISE_SECONDS:
             break
-        left = rows.tau - rows.torque(theta) - (0.0 if error is None else error.torque(rows, log, stack.observer))
+        left = (
+            rows.tau
+            - rows.torque(theta)
+            - (0.0 if error is None else error.torque(rows, log, stack.observer))
+        )
         held.append((rows.t, left, rows.mask))
         last = float(rows.t[-1])
     if held:
@@ -84,7 +88,9 @@ def _joined(held: Sequence[tuple[Floats, Floats, NDArray[np.bool_]]], t: Floats,
     return np.stack([np.interp(at, t, column) for column in q.T], axis=1), left, use
 
 
-def _difference(one: Part, other: Part, chosen: Filter) -> Iterator[tuple[Floats, NDArray[np.bool_]]]:
+def _difference(
+    one: Part, other: Part, chosen: Filter
+) -> Iterator[tuple[Floats, NDArray[np.bool_]]]:
     """Yield what two runs of one motion do not have in common, over the root of two, and the rows that count."""
     shortest = round(tuning.SHORTEST_REPEAT_S * chosen.kept_rate)
     (q, left, use), (other_q, other_left, other_use) = one, other
@@ -115,7 +121,11 @@ def _lag(one: Floats, other: Floats, shortest: int, least: int | None) -> float 
     product = np.fft.irfft(spectrum.sum(axis=1), size)[lags]
     squares_x, squares_y = (np.concatenate([[0.0], np.cumsum((z**2).sum(axis=1))]) for z in (x, y))
     start, end = np.maximum(0, -lags), np.minimum(len(x), len(y) - lags)
-    apart = (squares_x[end] - squares_x[start]) + (squares_y[end + lags] - squares_y[start + lags]) - 2.0 * product
+    apart = (
+        (squares_x[end] - squares_x[start])
+        + (squares_y[end + lags] - squares_y[start + lags])
+        - 2.0 * product
+    )
     wrong = (end - start < shortest) | (False if least is None else lags < least)
     mean = np.where(wrong, np.inf, apart / np.maximum(end - start, 1) / moves.sum())
     best = int(np.argmin(mean))
@@ -130,7 +140,9 @@ def _shifted(x: Floats, rows: float) -> Floats:
     """Return x(k + rows) of a signal without what is faster than half its rate, (M, n)."""
     k = np.arange(-8, 9)
     kernel = np.sinc(k - rows) * np.kaiser(17, 5.0)
-    return np.stack([np.convolve(column, (kernel / kernel.sum())[::-1], "same") for column in x.T], axis=1)
+    return np.stack(
+        [np.convolve(column, (kernel / kernel.sum())[::-1], "same") for column in x.T], axis=1
+    )
 
 
 def _rms(parts: Iterable[tuple[Floats, NDArray[np.bool_]]]) -> Floats:
@@ -146,8 +158,12 @@ def _from_spectrum(parts: Sequence[tuple[Floats, NDArray[np.bool_]]], chosen: Fi
     for left, _ in parts:
         f = np.fft.rfftfreq(len(left), 1.0 / chosen.kept_rate)
         window = np.hanning(len(left))
-        power = np.abs(np.fft.rfft((left - left.mean(axis=0)) * window[:, None], axis=0)) ** 2 / np.sum(window**2)
-        inside = (f > tuning.NOISE_BAND[0] * chosen.cutoff) & (f < tuning.NOISE_BAND[1] * chosen.cutoff)
+        power = np.abs(
+            np.fft.rfft((left - left.mean(axis=0)) * window[:, None], axis=0)
+        ) ** 2 / np.sum(window**2)
+        inside = (f > tuning.NOISE_BAND[0] * chosen.cutoff) & (
+            f < tuning.NOISE_BAND[1] * chosen.cutoff
+        )
         turns = np.outer(f[inside] / (step * chosen.kept_rate), np.arange(len(kernel)))
         gain = np.abs(np.exp(-2j * np.pi * turns) @ kernel) ** 2
         # Why the step: thinned rows spread the same power over a narrower band.

@@ -72,7 +72,13 @@ def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
         "lengths": [len(segment) for _, segment in segments],
         "source_of_segment": [k for k, _ in segments],
         "sources": [
-            {"name": log.name, "path": log.path, "sha256": log.sha256, "delay": log.delay, **asdict(log.filter)}
+            {
+                "name": log.name,
+                "path": log.path,
+                "sha256": log.sha256,
+                "delay": log.delay,
+                **asdict(log.filter),
+            }
             for log in stack.logs
         ],
     }
@@ -94,7 +100,9 @@ def load(path: Path) -> tuple[list[ConditionedLog], dict[str, Any]]:
         return [_log(k, s, segments, owners) for k, s in enumerate(h["sources"])], h
 
 
-def _log(number: int, source: Mapping[str, Any], segments: Sequence[Segment], owners: Sequence[int]) -> ConditionedLog:
+def _log(
+    number: int, source: Mapping[str, Any], segments: Sequence[Segment], owners: Sequence[int]
+) -> ConditionedLog:
     """Return one of the logs from its facts and the segments of all."""
     steps = (int(source[key]) for key in ("first_step", "second_step"))
     chosen = Filter(float(source["rate"]), float(source["cutoff"]), *steps)
@@ -102,7 +110,9 @@ def _log(number: int, source: Mapping[str, Any], segments: Sequence[Segment], ow
     taps = pulse_width(chosen.cutoff) * chosen.rate / chosen.first_step
     if not chosen.cutoff < chosen.rate or taps > sum(map(len, own)):
         raise ValueError("its filter is invalid or longer than its log")
-    return ConditionedLog(own, chosen, source["name"], source["path"], source["sha256"], float(source["delay"]))
+    return ConditionedLog(
+        own, chosen, source["name"], source["path"], source["sha256"], float(source["delay"])
+    )
 
 
 def load_factors(path: Path) -> tuple[Floats, dict[str, Any]]:

@@ -28,7 +28,13 @@ Floats = NDArray[np.float64]
 OneState = Callable[[list[float], list[float], list[float]], list[float]]
 
 #: How an input of the program is made of the state; the index of the joint and an angle stand in the braces.
-_INPUTS = {"c": "cos(q[{0}]+{1})", "s": "sin(q[{0}]+{1})", "q": "q[{0}]", "qd": "qd[{0}]", "qdd": "qdd[{0}]"}
+_INPUTS = {
+    "c": "cos(q[{0}]+{1})",
+    "s": "sin(q[{0}]+{1})",
+    "q": "q[{0}]",
+    "qd": "qd[{0}]",
+    "qdd": "qdd[{0}]",
+}
 
 
 def one_state(base: BaseModel, theta: Floats, error: ModelError | None) -> OneState | None:
@@ -50,8 +56,12 @@ def one_state(base: BaseModel, theta: Floats, error: ModelError | None) -> OneSt
         loads = error.reference[None]
     rigid, friction = _spread(model, base, own)
     rigid += _known(model)
-    rigid_load, friction_load = _spread(model, base, np.tile(loads, (n, 1))) if len(loads) else (None, None)
-    wanted = np.flatnonzero(rigid.any(axis=0) | (False if rigid_load is None else rigid_load.any(axis=0)))
+    rigid_load, friction_load = (
+        _spread(model, base, np.tile(loads, (n, 1))) if len(loads) else (None, None)
+    )
+    wanted = np.flatnonzero(
+        rigid.any(axis=0) | (False if rigid_load is None else rigid_load.any(axis=0))
+    )
     text = _Text()
     _write_signs(text, base.robot)
     entries = text.program(model.rigid.restricted(wanted), base.robot)
@@ -75,7 +85,9 @@ def _spread(model: Model, base: BaseModel, theta: Floats) -> tuple[Floats, Float
             rigid[:, model.link_columns[column]] = theta[:, k]
         else:
             parameter = model.parameters[column]
-            friction[parameter.number - 1, ("fv", "fc", "fo").index(parameter.kind)] = theta[parameter.number - 1, k]
+            friction[parameter.number - 1, ("fv", "fc", "fo").index(parameter.kind)] = theta[
+                parameter.number - 1, k
+            ]
     return rigid, friction
 
 
@@ -93,27 +105,43 @@ def _known(model: Model) -> Floats:
 def _write_signs(text: _Text, robot: Robot) -> None:
     shape = robot.coulomb_shape
     for j, limit in enumerate(shape.velocity):
-        smooth, stepped = f"tanh(qd[{j}]/{limit!r})", f"((qd[{j}]>0)-(qd[{j}]<0) if abs(qd[{j}])>={limit!r} else 0.0)"
+        smooth, stepped = (
+            f"tanh(qd[{j}]/{limit!r})",
+            f"((qd[{j}]>0)-(qd[{j}]<0) if abs(qd[{j}])>={limit!r} else 0.0)",
+        )
         moves = "coulomb" in robot.joints[j].friction
-        text.lines.append(f" sign{j}={(smooth if shape.shape == 'smooth' else stepped) if moves else '0.0'}")
+        text.lines.append(
+            f" sign{j}={(smooth if shape.shape == 'smooth' else stepped) if moves else '0.0'}"
+        )
 
 
 def _residual(error: ModelError, j: int, load: str) -> str:
     """Return the mean torque of the residual model at a joint: the columns of ``error_columns.shapes_of``."""
     weight = (error.mean[j] / error.scale[j]).tolist()
-    sines = [f"{name}({m}*q[{j}])" for m in range(1, tuning.POSITION_HARMONICS + 1) for name in ("sin", "cos")]
+    sines = [
+        f"{name}({m}*q[{j}])"
+        for m in range(1, tuning.POSITION_HARMONICS + 1)
+        for name in ("sin", "cos")
+    ]
     speed = f"abs(qd[{j}])/{float(error.speed[j])!r}"
     rubbing = [
         *sines[: 2 * tuning.FRICTION_HARMONICS],
         *(f"exp({speed}/{-least!r})" for least in tuning.FRICTION_SPEEDS),
         f"abs({load})",
     ]
-    alone, signed = (_sum(w, x) for w, x in ((weight[: len(sines)], sines), (weight[len(sines) :], rubbing)))
+    alone, signed = (
+        _sum(w, x) for w, x in ((weight[: len(sines)], sines), (weight[len(sines) :], rubbing))
+    )
     return f"{alone}+sign{j}*({signed})"
 
 
 def _sum(weights: list[float], terms: list[str]) -> str:
-    return "+".join(f"{weight!r}*{term}" for weight, term in zip(weights, terms, strict=True) if weight) or "0.0"
+    return (
+        "+".join(
+            f"{weight!r}*{term}" for weight, term in zip(weights, terms, strict=True) if weight
+        )
+        or "0.0"
+    )
 
 
 class _Text:
@@ -129,10 +157,14 @@ class _Text:
             kind = name.rstrip("0123456789")
             if name not in fixed:
                 j = int(name[len(kind) :]) - 1
-                self.lines.append(f" {name}={_INPUTS[kind].format(j, float(robot.joints[j].theta_offset))}")
+                self.lines.append(
+                    f" {name}={_INPUTS[kind].format(j, float(robot.joints[j].theta_offset))}"
+                )
             slots.append(float(fixed[name]) if name in fixed else name)
         slots += map(float, program.constants)
-        for k, (op, left, right) in enumerate(zip(program.op, program.lhs, program.rhs, strict=True)):
+        for k, (op, left, right) in enumerate(
+            zip(program.op, program.lhs, program.rhs, strict=True)
+        ):
             a, b = slots[left], 0.0 if op == NEG else slots[right]
             if isinstance(a, float) and isinstance(b, float):
                 slots.append(FOLD[int(op)](a, b))
@@ -144,7 +176,9 @@ class _Text:
             found[row].append((int(column), str(slots[slot])))
         return found
 
-    def total(self, entries: list[tuple[int, str]], values: Floats, friction: Floats, j: int) -> str:
+    def total(
+        self, entries: list[tuple[int, str]], values: Floats, friction: Floats, j: int
+    ) -> str:
         """Return the torque of a joint from its entries and the values of their columns."""
         body = _sum([float(values[column]) for column, _ in entries], [name for _, name in entries])
         return f"{body}+{_sum(friction.tolist(), [f'qd[{j}]', f'sign{j}', '1.0'])}"

@@ -112,7 +112,9 @@ def find_payload(loaded: Identification, unloaded: Identification) -> Identified
     K = unloaded.reduction.K[:, last_link(unloaded.base)]
     for result in (unloaded, loaded):
         if not result.factors.size:
-            raise WrongUsage(f"{result.label} holds no triangular factors", fix="identify its log again")
+            raise WrongUsage(
+                f"{result.label} holds no triangular factors", fix="identify its log again"
+            )
     problem = LoadProblem.of(loaded, unloaded, K)
     found = fitted_body(*problem.solved(0.0, 0.0)[:3])
     # Why not with the loaded log's own parameters: their noise would seem to tell the scale of the torques.
@@ -153,7 +155,11 @@ class LoadProblem:
             rows = centred(rows, error.scale.shape[1], loaded.plain)
             return cls(kept, rows, loaded.theta, free, K, True)
         # Why: without its rows nothing is known of how the residual model acts in the loaded log.
-        unknown = seen.noise if error is None else np.hypot(seen.noise, error.rms[:, -1] * seen.noise / noise)
+        unknown = (
+            seen.noise
+            if error is None
+            else np.hypot(seen.noise, error.rms[:, -1] * seen.noise / noise)
+        )
         rows = centred(loaded.factors / unknown[:, None, None], 0, loaded.plain)
         return cls(replace(kept, error=None), rows, loaded.theta, free, K, error is not None)
 
@@ -220,7 +226,9 @@ class LoadProblem:
         if scale_error > 0.0 or own > 0.0:
             common = tuning.COMMON_SCALE_SHARE * scale_error**2
             moved.append(-self._moved())
-            shares.append(common + ((1.0 - tuning.COMMON_SCALE_SHARE) * scale_error**2 + own**2) * np.eye(n))
+            shares.append(
+                common + ((1.0 - tuning.COMMON_SCALE_SHARE) * scale_error**2 + own**2) * np.eye(n)
+            )
         if self.real:
             moved.append(np.zeros((len(self.torque), n)))
             shares.append(tuning.SCALE_DRIFT**2 * np.eye(n))
@@ -234,7 +242,10 @@ class LoadProblem:
         if error is None or not k:
             return np.hstack([W @ change, tau]), np.hstack([W, tau])
         told = np.linalg.inv(error.root[joint])
-        slope, mean = told @ error.slope[joint], told @ (error.mean[joint] - error.slope[joint] @ self.kept.theta)
+        slope, mean = (
+            told @ error.slope[joint],
+            told @ (error.mean[joint] - error.slope[joint] @ self.kept.theta),
+        )
         held = np.zeros((k, change.shape[1] + 1))
         held[:, :p], held[:, -1] = -slope, mean
         whole = np.vstack([np.hstack([Z, W @ change, tau]), np.hstack([told, held])])
@@ -251,7 +262,9 @@ class LoadProblem:
         told = self.kept.by_joint
         size = np.sqrt(np.maximum(np.diagonal(told.sum(axis=0)), 1e-300))
         share = told / np.outer(size, size) + UNTOLD * np.eye(len(size))
-        return np.asarray(np.linalg.solve(share.sum(axis=0), (share @ (size * self.kept.theta)).T) / size[:, None])
+        return np.asarray(
+            np.linalg.solve(share.sum(axis=0), (share @ (size * self.kept.theta)).T) / size[:, None]
+        )
 
     def _friction_change(self) -> Floats:
         """Return by how much friction may have changed: each column by all the friction of its joint, (f,)."""
@@ -274,7 +287,9 @@ def last_link(base: BaseModel) -> NDArray[np.intp]:
     n = base.robot.n
     columns = body_columns(base.model.parameters).get(n)
     if columns is None:
-        raise WrongUsage(f"link {n} is not among the identified ones", fix="`links: all` in the robot file")
+        raise WrongUsage(
+            f"link {n} is not among the identified ones", fix="`links: all` in the robot file"
+        )
     return columns
 
 
@@ -302,7 +317,9 @@ def fitted_body(R: Floats, r: Floats, misfit: float = 0.0) -> IdentifiedPayload:
         x = fit.x
     J = _shown_by(fit.x)
     covariance = fit.covariance
-    return IdentifiedPayload(body_of(fit.x), np.sqrt(np.diagonal(J @ covariance @ J.T)), misfit, covariance)
+    return IdentifiedPayload(
+        body_of(fit.x), np.sqrt(np.diagonal(J @ covariance @ J.T)), misfit, covariance
+    )
 
 
 def _ball(phi: Floats) -> Body:

@@ -93,10 +93,15 @@ def widened(constraints: PhysicalConstraints, shapes: Floats) -> PhysicalConstra
     mass, about_origin = P[:, 3, 3].copy(), P[:, :3, :3]
     com = P[:, :3, 3] / np.where(mass > 0.0, mass, 1.0)[:, None]
     own = about_origin - mass[:, None, None] * com[:, :, None] * com[:, None, :]
-    least, every, whole = np.linalg.eigvalsh(own)[:, 0], *(np.trace(x, axis1=1, axis2=2) for x in (own, about_origin))
+    least, every, whole = (
+        np.linalg.eigvalsh(own)[:, 0],
+        *(np.trace(x, axis1=1, axis2=2) for x in (own, about_origin)),
+    )
     thin = np.abs(least) <= THIN * every + ROUNDED * whole
     middle = shapes[:, :3, 3]
-    P[thin, :3, :3] += (mass[:, None, None] * (shapes[:, :3, :3] - middle[:, :, None] * middle[:, None, :]))[thin]
+    P[thin, :3, :3] += (
+        mass[:, None, None] * (shapes[:, :3, :3] - middle[:, :, None] * middle[:, None, :])
+    )[thin]
     light, alone = mass == 0.0, (mass > 0.0) & (whole == 0.0)
     P[light] += tuning.BALL_SHARE * np.mean(mass) * shapes[light]
     P[alone] = mass[alone, None, None] * shapes[alone]
@@ -108,7 +113,9 @@ def widened(constraints: PhysicalConstraints, shapes: Floats) -> PhysicalConstra
 def followed(constraints: PhysicalConstraints, x: Floats) -> Floats:
     """Return (1 - s) B + s P of each link, (L, 4, 4), for parameters x, (c,)."""
     P = pseudo_inertia(x[constraints.bodies])
-    return np.asarray((1.0 - tuning.PRIOR_FOLLOWED) * constraints.prior_pseudo_inertia + tuning.PRIOR_FOLLOWED * P)
+    return np.asarray(
+        (1.0 - tuning.PRIOR_FOLLOWED) * constraints.prior_pseudo_inertia + tuning.PRIOR_FOLLOWED * P
+    )
 
 
 def likeliest_size(constraints: PhysicalConstraints, x: Floats) -> float:
@@ -136,7 +143,9 @@ def curvature(constraints: PhysicalConstraints, x: Floats, gamma: float) -> Floa
         np.sqrt(size) * (1.0 - tuning.PRIOR_FOLLOWED + tuning.PRIOR_FOLLOWED * size)
     )
     changes = frame[:, None] @ basis() @ frame[:, None].swapaxes(-1, -2)
-    return np.asarray(gamma * np.einsum("lkab,la,lb,lmab->lkm", changes, weight, weight, changes, optimize=True))
+    return np.asarray(
+        gamma * np.einsum("lkab,la,lb,lmab->lkm", changes, weight, weight, changes, optimize=True)
+    )
 
 
 # ---------------------------------------------------------------- the best-fitting arm
@@ -175,7 +184,9 @@ class PhysicalParameters:
     @property
     def origin(self) -> dict[str, str]:
         """Where each value comes from by parameter name: ``"data"`` or ``"prior"``."""
-        words = ("data" if share >= tuning.FROM_DATA_SHARE else "prior" for share in self.data_share)
+        words = (
+            "data" if share >= tuning.FROM_DATA_SHARE else "prior" for share in self.data_share
+        )
         return dict(zip(self.names, words, strict=True))
 
 
@@ -188,14 +199,18 @@ def constraints_of(base: BaseModel) -> PhysicalConstraints:
         prior_vector(base.model),
         total_mass=known.total_mass,
         link_mass={link: bounds for link, bounds in known.link_mass if link in identified},
-        com_box={link: (np.array(a), np.array(b)) for link, (a, b) in known.com_box if link in identified},
+        com_box={
+            link: (np.array(a), np.array(b)) for link, (a, b) in known.com_box if link in identified
+        },
         ratings=friction_ratings(base.robot),
     )
     # Why: bodies that somebody gave are meant; cylinders that nobody gave are as short as a DH offset may be.
     if not (base.robot.prior and base.robot.prior.links):
         return rounded(found)
     radius = cylinders_of(base.robot).radius
-    cylinders = np.array([cylinder_body(ends, radius, 1.0).parameters() for ends in link_cylinders(base.robot)])
+    cylinders = np.array(
+        [cylinder_body(ends, radius, 1.0).parameters() for ends in link_cylinders(base.robot)]
+    )
     links = [found.parameters[k].number - 1 for k in found.bodies[:, 0]]
     return widened(found, pseudo_inertia(cylinders[links]))
 
@@ -210,7 +225,9 @@ def friction_ratings(robot: Robot) -> dict[str, float]:
     if robot.torque.source != "motor_torque" or len(rated) < robot.n:
         return {}
     ratings = {f"fc{k}": torque for k, (torque, _) in enumerate(rated, start=1)}
-    return ratings | {f"fv{k}": torque / velocity for k, (torque, velocity) in enumerate(rated, start=1)}
+    return ratings | {
+        f"fv{k}": torque / velocity for k, (torque, velocity) in enumerate(rated, start=1)
+    }
 
 
 def is_possible(base: BaseModel, theta: Floats, covariance: Floats) -> bool:
@@ -221,7 +238,10 @@ def is_possible(base: BaseModel, theta: Floats, covariance: Floats) -> bool:
         theta: base parameters, (p,), each in its unit.
         covariance: of them, which says what exactly means, (p, p).
     """
-    return exact_parameters(base.reduction.K, theta, covariance, constraints_of(base))[1] <= tuning.REPRODUCED_SHARE
+    return (
+        exact_parameters(base.reduction.K, theta, covariance, constraints_of(base))[1]
+        <= tuning.REPRODUCED_SHARE
+    )
 
 
 # ---------------------------------------------------------------- fits
@@ -384,16 +404,23 @@ def with_pooled_prior(constraints: PhysicalConstraints, x: Floats) -> PhysicalCo
     for columns in constraints.pools:
         if len(columns) < 2:
             continue
-        offsets = constraints.offsets if constraints.parameters[columns[0]].kind == "fc" else columns[:0]
+        offsets = (
+            constraints.offsets if constraints.parameters[columns[0]].kind == "fc" else columns[:0]
+        )
         total = float(np.sum(x[columns] / constraints.ratings[columns]))
         squares = float(np.sum((x[offsets] / constraints.ratings[offsets]) ** 2))
         count = len(columns) + len(offsets)
         size = (total + np.sqrt(total**2 + 4 * count * squares)) / (2 * count)
-        prior[columns], spread[offsets] = constraints.ratings[columns] * size, constraints.ratings[offsets] * size
+        prior[columns], spread[offsets] = (
+            constraints.ratings[columns] * size,
+            constraints.ratings[offsets] * size,
+        )
     return replace(constraints, prior=prior, spread=spread)
 
 
-def _with_spread(R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: float) -> tuple[Floats, Floats]:
+def _with_spread(
+    R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: float
+) -> tuple[Floats, Floats]:
     """Return the rows with those that hold parameters near zero."""
     held = np.flatnonzero(np.isfinite(constraints.spread))
     rows = np.eye(R.shape[1])[held] * (gamma**0.5 / constraints.spread[held])[:, None]
@@ -401,7 +428,11 @@ def _with_spread(R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: 
 
 
 def exact_parameters(
-    K: Floats, beta: Floats, covariance: Floats, constraints: PhysicalConstraints, gamma: float = tuning.PRIOR_WEIGHT
+    K: Floats,
+    beta: Floats,
+    covariance: Floats,
+    constraints: PhysicalConstraints,
+    gamma: float = tuning.PRIOR_WEIGHT,
 ) -> tuple[PhysicalParameters, float]:
     """Find link parameters that keep every base parameter; what these leave open comes from the prior.
 
@@ -429,7 +460,11 @@ def exact_parameters(
         R = np.hstack([whiten, np.zeros((p, c - p))]) / tolerance
         objective = replace(_objective(R, whiten @ beta / tolerance, constraints, gamma), T=T)
         here, more = minimise(objective, here)
-        steps, before, worst = steps + more, worst, float(np.abs((here[0][:p] - beta) / sigma).max())
+        steps, before, worst = (
+            steps + more,
+            worst,
+            float(np.abs((here[0][:p] - beta) / sigma).max()),
+        )
         # Why: where a body exists, ten times the stiffness leaves a hundredth of the miss; where none does, nothing.
         if worst < 1e-3 * tuning.REPRODUCED_SHARE or worst > 0.5 * before:
             break
@@ -484,7 +519,9 @@ def _move_inside(constraints: PhysicalConstraints, x: Floats) -> Floats:
     R, weights = np.eye(c, c + 1) / (1.0 + np.abs(x))[:, None], np.ones(k + 1)
     base = _objective(R, R @ y, constraints, 1.0)
     for weight in (1e2, 1e4, 1e6, 1e8):
-        (y, _, _), _ = minimise(replace(base, linear=np.append(base.linear, weight), G=G, h=h, mu=weights), y)
+        (y, _, _), _ = minimise(
+            replace(base, linear=np.append(base.linear, weight), G=G, h=h, mu=weights), y
+        )
         if np.all(constraints.slack(y[:-1]) > 0.0):
             return np.asarray(y[:-1])
     broken = constraints.labels[int(np.argmin(constraints.slack(y[:-1]) / size))]
@@ -524,7 +561,9 @@ def _report(
     # A bound's multiplier mu / slack, times its distance from the prior, says how much cost it holds back.
     slack = constraints.slack(x)
     held = objective.mu * np.abs(constraints.slack(feasible_start(constraints)) / slack)
-    touched = tuple(label for label, cost in zip(constraints.labels, held, strict=True) if cost > 1.0)
+    touched = tuple(
+        label for label, cost in zip(constraints.labels, held, strict=True) if cost > 1.0
+    )
     covariance = _inverse(hessian, objective.T)
     after, before = np.maximum(np.diagonal(covariance), 0.0), np.diagonal(_inverse(logs, None))
     found = PhysicalParameters(
@@ -543,7 +582,9 @@ def _report(
     return found, logs
 
 
-def with_open_sizes(fit: PhysicalParameters, told: Floats, pools: Sequence[NDArray[np.intp]]) -> PhysicalParameters:
+def with_open_sizes(
+    fit: PhysicalParameters, told: Floats, pools: Sequence[NDArray[np.intp]]
+) -> PhysicalParameters:
     """Return a fit whose error bars count that the common size of each kind of friction and rotor is only estimated.
 
     The prior draws joints of a kind to one size; a fit at the likeliest size knows how large they are together from
@@ -611,7 +652,9 @@ def with_changes(fit: PhysicalParameters, changes: Floats) -> PhysicalParameters
 def _share(after: Floats, before: Floats) -> Floats:
     """Return which part of the variance that the prior left open the data took away, (c,)."""
     known = before > 0.0
-    return np.asarray(np.clip(np.where(known, 1.0 - after / np.where(known, before, 1.0), 1.0), 0.0, 1.0))
+    return np.asarray(
+        np.clip(np.where(known, 1.0 - after / np.where(known, before, 1.0), 1.0), 0.0, 1.0)
+    )
 
 
 def _inverse(H: Floats, T: Floats | None) -> Floats:

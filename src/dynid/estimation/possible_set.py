@@ -167,13 +167,18 @@ def make_constraints(
     for k, (terms, _, _) in enumerate(rows):
         G[k, list(terms)] = list(terms.values())
     labels, prior = tuple(row[2] for row in rows), np.asarray(prior, dtype=float)
-    pools = tuple(found[prior[found] <= 0.0] for found in (columns_of(parameters, kind) for kind in nonnegative))
+    pools = tuple(
+        found[prior[found] <= 0.0]
+        for found in (columns_of(parameters, kind) for kind in nonnegative)
+    )
     # Why of fc: an offset is the part of the friction that does not change its sign.
     rated = [f"fc{p.number}" if p.kind == "fo" else p.name for p in parameters]
     proportion = np.array([(ratings or {}).get(name, 1.0) for name in rated])
     nowhere = np.full(len(parameters), np.inf)
     links = np.array(list(bodies.values()), dtype=np.intp).reshape(-1, 10)
-    return PhysicalConstraints(tuple(parameters), links, prior, G, h, labels, pools, proportion, nowhere)
+    return PhysicalConstraints(
+        tuple(parameters), links, prior, G, h, labels, pools, proportion, nowhere
+    )
 
 
 def _between(
@@ -247,12 +252,16 @@ def minimise(
     here = _cold(objective, start) if isinstance(start, np.ndarray) else start
     P, slack = _primal(objective, here[0])
     step, steps = 0.0, 0
-    while steps < tuning.INTERIOR_STEPS and not (step == 1.0 and _error(objective, here, P, slack) < tolerance):
+    while steps < tuning.INTERIOR_STEPS and not (
+        step == 1.0 and _error(objective, here, P, slack) < tolerance
+    ):
         try:
             after, step = _step(objective, RtR, here, P, slack)
             primal = _primal(objective, after[0])
             np.linalg.cholesky(primal[0])
-        except np.linalg.LinAlgError:  # at the limit of double precision: the certificate says how good that is
+        except (
+            np.linalg.LinAlgError
+        ):  # at the limit of double precision: the certificate says how good that is
             break
         here, (P, slack), steps = after, primal, steps + 1
     return here, steps
@@ -272,7 +281,9 @@ def certificate(objective: Objective, y: Floats) -> tuple[float, Floats, Floats]
     P, slack = _primal(objective, y)
     back = np.linalg.inv(np.linalg.cholesky(P))
     gradient = _gradient(objective, y, back.swapaxes(-1, -2) @ back, slack)
-    logs = _curvature(objective, objective.gamma[:, None, None] ** 0.25 * back, objective.mu / slack**2)
+    logs = _curvature(
+        objective, objective.gamma[:, None, None] ** 0.25 * back, objective.mu / slack**2
+    )
     hessian = objective.R.T @ objective.R + _in_y(objective, logs)
     decrement = max(float(gradient @ solve_scaled(hessian, gradient)), 0.0) ** 0.5
     # f over its smallest weight is self-concordant, which turns the decrement into a bound.
@@ -299,10 +310,14 @@ def _error(objective: Objective, here: Point, P: Floats, slack: Floats) -> float
     """Return the relative error of the optimality conditions."""
     _, Z, z = here
     matrices = P @ Z / objective.gamma[:, None, None] - np.eye(4)
-    return float(max(np.abs(matrices).max(initial=0.0), np.abs(slack * z / objective.mu - 1).max(initial=0)))
+    return float(
+        max(np.abs(matrices).max(initial=0.0), np.abs(slack * z / objective.mu - 1).max(initial=0))
+    )
 
 
-def _step(objective: Objective, RtR: Floats, here: Point, P: Floats, slack: Floats) -> tuple[Point, float]:
+def _step(
+    objective: Objective, RtR: Floats, here: Point, P: Floats, slack: Floats
+) -> tuple[Point, float]:
     """Take one Newton step, aiming straight at the optimum or, where that is blocked, back to the central path."""
     y, Z, z = here
     back, v, inverse = _nesterov_todd(P, Z)
@@ -310,7 +325,9 @@ def _step(objective: Objective, RtR: Floats, here: Point, P: Floats, slack: Floa
     hessian = RtR + _in_y(objective, _curvature(objective, back, ratio))
     gradients = (
         _gradient(objective, y, inverse, slack),
-        _barrier_gradient(objective, inverse, slack, np.ones_like(objective.gamma), np.ones_like(objective.mu)),
+        _barrier_gradient(
+            objective, inverse, slack, np.ones_like(objective.gamma), np.ones_like(objective.mu)
+        ),
     )
     # Why two directions at once: the step towards a point of the central path is affine in that point's weight.
     straight, centring = -solve_scaled(hessian, np.stack(gradients, axis=1)).T
@@ -324,7 +341,9 @@ def _step(objective: Objective, RtR: Floats, here: Point, P: Floats, slack: Floa
         dZ = _diagonal((objective.gamma + aim)[:, None] / v - v) - dP
         dz = (objective.mu + aim) / slack - z - ratio * ds
         root = 1.0 / np.sqrt(v)
-        relative = np.concatenate([dP, dZ]) * np.tile(root[:, :, None] * root[:, None, :], (2, 1, 1))
+        relative = np.concatenate([dP, dZ]) * np.tile(
+            root[:, :, None] * root[:, None, :], (2, 1, 1)
+        )
         fall = min(
             float(np.linalg.eigvalsh(relative).min(initial=0.0)),
             float(np.concatenate([ds / slack, dz / z]).min(initial=0.0)),
@@ -341,23 +360,33 @@ def _step(objective: Objective, RtR: Floats, here: Point, P: Floats, slack: Floa
     return (y + step * dy, 0.5 * (Z + Z.swapaxes(-1, -2)), z + step * dz), step
 
 
-def _barrier_gradient(objective: Objective, inverse: Floats, slack: Floats, gamma: Floats, mu: Floats) -> Floats:
+def _barrier_gradient(
+    objective: Objective, inverse: Floats, slack: Floats, gamma: Floats, mu: Floats
+) -> Floats:
     gradient = -objective.G.T @ (mu / slack)
-    gradient[objective.bodies] -= gamma[:, None] * (inverse.reshape(-1, 16) @ basis().reshape(10, 16).T)
+    gradient[objective.bodies] -= gamma[:, None] * (
+        inverse.reshape(-1, 16) @ basis().reshape(10, 16).T
+    )
     return gradient if objective.T is None else objective.T.T @ gradient
 
 
 def _gradient(objective: Objective, y: Floats, inverse: Floats, slack: Floats) -> Floats:
     linear = objective.linear if objective.T is None else objective.T.T @ objective.linear
     squares = objective.R.T @ (objective.R @ y - objective.r)
-    return squares + linear + _barrier_gradient(objective, inverse, slack, objective.gamma, objective.mu)
+    return (
+        squares
+        + linear
+        + _barrier_gradient(objective, inverse, slack, objective.gamma, objective.mu)
+    )
 
 
 def _curvature(objective: Objective, back: Floats, ratio: Floats) -> Floats:
     """Return the Hessian of the logarithms in x, with back^T back in place of P^-1 and ratio of 1/slack^2."""
     scaled = (back[:, None] @ basis() @ back[:, None].swapaxes(-1, -2)).reshape(-1, 10, 16)
     curvature = objective.G.T @ (ratio[:, None] * objective.G)
-    curvature[objective.bodies[:, :, None], objective.bodies[:, None, :]] += scaled @ scaled.swapaxes(-1, -2)
+    curvature[objective.bodies[:, :, None], objective.bodies[:, None, :]] += (
+        scaled @ scaled.swapaxes(-1, -2)
+    )
     return curvature
 
 

@@ -119,7 +119,9 @@ def physical_posterior(
     Raises:
         NotPhysical: the prior of the robot file is itself not physical.
     """
-    found, estimate = _as_rows_say(base, estimate, stack, refit, residual_model=residual_model, like=like, size=size)
+    found, estimate = _as_rows_say(
+        base, estimate, stack, refit, residual_model=residual_model, like=like, size=size
+    )
     if like is not None or stack.earlier is not None or not stack.logs:
         return found
     K, fit = base.reduction.K, found.physical
@@ -165,12 +167,16 @@ def _as_rows_say(
         rows, large = (rows, 0.0) if apart > large else (freed, large)
     if np.any(rows.free):
         arm = _arm_of(base, rows, NONE, arm)
-    rows, size, arm, estimate = _with_joints_apart(base, stack, rows, arm, size, like, estimate, refit)
+    rows, size, arm, estimate = _with_joints_apart(
+        base, stack, rows, arm, size, like, estimate, refit
+    )
     if np.any(rows.apart):
         left, _ = rows.eliminated(NONE)
         without, _ = _fitted(left, K, arm.constraints, arm.fit)
         alone = K @ without.x
-        found = _posterior(K, without, alone, rows.inflation, left[:-1, :-1].T @ left[:-1, :-1], rows.noise)
+        found = _posterior(
+            K, without, alone, rows.inflation, left[:-1, :-1].T @ left[:-1, :-1], rows.noise
+        )
     gain = evidence_gain(rows, K, arm.fit.x, arm.held, size)
     if residual_model is None and gain < tuning.RESIDUAL_EVIDENCE:
         if not (np.any(rows.apart) or np.any(rows.free)):
@@ -183,7 +189,9 @@ def _as_rows_say(
     return replace(found, error=error), estimate
 
 
-def _rows_of(base: BaseModel, stack: Stack, estimate: Fit, reference: Floats, apart: Floats) -> Whitened:
+def _rows_of(
+    base: BaseModel, stack: Stack, estimate: Fit, reference: Floats, apart: Floats
+) -> Whitened:
     """Return the rows of all joints, of which an estimate is the one of the joints that are not apart.
 
     Args:
@@ -260,7 +268,9 @@ def _with_joints_apart(
     there, noise = arm if robot == base.robot else _arm_of(free, rows, NONE, arm), rows.noise
     for _ in range(tuning.APART_ROUNDS):
         size = best_size(rows, K, there.fit.x, there.held) if given is None else given
-        apart = joints_apart(rows, K, there.fit.x, there.held, size)[0] if like is None else like.apart
+        apart = (
+            joints_apart(rows, K, there.fit.x, there.held, size)[0] if like is None else like.apart
+        )
         if np.array_equal(apart, rows.apart):
             break
         rows = rows.set_apart(apart, noise * _share_of_noise(stack, apart))
@@ -268,7 +278,9 @@ def _with_joints_apart(
     if np.any(rows.apart):
         rows, estimate, there = _without_those_apart(free, stack, rows, refit)
         size = best_size(rows, K, there.fit.x, there.held) if given is None else given
-        rows = replace(rows, apart=joints_apart(rows, K, there.fit.x, there.held, size, known=True)[0])
+        rows = replace(
+            rows, apart=joints_apart(rows, K, there.fit.x, there.held, size, known=True)[0]
+        )
         there = _arm_of(free, rows, size, there)
         size = best_size(rows, K, there.fit.x, there.held) if given is None else given
     if robot == base.robot:
@@ -277,7 +289,9 @@ def _with_joints_apart(
     return rows, best_size(rows, K, arm.fit.x, arm.held) if given is None else given, arm, estimate
 
 
-def _without_those_apart(base: BaseModel, stack: Stack, rows: Whitened, refit: Refit) -> tuple[Whitened, Fit, Arm]:
+def _without_those_apart(
+    base: BaseModel, stack: Stack, rows: Whitened, refit: Refit
+) -> tuple[Whitened, Fit, Arm]:
     """Return rows that were made anew from an estimate of the joints that are not apart, this estimate and its arm.
 
     Beside joints that contradict them the others look noisy, coloured and full of spikes, and what is no spike of
@@ -307,7 +321,9 @@ def _share_of_noise(stack: Stack, apart: Floats) -> Floats:
         alone[others] = weighted(factors[others], counts[others]).noise
     for j in np.flatnonzero(~others):
         own = np.any(factors[j, :, :p] != 0.0, axis=0)
-        rest = factors[j, :, p] - factors[j][:, :p][:, own] @ _shortest(factors[j][:, :p][:, own], factors[j, :, p])
+        rest = factors[j, :, p] - factors[j][:, :p][:, own] @ _shortest(
+            factors[j][:, :p][:, own], factors[j, :, p]
+        )
         alone[j] = np.linalg.norm(rest) / np.sqrt(max(1, counts[j] - np.count_nonzero(own)))
     return np.asarray(np.clip(alone / left, tuning.NOISE_SHARE_LEAST, 1.0))
 
@@ -381,7 +397,9 @@ def _posterior(
     K: Floats, fit: PhysicalParameters, alone: Floats, worth: float, told: Floats, noise: Floats
 ) -> Posterior:
     fit = replace(fit, inflation=worth)
-    return Posterior(fit, K @ fit.x, K @ fit.covariance @ K.T, alone, None, told, noise, np.zeros((len(K), 0)))
+    return Posterior(
+        fit, K @ fit.x, K @ fit.covariance @ K.T, alone, None, told, noise, np.zeros((len(K), 0))
+    )
 
 
 # ---------------------------------------------------------------- what a set is worth
@@ -413,7 +431,9 @@ class ExpectedError:
         if facts is None:
             return None
         noise = np.array(facts["noise_nm"])
-        return cls(float(facts["fitted_motion_percent"]), float(facts["exciting_motion_percent"]), noise)
+        return cls(
+            float(facts["fitted_motion_percent"]), float(facts["exciting_motion_percent"]), noise
+        )
 
 
 def expected_error(
@@ -442,21 +462,31 @@ def expected_error(
     rows = factors[:, :, :-1]
     doubt = rows @ root if error is None else [error.spread(j, W, root) for j, W in enumerate(rows)]
     spread = np.array([np.sum(each**2) for each in doubt]) / count
-    other = np.zeros(len(spread)) if changes is None else np.sum((rows @ changes) ** 2, axis=(1, 2)) / count
+    other = (
+        np.zeros(len(spread))
+        if changes is None
+        else np.sum((rows @ changes) ** 2, axis=(1, 2)) / count
+    )
     if error is not None:
         other = np.where(error.apart == 0.0, other, 0.0)
     size = np.sum(factors[:, :, -1] ** 2, axis=1) / count
     # Why: a fit takes from the residuals what it cannot take from those of another recording.
-    noise = np.sqrt(rms**2 + np.maximum(spread - other, 0.0)) * (1.0 if error is None else tuning.UNSEEN_RESIDUAL)
+    noise = np.sqrt(rms**2 + np.maximum(spread - other, 0.0)) * (
+        1.0 if error is None else tuning.UNSEEN_RESIDUAL
+    )
     observer = stack.observer
     q, qd, qdd = exciting_states(base)
     W = observer.dense(q, qd, qdd)
     tau = W @ theta
     if error is None:
-        variance = np.stack([np.sum((W[:, j] @ root) ** 2, axis=1) for j in range(W.shape[1])], axis=1)
+        variance = np.stack(
+            [np.sum((W[:, j] @ root) ** 2, axis=1) for j in range(W.shape[1])], axis=1
+        )
     else:
         sign = observer.coulomb_sign(qd)
-        Z = orthogonal(shapes_of(q, qd, sign, error.speed), W, error.reference, error.scale, error.projection)
+        Z = orthogonal(
+            shapes_of(q, qd, sign, error.speed), W, error.reference, error.scale, error.projection
+        )
         variance = error.variance(W, Z, covariance)
         tau = tau + np.einsum("mjk,jk->mj", Z, error.mean) + np.einsum("mjp,jp->mj", W, error.own)
     return ExpectedError(
@@ -466,7 +496,9 @@ def expected_error(
     )
 
 
-def uncertainty(base: BaseModel, observer: Observer, covariance: Floats, reference: Floats) -> float:
+def uncertainty(
+    base: BaseModel, observer: Observer, covariance: Floats, reference: Floats
+) -> float:
     """Return the torque error on an exciting motion that uncertain parameters cost [%], whatever the base columns are.
 
     Args:
@@ -479,11 +511,21 @@ def uncertainty(base: BaseModel, observer: Observer, covariance: Floats, referen
     return _percent(np.sum((W @ symmetric_root(covariance)) ** 2), np.sum((W @ reference) ** 2))
 
 
-def exciting_states(base: BaseModel, count: int = tuning.RANDOM_STATES) -> tuple[Floats, Floats, Floats]:
+def exciting_states(
+    base: BaseModel, count: int = tuning.RANDOM_STATES
+) -> tuple[Floats, Floats, Floats]:
     """Return positions, velocities and accelerations of an exciting motion inside the limits, (count, n) each."""
     speed = exciting_speed(base.robot)
     q, qd, _ = random_states(base.robot, speed, count, seed=1)
-    return q, qd, np.random.default_rng(2).normal(size=q.shape) * 2 * np.pi * tuning.EXCITING_FREQUENCY * speed
+    return (
+        q,
+        qd,
+        np.random.default_rng(2).normal(size=q.shape)
+        * 2
+        * np.pi
+        * tuning.EXCITING_FREQUENCY
+        * speed,
+    )
 
 
 def _percent(error: float, torque: float) -> float:
@@ -543,7 +585,9 @@ def parameter_posterior(found: Identification) -> ParameterPosterior:
     noise = found.noise * np.sqrt(worth)
     rows = factors[:, :, :-1] / noise[:, None, None]
     by_joint = rows.swapaxes(1, 2) @ rows
-    return ParameterPosterior(found.theta, information, by_joint, found.model_error, noise, _rate(found))
+    return ParameterPosterior(
+        found.theta, information, by_joint, found.model_error, noise, _rate(found)
+    )
 
 
 def _rate(found: Identification) -> float:
@@ -557,7 +601,9 @@ def _inverse(covariance: Floats) -> Floats:
     """Return the inverse of a covariance, (p, p); variances below rounding count as rounding."""
     scale = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
     values, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return np.asarray((axes / np.maximum(values, ROUNDING * values[-1])) @ axes.T / np.outer(scale, scale))
+    return np.asarray(
+        (axes / np.maximum(values, ROUNDING * values[-1])) @ axes.T / np.outer(scale, scale)
+    )
 
 
 def prior_information(base: BaseModel) -> Floats:
@@ -593,11 +639,19 @@ def prior_covariance(base: BaseModel) -> Floats:
     torque = np.maximum(torque, max(tuning.LEAST_TORQUE * float(torque.max()), 1e-6))
     covariance = np.zeros((K.shape[1], K.shape[1]))
     others = np.delete(np.arange(K.shape[1]), constraints.bodies)
-    columns = base.model.observer(others).dense(q, qd, qdd) if len(others) else np.zeros((1, base.robot.n, 0))
+    columns = (
+        base.model.observer(others).dense(q, qd, qdd)
+        if len(others)
+        else np.zeros((1, base.robot.n, 0))
+    )
     size = np.sqrt(np.mean(columns**2, axis=0)) / torque[:, None]
     covariance[others, others] = 1.0 / np.maximum(size.max(axis=0, initial=0.0), 1e-9) ** 2
     for columns_of_body, bent in zip(
-        constraints.bodies, curvature(constraints, constraints.prior, tuning.PRIOR_WEIGHT), strict=True
+        constraints.bodies,
+        curvature(constraints, constraints.prior, tuning.PRIOR_WEIGHT),
+        strict=True,
     ):
-        covariance[np.ix_(columns_of_body, columns_of_body)] = np.linalg.inv(tuning.PRIOR_COUNTED * bent)
+        covariance[np.ix_(columns_of_body, columns_of_body)] = np.linalg.inv(
+            tuning.PRIOR_COUNTED * bent
+        )
     return np.asarray(K @ covariance @ K.T)

@@ -92,7 +92,9 @@ def predict(
         tau = part.torque(theta)
         return tau if error is None or observer is None else tau + error.torque(part, log, observer)
 
-    t, measured, estimated, usable = _columns((part.t, part.tau, torque(part), part.mask) for part in rows)
+    t, measured, estimated, usable = _columns(
+        (part.t, part.tau, torque(part), part.mask) for part in rows
+    )
     pieces = (piece for segment in log.segments for piece in _pieces(segment, log.filter))
     q, qd, qdd, raw_q, raw_qd, raw_qdd = _columns(pieces)
     return EstimatedMotion(t, raw_q, q, raw_qd, qd, raw_qdd, qdd, measured, estimated, usable)
@@ -109,9 +111,14 @@ def _columns(pieces: Iterable[tuple[NDArray[Any], ...]]) -> Iterator[NDArray[Any
     return (column.whole() for column in growing)
 
 
-def predict_logs(stack: Stack, theta: Floats, error: ModelError | None = None) -> list[EstimatedMotion]:
+def predict_logs(
+    stack: Stack, theta: Floats, error: ModelError | None = None
+) -> list[EstimatedMotion]:
     """Predict the torques of all logs of a stack from base parameters, (p,), each in its unit, and the model error."""
-    return [predict(log, stack.rows_of_log(k), theta, error, stack.observer) for k, log in enumerate(stack.logs)]
+    return [
+        predict(log, stack.rows_of_log(k), theta, error, stack.observer)
+        for k, log in enumerate(stack.logs)
+    ]
 
 
 def _pieces(segment: Segment, chosen: Filter) -> Iterator[tuple[Floats, ...]]:
@@ -126,7 +133,11 @@ def _pieces(segment: Segment, chosen: Filter) -> Iterator[tuple[Floats, ...]]:
         motion = (segment.q, segment.qd, segment.qdd)
         filtered = (decimate(np.ascontiguousarray(x[part].T), kernel, step)[0].T for x in motion)
         raw_q, t = segment.raw_q[part], segment.t[part]
-        raw_qdd = np.gradient(np.gradient(raw_q, t, axis=0), t, axis=0) if len(t) > 1 else np.zeros_like(raw_q)
+        raw_qdd = (
+            np.gradient(np.gradient(raw_q, t, axis=0), t, axis=0)
+            if len(t) > 1
+            else np.zeros_like(raw_q)
+        )
         yield (*filtered, raw_q[centres], segment.raw_qd[part][centres], raw_qdd[centres])
 
 
@@ -134,13 +145,16 @@ def joined(motions: Sequence[EstimatedMotion]) -> EstimatedMotion:
     """Return motions one after the other, a second apart, as one."""
     starts = np.cumsum([0.0, *(float(np.ptp(motion.t)) + 1.0 for motion in motions[:-1])])
     parts = [replace(m, t=m.t - m.t[0] + start) for m, start in zip(motions, starts, strict=True)]
-    return EstimatedMotion(**{f.name: np.concatenate([getattr(m, f.name) for m in parts]) for f in fields(parts[0])})
+    return EstimatedMotion(
+        **{f.name: np.concatenate([getattr(m, f.name) for m in parts]) for f in fields(parts[0])}
+    )
 
 
 def save(path: Path, motions: Sequence[EstimatedMotion], header: dict[str, Any]) -> None:
     """Write estimatedmotion.npz; several logs follow each other, ``log`` says which is which."""
     arrays: dict[str, NDArray[Any]] = {
-        field.name: scratch.joined(getattr(m, field.name) for m in motions) for field in fields(EstimatedMotion)
+        field.name: scratch.joined(getattr(m, field.name) for m in motions)
+        for field in fields(EstimatedMotion)
     }
     arrays["log"] = np.concatenate([np.full(len(m.t), k) for k, m in enumerate(motions)])
     write_artifact(path, SCHEMA, header, arrays)
@@ -149,7 +163,9 @@ def save(path: Path, motions: Sequence[EstimatedMotion], header: dict[str, Any])
 def load(path: Path) -> tuple[EstimatedMotion, dict[str, Any]]:
     """Read estimatedmotion.npz as one motion, and its header."""
     artifact = read_artifact(path, CONTENTS)
-    found = EstimatedMotion(**{field.name: artifact.arrays[field.name] for field in fields(EstimatedMotion)})
+    found = EstimatedMotion(
+        **{field.name: artifact.arrays[field.name] for field in fields(EstimatedMotion)}
+    )
     return found, dict(artifact.header)
 
 
@@ -173,7 +189,9 @@ class JointCheck:
     baseline_rms: float
 
 
-def check(motion: EstimatedMotion, baseline: Floats, joints: tuple[str, ...]) -> tuple[list[JointCheck], float]:
+def check(
+    motion: EstimatedMotion, baseline: Floats, joints: tuple[str, ...]
+) -> tuple[list[JointCheck], float]:
     """Return the errors of each joint and the total relative error 100 |tau - W theta| / |tau| [%].
 
     Args:
@@ -189,7 +207,11 @@ def check(motion: EstimatedMotion, baseline: Floats, joints: tuple[str, ...]) ->
     rms, size, base = (np.sqrt((x**2).sum(axis=0) / count) for x in (residual, torque, other))
     checks = [
         JointCheck(
-            joint, float(rms[j]), float(100 * rms[j] / size[j]) if size[j] else 0.0, float(size[j]), float(base[j])
+            joint,
+            float(rms[j]),
+            float(100 * rms[j] / size[j]) if size[j] else 0.0,
+            float(size[j]),
+            float(base[j]),
         )
         for j, joint in enumerate(joints)
     ]

@@ -42,7 +42,12 @@ class Part:
 
 
 def parts_of(
-    stack: Stack, theta: Floats, error: ModelError | None, noise: Floats, worth: float, robust: Floats | None
+    stack: Stack,
+    theta: Floats,
+    error: ModelError | None,
+    noise: Floats,
+    worth: float,
+    robust: Floats | None,
 ) -> list[Part]:
     """Return what each quarter of each recording says; joints that are apart have no say.
 
@@ -56,7 +61,9 @@ def parts_of(
     """
     found = []
     for log in sorted(set(stack.log_of_block.tolist())):
-        for blocks in np.array_split(np.flatnonzero(stack.log_of_block == log), tuning.PARTS_OF_LOG):
+        for blocks in np.array_split(
+            np.flatnonzero(stack.log_of_block == log), tuning.PARTS_OF_LOG
+        ):
             if len(blocks):
                 part = stack.select(np.isin(np.arange(stack.blocks), blocks))
                 found.append(Part(log, _grams(part, theta, error, noise, worth, robust)))
@@ -64,7 +71,12 @@ def parts_of(
 
 
 def _grams(
-    stack: Stack, theta: Floats, error: ModelError | None, noise: Floats, worth: float, robust: Floats | None
+    stack: Stack,
+    theta: Floats,
+    error: ModelError | None,
+    noise: Floats,
+    worth: float,
+    robust: Floats | None,
 ) -> Floats:
     whiten = noise * np.sqrt(worth)
     if error is None:
@@ -74,12 +86,18 @@ def _grams(
         factors = rows_under(stack, error, whiten, noise, robust)
         b, together = error.mean, error.apart == 0.0
     rows = factors * together[:, None, None]
-    left = rows[:, :, -1] - np.einsum("jmk,jk->jm", rows[:, :, : b.shape[1]], b) - rows[:, :, b.shape[1] : -1] @ theta
+    left = (
+        rows[:, :, -1]
+        - np.einsum("jmk,jk->jm", rows[:, :, : b.shape[1]], b)
+        - rows[:, :, b.shape[1] : -1] @ theta
+    )
     rows = np.concatenate([rows[:, :, :-1], left[:, :, None]], axis=2)
     return np.asarray(rows.swapaxes(1, 2) @ rows)
 
 
-def disagreement(parts: list[Part], covariance: Floats, error: ModelError | None, told: Mask) -> float:
+def disagreement(
+    parts: list[Part], covariance: Floats, error: ModelError | None, told: Mask
+) -> float:
     """Return how many times more the parts of recordings move the parameters than their rows let expect, at least 1.
 
     Args:
@@ -91,8 +109,12 @@ def disagreement(parts: list[Part], covariance: Floats, error: ModelError | None
     if not told.any():
         return 1.0
     X = _covariance(covariance, error)
-    weight = np.append(np.zeros(len(X) - len(told)), np.where(told, 1.0 / np.diagonal(covariance), 0.0))
-    logs = [[part for part in parts if part.log == log] for log in sorted({part.log for part in parts})]
+    weight = np.append(
+        np.zeros(len(X) - len(told)), np.where(told, 1.0 / np.diagonal(covariance), 0.0)
+    )
+    logs = [
+        [part for part in parts if part.log == log] for log in sorted({part.log for part in parts})
+    ]
     found = [1.0]
     for each in ([[part] for part in parts], logs):
         sums = [_score(np.sum([part.grams for part in some], axis=0), len(told)) for some in each]
@@ -164,11 +186,18 @@ def _variance(parts: list[Part], directions: Floats) -> float:
     """
     p = len(directions)
     logs = sorted({part.log for part in parts})
-    told = np.array([[_size(part.grams[j], directions[:, j], p) for j in range(directions.shape[1])] for part in parts])
+    told = np.array(
+        [
+            [_size(part.grams[j], directions[:, j], p) for j in range(directions.shape[1])]
+            for part in parts
+        ]
+    )
     number = np.array([logs.index(part.log) for part in parts])
     sizes = np.geomspace(*tuning.CHANGE_SIZES, tuning.CHANGE_GRID)
     freedom = tuning.CHANGE_FREEDOM
-    value = np.log(sizes) - 0.5 * (freedom + 1.0) * np.log1p((sizes / tuning.CHANGE_PRIOR) ** 2 / freedom)
+    value = np.log(sizes) - 0.5 * (freedom + 1.0) * np.log1p(
+        (sizes / tuning.CHANGE_PRIOR) ** 2 / freedom
+    )
     for j in range(directions.shape[1]):
         a, v = told[:, j].T
         if not np.all(np.isfinite(v)) or len(a) < 2:
@@ -180,7 +209,9 @@ def _variance(parts: list[Part], directions: Floats) -> float:
             weight = np.linalg.inv(covariance)
             total = weight.sum()
             mean = weight.sum(axis=0) @ a / total
-            value[k] -= 0.5 * (np.linalg.slogdet(covariance)[1] + np.log(total) + (a - mean) @ weight @ (a - mean))
+            value[k] -= 0.5 * (
+                np.linalg.slogdet(covariance)[1] + np.log(total) + (a - mean) @ weight @ (a - mean)
+            )
     chance = np.exp(value - value.max())
     return float(tuning.CHANGE_BETWEEN**2 * (chance @ sizes**2) / chance.sum())
 
@@ -189,4 +220,8 @@ def _size(gram: Floats, direction: Floats, p: int) -> tuple[float, float]:
     """Return by how much rows ask for more of a direction, (p,), and the variance of that; infinite without rows."""
     W = gram[-p - 1 : -1, -p - 1 : -1]
     told = float(direction @ W @ direction)
-    return (float(direction @ gram[-p - 1 : -1, -1]) / told, 1.0 / told) if told > 0.0 else (0.0, np.inf)
+    return (
+        (float(direction @ gram[-p - 1 : -1, -1]) / told, 1.0 / told)
+        if told > 0.0
+        else (0.0, np.inf)
+    )

@@ -43,7 +43,8 @@ Floats = NDArray[np.float64]
 # ---------------------------------------------------------------- columns
 #: Group of each column: 0 position, 1 friction, 2 load.
 GROUPS = np.repeat(
-    [0, 1, 2], [2 * tuning.POSITION_HARMONICS, 2 * tuning.FRICTION_HARMONICS + len(tuning.FRICTION_SPEEDS), 1]
+    [0, 1, 2],
+    [2 * tuning.POSITION_HARMONICS, 2 * tuning.FRICTION_HARMONICS + len(tuning.FRICTION_SPEEDS), 1],
 )
 
 
@@ -80,7 +81,9 @@ def _shapes(q: Floats, qd: Floats, sign: Floats, speed: Floats) -> Floats:
     return found
 
 
-def filtered_shapes(rows: ObservationRows, log: ConditionedLog, observer: Observer, speed: Floats) -> Floats:
+def filtered_shapes(
+    rows: ObservationRows, log: ConditionedLog, observer: Observer, speed: Floats
+) -> Floats:
     """Return the columns of ``shapes_of`` under the filter of some rows of a log, (n, k, M)."""
     kernel, step = log.filter.second_kernel, log.filter.second_step
     taps, count = kernel.shape[1], len(rows.t)
@@ -94,7 +97,9 @@ def filtered_shapes(rows: ObservationRows, log: ConditionedLog, observer: Observ
     q, qd = segment.q[part], segment.qd[part]
     sign = segment.coulomb_sign[part] if segment.coulomb_sign.size else observer.coulomb_sign(qd)
     shapes = _shapes(q, qd, sign, speed)
-    return np.asarray(decimate(shapes.reshape(-1, len(q)), kernel, step)[0].reshape(*shapes.shape[:2], count))
+    return np.asarray(
+        decimate(shapes.reshape(-1, len(q)), kernel, step)[0].reshape(*shapes.shape[:2], count)
+    )
 
 
 def columns_of(
@@ -117,7 +122,9 @@ def rms_speed(logs: Iterable[ConditionedLog], n: int) -> Floats:
     return np.maximum(np.sqrt(squares / max(1, count)), 1e-3)
 
 
-def folded(stack: Stack, speed: Floats, reference: Floats, noise: Floats, robust: Floats | None) -> Floats:
+def folded(
+    stack: Stack, speed: Floats, reference: Floats, noise: Floats, robust: Floats | None
+) -> Floats:
     """Return triangular factors of [D W tau] per joint, weighted like the estimate, (n, k + p + 1, k + p + 1).
 
     Args:
@@ -161,7 +168,9 @@ def _beside(stack: Stack, speed: Floats, reference: Floats) -> Floats:
     return found
 
 
-def _rows_and_columns(stack: Stack, speed: Floats, reference: Floats) -> Iterator[tuple[ObservationRows, Floats]]:
+def _rows_and_columns(
+    stack: Stack, speed: Floats, reference: Floats
+) -> Iterator[tuple[ObservationRows, Floats]]:
     """Yield the rows of a stack, and D in them, (n, k, M)."""
     for number, log in enumerate(stack.logs):
         for rows in stack.rows_of_log(number):
@@ -249,12 +258,16 @@ def smallest_in_box(
         moved, change = there - x, turned - slope
         if float(moved @ change) > 1e-12 * float(np.linalg.norm(moved) * np.linalg.norm(change)):
             along = bend @ moved
-            bend += np.outer(change, change) / (moved @ change) - np.outer(along, along) / (moved @ along)
+            bend += np.outer(change, change) / (moved @ change) - np.outer(along, along) / (
+                moved @ along
+            )
         x, value, slope = there, found, turned
     return x
 
 
-def settled(function: Callable[[Floats], tuple[float, Floats]], x: Floats, low: Floats, high: Floats) -> Floats:
+def settled(
+    function: Callable[[Floats], tuple[float, Floats]], x: Floats, low: Floats, high: Floats
+) -> Floats:
     """Return where the slopes of a function vanish near a place that ``smallest_in_box`` found, (k,).
 
     Newton's steps, with the bend of the slopes by differences: where rounding ended that search, another machine would
@@ -270,7 +283,9 @@ def settled(function: Callable[[Floats], tuple[float, Floats]], x: Floats, low: 
         slope = function(x)[1]
         free = np.flatnonzero(~(((x <= low) & (slope > 0.0)) | ((x >= high) & (slope < 0.0))))
         steps = BEND * np.eye(len(x))[free]
-        bend = np.array([(function(x + step)[1] - function(x - step)[1])[free] / (2.0 * BEND) for step in steps])
+        bend = np.array(
+            [(function(x + step)[1] - function(x - step)[1])[free] / (2.0 * BEND) for step in steps]
+        )
         if not len(free) or np.min(np.linalg.eigvalsh(bend + bend.T)) <= 0.0:
             break
         there = x.copy()
@@ -352,7 +367,9 @@ class ModelError:
         """Return the mean torque of the model error in rows of a log, (M, n) [N m or N]."""
         D = columns_of(rows, log, observer, self.speed, self.reference)
         by_column, by_parameter = self.mean_by_rows
-        return np.asarray(np.einsum("jkm,jk->mj", D, by_column, optimize=True) + rows.torque(by_parameter))
+        return np.asarray(
+            np.einsum("jkm,jk->mj", D, by_column, optimize=True) + rows.torque(by_parameter)
+        )
 
     @property
     def joints_apart(self) -> NDArray[np.intp]:
@@ -362,7 +379,9 @@ class ModelError:
     @property
     def mean_by_rows(self) -> tuple[Floats, Floats]:
         """The mean torque as a combination of D, (n, k), and of W, (n, p)."""
-        return self.mean / self.scale, self.own - np.einsum("jpk,jk->jp", self.projection, self.mean)
+        return self.mean / self.scale, self.own - np.einsum(
+            "jpk,jk->jp", self.projection, self.mean
+        )
 
     def torque_of(self, q: Floats, qd: Floats, sign: Floats, W: Floats) -> Floats:
         """Return the mean torque of the model error in a motion without any filter, (N, n) [N m or N].
@@ -376,7 +395,9 @@ class ModelError:
         D = shapes_of(q, qd, sign, self.speed)
         D[:, :, -1] *= np.abs(W @ self.reference)
         by_column, by_parameter = self.mean_by_rows
-        return np.asarray(np.einsum("mjk,jk->mj", D, by_column) + np.einsum("mjp,jp->mj", W, by_parameter))
+        return np.asarray(
+            np.einsum("mjk,jk->mj", D, by_column) + np.einsum("mjp,jp->mj", W, by_parameter)
+        )
 
     def spread(self, j: int, W: Floats, root: Floats) -> Floats:
         """Return how far a joint's own parameters let its torques be off, by rows of W, (M, r).
@@ -409,7 +430,9 @@ class ModelError:
 
 
 # ---------------------------------------------------------------- columns
-def orthogonal(shapes: Floats, W: Floats, reference: Floats, scale: Floats, projection: Floats) -> Floats:
+def orthogonal(
+    shapes: Floats, W: Floats, reference: Floats, scale: Floats, projection: Floats
+) -> Floats:
     """Return Z = D / scale - W B, (M, n, k), for columns that still lack the torque of the load.
 
     Args:
@@ -427,7 +450,9 @@ def orthogonal(shapes: Floats, W: Floats, reference: Floats, scale: Floats, proj
 def exciting_speed(robot: Robot) -> Floats:
     """Return the rms speed of an exciting motion inside the limits, (n,) [rad/s or m/s]."""
     limits = [(joint.limits.velocity, joint.revolute) for joint in robot.joints]
-    return np.array([tuning.EXCITING_SPEED * v if v else tuning.FREE_SPEED[turns] for v, turns in limits])
+    return np.array(
+        [tuning.EXCITING_SPEED * v if v else tuning.FREE_SPEED[turns] for v, turns in limits]
+    )
 
 
 def random_states(
@@ -512,7 +537,9 @@ class Whitened:
     def agreeing(self) -> Whitened:
         """The rows of the joints that are not apart: what is wrong with another one tells nothing of their columns."""
         together = self.apart == 0.0
-        return replace(self, factors=self.factors * together[:, None, None], apart=np.zeros_like(self.apart))
+        return replace(
+            self, factors=self.factors * together[:, None, None], apart=np.zeros_like(self.apart)
+        )
 
     def variances(self, size: Floats) -> Floats:
         """Return the variance of the factor of each column in units of sigma^2, (n, k), for sizes of the groups."""
@@ -538,7 +565,10 @@ class Whitened:
             heads: rows of b per joint, from ``eliminated``.
         """
         variance = self.variances(size) * self.noise[:, None] ** 2
-        return float(np.sum(np.log(np.abs(np.diagonal(heads, axis1=1, axis2=2)))) + 0.5 * np.sum(np.log(variance)))
+        return float(
+            np.sum(np.log(np.abs(np.diagonal(heads, axis1=1, axis2=2))))
+            + 0.5 * np.sum(np.log(variance))
+        )
 
     def centred(self, theta: Floats) -> Whitened:
         """Return rows of which theta is the estimate where there is no model error, (p,).
@@ -568,7 +598,9 @@ class Whitened:
             Triangular factor of [W tau] without b, (p + 1, p + 1), and the rows of b per joint, (n, k, k + p + 1).
         """
         k, rest, heads = self.k, [], []
-        for F, sd in zip(self.factors, np.sqrt(self.variances(size)) * self.noise[:, None], strict=True):
+        for F, sd in zip(
+            self.factors, np.sqrt(self.variances(size)) * self.noise[:, None], strict=True
+        ):
             prior = np.zeros((k, F.shape[1]))
             prior[:, :k] = np.diag(1.0 / sd)
             R = triangle(np.vstack([F, prior]))
@@ -645,7 +677,9 @@ def centred(factors: Floats, k: int, theta: Floats) -> Floats:
     return F
 
 
-def rows_under(stack: Stack, error: ModelError, whiten: Floats, noise: Floats, robust: Floats | None) -> Floats:
+def rows_under(
+    stack: Stack, error: ModelError, whiten: Floats, noise: Floats, robust: Floats | None
+) -> Floats:
     """Return factors [Z W tau] of each joint of any stack for a residual model found elsewhere, (n, m, k + p + 1).
 
     Args:
@@ -687,7 +721,9 @@ def _changed(factors: Floats, scale: Floats, projection: Floats) -> Floats:
     return found
 
 
-def _projection(base: BaseModel, observer: Observer, speed: Floats, reference: Floats, scale: Floats) -> Floats:
+def _projection(
+    base: BaseModel, observer: Observer, speed: Floats, reference: Floats, scale: Floats
+) -> Floats:
     """Regress the columns on the parameters over random states inside the limits, (n, p, k).
 
     Their speeds are at least those of an exciting motion: what a joint that crawls leaves to the columns would grow
@@ -715,7 +751,9 @@ def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> Floats:
     """
     rows = rows.agreeing
     gram = rows.gram()
-    low, high = np.log([np.full(len(tuning.RESIDUAL_LARGEST), tuning.RESIDUAL_NOTHING), tuning.RESIDUAL_LARGEST])
+    low, high = np.log(
+        [np.full(len(tuning.RESIDUAL_LARGEST), tuning.RESIDUAL_NOTHING), tuning.RESIDUAL_LARGEST]
+    )
 
     def negative(logs: Floats) -> tuple[float, Floats]:
         evidence, slope = _log_evidence(rows, gram, np.exp(logs), K, x, prior)
@@ -770,7 +808,9 @@ def joints_apart(
     # What the rows of each joint say of its parameters when the columns of the model error are integrated out.
     _, heads = rows.eliminated(size)
     k, F = rows.k, rows.factors
-    each = F[:, :, k:].swapaxes(1, 2) @ F[:, :, k:] - heads[:, :, k:].swapaxes(1, 2) @ heads[:, :, k:]
+    each = (
+        F[:, :, k:].swapaxes(1, 2) @ F[:, :, k:] - heads[:, :, k:].swapaxes(1, 2) @ heads[:, :, k:]
+    )
     values, vectors = np.linalg.eigh(rows.spread.T @ each[:, :-1, :-1] @ rows.spread)
     values, along = np.maximum(values, 0.0), each[:, :, :-1] @ rows.spread @ vectors
     none, together, narrower = np.zeros(len(F)), np.sum(each, axis=0), rows.log_volume(size, heads)
@@ -787,15 +827,23 @@ def joints_apart(
             volume -= 0.5 * float(np.sum(np.log1p(apart[j] * values[j])))
         # Why: of what a joint has no say in, differences of large numbers are left, which may be negative.
         try:
-            found = volume + _of_parameters(S, K, x, prior)[0] - tuning.APART_EVIDENCE * np.count_nonzero(apart)
+            found = (
+                volume
+                + _of_parameters(S, K, x, prior)[0]
+                - tuning.APART_EVIDENCE * np.count_nonzero(apart)
+            )
         except np.linalg.LinAlgError:
             return -np.inf
         return float(found) if np.isfinite(found) else -np.inf
 
     apart, best = rows.apart, worth(rows.apart)
     while True:
-        sizes = ((j, tuning.APART_SIZES if before[j] else (0.0, *tuning.APART_SIZES)) for j in joints)
-        tried = [np.where(np.arange(len(apart)) == j, one, apart) for j, some in sizes for one in some]
+        sizes = (
+            (j, tuning.APART_SIZES if before[j] else (0.0, *tuning.APART_SIZES)) for j in joints
+        )
+        tried = [
+            np.where(np.arange(len(apart)) == j, one, apart) for j, some in sizes for one in some
+        ]
         # Why not all: the last one has nobody left to contradict.
         worths = [-np.inf if np.all(other) else worth(other) for other in tried]
         first = int(np.argmax(worths))
@@ -854,7 +902,9 @@ def _log_evidence(
     evidence, best, root = _of_parameters(S, K, x, prior)
     evidence -= float(np.sum(np.log(np.diagonal(L, axis1=1, axis2=2))))
     by = inverse.swapaxes(1, 2) @ part
-    squares = (by[:, :, -1] - by[:, :, :-1] @ best) ** 2 + np.sum((by[:, :, :-1] @ root) ** 2, axis=2)
+    squares = (by[:, :, -1] - by[:, :, :-1] @ best) ** 2 + np.sum(
+        (by[:, :, :-1] @ root) ** 2, axis=2
+    )
     squares += np.sum(inverse**2, axis=1)
     counted = np.where(rows.free > 0.0, 0.0, squares - 1.0)
     return evidence, np.asarray(0.5 * np.bincount(GROUPS, counted.sum(axis=0), minlength=len(size)))
@@ -875,7 +925,12 @@ def _inverse_root(H: Floats) -> tuple[Floats, float]:
 
 
 def model_error(
-    rows: Whitened, size: Floats, evidence: float, heads: Floats, theta: Floats, counts: NDArray[np.int64]
+    rows: Whitened,
+    size: Floats,
+    evidence: float,
+    heads: Floats,
+    theta: Floats,
+    counts: NDArray[np.int64],
 ) -> ModelError:
     """Return the model error that belongs to parameters.
 
@@ -894,10 +949,25 @@ def model_error(
     root = np.array([np.linalg.inv(head[:, :k]) for head in heads])
     slope = -root @ heads[:, :, k:-1]
     mean = (root @ heads[:, :, -1:])[:, :, 0] + np.einsum("jkp,jp->jk", slope, theta + own)
-    parts = np.stack([*(np.where(g == GROUPS, mean, 0.0) for g in range(len(tuning.RESIDUAL_LARGEST))), mean], axis=2)
+    parts = np.stack(
+        [*(np.where(g == GROUPS, mean, 0.0) for g in range(len(tuning.RESIDUAL_LARGEST))), mean],
+        axis=2,
+    )
     torque = np.linalg.norm(rows.factors[:, :, :k] @ parts, axis=1)
     rms = torque * (rows.noise * np.sqrt(rows.inflation / np.maximum(counts, 1)))[:, None]
     return ModelError(
-        rows.speed, rows.reference, rows.scale, rows.projection, mean, root, slope, size, rms, evidence,
-        rows.apart, own, own_root, own_slope,
-    )  # fmt: skip
+        rows.speed,
+        rows.reference,
+        rows.scale,
+        rows.projection,
+        mean,
+        root,
+        slope,
+        size,
+        rms,
+        evidence,
+        rows.apart,
+        own,
+        own_root,
+        own_slope,
+    )

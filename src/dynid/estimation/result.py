@@ -163,7 +163,9 @@ class Identification:
     counts = cast("NDArray[np.int64]", _part("fit.counts"))
     joints = cast("tuple[JointQuality, ...]", _part("quality.joints"))
     relative_error_percent = cast("float", _part("quality.relative_error_percent"))
-    heldout_relative_error_percent = cast("float | None", _part("quality.heldout_relative_error_percent"))
+    heldout_relative_error_percent = cast(
+        "float | None", _part("quality.heldout_relative_error_percent")
+    )
     heldout = cast("str", _part("quality.heldout"))
     heldout_by_set = cast("dict[str, float]", _part("quality.heldout_by_set"))
     rank = cast("int", _part("quality.rank"))
@@ -252,7 +254,9 @@ class Identification:
     def _figure(self, joints: tuple[str, ...], *, residual_only: bool) -> Figure:
         if self.draw is None:
             raise WrongUsage(
-                f"{self.label} keeps no rows to draw", fix="dynid.validate(result, log).plot_torque()", where=self.label
+                f"{self.label} keeps no rows to draw",
+                fix="dynid.validate(result, log).plot_torque()",
+                where=self.label,
             )
         return self.draw(self, joints, residual_only)
 
@@ -336,7 +340,9 @@ class Identification:
         found = []
         for link, columns in body_columns(self.base.model.parameters).items():
             body = body_of(x[columns])
-            inertia = dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), body.inertia_com, strict=True))
+            inertia = dict(
+                zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), body.inertia_com, strict=True)
+            )
             found.append(
                 {
                     "link": link,
@@ -410,7 +416,9 @@ class Identification:
             function = self._functions[residual_model]
             if function is not None:
                 return np.array(function(position.tolist(), speed.tolist(), acceleration.tolist()))
-            found = self._torques(position[None], speed[None], acceleration[None], times, residual_model)
+            found = self._torques(
+                position[None], speed[None], acceleration[None], times, residual_model
+            )
             return np.asarray(found[0])
         return self._torques(position, speed, acceleration, times, residual_model)
 
@@ -419,13 +427,19 @@ class Identification:
         """The inverse dynamics of single states, with and without the residual model, once they were asked for."""
         return {}
 
-    def _torques(self, q: Floats, qd: Floats, qdd: Floats, t: Floats | None, residual_model: bool) -> Floats:
+    def _torques(
+        self, q: Floats, qd: Floats, qdd: Floats, t: Floats | None, residual_model: bool
+    ) -> Floats:
         model = self.base.model
         tau = known_torque(model, q, qd, qdd)
         error = self.model_error if residual_model else None
         if model.added or error is not None:
             W = self.regressor(q, qd, qdd, t)
-            extra = 0.0 if error is None else error.torque_of(q, qd, self.base.observer.coulomb_sign(qd), W)
+            extra = (
+                0.0
+                if error is None
+                else error.torque_of(q, qd, self.base.observer.coulomb_sign(qd), W)
+            )
             return np.asarray(tau + W @ self.theta + extra)
         return tau + self.base.observer.torque(self.theta, q, qd, qdd)
 
@@ -449,12 +463,15 @@ class Identification:
         if model.added:
             if t is None:
                 raise WrongUsage(
-                    "this model has effects that depend on the order of the samples", fix="give their time: t=[...]"
+                    "this model has effects that depend on the order of the samples",
+                    fix="give their time: t=[...]",
                 )
             reference = model_torques(model, self.reduction, self.theta)
             motion = ArmMotion(t, q, qd, qdd, self.robot, reference, lambda x: x)
             wanted, count = observer.added_entries, len(observer.rows) - len(observer.added_entries)
-            full[:, observer.rows[count:], observer.cols[count:]] = model.added_entries(motion)[wanted].T
+            full[:, observer.rows[count:], observer.cols[count:]] = model.added_entries(motion)[
+                wanted
+            ].T
         return full
 
     def draws(self, count: int, seed: int = 0) -> Draws:
@@ -491,7 +508,9 @@ class Identification:
     @property
     def title(self) -> str:
         """One line: the arm, the number of parameters, the estimator."""
-        return visible(f"{self.robot.name}: {len(self.names)} base parameters, estimator {self.method} ({self.why})")
+        return visible(
+            f"{self.robot.name}: {len(self.names)} base parameters, estimator {self.method} ({self.why})"
+        )
 
     def verdict(self) -> list[str]:
         """Return what the result is worth, line by line."""
@@ -571,7 +590,9 @@ def _state(n: int, *given: ArrayLike) -> tuple[Floats, ...]:
     found = tuple(np.asarray(x, dtype=float) for x in given)
     shape = found[0].shape
     if any(x.shape != shape for x in found) or len(shape) not in (1, 2) or shape[-1] != n:
-        shapes = ", ".join(f"{name} {x.shape}" for name, x in zip(("q", "qd", "qdd"), found, strict=True))
+        shapes = ", ".join(
+            f"{name} {x.shape}" for name, x in zip(("q", "qd", "qdd"), found, strict=True)
+        )
         raise WrongUsage(
             f"the shapes are {shapes}",
             fix=f"({n},) for one state of this arm, or (N, {n}) for N samples, for all three",

@@ -22,7 +22,12 @@ from dynid.files.artifact import read_artifact, read_header, reading, write_text
 from dynid.files.contents import Array, Contents, Fact, require_numbers
 from dynid.files.robotfile import parse_robot, text_of
 from dynid.limits import LIMITS
-from dynid.model.base_model import REDUCTION_ARRAYS, REDUCTION_FACTS, reduction_facts, reduction_from
+from dynid.model.base_model import (
+    REDUCTION_ARRAYS,
+    REDUCTION_FACTS,
+    reduction_facts,
+    reduction_from,
+)
 from dynid.model.regressor import parameter_names
 from dynid.npz import write_artifact
 from dynid.text import csv_row, yaml_text
@@ -32,11 +37,33 @@ Floats = NDArray[np.float64]
 SCHEMA = "dynid/identification/1"
 TABLE = "dynid/parameters-table/1"
 #: What is stored as arrays, and what is stored as it is, by its name in the result.
-ARRAYS = ("theta", "plain", "covariance", "plain_covariance", "std_error", "prior", "noise", "factors", "counts")
+ARRAYS = (
+    "theta",
+    "plain",
+    "covariance",
+    "plain_covariance",
+    "std_error",
+    "prior",
+    "noise",
+    "factors",
+    "counts",
+)
 SCALARS = (
-    "method", "why", "knowledge", "joints", "relative_error_percent", "heldout_relative_error_percent", "heldout",
-    "rank", "condition_number", "condition_number_scaled", "samples", "in_force", "choice", "heldout_by_set",
-)  # fmt: skip
+    "method",
+    "why",
+    "knowledge",
+    "joints",
+    "relative_error_percent",
+    "heldout_relative_error_percent",
+    "heldout",
+    "rank",
+    "condition_number",
+    "condition_number_scaled",
+    "samples",
+    "in_force",
+    "choice",
+    "heldout_by_set",
+)
 FULL_ARRAYS = ("x", "std_error", "data_share", "covariance", "hessian")
 ERROR_ARRAYS = ("speed", "reference", "scale", "projection", "mean", "root", "slope", "size", "rms")
 #: What files of results without joints apart lack; zero there.
@@ -55,16 +82,23 @@ def save(path: Path, found: Identification, facts: dict[str, Any] | None = None)
         found: the result.
         facts: further facts for the header, such as the inputs that it depends on.
     """
-    physical, (reduction, reduction_arrays) = asdict(found.physical), reduction_facts(found.reduction)
+    physical, (reduction, reduction_arrays) = (
+        asdict(found.physical),
+        reduction_facts(found.reduction),
+    )
     arrays = {key: getattr(found, key) for key in ARRAYS}
     arrays |= {f"full_{key}": physical.pop(key) for key in FULL_ARRAYS}
     arrays |= reduction_arrays
     if found.model_error is not None:
         apart = APART_ARRAYS if len(found.model_error.joints_apart) else ()
-        arrays |= {f"error_{key}": getattr(found.model_error, key) for key in (*ERROR_ARRAYS, *apart)}
+        arrays |= {
+            f"error_{key}": getattr(found.model_error, key) for key in (*ERROR_ARRAYS, *apart)
+        }
     arrays |= {f"motion_{k}": motion.astype(np.float32) for k, motion in enumerate(found.motions)}
     scalars = {key: getattr(found, key) for key in SCALARS} | {"physical": physical}
-    scalars["model_error_evidence"] = None if found.model_error is None else found.model_error.evidence
+    scalars["model_error_evidence"] = (
+        None if found.model_error is None else found.model_error.evidence
+    )
     scalars["expected"] = None if found.expected is None else found.expected.facts()
     header = {
         **(facts or {}),
@@ -98,7 +132,9 @@ def save_yaml(path: Path, found: Identification) -> Path:
         terms = {name: float(f"{factor:.10g}") for name, factor in row["terms"].items()}
         shown = {
             **row,
-            "value": _digits(row["value"], error) if row["known"] != "not determined" or error else None,
+            "value": _digits(row["value"], error)
+            if row["known"] != "not determined" or error
+            else None,
             "std_error": None if error is None else float(f"{error:.2g}"),
             "terms": terms,
             "prior": None if row["prior"] is None else float(f"{row['prior']:.6g}"),
@@ -203,14 +239,17 @@ def load(path: Path) -> Identification:
     header = read_header(path) or {}
     if header.get("schema") == SCHEMA and "reduction" not in header:
         raise NotAnArtifact(
-            f"{path} was written by an earlier version of dynid", where=str(path), fix="identify again: dynid identify"
+            f"{path} was written by an earlier version of dynid",
+            where=str(path),
+            fix="identify again: dynid identify",
         )
     artifact = read_artifact(path, CONTENTS)
     h, a = dict(artifact.header), artifact.arrays
     with reading(path):
         stored: dict[str, Any] = dict(h["result"])
         full: dict[str, Any] = {
-            key: tuple(value) if isinstance(value, list) else value for key, value in stored["physical"].items()
+            key: tuple(value) if isinstance(value, list) else value
+            for key, value in stored["physical"].items()
         }
         full |= {key: a[f"full_{key}"] for key in FULL_ARRAYS}
         file = Path(h["robot_path"])
@@ -218,9 +257,18 @@ def load(path: Path) -> Identification:
         measured = {key: stored[key] for key in SCALARS if key in Quality.__annotations__}
         measured |= {"joints": _tuple(JointQuality, stored["joints"])}
         found = Identification(
-            robot=replace(robot, source=typed(file)) if h["robot_path"] else replace(robot, path=None),
+            robot=replace(robot, source=typed(file))
+            if h["robot_path"]
+            else replace(robot, path=None),
             reduction=reduction_from(h["reduction"], a),
-            fit=Fit(stored["method"], a["plain"], a["noise"], a["plain_covariance"], a["factors"], a["counts"]),
+            fit=Fit(
+                stored["method"],
+                a["plain"],
+                a["noise"],
+                a["plain_covariance"],
+                a["factors"],
+                a["counts"],
+            ),
             quality=Quality(**measured, expected=_expected(stored["expected"], len(a["noise"]))),
             why=stored["why"],
             in_force=stored["in_force"],
@@ -233,7 +281,9 @@ def load(path: Path) -> Identification:
             physical=PhysicalParameters(**full),
             model_error=_model_error(stored["model_error_evidence"], a),
             findings=_tuple(Finding, h["findings"]),
-            motions=tuple(a[f"motion_{k}"].astype(np.float64) for k in range(len(a)) if f"motion_{k}" in a),
+            motions=tuple(
+                a[f"motion_{k}"].astype(np.float64) for k in range(len(a)) if f"motion_{k}" in a
+            ),
             header=h,
             path=path,
         )
@@ -270,7 +320,9 @@ def _require_covariance(**arrays: Floats) -> None:
         known = np.isfinite(found)
         variance = np.where(np.isfinite(np.diagonal(found)), np.diagonal(found), np.inf)
         most = np.sqrt(np.maximum(variance, 0.0))
-        if np.any(variance < 0.0) or np.any(np.abs(found[known]) > (1.0 + ROUNDING) * np.outer(most, most)[known]):
+        if np.any(variance < 0.0) or np.any(
+            np.abs(found[known]) > (1.0 + ROUNDING) * np.outer(most, most)[known]
+        ):
             raise ValueError(f"'{name}' is not a covariance")
 
 

@@ -154,13 +154,22 @@ class ObservationRows:
             Z: instruments, (M, n, p), or None.
         """
         return dense_rows(
-            W, tau, Z, usable=self.usable, follows=self.follows, t=self.t, block=self.block,
-            reversal_times=self.reversal_times, cutoff=self.cutoff,
-        )  # fmt: skip
+            W,
+            tau,
+            Z,
+            usable=self.usable,
+            follows=self.follows,
+            t=self.t,
+            block=self.block,
+            reversal_times=self.reversal_times,
+            cutoff=self.cutoff,
+        )
 
 
 @lru_cache(maxsize=256)
-def _of_joint(joint: int, joints: bytes, columns: bytes) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _of_joint(
+    joint: int, joints: bytes, columns: bytes
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return which entries are those of a joint, by rising column, and their columns."""
     every = np.frombuffer(columns, np.intp)
     own = np.flatnonzero(np.frombuffer(joints, np.intp) == joint)
@@ -179,7 +188,9 @@ def dense_rows(W: Floats, tau: Floats, Z: Floats | None = None, **facts: Any) ->
     """
     M, n, p = W.shape
     joints, columns = np.divmod(np.arange(n * p), p)
-    entries, command = (None if x is None else np.asarray(x, dtype=float).reshape(M, n * p).T for x in (W, Z))
+    entries, command = (
+        None if x is None else np.asarray(x, dtype=float).reshape(M, n * p).T for x in (W, Z)
+    )
     assert entries is not None
     return ObservationRows(entries, joints, columns, p, tau, command, **facts)
 
@@ -196,7 +207,9 @@ def rows_of(log: ConditionedLog, observer: Observer) -> Iterator[ObservationRows
     kernel, step = chosen.second_kernel, chosen.second_step
     taps = kernel.shape[1]
     outputs = [max(0, (len(s) - taps) // step + 1) for s in log.segments]
-    per_block = max(1, round(chosen.kept_rate * tuning.BLOCK_SECONDS), -(-sum(outputs) // tuning.MOST_BLOCKS))
+    per_block = max(
+        1, round(chosen.kept_rate * tuning.BLOCK_SECONDS), -(-sum(outputs) // tuning.MOST_BLOCKS)
+    )
     together = max(1, tuning.ROWS_EVALUATED // step)
     block = 0
     for segment, count in zip(log.segments, outputs, strict=True):
@@ -205,7 +218,9 @@ def rows_of(log: ConditionedLog, observer: Observer) -> Iterator[ObservationRows
         edges = np.linspace(0, count, blocks + 1).astype(int).tolist()
         for first, last in pairwise(_stops(edges, together)):
             rows = replace(
-                _evaluated(segment, observer, kernel, step, first, last), reversal_times=reversals, cutoff=chosen.cutoff
+                _evaluated(segment, observer, kernel, step, first, last),
+                reversal_times=reversals,
+                cutoff=chosen.cutoff,
             )
             cuts = [first, *(edge for edge in edges if first < edge < last), last]
             for start, end in pairwise(cuts):
@@ -251,14 +266,21 @@ def _evaluated(
         columns=observer.cols,
         size=observer.shape[1],
         tau=np.ascontiguousarray(tau.T),
-        command=None if commanded is None else _entries(commanded, signs[1], effects, observer, kernel, step),
+        command=None
+        if commanded is None
+        else _entries(commanded, signs[1], effects, observer, kernel, step),
         usable=usable,
         t=segment.t[part.start + (kernel.shape[1] - 1) // 2 :: step][: last - first].copy(),
     )
 
 
 def _entries(
-    motion: tuple[Floats, ...], sign: Floats, effects: Floats, observer: Observer, kernel: Floats, step: int
+    motion: tuple[Floats, ...],
+    sign: Floats,
+    effects: Floats,
+    observer: Observer,
+    kernel: Floats,
+    step: int,
 ) -> Floats:
     """Return the base regressor's entries after the parallel filter, (E, M).
 
@@ -289,12 +311,18 @@ def reversal_times(segment: Segment, cutoff: float) -> tuple[Floats, ...]:
             pieces.append(t[k] + sign[k] / (sign[k] - sign[k + 1]) * (t[k + 1] - t[k]))
         times = np.concatenate(pieces)
         first = np.flatnonzero(np.diff(times, prepend=-np.inf) > 1.0 / cutoff)
-        found.append(np.add.reduceat(times, first) / np.diff(first, append=len(times)) if len(times) else times)
+        found.append(
+            np.add.reduceat(times, first) / np.diff(first, append=len(times))
+            if len(times)
+            else times
+        )
     return tuple(found)
 
 
 # ---------------------------------------------------------------- walks over rows
-def runs(segments: Iterable[ObservationRows], longest: int | None = None) -> Iterator[list[ObservationRows]]:
+def runs(
+    segments: Iterable[ObservationRows], longest: int | None = None
+) -> Iterator[list[ObservationRows]]:
     """Yield rows that follow each other together; a run ends before it would begin beyond a number of instants."""
     run: list[ObservationRows] = []
     for segment in segments:
@@ -327,7 +355,10 @@ def joint_factors(segments: Iterable[ObservationRows]) -> tuple[Floats, Ints]:
     for segment in segments:
         n = segment.tau.shape[1]
         if not len(factors):
-            factors, rows = np.zeros((n, segment.size + 1, segment.size + 1)), np.zeros(n, dtype=np.int64)
+            factors, rows = (
+                np.zeros((n, segment.size + 1, segment.size + 1)),
+                np.zeros(n, dtype=np.int64),
+            )
         for j in range(n):
             fold(factors[j], segment, j)
         rows = rows + segment.mask.sum(axis=0)
@@ -365,7 +396,9 @@ def root_mean_square(segments: Iterable[ObservationRows], theta: Floats) -> Floa
         squares = squares + np.sum(segment.residual(theta) ** 2, axis=0)
         rows = rows + segment.mask.sum(axis=0)
         largest = max(largest, float(np.abs(segment.tau).max(initial=0.0)))
-    return np.asarray(np.maximum(np.sqrt(squares / np.maximum(rows, 1)), 1e-12 * max(largest, 1e-18)))
+    return np.asarray(
+        np.maximum(np.sqrt(squares / np.maximum(rows, 1)), 1e-12 * max(largest, 1e-18))
+    )
 
 
 def robust_noise(segments: Iterable[ObservationRows], theta: Floats) -> Floats:
@@ -393,7 +426,9 @@ ReversalShapes: TypeAlias = tuple[Floats, Floats, Floats]
 ReversalEffects: TypeAlias = tuple[tuple[tuple[ReversalShapes, ...], ...], Floats]
 
 
-def whitened(rows: Iterable[ObservationRows], effects: ReversalEffects) -> Iterator[ObservationRows]:
+def whitened(
+    rows: Iterable[ObservationRows], effects: ReversalEffects
+) -> Iterator[ObservationRows]:
     """Yield the rows times the inverse root of the covariance that noise and reversals give them.
 
     Args:
@@ -407,10 +442,14 @@ def whitened(rows: Iterable[ObservationRows], effects: ReversalEffects) -> Itera
 def whitened_factors(factors: Floats, effects: ReversalEffects) -> Floats:
     """Return the factors of ``whitened`` rows from those of the rows, (n, p + 1, p + 1) [N m or N]."""
     shapes, strength = effects
-    return np.array([_less(R, [each[j] for each in shapes], strength[j]) for j, R in enumerate(factors)])
+    return np.array(
+        [_less(R, [each[j] for each in shapes], strength[j]) for j, R in enumerate(factors)]
+    )
 
 
-def reversal_effects(rows: Iterable[ObservationRows], factors: Floats, counts: Ints) -> ReversalEffects | None:
+def reversal_effects(
+    rows: Iterable[ObservationRows], factors: Floats, counts: Ints
+) -> ReversalEffects | None:
     """Find how much reversals disturb the rows of each joint.
 
     Args:
@@ -424,7 +463,9 @@ def reversal_effects(rows: Iterable[ObservationRows], factors: Floats, counts: I
     first = next(iter(rows), None)
     if first is None or not first.reversal_times or counts.max() > tuning.REVERSALS_LONGEST:
         return None
-    shapes = tuple(tuple(_reversal_shapes(run, j) for j in range(len(counts))) for run in _runs(rows))
+    shapes = tuple(
+        tuple(_reversal_shapes(run, j) for j in range(len(counts))) for run in _runs(rows)
+    )
     flat = max(1.0, 0.5 / (_step(first) * first.cutoff))
     without = shapes, np.full(len(counts), np.inf)
     taken = np.array([sum(len(run[j][1]) for run in shapes) for j in range(len(counts))])
@@ -434,7 +475,9 @@ def reversal_effects(rows: Iterable[ObservationRows], factors: Floats, counts: I
     return shapes, _strength(shapes, theta, noise * np.sqrt(flat))
 
 
-def _strength(shapes: tuple[tuple[ReversalShapes, ...], ...], theta: Floats, noise: Floats) -> Floats:
+def _strength(
+    shapes: tuple[tuple[ReversalShapes, ...], ...], theta: Floats, noise: Floats
+) -> Floats:
     """Return how much larger residuals are in the shapes of reversals than noise makes them, by moments, (n,).
 
     Args:
@@ -464,9 +507,15 @@ def _reversal_shapes(rows: ObservationRows, joint: int) -> ReversalShapes:
     times = times[(times > rows.t[0] - half) & (times < rows.t[-1] + half)]
     whole = np.arange(-half, half, _step(rows))
     good, lag = rows.mask[:, joint], rows.t[:, None] - times
-    effects = np.hstack([
-        shape(lag, rows.cutoff) / np.linalg.norm(shape(whole, rows.cutoff)) for shape in (pulse, pulse_slope)
-    ]) * good[:, None]  # fmt: skip
+    effects = (
+        np.hstack(
+            [
+                shape(lag, rows.cutoff) / np.linalg.norm(shape(whole, rows.cutoff))
+                for shape in (pulse, pulse_slope)
+            ]
+        )
+        * good[:, None]
+    )
     square, vector = np.linalg.eigh(effects.T @ effects)
     size = np.sqrt(np.maximum(square, 0.0))
     vector, size = vector[:, size > tuning.REVERSALS_SAME], size[size > tuning.REVERSALS_SAME]
@@ -482,7 +531,9 @@ def _trusted(size: Floats, strength: float) -> Floats:
 
 
 def _less(R: Floats, shapes: list[ReversalShapes], strength: float) -> Floats:
-    taken = np.concatenate([seen * np.sqrt(1.0 - _trusted(size, strength))[:, None] for _, size, seen in shapes])
+    taken = np.concatenate(
+        [seen * np.sqrt(1.0 - _trusted(size, strength))[:, None] for _, size, seen in shapes]
+    )
     length = np.linalg.norm(R, axis=0)
     length = np.where(length > ROUNDING * length.max(), length, 1.0)
     # Why not R^T R less taken^T taken: its rounding would tell of parameters that the rows leave open.
@@ -490,14 +541,23 @@ def _less(R: Floats, shapes: list[ReversalShapes], strength: float) -> Floats:
     told = sigma > tuning.RANK_TOLERANCE * sigma[0]
     share = taken / length @ (Vt[told] / sigma[told, None]).T
     value, vector = np.linalg.eigh(np.eye(int(told.sum())) - share.T @ share)
-    left = np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T @ (sigma[told, None] * Vt[told]) * length
+    left = (
+        np.sqrt(np.maximum(value, 0.0))[:, None]
+        * vector.T
+        @ (sigma[told, None] * Vt[told])
+        * length
+    )
     return triangle(np.vstack([left, np.zeros((len(R) - len(left), len(R)))]))
 
 
-def _whitened(rows: ObservationRows, shapes: tuple[ReversalShapes, ...], strength: Floats) -> ObservationRows:
+def _whitened(
+    rows: ObservationRows, shapes: tuple[ReversalShapes, ...], strength: Floats
+) -> ObservationRows:
     """Multiply the rows by the inverse root of the covariance that noise and reversals give them."""
     tau, counts = np.where(rows.mask, rows.tau, 0.0), rows.mask.T[rows.joints]
-    entries, command = (None if x is None else np.where(counts, x, 0.0) for x in (rows.entries, rows.command))
+    entries, command = (
+        None if x is None else np.where(counts, x, 0.0) for x in (rows.entries, rows.command)
+    )
     assert entries is not None
     for j, (basis, size, _) in enumerate(shapes):
         if strength[j] > 0.0 and len(size):

@@ -22,13 +22,25 @@ from numpy.typing import NDArray
 from dynid.errors import Finding
 from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariances
-from dynid.estimation.least_squares import Fit, block_diagonal, merge, triangle, weighted, with_columns
+from dynid.estimation.least_squares import (
+    Fit,
+    block_diagonal,
+    merge,
+    triangle,
+    weighted,
+    with_columns,
+)
 from dynid.estimation.rows import ObservationRows, ReversalEffects, fold, reversal_effects, rows_of
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer, model_torques
 from dynid.progress import SILENT, Progress
 from dynid.scratch import Growing, empty, release, spans
-from dynid.signals.conditioned_log import ConditionedLog, torques_moved_back, with_effects, without_command
+from dynid.signals.conditioned_log import (
+    ConditionedLog,
+    torques_moved_back,
+    with_effects,
+    without_command,
+)
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -58,7 +70,9 @@ class LogRows:
     def __iter__(self) -> Iterator[ObservationRows]:
         """Walk over the rows in order of time; may be done many times."""
         for rows in self._evaluated() if self._kept is None else self._kept:
-            yield replace(rows)  # Why a copy: it makes W and Z anew, so that they do not stay in memory.
+            yield replace(
+                rows
+            )  # Why a copy: it makes W and Z anew, so that they do not stay in memory.
             release()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -85,7 +99,11 @@ def _with_numbers(facts: list[ObservationRows], numbers: Floats) -> list[Observa
     found, start = [], 0
     for rows in facts:
         shape, parts = (len(rows.joints), len(rows.t)), []
-        for each in (shape, *(() if rows.command is None else (shape,)), (len(rows.t), rows.tau.shape[1])):
+        for each in (
+            shape,
+            *(() if rows.command is None else (shape,)),
+            (len(rows.t), rows.tau.shape[1]),
+        ):
             parts.append(numbers[start : start + each[0] * each[1]].reshape(each))
             start += each[0] * each[1]
         command = None if rows.command is None else parts[1]
@@ -190,7 +208,9 @@ class Stack:
     @cached_property
     def whole(self) -> tuple[Floats, Ints]:
         """One factor per joint over all blocks, (n, p + 1, p + 1) [N m or N], and its number of rows, (n,)."""
-        return np.array([merge(part) for part in self.factors.swapaxes(0, 1)]), self.counts.sum(axis=0)
+        return np.array([merge(part) for part in self.factors.swapaxes(0, 1)]), self.counts.sum(
+            axis=0
+        )
 
     @cached_property
     def first_fit(self) -> Fit:
@@ -234,10 +254,16 @@ def added(stacks: Sequence[Stack]) -> Stack:
     rows = tuple(one for each in stacks for one in each.rows)
     if not all(each.commanded for each in stacks):
         # Why: instruments serve all rows or none, and columns of a command in some of them fit into no array.
-        rows = tuple(LogRows(without_command(one.log), one.base) if _commanded(one.log) else one for one in rows)
+        rows = tuple(
+            LogRows(without_command(one.log), one.base) if _commanded(one.log) else one
+            for one in rows
+        )
     if sum(one.bytes for one in rows) > tuning.KEPT_BYTES:
         rows = tuple(LogRows(one.log, one.base, keep=False) for one in rows)
-    places = [np.where(s.log_of_block < 0, -1, s.log_of_block + k) for s, k in zip(stacks, shifts, strict=True)]
+    places = [
+        np.where(s.log_of_block < 0, -1, s.log_of_block + k)
+        for s, k in zip(stacks, shifts, strict=True)
+    ]
     return Stack(
         base=first.base,
         factors=np.concatenate([each.factors for each in stacks]),
@@ -253,7 +279,9 @@ def _commanded(log: ConditionedLog) -> bool:
     return any(segment.command is not None for segment in log.segments)
 
 
-def stack_logs(logs: Sequence[ConditionedLog], base: BaseModel, progress: Progress = SILENT) -> Stack:
+def stack_logs(
+    logs: Sequence[ConditionedLog], base: BaseModel, progress: Progress = SILENT
+) -> Stack:
     """Fold conditioned logs into triangular factors of a model's base columns.
 
     Args:
@@ -262,7 +290,10 @@ def stack_logs(logs: Sequence[ConditionedLog], base: BaseModel, progress: Progre
         progress: told how far the work is.
     """
     progress.stage("stack")
-    return say_stacked(added([_of_log(log, base, progress, (k, len(logs))) for k, log in enumerate(logs)]), progress)
+    return say_stacked(
+        added([_of_log(log, base, progress, (k, len(logs))) for k, log in enumerate(logs)]),
+        progress,
+    )
 
 
 def say_stacked(found: Stack, progress: Progress) -> Stack:
@@ -272,7 +303,9 @@ def say_stacked(found: Stack, progress: Progress) -> Stack:
     return found
 
 
-def _of_log(log: ConditionedLog, base: BaseModel, progress: Progress, place: tuple[int, int]) -> Stack:
+def _of_log(
+    log: ConditionedLog, base: BaseModel, progress: Progress, place: tuple[int, int]
+) -> Stack:
     n, size = base.robot.n, len(base.names) + 1
     factors: list[Floats] = []
     counts: list[Ints] = []
@@ -299,7 +332,9 @@ def _of_log(log: ConditionedLog, base: BaseModel, progress: Progress, place: tup
 
 
 # ---------------------------------------------------------------- effects that scale with what is identified
-def settled(logs: Sequence[ConditionedLog], base: BaseModel, first: Floats | None = None) -> list[ConditionedLog]:
+def settled(
+    logs: Sequence[ConditionedLog], base: BaseModel, first: Floats | None = None
+) -> list[ConditionedLog]:
     """Return logs whose columns that scale with the model fit the parameters that are identified from them.
 
     Such columns, of load-dependent friction for example, are made with the last estimate, and the fit is repeated; the
@@ -359,8 +394,12 @@ def estimate_delay(stack: Stack) -> tuple[float, float]:
     factors, counts = stack.whole
     seen = zip(factors, *_products(stack, slopes), strict=True)
     factors = np.array([with_columns(R, across, square, at=-1) for R, across, square in seen])
-    found = weighted(np.array([triangle(R @ block_diagonal(basis, np.eye(1))) for R in factors]), counts)
-    variance = hac_covariances(rows, found.theta, found.noise, bread=found.covariance, basis=basis, of=[-1])[0][0, 0]
+    found = weighted(
+        np.array([triangle(R @ block_diagonal(basis, np.eye(1))) for R in factors]), counts
+    )
+    variance = hac_covariances(
+        rows, found.theta, found.noise, bread=found.covariance, basis=basis, of=[-1]
+    )[0][0, 0]
     return float(found.theta[-1]), float(np.sqrt(max(0.0, variance)))
 
 
@@ -434,7 +473,9 @@ def delay_findings(delay: float, std_error: float, applied: float) -> list[Findi
     return [Finding("W321", "warning", text, {"delay_s": delay, "std_error_s": std_error})]
 
 
-def on_time(stack: Stack, progress: Progress = SILENT) -> tuple[Stack, tuple[float, float], tuple[Finding, ...]]:
+def on_time(
+    stack: Stack, progress: Progress = SILENT
+) -> tuple[Stack, tuple[float, float], tuple[Finding, ...]]:
     """Estimate how late the torques of a stack are, and move them back when that is clear.
 
     Args:
@@ -448,13 +489,17 @@ def on_time(stack: Stack, progress: Progress = SILENT) -> tuple[Stack, tuple[flo
     (delay, std_error), applied = estimate_delay(stack), 0.0
     for _ in range(tuning.DELAY_ROUNDS if is_clear(delay, std_error) else 0):
         applied = delay
-        stack = stack_logs(settled([torques_moved_back(log, base.model, applied) for log in logs], base), base)
+        stack = stack_logs(
+            settled([torques_moved_back(log, base.model, applied) for log in logs], base), base
+        )
         left, std_error = estimate_delay(stack)
         delay = applied + left
         if abs(delay - applied) < tuning.DELAY_SETTLED_S:
             break
     size = f"torques {1e3 * delay:+.1f} +- {1e3 * std_error:.1f} ms after the positions"
-    progress.stage("delay", f"{size}; {f'corrected by {1e3 * applied:.1f} ms' if applied else 'left as it is'}")
+    progress.stage(
+        "delay", f"{size}; {f'corrected by {1e3 * applied:.1f} ms' if applied else 'left as it is'}"
+    )
     late = tuple(delay_findings(delay, std_error, applied))
     progress.findings(late)
     return stack, (delay, std_error), late

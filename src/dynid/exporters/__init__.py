@@ -5,7 +5,14 @@
 
 from dynid.exporters.effects_file import EFFECTS
 from dynid.exporters.full_model import FullModel, full_model
-from dynid.exporters.interface import Agreement, Format, IdentifiedArm, LoadingFailed, NotTried, Provenance
+from dynid.exporters.interface import (
+    Agreement,
+    Format,
+    IdentifiedArm,
+    LoadingFailed,
+    NotTried,
+    Provenance,
+)
 from dynid.exporters.languages import C_FORMAT, MATLAB_FORMAT, PYTHON_FORMAT
 from dynid.exporters.mjcf import MJCF
 from dynid.exporters.sdf import SDF
@@ -13,7 +20,9 @@ from dynid.exporters.urdf import URDF
 from dynid.exporters.yaml import YAML
 
 #: The formats by name.
-FORMATS = {each.name: each for each in (URDF, MJCF, SDF, YAML, C_FORMAT, PYTHON_FORMAT, MATLAB_FORMAT)}
+FORMATS = {
+    each.name: each for each in (URDF, MJCF, SDF, YAML, C_FORMAT, PYTHON_FORMAT, MATLAB_FORMAT)
+}
 
 __all__ = [
     "EFFECTS",

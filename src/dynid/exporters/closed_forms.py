@@ -64,17 +64,29 @@ def columns_of(added: Added) -> list[Column] | None:
     own, other = joints[0], joints[-1]
     # Signals of a pair belong to the neighbour, or to the joint that the torque leaks from.
     nodes = [_placed(node, other) for node in nodes]
-    return [Column(column.parameter.name, own, node) for column, node in zip(added.columns, nodes, strict=True)]
+    return [
+        Column(column.parameter.name, own, node)
+        for column, node in zip(added.columns, nodes, strict=True)
+    ]
 
 
 #: Effects without numbers that give them their shape.
 _PLAIN = {
-    "torque_offset": ("1",), "viscous": ("qd",), "viscous_change": ("qd",), "coulomb": ("sign(qd)",),
-    "coulomb_change": ("sign(qd)",), "asymmetric_viscous": ("|qd|",), "load_friction": ("|tau| sign(qd)",),
-    "torque_gain": ("tau",), "torque_constant": ("|qd| tau",), "torque_crosstalk": ("tau",), "motor_inertia": ("qdd",),
-    "presliding_hysteresis": ("sign(qd)",), "joint_coupling": ("qd", "sign(qd)"),
+    "torque_offset": ("1",),
+    "viscous": ("qd",),
+    "viscous_change": ("qd",),
+    "coulomb": ("sign(qd)",),
+    "coulomb_change": ("sign(qd)",),
+    "asymmetric_viscous": ("|qd|",),
+    "load_friction": ("|tau| sign(qd)",),
+    "torque_gain": ("tau",),
+    "torque_constant": ("|qd| tau",),
+    "torque_crosstalk": ("tau",),
+    "motor_inertia": ("qdd",),
+    "presliding_hysteresis": ("sign(qd)",),
+    "joint_coupling": ("qd", "sign(qd)"),
     "counterbalance": ("sin(q)", "cos(q)"),
-}  # fmt: skip
+}
 #: Effects whose shape parameters stand in braces.
 _SHAPED = {
     "torque_ripple": ("cos({k} q)", "sin({k} q)"),
@@ -95,7 +107,11 @@ def _texts(name: str, shape: Shape) -> list[str] | None:
         powers = [f"q^{k}" for k in range(1, round(shape["order"]) + 1)]
         return [*powers, *(["1"] if shape["constant"] else [])]
     known = _PLAIN.get(name) or _SHAPED.get(name)
-    return None if known is None else [text.format(**{key: f"{x:.17g}" for key, x in shape.items()}) for text in known]
+    return (
+        None
+        if known is None
+        else [text.format(**{key: f"{x:.17g}" for key, x in shape.items()}) for text in known]
+    )
 
 
 def _parsed(text: str) -> Node:
@@ -111,7 +127,11 @@ def _renamed(node: Node, old: str, new: str) -> Node:
 def _placed(node: Node, joint: int) -> Node:
     """Return a formula whose signals all say their joint, from 1."""
     here = node.head in ("signal", "bristle") and not node.joint
-    return replace(node, joint=joint + 1 if here else node.joint, parts=tuple(_placed(p, joint) for p in node.parts))
+    return replace(
+        node,
+        joint=joint + 1 if here else node.joint,
+        parts=tuple(_placed(p, joint) for p in node.parts),
+    )
 
 
 def without_code(robot: Robot) -> tuple[str, ...]:

@@ -123,7 +123,9 @@ def source_code(arm: IdentifiedArm, language: Language) -> str:
         n=arm.robot.n,
         p=len(names),
         names=ascii(tuple(names)),
-        values=language.between.join(language.value.format(value=repr(value), name=name) for name, value in values),
+        values=language.between.join(
+            language.value.format(value=repr(value), name=name) for name, value in values
+        ),
         inertial="\n".join(inertial),
         friction="\n".join(friction),
         formulas="\n".join(formulas),
@@ -134,24 +136,37 @@ def parameter_lines(arm: IdentifiedArm) -> list[str]:
     """Return one line of a comment per base parameter: value, how well it is known, what it is made of."""
     reduction = arm.base.reduction
     lines = []
-    for row, (name, value, known) in enumerate(zip(reduction.base_names, arm.theta, arm.known, strict=True)):
+    for row, (name, value, known) in enumerate(
+        zip(reduction.base_names, arm.theta, arm.known, strict=True)
+    ):
         terms = [f"{factor:+.6g} {code(term)}" for term, factor in reduction.terms(row).items()]
         formula = f"  = {' '.join(terms)}" if len(terms) > 1 else ""
-        origin = "not determined by the data" if known == "not determined" else f"from the data, known {code(known)}"
+        origin = (
+            "not determined by the data"
+            if known == "not determined"
+            else f"from the data, known {code(known)}"
+        )
         lines.append(f"{code(name):<7} {float(value): .6e}  {origin}{formula}")
     return lines
 
 
 def bristles_of(arm: IdentifiedArm) -> set[tuple[int, float]]:
     """Return the bristles that effects of an arm remember: joint from 0 and length [rad or m]."""
-    columns = (column for added in arm.base.model.added for column in closed_forms.columns_of(added) or ())
+    columns = (
+        column for added in arm.base.model.added for column in closed_forms.columns_of(added) or ()
+    )
     return set().union(*(closed_forms.bristles(column.node) for column in columns))
 
 
 def _payload(arm: IdentifiedArm) -> tuple[list[int], list[int]]:
     """Return the last link's columns of a payload among all of the links, and their places among the base columns."""
     names, n = arm.base.reduction.base_names, arm.robot.n
-    columns = [one for added in arm.base.model.added if added.effect.name == "payload" for one in added.columns]
+    columns = [
+        one
+        for added in arm.base.model.added
+        if added.effect.name == "payload"
+        for one in added.columns
+    ]
     kinds = [LINK_PARAMETERS.index(one.parameter.name.removeprefix("payload_")) for one in columns]
     places = [names.index(one.parameter.name) for one in columns]
     return [11 * (n - 1) + kind for kind in kinds], places
@@ -184,7 +199,13 @@ class _Writer:
         links = len(model.link_columns)
         rigid = base < links
         tip, places = _payload(arm)
-        wanted = [*zip(model.link_columns[base[rigid]].tolist(), np.flatnonzero(rigid).tolist(), strict=True)]
+        wanted = [
+            *zip(
+                model.link_columns[base[rigid]].tolist(),
+                np.flatnonzero(rigid).tolist(),
+                strict=True,
+            )
+        ]
         # A payload has the columns of the last link, some of which are base parameters too.
         wanted += zip(tip, places, strict=True)
         columns = list(dict.fromkeys(column for column, _ in wanted))
@@ -194,7 +215,9 @@ class _Writer:
         for col in np.flatnonzero(~rigid & (base < model.plain_size)):
             parameter = model.parameters[base[col]]
             target = inertial if parameter.kind == "Imc" else friction
-            target += [self._stored(row, int(col), value) for row, value in self._entries(parameter)]
+            target += [
+                self._stored(row, int(col), value) for row, value in self._entries(parameter)
+            ]
         return inertial, friction, *self._effects(arm)
 
     def _effects(self, arm: IdentifiedArm) -> tuple[list[str], list[str]]:
@@ -225,7 +248,10 @@ class _Writer:
                 loads |= bool(closed_forms.heads(column.node) & {"tau", "total"})
             now += self._whole_arm(added, arm, places)
         if loads:
-            counts = {"rigid": int(np.sum(base < len(arm.base.model.link_columns))), "plain": int(np.sum(base < plain))}
+            counts = {
+                "rigid": int(np.sum(base < len(arm.base.model.link_columns))),
+                "plain": int(np.sum(base < plain)),
+            }
             now.insert(0, self.language.loads.format(**counts))
             if later:
                 later.insert(0, self.language.loads.format(**counts))
@@ -238,7 +264,9 @@ class _Writer:
         first = language.first
 
         def vector(values: Floats) -> str:
-            return language.numbers.format(values=", ".join(repr(float(value)) for value in np.ravel(values)))
+            return language.numbers.format(
+                values=", ".join(repr(float(value)) for value in np.ravel(values))
+            )
 
         def holding(col: int, mass: Floats, moment: Floats, gravity: Floats) -> str:
             numbers = {"mass": vector(mass), "moment": vector(moment), "gravity": vector(gravity)}
@@ -248,14 +276,22 @@ class _Writer:
             step = float(closed_forms.offset_step(added))
             rigid = int(np.sum(arm.base.reduction.base < len(arm.base.model.link_columns)))
             joint = added.joints[0] + first
-            return [language.moved.format(joint=joint, step=_number(step), rigid=rigid, col=cols[0] + first)]
+            return [
+                language.moved.format(
+                    joint=joint, step=_number(step), rigid=rigid, col=cols[0] + first
+                )
+            ]
         if name == "tool_force":
             mass, moment = np.eye(robot.n)[-1], np.zeros((robot.n, 3))
-            return [holding(col, mass, moment, axis) for col, axis in zip(cols, np.eye(3), strict=True)]
+            return [
+                holding(col, mass, moment, axis) for col, axis in zip(cols, np.eye(3), strict=True)
+            ]
         if name == "base_tilt":
             links = closed_forms.representatives(arm.base, arm.theta)
             size = float(np.linalg.norm(robot.gravity))
-            turned = [holding(cols[k], links[:, 0], links[:, 1:4], size * np.eye(3)[k]) for k in (0, 1)]
+            turned = [
+                holding(cols[k], links[:, 0], links[:, 1:4], size * np.eye(3)[k]) for k in (0, 1)
+            ]
             angle = self._item("q", 0)
             waves = [language.call.format(function=f, x=angle) for f in ("cos", "sin")]
             return [*turned, *(self._stored(0, cols[2 + k], wave) for k, wave in enumerate(waves))]
@@ -273,9 +309,15 @@ class _Writer:
         """Return what templates say of the joints: what does not move in them, and which of them turn."""
         robot = self.robot
         poses = [fixed_poses(joint, robot.convention) for joint in robot.joints]
-        rows = [np.concatenate([part for x in pair for part in (x[:3, :3].ravel(), x[:3, 3])]) for pair in poses]
+        rows = [
+            np.concatenate([part for x in pair for part in (x[:3, :3].ravel(), x[:3, 3])])
+            for pair in poses
+        ]
         turning = ", ".join("1" if joint.revolute else "0" for joint in robot.joints)
-        return {"poses": self._rows(np.array(rows)), "turning": self.language.numbers.format(values=turning)}
+        return {
+            "poses": self._rows(np.array(rows)),
+            "turning": self.language.numbers.format(values=turning),
+        }
 
     def _rows(self, values: Floats) -> str:
         """Return a matrix with one row for each joint."""
@@ -288,7 +330,9 @@ class _Writer:
         """Return what the template says of effects that remember: functions, nothing where there are none."""
         language, lengths = self.language, sorted(bristles_of(arm))
         bends = [
-            language.bend.format(i=k + language.first, q=self._item("q", joint), length=repr(length))
+            language.bend.format(
+                i=k + language.first, q=self._item("q", joint), length=repr(length)
+            )
             for k, (joint, length) in enumerate(lengths)
         ]
         parts = {
@@ -300,7 +344,10 @@ class _Writer:
         if not remembered or not (TEMPLATES / file).exists():
             return {**parts, "memory": ""}
         add = language.add_after if arm.predicted_error is not None else ""
-        return {**parts, "memory": template(file).substitute(n=arm.robot.n, p=self.width, add=add, **parts)}
+        return {
+            **parts,
+            "memory": template(file).substitute(n=arm.robot.n, p=self.width, add=add, **parts),
+        }
 
     def observer(self, arm: IdentifiedArm) -> str:
         """Return the observer of contacts; nothing where it was not asked for."""
@@ -314,12 +361,19 @@ class _Writer:
 
         inertial, base = watched.inertial, arm.base
         arms = [arm.theta, *watched.apart.values()]
-        links = [closed_forms.representatives(base, np.where(inertial, theta, 0.0)) for theta in arms]
+        links = [
+            closed_forms.representatives(base, np.where(inertial, theta, 0.0)) for theta in arms
+        ]
         # Why at rest in any pose: without the bodies, rotors are left, whose torque is a constant times qdd.
-        bodies = [base.model.parameters[k].kind in LINK_PARAMETERS[:10] for k in base.reduction.base]
+        bodies = [
+            base.model.parameters[k].kind in LINK_PARAMETERS[:10] for k in base.reduction.base
+        ]
         still, unit = np.zeros((self.robot.n, self.robot.n)), np.eye(self.robot.n)
         turned = [
-            base.observer.torque(np.where(inertial & ~np.array(bodies), x, 0.0), still, still, unit).T for x in arms
+            base.observer.torque(
+                np.where(inertial & ~np.array(bodies), x, 0.0), still, still, unit
+            ).T
+            for x in arms
         ]
         rotors = turned[0].copy()
         for joint, other in zip(watched.apart, turned[1:], strict=True):
@@ -329,7 +383,9 @@ class _Writer:
             arms=str(len(arms)),
             links=",\n".join(f"{{\n{self._rows(each[:, :10])}\n}}" for each in links),
             rotors=self._rows(rotors),
-            seen="".join(_SEEN.format(k=k + 1, joint=joint) for k, joint in enumerate(watched.apart)),
+            seen="".join(
+                _SEEN.format(k=k + 1, joint=joint) for k, joint in enumerate(watched.apart)
+            ),
             own="".join(
                 _OWN.format(joint=joint, own=row(np.where(inertial, theta - arm.theta, 0.0)))
                 for joint, theta in watched.apart.items()
@@ -355,20 +411,30 @@ class _Writer:
             return ""
         language = self.language
         names = [code(name) for name in arm.base.reduction.base_names]
-        moved = {parameter.number - 1 for parameter in arm.base.model.parameters if parameter.kind == "fc"}
+        moved = {
+            parameter.number - 1
+            for parameter in arm.base.model.parameters
+            if parameter.kind == "fc"
+        }
         spelling = residual_code.Spelling(
             position=lambda joint: self._item("q", joint),
             speed=lambda joint: self._item("qd", joint),
-            sign=lambda joint: self._coulomb(joint, self._item("qd", joint)) if joint in moved else "0.0",
+            sign=lambda joint: (
+                self._coulomb(joint, self._item("qd", joint)) if joint in moved else "0.0"
+            ),
             load=lambda joint: self._item("load", joint),
-            store=lambda joint, value: language.torque.format(i=joint + language.first, value=value),
+            store=lambda joint, value: language.torque.format(
+                i=joint + language.first, value=value
+            ),
             call=lambda function, x: language.call.format(function=function, x=x),
             absolute=language.absolute,
         )
 
         def values(numbers: Floats) -> str:
             every = zip(numbers.tolist(), names * (len(numbers) // len(names)), strict=True)
-            return language.between.join(language.value.format(value=repr(value), name=name) for value, name in every)
+            return language.between.join(
+                language.value.format(value=repr(value), name=name) for value, name in every
+            )
 
         return template(language.template.replace(".txt", "_residual.txt")).substitute(
             n=arm.robot.n,
@@ -401,11 +467,17 @@ class _Writer:
             if isinstance(a, float) and (op == NEG or isinstance(b, float)):
                 slots.append(FOLD[op](a, b if isinstance(b, float) else 0.0))
             else:
-                text = f"-{_written(a)}" if op == NEG else f"{_written(a)} {_SIGN[op]} {_written(b)}"
+                text = (
+                    f"-{_written(a)}" if op == NEG else f"{_written(a)} {_SIGN[op]} {_written(b)}"
+                )
                 slots.append(declared(f"t{k}", text))
-        entries = zip(program.rows.tolist(), program.cols.tolist(), program.outputs.tolist(), strict=True)
+        entries = zip(
+            program.rows.tolist(), program.cols.tolist(), program.outputs.tolist(), strict=True
+        )
         return lines + [
-            self._stored(row, place, _written(slots[slot])) for row, col, slot in entries for place in places[col]
+            self._stored(row, place, _written(slots[slot]))
+            for row, col, slot in entries
+            for place in places[col]
         ]
 
     def _stored(self, row: int, col: int, value: str) -> str:

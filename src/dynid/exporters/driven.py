@@ -43,7 +43,12 @@ class Driven:
 Step = Callable[[Floats], tuple[Floats, Floats]]
 
 
-def drive(arm: IdentifiedArm, engine: str, recorded: tuple[Floats, Floats, Floats, Floats], inertia: Floats) -> Driven:
+def drive(
+    arm: IdentifiedArm,
+    engine: str,
+    recorded: tuple[Floats, Floats, Floats, Floats],
+    inertia: Floats,
+) -> Driven:
     """Drive an exported arm along a recording.
 
     Args:
@@ -86,11 +91,19 @@ def drive(arm: IdentifiedArm, engine: str, recorded: tuple[Floats, Floats, Float
             close()
     if not np.all(np.isfinite(found)):
         why = "its parameters are far from those of the real arm"
-        raise NotSimulated(f"in {engine} the arm flies apart", why=why, fix="identify it with --feasible")
+        raise NotSimulated(
+            f"in {engine} the arm flies apart", why=why, fix="identify it with --feasible"
+        )
     return Driven(found, added)
 
 
-def _mujoco(arm: IdentifiedArm, effects: Any, h: float, q: Floats, qd: Floats) -> tuple[Step, Callable[[], None]]:  # noqa: ANN401
+def _mujoco(
+    arm: IdentifiedArm,
+    effects: Any,  # noqa: ANN401
+    h: float,
+    q: Floats,
+    qd: Floats,
+) -> tuple[Step, Callable[[], None]]:
     engine = module("mujoco")
     if engine is None:
         raise PackageMissing("MuJoCo is not installed", fix="pip install mujoco")
@@ -116,10 +129,18 @@ def _mujoco(arm: IdentifiedArm, effects: Any, h: float, q: Floats, qd: Floats) -
     return step, lambda: engine.set_mjcb_passive(None)
 
 
-def _pybullet(arm: IdentifiedArm, effects: Any, h: float, q: Floats, qd: Floats) -> tuple[Step, Callable[[], None]]:  # noqa: ANN401
+def _pybullet(
+    arm: IdentifiedArm,
+    effects: Any,  # noqa: ANN401
+    h: float,
+    q: Floats,
+    qd: Floats,
+) -> tuple[Step, Callable[[], None]]:
     engine = module("pybullet")
     if engine is None:
-        raise PackageMissing("pybullet is not installed", fix="pip install pybullet, up to Python 3.11")
+        raise PackageMissing(
+            "pybullet is not installed", fix="pip install pybullet, up to Python 3.11"
+        )
     with scratch_folder() as folder:
         path = Path(folder) / "arm.urdf"
         path.write_text(urdf.text(arm), encoding="utf-8")
@@ -135,7 +156,9 @@ def _pybullet(arm: IdentifiedArm, effects: Any, h: float, q: Floats, qd: Floats)
 
     def step(torque: Floats) -> tuple[Floats, Floats]:
         forces = found.forces(torque, h).tolist()
-        engine.setJointMotorControlArray(body, found.joints, engine.TORQUE_CONTROL, forces=forces, **server)
+        engine.setJointMotorControlArray(
+            body, found.joints, engine.TORQUE_CONTROL, forces=forces, **server
+        )
         engine.stepSimulation(**server)
         rows = engine.getJointStates(body, found.joints, **server)
         return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])

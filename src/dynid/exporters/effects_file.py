@@ -33,17 +33,31 @@ def text(arm: IdentifiedArm) -> str:
     """Return the file."""
     found, robot = simulated(arm), arm.robot
     full, shape = found.full, robot.coulomb_shape
-    names, mapping = tuple(map(xml, robot.joint_names)), JointMap((1.0,) * robot.n, (0.0,) * robot.n)
+    names, mapping = (
+        tuple(map(xml, robot.joint_names)),
+        JointMap((1.0,) * robot.n, (0.0,) * robot.n),
+    )
     if arm.urdf is not None:
         place = attached(arm.urdf, robot)
         names, mapping = tuple(map(xml, place.names)), place.mapping
     lengths = sorted(bristles_of(arm))
-    bends = [f"        self._bend({k}, q[{joint}], {length!r})" for k, (joint, length) in enumerate(lengths)]
-    held = {side: found.in_effects_file(mjcf=side, names=robot.joint_names) for side in (True, False)}
-    smooth = "np.tanh(qd / WIDTH)" if shape.shape == "smooth" else "np.where(np.abs(qd) >= WIDTH, np.sign(qd), 0.0)"
+    bends = [
+        f"        self._bend({k}, q[{joint}], {length!r})"
+        for k, (joint, length) in enumerate(lengths)
+    ]
+    held = {
+        side: found.in_effects_file(mjcf=side, names=robot.joint_names) for side in (True, False)
+    }
+    smooth = (
+        "np.tanh(qd / WIDTH)"
+        if shape.shape == "smooth"
+        else "np.where(np.abs(qd) >= WIDTH, np.sign(qd), 0.0)"
+    )
     return template("effects.txt").substitute(
         head=arm.head(code),
-        holds=code(f"For an MJCF: {', '.join(held[True]) or 'nothing'}. For a URDF: {', '.join(held[False])}."),
+        holds=code(
+            f"For an MJCF: {', '.join(held[True]) or 'nothing'}. For a URDF: {', '.join(held[False])}."
+        ),
         joints=ascii(list(map(xml, robot.joint_names))),
         n=robot.n,
         rotors=_row(full.rotor_inertia),
@@ -93,7 +107,10 @@ def _statements(arm: IdentifiedArm, found: Simulated) -> list[str]:
     first = ["        sign = _sign(qd)"] if "sign" in needed else []
     if needed & {"tau", "total"}:
         friction = "VISCOUS * qd + COULOMB * _sign(qd) + OFFSET"
-        first += ["        tau = rigid(q, qd, qdd) + ROTORS * qdd", f"        total = tau + {friction}"]
+        first += [
+            "        tau = rigid(q, qd, qdd) + ROTORS * qdd",
+            f"        total = tau + {friction}",
+        ]
     return first + lines
 
 
@@ -101,21 +118,29 @@ def _whole_arm(arm: IdentifiedArm, found: Simulated) -> list[str]:
     """Return the statements of effects that turn the torque of the whole arm."""
     lines, robot = [], arm.robot
     for added in found.whole_arm:
-        sizes = [float(arm.full.friction.get(column.parameter.name, 0.0)) for column in added.columns]
+        sizes = [
+            float(arm.full.friction.get(column.parameter.name, 0.0)) for column in added.columns
+        ]
         name = added.effect.name
         if name == "encoder_offset":
             step = closed_forms.offset_step(added)
-            moved = f"rigid(q - {step!r} * np.eye(N)[{added.joints[0]}], qd, qdd) - rigid(q, qd, qdd)"
+            moved = (
+                f"rigid(q - {step!r} * np.eye(N)[{added.joints[0]}], qd, qdd) - rigid(q, qd, qdd)"
+            )
             lines.append(f"        torque += {sizes[0] / step!r} * ({moved})  # encoder_offset")
         elif name == "tool_force":
             mass, moment = _row(np.eye(robot.n)[-1]), _row(np.zeros(3 * robot.n))
-            lines.append(f"        torque += _holding(q, {mass}, {moment}, {_row(sizes)})  # tool_force")
+            lines.append(
+                f"        torque += _holding(q, {mass}, {moment}, {_row(sizes)})  # tool_force"
+            )
         elif name == "base_tilt":
             links = closed_forms.representatives(arm.base, arm.theta)
             gravity = float(np.linalg.norm(robot.gravity)) * np.array([*sizes[:2], 0.0])
             held = f"_holding(q, {_row(links[:, 0])}, {_row(links[:, 1:4])}, {_row(gravity)})"
             lines.append(f"        torque += {held}  # base_tilt")
-            lines.append(f"        torque[0] += {sizes[2]!r} * np.cos(q[0]) + {sizes[3]!r} * np.sin(q[0])")
+            lines.append(
+                f"        torque[0] += {sizes[2]!r} * np.cos(q[0]) + {sizes[3]!r} * np.sin(q[0])"
+            )
     return lines
 
 
@@ -124,13 +149,22 @@ def _arm_functions(arm: IdentifiedArm, found: Simulated) -> str:
     if not {one.effect.name for one in found.whole_arm} & {"tool_force", "base_tilt"}:
         return ""
     poses = [fixed_poses(joint, arm.robot.convention) for joint in arm.robot.joints]
-    rows = [np.concatenate([part for x in pair for part in (x[:3, :3].ravel(), x[:3, 3])]) for pair in poses]
+    rows = [
+        np.concatenate([part for x in pair for part in (x[:3, :3].ravel(), x[:3, 3])])
+        for pair in poses
+    ]
     values = "\n".join(f"    {', '.join(repr(float(x)) for x in row)}," for row in rows)
     turning = repr([int(joint.revolute) for joint in arm.robot.joints])
     return (
         "\n"
-        + template("python_arm.txt").substitute(poses=values, turning=turning).partition("def _moved")[0]
-        + ("def _holding" + template("python_arm.txt").template.partition("def _holding")[2].rstrip("\n") + "\n")
+        + template("python_arm.txt")
+        .substitute(poses=values, turning=turning)
+        .partition("def _moved")[0]
+        + (
+            "def _holding"
+            + template("python_arm.txt").template.partition("def _holding")[2].rstrip("\n")
+            + "\n"
+        )
     )
 
 
@@ -142,7 +176,9 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
 def wanted(arm: IdentifiedArm, formats: tuple[str, ...]) -> bool:
     """Return whether a file of one of these formats lacks something that this file has."""
     found, names = simulated(arm), arm.robot.joint_names
-    return any(found.in_effects_file(mjcf=name == "mjcf", names=names) for name in formats if name in HOSTS)
+    return any(
+        found.in_effects_file(mjcf=name == "mjcf", names=names) for name in formats if name in HOSTS
+    )
 
 
 #: Formats that it stands beside.
@@ -171,7 +207,9 @@ def loaded(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
             there.write_text(urdf.text(arm), encoding="utf-8")
             client, body = bullet_body(there, world_gravity(arm.robot))
         effects = imported(path).Bullet(body, client)
-        yield Loaded("PyBullet", what, _stepped(effects), lambda *s: _torques(arm, found, *s, bristles=True))
+        yield Loaded(
+            "PyBullet", what, _stepped(effects), lambda *s: _torques(arm, found, *s, bristles=True)
+        )
 
 
 def _stepped(effects: Any) -> Any:  # noqa: ANN401 - a class of the written file
@@ -187,7 +225,9 @@ def _stepped(effects: Any) -> Any:  # noqa: ANN401 - a class of the written file
     return run
 
 
-def _torques(arm: IdentifiedArm, found: Simulated, q: Floats, qd: Floats, qdd: Floats, *, bristles: bool) -> Floats:
+def _torques(
+    arm: IdentifiedArm, found: Simulated, q: Floats, qd: Floats, qdd: Floats, *, bristles: bool
+) -> Floats:
     """Return dynid's own torques of all parameters, (N, n) [N m or N].
 
     Args:
@@ -202,7 +242,12 @@ def _torques(arm: IdentifiedArm, found: Simulated, q: Floats, qd: Floats, qdd: F
     names = model.parameter_names
     values = arm.full.values(names)
     gone = [p.name for p in model.friction if p.kind in ("Imc", "fvc", "fcc")]
-    gone += [c.parameter.name for a in model.added if a.effect.name in closed_forms.REASONS for c in a.columns]
+    gone += [
+        c.parameter.name
+        for a in model.added
+        if a.effect.name in closed_forms.REASONS
+        for c in a.columns
+    ]
     values[[names.index(name) for name in gone]] = 0.0
     tau = model.observer(np.arange(model.plain_size)).torque(values[: model.plain_size], q, qd, qdd)
     reference = model_torques(model, arm.base.reduction, arm.theta)
@@ -212,7 +257,9 @@ def _torques(arm: IdentifiedArm, found: Simulated, q: Floats, qd: Floats, qdd: F
         sign = model.observer().coulomb_sign(qd)
         for each in found.bristles:
             entries = effect_entries(arm, reference, q, qd, qdd)
-            entry = next(e for name, row, e in entries if row == each.joint and name.startswith("presliding"))
+            entry = next(
+                e for name, row, e in entries if row == each.joint and name.startswith("presliding")
+            )
             tau[:, each.joint] -= each.size * (entry + sign[:, each.joint])
     return tau
 

@@ -76,7 +76,9 @@ def mapped(torques: Torques, mapping: JointMap) -> Torques:
     return run
 
 
-def pinocchio(path: Path, names: Sequence[str], gravity: Floats, *, mjcf: bool = False) -> tuple[str, Torques] | None:
+def pinocchio(
+    path: Path, names: Sequence[str], gravity: Floats, *, mjcf: bool = False
+) -> tuple[str, Torques] | None:
     """Load a URDF or MJCF in Pinocchio; other joints than the named ones stay at zero."""
     pin = module("pinocchio")
     if pin is None:
@@ -94,7 +96,9 @@ def pinocchio(path: Path, names: Sequence[str], gravity: Floats, *, mjcf: bool =
         for k in range(len(q)):
             for j, joint in enumerate(joints):
                 value = q[k, j]
-                own[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
+                own[joint.idx_q : joint.idx_q + joint.nq] = (
+                    value if joint.nq == 1 else (np.cos(value), np.sin(value))
+                )
                 speed[joint.idx_v], rate[joint.idx_v] = qd[k, j], qdd[k, j]
             result = pin.rnea(model, data, own, speed, rate)
             tau[k] = [result[joint.idx_v] for joint in joints]
@@ -104,7 +108,10 @@ def pinocchio(path: Path, names: Sequence[str], gravity: Floats, *, mjcf: bool =
 
 
 def bullet(
-    path: Path, names: Sequence[str], gravity: Floats, moments: Mapping[str, Sequence[float]] | None = None
+    path: Path,
+    names: Sequence[str],
+    gravity: Floats,
+    moments: Mapping[str, Sequence[float]] | None = None,
 ) -> tuple[str, Torques] | None:
     """Load a URDF or SDF in PyBullet; other joints than the named ones stay at zero.
 
@@ -123,7 +130,9 @@ def bullet(
     for info in every:
         own = (moments or {}).get(info[12].decode())
         if own:
-            engine.changeDynamics(body, info[0], localInertiaDiagonal=list(own), physicsClientId=client)
+            engine.changeDynamics(
+                body, info[0], localInertiaDiagonal=list(own), physicsClientId=client
+            )
     moving = [info[1].decode() for info in every if info[2] != engine.JOINT_FIXED]
     place = [moving.index(name) for name in names]
 
@@ -134,7 +143,9 @@ def bullet(
             with silent():
                 for k in range(len(q)):
                     inputs = (row.tolist() for row in spread[:, k])
-                    tau[k] = np.array(engine.calculateInverseDynamics(body, *inputs, physicsClientId=client))[place]
+                    tau[k] = np.array(
+                        engine.calculateInverseDynamics(body, *inputs, physicsClientId=client)
+                    )[place]
         except (engine.error, SystemError) as error:
             raise ValueError("PyBullet: inverse dynamics failed") from error
         return tau
@@ -174,7 +185,9 @@ def _bullet_urdf(engine: Any, client: int, path: Path) -> int:  # noqa: ANN401
         bare = Path(folder) / "bare.urdf"
         ET.ElementTree(root).write(bare)
         flags = engine.URDF_USE_INERTIA_FROM_FILE
-        return int(engine.loadURDF(str(bare), useFixedBase=True, flags=flags, physicsClientId=client))
+        return int(
+            engine.loadURDF(str(bare), useFixedBase=True, flags=flags, physicsClientId=client)
+        )
 
 
 def mujoco(path: Path, names: Sequence[str], gravity: Floats) -> tuple[str, Torques] | None:
@@ -198,7 +211,10 @@ def mujoco(path: Path, names: Sequence[str], gravity: Floats) -> tuple[str, Torq
             engine.mj_inverse(model, data)
             # Passive motors, such as cogging, act by themselves: a drive gives the rest.
             engine.mj_fwdActuation(model, data)
-            tau[k] = [data.qfrc_inverse[joint.dofadr[0]] - data.qfrc_actuator[joint.dofadr[0]] for joint in joints]
+            tau[k] = [
+                data.qfrc_inverse[joint.dofadr[0]] - data.qfrc_actuator[joint.dofadr[0]]
+                for joint in joints
+            ]
         return tau
 
     return f"MuJoCo {engine.__version__}", run

@@ -50,7 +50,9 @@ def written(node: Node, language: Spelling) -> str:
     if node.head == "^":
         return _power(parts[0], node.value, language)
     if node.head == "clip":
-        low, high = (language.call(language.absolute, f"{parts[0]} {way} {node.value!r}") for way in "-+")
+        low, high = (
+            language.call(language.absolute, f"{parts[0]} {way} {node.value!r}") for way in "-+"
+        )
         return f"(0.5 * ({high} - {low}))"
     if node.head == "sign":
         return language.plain_sign.format(x=parts[0])

@@ -49,7 +49,9 @@ class FullModel:
     def values(self, names: Sequence[str]) -> Floats:
         """Return the parameters of the given names."""
         known = dict(self.friction)
-        for i, (body, rotor) in enumerate(zip(self.bodies, self.rotor_inertia, strict=True), start=1):
+        for i, (body, rotor) in enumerate(
+            zip(self.bodies, self.rotor_inertia, strict=True), start=1
+        ):
             row = (*body.parameters().tolist(), rotor)
             known |= {f"{name}{i}": value for name, value in zip(LINK_PARAMETERS, row, strict=True)}
         return np.array([known.get(name, 0.0) for name in names])
@@ -60,14 +62,18 @@ class FullModel:
 
     def impossible_links(self) -> tuple[int, ...]:
         """Return the numbers of the links whose numbers no body has, 1-based."""
-        return tuple(i for i, body in enumerate(self.bodies, start=1) if smallest_eigenvalue(body) <= 0.0)
+        return tuple(
+            i for i, body in enumerate(self.bodies, start=1) if smallest_eigenvalue(body) <= 0.0
+        )
 
     def origin_of_link(self, link: int) -> str:
         """Return in a few words which of a link's ten parameters were measured."""
         kinds: dict[str, list[str]] = {"data": [], "prior": []}
         for name in LINK_PARAMETERS[:10]:
             kinds[self.origin.get(f"{name}{link}", "prior")].append(f"{name}{link}")
-        return "; ".join(f"from {kind}: {', '.join(names)}" for kind, names in kinds.items() if names)
+        return "; ".join(
+            f"from {kind}: {', '.join(names)}" for kind, names in kinds.items() if names
+        )
 
 
 def smallest_eigenvalue(body: Body) -> float:
@@ -85,11 +91,16 @@ def full_model(base: BaseModel, physical: PhysicalParameters, theta: Floats) -> 
     """
     size = np.array([_SIZE.get(parameter.kind, 1.0) for parameter in base.model.parameters])
     K = base.reduction.K * size
-    gamma = physical.x + size * np.linalg.lstsq(K, theta - base.reduction.K @ physical.x, rcond=1e-12)[0]
+    gamma = (
+        physical.x
+        + size * np.linalg.lstsq(K, theta - base.reduction.K @ physical.x, rcond=1e-12)[0]
+    )
     return model_of(base, physical.names, gamma, physical.origin)
 
 
-def model_of(base: BaseModel, names: Sequence[str], gamma: Floats, origin: Mapping[str, str]) -> FullModel:
+def model_of(
+    base: BaseModel, names: Sequence[str], gamma: Floats, origin: Mapping[str, str]
+) -> FullModel:
     """Return bodies, rotors and friction of all parameters of a model.
 
     Args:
@@ -102,7 +113,9 @@ def model_of(base: BaseModel, names: Sequence[str], gamma: Floats, origin: Mappi
     values = dict(zip(names, gamma.tolist(), strict=True))
     bodies = list(prior_bodies(robot))
     for link in robot.identified_links:
-        bodies[link - 1] = body_of(np.array([values[f"{name}{link}"] for name in LINK_PARAMETERS[:10]]))
+        bodies[link - 1] = body_of(
+            np.array([values[f"{name}{link}"] for name in LINK_PARAMETERS[:10]])
+        )
     return FullModel(
         robot=robot,
         bodies=tuple(bodies),

@@ -223,7 +223,11 @@ class Format:
             except (ValueError, RuntimeError, SystemError, subprocess.CalledProcessError) as error:
                 raise LoadingFailed(" ".join(str(error).split())) from error
             except subprocess.TimeoutExpired as error:
-                raise NotTried(f"{Path(error.cmd[0]).name} took longer than {error.timeout:.0f} s") from error
+                raise NotTried(
+                    f"{Path(error.cmd[0]).name} took longer than {error.timeout:.0f} s"
+                ) from error
             except OSError as error:
-                raise NotTried(" ".join(str(error).replace(f"{folder}{os.sep}", "").split())) from error
+                raise NotTried(
+                    " ".join(str(error).replace(f"{folder}{os.sep}", "").split())
+                ) from error
         return found

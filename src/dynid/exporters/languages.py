@@ -113,7 +113,9 @@ MATLAB = Language(
 STEP_S = 0.01
 
 
-def _ours(arm: IdentifiedArm, q: Floats, qd: Floats, qdd: Floats, *, remembers: bool = False) -> Floats:
+def _ours(
+    arm: IdentifiedArm, q: Floats, qd: Floats, qdd: Floats, *, remembers: bool = False
+) -> Floats:
     observer, error = arm.base.model.observer(arm.base.reduction.base), arm.predicted_error
     W = observer.dense(q, qd, qdd)
     _add_effects(W, arm, q, qd, qdd, remembers)
@@ -121,7 +123,9 @@ def _ours(arm: IdentifiedArm, q: Floats, qd: Floats, qdd: Floats, *, remembers: 
     return tau if error is None else tau + error.torque_of(q, qd, observer.coulomb_sign(qd), W)
 
 
-def _add_effects(W: Floats, arm: IdentifiedArm, q: Floats, qd: Floats, qdd: Floats, remembers: bool) -> None:
+def _add_effects(
+    W: Floats, arm: IdentifiedArm, q: Floats, qd: Floats, qdd: Floats, remembers: bool
+) -> None:
     """Put the columns of effects that code holds into a base regressor, (N, n, p); those that remember where wanted."""
     model, names = arm.base.model, arm.base.reduction.base_names
     columns = (column for added in model.added for column in closed_forms.columns_of(added) or ())
@@ -148,7 +152,9 @@ def effect_entries(
 
 
 def _remembers(arm: IdentifiedArm) -> bool:
-    columns = (column for added in arm.base.model.added for column in closed_forms.columns_of(added) or ())
+    columns = (
+        column for added in arm.base.model.added for column in closed_forms.columns_of(added) or ()
+    )
     return any(closed_forms.remembers(column.node) for column in columns)
 
 
@@ -185,7 +191,9 @@ def _loaded_c(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
     def theirs(q: Floats, qd: Floats, qdd: Floats) -> Floats:
         tau = np.empty_like(q)
         for k in range(len(q)):
-            library.dynid_inverse_dynamics(*(pointer(row[k]) for row in (q, qd, qdd)), pointer(tau[k]))
+            library.dynid_inverse_dynamics(
+                *(pointer(row[k]) for row in (q, qd, qdd)), pointer(tau[k])
+            )
         return tau
 
     def remembering(q: Floats, qd: Floats, qdd: Floats) -> Floats:
@@ -197,9 +205,16 @@ def _loaded_c(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
         return tau
 
     compiler_name = Path(compiler).name
-    yield Loaded(compiler_name, f"all, {arm.robot.n} joints", theirs, lambda *state: _ours(arm, *state))
+    yield Loaded(
+        compiler_name, f"all, {arm.robot.n} joints", theirs, lambda *state: _ours(arm, *state)
+    )
     if _remembers(arm):
-        yield Loaded(compiler_name, "all, along a motion", remembering, lambda *s: _ours(arm, *s, remembers=True))
+        yield Loaded(
+            compiler_name,
+            "all, along a motion",
+            remembering,
+            lambda *s: _ours(arm, *s, remembers=True),
+        )
 
 
 # ---------------------------------------------------------------- Python
@@ -222,13 +237,19 @@ def _loaded_python(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
         return np.array(rows)
 
     if _remembers(arm):
-        yield Loaded("NumPy", "all, along a motion", remembering, lambda *s: _ours(arm, *s, remembers=True))
+        yield Loaded(
+            "NumPy", "all, along a motion", remembering, lambda *s: _ours(arm, *s, remembers=True)
+        )
 
 
 # ---------------------------------------------------------------- MATLAB
 def _matlab_leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     name = identifier(arm.file_stem)
-    place = () if name == arm.file_stem else (f"the file must be called {name}.m to be found by MATLAB",)
+    place = (
+        ()
+        if name == arm.file_stem
+        else (f"the file must be called {name}.m to be found by MATLAB",)
+    )
     return (*_leaves_out(arm), *place)
 
 
@@ -271,13 +292,29 @@ def run_octave(octave: str, path: Path, name: str, q: Floats, qd: Floats, qdd: F
 
 
 C_FORMAT = Format(
-    "c", ".c", partial(source_code, language=C), _leaves_out, _loaded_c, needs_bodies=False, tolerance=1e-12
+    "c",
+    ".c",
+    partial(source_code, language=C),
+    _leaves_out,
+    _loaded_c,
+    needs_bodies=False,
+    tolerance=1e-12,
 )
 PYTHON_FORMAT = Format(
-    "python", ".py", partial(source_code, language=PYTHON), _leaves_out, _loaded_python,
-    needs_bodies=False, tolerance=1e-12,
-)  # fmt: skip
+    "python",
+    ".py",
+    partial(source_code, language=PYTHON),
+    _leaves_out,
+    _loaded_python,
+    needs_bodies=False,
+    tolerance=1e-12,
+)
 MATLAB_FORMAT = Format(
-    "matlab", ".m", partial(source_code, language=MATLAB), _matlab_leaves_out, _loaded_octave,
-    needs_bodies=False, tolerance=1e-12,
-)  # fmt: skip
+    "matlab",
+    ".m",
+    partial(source_code, language=MATLAB),
+    _matlab_leaves_out,
+    _loaded_octave,
+    needs_bodies=False,
+    tolerance=1e-12,
+)

@@ -36,13 +36,21 @@ def text(arm: IdentifiedArm) -> str:
     fv, fc = full.joint_friction("fv"), full.joint_friction("fc")
     for each in found.bristles:
         fc[each.joint] -= each.size
-    for i, (joint, body) in enumerate(zip(robot.joints, moving_bodies(robot, full.bodies), strict=True)):
+    for i, (joint, body) in enumerate(
+        zip(robot.joints, moving_bodies(robot, full.bodies), strict=True)
+    ):
         parent.append(ET.Comment(xml_comment(f"link {i + 1}: {full.origin_of_link(i + 1)}")))
         parent = ET.SubElement(parent, "body", {"name": f"link_{i + 1}", **_place(poses[i])})
         _inertial(parent, body)
-        drive = {"armature": full.rotor_inertia[i], "damping": float(fv[i]), "frictionloss": float(fc[i])}
+        drive = {
+            "armature": full.rotor_inertia[i],
+            "damping": float(fv[i]),
+            "frictionloss": float(fc[i]),
+        }
         _joint(parent, joint, found.springs.get(i), drive)
-        _shape(parent, shapes[i], cylinders_of(robot).radius, fixed_poses(joint, robot.convention)[1])
+        _shape(
+            parent, shapes[i], cylinders_of(robot).radius, fixed_poses(joint, robot.convention)[1]
+        )
     _passive_motors(root, found, tuple(map(xml, robot.joint_names)))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
@@ -55,7 +63,9 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     if any(full.joint_friction("fo")):
         gone.append("torque offsets fo")
     if any(full.joint_friction("fc")):
-        gone.append("the smooth start of Coulomb friction: frictionloss has only its size and is a soft constraint")
+        gone.append(
+            "the smooth start of Coulomb friction: frictionloss has only its size and is a soft constraint"
+        )
     negative = negative_numbers(arm)
     if negative:
         gone.append(f"{', '.join(negative)}: negative, which MuJoCo refuses; written as zero")
@@ -64,7 +74,11 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
 
 def loaded(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
     """Load it in MuJoCo and Pinocchio."""
-    names, gravity, model = tuple(map(xml, arm.robot.joint_names)), world_gravity(arm.robot), arm.base.model
+    names, gravity, model = (
+        tuple(map(xml, arm.robot.joint_names)),
+        world_gravity(arm.robot),
+        arm.base.model,
+    )
     here = simulated(arm)
     # Why: what is negative was written as zero, so that the torques cannot agree.
     found = mujoco(path, names, gravity)
@@ -82,7 +96,9 @@ def _elements(here: Simulated, q: Floats) -> Floats:
     """Return the torques of springs and waves, (N, n) [N m or N]."""
     tau = np.zeros_like(q)
     for joint, (stiffness, slack) in here.springs.items():
-        tau[:, joint] += sum(k * (q[:, joint] - slack) ** power for power, k in enumerate(stiffness, start=1))
+        tau[:, joint] += sum(
+            k * (q[:, joint] - slack) ** power for power, k in enumerate(stiffness, start=1)
+        )
     for wave in here.waves:
         tau[:, wave.joint] -= wave.amplitude * np.sin(wave.poles * q[:, wave.joint] + wave.phase)
     return tau
@@ -95,8 +111,16 @@ def negative_numbers(arm: IdentifiedArm) -> list[str]:
 
 def _drive_numbers(arm: IdentifiedArm) -> list[tuple[str, float]]:
     full = simulated(arm).full
-    rows = {"Im": full.rotor_inertia, "fv": full.joint_friction("fv"), "fc": full.joint_friction("fc")}
-    return [(f"{prefix}{i}", float(value)) for prefix, row in rows.items() for i, value in enumerate(row, start=1)]
+    rows = {
+        "Im": full.rotor_inertia,
+        "fv": full.joint_friction("fv"),
+        "fc": full.joint_friction("fc"),
+    }
+    return [
+        (f"{prefix}{i}", float(value))
+        for prefix, row in rows.items()
+        for i, value in enumerate(row, start=1)
+    ]
 
 
 def _passive_motors(root: ET.Element, found: Simulated, names: tuple[str, ...]) -> None:
@@ -108,7 +132,9 @@ def _passive_motors(root: ET.Element, found: Simulated, names: tuple[str, ...]) 
     motor = {"input": "none", "resistance": "1", "motorconst": "1e-9"}
     for wave in found.waves:
         cogging = numbers([wave.amplitude, wave.poles, wave.phase])
-        ET.SubElement(actuators, "dcmotor", {"joint": names[wave.joint], **motor, "cogging": cogging})
+        ET.SubElement(
+            actuators, "dcmotor", {"joint": names[wave.joint], **motor, "cogging": cogging}
+        )
     for each in found.bristles:
         lugre = numbers([each.size / each.length, 0.0, each.size, each.size, 1.0])
         ET.SubElement(actuators, "dcmotor", {"joint": names[each.joint], **motor, "lugre": lugre})
@@ -145,9 +171,15 @@ def _inertial(parent: ET.Element, body: Body) -> None:
     )
 
 
-def _joint(parent: ET.Element, joint: Joint, spring: tuple[Floats, float] | None, drive: dict[str, float]) -> None:
+def _joint(
+    parent: ET.Element, joint: Joint, spring: tuple[Floats, float] | None, drive: dict[str, float]
+) -> None:
     limits = joint.limits
-    facts = {"name": xml(joint.name), "type": "hinge" if joint.revolute else "slide", "axis": "0 0 1"}
+    facts = {
+        "name": xml(joint.name),
+        "type": "hinge" if joint.revolute else "slide",
+        "axis": "0 0 1",
+    }
     if limits.position:
         facts["range"] = numbers(limits.position)
     if limits.torque:
@@ -157,7 +189,9 @@ def _joint(parent: ET.Element, joint: Joint, spring: tuple[Floats, float] | None
         facts["solimpfriction"] = "0.999 0.999 0.001"
     if spring is not None:
         facts |= {"stiffness": numbers(spring[0]), "springref": repr(spring[1])}
-    ET.SubElement(parent, "joint", facts | {key: repr(max(0.0, value)) for key, value in drive.items()})
+    ET.SubElement(
+        parent, "joint", facts | {key: repr(max(0.0, value)) for key, value in drive.items()}
+    )
 
 
 def _shape(parent: ET.Element, ends: Floats, radius: float, to_dh: Floats) -> None:

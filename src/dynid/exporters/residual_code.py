@@ -48,7 +48,9 @@ def statements(error: ModelError, language: Spelling) -> list[str]:
     for joint, (mean, scale) in enumerate(zip(error.mean, error.scale, strict=True)):
         shapes = _shapes(joint, float(error.speed[joint]), language)
         terms = zip((mean / scale).tolist(), shapes, strict=True)
-        lines.append(language.store(joint, " ".join(f"{value:+.17g} * {shape}" for value, shape in terms)))
+        lines.append(
+            language.store(joint, " ".join(f"{value:+.17g} * {shape}" for value, shape in terms))
+        )
     return lines
 
 
@@ -60,8 +62,15 @@ def shift(error: ModelError) -> Floats:
 def _shapes(joint: int, speed: float, language: Spelling) -> list[str]:
     """Return the columns of a joint, in the order of ``shapes_of``."""
     q, sign, call = language.position(joint), language.sign(joint), language.call
-    waves = [call(f, f"{k} * {q}") for k in range(1, tuning.POSITION_HARMONICS + 1) for f in ("sin", "cos")]
+    waves = [
+        call(f, f"{k} * {q}")
+        for k in range(1, tuning.POSITION_HARMONICS + 1)
+        for f in ("sin", "cos")
+    ]
     friction = [f"{sign} * {wave}" for wave in waves[: 2 * tuning.FRICTION_HARMONICS]]
     share = call(language.absolute, language.speed(joint))
-    friction += [f"{sign} * {call('exp', f'-{share} / {least * speed!r}')}" for least in tuning.FRICTION_SPEEDS]
+    friction += [
+        f"{sign} * {call('exp', f'-{share} / {least * speed!r}')}"
+        for least in tuning.FRICTION_SPEEDS
+    ]
     return [*waves, *friction, f"{sign} * {call(language.absolute, language.load(joint))}"]

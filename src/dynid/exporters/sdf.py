@@ -36,7 +36,9 @@ def text(arm: IdentifiedArm) -> str:
     ET.SubElement(fixed, "parent").text, ET.SubElement(fixed, "child").text = "world", "base"
     pose, step = np.eye(4), joint_poses(robot)
     fv, fc = full.joint_friction("fv"), full.joint_friction("fc")
-    for i, (joint, body) in enumerate(zip(robot.joints, moving_bodies(robot, full.bodies), strict=True)):
+    for i, (joint, body) in enumerate(
+        zip(robot.joints, moving_bodies(robot, full.bodies), strict=True)
+    ):
         pose = pose @ step[i]
         model.append(ET.Comment(xml_comment(f"link {i + 1}: {full.origin_of_link(i + 1)}")))
         link = ET.SubElement(model, "link", name=f"link_{i + 1}")
@@ -66,14 +68,17 @@ def loaded(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
     robot = arm.robot
     root = ET.parse(path).getroot()
     for model in root.iter("model"):
-        model.remove(next(joint for joint in model.findall("joint") if joint.get("type") == "fixed"))
+        model.remove(
+            next(joint for joint in model.findall("joint") if joint.get("type") == "fixed")
+        )
         mass = model.find("link/inertial/mass")
         assert mass is not None
         mass.text = "0"
     with scratch_folder() as folder:
         moments = {
             str(link.get("name")): [
-                float(str(link.findtext(f"inertial/inertia/{key}"))) for key in ("ixx", "iyy", "izz")
+                float(str(link.findtext(f"inertial/inertia/{key}")))
+                for key in ("ixx", "iyy", "izz")
             ]
             for link in root.iter("link")
         }
@@ -98,13 +103,17 @@ def _inertial(link: ET.Element, body: Body) -> None:
     ET.SubElement(element, "mass").text = repr(float(body.mass))
     tensor = ET.SubElement(element, "inertia")
     for name, value in zip(
-        ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), (moments[0], 0, 0, moments[1], 0, moments[2]), strict=True
+        ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
+        (moments[0], 0, 0, moments[1], 0, moments[2]),
+        strict=True,
     ):
         ET.SubElement(tensor, name).text = repr(float(value))
 
 
 def _joint(model: ET.Element, joint: Joint, i: int, damping: float, friction: float) -> None:
-    element = ET.SubElement(model, "joint", name=xml(joint.name), type="revolute" if joint.revolute else "prismatic")
+    element = ET.SubElement(
+        model, "joint", name=xml(joint.name), type="revolute" if joint.revolute else "prismatic"
+    )
     ET.SubElement(element, "parent").text = f"link_{i}" if i else "base"
     ET.SubElement(element, "child").text = f"link_{i + 1}"
     axis = ET.SubElement(element, "axis")

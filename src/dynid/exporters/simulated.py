@@ -20,14 +20,22 @@ Floats = NDArray[np.float64]
 
 #: Effects that are more of a number that every simulator has; those of a joint by the number's name.
 NUMBERS = {
-    "viscous": "fv", "viscous_change": "fv", "coulomb": "fc", "coulomb_change": "fc", "torque_offset": "fo",
-    "motor_inertia": "Im", "payload": "",
-}  # fmt: skip
+    "viscous": "fv",
+    "viscous_change": "fv",
+    "coulomb": "fc",
+    "coulomb_change": "fc",
+    "torque_offset": "fo",
+    "motor_inertia": "Im",
+    "payload": "",
+}
 #: Where those are.
 _IN_NUMBERS = {
-    "fv": "viscous friction of its joint", "fc": "Coulomb friction of its joint", "fo": "offset of its joint",
-    "Im": "rotor inertia of its joint", "": "in the body of the last link",
-}  # fmt: skip
+    "fv": "viscous friction of its joint",
+    "fc": "Coulomb friction of its joint",
+    "fo": "offset of its joint",
+    "Im": "rotor inertia of its joint",
+    "": "in the body of the last link",
+}
 #: A wave whose number over a turn is nearer to a whole one than this is one.
 WHOLE = 1e-9
 #: An MJCF that only a MuJoCo with polynomial springs and passive motors reads.
@@ -153,7 +161,9 @@ def simulated(arm: IdentifiedArm) -> Simulated:
     newest = newest_elements()
     for added in arm.base.model.added:
         name = added.effect.name
-        sizes = [float(arm.full.friction.get(column.parameter.name, 0.0)) for column in added.columns]
+        sizes = [
+            float(arm.full.friction.get(column.parameter.name, 0.0)) for column in added.columns
+        ]
         if name in NUMBERS:
             numbers.append(f"{name}{_on(added, names)}: {_IN_NUMBERS[NUMBERS[name]]}")
             continue
@@ -162,12 +172,18 @@ def simulated(arm: IdentifiedArm) -> Simulated:
             whole += [added] if name in closed_forms.WHOLE_ARM else []
             continue
         joint, native = added.joints[0], ""
-        if name == "spring" and joint not in springs and (spring := _spring(added, sizes, newest)) is not None:
+        if (
+            name == "spring"
+            and joint not in springs
+            and (spring := _spring(added, sizes, newest)) is not None
+        ):
             springs[joint], native = spring, "stiffness and springref of its joint"
         elif newest and (wave := _wave(added, sizes)) is not None:
             waves.append(wave)
             native = "cogging of a passive dcmotor"
-        elif newest and name == "presliding_hysteresis" and _slides(full, joint, sizes[0], bristles):
+        elif (
+            newest and name == "presliding_hysteresis" and _slides(full, joint, sizes[0], bristles)
+        ):
             bristles.append(Bristle(joint, sizes[0], added.shape["delta"]))
             native = "lugre of a passive dcmotor, and as much less frictionloss"
         if native:
@@ -175,7 +191,9 @@ def simulated(arm: IdentifiedArm) -> Simulated:
         columns += [(form, size, bool(native)) for form, size in zip(forms, sizes, strict=True)]
     left = closed_forms.without_code(arm.robot)
     motors = tuple(waves), tuple(bristles)
-    return Simulated(full, springs, *motors, tuple(columns), tuple(whole), tuple(numbers), tuple(elements), left)
+    return Simulated(
+        full, springs, *motors, tuple(columns), tuple(whole), tuple(numbers), tuple(elements), left
+    )
 
 
 def _with_numbers(arm: IdentifiedArm) -> FullModel:
@@ -193,7 +211,9 @@ def _with_numbers(arm: IdentifiedArm) -> FullModel:
                 friction[key] = friction.get(key, 0.0) + size
         if target == "":
             more = np.zeros(10)
-            more[: len(added.columns)] = [friction.get(column.parameter.name, 0.0) for column in added.columns]
+            more[: len(added.columns)] = [
+                friction.get(column.parameter.name, 0.0) for column in added.columns
+            ]
             bodies[-1] = body_of(bodies[-1].parameters() + more)
     return replace(full, bodies=tuple(bodies), rotor_inertia=tuple(rotors), friction=friction)
 
@@ -201,12 +221,17 @@ def _with_numbers(arm: IdentifiedArm) -> FullModel:
 def _spring(added: Added, sizes: list[float], newest: bool) -> tuple[Floats, float] | None:
     """Return a spring k1 (q - s) + k2 (q - s)^2 + k3 (q - s)^3, and s; None where there is none."""
     order = round(added.shape["order"])
-    polynomial = np.polynomial.Polynomial([sizes[order] if added.shape["constant"] else 0.0, *sizes[:order]])
+    polynomial = np.polynomial.Polynomial(
+        [sizes[order] if added.shape["constant"] else 0.0, *sizes[:order]]
+    )
     roots = [float(root.real) for root in polynomial.roots() if abs(root.imag) < 1e-12]
     if not roots or (order > 1 and not newest):
         return None
     slack = min(roots, key=abs)
-    slopes = [float(polynomial.deriv(k)(slack)) / float(np.prod(np.arange(1, k + 1))) for k in range(1, order + 1)]
+    slopes = [
+        float(polynomial.deriv(k)(slack)) / float(np.prod(np.arange(1, k + 1)))
+        for k in range(1, order + 1)
+    ]
     # Why: before polynomials MuJoCo took a negative stiffness for none.
     return (np.array(slopes), slack) if newest or slopes[0] > 0.0 else None
 
@@ -220,7 +245,9 @@ def _wave(added: Added, sizes: list[float]) -> Wave | None:
     if abs(poles - round(poles)) > WHOLE or round(poles) < 1:
         return None
     cosine, sine = sizes if name == "torque_ripple" else sizes[::-1]
-    return Wave(joint, float(np.hypot(cosine, sine)), round(poles), float(np.arctan2(-cosine, -sine)))
+    return Wave(
+        joint, float(np.hypot(cosine, sine)), round(poles), float(np.arctan2(-cosine, -sine))
+    )
 
 
 def _slides(full: FullModel, joint: int, size: float, bristles: list[Bristle]) -> bool:

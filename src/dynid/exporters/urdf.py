@@ -38,7 +38,9 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     full = simulated(arm).full
     gone = []
     if any(full.rotor_inertia):
-        gone.append("rotor inertia: add it to the simulator (armature in MuJoCo, rotorInertia in Pinocchio)")
+        gone.append(
+            "rotor inertia: add it to the simulator (armature in MuJoCo, rotorInertia in Pinocchio)"
+        )
     if any(full.joint_friction("fo")):
         gone.append("torque offsets fo")
     if arm.urdf is not None and (any(full.joint_friction("fv")) or any(full.joint_friction("fc"))):
@@ -51,7 +53,10 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
 def loaded(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
     """Load it in Pinocchio and PyBullet; rigid body only, they leave the rest out of inverse dynamics."""
     robot = arm.robot
-    names, mapping = tuple(map(xml, robot.joint_names)), JointMap((1.0,) * robot.n, (0.0,) * robot.n)
+    names, mapping = (
+        tuple(map(xml, robot.joint_names)),
+        JointMap((1.0,) * robot.n, (0.0,) * robot.n),
+    )
     if arm.urdf is not None:
         place = attached(arm.urdf, robot)
         names, mapping = place.names, place.mapping
@@ -71,12 +76,18 @@ def beyond_joints(arm: IdentifiedArm, *, mjcf: bool = False) -> tuple[str, ...]:
 
 def coupled_left_out(arm: IdentifiedArm) -> tuple[str, ...]:
     """Return the parameters of motors that drive several joints, for which no simulator has a place."""
-    return tuple(f"coupled motors' {name}" for name in arm.full.friction if name[:3] in ("Imc", "fvc", "fcc"))
+    return tuple(
+        f"coupled motors' {name}" for name in arm.full.friction if name[:3] in ("Imc", "fvc", "fcc")
+    )
 
 
 def residual_left_out(arm: IdentifiedArm) -> tuple[str, ...]:
     """Return the residual model where the result has one."""
-    return () if arm.model_error is None else ("the residual model: the file predicts by the parameters alone",)
+    return (
+        ()
+        if arm.model_error is None
+        else ("the residual model: the file predicts by the parameters alone",)
+    )
 
 
 URDF = Format("urdf", ".urdf", text, leaves_out, loaded)

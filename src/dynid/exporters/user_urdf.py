@@ -61,7 +61,10 @@ class Attached:
         """Return the file's bodies in the DH frames: each link with all that hangs on it up to the next joint."""
         bodies = []
         for joint, to_dh in zip(self.joints, self.to_dh, strict=True):
-            parts = [(joint.child, np.eye(4)), *((o.child, p) for o, p in self.urdf.behind(joint.child, self.names))]
+            parts = [
+                (joint.child, np.eye(4)),
+                *((o.child, p) for o, p in self.urdf.behind(joint.child, self.names)),
+            ]
             there = [moved(body, pose) for link, pose in parts if (body := self.urdf.bodies[link])]
             whole = body_of(sum((body.parameters() for body in there), np.zeros(10)))
             bodies.append(moved(whole, np.linalg.inv(to_dh).astype(np.float64)))
@@ -106,7 +109,10 @@ def _names(urdf: Urdf, robot: Robot) -> tuple[str, ...]:
         if set(names) <= there:
             return names
     missing = ", ".join(name for name in robot.joint_names if name not in there)
-    raise WrongUrdf(f"{urdf.path} has no joint {missing}; it has {', '.join(sorted(there))}", where=str(urdf.path))
+    raise WrongUrdf(
+        f"{urdf.path} has no joint {missing}; it has {', '.join(sorted(there))}",
+        where=str(urdf.path),
+    )
 
 
 def _maps(robot: Robot) -> list[JointMap]:
@@ -114,12 +120,16 @@ def _maps(robot: Robot) -> list[JointMap]:
     return [same, *(each for each in (robot.simulator, robot.driver and robot.driver.map) if each)]
 
 
-def _compared(chain: tuple[UrdfJoint, ...], robot: Robot, mapping: JointMap) -> tuple[tuple[Floats, ...], Floats]:
+def _compared(
+    chain: tuple[UrdfJoint, ...], robot: Robot, mapping: JointMap
+) -> tuple[tuple[Floats, ...], Floats]:
     """Return the DH frames in the links' frames, and by how much each moves there, which it must not, (n,)."""
     rng = np.random.default_rng(0)
     seen: list[list[Floats]] = [[] for _ in range(robot.n)]
     for q in [np.zeros(robot.n), *rng.uniform(-1.5, 1.5, (3, robot.n))]:
-        dh = link_frames(robot, np.array(mapping.sign) * q + np.array(mapping.offset), world=True).poses
+        dh = link_frames(
+            robot, np.array(mapping.sign) * q + np.array(mapping.offset), world=True
+        ).poses
         pose, j = np.eye(4), 0
         for joint in chain:
             pose = pose @ joint.transform(float(q[j]) if joint.moves else 0.0)
@@ -144,7 +154,10 @@ def rewritten(path: Path, arm: IdentifiedArm, full: FullModel) -> str:
         own, emptied = _own_share(place, joint.child, moved(body, place.to_dh[i - 1]))
         new[joint.child] = (own, full.origin_of_link(i))
         for link in emptied:
-            new[link] = (Body(0.0), f"its mass is in {joint.child}: link {i} was identified as one body")
+            new[link] = (
+                Body(0.0),
+                f"its mass is in {joint.child}: link {i} was identified as one body",
+            )
         for link in _empty_frames(place, joint.child):
             new[link] = (Body(0.0), "an empty frame: without this block PyBullet gives it 1 kg")
     return _replaced(path, new, arm.head(str))
@@ -160,8 +173,14 @@ def _own_share(place: Attached, link: str, body: Body) -> tuple[Body, list[str]]
     """Return a link's body without what hangs on it, and the links that had to be emptied."""
     urdf = place.urdf
     behind = urdf.behind(link, stop=place.names)
-    parts = [(joint.child, moved(part, pose), joint) for joint, pose in behind if (part := urdf.bodies[joint.child])]
-    rest = body_of(body.parameters() - sum((part.parameters() for _, part, _ in parts), np.zeros(10)))
+    parts = [
+        (joint.child, moved(part, pose), joint)
+        for joint, pose in behind
+        if (part := urdf.bodies[joint.child])
+    ]
+    rest = body_of(
+        body.parameters() - sum((part.parameters() for _, part, _ in parts), np.zeros(10))
+    )
     if not parts or smallest_eigenvalue(rest) > -NOTHING or smallest_eigenvalue(body) <= 0:
         return rest, []
     own_joint = {joint.child for joint, _ in behind if joint.moves}
@@ -235,7 +254,10 @@ def _indent(raw: bytes, at: int) -> str:
 
 def _inertial(body: Body, note: str, indent: str) -> str:
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    tensor = " ".join(f'{name}="{value!r}"' for name, value in zip(names, map(float, body.inertia_com), strict=True))
+    tensor = " ".join(
+        f'{name}="{value!r}"'
+        for name, value in zip(names, map(float, body.inertia_com), strict=True)
+    )
     lines = (
         "<inertial>",
         f"  <!--{xml_comment(note)}-->",

@@ -27,7 +27,13 @@ def _document(arm: IdentifiedArm) -> dict[str, Any]:
     links = []
     for i, (joint, body) in enumerate(zip(robot.joints, full.bodies, strict=True), start=1):
         names = [f"{name}{i}" for name in LINK_PARAMETERS]
-        tensor = dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), map(float, body.inertia_com), strict=True))
+        tensor = dict(
+            zip(
+                ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
+                map(float, body.inertia_com),
+                strict=True,
+            )
+        )
         links.append(
             {
                 "joint": joint.name,
@@ -57,13 +63,17 @@ def _document(arm: IdentifiedArm) -> dict[str, Any]:
         "links": links,
         "coulomb": {"shape": shape.shape, "velocity": list(shape.velocity)},
         "friction": {name: float(value) for name, value in full.friction.items()},
-        "base_parameters": dict(zip(arm.base.reduction.base_names, arm.theta.tolist(), strict=True)),
+        "base_parameters": dict(
+            zip(arm.base.reduction.base_names, arm.theta.tolist(), strict=True)
+        ),
     }
 
 
 def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     """Return the effects, which stay in the robot file, and the residual model."""
-    effects = (f"effect {effect.effect} on {', '.join(effect.joints)}" for effect in arm.robot.effects)
+    effects = (
+        f"effect {effect.effect} on {', '.join(effect.joints)}" for effect in arm.robot.effects
+    )
     return (*effects, *residual_left_out(arm))
 
 
@@ -78,7 +88,9 @@ def loaded(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
     base, model = arm.base, arm.base.model
     gamma = np.array([values[name] for name in model.parameter_names])
     full, minimal = model.observer(), model.observer(base.reduction.base)
-    yield Loaded("dynid", "all", lambda *s: full.torque(gamma, *s), lambda *s: minimal.torque(arm.theta, *s))
+    yield Loaded(
+        "dynid", "all", lambda *s: full.torque(gamma, *s), lambda *s: minimal.torque(arm.theta, *s)
+    )
 
 
 YAML = Format("yaml", ".yaml", text, leaves_out, loaded, needs_bodies=False)

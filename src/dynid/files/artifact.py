@@ -41,18 +41,38 @@ _RUN = Contents(
     {
         place: Fact(kind, needed=False)
         for place, kind in {
-            "robot": str, "key": str | None, "dynid": str, "command": str, "seed": int | None, "robot_file": str,
-            "robot_path": str, "logs": list[str], "log_sha256": list[str] | str, "inputs": dict[str, str],
-            "joints": list[str], "cutoff_hz": float, "kept_rate_hz": float, "delay_s": float | None,
-            "delay_std_error_s": float | None, "delay_applied_s": float | None, "log_findings": list[Finding],
+            "robot": str,
+            "key": str | None,
+            "dynid": str,
+            "command": str,
+            "seed": int | None,
+            "robot_file": str,
+            "robot_path": str,
+            "logs": list[str],
+            "log_sha256": list[str] | str,
+            "inputs": dict[str, str],
+            "joints": list[str],
+            "cutoff_hz": float,
+            "kept_rate_hz": float,
+            "delay_s": float | None,
+            "delay_std_error_s": float | None,
+            "delay_applied_s": float | None,
+            "log_findings": list[Finding],
             "findings": list[Finding],
         }.items()
     },
-)  # fmt: skip
+)
 #: What reading a file that somebody has changed may raise on the way from its numbers to a value.
 _DAMAGE = (
-    KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, ZeroDivisionError, RecursionError,
-)  # fmt: skip
+    KeyError,
+    TypeError,
+    ValueError,
+    IndexError,
+    AttributeError,
+    OverflowError,
+    ZeroDivisionError,
+    RecursionError,
+)
 
 
 @contextmanager
@@ -65,7 +85,9 @@ def reading(path: Path) -> Iterator[None]:
     try:
         yield
     except _DAMAGE as error:
-        raise NotAnArtifact(f"{path} is damaged: {type(error).__name__}: {error}", where=str(path)) from error
+        raise NotAnArtifact(
+            f"{path} is damaged: {type(error).__name__}: {error}", where=str(path)
+        ) from error
 
 
 # ---------------------------------------------------------------- results
@@ -94,7 +116,9 @@ def read_artifact(path: Path, contents: Contents | None = None) -> Artifact:
     except FileNotFoundError as error:
         raise NotAnArtifact(f"no such file: {path}", where=str(path)) from error
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise NotAnArtifact(f"{path} is not a dynid result, or is damaged: {error}", where=str(path)) from error
+        raise NotAnArtifact(
+            f"{path} is not a dynid result, or is damaged: {error}", where=str(path)
+        ) from error
     if contents is not None:
         _require_schema(path, header, contents.schema)
         with reading(path):

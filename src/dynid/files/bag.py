@@ -62,11 +62,15 @@ def list_topics(path: Path) -> dict[str, Topic]:
             return found
         raise nothing_readable(path, str(error)) from None
     none = [(connection, 0) for connection in connections.values()]
-    some = [(n, count) for counts in chunks.values() for n, count in counts.items() if n in connections]
+    some = [
+        (n, count) for counts in chunks.values() for n, count in counts.items() if n in connections
+    ]
     return topics_of([*none, *((connections[number], count) for number, count in some)])
 
 
-def read_topics(path: Path, names: Collection[str]) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
+def read_topics(
+    path: Path, names: Collection[str]
+) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
     """Return for each of some topics its raw logs, one for each set of joint names, the largest first; and findings.
 
     Raises:
@@ -84,7 +88,9 @@ def _check_magic(path: Path) -> None:
     except OSError as error:
         raise LogNotFound(f"cannot read {path}: {error.strerror}", where=str(path)) from error
     if not start:
-        raise BagTruncated(f"{path.name} is empty: nothing was recorded", where=str(path), fix="record again")
+        raise BagTruncated(
+            f"{path.name} is empty: nothing was recorded", where=str(path), fix="record again"
+        )
     if not start.startswith(b"#ROSBAG V"):
         fix = f"see what it is: {shell('file', path)}; a bag begins with #ROSBAG V2.0"
         raise LogNotFound(f"{path.name} is not a ROS 1 bag", where=str(path), fix=fix)
@@ -158,8 +164,14 @@ def scan(path: Path, topics: Collection[str] | None = None) -> Iterator[Messages
     except Broken as error:
         damage.append(str(error))
     # Why: a chunk without any wanted message is not unpacked.
-    wanted = {number for number, one in connections.items() if topics is None or one.topic in topics}
-    unwanted = {place for place, numbers in chunks.items() if topics is not None and not wanted & set(numbers)}
+    wanted = {
+        number for number, one in connections.items() if topics is None or one.topic in topics
+    }
+    unwanted = {
+        place
+        for place, numbers in chunks.items()
+        if topics is not None and not wanted & set(numbers)
+    }
     unpacked = 0
     with limits.open_file(path) as stream:
         end = stream.seek(0, os.SEEK_END)
@@ -188,7 +200,12 @@ def scan(path: Path, topics: Collection[str] | None = None) -> Iterator[Messages
 
 
 def _content(
-    stream: IO[bytes], header: dict[bytes, bytes], size: int, end: int, path: Path, damage: list[str]
+    stream: IO[bytes],
+    header: dict[bytes, bytes],
+    size: int,
+    end: int,
+    path: Path,
+    damage: list[str],
 ) -> bytes:
     """Return what a chunk holds, and note what is wrong with it.
 
@@ -240,7 +257,9 @@ def _fields(block: bytes) -> dict[bytes, bytes]:
     return found
 
 
-def _messages(chunk: bytes, connections: dict[int, Connection], path: Path, damage: list[str]) -> Iterator[Messages]:
+def _messages(
+    chunk: bytes, connections: dict[int, Connection], path: Path, damage: list[str]
+) -> Iterator[Messages]:
     """Yield the messages of a chunk up to the first broken one, those together that are alike."""
     places: dict[tuple[int, int], list[int]] = {}
     position, end, last, row = 0, len(chunk), (0, 0), 0
@@ -277,25 +296,32 @@ def _messages(chunk: bytes, connections: dict[int, Connection], path: Path, dama
     except Broken as error:
         damage.append(str(error))
     for head, size, where in groups:
-        yield from _of_group(chunk, headers.get(int(where[0]), {}), head, size, where[where < end], connections)
+        yield from _of_group(
+            chunk, headers.get(int(where[0]), {}), head, size, where[where < end], connections
+        )
 
 
 def _alike(chunk: bytes, position: int, head: int, size: int) -> int:
     """Return how many records that begin like the one at a position follow it, itself included."""
     record = head + size
-    rows = np.frombuffer(chunk, np.uint8, (len(chunk) - position) // record * record, position).reshape(-1, record)
+    rows = np.frombuffer(
+        chunk, np.uint8, (len(chunk) - position) // record * record, position
+    ).reshape(-1, record)
     lengths = np.r_[0:4, head - 4 : head]
     equal = np.all(rows[:, lengths] == rows[0, lengths], axis=1)
     return len(equal) if equal.all() else int(np.argmin(equal))
 
 
-def _by_header(chunk: bytes, head: int, step: int, where: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
+def _by_header(
+    chunk: bytes, head: int, step: int, where: NDArray[np.int64]
+) -> Iterator[NDArray[np.int64]]:
     """Yield records with headers and data of one length each by what their headers say besides the time."""
     time = chunk.find(_TIME, where[0], where[0] + head) - where[0] + len(_TIME)
     headers = _rows(chunk, where, head, step).copy()
     if len(_TIME) <= time <= head - 8:
         headers[
-            np.all(headers[:, time - len(_TIME) : time] == np.frombuffer(_TIME, np.uint8), axis=1), time : time + 8
+            np.all(headers[:, time - len(_TIME) : time] == np.frombuffer(_TIME, np.uint8), axis=1),
+            time : time + 8,
         ] = 0
     if np.all(headers == headers[0]):
         yield where
@@ -334,7 +360,9 @@ def _rows(chunk: bytes, where: NDArray[np.int64], length: int, step: int) -> NDA
     return np.asarray(content[where[:, None] + np.arange(length)])
 
 
-def _one(header: dict[bytes, bytes], data: bytes, connections: dict[int, Connection], path: Path) -> Iterator[Messages]:
+def _one(
+    header: dict[bytes, bytes], data: bytes, connections: dict[int, Connection], path: Path
+) -> Iterator[Messages]:
     """Yield the message of a record, or remember the connection it describes."""
     op = header.get(b"op")
     if op == _MESSAGE:
@@ -348,12 +376,19 @@ def _one(header: dict[bytes, bytes], data: bytes, connections: dict[int, Connect
         _remember(header, data, connections, path)
 
 
-def _remember(header: dict[bytes, bytes], data: bytes, found: dict[int, Connection], path: Path) -> None:
+def _remember(
+    header: dict[bytes, bytes], data: bytes, found: dict[int, Connection], path: Path
+) -> None:
     facts = _fields(data)
-    words = [facts.get(key, b"").decode("utf-8", "replace") for key in (b"type", b"message_definition", b"md5sum")]
+    words = [
+        facts.get(key, b"").decode("utf-8", "replace")
+        for key in (b"type", b"message_definition", b"md5sum")
+    ]
     topic = header.get(b"topic", b"").decode("utf-8", "replace")
     parts = [part for part in topic.split("/") if part]
-    found[_number(header, b"conn")] = Connection(f"{'/' if topic.startswith('/') else ''}{'/'.join(parts)}", *words)
+    found[_number(header, b"conn")] = Connection(
+        f"{'/' if topic.startswith('/') else ''}{'/'.join(parts)}", *words
+    )
     limits.check("connections", len(found), path)
 
 
@@ -364,7 +399,9 @@ def _number(header: dict[bytes, bytes], key: bytes) -> int:
     return int.from_bytes(value, "little")
 
 
-def _unpacked(stream: IO[bytes], size: int, compression: bytes, whole: bool, path: Path, damage: list[str]) -> bytes:
+def _unpacked(
+    stream: IO[bytes], size: int, compression: bytes, whole: bool, path: Path, damage: list[str]
+) -> bytes:
     """Return the content of a chunk, of which ``size`` bytes are in the file; unpacked piece by piece within the limit.
 
     Why: a chunk that is cut gives what its complete blocks hold; one that is whole but does not decompress is given up,

@@ -17,7 +17,17 @@ from dynid.errors import WrongRobotFile
 from dynid.files.remote import is_url
 from dynid.files.yamlfile import Value, read_yaml
 
-_JOB = ("name", "robot", "logs", "options", "validate", "max_unexplained", "fail_if", "baseline", "tolerance")
+_JOB = (
+    "name",
+    "robot",
+    "logs",
+    "options",
+    "validate",
+    "max_unexplained",
+    "fail_if",
+    "baseline",
+    "tolerance",
+)
 
 
 @dataclass(frozen=True)
@@ -62,7 +72,10 @@ def read_batch(path: Path) -> tuple[Job, ...]:
             raise WrongRobotFile(f"{top['jobs'].where}: jobs is empty", where=top["jobs"].where)
         _unique(jobs, top["jobs"])
     except WrongRobotFile as error:
-        error.why, error.fix = "the job could not be run", "`dynid explain ci-regression` shows a batch file"
+        error.why, error.fix = (
+            "the job could not be run",
+            "`dynid explain ci-regression` shows a batch file",
+        )
         raise
     return jobs
 
@@ -71,11 +84,15 @@ def _job(value: Value, shared: dict[str, Value], folder: Path) -> Job:
     keys = {**shared, **value.mapping(_JOB)}
     for key in ("robot", "logs"):
         if key not in keys:
-            raise WrongRobotFile(f"{value.where}: {value.path} lacks the key '{key}'", where=value.where)
+            raise WrongRobotFile(
+                f"{value.where}: {value.path} lacks the key '{key}'", where=value.where
+            )
     logs = _paths(keys["logs"], folder)
     robot = keys["robot"].text()
     robot = str(folder / robot) if robot.endswith((".yaml", ".yml")) else robot
-    text: dict[str, Any] = {key: keys[key].text() for key in ("max_unexplained", "tolerance") if key in keys}
+    text: dict[str, Any] = {
+        key: keys[key].text() for key in ("max_unexplained", "tolerance") if key in keys
+    }
     return Job(
         name=keys["name"].text() if "name" in keys else f"{Path(robot).stem}-{Path(logs[0]).stem}",
         robot=robot,

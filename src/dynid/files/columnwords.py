@@ -7,12 +7,24 @@ from collections.abc import Iterable, Iterator, Sequence
 
 #: Names of a column that is time, and further ones in small letters and without their unit.
 TIME_NAMES = ("t", "time", "stamp", "timestamp", "seconds", "time_s", "t_s", "t[s]", "time[s]")
-_TIMES = frozenset(TIME_NAMES) | frozenset(["zeit", "temps", "tiempo", "duration", "elapsed", "clock", "datetime"]) | {
-    "elapsed time", "time stamp",
-}  # fmt: skip
+_TIMES = (
+    frozenset(TIME_NAMES)
+    | frozenset(["zeit", "temps", "tiempo", "duration", "elapsed", "clock", "datetime"])
+    | {
+        "elapsed time",
+        "time stamp",
+    }
+)
 #: A unit at the end of the name of a time column: time_ms, t[us], stamp (ns), Zeit [s].
-_TIME_UNIT = re.compile(r"(?:^|[_\s\[(./]+)(s|sec|secs|seconds|ms|msec|us|usec|µs|ns|nsec|nanosec)[\])]?$")
-_TIME_UNITS = {"s": "s sec secs seconds", "ms": "ms msec", "us": "us usec µs", "ns": "ns nsec nanosec"}
+_TIME_UNIT = re.compile(
+    r"(?:^|[_\s\[(./]+)(s|sec|secs|seconds|ms|msec|us|usec|µs|ns|nsec|nanosec)[\])]?$"
+)
+_TIME_UNITS = {
+    "s": "s sec secs seconds",
+    "ms": "ms msec",
+    "us": "us usec µs",
+    "ns": "ns nsec nanosec",
+}
 _STAMP_PARTS = re.compile(r"(.*?)(n|nano)?(?:secs|sec|sek)", re.IGNORECASE)
 
 #: Words of column names and what they stand for; the first kind that has one of its words is taken.
@@ -36,10 +48,31 @@ _QUALIFIED = {
 }
 _COMMANDED, _MEASURED, _OTHER = (frozenset(words.split()) for words in _QUALIFIED.values())
 _UNITS = {
-    "rad": "rad", "deg": "deg", "°": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "m": "m", "mm": "mm",
-    "rad/s": "rad/s", "deg/s": "deg/s", "°/s": "deg/s", "rpm": "rpm", "1/min": "rpm", "m/s": "m/s", "mm/s": "mm/s",
-    "nm": "Nm", "n.m": "Nm", "n*m": "Nm", "n·m": "Nm", "n m": "Nm", "mnm": "mNm", "n": "N", "a": "A", "ma": "mA",
-}  # fmt: skip
+    "rad": "rad",
+    "deg": "deg",
+    "°": "deg",
+    "degree": "deg",
+    "degrees": "deg",
+    "grad": "deg",
+    "m": "m",
+    "mm": "mm",
+    "rad/s": "rad/s",
+    "deg/s": "deg/s",
+    "°/s": "deg/s",
+    "rpm": "rpm",
+    "1/min": "rpm",
+    "m/s": "m/s",
+    "mm/s": "mm/s",
+    "nm": "Nm",
+    "n.m": "Nm",
+    "n*m": "Nm",
+    "n·m": "Nm",
+    "n m": "Nm",
+    "mnm": "mNm",
+    "n": "N",
+    "a": "A",
+    "ma": "mA",
+}
 
 
 def is_time(name: str) -> bool:
@@ -51,7 +84,9 @@ def time_unit(name: str) -> tuple[str, str]:
     """Return the name of a time column in small letters without its unit, and the unit s, ms, us or ns; "" for none."""
     name = name.lower().replace("\u03bc", "\u00b5")
     found = _TIME_UNIT.search(name)
-    unit = next((unit for unit, words in _TIME_UNITS.items() if found and found[1] in words.split()), "")
+    unit = next(
+        (unit for unit, words in _TIME_UNITS.items() if found and found[1] in words.split()), ""
+    )
     return name[: found.start() if found else None].strip(" _[("), unit
 
 
@@ -61,7 +96,11 @@ def stamps_of(names: Sequence[str]) -> tuple[str, ...]:
     for name in names:
         if told := _STAMP_PARTS.fullmatch(name):
             parts.setdefault((told[1].lower(), bool(told[2])), name)
-    pairs = [(name, parts[key, True]) for (key, nano), name in parts.items() if not nano and (key, True) in parts]
+    pairs = [
+        (name, parts[key, True])
+        for (key, nano), name in parts.items()
+        if not nano and (key, True) in parts
+    ]
     time = next((name for name in names if is_time(name)), None)
     if pairs and (time is None or time in pairs[0]):
         return pairs[0]
@@ -94,7 +133,9 @@ def _paired(families: dict[str, frozenset[str]]) -> dict[str, str]:
     told = {pattern: _meaning(pattern) for pattern in families}
     # Why the best of each first: names full of numbers have thousands of families, and pairs without end.
     efforts: dict[frozenset[str], str] = {}
-    for pattern in sorted((p for p in families if told[p][0] == "effort"), key=lambda p: told[p][1]):
+    for pattern in sorted(
+        (p for p in families if told[p][0] == "effort"), key=lambda p: told[p][1]
+    ):
         efforts.setdefault(families[pattern], pattern)
     pairs = [
         (told[p][1] + told[efforts[families[p]]][1], p, efforts[families[p]])
@@ -109,7 +150,11 @@ def _paired(families: dict[str, frozenset[str]]) -> dict[str, str]:
         same = [p for p in families if told[p][0] == kind and families[p] == families[position]]
         if same:
             found[key] = min(same, key=lambda pattern: told[pattern][1])
-    named = [p for p in families if "name" in _words(p) and families[position] == families[p] and "{i}" in p]
+    named = [
+        p
+        for p in families
+        if "name" in _words(p) and families[position] == families[p] and "{i}" in p
+    ]
     return found | ({"name": named[0]} if named else {})
 
 
@@ -122,7 +167,11 @@ def _meaning(pattern: str) -> tuple[str, int]:
         return "", 0
     if words.intersection(_COMMANDED):
         return ("commanded position" if kind == "position" else ""), 0
-    doubt = 4 * (kind == "joint") + 2 * (kind == "effort" and in_amperes(pattern)) + words.isdisjoint(_MEASURED)
+    doubt = (
+        4 * (kind == "joint")
+        + 2 * (kind == "effort" and in_amperes(pattern))
+        + words.isdisjoint(_MEASURED)
+    )
     return kind, doubt
 
 
@@ -141,14 +190,20 @@ def members(pattern: str, names: Sequence[str]) -> list[str]:
 def usual_joints(names: Sequence[str]) -> tuple[str, ...]:
     """Return the joints of columns with the usual names; () where no position has a torque or a current beside it."""
     own = [name[2:] for name in names if name.startswith("q_") and not name.startswith("q_ref_")]
-    return tuple(own) if any(f"{kind}_{joint}" in names for joint in own for kind in ("tau", "i")) else ()
+    return (
+        tuple(own)
+        if any(f"{kind}_{joint}" in names for joint in own for kind in ("tau", "i"))
+        else ()
+    )
 
 
 def _words(pattern: str) -> set[str]:
     """Return the words of a name: letters between other signs, and parts that begin with a capital."""
     plain = re.sub(r"\{(i|name)\}", " ", pattern)
     plain = re.sub(r"[\[(][^\[\]()]*[\])]\s*$", " ", plain)
-    parts = re.findall(r"[A-Za-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", plain))
+    parts = re.findall(
+        r"[A-Za-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", plain)
+    )
     return {part.lower() for part in parts}
 
 
@@ -180,7 +235,9 @@ def _named(names: Sequence[str]) -> dict[str, frozenset[str]]:
 def _shared_start(words: Sequence[str]) -> str:
     """Return the letters that all words begin with."""
     first, last = min(words), max(words)
-    return first[: next((k for k, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), len(first))]
+    return first[
+        : next((k for k, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), len(first))
+    ]
 
 
 def _families(members: Iterable[tuple[str, str]]) -> dict[str, frozenset[str]]:

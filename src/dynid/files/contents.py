@@ -87,7 +87,9 @@ class Contents:
     facts: Mapping[str, Fact] = field(default_factory=dict)
     arrays: Mapping[str, Array] = field(default_factory=dict)
 
-    def require(self, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], where: Path | str) -> None:
+    def require(
+        self, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], where: Path | str
+    ) -> None:
         """Raise when a result holds something else than its table says.
 
         Args:
@@ -146,7 +148,9 @@ def _require_range(value: Any, fact: Fact, place: str) -> None:  # noqa: ANN401
             raise ValueError(f"'{place}' is {number:g}; it must lie between {low:g} and {high:g}")
 
 
-def _named(pattern: str, arrays: Mapping[str, NDArray[Any]], needed: bool) -> Iterator[tuple[str, str]]:
+def _named(
+    pattern: str, arrays: Mapping[str, NDArray[Any]], needed: bool
+) -> Iterator[tuple[str, str]]:
     """Yield the names of arrays that a pattern stands for, and their numbers."""
     if "*" in pattern:
         expression = re.compile(re.escape(pattern).replace(r"\*", r"(\d{1,4})"))
@@ -155,7 +159,9 @@ def _named(pattern: str, arrays: Mapping[str, NDArray[Any]], needed: bool) -> It
         yield pattern, ""
 
 
-def _require_array(array: NDArray[Any], declared: Array, name: str, number: str, sizes: dict[str, int]) -> None:
+def _require_array(
+    array: NDArray[Any], declared: Array, name: str, number: str, sizes: dict[str, int]
+) -> None:
     wanted = declared.shape.split()
     if array.ndim == len(wanted):
         for word, size in zip(wanted, array.shape, strict=True):
@@ -167,10 +173,14 @@ def _require_array(array: NDArray[Any], declared: Array, name: str, number: str,
         int(word) if word.isdigit() else size
         for word, size in zip(wanted, (*array.shape, *[0] * len(wanted)), strict=False)
     )
-    require_numbers(shape, declared.kind, gaps=declared.gaps, endless=declared.endless, **{name: array})
+    require_numbers(
+        shape, declared.kind, gaps=declared.gaps, endless=declared.endless, **{name: array}
+    )
     if declared.kind is np.bool_:
         return
-    for part in (array[some].astype(np.float64, copy=False) for some in spans(len(array) if shape else 0)):
+    for part in (
+        array[some].astype(np.float64, copy=False) for some in spans(len(array) if shape else 0)
+    ):
         if np.any(part < declared.least) or np.any(part > declared.most):
             raise ValueError(f"'{name}' must lie between {declared.least:g} and {declared.most:g}")
     if declared.rising and not all(
@@ -201,12 +211,16 @@ def require_numbers(
     """
     for name, array in arrays.items():
         if array.shape != shape or not (array.dtype.isnative and np.issubdtype(array.dtype, kind)):
-            raise ValueError(f"'{name}' is {array.dtype} {array.shape}, expected {kind.__name__} {shape}")
+            raise ValueError(
+                f"'{name}' is {array.dtype} {array.shape}, expected {kind.__name__} {shape}"
+            )
         for part in (array[some] for some in spans(len(array) if shape else 0)):
             size = np.abs(part.astype(np.float64, copy=False))
             known = (size < LARGEST) | (gaps & np.isnan(part)) | (endless & np.isinf(size))
             if not known.all():
-                raise ValueError(f"'{name}' holds numbers that are not finite, or larger than {LARGEST:g}")
+                raise ValueError(
+                    f"'{name}' holds numbers that are not finite, or larger than {LARGEST:g}"
+                )
 
 
 # ---------------------------------------------------------------- types of facts
@@ -230,12 +244,17 @@ def _parts(value: Any, kind: Any, place: str) -> list[tuple[Any, Any, str]] | No
     if origin in (list, tuple) and isinstance(value, list):
         kinds = inner if origin is tuple and Ellipsis not in inner else inner[:1] * len(value)
         if len(kinds) == len(value):
-            return [(item, each, f"{place}[{k}]") for k, (item, each) in enumerate(zip(value, kinds, strict=True))]
+            return [
+                (item, each, f"{place}[{k}]")
+                for k, (item, each) in enumerate(zip(value, kinds, strict=True))
+            ]
     elif origin is dict and isinstance(value, Mapping):
         return [(item, inner[1], f"{place}.{key}") for key, item in value.items()]
     elif origin is None and isinstance(value, Mapping):
         known = _fields(kind)
-        if set(value) <= set(known) and all(key in value for key, (_, needed) in known.items() if needed):
+        if set(value) <= set(known) and all(
+            key in value for key, (_, needed) in known.items() if needed
+        ):
             return [(item, known[key][0], f"{place}.{key}") for key, item in value.items()]
     return None
 
@@ -246,7 +265,9 @@ def _is(value: Any, kind: Any) -> bool:  # noqa: ANN401
         if isinstance(value, bool) or not isinstance(value, (int, float) if kind is float else int):
             return False
         # Why endless ones pass: NaN and infinity are written for what is not known.
-        return -_LARGEST < value < _LARGEST or (isinstance(value, float) and not math.isfinite(value))
+        return -_LARGEST < value < _LARGEST or (
+            isinstance(value, float) and not math.isfinite(value)
+        )
     if get_origin(kind) is Literal:
         return isinstance(value, str) and value in get_args(kind)
     return kind is Any or isinstance(value, kind)
@@ -256,7 +277,10 @@ def _is(value: Any, kind: Any) -> bool:  # noqa: ANN401
 def _fields(kind: type[Any]) -> dict[str, tuple[Any, bool]]:
     """Return type of each field of a dataclass, and whether it has to be given."""
     hints = get_type_hints(kind)
-    missing = {each.name: each.default is MISSING and each.default_factory is MISSING for each in fields(kind)}
+    missing = {
+        each.name: each.default is MISSING and each.default_factory is MISSING
+        for each in fields(kind)
+    }
     return {name: (hints[name], needed) for name, needed in missing.items()}
 
 
@@ -273,5 +297,11 @@ def _words(kind: Any) -> str:  # noqa: ANN401
         return f"a list, each entry {_words(inner[0])}"
     if is_dataclass(kind) and isinstance(kind, type):
         return f"a mapping with the keys {', '.join(_fields(kind))}"
-    names = {str: "text", int: "a whole number", float: "a number", bool: "true or false", NoneType: "null"}
+    names = {
+        str: "text",
+        int: "a whole number",
+        float: "a number",
+        bool: "true or false",
+        NoneType: "null",
+    }
     return names.get(kind, "a mapping")

@@ -48,7 +48,8 @@ def write_log(log: Log, path: Path) -> Path:
     """
     if path.suffix not in WRITERS:
         raise WrongUsage(
-            f"'{path.name}' does not say what to write: {', '.join(WRITERS)}", fix="name a file like log.mcap"
+            f"'{path.name}' does not say what to write: {', '.join(WRITERS)}",
+            fix="name a file like log.mcap",
         )
     with _written_whole(path) as part:
         WRITERS[path.suffix](log, part)
@@ -83,8 +84,17 @@ def _columns(log: Log) -> dict[str, Any]:
     }
     for key, values in log.further().items():
         table = values.reshape(len(log), -1)
-        names = [key] if values.ndim == 1 else _names(log) if values.shape == log.q.shape else range(table.shape[1])
-        found |= {key if values.ndim == 1 else f"{key}_{name}": table[:, k] for k, name in enumerate(names)}
+        names = (
+            [key]
+            if values.ndim == 1
+            else _names(log)
+            if values.shape == log.q.shape
+            else range(table.shape[1])
+        )
+        found |= {
+            key if values.ndim == 1 else f"{key}_{name}": table[:, k]
+            for k, name in enumerate(names)
+        }
     return found
 
 
@@ -130,7 +140,12 @@ def _store(distribution: str) -> tuple[Any, Any, Any, Any]:
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores[distribution])
-    return store, store.types[STATE], store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
+    return (
+        store,
+        store.types[STATE],
+        store.types["std_msgs/msg/Header"],
+        store.types["builtin_interfaces/msg/Time"],
+    )
 
 
 def _start(log: Log) -> int:
@@ -148,9 +163,11 @@ def _stamps(log: Log, start: int) -> list[int]:
     whole = bool(np.isfinite(log.t).all()) and abs(start) < LAST_STAMP * 10**9
     if not whole or log.t.min() + start * 1e-9 < 0 or log.t.max() + start * 1e-9 >= LAST_STAMP:
         raise LogLayout(
-            f"{log.name} has times that are not numbers, or lie before 1970 or after 2038", where=log.name,
-            why="time stamps of ROS cannot hold them", fix="write .npz, .csv or .parquet",
-        )  # fmt: skip
+            f"{log.name} has times that are not numbers, or lie before 1970 or after 2038",
+            where=log.name,
+            why="time stamps of ROS cannot hold them",
+            fix="write .npz, .csv or .parquet",
+        )
     return [int(stamp) for stamp in start + np.round(log.t * 1e9).astype(np.int64)]
 
 
@@ -167,14 +184,20 @@ def write_bag(log: Log, path: Path, topic: str, start: int = 0) -> None:
 
     store, State, Header, Time = _store("ROS1_NOETIC")
     stamps = _stamps(log, start)
-    columns = JointStates(log.q, np.empty((len(log), 0)) if log.qd is None else log.qd, log.tau).rows
+    columns = JointStates(
+        log.q, np.empty((len(log), 0)) if log.qd is None else log.qd, log.tau
+    ).rows
     with _written_whole(path) as part:
         writer = Writer(part)
         writer.set_compression(Writer.CompressionFormat.BZ2)
         with writer:
             channel = writer.add_connection(topic, STATE, typestore=store)
             for i, stamp in enumerate(stamps):
-                message = State(Header(i, Time(*divmod(stamp, 10**9)), ""), list(log.names), *(x[i] for x in columns))
+                message = State(
+                    Header(i, Time(*divmod(stamp, 10**9)), ""),
+                    list(log.names),
+                    *(x[i] for x in columns),
+                )
                 writer.write(channel, stamp, bytes(store.serialize_ros1(message, STATE)))
 
 
@@ -185,19 +208,27 @@ def _ros2(log: Log, path: Path) -> None:
     store, State, Header, Time = _store("ROS2_HUMBLE")
     plugin = StoragePlugin.MCAP if path.suffix == ".mcap" else StoragePlugin.SQLITE3
     stamps, none = _stamps(log, _start(log)), np.empty((len(log), 0))
-    known = (x if x is not None and np.isfinite(x).any() else none for x in (log.q, log.qd, log.tau))
+    known = (
+        x if x is not None and np.isfinite(x).any() else none for x in (log.q, log.qd, log.tau)
+    )
     columns, bag = JointStates(*known).rows, path.parent / "bag"
     with Writer(bag, version=9, storage_plugin=plugin) as writer:
         channel = writer.add_connection(log.topic or TOPIC, STATE, typestore=store)
         for i, stamp in enumerate(stamps):
-            message = State(Header(Time(*divmod(stamp, 10**9)), ""), _names(log), *(x[i] for x in columns))
+            message = State(
+                Header(Time(*divmod(stamp, 10**9)), ""), _names(log), *(x[i] for x in columns)
+            )
             writer.write(channel, stamp, bytes(store.serialize_cdr(message, STATE)))
     (part,) = bag.glob(f"*{path.suffix}")
     part.replace(path)
 
 
 def write_replay(
-    path: Path, stamps: NDArray[np.int64], names: Sequence[str], topics: Mapping[str, JointStates], urdf: str
+    path: Path,
+    stamps: NDArray[np.int64],
+    names: Sequence[str],
+    topics: Mapping[str, JointStates],
+    urdf: str,
 ) -> Path:
     """Write joint states on several topics as MCAP, and the arm's URDF on ``/robot_description`` and as an attachment.
 
@@ -220,12 +251,16 @@ def write_replay(
         writer: Any = Writer(stream)
         writer.start(profile="ros2", library=f"dynid {__version__}")
         schemas = {
-            kind: writer.register_schema(kind, "ros2msg", str(store.generate_msgdef(kind, ros_version=2)[0]).encode())
+            kind: writer.register_schema(
+                kind, "ros2msg", str(store.generate_msgdef(kind, ros_version=2)[0]).encode()
+            )
             for kind in (STATE, TEXT)
         }
 
         def channel(topic: str, kind: str, qos: str = "") -> int:
-            return int(writer.register_channel(topic, "cdr", schemas[kind], {"offered_qos_profiles": qos}))
+            return int(
+                writer.register_channel(topic, "cdr", schemas[kind], {"offered_qos_profiles": qos})
+            )
 
         writer.add_attachment(first, first, "robot.urdf", "application/xml", urdf.encode())
         description = bytes(store.serialize_cdr(store.types[TEXT](urdf), TEXT))

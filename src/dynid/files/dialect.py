@@ -104,18 +104,29 @@ class Dialect:
         if rows:
             yield self._numbers(path, rows, places)
 
-    def _numbers(self, path: Path, rows: Sequence[tuple[int, str]], places: Sequence[int]) -> Floats:
+    def _numbers(
+        self, path: Path, rows: Sequence[tuple[int, str]], places: Sequence[int]
+    ) -> Floats:
         """Return some columns of some rows, (N, k): at once where all cells are plain numbers."""
         lines = [line for _, line in rows]
         dates = [self.date(place) for place in places]
         # Why: a quoted comma is no delimiter, and a point beside decimal commas groups thousands.
         plain = not any(day is not None for day in dates) and not any('"' in line for line in lines)
         if plain and not (self.comma and any("." in line for line in lines)):
-            if self.delimiter is not None and len({line.count(self.delimiter) for line in lines}) > 1:
-                return np.array([self._row(path, number, line, places, dates) for number, line in rows])
+            if (
+                self.delimiter is not None
+                and len({line.count(self.delimiter) for line in lines}) > 1
+            ):
+                return np.array(
+                    [self._row(path, number, line, places, dates) for number, line in rows]
+                )
             ready = [line.replace(",", ".") for line in lines] if self.comma else lines
             try:
-                return np.asarray(np.loadtxt(ready, delimiter=self.delimiter, comments=None, ndmin=2, usecols=places))
+                return np.asarray(
+                    np.loadtxt(
+                        ready, delimiter=self.delimiter, comments=None, ndmin=2, usecols=places
+                    )
+                )
             except ValueError:
                 pass
         return np.array([self._row(path, number, line, places, dates) for number, line in rows])
@@ -130,7 +141,11 @@ class Dialect:
             raise LogLayout(text, where=f"{path}:{number}")
         values = []
         for place, day in zip(places, dates, strict=True):
-            value = as_number(cells[place], comma=self.comma) if day is None else _since(cells[place], day)
+            value = (
+                as_number(cells[place], comma=self.comma)
+                if day is None
+                else _since(cells[place], day)
+            )
             if value is None:
                 text = f"{path.name}:{number}: '{cells[place][:40]}' is not a number"
                 raise LogLayout(text, where=f"{path}:{number}")
@@ -163,7 +178,10 @@ def cells_of(line: str, delimiter: str | None) -> list[str]:
         return [word.strip('"') for word in line.split()]
     if '"' in line:
         try:
-            return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))]
+            return [
+                cell.strip()
+                for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+            ]
         except csv.Error:
             pass
     return [cell.strip() for cell in line.split(delimiter)]
@@ -193,15 +211,27 @@ def dialect_of(path: Path) -> Dialect:
     told = [_is_data(line) for _, line in plain]
     # Why: a title may be a number and a date; numbers are a table where the next line has numbers as well.
     at = next((k for k, data in enumerate(told) if data and all(told[k : k + 2])), len(plain))
-    if 0 < at < len(plain) - 1 and plain[at][1][0] in ";,\t|" and plain[at + 1][1][0] not in ";,\t|":
+    if (
+        0 < at < len(plain) - 1
+        and plain[at][1][0] in ";,\t|"
+        and plain[at + 1][1][0] not in ";,\t|"
+    ):
         # A row without a stamp before rows with one counts the joints, below a line of what is theirs.
         at += 1
-    start, sample = plain[at][0] if at < len(plain) else 0, [line for _, line in plain[at : at + tuning.FIRST_ROWS]]
+    start, sample = (
+        plain[at][0] if at < len(plain) else 0,
+        [line for _, line in plain[at : at + tuning.FIRST_ROWS]],
+    )
     head = [(number, line) for number, line in lines if not start or number < start]
     words = [line for _, line in head if line[0] not in "#%"]
     model = sample[0] if sample else words[-1] if words else ""
     delimiter = next((sign for sign in DELIMITERS if sign in model.strip()), None)
-    if delimiter == "," and len(model.split()) > 1 and words and not any("," in line for line in words):
+    if (
+        delimiter == ","
+        and len(model.split()) > 1
+        and words
+        and not any("," in line for line in words)
+    ):
         # In a table of white space and decimal commas, each cell has one comma and the header has none.
         delimiter = None
     comma = delimiter != "," and _decimal_comma([cells_of(line, delimiter) for line in sample])
@@ -213,7 +243,10 @@ def dialect_of(path: Path) -> Dialect:
 def _is_data(line: str) -> bool:
     """Return whether most words of a line are numbers or dates."""
     words = [word for word in re.split(r"[;,|\s]+", line.replace('"', " ")) if word]
-    told = [as_number(word, comma=False) is not None or bool(re.fullmatch(r"\d[\d:./TZ+-]*", word)) for word in words]
+    told = [
+        as_number(word, comma=False) is not None or bool(re.fullmatch(r"\d[\d:./TZ+-]*", word))
+        for word in words
+    ]
     return 2 * sum(told) > len(words)
 
 
@@ -222,14 +255,23 @@ def _decimal_comma(rows: Sequence[Sequence[str]]) -> bool:
     cells = [cell for row in rows for cell in row]
     grouped = [bool(_GROUPED[True].fullmatch(cell)) for cell in cells]
     commas = sum(
-        bool(_WITH_COMMA.fullmatch(cell)) or ("," in cell and known) for cell, known in zip(cells, grouped, strict=True)
+        bool(_WITH_COMMA.fullmatch(cell)) or ("," in cell and known)
+        for cell, known in zip(cells, grouped, strict=True)
     )
-    points = sum(bool(_WITH_POINT.fullmatch(cell)) and not known for cell, known in zip(cells, grouped, strict=True))
+    points = sum(
+        bool(_WITH_POINT.fullmatch(cell)) and not known
+        for cell, known in zip(cells, grouped, strict=True)
+    )
     return commas > points
 
 
 def _header(
-    path: Path, head: Sequence[tuple[int, str]], delimiter: str | None, first: Sequence[str], *, has_rows: bool
+    path: Path,
+    head: Sequence[tuple[int, str]],
+    delimiter: str | None,
+    first: Sequence[str],
+    *,
+    has_rows: bool,
 ) -> tuple[tuple[str, ...], tuple[str, ...], int]:
     """Return the names of the columns, a line of units below them, and the number of cells of a row.
 
@@ -241,19 +283,29 @@ def _header(
     plain = [words for comment, words in split if not comment and len(words) in fits]
     if not has_rows and plain:
         return tuple(plain[-1]), (), len(plain[-1])
-    both = [[f"{a} {b}".strip() for a, b in zip(_filled(one), two, strict=True)] for one, two in pairwise(plain)
-            if len(one) == len(two)]  # fmt: skip
+    both = [
+        [f"{a} {b}".strip() for a, b in zip(_filled(one), two, strict=True)]
+        for one, two in pairwise(plain)
+        if len(one) == len(two)
+    ]
     names = max(reversed(plain), key=_distinct, default=[])
     if both and _distinct(names) < len(names):
         names = max([*reversed(both), names], key=_distinct)
-    if not names and (wrong := [(number, words) for (number, _), (comment, words) in zip(head, split, strict=True)
-                                if not comment and len(words) > 1]):  # fmt: skip
+    if not names and (
+        wrong := [
+            (number, words)
+            for (number, _), (comment, words) in zip(head, split, strict=True)
+            if not comment and len(words) > 1
+        ]
+    ):
         number, words = wrong[-1]
         text = f"{path.name}:{number}: {len(words)} names, but the rows have {len(first)} numbers"
         raise LogLayout(text, where=f"{path}:{number}")
     if not names:
         # In a comment only where it has a name for each cell.
-        told = [words for comment, words in split if comment and len(words) in fits and len(words) > 1]
+        told = [
+            words for comment, words in split if comment and len(words) in fits and len(words) > 1
+        ]
         names = told[-1] if told else []
     last = plain[-1] if plain else []
     units = tuple(last) if last and last is not names and len(last) == len(names) else ()
@@ -325,7 +377,9 @@ def seconds_of(word: str) -> tuple[int, float] | None:
     days = 0
     try:
         if found["year"]:
-            days = date(int(found["year"]), int(found["month"]), int(found["day"])).toordinal() - EPOCH
+            days = (
+                date(int(found["year"]), int(found["month"]), int(found["day"])).toordinal() - EPOCH
+            )
         elif found["last"]:
             # Why: 3/14/2024 can only be American; where both can be meant, only a midnight tells them apart.
             numbers = int(found["first"]), int(found["second"])
@@ -334,7 +388,12 @@ def seconds_of(word: str) -> tuple[int, float] | None:
             days = date(int(found["last"]), month, day).toordinal() - EPOCH
     except ValueError:
         return None
-    whole = int(days * DAY) + 3600 * int(found["hour"]) + 60 * int(found["minute"]) + int(found["whole"])
+    whole = (
+        int(days * DAY)
+        + 3600 * int(found["hour"])
+        + 60 * int(found["minute"])
+        + int(found["whole"])
+    )
     zone = (found["zone"] or "Z").replace(":", "")
     if zone[0] in "+-":
         whole -= int(zone[0] + "1") * (3600 * int(zone[1:3]) + 60 * int(zone[3:5]))

@@ -69,7 +69,11 @@ class Inspected:
     def snippet(self) -> str:
         """Return the part of a robot file that reads this recording, "" where nothing can be told."""
         if not self.joints:
-            return f"driver:\n  kind: generic\n  {tables.snippet(self.patterns)}" if self.patterns else ""
+            return (
+                f"driver:\n  kind: generic\n  {tables.snippet(self.patterns)}"
+                if self.patterns
+                else ""
+            )
         # Why torques first: commands are published as joint states too, and more often.
         chosen = max(self.joints, key=lambda each: (each.has_torques, len(each.log)))
         lines = ["driver:", "  kind: generic"]
@@ -78,18 +82,26 @@ class Inspected:
         arrays = [topic.name for topic in self.topics.values() if topic.type == MULTI_ARRAY]
         if chosen.topic and not chosen.has_torques and arrays:
             lines.append(f"  effort_topic: {yaml_word(arrays[0])}")
-        if chosen.log.names and (not self.patterns or "name" in self.patterns or "{name}" in self.patterns["position"]):
+        if chosen.log.names and (
+            not self.patterns or "name" in self.patterns or "{name}" in self.patterns["position"]
+        ):
             names = ", ".join(map(yaml_word, chosen.log.names))
             lines.append(f"  joint_names: [{names}]    # put them in the order base to tip")
         if self.patterns:
             lines.append(f"  {tables.snippet(self.patterns)}")
         units = chosen.units
-        if self.patterns and "effort" not in chosen.log.units and in_amperes(self.patterns["effort"]):
+        if (
+            self.patterns
+            and "effort" not in chosen.log.units
+            and in_amperes(self.patterns["effort"])
+        ):
             units["effort"] = "A"
         velocity = chosen.log.qd is not None and bool(np.isfinite(chosen.log.qd).any())
         shown = units | {"velocity": f"{units['position']}/s"} if velocity else units
         order = ("position", "velocity", "effort")
-        lines.append(f"  units: {{{', '.join(f'{key}: {shown[key]}' for key in order if key in shown)}}}")
+        lines.append(
+            f"  units: {{{', '.join(f'{key}: {shown[key]}' for key in order if key in shown)}}}"
+        )
         return "\n".join(lines)
 
 
@@ -107,12 +119,20 @@ def inspect(path: Path, kind: str, rate: float | None = None) -> Inspected:
     if kind in ("bag", "rosbag2"):
         container = logs.container_of(kind)
         topics = container.list_topics(path)
-        wanted = [name for name, topic in topics.items() if topic.type == JOINT_STATE and topic.count]
+        wanted = [
+            name for name, topic in topics.items() if topic.type == JOINT_STATE and topic.count
+        ]
         groups, findings = container.read_topics(path, wanted) if wanted else ({}, ())
-        joints = tuple(Joints(name, log) for name in wanted for log in groups.get(name, []) if log.n)
+        joints = tuple(
+            Joints(name, log) for name in wanted for log in groups.get(name, []) if log.n
+        )
         # Why not those of Kinova: they are read where the robot file names their driver.
-        if not joints and not any(topic.type in KINOVA_TYPES and topic.count for topic in topics.values()):
-            none = Finding("W333", "warning", f"no topic of {path.name} holds joint states ({JOINT_STATE})")
+        if not joints and not any(
+            topic.type in KINOVA_TYPES and topic.count for topic in topics.values()
+        ):
+            none = Finding(
+                "W333", "warning", f"no topic of {path.name} holds joint states ({JOINT_STATE})"
+            )
             findings = (*findings, none)
         return Inspected(path, topics, (), joints, {}, findings)
     if kind == "table":
@@ -128,14 +148,19 @@ def _table(path: Path, rate: float | None) -> Inspected:
     if not usual_joints(columns) and (patterns := suggested(columns)):
         position = patterns["position"]
         n = max(len(tables.matched(position, columns, [""] * k)) for k in range(1, 33))
-        names = members(position, columns) if "{name}" in position else [f"joint_{k + 1}" for k in range(n)]
+        names = (
+            members(position, columns)
+            if "{name}" in position
+            else [f"joint_{k + 1}" for k in range(n)]
+        )
     try:
         log = tables.read_table(path, names, patterns, rate)
     except LogLayout:
         if usual_joints(columns) or patterns:
             raise
         text = (
-            f"{path.name}: which of {len(columns)} columns are positions and torques does not follow from their names"
+            f"{path.name}: which of {len(columns)} columns are positions and torques does not "
+            f"follow from their names"
         )
         unknown = Finding("W330", "warning", text, {"columns": list(columns)})
         return Inspected(path, {}, columns, (), tables.template(columns), (unknown,))

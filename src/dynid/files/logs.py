@@ -18,7 +18,14 @@ from numpy.typing import NDArray
 
 from dynid import limits
 from dynid.drivers.interface import JOINT_STATE, driver_of
-from dynid.errors import Finding, JointNamesDiffer, LogLayout, LogNotFound, NewerSchema, WrongMessageType
+from dynid.errors import (
+    Finding,
+    JointNamesDiffer,
+    LogLayout,
+    LogNotFound,
+    NewerSchema,
+    WrongMessageType,
+)
 from dynid.files import tuning
 from dynid.files.messages import KINOVA_TYPES, MULTI_ARRAY, Topic
 from dynid.log import COLUMNS, SCHEMA, Log, has_rows
@@ -33,9 +40,15 @@ if TYPE_CHECKING:
 
 #: Format of each suffix, and of the first bytes of a file that has none of these.
 FORMATS = {
-    ".bag": "bag", ".active": "bag", ".npz": "npz", ".csv": "table", ".tsv": "table", ".parquet": "table",
-    ".db3": "rosbag2", ".mcap": "rosbag2",
-}  # fmt: skip
+    ".bag": "bag",
+    ".active": "bag",
+    ".npz": "npz",
+    ".csv": "table",
+    ".tsv": "table",
+    ".parquet": "table",
+    ".db3": "rosbag2",
+    ".mcap": "rosbag2",
+}
 STARTS = {b"#ROSBAG": "bag", b"SQLite format 3\0": "rosbag2", b"\x89MCAP0\r\n": "rosbag2"}
 
 
@@ -45,7 +58,9 @@ class Container(Protocol):
     def list_topics(self, path: Path) -> dict[str, Topic]:
         """Return the topics of a bag by name."""
 
-    def read_topics(self, path: Path, names: Collection[str]) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
+    def read_topics(
+        self, path: Path, names: Collection[str]
+    ) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
         """Return for each topic its raw logs, the largest first, and what was noticed."""
 
 
@@ -88,7 +103,9 @@ def format_of(path: Path) -> str:
     )
 
 
-def read_log(path: Path, *, robot: Robot, topic: str | None = None, rate: float | None = None) -> Log:
+def read_log(
+    path: Path, *, robot: Robot, topic: str | None = None, rate: float | None = None
+) -> Log:
     """Read a recording as it is: the driver's columns, order and units.
 
     Args:
@@ -150,7 +167,11 @@ def hash_of(path: Path) -> str:
     from dynid.files import rosbag2
 
     parts = rosbag2.parts_of(path)
-    return sha256(parts[0]) if len(parts) == 1 else hashlib.sha256("".join(map(sha256, parts)).encode()).hexdigest()
+    return (
+        sha256(parts[0])
+        if len(parts) == 1
+        else hashlib.sha256("".join(map(sha256, parts)).encode()).hexdigest()
+    )
 
 
 def _nearby(path: Path) -> str:
@@ -158,7 +179,11 @@ def _nearby(path: Path) -> str:
     folder = path.parent
     if not folder.is_dir():
         return f"; there is no folder {folder}"
-    logs = [entry.name for entry in sorted(folder.iterdir()) if entry.suffix in FORMATS or entry.is_dir()]
+    logs = [
+        entry.name
+        for entry in sorted(folder.iterdir())
+        if entry.suffix in FORMATS or entry.is_dir()
+    ]
     alike = difflib.get_close_matches(path.name, logs, n=3, cutoff=0.5)
     return f"; nearby: {', '.join(alike)}" if alike else ""
 
@@ -179,11 +204,15 @@ def read_npz_log(path: Path) -> Log:
     """
     try:
         arrays = read_npz(path)
-        header: dict[str, Any] = dict(parse_json(str(arrays.pop(HEADER)), path)) if HEADER in arrays else {}
+        header: dict[str, Any] = (
+            dict(parse_json(str(arrays.pop(HEADER)), path)) if HEADER in arrays else {}
+        )
         units = {str(key): str(unit) for key, unit in dict(header.get("units") or {}).items()}
         names = tuple(str(name) for name in header.get("joint_names") or ())
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise LogNotFound(f"{path.name} is not an .npz log, or is damaged: {error}", where=str(path)) from error
+        raise LogNotFound(
+            f"{path.name} is not an .npz log, or is damaged: {error}", where=str(path)
+        ) from error
     if header:
         _check_schema(path, header)
     motor, own = "q_motor" in arrays, ("t", "q", "qd", "tau", "q_motor", "tau_motor")
@@ -204,7 +233,11 @@ def read_npz_log(path: Path) -> Log:
         units=units,
         motor_side=motor or bool(header.get("motor_side", False)),
         dh=bool(header.get("dh", False)),
-        extra={key: x for key, x in arrays.items() if key not in own and _kept(key, x, arrays["t"].size)},
+        extra={
+            key: x
+            for key, x in arrays.items()
+            if key not in own and _kept(key, x, arrays["t"].size)
+        },
     )
     limits.check("samples", len(log), path)
     limits.check("columns", log.n, path)
@@ -229,7 +262,9 @@ def _check_schema(path: Path, header: dict[str, Any]) -> None:
             where=str(path),
         )
     if schema != SCHEMA:
-        raise LogNotFound(f"{path.name} holds {schema or 'something else'}, not a log", where=str(path))
+        raise LogNotFound(
+            f"{path.name} holds {schema or 'something else'}, not a log", where=str(path)
+        )
 
 
 # ---------------------------------------------------------------- joint states of bags
@@ -256,15 +291,21 @@ def _read_joint_states(path: Path, robot: Robot, topic: str | None, container: C
     apart = robot.driver.effort_topic if robot.driver else None
     if apart is not None and topics.get(apart) not in (JOINT_STATE, MULTI_ARRAY):
         found = f"is {topics[apart]}" if apart in topics else "is not there"
-        text = f"the topic of the torques, {apart}, {found}; {JOINT_STATE} or {MULTI_ARRAY} is needed"
-        raise WrongMessageType(text, where=path.name, fix="correct `effort_topic:` under `driver:` in the robot file")
+        text = (
+            f"the topic of the torques, {apart}, {found}; {JOINT_STATE} or {MULTI_ARRAY} is needed"
+        )
+        raise WrongMessageType(
+            text, where=path.name, fix="correct `effort_topic:` under `driver:` in the robot file"
+        )
     groups, findings = container.read_topics(path, [chosen] if apart is None else [chosen, apart])
     log = _of_robot(groups.get(chosen, []), robot, chosen)
     if apart is not None:
         log = _with_effort(log, groups.get(apart, []), robot, apart)
     for key in ("position", "effort"):
         if key in log.extra["absent"]:
-            raise WrongMessageType(f"{chosen} has no {key} in any of its {len(log)} messages", where=path.name)
+            raise WrongMessageType(
+                f"{chosen} has no {key} in any of its {len(log)} messages", where=path.name
+            )
     if log.extra["clock"] == "arrival":
         findings = (*findings, _arrival(chosen))
     return replace(log, source=path, findings=findings)
@@ -282,7 +323,9 @@ def _with_effort(log: Log, groups: Sequence[Log], robot: Robot, topic: str) -> L
     torque = one.q if "effort" in one.extra["absent"] else one.tau
     joints = list(one.names) or [*robot.log_names[: one.n]]
     if torque.shape[1] < robot.n or not set(joints) <= {*log.names, *one.names}:
-        raise WrongMessageType(f"{topic} has {torque.shape[1]} torques, {robot.name} has {robot.n} joints", where=topic)
+        raise WrongMessageType(
+            f"{topic} has {torque.shape[1]} torques, {robot.name} has {robot.n} joints", where=topic
+        )
     # Unit: both clocks count from their own first message; stamps of headers only compare with each other.
     both = log.extra["clock"] == one.extra["clock"]
     first = (
@@ -331,11 +374,15 @@ def _kinova_pair(topics: dict[str, str], asked: str | None) -> tuple[str, str] |
     return angles[0], torques[0]
 
 
-def _read_kinova_pair(path: Path, robot: Robot, angles: str, torques: str, container: Container) -> Log:
+def _read_kinova_pair(
+    path: Path, robot: Robot, angles: str, torques: str, container: Container
+) -> Log:
     """Read angles and torques from two topics; each angle gets the torque at its time of arrival."""
     groups, findings = container.read_topics(path, [angles, torques])
     if angles not in groups or torques not in groups:
-        raise WrongMessageType(f"{path.name} needs messages on both {angles} and {torques}", where=path.name)
+        raise WrongMessageType(
+            f"{path.name} needs messages on both {angles} and {torques}", where=path.name
+        )
     position, torque = groups[angles][0], groups[torques][0]
     # Unit: these messages have no stamps, so that both logs count from the arrival of their own first message.
     grid = torque.t + (torque.extra["arrival_ns"][0] - position.extra["arrival_ns"][0]) * 1e-9
@@ -348,9 +395,15 @@ def _read_kinova_pair(path: Path, robot: Robot, angles: str, torques: str, conta
     q = position.q[both, :n] * POSITION["deg"] / POSITION[unit]
     tau = np.column_stack([np.interp(t, grid, torque.q[:, j]) for j in range(n)])
     return Log(
-        t - t[0], q, tau, robot.log_names[:n], source=path, topic=angles,
-        findings=(*findings, _arrival(f"{angles} and {torques}")), extra={"clock": "arrival"},
-    )  # fmt: skip
+        t - t[0],
+        q,
+        tau,
+        robot.log_names[:n],
+        source=path,
+        topic=angles,
+        findings=(*findings, _arrival(f"{angles} and {torques}")),
+        extra={"clock": "arrival"},
+    )
 
 
 def _arrival(topic: str) -> Finding:

@@ -22,7 +22,16 @@ from dynid import limits
 from dynid.files.messages import Broken, Connection
 
 MAGIC = b"\x89MCAP0\r\n"
-_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _CHUNK_INDEX, _STATISTICS, _DATA_END = 2, 3, 4, 5, 6, 8, 11, 15
+_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _CHUNK_INDEX, _STATISTICS, _DATA_END = (
+    2,
+    3,
+    4,
+    5,
+    6,
+    8,
+    11,
+    15,
+)
 #: Bytes of the footer record and the magic behind it.
 _TAIL = 9 + 20 + len(MAGIC)
 #: Part of a chunk before its compressed records, without the name of the compression.
@@ -61,10 +70,17 @@ class Summary:
             number, name, encoding = reader.short(), reader.text(), reader.text()
             self.schemas[number] = (name, encoding, reader.text())
         else:
-            number, schema, topic, encoding = reader.short(), reader.short(), reader.text(), reader.text()
+            number, schema, topic, encoding = (
+                reader.short(),
+                reader.short(),
+                reader.text(),
+                reader.text(),
+            )
             name, kind, definition = self.schemas.get(schema, ("", "", ""))
             text = definition if kind in ("ros2msg", "ros1msg") else ""
-            self.channels[number] = Connection(topic, name.replace("/msg/", "/"), text, encoding=encoding)
+            self.channels[number] = Connection(
+                topic, name.replace("/msg/", "/"), text, encoding=encoding
+            )
         limits.check("connections", max(len(self.schemas), len(self.channels)), path)
 
 
@@ -150,7 +166,9 @@ def _take_chunk(found: Summary, data: bytes) -> None:
         found.chunks[place] = frozenset(channel for channel, _ in pairs)
 
 
-def scan(path: Path, topics: Collection[str] | None = None) -> Iterator[tuple[Connection, int, bytes]]:
+def scan(
+    path: Path, topics: Collection[str] | None = None
+) -> Iterator[tuple[Connection, int, bytes]]:
     """Yield channel, time of arrival [ns] and bytes of the messages, in the order of the file.
 
     Args:
@@ -165,7 +183,9 @@ def scan(path: Path, topics: Collection[str] | None = None) -> Iterator[tuple[Co
     if topics is not None:
         with suppress(Broken):
             summary = read_summary(path)
-            wanted = {number for number, channel in summary.channels.items() if channel.topic in topics}
+            wanted = {
+                number for number, channel in summary.channels.items() if channel.topic in topics
+            }
             skip = frozenset(place for place, has in summary.chunks.items() if not has & wanted)
             # Why: channels may be told only in the chunks that are passed over.
             known.schemas, known.channels = summary.schemas, summary.channels
@@ -205,11 +225,19 @@ def _head(content: bytes, known: Summary) -> tuple[Connection, int]:
 
 
 def _records(
-    stream: IO[bytes], start: int, end: int, path: Path, *, skip: Collection[int] = (), whole: bool = False
+    stream: IO[bytes],
+    start: int,
+    end: int,
+    path: Path,
+    *,
+    skip: Collection[int] = (),
+    whole: bool = False,
 ) -> Iterator[tuple[int, bytes, int]]:
     """Yield kind, content and place of the records that matter; the others are passed over unread."""
     at = start
-    wanted = {_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END} | ({_STATISTICS, _CHUNK_INDEX} if whole else set())
+    wanted = {_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END} | (
+        {_STATISTICS, _CHUNK_INDEX} if whole else set()
+    )
     while at < end:
         stream.seek(at)
         head = stream.read(9)

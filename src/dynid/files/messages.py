@@ -39,18 +39,25 @@ _SEVEN = tuple(f"float32 joint{i}" for i in range(1, 8))
 LAYOUTS: dict[str, dict[str, tuple[str, ...]]] = {
     JOINT_STATE: {
         JOINT_STATE: (
-            "std_msgs/Header header", "string[] name", "float64[] position", "float64[] velocity", "float64[] effort",
+            "std_msgs/Header header",
+            "string[] name",
+            "float64[] position",
+            "float64[] velocity",
+            "float64[] effort",
         ),
         "std_msgs/Header": ("uint32 seq", "time stamp", "string frame_id"),
     },
     MULTI_ARRAY: {MULTI_ARRAY: ("std_msgs/MultiArrayLayout layout", "float64[] data")},
     **{kind: {kind: _SEVEN} for kind in KINOVA_TYPES},
-}  # fmt: skip
+}
 #: Their checksums: ROS takes the md5 of the fields, with the md5 of a type in its place.
 CHECKSUMS = {
     JOINT_STATE: "3066dcd76a6cfaef579bd0f34173e9fd",
     MULTI_ARRAY: "4b7d974086d4060e7db4613a7e6c3ba4",
-    **{kind: hashlib.md5("\n".join(_SEVEN).encode(), usedforsecurity=False).hexdigest() for kind in KINOVA_TYPES},
+    **{
+        kind: hashlib.md5("\n".join(_SEVEN).encode(), usedforsecurity=False).hexdigest()
+        for kind in KINOVA_TYPES
+    },
 }
 _SEVEN_FLOATS = struct.Struct("<7f")
 #: A sequence of no numbers or names, as ROS 1 writes it.
@@ -157,7 +164,9 @@ def collected(
                     collectors[connection.topic].add(arrival, raw)
             except Broken as error:
                 reasons.append(f"{part.name}: {error}" if part != path else str(error))
-        return {topic: logs for topic, collector in collectors.items() if (logs := collector.logs())}
+        return {
+            topic: logs for topic, collector in collectors.items() if (logs := collector.logs())
+        }
 
     reasons: list[str] = []
     try:
@@ -173,24 +182,31 @@ def collected(
 def nothing_readable(path: Path, reason: str) -> BagTruncated:
     """Return the mistake of a recording without one readable message."""
     if path.suffix in (".bag", ".active"):
-        return BagTruncated(f"{path.name} ends early (recorder killed?); 0 s are readable", where=str(path))
+        return BagTruncated(
+            f"{path.name} ends early (recorder killed?); 0 s are readable", where=str(path)
+        )
     return BagTruncated(
-        f"{path.name}: nothing is readable: {reason}", where=str(path),
+        f"{path.name}: nothing is readable: {reason}",
+        where=str(path),
         fix="record again, or try: ros2 bag reindex FOLDER; mcap recover FILE",
-    )  # fmt: skip
+    )
 
 
 def _recovered(path: Path, reason: str, groups: dict[str, list[Log]]) -> Finding:
     """Return finding W305: what of a damaged recording is used."""
     logs = [log for found in groups.values() for log in found]
     count = sum(len(log) for log in logs)
-    seconds = float(max(log.extra["arrival_ns"][1] - log.extra["arrival_ns"][0] for log in logs)) * 1e-9
+    seconds = (
+        float(max(log.extra["arrival_ns"][1] - log.extra["arrival_ns"][0] for log in logs)) * 1e-9
+    )
     text = (
         f"{path.name} was cut or not closed (recorder killed?): "
         f"{count} messages, {seconds:.1f} s, are readable and used; "
         f"reported by the reader: {reason.rstrip('.')}"
     )
-    return Finding("W305", "warning", text, {"messages": count, "seconds": seconds, "reason": reason})
+    return Finding(
+        "W305", "warning", text, {"messages": count, "seconds": seconds, "reason": reason}
+    )
 
 
 # ---------------------------------------------------------------- known layouts
@@ -201,7 +217,9 @@ def check_layout(connection: Connection) -> None:
         WrongMessageType: the type is not known, or the definition is another one.
     """
     kind, ros1 = connection.type, connection.encoding == "ros1"
-    if kind not in LAYOUTS or not (ros1 or (connection.encoding == "cdr" and kind in (JOINT_STATE, MULTI_ARRAY))):
+    if kind not in LAYOUTS or not (
+        ros1 or (connection.encoding == "cdr" and kind in (JOINT_STATE, MULTI_ARRAY))
+    ):
         written = "" if ros1 else f" ({connection.encoding})"
         text = f"{connection.topic} has messages of the type {kind}{written}"
         raise WrongMessageType(text, where=connection.topic)
@@ -281,7 +299,10 @@ class Collector:
     def logs(self) -> list[Log]:
         """Return one raw log for each set of joint names, the largest first."""
         self._flush()
-        found = (_log(names, _in_order(kept), self.connection.topic) for names, kept in self._groups.values())
+        found = (
+            _log(names, _in_order(kept), self.connection.topic)
+            for names, kept in self._groups.values()
+        )
         return sorted(found, key=len, reverse=True)
 
     def _flush(self) -> None:
@@ -305,18 +326,27 @@ class Collector:
 
                 plain = cdr.joint_states(table)
             fast = joint_state_block(arrival, plain) if plain is not None else None
-        self._keep([fast] if fast is not None else self._one_by_one(arrival, [one.tobytes() for one in table]))
+        self._keep(
+            [fast]
+            if fast is not None
+            else self._one_by_one(arrival, [one.tobytes() for one in table])
+        )
 
     def _keep(self, blocks: Sequence[tuple[tuple[str, ...], Columns]]) -> None:
         for names, columns in blocks:
             key = frozenset(names)
             if key not in self._groups:
-                self._groups[key] = names, {each: Growing(0, np.int64) for each in ("arrival", "stamp")}
+                self._groups[key] = (
+                    names,
+                    {each: Growing(0, np.int64) for each in ("arrival", "stamp")},
+                )
             first, kept = self._groups[key]
             _append(kept, first, names, columns)
         limits.check("joint_sets", len(self._groups), self.connection.topic)
 
-    def _one_by_one(self, arrival: Times, raws: Sequence[bytes]) -> list[tuple[tuple[str, ...], Columns]]:
+    def _one_by_one(
+        self, arrival: Times, raws: Sequence[bytes]
+    ) -> list[tuple[tuple[str, ...], Columns]]:
         """Decode message by message; those with equal names and lengths go into one block."""
         rows: dict[tuple[Any, ...], list[tuple[int, int, Any, Any, Any]]] = {}
         for time, raw in zip(arrival, raws, strict=True):
@@ -334,7 +364,9 @@ class Collector:
         return [(key[0], _columns(key[0], entries)) for key, entries in rows.items()]
 
 
-def _append(kept: dict[str, Growing], names: tuple[str, ...], own: tuple[str, ...], columns: Columns) -> None:
+def _append(
+    kept: dict[str, Growing], names: tuple[str, ...], own: tuple[str, ...], columns: Columns
+) -> None:
     """Add messages to the numbers of those that carry the same joints; NaN where some lack what others have.
 
     Args:
@@ -357,7 +389,9 @@ def _append(kept: dict[str, Growing], names: tuple[str, ...], own: tuple[str, ..
         if not values.shape[1]:
             lack(key, count)
         else:
-            kept[key].append(values if own == names else values[:, [own.index(name) for name in names]])
+            kept[key].append(
+                values if own == names else values[:, [own.index(name) for name in names]]
+            )
     for key in ("arrival", "stamp"):
         kept[key].append(columns[key])
 
@@ -371,7 +405,9 @@ def _in_order(kept: dict[str, Growing]) -> Columns:
     return {key: np.zeros((len(found["arrival"]), 0)) for key in FIELDS} | found
 
 
-def joint_state_block(arrival: Times, table: NDArray[np.uint8]) -> tuple[tuple[str, ...], Columns] | None:
+def joint_state_block(
+    arrival: Times, table: NDArray[np.uint8]
+) -> tuple[tuple[str, ...], Columns] | None:
     """Decode JointStates of one layout in one go; None when they differ in anything but stamps and numbers.
 
     Args:
@@ -391,7 +427,12 @@ def joint_state_block(arrival: Times, table: NDArray[np.uint8]) -> tuple[tuple[s
     stamp = np.ascontiguousarray(table[:, 4:12]).view("<u4").astype(np.int64)
     columns: Columns = {"arrival": arrival, "stamp": stamp[:, 0] * 10**9 + stamp[:, 1]}
     for key, s, c in zip(FIELDS, starts, counts, strict=True):
-        columns[key] = np.ascontiguousarray(table[:, s : s + 8 * c]).view("<f8").reshape(len(table), c).astype(float)
+        columns[key] = (
+            np.ascontiguousarray(table[:, s : s + 8 * c])
+            .view("<f8")
+            .reshape(len(table), c)
+            .astype(float)
+        )
     return names, columns
 
 
@@ -436,7 +477,11 @@ def _decoded(raw: bytes, connection: Connection) -> tuple[tuple[str, ...], int, 
     if connection.encoding == "cdr":
         from dynid.files import cdr
 
-        raw = cdr.joint_state(raw) if connection.type == JOINT_STATE else _nameless(cdr.multi_array(raw))
+        raw = (
+            cdr.joint_state(raw)
+            if connection.type == JOINT_STATE
+            else _nameless(cdr.multi_array(raw))
+        )
     elif connection.type == MULTI_ARRAY:
         raw = _nameless(_multi_array(raw))
     elif connection.type != JOINT_STATE:
@@ -447,10 +492,14 @@ def _decoded(raw: bytes, connection: Connection) -> tuple[tuple[str, ...], int, 
         seconds, nanoseconds = struct.unpack_from("<II", raw, 4)
         names, starts, counts = _parts(raw)
     except (struct.error, UnicodeDecodeError):
-        raise BrokenMessage("a message is too short for its type, or its names are not text") from None
+        raise BrokenMessage(
+            "a message is too short for its type, or its names are not text"
+        ) from None
     if starts[2] + 8 * counts[2] > len(raw):
         raise BrokenMessage("a message is too short for its type")
-    values = [np.frombuffer(raw, "<f8", count, start) for start, count in zip(starts, counts, strict=True)]
+    values = [
+        np.frombuffer(raw, "<f8", count, start) for start, count in zip(starts, counts, strict=True)
+    ]
     return names, seconds * 10**9 + nanoseconds, *values
 
 
@@ -479,7 +528,10 @@ def _nameless(numbers: bytes) -> bytes:
 
 def _columns(names: tuple[str, ...], entries: list[tuple[int, int, Any, Any, Any]]) -> Columns:
     width = len(names) or 7
-    arrays = [np.array([entry[i] for entry in entries], dtype=float).reshape(len(entries), -1) for i in (2, 3, 4)]
+    arrays = [
+        np.array([entry[i] for entry in entries], dtype=float).reshape(len(entries), -1)
+        for i in (2, 3, 4)
+    ]
     # Why: a field shorter than the names cannot be assigned to joints; NaN lets the checks name the samples.
     arrays = [a if a.shape[1] in (0, width) else np.full((len(a), width), np.nan) for a in arrays]
     times = np.array([entry[:2] for entry in entries], dtype=np.int64)
@@ -500,9 +552,14 @@ def _log(names: tuple[str, ...], columns: Columns, topic: str) -> Log:
     absent = tuple(key for key in FIELDS if not columns[key].shape[1])
     span = (int(columns["arrival"][0]), int(columns["arrival"][-1]))
     return Log(
-        t=t, q=q, tau=tau, names=names, qd=None if "velocity" in absent else qd, topic=topic,
+        t=t,
+        q=q,
+        tau=tau,
+        names=names,
+        qd=None if "velocity" in absent else qd,
+        topic=topic,
         extra={"clock": clock, "start_ns": int(ns[0]), "arrival_ns": span, "absent": absent},
-    )  # fmt: skip
+    )
 
 
 def _time(stamp: Times, arrival: Times) -> tuple[Times, str]:

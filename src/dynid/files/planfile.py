@@ -14,7 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid import limits
-from dynid.errors import JointCountDiffers, LogLayout, LogNotFound, PositionInDegrees, TimeNotIncreasing
+from dynid.errors import (
+    JointCountDiffers,
+    LogLayout,
+    LogNotFound,
+    PositionInDegrees,
+    TimeNotIncreasing,
+)
 from dynid.files import tuning
 from dynid.files.yamlfile import LARGEST, Value, read_yaml
 from dynid.robot import Robot
@@ -29,7 +35,17 @@ _LAYOUT = {
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 #: Options that PLAN.yaml may set, all as numbers or words of the command line.
-OPTIONS = ("alpha", "duration", "segments", "basis", "cost", "margin", "tool_speed", "floor", "rate")
+OPTIONS = (
+    "alpha",
+    "duration",
+    "segments",
+    "basis",
+    "cost",
+    "margin",
+    "tool_speed",
+    "floor",
+    "rate",
+)
 _KEYS = (*OPTIONS, "angle_unit", "waypoints", "times", "obstacles", "workspace")
 
 
@@ -90,14 +106,25 @@ def _waypoints(keys: dict[str, Value], robot: Robot, unit: str, path: Path) -> W
     limits.check("waypoints", len(rows), path)
     factor = [ANGLE[unit] if joint.revolute else 1.0 for joint in robot.joints]
     q = np.array([[item.number() for item in row.items(robot.n)] for row in rows]) * factor
-    times = np.array([value.number() for value in keys["times"].items(len(rows))]) if "times" in keys else None
+    times = (
+        np.array([value.number() for value in keys["times"].items(len(rows))])
+        if "times" in keys
+        else None
+    )
     other = "deg" if unit == "rad" else "rad"
-    return _checked(Waypoints(q.reshape(len(rows), robot.n), times), robot, str(path), f"write `angle_unit: {other}`")
+    return _checked(
+        Waypoints(q.reshape(len(rows), robot.n), times),
+        robot,
+        str(path),
+        f"write `angle_unit: {other}`",
+    )
 
 
 def _box(value: Value) -> Corners:
     corners = value.mapping(("lower", "upper"), required=("lower", "upper"))
-    (a, b, c), (d, e, f) = ([item.number() for item in corners[name].items(3)] for name in ("lower", "upper"))
+    (a, b, c), (d, e, f) = (
+        [item.number() for item in corners[name].items(3)] for name in ("lower", "upper")
+    )
     return (min(a, d), min(b, e), min(c, f)), (max(a, d), max(b, e), max(c, f))
 
 
@@ -135,14 +162,20 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
     elif rows.shape[1] == robot.n + 1:
         times, rows = rows[:, 0], rows[:, 1:]
     if rows.shape[1] != robot.n:
-        raise JointCountDiffers(f"{path} has {rows.shape[1]} columns, {robot.name} {robot.n} joints", where=str(path))
+        raise JointCountDiffers(
+            f"{path} has {rows.shape[1]} columns, {robot.name} {robot.n} joints", where=str(path)
+        )
     fix = "write them into PLAN.yaml under `waypoints:` with `angle_unit: deg`, or divide them by 57.29578"
     return _checked(Waypoints(rows, times), robot, str(path), fix)
 
 
 def _checked(waypoints: Waypoints, robot: Robot, where: str, fix: str) -> Waypoints:
     if len(waypoints.q) < 2:
-        raise LogLayout(f"{where} has {len(waypoints.q)} waypoints; a motion needs at least 2", where=where, **_LAYOUT)
+        raise LogLayout(
+            f"{where} has {len(waypoints.q)} waypoints; a motion needs at least 2",
+            where=where,
+            **_LAYOUT,
+        )
     if waypoints.times is not None:
         falling = np.flatnonzero(np.diff(waypoints.times) < tuning.LEAST_WAYPOINT_STEP_S)
         if len(falling):
@@ -172,7 +205,9 @@ def _is_number(text: str) -> bool:
 def _numbers(cells: list[list[str]], path: Path, first: int) -> Floats:
     width = len(cells[0]) if cells else 0
     for k, row in enumerate(cells):
-        if len(row) != width or not all(_is_number(cell) and abs(float(cell)) <= LARGEST for cell in row):
+        if len(row) != width or not all(
+            _is_number(cell) and abs(float(cell)) <= LARGEST for cell in row
+        ):
             what = f"{path}: row {first + k} is not {width} numbers up to {LARGEST:g}: {','.join(row)[:60]}"
             raise LogLayout(what, where=str(path), **_LAYOUT)
     return np.array(cells, dtype=float).reshape(len(cells), width)

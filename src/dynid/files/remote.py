@@ -19,10 +19,32 @@ BLOCK = 1 << 20
 #: Kinds of URLs that are stores of files, and those that are files of this machine.
 #: Why not all that fsspec knows: some unpack archives, follow tables of other places or fill in templates.
 _HERE = frozenset(["file", "local"])
-STORES = _HERE | frozenset([
-    "memory", "http", "https", "s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oci", "oss", "tos", "sftp",
-    "ssh", "ftp", "smb", "webdav", "hdfs", "webhdfs", "hf",
-])  # fmt: skip
+STORES = _HERE | frozenset(
+    [
+        "memory",
+        "http",
+        "https",
+        "s3",
+        "s3a",
+        "gs",
+        "gcs",
+        "abfs",
+        "abfss",
+        "az",
+        "adl",
+        "oci",
+        "oss",
+        "tos",
+        "sftp",
+        "ssh",
+        "ftp",
+        "smb",
+        "webdav",
+        "hdfs",
+        "webhdfs",
+        "hf",
+    ]
+)
 
 
 def is_url(text: str) -> bool:
@@ -44,7 +66,11 @@ def fetch(url: str, folder: Path) -> Path:
     """
     kind = url.partition("://")[0].lower()
     if kind not in STORES or "::" in url or not url.isprintable():
-        raise LogNotFound(f"{url} is not the URL of a recording", where=url, fix=f"one of {', '.join(sorted(STORES))}")
+        raise LogNotFound(
+            f"{url} is not the URL of a recording",
+            where=url,
+            fix=f"one of {', '.join(sorted(STORES))}",
+        )
     if find_spec("fsspec") is None:
         raise PackageMissing(f"{url} needs fsspec", fix="pip install 'dynid[cluster]'")
     import fsspec
@@ -62,9 +88,13 @@ def fetch(url: str, folder: Path) -> Path:
     except DynidError:
         raise
     except (ImportError, ValueError) as error:
-        raise PackageMissing(f"{url} cannot be read: {error}", fix="install the package that it names") from error
+        raise PackageMissing(
+            f"{url} cannot be read: {error}", fix="install the package that it names"
+        ) from error
     except Exception as error:  # Why all: each package for a kind of URL has mistakes of its own.
-        raise LogNotFound(f"nothing can be read at {url}: {error or type(error).__name__}", where=url) from error
+        raise LogNotFound(
+            f"nothing can be read at {url}: {error or type(error).__name__}", where=url
+        ) from error
     with written_whole(note) as target:
         target.write(json.dumps(state).encode())
     return place

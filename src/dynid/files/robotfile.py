@@ -74,7 +74,10 @@ def find_robot(name: str) -> Path:
         if bundled.is_file() and path.is_file() and read_text(path) != read_text(bundled):
             what = f"two robots are called '{name}': the bundled one, and {path} of this folder"
             raise RobotNotFound(
-                what, where=str(path), why="they differ", fix=f"say which: {path.absolute()}, or {bundled}"
+                what,
+                where=str(path),
+                why="they differ",
+                fix=f"say which: {path.absolute()}, or {bundled}",
             )
     if Path(name).is_file():
         return Path(name)
@@ -83,8 +86,14 @@ def find_robot(name: str) -> Path:
         return known[name]
     names = ", ".join(sorted(known))
     if name.endswith((".yaml", ".yml", ".urdf")) or "/" in name:
-        raise RobotNotFound(f"no robot file '{name}'{closest(name, known)}", where=name, fix=f"known robots: {names}")
-    raise RobotNotFound(f"no robot '{name}'{suggestion(name, known)}", fix=f"known: {names}; or give a path")
+        raise RobotNotFound(
+            f"no robot file '{name}'{closest(name, known)}",
+            where=name,
+            fix=f"known robots: {names}",
+        )
+    raise RobotNotFound(
+        f"no robot '{name}'{suggestion(name, known)}", fix=f"known: {names}; or give a path"
+    )
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
@@ -128,7 +137,8 @@ def _robot(root: Value, path: Path) -> Robot:
     found = root.mapping([key.name for key in ROBOT], required=("name", "joints"))
     if "convention" not in found:
         raise MissingConvention(
-            f"{path}: say which DH convention: standard or modified; they give different robots", where=str(path)
+            f"{path}: say which DH convention: standard or modified; they give different robots",
+            where=str(path),
         )
     unit = found["angle_unit"].choice(tuple(ANGLE)) if "angle_unit" in found else "rad"
     findings: list[Finding] = []
@@ -161,7 +171,9 @@ def _joints(value: Value, context: Context) -> tuple[Joint, ...]:
     names = [joint.name for joint in joints]
     for name in names:
         if names.count(name) > 1:
-            raise WrongRobotFile(f"{value.where}: two joints are called '{name}'", where=value.where)
+            raise WrongRobotFile(
+                f"{value.where}: two joints are called '{name}'", where=value.where
+            )
     return tuple(joints)
 
 
@@ -196,7 +208,9 @@ def _check_gravity(
     if size and not tuning.GRAVITY[0] <= size <= tuning.GRAVITY[1]:
         hint = "; cm?" if 960 <= size <= 990 else "; in g?" if 0.9 <= size <= 1.1 else ""
         shown = ", ".join(f"{g:g}" for g in gravity)
-        raise ImplausibleGravity(f"{value.where}: gravity is ({shown}): {size:g} m/s^2{hint}", where=value.where)
+        raise ImplausibleGravity(
+            f"{value.where}: gravity is ({shown}): {size:g} m/s^2{hint}", where=value.where
+        )
     world = rotation_rpy(rpy) @ np.array(gravity)
     if size and world[2] > 0.5 * size and mount == "floor":
         text = (
@@ -218,7 +232,10 @@ def text_of(robot: Robot, *, with_prior: bool = True) -> str:
         if robot.path is not None:
             text = limits.read_bytes(robot.path, "yaml_bytes").decode("utf-8")
             found = parse_robot(text, robot.path)
-            if robot in (found, found if with_prior else replace(found, prior=robot.prior, known=robot.known)):
+            if robot in (
+                found,
+                found if with_prior else replace(found, prior=robot.prior, known=robot.known),
+            ):
                 return text
     return robot_text(robot)
 
@@ -246,16 +263,31 @@ def robot_text(robot: Robot, head: str = "") -> str:
 def _angle(angle: float) -> float | str:
     """Return an angle, in degrees where it is a multiple of 15: 90 deg is exact, 1.5707963267948966 is not."""
     steps = angle / SNAP_STEP
-    return f"{round(steps) * 15} deg" if round(steps) and abs(steps - round(steps)) < 1e-12 else angle + 0.0
+    return (
+        f"{round(steps) * 15} deg"
+        if round(steps) and abs(steps - round(steps)) < 1e-12
+        else angle + 0.0
+    )
 
 
 def _joint_row(joint: Joint) -> dict[str, Any]:
-    row: dict[str, Any] = {"name": joint.name, "type": joint.type, "a": joint.a, "twist": _angle(joint.twist)}
+    row: dict[str, Any] = {
+        "name": joint.name,
+        "type": joint.type,
+        "a": joint.a,
+        "twist": _angle(joint.twist),
+    }
     row |= {"d": joint.d, "theta_offset": _angle(joint.theta_offset)}
     limits = joint.limits
     known: dict[str, Any] = {"position": list(limits.position) if limits.position else None}
-    sizes = {"velocity": limits.velocity, "acceleration": limits.acceleration, "torque": limits.torque}
-    known |= {key: value for key, value in sizes.items() if value is not None and math.isfinite(value)}
+    sizes = {
+        "velocity": limits.velocity,
+        "acceleration": limits.acceleration,
+        "torque": limits.torque,
+    }
+    known |= {
+        key: value for key, value in sizes.items() if value is not None and math.isfinite(value)
+    }
     row["limits"] = known
     if not joint.motor_inertia:
         row["motor_inertia"] = False
@@ -271,10 +303,16 @@ def _beyond_geometry(robot: Robot) -> dict[str, Any]:
         found["torque"] = _given(robot.torque)
     if robot.driver is not None:
         spec = _given(robot.driver)
-        found["driver"] = {key: value for key, value in spec.items() if key != "map"} | _given(robot.driver.map)
+        found["driver"] = {key: value for key, value in spec.items() if key != "map"} | _given(
+            robot.driver.map
+        )
     if robot.prior is not None:
         bodies, cylinders = robot.prior.links, robot.prior.cylinders
-        found["prior"] = {"links": [_body_row(body) for body in bodies]} if bodies else {"cylinders": _given(cylinders)}
+        found["prior"] = (
+            {"links": [_body_row(body) for body in bodies]}
+            if bodies
+            else {"cylinders": _given(cylinders)}
+        )
     if robot.tool is not None:
         found["tool"] = _body_row(robot.tool)
     if robot.known != Known():
@@ -300,7 +338,11 @@ def _plain(value: Any) -> Any:  # noqa: ANN401
 
 def _body_row(body: Body) -> dict[str, Any]:
     tensor = dict(zip(INERTIA, map(_rounded, body.inertia_com), strict=True))
-    return {"mass": float(body.mass), "com": [_rounded(value) for value in body.com], "inertia_com": tensor}
+    return {
+        "mass": float(body.mass),
+        "com": [_rounded(value) for value in body.com],
+        "inertia_com": tensor,
+    }
 
 
 def _rounded(value: float) -> float:

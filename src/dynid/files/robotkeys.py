@@ -112,13 +112,17 @@ def read_keys(value: Value, keys: Sequence[Key], context: Context) -> dict[str, 
         UnknownKey: a key is not among ``keys``.
         WrongRobotFile: a required key is missing.
     """
-    found = value.mapping([key.name for key in keys], [key.name for key in keys if key.default == REQUIRED])
+    found = value.mapping(
+        [key.name for key in keys], [key.name for key in keys if key.default == REQUIRED]
+    )
     return read_found(found, keys, context)
 
 
 def read_found(found: dict[str, Value], keys: Sequence[Key], context: Context) -> dict[str, Any]:
     """Return the values of keys that were found in a mapping."""
-    given = [key for key in keys if key.name in found and not (key.nullable and found[key.name].is_null)]
+    given = [
+        key for key in keys if key.name in found and not (key.nullable and found[key.name].is_null)
+    ]
     return {key.name: key.kind.read(found[key.name], context) for key in given}
 
 
@@ -146,7 +150,9 @@ def _dh_angle(value: Value, context: Context) -> float:
             f"{value.where}: {value.path} = {value.text()} is {miss:.1e} rad from {degrees}; "
             f"{degrees} is used (write `{degrees}` to silence this)"
         )
-        context.findings.append(Finding("W202", "warning", text, {"given_rad": angle, "used_rad": nearest}))
+        context.findings.append(
+            Finding("W202", "warning", text, {"given_rad": angle, "used_rad": nearest})
+        )
     return nearest if miss < tuning.SNAP_RAD else angle
 
 
@@ -161,7 +167,10 @@ NUMBER = Kind("number", lambda value, _: value.number())
 ANGLE_ = Kind("angle", lambda value, context: value.angle(context.angle_unit))
 DH_ANGLE = Kind("angle", _dh_angle)
 #: A position of the joint at hand, or what is measured like one.
-COORDINATE = Kind("angle or length", lambda v, context: v.angle(context.angle_unit) if context.revolute else v.number())
+COORDINATE = Kind(
+    "angle or length",
+    lambda v, context: v.angle(context.angle_unit) if context.revolute else v.number(),
+)
 #: The same per second.
 RATE = Kind("number", COORDINATE.read)
 
@@ -177,7 +186,9 @@ def positive(kind: Kind, fix: str = "") -> Kind:
     def read(value: Value, context: Context) -> float:
         found: float = kind.read(value, context)
         if found < LEAST:
-            raise _wrong(value, f" = {found:g} must be positive" + f", at least {LEAST:g}" * (found > 0), fix)
+            raise _wrong(
+                value, f" = {found:g} must be positive" + f", at least {LEAST:g}" * (found > 0), fix
+            )
         return found
 
     return Kind(f"{kind.words} above 0", read)
@@ -198,7 +209,9 @@ def not_negative(kind: Kind, unit: str = "") -> Kind:
 def several(kind: Kind, count: int) -> Kind:
     """Return the type of a list of a fixed length."""
     words = f"list of {count} {kind.words}s"
-    return Kind(words, lambda value, context: tuple(kind.read(item, context) for item in value.items(count)))
+    return Kind(
+        words, lambda value, context: tuple(kind.read(item, context) for item in value.items(count))
+    )
 
 
 def per_joint(kind: Kind, *, shared: bool = False, nullable: bool = False) -> Kind:
@@ -213,11 +226,15 @@ def per_joint(kind: Kind, *, shared: bool = False, nullable: bool = False) -> Ki
     def read(value: Value, context: Context) -> tuple[Any, ...]:
         items = [value] * context.n if shared and not value.is_list else value.items(context.n)
         return tuple(
-            None if nullable and item.is_null else kind.read(item, replace(context, revolute=joint.revolute))
+            None
+            if nullable and item.is_null
+            else kind.read(item, replace(context, revolute=joint.revolute))
             for item, joint in zip(items, context.joints, strict=True)
         )
 
-    return Kind(f"{kind.words}, or a list per joint" if shared else f"list: {kind.words} per joint", read)
+    return Kind(
+        f"{kind.words}, or a list per joint" if shared else f"list: {kind.words} per joint", read
+    )
 
 
 def mapping(keys: tuple[Key, ...], make: Callable[..., Any]) -> Kind:
@@ -228,7 +245,11 @@ def mapping(keys: tuple[Key, ...], make: Callable[..., Any]) -> Kind:
 def list_of(kind: Kind) -> Kind:
     """Return the type of a list of any length."""
     words = f"list of {kind.words}s" if kind.words == "mapping" else f"list of {kind.words}"
-    return Kind(words, lambda value, context: tuple(kind.read(item, context) for item in value.items()), kind.keys)
+    return Kind(
+        words,
+        lambda value, context: tuple(kind.read(item, context) for item in value.items()),
+        kind.keys,
+    )
 
 
 def by_link(kind: Kind) -> Kind:
@@ -266,7 +287,9 @@ def _sign(value: Value, context: Context) -> float:
     found = value.number()
     if found not in (1.0, -1.0):
         name = value.path.partition("[")[0]
-        raise WrongRobotFile(f"{value.where}: {name} entries are 1 or -1, not {found:g}", where=value.where)
+        raise WrongRobotFile(
+            f"{value.where}: {name} entries are 1 or -1, not {found:g}", where=value.where
+        )
     return found
 
 
@@ -301,17 +324,25 @@ def _torque(value: Value, context: Context) -> TorqueSource:
 def _noise(value: Value, context: Context) -> tuple[float, ...]:
     found: tuple[float | None, ...] = _NOISE.read(value, context)
     if None in found:
-        raise WrongRobotFile(f"{value.where}: {value.path}: it is missing for a joint", where=value.where)
+        raise WrongRobotFile(
+            f"{value.where}: {value.path}: it is missing for a joint", where=value.where
+        )
     return tuple(each for each in found if each is not None)
 
 
 def _units(value: Value, context: Context) -> dict[str, str]:
-    return {"position": "rad", "velocity": "rad/s", "effort": "Nm"} | read_keys(value, UNITS, context)
+    return {"position": "rad", "velocity": "rad/s", "effort": "Nm"} | read_keys(
+        value, UNITS, context
+    )
 
 
 def _joint_map(given: dict[str, Any], context: Context) -> JointMap:
     ones = (1.0,) * context.n
-    return JointMap(given.pop("sign", ones), given.pop("offset", (0.0,) * context.n), given.pop("torque_sign", ()))
+    return JointMap(
+        given.pop("sign", ones),
+        given.pop("offset", (0.0,) * context.n),
+        given.pop("torque_sign", ()),
+    )
 
 
 def _simulator(value: Value, context: Context) -> JointMap:
@@ -323,15 +354,20 @@ def _driver(value: Value, context: Context) -> DriverSpec:
     for key, pattern in given.get("columns", {}).items():
         if key != "time" and "{name}" not in pattern and "{i}" not in pattern and context.n > 1:
             raise WrongRobotFile(
-                f"{value.where}: columns.{key} = '{pattern}' needs {{i}} or {{name}}", where=value.where
+                f"{value.where}: columns.{key} = '{pattern}' needs {{i}} or {{name}}",
+                where=value.where,
             )
-    return DriverSpec(**{"topic": None, "joint_names": (), "map": _joint_map(given, context), **given})
+    return DriverSpec(
+        **{"topic": None, "joint_names": (), "map": _joint_map(given, context), **given}
+    )
 
 
 def _cylinders(value: Value, context: Context) -> Cylinders:
     given = read_keys(value, CYLINDERS, context)
     if ("density" in given) == ("mass" in given):
-        raise WrongRobotFile(f"{value.where}: prior.cylinders needs one of density, mass", where=value.where)
+        raise WrongRobotFile(
+            f"{value.where}: prior.cylinders needs one of density, mass", where=value.where
+        )
     return Cylinders(**given)
 
 
@@ -339,23 +375,32 @@ def read_prior(value: Value, context: Context) -> Prior:
     """Read what is known before measuring."""
     given = read_keys(value, PRIOR, context)
     if len(given) != 1:
-        raise WrongRobotFile(f"{value.where}: prior needs one of cylinders, links", where=value.where)
+        raise WrongRobotFile(
+            f"{value.where}: prior needs one of cylinders, links", where=value.where
+        )
     return Prior(**given)
 
 
 def _coupling(value: Value, context: Context) -> Coupling:
     """Read reductions and a coupling matrix; a matrix whose diagonal is the reductions holds them already."""
     given, n = read_keys(value, COUPLING, context), context.n
-    reduction, matrix = np.array(given.get("reduction", np.ones(n))), np.array(given.get("matrix", np.eye(n)))
+    reduction, matrix = (
+        np.array(given.get("reduction", np.ones(n))),
+        np.array(given.get("matrix", np.eye(n))),
+    )
     if "reduction" in given and not np.allclose(np.diag(matrix), reduction):
         matrix = reduction[:, None] * matrix
     if abs(np.linalg.det(matrix / np.abs(matrix).max())) < 1e-12:
-        raise WrongRobotFile(f"{value.where}: the coupling matrix cannot be inverted", where=value.where)
+        raise WrongRobotFile(
+            f"{value.where}: the coupling matrix cannot be inverted", where=value.where
+        )
     return Coupling(tuple(tuple(row) for row in matrix.tolist()))
 
 
 def _matrix(value: Value, context: Context) -> tuple[Any, ...]:
-    return tuple(tuple(item.number() for item in row.items(context.n)) for row in value.items(context.n))
+    return tuple(
+        tuple(item.number() for item in row.items(context.n)) for row in value.items(context.n)
+    )
 
 
 def _acting(value: Value, context: Context) -> tuple[str, ...]:
@@ -388,65 +433,137 @@ def _body(value: Value, context: Context) -> Body:
 
 
 VECTOR = several(NUMBER, 3)
-_NOISE = per_joint(positive(NUMBER, "it is a standard deviation in N m"), shared=True, nullable=True)
-_GAIN = per_joint(positive(NUMBER, "reverse a current with `sign:` under `driver:`"), shared=True, nullable=True)
+_NOISE = per_joint(
+    positive(NUMBER, "it is a standard deviation in N m"), shared=True, nullable=True
+)
+_GAIN = per_joint(
+    positive(NUMBER, "reverse a current with `sign:` under `driver:`"), shared=True, nullable=True
+)
 
 # ---------------------------------------------------------------- the keys
 _ANGLE_UNIT, _JOINT_UNIT, _RATE_UNIT = "`angle_unit`", "`angle_unit` or m", "`angle_unit`/s or m/s"
 
 LIMITS = (
-    Key("position", Kind("list of lower and upper limit", _range), "none",
-        "Range of the joint; null for a joint that turns without end.", _JOINT_UNIT, nullable=True),
+    Key(
+        "position",
+        Kind("list of lower and upper limit", _range),
+        "none",
+        "Range of the joint; null for a joint that turns without end.",
+        _JOINT_UNIT,
+        nullable=True,
+    ),
     Key("velocity", positive(RATE), "none", "Largest speed.", _RATE_UNIT, nullable=True),
-    Key("acceleration", positive(RATE), "none", "Largest acceleration.", "`angle_unit`/s^2 or m/s^2", nullable=True),
+    Key(
+        "acceleration",
+        positive(RATE),
+        "none",
+        "Largest acceleration.",
+        "`angle_unit`/s^2 or m/s^2",
+        nullable=True,
+    ),
     Key("torque", positive(NUMBER), "none", "Rated torque or force.", "N m or N", nullable=True),
-)  # fmt: skip
+)
 
 JOINT = (
     Key("name", NAME, "`joint_1`, ...", "Name of the joint, also that of its column in logs."),
-    Key("type", choice("revolute", "prismatic"), "`revolute`", "Whether the joint turns or slides."),
+    Key(
+        "type", choice("revolute", "prismatic"), "`revolute`", "Whether the joint turns or slides."
+    ),
     Key("a", NUMBER, "0", "DH length along the common normal of two axes.", "m"),
-    Key("twist", DH_ANGLE, "0", "DH angle alpha between two axes; the word alpha means the safety factor of the paper.",
-        _ANGLE_UNIT),
+    Key(
+        "twist",
+        DH_ANGLE,
+        "0",
+        "DH angle alpha between two axes; the word alpha means the safety factor of the paper.",
+        _ANGLE_UNIT,
+    ),
     Key("d", NUMBER, "0", "DH offset along the axis; it is added to q for a prismatic joint.", "m"),
-    Key("theta_offset", DH_ANGLE, "0", "Revolute joint: theta = q + theta_offset. Prismatic joint: theta itself.",
-        _ANGLE_UNIT),
+    Key(
+        "theta_offset",
+        DH_ANGLE,
+        "0",
+        "Revolute joint: theta = q + theta_offset. Prismatic joint: theta itself.",
+        _ANGLE_UNIT,
+    ),
     Key("limits", mapping(LIMITS, Limits), "none", "Limits of the joint."),
     Key("motor_inertia", FLAG, "`true`", "Keep the column of the rotor inertia Im of this joint."),
-    Key("friction", list_of(choice(*FRICTION_PARAMETERS)), "`[viscous, coulomb, offset]`",
-        "Friction columns of this joint."),
-)  # fmt: skip
+    Key(
+        "friction",
+        list_of(choice(*FRICTION_PARAMETERS)),
+        "`[viscous, coulomb, offset]`",
+        "Friction columns of this joint.",
+    ),
+)
 
 BASE = (
     Key("xyz", VECTOR, "`[0, 0, 0]`", "Position of frame 0 in the world.", "m"),
-    Key("rpy", several(ANGLE_, 3), "`[0, 0, 0]`", "Roll, pitch and yaw of frame 0 about the fixed axes of the world.",
-        _ANGLE_UNIT),
-)  # fmt: skip
+    Key(
+        "rpy",
+        several(ANGLE_, 3),
+        "`[0, 0, 0]`",
+        "Roll, pitch and yaw of frame 0 about the fixed axes of the world.",
+        _ANGLE_UNIT,
+    ),
+)
 
 TORQUE = (
     Key("source", choice(*TORQUE_SOURCES), "`unknown`", "What the effort column of a log is."),
-    Key("gain", Kind(_GAIN.words, _GAIN.read), "none", "Torque per motor current; null where it is not known.",
-        "N m per A", nullable=True),
-    Key("relative", FLAG, "`false`", "Whether only the ratios of the gains are known; torques are then counted as "
-        "amperes (see [estimators](../explanation/estimators.md))."),
-    Key("noise", Kind(_NOISE.words, _noise), "0.3 % of the rating, 0.1 N m for a joint without one",
+    Key(
+        "gain",
+        Kind(_GAIN.words, _GAIN.read),
+        "none",
+        "Torque per motor current; null where it is not known.",
+        "N m per A",
+        nullable=True,
+    ),
+    Key(
+        "relative",
+        FLAG,
+        "`false`",
+        "Whether only the ratios of the gains are known; torques are then counted as "
+        "amperes (see [estimators](../explanation/estimators.md)).",
+    ),
+    Key(
+        "noise",
+        Kind(_NOISE.words, _noise),
+        "0.3 % of the rating, 0.1 N m for a joint without one",
         "Standard deviation of the torque, used to plan motions and to predict errors before anything is measured.",
-        "N m or N"),
-    Key("gain_error", Kind("share", _share), "5 % of motor currents, 0 of other sources",
-        "Standard deviation of the torque's scale, such as `5%`; a load's mass and inertia are as uncertain."),
-)  # fmt: skip
+        "N m or N",
+    ),
+    Key(
+        "gain_error",
+        Kind("share", _share),
+        "5 % of motor currents, 0 of other sources",
+        "Standard deviation of the torque's scale, such as `5%`; a load's mass and inertia are as uncertain.",
+    ),
+)
 
 UNITS = (
-    Key("position", choice(*FACTORS["position"]), "`rad`", "Unit of the positions; m and mm are those of a sliding "
-        "joint."),
+    Key(
+        "position",
+        choice(*FACTORS["position"]),
+        "`rad`",
+        "Unit of the positions; m and mm are those of a sliding joint.",
+    ),
     Key("velocity", choice(*FACTORS["velocity"]), "`rad/s`", "Unit of the velocities."),
     Key("effort", choice(*FACTORS["effort"]), "`Nm`", "Unit of the torques, forces or currents."),
-)  # fmt: skip
+)
 
 SIMULATOR = (
-    Key("sign", per_joint(Kind("1 or -1", _sign)), "1", "Direction of each joint: q_dh = sign * q + offset."),
-    Key("offset", per_joint(COORDINATE), "0", "Offset of each joint: q_dh = sign * q + offset.", _JOINT_UNIT),
-)  # fmt: skip
+    Key(
+        "sign",
+        per_joint(Kind("1 or -1", _sign)),
+        "1",
+        "Direction of each joint: q_dh = sign * q + offset.",
+    ),
+    Key(
+        "offset",
+        per_joint(COORDINATE),
+        "0",
+        "Offset of each joint: q_dh = sign * q + offset.",
+        _JOINT_UNIT,
+    ),
+)
 
 COLUMNS = (
     Key("time", TEXT, "`t`, `time`, ...", "Name of the column of time stamps."),
@@ -465,34 +582,78 @@ COLUMNS = (
         "`joint_names`, `{i}` for the number of the joint, counted from 0 or 1.",
     ),
     Key("velocity", TEXT, "`qd_{name}`", "Pattern of the columns of velocities."),
-    Key("effort", TEXT, "`tau_{name}` or `i_{name}`", "Pattern of the columns of torques or currents."),
+    Key(
+        "effort",
+        TEXT,
+        "`tau_{name}` or `i_{name}`",
+        "Pattern of the columns of torques or currents.",
+    ),
     Key("reference", TEXT, "`q_ref_{name}`", "Pattern of the columns of commanded positions."),
 )
 
 DRIVER = (
     Key("kind", choice(*DRIVERS), REQUIRED, "The driver that made the log."),
     Key("topic", TEXT, "that of the driver", "ROS topic of the joint states.", nullable=True),
-    Key("joint_names", per_joint(TEXT), "names of the joints", "Names of the log's columns in chain order."),
-    Key("sign", SIMULATOR[0].kind, "1", "Direction of each joint: q_dh = sign * q_log + offset, "
-        "tau_dh = sign * tau_log."),
-    Key("torque_sign", SIMULATOR[0].kind, "1", "Direction of the torque against that of the position, -1 such as for "
-        "torques that the arm feels instead of those it makes: tau_dh = sign * torque_sign * tau_log."),
-    Key("offset", SIMULATOR[1].kind, "0", "Offset of each joint: q_dh = sign * q_log + offset.", _JOINT_UNIT),
-    Key("units", Kind("mapping", _units, UNITS), "rad, rad/s, Nm", "Units of the log's columns; those that a log "
-        "itself declares go before them."),
-    Key("effort_topic", TEXT, "none", "Topic of the torques where they are published apart from the positions: "
-        "`sensor_msgs/JointState` or `std_msgs/Float64MultiArray`.", nullable=True),
-    Key("columns", mapping(COLUMNS, dict), "see [logs](log-format.md)", "Names of the columns of CSV, TSV and Parquet "
-        "files."),
-)  # fmt: skip
+    Key(
+        "joint_names",
+        per_joint(TEXT),
+        "names of the joints",
+        "Names of the log's columns in chain order.",
+    ),
+    Key(
+        "sign",
+        SIMULATOR[0].kind,
+        "1",
+        "Direction of each joint: q_dh = sign * q_log + offset, tau_dh = sign * tau_log.",
+    ),
+    Key(
+        "torque_sign",
+        SIMULATOR[0].kind,
+        "1",
+        "Direction of the torque against that of the position, -1 such as for "
+        "torques that the arm feels instead of those it makes: tau_dh = sign * torque_sign * tau_log.",
+    ),
+    Key(
+        "offset",
+        SIMULATOR[1].kind,
+        "0",
+        "Offset of each joint: q_dh = sign * q_log + offset.",
+        _JOINT_UNIT,
+    ),
+    Key(
+        "units",
+        Kind("mapping", _units, UNITS),
+        "rad, rad/s, Nm",
+        "Units of the log's columns; those that a log itself declares go before them.",
+    ),
+    Key(
+        "effort_topic",
+        TEXT,
+        "none",
+        "Topic of the torques where they are published apart from the positions: "
+        "`sensor_msgs/JointState` or `std_msgs/Float64MultiArray`.",
+        nullable=True,
+    ),
+    Key(
+        "columns",
+        mapping(COLUMNS, dict),
+        "see [logs](log-format.md)",
+        "Names of the columns of CSV, TSV and Parquet files.",
+    ),
+)
 
 BODY = (
     Key("mass", not_negative(NUMBER, " kg"), REQUIRED, "Mass.", "kg"),
     Key("com", VECTOR, "`[0, 0, 0]`", "Centre of mass in the DH frame of the link.", "m"),
-    Key("inertia_com", Kind(f"mapping: {', '.join(INERTIA)}", _inertia), "0",
+    Key(
+        "inertia_com",
+        Kind(f"mapping: {', '.join(INERTIA)}", _inertia),
+        "0",
         "Inertia about the centre of mass, axes of the DH frame of the link. Before it is fitted, a link without width "
-        "(a point, a thin rod) is spread as a cylinder along its DH offset.", "kg m^2"),
-)  # fmt: skip
+        "(a point, a thin rod) is spread as a cylinder along its DH offset.",
+        "kg m^2",
+    ),
+)
 
 A_BODY = Kind("mapping", _body, BODY)
 
@@ -503,24 +664,45 @@ CYLINDERS = (
 )
 
 PRIOR = (
-    Key("cylinders", Kind("mapping", _cylinders, CYLINDERS), "none",
-        "Uniform cylinders along the DH offsets (Paper Eq. 9); this or `links`."),
-    Key("links", Kind("list with one body per link", per_joint(A_BODY).read, BODY), "none",
-        "Bodies with numbers; this or `cylinders`."),
-)  # fmt: skip
+    Key(
+        "cylinders",
+        Kind("mapping", _cylinders, CYLINDERS),
+        "none",
+        "Uniform cylinders along the DH offsets (Paper Eq. 9); this or `links`.",
+    ),
+    Key(
+        "links",
+        Kind("list with one body per link", per_joint(A_BODY).read, BODY),
+        "none",
+        "Bodies with numbers; this or `cylinders`.",
+    ),
+)
 
 COUPLING = (
     Key("reduction", per_joint(NUMBER), "1", "Gear ratio of each joint."),
-    Key("matrix", Kind("n rows of n numbers", _matrix), "identity",
-        "Motor positions per joint position: q_motor = matrix * q, tau_joint = matrix^T * tau_motor."),
-)  # fmt: skip
+    Key(
+        "matrix",
+        Kind("n rows of n numbers", _matrix),
+        "identity",
+        "Motor positions per joint position: q_motor = matrix * q, tau_joint = matrix^T * tau_motor.",
+    ),
+)
 
 COULOMB = (
-    Key("shape", choice("smooth", "threshold"), "`smooth`",
-        "tanh(qd / velocity), or zero below the velocity (Paper Eq. 7)."),
-    Key("velocity", per_joint(positive(RATE), shared=True), REQUIRED, "Velocity at which the sign changes.",
-        _RATE_UNIT),
-)  # fmt: skip
+    Key(
+        "shape",
+        choice("smooth", "threshold"),
+        "`smooth`",
+        "tanh(qd / velocity), or zero below the velocity (Paper Eq. 7).",
+    ),
+    Key(
+        "velocity",
+        per_joint(positive(RATE), shared=True),
+        REQUIRED,
+        "Velocity at which the sign changes.",
+        _RATE_UNIT,
+    ),
+)
 
 EFFECT = (
     Key("effect", TEXT, REQUIRED, "Identifier of the effect, see [effects](effects.md)."),
@@ -531,48 +713,149 @@ EFFECT = (
 )
 
 KNOWN = (
-    Key("total_mass", Kind("list of least and greatest mass", _masses), "none",
-        "Range of the mass of all identified links.", "kg"),
-    Key("link_mass", by_link(Kind("list of least and greatest mass", _masses)), "none", "Range of the mass of links.",
-        "kg"),
-    Key("com_box", by_link(Kind("lower and upper corner", _box)), "none",
-        "Box around the centre of mass of links, in their DH frames.", "m"),
-)  # fmt: skip
+    Key(
+        "total_mass",
+        Kind("list of least and greatest mass", _masses),
+        "none",
+        "Range of the mass of all identified links.",
+        "kg",
+    ),
+    Key(
+        "link_mass",
+        by_link(Kind("list of least and greatest mass", _masses)),
+        "none",
+        "Range of the mass of links.",
+        "kg",
+    ),
+    Key(
+        "com_box",
+        by_link(Kind("lower and upper corner", _box)),
+        "none",
+        "Box around the centre of mass of links, in their DH frames.",
+        "m",
+    ),
+)
 
 CONTROLLER = (
-    Key("kp", per_joint(not_negative(NUMBER), shared=True), REQUIRED, "Stiffness.", "N m/rad or N/m"),
-    Key("kd", per_joint(not_negative(NUMBER), shared=True), REQUIRED, "Damping.", "N m s/rad or N s/m"),
+    Key(
+        "kp", per_joint(not_negative(NUMBER), shared=True), REQUIRED, "Stiffness.", "N m/rad or N/m"
+    ),
+    Key(
+        "kd",
+        per_joint(not_negative(NUMBER), shared=True),
+        REQUIRED,
+        "Damping.",
+        "N m s/rad or N s/m",
+    ),
 )
 
 #: Why the joints are read apart: all other keys depend on their number and on which of them are revolute.
 ROBOT = (
-    Key("name", NAME, REQUIRED, "Name for people; the folder of the results has the name of the file."),
-    Key("convention", choice("standard", "modified"), REQUIRED, "Which DH convention: distal or proximal frames."),
-    Key("angle_unit", choice(*ANGLE), "`rad`", "Unit of plain numbers that are angles; a single angle may say its own: "
-        "`90 deg`, `pi/2`."),
-    Key("gravity", VECTOR, "`[0, 0, -9.81]`", "Gravity in frame 0, where the DH chain starts.", "m/s^2"),
-    Key("mount", choice("floor", "wall", "ceiling"), "`floor`", "Where the arm is fixed: `ceiling` turns the default "
-        "gravity over; a gravity that points up brings a warning unless this says `wall` or `ceiling`."),
-    Key("base", mapping(BASE, dict), "zero", "Pose of frame 0 in the world, for pictures and URDF; gravity is in frame "
-        "0 already."),
-    Key("joints", Kind("list of mappings", lambda value, context: context.joints, JOINT), REQUIRED,
-        "The joints from base to tip, one row of the DH table each."),
-    Key("links", Kind("`all` or list of link numbers", _links), "`all`",
-        "Links to identify; the others keep the values of the prior."),
-    Key("torque", Kind("word or mapping", _torque, TORQUE), "`unknown`", "What the effort column of a log is; a "
-        "word stands for `source`."),
-    Key("driver", Kind("mapping", _driver, DRIVER), "none", "How the columns of a log become DH quantities."),
-    Key("simulator", Kind("mapping", _simulator, SIMULATOR), "none", "How the joint angles of a simulator become DH "
-        "quantities."),
-    Key("prior", Kind("mapping", read_prior, PRIOR), "none", "What is known of the links before measuring."),
+    Key(
+        "name",
+        NAME,
+        REQUIRED,
+        "Name for people; the folder of the results has the name of the file.",
+    ),
+    Key(
+        "convention",
+        choice("standard", "modified"),
+        REQUIRED,
+        "Which DH convention: distal or proximal frames.",
+    ),
+    Key(
+        "angle_unit",
+        choice(*ANGLE),
+        "`rad`",
+        "Unit of plain numbers that are angles; a single angle may say its own: `90 deg`, `pi/2`.",
+    ),
+    Key(
+        "gravity",
+        VECTOR,
+        "`[0, 0, -9.81]`",
+        "Gravity in frame 0, where the DH chain starts.",
+        "m/s^2",
+    ),
+    Key(
+        "mount",
+        choice("floor", "wall", "ceiling"),
+        "`floor`",
+        "Where the arm is fixed: `ceiling` turns the default "
+        "gravity over; a gravity that points up brings a warning unless this says `wall` or `ceiling`.",
+    ),
+    Key(
+        "base",
+        mapping(BASE, dict),
+        "zero",
+        "Pose of frame 0 in the world, for pictures and URDF; gravity is in frame 0 already.",
+    ),
+    Key(
+        "joints",
+        Kind("list of mappings", lambda value, context: context.joints, JOINT),
+        REQUIRED,
+        "The joints from base to tip, one row of the DH table each.",
+    ),
+    Key(
+        "links",
+        Kind("`all` or list of link numbers", _links),
+        "`all`",
+        "Links to identify; the others keep the values of the prior.",
+    ),
+    Key(
+        "torque",
+        Kind("word or mapping", _torque, TORQUE),
+        "`unknown`",
+        "What the effort column of a log is; a word stands for `source`.",
+    ),
+    Key(
+        "driver",
+        Kind("mapping", _driver, DRIVER),
+        "none",
+        "How the columns of a log become DH quantities.",
+    ),
+    Key(
+        "simulator",
+        Kind("mapping", _simulator, SIMULATOR),
+        "none",
+        "How the joint angles of a simulator become DH quantities.",
+    ),
+    Key(
+        "prior",
+        Kind("mapping", read_prior, PRIOR),
+        "none",
+        "What is known of the links before measuring.",
+    ),
     Key("tool", A_BODY, "none", "A body fixed to the last link.", nullable=True),
-    Key("known", mapping(KNOWN, Known), "none", "Bounds that the full set keeps (see "
-        "[consistency](../explanation/consistency.md))."),
-    Key("controller", mapping(CONTROLLER, Controller), "none", "Position controller on the joint side, in DH "
-        "quantities: tau = kp (q_ref - q) + kd (qd_ref - qd); for `--method idim-iv` and `didim`."),
-    Key("coupling", Kind("mapping", _coupling, COUPLING), "none", "Gears and coupled joints of motor-side logs.",
-        nullable=True),
-    Key("coulomb", mapping(COULOMB, lambda velocity, shape="smooth": Coulomb(shape, velocity)),
-        "`smooth`, 0.01 rad/s or 1 mm/s", "Shape of the sign of Coulomb friction."),
-    Key("effects", list_of(mapping(EFFECT, EffectSpec)), "none", "Torque effects added to the model."),
-)  # fmt: skip
+    Key(
+        "known",
+        mapping(KNOWN, Known),
+        "none",
+        "Bounds that the full set keeps (see [consistency](../explanation/consistency.md)).",
+    ),
+    Key(
+        "controller",
+        mapping(CONTROLLER, Controller),
+        "none",
+        "Position controller on the joint side, in DH "
+        "quantities: tau = kp (q_ref - q) + kd (qd_ref - qd); for `--method idim-iv` and `didim`.",
+    ),
+    Key(
+        "coupling",
+        Kind("mapping", _coupling, COUPLING),
+        "none",
+        "Gears and coupled joints of motor-side logs.",
+        nullable=True,
+    ),
+    Key(
+        "coulomb",
+        mapping(COULOMB, lambda velocity, shape="smooth": Coulomb(shape, velocity)),
+        "`smooth`, 0.01 rad/s or 1 mm/s",
+        "Shape of the sign of Coulomb friction.",
+    ),
+    Key(
+        "effects",
+        list_of(mapping(EFFECT, EffectSpec)),
+        "none",
+        "Torque effects added to the model.",
+    ),
+)

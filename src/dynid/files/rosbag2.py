@@ -72,7 +72,9 @@ def list_topics(path: Path) -> dict[str, Topic]:
     return found
 
 
-def read_topics(path: Path, names: Collection[str]) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
+def read_topics(
+    path: Path, names: Collection[str]
+) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
     """Return for each of some topics its raw logs, one for each set of joint names, the largest first; and findings.
 
     Raises:
@@ -94,7 +96,11 @@ def parts_of(path: Path) -> list[Path]:
     parts = [part for part in path.iterdir() if part.suffix in SUFFIXES and part.is_file()]
     if not parts:
         packed = [part.name for part in path.iterdir() if part.name.endswith(".zstd")]
-        fix = f"unpack it with: {shell('zstd', '-d', path / packed[0])}" if packed else "check the path"
+        fix = (
+            f"unpack it with: {shell('zstd', '-d', path / packed[0])}"
+            if packed
+            else "check the path"
+        )
         raise LogNotFound(f"{path} has no .db3 or .mcap file", where=str(path), fix=fix)
 
     def place(part: Path) -> tuple[list[int], str]:
@@ -115,7 +121,9 @@ def _start(path: Path) -> bytes:
 def _is_sqlite(part: Path) -> bool:
     start = _start(part)
     if not start:
-        raise BagTruncated(f"{part.name} is empty: nothing was recorded", where=str(part), fix="record again")
+        raise BagTruncated(
+            f"{part.name} is empty: nothing was recorded", where=str(part), fix="record again"
+        )
     if start.startswith(SQLITE):
         return True
     if start.startswith(mcap_records.MAGIC):
@@ -131,16 +139,23 @@ def _topics(part: Path) -> dict[str, Topic]:
                 topics = _table(base, part)
                 # Why not in SQLite: it sorts what it groups, on disk, whatever size the rows say that they have.
                 counts = Counter(
-                    number for (number,) in base.execute(f"SELECT topic_id FROM messages WHERE {_PLAIN.format(1)}")
+                    number
+                    for (number,) in base.execute(
+                        f"SELECT topic_id FROM messages WHERE {_PLAIN.format(1)}"
+                    )
                 )
         except (sqlite3.Error, OverflowError, Broken):
             return counted(scan(part))
-        return topics_of((connection, counts.get(number, 0)) for number, connection in topics.items())
+        return topics_of(
+            (connection, counts.get(number, 0)) for number, connection in topics.items()
+        )
     try:
         summary = mcap_records.read_summary(part)
     except (Broken, TooLarge):
         return counted(scan(part))
-    return topics_of((channel, summary.counts.get(number, 0)) for number, channel in summary.channels.items())
+    return topics_of(
+        (channel, summary.counts.get(number, 0)) for number, channel in summary.channels.items()
+    )
 
 
 def scan(part: Path, topics: Collection[str] | None = None) -> Iterator[Messages]:
@@ -154,7 +169,9 @@ def scan(part: Path, topics: Collection[str] | None = None) -> Iterator[Messages
     count = size = 0
     broken = None
     try:
-        for connection, arrival, raw in _rows(part, topics) if _is_sqlite(part) else mcap_records.scan(part, topics):
+        for connection, arrival, raw in (
+            _rows(part, topics) if _is_sqlite(part) else mcap_records.scan(part, topics)
+        ):
             limits.check("message_bytes", len(raw), connection.topic)
             if count == tuning.MESSAGES or size + len(raw) > tuning.MESSAGE_BYTES:
                 yield from _alike(waiting)
@@ -172,7 +189,9 @@ def scan(part: Path, topics: Collection[str] | None = None) -> Iterator[Messages
         raise broken
 
 
-def _alike(waiting: dict[tuple[int, int], tuple[Connection, list[int], list[bytes]]]) -> Iterator[Messages]:
+def _alike(
+    waiting: dict[tuple[int, int], tuple[Connection, list[int], list[bytes]]],
+) -> Iterator[Messages]:
     """Yield what waits, and forget it."""
     for connection, arrival, raws in waiting.values():
         table = np.frombuffer(b"".join(raws), np.uint8).reshape(len(raws), -1 if raws[0] else 0)
@@ -187,9 +206,13 @@ def _opened(part: Path) -> Iterator[sqlite3.Connection]:
     journal = _has_journal(part)
     index = part.with_name(f"{part.name}-shm")
     made = journal and not index.exists()
-    base = sqlite3.connect(f"{part.resolve().as_uri()}?mode=ro{'' if journal else '&immutable=1'}", uri=True)
+    base = sqlite3.connect(
+        f"{part.resolve().as_uri()}?mode=ro{'' if journal else '&immutable=1'}", uri=True
+    )
     try:
-        left = iter(range((tuning.SQLITE_STEPS + tuning.SQLITE_STEPS_PER_BYTE * _size(part)) // _STEPS))
+        left = iter(
+            range((tuning.SQLITE_STEPS + tuning.SQLITE_STEPS_PER_BYTE * _size(part)) // _STEPS)
+        )
         base.set_progress_handler(lambda: next(left, None) is None, _STEPS)
         base.execute("PRAGMA trusted_schema = OFF")
         if hasattr(base, "setlimit"):  # Python 3.11
@@ -220,18 +243,23 @@ def _table(base: sqlite3.Connection, part: Path) -> dict[int, Connection]:
     """
     # Why: a view could be made to compute for ever; the recorder makes plain tables.
     plain = {
-        str(name) for name, text in base.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'")
+        str(name)
+        for name, text in base.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'")
         if str(text).upper().startswith("CREATE TABLE")
-    }  # fmt: skip
+    }
     for table, usual in _COLUMNS.items():
         columns = base.execute(f"PRAGMA table_xinfo({table})").fetchall()
         # Why: a column that is computed could be made to fill the memory.
         if any(column[-1] for column in columns):
-            raise LogNotFound(f"{part.name} computes its {table}: it is not of rosbag2", where=str(part))
+            raise LogNotFound(
+                f"{part.name} computes its {table}: it is not of rosbag2", where=str(part)
+            )
         if table not in plain or tuple(column[1] for column in columns[: len(usual)]) != usual:
             raise LogNotFound(f"{part.name} has no tables of rosbag2", where=str(part))
     text = " AND ".join(f"typeof({column}) = 'text'" for column in _COLUMNS["topics"][1:])
-    rows = base.execute(f"SELECT {', '.join(_COLUMNS['topics'])} FROM topics WHERE typeof(id) = 'integer' AND {text}")
+    rows = base.execute(
+        f"SELECT {', '.join(_COLUMNS['topics'])} FROM topics WHERE typeof(id) = 'integer' AND {text}"
+    )
     found, left = {}, _size(part)
     for number, name, kind, form in rows:
         left -= len(name) + len(kind) + len(form)
@@ -246,7 +274,9 @@ def _rows(part: Path, names: Collection[str] | None) -> Iterator[tuple[Connectio
     try:
         with _opened(part) as base:
             topics = _table(base, part)
-            wanted = [number for number, topic in topics.items() if names is None or topic.topic in names]
+            wanted = [
+                number for number, topic in topics.items() if names is None or topic.topic in names
+            ]
             marks = ", ".join("?" * len(wanted))
             plain = _PLAIN.format(f"topic_id IN ({marks})")
             left = _size(part)

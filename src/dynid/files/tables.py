@@ -19,7 +19,14 @@ from numpy.typing import NDArray
 from dynid import limits
 from dynid.errors import Finding, LogLayout, LogNotFound, PackageMissing, WrongUsage
 from dynid.files import tuning
-from dynid.files.columnwords import TIME_NAMES, stamps_of, suggested, time_unit, unit_of, usual_joints
+from dynid.files.columnwords import (
+    TIME_NAMES,
+    stamps_of,
+    suggested,
+    time_unit,
+    unit_of,
+    usual_joints,
+)
 from dynid.files.dialect import Dialect, dialect_of, seconds_of
 from dynid.log import COLUMNS, Log
 from dynid.scratch import USUAL as NUMBERS
@@ -61,12 +68,17 @@ def _column_names(path: Path, dialect: Dialect | None) -> tuple[str, ...]:
     limits.check("columns", len(names), path)
     limits.check("name_length", max(map(len, names), default=0), path)
     if not names:
-        raise LogLayout(f"{path.name}: no header; expected t, q_<joint>, tau_<joint>", where=f"{path}:1")
+        raise LogLayout(
+            f"{path.name}: no header; expected t, q_<joint>, tau_<joint>", where=f"{path}:1"
+        )
     return names
 
 
 def read_table(
-    path: Path, joints: Sequence[str], patterns: Mapping[str, str] | None = None, rate: float | None = None
+    path: Path,
+    joints: Sequence[str],
+    patterns: Mapping[str, str] | None = None,
+    rate: float | None = None,
 ) -> Log:
     """Read a table.
 
@@ -89,12 +101,25 @@ def read_table(
     values, findings = _with_joints(values, len(layout.time), path.name)
     t, noticed = _time(values[:, : len(layout.time)], layout, path.name, rate)
     edges = np.cumsum([len(layout.time), *map(len, layout.columns.values())])
-    arrays = {key: values[:, a:b] for key, a, b in zip(layout.columns, edges[:-1], edges[1:], strict=True)}
+    arrays = {
+        key: values[:, a:b] for key, a, b in zip(layout.columns, edges[:-1], edges[1:], strict=True)
+    }
     return Log(
-        t, arrays["position"], arrays["effort"], layout.joints, arrays.get("velocity"),
-        source=path, tau_unit="A" if layout.current else "", units=layout.units, findings=(*findings, *noticed),
-        extra={"q_ref" if key == "reference" else key: x for key, x in arrays.items() if key not in FACTORS},
-    )  # fmt: skip
+        t,
+        arrays["position"],
+        arrays["effort"],
+        layout.joints,
+        arrays.get("velocity"),
+        source=path,
+        tau_unit="A" if layout.current else "",
+        units=layout.units,
+        findings=(*findings, *noticed),
+        extra={
+            "q_ref" if key == "reference" else key: x
+            for key, x in arrays.items()
+            if key not in FACTORS
+        },
+    )
 
 
 def _with_joints(values: Floats, first: int, where: str) -> tuple[Floats, tuple[Finding, ...]]:
@@ -103,17 +128,23 @@ def _with_joints(values: Floats, first: int, where: str) -> tuple[Floats, tuple[
     if not empty.any() or empty.all():
         return values, ()
     text = f"{where}: {int(empty.sum())} of {len(empty)} rows have no value of any joint and are left out"
-    return taken(values, np.flatnonzero(~empty)), (Finding("W331", "info", text, {"rows": int(empty.sum())}),)
+    return taken(values, np.flatnonzero(~empty)), (
+        Finding("W331", "info", text, {"rows": int(empty.sum())}),
+    )
 
 
-def _time(stamps: Floats, layout: _Layout, where: str, rate: float | None) -> tuple[Floats, tuple[Finding, ...]]:
+def _time(
+    stamps: Floats, layout: _Layout, where: str, rate: float | None
+) -> tuple[Floats, tuple[Finding, ...]]:
     """Return the time of some rows, (N,) [s], and what was noticed."""
     if not layout.time:
         return np.arange(len(stamps)) / positive_rate(rate), ()
     if len(layout.time) == 2:
         # Why subtracted first: seconds since 1970 and nanoseconds do not fit into one number.
         start = stamps[0, 0]
-        return filled(len(stamps), lambda part: (stamps[part, 0] - start) + stamps[part, 1] * SECONDS["ns"]), ()
+        return filled(
+            len(stamps), lambda part: (stamps[part, 0] - start) + stamps[part, 1] * SECONDS["ns"]
+        ), ()
     if layout.date:
         return stamps[:, 0], ()
     return in_seconds(stamps[:, 0], layout.time[0], where)
@@ -127,7 +158,9 @@ def in_seconds(t: Floats, name: str, where: str) -> tuple[Floats, tuple[Finding,
         name: of their column, which may end with their unit.
         where: name of the file, for the message.
     """
-    step = np.concatenate([np.diff(part[np.isfinite(part)]) for part in (t[some] for some in spread(len(t), NUMBERS))])
+    step = np.concatenate(
+        [np.diff(part[np.isfinite(part)]) for part in (t[some] for some in spread(len(t), NUMBERS))]
+    )
     usual = float(np.median(step[step > 0])) if np.any(step > 0) else 0.0
     known = np.flatnonzero(filled(len(t), lambda part: np.isfinite(t[part])))
     start, end = (float(t[known[0]]), float(t[known[-1]])) if len(known) else (0.0, 0.0)
@@ -141,9 +174,15 @@ def in_seconds(t: Floats, name: str, where: str) -> tuple[Floats, tuple[Finding,
     seconds = filled(len(t), lambda part: (t[part] - start) * factor + offset)
     span = (end - start) * factor
     rate = f" at {1 / (usual * factor):.4g} Hz" if usual else ""
-    said = f"as the name of {name} says" if named else f"a step of {usual:.4g} in {name} can be nothing else"
+    said = (
+        f"as the name of {name} says"
+        if named
+        else f"a step of {usual:.4g} in {name} can be nothing else"
+    )
     text = f"{where}: the stamps are {_LONG[unit]} ({span:.1f} s{rate}), {said}"
-    return seconds, (Finding("W328", "info" if named else "warning", text, {"unit": unit, "seconds": span}),)
+    return seconds, (
+        Finding("W328", "info" if named else "warning", text, {"unit": unit, "seconds": span}),
+    )
 
 
 def _unit_of(start: float, count: int, step: float) -> str:
@@ -208,7 +247,11 @@ def _layout(
         joints = _names_in_rows(path, dialect, names, patterns["name"])
     columns: dict[str, list[str]] = {}
     current = False
-    further = {key: (f"{key}_{{name}}",) for key in COLUMNS if COLUMNS[key] and key not in ("q", "qd", "tau", "q_ref")}
+    further = {
+        key: (f"{key}_{{name}}",)
+        for key in COLUMNS
+        if COLUMNS[key] and key not in ("q", "qd", "tau", "q_ref")
+    }
     for key, usual in (USUAL | further).items():
         tried = (patterns[key],) if key in patterns else usual
         found = next(((p, c) for p in tried if (c := matched(p, names, joints))), None)
@@ -218,7 +261,9 @@ def _layout(
         elif key in patterns or key in ("position", "effort"):
             raise _missing(path, names, tried, joints, key)
     time = _time_columns(path, names, patterns.get("time"), dialect, rate)
-    dated = dialect is not None and len(time) == 1 and dialect.date(names.index(time[0])) is not None
+    dated = (
+        dialect is not None and len(time) == 1 and dialect.date(names.index(time[0])) is not None
+    )
     return _Layout(tuple(joints), time, dated, columns, current, _declared(columns, names, dialect))
 
 
@@ -241,18 +286,28 @@ def _time_columns(
     fix = "add the column t, or give --rate"
     if "time" in guess:
         fix = f"under `driver:` in the robot file: columns: {{time: {guess['time']}}}"
-    raise LogLayout(f"{path.name}:1: no column '{given or 't'}'; it has {_listed(names)}", where=f"{path}:1", fix=fix)
+    raise LogLayout(
+        f"{path.name}:1: no column '{given or 't'}'; it has {_listed(names)}",
+        where=f"{path}:1",
+        fix=fix,
+    )
 
 
 def _clock(path: Path, name: str, dialect: Dialect | None) -> bool:
     """Return whether a column without a name is a clock rather than the number of the row."""
     if dialect is not None:
         place = dialect.names.index(name)
-        return place < len(dialect.first) and bool(dialect.date(place) is not None or "." in dialect.first[place])
-    return not str(_schema(path).field(name).type).startswith(("int", "uint", "string", "large_string"))
+        return place < len(dialect.first) and bool(
+            dialect.date(place) is not None or "." in dialect.first[place]
+        )
+    return not str(_schema(path).field(name).type).startswith(
+        ("int", "uint", "string", "large_string")
+    )
 
 
-def _names_in_rows(path: Path, dialect: Dialect | None, names: Sequence[str], pattern: str) -> tuple[str, ...]:
+def _names_in_rows(
+    path: Path, dialect: Dialect | None, names: Sequence[str], pattern: str
+) -> tuple[str, ...]:
     """Return the names of the joints that stand in columns of their own, as in what ROS writes of joint states.
 
     Raises:
@@ -260,20 +315,31 @@ def _names_in_rows(path: Path, dialect: Dialect | None, names: Sequence[str], pa
     """
     count = next((k for k in range(len(names), 0, -1) if matched(pattern, names, [""] * k)), 0)
     if not count:
-        raise LogLayout(f"{path.name}:1: no column {pattern}; it has {_listed(names)}", where=f"{path}:1")
+        raise LogLayout(
+            f"{path.name}:1: no column {pattern}; it has {_listed(names)}", where=f"{path}:1"
+        )
     chosen = matched(pattern, names, [""] * count)
     if dialect is not None:
-        return tuple(dialect.first[dialect.names.index(name)] for name in chosen) if dialect.first else ()
+        return (
+            tuple(dialect.first[dialect.names.index(name)] for name in chosen)
+            if dialect.first
+            else ()
+        )
     batch = next(iter(_open_parquet(path).iter_batches(batch_size=1, columns=chosen)), None)
     return tuple(str(batch.column(name)[0]) for name in chosen) if batch is not None else ()
 
 
-def _declared(columns: Mapping[str, list[str]], names: Sequence[str], dialect: Dialect | None) -> dict[str, str]:
+def _declared(
+    columns: Mapping[str, list[str]], names: Sequence[str], dialect: Dialect | None
+) -> dict[str, str]:
     """Return the units that the header gives for all columns of a quantity."""
     below = dialect.units if dialect is not None else ()
     found = {}
     for key in ("position", "velocity", "effort"):
-        words = {unit_of(name, below[names.index(name)] if below else "") for name in columns.get(key, [])}
+        words = {
+            unit_of(name, below[names.index(name)] if below else "")
+            for name in columns.get(key, [])
+        }
         if len(words) == 1 and (unit := words.pop()) in FACTORS[key]:
             found[key] = unit
     return found
@@ -286,24 +352,34 @@ def matched(pattern: str, names: Sequence[str], joints: Sequence[str]) -> list[s
         found = [pattern.replace("{name}", joint) for joint in joints]
         return found if found and set(found) <= has else []
     for first in (1, 0):
-        found = [pattern.replace("{i}", str(first + k)).replace("{name}", joint) for k, joint in enumerate(joints)]
+        found = [
+            pattern.replace("{i}", str(first + k)).replace("{name}", joint)
+            for k, joint in enumerate(joints)
+        ]
         # Why: of an arm with six joints and columns 0 to 6, 0 to 5 are the arm and 6 is its gripper.
         if set(found) <= has and not (first and pattern.replace("{i}", "0") in has):
             return found
     return []
 
 
-def _missing(path: Path, names: Sequence[str], tried: Sequence[str], joints: Sequence[str], key: str) -> LogLayout:
+def _missing(
+    path: Path, names: Sequence[str], tried: Sequence[str], joints: Sequence[str], key: str
+) -> LogLayout:
     guess = suggested(names)
     have = {pattern.split("{")[0] for pattern in tried}
     some = [name for name in names if any(name.startswith(start) for start in have if start)]
-    lost = next((wanted for joint in joints if (wanted := tried[0].replace("{name}", joint)) not in names), tried[0])
+    lost = next(
+        (wanted for joint in joints if (wanted := tried[0].replace("{name}", joint)) not in names),
+        tried[0],
+    )
     fix = f"under `driver:` in the robot file: {snippet(guess or template(names))}"
     if key == "effort" and some and joints:
         text = f"{path.name}:1: joint '{lost.removeprefix('tau_')}' has q_{lost.removeprefix('tau_')} but no {lost}"
         return LogLayout(text, where=f"{path}:1", fix=fix)
     shown = lost if "{name}" not in tried[0] or joints else tried[0].replace("{name}", "<joint>")
-    return LogLayout(f"{path.name}:1: no column {shown}; it has {_listed(names)}", where=f"{path}:1", fix=fix)
+    return LogLayout(
+        f"{path.name}:1: no column {shown}; it has {_listed(names)}", where=f"{path}:1", fix=fix
+    )
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -315,7 +391,9 @@ def _read_columns(path: Path, dialect: Dialect | None, chosen: Sequence[str]) ->
     """Return columns of a table by name, (N, k); in a file where they are long."""
     if dialect is None:
         return _joined(path, len(chosen), _parquet(path, chosen))
-    return _joined(path, len(chosen), dialect.read(path, [dialect.names.index(name) for name in chosen]))
+    return _joined(
+        path, len(chosen), dialect.read(path, [dialect.names.index(name) for name in chosen])
+    )
 
 
 def _joined(path: Path, width: int, blocks: Iterator[Floats]) -> Floats:
@@ -345,7 +423,8 @@ def pyarrow_of() -> tuple[Any, Any]:
         if not isinstance(error, ModuleNotFoundError):
             raise
         raise PackageMissing(
-            "pyarrow is not installed: Parquet cannot be read or written", fix="pip install 'dynid[parquet]'"
+            "pyarrow is not installed: Parquet cannot be read or written",
+            fix="pip install 'dynid[parquet]'",
         ) from error
     return pyarrow, parquet
 
@@ -360,7 +439,9 @@ def _open_parquet(path: Path) -> Any:  # noqa: ANN401
         most = {"thrift_string_size_limit": limits.MIB, "thrift_container_size_limit": limits.MIB}
         return parquet.ParquetFile(path, **stream, **most)
     except (pyarrow.ArrowException, OSError, ValueError) as error:
-        raise LogNotFound(f"{path.name} is not a Parquet file, or is damaged: {error}", where=str(path)) from error
+        raise LogNotFound(
+            f"{path.name} is not a Parquet file, or is damaged: {error}", where=str(path)
+        ) from error
 
 
 def _parquet(path: Path, chosen: Sequence[str]) -> Iterator[Floats]:
@@ -385,7 +466,9 @@ def _floats(column: Any, name: str, path: Path) -> Floats:  # noqa: ANN401
     elif pyarrow.types.is_string(kind) or pyarrow.types.is_large_string(kind):
         stamps = [seconds_of(word or "") for word in column.to_pylist()]
         if None in stamps:
-            raise LogLayout(f"{path.name}: column '{name}' holds words, not numbers", where=str(path))
+            raise LogLayout(
+                f"{path.name}: column '{name}' holds words, not numbers", where=str(path)
+            )
         return np.array([whole + part for whole, part in filter(None, stamps)])
     elif not (pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind)):
         raise LogLayout(f"{path.name}: column '{name}' holds {kind}, not numbers", where=str(path))
@@ -454,7 +537,10 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
         t = np.arange(len(position.values)) / positive_rate(rate)
     texts = {key: text.without_time() for key, text in texts.items()}
     names = next((text.names for text in texts.values() if text.names), ())
-    arrays = {key: _in_order(text, names, texts["position"].values.shape[1]) for key, text in texts.items()}
+    arrays = {
+        key: _in_order(text, names, texts["position"].values.shape[1])
+        for key, text in texts.items()
+    }
     return Log(t, arrays["position"], arrays["torque"], names, arrays.get("velocity"), source=path)
 
 
@@ -462,7 +548,9 @@ def _read_text(path: Path) -> _Text:
     dialect = dialect_of(path)
     limits.check("columns", dialect.width, path)
     limits.check("name_length", max(map(len, dialect.names), default=0), path)
-    return _Text(path, dialect.names, _joined(path, dialect.width, dialect.read(path, range(dialect.width))))
+    return _Text(
+        path, dialect.names, _joined(path, dialect.width, dialect.read(path, range(dialect.width)))
+    )
 
 
 def _in_order(text: _Text, names: Sequence[str], width: int) -> Floats:
@@ -485,5 +573,7 @@ def positive_rate(rate: float | None) -> float:
         WrongUsage: it is none.
     """
     if rate is None or not np.isfinite(rate) or rate <= 0:
-        raise WrongUsage(f"--rate {rate} is not a sample rate", fix="give samples per second, such as --rate 100")
+        raise WrongUsage(
+            f"--rate {rate} is not a sample rate", fix="give samples per second, such as --rate 100"
+        )
     return rate

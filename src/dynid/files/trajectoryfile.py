@@ -50,7 +50,12 @@ class Review:
     @classmethod
     def now(cls, motion: Motion, *, seen: bool = True) -> Review:
         """Return the mark of the person at this machine, who has just seen a motion, or accepts it unseen."""
-        return cls(person(), datetime.now().astimezone().isoformat(timespec="seconds"), motion_hash(motion), seen)
+        return cls(
+            person(),
+            datetime.now().astimezone().isoformat(timespec="seconds"),
+            motion_hash(motion),
+            seen,
+        )
 
 
 def person() -> str:
@@ -96,7 +101,9 @@ class StoredTrajectory:
 
     def accepted(self, *, seen: bool = True, **facts: Any) -> StoredTrajectory:  # noqa: ANN401
         """Return the motion with the mark of the person at this machine, who has seen it or not, and changed facts."""
-        return replace(self, review=Review.now(self.motion, seen=seen), facts={**self.facts, **facts})
+        return replace(
+            self, review=Review.now(self.motion, seen=seen), facts={**self.facts, **facts}
+        )
 
 
 def motion_hash(motion: Motion) -> str:
@@ -162,7 +169,9 @@ def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
         source=path,
     )
     if len(motion.t) < 2:
-        raise NotAnArtifact(f"{path}: {len(motion.t)} samples are too few for a motion", where=str(path))
+        raise NotAnArtifact(
+            f"{path}: {len(motion.t)} samples are too few for a motion", where=str(path)
+        )
     if header["motion_sha256"] != motion_hash(motion):
         raise NotAnArtifact(f"{path}: the samples were changed after planning", where=str(path))
     if robot is not None:
@@ -206,7 +215,9 @@ def write_csv(path: Path, joints: tuple[str, ...], motion: Motion) -> None:
     with written_whole(path) as stream:
         stream.write((",".join(header) + "\n").encode())
         for t, *values in zip(motion.t, motion.q, motion.qd, motion.qdd, strict=True):
-            stream.write((",".join(f"{value:.9g}" for value in (t, *np.concatenate(values))) + "\n").encode())
+            stream.write(
+                (",".join(f"{value:.9g}" for value in (t, *np.concatenate(values))) + "\n").encode()
+            )
 
 
 #: How ROS 1 and ROS 2 spell the head of a message and a duration.
@@ -216,7 +227,9 @@ _SPELT = {
 }
 
 
-def write_joint_trajectory(path: Path, robot: Robot, motion: Motion, *, ros: int = 1, goal: bool = False) -> None:
+def write_joint_trajectory(
+    path: Path, robot: Robot, motion: Motion, *, ros: int = 1, goal: bool = False
+) -> None:
     """Write a motion as ``trajectory_msgs/JointTrajectory`` in YAML, with the driver's joint names, signs and offsets.
 
     Every point has velocities and accelerations of the full length: some drivers index them without looking.

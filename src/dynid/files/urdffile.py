@@ -99,7 +99,9 @@ class Urdf:
         link = tip
         while link != base:
             if link not in carrier:
-                raise WrongUrdf(f"{self.path}: link '{tip}' is not connected to '{base}'", where=str(self.path))
+                raise WrongUrdf(
+                    f"{self.path}: link '{tip}' is not connected to '{base}'", where=str(self.path)
+                )
             joints.append(carrier[link])
             link = carrier[link].parent
         return tuple(reversed(joints))
@@ -126,7 +128,9 @@ class Urdf:
         if name not in self.bodies:
             hint = closest(name, self.bodies)
             raise WrongUrdf(
-                f"{self.path} has no link '{name}'{hint}", where=str(self.path), fix=f"links: {', '.join(self.bodies)}"
+                f"{self.path} has no link '{name}'{hint}",
+                where=str(self.path),
+                fix=f"links: {', '.join(self.bodies)}",
             )
         return name
 
@@ -147,7 +151,9 @@ def read_urdf(path: Path, *, exact: bool = False) -> Urdf:
     except OSError as error:
         raise WrongUrdf(f"cannot read {path}: {error.strerror}", where=where) from error
     except ET.ParseError as error:
-        raise WrongUrdf(f"{path} is not XML: {error}", where=f"{path}:{error.position[0]}") from error
+        raise WrongUrdf(
+            f"{path} is not XML: {error}", where=f"{path}:{error.position[0]}"
+        ) from error
     except (LookupError, ValueError) as error:
         raise WrongUrdf(f"{path} is not XML in a known encoding: {error}", where=where) from error
     if top.tag != "robot":
@@ -161,7 +167,8 @@ def read_urdf(path: Path, *, exact: bool = False) -> Urdf:
         joints = tuple(_joint(joint, exact) for joint in top.findall("joint"))
     except (KeyError, ValueError, AttributeError) as error:
         raise WrongUrdf(
-            f"{path}: a link or joint lacks something or has a value that is not a number: {error}", where=where
+            f"{path}: a link or joint lacks something or has a value that is not a number: {error}",
+            where=where,
         ) from error
     _check_tree(path, bodies, joints)
     return Urdf(top.get("name", path.stem), bodies, joints, path)
@@ -173,10 +180,13 @@ def _check_tree(path: Path, bodies: Mapping[str, Body | None], joints: Sequence[
         for link in (joint.parent, joint.child):
             if link not in bodies:
                 raise WrongUrdf(
-                    f"{path}: joint '{joint.name}' names link '{link}', which is not there", where=str(path)
+                    f"{path}: joint '{joint.name}' names link '{link}', which is not there",
+                    where=str(path),
                 )
     if len(set(children)) != len(children) or len(children) != len(bodies) - 1:
-        raise WrongUrdf(f"{path} is not one tree: {len(bodies)} links, {len(children)} joints", where=str(path))
+        raise WrongUrdf(
+            f"{path} is not one tree: {len(bodies)} links, {len(children)} joints", where=str(path)
+        )
     parents = {joint.child: joint.parent for joint in joints}
     reached = {link for link in bodies if link not in parents}
     for link in bodies:
@@ -184,7 +194,9 @@ def _check_tree(path: Path, bodies: Mapping[str, Body | None], joints: Sequence[
         while before[-1] not in reached:
             before.append(parents[before[-1]])
             if len(before) > len(bodies):
-                raise WrongUrdf(f"{path} is not one tree: link '{link}' is its own parent", where=str(path))
+                raise WrongUrdf(
+                    f"{path} is not one tree: link '{link}' is its own parent", where=str(path)
+                )
         reached.update(before)
 
 
@@ -210,7 +222,9 @@ def _number(element: ET.Element | None, key: str) -> float:
 def _pose(element: ET.Element | None, clean: Callable[[float], float]) -> Floats:
     pose = np.eye(4)
     if element is not None:
-        roll, pitch, yaw = (clean(angle) for angle in _numbers(element.get("rpy", "0 0 0"), 3).tolist())
+        roll, pitch, yaw = (
+            clean(angle) for angle in _numbers(element.get("rpy", "0 0 0"), 3).tolist()
+        )
         R = rotation_rpy((roll, pitch, yaw))
         # Why: cos(pi/2) is 6e-17; exact zeros keep axes that are parallel exactly parallel.
         pose[:3, :3] = np.where(np.abs(R - np.round(R)) < 1e-15, np.round(R), R)
@@ -242,7 +256,11 @@ def _body(link: ET.Element) -> Body | None:
 def _joint(joint: ET.Element, exact: bool) -> UrdfJoint:
     kind = joint.attrib["type"]
     axis_element = joint.find("axis")
-    axis = _numbers(axis_element.attrib["xyz"], 3) if axis_element is not None else np.array([1.0, 0.0, 0.0])
+    axis = (
+        _numbers(axis_element.attrib["xyz"], 3)
+        if axis_element is not None
+        else np.array([1.0, 0.0, 0.0])
+    )
     if kind in MOVING and not np.linalg.norm(axis):
         raise ValueError(f"the axis of joint {joint.attrib['name']} is zero")
     axis = axis / (np.linalg.norm(axis) or 1.0)
@@ -273,6 +291,8 @@ def _limits(element: ET.Element | None, kind: str) -> Limits:
     lower, upper = (float(element.get(key, "0")) for key in ("lower", "upper"))
     velocity, effort = (float(element.get(key, "0")) for key in ("velocity", "effort"))
     # Why: some files write an infinite or huge number for a joint without a limit.
-    position = (lower, upper) if kind != "continuous" and -LARGEST < lower < upper < LARGEST else None
+    position = (
+        (lower, upper) if kind != "continuous" and -LARGEST < lower < upper < LARGEST else None
+    )
     most = (value if 0 < value < LARGEST else None for value in (velocity, effort))
     return Limits(position, next(most), None, next(most))

@@ -26,7 +26,9 @@ SMALLEST, LARGEST = 1e-30, 1e12
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _NOT_TEXT = re.compile("[\\0\ud800-\udfff]")
 _OCTAL = re.compile(r"[-+]?0\d+")
-_PI = re.compile(r"(?P<sign>[-+]?)\s*(?:(?P<factor>\d+(?:\.\d*)?)\s*\*\s*)?pi\s*(?:/\s*(?P<divisor>\d+(?:\.\d*)?))?")
+_PI = re.compile(
+    r"(?P<sign>[-+]?)\s*(?:(?P<factor>\d+(?:\.\d*)?)\s*\*\s*)?pi\s*(?:/\s*(?P<divisor>\d+(?:\.\d*)?))?"
+)
 
 
 class _Loader(yaml.SafeLoader):
@@ -86,7 +88,9 @@ class Value:
     def mapping(self, known: Sequence[str], required: Sequence[str] = ()) -> dict[str, Value]:
         """Return the values by key, after checking that all keys are known, once given, and the required ones there."""
         if not isinstance(self.node, yaml.MappingNode):
-            raise WrongRobotFile(f"{self.path or 'the file'} must have keys ({', '.join(known)})", where=self.where)
+            raise WrongRobotFile(
+                f"{self.path or 'the file'} must have keys ({', '.join(known)})", where=self.where
+            )
         found: dict[str, Value] = {}
         for key_node, value_node in self.node.value:
             key, line = str(key_node.value), f"{self.file}:{key_node.start_mark.line + 1}"
@@ -94,25 +98,35 @@ class Value:
                 raise NotYaml(f"{line}: key '{key}' is given twice", where=line)
             if key not in known:
                 fix = f"rename or remove it; {self.path or 'the file'} may have: {', '.join(known)}"
-                raise UnknownKey(f"{line}: unknown key '{key}'{closest(key, known)}", where=line, fix=fix)
+                raise UnknownKey(
+                    f"{line}: unknown key '{key}'{closest(key, known)}", where=line, fix=fix
+                )
             found[key] = Value(value_node, self.file, f"{self.path}.{key}" if self.path else key)
         for key in required:
             if key not in found:
-                raise WrongRobotFile(f"{self.where}: {self.path or 'the file'} lacks the key '{key}'", where=self.where)
+                raise WrongRobotFile(
+                    f"{self.where}: {self.path or 'the file'} lacks the key '{key}'",
+                    where=self.where,
+                )
         return found
 
     def entries(self) -> dict[str, Value]:
         """Return the values of a mapping by key, whatever the keys are, each once; {} for anything else."""
-        return self.mapping([str(key.value) for key, _ in self.node.value]) if self.is_mapping else {}
+        return (
+            self.mapping([str(key.value) for key, _ in self.node.value]) if self.is_mapping else {}
+        )
 
     def items(self, length: int | None = None) -> list[Value]:
         """Return the values of a list, after checking its length."""
         if not isinstance(self.node, yaml.SequenceNode):
             raise WrongRobotFile(f"{self.where}: {self.path} must be a list", where=self.where)
-        values = [Value(node, self.file, f"{self.path}[{i}]") for i, node in enumerate(self.node.value)]
+        values = [
+            Value(node, self.file, f"{self.path}[{i}]") for i, node in enumerate(self.node.value)
+        ]
         if length is not None and len(values) != length:
             raise WrongRobotFile(
-                f"{self.where}: {self.path} has {len(values)} entries, expected {length}", where=self.where
+                f"{self.where}: {self.path} has {len(values)} entries, expected {length}",
+                where=self.where,
             )
         return values
 
@@ -123,7 +137,9 @@ class Value:
         found = str(self.node.value)
         # Why: no name of a file holds them, and what writes or opens one raises what nobody expects.
         if _NOT_TEXT.search(found):
-            raise WrongRobotFile(f"{self.where}: {self.path} contains an invalid character", where=self.where)
+            raise WrongRobotFile(
+                f"{self.where}: {self.path} contains an invalid character", where=self.where
+            )
         return found
 
     def choice(self, known: Sequence[str]) -> str:
@@ -150,7 +166,9 @@ class Value:
         """Return a whole number."""
         value = self.number()
         if value != int(value):
-            raise NotANumber(f"{self.where}: {self.path} = {value} must be a whole number", where=self.where)
+            raise NotANumber(
+                f"{self.where}: {self.path} = {value} must be a whole number", where=self.where
+            )
         return int(value)
 
     def angle(self, unit: str) -> float:
@@ -174,8 +192,14 @@ class Value:
 
     def _plain(self) -> float:
         raw = self._raw()
-        if _OCTAL.fullmatch(raw) or not _NUMBER.fullmatch(raw) or self.node.tag == "tag:yaml.org,2002:str":
-            raise NotANumber(f"{self.where}: {self.path} = '{raw}' {_number_advice(raw)}", where=self.where)
+        if (
+            _OCTAL.fullmatch(raw)
+            or not _NUMBER.fullmatch(raw)
+            or self.node.tag == "tag:yaml.org,2002:str"
+        ):
+            raise NotANumber(
+                f"{self.where}: {self.path} = '{raw}' {_number_advice(raw)}", where=self.where
+            )
         return float(raw)
 
     def _checked(self, value: float, raw: str) -> float:
@@ -240,7 +264,10 @@ def parse_yaml(text: str, path: Path) -> Value:
         node = yaml.compose(text, Loader=_Loader)
     except TooLarge as error:
         raise TooLarge(
-            error.what.replace("the file", str(path), 1), where=str(path), why=error.why, fix=error.fix
+            error.what.replace("the file", str(path), 1),
+            where=str(path),
+            why=error.why,
+            fix=error.fix,
         ) from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark

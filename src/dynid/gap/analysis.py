@@ -13,7 +13,13 @@ from dynid.gap import refusals
 from dynid.gap.formulas import FormulaResults, advice_on_formulas, find_formulas
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
-from dynid.gap.problem import GapProblem, KeptModel, make_problem, problem_of_arm, without_always_missing
+from dynid.gap.problem import (
+    GapProblem,
+    KeptModel,
+    make_problem,
+    problem_of_arm,
+    without_always_missing,
+)
 from dynid.gap.refit import (
     GROWN,
     GROWN_ARM,
@@ -123,7 +129,9 @@ def analyse_gap(
     found = proved(problem, search, simulate=simulate)
     verdict = judge(found.search, found.effects, found.refused, base.robot.joint_names)
     joints = localise_residual(replace(problem, noise=search.problem.noise).regression())
-    simulation = None if found.simulation is None else (found.simulation[0].rms, found.simulation[1].rms)
+    simulation = (
+        None if found.simulation is None else (found.simulation[0].rms, found.simulation[1].rms)
+    )
     invisible: dict[str, list[int]] = {}
     for (name, where), share in search.visibility.items():
         if share < HIDDEN:
@@ -148,7 +156,11 @@ def fit_formulas(analysis: GapAnalysis, progress: Progress = SILENT) -> GapAnaly
     """Return an analysis with what is left of its joints put into words."""
     search = analysis.search
     # Why not of a change: a formula of what has changed is no property of the arm.
-    wordless = () if analysis.problem.since else dict.fromkeys((*analysis.verdict.remainder, *unrepeatable(search)))
+    wordless = (
+        ()
+        if analysis.problem.since
+        else dict.fromkeys((*analysis.verdict.remainder, *unrepeatable(search)))
+    )
     formula_results, verdict = find_formulas(search, tuple(wordless), progress), analysis.verdict
     if verdict.word == "unexplained" and formula_results.formulas:
         names = analysis.problem.base.robot.joint_names
@@ -204,8 +216,14 @@ def proved(
         failing = [(one, why) for one, why in said if why.startswith(NOT_SMALLER)]
         if failing:
             failing = [min(failing, key=lambda pair: pair[0].score)]
-        failing = failing or [(one, why) for one, why in said if why] or not_new(effects, regression)
-        failing = failing or redundant_effects(search, effects) or spoiling(problem, search, effects, improvement)
+        failing = (
+            failing or [(one, why) for one, why in said if why] or not_new(effects, regression)
+        )
+        failing = (
+            failing
+            or redundant_effects(search, effects)
+            or spoiling(problem, search, effects, improvement)
+        )
         simulation = None
         if not failing and simulate:
             simulation = replays(problem, search, effects, regression)
@@ -220,7 +238,9 @@ def proved(
             search = without(problem, search, one)
 
 
-def proved_by_evidence(problem: GapProblem, search: EffectSearch, *, simulate: bool = False) -> Proof:
+def proved_by_evidence(
+    problem: GapProblem, search: EffectSearch, *, simulate: bool = False
+) -> Proof:
     """Fit what the evidence named, and refuse what the one table of refusals says; the least likely goes first.
 
     Args:
@@ -237,9 +257,15 @@ def proved_by_evidence(problem: GapProblem, search: EffectSearch, *, simulate: b
         failing = []
         for one in effects:
             rest = [other for other in effects if other is not one]
-            less = held_out_improvement(problem, without(problem, search, one), rest) if len(rest) else None
+            less = (
+                held_out_improvement(problem, without(problem, search, one), rest)
+                if len(rest)
+                else None
+            )
             bare = noise_units(improvement, after=False) if less is None else noise_units(less)
-            if why := refusals.refusal(refusals.Case(search, effects, one, improvement, (whole, bare))):
+            if why := refusals.refusal(
+                refusals.Case(search, effects, one, improvement, (whole, bare))
+            ):
                 failing.append((one, why))
         if not failing:
             simulation = replays(problem, search, effects, regression) if simulate else None
@@ -255,7 +281,9 @@ def noise_units(improvement: HeldOutImprovement, *, after: bool = True) -> float
     return float(np.sqrt(np.mean((left / improvement.floor) ** 2)))
 
 
-def redundant_effects(search: EffectSearch, effects: Sequence[SelectedEffect]) -> list[tuple[SelectedEffect, str]]:
+def redundant_effects(
+    search: EffectSearch, effects: Sequence[SelectedEffect]
+) -> list[tuple[SelectedEffect, str]]:
     """Return the weakest effect that does not reduce what the others leave of held-out rows, with the reason.
 
     Why: next to a large effect anything is better than nothing; what is left of it has to become smaller.
@@ -265,11 +293,18 @@ def redundant_effects(search: EffectSearch, effects: Sequence[SelectedEffect]) -
         low, high = held_out_given_others(search, effects, one)
         if high >= 1.0:
             change = f"{100 * (low - 1):+.0f} to {100 * (high - 1):+.0f} %"
-            return [(one, f"next to the other effects it does not reduce the error on unseen data ({change})")]
+            return [
+                (
+                    one,
+                    f"next to the other effects it does not reduce the error on unseen data ({change})",
+                )
+            ]
     return []
 
 
-def not_new(effects: Sequence[SelectedEffect], regression: WhitenedRegression) -> list[tuple[SelectedEffect, str]]:
+def not_new(
+    effects: Sequence[SelectedEffect], regression: WhitenedRegression
+) -> list[tuple[SelectedEffect, str]]:
     """Return effects that explain old and new logs as well when they were always there, with the reason."""
     if all(s.is_new for s in regression.segments):
         return []
@@ -278,17 +313,27 @@ def not_new(effects: Sequence[SelectedEffect], regression: WhitenedRegression) -
     for k, one in enumerate(columns):
         lead, spread = lead_over_always(regression, columns, k)
         if lead < max(EQUAL, SURE * spread):
-            found.append((one, "it explains old and new logs equally well as an effect that was always there"))
+            found.append(
+                (
+                    one,
+                    "it explains old and new logs equally well as an effect that was always there",
+                )
+            )
     return found
 
 
 def spoiling(
-    problem: GapProblem, search: EffectSearch, effects: Sequence[SelectedEffect], improvement: HeldOutImprovement
+    problem: GapProblem,
+    search: EffectSearch,
+    effects: Sequence[SelectedEffect],
+    improvement: HeldOutImprovement,
 ) -> list[tuple[SelectedEffect, str]]:
     """Return the effect without which least is spoiled, with the reason, when a joint's held-out error has grown."""
     # Why more where none of them acts: a joint's error moves with the parameters that it shares.
     own = {j for one in effects for j in one.effect.rows(one.joints, len(improvement.before))}
-    strict = range(len(improvement.before)) if problem.since else own if problem.arm is None else set()
+    strict = (
+        range(len(improvement.before)) if problem.since else own if problem.arm is None else set()
+    )
     near = [GROWN if j in strict else GROWN_ARM for j in range(len(improvement.before))]
     worse = improvement.worse(np.array(near))
     if not worse or not effects:
@@ -308,7 +353,9 @@ def spoiling(
 
 
 def spoiling_replay(
-    search: EffectSearch, effects: Sequence[SelectedEffect], simulation: tuple[Replay, Replay] | None
+    search: EffectSearch,
+    effects: Sequence[SelectedEffect],
+    simulation: tuple[Replay, Replay] | None,
 ) -> list[tuple[SelectedEffect, str]]:
     """Return the weakest effect on a joint whose simulated motion has become worse beyond noise, with the reason."""
     if simulation is None or not effects:
@@ -331,7 +378,10 @@ def spoiling_replay(
 
 
 def replays(
-    problem: GapProblem, search: EffectSearch, effects: Sequence[SelectedEffect], regression: WhitenedRegression
+    problem: GapProblem,
+    search: EffectSearch,
+    effects: Sequence[SelectedEffect],
+    regression: WhitenedRegression,
 ) -> tuple[Replay, Replay] | None:
     """Return the replay of the held-out motion before and after; None where it cannot be run.
 
@@ -348,10 +398,16 @@ def replays(
         problem = without_always_missing(problem)
         search = replace(search, problem=without_always_missing(search.problem))
         regression = fitted_with(search.problem, with_columns(effects))
-    kept = replace(problem, segments=[problem.segments[k] for k in old], train=[problem.train[k] for k in old])
+    kept = replace(
+        problem, segments=[problem.segments[k] for k in old], train=[problem.train[k] for k in old]
+    )
     try:
         before = simulate_held_out(problem, kept.regression(nuisance=False), [])
-        after = simulate_held_out(search.problem, regression, with_columns(effects)) if effects else before
+        after = (
+            simulate_held_out(search.problem, regression, with_columns(effects))
+            if effects
+            else before
+        )
     except PackageMissing:
         return None
     return None if before is None or after is None else (before, after)
@@ -372,4 +428,6 @@ def on_one_clock(logs: Sequence[ConditionedLog]) -> list[ConditionedLog]:
     ends = [s.segments[-1].t[-1] for s in logs]
     if any(later < end for later, end in zip(begin[1:], ends[:-1], strict=True)):
         return list(logs)
-    return [replace(s, segments=[replace(x, elapsed=x.t - begin[0]) for x in s.segments]) for s in logs]
+    return [
+        replace(s, segments=[replace(x, elapsed=x.t - begin[0]) for x in s.segments]) for s in logs
+    ]

@@ -46,7 +46,11 @@ def specs_of(effects: Sequence[SelectedEffect], robot: Robot) -> list[EffectSpec
             one.name,
             tuple(robot.joint_names[j] for j in one.joints or range(robot.n)),
             {name: float(f"{value:.6g}") for name, value in one.values.items()},
-            {name: float(f"{value:.2g}") for name, value in one.std_errors.items() if np.isfinite(value)},
+            {
+                name: float(f"{value:.2g}")
+                for name, value in one.std_errors.items()
+                if np.isfinite(value)
+            },
             one.effect.text if isinstance(one.effect, Formula) else None,
         )
         for one in effects
@@ -70,8 +74,12 @@ def stacked_with(
         earlier: conditioned logs of a time when the effects were not there yet.
     """
     added = with_specs(base, specs)
-    delay = sum(spec.parameters.get("delay", 0.0) for spec in specs if spec.effect == "torque_delay")
-    late = [replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs]
+    delay = sum(
+        spec.parameters.get("delay", 0.0) for spec in specs if spec.effect == "torque_delay"
+    )
+    late = [
+        replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs
+    ]
     first = model_torques(base.model, base.reduction, theta)
     made = settled([with_effects(s, added.model, first) for s in late], added)
     return added, stack_logs([*(_before(s, base, added) for s in earlier), *made], added)
@@ -108,5 +116,8 @@ def write_robot(robot: Robot, specs: Sequence[EffectSpec], path: Path) -> None:
 def new_name(robot: Robot, effects: Sequence[EffectSpec | GapEffect]) -> str:
     """Return the name of the copy, such as ``arm+stribeck2``."""
     index = {name: str(k + 1) for k, name in enumerate(robot.joint_names)}
-    parts = [s.effect + ("_".join(index[j] for j in s.joints) if len(s.joints) < robot.n else "") for s in effects]
+    parts = [
+        s.effect + ("_".join(index[j] for j in s.joints) if len(s.joints) < robot.n else "")
+        for s in effects
+    ]
     return "+".join([robot.slug, *parts])

@@ -49,18 +49,27 @@ class Candidate:
         others = {}
         for j, products in self.others.items():
             C = self.columns[j].reshape(len(products), -1)
-            more = C @ columns[j].T if j in columns else np.zeros((len(products), len(next(iter(columns.values())))))
+            more = (
+                C @ columns[j].T
+                if j in columns
+                else np.zeros((len(products), len(next(iter(columns.values())))))
+            )
             others[j] = np.concatenate([products[:, :at], more, products[:, at:]], axis=1)
         return replace(self, others=others)
 
     def without(self, first: int, last: int) -> Candidate:
         """Return the candidate without its products with some columns of T."""
-        return replace(self, others={j: np.delete(x, np.s_[first:last], axis=1) for j, x in self.others.items()})
+        return replace(
+            self,
+            others={j: np.delete(x, np.s_[first:last], axis=1) for j, x in self.others.items()},
+        )
 
     def at(self, g: int) -> tuple[dict[int, tuple[Floats, Floats]], Floats]:
         """Return products of the columns of one shape, {joint: (own, others)}, and their rms, 1 for none, (k,)."""
         count, k = self.rms.shape
-        found = {j: (own[g], self.others[j].reshape(count, k, -1)[g]) for j, own in self.own.items()}
+        found = {
+            j: (own[g], self.others[j].reshape(count, k, -1)[g]) for j, own in self.own.items()
+        }
         return found, np.where(self.rms[g] > 0, self.rms[g], 1.0)
 
     def and_also(self, other: Candidate) -> Candidate:
@@ -111,7 +120,10 @@ def candidate(
         if not flat.shape[1] or not flat.any():
             continue
         own[j] = C @ C.transpose(0, 2, 1)
-        more = [flat @ one[j].T if j in one else np.zeros((len(flat), len(next(iter(one.values()))))) for one in added]
+        more = [
+            flat @ one[j].T if j in one else np.zeros((len(flat), len(next(iter(one.values())))))
+            for one in added
+        ]
         y = (flat @ regression.joints[j].y)[:, None]
         others[j] = np.concatenate([flat @ rows.T[j], *more, flat @ rows.R[j], y], axis=1)
         if keep:
@@ -145,7 +157,10 @@ def candidates_of(
         for shape in effect.grid(rows.regression.motion, joints):
             if in_range(effect, shape):
                 groups.setdefault(len(effect.amplitudes(shape)), []).append(shape)
-        made = [candidate(rows, effect, joints, some, added, len(groups), keep=True) for some in groups.values()]
+        made = [
+            candidate(rows, effect, joints, some, added, len(groups), keep=True)
+            for some in groups.values()
+        ]
         found += [one for one in made if one.own and one.rms.any()]
     return found
 
@@ -222,7 +237,10 @@ def gains(evidence: Evidence, one: Candidate) -> Gains:
     alike = likeness(np.asarray(sum(one.own.values())))
     volume = np.linalg.slogdet(alike)[1]
     odds = np.full((len(tuning.SCALES), count), NEVER)
-    found, spread = np.zeros((len(tuning.SCALES), count, k)), np.zeros((len(tuning.SCALES), count, k, k))
+    found, spread = (
+        np.zeros((len(tuning.SCALES), count, k)),
+        np.zeros((len(tuning.SCALES), count, k, k)),
+    )
     for s, scale in enumerate(tuning.SCALES):
         size = scale * unit
         W = U * size[:, :, None] * size[:, None, :] + alike

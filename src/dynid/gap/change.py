@@ -122,7 +122,9 @@ def with_always_missing(
     """
     n, p = segments[0].W.shape[1:]
     k = len(GROUPS)
-    speed = np.maximum(np.sqrt(np.mean(np.concatenate([s.qd for s in segments]) ** 2, axis=0)), SLOWEST)
+    speed = np.maximum(
+        np.sqrt(np.mean(np.concatenate([s.qd for s in segments]) ** 2, axis=0)), SLOWEST
+    )
     shapes = []
     for s in segments:
         sign = np.stack([sign_of(s.motion, j) for j in range(n)], axis=1)
@@ -131,7 +133,9 @@ def with_always_missing(
         D[:, :, -1] *= np.abs(s.W @ theta)
         shapes.append(D)
     use = np.concatenate([s.use for s in segments])[:, :, None]
-    power = np.sum(np.where(use, np.concatenate(shapes), 0.0) ** 2, axis=0) / np.maximum(use.sum(axis=0), 1)
+    power = np.sum(np.where(use, np.concatenate(shapes), 0.0) ** 2, axis=0) / np.maximum(
+        use.sum(axis=0), 1
+    )
     scale = np.where(power > 0.0, np.sqrt(power), 1.0)
     joints, columns = np.divmod(np.arange(n * k), k)
     found = []
@@ -146,7 +150,9 @@ def with_always_missing(
         )
         found.append(replace(s, rows=rows))
     prior = np.zeros((n * k, p + n * k + 1))
-    prior[:, p:-1] = np.diag(1.0 / (level[:, None] * np.sqrt(tuning.RESIDUAL_LARGEST)[GROUPS]).ravel())
+    prior[:, p:-1] = np.diag(
+        1.0 / (level[:, None] * np.sqrt(tuning.RESIDUAL_LARGEST)[GROUPS]).ravel()
+    )
     return found, prior
 
 
@@ -174,7 +180,9 @@ def change_test(
     eras = [_Era.of(segments, train, nuisance, is_new=is_new) for is_new in (False, True)]
     old, new = (era.whole for era in eras)
     sigma = _rms([old, new], [_solved(part, np.ones(len(old.count)), known) for part in (old, new)])
-    unlike, uneven = (np.max(x, axis=0) for x in zip(*(_halves(era, sigma, known) for era in eras), strict=True))
+    unlike, uneven = (
+        np.max(x, axis=0) for x in zip(*(_halves(era, sigma, known) for era in eras), strict=True)
+    )
     harm = [_harm(era, other, sigma, known) for era, other in ((eras[0], new), (eras[1], old))]
     left, now = (era.residuals(_solved(era.whole, sigma, known)) for era in eras)
     more = np.array([_louder(a, b) for a, b in zip(now, left, strict=True)])
@@ -213,12 +221,20 @@ class _Era:
         is_new: bool,
     ) -> _Era:
         """Return the rows of the new logs, or of the old ones."""
-        own = [(s, m, c) for s, m, c in zip(segments, train, nuisance, strict=True) if s.is_new is is_new]
+        own = [
+            (s, m, c)
+            for s, m, c in zip(segments, train, nuisance, strict=True)
+            if s.is_new is is_new
+        ]
         n, p = segments[0].W.shape[1:]
         k = len(nuisance[0][0])
         W, tau, use = (
             np.concatenate([x[m] for x, m in zip(parts, (m for _, m, _ in own), strict=True)])
-            for parts in ([s.W for s, _, _ in own], [s.tau for s, _, _ in own], [s.use for s, _, _ in own])
+            for parts in (
+                [s.W for s, _, _ in own],
+                [s.tau for s, _, _ in own],
+                [s.use for s, _, _ in own],
+            )
         )
         columns, rows = [], []
         for j in range(n):
@@ -231,7 +247,9 @@ class _Era:
             np.concatenate([x[m] for x, (_, m, _) in zip(xs, own, strict=True)])
             for xs in zip(*((s.q, s.qd) for s, _, _ in own), strict=True)
         )
-        return cls(columns, rows, [np.flatnonzero(x) for x in use.T], first, q, np.abs(qd), p + n * k + 1)
+        return cls(
+            columns, rows, [np.flatnonzero(x) for x in use.T], first, q, np.abs(qd), p + n * k + 1
+        )
 
     @cached_property
     def whole(self) -> Part:
@@ -251,7 +269,9 @@ class _Era:
         """Return what [-theta, 1], (w,), leaves of the rows of each joint, and their speeds, n of (2, m)."""
         return [
             np.stack([rows @ theta[columns], self.speed[at, j]])
-            for j, (columns, rows, at) in enumerate(zip(self.columns, self.rows, self.at, strict=True))
+            for j, (columns, rows, at) in enumerate(
+                zip(self.columns, self.rows, self.at, strict=True)
+            )
         ]
 
 
@@ -282,7 +302,10 @@ def _halves(era: _Era, sigma: Floats, known: Floats) -> tuple[Floats, Floats]:
     for j in range(n):
         near, slow = (np.argsort(np.argsort(x[:, j])) < len(x) // 2 for x in (era.q, era.speed))
         growth[j] = max(growth[j], grown(near)[j], grown(slow)[j])
-        halves = [(left[j][:, first[era.at[j]]], left[j][:, ~first[era.at[j]]]) for first in (era.first, near)]
+        halves = [
+            (left[j][:, first[era.at[j]]], left[j][:, ~first[era.at[j]]])
+            for first in (era.first, near)
+        ]
         ratio[j] = max(_louder(*pair) for a, b in halves for pair in ((a, b), (b, a)))
     return growth, ratio
 
@@ -293,7 +316,8 @@ def _harm(era: _Era, other: Part, sigma: Floats, known: Floats) -> Floats:
     parts = [era.part(number == k) for k in range(PARTS)]
     rest = [era.whole - part for part in parts]
     with_other, without = (
-        _rms(parts, [_solved(one, sigma, known) for one in fitted]) for fitted in ([one + other for one in rest], rest)
+        _rms(parts, [_solved(one, sigma, known) for one in fitted])
+        for fitted in ([one + other for one in rest], rest)
     )
     return with_other / np.maximum(without, 1e-300)
 
@@ -301,7 +325,9 @@ def _harm(era: _Era, other: Part, sigma: Floats, known: Floats) -> Floats:
 def _growth(parts: Sequence[Part], sigma: Floats, known: Floats) -> Floats:
     """Return rms of one set of parameters for all parts over that of one for each, (n,)."""
     together = _rms(parts, [_solved(sum(parts[1:], parts[0]), sigma, known)] * len(parts))
-    return together / np.maximum(_rms(parts, [_solved(part, sigma, known) for part in parts]), 1e-300)
+    return together / np.maximum(
+        _rms(parts, [_solved(part, sigma, known) for part in parts]), 1e-300
+    )
 
 
 def _solved(part: Part, sigma: Floats, known: Floats) -> Floats:
@@ -310,12 +336,16 @@ def _solved(part: Part, sigma: Floats, known: Floats) -> Floats:
     gram, right = whole[:-1, :-1], whole[:-1, -1]
     size = np.sqrt(np.maximum(np.diag(gram), 0.0))
     size = np.where(size > 0, size, 1.0)
-    theta = np.linalg.solve(gram / np.outer(size, size) + OPEN * np.eye(len(size)), right / size) / size
+    theta = (
+        np.linalg.solve(gram / np.outer(size, size) + OPEN * np.eye(len(size)), right / size) / size
+    )
     return np.append(-theta, 1.0)
 
 
 def _rms(parts: Sequence[Part], theta: Sequence[Floats]) -> Floats:
     """Return the rms residual of each joint over all parts, each with its parameters, (n,)."""
-    powers = [np.einsum("a,jab,b->j", x, part.gram, x) for part, x in zip(parts, theta, strict=True)]
+    powers = [
+        np.einsum("a,jab,b->j", x, part.gram, x) for part, x in zip(parts, theta, strict=True)
+    ]
     count = np.sum([part.count for part in parts], axis=0)
     return np.asarray(np.sqrt(np.maximum(np.sum(powers, axis=0), 1e-30) / np.maximum(count, 1)))

@@ -147,7 +147,10 @@ def _suspected(regression: WhitenedRegression, problem: GapProblem) -> list[Susp
         price = _price(regression, one)
         gain = least_gain(regression, arm, one, MASSES[:1]) - price
         if gain / 2 > tuning.COUNTERBALANCE_RARE:
-            gains = (gain, *(least_gain(regression, arm, one, [mass]) - price for mass in MASSES[1:]))
+            gains = (
+                gain,
+                *(least_gain(regression, arm, one, [mass]) - price for mass in MASSES[1:]),
+            )
             suspicion = _described(regression, arm, problem.base.robot, joint, one, gains)
             if suspicion.searched or suspicion.instead_of:
                 found.append(suspicion)
@@ -155,7 +158,10 @@ def _suspected(regression: WhitenedRegression, problem: GapProblem) -> list[Susp
 
 
 def _instead(
-    bare: WhitenedRegression, problem: GapProblem, one: SelectedEffect, others: Sequence[SelectedEffect]
+    bare: WhitenedRegression,
+    problem: GapProblem,
+    one: SelectedEffect,
+    others: Sequence[SelectedEffect],
 ) -> list[Suspicion]:
     """Return the joint of an effect where a counterbalance is sure without it, and brings possible links as much.
 
@@ -166,7 +172,11 @@ def _instead(
         others: the other effects.
     """
     regression = with_selected(bare, others)
-    found = [each for each in _suspected(regression, problem) if each.joint == one.joints[0] and each.sure]
+    found = [
+        each
+        for each in _suspected(regression, problem)
+        if each.joint == one.joints[0] and each.sure
+    ]
     if not found:
         return []
     made = whitened_columns(regression, one.effect, one.joints, [one.shape])
@@ -174,13 +184,17 @@ def _instead(
     own = least_gain(regression, possible_arm(regression, problem.base), columns, MASSES[:1])
     own -= _price(regression, columns)
     return [
-        replace(each, instead=one.key, beaten=each.gain > own + EQUAL) for each in found if each.gain >= AS_GOOD * own
+        replace(each, instead=one.key, beaten=each.gain > own + EQUAL)
+        for each in found
+        if each.gain >= AS_GOOD * own
     ]
 
 
 def _price(regression: WhitenedRegression, one: EffectColumns) -> float:
     """Return what the freedom of an effect costs (BIC)."""
-    return len(next(iter(one.values()))) * float(np.log(max(1, sum(len(e) for e in regression.fit.e))))
+    return len(next(iter(one.values()))) * float(
+        np.log(max(1, sum(len(e) for e in regression.fit.e)))
+    )
 
 
 def with_rivals(analysis: GapAnalysis, rivals: Mapping[int, Key]) -> GapAnalysis:
@@ -225,7 +239,8 @@ def _described(
     k = int(np.argmax(np.abs(mass - other)))
     centres = [fit.x[bodies[k, 1:4]] / fit.x[bodies[k, 0]] for fit in (without, with_it)]
     offsets = [
-        dict(zip(fit.names, fit.x.tolist(), strict=True)).get(f"fo{joint + 1}", 0.0) for fit in (without, with_it)
+        dict(zip(fit.names, fit.x.tolist(), strict=True)).get(f"fo{joint + 1}", 0.0)
+        for fit in (without, with_it)
     ]
     friction = dict(zip(with_it.names, with_it.x.tolist(), strict=True)).get(f"fc{joint + 1}", 0.0)
     number = arm.constraints.parameters[bodies[k, 0]].number
@@ -244,7 +259,9 @@ def _described(
     )
 
 
-def _sizes(regression: WhitenedRegression, arm: PossibleArm, one: EffectColumns, fit: PhysicalParameters) -> Floats:
+def _sizes(
+    regression: WhitenedRegression, arm: PossibleArm, one: EffectColumns, fit: PhysicalParameters
+) -> Floats:
     """Return amplitudes and standard errors of a counterbalance beside possible links, (2, k) [N m].
 
     Args:
@@ -263,7 +280,9 @@ def _sizes(regression: WhitenedRegression, arm: PossibleArm, one: EffectColumns,
     return np.array([size, np.sqrt(np.diagonal(spread))])
 
 
-def _fitted(regression: WhitenedRegression, arm: PossibleArm, more: Sequence[EffectColumns]) -> PhysicalParameters:
+def _fitted(
+    regression: WhitenedRegression, arm: PossibleArm, more: Sequence[EffectColumns]
+) -> PhysicalParameters:
     """Return the best possible links jointly with further columns."""
     rows = reduced(regression, more)
     return fit_sized(rows.R @ arm.K, rows.r, arm.given)[0]

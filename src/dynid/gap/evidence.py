@@ -20,7 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.gap import tuning
-from dynid.gap.known_errors import SHARP, KnownErrors, acceleration_torques, common_columns, own_columns
+from dynid.gap.known_errors import (
+    SHARP,
+    KnownErrors,
+    acceleration_torques,
+    common_columns,
+    own_columns,
+)
 from dynid.gap.noise import RepeatPair
 from dynid.gap.rest import MISSING, rest_columns
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
@@ -105,7 +111,9 @@ def log_prior(model: JointModel, log_rms: Floats, price: float) -> tuple[float, 
     """
     spread = np.where(model.shape, tuning.SHARPER_SPREAD, tuning.REST_SPREAD)
     z = (log_rms - np.where(model.shape, 0.0, np.log(tuning.REST_USUAL))) / spread
-    active = model.missing / (1.0 + np.exp(-(log_rms - np.log(tuning.REST_ACTIVE)) / tuning.REST_EDGE))
+    active = model.missing / (
+        1.0 + np.exp(-(log_rms - np.log(tuning.REST_ACTIVE)) / tuning.REST_EDGE)
+    )
     slope = -z / spread - price * active * (1.0 - active) / tuning.REST_EDGE
     level = 0.5 * (model.level / tuning.LEVEL_SPREAD) ** 2
     return float(-0.5 * z @ z - price * active.sum() - level), slope
@@ -232,7 +240,11 @@ class Evidence:
         root, right = self.whole
         torque = sum(float(part.information[-1, -1]) for part in self.parts)
         sizes = sum(log_prior(model, model.log_rms, self.price)[0] for model in self.joints)
-        value = sum(part.log_evidence for part in self.parts) + sizes - float(np.log(np.diag(root)).sum())
+        value = (
+            sum(part.log_evidence for part in self.parts)
+            + sizes
+            - float(np.log(np.diag(root)).sum())
+        )
         # Why the determinant of what is added alone: that of the base never changes.
         _, size = np.linalg.slogdet(self.prior[self.base :, self.base :])
         return value + 0.5 * float(right @ right) - 0.5 * torque + 0.5 * float(size)
@@ -241,11 +253,16 @@ class Evidence:
         """Return the same with other joints, those that stay eliminated as they are."""
         joints = tuple(models.get(j, model) for j, model in enumerate(self.joints))
         found = replace(self, joints=joints)
-        kept = [eliminated(m, self.width) if j in models else self.parts[j] for j, m in enumerate(joints)]
+        kept = [
+            eliminated(m, self.width) if j in models else self.parts[j]
+            for j, m in enumerate(joints)
+        ]
         found.__dict__["parts"] = kept
         return found
 
-    def with_columns(self, products: Mapping[int, tuple[Floats, Floats]], precision: Floats) -> Evidence:
+    def with_columns(
+        self, products: Mapping[int, tuple[Floats, Floats]], precision: Floats
+    ) -> Evidence:
         """Return the evidence with further columns of T.
 
         Args:
@@ -259,7 +276,9 @@ class Evidence:
             joints.append(model.widened(own, others, t))
         prior = np.zeros((t + k, t + k))
         prior[:t, :t], prior[t:, t:] = self.prior, precision
-        found = replace(self, joints=tuple(joints), prior=prior, held=np.append(self.held, np.zeros(k)))
+        found = replace(
+            self, joints=tuple(joints), prior=prior, held=np.append(self.held, np.zeros(k))
+        )
         # Why: what the columns do not act on stays as it is, with zeros for them.
         order = np.r_[0:t, t + k]
         parts = []
@@ -267,7 +286,10 @@ class Evidence:
             if j in products:
                 parts.append(eliminated(model, t + k))
                 continue
-            information, towards = np.zeros((t + k + 1, t + k + 1)), np.zeros((len(part.root), t + k + 1))
+            information, towards = (
+                np.zeros((t + k + 1, t + k + 1)),
+                np.zeros((len(part.root), t + k + 1)),
+            )
             information[np.ix_(order, order)], towards[:, order] = part.information, part.towards
             parts.append(replace(part, information=information, towards=towards))
         found.__dict__["parts"] = parts
@@ -280,7 +302,9 @@ class Evidence:
         for model in self.joints:
             rows = np.r_[0:first, last : len(model.gram)]
             joints.append(replace(model, gram=model.gram[np.ix_(rows, rows)]))
-        return replace(self, joints=tuple(joints), prior=self.prior[np.ix_(kept, kept)], held=self.held[kept])
+        return replace(
+            self, joints=tuple(joints), prior=self.prior[np.ix_(kept, kept)], held=self.held[kept]
+        )
 
     def known_errors(self, first: int) -> KnownErrors:
         """Return what no effect has to explain, known errors as large as they are most likely.
@@ -302,9 +326,17 @@ class Evidence:
             part = self.parts[j]
             w = back(part.root, part.towards @ np.append(-theta, 1.0))
             # Why not all of it: what base parameters would take up is no sign of anything.
-            G = model.gram[:t, :t] + 1e-9 * np.diag(np.maximum(np.diag(model.gram)[:t], 1e-12)) + 1e-12 * np.eye(t)
+            G = (
+                model.gram[:t, :t]
+                + 1e-9 * np.diag(np.maximum(np.diag(model.gram)[:t], 1e-12))
+                + 1e-12 * np.eye(t)
+            )
             root = lower_root(G)
-            columns = {name: np.arange(part.start, part.stop) for name, part in model.kinds if name in MISSING}
+            columns = {
+                name: np.arange(part.start, part.stop)
+                for name, part in model.kinds
+                if name in MISSING
+            }
             columns["all"] = np.concatenate([np.zeros(0, dtype=int), *columns.values()])
             sizes = {}
             for name, at in columns.items():
@@ -316,7 +348,10 @@ class Evidence:
             bare = replace(model, log_rms=none)
             odds[j] = self.log_evidence - self.replaced({j: bare}).log_evidence
             # Why without: the prior of sizes is no evidence for one.
-            odds[j] += log_prior(bare, none, self.price)[0] - log_prior(model, model.log_rms, self.price)[0]
+            odds[j] += (
+                log_prior(bare, none, self.price)[0]
+                - log_prior(model, model.log_rms, self.price)[0]
+            )
         return Rest(odds, tuple(found), np.array([model.level for model in self.joints]))
 
     # ------------------------------------------------------------ sizes
@@ -339,10 +374,14 @@ class Evidence:
         """Return information on R of one joint beside all that is common, (r, r), and its right side, (r,)."""
         model, t = self.joints[j], self.width
         b, r = float(np.exp(model.level)), len(model.gram) - 1 - t
-        others = np.zeros((t + 1, t + 1)) + sum(part.information for i, part in enumerate(self.parts) if i != j)
+        others = np.zeros((t + 1, t + 1)) + sum(
+            part.information for i, part in enumerate(self.parts) if i != j
+        )
         G = b * model.gram
         root = lower_root(np.asarray(G[:t, :t] + others[:-1, :-1] + self.prior))
-        Z = forward(root, np.column_stack([G[:t, t : t + r], G[:t, -1] + others[:-1, -1] + self.held]))
+        Z = forward(
+            root, np.column_stack([G[:t, t : t + r], G[:t, -1] + others[:-1, -1] + self.held])
+        )
         X = Z[:, :-1]
         return G[t : t + r, t : t + r] - X.T @ X, G[t : t + r, -1] - X.T @ Z[:, -1]
 
@@ -359,7 +398,14 @@ class Evidence:
             return -value - prior, -slope - more
 
         runs = [
-            minimize(cost, start, jac=True, method="L-BFGS-B", bounds=[LOG_RMS] * len(none), options={"maxiter": STEPS})
+            minimize(
+                cost,
+                start,
+                jac=True,
+                method="L-BFGS-B",
+                bounds=[LOG_RMS] * len(none),
+                options={"maxiter": STEPS},
+            )
             for start in (model.log_rms, none)
         ]
         best = min(runs, key=lambda run: float(run.fun))
@@ -378,7 +424,11 @@ class Evidence:
         inverse = forward(part.root, np.eye(len(lam)))
         moved = forward(root, back(part.root, part.towards[:, :-1]).T)
         used = float(np.trace(forward(root, forward(root, part.information[:-1, :-1]).T)))
-        used += len(lam) - float(lam @ np.sum(inverse**2, axis=0)) - float(lam @ np.sum(moved**2, axis=0))
+        used += (
+            len(lam)
+            - float(lam @ np.sum(inverse**2, axis=0))
+            - float(lam @ np.sum(moved**2, axis=0))
+        )
         spread = tuning.LEVEL_SPREAD**2
         level = model.level
         for _ in range(5):
@@ -428,7 +478,9 @@ class EvidenceRows:
     T: list[Floats]
     R: list[Floats]
 
-    def products(self, columns: EffectColumns, more: Sequence[EffectColumns] = ()) -> dict[int, tuple[Floats, Floats]]:
+    def products(
+        self, columns: EffectColumns, more: Sequence[EffectColumns] = ()
+    ) -> dict[int, tuple[Floats, Floats]]:
         """Return products of further columns with themselves and with [T, R, torque], by joint.
 
         Args:
@@ -463,7 +515,9 @@ def evidence_of(
     T, R, models = [], [], []
     for j, rows in enumerate(regression.joints):
         T.append(np.column_stack([rows.A, regression.whiten(j, [x[:, j] for x in common]).T]))
-        errors = regression.whiten(j, [own_columns(s, j, x) for s, x in zip(segments, torques, strict=True)])
+        errors = regression.whiten(
+            j, [own_columns(s, j, x) for s, x in zip(segments, torques, strict=True)]
+        )
         parts, kinds, at = [errors], [], len(errors)
         if errors[:SHARP].any():
             kinds.append((SHAPE, slice(0, SHARP)))

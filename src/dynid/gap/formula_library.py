@@ -16,8 +16,13 @@ HARMONICS = 4
 PLAIN, CURVED, HARMONIC, NEIGHBOUR, SUM, CLIPPED = 1.0, 1.1, 0.2, 0.5, 1.0, 1.0
 #: Factors of speed and acceleration, and what each costs; {} is the number of the joint.
 MOTIONS = {
-    "qd{}": PLAIN, "|qd{}|": PLAIN, "sign(qd{})": PLAIN, "qd{}^2": CURVED, "qd{0} |qd{0}|": CURVED, "qdd{}": PLAIN,
-}  # fmt: skip
+    "qd{}": PLAIN,
+    "|qd{}|": PLAIN,
+    "sign(qd{})": PLAIN,
+    "qd{}^2": CURVED,
+    "qd{0} |qd{0}|": CURVED,
+    "qdd{}": PLAIN,
+}
 
 
 @dataclass(frozen=True)
@@ -81,7 +86,9 @@ def library_of(joint: int, n: int, revolute: Sequence[bool], loads: Sequence[flo
         more = 0.0 if k == own else NEIGHBOUR
         if revolute[k - 1]:
             for h in range(1, HARMONICS + 1):
-                places.append(Factor(waves(f"{_times(h)}q{k}"), PLAIN + (h - 1) * HARMONIC + more, k, "angle"))
+                places.append(
+                    Factor(waves(f"{_times(h)}q{k}"), PLAIN + (h - 1) * HARMONIC + more, k, "angle")
+                )
         else:
             places.append(Factor((f"q{k}",), PLAIN + more, k, "angle"))
         places.append(Factor((f"tau{k}",), PLAIN + more, k, "load"))
@@ -92,11 +99,17 @@ def library_of(joint: int, n: int, revolute: Sequence[bool], loads: Sequence[flo
             for h, sign in product(range(1, HARMONICS + 1), "+-"):
                 angle = f"{_times(h)}q{own} {sign} {_times(h)}q{k}"
                 places.append(Factor(waves(angle), PLAIN + SUM + (h - 1) * HARMONIC, 0, "sum"))
-    places += [Factor((f"clip(tau{own}, {level:.3g})",), PLAIN + CLIPPED, own, "clip") for level in loads if level > 0]
+    places += [
+        Factor((f"clip(tau{own}, {level:.3g})",), PLAIN + CLIPPED, own, "clip")
+        for level in loads
+        if level > 0
+    ]
     motions = [Factor((), 0.0, 0, "one")]
     for k in near:
         more = 0.0 if k == own else NEIGHBOUR
-        motions += [Factor((text.format(k),), cost + more, k, "motion") for text, cost in MOTIONS.items()]
+        motions += [
+            Factor((text.format(k),), cost + more, k, "motion") for text, cost in MOTIONS.items()
+        ]
     motions.append(Factor(("t",), PLAIN, 0, "time"))
     return Library(tuple(places), tuple(motions))
 

@@ -35,10 +35,14 @@ class FactorRows:
         load = np.concatenate([np.abs(s.motion.rigid[:, joint]) for s in regression.segments])
         levels = np.quantile(load, [0.25, 0.5, 0.75])
         self.library = library_of(joint, self.robot.n, self.revolute, levels.tolist())
-        texts = sorted({text for one in (*self.library.places, *self.library.motions) for text in one.texts})
+        texts = sorted(
+            {text for one in (*self.library.places, *self.library.motions) for text in one.texts}
+        )
         made = [self.formula([text]) for text in texts]
         parts = [np.ones((1, sum(len(s) for s in regression.segments)))]
-        parts.append(np.concatenate([_filtered(s, made, joint) for s in regression.segments], axis=1))
+        parts.append(
+            np.concatenate([_filtered(s, made, joint) for s in regression.segments], axis=1)
+        )
         # Why the smallest type: products are only sorted by it, and there are millions of values.
         self.values: NDArray[np.float32] = np.concatenate(parts).astype(np.float32)
         self.place = {text: k for k, text in enumerate(texts, start=1)}
@@ -54,20 +58,26 @@ class FactorRows:
         """Return the whitened columns of terms, made before the filter, (k, M); each is made once."""
         new = [term for term in terms if term not in self._made]
         if new:
-            columns = whitened_columns(regression, self.formula(new), (self.joint,), [{}])[self.joint][0]
+            columns = whitened_columns(regression, self.formula(new), (self.joint,), [{}])[
+                self.joint
+            ][0]
             self._made |= zip(new, columns, strict=True)
         return np.array([self._made[term] for term in terms])
 
     def screen(self, regression: WhitenedRegression) -> None:
         """Keep the products that explain most of a part of the rows."""
-        self.kept = [self.kept[k] for k in np.argsort(-self.gains(regression, self.kept, THIN))[:BEST]]
+        self.kept = [
+            self.kept[k] for k in np.argsort(-self.gains(regression, self.kept, THIN))[:BEST]
+        ]
 
     def best(self, regression: WhitenedRegression, count: int) -> list[tuple[Factor, ...]]:
         """Return the products that explain most, the best first."""
         gains = self.gains(regression, self.kept)
         return [self.kept[k] for k in np.argsort(-gains)[:count] if gains[k] > 0]
 
-    def gains(self, regression: WhitenedRegression, products: Sequence[tuple[Factor, ...]], thin: int = 1) -> Floats:
+    def gains(
+        self, regression: WhitenedRegression, products: Sequence[tuple[Factor, ...]], thin: int = 1
+    ) -> Floats:
         """Return about how much each product explains, less what its freedom costs, (P,).
 
         Args:

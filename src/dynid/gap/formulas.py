@@ -149,7 +149,9 @@ class Candidate:
     @cached_property
     def gains(self) -> Floats:
         """Gain in each block, (B,)."""
-        found: Floats = 2 * self.right @ self.beta - np.einsum("k,bkl,l->b", self.beta, self.gram, self.beta)
+        found: Floats = 2 * self.right @ self.beta - np.einsum(
+            "k,bkl,l->b", self.beta, self.gram, self.beta
+        )
         return found
 
     @property
@@ -166,10 +168,14 @@ class Candidate:
         """Return some of its columns as a candidate."""
         k = list(chosen)
         gram = self.gram[:, k][:, :, k]
-        return Candidate(tuple(self.terms[i] for i in k), cost, self.columns[k], gram, self.right[:, k])
+        return Candidate(
+            tuple(self.terms[i] for i in k), cost, self.columns[k], gram, self.right[:, k]
+        )
 
 
-def find_formulas(search: EffectSearch, joints: Sequence[int], progress: Progress = SILENT) -> FormulaResults:
+def find_formulas(
+    search: EffectSearch, joints: Sequence[int], progress: Progress = SILENT
+) -> FormulaResults:
     """Put what is left of joints into words.
 
     Args:
@@ -187,7 +193,11 @@ def find_formulas(search: EffectSearch, joints: Sequence[int], progress: Progres
         if formula is None:
             clues.append(_clue(search, j, why))
         else:
-            proofs.append(held_out_effect(search.problem, [*search.selected, *found], formula, formula.joints[0]))
+            proofs.append(
+                held_out_effect(
+                    search.problem, [*search.selected, *found], formula, formula.joints[0]
+                )
+            )
             found.append(formula)
     return FormulaResults(tuple(found), tuple(proofs), tuple(clues))
 
@@ -214,11 +224,15 @@ def _formula_of(
         # Why again: without the formula the links took up part of it, and loads were those of wrong links.
         theta = extended.fit.theta[: problem.base.reduction.rank]
     share = 1 - (after - 1) / (before - 1)
-    why = _weak_evidence(formula, share, stable, rows.columns) or _unproved(problem, effects, formula, joint)
+    why = _weak_evidence(formula, share, stable, rows.columns) or _unproved(
+        problem, effects, formula, joint
+    )
     return (None, f"{formula_text(terms)}: {why}") if why else (formula, "")
 
 
-def _growing(search: EffectSearch, joint: int, others: Sequence[SelectedEffect]) -> tuple[SelectedEffect | None, str]:
+def _growing(
+    search: EffectSearch, joint: int, others: Sequence[SelectedEffect]
+) -> tuple[SelectedEffect | None, str]:
     """Return the formula of a joint whose repeats differ, or why there is none.
 
     What grows with time is all that a repeat does not repeat and a formula can say, and it has to explain most of that.
@@ -226,13 +240,20 @@ def _growing(search: EffectSearch, joint: int, others: Sequence[SelectedEffect])
     """
     problem, effects = search.problem, [*search.selected, *others]
     residuals = residuals_of_fit(problem, with_selected(problem.regression(), effects), effects)
-    noise = problem.noise.with_joint(joint, measure_noise(problem.segments, residuals, (), problem.train))
-    formula, why = _formula_of(replace(search, problem=replace(problem, noise=noise)), joint, others)
+    noise = problem.noise.with_joint(
+        joint, measure_noise(problem.segments, residuals, (), problem.train)
+    )
+    formula, why = _formula_of(
+        replace(search, problem=replace(problem, noise=noise)), joint, others
+    )
     if formula is None or not isinstance(formula.effect, Formula):
         return None, f"{why}; {STRAY}" if why else STRAY
     regression = with_selected(problem.regression(), [*effects, formula])
     left = residuals_of_fit(problem, regression, [*effects, formula])
-    ratio = measure_noise(problem.segments, left, problem.repeats, problem.train).floor / problem.noise.floor
+    ratio = (
+        measure_noise(problem.segments, left, problem.repeats, problem.train).floor
+        / problem.noise.floor
+    )
     if ratio[joint] ** 2 > 1 - SHARE or "t" not in formula.effect.text.split():
         return None, f"{formula.effect.text}: {STRAY}"
     return formula, ""
@@ -272,7 +293,11 @@ def short_formula(regression: WhitenedRegression, rows: FactorRows) -> tuple[lis
         excess = float(regression.reduced_chi_square()[joint]) - 1
         if excess < NEGLIGIBLE:
             break
-        exact = [one for one in leading(regression, rows, terms) if len(terms) + len(one.terms) <= LONGEST]
+        exact = [
+            one
+            for one in leading(regression, rows, terms)
+            if len(terms) + len(one.terms) <= LONGEST
+        ]
         best = max(exact, key=lambda one: one.score, default=None)
         if best is None or best.score <= 2 * np.log(rows.columns):
             break
@@ -293,7 +318,9 @@ def _columns(regression: WhitenedRegression, joint: int, formula: Formula) -> Fl
     return columns
 
 
-def leading(regression: WhitenedRegression, rows: FactorRows, taken: Sequence[str] = ()) -> list[Candidate]:
+def leading(
+    regression: WhitenedRegression, rows: FactorRows, taken: Sequence[str] = ()
+) -> list[Candidate]:
     """Return the leading products, evaluated before the filter: single columns, pairs, and all of a product.
 
     Args:
@@ -320,8 +347,12 @@ def leading(regression: WhitenedRegression, rows: FactorRows, taken: Sequence[st
         gram = np.add.reduceat(np.einsum("km,lm->mkl", C, C), starts)
         right = np.add.reduceat((C * e).T, starts)
         whole = Candidate(tuple(terms), cost_of(factors, len(terms)), C, gram, right)
-        sets = [[k] for k in range(len(terms))] + [[k, m] for k in range(len(terms)) for m in range(k)]
-        found += [whole.only(one, cost_of(factors, len(one))) for one in sets if len(one) < len(terms)]
+        sets = [[k] for k in range(len(terms))] + [
+            [k, m] for k in range(len(terms)) for m in range(k)
+        ]
+        found += [
+            whole.only(one, cost_of(factors, len(one))) for one in sets if len(one) < len(terms)
+        ]
         found.append(whole)
     return found
 
@@ -361,18 +392,24 @@ def _gains_in(one: Candidate, draws: Floats) -> Floats:
     right = draws @ one.right
     size = np.sqrt(np.maximum(np.diagonal(gram, axis1=1, axis2=2), 1e-300))
     scaled = gram / (size[:, :, None] * size[:, None, :]) + 1e-6 * np.eye(gram.shape[1])
-    gains: Floats = np.einsum("dk,dk->d", right / size, np.linalg.solve(scaled, (right / size)[..., None])[..., 0])
+    gains: Floats = np.einsum(
+        "dk,dk->d", right / size, np.linalg.solve(scaled, (right / size)[..., None])[..., 0]
+    )
     return gains
 
 
 def _solved(gram: Floats, right: Floats) -> Floats:
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    found: Floats = np.linalg.solve(gram / np.outer(size, size) + 1e-6 * np.eye(len(size)), right / size) / size
+    found: Floats = (
+        np.linalg.solve(gram / np.outer(size, size) + 1e-6 * np.eye(len(size)), right / size) / size
+    )
     return found
 
 
 # ---------------------------------------------------------------- proof
-def fitted_formula(problem: GapProblem, others: Sequence[SelectedEffect], text: str, joint: int) -> SelectedEffect:
+def fitted_formula(
+    problem: GapProblem, others: Sequence[SelectedEffect], text: str, joint: int
+) -> SelectedEffect:
     """Return a formula with its numbers, fitted jointly with the model and other effects without what is not judged."""
     revolute = [one.revolute for one in problem.base.robot.joints]
     formula = Formula(text, revolute, joint)
@@ -381,15 +418,21 @@ def fitted_formula(problem: GapProblem, others: Sequence[SelectedEffect], text: 
         extended = with_selected(regression, others)
         columns = {joint: _columns(extended, joint, formula)}
         whole = extended.with_effects([*extended.effects, columns])
-        regression = problem.regression(whole.fit.theta[: problem.base.reduction.rank], nuisance=False)
+        regression = problem.regression(
+            whole.fit.theta[: problem.base.reduction.rank], nuisance=False
+        )
     test = significance_test(extended, columns)
     names = list(formula.amplitudes({}))
     values = dict(zip(names, whole.amplitudes[-len(names) :].tolist(), strict=True))
-    errors = dict(zip(names, np.sqrt(np.maximum(np.diag(test.covariance), 0.0)).tolist(), strict=True))
+    errors = dict(
+        zip(names, np.sqrt(np.maximum(np.diag(test.covariance), 0.0)).tolist(), strict=True)
+    )
     return SelectedEffect(formula, (joint,), {}, test, float(test.gains.sum()), (), values, errors)
 
 
-def _unproved(problem: GapProblem, others: Sequence[SelectedEffect], formula: SelectedEffect, joint: int) -> str:
+def _unproved(
+    problem: GapProblem, others: Sequence[SelectedEffect], formula: SelectedEffect, joint: int
+) -> str:
     """Return why a formula is not believed on rows that were not fitted, or nothing."""
     before = held_out_squares(problem, others)
     after = held_out_squares(problem, [*others, formula])
@@ -409,7 +452,9 @@ def held_out_squares(problem: GapProblem, selected: Sequence[SelectedEffect]) ->
     found = []
     for j in range(e.shape[1]):
         _, at = np.unique(blocks[use[:, j]], return_inverse=True)
-        found.append(np.array([np.bincount(at, e[use[:, j], j] ** 2), np.bincount(at)], dtype=np.float64))
+        found.append(
+            np.array([np.bincount(at, e[use[:, j], j] ** 2), np.bincount(at)], dtype=np.float64)
+        )
     return found
 
 
@@ -444,14 +489,23 @@ def held_out_effect(
     if isinstance(one.effect, Formula) and shares[follows] < FOLLOWS_ONE:
         follows = f"torque that the formula says [{robot.joints[joint].torque_unit}]"
         quantities[follows] = torque
-    return HeldOutEffect(t[use], residual[:, joint][use], torque, left[:, joint][use], quantities[follows], follows)
+    return HeldOutEffect(
+        t[use], residual[:, joint][use], torque, left[:, joint][use], quantities[follows], follows
+    )
 
 
 def _follows(x: Floats, y: Floats) -> float:
     """Return the share of the variance of y, (M,), that lies between bins of equal count over x, (M,)."""
     parts = np.array_split(y[np.argsort(x, kind="stable")], BINS)
-    means, counts = np.array([part.mean() for part in parts if len(part)]), [len(part) for part in parts if len(part)]
-    return float(np.average((means - y.mean()) ** 2, weights=counts) / max(float(y.var()), 1e-30)) if len(y) else 0.0
+    means, counts = (
+        np.array([part.mean() for part in parts if len(part)]),
+        [len(part) for part in parts if len(part)],
+    )
+    return (
+        float(np.average((means - y.mean()) ** 2, weights=counts) / max(float(y.var()), 1e-30))
+        if len(y)
+        else 0.0
+    )
 
 
 def _held_out(
@@ -487,7 +541,11 @@ def _ratio(before: Floats, after: Floats) -> tuple[float, float, float]:
 # ---------------------------------------------------------------- what is known all the same
 def clue_text(clue: Clue, names: Sequence[str]) -> str:
     """Return what is known of a joint, in words."""
-    repeats = "" if clue.repeats is None else f"{100 * clue.repeats:.0f} % of the rest repeats with the motion; "
+    repeats = (
+        ""
+        if clue.repeats is None
+        else f"{100 * clue.repeats:.0f} % of the rest repeats with the motion; "
+    )
     near = f"; closest formula {clue.near}" if clue.near else ""
     follows = f"it depends most on {clue.signal} ({100 * clue.share:.0f} % of its power)"
     follows = follows if clue.share > FOLLOWED else "it depends on no single signal"
@@ -514,9 +572,9 @@ def _clue(search: EffectSearch, joint: int, why: str) -> Clue:
     near = [k for k in (joint, joint - 1, joint + 1) if 0 <= k < len(regression.joints)]
     for k in near:
         for name, part in (("q", "q"), ("qd", "qd"), ("tau", "tau")):
-            signals[f"{name}{k + 1}"] = np.concatenate([getattr(s, part)[:, k] for s in regression.segments])[
-                rows.index
-            ]
+            signals[f"{name}{k + 1}"] = np.concatenate(
+                [getattr(s, part)[:, k] for s in regression.segments]
+            )[rows.index]
     shares = {name: _followed(values, e, rows.block) for name, values in signals.items()}
     best = max(shares, key=lambda name: shares[name])
     power = float(np.mean(e**2))

@@ -48,14 +48,22 @@ def simulate_held_out(
         return None
     p = base.reduction.rank
     theta = nearest_possible(base, regression.fit.theta[:p], regression.fit.inverse[:p, :p])
-    carried = [one for one in selected if one.name == "payload" and base.robot.n in body_columns(base.model.parameters)]
+    carried = [
+        one
+        for one in selected
+        if one.name == "payload" and base.robot.n in body_columns(base.model.parameters)
+    ]
     theta = theta + sum((load_parameters(base, one) for one in carried), np.zeros(p))
     segment = rows.log.segments[0]
     first, last = rows.t[problem.held[k]][[0, -1]]
     part = slice(*np.searchsorted(segment.elapsed, [first, last]).tolist())
-    motion = arm_motion(segment, rows.log.filter, base.model, model_torques(base.model, base.reduction, theta))
+    motion = arm_motion(
+        segment, rows.log.filter, base.model, model_torques(base.model, base.reduction, theta)
+    )
     # Why along the measured motion: states such as a bristle's need the path, and the windows stay close to it.
-    extra = own_effects(base, theta, motion) + effect_torque(motion, selected, regression.amplitudes).T
+    extra = (
+        own_effects(base, theta, motion) + effect_torque(motion, selected, regression.amplitudes).T
+    )
     # Why not as a torque: what is carried moves with the arm, which is lighter without it and follows noise further.
     extra -= effect_torque(
         motion, carried, np.array([one.values[name] for one in carried for name in one.amplitudes])
@@ -106,7 +114,9 @@ def own_effects(base: BaseModel, theta: Floats, motion: ArmMotion) -> Floats:
     observer, torque = base.model.observer(base.reduction.base), np.zeros((len(motion), motion.n))
     first = len(observer.rows) - len(observer.added_entries)
     entries = base.model.added_entries(motion)[observer.added_entries]
-    for joint, column, entry in zip(observer.rows[first:], observer.cols[first:], entries, strict=True):
+    for joint, column, entry in zip(
+        observer.rows[first:], observer.cols[first:], entries, strict=True
+    ):
         torque[:, joint] += theta[column] * entry
     return torque
 
@@ -117,7 +127,9 @@ def least_inertia(base: BaseModel, theta: Floats, q: Floats) -> float:
     return float(np.linalg.eigvalsh(_dynamics(base, theta)(q, still)[1]).min())
 
 
-def acceleration_of(base: BaseModel, theta: Floats) -> Callable[[Floats, Floats, Floats, Floats], Floats]:
+def acceleration_of(
+    base: BaseModel, theta: Floats
+) -> Callable[[Floats, Floats, Floats, Floats], Floats]:
     """Return the forward dynamics of base parameters: times, positions, velocities, torques -> accelerations, (B, n).
 
     Args:
@@ -139,7 +151,9 @@ def _dynamics(base: BaseModel, theta: Floats) -> Callable[[Floats, Floats], tupl
     unit = np.concatenate([np.zeros((1, n)), np.eye(n)])
 
     def dynamics(q: Floats, qd: Floats) -> tuple[Floats, Floats]:
-        still = reference.total(np.repeat(q, n + 1, axis=0), np.repeat(qd, n + 1, axis=0), np.tile(unit, (len(q), 1)))
+        still = reference.total(
+            np.repeat(q, n + 1, axis=0), np.repeat(qd, n + 1, axis=0), np.tile(unit, (len(q), 1))
+        )
         torque = still.reshape(len(q), n + 1, n)
         M = torque[:, 1:] - torque[:, :1]
         return torque[:, 0], 0.5 * (M + M.transpose(0, 2, 1))

@@ -46,7 +46,9 @@ def reversal_width(robot: Robot, error: Floats) -> Floats:
         robot: the arm, with the shape of its Coulomb sign.
         error: of the velocities, (n,) [rad/s or m/s].
     """
-    least = np.array([tuning.SLOW_RAD if joint.revolute else tuning.SLOW_M for joint in robot.joints])
+    least = np.array(
+        [tuning.SLOW_RAD if joint.revolute else tuning.SLOW_M for joint in robot.joints]
+    )
     return np.asarray(np.hypot(np.maximum(robot.coulomb_shape.velocity, least), error))
 
 
@@ -58,7 +60,9 @@ def coulomb_sizes(base: BaseModel, theta: Floats) -> Floats:
     return np.array([0.0 if k is None else abs(float(theta[k])) for k in places])
 
 
-def with_reversals(segments: Sequence[SegmentRows], base: BaseModel, theta: Floats) -> list[SegmentRows]:
+def with_reversals(
+    segments: Sequence[SegmentRows], base: BaseModel, theta: Floats
+) -> list[SegmentRows]:
     """Return segments that know how large friction is, and within which speed its reversals are not known.
 
     Args:
@@ -79,7 +83,11 @@ def reversal_columns(segment: SegmentRows, joint: int) -> Floats:
         segment: rows.
         joint: 0-based.
     """
-    qd, sign, w = segment.motion.qd[:, joint], sign_of(segment.motion, joint), segment.reversal[joint]
+    qd, sign, w = (
+        segment.motion.qd[:, joint],
+        sign_of(segment.motion, joint),
+        segment.reversal[joint],
+    )
     sharp = np.tanh(qd / (0.25 * w))
     columns = [
         tuning.SHARPER * (sharp - sign),
@@ -125,7 +133,11 @@ def common_columns(segment: SegmentRows, torques: Floats) -> Floats:
     """
     motion, n = segment.motion, segment.motion.n
     step = float(np.median(np.diff(motion.t)))
-    skew = tuning.SKEW_PERIODS / segment.log.filter.rate * np.gradient(motion.total, motion.t, axis=0).T
+    skew = (
+        tuning.SKEW_PERIODS
+        / segment.log.filter.rate
+        * np.gradient(motion.total, motion.t, axis=0).T
+    )
     fast = [tuning.DROOP * without_slow(torques, width / step) for width in tuning.DROOP_WIDTHS_S]
     raw = np.concatenate([skew[None], *fast])
     return segment.filtered(raw.reshape(-1, len(motion))).reshape(len(raw), n, -1)

@@ -42,7 +42,9 @@ def late_torques(problem: GapProblem) -> SelectedEffect | None:
     if bare.prior is not None:
         right = right + (bare.prior[:, :-1].T @ bare.prior[:, -1])[:, None]
     theta = bare.fit.root @ (bare.fit.root.T @ right)
-    squares = [np.square(y - (rows.A @ theta).T) for rows, y in zip(bare.joints, moved, strict=True)]
+    squares = [
+        np.square(y - (rows.A @ theta).T) for rows, y in zip(bare.joints, moved, strict=True)
+    ]
     left = np.sum([x.sum(axis=1) for x in squares], axis=0)
     best, still = int(np.argmin(left)), len(TRIED) // 2
     if left[best] >= left[still]:
@@ -58,11 +60,18 @@ def late_torques(problem: GapProblem) -> SelectedEffect | None:
         delay = float(np.clip(delay + near.amplitudes[0], -LONGEST_DELAY, LONGEST_DELAY))
     assert near is not None
     gains = _by_block(bare, lost)
-    visible = [np.sqrt(c * max(float(x.mean()), 0.0)) for c, x in zip(problem.noise.count, lost, strict=True)]
+    visible = [
+        np.sqrt(c * max(float(x.mean()), 0.0))
+        for c, x in zip(problem.noise.count, lost, strict=True)
+    ]
     test = replace(
         near,
         amplitudes=np.array([delay]),
-        p_value=float(special.fdtrc(1, max(len(gains) - 1, 1), delay**2 / max(float(near.covariance[0, 0]), 1e-300))),
+        p_value=float(
+            special.fdtrc(
+                1, max(len(gains) - 1, 1), delay**2 / max(float(near.covariance[0, 0]), 1e-300)
+            )
+        ),
         visible_rms=float(max(visible)),
         joint=int(np.argmax(visible)),
         gains=gains,
@@ -77,13 +86,16 @@ def _delay_test(regression: WhitenedRegression, delay: float, step: float) -> Si
     rows = zip(regression.joints, moved, strict=True)
     there = replace(regression, joints=tuple(replace(each, y=y[1]) for each, y in rows))
     slopes = [(y[:1] - y[2:]) / (2 * step) for y in moved]
-    return significance_test(there, {each.joint: x for each, x in zip(regression.joints, slopes, strict=True)})
+    return significance_test(
+        there, {each.joint: x for each, x in zip(regression.joints, slopes, strict=True)}
+    )
 
 
 def _inside(regression: WhitenedRegression) -> WhitenedRegression:
     """Return the rows that have a torque at every delay that is tried; those of earlier logs stay as they are."""
     inside = [
-        (s.t >= s.t[0] + LONGEST_DELAY) & (s.t <= s.t[-1] - LONGEST_DELAY) | (not s.is_new) for s in regression.segments
+        (s.t >= s.t[0] + LONGEST_DELAY) & (s.t <= s.t[-1] - LONGEST_DELAY) | (not s.is_new)
+        for s in regression.segments
     ]
     every, joints = np.concatenate(inside), []
     for rows in regression.joints:
@@ -109,10 +121,15 @@ def _moved(regression: WhitenedRegression, delays: Floats) -> list[Floats]:
     for s in regression.segments:
         wanted = np.clip(s.t + (delays if s.is_new else 0.0 * delays)[:, None], s.t[0], s.t[-1])
         torques.append(np.asarray(CubicSpline(s.t, s.tau, axis=0)(wanted)))
-    return [regression.whiten(rows.joint, [tau[:, :, rows.joint] for tau in torques]) for rows in regression.joints]
+    return [
+        regression.whiten(rows.joint, [tau[:, :, rows.joint] for tau in torques])
+        for rows in regression.joints
+    ]
 
 
 def _by_block(regression: WhitenedRegression, values: list[Floats]) -> Floats:
     """Return sums of values of the rows of each joint over blocks of time, (B,)."""
-    names, index = np.unique(np.concatenate([rows.block for rows in regression.joints]), return_inverse=True)
+    names, index = np.unique(
+        np.concatenate([rows.block for rows in regression.joints]), return_inverse=True
+    )
     return np.asarray(np.bincount(index, np.concatenate(values), len(names)), dtype=np.float64)

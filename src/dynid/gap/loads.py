@@ -24,7 +24,9 @@ def named_load(analysis: GapAnalysis) -> SelectedEffect | None:
     return next((one for one in analysis.verdict.named if one.name == "payload"), None)
 
 
-def with_reestimated_payload(analysis: GapAnalysis, load: SelectedEffect, found: IdentifiedPayload) -> GapAnalysis:
+def with_reestimated_payload(
+    analysis: GapAnalysis, load: SelectedEffect, found: IdentifiedPayload
+) -> GapAnalysis:
     """Return an analysis whose load has other numbers.
 
     Args:
@@ -38,8 +40,10 @@ def with_reestimated_payload(analysis: GapAnalysis, load: SelectedEffect, found:
     new = replace(
         load,
         shape=load.shape | {"form": float(form)},
-        values=dict(zip(BODY_PARAMETERS[:form], values.tolist(), strict=False)) | {"form": float(form)},
-        std_errors=load.std_errors | dict(zip(BODY_PARAMETERS[:form], errors.tolist(), strict=False)),
+        values=dict(zip(BODY_PARAMETERS[:form], values.tolist(), strict=False))
+        | {"form": float(form)},
+        std_errors=load.std_errors
+        | dict(zip(BODY_PARAMETERS[:form], errors.tolist(), strict=False)),
     )
 
     def others(effects: tuple[SelectedEffect, ...]) -> tuple[SelectedEffect, ...]:

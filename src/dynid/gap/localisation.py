@@ -22,9 +22,13 @@ REVERSAL = 0.15
 
 #: How a region of each kind is told.
 PHRASES = {
-    "speed": "when {}", "position": "at the {} of its travel", "load": "at {} load", "time": "{} in the recording",
-    "direction": "when moving {}", "reversal": "{}",
-}  # fmt: skip
+    "speed": "when {}",
+    "position": "at the {} of its travel",
+    "load": "at {} load",
+    "time": "{} in the recording",
+    "direction": "when moving {}",
+    "reversal": "{}",
+}
 
 
 @dataclass(frozen=True)
@@ -66,19 +70,35 @@ class JointGap:
 def localise_residual(regression: WhitenedRegression) -> list[JointGap]:
     """Return the disagreement of every joint."""
     chi, sigma = regression.reduced_chi_square(), regression.noise.sigma
-    energy = np.array([max(0.0, c - 1) * len(e) * s**2 for c, e, s in zip(chi, regression.fit.e, sigma, strict=True)])
+    energy = np.array(
+        [
+            max(0.0, c - 1) * len(e) * s**2
+            for c, e, s in zip(chi, regression.fit.e, sigma, strict=True)
+        ]
+    )
     total = energy.sum()
     found = []
     for j in range(len(chi)):
         regions = regions_of(regression, j)
         text = _words(regions, float(chi[j])) if chi[j] > 1 + NEGLIGIBLE else "at the noise floor"
-        found.append(JointGap(j, float(chi[j]), float(energy[j] / total) if total > 0 else 0.0, tuple(regions), text))
+        found.append(
+            JointGap(
+                j,
+                float(chi[j]),
+                float(energy[j] / total) if total > 0 else 0.0,
+                tuple(regions),
+                text,
+            )
+        )
     return found
 
 
 def regions_of(regression: WhitenedRegression, joint: int) -> list[ResidualRegion]:
     """Cut one joint's whitened residual by what the arm did."""
-    rows, e = regression.joints[joint], regression.fit.e[joint] * regression.noise.count[joint] ** 0.5
+    rows, e = (
+        regression.joints[joint],
+        regression.fit.e[joint] * regression.noise.count[joint] ** 0.5,
+    )
     if len(e) < 3 * FEWEST:
         return []
     signals = {
@@ -86,7 +106,9 @@ def regions_of(regression: WhitenedRegression, joint: int) -> list[ResidualRegio
         for key in ("q", "qd", "tau")
     }
     t = np.concatenate([s.t + 1e6 * s.number for s in regression.segments])[rows.index]
-    reversing = np.concatenate([near_reversal(s.qd[:, joint], s.rate) for s in regression.segments])[rows.index]
+    reversing = np.concatenate(
+        [near_reversal(s.qd[:, joint], s.rate) for s in regression.segments]
+    )[rows.index]
     speed = np.abs(signals["qd"])
     parts: list[tuple[str, str, NDArray[np.bool_]]] = []
     for kind, signal, names in (
@@ -98,8 +120,14 @@ def regions_of(regression: WhitenedRegression, joint: int) -> list[ResidualRegio
         edges = np.quantile(signal, [1 / 3, 2 / 3])
         third = np.searchsorted(edges, signal)
         parts += [(kind, name, third == k) for k, name in enumerate(names)]
-    parts += [("direction", "forward", signals["qd"] > 0), ("direction", "backward", signals["qd"] <= 0)]
-    parts += [("reversal", "at reversals", reversing), ("reversal", "between reversals", ~reversing)]
+    parts += [
+        ("direction", "forward", signals["qd"] > 0),
+        ("direction", "backward", signals["qd"] <= 0),
+    ]
+    parts += [
+        ("reversal", "at reversals", reversing),
+        ("reversal", "between reversals", ~reversing),
+    ]
     return [
         ResidualRegion(kind, name, float(np.mean(e[mask] ** 2)), int(mask.sum()))
         for kind, name, mask in parts
@@ -120,7 +148,9 @@ def chi_square_between_reversals(regression: WhitenedRegression) -> Floats:
     """Return the mean square of each whitened residual between reversals, (n,); 1 where there is too little."""
     chi = np.ones(len(regression.joints))
     for j, (rows, e) in enumerate(zip(regression.joints, regression.fit.e, strict=True)):
-        near = np.concatenate([near_reversal(s.qd[:, j], s.rate) for s in regression.segments])[rows.index]
+        near = np.concatenate([near_reversal(s.qd[:, j], s.rate) for s in regression.segments])[
+            rows.index
+        ]
         if (~near).sum() >= FEWEST:
             chi[j] = regression.noise.count[j] * float(np.mean(e[~near] ** 2))
     return chi

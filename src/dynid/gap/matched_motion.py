@@ -36,7 +36,9 @@ def subtract_matched_motion(
         for then, r in zip(earlier, left, strict=True):
             _add(s, then, r, total, matched)
         use = s.use & (matched > 0)
-        found.append(replace(s, rows=replace(s.rows, tau=s.tau - total / np.maximum(matched, 1.0)), use=use))
+        found.append(
+            replace(s, rows=replace(s.rows, tau=s.tau - total / np.maximum(matched, 1.0)), use=use)
+        )
         rows, count = rows + int(use.sum()), count + int(matched[use].sum())
     if rows < MOST * sum(int(s.use.sum()) for s in segments):
         return None

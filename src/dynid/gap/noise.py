@@ -66,7 +66,9 @@ class NoiseModel:
     def white(cls, sigma: Floats) -> NoiseModel:
         """Return noise that is not whitened, of given standard deviations, (n,)."""
         nothing = np.zeros(len(sigma))
-        return cls(np.zeros((len(sigma), 0)), sigma, sigma, 0.0, nothing, nothing, (), np.ones(len(sigma)))
+        return cls(
+            np.zeros((len(sigma), 0)), sigma, sigma, 0.0, nothing, nothing, (), np.ones(len(sigma))
+        )
 
     @property
     def order(self) -> int:
@@ -76,13 +78,19 @@ class NoiseModel:
     def with_joint(self, joint: int, other: NoiseModel) -> NoiseModel:
         """Return the noise with that of one joint from elsewhere."""
         ar, sigma, floor = self.ar.copy(), self.sigma.copy(), self.floor.copy()
-        ar[joint], sigma[joint], floor[joint] = other.ar[joint], other.sigma[joint], other.floor[joint]
+        ar[joint], sigma[joint], floor[joint] = (
+            other.ar[joint],
+            other.sigma[joint],
+            other.floor[joint],
+        )
         return replace(self, ar=ar, sigma=sigma, floor=floor)
 
     @property
     def unrepeatable(self) -> list[int]:
         """Joints with disturbances that do not repeat."""
-        return np.flatnonzero((self.burst > BURST) | (self.drift > DRIFT) | (self.peak > tuning.RINGS)).tolist()
+        return np.flatnonzero(
+            (self.burst > BURST) | (self.drift > DRIFT) | (self.peak > tuning.RINGS)
+        ).tolist()
 
     @property
     def peak(self) -> Floats:
@@ -154,7 +162,10 @@ def lag_of(one: SegmentRows, other: SegmentRows, least: float) -> float | None:
 
 
 def measure_noise(
-    segments: Sequence[SegmentRows], residuals: Sequence[Floats], pairs: Sequence[RepeatPair], train: Sequence[Mask]
+    segments: Sequence[SegmentRows],
+    residuals: Sequence[Floats],
+    pairs: Sequence[RepeatPair],
+    train: Sequence[Mask],
 ) -> NoiseModel:
     """Measure the noise.
 
@@ -204,7 +215,9 @@ def with_steps(noise: NoiseModel, segments: Sequence[SegmentRows]) -> NoiseModel
     return replace(noise, sigma=more * noise.sigma, floor=more * noise.floor)
 
 
-def _difference(segments: Sequence[SegmentRows], residuals: Sequence[Floats], pair: RepeatPair) -> tuple[Floats, Mask]:
+def _difference(
+    segments: Sequence[SegmentRows], residuals: Sequence[Floats], pair: RepeatPair
+) -> tuple[Floats, Mask]:
     """Return what differs between two repeats, trends and friction changes taken off, and the rows that count."""
     one, other = segments[pair.first], segments[pair.second]
     whole = int(np.floor(pair.lag))
@@ -217,7 +230,9 @@ def _difference(segments: Sequence[SegmentRows], residuals: Sequence[Floats], pa
     for j in range(e.shape[1]):
         if use[:, j].sum() > 20:
             qd = one.qd[part, j]
-            A = np.column_stack([np.ones(len(e)), np.linspace(-1, 1, len(e)), np.tanh(qd / 0.01), qd])
+            A = np.column_stack(
+                [np.ones(len(e)), np.linspace(-1, 1, len(e)), np.tanh(qd / 0.01), qd]
+            )
             e[:, j] -= A @ np.linalg.lstsq(A[use[:, j]], e[use[:, j], j], rcond=None)[0]
     return e, use
 
@@ -232,9 +247,17 @@ def shifted(x: Floats, fraction: float) -> Floats:
     return np.stack([np.convolve(column, kernel[::-1], "same") for column in x.T], axis=1)
 
 
-def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: float, stop_band: float) -> NoiseModel:
+def _from_repeats(
+    parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: float, stop_band: float
+) -> NoiseModel:
     n = parts[0][0].shape[1]
-    ar, sigma, floor, burst, drift = np.zeros((n, ORDER)), np.ones(n), np.ones(n), np.zeros(n), np.zeros(n)
+    ar, sigma, floor, burst, drift = (
+        np.zeros((n, ORDER)),
+        np.ones(n),
+        np.ones(n),
+        np.zeros(n),
+        np.zeros(n),
+    )
     for j in range(n):
         covariance = np.zeros(ORDER + 1)
         for e, use in parts:
@@ -248,12 +271,16 @@ def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: fl
         floor[j] = np.sqrt(covariance[0] / max(1, sum(int(use[:, j].sum()) for _, use in parts)))
         burst[j] = _burst([np.where(use[:, j], e[:, j], 0.0) for e, use in parts], rate)
         drift[j] = _drift([np.where(use[:, j], e[:, j], 0.0) for e, use in parts], rate)
-    return NoiseModel(ar, np.maximum(sigma, 1e-9), np.maximum(floor, 1e-9), seconds, burst, drift, (), np.ones(n))
+    return NoiseModel(
+        ar, np.maximum(sigma, 1e-9), np.maximum(floor, 1e-9), seconds, burst, drift, (), np.ones(n)
+    )
 
 
 def _burst(parts: Sequence[Floats], rate: float) -> float:
     size = max(1, round(rate))
-    powers = [np.mean(x[k : k + size] ** 2) for x in parts for k in range(0, len(x) - size + 1, size)]
+    powers = [
+        np.mean(x[k : k + size] ** 2) for x in parts for k in range(0, len(x) - size + 1, size)
+    ]
     powers = [p for p in powers if p > 0]
     return float(max(powers) / np.median(powers)) if powers else 0.0
 
@@ -265,7 +292,9 @@ def _drift(parts: Sequence[Floats], rate: float) -> float:
         power = np.abs(np.fft.rfft(x * np.hanning(len(x)))) ** 2
         low += float(np.mean(power[f < 0.8]))
         high += (
-            float(np.mean(power[(f > 4.0) & (f < 8.0)])) if (f > 8.0).any() else float(np.mean(power[f > 0.5 * f[-1]]))
+            float(np.mean(power[(f > 4.0) & (f < 8.0)]))
+            if (f > 8.0).any()
+            else float(np.mean(power[f > 0.5 * f[-1]]))
         )
     return low / high if high else 0.0
 
@@ -274,7 +303,9 @@ def _from_spectrum(chosen: Filter, parts: Sequence[tuple[Floats, Mask]]) -> Nois
     """Take the noise as white before the filter, its level from the upper part of the pass band of the residual."""
     kernel, step = chosen.second_kernel[0], chosen.second_step
     shape = np.correlate(kernel, kernel, "full")[len(kernel) - 1 :]
-    covariance = np.array([shape[lag * step] if lag * step < len(shape) else 0.0 for lag in range(ORDER + 1)])
+    covariance = np.array(
+        [shape[lag * step] if lag * step < len(shape) else 0.0 for lag in range(ORDER + 1)]
+    )
     covariance[0] *= 1.0 + tuning.STOP_BAND
     ar = yule_walker(covariance)
     n = parts[0][0].shape[1]
@@ -285,10 +316,14 @@ def _from_spectrum(chosen: Filter, parts: Sequence[tuple[Floats, Mask]]) -> Nois
             f = np.fft.rfftfreq(len(r) - ORDER, 1 / chosen.kept_rate)
             white = whitened(r[:, j], ar)
             kept.append(white[use[ORDER:, j]])
-            power = np.abs(np.fft.rfft((white - white.mean()) * np.hanning(len(white)))) ** 2 / (0.375 * len(white))
+            power = np.abs(np.fft.rfft((white - white.mean()) * np.hanning(len(white)))) ** 2 / (
+                0.375 * len(white)
+            )
             inside = (f > 0.55 * chosen.cutoff) & (f < chosen.cutoff)
             # Why: of a part of few rows, no frequency may lie there.
-            powers.append(power[inside if inside.any() else [np.argmin(np.abs(f - 0.775 * chosen.cutoff))]])
+            powers.append(
+                power[inside if inside.any() else [np.argmin(np.abs(f - 0.775 * chosen.cutoff))]]
+            )
         # Why the median: a reversal of friction is a short burst of high frequencies, not noise.
         level[j] = np.sqrt(np.median(np.concatenate(powers)) / np.log(2))
         # Why: rows that do not count, at rest or clipped, are in the spectrum; noise is no larger than what is left.
@@ -348,7 +383,9 @@ def autocorrelation_time(parts: Sequence[Floats]) -> float:
     if covariance[0] <= 0:
         return 1.0
     ends = np.flatnonzero(covariance <= 0)
-    return float(max(1.0, 2 * covariance[: ends[0] if len(ends) else longest].sum() / covariance[0] - 1))
+    return float(
+        max(1.0, 2 * covariance[: ends[0] if len(ends) else longest].sum() / covariance[0] - 1)
+    )
 
 
 def yule_walker(covariance: Floats) -> Floats:

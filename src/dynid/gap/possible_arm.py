@@ -78,7 +78,9 @@ def possible_arm(regression: WhitenedRegression, base: BaseModel) -> PossibleArm
     return PossibleArm(K, fit_sized(rows.R @ K, rows.r, given)[1], given)
 
 
-def imitated_counterbalances(regression: WhitenedRegression, base: BaseModel) -> dict[int, EffectColumns]:
+def imitated_counterbalances(
+    regression: WhitenedRegression, base: BaseModel
+) -> dict[int, EffectColumns]:
     """Return the columns of the counterbalances that links imitate, by joint."""
     effect = CATALOGUE[COUNTERBALANCE]
     found: dict[int, EffectColumns] = {}
@@ -144,7 +146,10 @@ def prior_rows(regression: WhitenedRegression, arm: PossibleArm) -> Floats:
 
 
 def least_gain(
-    regression: WhitenedRegression, arm: PossibleArm, one: EffectColumns, masses: Sequence[float] = MASSES
+    regression: WhitenedRegression,
+    arm: PossibleArm,
+    one: EffectColumns,
+    masses: Sequence[float] = MASSES,
 ) -> float:
     """Return the least drop of twice the objective that an effect brings, over the masses of the prior's links.
 
@@ -162,7 +167,8 @@ def least_gain(
     for mass in masses:
         prior = arm.heavier(mass).constraints
         before, after = (
-            2 * fit_physical(rows.R @ arm.K, rows.r, prior).objective + rows.rest for rows in (without, with_it)
+            2 * fit_physical(rows.R @ arm.K, rows.r, prior).objective + rows.rest
+            for rows in (without, with_it)
         )
         gains.append(before - after)
     return float(np.nan_to_num(min(gains), nan=0.0, neginf=0.0))

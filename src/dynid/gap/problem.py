@@ -13,10 +13,23 @@ from dynid.estimation.stack import scale_with_model, settled, stack_logs
 from dynid.gap.change import with_always_missing
 from dynid.gap.known_errors import reversal_columns, with_reversals
 from dynid.gap.matched_motion import subtract_matched_motion
-from dynid.gap.noise import ALIKE, NoiseModel, RepeatPair, find_repeats, measure_noise, with_misfit, with_steps
+from dynid.gap.noise import (
+    ALIKE,
+    NoiseModel,
+    RepeatPair,
+    find_repeats,
+    measure_noise,
+    with_misfit,
+    with_steps,
+)
 from dynid.gap.possible_arm import PossibleArm, best_possible, possible_arm, prior_rows
 from dynid.gap.segments import Mask, SegmentRows, cut, segments_of, with_reference
-from dynid.gap.whitened_regression import WhitenedRegression, few, torque_residuals, whitened_regression
+from dynid.gap.whitened_regression import (
+    WhitenedRegression,
+    few,
+    torque_residuals,
+    whitened_regression,
+)
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import Floats
 from dynid.model.regressor import model_torques
@@ -68,7 +81,9 @@ def kept_model(found: Identification) -> KeptModel:
     held = found.heldout_by_set
     share = held["plain"] / max(held[found.in_force], 1e-12) if found.in_force in held else 1.0
     # Why the larger one: on other motion a model leaves more than on what it was fitted to, and that is no change.
-    unexplained = np.array([max(r, share * (j.heldout_rms or 0.0)) for r, j in zip(rms, found.joints, strict=True)])
+    unexplained = np.array(
+        [max(r, share * (j.heldout_rms or 0.0)) for r, j in zip(rms, found.joints, strict=True)]
+    )
     return KeptModel(found.plain, found.plain_covariance, unexplained)
 
 
@@ -128,7 +143,9 @@ class GapProblem:
         """Whether it is asked what has changed since a model was identified."""
         return self.kept is not None or self.pooled
 
-    def regression(self, theta: Floats | None = None, *, nuisance: bool = True) -> WhitenedRegression:
+    def regression(
+        self, theta: Floats | None = None, *, nuisance: bool = True
+    ) -> WhitenedRegression:
         """Return the whitened training rows, effects scaled with given base parameters.
 
         Args:
@@ -137,7 +154,11 @@ class GapProblem:
         """
         # Why not of many rows: they take memory, and little time compared with what is made of them.
         kept = few(self.segments)
-        found = (self._judged if nuisance else self._bare) if kept else self._whitened(nuisance=nuisance)
+        found = (
+            (self._judged if nuisance else self._bare)
+            if kept
+            else self._whitened(nuisance=nuisance)
+        )
         if theta is None or np.array_equal(theta, self.theta):
             return found
         return replace(found, segments=self._searched(theta))
@@ -162,7 +183,10 @@ class GapProblem:
     def _whitened(self, *, nuisance: bool) -> WhitenedRegression:
         prior = self.held_by if self.kept is None else self.kept.prior_rows
         columns = [nuisance_columns(s, nuisance) for s in self.segments]
-        return replace(whitened_regression(self._own, self.noise, columns, prior), link_prior=self.arm is not None)
+        return replace(
+            whitened_regression(self._own, self.noise, columns, prior),
+            link_prior=self.arm is not None,
+        )
 
 
 def _baseline(
@@ -178,11 +202,16 @@ def _baseline(
 def nuisance_columns(segment: SegmentRows, nuisance: bool = True) -> list[Floats]:
     """Return known errors of each joint, (7, M); none, (0, M), where there shall be none."""
     n = segment.motion.n
-    return [reversal_columns(segment, j) if nuisance else np.zeros((0, len(segment))) for j in range(n)]
+    return [
+        reversal_columns(segment, j) if nuisance else np.zeros((0, len(segment))) for j in range(n)
+    ]
 
 
 def make_problem(
-    logs: Sequence[ConditionedLog], base: BaseModel, kept: KeptModel | None, earlier: Sequence[ConditionedLog] = ()
+    logs: Sequence[ConditionedLog],
+    base: BaseModel,
+    kept: KeptModel | None,
+    earlier: Sequence[ConditionedLog] = (),
 ) -> GapProblem:
     """Arrange a search over conditioned logs.
 
@@ -217,7 +246,9 @@ def make_problem(
         share = _rms(segments, residuals, train) / _rms(segments, whole, train)
         unexplained = kept.unexplained * np.minimum(1.0, share)
     noise = measure_noise(segments, residuals, repeats, train)
-    found = GapProblem(base, kept, segments, train, held, text, repeats, noise, theta, unexplained, matched)
+    found = GapProblem(
+        base, kept, segments, train, held, text, repeats, noise, theta, unexplained, matched
+    )
     return with_noise(found, noise, residuals)
 
 
@@ -270,7 +301,11 @@ def with_misfit_of_numbers(problem: GapProblem) -> GapProblem:
     """
     residuals = unwhitened_fit(problem.segments, problem.train, None)[1]
     level = _rms(problem.segments, residuals, problem.train)
-    return replace(problem, noise=with_misfit(problem.noise, problem.segments, residuals, level), unexplained=level)
+    return replace(
+        problem,
+        noise=with_misfit(problem.noise, problem.segments, residuals, level),
+        unexplained=level,
+    )
 
 
 def held_near_possible(problem: GapProblem, regression: WhitenedRegression) -> GapProblem:
@@ -297,7 +332,10 @@ def _wide(rows: Floats, size: int) -> Floats:
 
 
 def _problem_since(
-    earlier: Sequence[SegmentRows], segments: Sequence[SegmentRows], base: BaseModel, kept: KeptModel
+    earlier: Sequence[SegmentRows],
+    segments: Sequence[SegmentRows],
+    base: BaseModel,
+    kept: KeptModel,
 ) -> GapProblem:
     """Arrange a search for what has changed between earlier and new logs of other motion, all fitted together.
 
@@ -320,15 +358,23 @@ def _problem_since(
     every = with_reversals(every, base, kept.theta)
     level = _rms(every[old], unwhitened_fit(every[old], train[old], None)[1], train[old])
     every, held_by = with_always_missing(every, kept.theta, level)
-    repeats = [pair for pair in find_repeats(every) if every[pair.first].is_new == every[pair.second].is_new]
+    repeats = [
+        pair
+        for pair in find_repeats(every)
+        if every[pair.first].is_new == every[pair.second].is_new
+    ]
     theta, together = unwhitened_fit(every, train, None, held_by)
-    alone = [r for era in (old, new) for r in unwhitened_fit(every[era], train[era], None, held_by)[1]]
+    alone = [
+        r for era in (old, new) for r in unwhitened_fit(every[era], train[era], None, held_by)[1]
+    ]
     noise = with_steps(measure_noise(every, alone, repeats, train), every)
     # Why not all: what has changed is in it too, and is looked for first.
     level = np.minimum(_rms(every, together, train), AT_FIRST * _rms(every, alone, train))
     noise = with_misfit(noise, cut(every, train), alone, level)
     theta = theta[: len(kept.theta)]
-    return GapProblem(base, None, every, train, held, text, repeats, noise, theta, pooled=True, held_by=held_by)
+    return GapProblem(
+        base, None, every, train, held, text, repeats, noise, theta, pooled=True, held_by=held_by
+    )
 
 
 def without_always_missing(problem: GapProblem) -> GapProblem:
@@ -337,7 +383,11 @@ def without_always_missing(problem: GapProblem) -> GapProblem:
     for s in problem.segments:
         own = s.rows.columns < p
         rows = replace(
-            s.rows, entries=s.rows.entries[own], joints=s.rows.joints[own], columns=s.rows.columns[own], size=p
+            s.rows,
+            entries=s.rows.entries[own],
+            joints=s.rows.joints[own],
+            columns=s.rows.columns[own],
+            size=p,
         )
         narrow.append(replace(s, rows=rows))
     return replace(problem, segments=narrow, held_by=None)
@@ -347,7 +397,9 @@ def first_guess(logs: Sequence[ConditionedLog], base: BaseModel) -> Floats:
     """Return base parameters that columns of the model's own effects scale with; zeros where none does, (p,)."""
     if not scale_with_model(base):
         return np.zeros(base.reduction.rank)
-    return stack_logs(settled([with_effects(s, base.model) for s in logs], base), base).first_fit.theta
+    return stack_logs(
+        settled([with_effects(s, base.model) for s in logs], base), base
+    ).first_fit.theta
 
 
 def with_noise(problem: GapProblem, noise: NoiseModel, residuals: Sequence[Floats]) -> GapProblem:
@@ -364,14 +416,22 @@ def with_noise(problem: GapProblem, noise: NoiseModel, residuals: Sequence[Float
     if problem.matched and noise.repeats:
         # Why: what repeats show is the noise of one recording; rows are the difference to so many earlier ones.
         more = np.sqrt(1.0 + 1.0 / problem.matched)
-        return replace(problem, noise=replace(noise, sigma=more * noise.sigma, floor=more * noise.floor))
-    level = _rms(problem.segments, residuals, problem.train) if problem.unexplained is None else problem.unexplained
+        return replace(
+            problem, noise=replace(noise, sigma=more * noise.sigma, floor=more * noise.floor)
+        )
+    level = (
+        _rms(problem.segments, residuals, problem.train)
+        if problem.unexplained is None
+        else problem.unexplained
+    )
     # Why not held-out rows: what few seconds of new logs determine leaves much more there, for seconds.
     rows = cut(problem.segments, problem.train) if problem.pooled else problem.segments
     return replace(problem, noise=with_misfit(noise, rows, residuals, level))
 
 
-def _rms(segments: Sequence[SegmentRows], residuals: Sequence[Floats], train: Sequence[Mask]) -> Floats:
+def _rms(
+    segments: Sequence[SegmentRows], residuals: Sequence[Floats], train: Sequence[Mask]
+) -> Floats:
     """Return the root mean square of residuals over rows that count, (n,)."""
     power, count = np.zeros(segments[0].motion.n), np.zeros(segments[0].motion.n)
     for s, r, rows in zip(segments, residuals, train, strict=True):

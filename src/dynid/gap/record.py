@@ -116,7 +116,9 @@ class GapEffect:
         found = []
         for name, value in self.values.items():
             if self.open(name):
-                found.append(f"{name} not determined, set to {value:.4g} {self.units.get(name, '')}".strip())
+                found.append(
+                    f"{name} not determined, set to {value:.4g} {self.units.get(name, '')}".strip()
+                )
                 continue
             error = f" +- {self.std_errors[name]:.2g}" if name in self.std_errors else ""
             found.append(f"{name} = {value:.4g}{error} {self.units.get(name, '')}".strip())
@@ -200,7 +202,9 @@ class GapRecord:
         return list(zip(effects, self.curves, strict=False))
 
 
-def record_of(analysis: GapAnalysis, robot: Robot, question: str, asked: str, made_from: str) -> GapRecord:
+def record_of(
+    analysis: GapAnalysis, robot: Robot, question: str, asked: str, made_from: str
+) -> GapRecord:
     """Return what an analysis found as plain values.
 
     Args:
@@ -217,7 +221,9 @@ def record_of(analysis: GapAnalysis, robot: Robot, question: str, asked: str, ma
 
     verdict, names = analysis.verdict, robot.joint_names
     noise_from, noise_note = _noise_texts(analysis, names)
-    simulation = np.zeros((0, robot.n)) if analysis.simulation is None else np.array(analysis.simulation)
+    simulation = (
+        np.zeros((0, robot.n)) if analysis.simulation is None else np.array(analysis.simulation)
+    )
     closest = [
         replace(
             _effect(one, analysis, robot),
@@ -282,7 +288,9 @@ def _curves(analysis: GapAnalysis) -> list[HeldOutEffect]:
 
     effects, problem = with_columns(analysis.effects), analysis.search.problem
     shown = [
-        held_out_effect(problem, [other for other in effects if other is not one], one, one.test.joint)
+        held_out_effect(
+            problem, [other for other in effects if other is not one], one, one.test.joint
+        )
         for one in effects
         if one in analysis.verdict.named
     ]
@@ -305,7 +313,9 @@ def _formulas(analysis: GapAnalysis, robot: Robot) -> list[GapEffect]:
     import numpy as np
 
     found = []
-    for one, proof in zip(analysis.formula_results.formulas, analysis.formula_results.proofs, strict=True):
+    for one, proof in zip(
+        analysis.formula_results.formulas, analysis.formula_results.proofs, strict=True
+    ):
         before, after = (float(np.sqrt(np.mean(x**2))) for x in (proof.residual, proof.left))
         found.append(replace(_effect(one, analysis, robot), rms_before=before, rms_after=after))
     return found
@@ -327,7 +337,10 @@ def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffe
         where=joints_text(one.joints, names),
         values=one.values,
         std_errors=one.std_errors,
-        units={name: joint_unit(unit, revolute=robot.joints[j].revolute) for name, unit in one.units.items()},
+        units={
+            name: joint_unit(unit, revolute=robot.joints[j].revolute)
+            for name, unit in one.units.items()
+        },
         p_value=one.test.p_value,
         joint=names[j],
         rms_before=float(analysis.improvement.before[j]),
@@ -363,7 +376,16 @@ def _noise_texts(analysis: GapAnalysis, names: Sequence[str]) -> tuple[str, str]
 _MAPPINGS = ("values", "std_errors", "units")
 #: What of a record is a list of effects, and of words.
 _EFFECTS = ("named", "closest", "formulas")
-_WORDS = ("joint_names", "torque_units", "not_repeatable", "logs", "clues", "more", "kept_rms", "events")
+_WORDS = (
+    "joint_names",
+    "torque_units",
+    "not_repeatable",
+    "logs",
+    "clues",
+    "more",
+    "kept_rms",
+    "events",
+)
 #: What of a record is stored as arrays: the fields of its held-out improvement, and its simulation.
 _IMPROVEMENT = ("before", "after", "ratio", "floor", "known")
 #: And those of its curves.
@@ -375,12 +397,23 @@ def write_record(path: Path, record: GapRecord) -> None:
     from dynid.npz import write_artifact
 
     facts = {each.name: getattr(record, each.name) for each in fields(GapRecord)}
-    improvement, simulation, curves = facts.pop("improvement"), facts.pop("simulation"), facts.pop("curves")
-    arrays = {name: getattr(improvement, name) for name in _IMPROVEMENT} | {"simulation": simulation}
-    arrays |= {f"curve_{k}_{name}": getattr(one, name) for k, one in enumerate(curves) for name in _CURVE}
+    improvement, simulation, curves = (
+        facts.pop("improvement"),
+        facts.pop("simulation"),
+        facts.pop("curves"),
+    )
+    arrays = {name: getattr(improvement, name) for name in _IMPROVEMENT} | {
+        "simulation": simulation
+    }
+    arrays |= {
+        f"curve_{k}_{name}": getattr(one, name) for k, one in enumerate(curves) for name in _CURVE
+    }
     facts |= {key: [_stored(one) for one in facts[key]] for key in _EFFECTS}
     facts |= {"curves": [one.follows for one in curves]}
-    facts |= {"joints": [asdict(one) for one in record.joints], "cannot_judge": list(record.cannot_judge.items())}
+    facts |= {
+        "joints": [asdict(one) for one in record.joints],
+        "cannot_judge": list(record.cannot_judge.items()),
+    }
     write_artifact(path, SCHEMA, {"record": facts}, arrays)
 
 
@@ -403,15 +436,21 @@ def read_record(path: Path) -> GapRecord:
         found["alternatives"] = tuple(tuple(group) for group in found["alternatives"])
         found["cannot_judge"] = {name: tuple(joints) for name, joints in found["cannot_judge"]}
         found["joints"] = tuple(
-            JointGap(**{**gap, "regions": tuple(ResidualRegion(**region) for region in gap["regions"])})
+            JointGap(
+                **{**gap, "regions": tuple(ResidualRegion(**region) for region in gap["regions"])}
+            )
             for gap in found["joints"]
         )
         improvement = HeldOutImprovement(**{name: artifact.arrays[name] for name in _IMPROVEMENT})
         found["curves"] = tuple(
-            HeldOutEffect(**{name: artifact.arrays[f"curve_{k}_{name}"] for name in _CURVE}, follows=follows)
+            HeldOutEffect(
+                **{name: artifact.arrays[f"curve_{k}_{name}"] for name in _CURVE}, follows=follows
+            )
             for k, follows in enumerate(found["curves"])
         )
-        record = GapRecord(**found, improvement=improvement, simulation=artifact.arrays["simulation"])
+        record = GapRecord(
+            **found, improvement=improvement, simulation=artifact.arrays["simulation"]
+        )
         _require_one_arm(record)
     return record
 
@@ -438,7 +477,9 @@ def contents() -> Contents:
         "probability": Fact(float | None, least=0.0, needed=False),
     }
     record = {
-        **dict.fromkeys(("robot", "advice", "heldout", "noise_from", "noise_note", "made_from", "asked"), text),
+        **dict.fromkeys(
+            ("robot", "advice", "heldout", "noise_from", "noise_note", "made_from", "asked"), text
+        ),
         **dict.fromkeys(("not_repeatable", "logs", "clues", "curves"), Fact(words)),
         "of": text,
         "more": Fact(words),
@@ -449,7 +490,9 @@ def contents() -> Contents:
         "repeats": Fact(float, least=0.0),
         **dict.fromkeys(("kept", "expected"), Fact(float | None, least=0.0)),
         "mode": Fact(Literal["refit", "frozen"]),
-        "verdict": Fact(Literal["named", "nothing_missing", "nothing_changed", "unexplained", "ambiguous"]),
+        "verdict": Fact(
+            Literal["named", "nothing_missing", "nothing_changed", "unexplained", "ambiguous"]
+        ),
         "question": Fact(Literal["numbers", "arm", "changed", ""]),
         **{f"{group}.*.{key}": fact for group in _EFFECTS for key, fact in effect.items()},
         "alternatives": Fact(list[words]),  # type: ignore[valid-type]
@@ -482,14 +525,24 @@ def _require_one_arm(record: GapRecord) -> None:
     n, known = len(record.joint_names), {*CATALOGUE, Formula.name}
     effects = [one for key in _EFFECTS for one in getattr(record, key)]
     keys = [key for one in effects for key in ((one.effect, one.indices), *one.rival_keys)]
-    places = [*(joints for _, joints in keys), *record.cannot_judge.values(), [one.joint for one in record.joints]]
+    places = [
+        *(joints for _, joints in keys),
+        *record.cannot_judge.values(),
+        [one.joint for one in record.joints],
+    ]
     if not all(0 <= joint < n for joints in places for joint in joints):
         raise ValueError("it has joints that its arm lacks")
     if {one.joint for one in record.joints} != set(range(n)):
         raise ValueError("it has other joints than names")
-    if not {name for name, _ in keys} <= known or any(len(one.rivals) != len(one.rival_keys) for one in record.named):
+    if not {name for name, _ in keys} <= known or any(
+        len(one.rivals) != len(one.rival_keys) for one in record.named
+    ):
         raise ValueError("it has effects that nobody knows")
-    if not all(len(joints) == JOINTS_OF[CATALOGUE[name].scope] for name, joints in keys if name in CATALOGUE):
+    if not all(
+        len(joints) == JOINTS_OF[CATALOGUE[name].scope]
+        for name, joints in keys
+        if name in CATALOGUE
+    ):
         raise ValueError("its effects act on other joints than they do")
     for one in record.named:
         effect = CATALOGUE[one.effect]
@@ -498,7 +551,10 @@ def _require_one_arm(record: GapRecord) -> None:
             raise ValueError(f"{one.effect} lacks a size")
     if not all(1 <= len(one.t) <= MOST_ROWS for one in record.curves):
         raise ValueError("its curves have no rows, or too many")
-    if len({(region.kind, region.name) for one in record.joints for region in one.regions}) > MOST_REGIONS:
+    if (
+        len({(region.kind, region.name) for one in record.joints for region in one.regions})
+        > MOST_REGIONS
+    ):
         raise ValueError("its motion has more parts than any search has")
     if len(record.simulation) not in (0, 2):
         raise ValueError("its simulation is neither before nor after")
@@ -509,7 +565,9 @@ def _stored(one: GapEffect) -> dict[str, Any]:
 
 
 def _effect_of(stored: Mapping[str, Any]) -> GapEffect:
-    facts: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in stored.items()}
+    facts: dict[str, Any] = {
+        key: tuple(value) if isinstance(value, list) else value for key, value in stored.items()
+    }
     keys = tuple((name, tuple(joints)) for name, joints in stored.get("rival_keys", ()))
     numbers = {key: dict(stored[key]) for key in _MAPPINGS}
     if not all(set(names) <= set(numbers["values"]) for names in numbers.values()):

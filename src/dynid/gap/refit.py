@@ -82,7 +82,11 @@ class HeldOutImprovement:
     def worse(self, allowed: Floats | float = GROWN) -> list[int]:
         """Return joints whose error has grown beyond noise: surely, and by more than is of any account."""
         # Why the number of joints: many have nothing to do with an effect but that the arm's parameters move with it.
-        sure = self.ratio[:, 0] > 1.0 if self.chance is None else self.chance < CHANCE / len(self.chance)
+        sure = (
+            self.ratio[:, 0] > 1.0
+            if self.chance is None
+            else self.chance < CHANCE / len(self.chance)
+        )
         return np.flatnonzero((self.after > allowed * self.before) & sure).tolist()
 
 
@@ -126,7 +130,9 @@ def with_delay(search: EffectSearch, effects: Sequence[SelectedEffect]) -> list[
 def _delay(seconds: float, test: SignificanceTest) -> SelectedEffect:
     name, error = "torque_delay", float(np.sqrt(test.covariance[0, 0]))
     size = float(test.visible_rms)
-    return SelectedEffect(CATALOGUE[name], (), {}, test, size, (), {"delay": seconds}, {"delay": error})
+    return SelectedEffect(
+        CATALOGUE[name], (), {}, test, size, (), {"delay": seconds}, {"delay": error}
+    )
 
 
 def _held(one: SelectedEffect) -> SelectedEffect | None:
@@ -155,12 +161,18 @@ def possible(one: SelectedEffect) -> bool:
         return True
     sign = np.sign(parameters[0])
     P = sign * pseudo_inertia(np.array(parameters))
-    spread = np.linalg.eigvalsh(P[:3, :3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3]) if P[3, 3] > 0 else np.array([-1.0])
+    spread = (
+        np.linalg.eigvalsh(P[:3, :3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3])
+        if P[3, 3] > 0
+        else np.array([-1.0])
+    )
     return bool(spread[0] >= -BODY * spread[-1])
 
 
 # ---------------------------------------------------------------- shapes
-def with_best_shapes(regression: WhitenedRegression, selected: Sequence[SelectedEffect]) -> list[SelectedEffect]:
+def with_best_shapes(
+    regression: WhitenedRegression, selected: Sequence[SelectedEffect]
+) -> list[SelectedEffect]:
     """Return effects with the shapes, all fitted together, that leave least: Levenberg and Marquardt's steps.
 
     Args:
@@ -227,13 +239,16 @@ def _shape_fit(regression: WhitenedRegression, selected: Sequence[SelectedEffect
         own = beta[at : at + count]
         at += count
         slopes += [
-            {j: (own @ (C[1 + s] - C[0]) / STEP)[None] for j, C in tried.items()} for s in range(len(one.free_shape))
+            {j: (own @ (C[1 + s] - C[0]) / STEP)[None] for j, C in tried.items()}
+            for s in range(len(one.free_shape))
         ]
     wide, product = _products(regression, [*columns, *slopes])
     return _ShapeFit(float(right @ beta), wide, product, beta)
 
 
-def _products(regression: WhitenedRegression, columns: Sequence[EffectColumns]) -> tuple[Floats, Floats]:
+def _products(
+    regression: WhitenedRegression, columns: Sequence[EffectColumns]
+) -> tuple[Floats, Floats]:
     """Return Gram matrix and products with the residual of columns jointly with the baseline, (K, K) and (K,)."""
     counts = [len(next(iter(one.values()))) for one in columns]
     edges = np.cumsum([0, *counts])
@@ -252,7 +267,9 @@ def _products(regression: WhitenedRegression, columns: Sequence[EffectColumns]) 
 def _stepped_shape(one: SelectedEffect, name: str, step: float) -> dict[str, float]:
     """Return the shape with one parameter moved, in its logarithm where it is refined by factors."""
     value = one.shape[name]
-    return one.shape | {name: value * np.exp(step) if one.effect.steps[name][0] == "times" else value + step}
+    return one.shape | {
+        name: value * np.exp(step) if one.effect.steps[name][0] == "times" else value + step
+    }
 
 
 def _moved(selected: Sequence[SelectedEffect], step: Floats) -> list[SelectedEffect]:
@@ -262,13 +279,17 @@ def _moved(selected: Sequence[SelectedEffect], step: Floats) -> list[SelectedEff
         for name in one.free_shape:
             kind, size = one.effect.steps[name]
             most = 2 * (np.log(size) if kind == "times" else size)
-            one = replace(one, shape=_stepped_shape(one, name, float(np.clip(step[at], -most, most))))
+            one = replace(
+                one, shape=_stepped_shape(one, name, float(np.clip(step[at], -most, most)))
+            )
             at += 1
         found.append(one)
     return found
 
 
-def _with_numbers(regression: WhitenedRegression, selected: Sequence[SelectedEffect], k: int) -> SelectedEffect:
+def _with_numbers(
+    regression: WhitenedRegression, selected: Sequence[SelectedEffect], k: int
+) -> SelectedEffect:
     """Return one effect with amplitudes and shape; its slopes join its columns, so that errors know of each other."""
     one = selected[k]
     others = with_selected(regression, [other for other in selected if other is not one])
@@ -293,7 +314,10 @@ def _with_numbers(regression: WhitenedRegression, selected: Sequence[SelectedEff
 
 def _linearised(regression: WhitenedRegression, one: SelectedEffect, beta: Floats) -> EffectColumns:
     """Return whitened columns of an effect, and slopes of its torque in its free shape, {joint: (k, M)}."""
-    columns = {j: C[0] for j, C in whitened_columns(regression, one.effect, one.joints, [one.shape]).items()}
+    columns = {
+        j: C[0]
+        for j, C in whitened_columns(regression, one.effect, one.joints, [one.shape]).items()
+    }
     base = dict(columns)
     for name in one.free_shape:
         step = STEP * max(abs(one.shape[name]), 1e-3)
@@ -304,7 +328,9 @@ def _linearised(regression: WhitenedRegression, one: SelectedEffect, beta: Float
     return columns
 
 
-def unsure_of_reversals(search: EffectSearch, effects: Sequence[SelectedEffect]) -> list[SelectedEffect]:
+def unsure_of_reversals(
+    search: EffectSearch, effects: Sequence[SelectedEffect]
+) -> list[SelectedEffect]:
     """Return effects whose errors also count what another shape of reversals would change of them.
 
     Numbers are fitted with the model's own sign of friction. Where columns of other widths with it move them by more
@@ -327,16 +353,23 @@ def unsure_of_reversals(search: EffectSearch, effects: Sequence[SelectedEffect])
             continue
         others = [other for other in shown if other is not one]
         columns = _linearised(bare, one, np.array([one.values[name] for name in one.amplitudes]))
-        own, wide = (significance_test(with_selected(rows, others), columns) for rows in (bare, judged))
+        own, wide = (
+            significance_test(with_selected(rows, others), columns) for rows in (bare, judged)
+        )
         noise = np.maximum(np.diag(wide.covariance) - np.diag(own.covariance), 0.0)
         more = np.maximum((wide.amplitudes - own.amplitudes) ** 2 - noise, 0.0)
         names = [*one.amplitudes, *one.free_shape]
-        errors = {name: float(np.hypot(one.std_errors[name], x)) for name, x in zip(names, more**0.5, strict=True)}
+        errors = {
+            name: float(np.hypot(one.std_errors[name], x))
+            for name, x in zip(names, more**0.5, strict=True)
+        }
         found.append(replace(one, std_errors=one.std_errors | errors))
     return found
 
 
-def lead_over_always(regression: WhitenedRegression, selected: Sequence[SelectedEffect], k: int) -> tuple[float, float]:
+def lead_over_always(
+    regression: WhitenedRegression, selected: Sequence[SelectedEffect], k: int
+) -> tuple[float, float]:
     """Return by how much more an effect explains when it acts since the earlier logs than when it always did, twice.
 
     Args:
@@ -385,9 +418,16 @@ def held_out_improvement(
         effects: what it found.
     """
     # Why the same noise: it weighs the joints, and another weight is another fit.
-    before = _held_residuals(replace(first, noise=search.problem.noise), [], search.problem.in_force)
+    before = _held_residuals(
+        replace(first, noise=search.problem.noise), [], search.problem.in_force
+    )
     after = _held_residuals(search.problem, with_columns(effects), search.problem.in_force)
-    rms = np.array([[np.sqrt(np.mean(e**2)) if len(e) else 0.0 for e, _ in joints] for joints in (before, after)])
+    rms = np.array(
+        [
+            [np.sqrt(np.mean(e**2)) if len(e) else 0.0 for e, _ in joints]
+            for joints in (before, after)
+        ]
+    )
     pairs = list(zip(before, after, strict=True))
     ratio = np.array([_ratio(b, a, j, few=first.since) for j, (b, a) in enumerate(pairs)])
     # Why another test: few blocks of time are held out there, and their ratio says too little.
@@ -425,7 +465,9 @@ def chance_of_growth(before: HeldOutRows, after: HeldOutRows) -> float:
     return float(special.stdtr(len(names) - 1, -float(more.mean()) / error))
 
 
-def held_out_given_others(search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect) -> Floats:
+def held_out_given_others(
+    search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect
+) -> Floats:
     """Return the 95 % interval of the held-out error with all effects over that without one, on its joint, (2,).
 
     Args:
@@ -436,7 +478,8 @@ def held_out_given_others(search: EffectSearch, effects: Sequence[SelectedEffect
     j = one.test.joint
     rest = [other for other in effects if other is not one]
     without, with_it = (
-        _held_residuals(search.problem, with_columns(some), search.problem.in_force)[j] for some in (rest, effects)
+        _held_residuals(search.problem, with_columns(some), search.problem.in_force)[j]
+        for some in (rest, effects)
     )
     return _ratio(without, with_it, j, few=search.problem.since)
 
@@ -513,7 +556,9 @@ def few_blocks_interval(before: Floats, after: Floats) -> Floats:
 
 def ratio_interval(before: Floats, after: Floats, seed: int) -> Floats:
     """Return the 95 % interval of the ratio of rms values, from sums of squares of B blocks, (B,) each, as (2,)."""
-    counts = np.random.default_rng(seed).multinomial(len(before), np.full(len(before), 1 / len(before)), DRAWS)
+    counts = np.random.default_rng(seed).multinomial(
+        len(before), np.full(len(before), 1 / len(before)), DRAWS
+    )
     ratios = np.sqrt(counts @ after / np.maximum(counts @ before, 1e-30))
     interval: Floats = np.quantile(ratios, [0.025, 0.975])
     return interval

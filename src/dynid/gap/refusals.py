@@ -58,22 +58,33 @@ class Refusal:
         """Return the sentence where an effect is refused, or nothing."""
         value = self.value(case)
         refused = value < self.limit if self.least else value > self.limit
-        return self.sentence.format(value=value, limit=self.limit, percent=np.floor(100 * value)) if refused else ""
+        return (
+            self.sentence.format(value=value, limit=self.limit, percent=np.floor(100 * value))
+            if refused
+            else ""
+        )
 
 
 def _periods(case: Case) -> float:
     late = case.one.name == "torque_delay"
-    return abs(case.search.delay) * case.search.problem.segments[0].log.filter.rate if late else np.inf
+    return (
+        abs(case.search.delay) * case.search.problem.segments[0].log.filter.rate if late else np.inf
+    )
 
 
 def _stray(case: Case) -> float:
-    own = case.one.test.joint in case.search.problem.noise.unrepeatable and case.one.name != "torque_delay"
+    own = (
+        case.one.test.joint in case.search.problem.noise.unrepeatable
+        and case.one.name != "torque_delay"
+    )
     return case.one.test.visible_rms if own else np.inf
 
 
 def _against_rest(case: Case) -> float:
     odds = case.one.score / 2.0
-    return float(1.0 / (1.0 + np.exp(-min(odds, 500.0)))) if case.one.name != "torque_delay" else 1.0
+    return (
+        float(1.0 / (1.0 + np.exp(-min(odds, 500.0)))) if case.one.name != "torque_delay" else 1.0
+    )
 
 
 def _left(case: Case) -> float:
@@ -87,31 +98,56 @@ def _left(case: Case) -> float:
 
 #: In this order; the first that holds is said.
 TABLE = (
-    Refusal(_periods, SAMPLING, True, SMALL_DELAY, "recorders of five public arms skew by up to 0.3 periods"),
     Refusal(
-        _against_rest, tuning.SURE, True, LIKELY + " {percent:.0f} %, and 99 % are needed",
+        _periods,
+        SAMPLING,
+        True,
+        SMALL_DELAY,
+        "recorders of five public arms skew by up to 0.3 periods",
+    ),
+    Refusal(
+        _against_rest,
+        tuning.SURE,
+        True,
+        LIKELY + " {percent:.0f} %, and 99 % are needed",
         "of names given with 90 to 99 % as many are right",
     ),
     Refusal(
-        lambda case: case.one.test.visible_rms, tuning.MATERIAL, True,
+        lambda case: case.one.test.visible_rms,
+        tuning.MATERIAL,
+        True,
         "its torque is only {value:.2g} times the noise, limit {limit:g}",
         "evidence grows with the length of a log: 7 of 56 cases had a name at 0.06 to 0.2 of the noise",
     ),
-    Refusal(_stray, 1.0, True, "the disturbance of this joint does not repeat", "contacts and drifting sensors"),
     Refusal(
-        _left, 1.0, False,
+        _stray,
+        1.0,
+        True,
+        "the disturbance of this joint does not repeat",
+        "contacts and drifting sensors",
+    ),
+    Refusal(
+        _left,
+        1.0,
+        False,
         "what is left of this joint is {value:.1f} times as large: it may stand in for something else",
         "a dead band is half a gain: 0.75 of the noise left beside 0.4; a spring beside |qd2| qd1",
     ),
     Refusal(
-        lambda case: float(possible(case.one)), 0.5, True, "no physical body has these parameters", "a law",
+        lambda case: float(possible(case.one)),
+        0.5,
+        True,
+        "no physical body has these parameters",
+        "a law",
     ),
     Refusal(
-        lambda case: case.rms[0] / max(case.rms[1], 1e-12), 1.0, False,
+        lambda case: case.rms[0] / max(case.rms[1], 1e-12),
+        1.0,
+        False,
         "it does not reduce the error on unseen data ({value:.3f} times as large with it)",
         "all joints together, in units of their noise: parameters of all joints move with an effect",
     ),
-)  # fmt: skip
+)
 
 
 def refusal(case: Case) -> str:

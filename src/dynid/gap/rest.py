@@ -40,7 +40,9 @@ def smooth(x: Floats, low: float, high: float, kind: tuple[int, float]) -> Float
     return np.asarray(np.exp(-0.25 * (w * length) ** 2)[:, None] * np.sin(w[:, None] * (z + WIDER)))
 
 
-def phases(segments: Sequence[SegmentRows], repeats: Sequence[RepeatPair]) -> tuple[list[int], list[Floats]]:
+def phases(
+    segments: Sequence[SegmentRows], repeats: Sequence[RepeatPair]
+) -> tuple[list[int], list[Floats]]:
     """Return which motion each segment drives, and where in it each row is, (M,) [s]."""
     motion = list(range(len(segments)))
     phase = [np.arange(len(s)) / s.rate for s in segments]
@@ -63,10 +65,13 @@ def bumps(x: Floats, spacing: float) -> Floats:
     return np.exp(-0.5 * ((x - centres[:, None]) / (0.65 * spacing)) ** 2)
 
 
-def rest_columns(segments: Sequence[SegmentRows], repeats: Sequence[RepeatPair], joint: int) -> dict[str, list[Floats]]:
+def rest_columns(
+    segments: Sequence[SegmentRows], repeats: Sequence[RepeatPair], joint: int
+) -> dict[str, list[Floats]]:
     """Return columns of all kinds of what is left of one joint, filtered, {kind: one (m, M) per segment}."""
     q, qd, load = (
-        np.concatenate([getattr(s.motion, name)[:, joint] for s in segments]) for name in ("q", "qd", "rigid")
+        np.concatenate([getattr(s.motion, name)[:, joint] for s in segments])
+        for name in ("q", "qd", "rigid")
     )
     found: dict[str, list[Floats]] = {}
     for s in segments:
@@ -78,19 +83,26 @@ def rest_columns(segments: Sequence[SegmentRows], repeats: Sequence[RepeatPair],
             "place": smooth(own, q.min(), q.max(), PLACE),
             "place_sign": smooth(own, q.min(), q.max(), PLACE_SIGN) * sign,
             "speed": smooth(speed, top[0], top[1], SPEED),
-            "load": np.concatenate([carried, carried[:4] * sign, carried[:4] * motion.qd[:, joint]]),
+            "load": np.concatenate(
+                [carried, carried[:4] * sign, carried[:4] * motion.qd[:, joint]]
+            ),
         }
         edges = np.cumsum([0, *map(len, parts.values())])
         kept = s.filtered(np.concatenate(list(parts.values())))
         for (name, _), a, b in zip(parts.items(), edges[:-1], edges[1:], strict=True):
             found.setdefault(name, []).append(kept[a:b])
     if not all(s.is_new for s in segments):
-        every = [np.concatenate([found[name][k] for name in ("place", "speed", "load")]) for k in range(len(segments))]
+        every = [
+            np.concatenate([found[name][k] for name in ("place", "speed", "load")])
+            for k in range(len(segments))
+        ]
         found["new"] = [x * s.is_new for x, s in zip(every, segments, strict=True)]
     return found | _in_time(segments, repeats, joint)
 
 
-def _in_time(segments: Sequence[SegmentRows], repeats: Sequence[RepeatPair], joint: int) -> dict[str, list[Floats]]:
+def _in_time(
+    segments: Sequence[SegmentRows], repeats: Sequence[RepeatPair], joint: int
+) -> dict[str, list[Floats]]:
     """Return columns of time: slow drift, what repeats with the phase of a motion, what does not, and reversals."""
     t = [s.t for s in segments]
     ends = min(x[0] for x in t), max(x[-1] for x in t)
@@ -142,7 +154,9 @@ def _reversals(segments: Sequence[SegmentRows], joint: int) -> list[Floats]:
         columns = np.zeros((count, len(s)))
         width = tuning.REVERSAL_S * s.rate
         for k, row in enumerate(rows.tolist()):
-            columns[(at + k) % count] += np.exp(-0.5 * ((np.arange(len(s)) - row - 0.5) / width) ** 2)
+            columns[(at + k) % count] += np.exp(
+                -0.5 * ((np.arange(len(s)) - row - 0.5) / width) ** 2
+            )
         at += len(rows)
         found.append(columns)
     return found

@@ -13,7 +13,12 @@ import numpy as np
 
 from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import SelectedEffect, with_selected
-from dynid.gap.significance import candidates_at, score_candidate, significance_test, whitened_columns
+from dynid.gap.significance import (
+    candidates_at,
+    score_candidate,
+    significance_test,
+    whitened_columns,
+)
 from dynid.gap.stepwise_selection import clearly_better, contains, refined, told_apart
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.catalogue import CATALOGUE
@@ -30,7 +35,9 @@ def settled_rivals(problem: GapProblem, selected: Sequence[SelectedEffect]) -> l
     return found
 
 
-def _settled(problem: GapProblem, one: SelectedEffect, rest: Sequence[SelectedEffect]) -> SelectedEffect:
+def _settled(
+    problem: GapProblem, one: SelectedEffect, rest: Sequence[SelectedEffect]
+) -> SelectedEffect:
     """Return one effect, or the rival that is clearly better, with those that are still as good."""
     whole = replace(problem, train=[np.ones(len(s), dtype=bool) for s in problem.segments])
     regression = with_selected(whole.regression(), rest)
@@ -51,5 +58,8 @@ def _settled(problem: GapProblem, one: SelectedEffect, rest: Sequence[SelectedEf
 def _best_fit(regression: WhitenedRegression, effect: Effect, joints: Joints) -> SelectedEffect:
     """Return an effect at its best shape."""
     made = candidates_at(regression, effect, joints)
-    fits = [refined(regression, score_candidate(regression, candidate), candidate)[0] for candidate in made]
+    fits = [
+        refined(regression, score_candidate(regression, candidate), candidate)[0]
+        for candidate in made
+    ]
     return max(fits, key=lambda fit: fit.score)

@@ -130,28 +130,54 @@ def search_effects(
         if late is not None:
             delay += float(late.amplitudes[0])
             delay_test = delay_test or late
-            shifted = [replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs]
-            problem = problem_of_arm(shifted, base) if first.arm else make_problem(shifted, base, kept, earlier)
+            shifted = [
+                replace(s, segments=[segment_without_delay(x, delay) for x in s.segments])
+                for s in logs
+            ]
+            problem = (
+                problem_of_arm(shifted, base)
+                if first.arm
+                else make_problem(shifted, base, kept, earlier)
+            )
             continue
         floor = problem.noise.floor
         problem = with_noise_of_fit(stepwise.problem, stepwise.regression, stepwise.selected)
         change = problem.noise.floor / floor
         most = MORE_NOISE if problem.pooled else 1 / SAME_NOISE
-        if np.all((change > SAME_NOISE) & (change < most)) or (problem.pooled and not stepwise.selected):
+        if np.all((change > SAME_NOISE) & (change < most)) or (
+            problem.pooled and not stepwise.selected
+        ):
             break
     bare = problem.regression(stepwise.regression.fit.theta[: base.reduction.rank])
     chi_before = (first.regression() if delay else bare).reduced_chi_square()
     selected, rest = stepwise.selected, None
     strays: tuple[Stray, ...] = ()
     if isinstance(stepwise, EvidenceSelection):
-        rest, errors = stepwise.evidence.rest(), stepwise.evidence.known_errors(stepwise.rows.regression.size)
-        strays = tuple(find_strays(stepwise.evidence, stepwise.rows, stepwise.added, problem.noise.unrepeatable))
+        rest, errors = (
+            stepwise.evidence.rest(),
+            stepwise.evidence.known_errors(stepwise.rows.regression.size),
+        )
+        strays = tuple(
+            find_strays(
+                stepwise.evidence, stepwise.rows, stepwise.added, problem.noise.unrepeatable
+            )
+        )
     else:
         selected = settled_rivals(problem, selected)
         errors = with_selected(bare, selected).known_errors
     after, between = chi_squares(with_selected(bare, selected))
     return EffectSearch(
-        problem, selected, delay, delay_test, chi_before, after, between, stepwise.visibility, errors, rest, strays
+        problem,
+        selected,
+        delay,
+        delay_test,
+        chi_before,
+        after,
+        between,
+        stepwise.visibility,
+        errors,
+        rest,
+        strays,
     )
 
 
@@ -220,7 +246,9 @@ def without(first: GapProblem, search: EffectSearch, dropped: SelectedEffect) ->
     bare = search.problem.regression()
     problem = held_near_possible(search.problem, with_selected(bare, selected))
     after, between = chi_squares(with_selected(problem.regression(), selected))
-    return replace(search, problem=problem, selected=selected, after=after, between_reversals=between)
+    return replace(
+        search, problem=problem, selected=selected, after=after, between_reversals=between
+    )
 
 
 def with_noise_of_fit(
@@ -254,8 +282,13 @@ def still_changed(search: EffectSearch, selected: Sequence[SelectedEffect]) -> t
     selected, segments = [one for one in selected if one.name != "torque_delay"], problem.segments
     if selected:
         regression = with_selected(problem.regression(), selected)
-        torques = [torque_in_rows(s, selected, regression.amplitudes).T for s in regression.segments]
-        segments = [replace(s, rows=replace(s.rows, tau=s.tau - x)) for s, x in zip(segments, torques, strict=True)]
+        torques = [
+            torque_in_rows(s, selected, regression.amplitudes).T for s in regression.segments
+        ]
+        segments = [
+            replace(s, rows=replace(s.rows, tau=s.tau - x))
+            for s, x in zip(segments, torques, strict=True)
+        ]
     nuisance = [nuisance_columns(s) for s in segments]
     return change_test(segments, problem.train, nuisance, problem.held_by).joints
 
@@ -264,7 +297,9 @@ def residuals_of_fit(
     problem: GapProblem, regression: WhitenedRegression, selected: Sequence[SelectedEffect]
 ) -> list[Floats]:
     """Return what the model and the effects of a regression leave of all rows, one (M, n) per segment [N m or N]."""
-    residuals = torque_residuals(regression, problem.segments, [nuisance_columns(s) for s in problem.segments])
+    residuals = torque_residuals(
+        regression, problem.segments, [nuisance_columns(s) for s in problem.segments]
+    )
     for k, s in enumerate(regression.segments):
         residuals[k] -= torque_in_rows(s, selected, regression.amplitudes).T
     return residuals

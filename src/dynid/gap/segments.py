@@ -84,11 +84,15 @@ class SegmentRows:
 
 def parallel_filtered(signals: Floats, chosen: Filter) -> Floats:
     """Return signals under the filter of the torques, (C, N) -> (C, M)."""
-    kept: Floats = decimate(np.ascontiguousarray(signals), chosen.second_kernel, chosen.second_step)[0]
+    kept: Floats = decimate(
+        np.ascontiguousarray(signals), chosen.second_kernel, chosen.second_step
+    )[0]
     return kept
 
 
-def segments_of(logs: Sequence[ConditionedLog], base: BaseModel, reference: ReferenceTorques) -> list[SegmentRows]:
+def segments_of(
+    logs: Sequence[ConditionedLog], base: BaseModel, reference: ReferenceTorques
+) -> list[SegmentRows]:
     """Return the rows of conditioned logs, segment by segment.
 
     Args:
@@ -110,7 +114,9 @@ def segments_of(logs: Sequence[ConditionedLog], base: BaseModel, reference: Refe
     return found
 
 
-def jackknife_blocks(segments: Sequence[SegmentRows], shortest: float = SHORTEST_BLOCK) -> list[NDArray[np.int64]]:
+def jackknife_blocks(
+    segments: Sequence[SegmentRows], shortest: float = SHORTEST_BLOCK
+) -> list[NDArray[np.int64]]:
     """Return the number of the block of time of each row, one (M,) per segment; blocks of different segments differ.
 
     Args:
@@ -119,10 +125,15 @@ def jackknife_blocks(segments: Sequence[SegmentRows], shortest: float = SHORTEST
     """
     seconds = sum(float(s.use.any(axis=1).sum()) / s.rate for s in segments)
     length = min(LONGEST_BLOCK, max(shortest, seconds / BLOCKS))
-    return [1_000_000 * k + np.arange(len(s)) // max(1, round(length * s.rate)) for k, s in enumerate(segments)]
+    return [
+        1_000_000 * k + np.arange(len(s)) // max(1, round(length * s.rate))
+        for k, s in enumerate(segments)
+    ]
 
 
-def with_reference(segments: Sequence[SegmentRows], reference: ReferenceTorques) -> list[SegmentRows]:
+def with_reference(
+    segments: Sequence[SegmentRows], reference: ReferenceTorques
+) -> list[SegmentRows]:
     """Return the segments with another current model."""
     return [replace(s, motion=replace(s.motion, reference=reference)) for s in segments]
 
@@ -139,7 +150,9 @@ def _sums(x: Mask, first: int, last: int) -> NDArray[np.int64]:
     """Return how many of the rows from ``first`` to ``last`` around each row are set, (M, n); none beyond the ends."""
     total = np.concatenate([np.zeros((1, x.shape[1]), dtype=np.int64), np.cumsum(x, axis=0)])
     rows = np.arange(len(x))
-    return np.asarray(total[np.clip(rows + last + 1, 0, len(x))] - total[np.clip(rows + first, 0, len(x))])
+    return np.asarray(
+        total[np.clip(rows + last + 1, 0, len(x))] - total[np.clip(rows + first, 0, len(x))]
+    )
 
 
 def cut(segments: Sequence[SegmentRows], chosen: Sequence[Mask]) -> list[SegmentRows]:

@@ -84,9 +84,13 @@ def stepped(value: float, kind: str, size: float, share: float) -> float:
     return value + size * share if kind == "plus" else value * size**share
 
 
-def with_selected(regression: WhitenedRegression, selected: Sequence[SelectedEffect]) -> WhitenedRegression:
+def with_selected(
+    regression: WhitenedRegression, selected: Sequence[SelectedEffect]
+) -> WhitenedRegression:
     """Return the regression with selected effects."""
-    columns = [whitened_columns(regression, one.effect, one.joints, [one.shape]) for one in selected]
+    columns = [
+        whitened_columns(regression, one.effect, one.joints, [one.shape]) for one in selected
+    ]
     return regression.with_effects([{j: C[0] for j, C in found.items()} for found in columns])
 
 
@@ -100,14 +104,18 @@ def at_sizes(selected: Sequence[SelectedEffect], amplitudes: Floats) -> list[Sel
     return found
 
 
-def torque_in_rows(segment: SegmentRows, selected: Sequence[SelectedEffect], amplitudes: Floats) -> Floats:
+def torque_in_rows(
+    segment: SegmentRows, selected: Sequence[SelectedEffect], amplitudes: Floats
+) -> Floats:
     """Return the torque of effects in the rows of a segment, (n, M) [N m or N]; nothing where they do not act yet."""
     if not segment.is_new:
         return np.zeros((segment.motion.n, len(segment)))
     return segment.filtered(effect_torque(segment.motion, selected, amplitudes))
 
 
-def effect_torque(motion: ArmMotion, selected: Sequence[SelectedEffect], amplitudes: Floats) -> Floats:
+def effect_torque(
+    motion: ArmMotion, selected: Sequence[SelectedEffect], amplitudes: Floats
+) -> Floats:
     """Return the torque of effects along a motion, (n, N) [N m or N].
 
     Args:

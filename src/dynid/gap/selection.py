@@ -39,7 +39,13 @@ EXCHANGES = 3
 #: Effects that are a special case of others, which always fit as well: they are no rivals, and have to win.
 SIMPLER = {
     "torque_offset": ("spring", "end_stop", "torque_drift"),
-    "coulomb": ("presliding_hysteresis", "stribeck", "position_friction", "nonlinear_viscous", "warmup_friction"),
+    "coulomb": (
+        "presliding_hysteresis",
+        "stribeck",
+        "position_friction",
+        "nonlinear_viscous",
+        "warmup_friction",
+    ),
     "viscous": ("nonlinear_viscous", "asymmetric_viscous", "warmup_friction"),
 }
 #: A delay found by moving torques wins by so much evidence.
@@ -131,12 +137,18 @@ def simplest(looks: Sequence[Look]) -> Look | None:
     best, limit = looks[0], looks[0].log_odds - log_odds_of(tuning.AGAINST_OTHERS)
     likely = [one for one in looks[1:] if one.log_odds > limit]
     fewer = [one for one in likely if one.key == best.key and _amplitudes(one) < _amplitudes(best)]
-    return next((one for one in likely if contains(best.key, one.key)), min(fewer, key=_amplitudes, default=best))
+    return next(
+        (one for one in likely if contains(best.key, one.key)),
+        min(fewer, key=_amplitudes, default=best),
+    )
 
 
 def _precision(products: Mapping[int, tuple[Floats, Floats]], strength: Floats) -> Floats:
     """Return the prior precision of amplitudes, (k, k), of columns of so much rms over their prior size, (k,)."""
-    return np.asarray(likeness(np.sum([own for own, _ in products.values()], axis=0)) * np.outer(strength, strength))
+    return np.asarray(
+        likeness(np.sum([own for own, _ in products.values()], axis=0))
+        * np.outer(strength, strength)
+    )
 
 
 def _amplitudes(look: Look) -> int:
@@ -177,7 +189,9 @@ class EvidenceSelection:
     ) -> None:
         self.problem, self.options, self.progress = problem, options, progress
         self.wanted = wanted_effects(problem, options, delay=delay)
-        self.late = late if any(effect.name == "torque_delay" for effect, _ in self.wanted) else None
+        self.late = (
+            late if any(effect.name == "torque_delay" for effect, _ in self.wanted) else None
+        )
         self.named: list[Named] = []
         self.barred: set[Key] = set()
         self.in_place: list[list[Look]] = []
@@ -232,22 +246,35 @@ class EvidenceSelection:
         taken = {one.key for one in self.named} | self.barred
         picked: dict[int, float] = {}
         for some, count in ((evidence, most // 2), (without_rest(evidence), most)):
-            found = [(k, gains(some, one)) for k, one in enumerate(self.candidates) if one.key not in taken]
+            found = [
+                (k, gains(some, one))
+                for k, one in enumerate(self.candidates)
+                if one.key not in taken
+            ]
             order = sorted(found, key=lambda pair: -float(pair[1].log_odds.max()))
             joint: dict[tuple[int, ...], int] = {}
             for k, gain in order:
                 place = self.candidates[k].joints[:1]
                 if sum(joint.values()) >= count:
                     break
-                if gain.log_odds.max() < tuning.WORTH_A_LOOK or joint.get(place, 0) >= MOST_OF_A_JOINT:
+                if (
+                    gain.log_odds.max() < tuning.WORTH_A_LOOK
+                    or joint.get(place, 0) >= MOST_OF_A_JOINT
+                ):
                     continue
                 joint[place] = joint.get(place, 0) + 1
                 picked.setdefault(k, float(gain.log_odds.max()))
         looks = [self._look(evidence, self.candidates[k]) for k in picked]
         # Why first: a long log is sure of torques that matter to nobody, and they are no rivals of what does.
-        looks = [one for one in looks if one.log_odds > 0.0 and self._visible(one) >= tuning.MATERIAL]
+        looks = [
+            one for one in looks if one.log_odds > 0.0 and self._visible(one) >= tuning.MATERIAL
+        ]
         top = max((one.log_odds for one in looks), default=0.0)
-        exact = [self._integrated(evidence, one) for one in looks if one.log_odds > max(top - BEHIND, 0.0)]
+        exact = [
+            self._integrated(evidence, one)
+            for one in looks
+            if one.log_odds > max(top - BEHIND, 0.0)
+        ]
         return sorted(exact, key=lambda one: -one.log_odds)
 
     def _prior(self, one: Candidate) -> float:
@@ -261,7 +288,9 @@ class EvidenceSelection:
         _, shape, scale = integrated(without_rest(evidence), self.rows, one, self.added)
         starts = {g: float(found.scale[g])}
         if shape not in one.shapes:
-            one = one.and_also(candidate(self.rows, one.effect, one.joints, [shape], self.added, keep=True))
+            one = one.and_also(
+                candidate(self.rows, one.effect, one.joints, [shape], self.added, keep=True)
+            )
         starts.setdefault(one.shapes.index(shape), scale)
         looks = [self._look_from(evidence, one, *start) for start in starts.items()]
         return max(looks, key=lambda look: look.log_odds)
@@ -270,13 +299,20 @@ class EvidenceSelection:
         """Return a candidate with the rest sized beside one of its shapes."""
         k, t = one.rms.shape[1], evidence.width
         products, rms = one.at(g)
-        strength = {j: float(np.trace(own) / evidence.joints[j].count) for j, (own, _) in products.items()}
+        strength = {
+            j: float(np.trace(own) / evidence.joints[j].count) for j, (own, _) in products.items()
+        }
         joints = tuple(sorted(strength, key=lambda j: -strength[j])[:MOST_JOINTS])
         precision = _precision(products, rms / scale)
         beside = evidence.with_columns(products, precision).sized(joints).without(t, t + k)
         again = gains(beside, one)
         best = int(np.argmax(again.log_odds))
-        odds = beside.log_evidence - evidence.log_evidence + float(again.log_odds[best]) + self._prior(one)
+        odds = (
+            beside.log_evidence
+            - evidence.log_evidence
+            + float(again.log_odds[best])
+            + self._prior(one)
+        )
         return Look(one, dict(one.shapes[best]), float(again.scale[best]), odds, beside, joints)
 
     def _integrated(self, evidence: Evidence, look: Look) -> Look:
@@ -304,7 +340,11 @@ class EvidenceSelection:
         names, sizes = list(effect.amplitudes(one.shape)), found.amplitudes
         power = np.diag(found.covariance)
         seen = power > 0
-        z = float(np.sqrt(sizes[seen] @ np.linalg.solve(found.covariance[np.ix_(seen, seen)], sizes[seen])))
+        z = float(
+            np.sqrt(
+                sizes[seen] @ np.linalg.solve(found.covariance[np.ix_(seen, seen)], sizes[seen])
+            )
+        )
         errors = np.where(seen, np.sqrt(power), np.inf)
         return replace(
             told,
@@ -326,15 +366,21 @@ class EvidenceSelection:
     def _rebuild(self, sized: Evidence) -> None:
         """Make all columns again with what is named, at the parameters and sizes that go with it."""
         for _ in range(2):
-            bare = replace(self.first, joints=tuple(
-                replace(m, log_rms=s.log_rms, level=s.level)
-                for m, s in zip(self.first.joints, sized.joints, strict=True)
-            ))  # fmt: skip
+            bare = replace(
+                self.first,
+                joints=tuple(
+                    replace(m, log_rms=s.log_rms, level=s.level)
+                    for m, s in zip(self.first.joints, sized.joints, strict=True)
+                ),
+            )
             bare.__dict__.pop("parts", None)
             evidence, self.added = bare, []
             for one in self.named:
                 columns = self._columns(one)
-                rms, whole = self._rms(columns) / one.scale, np.sum([C @ C.T for C in columns.values()], axis=0)
+                rms, whole = (
+                    self._rms(columns) / one.scale,
+                    np.sum([C @ C.T for C in columns.values()], axis=0),
+                )
                 precision = likeness(whole) * np.outer(rms, rms)
                 evidence = evidence.with_columns(self.rows.products(columns, self.added), precision)
                 self.added.append(columns)
@@ -359,11 +405,15 @@ class EvidenceSelection:
             at += len(names)
             self.named[k] = replace(one, effect=one.effect.at_size(sizes))
         effects = {one.key: one.effect for one in self.named}
-        self.wanted = [(effects.get((effect.name, joints), effect), joints) for effect, joints in self.wanted]
+        self.wanted = [
+            (effects.get((effect.name, joints), effect), joints) for effect, joints in self.wanted
+        ]
         return any(effect.needs_model for effect in before)
 
     def _columns(self, one: Named) -> EffectColumns:
-        found = without_rounding(whitened_columns(self.rows.regression, one.effect, one.joints, [one.shape]))
+        found = without_rounding(
+            whitened_columns(self.rows.regression, one.effect, one.joints, [one.shape])
+        )
         return {j: C[0] for j, C in found.items() if C.any()}
 
     def _rms(self, columns: EffectColumns) -> Floats:
@@ -374,7 +424,9 @@ class EvidenceSelection:
         """Return the evidence without one name, the rest of its joints sized again."""
         counts = [len(next(iter(columns.values()))) for columns in self.added]
         first = self.first.width + sum(counts[:k])
-        return self.evidence.without(first, first + counts[k]).sized(sorted(self.added[k])[:MOST_JOINTS])
+        return self.evidence.without(first, first + counts[k]).sized(
+            sorted(self.added[k])[:MOST_JOINTS]
+        )
 
     def _in_place_of(self, k: int) -> list[Look]:
         """Return what explains the rows in place of one name, itself included."""
@@ -382,7 +434,11 @@ class EvidenceSelection:
         names, added, evidence, candidates = self.named, self.added, self.evidence, self.candidates
         without = self._without(k)
         try:
-            self.named, self.added, self.evidence = others, [x for i, x in enumerate(added) if i != k], without
+            self.named, self.added, self.evidence = (
+                others,
+                [x for i, x in enumerate(added) if i != k],
+                without,
+            )
             first = self.first.width + sum(len(next(iter(x.values()))) for x in added[:k])
             last = first + len(next(iter(added[k].values())))
             self.candidates = [one.without(first, last) for one in candidates]
@@ -392,7 +448,12 @@ class EvidenceSelection:
                 found += [self._integrated(without, self._look(without, c)) for c in own]
             return sorted(found, key=lambda one: -one.log_odds)
         finally:
-            self.named, self.added, self.evidence, self.candidates = names, added, evidence, candidates
+            self.named, self.added, self.evidence, self.candidates = (
+                names,
+                added,
+                evidence,
+                candidates,
+            )
 
     def _exchange(self, sure: float) -> None:
         """Exchange names for better ones, and drop those that the others do without."""
@@ -417,7 +478,9 @@ class EvidenceSelection:
     def _conclude(self, likely: Look | None) -> None:
         """Find the probability of each name and its rivals, and test it as it is told."""
         for k, one in enumerate(self.named):
-            looks = self.in_place[k] if len(self.in_place) == len(self.named) else self._in_place_of(k)
+            looks = (
+                self.in_place[k] if len(self.in_place) == len(self.named) else self._in_place_of(k)
+            )
             own = next(look for look in looks if look.key == one.key)
             beside = {c.key: float(gains(self.evidence, c).log_odds.max()) for c in self.candidates}
             rivals = tuple(
@@ -429,7 +492,11 @@ class EvidenceSelection:
             )
             self.named[k] = replace(one, log_odds=own.log_odds, rivals=rivals)
         found = list(self.named)
-        if likely is not None and likely.log_odds > log_odds_of(tuning.LIKELY) and likely.key[0] != "torque_delay":
+        if (
+            likely is not None
+            and likely.log_odds > log_odds_of(tuning.LIKELY)
+            and likely.key[0] != "torque_delay"
+        ):
             c = likely.candidate
             found.append(Named(c.effect, c.joints, likely.shape, likely.scale, likely.log_odds))
         self.named, self.barred = found, set()
@@ -441,7 +508,13 @@ class EvidenceSelection:
             rest = self.rows.regression.with_effects([x for i, x in enumerate(columns) if i != k])
             test = significance_test(rest, columns[k])
             told = SelectedEffect(
-                one.effect, one.joints, one.shape, test, 2.0 * one.log_odds, one.equals, probability=one.probability
+                one.effect,
+                one.joints,
+                one.shape,
+                test,
+                2.0 * one.log_odds,
+                one.equals,
+                probability=one.probability,
             )
             self.selected.append(self._with_numbers(k, told))
         self.regression = self.regression.with_effects(columns)

@@ -20,16 +20,20 @@ BEYOND = 1.0
 
 def in_steps(effect: Effect, shape: dict[str, float]) -> Floats:
     """Return the refined parameters of a shape in units of their first steps, (d,)."""
-    return np.array([
-        shape[name] / size if kind == "plus" else np.log(shape[name]) / np.log(size)
-        for name, (kind, size) in effect.steps.items()
-    ])  # fmt: skip
+    return np.array(
+        [
+            shape[name] / size if kind == "plus" else np.log(shape[name]) / np.log(size)
+            for name, (kind, size) in effect.steps.items()
+        ]
+    )
 
 
 def from_steps(effect: Effect, shape: dict[str, float], x: Floats) -> dict[str, float]:
     """Return a shape with its refined parameters given in units of their first steps, (d,)."""
     pairs = zip(effect.steps.items(), x.tolist(), strict=True)
-    return shape | {name: v * size if kind == "plus" else float(size**v) for (name, (kind, size)), v in pairs}
+    return shape | {
+        name: v * size if kind == "plus" else float(size**v) for (name, (kind, size)), v in pairs
+    }
 
 
 def ends_of(effect: Effect, shapes: Sequence[dict[str, float]]) -> tuple[Floats, Floats]:
@@ -38,7 +42,9 @@ def ends_of(effect: Effect, shapes: Sequence[dict[str, float]]) -> tuple[Floats,
     low, high = grid.min(axis=0) - BEYOND, grid.max(axis=0) + BEYOND
     for k, name in enumerate(effect.steps):
         if (effect.name, name) in tuning.RANGES:
-            low[k], high[k] = (in_steps(effect, shapes[0] | {name: x})[k] for x in tuning.RANGES[effect.name, name])
+            low[k], high[k] = (
+                in_steps(effect, shapes[0] | {name: x})[k] for x in tuning.RANGES[effect.name, name]
+            )
     return low, high
 
 
@@ -55,7 +61,11 @@ def integrated(
     """
     found = gains(evidence, one)
     best = int(np.argmax(found.log_odds))
-    top, shape, scale = float(found.log_odds[best]), dict(one.shapes[best]), float(found.scale[best])
+    top, shape, scale = (
+        float(found.log_odds[best]),
+        dict(one.shapes[best]),
+        float(found.scale[best]),
+    )
     mean = top + float(np.log(np.mean(np.exp(found.log_odds - top))))
     effect = one.effect
     if not effect.steps or top < -1e8:
@@ -66,11 +76,17 @@ def integrated(
     x, step = in_steps(effect, shape), 1.0
     d = len(x)
     # Directions in which a parabola is laid through what is near: each alone, and each pair together.
-    moves = [*np.eye(d), *-np.eye(d), *(np.eye(d)[a] + np.eye(d)[b] for a in range(d) for b in range(a))]
+    moves = [
+        *np.eye(d),
+        *-np.eye(d),
+        *(np.eye(d)[a] + np.eye(d)[b] for a in range(d) for b in range(a)),
+    ]
     curve = np.eye(d)
     for _ in range(HALVINGS):
         tried = [np.clip(x + step * move, low, high) for move in moves]
-        near = candidate(rows, effect, one.joints, [from_steps(effect, shape, y) for y in tried], added)
+        near = candidate(
+            rows, effect, one.joints, [from_steps(effect, shape, y) for y in tried], added
+        )
         values = gains(evidence, near) if near.own else None
         if values is None:
             break
@@ -89,7 +105,11 @@ def integrated(
         step *= 0.35
         if np.all(step * np.sqrt(np.diag(curve)) < 0.3):
             break
-    volume = 0.5 * d * np.log(2 * np.pi) - 0.5 * float(np.linalg.slogdet(curve)[1]) - float(np.log(high - low).sum())
+    volume = (
+        0.5 * d * np.log(2 * np.pi)
+        - 0.5 * float(np.linalg.slogdet(curve)[1])
+        - float(np.log(high - low).sum())
+    )
     other = len({tuple(v for name, v in s.items() if name not in effect.steps) for s in one.shapes})
     peak = top + min(volume, 0.0) - float(np.log(other))
     return max(mean, peak), from_steps(effect, shape, x), scale

@@ -81,12 +81,22 @@ def whitened_columns(
             parts.append(np.zeros((len(shapes), count, len(rows), len(segment))))
             continue
         raw = effect.tried(segment.motion, joints, shapes)
-        shape, flat = (len(shapes), len(raw[0]), len(rows), -1), [x.reshape(-1, len(segment.motion)) for x in raw]
+        shape, flat = (
+            (len(shapes), len(raw[0]), len(rows), -1),
+            [x.reshape(-1, len(segment.motion)) for x in raw],
+        )
         # Why shape by shape where they are long: a filter takes five times the memory of what it is given.
         together = regression.store is None
-        kept = segment.filtered(np.concatenate(flat)) if together else np.concatenate(list(map(segment.filtered, flat)))
+        kept = (
+            segment.filtered(np.concatenate(flat))
+            if together
+            else np.concatenate(list(map(segment.filtered, flat)))
+        )
         parts.append(kept.reshape(shape))
-    return {joint: regression.whiten(joint, [part[:, :, r] for part in parts]) for r, joint in enumerate(rows)}
+    return {
+        joint: regression.whiten(joint, [part[:, :, r] for part in parts])
+        for r, joint in enumerate(rows)
+    }
 
 
 def candidate_of(
@@ -98,7 +108,9 @@ def candidate_of(
     products = np.zeros((*gram.shape[:2], regression.size + 1))
     for joint, C in columns.items():
         rows = regression.joints[joint]
-        products[..., :-1] += (C.reshape(gram[..., 0].size, -1) @ rows.A).reshape(*gram.shape[:2], -1)
+        products[..., :-1] += (C.reshape(gram[..., 0].size, -1) @ rows.A).reshape(
+            *gram.shape[:2], -1
+        )
         products[..., -1] += C @ rows.y
     if regression.store is not None:
         columns = {joint: regression.store.put(each) for joint, each in columns.items()}
@@ -106,7 +118,9 @@ def candidate_of(
     return EffectCandidate(effect, joints, shapes, columns, gram, products)
 
 
-def candidates_at(regression: WhitenedRegression, effect: Effect, joints: Joints) -> list[EffectCandidate]:
+def candidates_at(
+    regression: WhitenedRegression, effect: Effect, joints: Joints
+) -> list[EffectCandidate]:
     """Return the candidates of an effect on its grid: one for each number of columns that its shapes have."""
     shapes = effect.grid(regression.motion, joints)
     groups: dict[int, list[dict[str, float]]] = {}
@@ -120,10 +134,14 @@ def score_candidate(regression: WhitenedRegression, candidate: EffectCandidate) 
     G, b = _projected(regression, candidate)
     if regression.store is not None:
         release()
-    gains, ranks, shares = _gains(G, b, candidate.gram, regression.absorbed, candidate.effect.positive)
+    gains, ranks, shares = _gains(
+        G, b, candidate.gram, regression.absorbed, candidate.effect.positive
+    )
     best = int(np.argmax(gains))
     samples = max(sum(len(regression.fit.e[j]) for j in candidate.columns), 2)
-    penalty = (ranks[best] + len(candidate.effect.steps)) * np.log(samples) + 2 * np.log(len(candidate.shapes))
+    penalty = (ranks[best] + len(candidate.effect.steps)) * np.log(samples) + 2 * np.log(
+        len(candidate.shapes)
+    )
     return CandidateScore(float(gains[best]), float(penalty), best, float(shares[best]))
 
 
@@ -142,7 +160,9 @@ def _projected(regression: WhitenedRegression, candidate: EffectCandidate) -> tu
     return candidate.gram - P @ P.transpose(0, 2, 1), b.reshape(count, k)
 
 
-def _gains(G: Floats, b: Floats, raw: Floats, absorbed: float, positive: bool) -> tuple[Floats, Floats, Floats]:
+def _gains(
+    G: Floats, b: Floats, raw: Floats, absorbed: float, positive: bool
+) -> tuple[Floats, Floats, Floats]:
     """Return gain, number of directions and visible share of each shape, (G,) each."""
     size = np.sqrt(np.diagonal(raw, axis1=1, axis2=2))
     there = np.all(size > 0, axis=1)
@@ -215,7 +235,9 @@ def significance_test(regression: WhitenedRegression, columns: EffectColumns) ->
         C = -regression.combined(j, weights).T
         if j in columns:
             C += columns[j]
-        products = np.concatenate([np.einsum("km,lm->mkl", C, C).reshape(len(rows.y), k * k), (C * fit.e[j]).T], axis=1)
+        products = np.concatenate(
+            [np.einsum("km,lm->mkl", C, C).reshape(len(rows.y), k * k), (C * fit.e[j]).T], axis=1
+        )
         projected[j] = C
         _add_sums(blocks, rows.block, products)
         _add_sums(halves, _halves(rows.log), products)
@@ -231,10 +253,15 @@ def significance_test(regression: WhitenedRegression, columns: EffectColumns) ->
     spread = without - without.mean(axis=0)
     count = len(without)
     covariance = spread.T @ spread * (count - 1) / count
-    wald = float(beta @ np.linalg.solve(covariance + 1e-12 * np.trace(covariance) * np.eye(k), beta)) / k
+    wald = (
+        float(beta @ np.linalg.solve(covariance + 1e-12 * np.trace(covariance) * np.eye(k), beta))
+        / k
+    )
     p_value = float(special.fdtrc(k, max(count - k, 1), wald))
     parts = _normal_equations([np.sum(v, axis=0) for v in halves.values()], k)
-    chow = _chow_p_value(parts[0] / np.outer(scale, scale), parts[1] / scale, beta, covariance, whole)
+    chow = _chow_p_value(
+        parts[0] / np.outer(scale, scale), parts[1] / scale, beta, covariance, whole
+    )
     amplitudes = beta / scale
     visible = {
         j: float(np.sqrt(regression.noise.count[j] * np.mean((amplitudes @ projected[j]) ** 2)))
@@ -247,7 +274,15 @@ def significance_test(regression: WhitenedRegression, columns: EffectColumns) ->
     left = np.linalg.inv(whole) / np.outer(scale, scale)
     covariance = covariance / np.outer(scale, scale)
     return SignificanceTest(
-        amplitudes, covariance, p_value, chow, visible[joint], joint, gains, float(prior), np.asarray(left)
+        amplitudes,
+        covariance,
+        p_value,
+        chow,
+        visible[joint],
+        joint,
+        gains,
+        float(prior),
+        np.asarray(left),
     )
 
 

@@ -77,14 +77,19 @@ class Lattice:
         """Return whether points lie close beside a covariance, (d, d), in every direction, and reach beyond it."""
         inverse = np.linalg.inv(self.steps)
         within = inverse @ spread @ inverse.T
-        return bool(np.linalg.eigvalsh(within)[0] > RESOLVED**2 and np.all(np.diag(within) < (HALF / REACH) ** 2))
+        return bool(
+            np.linalg.eigvalsh(within)[0] > RESOLVED**2
+            and np.all(np.diag(within) < (HALF / REACH) ** 2)
+        )
 
     def closer(self, mean: Floats, spread: Floats) -> Lattice:
         """Return a lattice about a mean, (d,), along the axes of a covariance, (d, d)."""
         wide = self.high - self.low
         variances, axes = np.linalg.eigh(spread / np.outer(wide, wide))
         here = axes.T @ (self.steps / wide[:, None])
-        half = np.maximum(WIDE * np.sqrt(np.maximum(variances, 0.0)), CLOSER * np.linalg.norm(here, axis=1))
+        half = np.maximum(
+            WIDE * np.sqrt(np.maximum(variances, 0.0)), CLOSER * np.linalg.norm(here, axis=1)
+        )
         return replace(self, center=mean, steps=wide[:, None] * axes * (half / HALF))
 
 
@@ -108,7 +113,11 @@ def sizes_of(
     """
     ways = turning(rows) if "vs" in effect.steps else [rows]
     names = list(effect.amplitudes(shape))
-    grid = [x for x in effect.grid(rows.regression.motion, joints) if list(effect.amplitudes(x)) == names]
+    grid = [
+        x
+        for x in effect.grid(rows.regression.motion, joints)
+        if list(effect.amplitudes(x)) == names
+    ]
     lattice = None
     if effect.steps and grid:
         low, high = ends_of(effect, grid)
@@ -117,13 +126,19 @@ def sizes_of(
     points = [from_steps(effect, shape, x) for x in lattice.points()] if lattice else grid
     for _ in range(CLOSINGS):
         # Why the best shape too: a lattice that is too wide for the peak has no point near it.
-        odds, amplitudes, covariance = _posterior(evidence, ways, effect, joints, [*points, shape], added)
+        odds, amplitudes, covariance = _posterior(
+            evidence, ways, effect, joints, [*points, shape], added
+        )
         inside = np.tile(np.arange(len(points) + 1) < len(points), len(ways))
         between = float(odds[~inside].max() - odds[inside].max()) > BETWEEN
         if between or lattice is None:
             points, inside = [*points, shape], np.ones(len(odds), dtype=bool)
         weights = np.exp(odds[inside] - odds[inside].max())
-        weights, amplitudes, covariance = weights / weights.sum(), amplitudes[inside], covariance[inside]
+        weights, amplitudes, covariance = (
+            weights / weights.sum(),
+            amplitudes[inside],
+            covariance[inside],
+        )
         x = np.array([in_steps(effect, each) for each in points])
         likely = weights.reshape(len(ways), -1).sum(axis=0)
         mean = likely @ x
@@ -171,9 +186,20 @@ def turning(rows: EvidenceRows) -> list[EvidenceRows]:
     """
     regression = rows.regression
     return [
-        replace(rows, regression=replace(regression, segments=[
-            replace(s, motion=replace(s.motion, coulomb_sign=np.tanh(s.motion.qd / (share * s.reversal))))
-            for s in regression.segments
-        ]))
+        replace(
+            rows,
+            regression=replace(
+                regression,
+                segments=[
+                    replace(
+                        s,
+                        motion=replace(
+                            s.motion, coulomb_sign=np.tanh(s.motion.qd / (share * s.reversal))
+                        ),
+                    )
+                    for s in regression.segments
+                ],
+            ),
+        )
         for share in TURNS
-    ]  # fmt: skip
+    ]

@@ -39,7 +39,10 @@ EQUAL, SURE = 12.0, 1.73
 #: Chance of what further freedom explains, below which it is of use.
 BY_CHANCE = 0.05
 #: Effects that are a simpler special case of others, which then have to be better by more than ``EQUAL``.
-SIMPLER = {"torque_offset": ("spring", "end_stop", "torque_drift"), "coulomb": ("presliding_hysteresis", "stribeck")}
+SIMPLER = {
+    "torque_offset": ("spring", "end_stop", "torque_drift"),
+    "coulomb": ("presliding_hysteresis", "stribeck"),
+}
 #: Candidates that are refined before they are compared: refinement moves the order by a few places, and costs time.
 RIVALS = 6
 #: A rival has at least this share of an effect's evidence, and loses all but this share of its gain with it: what
@@ -99,7 +102,9 @@ class StepwiseSelection:
         self.problem, self.options, self.progress = problem, options, progress
         self.explained_before = explained_before
         self.wanted = wanted_effects(problem, options, delay=delay)
-        self.late = late if any(effect.name == "torque_delay" for effect, _ in self.wanted) else None
+        self.late = (
+            late if any(effect.name == "torque_delay" for effect, _ in self.wanted) else None
+        )
         self.selected: list[SelectedEffect] = []
         self.barred: set[Key] = set()
         self.visibility: dict[Key, float] = {}
@@ -123,10 +128,18 @@ class StepwiseSelection:
         while len(self.selected) < self.options.most:
             best = self._best()
             # Why only now: to make candidates again takes longer than all else, and most searches end here.
-            if best is not None and (best.effect.needs_model or self.selected) and self._refreshed():
+            if (
+                best is not None
+                and (best.effect.needs_model or self.selected)
+                and self._refreshed()
+            ):
                 best = self._best()
             late = None if self.selected else self.late
-            if late is not None and self._passes(late) and (best is None or late.score > best.score):
+            if (
+                late is not None
+                and self._passes(late)
+                and (best is None or late.score > best.score)
+            ):
                 best = late
             if best is None:
                 break
@@ -164,9 +177,16 @@ class StepwiseSelection:
                 self.visibility[c.key] = max(score.visibility, self.visibility.get(c.key, 0.0))
         unclear: set[int] = set()
         while True:
-            clear = [(score, c) for score, c in ranked if score.score > 0 and not unclear & set(c.joints[:1])]
+            clear = [
+                (score, c)
+                for score, c in ranked
+                if score.score > 0 and not unclear & set(c.joints[:1])
+            ]
             refined = [self._refined(self.regression, score, c) for score, c in clear[:RIVALS]]
-            leading = sorted((one for one in refined if one.test.joint not in unclear), key=lambda one: -one.score)
+            leading = sorted(
+                (one for one in refined if one.test.joint not in unclear),
+                key=lambda one: -one.score,
+            )
             for one in leading:
                 if self._passes(one):
                     if not self._possible_absorbs(one):
@@ -191,7 +211,9 @@ class StepwiseSelection:
         found = []
         for joint, columns in imitated_counterbalances(self.regression, self.problem.base).items():
             key = COUNTERBALANCE, (joint,)
-            place = next((c for c in self.candidates if c.key == key and key not in self.barred), None)
+            place = next(
+                (c for c in self.candidates if c.key == key and key not in self.barred), None
+            )
             if place is not None and key not in {one.key for one in self.selected}:
                 test = significance_test(self.regression, columns)
                 one = SelectedEffect(place.effect, place.joints, dict(place.shapes[0]), test, 0.0)
@@ -219,7 +241,11 @@ class StepwiseSelection:
     def _simplest(self, best: SelectedEffect, others: Sequence[SelectedEffect]) -> SelectedEffect:
         """Return what has the least freedom among those that the best is not clearly better than."""
         here = [one for one in others if one.test.joint == best.test.joint]
-        good = [one for one in here if one is best or (not clearly_better(best, one) and self._passes(one))]
+        good = [
+            one
+            for one in here
+            if one is best or (not clearly_better(best, one) and self._passes(one))
+        ]
         return min(good, key=lambda one: (one.freedom, -one.score))
 
     def _passes(self, one: SelectedEffect) -> bool:
@@ -227,7 +253,11 @@ class StepwiseSelection:
         tests = max(FEWEST_TESTS, len({c.key for c in self.candidates}))
         tests *= one.effect.trials
         p_value = tests * max(one.test.p_value, one.test.gain_p_value)
-        return one.score > 0 and one.test.visible_rms >= SMALLEST and p_value < self.options.false_alarm
+        return (
+            one.score > 0
+            and one.test.visible_rms >= SMALLEST
+            and p_value < self.options.false_alarm
+        )
 
     def _refined(
         self, regression: WhitenedRegression, score: CandidateScore, candidate: EffectCandidate
@@ -260,7 +290,11 @@ class StepwiseSelection:
                 continue
             rest = [one for one in self.selected if one is not old]
             regression = self._with(rest)
-            ranked = [pair for pair in self._ranked(regression, rest) if pair[1].effect.name != "torque_delay"]
+            ranked = [
+                pair
+                for pair in self._ranked(regression, rest)
+                if pair[1].effect.name != "torque_delay"
+            ]
             leading = [self._refined(regression, score, c) for score, c in ranked[:RIVALS]]
             best = max(leading, key=lambda one: one.score)
             again = next((one for one in leading if one.key == old.key), None)
@@ -277,7 +311,9 @@ class StepwiseSelection:
                 rest = self._with([other for other in self.selected if other is not old])
                 one = replace(old, test=significance_test(rest, self._columns_of(old)))
                 tested.append(one)
-                if not (self._worth(rest, one) >= LEAST_GAIN if self._exact(one) else self._passes(one)):
+                if not (
+                    self._worth(rest, one) >= LEAST_GAIN if self._exact(one) else self._passes(one)
+                ):
                     failing.append(one)
             self.selected = tested
             if not failing:
@@ -306,7 +342,9 @@ class StepwiseSelection:
         Why of the candidates too: what is left to the first order would be taken for a companion, or for another name.
         """
         effects = {one.key: one.effect for one in exact}
-        self.wanted = [(effects.get((effect.name, joints), effect), joints) for effect, joints in self.wanted]
+        self.wanted = [
+            (effects.get((effect.name, joints), effect), joints) for effect, joints in self.wanted
+        ]
         self.candidates = [c for c in self.candidates if c.effect == effects.get(c.key, c.effect)]
         made = {c.key for c in self.candidates}
         for effect, joints in self.wanted:
@@ -330,14 +368,29 @@ class StepwiseSelection:
             rest = [one for one in self.selected if one is not selected]
             regression = self._with(rest)
             ranked = self._ranked(regression, rest)
-            own = next((self._refined(regression, s, c) for s, c in ranked if c.key == selected.key), selected)
-            near = [(s, c) for s, c in ranked if c.key != selected.key and s.score > NEAR * own.score]
+            own = next(
+                (self._refined(regression, s, c) for s, c in ranked if c.key == selected.key),
+                selected,
+            )
+            near = [
+                (s, c) for s, c in ranked if c.key != selected.key and s.score > NEAR * own.score
+            ]
             if any(c.effect.needs_model for _, c in near) and self._refreshed():
                 ranked = self._ranked(regression, rest)
-                near = [(s, c) for s, c in ranked if c.key != selected.key and s.score > NEAR * own.score]
-            near = [(s, c) for s, c in near if score_candidate(self.regression, c).gain < INSTEAD * s.gain][:RIVALS]
+                near = [
+                    (s, c)
+                    for s, c in ranked
+                    if c.key != selected.key and s.score > NEAR * own.score
+                ]
+            near = [
+                (s, c)
+                for s, c in near
+                if score_candidate(self.regression, c).gain < INSTEAD * s.gain
+            ][:RIVALS]
             refined = [self._refined(regression, s, c) for s, c in near]
-            rivals = tuple(r.key for r in refined if not told_apart(own, r) and not contains(r, own))
+            rivals = tuple(
+                r.key for r in refined if not told_apart(own, r) and not contains(r, own)
+            )
             # Why not own: another form may have as much evidence, but the regression holds the columns of this one.
             self.selected[k] = replace(selected, score=own.score, rivals=rivals)
 

@@ -72,7 +72,12 @@ def find_strays(
 
 
 def _loudest(
-    joint: int, left: Floats, index: Ints, segments: Sequence[SegmentRows], floor: float, least: float
+    joint: int,
+    left: Floats,
+    index: Ints,
+    segments: Sequence[SegmentRows],
+    floor: float,
+    least: float,
 ) -> Stray | None:
     edges = np.cumsum([0, *map(len, segments)])
     rate = segments[0].rate
@@ -85,7 +90,9 @@ def _loudest(
     if usual <= 0 or power[k] < least * max(usual, 1.0):
         return None
     inside = np.flatnonzero(place == k)
-    loud = (power > 0.25 * power[k]) & (np.abs(names - names[k]) <= np.abs(np.arange(len(names)) - k))
+    loud = (power > 0.25 * power[k]) & (
+        np.abs(names - names[k]) <= np.abs(np.arange(len(names)) - k)
+    )
     rows = np.flatnonzero(loud[place])
     segment = int(np.searchsorted(edges, index[inside[0]], side="right")) - 1
     rows = rows[(index[rows] >= edges[segment]) & (index[rows] < edges[segment + 1])]

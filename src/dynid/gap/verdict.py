@@ -84,12 +84,18 @@ def judge(
     named, closest = tuple(named), tuple(refused)
     pooled = search.problem.pooled
     remainder = still_changed(search, named) if pooled else joints_with_more(search)
-    groups = tuple(tuple(dict.fromkeys([one.name, *(name for name, _ in one.rivals)])) for one in named if one.rivals)
+    groups = tuple(
+        tuple(dict.fromkeys([one.name, *(name for name, _ in one.rivals)]))
+        for one in named
+        if one.rivals
+    )
     if groups:
         word = "ambiguous"
     elif named:
         word = "named"
-    elif remainder or (not pooled and (any(_matters(*pair) for pair in closest) or unrepeatable(search))):
+    elif remainder or (
+        not pooled and (any(_matters(*pair) for pair in closest) or unrepeatable(search))
+    ):
         word = "unexplained"
     else:
         word = "nothing_changed" if search.problem.since else "nothing_missing"
@@ -110,7 +116,9 @@ def joints_with_more(search: EffectSearch) -> tuple[int, ...]:
         large = np.array([one["all"] > tuning.MATERIAL_REST for one in search.rest.rms])
         limit = tuning.LOUDER if search.problem.noise.repeats else tuning.LOUDER_UNSURE
         louder = search.rest.level < -np.log(limit)
-        return tuple(np.flatnonzero((large & (search.rest.odds > tuning.REST_SURE)) | louder).tolist())
+        return tuple(
+            np.flatnonzero((large & (search.rest.odds > tuning.REST_SURE)) | louder).tolist()
+        )
     limit = NOTHING if search.problem.noise.repeats else NOTHING_UNSURE
     above = (search.between_reversals > limit) | (search.after > NOTHING * limit)
     return tuple(np.flatnonzero(above).tolist())
@@ -124,11 +132,18 @@ def unrepeatable(search: EffectSearch) -> list[int]:
     if search.rest is not None:
         return sorted({*search.problem.noise.unrepeatable, *(one.joint for one in search.strays)})
     covered = search.problem.noise.misfit if search.problem.pooled else ()
-    return [j for j in search.problem.noise.unrepeatable if search.before[j] - 1 < 1 and j not in covered]
+    return [
+        j
+        for j in search.problem.noise.unrepeatable
+        if search.before[j] - 1 < 1 and j not in covered
+    ]
 
 
 def refusal(
-    search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect, improvement: HeldOutImprovement
+    search: EffectSearch,
+    effects: Sequence[SelectedEffect],
+    one: SelectedEffect,
+    improvement: HeldOutImprovement,
 ) -> str:
     """Return why a selected effect is not called by its name, or nothing."""
     if one.name == "torque_delay":
@@ -157,7 +172,9 @@ def _differs(search: EffectSearch, one: SelectedEffect) -> bool:
 def undetermined(one: SelectedEffect) -> str:
     """Return why size or shape are not known well enough, or nothing."""
     if one.z < SURE_Z:
-        return f"its size is not determined: {one.z:.1f} standard errors from zero, limit {SURE_Z:g}"
+        return (
+            f"its size is not determined: {one.z:.1f} standard errors from zero, limit {SURE_Z:g}"
+        )
     for name in one.free_shape:
         if one.shape_z(name) < (OUTSIDE if name in one.effect.nulls else SURE_Z):
             return _open_shape(one, name)
@@ -166,20 +183,29 @@ def undetermined(one: SelectedEffect) -> str:
 
 def _shape_of_larger(effects: Sequence[SelectedEffect], one: SelectedEffect) -> str:
     """Return why it may be part of a larger effect, or nothing."""
-    size, others = one.test.visible_rms, [(other, other.test) for other in effects if other is not one]
+    size, others = (
+        one.test.visible_rms,
+        [(other, other.test) for other in effects if other is not one],
+    )
     family = [
         larger.visible_rms
         for other, larger in others
-        if one.effect.family and other.effect.family == one.effect.family and other.joints[:1] == one.joints[:1]
+        if one.effect.family
+        and other.effect.family == one.effect.family
+        and other.joints[:1] == one.joints[:1]
     ]
     if any(size < REDUNDANT * larger for larger in family):
         return "it is probably part of a larger effect of the same kind"
-    if any(size < TRACE * larger.visible_rms for _, larger in others if larger.joint == one.test.joint):
+    if any(
+        size < TRACE * larger.visible_rms for _, larger in others if larger.joint == one.test.joint
+    ):
         return "it is small and may be a remainder of a much larger effect on this joint"
     return ""
 
 
-def _little_explained(search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect) -> str:
+def _little_explained(
+    search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect
+) -> str:
     """Return how much of its joint's gap the effects on it explain, where that is too little, or nothing."""
     share, needed = explained_share(search, effects, one)
     if share >= needed:
@@ -203,7 +229,11 @@ def explained_share(
 
 def _not_smaller(one: SelectedEffect, improvement: HeldOutImprovement) -> str:
     low, high = improvement.ratio[one.test.joint]
-    return f"{NOT_SMALLER} ({100 * (low - 1):+.0f} to {100 * (high - 1):+.0f} %)" if high >= 1.0 else ""
+    return (
+        f"{NOT_SMALLER} ({100 * (low - 1):+.0f} to {100 * (high - 1):+.0f} %)"
+        if high >= 1.0
+        else ""
+    )
 
 
 def _open_shape(one: SelectedEffect, name: str) -> str:
@@ -217,7 +247,10 @@ def _open_shape(one: SelectedEffect, name: str) -> str:
 
 def labels(selected: SelectedEffect, joints: Sequence[str]) -> list[str]:
     """Return an effect with its joints, and all that explain as much, in words."""
-    return [f"{name} on {joints_text(where, joints)}" for name, where in (selected.key, *selected.rivals)]
+    return [
+        f"{name} on {joints_text(where, joints)}"
+        for name, where in (selected.key, *selected.rivals)
+    ]
 
 
 def joints_text(where: Joints, joints: Sequence[str]) -> str:
@@ -249,7 +282,11 @@ def advice_of(
 ) -> str:
     """Return what to do next."""
     bound = not (search.problem.noise.repeats or search.problem.matched or search.problem.pooled)
-    repeat = " Record each motion twice: without repeats the noise floor is only a lower bound." if bound else ""
+    repeat = (
+        " Record each motion twice: without repeats the noise floor is only a lower bound."
+        if bound
+        else ""
+    )
     stray = unrepeatable(search)
     if search.strays and word == "unexplained":
         return _exclude(search, joints)
@@ -265,7 +302,9 @@ def advice_of(
         ways = dict.fromkeys([one.effect.separate, CATALOGUE[one.rivals[0][0]].separate])
         return f"To tell {first} and {other} apart: {'; '.join(ways)}."
     if word == "named":
-        left = f" More is missing on {', '.join(joints[j] for j in remainder)}." if remainder else ""
+        left = (
+            f" More is missing on {', '.join(joints[j] for j in remainder)}." if remainder else ""
+        )
         return f"Add it with --apply, then check the result on a new log with dynid validate.{left}{repeat}"
     if word == "unexplained":
         likely = next((one for one, why in closest if why.startswith(LIKELY)), None)
@@ -280,7 +319,9 @@ def advice_of(
                 f"{100 * tuning.SURE:.0f} % are needed to name it. "
                 f"To be sure: {likely.effect.separate}.{repeat}"
             )
-        near = f" The closest candidate is {closest[0][0].name}: {closest[0][1]}." if closest else ""
+        near = (
+            f" The closest candidate is {closest[0][0].name}: {closest[0][1]}." if closest else ""
+        )
         look = "where.png shows on which joint and in which part of its motion."
         return f"No effect of the catalogue explains it.{near} {look}{repeat}"
     if word == "nothing_changed":

@@ -149,7 +149,8 @@ class WhitenedRegression:
         """Return filtered columns of one joint, one (..., M_s) per segment, as whitened rows, (..., M_j)."""
         ar, sigma = self.noise.ar[joint], self.noise.sigma[joint] * self.noise.count[joint] ** 0.5
         kept = [
-            whitened(x, ar)[..., s.use[self.noise.order :, joint]] for x, s in zip(parts, self.segments, strict=True)
+            whitened(x, ar)[..., s.use[self.noise.order :, joint]]
+            for x, s in zip(parts, self.segments, strict=True)
         ]
         rows: Floats = np.concatenate(kept, axis=-1) / sigma
         return rows
@@ -197,7 +198,9 @@ class WhitenedRegression:
     def _effects_in(self, joint: int) -> tuple[Ints, Floats]:
         """Return which columns are those of effects in the rows of one joint, (K,), and these, (K, M)."""
         edges = self._edges
-        places = [np.arange(edges[k], edges[k + 1]) for k, one in enumerate(self.effects) if joint in one]
+        places = [
+            np.arange(edges[k], edges[k + 1]) for k, one in enumerate(self.effects) if joint in one
+        ]
         parts = [one[joint] for one in self.effects if joint in one]
         if not parts:
             return np.zeros(0, dtype=np.int64), np.zeros((0, len(self.joints[joint].y)))
@@ -289,7 +292,10 @@ def _count(one: EffectColumns) -> int:
 
 
 def whitened_regression(
-    segments: Sequence[SegmentRows], noise: NoiseModel, nuisance: Sequence[Sequence[Floats]], prior: Floats | None
+    segments: Sequence[SegmentRows],
+    noise: NoiseModel,
+    nuisance: Sequence[Sequence[Floats]],
+    prior: Floats | None,
 ) -> WhitenedRegression:
     """Whiten the rows of all joints.
 
@@ -316,7 +322,11 @@ def whitened_regression(
         block = [one[rows] for one, rows in zip(blocks, chosen, strict=True)]
         log = [np.full(len(rows), s.number) for s, rows in zip(segments, chosen, strict=True)]
         index = [rows + start for rows, start in zip(chosen, edges[:-1], strict=True)]
-        joints.append(WhitenedRows(j, A, y, *(np.concatenate(x).astype(np.int64) for x in (block, log, index))))
+        joints.append(
+            WhitenedRows(
+                j, A, y, *(np.concatenate(x).astype(np.int64) for x in (block, log, index))
+            )
+        )
     wide = None
     if prior is not None:
         wide = np.zeros((len(prior), p + n * count + 1))
@@ -325,7 +335,9 @@ def whitened_regression(
 
 
 def torque_residuals(
-    regression: WhitenedRegression, segments: Sequence[SegmentRows], nuisance: Sequence[Sequence[Floats]]
+    regression: WhitenedRegression,
+    segments: Sequence[SegmentRows],
+    nuisance: Sequence[Sequence[Floats]],
 ) -> list[Floats]:
     """Return what the baseline of a regression leaves of all rows, whether they were fitted or not, one (M, n) each.
 

@@ -165,7 +165,9 @@ class GapEvidence:
         if self.kept is None or not self.expected:
             return None
         rows = zip(self.kept_rms, self.allowed, strict=False)
-        at_noise = len(self.kept_rms) == len(self.noise) > 0 and all(x <= tuning.AT_NOISE * noise for x, noise in rows)
+        at_noise = len(self.kept_rms) == len(self.noise) > 0 and all(
+            x <= tuning.AT_NOISE * noise for x, noise in rows
+        )
         return 1.0 if at_noise else self.kept / self.expected
 
     @property

@@ -58,7 +58,11 @@ class Judgement:
 
     def __repr__(self) -> str:
         """Return the answer, why, and what to do next."""
-        steps = [line for step in self.steps[:2] for line in (f"next: {step.command}", f"      {step.why}")]
+        steps = [
+            line
+            for step in self.steps[:2]
+            for line in (f"next: {step.command}", f"      {step.why}")
+        ]
         return "\n".join([self.sentence, *self.reasons, *self.warnings, *steps])
 
 

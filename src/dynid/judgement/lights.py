@@ -70,7 +70,11 @@ def lights(evidence: Evidence) -> tuple[Light, ...]:
     return (
         _light("fit", _of_fit(evidence), "no log was fitted"),
         _unseen_light(evidence),
-        _light("knowledge", _of_knowledge(evidence), "it is not known how well the logs determine the parameters"),
+        _light(
+            "knowledge",
+            _of_knowledge(evidence),
+            "it is not known how well the logs determine the parameters",
+        ),
         _light("physics", _of_physics(evidence), "nobody asked whether such an arm can exist"),
         _light("complete", _of_gap(evidence), "nobody has searched for missing effects: dynid gap"),
     )
@@ -144,11 +148,15 @@ def unseen_state(unseen: Unseen, evidence: Evidence) -> str:
     if at_noise(unseen, evidence):
         return "good"
     # Why: what was held out is predicted by a model of the rest alone, a replay by the one that is judged.
-    if not unseen.replayed and any(each.replayed and not each.same_motion for each in evidence.unseen):
+    if not unseen.replayed and any(
+        each.replayed and not each.same_motion for each in evidence.unseen
+    ):
         return "fair"
     state = "fair" if unseen.percent <= tuning.UNSEEN_FAIR else "bad"
     times = surprise(unseen)
-    return state if times is None else worst((state, "bad" if times > tuning.EXPECTED[1] else "fair"))
+    return (
+        state if times is None else worst((state, "bad" if times > tuning.EXPECTED[1] else "fair"))
+    )
 
 
 # ---------------------------------------------------------------- the facts of each light
@@ -157,18 +165,36 @@ def _of_fit(evidence: Evidence) -> list[Fact]:
     for joint in evidence.joints:
         if joint.fitted is None or not joint.torque:
             continue
-        percent, times, state = 100.0 * joint.fitted / joint.torque, ratio(joint.fitted, joint), joint_state(joint)
+        percent, times, state = (
+            100.0 * joint.fitted / joint.torque,
+            ratio(joint.fitted, joint),
+            joint_state(joint),
+        )
         noise = "" if times is None or state == "good" else f", {over_noise(times)}"
         found.append((state, f"{joint.joint} {shown(percent)} %{noise}" if state != "good" else ""))
     if found and evidence.fitted is not None:
-        found.insert(0, (worst(state for state, _ in found), f"{shown(evidence.fitted)} % unexplained"))
+        found.insert(
+            0, (worst(state for state, _ in found), f"{shown(evidence.fitted)} % unexplained")
+        )
     if evidence.alarms:
-        found.append(("bad", f"the robot file does not describe the arm of the logs ({', '.join(evidence.alarms)})"))
+        found.append(
+            (
+                "bad",
+                f"the robot file does not describe the arm of the logs ({', '.join(evidence.alarms)})",
+            )
+        )
     if evidence.other is not None:
         found.append(("bad", f"{evidence.other.name} explains the logs better"))
     if evidence.left_out is not None:
         state = grade(evidence.left_out, tuning.LEFT_OUT)
-        found.append((state, f"{100 * evidence.left_out:.0f} % of the samples left out" if state != "good" else ""))
+        found.append(
+            (
+                state,
+                f"{100 * evidence.left_out:.0f} % of the samples left out"
+                if state != "good"
+                else "",
+            )
+        )
     return found
 
 
@@ -181,8 +207,15 @@ def _unseen_light(evidence: Evidence) -> Light:
             continue
         facts.append((state, each))
     # Why one text: all replays together fill a page, and what is worst says why.
-    told = max(facts, key=lambda fact: (STATES.index(fact[0]), not fact[1].same_motion, fact[1].percent), default=None)
-    texts = [(state, _unseen_text(each, evidence) if (state, each) == told else "") for state, each in facts]
+    told = max(
+        facts,
+        key=lambda fact: (STATES.index(fact[0]), not fact[1].same_motion, fact[1].percent),
+        default=None,
+    )
+    texts = [
+        (state, _unseen_text(each, evidence) if (state, each) == told else "")
+        for state, each in facts
+    ]
     return _light("unseen motion", texts, "no recording of another motion was replayed")
 
 
@@ -214,7 +247,9 @@ def _of_physics(evidence: Evidence) -> list[Fact]:
         if evidence.physical:
             found.append(("good", "every link is a body that can exist"))
         else:
-            found.append(("fair", "predictions use the plain estimate, which no arm with masses need have"))
+            found.append(
+                ("fair", "predictions use the plain estimate, which no arm with masses need have")
+            )
     if evidence.possible is not None and evidence.plain is not None:
         near = grade(evidence.possible / max(evidence.plain, 1e-9), tuning.POSSIBLE)
         small = evidence.possible <= tuning.FIT[0]
@@ -226,7 +261,10 @@ def _of_physics(evidence: Evidence) -> list[Fact]:
     if evidence.doubts:
         state = "bad" if evidence.physical is False else "fair"
         found.append(
-            (state, f"bodies that can exist explain the torques worse ({', '.join(dict.fromkeys(evidence.doubts))})")
+            (
+                state,
+                f"bodies that can exist explain the torques worse ({', '.join(dict.fromkeys(evidence.doubts))})",
+            )
         )
     if evidence.mass is not None and evidence.reach:
         state = grade(evidence.mass / evidence.reach**2, tuning.MASS)
@@ -251,14 +289,18 @@ def _of_search(gap: GapEvidence) -> list[Fact]:
     found: list[Fact] = []
     for name, error, noise in zip(gap.joints, gap.errors, gap.allowed, strict=True):
         more = not noise or error > tuning.MISSING[not gap.repeats] * noise
-        found.append(("fair" if more else "good", f"{name} {error:.2g}, noise {noise:.2g}" if more else ""))
+        found.append(
+            ("fair" if more else "good", f"{name} {error:.2g}, noise {noise:.2g}" if more else "")
+        )
     if (surprised := gap.surprise) is not None:
         state = grade(surprised, tuning.EXPECTED)
         text = f"the model misses {gap.kept:.2g} % of the new torques, {gap.expected:.2g} % was expected"
         found.append((state, text if state != "good" else ""))
     if gap.missing or len(gap.effects) > len(gap.named):
         named = ", ".join(f"{one.title} on {one.where}" for one in gap.missing)
-        likely = ", ".join(f"perhaps {one.title} on {one.where}" for one in gap.effects if not one.named)
+        likely = ", ".join(
+            f"perhaps {one.title} on {one.where}" for one in gap.effects if not one.named
+        )
         found.append(("fair", named or likely))
     if gap.more:
         found.append(("fair", f"more than noise on {', '.join(gap.more)}"))
@@ -272,5 +314,7 @@ def unsearched(evidence: Evidence) -> list[Unseen]:
     """Return replays that the model misses and that the search for missing effects has not looked at."""
     seen = () if evidence.gap is None else evidence.gap.logs
     return [
-        each for each in evidence.unseen if each.log and each.log not in seen and unseen_state(each, evidence) != "good"
+        each
+        for each in evidence.unseen
+        if each.log and each.log not in seen and unseen_state(each, evidence) != "good"
     ]

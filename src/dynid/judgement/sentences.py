@@ -51,7 +51,11 @@ def first_sentence(evidence: Evidence, lights: Sequence[Light]) -> str:
 # ---------------------------------------------------------------- a result
 def of_result(evidence: Evidence, states: dict[str, str]) -> str:
     """Return what a model is worth."""
-    fitted = "" if evidence.fitted is None else f"{shown(evidence.fitted)} % of the torque it was fitted to"
+    fitted = (
+        ""
+        if evidence.fitted is None
+        else f"{shown(evidence.fitted)} % of the torque it was fitted to"
+    )
     if evidence.gap is not None and evidence.gap.missing:
         # Why first: it is why the model is no better, and what to do about it.
         return of_gap(evidence.gap, nothing=False)
@@ -60,8 +64,15 @@ def of_result(evidence: Evidence, states: dict[str, str]) -> str:
         many = "" if evidence.fitted is None else f", {shown(evidence.fitted)} % on the fitted rows"
         return f"Do not use this model yet: it misses {shown(tested.percent)} % of the torque of {tested.name}{many}."
     if states["fit"] == "bad" and (joints := weak_joints(evidence)):
-        percent, names = max(percent for _, percent in joints), ", ".join(name for name, _ in joints)
-        whole = "" if evidence.fitted is None else f", {shown(evidence.fitted)} % on all joints together"
+        percent, names = (
+            max(percent for _, percent in joints),
+            ", ".join(name for name, _ in joints),
+        )
+        whole = (
+            ""
+            if evidence.fitted is None
+            else f", {shown(evidence.fitted)} % on all joints together"
+        )
         most = "up to " if len(joints) > 1 else ""
         return f"Do not use this model for {names}: it misses {most}{shown(percent)} % of the torque there{whole}."
     if states["fit"] == "bad":
@@ -79,11 +90,15 @@ def of_result(evidence: Evidence, states: dict[str, str]) -> str:
         start = f"The model misses {fitted}" if fitted else "The model is there"
         return f"{start}; it was not tested on another motion."
     if states["unseen motion"] == "good":
-        weak = [name for name in ("fit", "knowledge", "physics", "complete") if states[name] == "fair"]
+        weak = [
+            name for name in ("fit", "knowledge", "physics", "complete") if states[name] == "fair"
+        ]
         rest = {
-            "fit": "its fit is only fair", "knowledge": "some parameters are known badly",
-            "physics": "its bodies are doubtful", "complete": "an effect is missing",
-        }  # fmt: skip
+            "fit": "its fit is only fair",
+            "knowledge": "some parameters are known badly",
+            "physics": "its bodies are doubtful",
+            "complete": "an effect is missing",
+        }
         but = f", but {' and '.join(rest[name] for name in weak)}" if weak else ""
         return f"The model predicts motions that it was not fitted to, up to their noise{but}."
     assert tested is not None
@@ -102,7 +117,9 @@ def weak_joints(evidence: Evidence) -> list[tuple[str, float]]:
 def _worst_unseen(evidence: Evidence) -> Unseen | None:
     """Return the unseen rows that speak most against the model."""
     order = {"good": 0, "fair": 1, "bad": 2}
-    return max(evidence.unseen, key=lambda u: (order[unseen_state(u, evidence)], u.percent), default=None)
+    return max(
+        evidence.unseen, key=lambda u: (order[unseen_state(u, evidence)], u.percent), default=None
+    )
 
 
 # ---------------------------------------------------------------- a replay
@@ -116,7 +133,9 @@ def of_replay(unseen: Unseen, evidence: Evidence) -> str:
     if times is not None and times > tuning.EXPECTED[0]:
         much = f"it misses {shown(unseen.percent)} % of the torque where {unseen.expected:.2g} % was expected"
         if unseen.same_motion:
-            return f"Something has changed since the model was identified: {much}, on the same motion."
+            return (
+                f"Something has changed since the model was identified: {much}, on the same motion."
+            )
         return f"The model is worse on {unseen.name} than it expected: {much}."
     what = "a motion that was fitted" if unseen.same_motion else "a motion that was not fitted"
     word = "Do not use this model yet: it" if state == "bad" else "The model"
@@ -137,9 +156,19 @@ def of_changes(evidence: Evidence) -> str:
     if not changed:
         return f"Nothing has changed{since} by more than {measure}."
     first = changed[0]
-    more = "" if len(changed) == 1 else ", and 1 more number" if len(changed) == 2 else f", and {len(changed) - 1} more"
+    more = (
+        ""
+        if len(changed) == 1
+        else ", and 1 more number"
+        if len(changed) == 2
+        else f", and {len(changed) - 1} more"
+    )
     unit = f" {first.unit}" if first.unit else ""
-    what = "The arm has changed" if evidence.tolerance is None else f"Numbers have moved by more than {measure}"
+    what = (
+        "The arm has changed"
+        if evidence.tolerance is None
+        else f"Numbers have moved by more than {measure}"
+    )
     kind = "" if first.p_value is None else "parameter "
     return f"{what}{since}: {kind}{first.name} went from {first.before:.4g} to {first.after:.4g}{unit}{more}."
 
@@ -152,11 +181,20 @@ def of_gap(gap: GapEvidence, *, nothing: bool) -> str:
         names = " or ".join(f"{one.title} on {one.where}" for one in gap.named)
         return f"Something is missing, and these explain it equally well: {names}."
     if gap.named:
-        return " ".join([*(_named(one, changed=changed) for one in gap.named), *["Nothing else is missing."] * nothing])
+        return " ".join(
+            [
+                *(_named(one, changed=changed) for one in gap.named),
+                *["Nothing else is missing."] * nothing,
+            ]
+        )
     if nothing:
         if changed:
             return "Nothing has changed since the model was identified: every joint is as it was expected."
-        joints = "every joint is at its noise" if gap.repeats else "no joint is above the least noise that it can have"
+        joints = (
+            "every joint is at its noise"
+            if gap.repeats
+            else "no joint is above the least noise that it can have"
+        )
         return f"Nothing is missing: {joints}, on rows that were not used."
     if gap.events:
         event = gap.events[0]
@@ -164,7 +202,11 @@ def of_gap(gap: GapEvidence, *, nothing: bool) -> str:
             f"Something happened once: {event.size:.2g} {event.unit} on {event.joint}, from {event.start:.1f} to "
             f"{event.end:.1f} s of {event.log}."
         )
-    likely = [one for one in effects if not one.named and one.probability is not None and one.probability >= 0.5]
+    likely = [
+        one
+        for one in effects
+        if not one.named and one.probability is not None and one.probability >= 0.5
+    ]
     if likely:
         return _likely(likely[0])
     where = _where(gap)
@@ -185,7 +227,9 @@ def _likely(one: EffectEvidence) -> str:
 
 
 def _named(one: EffectEvidence, *, changed: bool) -> str:
-    if one.effect == "payload" and (mass := next((size for size in one.sizes if size[0] == "m"), None)):
+    if one.effect == "payload" and (
+        mass := next((size for size in one.sizes if size[0] == "m"), None)
+    ):
         _, value, error, unit = mass
         word = "more" if value >= 0.0 else "less"
         spread = f" +- {error:.2g}" if error else ""
@@ -208,7 +252,13 @@ def _size(one: EffectEvidence) -> str:
         # Why: an order or a form is chosen, not measured.
         if error == 0.0 and not unit:
             continue
-        number = f"about {value:.3g}" if error is None else with_error(value, error) if error else f"{value:.4g}"
+        number = (
+            f"about {value:.3g}"
+            if error is None
+            else with_error(value, error)
+            if error
+            else f"{value:.4g}"
+        )
         spread = f" +- {error:.2g}" if error else ""
         shown.append(f"{name} {number}{spread} {unit}".strip())
     return ", ".join(shown)
@@ -234,7 +284,9 @@ def reasons(evidence: Evidence, sentence: str) -> tuple[str, ...]:
     elif evidence.asked == "change":
         found += _change_reasons(evidence)
     else:
-        tested = _worst_unseen(replace(evidence, unseen=tuple(u for u in evidence.unseen if not u.same_motion)))
+        tested = _worst_unseen(
+            replace(evidence, unseen=tuple(u for u in evidence.unseen if not u.same_motion))
+        )
         if tested is not None:
             found += _replay_reasons(tested, evidence, sentence)
     # Why not beside another arm: what this model is good for is not the question then.
@@ -256,7 +308,9 @@ def _small_reasons(evidence: Evidence) -> list[str]:
     small = [
         (100.0 * joint.fitted / joint.torque, joint)
         for joint in evidence.joints
-        if joint.fitted is not None and joint.torque and joint.fitted > tuning.FIT[1] / 100.0 * joint.torque
+        if joint.fitted is not None
+        and joint.torque
+        and joint.fitted > tuning.FIT[1] / 100.0 * joint.torque
     ]
     small = [each for each in small if joint_state(each[1]) == "fair"]
     if not small:
@@ -290,7 +344,9 @@ def _replay_reasons(unseen: Unseen, evidence: Evidence, sentence: str) -> list[s
         bound = "" if evidence.repeats else " at least"
         far_off = "" if times <= tuning.AT_NOISE else f" ({times:.2g} times)"
         noise = f"noise{bound} {floor(joint) or 0.0:.3g}{far_off}"
-        found.append(f"{joint.joint} is furthest from its noise there: {error:.3g} {joint.unit}, {noise}.")
+        found.append(
+            f"{joint.joint} is furthest from its noise there: {error:.3g} {joint.unit}, {noise}."
+        )
     return found
 
 
@@ -302,19 +358,29 @@ def _gap_reasons(gap: GapEvidence, units: dict[str, str]) -> list[str]:
             noise = next((row[3] for row in rows if row[0] == one.joint), None)
             beside = "" if noise is None else f"; noise {noise:.3g}"
             sizes = f"{one.before:.3g} -> {one.after:.3g} {one.unit}"
-            what = f"without and with the correction {sizes}" if one.corrected else f"on unseen rows {sizes}"
+            what = (
+                f"without and with the correction {sizes}"
+                if one.corrected
+                else f"on unseen rows {sizes}"
+            )
             found.append(f"Error of {one.joint} {what}{beside}.")
     left = [row for row in rows if row[0] in gap.more]
     if gap.named and left:
         name, _, after, noise = max(left, key=lambda row: row[2] / max(row[3], 1e-12))
-        others = f", and on {len(left) - 1} more joint{'s' * (len(left) > 2)}" if len(left) > 1 else ""
+        others = (
+            f", and on {len(left) - 1} more joint{'s' * (len(left) > 2)}" if len(left) > 1 else ""
+        )
         unit = f" {units[name]}" if name in units else ""
-        found.append(f"More than noise is left on {name}: {after:.3g}{unit}, noise {noise:.3g}{others}.")
+        found.append(
+            f"More than noise is left on {name}: {after:.3g}{unit}, noise {noise:.3g}{others}."
+        )
     if not gap.named and not gap.events and rows:
         name, error, _, noise = max(rows, key=lambda row: row[1] / max(row[3], 1e-12))
         unit = f" {units[name]}" if name in units else ""
         bound = "" if gap.repeats else " at least"
-        found.append(f"{name} is furthest from its noise: {error:.3g}{unit} on unseen rows, noise{bound} {noise:.3g}.")
+        found.append(
+            f"{name} is furthest from its noise: {error:.3g}{unit} on unseen rows, noise{bound} {noise:.3g}."
+        )
     if gap.kept is not None and gap.expected:
         found.append(
             f"The model as it was misses {gap.kept:.3g} % of these torques; {gap.expected:.3g} % was expected."
@@ -326,7 +392,9 @@ def _gap_reasons(gap: GapEvidence, units: dict[str, str]) -> list[str]:
 def _explained(unseen: Unseen, evidence: Evidence) -> bool:
     """Return whether a search names why a model misses more of a log than it expected: the arm is another one there."""
     gap = evidence.gap
-    return gap is not None and bool(gap.named) and gap.question == "changed" and unseen.log in gap.logs
+    return (
+        gap is not None and bool(gap.named) and gap.question == "changed" and unseen.log in gap.logs
+    )
 
 
 def warnings(evidence: Evidence, lights: Sequence[Light]) -> tuple[str, ...]:
@@ -335,15 +403,29 @@ def warnings(evidence: Evidence, lights: Sequence[Light]) -> tuple[str, ...]:
     found = []
     # Why not the last replay where it is what was asked: the answer says it.
     told = evidence.unseen[:-1] if evidence.asked == "replay" else evidence.unseen
-    broken = [(times, each) for each in told if (times := surprise(each)) and times > tuning.EXPECTED[0]]
+    broken = [
+        (times, each) for each in told if (times := surprise(each)) and times > tuning.EXPECTED[0]
+    ]
     if broken:
         times, each = max(broken, key=lambda one: one[0])
         if at_noise(each, evidence) is not True and not _explained(each, evidence):
-            found.append(f"Do not rely on the expected error: on {each.name} it was {times:.2g} times too small.")
-    if evidence.seconds is not None and evidence.seconds < tuning.SECONDS and states["fit"] == "good":
-        found.append(f"A log of {evidence.seconds:.2g} s is easy to fit, which says little about other motions.")
+            found.append(
+                f"Do not rely on the expected error: on {each.name} it was {times:.2g} times too small."
+            )
+    if (
+        evidence.seconds is not None
+        and evidence.seconds < tuning.SECONDS
+        and states["fit"] == "good"
+    ):
+        found.append(
+            f"A log of {evidence.seconds:.2g} s is easy to fit, which says little about other motions."
+        )
     if evidence.gap is not None and not evidence.gap.repeats:
-        found.append("The noise is a lower bound, because no motion is repeated: record each motion twice.")
+        found.append(
+            "The noise is a lower bound, because no motion is repeated: record each motion twice."
+        )
     if states["physics"] == "bad" and evidence.physical:
-        found.append("Torques may be right where masses are not: use this model for the fitted motions only.")
+        found.append(
+            "Torques may be right where masses are not: use this model for the fitted motions only."
+        )
     return tuple(found)

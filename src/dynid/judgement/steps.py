@@ -29,7 +29,12 @@ class Step:
 def next_steps(evidence: Evidence, lights: Sequence[Light]) -> tuple[Step, ...]:
     """Return what to do next, most urgent first, each command once."""
     states = {light.name: light.state for light in lights}
-    found = [*_change(evidence), *_robot(evidence, states), *_gap(evidence, states), *_physics(evidence, states)]
+    found = [
+        *_change(evidence),
+        *_robot(evidence, states),
+        *_gap(evidence, states),
+        *_physics(evidence, states),
+    ]
     found += [
         *_unseen(evidence, states),
         *_motion(evidence, states),
@@ -44,7 +49,9 @@ def next_steps(evidence: Evidence, lights: Sequence[Light]) -> tuple[Step, ...]:
             continue
         covered.update(step.lights)
         earlier = merged.get(step.command, step)
-        merged[step.command] = Step(earlier.why, step.command, tuple(dict.fromkeys((*earlier.lights, *step.lights))))
+        merged[step.command] = Step(
+            earlier.why, step.command, tuple(dict.fromkeys((*earlier.lights, *step.lights)))
+        )
     return tuple(merged.values())
 
 
@@ -64,7 +71,11 @@ def _change(evidence: Evidence) -> list[Step]:
         return []
     why = "Ask what has changed, such as a load, friction or a sensor."
     logs = evidence.logs or ("LOG",)
-    return [Step(why, f"{shell('dynid', 'gap', folder_of(evidence.earlier_result), *logs)} --ask changed")]
+    return [
+        Step(
+            why, f"{shell('dynid', 'gap', folder_of(evidence.earlier_result), *logs)} --ask changed"
+        )
+    ]
 
 
 def _logs(evidence: Evidence) -> tuple[str, ...]:
@@ -103,17 +114,25 @@ def _gap(evidence: Evidence, states: dict[str, str]) -> list[Step]:
         found.append(Step(why, command, ("complete",)))
     if gap.unrepeatable and not gap.events:
         why = f"Look for contacts, cables or a drifting sensor on {', '.join(gap.unrepeatable)}, then record again."
-        found.append(Step(why, shell("dynid", "check", logs[0], "--robot", evidence.robot), ("complete",)))
+        found.append(
+            Step(why, shell("dynid", "check", logs[0], "--robot", evidence.robot), ("complete",))
+        )
     elif gap.effects and gap.effects[0].effect == "counterbalance" and not gap.ambiguous:
         # Why no motion: links of another mass make the same torques in every one.
         link = gap.joints.index(gap.effects[0].joint) + 1
         why = f"Give the mass of link {link} and a box around its centre of mass, from its drawing, and identify again."
         command = f"{shell('dynid', 'identify', evidence.robot, *_logs(evidence))} --link-mass {link}=LOW:HIGH"
-        found.append(Step(why, f"{command} --com-box {link}=X,Y,Z:X,Y,Z", ("complete", "physics", "fit")))
+        found.append(
+            Step(why, f"{command} --com-box {link}=X,Y,Z:X,Y,Z", ("complete", "physics", "fit"))
+        )
     else:
         file = str(PurePath(evidence.result).parent / "gap.npz") if evidence.result else "GAP.npz"
         why = "Record the motion that decides, each run twice: repeats tell noise from effect."
-        found.append(Step(why, shell("dynid", "trajectory", evidence.robot, "--for-gap", file), ("complete",)))
+        found.append(
+            Step(
+                why, shell("dynid", "trajectory", evidence.robot, "--for-gap", file), ("complete",)
+            )
+        )
     return found
 
 
@@ -123,21 +142,41 @@ def _physics(evidence: Evidence, states: dict[str, str]) -> list[Step]:
     lights = tuple(name for name in ("physics", "fit") if states[name] not in ("good", "open"))
     if evidence.gap is None or unsearched(evidence):
         why = "Search for the effect that the model lacks."
-        return [Step(why, shell("dynid", "gap", run_of(evidence), *_logs(evidence)), (*lights, "complete"))]
+        return [
+            Step(
+                why,
+                shell("dynid", "gap", run_of(evidence), *_logs(evidence)),
+                (*lights, "complete"),
+            )
+        ]
     why = "Give what is known of the arm, such as the mass of link 2 from its data sheet, and identify again."
     logs = evidence.logs or ("LOG",)
-    return [Step(why, f"{shell('dynid', 'identify', evidence.robot, *logs)} --link-mass 2=LOW:HIGH", lights)]
+    return [
+        Step(
+            why,
+            f"{shell('dynid', 'identify', evidence.robot, *logs)} --link-mass 2=LOW:HIGH",
+            lights,
+        )
+    ]
 
 
 def _unseen(evidence: Evidence, states: dict[str, str]) -> list[Step]:
     if states["unseen motion"] == "open":
         why = "The model was not tested on another motion: replay a recording of one."
-        return [Step(why, f"{shell('dynid', 'validate', run_of(evidence))} LOG", ("unseen motion",))]
+        return [
+            Step(why, f"{shell('dynid', 'validate', run_of(evidence))} LOG", ("unseen motion",))
+        ]
     if states["unseen motion"] == "good":
         return []
     if evidence.gap is None or unsearched(evidence):
         why = "Ask what is missing, or has changed, on the motion that the model does not predict."
-        return [Step(why, shell("dynid", "gap", run_of(evidence), *_logs(evidence)), ("unseen motion", "complete"))]
+        return [
+            Step(
+                why,
+                shell("dynid", "gap", run_of(evidence), *_logs(evidence)),
+                ("unseen motion", "complete"),
+            )
+        ]
     why = "Add a recording of another motion to the fitted ones, so that the model need not guess there."
     logs = [each.log for each in evidence.unseen if each.log] or ["LOG"]
     command = shell("dynid", "identify", evidence.robot, logs[0], "--update", run_of(evidence))
@@ -156,13 +195,21 @@ def _search(evidence: Evidence, states: dict[str, str]) -> list[Step]:
     found = []
     if states["complete"] == "open":
         why = "Ask whether an effect is missing; recordings of the same motion twice tell it best."
-        found.append(Step(why, shell("dynid", "gap", run_of(evidence), *_logs(evidence)), ("complete",)))
+        found.append(
+            Step(why, shell("dynid", "gap", run_of(evidence), *_logs(evidence)), ("complete",))
+        )
     if states["fit"] == "open":
-        found.append(Step("Identify the arm.", shell("dynid", "identify", evidence.robot, "LOG"), ("fit",)))
+        found.append(
+            Step("Identify the arm.", shell("dynid", "identify", evidence.robot, "LOG"), ("fit",))
+        )
     if states["physics"] == "open":
         why = "Ask whether an arm with such parameters can exist."
         logs = evidence.logs or ("LOG",)
-        found.append(Step(why, f"{shell('dynid', 'identify', evidence.robot, *logs)} --feasible", ("physics",)))
+        found.append(
+            Step(
+                why, f"{shell('dynid', 'identify', evidence.robot, *logs)} --feasible", ("physics",)
+            )
+        )
     return found
 
 

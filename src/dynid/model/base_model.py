@@ -74,7 +74,9 @@ class Reduction:
     def base_names(self) -> tuple[str, ...]:
         """Names of the base parameters; a combination is called after its representative with an R: ``Ixx2R``."""
         single = set(self.alone)
-        return tuple(self.names[k] if self.names[k] in single else f"{self.names[k]}R" for k in self.base)
+        return tuple(
+            self.names[k] if self.names[k] in single else f"{self.names[k]}R" for k in self.base
+        )
 
     def terms(self, row: int) -> dict[str, float]:
         """Return the parameters in one base parameter with their coefficients."""
@@ -166,7 +168,9 @@ class BaseModel:
         rows = []
         for j, joint in zip(numbers, self.robot.joints, strict=True):
             names = {kind: f"{kind}{j}" for kind in kinds}
-            classes = {kind: self.reduction.class_of(name) for kind, name in names.items() if name in known}
+            classes = {
+                kind: self.reduction.class_of(name) for kind, name in names.items() if name in known
+            }
             cells = {kind: SYMBOLS[classes.get(kind, "absent")] for kind in kinds}
             rows.append({"joint": f"{j} {joint.name}", **cells})
         return Table(rows, self._title(), (self.legend,))
@@ -232,7 +236,11 @@ def in_memory(robot: Robot, samples: int = 200, tolerance: float | None = None) 
             del _kept[next(iter(_kept))]
         _kept[key] = BaseModel(model, base_parameters(model, samples=samples, tolerance=tolerance))
     found = _kept[key]
-    return found if found.robot is robot else BaseModel(Model(robot, found.model.rigid), found.reduction)
+    return (
+        found
+        if found.robot is robot
+        else BaseModel(Model(robot, found.model.rigid), found.reduction)
+    )
 
 
 # ---------------------------------------------------------------- on disk
@@ -270,7 +278,9 @@ _REDUCTION = {
     "formulas": Fact(list[str]),
 }
 #: Base parameters in a file that holds more: their facts are under ``reduction``.
-REDUCTION_FACTS = {"reduction": Fact(dict[str, Any])} | {f"reduction.{key}": fact for key, fact in _REDUCTION.items()}
+REDUCTION_FACTS = {"reduction": Fact(dict[str, Any])} | {
+    f"reduction.{key}": fact for key, fact in _REDUCTION.items()
+}
 REDUCTION_ARRAYS = {
     "base": Array("p", np.int64, least=0, rising=True),
     "K": Array("p c"),
@@ -299,14 +309,28 @@ def stored_key(path: Path) -> str | None:
 
 def _header(robot: Robot, **facts: object) -> dict[str, Any]:
     geometry = [[j.type, j.a, j.twist, j.d, j.theta_offset] for j in robot.joints]
-    return {"key": key_of(robot), "robot": robot.name, "joints": list(robot.joint_names), "geometry": geometry,
-            "convention": robot.convention, "gravity": list(robot.gravity), **facts}  # fmt: skip
+    return {
+        "key": key_of(robot),
+        "robot": robot.name,
+        "joints": list(robot.joint_names),
+        "geometry": geometry,
+        "convention": robot.convention,
+        "gravity": list(robot.gravity),
+        **facts,
+    }
 
 
 def save_model(path: Path, model: Model) -> None:
     """Write regressor.npz."""
     p = model.rigid
-    arrays = {"op": p.op, "lhs": p.lhs, "rhs": p.rhs, "rows": p.rows, "cols": p.cols, "outputs": p.outputs}
+    arrays = {
+        "op": p.op,
+        "lhs": p.lhs,
+        "rhs": p.rhs,
+        "rows": p.rows,
+        "cols": p.cols,
+        "outputs": p.outputs,
+    }
     header = _header(
         model.robot,
         program_inputs=list(p.inputs),
@@ -326,11 +350,18 @@ def load_model(path: Path, robot: Robot) -> Model:
         program = Program(
             tuple(h["program_inputs"]),
             tuple(map(int, h["constants"])),
-            a["op"], a["lhs"], a["rhs"], a["rows"], a["cols"], a["outputs"],
+            a["op"],
+            a["lhs"],
+            a["rhs"],
+            a["rows"],
+            a["cols"],
+            a["outputs"],
             (int(h["shape"][0]), int(h["shape"][1])),
-        )  # fmt: skip
+        )
     if program.shape != (robot.n, 11 * robot.n) or program.joints > robot.n:
-        raise NotAnArtifact(f"{path} is damaged: its joints do not match its robot", where=str(path))
+        raise NotAnArtifact(
+            f"{path} is damaged: its joints do not match its robot", where=str(path)
+        )
     return Model(robot, program)
 
 
@@ -360,7 +391,11 @@ def reduction_facts(reduction: Reduction) -> tuple[dict[str, Any], dict[str, NDA
         "method": reduction.method,
         "formulas": list(reduction.formulas),
     }
-    return facts, {"base": reduction.base, "K": reduction.K, "singular_values": reduction.singular_values}
+    return facts, {
+        "base": reduction.base,
+        "K": reduction.K,
+        "singular_values": reduction.singular_values,
+    }
 
 
 def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Reduction:

@@ -98,7 +98,10 @@ def derive(robot: Robot) -> tuple[Program, Recorder, dict[tuple[int, int], Expr]
     """
     recorder = Recorder()
     steps = [symbolic_step(joint, i + 1, robot.convention) for i, joint in enumerate(robot.joints)]
-    steps = [Step([recorder.vector(row) for row in s.R], recorder.vector(s.r), recorder.vector(s.z)) for s in steps]
+    steps = [
+        Step([recorder.vector(row) for row in s.R], recorder.vector(s.r), recorder.vector(s.z))
+        for s in steps
+    ]
     motion = _outward(robot, steps, recorder)
     entries: dict[tuple[int, int], Expr] = {}
     for k in range(robot.n):
@@ -123,7 +126,9 @@ def _outward(robot: Robot, steps: list[Step], rec: Recorder) -> list[tuple[Vecto
     w: Vector = [zero] * 3
     dw: Vector = [zero] * 3
     # Why: an upward acceleration of the base replaces gravity on every link.
-    dv: Vector = [-_symbol(f"g{x}") if g else zero for x, g in zip("xyz", robot.gravity, strict=True)]
+    dv: Vector = [
+        -_symbol(f"g{x}") if g else zero for x, g in zip("xyz", robot.gravity, strict=True)
+    ]
     motion = []
     for i, (joint, step) in enumerate(zip(robot.joints, steps, strict=True)):
         back = transposed(step.R)
@@ -195,16 +200,24 @@ def _inward(
         step = steps[i]
         revolute = robot.joints[i].revolute
         for p, (f, moment) in enumerate(wrench):
-            n = rec.vector(add(moment, rec.vector(cross(step.r, f)))) if robot.convention == "standard" else moment
+            n = (
+                rec.vector(add(moment, rec.vector(cross(step.r, f))))
+                if robot.convention == "standard"
+                else moment
+            )
             effort = n if revolute else f
             torque = rec.let(dot(step.z, effort))
             if torque != 0:
                 entries[i, 11 * link + p] = torque
             if i:
-                wrench[p] = _moved(step.R, f, n, step.r if robot.convention == "modified" else None, rec)
+                wrench[p] = _moved(
+                    step.R, f, n, step.r if robot.convention == "modified" else None, rec
+                )
 
 
-def _moved(R: Matrix, f: Vector, n: Vector, r: Vector | None, rec: Recorder) -> tuple[Vector, Vector]:
+def _moved(
+    R: Matrix, f: Vector, n: Vector, r: Vector | None, rec: Recorder
+) -> tuple[Vector, Vector]:
     """Express a wrench in the previous frame; with r, also about the previous frame's origin."""
     f, n = rec.vector(rotate(R, f)), rec.vector(rotate(R, n))
     return f, (rec.vector(add(n, rec.vector(cross(r, f)))) if r is not None else n)
@@ -232,15 +245,21 @@ class Builder:
         """Return the program whose entries are (row, column, slot), without operations that no entry needs."""
         ops = np.array(self._ops, dtype=np.int32).reshape(-1, 3)
         out = np.array(entries, dtype=np.int32).reshape(-1, 3)
-        op, lhs, rhs, rows, cols, outputs = (np.ascontiguousarray(column) for column in (*ops.T, *out.T))
+        op, lhs, rhs, rows, cols, outputs = (
+            np.ascontiguousarray(column) for column in (*ops.T, *out.T)
+        )
         program = Program(self.inputs, self.constants, op, lhs, rhs, rows, cols, outputs, shape)
         return program.restricted(np.arange(shape[1]))
 
 
-def _compile(rec: Recorder, entries: dict[tuple[int, int], Expr], shape: tuple[int, int]) -> Program:
+def _compile(
+    rec: Recorder, entries: dict[tuple[int, int], Expr], shape: tuple[int, int]
+) -> Program:
     """Turn the named expressions into a straight-line program."""
     defined = {symbol for symbol, _ in rec.assignments}
-    used = set().union(*(e.free_symbols for _, e in rec.assignments), *(e.free_symbols for e in entries.values()))
+    used = set().union(
+        *(e.free_symbols for _, e in rec.assignments), *(e.free_symbols for e in entries.values())
+    )
     inputs = tuple(sorted(str(symbol) for symbol in used - defined))
     builder = Builder(inputs, (0, 1, 2))
     slots = {name: k for k, name in enumerate(inputs)}
@@ -257,7 +276,11 @@ def _compile(rec: Recorder, entries: dict[tuple[int, int], Expr], shape: tuple[i
             return builder.slot(MUL, base, base)
         factor, rest = e.as_coeff_Mul()
         if factor != 1:
-            size = slot(rest) if abs(factor) == 1 else builder.slot(MUL, constants[abs(int(factor))], slot(rest))
+            size = (
+                slot(rest)
+                if abs(factor) == 1
+                else builder.slot(MUL, constants[abs(int(factor))], slot(rest))
+            )
             return builder.slot(NEG, size, zero) if factor.is_negative else size
         if e.is_Mul:
             first, *others = sorted(slot(part) for part in e.args)

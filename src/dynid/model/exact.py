@@ -134,10 +134,15 @@ def reduce_exactly(model: Model, *, still: bool = False) -> ExactReduction:
     for row, b in enumerate(base):
         shares = [int(b), *(int(j) for j in np.flatnonzero(K[0, row]) if j != b)]
         groups.append(
-            tuple(Term(names[j], ONE if j == b else found.formulas.get((row, j)), numbers[row, j]) for j in shares)
+            tuple(
+                Term(names[j], ONE if j == b else found.formulas.get((row, j)), numbers[row, j])
+                for j in shares
+            )
         )
     none = tuple(name for j, name in enumerate(names) if not K[0, :, j].any())
-    return ExactReduction(names, np.array(base, dtype=np.intp), tuple(groups), none, regressor.values, found.generic)
+    return ExactReduction(
+        names, np.array(base, dtype=np.intp), tuple(groups), none, regressor.values, found.generic
+    )
 
 
 def _numbers(
@@ -152,12 +157,18 @@ def _numbers(
     numbers[np.arange(len(base)), base] = 1.0
     for (row, col), formula in formulas.items():
         numbers[row, col] = formula.value(regressor.values)
-    open_columns = sorted({int(j) for i, j in np.argwhere(K) if (int(i), int(j)) not in formulas and base[i] != j})
+    open_columns = sorted(
+        {int(j) for i, j in np.argwhere(K) if (int(i), int(j)) not in formulas and base[i] != j}
+    )
     if open_columns:
         q, qd, qdd = np.random.default_rng(0).uniform(-2, 2, (3, 200, model.robot.n))
-        P = model.regressor(q, qd * regressor.moving, qdd * regressor.moving).reshape(-1, model.plain_size)
+        P = model.regressor(q, qd * regressor.moving, qdd * regressor.moving).reshape(
+            -1, model.plain_size
+        )
         scale = np.linalg.norm(P[:, base], axis=0)
-        solved = np.linalg.lstsq(P[:, base] / scale, P[:, open_columns], rcond=None)[0] / scale[:, None]
+        solved = (
+            np.linalg.lstsq(P[:, base] / scale, P[:, open_columns], rcond=None)[0] / scale[:, None]
+        )
         for k, j in enumerate(open_columns):
             for row in np.flatnonzero(K[:, j]).tolist():
                 if (row, j) not in formulas:
@@ -182,8 +193,14 @@ class FieldRegressor:
         values = geometry_of(model.robot)
         self.symbols = tuple(name for name in model.rigid.inputs if name in values)
         self._angles = {
-            f"{kind}a{i}": joint.twist for i, joint in enumerate(model.robot.joints, 1) for kind in "cs"
-        } | {f"{kind}{i}": joint.theta_offset for i, joint in enumerate(model.robot.joints, 1) for kind in "cs"}
+            f"{kind}a{i}": joint.twist
+            for i, joint in enumerate(model.robot.joints, 1)
+            for kind in "cs"
+        } | {
+            f"{kind}{i}": joint.theta_offset
+            for i, joint in enumerate(model.robot.joints, 1)
+            for kind in "cs"
+        }
         self.values = {name: values[name] for name in self.symbols}
 
     def actual(self) -> dict[str, Residues]:
@@ -247,14 +264,22 @@ class FieldRegressor:
         base, K = echelon(columns[:, :used])
         for A, k in zip(columns[:, used:], K, strict=True):
             if np.any(product(A[:, base], k) != A):
-                raise ReductionsDisagree("relations found at 24 random states do not hold at 4 further ones")
+                raise ReductionsDisagree(
+                    "relations found at 24 random states do not hold at 4 further ones"
+                )
         return base, K
 
-    def _inputs(self, geometry: dict[str, Residues], q: Residues, qd: Residues, qdd: Residues) -> dict[str, Residues]:
+    def _inputs(
+        self, geometry: dict[str, Residues], q: Residues, qd: Residues, qdd: Residues
+    ) -> dict[str, Residues]:
         """Return the program's inputs: geometry (G, 1) and motion (1, samples)."""
         inputs: dict[str, Residues] = {name: value[:, None] for name, value in geometry.items()}
         for j, joint in enumerate(self.model.robot.joints):
-            inputs |= {f"q{j + 1}": q[None, :, j], f"qd{j + 1}": qd[None, :, j], f"qdd{j + 1}": qdd[None, :, j]}
+            inputs |= {
+                f"q{j + 1}": q[None, :, j],
+                f"qd{j + 1}": qd[None, :, j],
+                f"qdd{j + 1}": qdd[None, :, j],
+            }
             if joint.revolute:
                 inputs[f"c{j + 1}"], inputs[f"s{j + 1}"] = rational_circle(self.random((1, len(q))))
         return inputs
@@ -331,10 +356,14 @@ def relations_text(reduction: ExactReduction, *, alone: bool = False) -> str:
     lines = []
     for relation in reduction.relations:
         if len(relation) > 1 or alone:
-            values = ", ".join(f"{text} = {value:.6g}" for text, value in coefficient_values(relation).items())
+            values = ", ".join(
+                f"{text} = {value:.6g}" for text, value in coefficient_values(relation).items()
+            )
             lines.append(relation_text(relation) + (f"    [{values}]" if values else ""))
     if reduction.unnamed:
-        lines.append(f"{reduction.unnamed} coefficients have no formula and are given as numbers only")
+        lines.append(
+            f"{reduction.unnamed} coefficients have no formula and are given as numbers only"
+        )
     return "\n".join(lines)
 
 
@@ -350,12 +379,18 @@ def relations_json(reduction: ExactReduction) -> dict[str, Any]:
         {
             "name": base_name(relation),
             "terms": {term.name: term.value for term in relation},
-            "formulas": {term.name: term.formula.text() if term.formula else None for term in relation},
+            "formulas": {
+                term.name: term.formula.text() if term.formula else None for term in relation
+            },
             "text": relation_text(relation),
         }
         for relation in reduction.relations
     ]
-    classes = {"alone": list(reduction.alone), "none": list(reduction.none), "combined": list(reduction.combined)}
+    classes = {
+        "alone": list(reduction.alone),
+        "none": list(reduction.none),
+        "combined": list(reduction.combined),
+    }
     return {
         "rank": reduction.rank,
         "classes": classes,
@@ -371,7 +406,9 @@ def relations_latex(reduction: ExactReduction) -> str:
     for relation in reduction.relations:
         if len(relation) > 1:
             own = latex_symbol(relation[0].name)
-            rows.append(rf"  {own}^{{R}} &= {joined([_latex_part(terms) for terms in _factored(relation)])}")
+            rows.append(
+                rf"  {own}^{{R}} &= {joined([_latex_part(terms) for terms in _factored(relation)])}"
+            )
     return "\n".join([r"\begin{align*}", " \\\\\n".join(rows), r"\end{align*}"])
 
 

@@ -67,7 +67,11 @@ def ends_of(urdf: Urdf, base: str | None, tip: str | None) -> tuple[str, str]:
             where=str(urdf.path),
             fix="name the last link of the arm with --tip LINK, and its first with --base LINK (dynid import)",
         )
-    while len(fixed := [joint for joint in urdf.joints if joint.parent == link and not joint.moves]) == 1 and not ahead:
+    while (
+        len(fixed := [joint for joint in urdf.joints if joint.parent == link and not joint.moves])
+        == 1
+        and not ahead
+    ):
         link = fixed[0].child
     return start, link
 
@@ -133,19 +137,32 @@ def import_arm(
     for joint in urdf.chain(urdf.root, start):
         root = root @ joint.origin
     poses = _link_poses(chain, root)
-    axes = [(poses[joint.child][:3, 3], poses[joint.child][:3, :3] @ joint.axis) for joint in moving]
+    axes = [
+        (poses[joint.child][:3, 3], poses[joint.child][:3, :3] @ joint.axis) for joint in moving
+    ]
     frame0, rows = dh_rows(axes, root, poses[end])
     joints = tuple(_joint(joint, rows, i, convention) for i, joint in enumerate(moving))
     R0 = frame0[:3, :3]
     gx, gy, gz = (_clean(value) for value in (R0.T @ [0.0, 0.0, -_GRAVITY]).tolist())
     x, y, z = frame0[:3, 3].tolist()
-    robot = Robot(name or urdf.name, convention, joints, (gx, gy, gz), (x, y, z), roll_pitch_yaw(R0))
-    bodies, findings = _bodies(urdf, moving, frame0, link_frames(robot, np.zeros(robot.n)).poses, poses)
-    robot = replace(robot, prior=Prior(links=bodies)) if any(body.mass for body in bodies) else robot
+    robot = Robot(
+        name or urdf.name, convention, joints, (gx, gy, gz), (x, y, z), roll_pitch_yaw(R0)
+    )
+    bodies, findings = _bodies(
+        urdf, moving, frame0, link_frames(robot, np.zeros(robot.n)).poses, poses
+    )
+    robot = (
+        replace(robot, prior=Prior(links=bodies)) if any(body.mass for body in bodies) else robot
+    )
     tip_pose = np.linalg.inv(frame0 @ link_frames(robot, np.zeros(robot.n)).poses[-1]) @ poses[end]
-    own, written = (_largest_miss(source, robot, start, end, frame0, tip_pose) for source in (urdf, raw))
+    own, written = (
+        _largest_miss(source, robot, start, end, frame0, tip_pose) for source in (urdf, raw)
+    )
     if own > tuning.SAME_POSE:
-        raise WrongUrdf(f"{urdf.path}: the DH table found misses the URDF's pose by {own:.2g}", where=str(urdf.path))
+        raise WrongUrdf(
+            f"{urdf.path}: the DH table found misses the URDF's pose by {own:.2g}",
+            where=str(urdf.path),
+        )
     if written > tuning.SAME_POSE:
         text = f"the URDF's angles are rounded, the DH table's are exact: that moves the tip by {written:.1e} m or rad"
         findings.append(Finding("W202", "warning", text, {"largest": written}))
@@ -204,7 +221,9 @@ def dh_rows(
     return frame0, rows
 
 
-def _common_normal(origin: Floats, z: Floats, point: Floats, other: Floats, x: Floats) -> tuple[Floats, Floats, Floats]:
+def _common_normal(
+    origin: Floats, z: Floats, point: Floats, other: Floats, x: Floats
+) -> tuple[Floats, Floats, Floats]:
     """Return the feet on both axes and the direction of the normal, turned to the side of x."""
     normal = np.cross(z, other)
     size = float(np.linalg.norm(normal))
@@ -249,12 +268,16 @@ def _clean(length: float) -> float:
     return 0.0 if abs(length) < tuning.ZERO_LENGTH_M else round(float(length), 12)
 
 
-def _joint(joint: UrdfJoint, rows: Sequence[tuple[float, float, float, float]], i: int, convention: str) -> Joint:
+def _joint(
+    joint: UrdfJoint, rows: Sequence[tuple[float, float, float, float]], i: int, convention: str
+) -> Joint:
     """Return a row of the table; a modified table has the length and twist of the row before."""
     turn, rise, length, twist = rows[i]
     if convention == "modified":
         length, twist = rows[i - 1][2:] if i else (0.0, 0.0)
-    kind: Literal["revolute", "prismatic"] = "prismatic" if joint.type == "prismatic" else "revolute"
+    kind: Literal["revolute", "prismatic"] = (
+        "prismatic" if joint.type == "prismatic" else "revolute"
+    )
     return Joint(joint.name, kind, length, twist, rise, turn, joint.limits)
 
 
@@ -280,7 +303,9 @@ def _bodies(
                 total += moved(body, to_dh @ pose).parameters()
         bodies.append(body_of(total))
     near = [possible_body(body) if body.mass else body for body in bodies]
-    if moved_to := [str(i) for i, (a, b) in enumerate(zip(bodies, near, strict=True), start=1) if a != b]:
+    if moved_to := [
+        str(i) for i, (a, b) in enumerate(zip(bodies, near, strict=True), start=1) if a != b
+    ]:
         text = (
             f"the URDF's inertia of link {', '.join(moved_to)} is physically impossible (a principal moment exceeds "
             "the sum of the other two): the prior takes the nearest possible one"
@@ -309,7 +334,9 @@ def possible_body(body: Body) -> Body:
     return Body.of(body.mass, np.array(body.com), inertia_of(moments))
 
 
-def _largest_miss(urdf: Urdf, robot: Robot, base: str, tip: str, frame0: Floats, tip_pose: Floats) -> float:
+def _largest_miss(
+    urdf: Urdf, robot: Robot, base: str, tip: str, frame0: Floats, tip_pose: Floats
+) -> float:
     """Return the largest difference of the tip's pose between table and URDF at random configurations."""
     rng = np.random.default_rng(0)
     largest = 0.0
@@ -320,5 +347,7 @@ def _largest_miss(urdf: Urdf, robot: Robot, base: str, tip: str, frame0: Floats,
         values = iter(q.tolist())
         for joint in urdf.chain(base, tip):
             pose = pose @ joint.transform(next(values) if joint.moves else 0.0)
-        largest = max(largest, float(np.abs(frame0 @ link_frames(robot, q).poses[-1] @ tip_pose - pose).max()))
+        largest = max(
+            largest, float(np.abs(frame0 @ link_frames(robot, q).poses[-1] @ tip_pose - pose).max())
+        )
     return largest

@@ -111,7 +111,10 @@ def link_frames(robot: Robot, q: Floats, *, world: bool = False) -> LinkFrames:
     for i, joint in enumerate(robot.joints):
         theta = joint.theta_offset + (q[:, i] if joint.revolute else np.zeros(count))
         d = joint.d + (np.zeros(count) if joint.revolute else q[:, i])
-        angle, twist = (np.cos(theta), np.sin(theta)), (math.cos(joint.twist), math.sin(joint.twist))
+        angle, twist = (
+            (np.cos(theta), np.sin(theta)),
+            (math.cos(joint.twist), math.sin(joint.twist)),
+        )
         rows, along = dh_step(robot.convention, angle, twist, joint.a, d)
         for j in range(3):
             shift[j] = along[j]
@@ -124,7 +127,10 @@ def link_frames(robot: Robot, q: Floats, *, world: bool = False) -> LinkFrames:
         if robot.convention == "modified":
             axes[i], points[i] = R[:, 2], p
         rotations[i], origins[i] = R, p
-    parts = (np.moveaxis(x, -1, 0).reshape(*batch, *x.shape[:-1]) for x in (rotations, origins, axes, points))
+    parts = (
+        np.moveaxis(x, -1, 0).reshape(*batch, *x.shape[:-1])
+        for x in (rotations, origins, axes, points)
+    )
     return LinkFrames(*parts)
 
 
@@ -207,7 +213,11 @@ def symbolic_step(joint: Joint, number: int, convention: str) -> Step:
         return Symbol(f"c{prefix}{number}"), Symbol(f"s{prefix}{number}")
 
     ca, sa = cos_sin(joint.twist, "a")
-    ct, st = (Symbol(f"c{number}"), Symbol(f"s{number}")) if joint.revolute else cos_sin(joint.theta_offset, "")
+    ct, st = (
+        (Symbol(f"c{number}"), Symbol(f"s{number}"))
+        if joint.revolute
+        else cos_sin(joint.theta_offset, "")
+    )
     a = Symbol(f"a{number}") if joint.a else zero
     d = Symbol(f"d{number}") if joint.d else zero
     if not joint.revolute:
@@ -223,7 +233,12 @@ def geometry(robot: Robot) -> dict[str, float]:
     """Return the number behind every geometric symbol by its name: ``d3`` [m], ``ca3``, ``gz`` [m/s^2] and so on."""
     values = {f"g{x}": g for x, g in zip("xyz", robot.gravity, strict=True)}
     for i, joint in enumerate(robot.joints, start=1):
-        values |= {f"a{i}": joint.a, f"d{i}": joint.d, f"ca{i}": math.cos(joint.twist), f"sa{i}": math.sin(joint.twist)}
+        values |= {
+            f"a{i}": joint.a,
+            f"d{i}": joint.d,
+            f"ca{i}": math.cos(joint.twist),
+            f"sa{i}": math.sin(joint.twist),
+        }
         if not joint.revolute:
             values |= {f"c{i}": math.cos(joint.theta_offset), f"s{i}": math.sin(joint.theta_offset)}
     return values

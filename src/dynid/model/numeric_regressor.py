@@ -15,7 +15,9 @@ from dynid.robot import Robot
 Floats = NDArray[np.float64]
 
 
-def body_regressor(robot: Robot, q: Floats, qd: Floats, qdd: Floats, gravity: Floats | None = None) -> Floats:
+def body_regressor(
+    robot: Robot, q: Floats, qd: Floats, qdd: Floats, gravity: Floats | None = None
+) -> Floats:
     """Return the columns of the bodies of all links.
 
     Args:
@@ -31,7 +33,8 @@ def body_regressor(robot: Robot, q: Floats, qd: Floats, qdd: Floats, gravity: Fl
     frames = link_frames(robot, q)
     # Why samples last: every operation runs along them, and a motion has hundreds of samples and few joints.
     R, p, axis, point = (
-        np.ascontiguousarray(np.moveaxis(x, 0, -1)) for x in (frames.R, frames.p, frames.axis, frames.point)
+        np.ascontiguousarray(np.moveaxis(x, 0, -1))
+        for x in (frames.R, frames.p, frames.axis, frames.point)
     )
     turning = [joint.revolute for joint in robot.joints]
     slides = ~np.array(turning)
@@ -39,7 +42,9 @@ def body_regressor(robot: Robot, q: Floats, qd: Floats, qdd: Floats, gravity: Fl
     P = np.zeros((n, 10 * n, count))
     omega, alpha, at = np.zeros((3, 3, count))
     # Why: an arm that is held against gravity feels as if its base were accelerated upwards.
-    acceleration = -np.broadcast_to(np.array(robot.gravity) if gravity is None else gravity, (count, 3)).T
+    acceleration = -np.broadcast_to(
+        np.array(robot.gravity) if gravity is None else gravity, (count, 3)
+    ).T
     for i in range(n):
         z, speed, push = axis[i], qd[:, i], qdd[:, i]
         if turning[i]:
@@ -58,7 +63,9 @@ def body_regressor(robot: Robot, q: Floats, qd: Floats, qdd: Floats, gravity: Fl
         if not all(turning[: i + 1]):
             still = slides[: i + 1]
             along[:, still], about = z[:, still], np.where(still[:, None], 0.0, z)
-        _columns(P[: i + 1, 10 * i : 10 * i + 10], _turned(R[i], along), _turned(R[i], about), a, w, dw)
+        _columns(
+            P[: i + 1, 10 * i : 10 * i + 10], _turned(R[i], along), _turned(R[i], about), a, w, dw
+        )
     return np.moveaxis(P, 2, 0)
 
 
@@ -75,7 +82,11 @@ def _columns(found: Floats, f: Floats, m: Floats, a: Floats, w: Floats, dw: Floa
     """
     (x, y, z), (dx, dy, dz) = w, dw
     xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
-    force = ((-yy - zz, xy - dz, xz + dy), (xy + dz, -xx - zz, yz - dx), (xz - dy, yz + dx, -xx - yy))
+    force = (
+        (-yy - zz, xy - dz, xz + dy),
+        (xy + dz, -xx - zz, yz - dx),
+        (xz - dy, yz + dx, -xx - yy),
+    )
     moment = (
         (dx, dy - xz, dz + xy, -yz, yy - zz, yz),
         (xz, dx + yz, zz - xx, dy, dz - xy, -xz),

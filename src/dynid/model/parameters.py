@@ -65,13 +65,17 @@ def link_parameters(robot: Robot) -> tuple[Parameter, ...]:
     for link, joint in enumerate(robot.joints, start=1):
         for kind in LINK_PARAMETERS:
             unit = "kg" if kind == "m" else "kg m" if kind.startswith("mc") else "kg m^2"
-            found.append(numbered(kind, link, "kg" if kind == "Im" and not joint.revolute else unit))
+            found.append(
+                numbered(kind, link, "kg" if kind == "Im" and not joint.revolute else unit)
+            )
     return tuple(found)
 
 
 def columns_of(parameters: Iterable[Parameter], *kinds: str) -> NDArray[np.intp]:
     """Return the columns whose parameter is of one of these kinds, (k,)."""
-    return np.array([k for k, parameter in enumerate(parameters) if parameter.kind in kinds], dtype=np.intp)
+    return np.array(
+        [k for k, parameter in enumerate(parameters) if parameter.kind in kinds], dtype=np.intp
+    )
 
 
 def body_columns(parameters: Iterable[Parameter]) -> dict[int, NDArray[np.intp]]:
@@ -80,12 +84,17 @@ def body_columns(parameters: Iterable[Parameter]) -> dict[int, NDArray[np.intp]]
     for k, parameter in enumerate(parameters):
         if parameter.of_body:
             found.setdefault(parameter.number, {})[parameter.kind] = k
-    return {link: np.array([of[kind] for kind in BODY_PARAMETERS], dtype=np.intp) for link, of in sorted(found.items())}
+    return {
+        link: np.array([of[kind] for kind in BODY_PARAMETERS], dtype=np.intp)
+        for link, of in sorted(found.items())
+    }
 
 
 # ---------------------------------------------------------------- the prior
 #: What a robot file without a prior stands for.
-DEFAULT_CYLINDERS = Cylinders(radius=tuning.DEFAULT_LINK_RADIUS_M, density=tuning.DEFAULT_LINK_DENSITY)
+DEFAULT_CYLINDERS = Cylinders(
+    radius=tuning.DEFAULT_LINK_RADIUS_M, density=tuning.DEFAULT_LINK_DENSITY
+)
 
 
 def cylinders_of(robot: Robot) -> Cylinders:
@@ -137,8 +146,14 @@ def prior_bodies(robot: Robot) -> tuple[Body, ...]:
         spec, ends = cylinders_of(robot), link_cylinders(robot)
         radius = spec.radius
         volumes = math.pi * radius**2 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-        masses = volumes * (spec.density or 0.0) if spec.mass is None else volumes * spec.mass / volumes.sum()
-        bodies = tuple(cylinder_body(each, radius, float(m)) for each, m in zip(ends, masses, strict=True))
+        masses = (
+            volumes * (spec.density or 0.0)
+            if spec.mass is None
+            else volumes * spec.mass / volumes.sum()
+        )
+        bodies = tuple(
+            cylinder_body(each, radius, float(m)) for each, m in zip(ends, masses, strict=True)
+        )
     return bodies if robot.tool is None else (*bodies[:-1], joined(bodies[-1], robot.tool))
 
 
@@ -155,7 +170,9 @@ def prior_vector(model: Model) -> Floats:
     bodies = prior_parameters(model.robot).reshape(-1, len(BODY_PARAMETERS))
     return np.array(
         [
-            bodies[parameter.number - 1, BODY_PARAMETERS.index(parameter.kind)] if parameter.of_body else 0.0
+            bodies[parameter.number - 1, BODY_PARAMETERS.index(parameter.kind)]
+            if parameter.of_body
+            else 0.0
             for parameter in model.parameters
         ]
     )
@@ -172,7 +189,9 @@ def prior_base_parameters(model: Model, reduction: Reduction, *, unknown: float 
     """
     table = [model.parameters[k] for k in reduction.base]
     combined = np.count_nonzero(reduction.K, axis=1) > 1
-    known = [p.of_body or (p.kind == "Im" and mixed) for p, mixed in zip(table, combined, strict=True)]
+    known = [
+        p.of_body or (p.kind == "Im" and mixed) for p, mixed in zip(table, combined, strict=True)
+    ]
     return np.where(known, reduction.K @ prior_vector(model), unknown)
 
 
@@ -195,7 +214,9 @@ def second_moments(inertia: Floats) -> Floats:
 
     A body that can exist has none that is negative.
     """
-    return np.asarray(np.trace(inertia, axis1=-2, axis2=-1)[..., None, None] / 2 * np.eye(3) - inertia)
+    return np.asarray(
+        np.trace(inertia, axis1=-2, axis2=-1)[..., None, None] / 2 * np.eye(3) - inertia
+    )
 
 
 def inertia_of(moments: Floats) -> Floats:
@@ -220,7 +241,9 @@ def expected_torque(q: Floats, robot: Robot) -> Floats:
     return carried(q, robot, lambda points: -np.broadcast_to(np.array(robot.gravity), points.shape))
 
 
-def carried(q: Floats, robot: Robot, accelerations: Callable[[Floats], Floats], some: slice = slice(None)) -> Floats:
+def carried(
+    q: Floats, robot: Robot, accelerations: Callable[[Floats], Floats], some: slice = slice(None)
+) -> Floats:
     """Return the torques that accelerate point masses, (N, n), from a function of their places, (N, n, 3).
 
     Only those at some of the samples are worked out.
@@ -246,7 +269,9 @@ def carried(q: Floats, robot: Robot, accelerations: Callable[[Floats], Floats], 
 def _masses(robot: Robot) -> tuple[list[float], list[Floats | None]]:
     """Return a mass for each link, and its centre in the link frame where the robot file gives it."""
     if robot.prior is not None and robot.prior.links:
-        return [body.mass for body in robot.prior.links], [np.array(body.com) for body in robot.prior.links]
+        return [body.mass for body in robot.prior.links], [
+            np.array(body.com) for body in robot.prior.links
+        ]
     cylinders = robot.prior.cylinders if robot.prior is not None else None
     total = tuning.UNKNOWN_LINK_MASS_KG * robot.n
     lengths = np.array([np.hypot(joint.a, joint.d) for joint in robot.joints])
@@ -254,5 +279,9 @@ def _masses(robot: Robot) -> tuple[list[float], list[Floats | None]]:
         total = cylinders.mass
     elif cylinders is not None and cylinders.density is not None:
         total = cylinders.density * np.pi * cylinders.radius**2 * float(lengths.sum())
-    share = (lengths + 0.1 * lengths.sum()) / np.sum(lengths + 0.1 * lengths.sum()) if lengths.any() else lengths
+    share = (
+        (lengths + 0.1 * lengths.sum()) / np.sum(lengths + 0.1 * lengths.sum())
+        if lengths.any()
+        else lengths
+    )
     return list(total * share), [None] * robot.n

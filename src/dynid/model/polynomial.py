@@ -29,14 +29,22 @@ class Polynomial:
     @staticmethod
     def monomial(factor: Fraction | int, powers: Mapping[str, int]) -> Polynomial:
         """Return one monomial."""
-        return Polynomial(((Fraction(factor), tuple(sorted((s, k) for s, k in powers.items() if k))),))
+        return Polynomial(
+            ((Fraction(factor), tuple(sorted((s, k) for s, k in powers.items() if k))),)
+        )
 
     def __add__(self, other: Polynomial) -> Polynomial:
         """Return the sum with equal monomials merged."""
         total: dict[Monomial, Fraction] = {}
         for factor, monomial in (*self.terms, *other.terms):
             total[monomial] = total.get(monomial, Fraction(0)) + factor
-        return Polynomial(tuple((factor, monomial) for monomial, factor in sorted(total.items(), key=_order) if factor))
+        return Polynomial(
+            tuple(
+                (factor, monomial)
+                for monomial, factor in sorted(total.items(), key=_order)
+                if factor
+            )
+        )
 
     def __mul__(self, other: Polynomial) -> Polynomial:
         """Return the product."""
@@ -56,7 +64,9 @@ class Polynomial:
     @property
     def degree(self) -> int:
         """Largest degree of a monomial."""
-        return max((sum(abs(power) for _, power in monomial) for _, monomial in self.terms), default=0)
+        return max(
+            (sum(abs(power) for _, power in monomial) for _, monomial in self.terms), default=0
+        )
 
     @property
     def negative(self) -> bool:
@@ -66,7 +76,9 @@ class Polynomial:
     def value(self, geometry: Mapping[str, float]) -> float:
         """Return the number for given DH values."""
         known = {**geometry, **{name: math.sqrt(k) for name, k in _ROOT_NAMES.items()}}
-        return math.fsum(float(f) * math.prod(known[s] ** k for s, k in monomial) for f, monomial in self.terms)
+        return math.fsum(
+            float(f) * math.prod(known[s] ** k for s, k in monomial) for f, monomial in self.terms
+        )
 
     def residue(self, geometry: Mapping[str, int]) -> int:
         """Return the value in the prime field for given DH values there."""
@@ -81,7 +93,9 @@ class Polynomial:
 
     def text(self) -> str:
         """Return the formula as text, such as ``2*d3*ca4``."""
-        parts = [_signed(factor, [_power(s, k) for s, k in monomial]) for factor, monomial in self.terms]
+        parts = [
+            _signed(factor, [_power(s, k) for s, k in monomial]) for factor, monomial in self.terms
+        ]
         return joined(parts)
 
     def latex(self) -> str:
@@ -90,7 +104,9 @@ class Polynomial:
         for factor, monomial in self.terms:
             size = abs(factor)
             number = "" if size == 1 and monomial else latex_number(size)
-            symbols = " ".join(f"{latex_symbol(s)}^{{{k}}}" if k != 1 else latex_symbol(s) for s, k in monomial)
+            symbols = " ".join(
+                f"{latex_symbol(s)}^{{{k}}}" if k != 1 else latex_symbol(s) for s, k in monomial
+            )
             parts.append(("-" if factor < 0 else "+", f"{number} {symbols}".strip()))
         return joined(parts)
 
@@ -114,7 +130,11 @@ def _signed(factor: Fraction, symbols: list[str]) -> tuple[str, str]:
 def joined(parts: list[tuple[str, str]]) -> str:
     """Join signed terms: the first without a plus sign, the others with spaces round the sign."""
     first, *others = parts
-    return ("-" if first[0] == "-" else "") + first[1] + "".join(f" {sign} {body}" for sign, body in others)
+    return (
+        ("-" if first[0] == "-" else "")
+        + first[1]
+        + "".join(f" {sign} {body}" for sign, body in others)
+    )
 
 
 def latex_number(number: Fraction) -> str:

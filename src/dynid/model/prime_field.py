@@ -65,7 +65,9 @@ def rational_circle(t: Residues) -> tuple[Residues, Residues]:
 
 def inverse(values: Residues) -> Residues:
     """Return 1 / values, elementwise."""
-    return np.array([pow(value, -1, PRIME) for value in values.ravel().tolist()], dtype=np.uint64).reshape(values.shape)
+    return np.array(
+        [pow(value, -1, PRIME) for value in values.ravel().tolist()], dtype=np.uint64
+    ).reshape(values.shape)
 
 
 def product(A: Residues, B: Residues) -> Residues:
@@ -90,7 +92,9 @@ def run_program(program: Program, inputs: dict[str, Residues]) -> Residues:
     slots += [np.full(shape, constant % PRIME, dtype=np.uint64) for constant in program.constants]
     zero = np.zeros(shape, dtype=np.uint64)
     # Why: unsigned differences wrap round, and the smaller of both candidates is the reduced one.
-    for op, lhs, rhs in zip(program.op.tolist(), program.lhs.tolist(), program.rhs.tolist(), strict=True):
+    for op, lhs, rhs in zip(
+        program.op.tolist(), program.lhs.tolist(), program.rhs.tolist(), strict=True
+    ):
         if op == MUL:
             slots.append(slots[lhs] * slots[rhs] % _P)
         elif op == ADD:
@@ -100,7 +104,9 @@ def run_program(program: Program, inputs: dict[str, Residues]) -> Residues:
             total = slots[lhs] - slots[rhs] if op == SUB else zero - slots[lhs]
             slots.append(np.minimum(total, total + _P))
     matrix = np.zeros((*shape, *program.shape), dtype=np.uint64)
-    for row, col, out in zip(program.rows.tolist(), program.cols.tolist(), program.outputs.tolist(), strict=True):
+    for row, col, out in zip(
+        program.rows.tolist(), program.cols.tolist(), program.outputs.tolist(), strict=True
+    ):
         matrix[..., row, col] = slots[out]
     return matrix
 

@@ -12,7 +12,11 @@ _SIGN = {ADD: "+", SUB: "-", MUL: "*"}
 
 
 def _slots(program: Program) -> list[str]:
-    return [*program.inputs, *(str(c) for c in program.constants), *(f"t{k}" for k in range(program.flops))]
+    return [
+        *program.inputs,
+        *(str(c) for c in program.constants),
+        *(f"t{k}" for k in range(program.flops)),
+    ]
 
 
 def as_python(model: Model) -> str:
@@ -55,11 +59,21 @@ def as_latex(model: Model) -> str:
     names = [parameter.name for parameter in link_parameters(model.robot)]
     nice: dict[Symbol, Symbol] = {}
     for i in range(1, model.robot.n + 1):
-        nice |= {Symbol(f"qd{i}"): Symbol(rf"\dot{{q}}_{{{i}}}"), Symbol(f"qdd{i}"): Symbol(rf"\ddot{{q}}_{{{i}}}")}
-        nice |= {Symbol(f"{x}{i}"): Symbol(rf"\{y}_{{{i}}}") for x, y in (("c", "cos\\theta"), ("s", "sin\\theta"))}
-        nice |= {Symbol(f"{x}a{i}"): Symbol(rf"\{y}\alpha_{{{i}}}") for x, y in (("c", "cos"), ("s", "sin"))}
+        nice |= {
+            Symbol(f"qd{i}"): Symbol(rf"\dot{{q}}_{{{i}}}"),
+            Symbol(f"qdd{i}"): Symbol(rf"\ddot{{q}}_{{{i}}}"),
+        }
+        nice |= {
+            Symbol(f"{x}{i}"): Symbol(rf"\{y}_{{{i}}}")
+            for x, y in (("c", "cos\\theta"), ("s", "sin\\theta"))
+        }
+        nice |= {
+            Symbol(f"{x}a{i}"): Symbol(rf"\{y}\alpha_{{{i}}}")
+            for x, y in (("c", "cos"), ("s", "sin"))
+        }
     lines = [
-        rf"{latex(symbol)} &= {latex(expression.xreplace(nice))} \\" for symbol, expression in recorder.assignments
+        rf"{latex(symbol)} &= {latex(expression.xreplace(nice))} \\"
+        for symbol, expression in recorder.assignments
     ]
     for (row, col), expression in sorted(entries.items()):
         lines.append(rf"P_{{{row + 1},\,{names[col]}}} &= {latex(expression.xreplace(nice))} \\")

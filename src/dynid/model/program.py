@@ -149,14 +149,19 @@ Step = tuple[int, int, int, int]
 Evaluator = Callable[[Floats, Floats, Floats], Floats]
 
 
-def bound(program: Program, robot: Robot) -> tuple[list[float | None], list[tuple[int, str]], list[Step]]:
+def bound(
+    program: Program, robot: Robot
+) -> tuple[list[float | None], list[tuple[int, str]], list[Step]]:
     """Return a program with a robot's geometry put in and everything computed that does not move.
 
     Returns:
         The number of each slot, None where it moves; slot and name of each input that moves; the steps that are left.
     """
     fixed = geometry(robot)
-    value = [*(fixed.get(name) for name in program.inputs), *(float(constant) for constant in program.constants)]
+    value = [
+        *(fixed.get(name) for name in program.inputs),
+        *(float(constant) for constant in program.constants),
+    ]
     moving = [(slot, name) for slot, name in enumerate(program.inputs) if value[slot] is None]
     steps: list[Step] = []
     for op, lhs, rhs in np.stack([program.op, program.lhs, program.rhs], axis=1).tolist():
@@ -190,7 +195,9 @@ def evaluator(program: Program, robot: Robot) -> Evaluator:
     """
     value, moving, steps = bound(program, robot)
     wanted = program.outputs.tolist()
-    computed = [(slot, e) for e, slot in enumerate(wanted) if slot >= program.first and value[slot] is None]
+    computed = [
+        (slot, e) for e, slot in enumerate(wanted) if slot >= program.first and value[slot] is None
+    ]
     entry = dict(reversed(computed))
     copied = [slot for e, slot in enumerate(wanted) if entry.get(slot) != e]
     register, size = _registers(steps, [slot for slot, _ in moving], entry, copied)
@@ -202,9 +209,14 @@ def evaluator(program: Program, robot: Robot) -> Evaluator:
             return edge + constants.setdefault(number, len(constants))
         return size + entry[slot] if slot in entry else register[slot]
 
-    calls = [(op, row(lhs), row(lhs if op == NEG else rhs), row(out)) for op, lhs, rhs, out in steps]
+    calls = [
+        (op, row(lhs), row(lhs if op == NEG else rhs), row(out)) for op, lhs, rhs, out in steps
+    ]
     outputs = [row(slot) for slot in wanted]
-    registers, entries = np.empty((size, tuning.BLOCK_SAMPLES)), np.empty((len(wanted), tuning.BLOCK_SAMPLES))
+    registers, entries = (
+        np.empty((size, tuning.BLOCK_SAMPLES)),
+        np.empty((len(wanted), tuning.BLOCK_SAMPLES)),
+    )
     rows: list[Any] = [*registers, *entries, *constants]
     in_numpy = [_array_operation(call, rows) for call in calls]
     copies = [(entries[e], rows[k]) for e, k in enumerate(outputs) if k != size + e]
@@ -219,7 +231,11 @@ def evaluator(program: Program, robot: Robot) -> Evaluator:
             target[count:] = 0.0
         if library is not None:
             if not in_c:
-                in_c.append(_call_in_c(calls, outputs, edge, list(constants), registers, len(loads), entries))
+                in_c.append(
+                    _call_in_c(
+                        calls, outputs, edge, list(constants), registers, len(loads), entries
+                    )
+                )
             in_c[0](library, count)
             return entries[:, :count]
         for ufunc, a, b, out in in_numpy:
@@ -233,14 +249,22 @@ def evaluator(program: Program, robot: Robot) -> Evaluator:
 
 def _array_operation(call: Step, rows: Sequence[Any]) -> tuple[Any, Any, Any, Any]:
     op, a, b, out = call
-    return (np.multiply, rows[a], -1.0, rows[out]) if op == NEG else (UFUNC[op], rows[a], rows[b], rows[out])
+    return (
+        (np.multiply, rows[a], -1.0, rows[out])
+        if op == NEG
+        else (UFUNC[op], rows[a], rows[b], rows[out])
+    )
 
 
 def _registers(
     steps: Sequence[Step], inputs: Sequence[int], entry: dict[int, int], copied: Sequence[int]
 ) -> tuple[dict[int, int], int]:
     """Return the register of each slot that is no entry, and how many there are; dead ones are reused."""
-    last = {slot: k for k, (op, lhs, rhs, _) in enumerate(steps) for slot in ((lhs,) if op == NEG else (lhs, rhs))}
+    last = {
+        slot: k
+        for k, (op, lhs, rhs, _) in enumerate(steps)
+        for slot in ((lhs,) if op == NEG else (lhs, rhs))
+    }
     last |= dict.fromkeys(copied, len(steps))
     register = {slot: r for r, slot in enumerate(inputs)}
     free: list[int] = []
@@ -336,7 +360,9 @@ def _call_in_c(
     def call(library: ctypes.CDLL, count: int) -> None:
         at = [array.ctypes.data for array in (table, pool, inputs, last, entries)]
         stride = inputs.shape[1]
-        library.dynid_run(at[0], len(table), at[1], at[2], loads, stride, at[3], len(last), at[4], count)
+        library.dynid_run(
+            at[0], len(table), at[1], at[2], loads, stride, at[3], len(last), at[4], count
+        )
 
     return call
 
@@ -358,7 +384,9 @@ def interpreter(samples: int) -> ctypes.CDLL | None:
 
 def place() -> Path:
     """Return where the compiled interpreter of this machine is kept."""
-    facts = "\n".join((_SOURCE, *_FLAGS, platform.machine(), platform.system(), platform.libc_ver()[0]))
+    facts = "\n".join(
+        (_SOURCE, *_FLAGS, platform.machine(), platform.system(), platform.libc_ver()[0])
+    )
     return cache_folder() / "kernels" / f"{hashlib.sha256(facts.encode()).hexdigest()[:16]}.so"
 
 
@@ -377,13 +405,26 @@ def _loaded(path: Path) -> ctypes.CDLL | None:
     try:
         for each in (path.parent, path):
             info = each.lstat()
-            if info.st_uid != os.getuid() or info.st_mode & (stat.S_IWGRP | stat.S_IWOTH) or each.is_symlink():
+            if (
+                info.st_uid != os.getuid()
+                or info.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+                or each.is_symlink()
+            ):
                 return None
         library = ctypes.CDLL(str(path))
         pointer, whole = ctypes.c_void_p, ctypes.c_long
         library.dynid_run.argtypes = [
-            pointer, whole, pointer, pointer, whole, whole, pointer, whole, pointer, whole,
-        ]  # fmt: skip
+            pointer,
+            whole,
+            pointer,
+            pointer,
+            whole,
+            whole,
+            pointer,
+            whole,
+            pointer,
+            whole,
+        ]
         library.dynid_run.restype = None
     except (OSError, AttributeError):
         return None
@@ -399,7 +440,9 @@ def _compiled() -> ctypes.CDLL | None:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         with scratch_folder(path.parent) as folder:
             made = folder / path.name
-            programs.run([program, *_FLAGS, "-o", str(made), "-x", "c", "-"], Path(folder), _SOURCE.encode())
+            programs.run(
+                [program, *_FLAGS, "-o", str(made), "-x", "c", "-"], Path(folder), _SOURCE.encode()
+            )
             made.chmod(0o700)
             made.replace(path)
         return _loaded(path)

@@ -39,7 +39,9 @@ def random_states(robot: Robot, count: int, seed: int) -> tuple[Floats, Floats, 
     return q, qd, qdd
 
 
-def reduce(model: Model, *, samples: int = 200, seed: int = 0, tolerance: float = tuning.DEPENDENT_COLUMN) -> Reduction:
+def reduce(
+    model: Model, *, samples: int = 200, seed: int = 0, tolerance: float = tuning.DEPENDENT_COLUMN
+) -> Reduction:
     """Find the base parameters of a model by singular values on random states, and those of added effects.
 
     Args and source: as ``reduce_plain``.
@@ -108,7 +110,12 @@ def with_added(plain: Reduction, model: Model) -> Reduction:
     added = np.arange(size, total, dtype=np.intp)
     formulas = plain.formulas + names[size:] if plain.formulas else ()
     return replace(
-        plain, names=names, base=np.append(plain.base, added), K=K, alone=plain.alone + names[size:], formulas=formulas
+        plain,
+        names=names,
+        base=np.append(plain.base, added),
+        K=K,
+        alone=plain.alone + names[size:],
+        formulas=formulas,
     )
 
 
@@ -149,7 +156,9 @@ def base_parameters(
     Raises:
         ReductionsDisagree: when the two methods differ.
     """
-    from dynid.model.exact import reduce_exactly  # here and below: a model that is at hand needs no derivation
+    from dynid.model.exact import (
+        reduce_exactly,
+    )  # here and below: a model that is at hand needs no derivation
 
     svd = reduce_plain(model, samples=samples, seed=seed, tolerance=tolerance)
     return with_added(confirmed(reduce_exactly(model), svd), model)
@@ -212,5 +221,7 @@ def _nearby(exact: ExactReduction, svd: Reduction) -> str:
     """Return the singular values round the two ranks, relative to the largest."""
     values = svd.singular_values / svd.singular_values[0]
     first, last = sorted((exact.rank, svd.rank))
-    shown = ", ".join(f"{k + 1}: {values[k]:.1e}" for k in range(max(first - 2, 0), min(last + 2, len(values))))
+    shown = ", ".join(
+        f"{k + 1}: {values[k]:.1e}" for k in range(max(first - 2, 0), min(last + 2, len(values)))
+    )
     return f"singular values relative to the largest are {shown}"

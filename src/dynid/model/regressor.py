@@ -105,7 +105,9 @@ class Model:
 
     def observer(self, columns: NDArray[np.intp] | None = None) -> Observer:
         """Return an evaluator of the given columns (all when None), in that order."""
-        return Observer(self, np.arange(self.size) if columns is None else np.asarray(columns, dtype=np.intp))
+        return Observer(
+            self, np.arange(self.size) if columns is None else np.asarray(columns, dtype=np.intp)
+        )
 
     def regressor(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Evaluate the full regressor P on samples (Paper Eq. 8), without added effects.
@@ -148,13 +150,26 @@ class Observer:
         self._robot, self._rigid = robot, evaluator(program, robot)
         self._friction = [model.friction[k - len(links)] for k in columns[plain & ~rigid]]
         joints = [friction_rows(parameter) for parameter in self._friction]
-        places = [np.full(len(at), k) for k, at in zip(np.flatnonzero(plain & ~rigid), joints, strict=True)]
-        added = [rows for effect in model.added for rows in (column.rows for column in effect.columns)]
+        places = [
+            np.full(len(at), k)
+            for k, at in zip(np.flatnonzero(plain & ~rigid), joints, strict=True)
+        ]
+        added = [
+            rows for effect in model.added for rows in (column.rows for column in effect.columns)
+        ]
         edges = np.cumsum([0, *map(len, added)])
-        wanted = [(k, int(c) - model.plain_size) for k, c in enumerate(columns) if c >= model.plain_size]
+        wanted = [
+            (k, int(c) - model.plain_size) for k, c in enumerate(columns) if c >= model.plain_size
+        ]
         self.added_entries = _joined([np.arange(edges[c], edges[c + 1]) for _, c in wanted])
         self.rows = _joined([program.rows, *joints, *(added[c] for _, c in wanted)])
-        self.cols = _joined([np.flatnonzero(rigid)[program.cols], *places, *([k] * len(added[c]) for k, c in wanted)])
+        self.cols = _joined(
+            [
+                np.flatnonzero(rigid)[program.cols],
+                *places,
+                *([k] * len(added[c]) for k, c in wanted),
+            ]
+        )
         self.shape = (robot.n, len(columns))
         self._plain = len(self.rows) - len(self.added_entries)
 
@@ -176,17 +191,23 @@ class Observer:
         for start in range(0, len(q), tuning.BLOCK_SAMPLES):
             part = slice(start, min(start + tuning.BLOCK_SAMPLES, len(q)))
             rigid = self._rigid(q[part], qd[part], qdd[part])
-            friction = self._friction_entries(qd[part], qdd[part], None if coulomb_sign is None else coulomb_sign[part])
+            friction = self._friction_entries(
+                qd[part], qdd[part], None if coulomb_sign is None else coulomb_sign[part]
+            )
             yield part, np.vstack([rigid, *friction]) if friction else rigid
 
-    def entries(self, q: Floats, qd: Floats, qdd: Floats, coulomb_sign: Floats | None = None) -> Floats:
+    def entries(
+        self, q: Floats, qd: Floats, qdd: Floats, coulomb_sign: Floats | None = None
+    ) -> Floats:
         """Return the entries that ``blocks`` yields, in one array, (E, N)."""
         found = np.empty((self._plain, len(q)))
         for part, entries in self.blocks(q, qd, qdd, coulomb_sign):
             found[:, part] = entries
         return found
 
-    def _friction_entries(self, qd: Floats, qdd: Floats, coulomb_sign: Floats | None) -> list[Floats]:
+    def _friction_entries(
+        self, qd: Floats, qdd: Floats, coulomb_sign: Floats | None
+    ) -> list[Floats]:
         found = list[Floats]()
         for parameter in self._friction:
             if coulomb_sign is not None and parameter.kind == "fc":
@@ -242,7 +263,9 @@ def build_model(robot: Robot) -> Model:
 def parameter_names(robot: Robot) -> tuple[str, ...]:
     """Return the names of all columns of an arm's model, (c), without deriving it."""
     none = np.zeros(0, dtype=np.int32)
-    return Model(robot, Program((), (), none, none, none, none, none, none, (robot.n, 11 * robot.n))).parameter_names
+    return Model(
+        robot, Program((), (), none, none, none, none, none, none, (robot.n, 11 * robot.n))
+    ).parameter_names
 
 
 # ---------------------------------------------------------------- the model with numbers
@@ -282,20 +305,26 @@ class ModelTorques:
         values[self._model.link_columns] = self._values[: len(self._model.link_columns)]
         links = values.reshape(robot.n, 11)
         size = float(np.linalg.norm(robot.gravity))
-        return holding_torque(robot, link_frames(robot, q), links[:, 0], links[:, 1:4], size * np.eye(3)[axis])
+        return holding_torque(
+            robot, link_frames(robot, q), links[:, 0], links[:, 1:4], size * np.eye(3)[axis]
+        )
 
     def tip_force(self, q: Floats, axis: int) -> Floats:
         """Return the torques that hold a unit force along an axis of frame 0 at the tip, -J^T e, (N, n) [m or 1]."""
         # Why: a unit mass at the tip under a gravity of 1 m/s^2 along the axis is a unit force.
         robot = self._model.robot
         mass = np.eye(robot.n)[-1]
-        return holding_torque(robot, link_frames(robot, q), mass, np.zeros((robot.n, 3)), np.eye(3)[axis])
+        return holding_torque(
+            robot, link_frames(robot, q), mass, np.zeros((robot.n, 3)), np.eye(3)[axis]
+        )
 
     def tip_columns(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the columns of the ten parameters of the last link, (10, N, n) [N m or N per unit of each]."""
         last = 11 * (self._model.robot.n - 1)
         chosen = np.searchsorted(self._model.link_columns, np.arange(last, last + 10))
-        return np.ascontiguousarray(self._model.observer(chosen).dense(q, qd, qdd).transpose(2, 0, 1))
+        return np.ascontiguousarray(
+            self._model.observer(chosen).dense(q, qd, qdd).transpose(2, 0, 1)
+        )
 
 
 def model_torques(model: Model, reduction: Reduction, theta: Floats) -> ModelTorques:
@@ -310,7 +339,9 @@ def prior_torques(model: Model) -> ModelTorques:
     return ModelTorques(model, prior_vector(model))
 
 
-def holding_torque(robot: Robot, where: LinkFrames, mass: Floats, moment: Floats, gravity: Floats) -> Floats:
+def holding_torque(
+    robot: Robot, where: LinkFrames, mass: Floats, moment: Floats, gravity: Floats
+) -> Floats:
     """Return the torques that hold the links under a gravity, (N, n) [N m or N].
 
     The regressor's program leaves out components of gravity that are zero, so a tilted base or a force on the tool is
@@ -353,13 +384,19 @@ def mass_matrices(torque: Torque, q: Floats) -> Floats:
     """
     still = np.zeros_like(q)
     gravity = torque(q, still, still)
-    columns = [torque(q, still, np.broadcast_to(unit, q.shape).copy()) - gravity for unit in np.eye(q.shape[1])]
+    columns = [
+        torque(q, still, np.broadcast_to(unit, q.shape).copy()) - gravity
+        for unit in np.eye(q.shape[1])
+    ]
     return np.stack(columns, axis=2)
 
 
 def random_poses(robot: Robot, poses: int = 1000, seed: int = 0) -> Floats:
     """Return poses within the limits, one turn where there are none, (poses, n) [rad or m]."""
-    bounds = [joint.limits.position or ((-np.pi, np.pi) if joint.revolute else (-0.5, 0.5)) for joint in robot.joints]
+    bounds = [
+        joint.limits.position or ((-np.pi, np.pi) if joint.revolute else (-0.5, 0.5))
+        for joint in robot.joints
+    ]
     low, high = np.array(bounds).T
     return np.random.default_rng(seed).uniform(low, high, (poses, robot.n))
 

@@ -33,7 +33,10 @@ class Tape:
     def __init__(self, program: Program, robot: Robot, samples: int) -> None:
         self._robot = robot
         value, moving, steps = bound(program, robot)
-        self._rows = {slot: row for row, slot in enumerate([s for s, _ in moving] + [step[3] for step in steps])}
+        self._rows = {
+            slot: row
+            for row, slot in enumerate([s for s, _ in moving] + [step[3] for step in steps])
+        }
         self._values, self._slopes = np.zeros((2, len(self._rows), samples))
         self._spare = np.empty(samples)
         self._value: list[Any] = value
@@ -52,7 +55,9 @@ class Tape:
         for op, lhs, rhs, out in steps:
             target = self._values[self._rows[out]]
             negated = (np.multiply, self._at(lhs), -1.0, target)
-            calls.append(negated if op == NEG else (UFUNC[op], self._at(lhs), self._at(rhs), target))
+            calls.append(
+                negated if op == NEG else (UFUNC[op], self._at(lhs), self._at(rhs), target)
+            )
         return calls
 
     def _backward_calls(self, steps: list[Step]) -> list[tuple[Any, Any, Any, Any]]:
@@ -133,14 +138,23 @@ class RegressorGradient:
         place, other = np.flatnonzero(rigid), np.flatnonzero(~rigid)
         joints = [friction_rows(parameter) for parameter in self._friction]
         rows = [program.rows, *(np.array(at) for at in joints)]
-        cols = [place[program.cols], *(np.full(len(at), k) for k, at in zip(other, joints, strict=True))]
-        self.rows, self.cols = np.concatenate(rows).astype(np.intp), np.concatenate(cols).astype(np.intp)
+        cols = [
+            place[program.cols],
+            *(np.full(len(at), k) for k, at in zip(other, joints, strict=True)),
+        ]
+        self.rows, self.cols = (
+            np.concatenate(rows).astype(np.intp),
+            np.concatenate(cols).astype(np.intp),
+        )
         self.shape = (model.robot.n, len(columns))
 
     def dense(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the chosen columns at the samples, (N, n, p), and remember the samples for ``gradient``."""
         self._qd = qd
-        friction = [np.array(friction_entries(parameter, self._robot, qd, qdd)) for parameter in self._friction]
+        friction = [
+            np.array(friction_entries(parameter, self._robot, qd, qdd))
+            for parameter in self._friction
+        ]
         full = np.zeros((len(q), *self.shape))
         full[:, self.rows, self.cols] = np.concatenate([self._tape.run(q, qd, qdd), *friction]).T
         return full
@@ -153,6 +167,8 @@ class RegressorGradient:
         self._tape.add_gradient(entries[:start], (by_q, by_qd, by_qdd))
         for parameter in self._friction:
             stop = start + len(friction_rows(parameter))
-            add_friction_gradient(parameter, self._robot, self._qd, list(entries[start:stop]), by_qd, by_qdd)
+            add_friction_gradient(
+                parameter, self._robot, self._qd, list(entries[start:stop]), by_qd, by_qdd
+            )
             start = stop
         return by_q, by_qd, by_qdd

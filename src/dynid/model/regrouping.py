@@ -17,7 +17,9 @@ _P = np.uint64(PRIME)
 _TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
-def regrouping(joint: Joint, number: int, convention: str, geometry: dict[str, Residues]) -> tuple[list[int], Residues]:
+def regrouping(
+    joint: Joint, number: int, convention: str, geometry: dict[str, Residues]
+) -> tuple[list[int], Residues]:
     """Return how parameters of a link pass through its joint.
 
     Args:
@@ -59,18 +61,25 @@ def _basis(revolute: bool) -> Residues:
     return basis
 
 
-def _transform(joint: Joint, number: int, convention: str, geometry: dict[str, Residues]) -> Residues:
+def _transform(
+    joint: Joint, number: int, convention: str, geometry: dict[str, Residues]
+) -> Residues:
     """Return the transform from the link's frame to the one before, q = 0, (G, 4, 4)."""
     count = max((len(value) for value in geometry.values()), default=1)
 
     def take(name: str, otherwise: int) -> Residues:
-        return np.broadcast_to(geometry.get(name, np.array([otherwise % PRIME], dtype=np.uint64)), (count,))
+        return np.broadcast_to(
+            geometry.get(name, np.array([otherwise % PRIME], dtype=np.uint64)), (count,)
+        )
 
     angle = 0.0 if joint.revolute else joint.theta_offset
     turned = (take(f"c{number}", round(np.cos(angle))), take(f"s{number}", round(np.sin(angle))))
     if joint.revolute:
         turned = (take("", 1), take("", 0))
-    twist = (take(f"ca{number}", round(np.cos(joint.twist))), take(f"sa{number}", round(np.sin(joint.twist))))
+    twist = (
+        take(f"ca{number}", round(np.cos(joint.twist))),
+        take(f"sa{number}", round(np.sin(joint.twist))),
+    )
     R, p = dh_step(
         convention,
         turned,

@@ -48,7 +48,9 @@ class NamedCoefficients:
     generic: bool
 
 
-def name_coefficients(regressor: FieldRegressor, base: Sequence[int], K: Residues) -> NamedCoefficients:
+def name_coefficients(
+    regressor: FieldRegressor, base: Sequence[int], K: Residues
+) -> NamedCoefficients:
     """Name the coefficients of K.
 
     Args:
@@ -66,7 +68,9 @@ def name_coefficients(regressor: FieldRegressor, base: Sequence[int], K: Residue
         except ZeroDivisionError:
             continue
         if found == list(base):
-            return NamedCoefficients(_Naming(regressor, geometry, turned, found, values).run(K), True)
+            return NamedCoefficients(
+                _Naming(regressor, geometry, turned, found, values).run(K), True
+            )
     own = regressor.actual()
     return NamedCoefficients(_Naming(regressor, own, False, list(base), K[None]).run(K), False)
 
@@ -75,10 +79,17 @@ class _Naming:
     """Names the coefficients of relations that are known at two random geometries."""
 
     def __init__(
-        self, regressor: FieldRegressor, geometry: dict[str, Residues], turned: bool, base: list[int], K: Residues
+        self,
+        regressor: FieldRegressor,
+        geometry: dict[str, Residues],
+        turned: bool,
+        base: list[int],
+        K: Residues,
     ) -> None:
         self._regressor, self._turned, self._base, self._K = regressor, turned, base, K
-        self._at = [{name: int(v[g % len(v)]) for name, v in geometry.items()} for g in range(len(K))]
+        self._at = [
+            {name: int(v[g % len(v)]) for name, v in geometry.items()} for g in range(len(K))
+        ]
         lengths = [name for name in regressor.symbols if name[0] in "ad"] if len(K) > 1 else []
         angles = [name for name in regressor.symbols if name[0] in "cs"]
         self._symbols = lengths + (angles if turned else [])
@@ -92,15 +103,21 @@ class _Naming:
         self._known = np.array(list(self._factors), dtype=np.uint64)
         self._links = regressor.model.link_columns // 11 + 1
         joints = regressor.model.robot.joints
-        self._dimension = [_dimension(joints[k // 11], k) for k in regressor.model.link_columns.tolist()]
+        self._dimension = [
+            _dimension(joints[k // 11], k) for k in regressor.model.link_columns.tolist()
+        ]
         self._regroupings: dict[int, dict[int, dict[int, Polynomial]]] = {}
         self._windows: dict[tuple[int, int, int], _Window | None] = {}
         self._formulas: Formulas = {}
 
     def run(self, own: Residues) -> Formulas:
         """Return the formulas of the coefficients that are not zero at the arm's own geometry."""
-        dependent = [j for j in range(self._K.shape[2]) if j not in self._base and self._K[0, :, j].any()]
-        inverses = np.array([pow(m.residue(self._at[0]), -1, PRIME) for m in self._monomials], dtype=np.uint64)
+        dependent = [
+            j for j in range(self._K.shape[2]) if j not in self._base and self._K[0, :, j].any()
+        ]
+        inverses = np.array(
+            [pow(m.residue(self._at[0]), -1, PRIME) for m in self._monomials], dtype=np.uint64
+        )
         for j in dependent:
             named = [self._single(int(i), j, inverses) for i in np.flatnonzero(self._K[0, :, j])]
             if not all(named):
@@ -108,7 +125,9 @@ class _Naming:
         return {cell: formula for cell, formula in self._formulas.items() if own[cell]}
 
     def _verified(self, i: int, j: int, formula: Polynomial) -> bool:
-        return all(formula.residue(at) == int(k[i, j]) for at, k in zip(self._at, self._K, strict=True))
+        return all(
+            formula.residue(at) == int(k[i, j]) for at, k in zip(self._at, self._K, strict=True)
+        )
 
     def _single(self, i: int, j: int, inverses: Residues) -> bool:
         """Name a coefficient that is one monomial of lengths."""
@@ -140,7 +159,11 @@ class _Naming:
         open_rows: set[int] = set()
         for column, factor in local.items():
             own = column in self._base
-            for i in [self._base.index(column)] if own else np.flatnonzero(self._K[0, :, column]).tolist():
+            for i in (
+                [self._base.index(column)]
+                if own
+                else np.flatnonzero(self._K[0, :, column]).tolist()
+            ):
                 formula = ONE if own else self._formulas.get((i, column))
                 if formula is None:
                     open_rows.add(i)
@@ -158,7 +181,10 @@ class _Naming:
         return self._regroupings[link]
 
     def _find_passed(self, link: int) -> dict[int, dict[int, Polynomial]]:
-        joint, convention = self._regressor.model.robot.joints[link - 1], self._regressor.model.robot.convention
+        joint, convention = (
+            self._regressor.model.robot.joints[link - 1],
+            self._regressor.model.robot.convention,
+        )
         both = [11 * (link - 2) + k for k in (*range(10), *range(11, 21))]
         place = {int(k): i for i, k in enumerate(self._regressor.model.link_columns)}
         passed: dict[int, dict[int, Polynomial]] = {}
@@ -172,9 +198,17 @@ class _Naming:
             fitter = FormulaFitter(tables, geometry, len(K))
             for row, own in enumerate(dependent):
                 used = np.flatnonzero(K[0, row]).tolist()
-                degree = {k: _dimension(joint, both[k]) - _dimension(joint, both[own + 10]) for k in used}
-                found = {both[k]: fitter.fitted(degree[k], K[:, row, k], self._factors) for k in used}
-                named = {place[k]: formula for k, formula in found.items() if formula is not None and k in place}
+                degree = {
+                    k: _dimension(joint, both[k]) - _dimension(joint, both[own + 10]) for k in used
+                }
+                found = {
+                    both[k]: fitter.fitted(degree[k], K[:, row, k], self._factors) for k in used
+                }
+                named = {
+                    place[k]: formula
+                    for k, formula in found.items()
+                    if formula is not None and k in place
+                }
                 if len(named) == len(used) and both[own + 10] in place:
                     passed.setdefault(place[both[own + 10]], named)
             if len(passed) == len(dependent):
@@ -212,7 +246,9 @@ class _Naming:
             geometry = self._regressor.free(needed_geometries(tables), self._turned)
             columns = np.flatnonzero((self._links >= first) & (self._links <= last))
             try:
-                pivots, K = echelon(self._regressor.columns(geometry, columns, samples=tuning.NEIGHBOURHOOD_STATES))
+                pivots, K = echelon(
+                    self._regressor.columns(geometry, columns, samples=tuning.NEIGHBOURHOOD_STATES)
+                )
             except ZeroDivisionError:
                 self._windows[key] = None
             else:
@@ -256,11 +292,15 @@ class FormulaFitter:
         count: G.
     """
 
-    def __init__(self, tables: dict[int, list[Polynomial]], geometry: dict[str, Residues], count: int) -> None:
+    def __init__(
+        self, tables: dict[int, list[Polynomial]], geometry: dict[str, Residues], count: int
+    ) -> None:
         self._tables, self._geometry, self._count = tables, geometry, count
         self._solvers: dict[int, _Solver] = {}
 
-    def fitted(self, degree: int, wanted: Residues, factors: dict[int, Polynomial]) -> Polynomial | None:
+    def fitted(
+        self, degree: int, wanted: Residues, factors: dict[int, Polynomial]
+    ) -> Polynomial | None:
         """Return the formula of a coefficient known at all geometries, None when the table does not hold it."""
         table = self._tables.get(degree, [])
         if not table:
@@ -289,7 +329,9 @@ def lengths_up_to_two(lengths: Sequence[str]) -> list[tuple[tuple[str, int], ...
     return found + [((s, -k),) for k in (1, 2) for s in lengths]
 
 
-def monomials(symbols: Sequence[str], degree: int, stage: int, roots: dict[int, int]) -> list[Polynomial]:
+def monomials(
+    symbols: Sequence[str], degree: int, stage: int, roots: dict[int, int]
+) -> list[Polynomial]:
     """Return the monomials of one degree in lengths that a coefficient may hold, simple ones first.
 
     Stage 0 has no negative powers of lengths and few of angles, stage 1 and 2 have more; stage 2 is for more joints.
@@ -298,7 +340,11 @@ def monomials(symbols: Sequence[str], degree: int, stage: int, roots: dict[int, 
     angles = [s for s in symbols if s[0] in "cs"]
     most = (2, 4, 2)[stage] if len(angles) < 3 else (2, 3, 2)[stage]
     reach = range(0 if stage == 0 else -2, 3)
-    stretched = [p for p in pairings(reach, repeat=len(lengths)) if sum(p) == degree and sum(map(abs, p)) <= 4]
+    stretched = [
+        p
+        for p in pairings(reach, repeat=len(lengths))
+        if sum(p) == degree and sum(map(abs, p)) <= 4
+    ]
     turned = [
         p
         for p in pairings(range(-2, 3), repeat=len(angles))
@@ -307,7 +353,9 @@ def monomials(symbols: Sequence[str], degree: int, stage: int, roots: dict[int, 
     surds: list[dict[str, int]] = [{}, *({f"sqrt({k})": 1} for k in roots)]
     powers = [
         {**dict(zip(lengths, a, strict=True)), **dict(zip(angles, b, strict=True)), **c}
-        for a, b, c in pairings(sorted(stretched, key=_complexity), sorted(turned, key=_complexity), surds)
+        for a, b, c in pairings(
+            sorted(stretched, key=_complexity), sorted(turned, key=_complexity), surds
+        )
     ]
     return [Polynomial.monomial(1, p) for p in powers][: tuning.MOST_MONOMIALS]
 

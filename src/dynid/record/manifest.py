@@ -34,7 +34,11 @@ def beginning(robot: Robot, node: Node, command: str) -> dict[str, Any]:
         "operator": person(),
         "host": socket.gethostname(),
         "began": now(),
-        "robot": {"name": robot.name, "file": str(robot.path), "sha256": sha256(robot.path) if robot.path else None},
+        "robot": {
+            "name": robot.name,
+            "file": str(robot.path),
+            "sha256": sha256(robot.path) if robot.path else None,
+        },
         "versions": {
             "dynid": __version__,
             "python": platform.python_version(),

@@ -18,13 +18,22 @@ from dynid.record import tuning
 from dynid.record.playing import PlayedMotion
 from dynid.robot import Robot
 from dynid.trajectory.clearance import Capsules, Distance, tool_speed
-from dynid.trajectory.limits import Torque, Violation, fitting_alpha, floor2, raise_worst, torque_violations
+from dynid.trajectory.limits import (
+    Torque,
+    Violation,
+    fitting_alpha,
+    floor2,
+    raise_worst,
+    torque_violations,
+)
 from dynid.trajectory.preview import capsule_distances, measure_poses, require_clear, urdf_of
 from dynid.trajectory.scene import Scene
 
 Floats = NDArray[np.float64]
 
-APPROACH_FIX = "drive the arm nearer to the start by hand or joystick: the approach moves all joints at once"
+APPROACH_FIX = (
+    "drive the arm nearer to the start by hand or joystick: the approach moves all joints at once"
+)
 
 
 @dataclass(frozen=True)
@@ -105,10 +114,16 @@ def forecast(
         Collision: links, floor or obstacles come too near (E502).
     """
     joint, speed = check_limits(robot, played)
-    progress.stage("limits", "position, velocity and acceleration of every sample are inside the limits")
+    progress.stage(
+        "limits", "position, velocity and acceleration of every sample are inside the limits"
+    )
     near = check_clearance(robot, played, scene, urdf)
     tool = fastest_tool(robot, played.motion)
-    closest = f"closest {near[0].pair}, {1e3 * near[0].distance:.0f} mm at t = {near[0].time:.1f} s; " if near else ""
+    closest = (
+        f"closest {near[0].pair}, {1e3 * near[0].distance:.0f} mm at t = {near[0].time:.1f} s; "
+        if near
+        else ""
+    )
     progress.stage("clearance", f"{closest}tool up to {tool:.2f} m/s")
     return Forecast(
         seconds=float(played.motion.t[-1]),
@@ -122,7 +137,9 @@ def forecast(
     )
 
 
-def _torque_share(robot: Robot, played: PlayedMotion, forecaster: TorqueForecaster, progress: Progress) -> float | None:
+def _torque_share(
+    robot: Robot, played: PlayedMotion, forecaster: TorqueForecaster, progress: Progress
+) -> float | None:
     """Judge the torques; return the largest share of a rating, None where nothing can be said."""
     if forecaster.torque is None:
         progress.stage("forecast", f"no torques: {forecaster.words}")
@@ -159,14 +176,31 @@ def _violations(robot: Robot, played: PlayedMotion) -> list[Violation]:
         k = int(beyond.argmax())
         if beyond[k] > 1e-6 * max(1.0, abs(upper)):
             value, limit = float(q[k]), float(upper if q[k] > upper else lower)
-            found.append(Violation(joint.name, "position", value, limit, float(motion.t[k]), None, joint.revolute))
-        rates = ((motion.qd, limits.velocity, "velocity", 1), (motion.qdd, limits.acceleration, "acceleration", 2))
+            found.append(
+                Violation(
+                    joint.name, "position", value, limit, float(motion.t[k]), None, joint.revolute
+                )
+            )
+        rates = (
+            (motion.qd, limits.velocity, "velocity", 1),
+            (motion.qdd, limits.acceleration, "acceleration", 2),
+        )
         for values, allowed, quantity, order in rates:
             k = int(np.abs(values[:, j]).argmax())
             value = abs(float(values[k, j]))
             if allowed and value > allowed * (1 + 1e-6):
                 alpha = played.speed * (allowed / value) ** (1 / order)
-                found.append(Violation(joint.name, quantity, value, allowed, float(motion.t[k]), alpha, joint.revolute))
+                found.append(
+                    Violation(
+                        joint.name,
+                        quantity,
+                        value,
+                        allowed,
+                        float(motion.t[k]),
+                        alpha,
+                        joint.revolute,
+                    )
+                )
     return found
 
 
@@ -187,10 +221,14 @@ def _check_whole(motion: Motion) -> None:
     moved = np.diff(motion.q, axis=0) - 0.5 * (motion.qd[1:] + motion.qd[:-1]) * step[:, None]
     allowed = 1e-4 + np.abs(motion.qdd).max() * step.max() ** 2
     if np.abs(moved).max() > allowed:
-        raise LimitBroken("the motion's velocities are not the change of its positions", fix="plan it again")
+        raise LimitBroken(
+            "the motion's velocities are not the change of its positions", fix="plan it again"
+        )
 
 
-def check_clearance(robot: Robot, played: PlayedMotion, scene: Scene, urdf: Path | None = None) -> tuple[Distance, ...]:
+def check_clearance(
+    robot: Robot, played: PlayedMotion, scene: Scene, urdf: Path | None = None
+) -> tuple[Distance, ...]:
     """Refuse a motion that comes too near to the arm itself, the floor or an obstacle, as the planner would.
 
     Args:
@@ -214,7 +252,11 @@ def check_clearance(robot: Robot, played: PlayedMotion, scene: Scene, urdf: Path
     except PackageMissing:
         found = capsule_distances(Capsules(robot, scene), some)
     everything = (*found.least, *found.usual)
-    require_clear((d for d in everything if d.time < played.approach), fix=APPROACH_FIX, slack=tuning.CLEARANCE_SLACK_M)
+    require_clear(
+        (d for d in everything if d.time < played.approach),
+        fix=APPROACH_FIX,
+        slack=tuning.CLEARANCE_SLACK_M,
+    )
     require_clear(everything, slack=tuning.CLEARANCE_SLACK_M)
     return found.least
 
@@ -242,7 +284,9 @@ def check_torque(robot: Robot, played: PlayedMotion, torque: Torque) -> PeakTorq
     tau, limit = torque(motion), tuning.PREDICTED_TORQUE_SHARE * rating
     if np.any(np.abs(tau) > limit):
         alpha = fitting_alpha(motion, limit, torque)
-        found = torque_violations(robot, limit, tau, motion.t, None if alpha is None else alpha * played.speed)
+        found = torque_violations(
+            robot, limit, tau, motion.t, None if alpha is None else alpha * played.speed
+        )
         raise_worst(found, 1 - tuning.PREDICTED_TORQUE_SHARE, _speed)
     share = np.abs(tau) / rating
     k, j = np.unravel_index(share.argmax(), share.shape)

@@ -43,10 +43,16 @@ def approach(robot: Robot, start: Floats, end: Floats) -> Motion:
     """Return a slow quintic from rest to rest between two poses, (n,) each [rad or m]."""
     distance = np.abs(end - start)
     velocity, acceleration = (
-        np.array([getattr(joint.limits, key) or usual for joint in robot.joints]) * tuning.APPROACH_SHARE
-        for key, usual in (("velocity", tuning.APPROACH_VELOCITY), ("acceleration", tuning.APPROACH_ACCELERATION))
+        np.array([getattr(joint.limits, key) or usual for joint in robot.joints])
+        * tuning.APPROACH_SHARE
+        for key, usual in (
+            ("velocity", tuning.APPROACH_VELOCITY),
+            ("acceleration", tuning.APPROACH_ACCELERATION),
+        )
     )
-    needed = np.maximum(_SPEED * distance / velocity, np.sqrt(_ACCELERATION * distance / acceleration))
+    needed = np.maximum(
+        _SPEED * distance / velocity, np.sqrt(_ACCELERATION * distance / acceleration)
+    )
     duration = max(tuning.SHORTEST_APPROACH_S, float(needed.max()))
     t = np.linspace(0.0, duration, round(duration * tuning.APPROACH_RATE_HZ) + 1)
     s = t / duration
@@ -64,7 +70,14 @@ def joined(motions: Sequence[Motion]) -> Motion:
     parts, begin = [], 0.0
     for k, motion in enumerate(motions):
         keep = slice(1 if k else 0, None)
-        parts.append((motion.t[keep] - motion.t[0] + begin, motion.q[keep], motion.qd[keep], motion.qdd[keep]))
+        parts.append(
+            (
+                motion.t[keep] - motion.t[0] + begin,
+                motion.q[keep],
+                motion.qd[keep],
+                motion.qdd[keep],
+            )
+        )
         begin += float(motion.t[-1] - motion.t[0])
     t, q, qd, qdd = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     return Motion(t, q, qd, qdd)

@@ -63,9 +63,17 @@ def find_topic(node: Node, robot: Robot, asked: str | None) -> str:
         TopicSilent: nobody publishes joint states.
         TopicMissing: the topic that was asked for is not there.
     """
-    topics = {name: kind for name, kind in node.master().getPublishedTopics("") if not name.startswith("/rosout")}
+    topics = {
+        name: kind
+        for name, kind in node.master().getPublishedTopics("")
+        if not name.startswith("/rosout")
+    }
     if not topics:
-        raise TopicSilent(f"no node publishes anything at {node.uri}", where=node.uri, fix="start the arm's driver")
+        raise TopicSilent(
+            f"no node publishes anything at {node.uri}",
+            where=node.uri,
+            fix="start the arm's driver",
+        )
     return driver_of(robot).choose_topic(topics, asked, robot, f"the ROS graph at {node.uri}")
 
 
@@ -102,9 +110,12 @@ def listen(listener: Listener, robot: Robot, patience: float) -> ObservedState:
     if rate < tuning.LEAST_RATE_HZ:
         raise RateTooLow(
             f"joint states arrive at {rate:.1f} Hz; at least {tuning.LEAST_RATE_HZ:.0f} Hz is needed for accelerations",
-            where=listener.topic, fix=driver_of(robot).rate_fix,
-        )  # fmt: skip
-    return ObservedState(q.mean(axis=0), tau.mean(axis=0), rate, float(np.ptp(q, axis=0).max()), listener.names)
+            where=listener.topic,
+            fix=driver_of(robot).rate_fix,
+        )
+    return ObservedState(
+        q.mean(axis=0), tau.mean(axis=0), rate, float(np.ptp(q, axis=0).max()), listener.names
+    )
 
 
 def _nothing(listener: Listener, robot: Robot, patience: float) -> Exception:
@@ -112,9 +123,12 @@ def _nothing(listener: Listener, robot: Robot, patience: float) -> Exception:
         expected = ", ".join(robot.log_names)
         return JointNamesDiffer(
             f"{listener.topic} names {', '.join(listener.names)}, or lacks torques; the robot file expects {expected}",
-            where=listener.topic, fix="list the driver's names in chain order under `driver: joint_names:`",
-        )  # fmt: skip
-    return TopicSilent(f"{listener.topic} is advertised but silent for {patience:g} s", where=listener.topic)
+            where=listener.topic,
+            fix="list the driver's names in chain order under `driver: joint_names:`",
+        )
+    return TopicSilent(
+        f"{listener.topic} is advertised but silent for {patience:g} s", where=listener.topic
+    )
 
 
 def check_units(seen: ObservedState, robot: Robot) -> None:
@@ -127,9 +141,13 @@ def check_units(seen: ObservedState, robot: Robot) -> None:
     for joint, q, tau in zip(robot.joints, seen.q, seen.tau, strict=True):
         lower, upper = joint.limits.position or (-tuning.MOST_TURNS_RAD, tuning.MOST_TURNS_RAD)
         if joint.revolute and not lower - np.pi <= q <= upper + np.pi:
-            raise PositionInDegrees(f"{joint.name} stands at {q:.4g} rad; its limits are {lower:.3g} to {upper:.3g}")
+            raise PositionInDegrees(
+                f"{joint.name} stands at {q:.4g} rad; its limits are {lower:.3g} to {upper:.3g}"
+            )
         if joint.limits.torque and abs(tau) > tuning.MOST_RATINGS * joint.limits.torque:
-            raise TorqueScale(f"{joint.name} reads {tau:.4g} N m; its rating is {joint.limits.torque:g}")
+            raise TorqueScale(
+                f"{joint.name} reads {tau:.4g} N m; its rating is {joint.limits.torque:g}"
+            )
 
 
 def check_zero(seen: ObservedState, robot: Robot) -> tuple[Finding, ...]:
@@ -138,7 +156,8 @@ def check_zero(seen: ObservedState, robot: Robot) -> tuple[Finding, ...]:
         return ()
     if not at_candle(seen):
         text = (
-            "torque sensors are zeroed at the candle pose (all joints 180 deg), where the arm is not: offsets stay in"
+            "torque sensors are zeroed at the candle pose (all joints 180 deg), where the arm is "
+            "not: offsets stay in"
         )
         return (Finding("W501", "warning", text),)
     worst = int(np.abs(seen.tau).argmax())
@@ -150,7 +169,10 @@ def check_zero(seen: ObservedState, robot: Robot) -> tuple[Finding, ...]:
 
 def at_candle(seen: ObservedState) -> bool:
     """Return whether a Kinova Gen2 points straight up."""
-    return bool(np.abs(np.angle(np.exp(1j * (seen.q - tuning.CANDLE_POSE_RAD)))).max() < tuning.CANDLE_TOLERANCE_RAD)
+    return bool(
+        np.abs(np.angle(np.exp(1j * (seen.q - tuning.CANDLE_POSE_RAD)))).max()
+        < tuning.CANDLE_TOLERANCE_RAD
+    )
 
 
 def check_gravity(seen: ObservedState, robot: Robot, port: CommandPort) -> bool | None:
@@ -164,7 +186,8 @@ def check_gravity(seen: ObservedState, robot: Robot, port: CommandPort) -> bool 
         return removed
     if removed:
         raise GravityRemoved(
-            "the driver says that it publishes torques without gravity", fix=driver_of(robot).gravity_fix
+            "the driver says that it publishes torques without gravity",
+            fix=driver_of(robot).gravity_fix,
         )
     weight = np.abs(expected_torque(seen.q[None], robot)[0])
     heavy = int(weight.argmax())
@@ -200,7 +223,10 @@ def check_place(sample: Sample, robot: Robot, motion: Motion) -> None:
     """
     age = time.monotonic() - sample.arrival
     if age > StopRules().stale:
-        raise StateStale(f"no joint state for {age:.1f} s: the arm was not moved", fix="is the driver still there?")
+        raise StateStale(
+            f"no joint state for {age:.1f} s: the arm was not moved",
+            fix="is the driver still there?",
+        )
     _check_place(sample.q, robot, motion, " by now; it was moved after it was checked")
 
 
@@ -209,7 +235,9 @@ def _check_place(q: Floats, robot: Robot, motion: Motion, when: str) -> None:
     worst = int(np.nan_to_num(away, nan=np.inf).argmax())
     if not away[worst] <= tuning.START_TOLERANCE:
         unit = "rad" if robot.joints[worst].revolute else "m"
-        raise StartPoseOff(f"the arm is {away[worst]:.2f} {unit} from the start on {robot.joint_names[worst]}{when}")
+        raise StartPoseOff(
+            f"the arm is {away[worst]:.2f} {unit} from the start on {robot.joint_names[worst]}{when}"
+        )
 
 
 def motion_to_play(
@@ -258,7 +286,9 @@ def check_endpoints(port: CommandPort) -> None:
     """
     if missing := port.missing():
         raise ServiceMissing(
-            f"the driver has no {', no '.join(missing)}", where=port.namespace, fix="start the driver completely"
+            f"the driver has no {', no '.join(missing)}",
+            where=port.namespace,
+            fix="start the driver completely",
         )
 
 

@@ -77,7 +77,9 @@ class Listener:
         others: further topics to record.
     """
 
-    def __init__(self, node: Node, columns: Columns, topic: str, others: Iterable[str] = ()) -> None:
+    def __init__(
+        self, node: Node, columns: Columns, topic: str, others: Iterable[str] = ()
+    ) -> None:
         self.columns, self.topic = columns, topic
         self.tally = Tally()
         self.names: tuple[str, ...] = ()
@@ -88,9 +90,12 @@ class Listener:
         self._state = import_ros("sensor_msgs.msg").JointState
         options = {"queue_size": None, "tcp_nodelay": True, "buff_size": 1 << 20}
         any_message = node.rospy.AnyMsg
-        self._subscribers = [node.rospy.Subscriber(topic, any_message, self._joint_state, **options)]
+        self._subscribers = [
+            node.rospy.Subscriber(topic, any_message, self._joint_state, **options)
+        ]
         self._subscribers += [
-            node.rospy.Subscriber(other, any_message, self._other, callback_args=other, **options) for other in others
+            node.rospy.Subscriber(other, any_message, self._other, callback_args=other, **options)
+            for other in others
         ]
 
     def begin(self, queue: Queue) -> None:
@@ -120,7 +125,9 @@ class Listener:
         with self._lock:
             if sample is not None:
                 self.message, self.latest = message, sample
-                self.tally.add(arrival, message.header.seq, raw._connection_header.get("callerid", ""))
+                self.tally.add(
+                    arrival, message.header.seq, raw._connection_header.get("callerid", "")
+                )
             if self._keep is not None:
                 self._keep.put((self.topic, wall, raw._buff, raw._connection_header, message))
 
@@ -139,7 +146,11 @@ class LogRecorder:
     """
 
     def __init__(self, listener: Listener, folder: Path) -> None:
-        self.listener, self.bag_path, self.text_folder = listener, folder / "log.bag", folder / "log"
+        self.listener, self.bag_path, self.text_folder = (
+            listener,
+            folder / "log.bag",
+            folder / "log",
+        )
         self.failure: OSError | None = None
         self.written = 0
         self._queue: Queue = SimpleQueue()
@@ -156,13 +167,17 @@ class LogRecorder:
         try:
             self.text_folder.mkdir(parents=True, exist_ok=True)
             self._file = self.bag_path.open("w+b")
-            self._texts = {name: (self.text_folder / f"{name}.txt").open("w") for name in (*TEXTS, "time")}
+            self._texts = {
+                name: (self.text_folder / f"{name}.txt").open("w") for name in (*TEXTS, "time")
+            }
             for name in TEXTS:
                 self._texts[name].write(" ".join(self.listener.columns.names) + "\n")
             self._texts["time"].write("t\n")
             self._bag = import_ros("rosbag").Bag(self._file, "w")
         except OSError as error:
-            raise CannotWrite(f"cannot write {self.bag_path}: {error.strerror}", where=str(self.bag_path)) from error
+            raise CannotWrite(
+                f"cannot write {self.bag_path}: {error.strerror}", where=str(self.bag_path)
+            ) from error
         self._time = import_ros("genpy").Time
         self.listener.begin(self._queue)
         self._thread.start()
@@ -176,7 +191,11 @@ class LogRecorder:
         tally = self.listener.end()
         self._end.set()
         self._thread.join(10.0)
-        closing = [self._bag.close, self._file.close, *(text.close for text in self._texts.values())]
+        closing = [
+            self._bag.close,
+            self._file.close,
+            *(text.close for text in self._texts.values()),
+        ]
         for close in closing:
             try:
                 close()
@@ -218,7 +237,9 @@ class LogRecorder:
         stamp = message.header.stamp.secs * 10**9 + message.header.stamp.nsecs
         self._first_stamp = stamp if self._first_stamp is None else self._first_stamp
         since = stamp - self._first_stamp
-        self._texts["time"].write(f"{since // 10**9}.{since % 10**9:09d}\n" if since >= 0 else f"{since * 1e-9:.9f}\n")
+        self._texts["time"].write(
+            f"{since // 10**9}.{since % 10**9:09d}\n" if since >= 0 else f"{since * 1e-9:.9f}\n"
+        )
         for name, key in TEXTS.items():
             values = getattr(message, key) or [np.nan] * len(message.name)
             self._texts[name].write(" ".join(repr(float(values[i])) for i in where) + "\n")
@@ -226,5 +247,7 @@ class LogRecorder:
 
 def _raw(raw: bytes, header: dict[str, str]) -> tuple[str, bytes, str, Any]:
     """Return a message as rosbag takes it unread: with type, checksum and definition from the connection."""
-    kind = SimpleNamespace(_md5sum=header["md5sum"], _full_text=header.get("message_definition", ""))
+    kind = SimpleNamespace(
+        _md5sum=header["md5sum"], _full_text=header.get("message_definition", "")
+    )
     return header["type"], raw, header["md5sum"], kind

@@ -71,7 +71,13 @@ class Outcome:
         return f"aborted, {code}{self.failure}"
 
 
-def play(port: CommandPort, reference: ReferenceMotion, rules: StopRules, recorder: LogRecorder, poll: Poll) -> Outcome:
+def play(
+    port: CommandPort,
+    reference: ReferenceMotion,
+    rules: StopRules,
+    recorder: LogRecorder,
+    poll: Poll,
+) -> Outcome:
     """Play a motion and record; the recorder runs already and is closed by the caller.
 
     Args:
@@ -98,8 +104,15 @@ def play(port: CommandPort, reference: ReferenceMotion, rules: StopRules, record
         outcome.failure = stream.failure
         if outcome.failure is not None:
             _stop(port, listener, outcome)
-    outcome.seconds, outcome.commands, outcome.skipped = stream.time, stream.commands, stream.skipped
-    outcome.largest_lateness, outcome.largest_deviation = monitor.largest_lateness, monitor.largest_deviation
+    outcome.seconds, outcome.commands, outcome.skipped = (
+        stream.time,
+        stream.commands,
+        stream.skipped,
+    )
+    outcome.largest_lateness, outcome.largest_deviation = (
+        monitor.largest_lateness,
+        monitor.largest_deviation,
+    )
     outcome.largest_torque_share = monitor.largest_torque_share
     if outcome.failure is None:
         time.sleep(tuning.TAIL_S)
@@ -125,7 +138,10 @@ def _signals(halt: Callable[[], None]) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    previous = {number: signal.signal(number, lambda *_: halt()) for number in (signal.SIGINT, signal.SIGTERM)}
+    previous = {
+        number: signal.signal(number, lambda *_: halt())
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
     try:
         yield
     finally:
@@ -133,7 +149,9 @@ def _signals(halt: Callable[[], None]) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def listen_only(recorder: LogRecorder, seconds: float | None, stale: float, poll: Callable[[float], bool]) -> Outcome:
+def listen_only(
+    recorder: LogRecorder, seconds: float | None, stale: float, poll: Callable[[float], bool]
+) -> Outcome:
     """Record while another program moves the arm, until told to stop.
 
     Args:
@@ -153,12 +171,18 @@ def listen_only(recorder: LogRecorder, seconds: float | None, stale: float, poll
     outcome.seconds = time.monotonic() - begin
     latest = recorder.listener.latest
     if latest is not None and time.monotonic() - latest.arrival > stale:
-        outcome.notes.append(f"joint states ended {time.monotonic() - latest.arrival:.1f} s before the recording")
+        outcome.notes.append(
+            f"joint states ended {time.monotonic() - latest.arrival:.1f} s before the recording"
+        )
     return outcome
 
 
 def _wait_for_end(
-    recorder: LogRecorder, ended: threading.Event, seconds: float | None, stale: float, poll: Callable[[float], bool]
+    recorder: LogRecorder,
+    ended: threading.Event,
+    seconds: float | None,
+    stale: float,
+    poll: Callable[[float], bool],
 ) -> None:
     """Wait until told to end, the time is over, or nothing comes any more."""
     begin = time.monotonic()
@@ -178,8 +202,9 @@ def disk_error(recorder: LogRecorder) -> CannotWrite:
     reason = recorder.failure.strerror if recorder.failure else "unknown"
     return CannotWrite(
         f"cannot write {recorder.bag_path}: {reason}; {recorder.written} messages are in it",
-        where=str(recorder.bag_path), fix="make room, or record elsewhere with --out",
-    )  # fmt: skip
+        where=str(recorder.bag_path),
+        fix="make room, or record elsewhere with --out",
+    )
 
 
 def _stop(port: CommandPort, listener: Listener, outcome: Outcome) -> None:
@@ -228,7 +253,13 @@ class Stream(threading.Thread):
         sent: Callable[[str, Any], None],
     ) -> None:
         super().__init__(name="stream", daemon=True)
-        self.port, self.reference, self.monitor, self.latest, self.sent = port, reference, monitor, latest, sent
+        self.port, self.reference, self.monitor, self.latest, self.sent = (
+            port,
+            reference,
+            monitor,
+            latest,
+            sent,
+        )
         self.failure: BaseException | None = None
         self.commands = 0
         self.skipped = 0
@@ -273,7 +304,9 @@ class Stream(threading.Thread):
         self.monitor.state(sample, planned.q, now, now - start)
         # Why: a driver that plays one command per period is told what that period needs, however late it is; others are
         # told what comes after now.
-        target = self.reference.at((self.time if self.port.slotted else now - start) + self.port.lead)
+        target = self.reference.at(
+            (self.time if self.port.slotted else now - start) + self.port.lead
+        )
         self._keep(self.port.send(target, sample.q))
 
     def _rest(self, start: float, k: int, period: float) -> None:
@@ -325,7 +358,9 @@ class MasterMonitor(threading.Thread):
                 missed += 1
             if missed == 2:
                 self._halt(
-                    MasterSilent(f"the ROS master at {self._node.uri} died while the arm moved: stopped, log kept")
+                    MasterSilent(
+                        f"the ROS master at {self._node.uri} died while the arm moved: stopped, log kept"
+                    )
                 )
                 return
 

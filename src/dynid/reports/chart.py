@@ -89,7 +89,9 @@ def framed(parts: Sequence[str], width: float, height: float, label: str) -> str
 
 def standalone(drawing: str, title: str, colors: Mapping[str, str]) -> str:
     """Return a chart as the text of a file of its own: with a title above it, white paper, and the colours by name."""
-    found = re.fullmatch(r'(<svg .*? viewBox=")0 0 ([0-9.]+) ([0-9.]+)(".*?>)(.*)', drawing, flags=re.S)
+    found = re.fullmatch(
+        r'(<svg .*? viewBox=")0 0 ([0-9.]+) ([0-9.]+)(".*?>)(.*)', drawing, flags=re.S
+    )
     assert found is not None
     head, width, height, rest, inside = found.groups()
     names = "".join(f"--{name}:{color};" for name, color in colors.items())
@@ -100,7 +102,9 @@ def standalone(drawing: str, title: str, colors: Mapping[str, str]) -> str:
     return f"{opening}{style}{paper}{text(LEFT, -0.7 * LINE, title, 'start')}{inside}"
 
 
-def rectangle(x: float, y: float, width: float, height: float, color: str, opacity: float = 1.0) -> str:
+def rectangle(
+    x: float, y: float, width: float, height: float, color: str, opacity: float = 1.0
+) -> str:
     """Return a filled rectangle [px] in a colour of the style sheet, or one that begins with #."""
     fill = color if color.startswith("#") else f"var(--{color})"
     faint = f' fill-opacity="{opacity:g}"' if opacity < 1.0 else ""
@@ -123,11 +127,21 @@ def _drawn(panel: Panel, top: float, width: float, height: float) -> str:
     per_x, per_y = inside / max(last - first, 1e-12), height / max(panel.high - panel.low, 1e-12)
 
     def line(x: Floats, y: Floats) -> str:
-        return _path(LEFT + (x - first) * per_x, bottom - (np.clip(y, panel.low, panel.high) - panel.low) * per_y)
+        return _path(
+            LEFT + (x - first) * per_x,
+            bottom - (np.clip(y, panel.low, panel.high) - panel.low) * per_y,
+        )
 
-    across = [(LEFT + (value - first) * per_x, number(value)) for value in ticks(first, last, inside / 40)]
-    up = [(bottom - (value - panel.low) * per_y, number(value)) for value in ticks(panel.low, panel.high, 4)]
-    grid = [f"M{x:.1f} {top:.1f}v{height:.1f}" for x, _ in across] + [f"M{LEFT:g} {y:.1f}h{inside:.1f}" for y, _ in up]
+    across = [
+        (LEFT + (value - first) * per_x, number(value)) for value in ticks(first, last, inside / 40)
+    ]
+    up = [
+        (bottom - (value - panel.low) * per_y, number(value))
+        for value in ticks(panel.low, panel.high, 4)
+    ]
+    grid = [f"M{x:.1f} {top:.1f}v{height:.1f}" for x, _ in across] + [
+        f"M{LEFT:g} {y:.1f}h{inside:.1f}" for y, _ in up
+    ]
     found = [stroke("".join(grid))]
     found += [text(LEFT - 3, y + 3, words, "end") for y, words in up]
     found += [text(x, bottom + 0.85 * LINE, words, "middle") for x, words in across]
@@ -138,7 +152,14 @@ def _drawn(panel: Panel, top: float, width: float, height: float) -> str:
     for curve in panel.curves:
         found.append(stroke(line(*outline(curve.x, curve.y)), curve.color, curve.width))
     found.append(stroke(f"M{LEFT:g} {top:.1f}v{height:.1f}h{inside:.1f}", "", 0.8))
-    found.append(text(LEFT, top - 0.4 * LINE, panel.title + (f" [{panel.unit}]" if panel.unit else ""), "start"))
+    found.append(
+        text(
+            LEFT,
+            top - 0.4 * LINE,
+            panel.title + (f" [{panel.unit}]" if panel.unit else ""),
+            "start",
+        )
+    )
     return "".join(found)
 
 
@@ -158,7 +179,9 @@ def outline(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     filled = np.where(np.isfinite(y), y, 0.0)
     length = int(np.diff(edges).max())
     rows = np.minimum(edges[:-1, None] + np.arange(length), edges[1:, None] - 1)
-    found = np.sort(np.stack([np.argmin(filled[rows], axis=1), np.argmax(filled[rows], axis=1)], axis=1), axis=1)
+    found = np.sort(
+        np.stack([np.argmin(filled[rows], axis=1), np.argmax(filled[rows], axis=1)], axis=1), axis=1
+    )
     kept = np.unique(np.concatenate([(rows[:, :1] + found).ravel(), broken, [0, len(x) - 1]]))
     return x[kept], y[kept]
 
@@ -171,7 +194,11 @@ def broken(t: Floats, x: Floats) -> tuple[Floats, Floats]:
         x: (M,).
     """
     steps = np.diff(t)
-    gaps = np.flatnonzero(np.abs(steps) > 5 * max(np.median(steps), 1e-12)) + 1 if len(steps) else np.zeros(0, int)
+    gaps = (
+        np.flatnonzero(np.abs(steps) > 5 * max(np.median(steps), 1e-12)) + 1
+        if len(steps)
+        else np.zeros(0, int)
+    )
     return np.insert(t.astype(float), gaps, np.nan), np.insert(x.astype(float), gaps, np.nan)
 
 

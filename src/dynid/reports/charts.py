@@ -11,7 +11,20 @@ from dynid.estimation.covariance import NEGLIGIBLE
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.residual_model import GROUP_NAMES
 from dynid.estimation.result import Identification
-from dynid.reports.chart import LINE, Curve, Panel, broken, chart, framed, number, reach, rectangle, stroke, text, ticks
+from dynid.reports.chart import (
+    LINE,
+    Curve,
+    Panel,
+    broken,
+    chart,
+    framed,
+    number,
+    reach,
+    rectangle,
+    stroke,
+    text,
+    ticks,
+)
 from dynid.robot import Joint, Robot
 
 Floats = NDArray[np.float64]
@@ -31,10 +44,18 @@ AGAINST = {"velocity": "rad/s, m/s", "position": "rad, m", "load": "N m, N", "ti
 def torque_chart(motion: EstimatedMotion, robot: Robot, joint: int, label: str) -> str:
     """Draw measured, estimated and residual torque of one joint, counted from 0, small enough for a telephone."""
     measured, estimated = motion.tau_measured[:, joint], motion.tau_estimated[:, joint]
-    shown = {"measured": (measured, 2.0), "estimated": (estimated, 0.9), "residual": (measured - estimated, 0.7)}
-    curves = [Curve(*broken(motion.t, values), name, width) for name, (values, width) in shown.items()]
+    shown = {
+        "measured": (measured, 2.0),
+        "estimated": (estimated, 0.9),
+        "residual": (measured - estimated, 0.7),
+    }
+    curves = [
+        Curve(*broken(motion.t, values), name, width) for name, (values, width) in shown.items()
+    ]
     ends = reach([values for values, _ in shown.values()])
-    panel = Panel(robot.joints[joint].name, tuple(curves), *ends, unit=robot.joints[joint].torque_unit)
+    panel = Panel(
+        robot.joints[joint].name, tuple(curves), *ends, unit=robot.joints[joint].torque_unit
+    )
     return chart([panel], "time [s]", label, width=330, height=85)
 
 
@@ -46,11 +67,15 @@ def residual_chart(motion: EstimatedMotion, robot: Robot, against: str, label: s
         curve, band = Curve(centre, mean, "estimated", 1.2), (centre, mean - spread, mean + spread)
         ends = centre[[0, -1]] if len(centre) else centre
         zero = Curve(ends, np.zeros(len(ends)), "measured", 0.8)
-        panels.append(Panel(joint.name, (zero, curve), -3.2 * size, 3.2 * size, band, joint.torque_unit))
+        panels.append(
+            Panel(joint.name, (zero, curve), -3.2 * size, 3.2 * size, band, joint.torque_unit)
+        )
     return chart(panels, f"{against} [{AGAINST[against]}]", label, width=165, height=44)
 
 
-def residual_averages(motion: EstimatedMotion, joint: int, against: str) -> tuple[Floats, Floats, Floats, float]:
+def residual_averages(
+    motion: EstimatedMotion, joint: int, against: str
+) -> tuple[Floats, Floats, Floats, float]:
     """Return centres of bins over one of ``AGAINST``, mean and spread of the residual in each, and the whole spread."""
     usable = motion.usable[:, joint]
     residual = (motion.tau_measured[:, joint] - motion.tau_estimated[:, joint])[usable]
@@ -81,9 +106,12 @@ def spectrum_chart(singular_values: Floats, label: str) -> str:
     dots = [(52.0 + step * k, room.height_of(float(value))) for k, value in enumerate(share)]
     parts = [*room.axes("singular value / largest"), room.line_at(WEAK_DIRECTION)]
     parts.append(stroke("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in dots), "estimated", 0.8))
-    parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="1.8" fill="var(--estimated)"/>' for x, y in dots]
     parts += [
-        text(52.0 + step * k, 152.0, str(k + 1), "middle") for k in range(0, len(share), max(1, len(share) // 10))
+        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="1.8" fill="var(--estimated)"/>' for x, y in dots
+    ]
+    parts += [
+        text(52.0 + step * k, 152.0, str(k + 1), "middle")
+        for k in range(0, len(share), max(1, len(share) // 10))
     ]
     parts.append(text(330.0, 166.0, "direction in the space of base parameters", "middle"))
     return framed(parts, 620.0, 172.0, label)
@@ -92,11 +120,19 @@ def spectrum_chart(singular_values: Floats, label: str) -> str:
 def error_chart(found: Identification, label: str) -> str:
     """Draw the standard error of each base parameter in percent of its value; nothing where that is not determined."""
     finite = np.isfinite(found.std_error) & (np.abs(found.theta) > 0)
-    share = np.clip(100 * found.std_error[finite] / np.abs(found.theta[finite]), LEAST_ERROR, MOST_ERROR)
-    room, step = Decades(LEAST_ERROR, MOST_ERROR, 120.0, 40.0, 620.0), (620.0 - 48.0) / max(1, len(found.theta))
+    share = np.clip(
+        100 * found.std_error[finite] / np.abs(found.theta[finite]), LEAST_ERROR, MOST_ERROR
+    )
+    room, step = (
+        Decades(LEAST_ERROR, MOST_ERROR, 120.0, 40.0, 620.0),
+        (620.0 - 48.0) / max(1, len(found.theta)),
+    )
     parts, places = room.axes("error / value [%]"), 44.0 + step * np.arange(len(found.theta))
     for k, percent in zip(np.flatnonzero(finite).tolist(), share.tolist(), strict=True):
-        color, top = "measured" if found.knowledge[k] == NEGLIGIBLE else "estimated", room.height_of(percent)
+        color, top = (
+            "measured" if found.knowledge[k] == NEGLIGIBLE else "estimated",
+            room.height_of(percent),
+        )
         parts.append(rectangle(places[k], top, 0.8 * step, room.bottom - top, color))
     parts.append(room.line_at(10.0))
     size = min(7.0, step)
@@ -134,44 +170,73 @@ class Decades:
 
     def height_of(self, value: float) -> float:
         """Return where a value is [px]."""
-        return float(self.bottom - self.tall * np.log(value / self.low) / np.log(self.high / self.low))
+        return float(
+            self.bottom - self.tall * np.log(value / self.low) / np.log(self.high / self.low)
+        )
 
     def axes(self, title: str) -> list[str]:
         """Return grid, axes, numbers and title."""
-        first, last = (int(f(np.log10(end))) for f, end in ((np.ceil, self.low), (np.floor, self.high)))
+        first, last = (
+            int(f(np.log10(end))) for f, end in ((np.ceil, self.low), (np.floor, self.high))
+        )
         every = max(1, (last - first) // 5)
         marks = [(self.height_of(10.0**k), number(10.0**k)) for k in range(first, last + 1, every)]
         wide = self.right - 8.0 - self.left
         parts = [stroke("".join(f"M{self.left:g} {y:.1f}h{wide:.1f}" for y, _ in marks))]
         parts += [text(self.left - 3, y + 3, words, "end") for y, words in marks]
-        parts.append(stroke(f"M{self.left:g} {self.bottom - self.tall:.1f}V{self.bottom:.1f}h{wide:.1f}", "", 0.8))
+        parts.append(
+            stroke(
+                f"M{self.left:g} {self.bottom - self.tall:.1f}V{self.bottom:.1f}h{wide:.1f}",
+                "",
+                0.8,
+            )
+        )
         return [*parts, text(9.0, self.bottom - 0.5 * self.tall, title, "middle", True)]
 
     def line_at(self, value: float) -> str:
         """Return a dashed line at a value."""
-        return stroke(f"M{self.left:g} {self.height_of(value):.1f}H{self.right - 8.0:.1f}", "residual", 1.0, "4 3")
+        return stroke(
+            f"M{self.left:g} {self.height_of(value):.1f}H{self.right - 8.0:.1f}",
+            "residual",
+            1.0,
+            "4 3",
+        )
 
 
 # ---------------------------------------------------------------- ranges
 def coverage_chart(motion: EstimatedMotion, robot: Robot, label: str) -> str:
     """Draw the range of positions and speeds of each joint beside its limits."""
     left, row, wide = 8.0 + 5.2 * min(24, max(len(name) for name in robot.joint_names)), 20.0, 230.0
-    parts = [text(left - 5, LINE + row * (j + 0.5) + 3, name, "end") for j, name in enumerate(robot.joint_names)]
+    parts = [
+        text(left - 5, LINE + row * (j + 0.5) + 3, name, "end")
+        for j, name in enumerate(robot.joint_names)
+    ]
     bottom = LINE + row * robot.n
-    for k, (what, values) in enumerate((("position", motion.q_estimated), ("velocity", motion.qd_estimated))):
+    for k, (what, values) in enumerate(
+        (("position", motion.q_estimated), ("velocity", motion.qd_estimated))
+    ):
         done = np.column_stack([values.min(axis=0), values.max(axis=0)])
         limits = [limit_of(joint, what) for joint in robot.joints]
         ends = np.array([*done.ravel(), *(end for limit in limits if limit for end in limit)])
         first, last = float(ends.min()), float(ends.max())
         start, scale = left + k * (wide + 16.0), wide / max(last - first, 1e-12)
-        marks = [(start + (value - first) * scale, number(value)) for value in ticks(first, last, 4)]
+        marks = [
+            (start + (value - first) * scale, number(value)) for value in ticks(first, last, 4)
+        ]
         parts.append(stroke("".join(f"M{x:.1f} {LINE:g}V{bottom:.1f}" for x, _ in marks)))
         for j, limit in enumerate(limits):
-            for ends_of, high, color, opacity in ((limit, 0.7, "measured", 0.35), (done[j], 0.35, "estimated", 1.0)):
+            for ends_of, high, color, opacity in (
+                (limit, 0.7, "measured", 0.35),
+                (done[j], 0.35, "estimated", 1.0),
+            ):
                 if ends_of is not None:
                     low, top = float(ends_of[0]), LINE + row * (j + 0.5 - 0.5 * high)
                     size = (float(ends_of[1]) - low) * scale
-                    parts.append(rectangle(start + (low - first) * scale, top, size, row * high, color, opacity))
+                    parts.append(
+                        rectangle(
+                            start + (low - first) * scale, top, size, row * high, color, opacity
+                        )
+                    )
         parts += [text(x, bottom + 0.85 * LINE, words, "middle") for x, words in marks]
         unit = f"[rad{'/s' if what == 'velocity' else ''}; m for sliding joints]"
         parts.append(text(start + 0.5 * wide, bottom + 2.0 * LINE, f"{what} {unit}", "middle"))
@@ -192,7 +257,11 @@ def residual_model_chart(found: Identification, label: str) -> str:
     left = 100 * np.array([joint.rms for joint in found.joints]) / torque
     shares = np.column_stack([100 * error.rms[:, :-1] / torque[:, None], left])
     names = [*(f"held: {name}" for name in GROUP_NAMES), "left"]
-    start, row, each = 8.0 + 5.2 * min(24, max(len(joint.joint) for joint in found.joints)), 34.0, 7.0
+    start, row, each = (
+        8.0 + 5.2 * min(24, max(len(joint.joint) for joint in found.joints)),
+        34.0,
+        7.0,
+    )
     top, wide = 2.0 * LINE, 612.0 - start
     scale, bottom = wide / max(float(shares.max()), 1e-9), top + row * len(shares)
     marks = [(start + value * scale, number(value)) for value in ticks(0.0, float(shares.max()), 6)]
@@ -200,14 +269,20 @@ def residual_model_chart(found: Identification, label: str) -> str:
     for j, (joint, values) in enumerate(zip(found.joints, shares.tolist(), strict=True)):
         parts.append(text(start - 5, top + row * (j + 0.5) + 3, joint.joint, "end"))
         for k, (value, color) in enumerate(zip(values, GROUP_COLORS, strict=True)):
-            parts.append(rectangle(start, top + row * j + 3.0 + each * k, value * scale, each, color))
+            parts.append(
+                rectangle(start, top + row * j + 3.0 + each * k, value * scale, each, color)
+            )
     for k, (name, color) in enumerate(zip(names, GROUP_COLORS, strict=True)):
         parts += [
             rectangle(start + 140.0 * k, 4.0, 8.0, 8.0, color),
             text(start + 12.0 + 140.0 * k, 11.5, name, "start"),
         ]
     parts += [text(x, bottom + 0.85 * LINE, words, "middle") for x, words in marks]
-    parts.append(text(start + 0.5 * wide, bottom + 2.0 * LINE, "rms, percent of the joint's torque", "middle"))
+    parts.append(
+        text(
+            start + 0.5 * wide, bottom + 2.0 * LINE, "rms, percent of the joint's torque", "middle"
+        )
+    )
     parts.append(stroke(f"M{start:.1f} {top:g}V{bottom:.1f}h{wide:.1f}", "", 0.8))
     return framed(parts, 620.0, bottom + 2.4 * LINE, label)
 

@@ -33,14 +33,23 @@ def contacts_figure(external: ExternalTorque, robot: Robot, title: str) -> Figur
     gaps = np.flatnonzero(np.diff(t) > 5.0 / external.rate) + 1
     t = np.insert(t, gaps, np.nan)
     for j, (axis, joint) in enumerate(zip(axes, robot.joints, strict=True)):
-        torque, threshold = (np.insert(x[:, j], gaps, np.nan) for x in (external.torque, external.threshold))
+        torque, threshold = (
+            np.insert(x[:, j], gaps, np.nan) for x in (external.torque, external.threshold)
+        )
         axis.fill_between(t, -threshold, threshold, color="0.88", linewidth=0)
         axis.plot(t, torque, linewidth=0.9)
         for each in external.contacts:
             if each.joint == joint.name:
-                axis.axvspan(each.start - external.begin, each.end - external.begin, color="tab:red", alpha=0.3)
+                axis.axvspan(
+                    each.start - external.begin,
+                    each.end - external.begin,
+                    color="tab:red",
+                    alpha=0.3,
+                )
         axis.set_ylabel(f"{label(joint.name)}\n[{joint.torque_unit}]", fontsize=8)
-    axes[0].set_title(f"torque from outside; grey: below the threshold; red: contact\n{label(title)}", fontsize=9)
+    axes[0].set_title(
+        f"torque from outside; grey: below the threshold; red: contact\n{label(title)}", fontsize=9
+    )
     axes[-1].set_xlabel("time [s]")
     return figure
 
@@ -56,9 +65,16 @@ def simulator_figure(gap: SimulatorGap) -> Figure:
     axes = figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0]
     for j, (axis, joint) in enumerate(zip(axes, gap.robot.joints, strict=True)):
         for k, name in enumerate(gap.models):
-            axis.plot(gap.t, 1000 * (gap.simulated[k, :, j] - gap.q[:, j]), linewidth=0.9, label=label(name))
+            axis.plot(
+                gap.t,
+                1000 * (gap.simulated[k, :, j] - gap.q[:, j]),
+                linewidth=0.9,
+                label=label(name),
+            )
         axis.set_ylabel(f"{label(joint.name)}\n[{'mrad' if joint.revolute else 'mm'}]", fontsize=8)
     axes[0].legend(fontsize=8, loc="upper right")
-    axes[0].set_title(f"simulated less measured position, {gap.engine}\n{label(gap.log)}", fontsize=9)
+    axes[0].set_title(
+        f"simulated less measured position, {gap.engine}\n{label(gap.log)}", fontsize=9
+    )
     axes[-1].set_xlabel("time [s]")
     return figure

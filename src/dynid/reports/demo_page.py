@@ -27,7 +27,9 @@ class Chapter:
     pictures: tuple[tuple[Path, str], ...] = ()
 
 
-def write_demo_page(path: Path, robot: str, lead: str, chapters: Sequence[Chapter], program: str = "dynid") -> Path:
+def write_demo_page(
+    path: Path, robot: str, lead: str, chapters: Sequence[Chapter], program: str = "dynid"
+) -> Path:
     """Write the page; it needs no network and no other file.
 
     Args:
@@ -44,11 +46,15 @@ def write_demo_page(path: Path, robot: str, lead: str, chapters: Sequence[Chapte
             "title": chapter.title,
             "text": chapter.text,
             "commands": [program + command.removeprefix("dynid") for command in chapter.commands],
-            "pictures": [(_inline(file), text) for file, text in chapter.pictures if file.is_file()],
+            "pictures": [
+                (_inline(file), text) for file, text in chapter.pictures if file.is_file()
+            ],
         }
         for chapter in chapters
     ]
-    write_text(path, templates().get_template("demo.html").render(robot=robot, lead=lead, chapters=told))
+    write_text(
+        path, templates().get_template("demo.html").render(robot=robot, lead=lead, chapters=told)
+    )
     return path
 
 

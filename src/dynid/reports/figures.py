@@ -115,13 +115,21 @@ def motion_figure(
     # Unit: inches, that of the labels, which are as large in every figure.
     inside, each = width - 0.85 - 0.85 * (columns - 1), (height - 1.05 - 0.45 * (lines - 1)) / lines
     grid = figure.add_gridspec(
-        lines, columns, left=0.7 / width, right=1 - 0.15 / width, bottom=0.45 / height, top=1 - 0.6 / height,
-        wspace=0.85 * columns / inside, hspace=0.45 / each,
-    )  # fmt: skip
+        lines,
+        columns,
+        left=0.7 / width,
+        right=1 - 0.15 / width,
+        bottom=0.45 / height,
+        top=1 - 0.6 / height,
+        wspace=0.85 * columns / inside,
+        hspace=0.45 / each,
+    )
     for place, j in enumerate(numbers):
         # Why the last one: a panel alone in its line takes all of it.
         alone = place == len(numbers) - 1 and place % columns == 0
-        axis = figure.add_subplot(grid[place // columns, :] if alone else grid[place // columns, place % columns])
+        axis = figure.add_subplot(
+            grid[place // columns, :] if alone else grid[place // columns, place % columns]
+        )
         _panel(axis, motion, robot, quantity, j, residual_only=residual_only)
         if place // columns == lines - 1:
             axis.set_xlabel("time [s]", fontsize=8)
@@ -134,14 +142,25 @@ def motion_figure(
 
 
 def torque_figure(
-    motion: EstimatedMotion, robot: Robot, joints: tuple[str, ...], title: str, *, residual_only: bool = False
+    motion: EstimatedMotion,
+    robot: Robot,
+    joints: tuple[str, ...],
+    title: str,
+    *,
+    residual_only: bool = False,
 ) -> Figure:
     """Draw measured, estimated and residual torque of some joints, or the residual alone."""
     return motion_figure(motion, robot, TORQUE, title, joints=joints, residual_only=residual_only)
 
 
 def _panel(
-    axis: Axes, motion: EstimatedMotion, robot: Robot, quantity: Quantity, j: int, *, residual_only: bool = False
+    axis: Axes,
+    motion: EstimatedMotion,
+    robot: Robot,
+    quantity: Quantity,
+    j: int,
+    *,
+    residual_only: bool = False,
 ) -> None:
     """Draw a quantity of joint j, measured and estimated; of torques also the residual."""
     shown = _shown(motion, quantity, j)
@@ -166,12 +185,16 @@ def _place_labels(axis: Axes) -> None:
     axis.yaxis.set_label_coords(0.0, 0.5, transform=moved(-0.5, 0.0))
 
 
-def _shown(motion: EstimatedMotion, quantity: Quantity, j: int) -> dict[str, tuple[Floats, str, float]]:
+def _shown(
+    motion: EstimatedMotion, quantity: Quantity, j: int
+) -> dict[str, tuple[Floats, str, float]]:
     """Return values, colour and width of the curves of a quantity of joint j."""
     measured = getattr(motion, f"{quantity.key}_measured")[:, j]
     estimated = getattr(motion, f"{quantity.key}_estimated")[:, j]
     both = {"measured": (measured, MEASURED, 2.2), "estimated": (estimated, ESTIMATED, 0.9)}
-    return both | ({"residual": (measured - estimated, RESIDUAL, 0.7)} if quantity is TORQUE else {})
+    return both | (
+        {"residual": (measured - estimated, RESIDUAL, 0.7)} if quantity is TORQUE else {}
+    )
 
 
 def _curves(axis: Axes, t: Floats, curves: Mapping[str, tuple[Floats, str, float]]) -> None:
@@ -215,14 +238,18 @@ def write_figure(figure: Figure, path: Path) -> Path:
     return path
 
 
-def write_motion_figures(folder: Path, motion: EstimatedMotion, robot: Robot, title: str) -> list[Path]:
+def write_motion_figures(
+    folder: Path, motion: EstimatedMotion, robot: Robot, title: str
+) -> list[Path]:
     """Write position, velocity, acceleration and torque as PNG and SVG, and return the paths of the PNGs."""
     paths = []
     for quantity in QUANTITIES:
         figure = motion_figure(motion, robot, quantity, title)
         paths.append(write_figure(figure, folder / f"{quantity.title}.png"))
         said = ", ".join(
-            f"{color} {name}" for name, color in COLORS.items() if name != "residual" or quantity is TORQUE
+            f"{color} {name}"
+            for name, color in COLORS.items()
+            if name != "residual" or quantity is TORQUE
         )
         drawing = motion_chart(motion, robot, quantity, f"{title}: {quantity.title} ({said})")
         with written_whole(folder / f"{quantity.title}.svg") as stream:
@@ -235,8 +262,13 @@ def motion_chart(motion: EstimatedMotion, robot: Robot, quantity: Quantity, titl
     panels = []
     for j, joint in enumerate(robot.joints):
         shown = _shown(motion, quantity, j)
-        curves = (Curve(*broken(motion.t, values), name, width) for name, (values, _, width) in shown.items())
+        curves = (
+            Curve(*broken(motion.t, values), name, width)
+            for name, (values, _, width) in shown.items()
+        )
         ends = reach([values for values, _, _ in shown.values()])
-        panels.append(Panel(joint.name, tuple(curves), *ends, unit=quantity.units[not joint.revolute]))
+        panels.append(
+            Panel(joint.name, tuple(curves), *ends, unit=quantity.units[not joint.revolute])
+        )
     colors = {"measured": MEASURED, "estimated": ESTIMATED, "residual": RESIDUAL, "faint": GRID}
     return standalone(chart(panels, "time [s]", title, width=720.0, height=110.0), title, colors)

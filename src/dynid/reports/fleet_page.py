@@ -53,7 +53,9 @@ def fleet_page(
     )
 
 
-def _kind(robot: str, found: FleetFindings, words: Mapping[float, str], units: Mapping[str, str]) -> _Kind:
+def _kind(
+    robot: str, found: FleetFindings, words: Mapping[float, str], units: Mapping[str, str]
+) -> _Kind:
     changed = []
     for number, c in enumerate(found.changes[:ROWS]):
         unit = units.get(c.parameter, "")
@@ -92,17 +94,25 @@ def _kind(robot: str, found: FleetFindings, words: Mapping[float, str], units: M
         }
         for w in found.usual
     ]
-    return _Kind(robot, len(found.history.arms), changed, odd, usual, max(0, len(found.changes) - ROWS))
+    return _Kind(
+        robot, len(found.history.arms), changed, odd, usual, max(0, len(found.changes) - ROWS)
+    )
 
 
 def drawing(found: FleetFindings, change: Change, unit: str) -> str:
     """Return the runs of one parameter of one arm with two standard errors, and both levels, as SVG."""
     history = found.history
     a, k = history.arms.index(change.arm), history.names.index(change.parameter)
-    t, y, s = (np.asarray(x, dtype=float) for x in (history.t[a], history.value[a, :, k], history.std_error[a, :, k]))
+    t, y, s = (
+        np.asarray(x, dtype=float)
+        for x in (history.t[a], history.value[a, :, k], history.std_error[a, :, k])
+    )
     good = np.isfinite(t) & np.isfinite(y) & np.isfinite(s)
     t, y, s = t[good], y[good], s[good]
-    low, high = min(float((y - 2 * s).min()), change.before, change.after), max(float((y + 2 * s).max()), change.after)
+    low, high = (
+        min(float((y - 2 * s).min()), change.before, change.after),
+        max(float((y + 2 * s).max()), change.after),
+    )
     wide, tall = max(float(t[-1] - t[0]), 1e-9), max(high - low, 1e-300)
 
     def place(time: float, value: float) -> tuple[float, float]:
@@ -116,10 +126,17 @@ def drawing(found: FleetFindings, change: Change, unit: str) -> str:
         _, bottom = place(time, value - 2 * error)
         parts.append(f'<path d="M{x:.1f} {top:.1f}V{bottom:.1f}" stroke="var(--measured)"/>')
         parts.append(f'<circle cx="{x:.1f}" cy="{middle:.1f}" r="2" fill="var(--ink)"/>')
-    for level, first, last in ((change.before, t[0], change.since), (change.after, change.since, t[-1])):
+    for level, first, last in (
+        (change.before, t[0], change.since),
+        (change.after, change.since, t[-1]),
+    ):
         (x1, y1), (x2, _) = place(float(first), level), place(float(last), level)
-        parts.append(f'<path d="M{x1:.1f} {y1:.1f}H{x2:.1f}" stroke="var(--residual)" stroke-width="2"/>')
-    what = html(f"{change.parameter} of {change.arm}: {change.before:.4g} before, {change.after:.4g} {unit} after")
+        parts.append(
+            f'<path d="M{x1:.1f} {y1:.1f}H{x2:.1f}" stroke="var(--residual)" stroke-width="2"/>'
+        )
+    what = html(
+        f"{change.parameter} of {change.arm}: {change.before:.4g} before, {change.after:.4g} {unit} after"
+    )
     return (
         f'<svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" style="width:100%;min-width:14rem;height:auto" role="img" '
         f'aria-label="{what}">{"".join(parts)}</svg>'

@@ -88,14 +88,19 @@ def gather(result: Identification) -> Gathered:
         fitted = _fitted_motion(result.stack, result.theta)
         return Gathered(result, result.judgement, fitted, (), _spectrum(result.stack.whole[0]))
     folder, robot = result.path.parent, result.robot
-    motion, stack, gap = (folder / name for name in ("estimatedmotion.npz", "fullnumericregressor.npz", "gap.npz"))
+    motion, stack, gap = (
+        folder / name for name in ("estimatedmotion.npz", "fullnumericregressor.npz", "gap.npz")
+    )
     record, driven = read_record(gap) if gap.is_file() else None, folder / "simulator_gap.npz"
     if record is not None:
         robot.require_joints(record.joint_names, gap)
     return Gathered(
         result=result,
         motion=_motion(motion, robot)[0] if motion.is_file() else None,
-        unseen=tuple(_unseen(file, robot) for file in sorted((folder / "validation").glob("*/estimatedmotion.npz"))),
+        unseen=tuple(
+            _unseen(file, robot)
+            for file in sorted((folder / "validation").glob("*/estimatedmotion.npz"))
+        ),
         singular_values=_singular_values(stack, result) if stack.is_file() else None,
         gap=record,
         driven=SimulatorGap.load(driven, robot) if driven.is_file() else None,
@@ -120,7 +125,9 @@ def _singular_values(path: Path, result: Identification) -> Floats | None:
 def _fitted_motion(stack: Stack, theta: Floats) -> EstimatedMotion:
     """Return estimated and measured motion of the logs that a new result was made from, one after the other."""
     motions = prediction.predict_logs(stack, theta)
-    columns = ([getattr(motion, each.name) for motion in motions] for each in fields(EstimatedMotion))
+    columns = (
+        [getattr(motion, each.name) for motion in motions] for each in fields(EstimatedMotion)
+    )
     return EstimatedMotion(*map(np.concatenate, columns))
 
 
@@ -129,13 +136,17 @@ def relative_percent(motion: EstimatedMotion) -> tuple[float, Floats]:
     residual = np.where(motion.usable, motion.tau_measured - motion.tau_estimated, 0.0)
     torque = np.where(motion.usable, motion.tau_measured, 0.0)
     each = np.linalg.norm(residual, axis=0) / np.maximum(np.linalg.norm(torque, axis=0), 1e-12)
-    return 100 * float(np.linalg.norm(residual)) / max(float(np.linalg.norm(torque)), 1e-12), 100 * each
+    return 100 * float(np.linalg.norm(residual)) / max(
+        float(np.linalg.norm(torque)), 1e-12
+    ), 100 * each
 
 
 def _unseen(path: Path, robot: Robot) -> Unseen:
     motion, header = _motion(path, robot)
     name = Path(header.get("log", path.parent.name)).name
-    return Unseen(name, motion, *relative_percent(motion), same_motion=header.get("same_motion", False))
+    return Unseen(
+        name, motion, *relative_percent(motion), same_motion=header.get("same_motion", False)
+    )
 
 
 def _spectrum(factors: Floats) -> Floats:

@@ -63,20 +63,30 @@ def ellipsoid_drawing(robot: Robot, q: Floats, bodies: list[Ellipsoid], label: s
     if find_spec("pybullet") is None:
         return None
     # Why: the picture shows links by number, and PyBullet ends its process on some names.
-    robot = replace(robot, joints=tuple(replace(joint, name=f"joint_{k}") for k, joint in enumerate(robot.joints)))
+    robot = replace(
+        robot,
+        joints=tuple(replace(joint, name=f"joint_{k}") for k, joint in enumerate(robot.joints)),
+    )
     with scratch_folder() as folder:
         job = Path(folder) / "job.json"
         (Path(folder) / "arm.urdf").write_text(urdf_text(robot), encoding="utf-8")
         job.write_text(json.dumps(_job(robot, q, bodies)), encoding="utf-8")
         child = subprocess.run(
             children.command("dynid.sim.inertia_ellipsoids", str(job)),
-            stdin=subprocess.DEVNULL, capture_output=True,
-            env=children.environment(), timeout=PATIENCE, check=False,
-        )  # fmt: skip
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            env=children.environment(),
+            timeout=PATIENCE,
+            check=False,
+        )
         if child.returncode == children.MACHINE:
-            raise CannotWrite(f"cannot draw the arm: {child.stderr.decode(errors='replace').strip().splitlines()[-1]}")
+            raise CannotWrite(
+                f"cannot draw the arm: {child.stderr.decode(errors='replace').strip().splitlines()[-1]}"
+            )
         if child.returncode:
-            raise RuntimeError(f"drawing the arm ended with status {child.returncode}:\n{child.stderr[-2000:]!r}")
+            raise RuntimeError(
+                f"drawing the arm ended with status {child.returncode}:\n{child.stderr[-2000:]!r}"
+            )
         with np.load(job.with_suffix(".npz"), allow_pickle=False) as arrays:
             views = dict(arrays)
     return _drawing(views, [body.name for body in bodies], label)
@@ -103,9 +113,13 @@ def _job(robot: Robot, q: Floats, bodies: list[Ellipsoid]) -> dict[str, object]:
     # Why: the picture is about the arm; an absurd ellipsoid may leave it, the arm may not vanish beside it.
     reach = 1.15 * float(np.linalg.norm(points - middle, axis=1).max()) or 1.0
     return {
-        "urdf": "arm.urdf", "joints": list(robot.joint_names), "q": q.tolist(), "middle": middle.tolist(),
-        "reach": reach, "ellipsoids": rows,
-    }  # fmt: skip
+        "urdf": "arm.urdf",
+        "joints": list(robot.joint_names),
+        "q": q.tolist(),
+        "middle": middle.tolist(),
+        "reach": reach,
+        "ellipsoids": rows,
+    }
 
 
 def _drawing(views: dict[str, NDArray[np.generic]], names: list[str], label: str) -> str:
@@ -113,7 +127,9 @@ def _drawing(views: dict[str, NDArray[np.generic]], names: list[str], label: str
     size = views["arm"].shape[1]
     parts = []
     for k in range(len(views["arm"])):
-        image = base64.b64encode(_png(*(views[name][k] for name in ("arm", "arm_there", "bodies", "bodies_there"))))
+        image = base64.b64encode(
+            _png(*(views[name][k] for name in ("arm", "arm_there", "bodies", "bodies_there")))
+        )
         parts.append(
             f'<image x="{k * size}" width="{size}" height="{size}" href="data:image/png;base64,{image.decode()}"/>'
         )

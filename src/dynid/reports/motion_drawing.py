@@ -82,7 +82,15 @@ def _arm(axes: Any, ends: Floats, capsules: Capsules, everywhere: Floats) -> Non
     for i, (start, end) in enumerate(ends):
         x, y, z = np.array([start, end]).T
         thick = 2 * capsules.radii[i] * width
-        axes.plot(x, y, z, color=COLORS[i % len(COLORS)], linewidth=thick, solid_capstyle="round", alpha=0.8)
+        axes.plot(
+            x,
+            y,
+            z,
+            color=COLORS[i % len(COLORS)],
+            linewidth=thick,
+            solid_capstyle="round",
+            alpha=0.8,
+        )
     if scene.floor is not None:
         x, y = np.meshgrid(*(middle[k] + half * np.array([-1, 1]) for k in range(2)))
         axes.plot_surface(x, y, np.full((2, 2), scene.floor), color="#999999", alpha=0.2)
@@ -100,5 +108,10 @@ def _traces(axes: Any, trajectory: Trajectory, capsules: Capsules, times: Floats
         axes.plot(motion.t, share, color=COLORS[j % len(COLORS)], label=name, linewidth=1.2)
     for time in times:
         axes.axvline(time, color="#bbbbbb", linewidth=0.8)
-    axes.set(xlabel="t [s]", ylabel="position in the joint's range", ylim=(0, 1), xlim=(0, trajectory.duration))
+    axes.set(
+        xlabel="t [s]",
+        ylabel="position in the joint's range",
+        ylim=(0, 1),
+        xlim=(0, trajectory.duration),
+    )
     axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), fontsize=7, frameon=False)

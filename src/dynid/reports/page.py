@@ -58,7 +58,14 @@ def page(gathered: Gathered) -> str:
     parts = []
     for number, section in enumerate(SECTIONS, start=1):
         body = environment.get_template(f"{section.anchor}.html").render(section.context(gathered))
-        parts.append({"number": number, "title": section.title, "anchor": section.anchor, "body": Markup(body)})
+        parts.append(
+            {
+                "number": number,
+                "title": section.title,
+                "anchor": section.anchor,
+                "body": Markup(body),
+            }
+        )
     return environment.get_template("page.html").render(robot=gathered.robot.name, parts=parts)
 
 
@@ -88,7 +95,12 @@ def _shown(value: Any) -> Any:  # noqa: ANN401
 def summary(gathered: Gathered) -> str:
     """Return a compact Markdown summary for a pull request."""
     marks = {"good": "🟢", "fair": "🟡", "bad": "🔴", "open": "⚪"}
-    lines = [f"### {markdown(gathered.robot.name)}", "", *(markdown(text) for text in sentences(gathered)), ""]
+    lines = [
+        f"### {markdown(gathered.robot.name)}",
+        "",
+        *(markdown(text) for text in sentences(gathered)),
+        "",
+    ]
     lines += ["| | | |", "| --- | --- | --- |"]
     lines += [
         f"| {marks[light.state]} {light.shown} | {light.title} | {markdown(light.text)} |"

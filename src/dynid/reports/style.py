@@ -33,7 +33,11 @@ def own_style(settings: Mapping[str, Any] | None = None) -> Iterator[None]:
 
 
 def _defaults(mpl: Any) -> dict[str, Any]:  # noqa: ANN401
-    return {key: value for key, value in mpl.rcParamsDefault.items() if not key.startswith(_NOT_OF_PICTURES)}
+    return {
+        key: value
+        for key, value in mpl.rcParamsDefault.items()
+        if not key.startswith(_NOT_OF_PICTURES)
+    }
 
 
 def _matplotlib() -> Any:  # noqa: ANN401

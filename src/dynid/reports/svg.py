@@ -95,7 +95,12 @@ def as_svg(figure: Figure, label: str) -> str:
         label: what it shows, for those who cannot see it.
     """
     stream = io.StringIO()
-    save(figure, stream, "svg", metadata={"Date": None, "Creator": None, "Type": None, "Format": None})
+    save(
+        figure,
+        stream,
+        "svg",
+        metadata={"Date": None, "Creator": None, "Type": None, "Format": None},
+    )
     text = stream.getvalue()
     text = text[text.index("<svg") :]
     head, rest = text.split(">", 1)

@@ -36,16 +36,27 @@ def junit(suite: str, cases: Sequence[JunitCase]) -> str:
     """Return a JUnit XML report."""
     failed = [case for case in cases if case.failure and not case.error]
     broken = [case for case in cases if case.error]
-    facts = {"name": xml(suite), "tests": str(len(cases)), "failures": str(len(failed)), "errors": str(len(broken))}
+    facts = {
+        "name": xml(suite),
+        "tests": str(len(cases)),
+        "failures": str(len(failed)),
+        "errors": str(len(broken)),
+    }
     root = ET.Element("testsuites", facts)
     element = ET.SubElement(root, "testsuite", facts)
     for case in cases:
         one = ET.SubElement(
-            element, "testcase", name=xml(case.name), classname=xml(case.group), time=f"{case.seconds:.3f}"
+            element,
+            "testcase",
+            name=xml(case.name),
+            classname=xml(case.group),
+            time=f"{case.seconds:.3f}",
         )
         if case.failure:
             lines = [xml(line) for line in case.failure.splitlines()]
-            ET.SubElement(one, "error" if case.error else "failure", message=lines[0]).text = "\n".join(lines)
+            ET.SubElement(
+                one, "error" if case.error else "failure", message=lines[0]
+            ).text = "\n".join(lines)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 

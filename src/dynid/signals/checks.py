@@ -122,8 +122,16 @@ def _usable_velocity(log: Log, robot: Robot) -> Log:
     """
     if log.qd is None:
         return log
-    whole = [measurable(log.qd[part]) for part in spans(len(log))] if len(log) else [np.zeros(0, dtype=bool)]
-    usable = any(part.any() for part in whole) if driver_of(robot).velocity_trusted else all(p.all() for p in whole)
+    whole = (
+        [measurable(log.qd[part]) for part in spans(len(log))]
+        if len(log)
+        else [np.zeros(0, dtype=bool)]
+    )
+    usable = (
+        any(part.any() for part in whole)
+        if driver_of(robot).velocity_trusted
+        else all(p.all() for p in whole)
+    )
     still = usable and not any(np.any(log.qd[part]) for part in spans(len(log)))
     return replace(log, qd=None) if not usable or (still and not np.all(same_rows(log.q))) else log
 
@@ -135,7 +143,9 @@ def _trusted_velocity(log: Log, robot: Robot) -> Log:
         return log
     ratio = slopes(log, robot)
     shown = ", ".join("-" if np.isnan(value) else f"{value:.2f}" for value in ratio)
-    text = f"the reported velocity is not used ({driver.velocity_note}); its slope to dq/dt is {shown}"
+    text = (
+        f"the reported velocity is not used ({driver.velocity_note}); its slope to dq/dt is {shown}"
+    )
     evidence = {"slope": [None if np.isnan(value) else float(value) for value in ratio]}
     kept = [finding for finding in log.findings if finding.code != "W308"]
     log = replace(log, qd=None, extra={**log.extra, "qd_reported": log.qd}, findings=tuple(kept))
@@ -154,8 +164,12 @@ def check_finite(log: Log, robot: Robot) -> None:
     Raises:
         NotFinite: names joint, quantity, count, first time and row.
     """
-    columns = {"position": log.q, "torque": log.tau} | ({"velocity": log.qd} if log.qd is not None else {})
-    if all(measurable(values[part]).all() for values in columns.values() for part in spans(len(log))):
+    columns = {"position": log.q, "torque": log.tau} | (
+        {"velocity": log.qd} if log.qd is not None else {}
+    )
+    if all(
+        measurable(values[part]).all() for values in columns.values() for part in spans(len(log))
+    ):
         return
     bad = np.zeros(len(log), dtype=bool)
     first: tuple[int, str] | None = None
@@ -180,8 +194,14 @@ def check_finite(log: Log, robot: Robot) -> None:
     if first is None:
         return
     row, text = first
-    fix = "record again: no sample is complete" if bad.all() else f"leave it out: {_exclude_options(log.t[bad])}"
-    raise NotFinite(f"{text}, first at t = {log.t[row]:.3f} s (row {row + 1})", where=log.topic, fix=fix)
+    fix = (
+        "record again: no sample is complete"
+        if bad.all()
+        else f"leave it out: {_exclude_options(log.t[bad])}"
+    )
+    raise NotFinite(
+        f"{text}, first at t = {log.t[row]:.3f} s (row {row + 1})", where=log.topic, fix=fix
+    )
 
 
 def _exclude_options(t: Floats) -> str:
@@ -189,7 +209,8 @@ def _exclude_options(t: Floats) -> str:
     if len(parts) > tuning.MOST_INTERVALS:
         parts = [t]
     return " ".join(
-        f"--exclude {max(p[0] - tuning.EXCLUDE_MARGIN_S, 0):.3f}-{p[-1] + tuning.EXCLUDE_MARGIN_S:.3f}" for p in parts
+        f"--exclude {max(p[0] - tuning.EXCLUDE_MARGIN_S, 0):.3f}-{p[-1] + tuning.EXCLUDE_MARGIN_S:.3f}"
+        for p in parts
     )
 
 
@@ -216,7 +237,10 @@ def check_degrees(log: Log, robot: Robot) -> None:
         return
     as_is = changed(log, lambda part: to_dh(part, robot))
     fast = _usual_speed(as_is)
-    wide = [joint.revolute and _beyond_range(as_is.q[:, j], joint) for j, joint in enumerate(robot.joints)]
+    wide = [
+        joint.revolute and _beyond_range(as_is.q[:, j], joint)
+        for j, joint in enumerate(robot.joints)
+    ]
     speed = [(joint.revolute and joint.limits.velocity) or np.inf for joint in robot.joints]
     if not any(wide) and not np.any(fast > tuning.BEYOND_SPEED * np.array(speed)):
         return
@@ -250,14 +274,20 @@ def _beyond_range(q: Floats, joint: Joint) -> bool:
     if len(where) < tuning.RARE_TURNS * (len(q) - 1) and len(where):
         ends = [extremes(part) for part in np.split(q, where)]
         back = 2 * np.pi * np.concatenate([[0.0], np.cumsum(turns)])
-        least, most = (f(e[k] - b for e, b in zip(ends, back, strict=True)) for k, f in enumerate((min, max)))
+        least, most = (
+            f(e[k] - b for e, b in zip(ends, back, strict=True)) for k, f in enumerate((min, max))
+        )
     return bool(most - least > tuning.BEYOND_RANGE * (high - low))
 
 
 def _limit_text(joint: Joint, by_range: bool) -> str:
     if by_range and joint.limits.position is not None:
         low, high = joint.limits.position
-        return f"limits are +-{high:.2f} rad" if np.isclose(-low, high) else f"limits are {low:.2f} to {high:.2f} rad"
+        return (
+            f"limits are +-{high:.2f} rad"
+            if np.isclose(-low, high)
+            else f"limits are {low:.2f} to {high:.2f} rad"
+        )
     return f"the speed limit is {joint.limits.velocity:.2f} rad/s"
 
 
@@ -265,7 +295,9 @@ def _degrees_fix(log: Log, robot: Robot) -> str:
     """Name the velocity's unit too where it follows the position."""
     given = {"position": "deg"}
     if log.qd is not None:
-        both, own = np.sum([[np.sum(log.qd[part] * v), np.sum(v * v)] for part, v in speeds(log)], axis=0)
+        both, own = np.sum(
+            [[np.sum(log.qd[part] * v), np.sum(v * v)] for part, v in speeds(log)], axis=0
+        )
         if 0.5 < float(both / max(own, 1e-12)) < 1.5:
             given["velocity"] = "deg/s"
     return unit_fix(robot, given)
@@ -284,7 +316,9 @@ def unwrapped(log: Log, robot: Robot) -> Log:
     """Return the log without jumps by full turns (W315)."""
     found = {}
     for j, joint in enumerate(robot.joints):
-        where, turns = _full_turns(log.q[:, j]) if joint.revolute else (np.zeros(0, dtype=int), np.zeros(0))
+        where, turns = (
+            _full_turns(log.q[:, j]) if joint.revolute else (np.zeros(0, dtype=int), np.zeros(0))
+        )
         if len(where):
             found[j] = where, 2 * np.pi * np.cumsum(turns)
     if not found:
@@ -301,7 +335,9 @@ def unwrapped(log: Log, robot: Robot) -> Log:
         more = f" and {len(where) - 1} times more" if len(where) > 1 else ""
         at, step = float(log.t[row]), float(log.q[row, j] - log.q[row - 1, j])
         text = f"{name} jumps by {step:.2f} rad at {at:.2f} s{more}; unwrapped"
-        findings.append(Finding("W315", "warning", text, {"joint": name, "at_s": log.t[where].tolist()}))
+        findings.append(
+            Finding("W315", "warning", text, {"joint": name, "at_s": log.t[where].tolist()})
+        )
     return with_findings(replace(log, q=q), *findings)
 
 
@@ -338,7 +374,9 @@ def check_torque_scale(log: Log, robot: Robot) -> None:
     moves = np.subtract(*extremes(log.q)[::-1]) > per_joint(tuning.STILL_SPAN, robot)
     silent = [
         joint.name
-        for joint, is_silent in zip(robot.joints, moves & (largest < tuning.LEAST_TORQUE), strict=True)
+        for joint, is_silent in zip(
+            robot.joints, moves & (largest < tuning.LEAST_TORQUE), strict=True
+        )
         if is_silent
     ]
     if silent:
@@ -358,7 +396,10 @@ def check_torque_scale(log: Log, robot: Robot) -> None:
         if high > tuning.BEYOND_RATING * rating:
             top = f"{largest[j]:,.0f}".replace(",", " ")
             unit = joint.torque_unit.replace(" ", "")
-            guess, fix = "raw counts", "find out what the driver publishes; give the gain under `torque:`"
+            guess, fix = (
+                "raw counts",
+                "find out what the driver publishes; give the gain under `torque:`",
+            )
             if high / 1000 <= tuning.BEYOND_RATING * rating:
                 guess, fix = "mNm", unit_fix(robot, {"effort": "mNm"})
             text = f"{joint.name} torque reaches {top}: {guess}? rating {rating:g} {unit}"
@@ -376,17 +417,34 @@ def clipped_samples(log: Log, robot: Robot) -> tuple[Flags, tuple[Finding, ...]]
         x = log.tau[:, j]
         above = _flat_top(x, 1.0, float(high[j]), float(low[j]), alive)
         below = _flat_top(x, -1.0, float(-low[j]), float(-high[j]), alive)
-        top, clipped = max(high[j] if above.any() else 0.0, -low[j] if below.any() else 0.0), above | below
+        top, clipped = (
+            max(high[j] if above.any() else 0.0, -low[j] if below.any() else 0.0),
+            above | below,
+        )
         stuck = _stuck(x, log.q[:, j], float(moved[j]), round(tuning.STUCK_S * log.rate)) & ~clipped
         mask[:, j] = clipped | stuck
-        stays = "stays at", float(x[int(np.argmax(stuck))]), " while the joint moves to and fro: these"
-        for flags, (does, level, which) in ((clipped, ("sits at", top, ": clipped")), (stuck, stays)):
+        stays = (
+            "stays at",
+            float(x[int(np.argmax(stuck))]),
+            " while the joint moves to and fro: these",
+        )
+        for flags, (does, level, which) in (
+            (clipped, ("sits at", top, ": clipped")),
+            (stuck, stays),
+        ):
             if not flags.any():
                 continue
-            share, unit = float(np.mean(flags)), "A" if log.tau_unit == "A" else joint.torque_unit.replace(" ", "")
+            share, unit = (
+                float(np.mean(flags)),
+                "A" if log.tau_unit == "A" else joint.torque_unit.replace(" ", ""),
+            )
             size = f"{level:.4g} {unit} for {np.sum(flags) / log.rate:.2g} s"
             text = f"{joint.name} torque {does} {size}{which} samples are left out ({100 * share:.1f} %)"
-            findings.append(Finding("W319", "warning", text, {"joint": joint.name, "share": share, "level": level}))
+            findings.append(
+                Finding(
+                    "W319", "warning", text, {"joint": joint.name, "share": share, "level": level}
+                )
+            )
     return mask, tuple(findings)
 
 
@@ -435,10 +493,18 @@ def _flat_top(x: Floats, sign: float, top: float, bottom: float, alive: Flags) -
         below = below[below < least]
         near += int(np.sum(below > top - 0.01 * (top - bottom)))
         highest = float(below.max(initial=-np.inf))
-        second = (second if highest == level else 0) + int(np.sum(below == highest)) if highest >= level else second
+        second = (
+            (second if highest == level else 0) + int(np.sum(below == highest))
+            if highest >= level
+            else second
+        )
         level = max(level, highest)
     count = int(flat.sum())
-    return flat if count >= tuning.FLAT_SHARE * second and count >= near else np.zeros(len(x), dtype=bool)
+    return (
+        flat
+        if count >= tuning.FLAT_SHARE * second and count >= near
+        else np.zeros(len(x), dtype=bool)
+    )
 
 
 def check_repeats(log: Log, robot: Robot) -> tuple[Finding, ...]:
@@ -459,9 +525,15 @@ def check_zero(log: Log, robot: Robot) -> tuple[Finding, ...]:
     Why: only for sensors behind the gear; a motor at rest holds any torque up to its friction.
     """
     poses = rest_slices(log, robot)
-    if robot.torque.source not in ("joint_sensor", "unknown", "gravity_free") or log.tau_unit == "A" or not poses:
+    if (
+        robot.torque.source not in ("joint_sensor", "unknown", "gravity_free")
+        or log.tau_unit == "A"
+        or not poses
+    ):
         return ()
-    q, tau = (np.array([np.mean(values[part], axis=0) for part in poses]) for values in (log.q, log.tau))
+    q, tau = (
+        np.array([np.mean(values[part], axis=0) for part in poses]) for values in (log.q, log.tau)
+    )
     load = np.abs(expected_torque(q, robot))
     if robot.torque.source == "gravity_free":
         load = np.zeros_like(load)
@@ -507,7 +579,10 @@ def check_order(log: Log, robot: Robot) -> None:
     if log.qd is None:
         return
     low, high = extremes(log.qd)
-    rows = np.sum([np.sum(np.abs(v) > per_joint(tuning.MOVING_SPEED, robot), axis=0) for _, v in speeds(log)], axis=0)
+    rows = np.sum(
+        [np.sum(np.abs(v) > per_joint(tuning.MOVING_SPEED, robot), axis=0) for _, v in speeds(log)],
+        axis=0,
+    )
     joints = np.flatnonzero((rows >= tuning.LEAST_SAMPLES) & (high > low))
     if len(joints) < 2:
         return
@@ -564,7 +639,9 @@ def check_slopes(log: Log, robot: Robot) -> tuple[Finding, ...]:
                 fix="correct the sign of the velocity or of the position in the log, or use --velocity derived",
             )
         text = f"{joint.name} velocity is {slope:.2f} x the change of position; --velocity derived is better"
-        findings.append(Finding("W308", "warning", text, {"joint": joint.name, "slope": float(slope)}))
+        findings.append(
+            Finding("W308", "warning", text, {"joint": joint.name, "slope": float(slope)})
+        )
     return tuple(findings)
 
 
@@ -580,7 +657,9 @@ def _check_unit(name: str, slope: float, log: Log, robot: Robot) -> None:
             if right
             else "are positions in degrees? declare `units:` under `driver:` in the robot file"
         )
-        raise VelocityInconsistent(f"{text}: rad/s, while positions are in degrees?", where=log.topic, fix=fix)
+        raise VelocityInconsistent(
+            f"{text}: rad/s, while positions are in degrees?", where=log.topic, fix=fix
+        )
 
 
 def _fix(robot: Robot, unit: str) -> str:
@@ -608,11 +687,15 @@ def check_ranges(log: Log, robot: Robot) -> tuple[Finding, ...]:
         unit, factor = ("deg", math.degrees(1.0)) if joint.revolute else ("m", 1.0)
         least, most = joint.limits.position or (0.0, 0.0)
         quarters = (90, -90, 180) if joint.revolute else ()
-        fits = [q for q in quarters if not beyond(joint, *(np.array([low, high]) + math.radians(q)))]
+        fits = [
+            q for q in quarters if not beyond(joint, *(np.array([low, high]) + math.radians(q)))
+        ]
         text = (
             f"{joint.name} moves from {factor * low:.3g} to {factor * high:.3g} {unit}, {factor * too_far:.3g} {unit} "
             f"beyond its limits ({factor * least:.4g} to {factor * most:.4g}): its offset or these limits are wrong"
         )
-        text += f"; an offset of {' or '.join(f'{q:+d}' for q in fits)} deg would fit" if fits else ""
+        text += (
+            f"; an offset of {' or '.join(f'{q:+d}' for q in fits)} deg would fit" if fits else ""
+        )
         findings.append(Finding("W332", "warning", text, {"joint": joint.name, "beyond": too_far}))
     return tuple(findings)

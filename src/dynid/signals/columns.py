@@ -34,11 +34,15 @@ def matching_columns(log: Log, robot: Robot) -> tuple[list[int], list[str]]:
     """
     if not log.names:
         if log.n != robot.n:
-            raise JointCountDiffers(f"{log.name} has {log.n} joints, {robot.name} has {robot.n}", where=log.name)
+            raise JointCountDiffers(
+                f"{log.name} has {log.n} joints, {robot.name} has {robot.n}", where=log.name
+            )
         return list(range(robot.n)), []
     for names in (robot.log_names, robot.joint_names):
         if set(names) <= set(log.names):
-            return [log.names.index(name) for name in names], [name for name in log.names if name not in names]
+            return [log.names.index(name) for name in names], [
+                name for name in log.names if name not in names
+            ]
     raise _differ(log, robot)
 
 
@@ -47,7 +51,8 @@ def _differ(log: Log, robot: Robot) -> JointCountDiffers | JointNamesDiffer:
     joints = [name for name in log.names if not driver.ignores(name)]
     if len(joints) < robot.n:
         return JointCountDiffers(
-            f"{log.name} has {len(joints)} joints ({_short(joints)}), {robot.name} has {robot.n}", where=log.name
+            f"{log.name} has {len(joints)} joints ({_short(joints)}), {robot.name} has {robot.n}",
+            where=log.name,
         )
     missing = [name for name in robot.log_names if name not in log.names]
     lost = f"{_short(missing)} " if len(missing) < robot.n else ""
@@ -65,7 +70,9 @@ def _in_chain_order(names: Sequence[str], robot: Robot) -> str:
         return f"[{', '.join(yaml_word(name) for name in sorted(names, key=int))}]"
     from scipy.optimize import linear_sum_assignment
 
-    likeness = np.array([[SequenceMatcher(None, own, name).ratio() for name in names] for own in robot.joint_names])
+    likeness = np.array(
+        [[SequenceMatcher(None, own, name).ratio() for name in names] for own in robot.joint_names]
+    )
     rows, columns = linear_sum_assignment(-likeness)
     if np.all(likeness[rows, columns] > tuning.ALIKE_NAMES):
         return f"[{', '.join(yaml_word(names[k]) for k in columns)}]"
@@ -104,7 +111,9 @@ def robot_columns(log: Log, robot: Robot) -> Log:
 
 
 def _chosen_columns(log: Log, columns: Sequence[int], robot: Robot) -> Log:
-    return log.with_columns({key: x[:, columns] for key, x in log.columns.items()}, names=robot.joint_names)
+    return log.with_columns(
+        {key: x[:, columns] for key, x in log.columns.items()}, names=robot.joint_names
+    )
 
 
 def in_si(log: Log, robot: Robot) -> Log:
@@ -151,7 +160,9 @@ def to_dh(log: Log, robot: Robot) -> Log:
     if robot.coupling is not None:
         matrix = np.array(robot.coupling.matrix)
         back = np.linalg.inv(matrix).T
-        columns = {key: x @ (matrix if COLUMNS[key] == "effort" else back) for key, x in columns.items()}
+        columns = {
+            key: x @ (matrix if COLUMNS[key] == "effort" else back) for key, x in columns.items()
+        }
     elif log.motor_side:
         raise LogLayout(
             f"{log.name} holds motor positions and torques, but the robot file has no gear ratios",
@@ -192,9 +203,19 @@ def _gain(log: Log, robot: Robot) -> tuple[Floats | None, str]:
 
 def take_samples(log: Log, keep: NDArray[np.intp]) -> Log:
     """Return the log with some of its rows, in the given order."""
-    extra = {key: taken(value, keep) if has_rows(value, len(log)) else value for key, value in log.extra.items()}
+    extra = {
+        key: taken(value, keep) if has_rows(value, len(log)) else value
+        for key, value in log.extra.items()
+    }
     qd = taken(log.qd, keep) if log.qd is not None else None
-    return replace(log, t=taken(log.t, keep), q=taken(log.q, keep), tau=taken(log.tau, keep), qd=qd, extra=extra)
+    return replace(
+        log,
+        t=taken(log.t, keep),
+        q=taken(log.q, keep),
+        tau=taken(log.tau, keep),
+        qd=qd,
+        extra=extra,
+    )
 
 
 def changed(log: Log, change: Callable[[Log], Log]) -> Log:
@@ -225,11 +246,15 @@ def changed(log: Log, change: Callable[[Log], Log]) -> Log:
 
 def _part_of(log: Log, part: slice) -> Log:
     """Return samples of a log that follow each other, without a copy."""
-    extra = {key: value[part] if has_rows(value, len(log)) else value for key, value in log.extra.items()}
+    extra = {
+        key: value[part] if has_rows(value, len(log)) else value for key, value in log.extra.items()
+    }
     qd = log.qd[part] if log.qd is not None else None
     return replace(log, t=log.t[part], q=log.q[part], tau=log.tau[part], qd=qd, extra=extra)
 
 
 def _arrays(log: Log) -> dict[str, NDArray[Any]]:
     found = {"t": log.t, "q": log.q, "tau": log.tau} | ({} if log.qd is None else {"qd": log.qd})
-    return found | {f"extra {key}": value for key, value in log.extra.items() if has_rows(value, len(log))}
+    return found | {
+        f"extra {key}": value for key, value in log.extra.items() if has_rows(value, len(log))
+    }

@@ -121,32 +121,54 @@ def condition(
     step = 1.0 / chosen.rate
     cuts = (
         samples_where(
-            len(log) - 1, lambda part: np.diff(log.t[part.start : part.stop + 1]) > (tuning.GAP_SAMPLES + 0.5) * step
+            len(log) - 1,
+            lambda part: (
+                np.diff(log.t[part.start : part.stop + 1]) > (tuning.GAP_SAMPLES + 0.5) * step
+            ),
         )
         + 1
     )
-    needed = chosen.first_kernels.shape[1] + chosen.first_step * (chosen.second_kernel.shape[1] + chosen.second_step)
+    needed = chosen.first_kernels.shape[1] + chosen.first_step * (
+        chosen.second_kernel.shape[1] + chosen.second_step
+    )
     edges = [0, *cuts.tolist(), len(log)]
     parts = [slice(start, end) for start, end in pairwise(edges) if end - start > needed]
-    segments = [_segment(log, part, chosen, measured_velocity and log.qd is not None, coulomb) for part in parts]
+    segments = [
+        _segment(log, part, chosen, measured_velocity and log.qd is not None, coulomb)
+        for part in parts
+    ]
     if not segments:
         longest = max(end - start for start, end in pairwise(edges)) * step
-        raise too_short(log, f"the longest part without a gap has {longest:.2f} s", chosen.cutoff, needed * step)
-    return segments if rest_speed is None else [_without_rests(segment, rest_speed) for segment in segments]
+        raise too_short(
+            log, f"the longest part without a gap has {longest:.2f} s", chosen.cutoff, needed * step
+        )
+    return (
+        segments
+        if rest_speed is None
+        else [_without_rests(segment, rest_speed) for segment in segments]
+    )
 
 
 def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
     """Mark samples of joints at rest: static friction holds any torque up to its limit, which no column describes."""
-    least = max(1, round(tuning.FRICTION_REST_S / (segment.t[1] - segment.t[0]))) if len(segment) > 1 else 1
+    least = (
+        max(1, round(tuning.FRICTION_REST_S / (segment.t[1] - segment.t[0])))
+        if len(segment) > 1
+        else 1
+    )
     usable = segment.usable.copy()
     for j in np.flatnonzero(rest_speed > 0.0):
-        still = np.concatenate([np.abs(segment.qd[part, j]) < rest_speed[j] for part in spans(len(segment))])
+        still = np.concatenate(
+            [np.abs(segment.qd[part, j]) < rest_speed[j] for part in spans(len(segment))]
+        )
         for rest in runs(still, least):
             usable[rest, j] = False
     return replace(segment, usable=usable)
 
 
-def _segment(log: Log, part: slice, chosen: Filter, measured: bool, coulomb: Coulomb | None) -> Segment:
+def _segment(
+    log: Log, part: slice, chosen: Filter, measured: bool, coulomb: Coulomb | None
+) -> Segment:
     """Filter one part, block by block so that only the thinned result is stored."""
     t = log.t[part]
     count = round((t[-1] - t[0]) * chosen.rate) + 1
@@ -166,10 +188,15 @@ def _segment(log: Log, part: slice, chosen: Filter, measured: bool, coulomb: Cou
     per_block = max(1, tuning.FILTER_BLOCK // step)
     signs: SignKernels | None = None
     if coulomb is not None:
-        some = on_grid(log.qd if measured and log.qd is not None else log.q, slice(0, tuning.ENOUGH_SAMPLES))
+        some = on_grid(
+            log.qd if measured and log.qd is not None else log.q, slice(0, tuning.ENOUGH_SAMPLES)
+        )
         cutoffs = choose_sign_cutoffs(some, coulomb, chosen.rate, chosen.cutoff, measured=measured)
         # Why the same for a command: it has no noise, but where it is a staircase its corners are no reversals.
-        own, of_command = ([velocity_kernel(f, chosen.rate, measured=m) for f in cutoffs] for m in (measured, False))
+        own, of_command = (
+            [velocity_kernel(f, chosen.rate, measured=m) for f in cutoffs]
+            for m in (measured, False)
+        )
         signs = own, of_command, coulomb
     # Why filled in place: of a long log, parts and joined arrays would not fit into memory together.
     joined: list[Any] = []
@@ -217,7 +244,9 @@ def _block(
         usable = filtered(some, np.ones((1, taps)))[0].T < 0.5
     raw_qd = on_grid(log.qd, wanted) if log.qd is not None else np.gradient(q, grid, axis=0)
     own, of_command, coulomb = signs or ((), (), None)
-    commanded = np.empty((3, 0, count)) if command is None else filtered(on_grid(command, wanted), kernels)
+    commanded = (
+        np.empty((3, 0, count)) if command is None else filtered(on_grid(command, wanted), kernels)
+    )
     return (
         grid[centres],
         *(np.ascontiguousarray(x.T) for x in motion),
@@ -246,7 +275,9 @@ def _coulomb_sign(
     margin = max(map(len, velocity)) // 2
     start = max(0, wanted.start - margin)
     around = on_grid(x, slice(start, wanted.stop + margin))
-    signs = coulomb_signs(around, velocity, coulomb)[wanted.start - start :][: wanted.stop - wanted.start]
+    signs = coulomb_signs(around, velocity, coulomb)[wanted.start - start :][
+        : wanted.stop - wanted.start
+    ]
     return np.ascontiguousarray(decimate(np.ascontiguousarray(signs.T), kernels[:1], step)[0].T)
 
 
@@ -272,7 +303,9 @@ def resampled(t: Floats, x: Floats, grid: Floats) -> Floats:
         times, found = t[nodes], np.zeros((len(wanted), x.shape[1]))
         for k in range(4):
             others = [m for m in range(4) if m != k]
-            weight = np.prod([(wanted - times[:, m]) / (times[:, k] - times[:, m]) for m in others], axis=0)
+            weight = np.prod(
+                [(wanted - times[:, m]) / (times[:, k] - times[:, m]) for m in others], axis=0
+            )
             found += weight[:, None] * x[nodes[:, k]]
         result[part] = found
     return result
@@ -294,7 +327,11 @@ def without_delay(log: Log, delay: float) -> Log:
     unknown = log.t[right] - log.t[right - 1] > (tuning.GAP_SAMPLES + 0.5) / log.rate
 
     def kept(value: Any) -> Any:  # noqa: ANN401
-        return taken(value, rows) if isinstance(value, np.ndarray) and value.shape[:1] == log.t.shape else value
+        return (
+            taken(value, rows)
+            if isinstance(value, np.ndarray) and value.shape[:1] == log.t.shape
+            else value
+        )
 
     extra = {key: kept(value) for key, value in log.extra.items()}
     clipped = log.extra.get("clipped")
@@ -359,7 +396,9 @@ def coarse_steps(tau: Floats) -> Floats:
     """Return the steps in which torques, (N, n), were recorded, 0 where nearly every value is another one, (n,)."""
     found = np.zeros(tau.shape[1])
     for j, x in enumerate(tau[: tuning.ENOUGH_SAMPLES].T):
-        steps = np.diff(np.sort(x))  # np.unique and np.median import masked arrays, which takes a quarter of a second
+        steps = np.diff(
+            np.sort(x)
+        )  # np.unique and np.median import masked arrays, which takes a quarter of a second
         steps = np.sort(steps[steps > 0.0])
         if 0 < len(steps) < len(x) / tuning.VALUES_OF_STEPS - 1:
             found[j] = 0.5 * (steps[(len(steps) - 1) // 2] + steps[len(steps) // 2])
@@ -397,14 +436,20 @@ def condition_log(
         speeds = zip(coulomb.velocity, robot.joints, strict=True)
         rest = np.array([v if "coulomb" in joint.friction else 0.0 for v, joint in speeds])
         segments = condition(
-            without_delay(clean, delay), chosen, measured_velocity=measured_velocity, coulomb=coulomb, rest_speed=rest
+            without_delay(clean, delay),
+            chosen,
+            measured_velocity=measured_velocity,
+            coulomb=coulomb,
+            rest_speed=rest,
         )
     except DynidError as error:
         error.where = error.where or str(log.source or "")
         raise
     late = delay_of(robot)
     conditioned = ConditionedLog(
-        segments=[segment_without_delay(segment, late) for segment in without_known(segments, model)],
+        segments=[
+            segment_without_delay(segment, late) for segment in without_known(segments, model)
+        ],
         filter=chosen,
         name=log.source.name if log.source else "",
         path=str(log.source or ""),
@@ -438,7 +483,9 @@ def condition_logs(
     shared = choose_cutoff(logs, model.robot) if cutoff is None else cutoff
     found = []
     for k, log in enumerate(logs, start=1):
-        each = condition_log(log, model, cutoff=shared, delay=delay, measured_velocity=measured_velocity)
+        each = condition_log(
+            log, model, cutoff=shared, delay=delay, measured_velocity=measured_velocity
+        )
         found.append(replace(each, name=each.name or f"log {k}"))
         say_log(log, found[-1], progress)
     if any(segment.command is None for log in found for segment in log.segments):
@@ -470,7 +517,9 @@ def without_command(log: ConditionedLog) -> ConditionedLog:
 
     def bare(segment: Segment) -> Segment:
         none = np.zeros((len(segment), 0))
-        return replace(segment, command_q=none, command_qd=none, command_qdd=none, command_coulomb_sign=none)
+        return replace(
+            segment, command_q=none, command_qd=none, command_qdd=none, command_coulomb_sign=none
+        )
 
     return replace(log, segments=[bare(segment) for segment in log.segments])
 
@@ -480,7 +529,9 @@ def driven_as_commanded(log: ConditionedLog) -> ConditionedLog:
 
     def driven(one: Segment) -> Segment:
         sign = one.command_coulomb_sign
-        return replace(one, q=one.command_q, qd=one.command_qd, qdd=one.command_qdd, coulomb_sign=sign)
+        return replace(
+            one, q=one.command_q, qd=one.command_qd, qdd=one.command_qdd, coulomb_sign=sign
+        )
 
     return without_command(replace(log, segments=[driven(segment) for segment in log.segments]))
 
@@ -496,7 +547,9 @@ def stretches(logs: Sequence[ConditionedLog], seconds: float) -> tuple[list[Cond
         The logs, and in how many parts they are; 0 where they are whole.
     """
     rows = [sum(len(s) for s in log.segments) for log in logs]
-    long = sum(n / log.filter.rate * log.filter.first_step for n, log in zip(rows, logs, strict=True))
+    long = sum(
+        n / log.filter.rate * log.filter.first_step for n, log in zip(rows, logs, strict=True)
+    )
     # Why rows too: a recording at a low rate is long in time alone.
     share = max(seconds / max(long, 1e-9), tuning.KEPT_SAMPLES / max(sum(rows), 1))
     if share >= 1.0:
@@ -511,7 +564,11 @@ def stretches(logs: Sequence[ConditionedLog], seconds: float) -> tuple[list[Cond
                 first += len(segment)
                 if part.stop > 0 and part.start < len(segment):
                     # Why a copy: what is left shall not keep the whole log in memory.
-                    kept.append(Segment(**{name: value[part].copy() for name, value in vars(segment).items()}))
+                    kept.append(
+                        Segment(
+                            **{name: value[part].copy() for name, value in vars(segment).items()}
+                        )
+                    )
         found.append(replace(log, segments=kept))
         parts += len(kept)
         release()
@@ -564,7 +621,9 @@ def known_torque(model: Model, q: Floats, qd: Floats, qdd: Floats) -> Floats:
 
 
 # ---------------------------------------------------------------- effects of the robot file
-def with_effects(log: ConditionedLog, model: Model, reference: ReferenceTorques | None = None) -> ConditionedLog:
+def with_effects(
+    log: ConditionedLog, model: Model, reference: ReferenceTorques | None = None
+) -> ConditionedLog:
     """Return a log with the columns of the effects that the robot file lists.
 
     Args:
@@ -576,11 +635,16 @@ def with_effects(log: ConditionedLog, model: Model, reference: ReferenceTorques 
         return log
     reference = reference or prior_torques(model)
     motions = [arm_motion(segment, log.filter, model, reference) for segment in log.segments]
-    segments = [replace(s, effects=model.added_entries(c).T) for s, c in zip(log.segments, motions, strict=True)]
+    segments = [
+        replace(s, effects=model.added_entries(c).T)
+        for s, c in zip(log.segments, motions, strict=True)
+    ]
     return replace(log, segments=segments)
 
 
-def arm_motion(segment: Segment, chosen: Filter, model: Model, reference: ReferenceTorques) -> ArmMotion:
+def arm_motion(
+    segment: Segment, chosen: Filter, model: Model, reference: ReferenceTorques
+) -> ArmMotion:
     """Return a segment as effects want it.
 
     Args:
@@ -589,14 +653,25 @@ def arm_motion(segment: Segment, chosen: Filter, model: Model, reference: Refere
         model: the model.
         reference: torques that effects scale with.
     """
-    kernel = lowpass_kernel(min(tuning.EFFECT_SMOOTHING_HZ, chosen.cutoff), chosen.rate / chosen.first_step)[None]
+    kernel = lowpass_kernel(
+        min(tuning.EFFECT_SMOOTHING_HZ, chosen.cutoff), chosen.rate / chosen.first_step
+    )[None]
     smooth = partial(_smoothed, kernel)
     return ArmMotion(
-        segment.elapsed, segment.q, segment.qd, segment.qdd, model.robot, reference, smooth, segment.coulomb_sign
+        segment.elapsed,
+        segment.q,
+        segment.qd,
+        segment.qdd,
+        model.robot,
+        reference,
+        smooth,
+        segment.coulomb_sign,
     )
 
 
 def _smoothed(kernel: Floats, x: Floats) -> Floats:
     """Return a signal without what the kernel takes away, (N,)."""
     half = (kernel.shape[1] - 1) // 2
-    return np.asarray(decimate(np.pad(x, half, mode="reflect", reflect_type="odd")[None], kernel, 1)[0, 0])
+    return np.asarray(
+        decimate(np.pad(x, half, mode="reflect", reflect_type="odd")[None], kernel, 1)[0, 0]
+    )

@@ -12,7 +12,14 @@ from dynid.robot import Robot
 from dynid.scratch import USUAL, extremes, spans, spread
 from dynid.signals import tuning
 from dynid.signals.checks import measurable, slopes, unwrapped
-from dynid.signals.columns import changed, in_si, matching_columns, robot_columns, take_samples, to_dh
+from dynid.signals.columns import (
+    changed,
+    in_si,
+    matching_columns,
+    robot_columns,
+    take_samples,
+    to_dh,
+)
 from dynid.signals.motion import speeds
 from dynid.signals.stamps import steps
 
@@ -75,7 +82,10 @@ def describe(log: Log, robot: Robot) -> LogSummary:
     low, high = np.percentile(some, [2.5, 97.5])
     rms, top, span = np.zeros(robot.n), np.zeros(robot.n), np.zeros(robot.n)
     if len(clean):
-        top, span = np.max(np.abs(extremes(clean.tau)), axis=0), np.subtract(*extremes(clean.q)[::-1])
+        top, span = (
+            np.max(np.abs(extremes(clean.tau)), axis=0),
+            np.subtract(*extremes(clean.q)[::-1]),
+        )
     if len(clean) > 2:
         rms = np.sqrt(np.sum([np.sum(v**2, axis=0) for _, v in speeds(clean)], axis=0) / len(clean))
     slope = slopes(clean, robot) if len(clean) > 2 else np.full(robot.n, np.nan)
@@ -95,7 +105,9 @@ def describe(log: Log, robot: Robot) -> LogSummary:
         rms_velocity=tuple(rms.tolist()),
         velocity_slope=tuple(None if np.isnan(value) else float(value) for value in slope),
         torque_max=tuple(top.tolist()),
-        torque_share=tuple(None if r is None else float(value) / r for value, r in zip(top, ratings, strict=True)),
+        torque_share=tuple(
+            None if r is None else float(value) / r for value, r in zip(top, ratings, strict=True)
+        ),
         torque_unit=clean.tau_unit,
         least_moving=robot.joint_names[int(np.argmin(relative))],
     )

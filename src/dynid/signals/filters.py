@@ -92,7 +92,9 @@ def derivative_kernels(kernel: Floats, rate: float) -> Floats:
     first = np.array([-1.0, 8.0, 0.0, -8.0, 1.0]) * rate / 12.0
     second = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) * rate**2 / 12.0
     # Why reversed: the kernels are used as weights on x[i - half : i + half + 1], not in a convolution.
-    return np.array([np.pad(kernel, 2), np.convolve(kernel, first)[::-1], np.convolve(kernel, second)])
+    return np.array(
+        [np.pad(kernel, 2), np.convolve(kernel, first)[::-1], np.convolve(kernel, second)]
+    )
 
 
 def decimate(x: Floats, kernels: Floats, step: int) -> Floats:
@@ -132,7 +134,9 @@ def decimate(x: Floats, kernels: Floats, step: int) -> Floats:
         return found
     missing = (chunks - 1) * together * step + width - x.shape[1]
     padded = np.pad(x, ((0, 0), (0, max(0, missing))))
-    windows = np.lib.stride_tricks.sliding_window_view(padded, width, axis=1)[:, :: together * step][:, :chunks]
+    windows = np.lib.stride_tricks.sliding_window_view(padded, width, axis=1)[
+        :, :: together * step
+    ][:, :chunks]
     product = np.ascontiguousarray(windows).reshape(-1, width) @ weights
     shaped = product.reshape(len(x), chunks * together, count)[:, :outputs]
     return np.ascontiguousarray(shaped.transpose(2, 0, 1))
@@ -147,14 +151,21 @@ def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
         log: a prepared log.
         cutoff: of the filter over the torques [Hz].
     """
-    if len(log) <= 2 * tuning.SPIKE_REACH or (2 * tuning.SPIKE_REACH + 1) * cutoff > tuning.SPIKE_OF_PERIOD * log.rate:
+    if (
+        len(log) <= 2 * tuning.SPIKE_REACH
+        or (2 * tuning.SPIKE_REACH + 1) * cutoff > tuning.SPIKE_OF_PERIOD * log.rate
+    ):
         return log, ()
     every = max(1, len(log) // tuning.ENOUGH_SAMPLES)
     # Why a copy: a slice would keep the whole part in memory.
-    usual = [np.abs(x - medians)[-part.start % every :: every].copy() for part, x, medians in _medians(log.tau)]
+    usual = [
+        np.abs(x - medians)[-part.start % every :: every].copy()
+        for part, x, medians in _medians(log.tau)
+    ]
     low, high = extremes(log.tau)
     least = np.maximum(
-        tuning.SPIKE_DEVIATIONS * 1.4826 * median(np.concatenate(usual), axis=0), tuning.SPIKE_OF_RANGE * (high - low)
+        tuning.SPIKE_DEVIATIONS * 1.4826 * median(np.concatenate(usual), axis=0),
+        tuning.SPIKE_OF_RANGE * (high - low),
     )
     found = []
     for part, x, medians in _medians(log.tau):
@@ -177,13 +188,18 @@ def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
 def _medians(x: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
     """Yield samples of x, (N, n), part by part, with the median of each and its neighbours, (M, n)."""
     for part in spans(len(x)):
-        first, last = max(0, part.start - tuning.SPIKE_REACH), min(len(x), part.stop + tuning.SPIKE_REACH)
+        first, last = (
+            max(0, part.start - tuning.SPIKE_REACH),
+            min(len(x), part.stop + tuning.SPIKE_REACH),
+        )
         edges = tuning.SPIKE_REACH - (part.start - first), tuning.SPIKE_REACH - (last - part.stop)
         padded = np.pad(x[first:last], (edges, (0, 0)), mode="edge")
         yield (
             part,
             x[part],
-            _median_of_five(*(padded[k : k + part.stop - part.start] for k in range(2 * tuning.SPIKE_REACH + 1))),
+            _median_of_five(
+                *(padded[k : k + part.stop - part.start] for k in range(2 * tuning.SPIKE_REACH + 1))
+            ),
         )
 
 
@@ -251,13 +267,19 @@ def check_position_noise(log: Log, robot: Robot) -> tuple[Finding, ...]:
             f"{what}: parameters are biased by it and their intervals are too narrow; record the commanded positions "
             "too (--method iv), or use a finer encoder"
         )
-    evidence = {"noise": noise.level.tolist(), "cutoff_hz": noise.cutoff, "share_of_acceleration": noise.share}
+    evidence = {
+        "noise": noise.level.tolist(),
+        "cutoff_hz": noise.cutoff,
+        "share_of_acceleration": noise.share,
+    }
     return (Finding("W327", "warning", text, evidence),)
 
 
 def level_of(log: Log) -> Floats:
     """Return the noise of the positions from their third differences, in which motion vanishes, (n,) [rad or m]."""
-    bends = [np.abs(np.diff(log.q[part], 3, axis=0)) for part in spread(len(log), tuning.ENOUGH_SAMPLES)]
+    bends = [
+        np.abs(np.diff(log.q[part], 3, axis=0)) for part in spread(len(log), tuning.ENOUGH_SAMPLES)
+    ]
     return np.asarray(median(np.concatenate(bends), axis=0) * 1.4826 / _THIRD)
 
 
@@ -293,7 +315,11 @@ def _shares(log: Log, level: Floats, cutoffs: Floats) -> Floats:
     for part in parts:
         q = log.q[part] - log.q[part].mean(axis=0)
         f = np.fft.rfftfreq(len(q), 1 / log.rate)
-        spectrum = np.abs(np.fft.rfft(q * np.hanning(len(q))[:, None], axis=0)) ** 2 * 2 / (_HANN * len(q) ** 2)
+        spectrum = (
+            np.abs(np.fft.rfft(q * np.hanning(len(q))[:, None], axis=0)) ** 2
+            * 2
+            / (_HANN * len(q) ** 2)
+        )
         below = np.cumsum((2 * np.pi * f[:, None]) ** 4 * spectrum, axis=0)
         power += below[np.searchsorted(f, cutoffs) - 1] / len(parts)
     noise = np.outer((2 * np.pi) ** 2 * cutoffs**2.5 * np.sqrt(2 / (5 * log.rate)), level)
@@ -303,7 +329,9 @@ def _shares(log: Log, level: Floats, cutoffs: Floats) -> Floats:
 def _moves(log: Log, robot: Robot, level: Floats) -> NDArray[np.bool_]:
     """Return the joints that move by more than their noise, (n,)."""
     span = np.ptp(log.q, axis=0)
-    return np.asarray((span > per_joint(tuning.MOVING_SPEED, robot) * np.ptp(log.t)) | (span > 20 * level))
+    return np.asarray(
+        (span > per_joint(tuning.MOVING_SPEED, robot) * np.ptp(log.t)) | (span > 20 * level)
+    )
 
 
 def white_noise(x: Floats) -> Floats:
@@ -312,7 +340,9 @@ def white_noise(x: Floats) -> Floats:
     if len(some) <= tuning.NOISE_ORDER:
         return np.zeros(x.shape[1])
     gain = math.comb(2 * tuning.NOISE_ORDER, tuning.NOISE_ORDER) ** 0.5
-    return np.asarray(1.4826 * median(np.abs(np.diff(some, tuning.NOISE_ORDER, axis=0)), axis=0) / gain)
+    return np.asarray(
+        1.4826 * median(np.abs(np.diff(some, tuning.NOISE_ORDER, axis=0)), axis=0) / gain
+    )
 
 
 def coulomb_signs(x: Floats, kernels: Sequence[Floats], coulomb: Coulomb) -> Floats:
@@ -332,7 +362,9 @@ def coulomb_signs(x: Floats, kernels: Sequence[Floats], coulomb: Coulomb) -> Flo
     return found
 
 
-def choose_sign_cutoffs(x: Floats, coulomb: Coulomb, rate: float, lowest: float, *, measured: bool) -> list[float]:
+def choose_sign_cutoffs(
+    x: Floats, coulomb: Coulomb, rate: float, lowest: float, *, measured: bool
+) -> list[float]:
     """Return for each joint the highest cut-off whose velocity noise is small against that of the Coulomb sign [Hz].
 
     Args:
@@ -343,13 +375,19 @@ def choose_sign_cutoffs(x: Floats, coulomb: Coulomb, rate: float, lowest: float,
         measured: whether x are velocities.
     """
     trials = [lowest]
-    while (trial := trials[-1] * tuning.SIGN_RATIO) <= min(tuning.SHARPEST_HZ, tuning.SIGN_OF_RATE * rate):
+    while (trial := trials[-1] * tuning.SIGN_RATIO) <= min(
+        tuning.SHARPEST_HZ, tuning.SIGN_OF_RATE * rate
+    ):
         trials.append(trial)
-    gains = [float(np.linalg.norm(velocity_kernel(trial, rate, measured=measured))) for trial in trials]
+    gains = [
+        float(np.linalg.norm(velocity_kernel(trial, rate, measured=measured))) for trial in trials
+    ]
     chosen = []
     for noise, velocity in zip(white_noise(x), coulomb.velocity, strict=True):
         good = [
-            f for f, gain in zip(trials, gains, strict=True) if gain * noise <= tuning.NOISE_OVER_COULOMB * velocity
+            f
+            for f, gain in zip(trials, gains, strict=True)
+            if gain * noise <= tuning.NOISE_OVER_COULOMB * velocity
         ]
         chosen.append(max(good, default=lowest))
     return chosen

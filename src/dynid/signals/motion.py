@@ -96,7 +96,9 @@ def runs(flags: Flags, least: int = 1) -> list[slice]:
 
     Why not scipy.ndimage: it takes as long, and importing it 0.06 s.
     """
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).view(np.int8))).tolist()
+    edges = np.flatnonzero(
+        np.diff(np.concatenate([[False], flags, [False]]).view(np.int8))
+    ).tolist()
     return [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= least]
 
 
@@ -107,7 +109,11 @@ def rest_slices(log: Log, robot: Robot) -> list[slice]:
     still = np.concatenate([np.all(np.abs(v) < slow, axis=1) for _, v in speeds(log)])
     margin = round(0.1 * log.rate)
     found = [slice(rest.start + margin, rest.stop - margin) for rest in runs(still)]
-    return [part for part in found if part.stop - part.start >= max(2, (tuning.ARM_REST_S - 0.2) * log.rate)]
+    return [
+        part
+        for part in found
+        if part.stop - part.start >= max(2, (tuning.ARM_REST_S - 0.2) * log.rate)
+    ]
 
 
 @once
@@ -174,7 +180,12 @@ def check_amount(logs: Sequence[Log], robot: Robot) -> tuple[Finding, ...]:
     if count < tuning.SWINGS_PER_PARAMETER * wanted or seconds < tuning.LEAST_MOTION_S:
         raise LogTooShort(text, where=logs[0].topic)
     return (
-        Finding("W313", "warning", f"{text}; what it does not determine comes from the prior", {"seconds": seconds}),
+        Finding(
+            "W313",
+            "warning",
+            f"{text}; what it does not determine comes from the prior",
+            {"seconds": seconds},
+        ),
     )
 
 
@@ -186,7 +197,9 @@ def sampled(t: Floats, q: Floats, rate: float = tuning.MOTION_HZ) -> Floats:
         q: positions, (N, n) [rad or m].
         rate: [Hz].
     """
-    pauses = samples_where(len(t) - 1, lambda part: np.diff(t[part.start : part.stop + 1]) > tuning.MOTION_PAUSE_S)
+    pauses = samples_where(
+        len(t) - 1, lambda part: np.diff(t[part.start : part.stop + 1]) > tuning.MOTION_PAUSE_S
+    )
     lost = np.concatenate([[0.0], np.cumsum(t[pauses + 1] - t[pauses] - tuning.MOTION_PAUSE_S)])
     ends = t[pauses + 1] - lost[1:]
     limits.check("samples", (t[-1] - lost[-1] - t[0]) * rate, "a log")
@@ -195,7 +208,9 @@ def sampled(t: Floats, q: Floats, rate: float = tuning.MOTION_HZ) -> Floats:
     for start in range(0, len(grid), tuning.MOTION_CHUNK):
         part = grid[start : start + tuning.MOTION_CHUNK]
         part = part + lost[np.searchsorted(ends, part, side="right")]
-        near = slice(max(0, int(np.searchsorted(t, part[0])) - 1), int(np.searchsorted(t, part[-1])) + 1)
+        near = slice(
+            max(0, int(np.searchsorted(t, part[0])) - 1), int(np.searchsorted(t, part[-1])) + 1
+        )
         found[start : start + tuning.MOTION_CHUNK] = np.column_stack(
             [np.interp(part, t[near], column) for column in q[near].T]
         )
@@ -222,7 +237,9 @@ def same_motion(one: Floats, other: Floats) -> bool:
     first = np.maximum(0, lags)
     count = np.minimum(len(a), lags + len(b)) - first
     for x, y in zip(a.T, b.T, strict=True):
-        squares = _sums(x, first, count) + _sums(y, first - lags, count) - 2.0 * _products(x, y)[lags]
+        squares = (
+            _sums(x, first, count) + _sums(y, first - lags, count) - 2.0 * _products(x, y)[lags]
+        )
         alike = squares < tuning.SAME_MOTION**2 * count
         if not alike.any():
             return False
@@ -251,7 +268,10 @@ def motion_numbers(motions: Sequence[Floats]) -> tuple[int, ...]:
     firsts: list[int] = []
     numbers = []
     for k, motion in enumerate(motions):
-        same = next((n for n, first in enumerate(firsts) if same_motion(motions[first], motion)), len(firsts))
+        same = next(
+            (n for n, first in enumerate(firsts) if same_motion(motions[first], motion)),
+            len(firsts),
+        )
         if same == len(firsts):
             firsts.append(k)
         numbers.append(same)

@@ -18,7 +18,17 @@ from dynid.drivers.interface import driver_of
 from dynid.errors import Finding, LogTooShort, NotFinite, RateTooLow, TimeNotIncreasing, TooManyLost
 from dynid.log import Log
 from dynid.robot import Robot
-from dynid.scratch import PIECE, USUAL, empty, filled, median, median_step, samples_where, spans, spread
+from dynid.scratch import (
+    PIECE,
+    USUAL,
+    empty,
+    filled,
+    median,
+    median_step,
+    samples_where,
+    spans,
+    spread,
+)
 from dynid.signals import tuning
 from dynid.signals.columns import take_samples
 from dynid.signals.motion import any_moves, bandwidth, moving, runs
@@ -45,7 +55,9 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
     _check_order(log)
     some = np.concatenate([np.diff(log.t[part]) for part in spread(len(log), USUAL)])
     if np.any(some > 0):
-        limits.check("rate_hz", 1.0 / float(median(some[some > 0])), log.topic or "the time of the log")
+        limits.check(
+            "rate_hz", 1.0 / float(median(some[some > 0])), log.topic or "the time of the log"
+        )
     step = steps(log.t)
     later = np.concatenate([[True], filled(len(step), lambda part: step[part] > 0)])
     repeated = int(np.sum(~later))
@@ -55,11 +67,14 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
     # Why: a sample that is stored twice leaves nothing open; two samples with one stamp do.
     if repeated - int(twice.sum()) > tuning.DUPLICATE_SHARE * len(log):
         text = f"time stands still in {repeated} of {len(log)} samples: the stamps are too coarse"
-        raise TimeNotIncreasing(text, where=log.topic, fix="write the time with more digits, or give --rate without it")
+        raise TimeNotIncreasing(
+            text, where=log.topic, fix="write the time with more digits, or give --rate without it"
+        )
     first = float(log.t[np.flatnonzero(~later)[0]])
     text = f"{repeated} samples repeat the time stamp of their predecessor, first at {first:.3f} s: dropped"
     log = with_findings(
-        take_samples(log, np.flatnonzero(later)), Finding("W311", "warning", text, {"samples": repeated})
+        take_samples(log, np.flatnonzero(later)),
+        Finding("W311", "warning", text, {"samples": repeated}),
     )
     _check_length(log)
     return log
@@ -68,7 +83,8 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
 def _check_length(log: Log) -> None:
     if len(log) < tuning.LEAST_SAMPLES:
         raise LogTooShort(
-            f"{len(log)} samples are too few: at least {tuning.LEAST_SAMPLES} are needed", where=log.topic
+            f"{len(log)} samples are too few: at least {tuning.LEAST_SAMPLES} are needed",
+            where=log.topic,
         )
 
 
@@ -80,10 +96,15 @@ def steps(t: Floats) -> Floats:
 def same_rows(x: Floats) -> NDArray[np.bool_]:
     """Return which samples of x, (N, n), equal the one before them, (N - 1,)."""
     # Why the empty one: a log of one sample has none before it.
-    return np.concatenate([
-        np.zeros(0, dtype=bool),
-        *(np.all(x[part.start + 1 : part.stop + 1] == x[part], axis=1) for part in spans(len(x) - 1)),
-    ])  # fmt: skip
+    return np.concatenate(
+        [
+            np.zeros(0, dtype=bool),
+            *(
+                np.all(x[part.start + 1 : part.stop + 1] == x[part], axis=1)
+                for part in spans(len(x) - 1)
+            ),
+        ]
+    )
 
 
 def _check_order(log: Log) -> None:
@@ -96,7 +117,9 @@ def _check_order(log: Log) -> None:
     text = f"time goes back {before - after:.3g} s at row {row + 2} (t = {before:.2f} s)"
     if len(back) > 3:
         raise TimeNotIncreasing(
-            f"{text}, and {len(back) - 1} times more: stamps are shuffled?", where=log.topic, fix="--sort-time"
+            f"{text}, and {len(back) - 1} times more: stamps are shuffled?",
+            where=log.topic,
+            fix="--sort-time",
         )
     overlap = " ".join(f"--exclude {_down(log.t[i + 1])}-{_up(log.t[i])}" for i in back)
     fix = f"leave the overlap out with {overlap}, or use --sort-time if stamps are just shuffled"
@@ -126,7 +149,10 @@ def with_even_clock(log: Log) -> Log:
     number = _sums(count, len(log))
     slope, start = _line(number, log.t)
     t = filled(len(log), lambda part: start + slope * number[part])
-    if max(float(np.abs(t[part] - log.t[part]).max()) for part in spans(len(log))) > tuning.GAP_SAMPLES * slope:
+    if (
+        max(float(np.abs(t[part] - log.t[part]).max()) for part in spans(len(log)))
+        > tuning.GAP_SAMPLES * slope
+    ):
         return log
     close = (count[:-1] == 1) & (count[1:] == 1)
     given, even = (_bend(clock, log.q, close) for clock in (log.t, t))
@@ -134,13 +160,16 @@ def with_even_clock(log: Log) -> Log:
     if not moves.any() or float(np.mean(even[moves] / given[moves])) > tuning.STRAIGHTER:
         return log
     mean = sum(float(np.sum(log.t[part] - t[part])) for part in spans(len(log))) / len(log)
-    square = sum(float(np.sum((log.t[part] - t[part] - mean) ** 2)) for part in spans(len(log))) / len(log)
+    square = sum(
+        float(np.sum((log.t[part] - t[part] - mean) ** 2)) for part in spans(len(log))
+    ) / len(log)
     late = float(np.sqrt(square))
     if late < tuning.STRAY_WORTH_SAYING * slope:
         return replace(log, t=t)
     text = f"stamps stray by {1e3 * late:.2g} ms, the samples are evenly spaced: a clock of {1 / slope:.4g} Hz is used"
     return with_findings(
-        replace(log, t=t), Finding("W323", "info", text, {"stray_s": late, "rate_hz": float(1 / slope)})
+        replace(log, t=t),
+        Finding("W323", "info", text, {"stray_s": late, "rate_hz": float(1 / slope)}),
     )
 
 
@@ -201,9 +230,13 @@ def _block_medians(x: Floats, count: int) -> Floats:
     edge = longer * (short + 1)
     blocks = x[:edge].reshape(longer, short + 1), x[edge:].reshape(-1, short)
     together = max(1, PIECE // (short + 1))
-    return np.concatenate([
-        median(every[k : k + together], axis=1) for every in blocks for k in range(0, len(every), together)
-    ])  # fmt: skip
+    return np.concatenate(
+        [
+            median(every[k : k + together], axis=1)
+            for every in blocks
+            for k in range(0, len(every), together)
+        ]
+    )
 
 
 def _bend(t: Floats, q: Floats, close: NDArray[np.bool_]) -> Floats:
@@ -249,9 +282,12 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> tuple[Findin
     for start, end in exclude:
         wanted |= (log.t[:-1] <= end) & (log.t[1:] >= start)
     pauses = samples_where(
-        len(step), lambda part: (step[part] > max(tuning.PAUSE_S, tuning.GAP_SAMPLES * usual)) & ~wanted[part]
+        len(step),
+        lambda part: (step[part] > max(tuning.PAUSE_S, tuning.GAP_SAMPLES * usual)) & ~wanted[part],
     )
-    recorded = sum(float(np.sum(step[part][step[part] <= tuning.PAUSE_S])) for part in spans(len(step)))
+    recorded = sum(
+        float(np.sum(step[part][step[part] <= tuning.PAUSE_S])) for part in spans(len(step))
+    )
     if recorded < tuning.LEAST_SEGMENT_S * (len(pauses) + 1):
         pauses = pauses[:0]
     counted = ~wanted
@@ -264,9 +300,16 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> tuple[Findin
     # Why: jitter lengthens some steps and shortens others; the mean step distinguishes lost samples from late ones.
     lost = min(lost, max(0.0, total / usual - int(counted.sum())))
     share = lost / (lost + len(log))
-    gaps = samples_where(len(step), lambda part: (step[part] > tuning.GAP_SAMPLES * usual) & ~wanted[part])
-    tops = [part.start + int(np.argmax(np.where(wanted[part], 0.0, step[part]))) for part in spans(len(step))]
-    longest = int(gaps[np.argmax(step[gaps])]) if len(gaps) else max(tops, key=lambda k: float(step[k]))
+    gaps = samples_where(
+        len(step), lambda part: (step[part] > tuning.GAP_SAMPLES * usual) & ~wanted[part]
+    )
+    tops = [
+        part.start + int(np.argmax(np.where(wanted[part], 0.0, step[part])))
+        for part in spans(len(step))
+    ]
+    longest = (
+        int(gaps[np.argmax(step[gaps])]) if len(gaps) else max(tops, key=lambda k: float(step[k]))
+    )
     where = f"longest {1000 * step[longest]:.0f} ms at {log.t[longest]:.2f} s"
     if share > tuning.LOST_SHARE:
         raise TooManyLost(
@@ -279,7 +322,11 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> tuple[Findin
         places = ", ".join(f"{step[k]:.1f} s at {log.t[k]:.2f} s" for k in pauses[:5])
         more = f" and {len(pauses) - 5} more" if len(pauses) > 5 else ""
         text = f"{log.name}: the recording pauses ({places}{more}): cut into {len(pauses) + 1} segments, not bridged"
-        evidence = {"gaps": len(gaps), "longest_s": float(step[longest]), "at_s": log.t[gaps].tolist()}
+        evidence = {
+            "gaps": len(gaps),
+            "longest_s": float(step[longest]),
+            "at_s": log.t[gaps].tolist(),
+        }
         return (Finding("W312", "warning", text, evidence),)
     evidence = {"gaps": len(gaps), "longest_s": float(step[longest]), "at_s": log.t[gaps].tolist()}
     text = f"{log.name}: {len(gaps)} {'gap' if len(gaps) == 1 else 'gaps'}, {where}: cut there, not bridged"
@@ -328,7 +375,10 @@ def without_stale(log: Log, robot: Robot) -> Log:
     # Why also at rest: the samples of a driver that holds them are as far apart there.
     kept = take_samples(log, np.flatnonzero(np.concatenate([[True], ~stale | ~_near_motion(busy)])))
     if len(kept) < tuning.LEAST_SAMPLES:
-        raise LogTooShort(f"only {len(kept)} of {len(log)} samples are not repeats of the one before", where=log.topic)
+        raise LogTooShort(
+            f"only {len(kept)} of {len(log)} samples are not repeats of the one before",
+            where=log.topic,
+        )
     new = log.rate * (1 - share)
     text = (
         f"{100 * share:.0f} % of the samples in motion repeat the one before them: they are left out; "
@@ -396,7 +446,10 @@ def _copied(keys: NDArray[np.uint64], seen: NDArray[np.uint64]) -> Flags:
     """Return which samples with such keys, (N,), are copies of earlier ones, or of those with keys that were seen."""
     copied = np.zeros(len(keys), dtype=bool)
     rising = np.sort(keys)
-    repeats = any(np.any(rising[part.start + 1 : part.stop + 1] == rising[part]) for part in spans(len(keys) - 1))
+    repeats = any(
+        np.any(rising[part.start + 1 : part.stop + 1] == rising[part])
+        for part in spans(len(keys) - 1)
+    )
     del rising
     again = np.zeros(len(keys), dtype=bool)
     if len(seen):
@@ -413,7 +466,9 @@ def _copied(keys: NDArray[np.uint64], seen: NDArray[np.uint64]) -> Flags:
 def _keys(log: Log) -> NDArray[np.uint64]:
     """Return a hash of the positions and torques of each sample, (N,)."""
     # Why: odd factors keep every bit; a sum of products over a row is a hash as good as these logs need.
-    factors = np.random.default_rng(0).integers(1, 2**63, 2 * log.n, dtype=np.uint64) * np.uint64(2) + np.uint64(1)
+    factors = np.random.default_rng(0).integers(1, 2**63, 2 * log.n, dtype=np.uint64) * np.uint64(
+        2
+    ) + np.uint64(1)
     found = empty((len(log),), np.uint64)
     for part in spans(len(log)):
         rows = np.ascontiguousarray(np.hstack([log.q[part], log.tau[part]]) + 0.0).view(np.uint64)

@@ -55,12 +55,18 @@ class Friction:
     def torque(self, qd: Floats) -> Floats:
         """Return the torque that drives need against friction, (..., n) [N m or N], at velocities [rad/s or m/s]."""
         smooth_sign = np.tanh(qd / np.array(self.velocity))
-        return np.asarray(np.array(self.viscous) * qd + np.array(self.coulomb) * smooth_sign + np.array(self.offset))
+        return np.asarray(
+            np.array(self.viscous) * qd
+            + np.array(self.coulomb) * smooth_sign
+            + np.array(self.offset)
+        )
 
     def slope(self, qd: Floats) -> Floats:
         """Return the derivative of ``torque`` by the velocity, (..., n) [N m s/rad or N s/m]."""
         steepness = 1 - np.tanh(qd / np.array(self.velocity)) ** 2
-        return np.asarray(np.array(self.viscous) + np.array(self.coulomb) / np.array(self.velocity) * steepness)
+        return np.asarray(
+            np.array(self.viscous) + np.array(self.coulomb) / np.array(self.velocity) * steepness
+        )
 
 
 class Engine(Protocol):
@@ -133,7 +139,9 @@ class BulletEngine:
     def reset(self, q: Floats, qd: Floats) -> None:
         """Put the arm at positions (n,) [rad or m] and velocities (n,) [rad/s or m/s]."""
         for joint, position, speed in zip(self._joints, q, qd, strict=True):
-            self._bullet.resetJointState(self._body, joint, float(position), float(speed), **self._server)
+            self._bullet.resetJointState(
+                self._body, joint, float(position), float(speed), **self._server
+            )
 
     def state(self) -> tuple[Floats, Floats]:
         """Return joint positions [rad or m] and velocities [rad/s or m/s], (n,) each."""
@@ -149,11 +157,16 @@ class BulletEngine:
 
     def mass_matrix(self, q: Floats) -> Floats:
         """Return the mass matrix, (n, n) [kg m^2 or kg]."""
-        return self._scale * np.array(self._bullet.calculateMassMatrix(self._body, q.tolist(), **self._server))
+        return self._scale * np.array(
+            self._bullet.calculateMassMatrix(self._body, q.tolist(), **self._server)
+        )
 
     def step(self, tau: Floats) -> None:
         """Apply torques, (n,) [N m or N], for one step of the physics."""
-        forces = {"controlMode": self._bullet.TORQUE_CONTROL, "forces": (tau / self._scale).tolist()}
+        forces = {
+            "controlMode": self._bullet.TORQUE_CONTROL,
+            "forces": (tau / self._scale).tolist(),
+        }
         self._bullet.setJointMotorControlArray(self._body, self._joints, **forces, **self._server)
         self._bullet.stepSimulation(**self._server)
 
@@ -176,14 +189,18 @@ class MujocoEngine:
         try:
             import mujoco
         except ImportError as error:
-            raise PackageMissing("neither PyBullet nor MuJoCo is installed", fix=GET_ENGINE) from error
+            raise PackageMissing(
+                "neither PyBullet nor MuJoCo is installed", fix=GET_ENGINE
+            ) from error
         try:
             self._arm = mujoco.MjModel.from_xml_string(urdf_text(without_stops(robot), bodies))
         except ValueError as error:
             raise PackageMissing(f"MuJoCo refuses the bodies of the arm: {error}") from error
         self._mujoco, options = mujoco, self._arm.opt
         options.timestep, options.gravity = dt, _world_gravity(robot)
-        options.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+        options.disableflags |= (
+            mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+        )
         self._data, self._still = mujoco.MjData(self._arm), np.zeros(robot.n)
         #: Why another: questions about other states must not disturb the motion.
         self._asked = mujoco.MjData(self._arm)
@@ -259,7 +276,9 @@ class SimulatedArm:
     ) -> None:
         self.robot = robot
         self.friction = friction or Friction.none(robot.n)
-        self.rotor_inertia = np.zeros(robot.n) if rotor_inertia is None else np.array(rotor_inertia, dtype=float)
+        self.rotor_inertia = (
+            np.zeros(robot.n) if rotor_inertia is None else np.array(rotor_inertia, dtype=float)
+        )
         self.dt, self.time, self.extra = dt, 0.0, extra
         self.engine = engine_of(robot, prior_bodies(robot) if bodies is None else bodies, dt)
         self.state, self.inverse_dynamics = self.engine.state, self.engine.inverse_dynamics
@@ -269,7 +288,10 @@ class SimulatedArm:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         """Free what the engine holds."""
         self.engine.close()
@@ -295,7 +317,9 @@ class SimulatedArm:
         if self.extra is not None:
             drive = drive - self.extra(self.time, q, qd)
         self.time += self.dt
-        qdd = np.linalg.solve(self.engine.mass_matrix(q) + np.diag(self.rotor_inertia + slope), drive - bias)
+        qdd = np.linalg.solve(
+            self.engine.mass_matrix(q) + np.diag(self.rotor_inertia + slope), drive - bias
+        )
         self.engine.step(drive - (self.rotor_inertia + slope) * qdd)
 
 
@@ -353,7 +377,9 @@ class ComputedTorque:
     frequency: float = tuning.CONTROLLER_FREQUENCY_HZ
     damping: float = 1.0
 
-    def torque(self, arm: SimulatedArm, q: Floats, qd: Floats, target: tuple[Floats, Floats, Floats]) -> Floats:
+    def torque(
+        self, arm: SimulatedArm, q: Floats, qd: Floats, target: tuple[Floats, Floats, Floats]
+    ) -> Floats:
         """Return drive torques, (n,) [N m or N], for a state and a commanded position, velocity and acceleration."""
         omega = 2 * np.pi * self.frequency
         aim = target[2] + 2 * self.damping * omega * (target[1] - qd) + omega**2 * (target[0] - q)
@@ -379,7 +405,9 @@ class SimulatedRun:
     q_ref: Floats
 
 
-def track(arm: SimulatedArm, motion: Motion, every: int = 1, controller: ComputedTorque | None = None) -> SimulatedRun:
+def track(
+    arm: SimulatedArm, motion: Motion, every: int = 1, controller: ComputedTorque | None = None
+) -> SimulatedRun:
     """Let an arm follow a motion.
 
     Args:

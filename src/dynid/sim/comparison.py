@@ -76,9 +76,15 @@ class SimulatorGap:
             [
                 {
                     "joint": joint.name,
-                    **{f"position {name}": float(f"{position[k, j]:.3g}") for k, name in enumerate(self.models)},
+                    **{
+                        f"position {name}": float(f"{position[k, j]:.3g}")
+                        for k, name in enumerate(self.models)
+                    },
                     "in": "mrad" if joint.revolute else "mm",
-                    **{f"torque {name}": float(f"{torque[k, j]:.3g}") for k, name in enumerate(self.models)},
+                    **{
+                        f"torque {name}": float(f"{torque[k, j]:.3g}")
+                        for k, name in enumerate(self.models)
+                    },
                     "unit": joint.torque_unit,
                 }
                 for j, joint in enumerate(self.robot.joints)
@@ -100,8 +106,14 @@ class SimulatorGap:
             "engine": self.engine,
             "joints": list(self.robot.joint_names),
             "models": [
-                {"name": name, "position_rms_rad": position.tolist(), "torque_rms_nm": torque.tolist()}
-                for name, position, torque in zip(self.models, self.position_rms, self.torque_rms, strict=True)
+                {
+                    "name": name,
+                    "position_rms_rad": position.tolist(),
+                    "torque_rms_nm": torque.tolist(),
+                }
+                for name, position, torque in zip(
+                    self.models, self.position_rms, self.torque_rms, strict=True
+                )
             ],
         }
 

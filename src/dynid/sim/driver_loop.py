@@ -179,7 +179,11 @@ class DriverLoop:
 
     def _step(self) -> None:
         q, qd = self.arm.state()
-        tau = np.clip(self.controller.torque(self.arm, q, qd, self.follower.step()), -self._rating, self._rating)
+        tau = np.clip(
+            self.controller.torque(self.arm, q, qd, self.follower.step()),
+            -self._rating,
+            self._rating,
+        )
         if self._steps % self.every == 0:
             self._polled = (self.now, q)
         if self._steps % self.every == self._skew:
@@ -196,13 +200,24 @@ class DriverLoop:
         if wrong.fault == "gravity-free":
             tau = tau - self.arm.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))
         self._true = tau
-        reading = tau + self._offset - self._zero + self.rng.normal(0.0, 1.0, len(tau)) * np.array(wrong.torque_noise)
+        reading = (
+            tau
+            + self._offset
+            - self._zero
+            + self.rng.normal(0.0, 1.0, len(tau)) * np.array(wrong.torque_noise)
+        )
         if self.faulty("torque"):
             reading[1] = 0.95 * (self.robot.joints[1].limits.torque or 100.0)
-        delay = wrong.latency + abs(self.rng.normal(0.0, wrong.jitter)) if wrong.jitter else wrong.latency
+        delay = (
+            wrong.latency + abs(self.rng.normal(0.0, wrong.jitter))
+            if wrong.jitter
+            else wrong.latency
+        )
         due = max(self.now + delay, self._waiting[-1][0] if self._waiting else 0.0)
         speed = qd + self.rng.normal(0.0, 1.0, len(qd)) * wrong.velocity_noise
-        measured = Measured(elapsed, _stepped(q, wrong.position_step), speed, _stepped(reading, wrong.torque_step))
+        measured = Measured(
+            elapsed, _stepped(q, wrong.position_step), speed, _stepped(reading, wrong.torque_step)
+        )
         self._waiting.append((due, measured))
 
     def _send(self, present: float, publish: Callable[[Measured], None]) -> None:
@@ -251,7 +266,12 @@ class CommandLog:
     def facts(self) -> dict[str, Any]:
         """Return how many came, in which rhythm, and how much of each limit they used."""
         if not self.times:
-            return {"commands": 0, "velocity_share": None, "acceleration_share": None, "violations": []}
+            return {
+                "commands": 0,
+                "velocity_share": None,
+                "acceleration_share": None,
+                "violations": [],
+            }
         step = np.diff(self.times)
         shares = {name: self._shares(name) for name in ("velocity", "acceleration")}
         broken = [
@@ -262,7 +282,9 @@ class CommandLog:
         ]
         return {
             "commands": len(self.times),
-            "command_rate_hz": float((len(self.times) - 1) / (self.times[-1] - self.times[0])) if len(step) else None,
+            "command_rate_hz": float((len(self.times) - 1) / (self.times[-1] - self.times[0]))
+            if len(step)
+            else None,
             "longest_interval_s": float(step.max()) if len(step) else None,
             **{f"{name}_share": self._largest(name, values) for name, values in shares.items()},
             "violations": broken,
@@ -270,10 +292,14 @@ class CommandLog:
 
     def _largest(self, name: str, shares: list[float]) -> float | None:
         """Return the largest share; None where no joint has such a limit."""
-        return max(shares) if any(getattr(joint.limits, name) for joint in self.robot.joints) else None
+        return (
+            max(shares) if any(getattr(joint.limits, name) for joint in self.robot.joints) else None
+        )
 
     def _shares(self, name: str) -> list[float]:
-        peaks = np.abs({"velocity": self.velocities, "acceleration": self.accelerations}[name]).max(axis=0)
+        peaks = np.abs({"velocity": self.velocities, "acceleration": self.accelerations}[name]).max(
+            axis=0
+        )
         limits = [getattr(joint.limits, name) or np.inf for joint in self.robot.joints]
         return [float(peak / limit) for peak, limit in zip(peaks, limits, strict=True)]
 
@@ -282,5 +308,8 @@ class CommandLog:
         kinds = {"q": self.positions, "qd": self.velocities, "qdd": self.accelerations}
         head = ["t", *(f"{kind}_{name}" for kind in kinds for name in self.robot.joint_names)]
         rows = zip(self.times, *kinds.values(), strict=True)
-        lines = [",".join(f"{value:.9g}" for value in (time, *np.concatenate(parts))) for time, *parts in rows]
+        lines = [
+            ",".join(f"{value:.9g}" for value in (time, *np.concatenate(parts)))
+            for time, *parts in rows
+        ]
         write_text(path, "\n".join([csv_row(head), *lines]) + "\n")

@@ -38,7 +38,9 @@ class Follower(ABC, Generic[T]):
         hardest_stop: ... while it braked after a stop, (n,).
     """
 
-    def __init__(self, q: Floats, dt: float, frequency: float = tuning.SMOOTHING_FREQUENCY_HZ) -> None:
+    def __init__(
+        self, q: Floats, dt: float, frequency: float = tuning.SMOOTHING_FREQUENCY_HZ
+    ) -> None:
         self.dt = dt
         self.goal, self.speed = q.copy(), np.zeros_like(q)
         self.stopped = False
@@ -93,7 +95,9 @@ class Follower(ABC, Generic[T]):
         self._count += 1
         if not self.stopped:
             self.move()
-        acceleration = self._omega**2 * (self.goal - self._q) + 2 * self._omega * (self.speed - self._qd)
+        acceleration = self._omega**2 * (self.goal - self._q) + 2 * self._omega * (
+            self.speed - self._qd
+        )
         found = self._q.copy(), self._qd.copy(), acceleration
         self._note(acceleration)
         self._qd = self._qd + self.dt * acceleration
@@ -124,7 +128,9 @@ class VelocityFollower(Follower[Floats]):
     Faster publishing fills the queue, and the arm moves on after the stream has ended.
     """
 
-    def __init__(self, q: Floats, dt: float, frequency: float = tuning.SMOOTHING_FREQUENCY_HZ) -> None:
+    def __init__(
+        self, q: Floats, dt: float, frequency: float = tuning.SMOOTHING_FREQUENCY_HZ
+    ) -> None:
         super().__init__(q, dt, frequency)
         self._wanted = np.zeros_like(q)
 
@@ -159,7 +165,9 @@ class PointFollower(Follower[tuple[Floats, Floats, float]]):
     It has no queue: a new point replaces the last one at once.
     """
 
-    def __init__(self, q: Floats, dt: float, frequency: float = tuning.SMOOTHING_FREQUENCY_HZ) -> None:
+    def __init__(
+        self, q: Floats, dt: float, frequency: float = tuning.SMOOTHING_FREQUENCY_HZ
+    ) -> None:
         super().__init__(q, dt, frequency)
         self._from = self._to = (q.copy(), np.zeros_like(q))
         self._length = self._elapsed = dt
@@ -222,5 +230,9 @@ class PointFollower(Follower[tuple[Floats, Floats, float]]):
         if s >= 1.0:
             self.goal, self.speed = b.copy(), np.zeros_like(b)
             return
-        self.goal = (1 + 2 * s) * (1 - s) ** 2 * a + s**2 * (3 - 2 * s) * b + h * s * (1 - s) * ((1 - s) * u - s * v)
+        self.goal = (
+            (1 + 2 * s) * (1 - s) ** 2 * a
+            + s**2 * (3 - 2 * s) * b
+            + h * s * (1 - s) * ((1 - s) * u - s * v)
+        )
         self.speed = 6 * s * (1 - s) * (b - a) / h + (1 - s) * (1 - 3 * s) * u + s * (3 * s - 2) * v

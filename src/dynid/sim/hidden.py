@@ -45,12 +45,23 @@ class Hidden:
 
 #: One case each, of a size that an arm like the LWR4+ can show.
 CASES = (
-    Hidden("nothing", 1, 0.0), Hidden("stribeck", 2, 0.6), Hidden("spring", 1, 1.5), Hidden("load_friction", 3, 0.03),
-    Hidden("position_friction", 2, 0.2), Hidden("torque_ripple", 3, 0.12), Hidden("end_stop", 1, 1.5),
-    Hidden("joint_coupling", 4, 0.15), Hidden("asymmetric_viscous", 2, 0.4), Hidden("presliding_hysteresis", 1, 0.5),
-    Hidden("torque_gain", 3, 0.06), Hidden("torque_delay", 1, 0.008), Hidden("torque_drift", 2, 0.4),
-    Hidden("nothing", 2, 0.0), Hidden("knock", 2, 0.6), Hidden("contact", 3, 1.0),
-)  # fmt: skip
+    Hidden("nothing", 1, 0.0),
+    Hidden("stribeck", 2, 0.6),
+    Hidden("spring", 1, 1.5),
+    Hidden("load_friction", 3, 0.03),
+    Hidden("position_friction", 2, 0.2),
+    Hidden("torque_ripple", 3, 0.12),
+    Hidden("end_stop", 1, 1.5),
+    Hidden("joint_coupling", 4, 0.15),
+    Hidden("asymmetric_viscous", 2, 0.4),
+    Hidden("presliding_hysteresis", 1, 0.5),
+    Hidden("torque_gain", 3, 0.06),
+    Hidden("torque_delay", 1, 0.008),
+    Hidden("torque_drift", 2, 0.4),
+    Hidden("nothing", 2, 0.0),
+    Hidden("knock", 2, 0.6),
+    Hidden("contact", 3, 1.0),
+)
 
 
 def law_of(hidden: Hidden, arm: SimulatedArm, rng: np.random.Generator) -> Law | None:
@@ -64,7 +75,9 @@ def law_of(hidden: Hidden, arm: SimulatedArm, rng: np.random.Generator) -> Law |
     laws: dict[str, Law] = {
         "stribeck": lambda t, q, v: a * coulomb_sign(v[j]) / (1 + (v[j] / 0.06) ** 2),
         "spring": lambda t, q, v: a * q[j] + 0.1 * a * q[j] ** 3,
-        "load_friction": lambda t, q, v: a * abs(arm.inverse_dynamics(q, v, still)[j]) * coulomb_sign(v[j]),
+        "load_friction": lambda t, q, v: (
+            a * abs(arm.inverse_dynamics(q, v, still)[j]) * coulomb_sign(v[j])
+        ),
         "position_friction": lambda t, q, v: a * math.cos(q[j] + phase) * coulomb_sign(v[j]),
         "torque_ripple": lambda t, q, v: a * math.cos(40 * q[j] + phase),
         "end_stop": lambda t, q, v: a * max(0.0, q[j] - 0.2),
@@ -138,7 +151,9 @@ def hidden_logs(
     """
     spec = SineSpec(seconds, seconds, 0.5, 0.6, 0.4, 0.05)
     logs: list[Log] = []
-    with SimulatedArm(robot, plant.bodies, plant.friction, plant.rotor_inertia, dt=tuning.HIDDEN_STEP_S) as arm:
+    with SimulatedArm(
+        robot, plant.bodies, plant.friction, plant.rotor_inertia, dt=tuning.HIDDEN_STEP_S
+    ) as arm:
         law = law_of(hidden, arm, rng)
         if law is not None:
 
@@ -156,7 +171,12 @@ def hidden_logs(
 
 
 def _log(
-    arm: SimulatedArm, motion: Motion, hidden: Hidden, plant: Plant, rng: np.random.Generator, start: float
+    arm: SimulatedArm,
+    motion: Motion,
+    hidden: Hidden,
+    plant: Plant,
+    rng: np.random.Generator,
+    start: float,
 ) -> Log:
     done = track(arm, motion)
     # Why: a torque acts from its sample to the next, so the mean of two belongs to the sample between them.
@@ -168,7 +188,15 @@ def _log(
     elif hidden.name == "torque_drift":
         tau[:, j] += hidden.size * (start + done.t) / 60
     elif hidden.name == "torque_delay":
-        tau = np.stack([np.interp(done.t - hidden.size, done.t, column) for column in tau.T], axis=1)
+        tau = np.stack(
+            [np.interp(done.t - hidden.size, done.t, column) for column in tau.T], axis=1
+        )
     every = tuning.HIDDEN_STEPS_A_SAMPLE
-    truth = SimulatedRun(done.t[::every] + start, done.q[::every], done.qd[::every], tau[::every], done.q_ref[::every])
+    truth = SimulatedRun(
+        done.t[::every] + start,
+        done.q[::every],
+        done.qd[::every],
+        tau[::every],
+        done.q_ref[::every],
+    )
     return replace(plant.sensors.measure(truth, arm.robot.joint_names, rng), dh=True)

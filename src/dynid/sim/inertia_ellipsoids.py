@@ -48,7 +48,9 @@ def draw(job: dict[str, Any], folder: Path) -> dict[str, NDArray[Any]]:
     pybullet.connect(pybullet.DIRECT)
     cameras = [_camera(pybullet, job["middle"], job["reach"], yaw) for yaw in YAWS]
     arm = pybullet.loadURDF(str(folder / job["urdf"]), useFixedBase=True)
-    index = {pybullet.getJointInfo(arm, k)[1].decode(): k for k in range(pybullet.getNumJoints(arm))}
+    index = {
+        pybullet.getJointInfo(arm, k)[1].decode(): k for k in range(pybullet.getNumJoints(arm))
+    }
     for name, value in zip(job["joints"], job["q"], strict=True):
         pybullet.resetJointState(arm, index[name], value)
     for k in range(-1, len(index)):
@@ -58,25 +60,41 @@ def draw(job: dict[str, Any], folder: Path) -> dict[str, NDArray[Any]]:
     (folder / "sphere.obj").write_text(sphere(), encoding="ascii")
     for one in job["ellipsoids"]:
         shape = pybullet.createVisualShape(
-            pybullet.GEOM_MESH, fileName=str(folder / "sphere.obj"), meshScale=one["axes"], rgbaColor=one["colour"]
+            pybullet.GEOM_MESH,
+            fileName=str(folder / "sphere.obj"),
+            meshScale=one["axes"],
+            rgbaColor=one["colour"],
         )
-        pybullet.createMultiBody(0, -1, shape, one["centre"], pybullet.getQuaternionFromEuler(one["turn"]))
+        pybullet.createMultiBody(
+            0, -1, shape, one["centre"], pybullet.getQuaternionFromEuler(one["turn"])
+        )
     before = [_shot(pybullet, camera) for camera in cameras]
     points = np.array([[*one["centre"], 1.0] for one in job["ellipsoids"]])
     found = {"labels": np.array([_projected(camera, points) for camera in cameras])}
     for name, shots in (("arm", behind), ("bodies", before)):
-        found |= {name: np.array([shot[0] for shot in shots]), f"{name}_there": np.array([shot[1] for shot in shots])}
+        found |= {
+            name: np.array([shot[0] for shot in shots]),
+            f"{name}_there": np.array([shot[1] for shot in shots]),
+        }
     return found
 
 
-def _camera(bullet: Any, middle: list[float], reach: float, yaw: float) -> tuple[list[float], list[float]]:  # noqa: ANN401
+def _camera(
+    bullet: Any,  # noqa: ANN401
+    middle: list[float],
+    reach: float,
+    yaw: float,
+) -> tuple[list[float], list[float]]:
     """Return the view and projection matrices of a camera that sees the whole arm."""
     far = reach / np.tan(np.radians(FIELD / 2))
     view = bullet.computeViewMatrixFromYawPitchRoll(middle, far, yaw, -12, 0, 2)
     return view, bullet.computeProjectionMatrixFOV(FIELD, 1.0, 0.05 * far, 3 * far)
 
 
-def _shot(bullet: Any, camera: tuple[list[float], list[float]]) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:  # noqa: ANN401
+def _shot(
+    bullet: Any,  # noqa: ANN401
+    camera: tuple[list[float], list[float]],
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     """Return a picture, (SIZE, SIZE, 3), and where something is in it, (SIZE, SIZE)."""
     light = {"lightDirection": [1, -1, 2], "shadow": 0, "renderer": bullet.ER_TINY_RENDERER}
     _, _, colours, _, things = bullet.getCameraImage(SIZE, SIZE, *camera, **light)

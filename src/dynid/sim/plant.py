@@ -53,10 +53,20 @@ class Sensors:
             rng: source of the noise.
         """
         period = float(truth.t[1] - truth.t[0])
-        jitter = np.clip(rng.normal(0.0, self.stamp_jitter, len(truth.t)), -0.45 * period, 0.45 * period)
-        q = np.round(truth.q / self.position_step) * self.position_step if self.position_step else truth.q
+        jitter = np.clip(
+            rng.normal(0.0, self.stamp_jitter, len(truth.t)), -0.45 * period, 0.45 * period
+        )
+        q = (
+            np.round(truth.q / self.position_step) * self.position_step
+            if self.position_step
+            else truth.q
+        )
         tau = truth.tau + rng.normal(0.0, 1.0, truth.tau.shape) * np.array(self.torque_noise)
-        qd = None if self.velocity_noise is None else truth.qd + rng.normal(0.0, self.velocity_noise, truth.qd.shape)
+        qd = (
+            None
+            if self.velocity_noise is None
+            else truth.qd + rng.normal(0.0, self.velocity_noise, truth.qd.shape)
+        )
         return Log(truth.t + jitter, q, tau, names, qd, tau_unit="Nm", extra={"q_ref": truth.q_ref})
 
 
@@ -85,10 +95,18 @@ class Plant:
     def parameters(self) -> dict[str, float]:
         """Return the true parameters by name: m1, mcx1, ... Izz1, Im1 of each link and fv1, fc1, fo1 of each joint."""
         found: dict[str, float] = {}
-        for i, (body, rotor) in enumerate(zip(self.bodies, self.rotor_inertia, strict=True), start=1):
+        for i, (body, rotor) in enumerate(
+            zip(self.bodies, self.rotor_inertia, strict=True), start=1
+        ):
             values = [*body.parameters().tolist(), rotor]
-            found |= {f"{name}{i}": value for name, value in zip(LINK_PARAMETERS, values, strict=True)}
-        parts = {"fv": self.friction.viscous, "fc": self.friction.coulomb, "fo": self.friction.offset}
+            found |= {
+                f"{name}{i}": value for name, value in zip(LINK_PARAMETERS, values, strict=True)
+            }
+        parts = {
+            "fv": self.friction.viscous,
+            "fc": self.friction.coulomb,
+            "fo": self.friction.offset,
+        }
         for prefix, each in parts.items():
             found |= {f"{prefix}{i}": value for i, value in enumerate(each, start=1)}
         return found
@@ -101,7 +119,9 @@ def plant_of(robot: Robot) -> Plant:
         if plant.robot == robot.slug:
             return plant
     n = robot.n
-    return Plant(robot.slug, tuple(prior_bodies(robot)), (0.0,) * n, Friction.none(n), Sensors.perfect(n))
+    return Plant(
+        robot.slug, tuple(prior_bodies(robot)), (0.0,) * n, Friction.none(n), Sensors.perfect(n)
+    )
 
 
 def read_plant(path: Path) -> Plant:
@@ -121,7 +141,9 @@ def read_plant(path: Path) -> Plant:
         sensors=Sensors(
             torque_noise=_numbers(sensors["torque_noise"], n),
             position_step=sensors["position_step"].number(),
-            velocity_noise=None if sensors["velocity_noise"].is_null else sensors["velocity_noise"].number(),
+            velocity_noise=None
+            if sensors["velocity_noise"].is_null
+            else sensors["velocity_noise"].number(),
             stamp_jitter=sensors["stamp_jitter"].number(),
         ),
     )
@@ -132,7 +154,9 @@ def _numbers(value: Value, n: int) -> tuple[float, ...]:
 
 
 def _body(value: Value) -> Body:
-    keys = value.mapping(("name", "mass", "com", "inertia_com"), required=("mass", "com", "inertia_com"))
+    keys = value.mapping(
+        ("name", "mass", "com", "inertia_com"), required=("mass", "com", "inertia_com")
+    )
     x, y, z = _numbers(keys["com"], 3)
     tensor = keys["inertia_com"].mapping(_TENSOR, required=_TENSOR)
     xx, xy, xz, yy, yz, zz = (tensor[name].number() for name in _TENSOR)

@@ -56,7 +56,9 @@ def replay(
     """
     dt = float(t[1] - t[0])
     length = max(2, round(tuning.REPLAY_WINDOW_S / dt))
-    starts = np.linspace(0, len(t) - length - 1, max(1, min(windows, (len(t) - 1) // length))).astype(int)
+    starts = np.linspace(
+        0, len(t) - length - 1, max(1, min(windows, (len(t) - 1) // length))
+    ).astype(int)
     x, v = q[starts].copy(), qd[starts].copy()
     errors = np.zeros((len(starts), robot.n))
     # Why one arm for all windows, put where each of them is: an arm of Bullet takes 30 MB and 10 ms to make.

@@ -86,7 +86,11 @@ class SimulatedDriver(ABC):
 
     def _driver_values(self, measured: Measured) -> tuple[Floats, Floats, Floats]:
         columns = self.columns
-        return columns.positions(measured.q), columns.velocities(measured.qd), columns.efforts(measured.tau)
+        return (
+            columns.positions(measured.q),
+            columns.velocities(measured.qd),
+            columns.efforts(measured.tau),
+        )
 
     def command_time(self) -> float | None:
         """Note a command and return the time, or None when the driver is deaf."""
@@ -112,8 +116,13 @@ class SimulatedKinova(SimulatedDriver):
         gravity = f"{self.namespace}/torque_parameters/publish_torque_with_gravity_compensation"
         node.rospy.set_param(gravity, loop.imperfections.fault == "gravity-free")
         node.rospy.set_param(f"{self.namespace}/status_interval_seconds", 1 / loop.rate)
-        self.subscribe(f"{self.namespace}/in/joint_velocity", kinova_message("JointVelocity"), self._velocity)
-        services = {"start": ("Start", self._start), "set_zero_torques": ("ZeroTorques", self._zero)}
+        self.subscribe(
+            f"{self.namespace}/in/joint_velocity", kinova_message("JointVelocity"), self._velocity
+        )
+        services = {
+            "start": ("Start", self._start),
+            "set_zero_torques": ("ZeroTorques", self._zero),
+        }
         services["set_torque_control_mode"] = ("SetTorqueControlMode", self._mode)
         if loop.imperfections.fault != "no-stop":
             services["stop"] = ("Stop", self._stop)
@@ -177,7 +186,9 @@ class SimulatedController(SimulatedDriver):
         super().__init__(node, loop, topic)
         self.namespace = topic.rsplit("/", 1)[0]
         trajectory = import_ros("trajectory_msgs.msg").JointTrajectory
-        self.subscribe(f"{self.namespace}/joint_trajectory_controller/command", trajectory, self._trajectory)
+        self.subscribe(
+            f"{self.namespace}/joint_trajectory_controller/command", trajectory, self._trajectory
+        )
 
     @property
     def follower(self) -> PointFollower:
@@ -271,7 +282,11 @@ class SimulatedActionServer(SimulatedController):
 
     def _cancel(self, cancel: Any) -> None:  # noqa: ANN401
         with self._turn:
-            if self._goal is None or cancel.id not in ("", self._goal.id) or self.loop.faulty("stop-fails"):
+            if (
+                self._goal is None
+                or cancel.id not in ("", self._goal.id)
+                or self.loop.faulty("stop-fails")
+            ):
                 return
             self.follower.hold()
             self._end(PREEMPTED, "cancelled")
@@ -301,21 +316,28 @@ class SimulatedLwr(SimulatedController):
         self._names = [self.columns.names[i] for i in self._order]
         self._before: tuple[float, Floats, Floats] | None = None
         if loop.imperfections.fault != "no-stop":
-            self.subscribe(f"{self.namespace}/emergency_stop", import_ros("std_msgs.msg").Bool, self._stop)
+            self.subscribe(
+                f"{self.namespace}/emergency_stop", import_ros("std_msgs.msg").Bool, self._stop
+            )
 
     def state(self, measured: Measured) -> Any:  # noqa: ANN401
         """Return the joint state as hardware_interface's std::map orders it."""
         q, _, tau = self._driver_values(measured)
         qd = self._differentiated(measured.elapsed, q)
         stamp = self._monotonic + round(measured.elapsed * 1e9)
-        return self._joint_state(self._names, stamp, *(values[self._order] for values in (q, qd, tau)))
+        return self._joint_state(
+            self._names, stamp, *(values[self._order] for values in (q, qd, tau))
+        )
 
     def _differentiated(self, elapsed: float, q: Floats) -> Floats:
         if self._before is None:
             self._before = (elapsed, q, np.zeros_like(q))
         then, old, speed = self._before
         if elapsed > then:
-            speed = tuning.FRI_SMOOTHING * (q - old) / (elapsed - then) + (1 - tuning.FRI_SMOOTHING) * speed
+            speed = (
+                tuning.FRI_SMOOTHING * (q - old) / (elapsed - then)
+                + (1 - tuning.FRI_SMOOTHING) * speed
+            )
         self._before = (elapsed, q, speed)
         return speed
 
@@ -331,5 +353,8 @@ class SimulatedLwr(SimulatedController):
 def simulated_driver(node: Node, loop: DriverLoop, topic: str) -> SimulatedDriver:
     """Return the simulation of the driver that the robot file names."""
     kind = loop.robot.driver.kind if loop.robot.driver else "generic"
-    drivers: dict[str, type[SimulatedDriver]] = {"kinova_gen2": SimulatedKinova, "lwr4plus": SimulatedLwr}
+    drivers: dict[str, type[SimulatedDriver]] = {
+        "kinova_gen2": SimulatedKinova,
+        "lwr4plus": SimulatedLwr,
+    }
     return drivers.get(kind, SimulatedActionServer)(node, loop, topic)

@@ -48,13 +48,16 @@ def sines(robot: Robot, spec: SineSpec, dt: float, rng: np.random.Generator) -> 
     window = _window(t, spec.duration)
     for _ in range(tuning.RANDOM_MOTIONS):
         shapes = [_shape(t, window, spec.period, rng) for _ in robot.joints]
-        columns = [_fitted(joint, shape, spec) for joint, shape in zip(robot.joints, shapes, strict=True)]
+        columns = [
+            _fitted(joint, shape, spec) for joint, shape in zip(robot.joints, shapes, strict=True)
+        ]
         q, qd, qdd = (np.column_stack(parts) for parts in zip(*columns, strict=True))
         coarse = max(1, round(0.05 / dt))
         if lowest_point(robot, q[::coarse]) > spec.floor:
             return Motion(t, q, qd, qdd)
     raise LimitBroken(
-        f"{tuning.RANDOM_MOTIONS} random motions all went below {spec.floor:g} m", fix="lower the floor or the reach"
+        f"{tuning.RANDOM_MOTIONS} random motions all went below {spec.floor:g} m",
+        fix="lower the floor or the reach",
     )
 
 
@@ -73,16 +76,25 @@ def _shape(
 ) -> tuple[Floats, Floats, Floats]:
     """Return one windowed sum of sines of arbitrary size with its derivatives, (N,) each."""
     omega = (
-        2 * np.pi / period * rng.choice(np.arange(1, tuning.HIGHEST_HARMONIC + 1), tuning.SINES_A_JOINT, replace=False)
+        2
+        * np.pi
+        / period
+        * rng.choice(np.arange(1, tuning.HIGHEST_HARMONIC + 1), tuning.SINES_A_JOINT, replace=False)
     )
     size = rng.uniform(0.3, 1.0, tuning.SINES_A_JOINT) / omega
     phase = np.outer(t, omega) + rng.uniform(0, 2 * np.pi, tuning.SINES_A_JOINT)
-    s, sd, sdd = np.sin(phase) @ size, np.cos(phase) @ (size * omega), -np.sin(phase) @ (size * omega**2)
+    s, sd, sdd = (
+        np.sin(phase) @ size,
+        np.cos(phase) @ (size * omega),
+        -np.sin(phase) @ (size * omega**2),
+    )
     w, wd, wdd = window
     return w * s, wd * s + w * sd, wdd * s + 2 * wd * sd + w * sdd
 
 
-def _fitted(joint: Joint, shape: tuple[Floats, Floats, Floats], spec: SineSpec) -> tuple[Floats, Floats, Floats]:
+def _fitted(
+    joint: Joint, shape: tuple[Floats, Floats, Floats], spec: SineSpec
+) -> tuple[Floats, Floats, Floats]:
     """Scale a shape to the first limit it meets, about the middle of the joint's travel."""
     limits = joint.limits
     free = tuning.FREE_TURN_RAD if joint.revolute else tuning.FREE_SLIDE_M
@@ -92,7 +104,9 @@ def _fitted(joint: Joint, shape: tuple[Floats, Floats, Floats], spec: SineSpec) 
         spec.speed * (limits.velocity or math.inf),
         spec.acceleration * (limits.acceleration or math.inf),
     )
-    scale = min(limit / float(np.abs(part).max()) for limit, part in zip(allowed, shape, strict=True))
+    scale = min(
+        limit / float(np.abs(part).max()) for limit, part in zip(allowed, shape, strict=True)
+    )
     q, qd, qdd = (scale * part for part in shape)
     return q + (lower + upper) / 2, qd, qdd
 

@@ -116,8 +116,14 @@ class Quintic:
             for order in (3, 4):
                 row = np.zeros(3 * len(self.knots))
                 for segment, length, s, sign in ((j, before, 1.0, 1), (j + 1, after, 0.0, -1)):
-                    values = _powers(np.array([s]), order)[0] @ HERMITE * np.tile([1, length, length**2], 2)
-                    row[3 * segment : 3 * segment + 6] += sign * values * (self._unit / length) ** order
+                    values = (
+                        _powers(np.array([s]), order)[0]
+                        @ HERMITE
+                        * np.tile([1, length, length**2], 2)
+                    )
+                    row[3 * segment : 3 * segment + 6] += (
+                        sign * values * (self._unit / length) ** order
+                    )
                 rows.append(row)
         return np.array(rows).reshape(-1, 3 * len(self.knots))
 
@@ -159,7 +165,9 @@ class Quintic:
         """Return the segments' polynomials in s = 0 ... 1, highest power first, (segments, 6, n) [rad or m]."""
         nodes = (self._free @ c).reshape(len(self.knots), 3, -1)
         lengths = np.diff(self.knots)[:, None, None] ** np.arange(3)[None, :, None]
-        found: Floats = HERMITE @ np.concatenate([nodes[:-1] * lengths, nodes[1:] * lengths], axis=1)
+        found: Floats = HERMITE @ np.concatenate(
+            [nodes[:-1] * lengths, nodes[1:] * lengths], axis=1
+        )
         return found
 
     def stationary(self, c: Floats, order: int = 0) -> list[Floats]:
@@ -169,7 +177,9 @@ class Quintic:
         found = []
         for j in range(c.shape[1]):
             times = [knots]
-            for start, length, polynomial in zip(knots, np.diff(knots), slopes[:, :, j], strict=False):
+            for start, length, polynomial in zip(
+                knots, np.diff(knots), slopes[:, :, j], strict=False
+            ):
                 roots = np.roots(polynomial)
                 # Why: a double root comes out as a pair with small imaginary parts; a spare time does no harm.
                 s = np.clip(roots.real[np.abs(roots.imag) < 1e-3], 0.0, 1.0)
@@ -236,7 +246,12 @@ class Fourier:
         for a, b in zip(raw[1 : h + 1].T, raw[h + 1 :].T, strict=True):
             z = (a - 1j * b) / 2 * (1j * k) ** (order + 1)
             roots = np.roots(np.concatenate([z[::-1], [0.0], np.conj(z)]))
-            times = np.angle(roots[np.abs(np.abs(roots) - 1) < 1e-3]) % (2 * np.pi) * self.period / (2 * np.pi)
+            times = (
+                np.angle(roots[np.abs(np.abs(roots) - 1) < 1e-3])
+                % (2 * np.pi)
+                * self.period
+                / (2 * np.pi)
+            )
             found.append(np.concatenate([[0.0, self.period], times]))
         return found
 

@@ -82,7 +82,9 @@ class World:
         self._things: dict[str, int] = {}
         self._room = dict(zip(self._joints, job["room"], strict=True))
         if job["floor"] is not None:
-            self._things["floor"] = self._box([-5, -5, job["floor"] - 1], [5, 5, job["floor"]], None)
+            self._things["floor"] = self._box(
+                [-5, -5, job["floor"] - 1], [5, 5, job["floor"]], None
+            )
             self._tiles(job["floor"], job["foot"], FLOOR * job["reach"] / TILES)
         for number, (lower, upper) in enumerate(job["obstacles"], start=1):
             self._things[f"obstacle {number}"] = self._box(lower, upper, (0.8, 0.45, 0.2, 0.9))
@@ -100,7 +102,9 @@ class World:
         return int(self._bullet.createMultiBody(0, shape, look, middle))
 
     def _look(self, half: list[float], color: tuple[float, ...]) -> int:
-        return int(self._bullet.createVisualShape(self._bullet.GEOM_BOX, halfExtents=half, rgbaColor=color))
+        return int(
+            self._bullet.createVisualShape(self._bullet.GEOM_BOX, halfExtents=half, rgbaColor=color)
+        )
 
     def _tiles(self, height: float, foot: list[float], side: float) -> None:
         """Lay tiles in two tones around the foot of the arm; they are seen and not felt."""
@@ -115,7 +119,9 @@ class World:
         for joint, value in zip(self._joints, (q - self._offset) * self._sign, strict=True):
             self._bullet.resetJointState(self._arm, joint, float(value))
 
-    def adopt(self, maps: list[list[list[float]]], poses: Floats, expected: Floats) -> Floats | None:
+    def adopt(
+        self, maps: list[list[list[float]]], poses: Floats, expected: Floats
+    ) -> Floats | None:
         """Take the first map from joint values to DH values under which the joint axes are those of the DH table.
 
         Args:
@@ -150,11 +156,15 @@ class World:
     def _pairs(self) -> list[tuple[int, int]]:
         """Return the pairs of links that are not joined to each other."""
         links = sorted(self._names)
-        return [(a, b) for i, a in enumerate(links) for b in links[i + 1 :] if self._parent.get(b) != a]
+        return [
+            (a, b) for i, a in enumerate(links) for b in links[i + 1 :] if self._parent.get(b) != a
+        ]
 
     def _distance(self, pair: Pair) -> float:
         """Return the distance of two links, or of a link and a thing; at most the farthest that is measured."""
-        found = self._bullet.getClosestPoints(self._arm, pair.body, tuning.FARTHEST_MEASURED_M, pair.link, pair.other)
+        found = self._bullet.getClosestPoints(
+            self._arm, pair.body, tuning.FARTHEST_MEASURED_M, pair.link, pair.other
+        )
         return min((float(row[8]) for row in found), default=tuning.FARTHEST_MEASURED_M)
 
     def pairs_to_check(self, poses: Floats, job: dict[str, Any]) -> list[Pair]:
@@ -167,7 +177,10 @@ class World:
             poses: random poses, (K, n) [rad or m].
             job: wanted distances, and how near links are in usual poses that count as always near.
         """
-        links = [Pair(f"{self._names[a]} - {self._names[b]}", self._arm, a, b, job["self"]) for a, b in self._pairs()]
+        links = [
+            Pair(f"{self._names[a]} - {self._names[b]}", self._arm, a, b, job["self"])
+            for a, b in self._pairs()
+        ]
         things = [
             Pair(f"{self._names[k]} - {name}", body, k, -1, self._wanted(job, name, k))
             for name, body in self._things.items()
@@ -234,7 +247,10 @@ class World:
             while bullet.isConnected() and (now := time.monotonic() - begin) < times[-1]:
                 self.set_pose(poses[min(int(np.searchsorted(times, now)), len(poses) - 1)])
                 time.sleep(0.01)
-            while bullet.isConnected() and not bullet.getKeyboardEvents().get(ord(" "), 0) & bullet.KEY_WAS_TRIGGERED:
+            while (
+                bullet.isConnected()
+                and not bullet.getKeyboardEvents().get(ord(" "), 0) & bullet.KEY_WAS_TRIGGERED
+            ):
                 time.sleep(0.02)
 
 
@@ -254,7 +270,10 @@ def _draw(world: World, job: dict[str, Any], times: Floats, poses: Floats) -> No
     if job["animation"]:
         frames: dict[int, tuple[float, NDArray[np.uint8]]] = {}
         for k in _coarse_to_fine(len(poses)):
-            if job["seconds"] is not None and time.monotonic() - begin > tuning.DRAWING_TIME_SHARE * job["seconds"]:
+            if (
+                job["seconds"] is not None
+                and time.monotonic() - begin > tuning.DRAWING_TIME_SHARE * job["seconds"]
+            ):
                 break
             if k not in frames:
                 frames[k] = frame(k)
@@ -281,7 +300,10 @@ def run(job_path: Path) -> None:
         times, poses, random, expected = (arrays[name] for name in ("t", "q", "random", "axes"))
     world = World(job, window=job["window"])
     errors = world.adopt(job["maps"], random[: len(expected)], expected)
-    answer: dict[str, Any] = {"axis_errors": None if errors is None else errors.tolist(), "distances": []}
+    answer: dict[str, Any] = {
+        "axis_errors": None if errors is None else errors.tolist(),
+        "distances": [],
+    }
     if errors is None and job["window"]:
         job_path.with_suffix(".ready").touch()
         world.play(times, poses)

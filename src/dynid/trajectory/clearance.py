@@ -91,7 +91,9 @@ class Capsules:
         # Why: the arm stands on the floor, but only its first link may; the others must not count as built low.
         self._lifted = ~(low & (np.arange(self.robot.n) == 0)[:, None])
         # Why: a shoulder may be built lower than the wanted distance; no motion lifts it.
-        self._above_floor = np.minimum(self.scene.distance, height.max(axis=0) - floor - tuning.BUILT_LOW_M)
+        self._above_floor = np.minimum(
+            self.scene.distance, height.max(axis=0) - floor - tuning.BUILT_LOW_M
+        )
 
     def _pair(self, k: int) -> str:
         return f"link {self._first[k] + 1} - link {self._second[k] + 1}"
@@ -107,7 +109,9 @@ class Capsules:
 
     def _random_poses(self) -> Floats:
         lower, upper = position_range(self.robot)
-        return np.random.default_rng(0).uniform(lower, upper, (tuning.CAPSULE_LEARNING_POSES, self.robot.n))
+        return np.random.default_rng(0).uniform(
+            lower, upper, (tuning.CAPSULE_LEARNING_POSES, self.robot.n)
+        )
 
     def ends(self, q: Floats) -> tuple[Floats, LinkFrames]:
         """Return both ends of all capsules in the world, (N, n, 2, 3) [m], and the frames of the links there."""
@@ -149,14 +153,18 @@ class Capsules:
                 moment[:, i] += np.cross(where[:, k], by[:, k])
 
         distance, here, there = self._pairs(points)
-        total, slope = _charge(distance, np.where(self._usual, self._wanted, self._wanted + tuning.SPARE_DISTANCE_M))
+        total, slope = _charge(
+            distance, np.where(self._usual, self._wanted, self._wanted + tuning.SPARE_DISTANCE_M)
+        )
         apart = here - there
         way = slope[..., None] * apart / np.maximum(np.linalg.norm(apart, axis=2), 1e-9)[..., None]
         push(self._first, here, way)
         push(self._second, there, -way)
         every = np.arange(n)
         if scene.floor is not None:
-            extra, slope = _charge(self._heights(points), self._above_floor + tuning.SPARE_DISTANCE_M)
+            extra, slope = _charge(
+                self._heights(points), self._above_floor + tuning.SPARE_DISTANCE_M
+            )
             total += extra
             for end in range(2):
                 push(every, points[:, :, end], slope[:, :, end, None] * np.array([0.0, 0.0, 1.0]))
@@ -178,7 +186,9 @@ class Capsules:
         """Turn forces on links and their moments about the origin into joint efforts: a joint carries what follows."""
         force, moment = (np.cumsum(x[:, ::-1], axis=1)[:, ::-1] for x in (force, moment))
         turning = np.array([joint.revolute for joint in self.robot.joints])[None, :, None]
-        effort: Floats = np.sum(frames.axis * np.where(turning, moment - np.cross(frames.point, force), force), axis=2)
+        effort: Floats = np.sum(
+            frames.axis * np.where(turning, moment - np.cross(frames.point, force), force), axis=2
+        )
         return effort
 
     def keeps_clear(self, q: Floats) -> NDArray[np.bool_]:
@@ -212,7 +222,9 @@ class Capsules:
 
         distance, usual = self._pairs(points)[0], self._usual
         # Why: links that always overlap are watched too, but the closest pair is that of the others.
-        groups = [[k] for k in np.flatnonzero(usual)] + ([np.flatnonzero(~usual)] if not usual.all() else [])
+        groups = [[k] for k in np.flatnonzero(usual)] + (
+            [np.flatnonzero(~usual)] if not usual.all() else []
+        )
         for pairs in groups:
             lack = distance[:, pairs] - self._wanted[pairs]
             k, i = np.unravel_index(lack.argmin(), lack.shape)
@@ -221,7 +233,9 @@ class Capsules:
         if self.scene.floor is not None and self._lifted.any():
             height = self._heights(points)
             k, i, end = np.unravel_index((height - self._above_floor).argmin(), height.shape)
-            note(f"link {i + 1} - floor", height[k, i, end], float(self._above_floor[i, end]), int(k))
+            note(
+                f"link {i + 1} - floor", height[k, i, end], float(self._above_floor[i, end]), int(k)
+            )
         for number, box in enumerate(self.scene.obstacles, start=1):
             distance = self._to_box(points, box)[0]
             k, i = np.unravel_index(distance.argmin(), distance.shape)

@@ -103,7 +103,9 @@ def figures(G: Floats) -> Figures:
     s = 1 / np.sqrt(np.maximum(np.diag(G), np.finfo(float).tiny))
     scaled = np.maximum(np.linalg.eigvalsh(G * np.outer(s, s)), 0.0)
     with np.errstate(divide="ignore"):
-        ratios = [float(np.sqrt(v[-1] / v[0])) if v[0] > 0 else float("inf") for v in (values, scaled)]
+        ratios = [
+            float(np.sqrt(v[-1] / v[0])) if v[0] > 0 else float("inf") for v in (values, scaled)
+        ]
     return Figures(ratios[0], ratios[1], float(np.sqrt(values[0])))
 
 

@@ -63,10 +63,14 @@ def animation(path: Path, pictures: list[Picture], traces: Traces, title: str) -
         _traces(draw, (0, _TITLE + height, width, frame.height), traces, [time])
         frames.append(frame.quantize(64))
     # Why: where time was short some pictures are missing, and the others are shown longer.
-    length = np.diff([time for time, _ in pictures], append=pictures[-1][0] * (1 + 1 / len(pictures)))
+    length = np.diff(
+        [time for time, _ in pictures], append=pictures[-1][0] * (1 + 1 / len(pictures))
+    )
     shown = np.maximum(SHOWN * length / max(length.sum(), 1e-9), LEAST).astype(int).tolist()
     with written_whole(path) as stream:
-        frames[0].save(stream, "GIF", save_all=True, append_images=frames[1:], duration=shown, loop=0)
+        frames[0].save(
+            stream, "GIF", save_all=True, append_images=frames[1:], duration=shown, loop=0
+        )
 
 
 def _save(sheet: Image.Image, path: Path) -> None:
@@ -95,4 +99,9 @@ def _traces(draw: Any, box: tuple[int, int, int, int], traces: Traces, marks: li
         draw.text((right + 8, top + 2 + j * 22), label[-22:], color, font_size=12)
     draw.text((left, bottom + 6), "0 s", "#555555", font_size=12)
     draw.text((right - 40, bottom + 6), f"{t[-1]:.1f} s", "#555555", font_size=12)
-    draw.text(((left + right) / 2 - 80, bottom + 6), "position in the joint's range", "#555555", font_size=12)
+    draw.text(
+        ((left + right) / 2 - 80, bottom + 6),
+        "position in the joint's range",
+        "#555555",
+        font_size=12,
+    )

@@ -40,8 +40,12 @@ class Bounds:
 
 def assumed_limits(robot: Robot) -> tuple[str, ...]:
     """Say which limits the robot file leaves out and what a plan takes in their place, one sentence for each kind."""
-    endless = [joint.name for joint in robot.joints if joint.revolute and joint.limits.position is None]
-    slides = [joint.name for joint in robot.joints if not joint.revolute and joint.limits.position is None]
+    endless = [
+        joint.name for joint in robot.joints if joint.revolute and joint.limits.position is None
+    ]
+    slides = [
+        joint.name for joint in robot.joints if not joint.revolute and joint.limits.position is None
+    ]
     slow = [joint.name for joint in robot.joints if joint.limits.velocity is None]
     soft = [joint.name for joint in robot.joints if joint.limits.acceleration is None]
     kinds = (
@@ -111,7 +115,9 @@ class Shaping:
 
     def random(self, rng: np.random.Generator) -> Floats:
         """Return free variables of a random motion, (size,), without unit."""
-        return np.concatenate([rng.standard_normal(self._basis.size * self._n), rng.normal(0.0, 0.5, self._n)])
+        return np.concatenate(
+            [rng.standard_normal(self._basis.size * self._n), rng.normal(0.0, 0.5, self._n)]
+        )
 
     def _split(self, x: Floats) -> tuple[Floats, Floats]:
         return x[: -self._n].reshape(-1, self._n), np.tanh(x[-self._n :])
@@ -140,7 +146,17 @@ class Shaping:
         scale = candidates[active, columns]
         middle = (U[high, columns] + U[low, columns]) / 2
         room = np.maximum(reach - scale * span, 0.0) / 2
-        self._seen = (c, offset, scale, span, middle, room, active, (high, low, fast, hard), (Ud, Udd))
+        self._seen = (
+            c,
+            offset,
+            scale,
+            span,
+            middle,
+            room,
+            active,
+            (high, low, fast, hard),
+            (Ud, Udd),
+        )
         centre = (self._limits.upper + self._limits.lower) / 2 + room * offset - scale * middle
         u, ud, udd = (phi @ c for phi in self._wanted)
         return scale * u + centre, scale * ud, scale * udd
@@ -153,7 +169,9 @@ class Shaping:
             gqd: by the velocities, (N, n) [s/rad or s/m].
             gqdd: by the accelerations, (N, n) [s^2/rad or s^2/m].
         """
-        c, offset, scale, span, middle, room, active, (high, low, fast, hard), (Ud, Udd) = self._seen
+        c, offset, scale, span, middle, room, active, (high, low, fast, hard), (Ud, Udd) = (
+            self._seen
+        )
         columns = np.arange(self._n)
         u, ud, udd = (phi @ c for phi in self._wanted)
         total = gq.sum(axis=0)
@@ -161,9 +179,16 @@ class Shaping:
         d_scale = np.sum(gq * (u - middle) + gqd * ud + gqdd * udd, axis=0) - d_room * span / 2
         d_span = -d_room * scale / 2 - np.where(active == 0, d_scale * scale / span, 0.0)
         d_middle = -scale * total
-        gradient = sum(phi.T @ (g * scale) for phi, g in zip(self._wanted, (gq, gqd, gqdd), strict=True))
-        gradient += self._fine[0][high].T * (d_span + d_middle / 2) + self._fine[0][low].T * (d_middle / 2 - d_span)
-        for kind, phi, peak, values in ((1, self._fine[1], fast, Ud), (2, self._fine[2], hard, Udd)):
+        gradient = sum(
+            phi.T @ (g * scale) for phi, g in zip(self._wanted, (gq, gqd, gqdd), strict=True)
+        )
+        gradient += self._fine[0][high].T * (d_span + d_middle / 2) + self._fine[0][low].T * (
+            d_middle / 2 - d_span
+        )
+        for kind, phi, peak, values in (
+            (1, self._fine[1], fast, Ud),
+            (2, self._fine[2], hard, Udd),
+        ):
             slope = np.where(active == kind, -d_scale * scale / values[peak, columns], 0.0)
             gradient += phi[peak].T * slope
         return np.concatenate([gradient.ravel(), total * room * (1 - offset**2)])

@@ -84,7 +84,11 @@ class LimitCheck:
 
 
 def check_trajectory(
-    trajectory: Trajectory, robot: Robot, limits: Bounds, torque: Torque | None = None, speed: float | None = None
+    trajectory: Trajectory,
+    robot: Robot,
+    limits: Bounds,
+    torque: Torque | None = None,
+    speed: float | None = None,
 ) -> LimitCheck:
     """Compare a motion with all limits.
 
@@ -104,7 +108,9 @@ def check_trajectory(
     fastest = float(moving.max())
     if speed is not None and fastest > speed * (1 + tuning.LIMIT_ROUNDING_SHARE):
         when = float(motion.t[moving.argmax()])
-        violations.append(Violation("tool", "speed", fastest, speed, when, trajectory.alpha * speed / fastest))
+        violations.append(
+            Violation("tool", "speed", fastest, speed, when, trajectory.alpha * speed / fastest)
+        )
     return LimitCheck(_peaks(trajectory, robot, limits, tau), tuple(violations), fastest)
 
 
@@ -117,7 +123,9 @@ def require_within_limits(found: LimitCheck, margin: float = 0.0) -> None:
     raise_worst(found.violations, margin, lambda alpha: f"--alpha {floor2(alpha):g}")
 
 
-def raise_worst(violations: Sequence[Violation], margin: float, slower: Callable[[float], str]) -> None:
+def raise_worst(
+    violations: Sequence[Violation], margin: float, slower: Callable[[float], str]
+) -> None:
     """Raise when there are violations.
 
     Args:
@@ -170,15 +178,26 @@ def _rates(trajectory: Trajectory, robot: Robot, limits: Bounds, order: int) -> 
     found = []
     times = trajectory.basis.stationary(trajectory.coefficients, order)
     for j, when in enumerate(times):
-        values = trajectory.basis.matrix(when, order) @ trajectory.coefficients[:, j] * trajectory.alpha**order
+        values = (
+            trajectory.basis.matrix(when, order)
+            @ trajectory.coefficients[:, j]
+            * trajectory.alpha**order
+        )
         beyond = np.maximum(values - upper[j], lower[j] - values)
         worst = int(beyond.argmax())
         if beyond[worst] > tuning.LIMIT_ROUNDING_SHARE * max(1.0, upper[j] - lower[j]):
-            value, limit = float(values[worst]), float(upper[j] if values[worst] > upper[j] else lower[j])
+            value, limit = (
+                float(values[worst]),
+                float(upper[j] if values[worst] > upper[j] else lower[j]),
+            )
             alpha = trajectory.alpha * abs(limit / value) ** (1 / order) if order else None
             shown = (abs(value), abs(limit)) if order else (value, limit)
             time = float(when[worst]) / trajectory.alpha
-            found.append(Violation(robot.joint_names[j], quantity, *shown, time, alpha, robot.joints[j].revolute))
+            found.append(
+                Violation(
+                    robot.joint_names[j], quantity, *shown, time, alpha, robot.joints[j].revolute
+                )
+            )
     return found
 
 
@@ -200,7 +219,9 @@ def _torques(
     return torque_violations(robot, limits.torque, tau, t, alpha)
 
 
-def torque_violations(robot: Robot, limit: Floats, tau: Floats, t: Floats, alpha: float | None) -> list[Violation]:
+def torque_violations(
+    robot: Robot, limit: Floats, tau: Floats, t: Floats, alpha: float | None
+) -> list[Violation]:
     """Return broken torque limits.
 
     Args:
@@ -215,7 +236,9 @@ def torque_violations(robot: Robot, limit: Floats, tau: Floats, t: Floats, alpha
     for j in np.flatnonzero(share.max(axis=0) > 1 + tuning.LIMIT_ROUNDING_SHARE).tolist():
         joint, worst = robot.joints[j], float(np.abs(tau[:, j]).max())
         time = float(t[share[:, j].argmax()])
-        found.append(Violation(joint.name, "torque", worst, float(limit[j]), time, alpha, joint.revolute))
+        found.append(
+            Violation(joint.name, "torque", worst, float(limit[j]), time, alpha, joint.revolute)
+        )
     return found
 
 
@@ -242,13 +265,19 @@ def fitting_alpha(path: Motion, limit: Floats, torque: Torque, high: float = 1.0
     return float(low)
 
 
-def _peaks(trajectory: Trajectory, robot: Robot, limits: Bounds, tau: Floats | None) -> tuple[Peak, ...]:
+def _peaks(
+    trajectory: Trajectory, robot: Robot, limits: Bounds, tau: Floats | None
+) -> tuple[Peak, ...]:
     low, high = trajectory.extrema(0)
     rates = [np.abs(trajectory.extrema(order)).max(axis=0) for order in (1, 2)]
     middle, half = (limits.upper + limits.lower) / 2, (limits.upper - limits.lower) / 2
     position = np.where(high - middle > middle - low, high, low)
     torque = None if tau is None else np.abs(tau).max(axis=0)
-    shares = [np.abs(position - middle) / half, rates[0] / limits.velocity, rates[1] / limits.acceleration]
+    shares = [
+        np.abs(position - middle) / half,
+        rates[0] / limits.velocity,
+        rates[1] / limits.acceleration,
+    ]
     if torque is not None:
         shares.append(torque / limits.torque)
     share = np.max(shares, axis=0)

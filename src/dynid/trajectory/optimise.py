@@ -85,7 +85,10 @@ Send = Callable[[tuple[int, BestMotion | None]], None]
 
 
 def optimise(
-    problem: PlanProblem, search: PlanOptions, progress: Progress = SILENT, limit: float | None = None
+    problem: PlanProblem,
+    search: PlanOptions,
+    progress: Progress = SILENT,
+    limit: float | None = None,
 ) -> SearchOutcome:
     """Search for the motion of least cost; Ctrl-C ends the search and keeps what was found.
 
@@ -135,7 +138,9 @@ def optimise(
     for start, met in best.items():
         shaping = Shaping(problem.basis, problem.of_start(start).limits, np.zeros(1))
         found.append(MotionCandidate(met.value, shaping.coefficients(met.x), start, met.evaluation))
-    return SearchOutcome(tuple(sorted(found, key=lambda one: (one.value, one.start))), len(finished), ended)
+    return SearchOutcome(
+        tuple(sorted(found, key=lambda one: (one.value, one.start))), len(finished), ended
+    )
 
 
 def _require_met(replay: tuple[int, int], best: dict[int, BestMotion]) -> None:
@@ -171,7 +176,9 @@ def _workers(
     count = max(1, min(search.processes or os.cpu_count() or 1, search.restarts, most))
     running: list[children.Worker] = []
     try:
-        running += [children.Worker(_search, (problem, search, k, count), reports) for k in range(count)]
+        running += [
+            children.Worker(_search, (problem, search, k, count), reports) for k in range(count)
+        ]
         yield reports, running
     finally:
         for worker in running:
@@ -197,7 +204,9 @@ def _search(
         if lane % step == first:
             objective = ExcitationObjective(problem.of_start(start))
             x = start_variables(objective, search.seed, start)
-            best[lane] = min(best[lane], descend(objective, x, best[lane], _Report(start, send)).value)
+            best[lane] = min(
+                best[lane], descend(objective, x, best[lane], _Report(start, send)).value
+            )
             send((start, None))
 
 
@@ -246,7 +255,9 @@ def descend(
     seen = BestMotion(np.inf, x, 0)
     count = 0
 
-    def measured(x: Floats, power: float, ease: float, *, last_of_stage: bool = False) -> tuple[float, Floats]:
+    def measured(
+        x: Floats, power: float, ease: float, *, last_of_stage: bool = False
+    ) -> tuple[float, Floats]:
         nonlocal seen, count
         if count == last:
             raise _Enough
@@ -266,7 +277,10 @@ def descend(
 
 
 def _stages(
-    measured: Callable[..., tuple[float, Floats]], x: Floats, hopeless: Callable[[], bool], smooth: bool
+    measured: Callable[..., tuple[float, Floats]],
+    x: Floats,
+    hopeless: Callable[[], bool],
+    smooth: bool,
 ) -> None:
     """Minimise through the stages of a cost."""
     from scipy.optimize import minimize
@@ -275,5 +289,7 @@ def _stages(
         if np.isinf(power) and not smooth and hopeless():
             return
         options = {"maxiter": iterations, "maxcor": 20}
-        x = minimize(measured, x, args=(power, ease), jac=True, method="L-BFGS-B", options=options).x
+        x = minimize(
+            measured, x, args=(power, ease), jac=True, method="L-BFGS-B", options=options
+        ).x
         measured(x, np.inf, ease, last_of_stage=True)

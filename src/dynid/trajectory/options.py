@@ -21,7 +21,10 @@ PAPER_WEIGHTS = (1.0, 100.0)
 def numbers(value: Any, count: int, name: str) -> list[float]:  # noqa: ANN401
     """Return ``count`` numbers, written with commas or given as a sequence."""
     try:
-        found = [float(part) for part in (str(value).split(",") if isinstance(value, (str, float, int)) else value)]
+        found = [
+            float(part)
+            for part in (str(value).split(",") if isinstance(value, (str, float, int)) else value)
+        ]
     except (TypeError, ValueError):
         found = []
     if len(found) != count or not all(abs(x) <= MOST for x in found):
@@ -35,7 +38,10 @@ def _weights(value: Any, name: str) -> tuple[float, float] | None:  # noqa: ANN4
         return None
     first, second = numbers(value, 2, name)
     if first < 0 or second < 0 or first + second < LEAST:
-        raise WrongUsage(f"{name} '{value}' are not weights", fix=f"such as {name} 1,100: none below 0, not both 0")
+        raise WrongUsage(
+            f"{name} '{value}' are not weights",
+            fix=f"such as {name} 1,100: none below 0, not both 0",
+        )
     return first, second
 
 
@@ -44,7 +50,10 @@ def _replay(value: Any, name: str) -> tuple[int, int] | None:  # noqa: ANN401
         return value
     start, _, evaluation = str(value).partition(":")
     if whole_number(start) < 0 or whole_number(evaluation) < 1:
-        raise WrongUsage(f"{name} '{value}' is not START:N", fix=f"copy what the search printed, such as {name} 3:412")
+        raise WrongUsage(
+            f"{name} '{value}' is not START:N",
+            fix=f"copy what the search printed, such as {name} 3:412",
+        )
     return int(start), int(evaluation)
 
 
@@ -88,17 +97,25 @@ def _noise(value: Any, name: str) -> tuple[float, ...] | None:  # noqa: ANN401
 class PlanOptions(Options):
     """What is wanted of a motion."""
 
-    alpha: float = option(0.2, "Speed factor of the run: the motion takes duration / alpha, at velocities times alpha.")
+    alpha: float = option(
+        0.2,
+        "Speed factor of the run: the motion takes duration / alpha, at velocities times alpha.",
+    )
     duration: float = option(60.0, "Length of the motion at full speed [s].", bounds=(1, 3600))
-    segments: int = option(20, "Number of quintic segments, or of harmonics of a Fourier series.", bounds=(2, 200))
+    segments: int = option(
+        20, "Number of quintic segments, or of harmonics of a Fourier series.", bounds=(2, 200)
+    )
     basis: str = option("quintic", "Family of motions.", choices=FAMILIES, shown="")
-    optimise: bool = option(True, "Search for a good motion, or take a random one.", pair=True, shown="")
+    optimise: bool = option(
+        True, "Search for a good motion, or take a random one.", pair=True, shown=""
+    )
     cost: str = option(
         "i",
         "What the search makes small: the expected torque error on other motions (i), the volume of the error "
         "ellipsoid (d), the condition number, or the cost of the paper's Eq. 14.",
-        choices=COSTS, shown="",
-    )  # fmt: skip
+        choices=COSTS,
+        shown="",
+    )
     normalise: bool = option(
         False,
         "Scale the columns to equal length in the cost, or take them as they are.",
@@ -107,36 +124,65 @@ class PlanOptions(Options):
         shown="",
     )
     weights: tuple[float, float] | None = option(
-        None, "Weights of the paper's Eq. 14; they choose --cost paper.", metavar="L1,L2", read=_weights
+        None,
+        "Weights of the paper's Eq. 14; they choose --cost paper.",
+        metavar="L1,L2",
+        read=_weights,
     )
     restarts: int = option(
-        5, "Number of starts of the search; when all finish, equal seeds give equal plans.", kind="count", shown=""
+        5,
+        "Number of starts of the search; when all finish, equal seeds give equal plans.",
+        kind="count",
+        shown="",
     )
-    seconds: float = option(60.0, "Time limit of the search [s]; the best motion so far is kept.", bounds=(0.1, 1e6))
+    seconds: float = option(
+        60.0, "Time limit of the search [s]; the best motion so far is kept.", bounds=(0.1, 1e6)
+    )
     replay: tuple[int, int] | None = option(
-        None, "Make the plan again that a search of this seed ended with.", metavar="START:N", read=_replay
+        None,
+        "Make the plan again that a search of this seed ended with.",
+        metavar="START:N",
+        read=_replay,
     )
-    margin: float = option("10%", "Share of every limit that stays free.", metavar="SHARE", shown="", read=_margin)
+    margin: float = option(
+        "10%", "Share of every limit that stays free.", metavar="SHARE", shown="", read=_margin
+    )
     tool_speed: float | None = option(None, "Largest speed of the tool [m/s].", kind="positive")
-    floor: float | None = option("0", "Height of the floor in the world [m].", metavar="Z|none", shown="", read=_floor)
+    floor: float | None = option(
+        "0", "Height of the floor in the world [m].", metavar="Z|none", shown="", read=_floor
+    )
     obstacles: tuple[Box, ...] = option(
-        (), "Box x0,y0,z0,x1,y1,z1 in the world [m] that no link may touch; may be repeated.",
-        metavar="BOX", repeatable=True, flag="--obstacle", read=_boxes,
-    )  # fmt: skip
+        (),
+        "Box x0,y0,z0,x1,y1,z1 in the world [m] that no link may touch; may be repeated.",
+        metavar="BOX",
+        repeatable=True,
+        flag="--obstacle",
+        read=_boxes,
+    )
     workspace: Box | None = option(
-        None, "Box x0,y0,z0,x1,y1,z1 in the world [m] that the tool stays in.", metavar="BOX", read=_box
+        None,
+        "Box x0,y0,z0,x1,y1,z1 in the world [m] that the tool stays in.",
+        metavar="BOX",
+        read=_box,
     )
     noise: tuple[float, ...] | None = option(
-        None, "Standard deviation of the torques [N m], one number or one per joint (default: the robot file's, or "
+        None,
+        "Standard deviation of the torques [N m], one number or one per joint (default: the robot file's, or "
         "0.3 % of the rating).",
-        metavar="NM[,NM...]", read=_noise,
-    )  # fmt: skip
+        metavar="NM[,NM...]",
+        read=_noise,
+    )
     rate: float = option(100.0, "Rate of the samples and of the coming log [Hz].", bounds=(1, 2000))
     select: float | None = option(
-        None, "Choose measurement points with this threshold (Eq. 16).", metavar="ETA", kind="positive"
+        None,
+        "Choose measurement points with this threshold (Eq. 16).",
+        metavar="ETA",
+        kind="positive",
     )
     seed: int = option(0, "Seed of every random choice.")
-    processes: int | None = option(None, "Number of processes that search (default: one per core, 8 at most).")
+    processes: int | None = option(
+        None, "Number of processes that search (default: one per core, 8 at most)."
+    )
 
     @property
     def scene(self) -> Scene:

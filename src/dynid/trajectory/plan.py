@@ -60,7 +60,9 @@ class Trajectory:
         values = np.empty((3, len(t), self.coefficients.shape[1]))
         for part in (slice(k, k + BLOCK) for k in range(0, len(t), BLOCK)):
             for order in range(3):
-                values[order, part] = self.basis.matrix(s[part], order) @ self.coefficients * self.alpha**order
+                values[order, part] = (
+                    self.basis.matrix(s[part], order) @ self.coefficients * self.alpha**order
+                )
         return Motion(t, *values)
 
     def sampled(self, rate: float) -> Motion:
@@ -121,7 +123,10 @@ def _needed(trajectory: Trajectory, limits: Bounds, lengths: Floats) -> Floats:
     factor = np.zeros(len(lengths))
     for order, limit in ((1, limits.velocity), (2, limits.acceleration)):
         for j, times in enumerate(trajectory.basis.stationary(trajectory.coefficients, order)):
-            values = np.abs(trajectory.basis.matrix(times, order) @ trajectory.coefficients[:, j]) / limit[j]
+            values = (
+                np.abs(trajectory.basis.matrix(times, order) @ trajectory.coefficients[:, j])
+                / limit[j]
+            )
             # Why: a peak at a waypoint belongs to both of its intervals.
             for side in ("left", "right"):
                 segment = np.clip(np.searchsorted(knots, times, side=side) - 1, 0, len(lengths) - 1)

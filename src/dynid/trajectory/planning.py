@@ -86,7 +86,9 @@ class PlanningContext:
 
     def check(self, trajectory: Trajectory) -> LimitCheck:
         """Return what a motion uses of the limits."""
-        return check_trajectory(trajectory, self.robot, self.limits, self.torque, self.options.tool_speed)
+        return check_trajectory(
+            trajectory, self.robot, self.limits, self.torque, self.options.tool_speed
+        )
 
 
 def planning_context(
@@ -129,7 +131,12 @@ def plan_problem(context: PlanningContext) -> PlanProblem:
     """Return the search problem of what is wanted."""
     options = context.options
     kind = "paper" if options.weights else options.cost
-    cost = Cost(kind, options.normalise, options.weights or PAPER_WEIGHTS, context.other if kind == "i" else None)
+    cost = Cost(
+        kind,
+        options.normalise,
+        options.weights or PAPER_WEIGHTS,
+        context.other if kind == "i" else None,
+    )
     return PlanProblem(
         context.base.model,
         context.base.reduction.base,
@@ -171,7 +178,9 @@ def collision_free_range(context: PlanningContext, *, passable: bool = False) ->
     around = unit * np.minimum(half, tuning.RANGE_MIDDLE_REACH_RAD)
     lower, upper = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
     middles = rng.uniform(lower, upper, (tuning.RANGE_MIDDLES, len(half)))
-    middle = middles[int(np.argmax([capsules.keeps_clear(pose + around).mean() for pose in middles]))]
+    middle = middles[
+        int(np.argmax([capsules.keeps_clear(pose + around).mean() for pose in middles]))
+    ]
     share = float(capsules.keeps_clear(middle + unit * half).mean())
     while share < tuning.CLEAR_POSES_SHARE and half.max() > tuning.NARROWEST_HALF_RANGE:
         tried = []
@@ -184,7 +193,11 @@ def collision_free_range(context: PlanningContext, *, passable: bool = False) ->
 
 
 def _around(limits: Bounds, middle: Floats, half: Floats) -> Bounds:
-    return replace(limits, lower=np.maximum(middle - half, limits.lower), upper=np.minimum(middle + half, limits.upper))
+    return replace(
+        limits,
+        lower=np.maximum(middle - half, limits.lower),
+        upper=np.minimum(middle + half, limits.upper),
+    )
 
 
 def _passable(capsules: Capsules, middle: Floats, half: Floats) -> Floats:
@@ -197,7 +210,9 @@ def _passable(capsules: Capsules, middle: Floats, half: Floats) -> Floats:
     half = half.copy()
     while half.max() > tuning.NARROWEST_HALF_RANGE:
         clear = capsules.keeps_clear(middle + unit * half)
-        least = np.array([min(clear[at == k].mean() for k in range(tuning.RANGE_SLICES)) for at in slices.T])
+        least = np.array(
+            [min(clear[at == k].mean() for k in range(tuning.RANGE_SLICES)) for at in slices.T]
+        )
         worst = int(np.argmin(np.where(half > tuning.NARROWEST_HALF_RANGE, least, np.inf)))
         if least[worst] >= tuning.PASSABLE_SHARE:
             break
@@ -249,7 +264,9 @@ def proposals(context: PlanningContext, found: SearchOutcome | None) -> Iterator
     for share in tuning.SHRINK_SHARES:
         for one in candidates:
             drawn = share * one.coefficients + (1 - share) * np.outer(basis.constant, home)
-            yield Proposal(Trajectory(basis, drawn, options.alpha), one.start, one.evaluation or None, share)
+            yield Proposal(
+                Trajectory(basis, drawn, options.alpha), one.start, one.evaluation or None, share
+            )
 
 
 def _random(context: PlanningContext, basis: Basis) -> Iterator[MotionCandidate]:
@@ -264,7 +281,10 @@ def clear_pose(context: PlanningContext) -> Floats:
     rng = np.random.default_rng(0)
     lower, upper = np.maximum(context.limits.lower, -np.pi), np.minimum(context.limits.upper, np.pi)
     q = rng.uniform(lower, upper, (tuning.CLEAR_POSES, len(lower)))
-    room = [min((c.distance - c.wanted for c in context.capsules.contacts(pose[None])), default=0.0) for pose in q]
+    room = [
+        min((c.distance - c.wanted for c in context.capsules.contacts(pose[None])), default=0.0)
+        for pose in q
+    ]
     return np.asarray(q[int(np.argmax(room))])
 
 
@@ -290,7 +310,9 @@ def _capsules_clear(context: PlanningContext, trajectory: Trajectory) -> Distanc
     Raises:
         Collision: contact of the arm's capsules.
     """
-    found = capsule_distances(context.capsules, trajectory.sampled(tuning.CONTACT_RATE_HZ * trajectory.alpha))
+    found = capsule_distances(
+        context.capsules, trajectory.sampled(tuning.CONTACT_RATE_HZ * trajectory.alpha)
+    )
     require_clear((*found.least, *found.usual), fix=clearance_fix(context.robot, guessed=True))
     return found
 
@@ -339,7 +361,9 @@ def require_clear_motion(
     """
     try:
         with urdf_of(context.robot, urdf) as shapes:
-            return _judged_by_bullet(context, trajectory, shapes, drawing, progress, given=given, guessed=urdf is None)
+            return _judged_by_bullet(
+                context, trajectory, shapes, drawing, progress, given=given, guessed=urdf is None
+            )
     except PackageMissing:
         if drawing.needed:
             raise
@@ -352,7 +376,9 @@ def require_clear_motion(
     if (path := drawing.picture) is not None and (sketch := drawing.sketch) is not None:
         still = replace(drawing, animation=None)
         pictures = _drawn(
-            still, lambda: sketch(path, trajectory, context.capsules, found.least, drawing.title), progress
+            still,
+            lambda: sketch(path, trajectory, context.capsules, found.least, drawing.title),
+            progress,
         )
     what = "the picture is a drawing" if pictures else "nothing was drawn"
     text = f"PyBullet is missing: distances are those of capsules along the links, {what}"
@@ -360,15 +386,23 @@ def require_clear_motion(
 
 
 def _judged_by_bullet(
-    context: PlanningContext, trajectory: Trajectory, shapes: Path, drawing: Drawing, progress: Progress, *,
-    given: bool, guessed: bool,
-) -> Clearance:  # fmt: skip
+    context: PlanningContext,
+    trajectory: Trajectory,
+    shapes: Path,
+    drawing: Drawing,
+    progress: Progress,
+    *,
+    given: bool,
+    guessed: bool,
+) -> Clearance:
     """Return what PyBullet measures, with pictures, which take seconds, of a motion that keeps clear or was given."""
     robot, scene = context.robot, context.options.scene
     found = measure_trajectory(trajectory, robot, shapes, scene, guessed=guessed)
 
     def pictures() -> tuple[Path, ...]:
-        return _drawn(drawing, lambda: draw_trajectory(trajectory, robot, shapes, scene, drawing), progress)
+        return _drawn(
+            drawing, lambda: draw_trajectory(trajectory, robot, shapes, scene, drawing), progress
+        )
 
     try:
         picture = drawing.picture if given else None
@@ -442,4 +476,6 @@ def first_accepted(
             return candidate, judge(candidate.trajectory)
         except (LimitBroken, Collision) as error:
             reason = error
-    raise reason or LimitBroken("the search found no motion", fix="give it more time with --seconds")
+    raise reason or LimitBroken(
+        "the search found no motion", fix="give it more time with --seconds"
+    )

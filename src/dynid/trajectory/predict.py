@@ -25,7 +25,9 @@ def default_noise(robot: Robot) -> Floats:
     if robot.torque.noise is not None:
         return np.array(robot.torque.noise)
     share, otherwise = tuning.NOISE_SHARE_OF_RATING, tuning.NOISE_WITHOUT_RATING
-    return np.array([share * j.limits.torque if j.limits.torque else otherwise for j in robot.joints])
+    return np.array(
+        [share * j.limits.torque if j.limits.torque else otherwise for j in robot.joints]
+    )
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,12 @@ class Prediction:
 
 
 def predict(
-    model: Model, columns: NDArray[np.intp], motion: Motion, noise: Floats, other: Floats, known: Floats | None = None
+    model: Model,
+    columns: NDArray[np.intp],
+    motion: Motion,
+    noise: Floats,
+    other: Floats,
+    known: Floats | None = None,
 ) -> Prediction:
     """Predict the errors of weighted least squares on a log of a motion.
 
@@ -66,7 +73,9 @@ def predict(
     return Prediction(figures(raw), std_error, float(error), total)
 
 
-def information_of(model: Model, columns: NDArray[np.intp], motion: Motion, noise: Floats) -> tuple[Floats, Floats]:
+def information_of(
+    model: Model, columns: NDArray[np.intp], motion: Motion, noise: Floats
+) -> tuple[Floats, Floats]:
     """Return W^T W of a motion, unweighted and in units of the noise, (p, p) each.
 
     Args:
@@ -99,7 +108,11 @@ def _inverse(G: Floats) -> tuple[Floats, NDArray[np.bool_]]:
 
 
 def held_out(
-    model: Model, columns: NDArray[np.intp], limits: Bounds, seed: int = 0, motions: int = tuning.OTHER_MOTIONS
+    model: Model,
+    columns: NDArray[np.intp],
+    limits: Bounds,
+    seed: int = 0,
+    motions: int = tuning.OTHER_MOTIONS,
 ) -> Floats:
     """Return the mean of P^T P over random motions inside the limits that the model shall predict, (p, p) [(N m)^2]."""
     observer = model.observer(columns)
@@ -134,9 +147,15 @@ class AlphaRow:
 
 
 def alpha_table(
-    trajectory: Trajectory, model: Model, columns: NDArray[np.intp], noise: Floats, other: Floats,
-    samples: int, known: Floats | None = None, alphas: Sequence[float] = tuning.RECOMMENDED_ALPHAS,
-) -> tuple[AlphaRow, ...]:  # fmt: skip
+    trajectory: Trajectory,
+    model: Model,
+    columns: NDArray[np.intp],
+    noise: Floats,
+    other: Floats,
+    samples: int,
+    known: Floats | None = None,
+    alphas: Sequence[float] = tuning.RECOMMENDED_ALPHAS,
+) -> tuple[AlphaRow, ...]:
     """Return what each speed factor costs, for logs of equally many samples as the motion at full speed has.
 
     A slower run of the same rate has more samples; they hardly help, since what it does not show it shows nowhere.
@@ -161,7 +180,11 @@ def alpha_table(
         found = predict(model, columns, motion, noise, other, known)
         rows.append(
             AlphaRow(
-                alpha, slowed.duration, found.torque_error, found.figures.condition, found.figures.condition_scaled
+                alpha,
+                slowed.duration,
+                found.torque_error,
+                found.figures.condition,
+                found.figures.condition_scaled,
             )
         )
     return tuple(rows)

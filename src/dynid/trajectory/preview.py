@@ -102,19 +102,28 @@ def measure_trajectory(
     return measure_poses(*_poses(trajectory), robot, urdf, scene, guessed=guessed)
 
 
-def measure_poses(t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, *, guessed: bool = False) -> Distances:
+def measure_poses(
+    t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, *, guessed: bool = False
+) -> Distances:
     """Measure distances at poses in DH values, (N, n) [rad or m], at times (N,) [s]; see ``measure_trajectory``."""
     near = scene.self_distance if guessed else 0.0
     with _job(t, q, robot, urdf, scene, None, near=near) as job:
         rows = _answer(robot, job, urdf)["distances"]
     found = [
-        (row["usual"], Distance(row["pair"], row["distance_m"], float(t[row["index"]]), row["wanted_m"]))
+        (
+            row["usual"],
+            Distance(row["pair"], row["distance_m"], float(t[row["index"]]), row["wanted_m"]),
+        )
         for row in rows
     ]
-    return Distances(*(tuple(one for usual, one in found if usual is kind) for kind in (False, True)))
+    return Distances(
+        *(tuple(one for usual, one in found if usual is kind) for kind in (False, True))
+    )
 
 
-def draw_trajectory(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, drawing: Drawing) -> None:
+def draw_trajectory(
+    trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene, drawing: Drawing
+) -> None:
     """Draw a motion; its pictures are written whole or not at all.
 
     Raises:
@@ -134,9 +143,14 @@ def _answer(robot: Robot, job: Path, urdf: Path) -> dict[str, Any]:
     log = job.with_suffix(".log")
     with log.open("wb") as stream:
         child = subprocess.run(
-            _command(job), stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, env=children.environment(),
-            timeout=tuning.DRAWING_TIMEOUT_S, check=False,
-        )  # fmt: skip
+            _command(job),
+            stdin=subprocess.DEVNULL,
+            stdout=stream,
+            stderr=stream,
+            env=children.environment(),
+            timeout=tuning.DRAWING_TIMEOUT_S,
+            check=False,
+        )
     answer = job.with_suffix(".answer")
     if not answer.is_file():
         raise _failure(child.returncode, log.read_text(errors="replace"), urdf)
@@ -212,7 +226,11 @@ def window(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene) -> It
         job.with_suffix(".log").open("wb") as stream,
     ):
         child = subprocess.Popen(
-            _command(job), stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, env=children.environment()
+            _command(job),
+            stdin=subprocess.DEVNULL,
+            stdout=stream,
+            stderr=stream,
+            env=children.environment(),
         )
         try:
             _await(child, job)
@@ -227,7 +245,9 @@ def _await(child: subprocess.Popen[bytes], job: Path) -> None:
     begin = time.monotonic()
     while not job.with_suffix(".ready").exists():
         if child.poll() is not None or time.monotonic() - begin > tuning.WINDOW_TIMEOUT_S:
-            raise NoDisplay("PyBullet could not open its window", why=job.with_suffix(".log").read_text()[-300:])
+            raise NoDisplay(
+                "PyBullet could not open its window", why=job.with_suffix(".log").read_text()[-300:]
+            )
         time.sleep(0.05)
 
 
@@ -238,16 +258,30 @@ def has_display() -> bool:
 
 def _poses(trajectory: Trajectory) -> tuple[Floats, Floats]:
     """Return times and poses that are measured, (N,) and (N, n)."""
-    count = int(np.clip(tuning.MEASURED_RATE_HZ * trajectory.basis.duration, 2, tuning.MOST_MEASURED_POSES)) + 1
+    count = (
+        int(
+            np.clip(
+                tuning.MEASURED_RATE_HZ * trajectory.basis.duration, 2, tuning.MOST_MEASURED_POSES
+            )
+        )
+        + 1
+    )
     t = np.linspace(0.0, trajectory.duration, count)
     return t, trajectory.motion(t).q
 
 
 @contextmanager
 def _job(
-    t: Floats, q: Floats, robot: Robot, urdf: Path, scene: Scene, drawing: Drawing | None, *,
-    near: float | None = None, window: bool = False,
-) -> Iterator[Path]:  # fmt: skip
+    t: Floats,
+    q: Floats,
+    robot: Robot,
+    urdf: Path,
+    scene: Scene,
+    drawing: Drawing | None,
+    *,
+    near: float | None = None,
+    window: bool = False,
+) -> Iterator[Path]:
     """Write a job for the child into a folder that is removed afterwards: to measure, to draw, or to show a window.
 
     Args:
@@ -275,7 +309,9 @@ def _job(
         "camera": _camera(robot, q),
         "room": Capsules(robot, scene).room(),
         "title": drawing.title if drawing else "",
-        "seconds": drawing.until - time.monotonic() if drawing and drawing.until is not None else None,
+        "seconds": drawing.until - time.monotonic()
+        if drawing and drawing.until is not None
+        else None,
         "window": window,
         "measure": near is not None,
         "near": near,
@@ -297,7 +333,9 @@ def _job(
 
 def _camera(robot: Robot, q: Floats) -> tuple[list[float], float]:
     """Return what the camera looks at and from how far, so that the arm fills the picture and never leaves it."""
-    origins = link_frames(robot, q[:: max(1, len(q) // tuning.CAMERA_POSES)], world=True).p.reshape(-1, 3)
+    origins = link_frames(robot, q[:: max(1, len(q) // tuning.CAMERA_POSES)], world=True).p.reshape(
+        -1, 3
+    )
     points = np.vstack([origins, [robot.base_xyz]])
     yaw, pitch = np.radians([YAW, PITCH])
     ahead = np.array([-np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch), np.sin(pitch)])
@@ -305,7 +343,9 @@ def _camera(robot: Robot, q: Floats) -> tuple[list[float], float]:
     axes = np.array([right, np.cross(right, ahead), ahead])
     seen = points @ axes.T
     middle = (seen.max(axis=0) + seen.min(axis=0)) / 2
-    opening = tuning.CAMERA_FILLED_SHARE * np.tan(np.radians(VIEW / 2)) * np.array([WIDTH / HEIGHT, 1.0])
+    opening = (
+        tuning.CAMERA_FILLED_SHARE * np.tan(np.radians(VIEW / 2)) * np.array([WIDTH / HEIGHT, 1.0])
+    )
     away = np.abs(seen - middle)[:, :2] / opening - (seen - middle)[:, 2:]
     return (middle @ axes).tolist(), float(max(away.max(), 0.3))
 
@@ -317,10 +357,16 @@ def _urdf_joints(urdf: Path) -> list[str]:
     try:
         root = ET.fromstring(limits.read_bytes(urdf, "urdf_bytes"))
     except (OSError, ET.ParseError, LookupError, ValueError) as error:
-        raise WrongRobotFile(f"{urdf} is not a URDF: {error}", where=str(urdf), fix="give another --urdf") from None
+        raise WrongRobotFile(
+            f"{urdf} is not a URDF: {error}", where=str(urdf), fix="give another --urdf"
+        ) from None
     for mesh in root.iter("mesh"):
         _require_file(urdf, mesh.get("filename", ""))
-    return [j.get("name", "") for j in root.iter("joint") if j.get("type") in ("revolute", "continuous", "prismatic")]
+    return [
+        j.get("name", "")
+        for j in root.iter("joint")
+        if j.get("type") in ("revolute", "continuous", "prismatic")
+    ]
 
 
 def _require_file(urdf: Path, name: str) -> None:
@@ -338,7 +384,9 @@ def _require_file(urdf: Path, name: str) -> None:
                 limits.check_holes(place)
         except (OSError, ValueError) as error:
             what = f"{urdf}: the mesh {name} cannot be read: {error}"
-            raise WrongRobotFile(what, where=str(urdf), fix="check the meshes of the URDF") from None
+            raise WrongRobotFile(
+                what, where=str(urdf), fix="check the meshes of the URDF"
+            ) from None
 
 
 def _urdf_names(robot: Robot, urdf: Path) -> list[str]:
@@ -356,7 +404,10 @@ def _maps(robot: Robot) -> list[list[list[float]]]:
     """Return signs and offsets that a URDF may have: none (one made here), the simulator's, the driver's."""
     given = [robot.simulator, robot.driver.map if robot.driver else None]
     plain = [[1.0] * robot.n, [0.0] * robot.n]
-    return [plain, *([list(found.sign), list(found.offset)] for found in given if found is not None)]
+    return [
+        plain,
+        *([list(found.sign), list(found.offset)] for found in given if found is not None),
+    ]
 
 
 def _command(job: Path) -> list[str]:
@@ -366,7 +417,9 @@ def _command(job: Path) -> list[str]:
 def _failure(status: int, log: str, urdf: Path) -> Exception:
     """Turn the end of a child into a mistake of the catalogue."""
     if status == children.MACHINE:
-        return CannotWrite(f"cannot draw the motion: {log.strip().splitlines()[-1]}", where=str(urdf))
+        return CannotWrite(
+            f"cannot draw the motion: {log.strip().splitlines()[-1]}", where=str(urdf)
+        )
     if "No module named 'pybullet'" in log:
         return PackageMissing(
             "the preview needs PyBullet, which is not installed",
@@ -387,7 +440,9 @@ def _require_axes(robot: Robot, errors: list[list[float]] | None, urdf: Path) ->
     """
     if errors is None:
         return
-    wrong = [angle > tuning.AXIS_ANGLE_RAD or apart > tuning.AXIS_DISTANCE_M for angle, apart in errors]
+    wrong = [
+        angle > tuning.AXIS_ANGLE_RAD or apart > tuning.AXIS_DISTANCE_M for angle, apart in errors
+    ]
     j = wrong.index(True)
     words = f"{np.degrees(errors[j][0]):.1f} deg and {1000 * errors[j][1]:.1f} mm"
     raise WrongRobotFile(

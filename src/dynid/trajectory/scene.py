@@ -88,7 +88,9 @@ def nearest_of_segments(p: Floats, d: Floats, q: Floats, e: Floats) -> tuple[Flo
     dd, ee, de = _dot(d, d), _dot(e, e), _dot(d, e)
     dr, er = _dot(d, r), _dot(e, r)
     across = dd * ee - de**2
-    free = np.where(across > _PARALLEL * dd * ee, (de * er - dr * ee) / np.maximum(across, 1e-300), 0.0)
+    free = np.where(
+        across > _PARALLEL * dd * ee, (de * er - dr * ee) / np.maximum(across, 1e-300), 0.0
+    )
     t = np.clip((de * np.clip(free, 0, 1) + er) / ee, 0, 1)
     s = np.clip((de * t - dr) / dd, 0, 1)
     return s, t
@@ -107,7 +109,9 @@ def box_distance(points: Floats, box: Box) -> tuple[Floats, Floats]:
     length = np.sqrt(_dot(outside, outside))
     inner = np.minimum(beyond.max(axis=-1), 0.0)
     deepest = np.eye(3)[beyond.argmax(axis=-1)]
-    direction = np.where((length > 0)[..., None], outside / np.maximum(length, 1e-12)[..., None], deepest)
+    direction = np.where(
+        (length > 0)[..., None], outside / np.maximum(length, 1e-12)[..., None], deepest
+    )
     return length + inner, direction * np.where(points < centre, -1.0, 1.0)
 
 
@@ -129,7 +133,10 @@ def segment_to_box(p: Floats, d: Floats, box: Box) -> tuple[Floats, Floats, Floa
     for _ in range(tuning.GOLDEN_SECTIONS):
         span = _GOLDEN * (high - low)
         left, right = high - span, low + span
-        nearer = box_distance(p + left[..., None] * d, box)[0] < box_distance(p + right[..., None] * d, box)[0]
+        nearer = (
+            box_distance(p + left[..., None] * d, box)[0]
+            < box_distance(p + right[..., None] * d, box)[0]
+        )
         low, high = np.where(nearer, low, left), np.where(nearer, right, high)
     u = (low + high) / 2
     sides = [
@@ -138,6 +145,8 @@ def segment_to_box(p: Floats, d: Floats, box: Box) -> tuple[Floats, Floats, Floa
     ]
     before, after = (_dot(side, d) for side in sides)
     change = after - before
-    share = np.clip(np.where(np.abs(change) > 1e-12, after / np.where(change == 0, 1, change), 0.5), 0, 1)[..., None]
+    share = np.clip(
+        np.where(np.abs(change) > 1e-12, after / np.where(change == 0, 1, change), 0.5), 0, 1
+    )[..., None]
     nearest = p + u[..., None] * d
     return box_distance(nearest, box)[0], nearest, share * sides[0] + (1 - share) * sides[1]

@@ -87,7 +87,9 @@ class Separation:
     @property
     def value(self) -> float:
         """What the search makes large."""
-        parts = [float(np.log1p(lead)) for lead in self.leads] + ([] if self.spread is None else [self.spread])
+        parts = [float(np.log1p(lead)) for lead in self.leads] + (
+            [] if self.spread is None else [self.spread]
+        )
         # Why the least: a motion that answers one question well leaves the other open.
         return min(parts) + 0.1 * sum(parts)
 
@@ -105,7 +107,9 @@ def separation(base: BaseModel, question: GapQuestion, motion: Motion) -> Separa
     reference = model_torques(base.model, base.reduction, question.theta)
     shape = base.robot.coulomb_shape
     sign = np.stack([coulomb_sign(motion.qd[:, j], shape, j) for j in range(base.robot.n)], axis=1)
-    arm = ArmMotion(motion.t, motion.q, motion.qd, motion.qdd, base.robot, reference, lambda x: x, sign)
+    arm = ArmMotion(
+        motion.t, motion.q, motion.qd, motion.qdd, base.robot, reference, lambda x: x, sign
+    )
     W = base.model.observer(base.reduction.base).dense(motion.q, motion.qd, motion.qdd)
     rows = (W * weight[None, :, None]).reshape(-1, W.shape[2])
     Q = _basis(rows)
@@ -159,9 +163,22 @@ def usual_sizes(arm: ArmMotion, joint: int) -> Floats:
     """Return the rms of general columns over poses and speeds at random inside the limits, (K,)."""
     limits = bounds(arm.robot)
     rng = np.random.default_rng(0)
-    q = rng.uniform(np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi), (tuning.USUAL_STATES, arm.n))
-    qd, qdd = (rng.uniform(-0.5, 0.5, q.shape) * most for most in (limits.velocity, limits.acceleration))
-    usual = replace(arm, t=np.arange(tuning.USUAL_STATES, dtype=float), q=q, qd=qd, qdd=qdd, coulomb_sign=np.sign(qd))
+    q = rng.uniform(
+        np.maximum(limits.lower, -np.pi),
+        np.minimum(limits.upper, np.pi),
+        (tuning.USUAL_STATES, arm.n),
+    )
+    qd, qdd = (
+        rng.uniform(-0.5, 0.5, q.shape) * most for most in (limits.velocity, limits.acceleration)
+    )
+    usual = replace(
+        arm,
+        t=np.arange(tuning.USUAL_STATES, dtype=float),
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        coulomb_sign=np.sign(qd),
+    )
     found: Floats = np.sqrt(np.mean(general_columns(usual, joint) ** 2, axis=1))
     return found
 
@@ -170,12 +187,24 @@ def general_columns(arm: ArmMotion, joint: int) -> Floats:
     """Return columns of what a joint's torque may follow, its own motion and its neighbours', (K, N)."""
     near = [k for k in (joint, joint - 1, joint + 1) if 0 <= k < arm.n]
     q, qd = arm.q[:, joint], arm.qd[:, joint]
-    columns = [np.abs(qd), qd**2, qd * np.abs(qd), arm.rigid[:, joint] * qd, np.abs(arm.rigid[:, joint]) * np.sign(qd)]
+    columns = [
+        np.abs(qd),
+        qd**2,
+        qd * np.abs(qd),
+        arm.rigid[:, joint] * qd,
+        np.abs(arm.rigid[:, joint]) * np.sign(qd),
+    ]
     for h in range(1, tuning.GENERAL_HARMONICS + 1):
         for wave in (np.sin(h * q), np.cos(h * q)):
             columns += [wave, wave * np.sign(qd), wave * qd]
     for k in near[1:]:
-        columns += [arm.qd[:, k], qd * arm.qd[:, k], np.abs(arm.qd[:, k]), np.sin(arm.q[:, k]), arm.rigid[:, k]]
+        columns += [
+            arm.qd[:, k],
+            qd * arm.qd[:, k],
+            np.abs(arm.qd[:, k]),
+            np.sin(arm.q[:, k]),
+            arm.rigid[:, k],
+        ]
     return np.array(columns)
 
 
@@ -185,16 +214,22 @@ def _basis(A: Floats) -> Floats:
     kept = size > 0
     scaled = A[:, kept] / size[kept]
     values, V = np.linalg.eigh(scaled.T @ scaled)
-    strong = values > tuning.WEAK_DIRECTION_SHARE * max(float(values[-1]) if len(values) else 0.0, 1e-300)
+    strong = values > tuning.WEAK_DIRECTION_SHARE * max(
+        float(values[-1]) if len(values) else 0.0, 1e-300
+    )
     found: Floats = scaled @ (V[:, strong] / np.sqrt(values[strong]))
     return found
 
 
 # ---------------------------------------------------------------- search
 def separate(
-    problem: PlanProblem, base: BaseModel, question: GapQuestion, search: PlanOptions, limit: float,
+    problem: PlanProblem,
+    base: BaseModel,
+    question: GapQuestion,
+    search: PlanOptions,
+    limit: float,
     progress: Progress = SILENT,
-) -> SearchOutcome:  # fmt: skip
+) -> SearchOutcome:
     """Search for the motion that answers a gap search best; equal seeds give equal motions when it is not cut short.
 
     Args:

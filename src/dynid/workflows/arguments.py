@@ -112,7 +112,9 @@ def _wrong(what: str) -> WrongUsage:
         return WrongUsage(what)
     lines = (function.__doc__ or "").partition("Example:\n")[2].strip().splitlines()
     fix = f"such as {lines[0].strip()}" if lines else f"help(dynid.{function.__name__})"
-    return WrongUsage(what, where=f"dynid.{function.__name__}", why="the function cannot use this value", fix=fix)
+    return WrongUsage(
+        what, where=f"dynid.{function.__name__}", why="the function cannot use this value", fix=fix
+    )
 
 
 def refused(name: str, wanted: str, value: object) -> WrongUsage:
@@ -163,10 +165,15 @@ def log(value: LogLike, arm: Robot, options: LogOptions, name: str = "log") -> L
     return instance(value, Log, name, _LOG)
 
 
-def logs(value: LogsLike, arm: Robot, options: LogOptions, name: str = "logs", *, empty: bool = False) -> list[Log]:
+def logs(
+    value: LogsLike, arm: Robot, options: LogOptions, name: str = "logs", *, empty: bool = False
+) -> list[Log]:
     """Return one or several logs, each given by itself or by its path; no log at all only where that is allowed."""
     items = several(value, (Log, str, Path), name, f"{_LOG}; or a list of them", empty=empty)
-    return [log(each, arm, options, f"{name}[{k}]" if len(items) > 1 else name) for k, each in enumerate(items)]
+    return [
+        log(each, arm, options, f"{name}[{k}]" if len(items) > 1 else name)
+        for k, each in enumerate(items)
+    ]
 
 
 def result(value: ResultLike, name: str = "result") -> Identification:
@@ -220,7 +227,9 @@ def options(kind: type[O], given: Options | None, changes: Mapping[str, Any]) ->
     for name in changes:
         if name not in known:
             arguments = list(inspect.signature(function).parameters) if function else []
-            raise _wrong(f"there is no argument or option '{name}'{closest(name, [*known, *arguments])}")
+            raise _wrong(
+                f"there is no argument or option '{name}'{closest(name, [*known, *arguments])}"
+            )
     if given is None:
         return kind(**changes)
     if not isinstance(given, kind):
@@ -236,14 +245,20 @@ def progress(value: Progress | None) -> Progress:
     if value is None:
         return SILENT
     if not all(callable(getattr(value, word, None)) for word in ("stage", "advance", "findings")):
-        raise refused("progress", "None, or an object with the methods stage, advance and findings", value)
+        raise refused(
+            "progress", "None, or an object with the methods stage, advance and findings", value
+        )
     return value
 
 
 def path(value: str | Path, name: str) -> Path:
     """Return a path given as text or as a path."""
     text = str(value) if isinstance(value, (str, Path)) else ""
-    if not text.strip() or "\0" in text or max(map(len, Path(text).parts), default=0) > LONGEST_NAME:
+    if (
+        not text.strip()
+        or "\0" in text
+        or max(map(len, Path(text).parts), default=0) > LONGEST_NAME
+    ):
         raise refused(name, "a path", value)
     return Path(value)
 
@@ -285,11 +300,22 @@ def optional(value: Any, kind: type[T], name: str, wanted: str) -> T | None:  # 
     return None if value is None else instance(value, kind, name, f"None or {wanted}")
 
 
-def several(value: Any, single: tuple[type, ...], name: str, wanted: str, *, empty: bool = False) -> list[Any]:  # noqa: ANN401
+def several(
+    value: Any,  # noqa: ANN401
+    single: tuple[type, ...],
+    name: str,
+    wanted: str,
+    *,
+    empty: bool = False,
+) -> list[Any]:
     """Return the items of a list, for which a single one may stand."""
     if isinstance(value, single):
         return [value]
-    if not isinstance(value, Iterable) or isinstance(value, (str, bytes, Mapping)) or hasattr(value, "shape"):
+    if (
+        not isinstance(value, Iterable)
+        or isinstance(value, (str, bytes, Mapping))
+        or hasattr(value, "shape")
+    ):
         raise refused(name, wanted, value)
     found = list(value)
     if not found and not empty:

@@ -80,7 +80,9 @@ def check(
         DynidError: the first serious fault of any file.
     """
     kinds = [kind_of(str(path)) for path in paths]
-    robots = {path: load_robot(path) for path, kind in zip(paths, kinds, strict=True) if kind == "robot"}
+    robots = {
+        path: load_robot(path) for path, kind in zip(paths, kinds, strict=True) if kind == "robot"
+    }
     arm = robot or next(iter(robots.values()), None)
     found = []
     for path, kind in zip(paths, kinds, strict=True):
@@ -101,7 +103,11 @@ def kind_of(path: str) -> str:
     if file.suffix == ".npz" and file.is_file():
         header = read_header(file)
         plain = header is None and zipfile.is_zipfile(file)
-        return "log" if plain or str((header or {}).get("schema", "")).startswith("dynid/log/") else "result"
+        return (
+            "log"
+            if plain or str((header or {}).get("schema", "")).startswith("dynid/log/")
+            else "result"
+        )
     return "log" if file.is_dir() or file.suffix not in (*ROBOT_SUFFIXES, "") else "robot"
 
 
@@ -116,10 +122,17 @@ def check_robot(robot: Robot) -> Checked:
     added_effects(robot)  # Why: it raises what is wrong with them.
     x, y, z = (float(value) for value in tool_pose(robot, np.zeros(robot.n))[:3, 3])
     revolute = sum(joint.revolute for joint in robot.joints)
-    kinds = [f"{count} {kind}" for count, kind in ((revolute, "revolute"), (robot.n - revolute, "prismatic")) if count]
+    kinds = [
+        f"{count} {kind}"
+        for count, kind in ((revolute, "revolute"), (robot.n - revolute, "prismatic"))
+        if count
+    ]
     gravity = ", ".join(f"{value:g}" for value in robot.gravity)
     lines = [
-        ("robot", f"{robot.name}, {' and '.join(kinds)} joint{'s' if robot.n > 1 else ''}, {robot.convention} DH"),
+        (
+            "robot",
+            f"{robot.name}, {' and '.join(kinds)} joint{'s' if robot.n > 1 else ''}, {robot.convention} DH",
+        ),
         ("tool", f"at q = 0: x {x:.3f}  y {y:.3f}  z {z:.3f} m   (compare with a ruler)"),
         ("gravity", f"{gravity} m/s^2 in frame 0"),
         ("links", f"identified: {', '.join(str(number) for number in robot.identified_links)}"),
@@ -128,7 +141,9 @@ def check_robot(robot: Robot) -> Checked:
         ("prior", _prior(robot)),
     ]
     if robot.effects:
-        lines.append(("effects", ", ".join(f"{e.effect} on {', '.join(e.joints)}" for e in robot.effects)))
+        lines.append(
+            ("effects", ", ".join(f"{e.effect} on {', '.join(e.joints)}" for e in robot.effects))
+        )
     facts = {
         "robot": robot.name,
         "n_joints": robot.n,
@@ -138,7 +153,9 @@ def check_robot(robot: Robot) -> Checked:
         "gravity_m_s2": list(robot.gravity),
         "key": robot.model_key,
     }
-    return Checked(str(robot.path or robot.source), "robot", tuple(lines), facts, robot.findings, robot)
+    return Checked(
+        str(robot.path or robot.source), "robot", tuple(lines), facts, robot.findings, robot
+    )
 
 
 def _limits(robot: Robot) -> str:
@@ -160,7 +177,11 @@ def _driver(robot: Robot) -> str:
 def _prior(robot: Robot) -> str:
     if robot.prior is None:
         return "none"
-    return "uniform cylinders" if robot.prior.cylinders else f"{len(robot.prior.links)} links with numbers"
+    return (
+        "uniform cylinders"
+        if robot.prior.cylinders
+        else f"{len(robot.prior.links)} links with numbers"
+    )
 
 
 # ---------------------------------------------------------------- results
@@ -180,7 +201,8 @@ def check_result(path: Path) -> Checked:
     inputs = artifact.header.get("inputs")
     if isinstance(inputs, dict):
         lines += [
-            ("input" if not i else "", f"{name}  sha256 {str(inputs[name])[:12]}") for i, name in enumerate(inputs)
+            ("input" if not i else "", f"{name}  sha256 {str(inputs[name])[:12]}")
+            for i, name in enumerate(inputs)
         ]
     shapes = {name: list(array.shape) for name, array in artifact.arrays.items()}
     sizes = (f"{name} {' x '.join(map(str, shape)) or 'scalar'}" for name, shape in shapes.items())
@@ -202,7 +224,9 @@ def check_log(path: Path, robot: Robot | None, options: LogOptions) -> Checked:
         return inspected(path, options)
     raw = read_log(path, robot, options)
     log = checked_log(raw, robot, options)
-    log = replace(log, findings=(*log.findings, *diagnose_logs([log], robot, anyway=options.anyway)))
+    log = replace(
+        log, findings=(*log.findings, *diagnose_logs([log], robot, anyway=options.anyway))
+    )
     summary, columns = describe(log, robot), describe(raw, robot)
     matched = f"taken in the order of the robot file: {', '.join(robot.log_names)}"
     if columns.matched:
@@ -230,7 +254,10 @@ def inspected(path: Path, options: LogOptions) -> Checked:
 
     with located(str(path)):
         found = inspect_log(path, options.rate)
-    lines = [("topic", f"{topic.name}  {topic.type}, {topic.count} messages") for topic in found.topics.values()]
+    lines = [
+        ("topic", f"{topic.name}  {topic.type}, {topic.count} messages")
+        for topic in found.topics.values()
+    ]
     if found.columns:
         lines.append(("columns", ", ".join(found.columns)))
     described = []
@@ -246,14 +273,21 @@ def inspected(path: Path, options: LogOptions) -> Checked:
         ]
         described.append(
             {
-                "topic": each.topic, "joints": list(log.names), "samples": len(log), "duration_s": log.duration,
-                "rate_hz": rate, "span": span, "units": units,
+                "topic": each.topic,
+                "joints": list(log.names),
+                "samples": len(log),
+                "duration_s": log.duration,
+                "rate_hz": rate,
+                "span": span,
+                "units": units,
             }
-        )  # fmt: skip
+        )
     snippet = found.snippet()
     lines += [("robot file" if not k else "", line) for k, line in enumerate(snippet.splitlines())]
     facts = {
-        "topics": [{"name": t.name, "type": t.type, "messages": t.count} for t in found.topics.values()],
+        "topics": [
+            {"name": t.name, "type": t.type, "messages": t.count} for t in found.topics.values()
+        ],
         "columns": list(found.columns),
         "joint_states": described,
         "snippet": snippet,
@@ -280,7 +314,11 @@ def _facts(summary: LogSummary) -> dict[str, object]:
 
 
 def _lines(summary: LogSummary, raw: Log, matched: str, robot: Robot) -> list[tuple[str, str]]:
-    gaps = "no gaps" if not summary.gaps else f"{summary.gaps} gaps (longest {1e3 * summary.longest_gap:.0f} ms)"
+    gaps = (
+        "no gaps"
+        if not summary.gaps
+        else f"{summary.gaps} gaps (longest {1e3 * summary.longest_gap:.0f} ms)"
+    )
     rate = f"{summary.rate:.1f} Hz +-{100 * summary.jitter:.1f} %"
     least = summary.least_moving
     turns = robot.joints[robot.joint_names.index(least)].revolute
@@ -290,7 +328,10 @@ def _lines(summary: LogSummary, raw: Log, matched: str, robot: Robot) -> list[tu
         *([("topic", raw.topic)] if raw.topic else []),
         ("columns", matched),
         ("units", _units(summary, robot)),
-        ("motion", f"{least} moves least ({slowest:.2f} {joint_unit('rad/s', revolute=turns)} rms)"),
+        (
+            "motion",
+            f"{least} moves least ({slowest:.2f} {joint_unit('rad/s', revolute=turns)} rms)",
+        ),
     ]
 
 
@@ -298,7 +339,11 @@ def _units(summary: LogSummary, robot: Robot) -> str:
     if not all(joint.revolute for joint in robot.joints):
         return _units_by_kind(summary, robot)
     slopes = [value for value in summary.velocity_slope if value is not None]
-    velocity = f"slope to dq/dt {min(slopes):.2f} to {max(slopes):.2f}" if slopes else "not measured or not used"
+    velocity = (
+        f"slope to dq/dt {min(slopes):.2f} to {max(slopes):.2f}"
+        if slopes
+        else "not measured or not used"
+    )
     shares = [value for value in summary.torque_share if value is not None]
     share = f", {100 * max(shares):.0f} % of the rating" if shares else ""
     torque = f"torque {summary.torque_unit or 'Nm'} (max {max(summary.torque_max):.1f}{share})"
@@ -313,6 +358,10 @@ def _units_by_kind(summary: LogSummary, robot: Robot) -> str:
         if some:
             kind, length = ("turning", "rad") if revolute else ("sliding", "m")
             effort = "A" if summary.torque_unit == "A" else ("Nm" if revolute else "N")
-            span, top = (max(values[j] for j in some) for values in (summary.span, summary.torque_max))
-            words.append(f"{kind} joints {length} (span {span:.2f}), {length}/s, {effort} (max {top:.1f})")
+            span, top = (
+                max(values[j] for j in some) for values in (summary.span, summary.torque_max)
+            )
+            words.append(
+                f"{kind} joints {length} (span {span:.2f}), {length}/s, {effort} (max {top:.1f})"
+            )
     return "   ".join(words)

@@ -32,7 +32,10 @@ PACKAGE = "pip install 'dynid[cluster]'"
 
 
 def mapped(
-    client: Client | None, function: Callable[..., Any], *arguments: Iterable[Any], progress: Progress = SILENT
+    client: Client | None,
+    function: Callable[..., Any],
+    *arguments: Iterable[Any],
+    progress: Progress = SILENT,
 ) -> Iterator[tuple[int, Any, BaseException | None]]:
     """Call a function with each item of some lists, as ``map`` does, and yield the calls as they end.
 
@@ -74,12 +77,16 @@ def mapped(
                 number, ended = numbers[future.key], future.exception()
                 if isinstance(ended, KilledWorker):
                     last = ended.last_worker.address
-                    ended = WorkersDied(f"{ended.allowed_failures + 1} workers died under it, the last one at {last}")
+                    ended = WorkersDied(
+                        f"{ended.allowed_failures + 1} workers died under it, the last one at {last}"
+                    )
                 value = None if ended else future.result()
                 del left[number]
                 yield number, value, ended
         if left:
-            progress.stage("scheduler", "does not answer; what was not done is done again when it is back")
+            progress.stage(
+                "scheduler", "does not answer; what was not done is done again when it is back"
+            )
             if client.status not in ("running", "connecting"):
                 raise SchedulerSilent("the Dask scheduler went away and did not come back")
 
@@ -125,7 +132,9 @@ def opened(
         if scheduler is not None:
             raise PackageMissing("--scheduler needs Dask", fix=PACKAGE)
         if workers > 1:
-            progress.stage("workers", f"one after another in this process; {workers} at a time with {PACKAGE}")
+            progress.stage(
+                "workers", f"one after another in this process; {workers} at a time with {PACKAGE}"
+            )
     if find_spec("distributed") is None or (scheduler is None and workers == 1):
         yield None
         return
@@ -140,15 +149,21 @@ def opened(
     place = nullcontext(scheduler) if scheduler else _local(workers, most, dashboard, security)
     with silence_logging_cmgr(logging.CRITICAL + 1), place as address:
         try:
-            client = Client(address, timeout=tuning.SCHEDULER_PATIENCE, security=security, set_as_default=False)
+            client = Client(
+                address, timeout=tuning.SCHEDULER_PATIENCE, security=security, set_as_default=False
+            )
         except (OSError, TimeoutError, ValueError) as error:
-            raise SchedulerSilent(f"no Dask scheduler answers at {address}", where=str(address)) from error
+            raise SchedulerSilent(
+                f"no Dask scheduler answers at {address}", where=str(address)
+            ) from error
         try:
             try:
                 client.wait_for_workers(1, timeout=tuning.SCHEDULER_PATIENCE)
             except TimeoutError as error:
                 what = f"no worker has started in {tuning.SCHEDULER_PATIENCE:g} s"
-                raise WorkersDied(what, why="without them no job is done", fix="--jobs 1") from error
+                raise WorkersDied(
+                    what, why="without them no job is done", fix="--jobs 1"
+                ) from error
             here = f"{workers} processes on this machine, each ended beyond {most / 1e9:.1f} GB"
             text = f"the workers of {scheduler}" if scheduler else here
             progress.stage("workers", f"{text}{f'; {client.dashboard_link}' if dashboard else ''}")
@@ -167,10 +182,14 @@ def _local(workers: int, memory: int, dashboard: bool, security: Any) -> Iterato
     with (
         scratch_folder() as folder,
         subprocess.Popen(
-            command(__name__), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-            env=environment() | threads, start_new_session=True,
+            command(__name__),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=environment() | threads,
+            start_new_session=True,
         ) as child,
-    ):  # fmt: skip
+    ):
         assert child.stdin is not None
         assert child.stdout is not None
         pickle.dump((workers, memory, dashboard, security, str(folder)), child.stdin)

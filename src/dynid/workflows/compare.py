@@ -49,7 +49,11 @@ class ComparedRun:
         """The numbers that changed: beyond the tolerance, or more than noise explains where there is none."""
         if self.comparison is None:
             return ()
-        return self.comparison.drifted if self.tolerance is None else self.comparison.beyond(self.tolerance)
+        return (
+            self.comparison.drifted
+            if self.tolerance is None
+            else self.comparison.beyond(self.tolerance)
+        )
 
     @property
     def drift(self) -> str:
@@ -57,10 +61,14 @@ class ComparedRun:
         if not self.changed:
             return ""
         if self.tolerance is None:
-            return f"{', '.join(each.name for each in self.changed)} changed more than noise explains"
+            return (
+                f"{', '.join(each.name for each in self.changed)} changed more than noise explains"
+            )
         worst, more = self.changed[0], len(self.changed) - 1
         rest = f" and {more} more" if more else ""
-        return f"{worst.name} {worst.before:.4g} -> {worst.after:.4g} ({worst.percent:+.2f} %){rest}"
+        return (
+            f"{worst.name} {worst.before:.4g} -> {worst.after:.4g} ({worst.percent:+.2f} %){rest}"
+        )
 
     @property
     def evidence(self) -> Evidence:
@@ -76,7 +84,11 @@ class ComparedRun:
             chances = (getattr(each, "p_value", float("nan")) for each in self.changed)
             changes = tuple(
                 Change(
-                    each.name, each.before, each.after, chance if chance == chance else None, units.get(each.name, "")
+                    each.name,
+                    each.before,
+                    each.after,
+                    chance if chance == chance else None,
+                    units.get(each.name, ""),
                 )
                 for each, chance in zip(self.changed, chances, strict=True)
             )
@@ -100,7 +112,11 @@ class ComparedRun:
         """Return how many values changed, in one sentence; empty where nothing was compared."""
         if self.comparison is None:
             return ""
-        measure = "more than noise explains" if self.tolerance is None else f"by more than {100 * self.tolerance:g} %"
+        measure = (
+            "more than noise explains"
+            if self.tolerance is None
+            else f"by more than {100 * self.tolerance:g} %"
+        )
         return (
             f"{self.name} against {self.reference}: {len(self.changed)} values changed {measure}; "
             f"probability that noise alone makes the largest change: {self.comparison.p_value:.2g}"
@@ -131,7 +147,9 @@ class ComparedRun:
             "against": self.reference,
             "p_value": self.comparison.p_value,
             "changed": [asdict(each) for each in self.comparison.drifted],
-            "beyond_tolerance": [] if tolerance is None else [asdict(c) for c in self.comparison.beyond(tolerance)],
+            "beyond_tolerance": []
+            if tolerance is None
+            else [asdict(c) for c in self.comparison.beyond(tolerance)],
             "figures": [asdict(each) for each in self.comparison.figures],
             "passed": not self.drift,
             "judgement": self.judgement.facts(),
@@ -240,7 +258,11 @@ class RunComparison:
 
         return junit(
             "dynid compare",
-            [JunitCase(run.name, run.result.robot.name, run.drift) for run in self.runs if run.reference],
+            [
+                JunitCase(run.name, run.result.robot.name, run.drift)
+                for run in self.runs
+                if run.reference
+            ],
         )
 
 
@@ -303,7 +325,10 @@ def compare(
 
 def short_names(paths: Sequence[Path], given: Sequence[Path] = ()) -> list[str]:
     """Return names for results: those of their folders, or what was given for them where two would be the same."""
-    names = [path.parent.name if path.name == "parameters.npz" and path.parent.name else str(path) for path in paths]
+    names = [
+        path.parent.name if path.name == "parameters.npz" and path.parent.name else str(path)
+        for path in paths
+    ]
     if len(set(names)) < len(names):
         names = [str(path) for path in given or paths]
     return [f"run {k}" if name == "." else name for k, name in enumerate(names, start=1)]
@@ -325,7 +350,8 @@ def _described(run: ComparedRun) -> dict[str, Any]:
         "relative_error_percent": found.relative_error_percent,
         "heldout_relative_error_percent": found.heldout_relative_error_percent,
         "joints": [
-            {"joint": j.joint, "rms_nm": j.rms, "relative_error_percent": j.relative_percent} for j in found.joints
+            {"joint": j.joint, "rms_nm": j.rms, "relative_error_percent": j.relative_percent}
+            for j in found.joints
         ],
         "parameters": parameters,
         "log_sha256": list(run.result.log_sha256),

@@ -76,7 +76,11 @@ class MethodComparison:
         rows = []
         for row in self.rows:
             held = row.result.heldout_by_set
-            more = f" and {len(row.differs) - SHOWN_NAMES} more" if len(row.differs) > SHOWN_NAMES else ""
+            more = (
+                f" and {len(row.differs) - SHOWN_NAMES} more"
+                if len(row.differs) > SHOWN_NAMES
+                else ""
+            )
             rows.append(
                 {
                     "method": row.method + (" (auto)" if row.method == self.chosen else ""),
@@ -119,7 +123,9 @@ class MethodComparison:
                     "method": row.method,
                     "relative_error_percent": row.result.relative_error_percent,
                     "heldout_relative_error_percent": row.result.heldout_by_set["plain"],
-                    "heldout_relative_error_percent_physical": row.result.heldout_by_set["physical"],
+                    "heldout_relative_error_percent_physical": row.result.heldout_by_set[
+                        "physical"
+                    ],
                     "seconds": row.seconds,
                     "physically_consistent": row.possible,
                     "differs_from_auto": list(row.differs),
@@ -163,9 +169,14 @@ def compare_methods(
     from dynid.estimation.estimators import METHODS, choose
     from dynid.estimation.possible_arm import is_possible
 
-    options, progress = arguments.options(LogOptions, options, changes), arguments.progress(progress)
+    options, progress = (
+        arguments.options(LogOptions, options, changes),
+        arguments.progress(progress),
+    )
     robot, base = arguments.robot(robot), arguments.base_model(base)
-    seen = observe(robot, arguments.logs(logs, robot, options), options, base=base, progress=progress)
+    seen = observe(
+        robot, arguments.logs(logs, robot, options), options, base=base, progress=progress
+    )
     stack, base, header = seen.stack, seen.base, seen.header()
     holdout = last_share(stack, HELD_OUT)
     chosen, why = choose(stack)
@@ -184,7 +195,9 @@ def compare_methods(
             name,
             result,
             seconds,
-            is_possible(base, result.plain, result.plain_covariance) if result.rank == len(result.names) else None,
+            is_possible(base, result.plain, result.plain_covariance)
+            if result.rank == len(result.names)
+            else None,
             tuple(differing(result, found[chosen][0])),
         )
         for name, (result, seconds) in found.items()

@@ -43,9 +43,12 @@ class ContactOptions(LogOptions):
     """How contacts are looked for."""
 
     false_alarms: float = option(
-        1.0, "False alarms that the threshold is made for, over all joints: 1/h, 2/min, 5/day.",
-        read=_rate, metavar="RATE", shown="1/h",
-    )  # fmt: skip
+        1.0,
+        "False alarms that the threshold is made for, over all joints: 1/h, 2/min, 5/day.",
+        read=_rate,
+        metavar="RATE",
+        shown="1/h",
+    )
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,7 +67,13 @@ class FoundContacts:
 
     def table(self) -> Table:
         """Return one row per contact: joint, time [s], length [s], largest torque [N m or N]."""
-        units = dict(zip(self.robot.joint_names, (joint.torque_unit for joint in self.robot.joints), strict=True))
+        units = dict(
+            zip(
+                self.robot.joint_names,
+                (joint.torque_unit for joint in self.robot.joints),
+                strict=True,
+            )
+        )
         start = self.external.begin
         return Table(
             [
@@ -92,11 +101,18 @@ class FoundContacts:
                 "torque from outside is above the threshold, too often for touches."
             )
         joints = len({each.joint for each in found.contacts})
-        return f"{count} contact{'s' * (count > 1)} on {joints} joint{'s' * (joints > 1)}; {alarms}."
+        return (
+            f"{count} contact{'s' * (count > 1)} on {joints} joint{'s' * (joints > 1)}; {alarms}."
+        )
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid contacts`` says."""
-        return {"schema": "dynid/contacts/1", "robot": self.robot.name, "log": self.log, **self.external.facts()}
+        return {
+            "schema": "dynid/contacts/1",
+            "robot": self.robot.name,
+            "log": self.log,
+            **self.external.facts(),
+        }
 
     def plot(self) -> Figure:
         """Return a figure of the torque from outside and its threshold, joint by joint."""
@@ -106,7 +122,9 @@ class FoundContacts:
 
     def __repr__(self) -> str:
         """Return the answer and the table."""
-        return "\n".join([self.sentence(), *([repr(self.table())] if self.external.contacts else [])])
+        return "\n".join(
+            [self.sentence(), *([repr(self.table())] if self.external.contacts else [])]
+        )
 
 
 @public
@@ -136,7 +154,10 @@ def contacts(
     """
     from dynid.workflows.logs import checked_log
 
-    options, progress = arguments.options(ContactOptions, options, changes), arguments.progress(progress)
+    options, progress = (
+        arguments.options(ContactOptions, options, changes),
+        arguments.progress(progress),
+    )
     result = arguments.result(result)
     log = arguments.log(log, result.robot, options)
     progress.stage("observe")

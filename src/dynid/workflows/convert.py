@@ -17,8 +17,11 @@ from dynid.workflows.logs import LogOptions, located, read_log
 class ConvertOptions(Options):
     """Which joint states are converted."""
 
-    topic: str | None = option(None, "ROS topic of the joint states (default: the one with most messages).",
-                               metavar="TOPIC")  # fmt: skip
+    topic: str | None = option(
+        None,
+        "ROS topic of the joint states (default: the one with most messages).",
+        metavar="TOPIC",
+    )
     rate: float | None = option(
         None, "Sample rate [Hz] of text logs without a time column.", metavar="HZ", kind="positive"
     )
@@ -50,8 +53,11 @@ class Converted:
 
 
 def convert(
-    path: Path | str, target: Path | str, robot: Robot | None = None, options: ConvertOptions = ConvertOptions()
-) -> Converted:  # fmt: skip
+    path: Path | str,
+    target: Path | str,
+    robot: Robot | None = None,
+    options: ConvertOptions = ConvertOptions(),
+) -> Converted:
     """Write a recording in the format of another file's suffix; every number stays as it was recorded.
 
     Args:
@@ -73,9 +79,12 @@ def convert(
         found = inspect_log(Path(path), options.rate)
         logs = [each.log for each in found.joints if options.topic in (None, each.topic)]
         if not logs:
-            have = ", ".join(map(str, found.topics.values())) or ", ".join(found.columns) or "nothing"
+            have = (
+                ", ".join(map(str, found.topics.values())) or ", ".join(found.columns) or "nothing"
+            )
             raise WrongMessageType(
-                f"{path} has no topic that dynid can read as joint states; it has {have}", fix="give --robot"
+                f"{path} has no topic that dynid can read as joint states; it has {have}",
+                fix="give --robot",
             )
     log = max(logs, key=len)
     return Converted(write_log(log, Path(target)), log, found.findings)

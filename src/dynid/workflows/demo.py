@@ -71,7 +71,8 @@ def hidden_effect(name: str, seed: int) -> Hidden:
         return known[int(np.random.default_rng(seed).integers(len(known)))]
     if name not in cases:
         raise WrongUsage(
-            f"--effect: '{name}' cannot be hidden{closest(name, cases)}", fix=f"random, or one of {', '.join(cases)}"
+            f"--effect: '{name}' cannot be hidden{closest(name, cases)}",
+            fix=f"random, or one of {', '.join(cases)}",
         )
     return cases[name]
 
@@ -116,14 +117,21 @@ def is_right(hidden: Hidden, verdict: str, named: Named) -> bool:
         return verdict == "nothing_missing"
     if hidden.name in OUTSIDE:
         return verdict == "unexplained" and not named
-    return len(named) == 1 and named[0][0] == hidden.name and named[0][1][:1] in ((), (hidden.joint,))
+    return (
+        len(named) == 1 and named[0][0] == hidden.name and named[0][1][:1] in ((), (hidden.joint,))
+    )
 
 
 def is_right_answer(hidden: Hidden, answer: dict[str, Any]) -> bool:
     """Return whether the JSON answer of ``dynid gap`` says what was hidden."""
     names = answer["gap"]["joints"]
     named = tuple(
-        (one["effect"], tuple(names.index(joint) for joint in one["joints"]) if len(one["joints"]) < len(names) else ())
+        (
+            one["effect"],
+            tuple(names.index(joint) for joint in one["joints"])
+            if len(one["joints"]) < len(names)
+            else (),
+        )
         for one in answer["named"]
     )
     return is_right(hidden, answer["verdict"], named)
@@ -168,15 +176,22 @@ def simulate_own(robot: Robot, folder: Path, seed: int, progress: Progress = SIL
     arm, paths, physics = replace(robot, prior=Prior(links=bodies), tool=None), [], ""
     for k, seconds in enumerate(OWN_SECONDS):
         motion = sines(
-            arm, SineSpec(seconds, 10.0, 0.8, 0.6, 0.6, -math.inf), OWN_STEP, np.random.default_rng([seed, k])
+            arm,
+            SineSpec(seconds, 10.0, 0.8, 0.6, 0.6, -math.inf),
+            OWN_STEP,
+            np.random.default_rng([seed, k]),
         )
         found = simulate(arm, motion, seed=seed + k, progress=progress)
         physics = found.source
         paths.append(found.log.save(folder / f"motion{k + 1}.npz"))
     truth: dict[str, float] = {}
-    for i, (body, viscous, coulomb) in enumerate(zip(bodies, found.viscous, found.coulomb, strict=True)):
+    for i, (body, viscous, coulomb) in enumerate(
+        zip(bodies, found.viscous, found.coulomb, strict=True)
+    ):
         values = [*body.parameters().tolist(), 0.0]
-        truth |= {f"{name}{i + 1}": value for name, value in zip(LINK_PARAMETERS, values, strict=True)}
+        truth |= {
+            f"{name}{i + 1}": value for name, value in zip(LINK_PARAMETERS, values, strict=True)
+        }
         truth |= {f"fv{i + 1}": float(viscous), f"fc{i + 1}": float(coulomb), f"fo{i + 1}": 0.0}
     return OwnArm(tuple(paths), truth, physics)
 
@@ -245,4 +260,6 @@ def self_test_gap(seed: int, folder: Path, progress: Progress = SILENT) -> Itera
         found = analyse_gap(conditioned, base, None, SelectionOptions(), simulate=False)
         named = tuple((one.name, one.joints) for one in found.verdict.named)
         progress.advance(k + 1, len(CASES), hidden.name)
-        yield SelfTestCase(hidden, found.verdict.word, named, is_right(hidden, found.verdict.word, named))
+        yield SelfTestCase(
+            hidden, found.verdict.word, named, is_right(hidden, found.verdict.word, named)
+        )

@@ -88,10 +88,20 @@ def version_lines() -> list[str]:
 
 
 def _packages() -> Iterator[Check]:
-    yield Check("Python", sys.version_info >= (3, 10), platform.python_version(), "dynid needs Python 3.10 or newer")
+    yield Check(
+        "Python",
+        sys.version_info >= (3, 10),
+        platform.python_version(),
+        "dynid needs Python 3.10 or newer",
+    )
     for package in REQUIRED:
         version = version_of(package)
-        yield Check(package, version is not None, version or "absent", f"dynid as a whole: pip install {package}")
+        yield Check(
+            package,
+            version is not None,
+            version or "absent",
+            f"dynid as a whole: pip install {package}",
+        )
     bullet = version_of("pybullet")
     lost = 'preview, collision check: pip install "pybullet>=3.2.5" (3.12 and later: 8 minutes, needs a C++ compiler)'
     yield Check("PyBullet", bullet is not None, bullet or "absent", lost)
@@ -106,7 +116,12 @@ def _ros() -> Iterator[Check]:
     uri = master_uri()
     answered = master_answers(uri)
     state = "answers" if answered else "does not answer"
-    yield Check("ROS master", answered, f"{uri} {state}", "record: start rosmaster --core, or set ROS_MASTER_URI")
+    yield Check(
+        "ROS master",
+        answered,
+        f"{uri} {state}",
+        "record: start rosmaster --core, or set ROS_MASTER_URI",
+    )
 
 
 def _ros2() -> Iterator[Check]:
@@ -119,7 +134,9 @@ def _ros2() -> Iterator[Check]:
         value = f"{', '.join(path.name for path in found)} is installed, not sourced: source {found[-1]}/setup.bash"
     else:
         value = "absent"
-    yield Check("ROS 2", None, f"{value}; its recordings are read without it (dynid explain record-ros2)")
+    yield Check(
+        "ROS 2", None, f"{value}; its recordings are read without it (dynid explain record-ros2)"
+    )
 
 
 def master_answers(uri: str) -> bool:
@@ -133,13 +150,17 @@ def master_answers(uri: str) -> bool:
 
 def _surroundings() -> Iterator[Check]:
     display = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
-    yield Check("display", bool(display), display or "none", "preview window: pictures are saved instead")
+    yield Check(
+        "display", bool(display), display or "none", "preview window: pictures are saved instead"
+    )
     yield _folder("working folder", Path.cwd(), "results: give another folder with --out")
     cache = cache_folder()
     yield _folder("cache", cache, "models are built anew each time", f"{_size(cache) / 1e6:.1f} MB")
     yield Check("fast regressor", *fast_regressor())
     for file in (LOCAL_CONFIG, config_file()):
-        yield Check("configuration", None, f"{file} {'is read' if file.is_file() else 'does not exist'}")
+        yield Check(
+            "configuration", None, f"{file} {'is read' if file.is_file() else 'does not exist'}"
+        )
 
 
 def fast_regressor() -> tuple[bool | None, str]:
@@ -149,10 +170,19 @@ def fast_regressor() -> tuple[bool | None, str]:
     if kept() is not None:
         return True, f"compiled, {place()}"
     if compiler() is None:
-        return None, "none: there is no C compiler (cc), NumPy evaluates the regressor in twice the time"
+        return (
+            None,
+            "none: there is no C compiler (cc), NumPy evaluates the regressor in twice the time",
+        )
     if place().exists():
-        return None, f"none: {place().parent} can be changed by others or does not load, NumPy evaluates the regressor"
-    return None, "not compiled yet: the first long log does it, NumPy evaluates the regressor until then"
+        return (
+            None,
+            f"none: {place().parent} can be changed by others or does not load, NumPy evaluates the regressor",
+        )
+    return (
+        None,
+        "not compiled yet: the first long log does it, NumPy evaluates the regressor until then",
+    )
 
 
 def _folder(name: str, path: Path, lost: str, note: str = "") -> Check:
@@ -163,4 +193,8 @@ def _folder(name: str, path: Path, lost: str, note: str = "") -> Check:
 
 
 def _size(folder: Path) -> int:
-    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file()) if folder.is_dir() else 0
+    return (
+        sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+        if folder.is_dir()
+        else 0
+    )

@@ -65,11 +65,16 @@ def find_drive_gains(
     from dynid.estimation.drive_gains import find_gains, known_load
     from dynid.estimation.stack import stack_logs
 
-    options, progress = arguments.options(LogOptions, options, changes), arguments.progress(progress)
+    options, progress = (
+        arguments.options(LogOptions, options, changes),
+        arguments.progress(progress),
+    )
     robot = arguments.robot(robot)
     plain = arguments.logs(logs, robot, options)
     loaded = None if loaded is None else arguments.log(loaded, robot, options, "loaded")
-    load_mass = None if load_mass is None else arguments.number(load_mass, "load_mass", "a mass in kg")
+    load_mass = (
+        None if load_mass is None else arguments.number(load_mass, "load_mass", "a mass in kg")
+    )
     folder = None if folder is None else arguments.path(folder, "folder")
     if robot.coupling is not None or robot.identified_links != tuple(range(1, robot.n + 1)):
         raise WrongUsage(
@@ -78,8 +83,13 @@ def find_drive_gains(
         )
     robot = replace(robot, torque=replace(robot.torque, source="motor_current"))
     base = base_model(robot, folder, progress)
-    known = np.array([np.nan if value is None else value for value in robot.torque.gain or (None,) * robot.n])
-    checked = [checked_log(log, robot, options) for log in (*plain, *([loaded] if loaded is not None else ()))]
+    known = np.array(
+        [np.nan if value is None else value for value in robot.torque.gain or (None,) * robot.n]
+    )
+    checked = [
+        checked_log(log, robot, options)
+        for log in (*plain, *([loaded] if loaded is not None else ()))
+    ]
     conditioned = condition_logs(checked, base.model, options, progress)
     stack = stack_logs(conditioned[: len(plain)], base, progress)
     load = None
@@ -98,10 +108,15 @@ def write_robot(folder: Path, robot: Robot, found: Gains) -> tuple[Path, Robot]:
     from dynid.text import printable, yaml_text
 
     document = yaml.safe_load(text_of(robot, with_prior=False))
-    torque: dict[str, Any] = {"source": "motor_current", "gain": [float(f"{value:.9g}") for value in found.gain]}
+    torque: dict[str, Any] = {
+        "source": "motor_current",
+        "gain": [float(f"{value:.9g}") for value in found.gain],
+    }
     # Why: what a load weighs with these gains is as uncertain as they are.
     share = min(0.99, float(np.sqrt(np.mean((found.std_error / found.gain) ** 2))))
-    document["torque"] = torque | ({"relative": True} if found.relative else {"gain_error": float(f"{share:.2g}")})
+    document["torque"] = torque | (
+        {"relative": True} if found.relative else {"gain_error": float(f"{share:.2g}")}
+    )
     path = folder / f"{robot.slug}.yaml"
     what = "ratios of the gains; their size is unknown" if found.relative else "gains"
     head = f"Made by dynid identify: {printable(robot.path.name if robot.path else robot.name)} with {what}."
@@ -112,7 +127,9 @@ def write_robot(folder: Path, robot: Robot, found: Gains) -> tuple[Path, Robot]:
 def gain_facts(robot: Robot, found: Gains) -> dict[str, Any]:
     """Return the gains for JSON."""
     pairs = zip(robot.joint_names, found.gain.tolist(), found.std_error.tolist(), strict=True)
-    rows = [{"joint": joint, "gain_nm_per_a": gain, "std_error": error} for joint, gain, error in pairs]
+    rows = [
+        {"joint": joint, "gain_nm_per_a": gain, "std_error": error} for joint, gain, error in pairs
+    ]
     return {"gains": rows, "gains_relative": found.relative}
 
 
@@ -120,20 +137,29 @@ def in_amperes(facts: Any, robot: Robot) -> Any:  # noqa: ANN401
     """Return a JSON answer with torques in amperes where only ratios of the gains are known: ``_nm`` becomes ``_a``."""
     if not robot.torque.relative or robot.torque.gain is None:
         return facts
-    scale = {joint: gain or 1.0 for joint, gain in zip(robot.joint_names, robot.torque.gain, strict=True)}
+    scale = {
+        joint: gain or 1.0 for joint, gain in zip(robot.joint_names, robot.torque.gain, strict=True)
+    }
 
     def renamed(value: Any, gain: float) -> Any:  # noqa: ANN401
         if isinstance(value, dict):
             own = scale.get(str(value.get("joint")), gain)
             if isinstance(value.get("unit"), str) and "std_error" in value:
                 unit = value["unit"]
-                value = {**value, "unit": unit.replace("N m", "A") if "N m" in unit else f"{unit} A/(N m)"}
+                value = {
+                    **value,
+                    "unit": unit.replace("N m", "A") if "N m" in unit else f"{unit} A/(N m)",
+                }
             return {
                 (key[:-3] + "_a" if key.endswith("_nm") else key): (
-                    inner / own if key.endswith("_nm") and isinstance(inner, float) else renamed(inner, own)
+                    inner / own
+                    if key.endswith("_nm") and isinstance(inner, float)
+                    else renamed(inner, own)
                 )
                 for key, inner in value.items()
             }
-        return [renamed(inner, gain) for inner in value] if isinstance(value, (list, tuple)) else value
+        return (
+            [renamed(inner, gain) for inner in value] if isinstance(value, (list, tuple)) else value
+        )
 
     return renamed(facts, 1.0)

@@ -79,14 +79,19 @@ def torque_noise(
         if len(given) not in (1, robot.n):
             shown = ",".join(f"{sigma:g}" for sigma in given)
             raise WrongUsage(
-                f"--noise '{shown}' must be one positive number, or {robot.n} of them", fix="such as --noise 0.1"
+                f"--noise '{shown}' must be one positive number, or {robot.n} of them",
+                fix="such as --noise 0.1",
             )
         return np.broadcast_to(np.array(given), (robot.n,)).copy(), "given with --noise"
     for known in earlier:
         if isinstance(known, Identification):
-            return parameter_posterior(known).sample_noise(rate), "as an earlier identification found it"
+            return parameter_posterior(known).sample_noise(
+                rate
+            ), "as an earlier identification found it"
     measured = robot.torque.noise is not None
-    words = "from the robot file" if measured else "assumed (0.3 % of the rating, 0.1 N m without one)"
+    words = (
+        "from the robot file" if measured else "assumed (0.3 % of the rating, 0.1 N m without one)"
+    )
     return default_noise(robot), words
 
 
@@ -137,7 +142,11 @@ def unexplained(earlier: Sequence[Earlier]) -> float | None:
 def _information(base: BaseModel, known: Earlier, noise: Floats, progress: Progress) -> Floats:
     if isinstance(known, Identification):
         return _of_result(base, known)
-    return _of_trajectory(base, known, noise) if isinstance(known, StoredTrajectory) else _of_log(base, known, progress)
+    return (
+        _of_trajectory(base, known, noise)
+        if isinstance(known, StoredTrajectory)
+        else _of_log(base, known, progress)
+    )
 
 
 def _of_result(base: BaseModel, found: Identification) -> Floats:
@@ -146,14 +155,19 @@ def _of_result(base: BaseModel, found: Identification) -> Floats:
     names = {name: k for k, name in enumerate(found.names)}
     if not set(base.reduction.base_names) <= set(names):
         raise WrongUsage(
-            f"{found.path} has different base parameters from the robot file", fix="identify again with this robot file"
+            f"{found.path} has different base parameters from the robot file",
+            fix="identify again with this robot file",
         )
     # Why some: a motion is planned without the effects of the robot file, whatever they are.
     some = [names[name] for name in base.reduction.base_names]
     others = [k for k in names.values() if k not in some]
     information = parameter_posterior(found).information
     shared = information[np.ix_(some, others)]
-    rest = shared @ np.linalg.pinv(information[np.ix_(others, others)], hermitian=True) @ shared.T if others else 0.0
+    rest = (
+        shared @ np.linalg.pinv(information[np.ix_(others, others)], hermitian=True) @ shared.T
+        if others
+        else 0.0
+    )
     return np.asarray(information[np.ix_(some, some)] - rest)
 
 
@@ -172,4 +186,6 @@ def _of_log(base: BaseModel, log: Log, progress: Progress) -> Floats:
     factors, rows = stack.whole
     found = weighted(factors, rows).noise
     p = base.reduction.rank
-    return np.asarray(sum(R[:, :p].T @ R[:, :p] / sigma**2 for R, sigma in zip(factors, found, strict=True)))
+    return np.asarray(
+        sum(R[:, :p].T @ R[:, :p] / sigma**2 for R, sigma in zip(factors, found, strict=True))
+    )

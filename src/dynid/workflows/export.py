@@ -24,8 +24,14 @@ if TYPE_CHECKING:
 
 #: The formats by name with their suffixes, repeated from ``dynid.exporters`` so that help needs no import.
 SUFFIXES = {
-    "urdf": ".urdf", "mjcf": ".xml", "sdf": ".sdf", "yaml": ".yaml", "c": ".c", "python": ".py", "matlab": ".m",
-}  # fmt: skip
+    "urdf": ".urdf",
+    "mjcf": ".xml",
+    "sdf": ".sdf",
+    "yaml": ".yaml",
+    "c": ".c",
+    "python": ".py",
+    "matlab": ".m",
+}
 
 
 @dataclass(frozen=True)
@@ -45,15 +51,25 @@ class ExportOptions(Options):
     parameters: str = option(
         "auto",
         "Parameters to write; auto takes the physical ones for formats with bodies, else those used for predictions.",
-        choices=("auto", "physical", "plain"), flag="--set", shown="",
-    )  # fmt: skip
-    urdf: Path | None = option(None, "Your URDF: its inertial blocks are replaced, the rest is kept.", kind="input")
-    allow_infeasible: bool = option(False, "Also write bodies that cannot exist; simulators may refuse them.")
+        choices=("auto", "physical", "plain"),
+        flag="--set",
+        shown="",
+    )
+    urdf: Path | None = option(
+        None, "Your URDF: its inertial blocks are replaced, the rest is kept.", kind="input"
+    )
+    allow_infeasible: bool = option(
+        False, "Also write bodies that cannot exist; simulators may refuse them."
+    )
     residual_model: bool = option(
-        True, "Let exported code use the result's residual model, or the parameters alone.", pair=True
+        True,
+        "Let exported code use the result's residual model, or the parameters alone.",
+        pair=True,
     )
     observer: bool = option(False, "Also write the momentum observer of contacts into the C file.")
-    draws: int = option(0, "Also write so many arms drawn from the posterior (URDF, MJCF, SDF).", bounds=(0, 10_000))
+    draws: int = option(
+        0, "Also write so many arms drawn from the posterior (URDF, MJCF, SDF).", bounds=(0, 10_000)
+    )
 
 
 @dataclass(frozen=True)
@@ -91,7 +107,9 @@ class ExportedFile:
         """Return the warning W408 when an engine refused the file or differs."""
         if self.agrees:
             return ()
-        worst = self.refused or ", ".join(f"{each.engine} differs by {each.largest:.3g}" for each in self.agreements)
+        worst = self.refused or ", ".join(
+            f"{each.engine} differs by {each.largest:.3g}" for each in self.agreements
+        )
         return (Finding("W408", "warning", f"{self.path}: {worst}", {}),)
 
     def facts(self) -> dict[str, Any]:
@@ -161,7 +179,11 @@ class ExportedModel:
                 shown = f"{each.largest:.1e} of {each.torque_rms:.3g} N m"
                 rows.append((file.format, each.engine, each.what, shown))
             if not file.agreements:
-                why = f"not tried: {file.not_tried}" if file.not_tried else "no program here to load it"
+                why = (
+                    f"not tried: {file.not_tried}"
+                    if file.not_tried
+                    else "no program here to load it"
+                )
                 rows.append((file.format, "-", "refused" if file.refused else why, "-"))
         return Table([dict(zip(heads, row, strict=True)) for row in rows])
 
@@ -182,7 +204,8 @@ class ExportedModel:
             "origin": dict(self.arm.full.origin),
             "findings": [asdict(finding) for finding in self.findings],
             "draws": [str(path) for path in self.drawn],
-            "wrote": [str(file.path) for file in self.files] + [str(path) for path in self.drawn[-1:]],
+            "wrote": [str(file.path) for file in self.files]
+            + [str(path) for path in self.drawn[-1:]],
         }
 
 
@@ -224,7 +247,10 @@ def export(
     from dynid.exporters import EFFECTS, FORMATS
     from dynid.files.artifact import write_text
 
-    options, progress = arguments.options(ExportOptions, options, changes), arguments.progress(progress)
+    options, progress = (
+        arguments.options(ExportOptions, options, changes),
+        arguments.progress(progress),
+    )
     result, base = arguments.result(result), arguments.base_model(base)
     path, seed = arguments.path(path, "path"), arguments.whole(seed, "seed")
     wanted = arguments.words(formats, "formats", FORMATS)
@@ -257,7 +283,9 @@ def export(
         progress.findings(files[-1].findings())
     drawn: tuple[Path, ...] = ()
     if options.draws:
-        drawn = write_draws(result, arm, options.draws, seed, path if wanted else path.parent, names, progress)
+        drawn = write_draws(
+            result, arm, options.draws, seed, path if wanted else path.parent, names, progress
+        )
     return ExportedModel(arm, tuple(files), findings, drawn)
 
 
@@ -332,7 +360,9 @@ def format_of(path: Path) -> str:
         if path.suffix.lower() == suffix:
             return name
     known = ", ".join(SUFFIXES.values())
-    raise WrongUsage(f"no format has the suffix '{path.suffix}' of {path}", fix=f"a file with one of {known}")
+    raise WrongUsage(
+        f"no format has the suffix '{path.suffix}' of {path}", fix=f"a file with one of {known}"
+    )
 
 
 def identified_arm(
@@ -356,13 +386,19 @@ def identified_arm(
 
     which, full = options.parameters, result.physical
     if which == "auto":
-        which = "physical" if any(FORMATS[name].needs_bodies for name in formats) else result.in_force
+        which = (
+            "physical" if any(FORMATS[name].needs_bodies for name in formats) else result.in_force
+        )
     if not (np.isfinite(result.plain).all() and np.isfinite(full.x).all()):
-        raise NotAnArtifact(f"{result.path} is damaged: a parameter is not a finite number", where=str(result.path))
+        raise NotAnArtifact(
+            f"{result.path} is damaged: a parameter is not a finite number", where=str(result.path)
+        )
     theta = result.reduction.K @ full.x if which == "physical" else result.plain
     base = base or base_model_of(result, result.path.parent if result.path.name else None, progress)
     version = str(result.header.get("dynid", __version__))
-    made = Provenance(version, result.method, which, relative_error(result.factors, theta), result.log_sha256)
+    made = Provenance(
+        version, result.method, which, relative_error(result.factors, theta), result.log_sha256
+    )
     # Why only the set in force: the residual model is what that set leaves.
     error = result.model_error if which == result.in_force else None
     return IdentifiedArm(
@@ -408,7 +444,9 @@ LANGUAGES = ("c", "python", "matlab")
 POSES = 200
 
 
-def possible(arm: IdentifiedArm, formats: Iterable[str], options: ExportOptions) -> tuple[Finding, ...]:
+def possible(
+    arm: IdentifiedArm, formats: Iterable[str], options: ExportOptions
+) -> tuple[Finding, ...]:
     """Return the warning W409 for what cannot exist, bodies or the mass matrix, where it is wanted all the same.
 
     Raises:
@@ -434,7 +472,9 @@ def possible(arm: IdentifiedArm, formats: Iterable[str], options: ExportOptions)
     return _wanted(options, NotPhysical(what, why=why, fix=fix), {"links": list(impossible)})
 
 
-def _wanted(options: ExportOptions, refusal: NotPhysical, evidence: dict[str, Any]) -> tuple[Finding, ...]:
+def _wanted(
+    options: ExportOptions, refusal: NotPhysical, evidence: dict[str, Any]
+) -> tuple[Finding, ...]:
     """Return the warning W409 in place of a refusal, where what cannot exist is wanted all the same.
 
     Raises:
@@ -445,7 +485,9 @@ def _wanted(options: ExportOptions, refusal: NotPhysical, evidence: dict[str, An
     return (Finding("W409", "warning", refusal.what, evidence),)
 
 
-def _definite(arm: IdentifiedArm, formats: Sequence[str], options: ExportOptions) -> tuple[Finding, ...]:
+def _definite(
+    arm: IdentifiedArm, formats: Sequence[str], options: ExportOptions
+) -> tuple[Finding, ...]:
     """Return the warning W409 for a mass matrix that is not positive definite, where it is wanted all the same.
 
     Raises:
@@ -480,7 +522,9 @@ def proved(name: str, path: Path, text: str, arm: IdentifiedArm, seed: int = 0) 
         refused = str(error)
     except NotTried as error:
         not_tried = str(error)
-    found = ExportedFile(name, path, text, form.leaves_out(arm), tuple(agreements), refused, not_tried=not_tried)
+    found = ExportedFile(
+        name, path, text, form.leaves_out(arm), tuple(agreements), refused, not_tried=not_tried
+    )
     if name not in HOSTS:
         return found
     where = simulated(arm)

@@ -45,13 +45,20 @@ class FleetOptions(Options):
     false_alarms: float = option(
         0.05,
         "Largest share of false alarms among the arms that are called changed, on average over arms and days.",
-        metavar="SHARE", shown="5%", read=share,
-    )  # fmt: skip
+        metavar="SHARE",
+        shown="5%",
+        read=share,
+    )
     jobs: int | None = option(
-        None, "How many results are read at a time (default: one per core).", metavar="N", kind="count"
+        None,
+        "How many results are read at a time (default: one per core).",
+        metavar="N",
+        kind="count",
     )
     scheduler: str | None = option(
-        None, "Read the results on the workers of this Dask scheduler, such as tcp://host:8786.", metavar="ADDRESS"
+        None,
+        "Read the results on the workers of this Dask scheduler, such as tcp://host:8786.",
+        metavar="ADDRESS",
     )
     memory: int | None = option(
         None,
@@ -221,7 +228,9 @@ class Fleet:
                 for each in self.types
                 for o in each.found.outliers
             ],
-            "usual": [{"robot": each.robot, **asdict(w)} for each in self.types for w in each.found.usual],
+            "usual": [
+                {"robot": each.robot, **asdict(w)} for each in self.types for w in each.found.usual
+            ],
             "runs_left_out": {
                 arm: int(off)
                 for each in self.types
@@ -233,7 +242,18 @@ class Fleet:
 
     def csv(self) -> str:
         """Return one row per parameter that changed or differs from that of other arms."""
-        head = ("finding", "robot", "arm", "parameter", "unit", "since", "before", "after", "std_error", "p_value")
+        head = (
+            "finding",
+            "robot",
+            "arm",
+            "parameter",
+            "unit",
+            "since",
+            "before",
+            "after",
+            "std_error",
+            "p_value",
+        )
         rows = [csv_row(head)]
         for each in self.types:
             unit = each.units.get
@@ -241,17 +261,37 @@ class Fleet:
                 since = each.since(c.arm, c.since)
                 rows.append(
                     csv_row(
-                        ("changed", each.robot, c.arm, c.parameter, unit(c.parameter), since, c.before, c.after,
-                         c.std_error, c.p_value)
+                        (
+                            "changed",
+                            each.robot,
+                            c.arm,
+                            c.parameter,
+                            unit(c.parameter),
+                            since,
+                            c.before,
+                            c.after,
+                            c.std_error,
+                            c.p_value,
+                        )
                     )
-                )  # fmt: skip
+                )
             for o in each.found.outliers:
                 rows.append(
                     csv_row(
-                        ("unlike its model", each.robot, o.arm, o.parameter, unit(o.parameter), None, o.usual, o.value,
-                         o.spread, o.p_value)
+                        (
+                            "unlike its model",
+                            each.robot,
+                            o.arm,
+                            o.parameter,
+                            unit(o.parameter),
+                            None,
+                            o.usual,
+                            o.value,
+                            o.spread,
+                            o.p_value,
+                        )
                     )
-                )  # fmt: skip
+                )
         return "\n".join([*rows, ""])
 
     def save(self, folder: Path) -> list[Path]:
@@ -260,7 +300,12 @@ class Fleet:
         from dynid.reports.fleet_page import fleet_page
 
         pages = [
-            (each.robot, each.found, {day: text for (_, day), text in each.times.items()}, each.units)
+            (
+                each.robot,
+                each.found,
+                {day: text for (_, day), text in each.times.items()},
+                each.units,
+            )
             for each in self.types
         ]
         page = fleet_page(self.verdict(), pages, self.runs, self.unread)
@@ -271,10 +316,16 @@ class Fleet:
 
 
 def _change(before: float, after: float) -> str:
-    return f"{100 * (after - before) / abs(before):+.1f} %" if abs(before) > 1e-9 else f"{after - before:+.3g}"
+    return (
+        f"{100 * (after - before) / abs(before):+.1f} %"
+        if abs(before) > 1e-9
+        else f"{after - before:+.3g}"
+    )
 
 
-def fleet(results: Sequence[Path], options: FleetOptions = FleetOptions(), *, progress: Progress = SILENT) -> Fleet:
+def fleet(
+    results: Sequence[Path], options: FleetOptions = FleetOptions(), *, progress: Progress = SILENT
+) -> Fleet:
     """Find which arms have changed, and which differ from others of their model.
 
     Args:
@@ -293,7 +344,9 @@ def fleet(results: Sequence[Path], options: FleetOptions = FleetOptions(), *, pr
     rows, unread = read_rows(runs, options, progress)
     if not rows:
         why = f": {unread[0][1]}" if unread else ""
-        raise NotAnArtifact(f"none of {len(runs)} results can be read{why}", where=str(runs[0].path) if runs else "")
+        raise NotAnArtifact(
+            f"none of {len(runs)} results can be read{why}", where=str(runs[0].path) if runs else ""
+        )
     kinds: dict[tuple[str, tuple[str, ...]], list[tuple[Run, Row]]] = {}
     for run, row in rows:
         kinds.setdefault((row.robot, row.names), []).append((run, row))
@@ -320,7 +373,8 @@ def runs_of(path: Path) -> list[Run]:
     words = [word for word in folder.absolute().parts if word != folder.anchor]
     if len(words) < 2:
         raise WrongUsage(
-            f"{path} does not say which arm it belongs to and when it was made", fix="ARM/TIME folders, or a CSV list"
+            f"{path} does not say which arm it belongs to and when it was made",
+            fix="ARM/TIME folders, or a CSV list",
         )
     arm, time = words[-2:]
     if _DATE.match(arm) and not _DATE.match(time):
@@ -384,7 +438,8 @@ def ordered(runs: Sequence[Run]) -> list[Run]:
         for one, other in pairwise(members):
             if one.day == other.day:
                 raise WrongUsage(
-                    f"{one.path} and {other.path} are runs of {one.arm} at the same time", fix="a CSV list"
+                    f"{one.path} and {other.path} are runs of {one.arm} at the same time",
+                    fix="a CSV list",
                 )
         found += members
     return found
@@ -405,7 +460,9 @@ def read_rows(
     workers = min(options.jobs or cores(), len(parts)) if len(runs) >= MANY else 1
     read: dict[int, list[Row | str]] = {}
     progress.stage("read")
-    with opened(workers, scheduler=options.scheduler, memory=options.memory, progress=progress) as client:
+    with opened(
+        workers, scheduler=options.scheduler, memory=options.memory, progress=progress
+    ) as client:
         for k, rows, error in mapped(client, rows_of, paths, progress=progress):
             if error is not None:
                 raise error
@@ -413,7 +470,9 @@ def read_rows(
             progress.advance(len(read), len(parts), f"{len(runs)} results")
     every = [row for k in range(len(parts)) for row in read[k]]
     found = [(run, row) for run, row in zip(runs, every, strict=True) if isinstance(row, Row)]
-    unread = [(str(run.path), row) for run, row in zip(runs, every, strict=True) if isinstance(row, str)]
+    unread = [
+        (str(run.path), row) for run, row in zip(runs, every, strict=True) if isinstance(row, str)
+    ]
     return found, tuple(unread)
 
 
@@ -438,7 +497,9 @@ def _row(path: Path) -> Row | str:
         stored = header["result"]
         error = np.sqrt(np.maximum(np.diagonal(arrays["plain_covariance"]), 0.0))
         if stored["rank"] < len(names):
-            error = np.where([word == NOT_DETERMINED for word in stored["knowledge"]], np.inf, error)
+            error = np.where(
+                [word == NOT_DETERMINED for word in stored["knowledge"]], np.inf, error
+            )
         return Row(robot, names, arrays["plain"], error)
     except DynidError as mistake:
         return f"{mistake.code} {mistake.what}"

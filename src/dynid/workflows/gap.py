@@ -73,7 +73,10 @@ def find_gap(
     Example:
         dynid.find_gap("out/kuka_lwr4plus", ["run3.bag", "run4.bag"])
     """
-    options, progress = arguments.options(GapOptions, options, changes), arguments.progress(progress)
+    options, progress = (
+        arguments.options(GapOptions, options, changes),
+        arguments.progress(progress),
+    )
     result = arguments.result(result)
     recordings = arguments.logs(logs, result.robot, options)
     known = arguments.logs(earlier, result.robot, options, "earlier", empty=True)
@@ -94,15 +97,23 @@ def _answered(search: _Search, new: Sequence[Log], before: Sequence[Log]) -> Gap
     if not before:
         why = "the logs that the model was identified from were not found"
         found = search.of_the_arm(new, why)
-        if search.judged(found, new).verdict == found.verdict or not found.verdict.startswith("nothing"):
+        if search.judged(found, new).verdict == found.verdict or not found.verdict.startswith(
+            "nothing"
+        ):
             return found
         # Why: new numbers for all parameters take in a load, and the model as it is does not.
-        changed = search.ask("changed", new, (), f"{why}, and the model as it is misses more than it expected.")
+        changed = search.ask(
+            "changed", new, (), f"{why}, and the model as it is misses more than it expected."
+        )
         return changed if changed.named else found
     changed = search.ask("changed", new, before, ASKED["changed"])
     if changed.named:
         return changed
-    told = "Nothing has changed" if changed.verdict == "nothing_changed" else "No change could be named"
+    told = (
+        "Nothing has changed"
+        if changed.verdict == "nothing_changed"
+        else "No change could be named"
+    )
     why = f"{changed.asked} {told}, so all {len(before) + len(new)} logs were searched"
     return search.of_the_arm([*before, *new], why)
 
@@ -174,7 +185,15 @@ class _Search:
         wanted = replace(self.wanted, also=also)
         possible = self.result.in_force == "physical"
         analysis = analyse_gap(
-            conditioned, self.base, kept, wanted, self.progress, earlier=before, arm=arm, possible=possible, words=words
+            conditioned,
+            self.base,
+            kept,
+            wanted,
+            self.progress,
+            earlier=before,
+            arm=arm,
+            possible=possible,
+            words=words,
         )
         if question == "changed":
             now = relative_error(conditioned, self.base, self.result.theta)
@@ -182,7 +201,10 @@ class _Search:
             why += _kept_error(now, then, analysis.verdict.word == "nothing_changed")
             analysis = self._with_reestimated_payload(analysis, logs) if earlier else analysis
         made_from = str(self.result.path) if self.result.path.name else ""
-        record = replace(record_of(analysis, self.base.robot, question, why, made_from), of=fingerprint(self.result))
+        record = replace(
+            record_of(analysis, self.base.robot, question, why, made_from),
+            of=fingerprint(self.result),
+        )
         return with_methods(
             record,
             analysis=analysis,
@@ -201,14 +223,20 @@ class _Search:
         fitted = self.result.log_sha256
         new = [log for log in logs if not log.sha256 or log.sha256 not in fitted]
         replays = [validate(self.result, log, options, base=self.base) for log in new]
-        return max(replays, key=lambda each: each.relative_error_percent / (each.expected_percent or 1.0), default=None)
+        return max(
+            replays,
+            key=lambda each: each.relative_error_percent / (each.expected_percent or 1.0),
+            default=None,
+        )
 
     def judged(self, gap: Gap, new: Sequence[Log]) -> Gap:
         """Return an answer beside how the model as it is does on the new logs: "nothing" only where that agrees."""
         kept = self.kept(new)
         if kept is not None:
             rms = tuple(joint.rms for joint in kept.joints)
-            gap = replace(gap, kept=kept.relative_error_percent, expected=kept.expected_percent, kept_rms=rms)
+            gap = replace(
+                gap, kept=kept.relative_error_percent, expected=kept.expected_percent, kept_rms=rms
+            )
         if self.of_another_arm:
             gap = self._unproved(gap)
         if gap.named and gap.unseen_logs:
@@ -224,23 +252,32 @@ class _Search:
         before = self._before(gap)
         at = {name: j for j, name in enumerate(gap.joint_names)}
         named = tuple(
-            replace(one, rms_before=float(before[at[one.joint]]), rms_after=float(after[at[one.joint]]))
+            replace(
+                one, rms_before=float(before[at[one.joint]]), rms_after=float(after[at[one.joint]])
+            )
             for one in gap.named
         )
-        return replace(gap, named=named, improvement=replace(gap.improvement, before=before, after=after))
+        return replace(
+            gap, named=named, improvement=replace(gap.improvement, before=before, after=after)
+        )
 
     def _unproved(self, gap: Gap) -> Gap:
         """Return an answer that names nothing: what links of another arm leave over is no effect of this one."""
         import numpy as np
 
         why, before = "the robot file does not describe the arm of these logs", self._before(gap)
-        unchanged = replace(gap.improvement, before=before, after=before, ratio=np.ones_like(gap.improvement.ratio))
+        unchanged = replace(
+            gap.improvement, before=before, after=before, ratio=np.ones_like(gap.improvement.ratio)
+        )
         return replace(
             gap,
             verdict="unexplained" if gap.named else gap.verdict,
             named=(),
             closest=(
-                *(replace(one, why_not=why, rms_after=None, share=None, probability=None) for one in gap.named),
+                *(
+                    replace(one, why_not=why, rms_after=None, share=None, probability=None)
+                    for one in gap.named
+                ),
                 *gap.closest,
             ),
             alternatives=(),
@@ -255,7 +292,11 @@ class _Search:
         """Return the error of each joint without what is named, of the model as it is where it is tried, (n,)."""
         unseen = gap.unseen_logs
         known = any(log.sha256 in self.result.log_sha256 for log in unseen)
-        return gap.improvement.before if known or not unseen else self._errors(self.result, unseen, gap)
+        return (
+            gap.improvement.before
+            if known or not unseen
+            else self._errors(self.result, unseen, gap)
+        )
 
     def _errors(self, result: Identification, logs: Sequence[Log], gap: Gap) -> NDArray[np.float64]:
         """Return the error of each joint on recordings, with the filter of the search, (n,) [N m or N]."""
@@ -269,7 +310,9 @@ class _Search:
         replays = [validate(result, log, options) for log in logs]
         counts = np.array([each.motion.usable.sum(axis=0) for each in replays])
         squares = np.array([[joint.rms**2 for joint in each.joints] for each in replays])
-        return np.asarray(np.sqrt(np.sum(counts * squares, axis=0) / np.maximum(1, counts.sum(axis=0))))
+        return np.asarray(
+            np.sqrt(np.sum(counts * squares, axis=0) / np.maximum(1, counts.sum(axis=0)))
+        )
 
     def _with_formulas(self, gap: Gap) -> Gap:
         """Return an answer with what is left put into words; not of links that are not there."""
@@ -296,7 +339,11 @@ class _Search:
         if load is None or result.robot.torque.relative:
             return analysis
         options = IdentifyOptions(
-            holdout=None, drop_weak=True, cutoff=result.cutoff or None, delay=result.delay, exclude=self.options.exclude
+            holdout=None,
+            drop_weak=True,
+            cutoff=result.cutoff or None,
+            delay=result.delay,
+            exclude=self.options.exclude,
         )
         try:
             now = identify(self.base.robot, logs, options, base=self.base)
@@ -315,7 +362,8 @@ class _Search:
         found, parts = stretches(whole, LONGEST)
         if parts:
             self.progress.stage(
-                "stretches", f"{LONGEST:.0f} s are searched, in {parts} stretches spread evenly over the logs"
+                "stretches",
+                f"{LONGEST:.0f} s are searched, in {parts} stretches spread evenly over the logs",
             )
         return found
 
@@ -327,12 +375,19 @@ class _Search:
         # Why once: both questions filter the same logs alike.
         conditioned = self.conditioned(logs, signals_of(self.result, self.options, "numbers"))
         # Why without words at first: of two answers one is given, and words take as long as all else.
-        found = self.ask("numbers", logs, (), f"{why}: {ASKED['numbers']}", (), conditioned, words=False)
+        found = self.ask(
+            "numbers", logs, (), f"{why}: {ASKED['numbers']}", (), conditioned, words=False
+        )
         analysis = found.analysis
-        suspected = [] if analysis is None else suspicions(analysis.problem, analysis.search.selected)
+        suspected = (
+            [] if analysis is None else suspicions(analysis.problem, analysis.search.selected)
+        )
         effects, joints = self.wanted.effects, self.wanted.joints
         suspected = [
-            one for one in suspected if not effects or COUNTERBALANCE in effects if not joints or one.joint in joints
+            one
+            for one in suspected
+            if not effects or COUNTERBALANCE in effects
+            if not joints or one.joint in joints
         ]
         names = self.base.robot.joint_names
         if not any(one.searched for one in suspected):
@@ -345,7 +400,11 @@ class _Search:
         odd = self.ask("arm", logs, (), why, also, conditioned, words=False)
         if any(one.effect == COUNTERBALANCE for one in odd.named):
             assert odd.analysis is not None
-            equal = {one.joint: one.instead for one in suspected if one.instead is not None and not one.beaten}
+            equal = {
+                one.joint: one.instead
+                for one in suspected
+                if one.instead is not None and not one.beaten
+            }
             return self._with_formulas(replace(odd, analysis=with_rivals(odd.analysis, equal)))
         found = replace(self._with_formulas(found), asked=f"{why} {_not_told(suspected, odd)}")
         return _with_likely(found, suspected, names)
@@ -397,7 +456,11 @@ def _with_likely(gap: Gap, suspected: Sequence[Suspicion], names: Sequence[str])
 
 def _not_told(suspected: Sequence[Suspicion], odd: Gap) -> str:
     """Return why no counterbalance is named, and what would tell."""
-    reasons = [one.message for one in odd.closest if one.indices[:1] in [(each.joint,) for each in suspected]]
+    reasons = [
+        one.message
+        for one in odd.closest
+        if one.indices[:1] in [(each.joint,) for each in suspected]
+    ]
     links = " and ".join(dict.fromkeys(f"of link {one.link}" for one in suspected))
     sure = all(one.sure for one in suspected)
     what = (
@@ -460,17 +523,27 @@ def earlier_logs(
     from dynid.estimation.evidence import found_log
     from dynid.npz import sha256
 
-    options, progress = arguments.options(GapOptions, options, changes), arguments.progress(progress)
+    options, progress = (
+        arguments.options(GapOptions, options, changes),
+        arguments.progress(progress),
+    )
     result = arguments.result(result)
-    new = {log.sha256 for log in arguments.logs(logs, result.robot, options, empty=True) if log.sha256}
+    new = {
+        log.sha256 for log in arguments.logs(logs, result.robot, options, empty=True) if log.sha256
+    }
     before = [(found_log(result, k), sha) for k, sha in enumerate(result.log_sha256)]
     own = new & {sha for _, sha in before}
     if own:
         if options.question == "changed":
-            progress.stage("earlier", "the model was identified from a log given here, so that log shows no change")
+            progress.stage(
+                "earlier",
+                "the model was identified from a log given here, so that log shows no change",
+            )
         elif options.question == "auto":
             return []
-    there = [path for path, sha in before if sha not in new and path.exists() and sha256(path) == sha]
+    there = [
+        path for path, sha in before if sha not in new and path.exists() and sha256(path) == sha
+    ]
     missing = [str(path) for path, sha in before if sha not in own and path not in there]
     if missing:
         text = f"missing, or changed since then: {', '.join(missing)}"

@@ -43,7 +43,9 @@ def question_of(record: GapRecord, base: BaseModel, theta: NDArray[np.float64]) 
             f"--for-gap: the search was made for {record.robot}, whose joints differ from those of {base.robot.name}",
             fix="give the robot file that was searched",
         )
-    rivalries = tuple(_rivalry(one, key, text) for one in record.named for key, text in _rivals(one))
+    rivalries = tuple(
+        _rivalry(one, key, text) for one in record.named for key, text in _rivals(one)
+    )
     unexplained = () if record.verdict != "unexplained" or record.formulas else _loud(record)
     if not rivalries and not unexplained:
         raise WrongUsage(
@@ -51,7 +53,9 @@ def question_of(record: GapRecord, base: BaseModel, theta: NDArray[np.float64]) 
             why=f"its verdict is {record.verdict.replace('_', ' ')}, and no two explanations fitted equally well",
             fix="plan without --for-gap; to test the model on a new log: dynid validate",
         )
-    return GapQuestion(rivalries, unexplained, np.asarray(record.improvement.floor), _theta(record, base, theta))
+    return GapQuestion(
+        rivalries, unexplained, np.asarray(record.improvement.floor), _theta(record, base, theta)
+    )
 
 
 def _rivals(one: GapEffect) -> list[tuple[tuple[str, tuple[int, ...]], str]]:
@@ -73,7 +77,9 @@ def _loud(record: GapRecord) -> tuple[int, ...]:
     return tuple(sorted(one.joint for one in record.joints if one.chi > LOUD))
 
 
-def _theta(record: GapRecord, base: BaseModel, otherwise: NDArray[np.float64]) -> NDArray[np.float64]:
+def _theta(
+    record: GapRecord, base: BaseModel, otherwise: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return the base parameters of the result that was searched, where it is still there."""
     from dynid.estimation import result_files
 
@@ -97,13 +103,18 @@ def separation_of_logs(
     if not paths or not all(path.is_file() for path in paths):
         return None
     try:
-        logs = [checked_log(read_log(path, base.robot), base.robot, LogOptions(delay=0.0)) for path in paths]
+        logs = [
+            checked_log(read_log(path, base.robot), base.robot, LogOptions(delay=0.0))
+            for path in paths
+        ]
         conditioned = condition_logs(logs, base.model, LogOptions(delay=0.0), progress)
     except DynidError:
         return None
     segments = [segment for log in conditioned for segment in log.segments]
     step = max(1, sum(len(segment) for segment in segments) // (tuning.RUN_SAMPLES * len(paths)))
-    q, qd, qdd = (np.concatenate([getattr(s, key)[::step] for s in segments]) for key in ("q", "qd", "qdd"))
+    q, qd, qdd = (
+        np.concatenate([getattr(s, key)[::step] for s in segments]) for key in ("q", "qd", "qdd")
+    )
     rate = conditioned[0].filter.rate / step
     return separation(base, question, Motion(np.arange(len(q)) / rate, q, qd, qdd))
 
@@ -123,27 +134,47 @@ class GapExperiment:
     before: Separation | None
 
     @classmethod
-    def of(cls, record: GapRecord, context: PlanningContext, progress: Progress = SILENT) -> GapExperiment:
+    def of(
+        cls, record: GapRecord, context: PlanningContext, progress: Progress = SILENT
+    ) -> GapExperiment:
         """Return the experiment that a search asks for on a prepared arm."""
         question = question_of(record, context.base, context.theta)
-        return cls(context.base, question, separation_of_logs(record, context.base, question, progress))
+        return cls(
+            context.base, question, separation_of_logs(record, context.base, question, progress)
+        )
 
-    def search(self, context: PlanningContext, limit: float, progress: Progress = SILENT) -> SearchOutcome:
+    def search(
+        self, context: PlanningContext, limit: float, progress: Progress = SILENT
+    ) -> SearchOutcome:
         """Search for the motion that answers best, for so many seconds at most."""
         from dynid.trajectory.planning import plan_problem
         from dynid.trajectory.separation import separate
 
-        return separate(plan_problem(context), self.base, self.question, context.options, limit, progress)
+        return separate(
+            plan_problem(context), self.base, self.question, context.options, limit, progress
+        )
 
     def outlook(self, trajectory: Trajectory) -> tuple[str, ...]:
         """Return how much better the second search will be, a sentence for each open question."""
         from dynid.trajectory.separation import run_of, separation
 
-        after, before, found = separation(self.base, self.question, run_of(trajectory)), self.before, []
+        after, before, found = (
+            separation(self.base, self.question, run_of(trajectory)),
+            self.before,
+            [],
+        )
         for k, pair in enumerate(self.question.rivalries):
-            then = "" if before is None else f", {before.leads[k]:.2g} in the logs that were searched"
-            sure = "will be told apart" if after.leads[k] > SAFETY * CLEAR else "may still fit equally well"
-            found.append(f"{pair.text} {sure}: expected lead {after.leads[k]:.2g}{then}; {CLEAR:g} is clear")
+            then = (
+                "" if before is None else f", {before.leads[k]:.2g} in the logs that were searched"
+            )
+            sure = (
+                "will be told apart"
+                if after.leads[k] > SAFETY * CLEAR
+                else "may still fit equally well"
+            )
+            found.append(
+                f"{pair.text} {sure}: expected lead {after.leads[k]:.2g}{then}; {CLEAR:g} is clear"
+            )
         if after.spread is not None:
             then = ""
             if before is not None and before.spread is not None:

@@ -22,7 +22,13 @@ MODES = {"refit": "numbers", "frozen": "changed"}
 
 def _words(value: Any, name: str) -> tuple[str, ...]:  # noqa: ANN401
     """Return words given as text with commas or one by one; () for ``all`` and for nothing."""
-    items = () if value is None or value == "all" else (value,) if isinstance(value, (str, int)) else value
+    items = (
+        ()
+        if value is None or value == "all"
+        else (value,)
+        if isinstance(value, (str, int))
+        else value
+    )
     if not all(isinstance(item, (str, int)) for item in items):
         raise TypeError("it must be a word or a list of words")
     words = [word.strip() for item in items for word in str(item).split(",")]
@@ -37,15 +43,22 @@ class GapOptions(LogOptions):
         "auto",
         "numbers: effects that remain after refitting all parameters; arm: effects that only implausible links could "
         "imitate; changed: what has changed since the model was identified; auto chooses by the logs and says why.",
-        choices=("auto", *QUESTIONS), shown="",
-    )  # fmt: skip
+        choices=("auto", *QUESTIONS),
+        shown="",
+    )
     mode: str | None = option(
-        None, "Earlier names of two questions: refit is --ask numbers, frozen is --ask changed.", choices=tuple(MODES)
+        None,
+        "Earlier names of two questions: refit is --ask numbers, frozen is --ask changed.",
+        choices=tuple(MODES),
     )
     effects: tuple[str, ...] = option(
-        "all", "Effects to try, by identifier, separated by commas.", metavar="all|LIST", shown="", kind="effects",
+        "all",
+        "Effects to try, by identifier, separated by commas.",
+        metavar="all|LIST",
+        shown="",
+        kind="effects",
         read=_words,
-    )  # fmt: skip
+    )
     joints: tuple[str, ...] = option(
         None,
         "Joints to search, by name, by number, or as a range such as 2-4 (default: all).",
@@ -53,14 +66,22 @@ class GapOptions(LogOptions):
         read=_words,
     )
     false_alarm: float = option(
-        "1%", "Probability of naming an effect in logs where nothing is missing.", metavar="SHARE", shown="", read=share
+        "1%",
+        "Probability of naming an effect in logs where nothing is missing.",
+        metavar="SHARE",
+        shown="",
+        read=share,
     )
-    max_effects: int = option(3, "Largest number of effects that are selected.", shown="", kind="count")
+    max_effects: int = option(
+        3, "Largest number of effects that are selected.", shown="", kind="count"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.ask not in ("auto", self.question):
-            raise WrongUsage(f"--mode {self.mode} is --ask {self.question}, but --ask {self.ask} was given too")
+            raise WrongUsage(
+                f"--mode {self.mode} is --ask {self.question}, but --ask {self.ask} was given too"
+            )
 
     @property
     def question(self) -> str:
@@ -77,7 +98,8 @@ def selection_options(robot: Robot, options: GapOptions) -> SelectionOptions:
     for word in options.effects:
         if word not in CATALOGUE:
             raise WrongUsage(
-                f"--effects: no effect '{word}'{closest(word, CATALOGUE)}", fix=f"some of {','.join(CATALOGUE)}"
+                f"--effects: no effect '{word}'{closest(word, CATALOGUE)}",
+                fix=f"some of {','.join(CATALOGUE)}",
             )
     joints = joint_indices(robot.joint_names, ",".join(options.joints), "--joints")
     return SelectionOptions(options.effects, joints, options.false_alarm, options.max_effects)
@@ -97,5 +119,8 @@ def joint_indices(names: Sequence[str], text: str, option: str) -> tuple[int, ..
         elif span and 1 <= int(span[1]) <= int(span[2] or span[1]) <= len(names):
             found += range(int(span[1]) - 1, int(span[2] or span[1]))
         else:
-            raise WrongUsage(f"{option}: no joint '{word}'{closest(word, names)}", fix=f"1 to {len(names)}, or a name")
+            raise WrongUsage(
+                f"{option}: no joint '{word}'{closest(word, names)}",
+                fix=f"1 to {len(names)}, or a name",
+            )
     return tuple(dict.fromkeys(found))

@@ -85,7 +85,9 @@ class Gap(GapRecord):
     @property
     def noise_text(self) -> str:
         """Where the noise floor comes from and what it allows for."""
-        return "; ".join(["from " + self.noise_from, *([self.noise_note] if self.noise_note else [])])
+        return "; ".join(
+            ["from " + self.noise_from, *([self.noise_note] if self.noise_note else [])]
+        )
 
     @property
     def where_text(self) -> str:
@@ -93,16 +95,25 @@ class Gap(GapRecord):
         from dynid.gap.localisation import NEGLIGIBLE
 
         loud = [one for one in self.joints if one.share > TOLD_SHARE and one.chi > 1 + NEGLIGIBLE]
-        return "; ".join(
-            f"{self.joint_names[one.joint]} ({100 * one.share:.0f} % of the disagreement) {one.text}"
-            for one in sorted(loud, key=lambda one: -one.share)
-        ) or "no joint is above its noise floor"  # fmt: skip
+        return (
+            "; ".join(
+                f"{self.joint_names[one.joint]} ({100 * one.share:.0f} % of the disagreement) {one.text}"
+                for one in sorted(loud, key=lambda one: -one.share)
+            )
+            or "no joint is above its noise floor"
+        )
 
     @property
     def verdict_text(self) -> str:
         """The verdict in words."""
-        groups = [" or ".join([f"{one.effect} on {one.where}", *one.rivals]) for one in self.named if one.rivals]
-        return ": ".join([VERDICTS[self.verdict], *(["; ".join(groups)] if self.verdict == "ambiguous" else [])])
+        groups = [
+            " or ".join([f"{one.effect} on {one.where}", *one.rivals])
+            for one in self.named
+            if one.rivals
+        ]
+        return ": ".join(
+            [VERDICTS[self.verdict], *(["; ".join(groups)] if self.verdict == "ambiguous" else [])]
+        )
 
     def table(self) -> Table:
         """Return one row per candidate: size, held-out rms of its joint before and, if it is named, after, p-value."""
@@ -119,7 +130,9 @@ class Gap(GapRecord):
             }
             for one in (*self.named, *self.closest, *self.formulas)
         ]
-        return Table(rows, f"{self.robot}: {self.verdict_text}", (f"where: {self.where_text}", self.advice))
+        return Table(
+            rows, f"{self.robot}: {self.verdict_text}", (f"where: {self.where_text}", self.advice)
+        )
 
     def joint_table(self) -> Table:
         """Return one row per joint: held-out rms before and after, noise [N m or N], errors of the simulated motion."""
@@ -133,7 +146,10 @@ class Gap(GapRecord):
                 "unit": self.torque_units[j],
             }
             if len(self.simulation):
-                row |= {f"simulated {word}": float(self.simulation[k, j]) for k, word in enumerate(("before", "after"))}
+                row |= {
+                    f"simulated {word}": float(self.simulation[k, j])
+                    for k, word in enumerate(("before", "after"))
+                }
             rows.append(row)
         return Table(rows, f"{self.robot}: held-out error ({self.heldout})")
 
@@ -141,7 +157,9 @@ class Gap(GapRecord):
         """Return the verdict, the sizes of what is named, where the gap is, the noise and the advice, line by line."""
         judged = self.judgement
         sizes = [f"{one.effect} on {one.where}: {', '.join(one.texts())}" for one in self.named]
-        sizes += [f"{one.formula} on {one.where}: {', '.join(one.texts())}" for one in self.formulas]
+        sizes += [
+            f"{one.formula} on {one.where}: {', '.join(one.texts())}" for one in self.formulas
+        ]
         lines = [
             judged.sentence,
             *judged.reasons,
@@ -179,7 +197,12 @@ class Gap(GapRecord):
             "asked": self.asked,
             "verdict": self.verdict,
             "where": [
-                {"joint": self.joint_names[one.joint], "share": one.share, "region": one.text, "chi": one.chi}
+                {
+                    "joint": self.joint_names[one.joint],
+                    "share": one.share,
+                    "region": one.text,
+                    "chi": one.chi,
+                }
                 for one in self.joints
             ],
             "named": [one.facts() for one in self.named],
@@ -248,7 +271,9 @@ class Gap(GapRecord):
         from dynid.reports.figures import write_figure
 
         figures = {"where": self.plot_residual(), "shrink": self.plot_improvement()}
-        for k, (figure, (one, _)) in enumerate(zip(self.plot_effects(), self.drawn(), strict=True), start=1):
+        for k, (figure, (one, _)) in enumerate(
+            zip(self.plot_effects(), self.drawn(), strict=True), start=1
+        ):
             figures[f"effect_{k}_{one.effect}"] = figure
         return [write_figure(figure, folder / f"{name}.png") for name, figure in figures.items()]
 
@@ -272,8 +297,13 @@ class Gap(GapRecord):
             if one.effect == name and (not joints or one.indices[:1] in [(j,) for j in joints])
         ]
         if not found:
-            there = [f"{one.effect}@{','.join(str(j + 1) for j in one.indices[:1])}" for one in self._selected()]
-            raise WrongUsage(f"--apply {text}: this was not found", why=f"found: {', '.join(there) or 'nothing'}")
+            there = [
+                f"{one.effect}@{','.join(str(j + 1) for j in one.indices[:1])}"
+                for one in self._selected()
+            ]
+            raise WrongUsage(
+                f"--apply {text}: this was not found", why=f"found: {', '.join(there) or 'nothing'}"
+            )
         return tuple(found)
 
     def _selected(self) -> list[GapEffect]:
@@ -299,8 +329,13 @@ class Gap(GapRecord):
 
         analysis = self.analysis
         if analysis is None:
-            raise WrongUsage("a search that was read from a file cannot be applied", fix="find_gap(...).apply()")
-        wanted = {(one.effect, one.indices) for one in (self.chosen(effects) if isinstance(effects, str) else effects)}
+            raise WrongUsage(
+                "a search that was read from a file cannot be applied", fix="find_gap(...).apply()"
+            )
+        wanted = {
+            (one.effect, one.indices)
+            for one in (self.chosen(effects) if isinstance(effects, str) else effects)
+        }
         every = (
             *analysis.verdict.named,
             *(one for one, _ in analysis.verdict.closest),
@@ -308,7 +343,9 @@ class Gap(GapRecord):
         )
         chosen = [one for one in every if (one.name, one.joints) in wanted]
         if not chosen:
-            raise WrongUsage("no effect is named", fix="name a candidate of the table, such as apply('spring@7')")
+            raise WrongUsage(
+                "no effect is named", fix="name a candidate of the table, such as apply('spring@7')"
+            )
         robot = analysis.problem.base.robot
         specs = specs_of(chosen, robot)
         if robot_file is not None:
@@ -333,14 +370,24 @@ class Gap(GapRecord):
         before, analysis = self.searched, self.analysis
         assert before is not None
         assert analysis is not None
-        late = self.signals.delay if any(spec.effect == "torque_delay" for spec in specs) else before.delay
+        late = (
+            self.signals.delay
+            if any(spec.effect == "torque_delay" for spec in specs)
+            else before.delay
+        )
         signals = replace(self.signals, cutoff=before.cutoff or self.signals.cutoff, delay=late)
         unseen = {id(log) for log in self.unseen_logs}
         fitted = [log for log in self.recordings if id(log) not in unseen]
         model, every = analysis.problem.base.model, (*self.before, *fitted)
         logs = on_one_clock(condition_logs(fitted, model, signals))
-        earlier = condition_logs(self.before, model, replace(signals, delay=before.delay)) if self.before else []
-        base, stack = stacked_with(logs, analysis.problem.base, specs, analysis.problem.theta, earlier)
+        earlier = (
+            condition_logs(self.before, model, replace(signals, delay=before.delay))
+            if self.before
+            else []
+        )
+        base, stack = stacked_with(
+            logs, analysis.problem.base, specs, analysis.problem.theta, earlier
+        )
         seen = Observations(
             base=base,
             stack=stack,
@@ -354,9 +401,15 @@ class Gap(GapRecord):
         options = IdentifyOptions(
             method=before.method if asked else "auto",
             # Why not where the data contradicted every possible arm: with what was missing they may not any more.
-            feasible=True if before.in_force == "physical" else False if asked or before.choice == "as asked" else None,
+            feasible=True
+            if before.in_force == "physical"
+            else False
+            if asked or before.choice == "as asked"
+            else None,
             # Why: an effect of one joint says nothing about how much is missing on the others.
-            residual_model=before.model_error is not None if before.in_force == "physical" else None,
+            residual_model=before.model_error is not None
+            if before.in_force == "physical"
+            else None,
             drop_weak=True,
         )
         return identify(base.robot, seen, options, like=before)
@@ -388,6 +441,10 @@ def robot_file_beside(robot: Robot, effects: Sequence[GapEffect]) -> Path:
 
     shipped = packaged("robots").resolve()
     folder = Path("robots") if Path("robots").is_dir() else Path()
-    if robot.path is not None and shipped not in robot.path.resolve().parents and os.access(robot.path.parent, os.W_OK):
+    if (
+        robot.path is not None
+        and shipped not in robot.path.resolve().parents
+        and os.access(robot.path.parent, os.W_OK)
+    ):
         folder = robot.path.parent
     return folder / f"{new_name(robot, effects)}.yaml"

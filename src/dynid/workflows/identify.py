@@ -70,13 +70,19 @@ def _holdout(value: Any, name: str) -> Any:  # noqa: ANN401
 Range = tuple[float, float]
 Corner = tuple[float, float, float]
 #: What each option is given.
-SUCH_AS = {"--total-mass": "15:17", "--link-mass": "2=3.5:4.5", "--com-box": "7=-0.1,-0.1,0:0.1,0.1,0.2"}
+SUCH_AS = {
+    "--total-mass": "15:17",
+    "--link-mass": "2=3.5:4.5",
+    "--com-box": "7=-0.1,-0.1,0:0.1,0.1,0.2",
+}
 
 
 def _range(value: Any, name: str) -> Range | None:  # noqa: ANN401
     if value is None:
         return None
-    low, high = _two(value, name, 1) if isinstance(value, str) else ((float(value[0]),), (float(value[1]),))
+    low, high = (
+        _two(value, name, 1) if isinstance(value, str) else ((float(value[0]),), (float(value[1]),))
+    )
     if not low[0] < high[0]:
         raise WrongUsage(f"{name} '{value}': the first number must be the smaller one")
     return low[0], high[0]
@@ -139,24 +145,39 @@ class PriorOptions(Options):
         None,
         "Link inertias that are known before measuring: a YAML file with `links:` or `cylinders:`, or a URDF of this "
         "arm (default: those of the robot file).",
-        metavar="FILE", kind="file", read=_prior,
-    )  # fmt: skip
+        metavar="FILE",
+        kind="file",
+        read=_prior,
+    )
     total_mass: Range | None = option(
-        None, "Smallest and largest mass of all identified links together [kg].", metavar="LOW:HIGH", read=_range
+        None,
+        "Smallest and largest mass of all identified links together [kg].",
+        metavar="LOW:HIGH",
+        read=_range,
     )
     link_mass: tuple[tuple[int, Range], ...] = option(
-        (), "Smallest and largest mass of one link [kg]; may be repeated.",
-        metavar="LINK=LOW:HIGH", repeatable=True, read=_ranges,
-    )  # fmt: skip
+        (),
+        "Smallest and largest mass of one link [kg]; may be repeated.",
+        metavar="LINK=LOW:HIGH",
+        repeatable=True,
+        read=_ranges,
+    )
     com_box: tuple[tuple[int, tuple[Corner, Corner]], ...] = option(
-        (), "Corners of the box around a link's centre of mass, in its DH frame [m]; may be repeated.",
-        metavar="LINK=X,Y,Z:X,Y,Z", repeatable=True, read=_boxes,
-    )  # fmt: skip
+        (),
+        "Corners of the box around a link's centre of mass, in its DH frame [m]; may be repeated.",
+        metavar="LINK=X,Y,Z:X,Y,Z",
+        repeatable=True,
+        read=_boxes,
+    )
 
     @property
     def given(self) -> bool:
         """Whether any option says what is known of the bodies."""
-        return self.prior is not None or self.total_mass is not None or bool(self.link_mass or self.com_box)
+        return (
+            self.prior is not None
+            or self.total_mass is not None
+            or bool(self.link_mass or self.com_box)
+        )
 
 
 def with_prior(robot: Robot, options: PriorOptions) -> Robot:
@@ -168,11 +189,15 @@ def with_prior(robot: Robot, options: PriorOptions) -> Robot:
     """
     prior = options.prior
     if prior is not None:
-        robot = replace(robot, prior=prior if isinstance(prior, Prior) else read_prior(prior, robot))
+        robot = replace(
+            robot, prior=prior if isinstance(prior, Prior) else read_prior(prior, robot)
+        )
     for name, bounds in (("--link-mass", options.link_mass), ("--com-box", options.com_box)):
         for link, _ in bounds:
             if link > robot.n:
-                raise WrongUsage(f"{name}: there is no link {link}", fix=f"a number from 1 to {robot.n}")
+                raise WrongUsage(
+                    f"{name}: there is no link {link}", fix=f"a number from 1 to {robot.n}"
+                )
     known = robot.known
     return replace(
         robot,
@@ -194,7 +219,9 @@ def read_prior(path: Path, robot: Robot) -> Prior:
     from dynid.files import robotfile
 
     if not path.is_file():
-        raise LogNotFound(f"no such file {path}", where=str(path), fix="--prior FILE.yaml or --prior FILE.urdf")
+        raise LogNotFound(
+            f"no such file {path}", where=str(path), fix="--prior FILE.yaml or --prior FILE.urdf"
+        )
     if path.suffix in (".yaml", ".yml"):
         return robotfile.read_prior(path, robot)
     return attached(path, robot).prior()
@@ -206,7 +233,10 @@ class IdentifyOptions(PriorOptions, LogOptions):
     """How parameters are identified."""
 
     method: str = option(
-        "auto", "Estimator; auto takes the one that the log allows and reports why.", choices=METHODS, shown=""
+        "auto",
+        "Estimator; auto takes the one that the log allows and reports why.",
+        choices=METHODS,
+        shown="",
     )
     feasible: bool | None = option(
         None,
@@ -224,9 +254,13 @@ class IdentifyOptions(PriorOptions, LogOptions):
         "auto",
         "Data kept back to judge the fit: a share at the end of each log, another log, or nothing; auto keeps back the "
         "last motion if the logs hold several, else the last 20 % of each log.",
-        metavar="auto|SHARE|LOG|none", shown="auto", read=_holdout,
-    )  # fmt: skip
-    drop_weak: bool = option(False, "Continue when the log does not determine all parameters, or only badly.")
+        metavar="auto|SHARE|LOG|none",
+        shown="auto",
+        read=_holdout,
+    )
+    drop_weak: bool = option(
+        False, "Continue when the log does not determine all parameters, or only badly."
+    )
 
 
 @public
@@ -264,7 +298,10 @@ def identify(
     """
     from dynid.estimation.estimate import estimate
 
-    options, progress = arguments.options(IdentifyOptions, options, changes), arguments.progress(progress)
+    options, progress = (
+        arguments.options(IdentifyOptions, options, changes),
+        arguments.progress(progress),
+    )
     update = None if update is None else arguments.result(update, "update")
     robot, options = resolved(arguments.robot(robot), options, update)
     client = arguments.client(client)
@@ -278,7 +315,11 @@ def identify(
     else:
         recordings = arguments.logs(logs, robot, options)
         seen = observe(robot, recordings, options, base=base, client=client, progress=progress)
-    base, stack, header = replace(seen.base, model=replace(seen.base.model, robot=robot)), seen.stack, seen.header()
+    base, stack, header = (
+        replace(seen.base, model=replace(seen.base.model, robot=robot)),
+        seen.stack,
+        seen.header(),
+    )
     if update is not None:
         stack, header = updated(stack, header, update, options)
     found = identified(
@@ -304,7 +345,9 @@ def identify(
     progress.stage("estimate", f"{METHOD_TEXT[found.method]}; {found.why}")
     progress.stage("", f"{len(found.names)} base parameters; held out: {found.heldout}")
     scaled, raw = found.condition_number_scaled, found.condition_number
-    progress.stage("excited", f"condition number {scaled:.3g} with normalised columns ({raw:.3g} without)")
+    progress.stage(
+        "excited", f"condition number {scaled:.3g} with normalised columns ({raw:.3g} without)"
+    )
     progress.findings(found.findings)
     return replace(
         found,
@@ -325,7 +368,9 @@ def noise_facts(found: Identification) -> dict[str, Any]:
 
 
 # ---------------------------------------------------------------- is it another arm?
-def other_arm(found: Identification, logs: Sequence[Log], progress: Progress = SILENT) -> dict[str, Any] | None:
+def other_arm(
+    found: Identification, logs: Sequence[Log], progress: Progress = SILENT
+) -> dict[str, Any] | None:
     """Return the shipped arm whose link lengths explain logs far better: name, and both errors [%]; None for none.
 
     Args:
@@ -339,13 +384,25 @@ def other_arm(found: Identification, logs: Sequence[Log], progress: Progress = S
     if not logs or not noise or not all(noise):
         return None
     # Why not by the light, which lets an error pass that matters to nobody: wrong lengths leave little in slow torques.
-    if median(joint.rms / floor for joint, floor in zip(found.joints, noise, strict=True)) <= tuning.OTHER_ARM:
+    if (
+        median(joint.rms / floor for joint, floor in zip(found.joints, noise, strict=True))
+        <= tuning.OTHER_ARM
+    ):
         return None
-    progress.stage("arm", "most joints miss several times their noise: the link lengths of other arms are tried")
+    progress.stage(
+        "arm",
+        "most joints miss several times their noise: the link lengths of other arms are tried",
+    )
     own = _unexplained(found.robot, logs, found.cutoff)
-    tried = [(_unexplained(arm, logs, found.cutoff), name) for name, arm in _other_lengths(found.robot)]
+    tried = [
+        (_unexplained(arm, logs, found.cutoff), name) for name, arm in _other_lengths(found.robot)
+    ]
     percent, name = min(tried, default=(own, ""))
-    return {"name": name, "percent": percent, "own": own} if percent < tuning.OTHER_ARM_GAIN * own else None
+    return (
+        {"name": name, "percent": percent, "own": own}
+        if percent < tuning.OTHER_ARM_GAIN * own
+        else None
+    )
 
 
 def _other_lengths(robot: Robot) -> Iterator[tuple[str, Robot]]:
@@ -358,7 +415,9 @@ def _other_lengths(robot: Robot) -> Iterator[tuple[str, Robot]]:
         if other.n != robot.n or other.convention != robot.convention:
             continue
         joints = tuple(
-            replace(own, a=one.a, d=one.d, twist=one.twist, theta_offset=one.theta_offset, type=one.type)
+            replace(
+                own, a=one.a, d=one.d, twist=one.twist, theta_offset=one.theta_offset, type=one.type
+            )
             for own, one in zip(robot.joints, other.joints, strict=True)
         )
         if joints != robot.joints:
@@ -397,7 +456,9 @@ def resolved(
     """
     if earlier is not None:
         cutoff = earlier.cutoff if options.cutoff is None else options.cutoff
-        options = replace(options, cutoff=cutoff, delay=earlier.delay if options.delay is None else options.delay)
+        options = replace(
+            options, cutoff=cutoff, delay=earlier.delay if options.delay is None else options.delay
+        )
     robot = with_prior(robot, options)
     return robot, options if options.prior is None else replace(options, prior=robot.prior)
 
@@ -427,7 +488,9 @@ def updated(
     return stack_of_result(earlier, stack.base) + stack, {**header, **both}
 
 
-def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progress: Progress = SILENT) -> HoldOut | None:
+def held_out(
+    seen: Observations, stack: Stack, options: IdentifyOptions, progress: Progress = SILENT
+) -> HoldOut | None:
     """Return the rows that are kept back to judge the fit of a stack, which may hold more than was observed."""
     from dynid.estimation.estimate import last_motion, last_share
     from dynid.estimation.stack import scaled
@@ -442,7 +505,9 @@ def held_out(seen: Observations, stack: Stack, options: IdentifyOptions, progres
         return last_share(stack, kept)
     same = replace(options, cutoff=seen.cutoff, delay=seen.applied_delay, exclude=())
     kept = arguments.log(kept, base.robot, same, "holdout")
-    conditioned = condition_logs([checked_log(kept, base.robot, same, alone=False)], base.model, same, progress)
+    conditioned = condition_logs(
+        [checked_log(kept, base.robot, same, alone=False)], base.model, same, progress
+    )
     test = folded(scaled(conditioned, base, stack.first_fit.theta), base, progress)
     return stack, test, str(kept.source or "log")
 
@@ -463,7 +528,9 @@ def find_payload(loaded: ResultLike, unloaded: ResultLike) -> IdentifiedPayload:
     """
     from dynid.estimation import payload
 
-    return payload.find_payload(arguments.result(loaded, "loaded"), arguments.result(unloaded, "unloaded"))
+    return payload.find_payload(
+        arguments.result(loaded, "loaded"), arguments.result(unloaded, "unloaded")
+    )
 
 
 @public
@@ -497,10 +564,15 @@ def sensitivity(
     from dynid.errors import DynidError
     from dynid.estimation.estimate import estimate, last_share
 
-    options, progress = arguments.options(IdentifyOptions, options, changes), arguments.progress(progress)
+    options, progress = (
+        arguments.options(IdentifyOptions, options, changes),
+        arguments.progress(progress),
+    )
     result = arguments.result(result)
     base = arguments.base_model(base) or base_model_of(result)
-    checked = [checked_log(log, base.robot, options) for log in arguments.logs(logs, base.robot, options)]
+    checked = [
+        checked_log(log, base.robot, options) for log in arguments.logs(logs, base.robot, options)
+    ]
     sure = np.isfinite(result.std_error) & (result.std_error > 0)
     rows: list[dict[str, Any]] = []
     for name, cutoff, delay in _variants(result):
@@ -509,9 +581,14 @@ def sensitivity(
             stack = observed(stack_logs(checked, base, again), again).stack
             feasible, error = result.in_force == "physical", result.model_error is not None
             other = estimate(
-                stack, base, method=result.method, holdout=last_share(stack, 0.2), drop_weak=True, feasible=feasible,
+                stack,
+                base,
+                method=result.method,
+                holdout=last_share(stack, 0.2),
+                drop_weak=True,
+                feasible=feasible,
                 residual_model=error,
-            )  # fmt: skip
+            )
         except DynidError as error:
             progress.stage("explain", f"{name}: {error}")
             continue
@@ -539,5 +616,12 @@ def _variants(result: Identification) -> list[tuple[str, float, float]]:
     """Return what is tried: its name, cut-off [Hz], delay [s]."""
     applied = result.delay
     other = 0.0 if applied else float(result.header.get("delay_s") or 0.0)
-    tried = [(f"cut-off {factor * result.cutoff:.3g} Hz", factor * result.cutoff, applied) for factor in CUTOFFS]
-    return tried if other == applied else [*tried, (f"delay {1e3 * other:.1f} ms", result.cutoff, other)]
+    tried = [
+        (f"cut-off {factor * result.cutoff:.3g} Hz", factor * result.cutoff, applied)
+        for factor in CUTOFFS
+    ]
+    return (
+        tried
+        if other == applied
+        else [*tried, (f"delay {1e3 * other:.1f} ms", result.cutoff, other)]
+    )

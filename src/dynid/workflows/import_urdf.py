@@ -18,7 +18,9 @@ class ImportOptions(Options):
     """Which arm of a URDF, and how its table is written."""
 
     base: str | None = option(None, "First link of the arm (default: the root).", metavar="LINK")
-    tip: str | None = option(None, "Last link of the arm (default: where the chain ends or forks).", metavar="LINK")
+    tip: str | None = option(
+        None, "Last link of the arm (default: where the chain ends or forks).", metavar="LINK"
+    )
     convention: Literal["standard", "modified"] = option(
         "standard", "DH convention.", choices=("standard", "modified"), shown=""
     )

@@ -30,7 +30,10 @@ def log_inputs(robot: Robot, logs: Sequence[Path]) -> dict[str, str]:
     for log in logs:
         if not log.exists():
             read_log(log, robot)  # ends with the message that a missing log gets
-    return {"robot": robot.model_key, **{f"log {k}": sha256(log) for k, log in enumerate(logs, start=1)}}
+    return {
+        "robot": robot.model_key,
+        **{f"log {k}": sha256(log) for k, log in enumerate(logs, start=1)},
+    }
 
 
 def identify_inputs(
@@ -59,8 +62,14 @@ def identify_inputs(
 
     texts = {key: value for key, value in options.texts().items() if key != "prior"}
     texts |= {"load_mass": repr(load_mass)} if load_mass else {}
-    texts |= {"controller": str(robot.controller)} if options.method in SIMULATED and robot.controller else {}
-    hashed = {key: sha256(path) for key, path in files.items() if isinstance(path, Path) and path.exists()}
+    texts |= (
+        {"controller": str(robot.controller)}
+        if options.method in SIMULATED and robot.controller
+        else {}
+    )
+    hashed = {
+        key: sha256(path) for key, path in files.items() if isinstance(path, Path) and path.exists()
+    }
     if logs:
         return log_inputs(robot, logs) | texts | hashed
     path = folder / "fullnumericregressor.npz"
@@ -79,4 +88,8 @@ def identify_inputs(
 
 def of_observations(inputs: dict[str, str]) -> dict[str, str]:
     """Return those inputs that stacked logs depend on."""
-    return {key: value for key, value in inputs.items() if key in ("robot", *READING) or key.startswith("log ")}
+    return {
+        key: value
+        for key, value in inputs.items()
+        if key in ("robot", *READING) or key.startswith("log ")
+    }

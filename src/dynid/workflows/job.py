@@ -124,7 +124,9 @@ class Surroundings:
     seed: int = 0
     force: bool = False
     folder: Path = field(default_factory=Path.cwd)
-    settings: dict[str, str] = field(default_factory=lambda: {k: v for k, v in os.environ.items() if _is_ours(k)})
+    settings: dict[str, str] = field(
+        default_factory=lambda: {k: v for k, v in os.environ.items() if _is_ours(k)}
+    )
     raised: list[str] = field(default_factory=limits.words)
     version: str = __version__
 
@@ -146,7 +148,16 @@ class Surroundings:
     def run(self, name: str, words: list[str]) -> tuple[int, str, str]:
         """Run a command; return its exit status, its answer and what it said besides."""
         answer, said, before = StringIO(), StringIO(), sys.argv
-        line = [name, "--json", "--no-input", "--force", "--seed", str(self.seed), *self.raised, *words]
+        line = [
+            name,
+            "--json",
+            "--no-input",
+            "--force",
+            "--seed",
+            str(self.seed),
+            *self.raised,
+            *words,
+        ]
         sys.argv = ["dynid", *line]
         try:
             with redirect_stdout(answer), redirect_stderr(said), warnings.catch_warnings():
@@ -182,10 +193,14 @@ def not_done(job: Job, folder: Path, error: BaseException | None) -> JobResult:
         return JobResult(job, folder, int(error.status), message=error.what)
     if isinstance(error, OSError):
         return JobResult(job, folder, int(ExitStatus.INPUT), message=str(error))
-    return JobResult(job, folder, int(ExitStatus.INTERNAL), message=f"{type(error).__name__}: {error}")
+    return JobResult(
+        job, folder, int(ExitStatus.INTERNAL), message=f"{type(error).__name__}: {error}"
+    )
 
 
-def _done(job: Job, lines: list[tuple[str, list[str]]], folder: Path, around: Surroundings, key: str) -> JobResult:
+def _done(
+    job: Job, lines: list[tuple[str, list[str]]], folder: Path, around: Surroundings, key: str
+) -> JobResult:
     """Run commands one after another, up to the first that fails, and write down what they said and answered."""
     start = time.perf_counter()
     if not (folder / RECORD).exists():
@@ -212,7 +227,10 @@ def _done(job: Job, lines: list[tuple[str, list[str]]], folder: Path, around: Su
 def _complaint(said: str) -> str:
     """Return the line that says what is wrong."""
     lines = said.strip().splitlines() or ["it said nothing"]
-    return next((line for start in ("error[", "limit ") for line in lines if line.startswith(start)), lines[-1])
+    return next(
+        (line for start in ("error[", "limit ") for line in lines if line.startswith(start)),
+        lines[-1],
+    )
 
 
 def commands(job: Job, folder: Path) -> list[tuple[str, list[str]]]:
@@ -227,7 +245,12 @@ def commands(job: Job, folder: Path) -> list[tuple[str, list[str]]]:
     # Why: behind -- a log that is called --force is a log.
     found = [("identify", [*words, "--", job.robot, *map(str, job.logs)])]
     for log in job.validate:
-        found.append(("validate", ["--no-plot", *(most if job.max_unexplained else []), "--", result, str(log)]))
+        found.append(
+            (
+                "validate",
+                ["--no-plot", *(most if job.max_unexplained else []), "--", result, str(log)],
+            )
+        )
     if job.baseline is not None:
         within = ["--tolerance", job.tolerance] if job.tolerance else []
         found.append(("compare", ["--baseline", str(job.baseline), *within, "--", result]))
@@ -239,7 +262,10 @@ def with_copies(job: Job, folder: Path) -> Job:
 
     def local(logs: Sequence[Path | str], place: str) -> tuple[Path | str, ...]:
         every = enumerate(logs, start=1)
-        return tuple(fetch(log, folder / "logs" / f"{place}{k}") if isinstance(log, str) else log for k, log in every)
+        return tuple(
+            fetch(log, folder / "logs" / f"{place}{k}") if isinstance(log, str) else log
+            for k, log in every
+        )
 
     return replace(job, logs=local(job.logs, ""), validate=local(job.validate, "validate"))
 
@@ -260,7 +286,9 @@ def job_key(job: Job, seed: int) -> str:
             read_log(log, robot=load_robot(job.robot))
         files.append(sha256(log))
     if job.baseline is not None:
-        files.append(sha256(job.baseline / "parameters.npz" if job.baseline.is_dir() else job.baseline))
+        files.append(
+            sha256(job.baseline / "parameters.npz" if job.baseline.is_dir() else job.baseline)
+        )
     facts = {"job": asdict(job), "seed": seed, "dynid": __version__, "files": files}
     return hashlib.sha256(json.dumps(facts, sort_keys=True, default=str).encode()).hexdigest()
 
@@ -268,7 +296,9 @@ def job_key(job: Job, seed: int) -> str:
 def recorded(job: Job, folder: Path, key: str) -> JobResult | None:
     """Return what a job gave that was done before from the same inputs."""
     try:
-        found = parse_json(limits.read_bytes(folder / RECORD, "header_bytes").decode("utf-8"), folder / RECORD)
+        found = parse_json(
+            limits.read_bytes(folder / RECORD, "header_bytes").decode("utf-8"), folder / RECORD
+        )
         RECORDED.require(found, {}, folder / RECORD)
         if found["key"] == key and (folder / "parameters.npz").is_file():
             facts = {name: found[name] for name in ("status", "answers", "message")}

@@ -42,8 +42,10 @@ class LogOptions(Options):
         None,
         "Cut-off frequency [Hz] of the zero-phase low-pass filter over torques and regressor columns; "
         "auto takes it from the band of the motion.",
-        metavar="auto|HZ", shown="auto", read=frequency_or_auto,
-    )  # fmt: skip
+        metavar="auto|HZ",
+        shown="auto",
+        read=frequency_or_auto,
+    )
     velocity: str | None = option(
         None,
         "Use velocities derived from the positions, or those that the driver measured "
@@ -51,16 +53,23 @@ class LogOptions(Options):
         choices=("derived", "measured"),
     )
     exclude: tuple[tuple[float, float], ...] = option(
-        (), "Leave out an interval of the log [s], such as 3.2-3.4; may be repeated.",
-        metavar="T0-T1", repeatable=True, read=intervals,
-    )  # fmt: skip
+        (),
+        "Leave out an interval of the log [s], such as 3.2-3.4; may be repeated.",
+        metavar="T0-T1",
+        repeatable=True,
+        read=intervals,
+    )
     delay: float | None = option(
         None,
         "How much later than the positions the torques are stamped [s]; auto estimates the delay, reports it, and "
         "corrects it when it is clear.",
-        metavar="auto|off|SECONDS", shown="auto", read=delay_or_auto,
-    )  # fmt: skip
-    topic: str | None = option(None, "ROS topic of the joint states (default: the driver's).", metavar="TOPIC")
+        metavar="auto|off|SECONDS",
+        shown="auto",
+        read=delay_or_auto,
+    )
+    topic: str | None = option(
+        None, "ROS topic of the joint states (default: the driver's).", metavar="TOPIC"
+    )
     rate: float | None = option(
         None, "Sample rate [Hz] of text logs without a time column.", metavar="HZ", kind="positive"
     )
@@ -115,12 +124,19 @@ def load_log(
     """
     options, robot = arguments.options(LogOptions, options, changes), arguments.robot(robot)
     identify = arguments.instance(identify, bool, "identify", "True or False")
-    return checked_log(arguments.log(path, robot, options, "path"), robot, options, identify=identify)
+    return checked_log(
+        arguments.log(path, robot, options, "path"), robot, options, identify=identify
+    )
 
 
 @one_thread
 def checked_log(
-    log: Log, robot: Robot, options: LogOptions = LogOptions(), *, identify: bool = True, alone: bool = True
+    log: Log,
+    robot: Robot,
+    options: LogOptions = LogOptions(),
+    *,
+    identify: bool = True,
+    alone: bool = True,
 ) -> Log:
     """Return a log in DH quantities of an arm, checked; one that is so already is not checked again.
 
@@ -212,7 +228,9 @@ class Ahead(Generic[T]):
 
 
 # ---------------------------------------------------------------- is the robot file wrong?
-def diagnose_logs(logs: Sequence[Log], robot: Robot, *, anyway: bool = False) -> tuple[Finding, ...]:
+def diagnose_logs(
+    logs: Sequence[Log], robot: Robot, *, anyway: bool = False
+) -> tuple[Finding, ...]:
     """Ask of each checked log whether another robot file explains it far better.
 
     Args:

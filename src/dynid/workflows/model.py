@@ -32,7 +32,9 @@ def _vector(value: Any, name: str) -> tuple[float, float, float] | None:  # noqa
     try:
         x, y, z = (float(part) for part in (value.split(",") if isinstance(value, str) else value))
     except (TypeError, ValueError):
-        raise WrongUsage(f"{name} '{value}' must be three numbers", fix=f"{name} 0,0,-9.81") from None
+        raise WrongUsage(
+            f"{name} '{value}' must be three numbers", fix=f"{name} 0,0,-9.81"
+        ) from None
     return x, y, z
 
 
@@ -43,7 +45,9 @@ def _effects(value: Any, name: str) -> tuple[str, ...] | None:  # noqa: ANN401
     wanted = () if value == "none" else tuple(word.strip() for word in words)
     for word in wanted:
         if word not in EFFECTS:
-            raise WrongUsage(f"{name}: no effect '{word}'", fix=f"choose from {', '.join(EFFECTS)}, or none")
+            raise WrongUsage(
+                f"{name}: no effect '{word}'", fix=f"choose from {', '.join(EFFECTS)}, or none"
+            )
     return wanted
 
 
@@ -58,7 +62,9 @@ def _tolerance(value: Any, name: str) -> float | None:  # noqa: ANN401
 
 def _samples(value: Any, name: str) -> int:  # noqa: ANN401
     if not 10 <= int(value) <= 100_000:
-        raise WrongUsage(f"{name} {value} must lie between 10 and 100000", fix=f"such as {name} 200")
+        raise WrongUsage(
+            f"{name} {value} must lie between 10 and 100000", fix=f"such as {name} 200"
+        )
     return int(value)
 
 
@@ -76,10 +82,16 @@ class ModelOptions(Options):
     """What differs from the robot file, and how the base parameters are found."""
 
     gravity: tuple[float, float, float] | None = option(
-        None, "Gravity in frame 0 [m/s^2], instead of the robot file's.", metavar="X,Y,Z", read=_vector
+        None,
+        "Gravity in frame 0 [m/s^2], instead of the robot file's.",
+        metavar="X,Y,Z",
+        read=_vector,
     )
     effects: tuple[str, ...] | None = option(
-        None, f"Columns of every joint: some of {','.join(EFFECTS)}; or none.", metavar="LIST", read=_effects
+        None,
+        f"Columns of every joint: some of {','.join(EFFECTS)}; or none.",
+        metavar="LIST",
+        read=_effects,
     )
     links: str | tuple[int, ...] | None = option(
         None,
@@ -116,7 +128,11 @@ def adapted(robot: Robot, options: ModelOptions) -> Robot:
         rotors = "motor_inertia" in options.effects
         joints = (replace(joint, friction=friction, motor_inertia=rotors) for joint in robot.joints)
         robot = replace(robot, joints=tuple(joints))
-    return robot if options.links is None else replace(robot, links=_link_numbers(options.links, robot.n))
+    return (
+        robot
+        if options.links is None
+        else replace(robot, links=_link_numbers(options.links, robot.n))
+    )
 
 
 def _link_numbers(links: str | tuple[int, ...], most: int) -> tuple[int, ...]:
@@ -127,7 +143,9 @@ def _link_numbers(links: str | tuple[int, ...], most: int) -> tuple[int, ...]:
         first, _, last = part.strip().partition("-")
         low, high = whole_number(first), whole_number(last or first)
         if not 1 <= low <= high <= most:
-            raise WrongUsage(f"--links '{text}' does not name links of 1 to {most}", fix="such as --links 1-3,5")
+            raise WrongUsage(
+                f"--links '{text}' does not name links of 1 to {most}", fix="such as --links 1-3,5"
+            )
         found |= set(range(low, high + 1))
     return tuple(sorted(found))
 
@@ -181,7 +199,13 @@ class DerivedModel:
             for i, name in enumerate(found.base_names)
         ]
         classes = {"alone": found.alone, "none": found.none, "combined": found.combined}
-        return {**answer, "rank": found.rank, "classes": classes, "groups": groups, "gap": found.gap}
+        return {
+            **answer,
+            "rank": found.rank,
+            "classes": classes,
+            "groups": groups,
+            "gap": found.gap,
+        }
 
 
 def stored_differences(robot: Robot, folder: Path) -> str | None:
@@ -198,7 +222,9 @@ def stored_differences(robot: Robot, folder: Path) -> str | None:
         rows = header.get("geometry", [])
         for i, (joint, row) in enumerate(zip(robot.joints, rows, strict=False)):
             now = [joint.type, joint.a, joint.twist, joint.d, joint.theta_offset]
-            for name, old, new in zip(("type", "a", "twist", "d", "theta_offset"), row, now, strict=True):
+            for name, old, new in zip(
+                ("type", "a", "twist", "d", "theta_offset"), row, now, strict=True
+            ):
                 if old != new:
                     found.append(f"joints[{i}].{name} {_shown(old)} -> {_shown(new)}")
         if len(rows) != robot.n:
@@ -213,7 +239,9 @@ def _shown(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def derive_model(robot: Robot, folder: Path, *, rebuild: bool = False, progress: Progress = SILENT) -> DerivedModel:
+def derive_model(
+    robot: Robot, folder: Path, *, rebuild: bool = False, progress: Progress = SILENT
+) -> DerivedModel:
     """Return the regressor of an arm, the stored one where it fits, derived and stored otherwise.
 
     Args:
@@ -254,7 +282,11 @@ class ReducedModel:
 
 
 def reduce_model(
-    derived: DerivedModel, options: ModelOptions = ModelOptions(), *, seed: int = 0, progress: Progress = SILENT
+    derived: DerivedModel,
+    options: ModelOptions = ModelOptions(),
+    *,
+    seed: int = 0,
+    progress: Progress = SILENT,
 ) -> ReducedModel:
     """Group the parameters of a regressor into base parameters and store them.
 
@@ -268,7 +300,14 @@ def reduce_model(
         ReductionsDisagree: singular values and exact arithmetic give different answers.
     """
     from dynid.model import tuning
-    from dynid.model.base_model import BaseModel, key_of, load_reduction, paths, save_reduction, stored_key
+    from dynid.model.base_model import (
+        BaseModel,
+        key_of,
+        load_reduction,
+        paths,
+        save_reduction,
+        stored_key,
+    )
     from dynid.model.reduce import base_parameters
 
     start, path, model = time.perf_counter(), paths(derived.folder)[1], derived.model
@@ -277,7 +316,9 @@ def reduce_model(
     if stored:
         reduction = load_reduction(path)
         if reduction.names != model.parameter_names:
-            raise NotAnArtifact(f"{path} is damaged: its parameters do not match its robot", where=str(path))
+            raise NotAnArtifact(
+                f"{path} is damaged: its parameters do not match its robot", where=str(path)
+            )
     else:
         progress.stage("reduce", "")
         tolerance = tuning.DEPENDENT_COLUMN if options.tolerance is None else options.tolerance
@@ -310,7 +351,10 @@ def base_model(
     Example:
         dynid.base_model("kuka_lwr4plus")
     """
-    options, progress = arguments.options(ModelOptions, options, changes), arguments.progress(progress)
+    options, progress = (
+        arguments.options(ModelOptions, options, changes),
+        arguments.progress(progress),
+    )
     robot = adapted(arguments.robot(robot), options)
     folder = None if folder is None else arguments.path(folder, "folder")
     progress.stage("model")

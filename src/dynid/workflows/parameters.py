@@ -52,7 +52,9 @@ class Observations:
     def __repr__(self) -> str:
         """Return arm, logs, size and findings, one line each."""
         size = f"{self.stack.samples} samples, {len(self.base.names)} base parameters, cut-off {self.cutoff:g} Hz"
-        return "\n".join([self.base.robot.name, *self.logs, size, *(finding.text for finding in self.findings)])
+        return "\n".join(
+            [self.base.robot.name, *self.logs, size, *(finding.text for finding in self.findings)]
+        )
 
     @property
     def cutoff(self) -> float:
@@ -64,7 +66,11 @@ class Observations:
         from dynid.estimation.estimate import weakly_excited
         from dynid.model.parameters import prior_base_parameters
 
-        return list(weakly_excited(self.base, self.stack, prior_base_parameters(self.base.model, self.base.reduction)))
+        return list(
+            weakly_excited(
+                self.base, self.stack, prior_base_parameters(self.base.model, self.base.reduction)
+            )
+        )
 
     def header(self) -> dict[str, Any]:
         """Return what the headers of results made from these observations say."""
@@ -99,7 +105,10 @@ class Observations:
             "structural_rank": self.base.reduction.rank,
             "condition_number": condition_number(R, solution.rank),
             "condition_number_scaled": solution.condition_number_scaled,
-            "findings": [*header["log_findings"], *(asdict(finding) for finding in self.weakly_excited())],
+            "findings": [
+                *header["log_findings"],
+                *(asdict(finding) for finding in self.weakly_excited()),
+            ],
         }
 
     def save(self, folder: Path, facts: dict[str, Any] | None = None) -> list[Path]:
@@ -165,7 +174,10 @@ def observe(
     from dynid.model.base_model import in_memory
     from dynid.signals.motion import check_amount
 
-    options, progress = arguments.options(LogOptions, options, changes), arguments.progress(progress)
+    options, progress = (
+        arguments.options(LogOptions, options, changes),
+        arguments.progress(progress),
+    )
     robot = arguments.robot(robot)
     several = arguments.logs(logs, robot, options)
     client = arguments.client(client)
@@ -218,7 +230,9 @@ def shared_cutoff(logs: Sequence[Log], robot: Robot, options: LogOptions) -> flo
     return choose_cutoff(logs, robot) if options.cutoff is None else options.cutoff
 
 
-def stack_logs(logs: Sequence[Log], base: BaseModel, options: LogOptions, progress: Progress = SILENT) -> Stack:
+def stack_logs(
+    logs: Sequence[Log], base: BaseModel, options: LogOptions, progress: Progress = SILENT
+) -> Stack:
     """Stack checked logs, their torques as late as they were recorded unless the options give their delay."""
     from dynid.estimation import stack
 
@@ -226,7 +240,11 @@ def stack_logs(logs: Sequence[Log], base: BaseModel, options: LogOptions, progre
 
 
 def stack_by(
-    client: Client, logs: Sequence[Log], base: BaseModel, options: LogOptions, progress: Progress = SILENT
+    client: Client,
+    logs: Sequence[Log],
+    base: BaseModel,
+    options: LogOptions,
+    progress: Progress = SILENT,
 ) -> Stack:
     """Stack checked logs as ``stack_logs`` does, each by a worker of a Dask client."""
     from dynid.estimation.stack import added, say_stacked
@@ -301,7 +319,9 @@ def load_observations(path: Path, base: BaseModel, progress: Progress = SILENT) 
     base.robot.require_joints(header["joints"], path)
     entries = sum(len(column.rows) for effect in base.model.added for column in effect.columns)
     if any(segment.effects.shape[1] != entries for log in conditioned for segment in log.segments):
-        raise NotAnArtifact(f"{path} is damaged: its effects do not match its robot", where=str(path))
+        raise NotAnArtifact(
+            f"{path} is damaged: its effects do not match its robot", where=str(path)
+        )
     with reading(path):
         logs, hashes = tuple(header["logs"]), tuple(header["log_sha256"])
         error, applied = header["delay_std_error_s"], float(header["delay_applied_s"])
@@ -326,9 +346,12 @@ def stored_key(path: Path, robot: Robot) -> dict[str, Any]:
     if header is None and path.is_file():
         header = dict(read_artifact(path, CONTENTS).header)
     if header is None:
-        raise LogNotFound(f"no log given, and there is no {path}", fix=f"dynid identify {robot.word} LOG")
+        raise LogNotFound(
+            f"no log given, and there is no {path}", fix=f"dynid identify {robot.word} LOG"
+        )
     if header.get("key") != robot.model_key:
         raise LogNotFound(
-            f"{path} belongs to another version of the robot file", fix=f"dynid parameters {robot.word} LOG"
+            f"{path} belongs to another version of the robot file",
+            fix=f"dynid parameters {robot.word} LOG",
         )
     return header

@@ -70,7 +70,11 @@ class SearchRecord:
     def text(self) -> str:
         """How the search ended and what makes the same plan again, in words."""
         done = f"{self.finished_starts} start{'s' * (self.finished_starts != 1)} finished"
-        drawn = f", reduced to {100 * self.share:.0f} % of its size to avoid collisions" if self.share < 1 else ""
+        drawn = (
+            f", reduced to {100 * self.share:.0f} % of its size to avoid collisions"
+            if self.share < 1
+            else ""
+        )
         return f"{ENDINGS[self.ended].format(done=done)}{drawn}; the same plan again: {self.again}"
 
 
@@ -126,7 +130,11 @@ class Plan:
         assumed = assumed_limits(self.robot)
         text = f"the robot file has no limits for {'; '.join(assumed)} is assumed; dynid record refuses assumed rates"
         more: tuple[Finding, ...] = ()
-        more += (Finding("W606", "warning", text, {"assumed": list(assumed)}),) if unsafe_to_play(assumed) else ()
+        more += (
+            (Finding("W606", "warning", text, {"assumed": list(assumed)}),)
+            if unsafe_to_play(assumed)
+            else ()
+        )
         full = self.at_full_speed
         noise = float(np.sqrt(np.mean(self.noise**2)))
         if full.torque_error > noise:
@@ -134,7 +142,9 @@ class Plan:
                 f"expected torque error on other motions {full.torque_error:.2g} {self.units[3]} even at full speed, "
                 f"more than the noise of one sample ({noise:.2g}); weakest: {self.weakest}"
             )
-            more += (Finding("W608", "warning", text, {"expected_torque_error_nm": full.torque_error}),)
+            more += (
+                Finding("W608", "warning", text, {"expected_torque_error_nm": full.torque_error}),
+            )
         return (*self.clearance.findings, *more)
 
     @property
@@ -181,7 +191,10 @@ class Plan:
             "tool_speed_m_s": self.check.tool_speed,
             "collisions": [],
             "closest_m": min((d.distance for d in distances), default=None),
-            "closest": [{"pair": d.pair, "distance_m": d.distance, "time_s": d.time} for d in distances[:CLOSEST]],
+            "closest": [
+                {"pair": d.pair, "distance_m": d.distance, "time_s": d.time}
+                for d in distances[:CLOSEST]
+            ],
             "left_out_pairs": list(self.clearance.left_out),
             "assumed_limits": list(assumed_limits(self.robot)),
             "predicted_std_error": self.std_errors,
@@ -249,7 +262,9 @@ class Plan:
         """Units of positions, velocities, accelerations and torques; both where joints turn and slide."""
         kinds = sorted({joint.revolute for joint in self.robot.joints}, reverse=True)
         units = ("rad", "rad/s", "rad/s^2", "N m")
-        return tuple(" or ".join(joint_unit(unit, revolute=kind) for kind in kinds) for unit in units)
+        return tuple(
+            " or ".join(joint_unit(unit, revolute=kind) for kind in kinds) for unit in units
+        )
 
     def table(self) -> Table:
         """Return the largest values of each joint, and the share of the nearest limit that they use."""
@@ -282,13 +297,18 @@ class Plan:
             else f"{basis['harmonics']} harmonics"
         )
         slow = f"{self.trajectory.duration:.1f} s at alpha {alpha:g} (speed x{alpha:g}, acceleration x{alpha**2:.2g})"
-        figures, low, high = self.prediction.figures, float(self.noise.min()), float(self.noise.max())
+        figures, low, high = (
+            self.prediction.figures,
+            float(self.noise.min()),
+            float(self.noise.max()),
+        )
         excitation = f"condition number {figures.condition:.3g} (columns of equal length: "
         size = f"{low:.2g}" if low == high else f"{low:.2g} to {high:.2g}"
         left, unit = self.unexplained, self.units[3]
         beside = "" if left is None else f" and {left:.2g} {unit} that no parameter explains"
         error = (
-            f"torque error {self.prediction.torque_error:.2g} {unit} on other motions{beside}; weakest: {self.weakest}"
+            f"torque error {self.prediction.torque_error:.2g} {unit} on other motions{beside}; "
+            f"weakest: {self.weakest}"
         )
         return [
             ("plan", f"{kind}, {self.trajectory.basis.duration:.1f} s at full speed; {slow}"),
@@ -327,7 +347,10 @@ class Plan:
             from dynid.trajectory.planning import thickness
 
             pairs = ", ".join(self.clearance.left_out)
-            yield "left out", f"always close to each other, so not checked: {pairs}; {thickness(self.robot)}"
+            yield (
+                "left out",
+                f"always close to each other, so not checked: {pairs}; {thickness(self.robot)}",
+            )
         if assumed := assumed_limits(self.robot):
             yield "assumed", f"not in the robot file: {'; '.join(assumed)}"
 
@@ -337,7 +360,10 @@ class Plan:
         here = next(row for row in self.alphas if row.alpha == self.trajectory.alpha)
         for row in self.alphas:
             times, mark = row.torque_error / full.torque_error, "  <- this plan" * (row is here)
-            yield "alpha", f"{row.alpha:g}: {row.duration:.0f} s, expected torque error x{times:.3g}{mark}"
+            yield (
+                "alpha",
+                f"{row.alpha:g}: {row.duration:.0f} s, expected torque error x{times:.3g}{mark}",
+            )
         if here.alpha < 1:
             times = here.torque_error / full.torque_error
             cost = f"at alpha {here.alpha:g} the expected torque error is {times:.2g} times larger than at 1.0"
@@ -375,7 +401,9 @@ def plan_sentence(robot: Robot, facts: Mapping[str, Any]) -> str:
 
 
 @contextmanager
-def show_in_window(robot: Robot, trajectory: Trajectory, scene: Scene, urdf: Path | None) -> Iterator[None]:
+def show_in_window(
+    robot: Robot, trajectory: Trajectory, scene: Scene, urdf: Path | None
+) -> Iterator[None]:
     """Show a motion in PyBullet's window for the length of the block."""
     from dynid.trajectory.preview import urdf_of, window
 

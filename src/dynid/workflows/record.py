@@ -56,9 +56,14 @@ class RecordOptions(Options):
     """How a motion is played and recorded."""
 
     dry_run: bool = option(False, "Check everything and end before the arm is moved.")
-    listen_only: bool = option(False, "Only record; another program moves the arm. Needs no TRAJECTORY.")
+    listen_only: bool = option(
+        False, "Only record; another program moves the arm. Needs no TRAJECTORY."
+    )
     repeat: int = option(
-        1, "How many times the motion is played, each time into the same log.", bounds=(1, 1000), shown=""
+        1,
+        "How many times the motion is played, each time into the same log.",
+        bounds=(1, 1000),
+        shown="",
     )
     speed: float = option(
         "100%",
@@ -74,9 +79,15 @@ class RecordOptions(Options):
         shown="",
         read=_quantity("rad", 1e3),
     )
-    master: str | None = option(None, "Address of the ROS master (default: ROS_MASTER_URI).", metavar="URI")
-    topic: str | None = option(None, "Topic of the joint states (default: the robot file's).", metavar="T")
-    command_topic: str | None = option(None, "Topic or action of the commands (default: the driver's).", metavar="T")
+    master: str | None = option(
+        None, "Address of the ROS master (default: ROS_MASTER_URI).", metavar="URI"
+    )
+    topic: str | None = option(
+        None, "Topic of the joint states (default: the robot file's).", metavar="T"
+    )
+    command_topic: str | None = option(
+        None, "Topic or action of the commands (default: the driver's).", metavar="T"
+    )
     timeout: float = option(
         "2s",
         "How long to wait for the ROS master and for messages [s].",
@@ -84,10 +95,16 @@ class RecordOptions(Options):
         shown="",
         read=_quantity("s", 86400.0),
     )
-    accept_unreviewed: bool = option(False, "Play a motion whose preview nobody has confirmed.", deliberate=True)
-    go_to_start: bool = option(False, "First move the arm slowly to the start of the motion.", deliberate=True)
+    accept_unreviewed: bool = option(
+        False, "Play a motion whose preview nobody has confirmed.", deliberate=True
+    )
+    go_to_start: bool = option(
+        False, "First move the arm slowly to the start of the motion.", deliberate=True
+    )
     zero_torques: bool = option(
-        False, "Zero the torque sensors before the motion (Kinova, in the candle pose).", deliberate=True
+        False,
+        "Zero the torque sensors before the motion (Kinova, in the candle pose).",
+        deliberate=True,
     )
     duration: float | None = option(
         None,
@@ -163,7 +180,9 @@ class _Session:
     progress: Progress
 
 
-def require_usable(robot: Robot, trajectory: StoredTrajectory | None, options: RecordOptions) -> None:
+def require_usable(
+    robot: Robot, trajectory: StoredTrajectory | None, options: RecordOptions
+) -> None:
     """Refuse options that contradict each other before anything is looked for.
 
     Raises:
@@ -172,13 +191,18 @@ def require_usable(robot: Robot, trajectory: StoredTrajectory | None, options: R
     """
     if options.listen_only and (options.go_to_start or options.zero_torques):
         raise WrongUsage(
-            "--listen-only sends nothing to the arm", fix="leave out --move, --go-to-start and --zero-torques"
+            "--listen-only sends nothing to the arm",
+            fix="leave out --move, --go-to-start and --zero-torques",
         )
     if trajectory is None and not options.listen_only:
-        raise WrongUsage("no trajectory given", fix=f"dynid record {robot.word} TRAJECTORY, or --listen-only")
+        raise WrongUsage(
+            "no trajectory given", fix=f"dynid record {robot.word} TRAJECTORY, or --listen-only"
+        )
     from dynid.trajectory.feasible import unsafe_to_play
 
-    assumed = unsafe_to_play(trajectory.facts.get("assumed_limits", ())) if trajectory is not None else ()
+    assumed = (
+        unsafe_to_play(trajectory.facts.get("assumed_limits", ())) if trajectory is not None else ()
+    )
     if assumed:
         raise LimitsAssumed(f"the motion was planned with assumed limits: {'; '.join(assumed)}")
 
@@ -217,9 +241,15 @@ def record(
     require_usable(robot, trajectory, options)
     begin = time.monotonic()
     node = connect("dynid_record", options.master, options.timeout)
-    progress.stage("preflight", f"master {node.uri} answered in {1e3 * (time.monotonic() - begin):.0f} ms")
+    progress.stage(
+        "preflight", f"master {node.uri} answered in {1e3 * (time.monotonic() - begin):.0f} ms"
+    )
     try:
-        return _recorded(_Session(robot, trajectory, options, operator, folder, parameters, command, node, progress))
+        return _recorded(
+            _Session(
+                robot, trajectory, options, operator, folder, parameters, command, node, progress
+            )
+        )
     finally:
         node.close()
 
@@ -257,13 +287,20 @@ def _observed(run: _Session, listener: Listener, port: CommandPort) -> ObservedS
 
     robot, progress = run.robot, run.progress
     seen = preflight.listen(listener, robot, run.options.timeout)
-    used = f"{len(seen.names)} names, {robot.n} used" if len(seen.names) != robot.n else f"{robot.n} names"
+    used = (
+        f"{len(seen.names)} names, {robot.n} used"
+        if len(seen.names) != robot.n
+        else f"{robot.n} names"
+    )
     progress.stage("", f"{listener.topic}  {used}, {seen.rate:.1f} Hz")
     preflight.check_units(seen, robot)
     if not run.options.zero_torques:
         progress.findings(preflight.check_zero(seen, robot))
     removed = preflight.check_gravity(seen, robot, port)
-    words = {None: "the driver does not say whether gravity is in the torques", False: "gravity is in the torques"}
+    words = {
+        None: "the driver does not say whether gravity is in the torques",
+        False: "gravity is in the torques",
+    }
     progress.stage("torque", words.get(removed, "torques without gravity, as the robot file says"))
     return seen
 
@@ -288,10 +325,14 @@ def _prepared(run: _Session, seen: ObservedState, port: CommandPort) -> tuple[Mo
     facts = planned.facts.get("scene")
     shapes = Path(facts["urdf"]) if facts and facts["urdf"] else None
     if shapes is not None and not shapes.is_file():
-        progress.stage("note", f"{shapes} was not found: distances are those of cylinders along the links")
+        progress.stage(
+            "note", f"{shapes} was not found: distances are those of cylinders along the links"
+        )
         shapes = None
     scene = scene_from(facts) if facts else Scene()
-    forecast = motion_checks.forecast(run.robot, played, scene, _torque_forecaster(run), shapes, progress)
+    forecast = motion_checks.forecast(
+        run.robot, played, scene, _torque_forecaster(run), shapes, progress
+    )
     progress.stage("reviewed", _review_text(run.robot, planned, options))
     progress.stage(
         "ready",
@@ -311,7 +352,11 @@ def _torque_forecaster(run: _Session) -> TorqueForecaster:
     robot, stored = run.robot, run.parameters
     source = "prior" if stored is None else str(stored.path)
     if robot.torque.source == "gravity_free" or robot.torque.relative:
-        reason = "are counted in amperes" if robot.torque.relative else "lack gravity, and so does its model"
+        reason = (
+            "are counted in amperes"
+            if robot.torque.relative
+            else "lack gravity, and so does its model"
+        )
         return TorqueForecaster(None, f"those of this arm {reason}", source)
     if stored is None:
         base = base_model(robot, run.folder, run.progress)
@@ -321,13 +366,17 @@ def _torque_forecaster(run: _Session) -> TorqueForecaster:
         )
     else:
         if stored.robot.joint_names != robot.joint_names:
-            raise WrongUsage(f"{stored.path} belongs to {stored.robot.name}", fix="give a model of this arm")
+            raise WrongUsage(
+                f"{stored.path} belongs to {stored.robot.name}", fix="give a model of this arm"
+            )
         if stored.robot.torque.relative:
             raise WrongUsage(f"{stored.path} predicts currents", fix="leave out --parameters")
         base = base_model_of(stored, stored.path.parent, run.progress)
         theta, words = stored.theta, source
     observer = base.model.observer(base.reduction.base)
-    return TorqueForecaster(lambda motion: observer.torque(theta, motion.q, motion.qd, motion.qdd), words, source)
+    return TorqueForecaster(
+        lambda motion: observer.torque(theta, motion.q, motion.qd, motion.qdd), words, source
+    )
 
 
 def _review_text(robot: Robot, planned: StoredTrajectory, options: RecordOptions) -> str:
@@ -336,7 +385,10 @@ def _review_text(robot: Robot, planned: StoredTrajectory, options: RecordOptions
     Raises:
         NotReviewed: nobody has, or it was changed afterwards.
     """
-    review, again = planned.review, f"dynid trajectory {robot.word} {shell('--review', planned.source)}"
+    review, again = (
+        planned.review,
+        f"dynid trajectory {robot.word} {shell('--review', planned.source)}",
+    )
     if planned.reviewed and review is not None:
         return f"by {review.by}, {review.when}" + ", unseen" * (not review.seen)
     if options.accept_unreviewed:
@@ -366,7 +418,12 @@ def _ask_to_replace(run: _Session) -> None:
 
 # ---------------------------------------------------------------- while it is recorded
 def _moved(
-    run: _Session, listener: Listener, port: CommandPort, motion: Motion, seen: ObservedState, forecast: Forecast
+    run: _Session,
+    listener: Listener,
+    port: CommandPort,
+    motion: Motion,
+    seen: ObservedState,
+    forecast: Forecast,
 ) -> Recording:
     """Play the motion; the arm may have been moved since it was checked, so its place is checked once more."""
     from dynid.record import playing, session
@@ -392,7 +449,9 @@ def _moved(
         run.progress.stage("moving")
 
         def poll(time: float, monitor: Monitor) -> bool:
-            run.progress.advance(time, reference.duration, f"largest error {monitor.largest_deviation:.3f} rad")
+            run.progress.advance(
+                time, reference.duration, f"largest error {monitor.largest_deviation:.3f} rad"
+            )
             return run.operator.stop_pressed()
 
         return session.play(port, reference, StopRules(run.options.max_deviation), recorder, poll)
@@ -438,7 +497,9 @@ def _written(
     bag, texts = recorder.bag_path, recorder.text_folder
     log = {"bag": bag.name, "sha256": sha256(bag), "text": texts.name}
     try:
-        manifest.write_manifest(path, facts | {"ended": manifest.now(), **session.facts(outcome), "log": log})
+        manifest.write_manifest(
+            path, facts | {"ended": manifest.now(), **session.facts(outcome), "log": log}
+        )
     except DynidError as error:
         # Why: a full disk must not hide what happened to the arm.
         outcome.notes.append(f"{error.what}; the manifest still says 'running'")
@@ -464,11 +525,14 @@ def _beginning(run: _Session, port: CommandPort, forecast: Forecast | None) -> d
     if planned is not None and planned.source is not None:
         review = planned.review
         facts["trajectory"] = {
-            "file": str(planned.source), "sha256": sha256(planned.source), "alpha": planned.alpha,
-            "speed": run.options.speed, "repeat": run.options.repeat,
+            "file": str(planned.source),
+            "sha256": sha256(planned.source),
+            "alpha": planned.alpha,
+            "speed": run.options.speed,
+            "repeat": run.options.repeat,
             "reviewed_by": review.by if review and planned.reviewed else None,
             "foreseen": asdict(forecast) if forecast is not None else {},
-        }  # fmt: skip
+        }
     return facts
 
 
@@ -483,5 +547,7 @@ def convert(recording: Recording, header: dict[str, Any] | None = None) -> Path:
 
     assert recording.bag is not None
     target = recording.bag.with_name("log.npz")
-    read_log(recording.bag, robot=recording.robot, topic=recording.options.topic).save(target, header)
+    read_log(recording.bag, robot=recording.robot, topic=recording.options.topic).save(
+        target, header
+    )
     return target

@@ -57,7 +57,8 @@ class Report:
 
         sentences = "".join(f"<p>{html(sentence)}</p>" for sentence in self.verdict)
         lights = "".join(
-            f"<li>{html(f'{light.name}: {light.state}, {light.text}')}</li>" for light in self.judgement.lights
+            f"<li>{html(f'{light.name}: {light.state}, {light.text}')}</li>"
+            for light in self.judgement.lights
         )
         return f"{sentences}<ul>{lights}</ul>"
 

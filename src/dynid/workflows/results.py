@@ -86,7 +86,9 @@ def parameters_of(run: Path) -> Path:
     return run / "parameters.npz" if run.is_dir() else run
 
 
-def base_model_of(result: Identification, folder: Path | None = None, progress: Progress = SILENT) -> BaseModel:
+def base_model_of(
+    result: Identification, folder: Path | None = None, progress: Progress = SILENT
+) -> BaseModel:
     """Return the model that a result was made with; its base parameters are those of the result, never found anew.
 
     Args:
@@ -119,10 +121,14 @@ def torque_figure(result: Identification, joints: tuple[str, ...], residual_only
     assert stack is not None, "only new results have a drawing"
     motions = prediction.predict_logs(stack, result.theta, result.model_error)
     title = f"{result.robot.name}, fitted logs"
-    return figures.torque_figure(prediction.joined(motions), result.robot, joints, title, residual_only=residual_only)
+    return figures.torque_figure(
+        prediction.joined(motions), result.robot, joints, title, residual_only=residual_only
+    )
 
 
-def save_result(folder: Path, result: Identification, facts: dict[str, Any] | None = None) -> list[Path]:
+def save_result(
+    folder: Path, result: Identification, facts: dict[str, Any] | None = None
+) -> list[Path]:
     """Write parameters.npz, parameters.yaml, parameters.csv and estimatedmotion.npz of a new result.
 
     Args:
@@ -135,15 +141,24 @@ def save_result(folder: Path, result: Identification, facts: dict[str, Any] | No
     stack = result.stack
     assert stack is not None, "a result that was read from a file is written by its own method save"
     # Why both: a log is found from any working folder, and where the folders were moved together.
-    beside = [os.path.relpath(path, folder) for path in result.header.get("logs", []) if path and Path(path).exists()]
+    beside = [
+        os.path.relpath(path, folder)
+        for path in result.header.get("logs", [])
+        if path and Path(path).exists()
+    ]
     if len(beside) == len(result.header.get("logs", [])):
         facts = {**(facts or {}), "logs_from_here": beside}
     header = {**(facts or {}), **result.header}
     motions = prediction.predict_logs(stack, result.theta, result.model_error)
     motion = folder / "estimatedmotion.npz"
-    prediction.save(motion, motions, {**header, "joints": list(stack.joints), "torque_from": "identified"})
+    prediction.save(
+        motion, motions, {**header, "joints": list(stack.joints), "torque_from": "identified"}
+    )
     # Why last: parameters.npz is what later commands look for, so it appears only when everything else is there.
-    tables = [result.save_yaml(folder / "parameters.yaml"), result.save_csv(folder / "parameters.csv")]
+    tables = [
+        result.save_yaml(folder / "parameters.yaml"),
+        result.save_csv(folder / "parameters.csv"),
+    ]
     return [motion, *tables, result.save(folder / "parameters.npz", facts)]
 
 

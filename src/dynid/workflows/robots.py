@@ -46,14 +46,20 @@ def load_robot(source: RobotLike, *, base: str | None = None, tip: str | None = 
     path = Path(file if mark and file.lower().endswith(URDF) else source)
     if path.suffix.lower() != URDF:
         if tip is not None or base is not None:
-            raise WrongUsage(f"{source} is not a URDF: its chain has one tip", fix="leave out --tip")
+            raise WrongUsage(
+                f"{source} is not a URDF: its chain has one tip", fix="leave out --tip"
+            )
         return robotfile.load_robot(source)
     from dynid.workflows.import_urdf import ImportOptions, import_urdf
 
     if not path.is_file():
         robotfile.find_robot(str(path))  # ends with the message that a missing robot file gets
-    found = import_urdf(path, ImportOptions(base=base, tip=tip or (link if path != Path(source) else None)))
-    return replace(found.robot, source=str(source), findings=(*found.robot.findings, *found.findings))
+    found = import_urdf(
+        path, ImportOptions(base=base, tip=tip or (link if path != Path(source) else None))
+    )
+    return replace(
+        found.robot, source=str(source), findings=(*found.robot.findings, *found.findings)
+    )
 
 
 def robot_hash(source: str | Path) -> str:
@@ -62,4 +68,6 @@ def robot_hash(source: str | Path) -> str:
     from dynid.npz import sha256
 
     file, mark, _ = str(source).rpartition("#")
-    return sha256(robotfile.find_robot(file if mark and file.lower().endswith(URDF) else str(source)))
+    return sha256(
+        robotfile.find_robot(file if mark and file.lower().endswith(URDF) else str(source))
+    )

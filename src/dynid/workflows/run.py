@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 class RunOptions(Options):
     """Which jobs of a batch file run, and where."""
 
-    jobs: int | None = option(None, "How many jobs run at a time (default: one per core).", metavar="N", kind="count")
+    jobs: int | None = option(
+        None, "How many jobs run at a time (default: one per core).", metavar="N", kind="count"
+    )
     scheduler: str | None = option(
         None,
         "Run the jobs on the workers of this Dask scheduler, such as tcp://host:8786, instead of on this machine.",
@@ -38,11 +40,17 @@ class RunOptions(Options):
         None,
         "Memory that one job may take, such as 4GB; a job that takes more is ended and fails "
         "(default: an equal share of the machine's).",
-        metavar="SIZE", read=bytes_or_none,
-    )  # fmt: skip
-    dashboard: bool = option(False, "Show the jobs in a browser, on http://127.0.0.1:8787; needs the package bokeh.")
+        metavar="SIZE",
+        read=bytes_or_none,
+    )
+    dashboard: bool = option(
+        False, "Show the jobs in a browser, on http://127.0.0.1:8787; needs the package bokeh."
+    )
     only: tuple[str, ...] = option(
-        (), "Run only the job of this name; may be given several times.", metavar="NAME", repeatable=True
+        (),
+        "Run only the job of this name; may be given several times.",
+        metavar="NAME",
+        repeatable=True,
     )
 
 
@@ -160,13 +168,19 @@ def run(
     found: dict[int, JobResult] = {}
     workers = min(options.jobs or cores(), sum(len(job.logs) for job in wanted))
     with opened(
-        workers, scheduler=options.scheduler, memory=options.memory, dashboard=options.dashboard, progress=progress
+        workers,
+        scheduler=options.scheduler,
+        memory=options.memory,
+        dashboard=options.dashboard,
+        progress=progress,
     ) as client:
         try:
             for k, each in _jobs_done(client, workers, wanted, folders, around, progress):
                 found[k] = each
                 how = "reused" if each.reused else f"{each.seconds:.1f} s"
-                progress.stage(f"{len(found)}/{len(wanted)}", f"{each.job.name}: {each.outcome} ({how})")
+                progress.stage(
+                    f"{len(found)}/{len(wanted)}", f"{each.job.name}: {each.outcome} ({how})"
+                )
                 told(each)
         finally:
             for k, folder in enumerate(folders):
@@ -212,7 +226,9 @@ def chosen(jobs: tuple[Job, ...], only: tuple[str, ...]) -> tuple[Job, ...]:
     names = [job.name for job in jobs]
     for name in only:
         if name not in names:
-            raise WrongUsage(f"no job '{name}'{closest(name, names)}", fix=f"one of {', '.join(names)}")
+            raise WrongUsage(
+                f"no job '{name}'{closest(name, names)}", fix=f"one of {', '.join(names)}"
+            )
     return tuple(job for job in jobs if job.name in only or not only)
 
 

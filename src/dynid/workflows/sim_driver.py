@@ -28,7 +28,9 @@ def _fault(value: Any, name: str) -> tuple[str, float]:  # noqa: ANN401
         return value or ("", 0.0)
     kind, _, seconds = str(value).partition("@")
     if kind not in FAULTS:
-        raise WrongUsage(f"no fault '{kind}'", why=f"faults are {', '.join(FAULTS)}", fix=f"{name} silent@3")
+        raise WrongUsage(
+            f"no fault '{kind}'", why=f"faults are {', '.join(FAULTS)}", fix=f"{name} silent@3"
+        )
     try:
         return kind, float(seconds or 0)
     except ValueError:
@@ -41,33 +43,55 @@ class SimDriverOptions(Options):
 
     rate: float = option(100.0, "Rate of the joint states [Hz].", bounds=(1, 1000), shown="")
     topic: str | None = option(None, "Topic of the joint states (default: the robot file's).")
-    master: str | None = option(None, "Address of the ROS master (default: ROS_MASTER_URI).", metavar="URI")
+    master: str | None = option(
+        None, "Address of the ROS master (default: ROS_MASTER_URI).", metavar="URI"
+    )
     pose: str | Sequence[float] | None = option(
         None,
         "Where the arm stands: at the start of a trajectory, or at DH positions [rad or m].",
         metavar="TRAJECTORY|Q1,Q2,...",
     )
     truth: Path | None = option(
-        None, "Truth file of the simulated arm (default: the one that ships for the robot).", kind="input"
+        None,
+        "Truth file of the simulated arm (default: the one that ships for the robot).",
+        kind="input",
     )
     torque_noise: float | None = option(
-        None, "Standard deviation of all torques [N m] (default: the truth file's).", metavar="NM", kind="float"
+        None,
+        "Standard deviation of all torques [N m] (default: the truth file's).",
+        metavar="NM",
+        kind="float",
     )
     torque_step: float = option(0.0, "Resolution of the torques [N m].", metavar="NM", kind="float")
-    torque_offset: float = option(0.0, "Offset of all torque sensors until they are zeroed [N m].", metavar="NM")
-    position_step: float | None = option(
-        None, "Resolution of the encoders [rad] (default: the truth file's).", metavar="RAD", kind="float"
+    torque_offset: float = option(
+        0.0, "Offset of all torque sensors until they are zeroed [N m].", metavar="NM"
     )
-    latency: float = option(0.0, "Time from sampling to publishing [s].", metavar="S", bounds=(0, 1))
-    jitter: float = option(0.0, "Standard deviation added to the latency [s].", metavar="S", bounds=(0, 1))
-    drop: float = option(0.0, "Share of the messages that are lost.", metavar="SHARE", bounds=(0, 1))
+    position_step: float | None = option(
+        None,
+        "Resolution of the encoders [rad] (default: the truth file's).",
+        metavar="RAD",
+        kind="float",
+    )
+    latency: float = option(
+        0.0, "Time from sampling to publishing [s].", metavar="S", bounds=(0, 1)
+    )
+    jitter: float = option(
+        0.0, "Standard deviation added to the latency [s].", metavar="S", bounds=(0, 1)
+    )
+    drop: float = option(
+        0.0, "Share of the messages that are lost.", metavar="SHARE", bounds=(0, 1)
+    )
     skew: float = option(
         0.0,
         "How much later than the position torque and velocity are polled [s] (Kinova).",
-        metavar="S", bounds=(0, 1),
-    )  # fmt: skip
+        metavar="S",
+        bounds=(0, 1),
+    )
     fault: tuple[str, float] = option(
-        None, "Make something go wrong, S seconds after the first command.", metavar="KIND[@S]", read=_fault
+        None,
+        "Make something go wrong, S seconds after the first command.",
+        metavar="KIND[@S]",
+        read=_fault,
     )
     duration: float | None = option(
         None, "Length of the simulation [s] (default: until Ctrl-C).", metavar="S", kind="positive"
@@ -142,7 +166,9 @@ def simulate_driver(
             kind = VelocityFollower if is_kinova(robot) else PointFollower
             follower = kind(start_pose(robot, options.pose), arm.dt)
             rng = np.random.default_rng(options.seed)
-            loop: DriverLoop = DriverLoop(arm, follower, options.rate, _imperfections(plant, options), rng)
+            loop: DriverLoop = DriverLoop(
+                arm, follower, options.rate, _imperfections(plant, options), rng
+            )
             driver = simulated_driver(node, loop, topic)
             if started is not None:
                 started(topic, node.uri)
@@ -152,9 +178,15 @@ def simulate_driver(
             except KeyboardInterrupt:
                 interrupted = True
             return DriverRun(
-                robot, driver.commands, loop.published, loop.dropped, loop.largest_delay, follower.longest,
-                loop.reference_shares(), interrupted,
-            )  # fmt: skip
+                robot,
+                driver.commands,
+                loop.published,
+                loop.dropped,
+                loop.largest_delay,
+                follower.longest,
+                loop.reference_shares(),
+                interrupted,
+            )
     finally:
         node.close()
 
@@ -201,15 +233,21 @@ def start_pose(robot: Robot, given: str | Sequence[float] | None) -> Floats:
     if isinstance(given, str) and Path(given).exists():
         return np.array(read_trajectory(Path(given), robot).motion.q[0])
     try:
-        pose = np.array([float(word) for word in (given.split(",") if isinstance(given, str) else given)])
+        pose = np.array(
+            [float(word) for word in (given.split(",") if isinstance(given, str) else given)]
+        )
     except ValueError:
         plan = str(given).endswith(".npz")
         raise WrongUsage(
             f"--pose {given} is neither a file nor a list of positions",
-            fix=f"plan it first: dynid trajectory {robot.word}" if plan else "--pose 0,0.5,0,1,0,0.5,0",
+            fix=f"plan it first: dynid trajectory {robot.word}"
+            if plan
+            else "--pose 0,0.5,0,1,0,0.5,0",
         ) from None
     if not np.all(np.abs(pose) <= MOST):
-        raise WrongUsage(f"--pose {given} is beyond what can be measured", fix="give one per joint [rad]")
+        raise WrongUsage(
+            f"--pose {given} is beyond what can be measured", fix="give one per joint [rad]"
+        )
     if len(pose) != robot.n:
         what = f"--pose has {len(pose)} numbers, {robot.name} has {robot.n} joints"
         raise WrongUsage(what, fix="give one per joint [rad]")

@@ -43,10 +43,14 @@ def _effects(value: Any, name: str) -> tuple[EffectSpec, ...]:  # noqa: ANN401
             pairs = [part.split("=") for part in numbers.split(",") if part]
             parameters = {key.strip(): float(number) for key, number in pairs}
         except ValueError:
-            raise WrongUsage(f"{name} '{item}' is not understood", fix=f"{name} viscous@joint_2:fv=4.5") from None
+            raise WrongUsage(
+                f"{name} '{item}' is not understood", fix=f"{name} viscous@joint_2:fv=4.5"
+            ) from None
         if not all(abs(number) <= MOST for number in parameters.values()):
             raise WrongUsage(f"{name} '{item}' has a number beyond what can be measured")
-        found.append(EffectSpec(effect, tuple(joint for joint in joints.split(",") if joint), parameters))
+        found.append(
+            EffectSpec(effect, tuple(joint for joint in joints.split(",") if joint), parameters)
+        )
     return tuple(found)
 
 
@@ -54,16 +58,28 @@ def _effects(value: Any, name: str) -> tuple[EffectSpec, ...]:  # noqa: ANN401
 class SimulateOptions(Options):
     """What is simulated beyond the rigid bodies of the robot file."""
 
-    viscous: float = option(0.02, "Viscous friction of each joint as a share of its rated torque at its rated speed.")
+    viscous: float = option(
+        0.02, "Viscous friction of each joint as a share of its rated torque at its rated speed."
+    )
     coulomb: float = option(0.03, "Coulomb friction of each joint as a share of its rated torque.")
-    noise: float = option(0.003, "Standard deviation of the torques as a share of the rated torque.", kind="float")
-    resolution: float = option(1e-5, "Resolution of the position sensors [rad or m]; 0 for none.", kind="float")
+    noise: float = option(
+        0.003, "Standard deviation of the torques as a share of the rated torque.", kind="float"
+    )
+    resolution: float = option(
+        1e-5, "Resolution of the position sensors [rad or m]; 0 for none.", kind="float"
+    )
     delay: float = option(0.0, "How late the torques are in the log [s].")
-    payload: float = option(0.0, "Mass of a point load at the origin of the last frame [kg].", kind="float")
+    payload: float = option(
+        0.0, "Mass of a point load at the origin of the last frame [kg].", kind="float"
+    )
     effects: tuple[EffectSpec, ...] = option(
-        (), "Effect of the catalogue, NAME@JOINT:PARAMETER=NUMBER,...; may be repeated.",
-        metavar="EFFECT", repeatable=True, flag="--effect", read=_effects,
-    )  # fmt: skip
+        (),
+        "Effect of the catalogue, NAME@JOINT:PARAMETER=NUMBER,...; may be repeated.",
+        metavar="EFFECT",
+        repeatable=True,
+        flag="--effect",
+        read=_effects,
+    )
     seed: int = option(0, "Seed of the noise.")
 
 
@@ -122,15 +138,25 @@ def simulate(
     Example:
         dynid.simulate("kuka_lwr4plus", "out/kuka_lwr4plus/trajectory.npz", payload=2.0)
     """
-    options, progress = arguments.options(SimulateOptions, options, changes), arguments.progress(progress)
+    options, progress = (
+        arguments.options(SimulateOptions, options, changes),
+        arguments.progress(progress),
+    )
     robot, base = arguments.robot(robot), arguments.base_model(base)
     motion = arguments.motion(motion, robot)
     if options.payload:
         if robot.tool is not None:
-            raise WrongUsage("the robot file has a tool already", fix="add the load to `tool:` in the robot file")
+            raise WrongUsage(
+                "the robot file has a tool already", fix="add the load to `tool:` in the robot file"
+            )
         robot = replace(robot, tool=Body(options.payload, (0.0, 0.0, 0.0), (0.0,) * 6))
     tau, source = _rigid_torque(robot, motion, base, progress)
-    rated = np.array([joint.limits.torque or max(float(np.abs(tau[:, j]).max()), 1e-3) for j, joint in _joints(robot)])
+    rated = np.array(
+        [
+            joint.limits.torque or max(float(np.abs(tau[:, j]).max()), 1e-3)
+            for j, joint in _joints(robot)
+        ]
+    )
     speed = np.array([joint.limits.velocity or 1.0 for joint in robot.joints])
     width = np.array(robot.coulomb_shape.velocity)
     viscous, coulomb = options.viscous * rated / speed, options.coulomb * rated
@@ -138,11 +164,19 @@ def simulate(
     specs = (*robot.effects, *options.effects)
     if specs:
         tau = tau + _effect_torque(robot, motion, specs, base, progress)
-    late = np.stack([np.interp(motion.t - options.delay, motion.t, column) for column in tau.T], axis=1)
+    late = np.stack(
+        [np.interp(motion.t - options.delay, motion.t, column) for column in tau.T], axis=1
+    )
     rng = np.random.default_rng(options.seed)
     measured = late + rng.normal(0.0, 1.0, late.shape) * options.noise * rated
-    q = np.round(motion.q / options.resolution) * options.resolution if options.resolution else motion.q
-    log = Log(motion.t, q, measured, robot.joint_names, tau_unit="Nm", dh=True, extra={"q_ref": motion.q})
+    q = (
+        np.round(motion.q / options.resolution) * options.resolution
+        if options.resolution
+        else motion.q
+    )
+    log = Log(
+        motion.t, q, measured, robot.joint_names, tau_unit="Nm", dh=True, extra={"q_ref": motion.q}
+    )
     return Simulation(log, tau, source, viscous, coulomb)
 
 
@@ -150,7 +184,9 @@ def _joints(robot: Robot) -> Sequence[tuple[int, Any]]:
     return list(enumerate(robot.joints))
 
 
-def _rigid_torque(robot: Robot, motion: Motion, base: BaseModel | None, progress: Progress) -> tuple[Floats, str]:
+def _rigid_torque(
+    robot: Robot, motion: Motion, base: BaseModel | None, progress: Progress
+) -> tuple[Floats, str]:
     """Return the torques of the rigid bodies, (N, n) [N m or N], and which physics computed them."""
     from dynid.model.parameters import prior_bodies
     from dynid.sim.arm import SimulatedArm
@@ -158,11 +194,15 @@ def _rigid_torque(robot: Robot, motion: Motion, base: BaseModel | None, progress
     progress.stage("simulate")
     with suppress(PackageMissing), SimulatedArm(robot, prior_bodies(robot)) as arm:
         rows = zip(motion.q, motion.qd, motion.qdd, strict=True)
-        return np.array([arm.inverse_dynamics(*row) for row in rows]), f"{arm.engine.name}'s inverse dynamics"
+        return np.array(
+            [arm.inverse_dynamics(*row) for row in rows]
+        ), f"{arm.engine.name}'s inverse dynamics"
     return _reference(robot, base, progress)(motion.q, motion.qd, motion.qdd), "dynid's own model"
 
 
-def _reference(robot: Robot, base: BaseModel | None, progress: Progress) -> Callable[[Floats, Floats, Floats], Floats]:
+def _reference(
+    robot: Robot, base: BaseModel | None, progress: Progress
+) -> Callable[[Floats, Floats, Floats], Floats]:
     from dynid.model.parameters import prior_vector
     from dynid.model.regressor import Model, ModelTorques
     from dynid.workflows.model import base_model
@@ -173,7 +213,11 @@ def _reference(robot: Robot, base: BaseModel | None, progress: Progress) -> Call
 
 
 def _effect_torque(
-    robot: Robot, motion: Motion, specs: Sequence[EffectSpec], base: BaseModel | None, progress: Progress
+    robot: Robot,
+    motion: Motion,
+    specs: Sequence[EffectSpec],
+    base: BaseModel | None,
+    progress: Progress,
 ) -> Floats:
     """Return the torque of effects along a motion, (N, n) [N m or N].
 
@@ -191,31 +235,45 @@ def _effect_torque(
     base = base or base_model(plain, progress=progress)
     model = Model(plain, base.model.rigid)
     reference = ModelTorques(model, prior_vector(model))
-    path = ArmMotion(motion.t, motion.q, motion.qd, motion.qdd, plain, reference, lambda values: values)
+    path = ArmMotion(
+        motion.t, motion.q, motion.qd, motion.qdd, plain, reference, lambda values: values
+    )
     torque = np.zeros_like(motion.q)
     for spec in specs:
         numbers = ((joint, whole_number(joint)) for joint in spec.joints)
-        named = replace(spec, joints=tuple(robot.joint_name(name if k < 0 else k) for name, k in numbers))
+        named = replace(
+            spec, joints=tuple(robot.joint_name(name if k < 0 else k) for name, k in numbers)
+        )
         try:
             effect = checked(named, robot)
         except WrongRobotFile as error:
             if spec in robot.effects:
                 raise
             what = error.what.removeprefix("effects: ")
-            raise WrongUsage(f"--effect: {what}", fix=_template(spec) or "dynid explain effects lists them") from error
+            raise WrongUsage(
+                f"--effect: {what}", fix=_template(spec) or "dynid explain effects lists them"
+            ) from error
         if effect.name == "torque_delay":
             raise WrongUsage("torque_delay is no torque", fix="--delay SECONDS")
         shape = {name: named.parameters[name] for name in effect.shape_units}
         names = list(effect.amplitudes(shape))
         missing = [name for name in names if name not in named.parameters]
         if missing:
-            raise WrongUsage(f"--effect: {effect.name} needs parameters {', '.join(missing)}", fix=_template(spec))
+            raise WrongUsage(
+                f"--effect: {effect.name} needs parameters {', '.join(missing)}",
+                fix=_template(spec),
+            )
         for joints in joints_of(named, effect, robot):
             columns = effect.columns(path, joints, shape)
             rows = list(effect.rows(joints, robot.n))
-            torque[:, rows] += np.tensordot([named.parameters[name] for name in names], columns, axes=1).T
+            torque[:, rows] += np.tensordot(
+                [named.parameters[name] for name in names], columns, axes=1
+            ).T
         if not np.all(np.isfinite(torque)):
-            raise WrongUsage(f"--effect: {effect.name} gives no finite torque with these numbers", fix=_template(spec))
+            raise WrongUsage(
+                f"--effect: {effect.name} gives no finite torque with these numbers",
+                fix=_template(spec),
+            )
     return torque
 
 

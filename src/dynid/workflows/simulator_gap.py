@@ -72,12 +72,16 @@ def compare_in_simulator(
         raise WrongUsage(f"there is no engine '{engine}'", fix=" or ".join(ENGINES))
     names = arguments.words(names, "names")
     if seconds is not None:
-        seconds = arguments.number(seconds, "seconds", "a length in seconds, such as 10.0, or None for all")
+        seconds = arguments.number(
+            seconds, "seconds", "a length in seconds, such as 10.0, or None for all"
+        )
         if not seconds > 0.0:
             raise WrongUsage(f"{seconds:g} s cannot be driven", fix="seconds=10.0, or None for all")
     if any(each.robot.joint_names != found[0].robot.joint_names for each in found):
         raise WrongUsage("the results are of different arms", fix="results of one arm")
-    models = tuple(names) or (("before", "after") if len(found) == 2 else tuple(f"{k + 1}" for k in range(len(found))))
+    models = tuple(names) or (
+        ("before", "after") if len(found) == 2 else tuple(f"{k + 1}" for k in range(len(found)))
+    )
     if len(models) != len(found):
         raise WrongUsage(f"{len(models)} names for {len(found)} results", fix="one name per result")
     recorded = _recorded(found[0], recording, seconds)
@@ -99,7 +103,9 @@ def compare_in_simulator(
     )
 
 
-def gap_in_simulator(gap: Gap, after: Identification, *, progress: Progress = SILENT) -> SimulatorGap:
+def gap_in_simulator(
+    gap: Gap, after: Identification, *, progress: Progress = SILENT
+) -> SimulatorGap:
     """Drive an arm without and with what a search named along a recording, at best one that was held out.
 
     Args:
@@ -117,10 +123,14 @@ def gap_in_simulator(gap: Gap, after: Identification, *, progress: Progress = SI
     log = (*gap.unseen_logs, *reversed(gap.recordings))[0]
     engine = next((name for name in ENGINES if module(name) is not None), ENGINES[0])
     results = (gap.searched, after)
-    return compare_in_simulator(results, log, engine=engine, seconds=tuning.DRIVEN_S, progress=progress)
+    return compare_in_simulator(
+        results, log, engine=engine, seconds=tuning.DRIVEN_S, progress=progress
+    )
 
 
-def _recorded(result: Identification, log: Log, seconds: float | None) -> tuple[Floats, Floats, Floats, Floats]:
+def _recorded(
+    result: Identification, log: Log, seconds: float | None
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Return time, position, velocity and torque of the end of the longest part without gaps of a log, filtered."""
     from dynid.workflows.logs import LogOptions, checked_log, condition_logs
 

@@ -63,7 +63,10 @@ SHORT = 10.0
 
 def _earlier_of(given: EarlierLike | Sequence[EarlierLike], robot: Robot) -> list[Earlier]:
     """Return logs, results and motions, each given by itself or by its path."""
-    kinds, wanted = (Log, Identification, StoredTrajectory, Plan), "a log, a result or a motion; or a list of them"
+    kinds, wanted = (
+        (Log, Identification, StoredTrajectory, Plan),
+        "a log, a result or a motion; or a list of them",
+    )
     found: list[Earlier] = []
     for each in arguments.several(given, (*kinds, str, Path), "earlier", wanted, empty=True):
         if isinstance(each, (str, Path)):
@@ -94,7 +97,12 @@ def _waypoints_of(given: Waypoints | ArrayLike, robot: Robot) -> Waypoints:
         points = np.asarray(given, dtype=float)
     except (TypeError, ValueError, OverflowError):
         points = np.zeros(0)
-    if points.ndim != 2 or points.shape[1] != robot.n or len(points) < 2 or not np.all(np.isfinite(points)):
+    if (
+        points.ndim != 2
+        or points.shape[1] != robot.n
+        or len(points) < 2
+        or not np.all(np.isfinite(points))
+    ):
         raise arguments.refused("waypoints", f"at least 2 rows of {robot.n} numbers", given)
     return Waypoints(points)
 
@@ -105,7 +113,9 @@ def _gap_of(given: GapRecord | str | Path) -> GapRecord:
 
     if isinstance(given, (str, Path)):
         return read_record(arguments.path(given, "for_gap"))
-    return arguments.instance(given, GapRecord, "for_gap", "what dynid.find_gap returns, or the path of its gap.npz")
+    return arguments.instance(
+        given, GapRecord, "for_gap", "what dynid.find_gap returns, or the path of its gap.npz"
+    )
 
 
 @public
@@ -160,7 +170,10 @@ def plan_trajectory(
     from dynid.trajectory.preview import Drawing
     from dynid.workflows.model import base_model
 
-    options, progress = arguments.options(PlanOptions, options, changes), arguments.progress(progress)
+    options, progress = (
+        arguments.options(PlanOptions, options, changes),
+        arguments.progress(progress),
+    )
     robot = arguments.robot(robot)
     before = _earlier_of(earlier, robot)
     path = None if path is None else _path_of(path, robot)
@@ -187,19 +200,25 @@ def plan_trajectory(
     progress.stage("clearance")
     given = waypoints is not None or path is not None
     until = begin + options.seconds
-    drawing = replace(drawing or Drawing(), until=None if given else until - FILES * options.seconds)
+    drawing = replace(
+        drawing or Drawing(), until=None if given else until - FILES * options.seconds
+    )
     chosen, (check, clearance) = first_accepted(
         candidates,
         lambda motion: (
             once_more(lambda: require_safe(context, motion)),
-            require_clear_motion(context, motion, urdf, _shown(drawing, context, motion), progress, given=given),
+            require_clear_motion(
+                context, motion, urdf, _shown(drawing, context, motion), progress, given=given
+            ),
         ),
         np.inf if given or options.replay else until,
         progress,
     )
     search = _search_record(options, chosen, found)
     progress.stage("predict")
-    plan = once_more(lambda: _predicted(context, chosen.trajectory, check, clearance, source, search, urdf))
+    plan = once_more(
+        lambda: _predicted(context, chosen.trajectory, check, clearance, source, search, urdf)
+    )
     plan = replace(plan, unexplained=unexplained(before))
     if experiment is not None:
         return replace(plan, outlook=experiment.outlook(plan.trajectory))
@@ -223,12 +242,18 @@ def require_teaching(plan: Plan) -> None:
     reasons = [f"weakest is {plan.weakest}"]
     if plan.search is not None and plan.search.share < 1:
         reasons.insert(0, f"to avoid collisions it was reduced to {100 * plan.search.share:.0f} %")
-    if plan.search is not None and plan.search.ended in ("time", "interrupt") and plan.search.finished_starts == 0:
+    if (
+        plan.search is not None
+        and plan.search.ended in ("time", "interrupt")
+        and plan.search.finished_starts == 0
+    ):
         reasons.insert(0, "the search ended before its first start was finished")
     if plan.options.duration < SHORT:
         reasons.insert(0, f"it has {plan.options.duration:g} s")
     error = f"expected torque error on other motions {full.torque_error:.2g} N m even at full speed"
-    raise PlanTeachesLittle(f"{error}, more than the noise of one sample ({noise:.2g} N m): {', '.join(reasons)}")
+    raise PlanTeachesLittle(
+        f"{error}, more than the noise of one sample ({noise:.2g} N m): {', '.join(reasons)}"
+    )
 
 
 def _plain(base: BaseModel, progress: Progress) -> BaseModel:
@@ -270,7 +295,9 @@ def trajectory_of(stored: StoredTrajectory | Plan) -> Trajectory:
     with reading(Path(stored.source or "the trajectory")):
         basis = basis_from(dict(stored.basis))
         if len(stored.coefficients) != basis.size:
-            raise ValueError(f"it has {len(stored.coefficients)} coefficients of each joint, expected {basis.size}")
+            raise ValueError(
+                f"it has {len(stored.coefficients)} coefficients of each joint, expected {basis.size}"
+            )
     return Trajectory(basis, stored.coefficients, stored.alpha)
 
 
@@ -282,14 +309,18 @@ def _shown(drawing: Drawing, context: PlanningContext, trajectory: Trajectory) -
     return replace(drawing, title=title, sketch=draw_motion)
 
 
-def _search_record(options: PlanOptions, chosen: Proposal, found: SearchOutcome | None) -> SearchRecord | None:
+def _search_record(
+    options: PlanOptions, chosen: Proposal, found: SearchOutcome | None
+) -> SearchRecord | None:
     if chosen.start is None:
         return None
     again = f"--seed {options.seed}"
     if found is not None and found.ended != "all starts":
         again += f" --replay {chosen.start}:{chosen.evaluation}"
     ended, finished = ("no search", 0) if found is None else (found.ended, found.finished)
-    return SearchRecord(options.seed, ended, finished, chosen.start, chosen.evaluation, chosen.share, again)
+    return SearchRecord(
+        options.seed, ended, finished, chosen.start, chosen.evaluation, chosen.share, again
+    )
 
 
 def _predicted(
@@ -326,7 +357,9 @@ def _predicted(
         clearance=clearance,
         names=base.reduction.base_names,
         prediction=prediction,
-        alphas=alpha_table(trajectory, base.model, columns, noise, context.other, samples, context.believed),
+        alphas=alpha_table(
+            trajectory, base.model, columns, noise, context.other, samples, context.believed
+        ),
         noise=noise,
         noise_from=noise_from,
         weakest=base.reduction.base_names[int(np.argmax(cost))],
@@ -393,7 +426,9 @@ def review_trajectory(
     from dynid.trajectory.preview import Drawing
     from dynid.workflows.model import base_model
 
-    context = planning_context(_plain(base or base_model(robot, progress=progress), progress), options)
+    context = planning_context(
+        _plain(base or base_model(robot, progress=progress), progress), options
+    )
     trajectory = trajectory_of(stored)
     require_within_limits(context.check(trajectory), options.margin)
     shown = _shown(drawing or Drawing(), context, trajectory)
@@ -411,8 +446,15 @@ def plan_inputs(robot: Robot, options: PlanOptions, files: Mapping[str, Path]) -
     """
     from dynid.npz import sha256
 
-    parts: list[Any] = [[asdict(joint.limits) for joint in robot.joints], robot.base_xyz, robot.base_rpy]
-    parts += [asdict(robot.prior) if robot.prior else None, asdict(robot.tool) if robot.tool else None]
+    parts: list[Any] = [
+        [asdict(joint.limits) for joint in robot.joints],
+        robot.base_xyz,
+        robot.base_rpy,
+    ]
+    parts += [
+        asdict(robot.prior) if robot.prior else None,
+        asdict(robot.tool) if robot.tool else None,
+    ]
     parts.append(robot.torque.noise)
     limits = hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
     hashes = {name: sha256(path) for name, path in files.items()}

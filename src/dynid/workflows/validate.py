@@ -43,7 +43,9 @@ class ValidateOptions(LogOptions):
 
     allow_training_data: bool = option(False, "Accept the recording that was used to identify.")
     residual_model: bool | None = option(
-        None, "Predict with the result's residual model, or by its parameters alone (default: with it).", pair=True
+        None,
+        "Predict with the result's residual model, or by its parameters alone (default: with it).",
+        pair=True,
     )
 
 
@@ -88,9 +90,13 @@ class Validation:
 
         torque = self.robot.torque
         gains = torque.gain if torque.relative and torque.gain else (1.0,) * self.robot.n
-        rms = tuple(joint.rms / (gain or 1.0) for joint, gain in zip(self.joints, gains, strict=True))
+        rms = tuple(
+            joint.rms / (gain or 1.0) for joint, gain in zip(self.joints, gains, strict=True)
+        )
         percent, name = self.relative_error_percent, Path(self.log).name
-        return Unseen(name, percent, rms, self.same_motion, self.expected_percent, True, here(self.log))
+        return Unseen(
+            name, percent, rms, self.same_motion, self.expected_percent, True, here(self.log)
+        )
 
     @property
     def evidence(self) -> Evidence:
@@ -120,8 +126,14 @@ class Validation:
             for quality, joint in zip(self.joints, self.robot.joints, strict=True)
         ]
         judged = self.judgement
-        total = f"total relative error {self.relative_error_percent:.2f} %, baseline: {self.baseline}"
-        return Table(rows, f"{self.robot.name}, {Path(self.log).name}", (judged.sentence, *judged.reasons, total))
+        total = (
+            f"total relative error {self.relative_error_percent:.2f} %, baseline: {self.baseline}"
+        )
+        return Table(
+            rows,
+            f"{self.robot.name}, {Path(self.log).name}",
+            (judged.sentence, *judged.reasons, total),
+        )
 
     def to_dataframe(self) -> DataFrame:
         """Return the table as a pandas DataFrame."""
@@ -192,7 +204,9 @@ class Validation:
             if max_rms is not None and joint.rms > max_rms
         ]
         if max_unexplained is not None and self.relative_error_percent > 100 * max_unexplained:
-            found.append(f"total relative error {self.relative_error_percent:.2f} % > {100 * max_unexplained:g} %")
+            found.append(
+                f"total relative error {self.relative_error_percent:.2f} % > {100 * max_unexplained:g} %"
+            )
         return found
 
     def folder(self, parent: Path) -> Path:
@@ -247,7 +261,9 @@ class Validation:
             "/measured/joint_states": JointStates(m.q_measured, m.qd_measured, m.tau_measured),
             "/predicted/joint_states": JointStates(m.q_estimated, m.qd_estimated, torque),
             "/residual/joint_states": JointStates(
-                m.q_measured - m.q_estimated, m.qd_measured - m.qd_estimated, m.tau_measured - torque
+                m.q_measured - m.q_estimated,
+                m.qd_measured - m.qd_estimated,
+                m.tau_measured - torque,
             ),
         }
         stamps = self.start_ns + np.round(m.t * 1e9).astype(np.int64)
@@ -257,7 +273,9 @@ class Validation:
         """Draw measured and estimated motion and torques of each joint."""
         from dynid.reports.figures import write_motion_figures
 
-        return write_motion_figures(folder, self.motion, self.robot, f"{self.robot.name}, {Path(self.log).name}")
+        return write_motion_figures(
+            folder, self.motion, self.robot, f"{self.robot.name}, {Path(self.log).name}"
+        )
 
 
 @public
@@ -294,7 +312,10 @@ def validate(
     from dynid.estimation.stack import LogRows, scaled
     from dynid.signals.motion import same_motion
 
-    options, progress = arguments.options(ValidateOptions, options, changes), arguments.progress(progress)
+    options, progress = (
+        arguments.options(ValidateOptions, options, changes),
+        arguments.progress(progress),
+    )
     result = arguments.result(result)
     log = arguments.log(log, result.robot, options)
     refuse_training_log(result, log.sha256, str(log.source or "log"), options)
@@ -320,9 +341,20 @@ def validate(
     where = str(log.source or log.name)
     cutoff, start = replayed.filter.cutoff, int(log.extra.get("start_ns", 0))
     return Validation(
-        base.robot, where, log.sha256, tuple(joints), total, what, motion, cutoff, expected, again, start,
-        fingerprint(result), evidence_of(result),
-    )  # fmt: skip
+        base.robot,
+        where,
+        log.sha256,
+        tuple(joints),
+        total,
+        what,
+        motion,
+        cutoff,
+        expected,
+        again,
+        start,
+        fingerprint(result),
+        evidence_of(result),
+    )
 
 
 def urdf_of(result: Identification, base: BaseModel) -> str:
@@ -333,7 +365,9 @@ def urdf_of(result: Identification, base: BaseModel) -> str:
     return FORMATS["urdf"].text(identified_arm(result, ("urdf",), ExportOptions(), base))
 
 
-def refuse_training_log(result: Identification, sha256: str, where: str, options: ValidateOptions) -> None:
+def refuse_training_log(
+    result: Identification, sha256: str, where: str, options: ValidateOptions
+) -> None:
     """Refuse a recording that the result was identified from.
 
     Raises:
@@ -367,12 +401,17 @@ def expected_on(
 
 
 def baseline_torque(
-    base: BaseModel, result: Identification, rows: Iterable[ObservationRows], motion: EstimatedMotion
+    base: BaseModel,
+    result: Identification,
+    rows: Iterable[ObservationRows],
+    motion: EstimatedMotion,
 ) -> tuple[NDArray[np.float64], str]:
     """Return what a simpler model predicts, (M, n) [N m]: the prior of the robot file, else a constant torque."""
     import numpy as np
 
     if base.robot.prior is None:
-        return np.broadcast_to(motion.tau_measured.mean(axis=0), motion.tau_measured.shape), "a constant torque"
+        return np.broadcast_to(
+            motion.tau_measured.mean(axis=0), motion.tau_measured.shape
+        ), "a constant torque"
     prior = np.nan_to_num(result.prior)
     return np.concatenate([part.W @ prior for part in rows]), "the prior of the robot file"

@@ -26,20 +26,26 @@ def test_a_fit_that_explains_the_torques_asks_nothing(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "mistake", [Edit("sign", (5.0,)), Edit("order", (0.0, 1.0, 2.0, 3.0, 6.0, 5.0, 4.0))], ids=lambda each: each.kind
+    "mistake",
+    [Edit("sign", (5.0,)), Edit("order", (0.0, 1.0, 2.0, 3.0, 6.0, 5.0, 4.0))],
+    ids=lambda each: each.kind,
 )
 def test_a_mistake_that_leaves_little_is_named_all_the_same(mistake):
     wrong = edited(lwr(), mistake)
     with pytest.raises(WrongMapping, match="lwr_"):
         identified(lwr_log(), wrong)
-    assert "W329" in [finding.code for finding in identified(lwr_log(), wrong, anyway=True).findings]
+    assert "W329" in [
+        finding.code for finding in identified(lwr_log(), wrong, anyway=True).findings
+    ]
 
 
 def test_torques_that_bodies_without_weight_explain_well_are_refused():
     """Inertia and friction alone are those of an arm whose links are balanced, so that the fit itself is good."""
     robot, log = lwr(), prepare(lwr_log(), lwr())
     full, base = identified(log, robot), dynid.base_model(robot)
-    weight = base.model.observer(base.reduction.base).torque(full.theta, log.q, 0 * log.q, 0 * log.q)
+    weight = base.model.observer(base.reduction.base).torque(
+        full.theta, log.q, 0 * log.q, 0 * log.q
+    )
     with pytest.raises(GravityRemoved):
         identified(replace(log, tau=log.tau - weight), robot)
 

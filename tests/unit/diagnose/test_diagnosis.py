@@ -32,7 +32,9 @@ def test_the_numeric_regressor_is_the_derived_one(name):
     model = build_model(robot)
     motion = np.random.default_rng(1).standard_normal((3, 20, robot.n))
     bodies = [k for k, parameter in enumerate(model.parameters) if parameter.of_body]
-    np.testing.assert_allclose(body_regressor(robot, *motion), model.regressor(*motion)[:, :, bodies], atol=1e-12)
+    np.testing.assert_allclose(
+        body_regressor(robot, *motion), model.regressor(*motion)[:, :, bodies], atol=1e-12
+    )
 
 
 def test_a_right_file_is_not_questioned():
@@ -57,12 +59,16 @@ def test_the_mistake_is_named_and_its_edit_repairs_the_file(mistake):
     found = looked_at(wrong)
     assert found is not None
     assert found.wrong
-    assert mistake.kind in {edit.kind for each in (found.best[0], *found.same) for edit in each.edits}
+    assert mistake.kind in {
+        edit.kind for each in (found.best[0], *found.same) for edit in each.edits
+    }
     assert not looked_at(with_edits(wrong, found.best[0].edits)).wrong
 
 
 def test_two_mistakes_are_named_together():
-    wrong = with_edits(lwr(), [Edit("sign", (3.0,)), Edit("order", (1.0, 0.0, 2.0, 3.0, 4.0, 5.0, 6.0))])
+    wrong = with_edits(
+        lwr(), [Edit("sign", (3.0,)), Edit("order", (1.0, 0.0, 2.0, 3.0, 4.0, 5.0, 6.0))]
+    )
     found = looked_at(wrong)
     assert {edit.kind for edit in found.best[0].edits} == {"sign", "order"}
     assert not looked_at(with_edits(wrong, found.best[0].edits)).wrong
@@ -84,7 +90,9 @@ def test_an_offset_about_the_direction_of_gravity_changes_nothing_and_is_not_nam
 def test_reversed_torques_come_right_with_torque_sign():
     log, wrong = lwr_log(), edited(lwr(), Edit("torques"))
     assert wrong.driver.map.torque_sign == (-1.0,) * 7
-    np.testing.assert_array_equal(prepare(replace(log, tau=-log.tau), wrong).tau, prepare(log, lwr()).tau)
+    np.testing.assert_array_equal(
+        prepare(replace(log, tau=-log.tau), wrong).tau, prepare(log, lwr()).tau
+    )
 
 
 def test_it_stops_with_the_edit_and_goes_on_when_asked():
@@ -109,7 +117,12 @@ def test_a_wrong_file_that_looks_like_removed_gravity_is_named_and_goes_on_when_
 def test_a_log_in_dh_quantities_accuses_no_map_of_the_driver():
     """Signs, offsets and order were applied before it was written; convention and gravity may still be wrong."""
     log = replace(prepare(lwr_log(), lwr()), checked=False, extra={})
-    assert diagnose(prepare(log, edited(lwr(), Edit("sign", (1.0,)))), edited(lwr(), Edit("sign", (1.0,)))) == ()
+    assert (
+        diagnose(
+            prepare(log, edited(lwr(), Edit("sign", (1.0,)))), edited(lwr(), Edit("sign", (1.0,)))
+        )
+        == ()
+    )
     with pytest.raises(WrongMapping, match="the other DH convention"):
         diagnose(prepare(log, edited(lwr(), Edit("convention"))), edited(lwr(), Edit("convention")))
 
@@ -123,7 +136,9 @@ def test_a_pause_cuts_the_recording_and_is_listed():
 
 
 @pytest.mark.data
-@pytest.mark.parametrize(("run", "first", "seconds"), [("run1", 5.0, 6.0), ("run2", 5.0, 12.0), ("run3", 7.0, 3.0)])
+@pytest.mark.parametrize(
+    ("run", "first", "seconds"), [("run1", 5.0, 6.0), ("run2", 5.0, 12.0), ("run3", 7.0, 3.0)]
+)
 def test_a_short_piece_of_a_real_recording_does_not_accuse_the_right_file(run, first, seconds):
     """What passes sideways through the wrist's sensors looks like another wrist, by 0.2 N m."""
     log = read_log(shared_data(f"kuka_lwr4plus/{run}.bag"), robot=lwr())
@@ -137,5 +152,9 @@ def test_edits_that_a_log_cannot_tell_apart_are_named_together():
     robot = load_robot("ur10")
     log = read_log(shared_data("ur10_salerno/exc.npz"), robot=robot)
     found = looked_at(edited(robot, Edit("position", (0.0,))), log)
-    kinds = {each.edits[0].kind for each in (found.best[0], *found.same, *found.tied) if len(each.edits) == 1}
+    kinds = {
+        each.edits[0].kind
+        for each in (found.best[0], *found.same, *found.tied)
+        if len(each.edits) == 1
+    }
     assert {"position", "torque"} <= kinds

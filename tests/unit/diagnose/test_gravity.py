@@ -27,7 +27,9 @@ NOISE = np.random.default_rng(1).normal(0, 0.3, lwr_log().tau.shape)
 def random_arm(rng, convention):
     kinds = ["revolute", "prismatic", "revolute", "revolute"]
     joints = tuple(Joint(f"j{i}", k, *rng.uniform(-1, 1, 4)) for i, k in enumerate(kinds))
-    bodies = tuple(Body(float(rng.uniform(0.5, 3)), tuple(rng.uniform(-0.2, 0.2, 3))) for _ in kinds)
+    bodies = tuple(
+        Body(float(rng.uniform(0.5, 3)), tuple(rng.uniform(-0.2, 0.2, 3))) for _ in kinds
+    )
     return Robot("arm", convention, joints, gravity=(1.0, -2.0, -9.5), prior=Prior(links=bodies))
 
 
@@ -40,9 +42,13 @@ def pinocchio_model(robot):
         z = pin.SE3(pin.utils.rotate("z", joint.theta_offset), np.array([0.0, 0.0, joint.d]))
         modified = robot.convention == "modified"
         kind = pin.JointModelRZ() if joint.revolute else pin.JointModelPZ()
-        parent = model.addJoint(parent, kind, before * x * z if modified else before * z, joint.name)
+        parent = model.addJoint(
+            parent, kind, before * x * z if modified else before * z, joint.name
+        )
         before = pin.SE3.Identity() if modified else x
-        model.appendBodyToJoint(parent, pin.Inertia(body.mass, np.array(body.com), np.eye(3) * 1e-3), before)
+        model.appendBodyToJoint(
+            parent, pin.Inertia(body.mass, np.array(body.com), np.eye(3) * 1e-3), before
+        )
     model.gravity.linear = np.array(robot.gravity)
     return model
 
@@ -71,7 +77,9 @@ def short_log(amplitude, noise, seed, weight):
     robot, rng, t = lwr(), np.random.default_rng(seed), np.arange(0.0, 3.0, 0.005)
     window = np.sin(np.pi * t / 3.0) ** 2
     phases, speeds = rng.uniform(0, 6, robot.n), rng.uniform(1.0, 4.0, robot.n)
-    q = rng.uniform(-0.5, 0.5, robot.n) + amplitude * window[:, None] * np.sin(np.outer(t, speeds) + phases)
+    q = rng.uniform(-0.5, 0.5, robot.n) + amplitude * window[:, None] * np.sin(
+        np.outer(t, speeds) + phases
+    )
     qd = np.gradient(q, t, axis=0)
     tau = 15.0 * np.arctan(20.0 * qd) + noise * rng.standard_normal(q.shape)
     return Log(t, q, tau + weight * expected_torque(q, robot), robot.joint_names, qd), robot
@@ -137,10 +145,15 @@ def test_a_zeroed_sensor_and_a_log_without_rest_give_no_warning():
 def test_a_real_recording_with_its_weight_taken_out_is_refused():
     log = read_log(shared_data("kuka_lwr4plus/run1.bag"), robot=lwr())
     with pytest.raises(GravityRemoved):
-        diagnose(prepare(replace(log, tau=0.02 * log.tau + NOISE[:1].repeat(len(log), axis=0)), lwr()), lwr())
+        diagnose(
+            prepare(replace(log, tau=0.02 * log.tau + NOISE[:1].repeat(len(log), axis=0)), lwr()),
+            lwr(),
+        )
 
 
-@pytest.mark.parametrize("name", ["kuka_lwr4plus", "kinova_gen2", "ur10", "franka_panda", "staubli_tx40"])
+@pytest.mark.parametrize(
+    "name", ["kuka_lwr4plus", "kinova_gen2", "ur10", "franka_panda", "staubli_tx40"]
+)
 @pytest.mark.parametrize("seed", range(3))
 def test_a_log_that_never_rests_shows_whether_gravity_was_removed(name, seed):
     """Five harmonics a joint; Pinocchio makes the torques, inertia and friction included, with its weight and without.
@@ -153,7 +166,9 @@ def test_a_log_that_never_rests_shows_whether_gravity_was_removed(name, seed):
     for k in range(1, robot.n + 1):
         factor = rng.uniform(0.5, 2)
         model.inertias[k] = pin.Inertia(
-            factor * model.inertias[k].mass, model.inertias[k].lever, factor * model.inertias[k].inertia
+            factor * model.inertias[k].mass,
+            model.inertias[k].lever,
+            factor * model.inertias[k].inertia,
         )
     t = np.arange(0, 20, 0.02)
     w = 2 * np.pi / 20 * np.arange(1, 6)
@@ -165,10 +180,17 @@ def test_a_log_that_never_rests_shows_whether_gravity_was_removed(name, seed):
     for gravity in (np.array(robot.gravity), np.zeros(3)):
         model.gravity.linear = gravity
         data = model.createData()
-        tau = np.array([pin.rnea(model, data, _turned(model, x), y, z) for x, y, z in zip(q, qd, qdd, strict=True)])
+        tau = np.array(
+            [
+                pin.rnea(model, data, _turned(model, x), y, z)
+                for x, y, z in zip(q, qd, qdd, strict=True)
+            ]
+        )
         tau += 0.5 * np.tanh(qd / 0.02) + 0.3 * qd + rng.normal(0, 0.1, q.shape)
         shown = q + rng.normal(0, 1e-4, q.shape)
-        logs.append(Log(t=t, q=shown, tau=tau, qd=qd, names=robot.joint_names, tau_unit="Nm", dh=True))
+        logs.append(
+            Log(t=t, q=shown, tau=tau, qd=qd, names=robot.joint_names, tau_unit="Nm", dh=True)
+        )
     check_gravity(logs[0], robot)
     with pytest.raises(GravityRemoved):
         check_gravity(logs[1], robot)
@@ -177,7 +199,8 @@ def test_a_log_that_never_rests_shows_whether_gravity_was_removed(name, seed):
 def _turned(model, q):
     """Return a configuration as Pinocchio wants it: cosine and sine where a joint turns without end."""
     parts = [
-        [np.cos(x), np.sin(x)] if joint.nq == 2 else [x] for joint, x in zip(list(model.joints)[1:], q, strict=True)
+        [np.cos(x), np.sin(x)] if joint.nq == 2 else [x]
+        for joint, x in zip(list(model.joints)[1:], q, strict=True)
     ]
     return np.concatenate(parts)
 

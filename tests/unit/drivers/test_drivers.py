@@ -51,6 +51,8 @@ def test_a_bag_without_joint_states_lists_what_it_has():
 
 def test_a_topic_of_another_type_is_refused_with_the_one_to_use():
     topics = {"/tf": "tf2_msgs/TFMessage", "/joint_states": STATE}
-    with pytest.raises(WrongMessageType, match="/tf is tf2_msgs/TFMessage; use /joint_states") as caught:
+    with pytest.raises(
+        WrongMessageType, match="/tf is tf2_msgs/TFMessage; use /joint_states"
+    ) as caught:
         Driver().choose_topic(topics, "/tf", lwr(), "log.bag")
     assert caught.value.fix == "--topic /joint_states"

@@ -11,9 +11,13 @@ def clarabel_optimum(R, r, constraints, gamma, scale=1e-2):
     clarabel = pytest.importorskip("clarabel")
     sparse = pytest.importorskip("scipy.sparse")
     c, links = R.shape[1], len(constraints.bodies)
-    size = c + (14 * links if gamma else 0)  # x, then for each link a triangle of ten and four logarithms
+    size = c + (
+        14 * links if gamma else 0
+    )  # x, then for each link a triangle of ten and four logarithms
     quadratic, q = np.zeros((size, size)), np.zeros(size)
-    centre = np.linalg.lstsq(R, r, rcond=1e-10)[0]  # why: solver tolerances are relative to the objective
+    centre = np.linalg.lstsq(R, r, rcond=1e-10)[
+        0
+    ]  # why: solver tolerances are relative to the objective
     residual = R @ centre - r
     quadratic[:c, :c], q[:c] = R.T @ R, R.T @ residual
     inverse = np.linalg.inv(constraints.prior_pseudo_inertia)
@@ -42,7 +46,11 @@ def clarabel_optimum(R, r, constraints, gamma, scale=1e-2):
                     matrices[first + k, 4 + i, 4 + i] = 1
                     cone = np.zeros((3, size))
                     cone[0, first + 10 + i], cone[2, first + k] = -1, -1
-                    rows.append(cone), b.append(np.array([0.0, 1.0, 0.0])), cones.append(clarabel.ExponentialConeT())
+                    (
+                        rows.append(cone),
+                        b.append(np.array([0.0, 1.0, 0.0])),
+                        cones.append(clarabel.ExponentialConeT()),
+                    )
                     q[first + 10 + i] = -gamma
         upper = [(i, j) for j in range(order) for i in range(j + 1)]
         rows.append(np.array([-matrices[:, i, j] * (1 if i == j else 2**0.5) for i, j in upper]))

@@ -8,7 +8,12 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
-from dynid.estimation.possible_set import PhysicalConstraints, body_parameters, make_constraints, pseudo_inertia
+from dynid.estimation.possible_set import (
+    PhysicalConstraints,
+    body_parameters,
+    make_constraints,
+    pseudo_inertia,
+)
 from dynid.model.parameters import numbered
 from dynid.robot import LINK_PARAMETERS, Body
 
@@ -22,19 +27,25 @@ PARAMETERS = tuple(numbered(p, i, "") for i in range(1, 8) for p in LINK_PARAMET
 #: How much the true links differ from cylinders: relative stretch and shear, shift [m].
 SHAPE = np.array([[0.1, 0.1, 0.1, 0.02]] * 3 + [[0, 0, 0, 0]])
 #: Limits of position [rad], speed [rad/s] and acceleration [rad/s^2].
-LIMITS = np.array([
-    0.95 * np.deg2rad([170, 120, 170, 120, 170, 120, 170]),
-    np.deg2rad([110, 110, 128, 128, 204, 184, 184]),
-    [6, 6, 8, 8, 12, 12, 12],
-])  # fmt: skip
+LIMITS = np.array(
+    [
+        0.95 * np.deg2rad([170, 120, 170, 120, 170, 120, 170]),
+        np.deg2rad([110, 110, 128, 128, 204, 184, 184]),
+        [6, 6, 8, 8, 12, 12, 12],
+    ]
+)
 #: Viscous [N m s/rad] and Coulomb friction [N m] as measured on such arms: trajectories/lwr4plus_truth.yaml.
-MEASURED_FRICTION = np.array([[1.0, 0.9, 0.7, 0.65, 0.4, 0.3, 0.2], [1.3, 1.1, 0.8, 0.75, 0.5, 0.4, 0.3]])
+MEASURED_FRICTION = np.array(
+    [[1.0, 0.9, 0.7, 0.65, 0.4, 0.3, 0.2], [1.3, 1.1, 0.8, 0.75, 0.5, 0.4, 0.3]]
+)
 NOISE = np.array([0.5, 0.5, 0.3, 0.3, 0.15, 0.1, 0.06])
 
 
 def cylinder(mass: float, length: float, radius: float = 0.06) -> np.ndarray:
     across = mass * (3 * radius**2 + length**2) / 12
-    return Body(mass, (0, 0, -length / 2), (across, 0, 0, across, 0, mass * radius**2 / 2)).parameters()
+    return Body(
+        mass, (0, 0, -length / 2), (across, 0, 0, across, 0, mass * radius**2 / 2)
+    ).parameters()
 
 
 @dataclass(frozen=True)
@@ -54,7 +65,11 @@ class Arm:
         t, w = np.linspace(0, 10, samples), 0.2 * np.pi * np.arange(1, 6)
         a, b = rng.standard_normal((2, 5, 7)) / np.arange(1, 6)[:, None] ** 0.5
         sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
-        q, qd, qdd = sin @ a + cos @ b, (cos * w) @ a - (sin * w) @ b, -(sin * w**2) @ a - (cos * w**2) @ b
+        q, qd, qdd = (
+            sin @ a + cos @ b,
+            (cos * w) @ a - (sin * w) @ b,
+            -(sin * w**2) @ a - (cos * w**2) @ b,
+        )
         return q, alpha * qd, alpha**2 * qdd
 
     def within_limits(self, samples: int, alpha: float = 1.0, seed: int = 0):
@@ -64,7 +79,11 @@ class Arm:
         w = 0.2 * np.pi * orders
         a, b = rng.standard_normal((2, 5, 7)) / orders[:, None]
         sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
-        q, qd, qdd = sin @ a + cos @ b, (cos * w) @ a - (sin * w) @ b, -(sin * w**2) @ a - (cos * w**2) @ b
+        q, qd, qdd = (
+            sin @ a + cos @ b,
+            (cos * w) @ a - (sin * w) @ b,
+            -(sin * w**2) @ a - (cos * w**2) @ b,
+        )
         q -= (q.max(axis=0) + q.min(axis=0)) / 2
         scale = np.min(LIMITS / np.abs([q, qd, qdd]).max(axis=1), axis=0)
         return scale * q, alpha * scale * qd, alpha**2 * scale * qdd
@@ -112,7 +131,9 @@ def seven_joint_arm() -> Arm:
         stretch = np.eye(4) + rng.standard_normal((4, 4)) * SHAPE
         P = stretch @ pseudo_inertia(cylinder(MASS[i], LENGTH[i])) @ stretch.T
         truth[11 * i : 11 * i + 10] = body_parameters(P)
-        prior[11 * i : 11 * i + 10] = cylinder(MASS[i] * (1 + 0.2 * rng.standard_normal()), LENGTH[i])
+        prior[11 * i : 11 * i + 10] = cylinder(
+            MASS[i] * (1 + 0.2 * rng.standard_normal()), LENGTH[i]
+        )
     truth[10:77:11] = [0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05]
     truth[77::2] = truth[78::2] = [3, 3, 2, 2, 1, 1, 0.5]
     return Arm(truth, prior, make_constraints(PARAMETERS, prior))

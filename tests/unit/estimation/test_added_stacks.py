@@ -27,13 +27,20 @@ def logs(base):
 def elsewhere(function, logs):
     """Map as other processes do: what goes there and what comes back is bytes."""
     sent = pickle.dumps(function)
-    return [pickle.loads(pickle.dumps(pickle.loads(sent)(pickle.loads(pickle.dumps(log))))) for log in logs]
+    return [
+        pickle.loads(pickle.dumps(pickle.loads(sent)(pickle.loads(pickle.dumps(log)))))
+        for log in logs
+    ]
 
 
 def stacks(mapped, base, logs, options):
-    prepared = [dynid.load_log(log, base.robot, options) if isinstance(log, str) else log for log in logs]
+    prepared = [
+        dynid.load_log(log, base.robot, options) if isinstance(log, str) else log for log in logs
+    ]
     options = replace(options, cutoff=shared_cutoff(prepared, base.robot, options))
-    return observed(added(list(mapped(partial(stack_of, base=base, options=options), prepared))), options).stack
+    return observed(
+        added(list(mapped(partial(stack_of, base=base, options=options), prepared))), options
+    ).stack
 
 
 @pytest.mark.parametrize("residual_model", [False, True])
@@ -43,7 +50,9 @@ def test_stacks_that_were_made_elsewhere_give_the_same_bytes(base, logs, residua
     found = []
     for mapped in (map, elsewhere):
         stack = stacks(mapped, base, logs, options)
-        found.append(estimate(stack, base, holdout=last_share(stack, 0.2), residual_model=residual_model))
+        found.append(
+            estimate(stack, base, holdout=last_share(stack, 0.2), residual_model=residual_model)
+        )
     one, other = found
     assert one.theta.tobytes() == other.theta.tobytes()
     assert one.covariance.tobytes() == other.covariance.tobytes()
@@ -63,7 +72,9 @@ def test_a_sum_of_stacks_is_the_stack_of_all_logs(base, logs):
 def test_identify_of_several_logs_is_the_estimate_from_their_sum(base, logs):
     options = dynid.IdentifyOptions(cutoff=6.0)
     result = dynid.identify(base.robot, logs, options, base=base)
-    again = dynid.identify(base.robot, observed(stacks(elsewhere, base, logs, options), options, ()), options)
+    again = dynid.identify(
+        base.robot, observed(stacks(elsewhere, base, logs, options), options, ()), options
+    )
     assert again.theta.tobytes() == result.theta.tobytes()
 
 

@@ -24,13 +24,22 @@ def shop(tmp_path_factory, runner):
 
 
 def links(shop, *options):
-    done = shop("identify", "kuka_lwr4plus", "log.npz", "--force", "--json", "--no-report", *options)
+    done = shop(
+        "identify", "kuka_lwr4plus", "log.npz", "--force", "--json", "--no-report", *options
+    )
     assert done.status == 0, done.err
     return json.loads(done.out)["links"]
 
 
 def test_bounds_on_masses_and_centres_of_mass_are_kept(shop):
-    bounds = ("--total-mass", "17.0:17.5", "--link-mass", "3=2.9:3.1", "--com-box", "1=-1,-1,-1:1,1,-0.05")
+    bounds = (
+        "--total-mass",
+        "17.0:17.5",
+        "--link-mass",
+        "3=2.9:3.1",
+        "--com-box",
+        "1=-1,-1,-1:1,1,-0.05",
+    )
     found = links(shop, *bounds)
     assert 17.0 <= sum(link["mass_kg"] for link in found) <= 17.5
     assert 2.9 <= found[2]["mass_kg"] <= 3.1
@@ -40,7 +49,9 @@ def test_bounds_on_masses_and_centres_of_mass_are_kept(shop):
 def test_a_prior_from_a_urdf_lies_in_the_frames_of_the_dh_table(tmp_path):
     plant, robot = read_plant(TRUTH), load_robot("kuka_lwr4plus")
     write_urdf(robot, plant.bodies, tmp_path / "arm.urdf")
-    for found, true in zip(attached(tmp_path / "arm.urdf", robot).prior().links, plant.bodies, strict=True):
+    for found, true in zip(
+        attached(tmp_path / "arm.urdf", robot).prior().links, plant.bodies, strict=True
+    ):
         assert found.parameters() == pytest.approx(true.parameters(), abs=1e-9)
 
 
@@ -50,7 +61,9 @@ def test_a_prior_from_a_file_fills_what_the_log_leaves_open(shop):
     true = np.array([body.mass for body in plant.bodies])
     # Why root mean square: noise may move one link's mass by 10 % at the cost of its neighbour, over five such logs.
     with_prior, without = (
-        np.sqrt(np.mean((np.array([link["mass_kg"] for link in links(shop, *options)]) / true - 1) ** 2))
+        np.sqrt(
+            np.mean((np.array([link["mass_kg"] for link in links(shop, *options)]) / true - 1) ** 2)
+        )
         for options in (("--prior", "arm.urdf"), ("--drop-weak",))
     )
     assert with_prior < 0.05

@@ -6,8 +6,20 @@ import numpy as np
 import pytest
 
 from dynid.estimation import tuning
-from dynid.estimation.possible_arm import curvature, fit_physical, fit_pooled, followed, rounded, widened
-from dynid.estimation.possible_set import basis, make_constraints, pseudo_inertia, smallest_eigenvalues
+from dynid.estimation.possible_arm import (
+    curvature,
+    fit_physical,
+    fit_pooled,
+    followed,
+    rounded,
+    widened,
+)
+from dynid.estimation.possible_set import (
+    basis,
+    make_constraints,
+    pseudo_inertia,
+    smallest_eigenvalues,
+)
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.parameters import prior_vector
@@ -59,7 +71,10 @@ def test_a_body_ten_times_as_large_as_foreseen_is_believed_sooner(constraints):
     R[0, mass] = 1.0 / (0.1 * true)
     masses = [
         fit.x[mass] / true
-        for fit in (fit_physical(R, R[:, mass] * true, constraints), fit_pooled(R, R[:, mass] * true, constraints)[0])
+        for fit in (
+            fit_physical(R, R[:, mass] * true, constraints),
+            fit_pooled(R, R[:, mass] * true, constraints)[0],
+        )
     ]
     assert masses[0] < 0.8
     assert masses[1] > 0.9
@@ -112,7 +127,9 @@ def test_bodies_without_a_width_get_that_of_their_links_cylinder(constraints):
     links = len(k)
     shape = np.zeros((links, 4, 4))
     middle, radius = np.array([0.1, 0.0, -0.02]), 0.05
-    shape[:] = np.block([[0.25 * radius**2 * np.eye(3) + np.outer(middle, middle), middle[:, None]], [middle, 1.0]])
+    shape[:] = np.block(
+        [[0.25 * radius**2 * np.eye(3) + np.outer(middle, middle), middle[:, None]], [middle, 1.0]]
+    )
     prior = constraints.prior.copy()
     point, rod = np.array([0.2, 0.1, 0.0]), np.array([0.0, 0.0, 0.3])
     prior[k[0]] = Body(2.0, tuple(point)).parameters()
@@ -125,7 +142,11 @@ def test_bodies_without_a_width_get_that_of_their_links_cylinder(constraints):
     np.testing.assert_array_equal(found.prior[k[4:]], prior[k[4:]])
     np.testing.assert_allclose(found.prior[k[:2, :4]], prior[k[:2, :4]])
     # A ball of that spread has the inertia 2 * m * r^2 / 4 about its centre.
-    added = Body(2.0, tuple(point), (0.5 * 2.0 * radius**2, 0, 0, 0.5 * 2.0 * radius**2, 0, 0.5 * 2.0 * radius**2))
+    added = Body(
+        2.0,
+        tuple(point),
+        (0.5 * 2.0 * radius**2, 0, 0, 0.5 * 2.0 * radius**2, 0, 0.5 * 2.0 * radius**2),
+    )
     np.testing.assert_allclose(found.prior[k[0]], added.parameters(), rtol=1e-9, atol=1e-12)
     mass = found.prior[k[2, 0]]
     assert 0.0 < mass < 0.2 * prior[k[:, 0]].max()
@@ -135,6 +156,10 @@ def test_bodies_without_a_width_get_that_of_their_links_cylinder(constraints):
 
 def test_a_body_that_cannot_exist_stays_as_it_is(constraints):
     prior = constraints.prior.copy()
-    prior[constraints.bodies[1]] = Body(2.0, (0.0, 0.0, 0.0), (0.01, 0, 0, 0.01, 0, 5.0)).parameters()
-    found = widened(replace(constraints, prior=prior), np.tile(np.diag([1e-3, 1e-3, 1e-3, 1.0]), (7, 1, 1)))
+    prior[constraints.bodies[1]] = Body(
+        2.0, (0.0, 0.0, 0.0), (0.01, 0, 0, 0.01, 0, 5.0)
+    ).parameters()
+    found = widened(
+        replace(constraints, prior=prior), np.tile(np.diag([1e-3, 1e-3, 1e-3, 1.0]), (7, 1, 1))
+    )
     np.testing.assert_array_equal(found.prior, prior)

@@ -11,7 +11,10 @@ from dynid.estimation.compare import compare, same_parameters
 from dynid.estimation.least_squares import Fit
 from dynid.estimation.result import Identification, JointQuality, Quality
 
-JOINTS = (JointQuality("joint_1", 0.1, 1.0, 10.0, 0.12), JointQuality("joint_2", 0.2, 2.0, 10.0, 0.2))
+JOINTS = (
+    JointQuality("joint_1", 0.1, 1.0, 10.0, 0.12),
+    JointQuality("joint_2", 0.2, 2.0, 10.0, 0.2),
+)
 
 
 def result(theta, std_error, joints=JOINTS):
@@ -19,14 +22,22 @@ def result(theta, std_error, joints=JOINTS):
     theta, error = np.asarray(theta, dtype=float), np.asarray(std_error, dtype=float)
     p = len(error)
     facts = {
-        "why": "", "physical": None, "in_force": "plain", "choice": "", "robot": None,
-        "fit": Fit("wls", theta, np.full(2, 0.1), np.diag(error**2), np.zeros((0, 0, 0)), np.zeros(0, int)),
+        "why": "",
+        "physical": None,
+        "in_force": "plain",
+        "choice": "",
+        "robot": None,
+        "fit": Fit(
+            "wls", theta, np.full(2, 0.1), np.diag(error**2), np.zeros((0, 0, 0)), np.zeros(0, int)
+        ),
         "reduction": SimpleNamespace(base_names=tuple(f"p{k}" for k in range(p))),
         "theta": theta,
         "covariance": np.diag(error**2),
-        "std_error": error, "knowledge": ("well",) * p, "prior": np.full(p, np.nan),
+        "std_error": error,
+        "knowledge": ("well",) * p,
+        "prior": np.full(p, np.nan),
         "quality": Quality(joints, 1.5, 1.6, "last 20 %", {}, p, 50.0, 30.0, 1000),
-    }  # fmt: skip
+    }
     return Identification(**facts)
 
 
@@ -68,7 +79,9 @@ def test_well_known_parameters_are_measured_against_themselves_others_against_th
     assert second.percent == pytest.approx(10.0)
 
 
-@pytest.mark.parametrize(("tolerance", "beyond"), [(0.05, []), (0.019, ["p0"]), (0.001, ["p0", "joint_2 rms_nm"])])
+@pytest.mark.parametrize(
+    ("tolerance", "beyond"), [(0.05, []), (0.019, ["p0"]), (0.001, ["p0", "joint_2 rms_nm"])]
+)
 def test_numbers_beyond_a_tolerance_are_listed_the_largest_move_first(tolerance, beyond):
     """Parameters and figures alike."""
     one = result([1.0, 2.0], [0.01, 0.01])

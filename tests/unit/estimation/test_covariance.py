@@ -88,7 +88,9 @@ def slow_log(seed, instants=120, columns=24):
     W = np.hstack([np.sin(np.outer(t, w)), np.cos(np.outer(t, w))])[:, None]
     half = int(pulse_width(CUTOFF) * RATE)
     kernel = pulse(np.arange(-half, half + 1.0) / RATE, CUTOFF)
-    noise = np.convolve(np.random.default_rng(seed).standard_normal(instants + 2 * half), kernel, "valid")
+    noise = np.convolve(
+        np.random.default_rng(seed).standard_normal(instants + 2 * half), kernel, "valid"
+    )
     theta = np.linspace(-1, 1, columns)
     return theta, dense_rows(W, W @ theta + 0.1 * noise[:, None], t=t, cutoff=CUTOFF)
 
@@ -103,7 +105,9 @@ def test_intervals_of_a_short_log_cover_what_they_say():
     assert 0.92 <= np.mean(inside) <= 0.98
 
 
-@pytest.mark.parametrize(("instants", "columns", "bounds"), [(4000, 2, (0.95, 1.15)), (120, 24, (1.2, 4.0))])
+@pytest.mark.parametrize(
+    ("instants", "columns", "bounds"), [(4000, 2, (0.95, 1.15)), (120, 24, (1.2, 4.0))]
+)
 def test_a_long_log_needs_no_widening_and_a_short_one_does(instants, columns, bounds):
     rows = slow_log(0, instants, columns)[1]
     factors, counts = joint_factors([rows])

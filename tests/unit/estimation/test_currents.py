@@ -20,8 +20,19 @@ def shop(tmp_path_factory, runner):
         robot, log = recorded(seed, load)
         names = [f"{kind}_{joint}" for kind in "qi" for joint in robot.joint_names]
         rows = np.column_stack([log.t, log.q, log.tau / GAINS])
-        np.savetxt(folder / f"{name}.csv", rows, delimiter=",", header=",".join(["t", *names]), comments="", fmt="%.9g")
-    text = "".join(line for line in robot.path.read_text().splitlines(keepends=True) if not line.startswith("torque:"))
+        np.savetxt(
+            folder / f"{name}.csv",
+            rows,
+            delimiter=",",
+            header=",".join(["t", *names]),
+            comments="",
+            fmt="%.9g",
+        )
+    text = "".join(
+        line
+        for line in robot.path.read_text().splitlines(keepends=True)
+        if not line.startswith("torque:")
+    )
     (folder / "arm.yaml").write_text(text + "torque: {source: motor_current, gain: null}\n")
     return runner(folder, folder / "home")
 
@@ -41,12 +52,17 @@ def test_without_gains_the_answer_is_in_amperes(shop):
     assert answer["gains_relative"]
     assert not any(key.endswith("_nm") for joint in answer["joints"] for key in joint)
     assert answer["heldout_relative_error_percent"] < 2
-    checked = json.loads(shop("validate", "amperes/parameters.npz", "loaded.csv", "--no-plot", "--json").out)
+    checked = json.loads(
+        shop("validate", "amperes/parameters.npz", "loaded.csv", "--no-plot", "--json").out
+    )
     assert "rms_a" in checked["joints"][0]
 
 
 def test_a_load_without_its_mass_is_refused(shop):
-    assert shop("identify", "arm.yaml", "empty.csv", "--loaded", "loaded.csv", "-o", "none").status == 2
+    assert (
+        shop("identify", "arm.yaml", "empty.csv", "--loaded", "loaded.csv", "-o", "none").status
+        == 2
+    )
 
 
 def test_the_load_of_a_second_log_is_identified(shop):

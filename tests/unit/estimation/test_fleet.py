@@ -31,7 +31,9 @@ def simulated(seed, arms=200, days=30, changed=0, size=0.1, off=0.005):
         value[arm, day:, k] *= 1 + size
         truth[f"arm{arm}"] = (NAMES[k], day)
     mixed = np.linalg.cholesky(0.5 * np.eye(4) + 0.5)
-    value += ERROR * (rng.standard_normal(value.shape) @ mixed.T + 0.5 * rng.standard_normal(value.shape))
+    value += ERROR * (
+        rng.standard_normal(value.shape) @ mixed.T + 0.5 * rng.standard_normal(value.shape)
+    )
     bad = rng.random((arms, days)) < off
     value += bad[:, :, None] * 8 * ERROR * rng.standard_normal(value.shape)
     t = np.arange(days) + 0.3 * rng.random((arms, days))
@@ -45,18 +47,26 @@ def test_changes_are_found_with_day_and_size_and_few_are_named_that_are_none():
         history, truth = simulated(seed, changed=20)
         found = look_at(history)
         arms = {change.arm for change in found.changes}
-        named, right, there = named + len(arms), right + len(arms & truth.keys()), there + len(truth)
+        named, right, there = (
+            named + len(arms),
+            right + len(arms & truth.keys()),
+            there + len(truth),
+        )
         for change in found.changes:
             if change.arm in truth and change.parameter == truth[change.arm][0]:
                 assert abs(change.since - truth[change.arm][1]) < 3
                 assert abs(change.after / change.before - 1.1) < 0.06
     assert right >= 0.9 * there, "of changes by a tenth"
-    assert named - right <= 0.1 * named, "5 % were asked for; 60 arms tell that from 15 % and not from 8 %"
+    assert named - right <= 0.1 * named, (
+        "5 % were asked for; 60 arms tell that from 15 % and not from 8 %"
+    )
 
 
 def test_fleets_in_which_nothing_changed_are_left_alone():
     """Warm and cold days, days off and arms that differ are no changes; one fleet in twenty may have a false one."""
-    named = [len({change.arm for change in look_at(simulated(seed)[0]).changes}) for seed in range(8)]
+    named = [
+        len({change.arm for change in look_at(simulated(seed)[0]).changes}) for seed in range(8)
+    ]
     assert sum(count > 0 for count in named) <= 1
 
 
@@ -65,7 +75,11 @@ def test_neither_units_nor_the_order_of_arms_matter():
     found = look_at(history)
     scale = np.array([1e-6, 1e3, 1.0, 1e-3])
     turned = History(
-        history.arms[::-1], history.names, history.t[::-1], history.value[::-1] * scale, history.std_error[::-1] * scale
+        history.arms[::-1],
+        history.names,
+        history.t[::-1],
+        history.value[::-1] * scale,
+        history.std_error[::-1] * scale,
     )
     again = look_at(turned)
     np.testing.assert_allclose(again.p_values[::-1], found.p_values, rtol=1e-4, atol=1e-12)
@@ -101,7 +115,9 @@ def test_an_arm_that_differs_from_its_model_is_named_in_a_fleet_and_between_two(
     value[11, :, 0] *= 1.6
     found = look_at(History(history.arms, history.names, history.t, value, history.std_error))
     assert {(odd.arm, odd.parameter) for odd in found.outliers} == {("arm11", "mcz2")}
-    two = History(history.arms[10:12], history.names, history.t[10:12], value[10:12], history.std_error[10:12])
+    two = History(
+        history.arms[10:12], history.names, history.t[10:12], value[10:12], history.std_error[10:12]
+    )
     assert ("arm11", "mcz2") in {(odd.arm, odd.parameter) for odd in look_at(two).outliers}
 
 

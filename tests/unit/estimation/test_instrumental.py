@@ -58,7 +58,9 @@ def test_with_the_regressor_as_instrument_it_is_weighted_least_squares():
 def test_pieces_that_follow_each_other_count_as_one():
     whole = recording()
     pieces = [
-        dense_rows(whole.W[k : k + 500], whole.tau[k : k + 500], whole.Z[k : k + 500], follows=k > 0)
+        dense_rows(
+            whole.W[k : k + 500], whole.tau[k : k + 500], whole.Z[k : k + 500], follows=k > 0
+        )
         for k in range(0, 2000, 500)
     ]
     one, many = instruments([whole], lags=20), instruments(pieces, lags=20)
@@ -70,7 +72,9 @@ def test_robust_instruments_stand_spikes():
     errors = []
     for seed in range(10):
         segment = recording(seed, error=0.1, spikes=0.02)
-        errors.append([np.linalg.norm(instruments([segment], robust=r).theta - TRUTH) for r in (False, True)])
+        errors.append(
+            [np.linalg.norm(instruments([segment], robust=r).theta - TRUTH) for r in (False, True)]
+        )
     plain, robust = np.median(errors, axis=0)
     assert robust < 0.5 * plain
 

@@ -99,7 +99,9 @@ def test_what_reversals_leave_tells_nothing_of_parameters_that_the_rows_leave_op
         rows = factors[:, :, :-1].reshape(-1, len(stack.names))
         length = np.linalg.norm(rows, axis=0)
         assert length[stack.names.index(f"fc{BAD + 1}")] == 0.0
-        sigma = np.linalg.svd(rows / np.where(length > 1e-12 * length.max(), length, 1.0), compute_uv=False)
+        sigma = np.linalg.svd(
+            rows / np.where(length > 1e-12 * length.max(), length, 1.0), compute_uv=False
+        )
         told.append(np.sum(sigma > 1e-12 * sigma[0]))
     assert told[0] == told[1] < len(stack.names)
 
@@ -152,7 +154,9 @@ def test_a_result_with_a_joint_apart_predicts_the_same_from_its_file(logs, tmp_p
     again = load(result.save(tmp_path / "parameters.npz"))
     rng = np.random.default_rng(0)
     states = rng.uniform(-1.0, 1.0, (3, 7, robot.n))
-    assert again.inverse_dynamics(*states) == pytest.approx(result.inverse_dynamics(*states), rel=1e-9)
+    assert again.inverse_dynamics(*states) == pytest.approx(
+        result.inverse_dynamics(*states), rel=1e-9
+    )
     one = np.array([result.inverse_dynamics(*state) for state in states.swapaxes(0, 1)])
     assert one == pytest.approx(result.inverse_dynamics(*states), rel=1e-9, abs=1e-9)
 
@@ -179,13 +183,18 @@ def test_eliminating_parameters_of_a_joint_s_own_is_the_joint_solution_of_all_un
         if j == 1:
             A[:, n * k : n * k + p] = F[:, k:-1] @ L
         H, g = H + A.T @ A, g + A.T @ F[:, -1]
-        H[range(j * k, (j + 1) * k), range(j * k, (j + 1) * k)] += 1 / (size[GROUPS] * estimate.noise[j] ** 2)
+        H[range(j * k, (j + 1) * k), range(j * k, (j + 1) * k)] += 1 / (
+            size[GROUPS] * estimate.noise[j] ** 2
+        )
     H[range(n * k, n * k + p), range(n * k, n * k + p)] += 1 / 0.3
     whole = np.linalg.solve(H, g)
     assert theta == pytest.approx(whole[-p:], rel=1e-5, abs=1e-7)
     assert error.own[1] == pytest.approx(L @ whole[n * k : n * k + p], rel=1e-4, abs=1e-6)
     assert error.mean.ravel() == pytest.approx(whole[: n * k], rel=1e-4, abs=1e-6)
-    W, Z = np.random.default_rng(0).normal(size=(5, n, p)), np.random.default_rng(1).normal(size=(5, n, k))
+    W, Z = (
+        np.random.default_rng(0).normal(size=(5, n, p)),
+        np.random.default_rng(1).normal(size=(5, n, k)),
+    )
     covariance = np.linalg.inv(H)
     row = np.concatenate([np.zeros(k), Z[0, 1], np.zeros((n - 2) * k), W[0, 1] @ L, W[0, 1]])
     variance = error.variance(W, Z, covariance[-p:, -p:])

@@ -42,7 +42,9 @@ def test_ordinary_fit_is_that_of_all_rows():
     assert np.allclose(fit.covariance, squares / (1200 - 5) * np.linalg.inv(X.T @ X), rtol=1e-9)
     assert np.allclose(fit.rms, np.sqrt(np.mean((tau - W @ theta) ** 2, axis=0)))
     assert condition_number(fit.whitened, fit.solution.rank) == pytest.approx(np.linalg.cond(X))
-    assert fit.solution.condition_number_scaled == pytest.approx(np.linalg.cond(X / np.linalg.norm(X, axis=0)))
+    assert fit.solution.condition_number_scaled == pytest.approx(
+        np.linalg.cond(X / np.linalg.norm(X, axis=0))
+    )
 
 
 def test_rows_added_one_log_at_a_time_give_the_batch_result():
@@ -62,7 +64,9 @@ def test_weighted_fit_is_generalised_least_squares_with_the_joints_own_noise():
     fit = weighted(*factors(W, tau))
     assert np.allclose(fit.noise, NOISE, rtol=0.05)
     X = (W / fit.noise[:, None]).reshape(-1, 5)
-    assert np.allclose(fit.theta, np.linalg.lstsq(X, (tau / fit.noise).ravel(), rcond=None)[0], rtol=1e-9)
+    assert np.allclose(
+        fit.theta, np.linalg.lstsq(X, (tau / fit.noise).ravel(), rcond=None)[0], rtol=1e-9
+    )
     assert np.allclose(fit.covariance, np.linalg.inv(X.T @ X), rtol=1e-9)
 
 
@@ -74,7 +78,10 @@ def test_noise_is_unbiased_although_few_rows_fit_many_parameters():
 def test_weighting_beats_ordinary_least_squares_where_joints_differ():
     error = np.array(
         [
-            [np.linalg.norm((f(*factors(*rows(100, seed=s))).theta - TRUTH)[:4]) for f in (ordinary, weighted)]
+            [
+                np.linalg.norm((f(*factors(*rows(100, seed=s))).theta - TRUTH)[:4])
+                for f in (ordinary, weighted)
+            ]
             for s in range(30)
         ]
     )
@@ -88,7 +95,9 @@ def test_ridge_is_the_bayesian_posterior_mean():
     fit = ridge(*factors(W, tau), prior, covariance)
     X, y = (W / fit.noise[:, None]).reshape(-1, 5), (tau / fit.noise).ravel()
     precision = X.T @ X + np.linalg.inv(covariance)
-    assert np.allclose(fit.theta, np.linalg.solve(precision, X.T @ y + np.linalg.solve(covariance, prior)))
+    assert np.allclose(
+        fit.theta, np.linalg.solve(precision, X.T @ y + np.linalg.solve(covariance, prior))
+    )
     assert np.allclose(fit.covariance, np.linalg.inv(precision))
 
 
@@ -125,7 +134,9 @@ def test_errors_of_any_parameters_come_from_the_factors_alone():
     guess = TRUTH * 1.1
     residual = tau - W @ guess
     assert np.allclose(joint_rms(R, count, guess), np.sqrt(np.mean(residual**2, axis=0)))
-    assert relative_error(R, guess) == pytest.approx(100 * np.linalg.norm(residual) / np.linalg.norm(tau))
+    assert relative_error(R, guess) == pytest.approx(
+        100 * np.linalg.norm(residual) / np.linalg.norm(tau)
+    )
 
 
 def test_fewer_rows_than_parameters_are_refused():
@@ -154,7 +165,9 @@ def test_a_factor_of_more_columns_needs_no_rows_again(at):
     whole = with_columns(triangle(X), X.T @ D, D.T @ D, at)
     rows = np.insert(X, [at % 5] * 2, D, axis=1)
     size = np.linalg.norm(rows, axis=0)
-    np.testing.assert_allclose(whole.T @ whole / np.outer(size, size), rows.T @ rows / np.outer(size, size), atol=1e-13)
+    np.testing.assert_allclose(
+        whole.T @ whole / np.outer(size, size), rows.T @ rows / np.outer(size, size), atol=1e-13
+    )
     assert np.allclose(whole, np.triu(whole))
     y = rng.standard_normal(300) + rows @ np.arange(7)
     tall = with_columns(triangle(rows), rows.T @ y[:, None], np.array([[y @ y]]), 7)

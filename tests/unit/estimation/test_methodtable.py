@@ -20,7 +20,10 @@ def test_every_estimator_is_in_the_table(dynid):
     answer = table(dynid, 0.0)
     assert {row["method"] for row in answer["methods"]} == {"ols", "wls", "irls", "iv", "ridge"}
     assert answer["auto"] == "iv"
-    assert all(row["heldout_relative_error_percent"] < 2 and row["seconds"] > 0 for row in answer["methods"])
+    assert all(
+        row["heldout_relative_error_percent"] < 2 and row["seconds"] > 0
+        for row in answer["methods"]
+    )
 
 
 def test_encoder_noise_raises_the_bias_alarm(dynid):

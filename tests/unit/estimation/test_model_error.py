@@ -53,7 +53,11 @@ def hidden(base, seed, noise=0.05):
 def found(base):
     stack = stacked(base, hidden(base, 0))
     estimate = wls(stack, prior_base_parameters(base.model, base.reduction))
-    return stack, estimate, physical_posterior(base, estimate, stack, refit=again(base), residual_model=None)
+    return (
+        stack,
+        estimate,
+        physical_posterior(base, estimate, stack, refit=again(base), residual_model=None),
+    )
 
 
 def test_eliminating_the_columns_is_the_joint_solution_of_all_unknowns(base, found):
@@ -74,7 +78,10 @@ def test_eliminating_the_columns_is_the_joint_solution_of_all_unknowns(base, fou
     assert theta == pytest.approx(whole[n * k :], rel=1e-6, abs=1e-8)
     assert error.mean.ravel() == pytest.approx(whole[: n * k], rel=1e-6, abs=1e-8)
     covariance = np.linalg.inv(H)
-    W, Z = np.random.default_rng(0).normal(size=(5, n, p)), np.random.default_rng(1).normal(size=(5, n, k))
+    W, Z = (
+        np.random.default_rng(0).normal(size=(5, n, p)),
+        np.random.default_rng(1).normal(size=(5, n, k)),
+    )
     variance = error.variance(W, Z, covariance[n * k :, n * k :])
     row = np.zeros(n * k + p)
     row[:k], row[n * k :] = Z[0, 0], W[0, 0]
@@ -110,7 +117,10 @@ def test_the_evidence_is_that_of_the_normal_distribution_of_all_rows(base, found
     for group in range(3):
         for factor in (0.7, 1.4):
             near = size * np.where(np.arange(3) == group, factor, 1.0)
-            assert dense(np.clip(near, tuning.RESIDUAL_NOTHING, tuning.RESIDUAL_LARGEST)) < dense(size) + 1e-3
+            assert (
+                dense(np.clip(near, tuning.RESIDUAL_NOTHING, tuning.RESIDUAL_LARGEST))
+                < dense(size) + 1e-3
+            )
 
 
 def test_a_hidden_friction_is_found_and_predicted_on_another_motion(base, found):
@@ -141,7 +151,9 @@ def test_squares_are_those_of_walking_over_the_rows(found):
     assert squares(stack, post.theta, post.error) == pytest.approx(walked, rel=1e-6)
 
 
-def test_long_logs_have_the_factors_of_their_rows_with_the_columns_beside_them(base, found, monkeypatch):
+def test_long_logs_have_the_factors_of_their_rows_with_the_columns_beside_them(
+    base, found, monkeypatch
+):
     monkeypatch.setattr("dynid.estimation.tuning.REVERSALS_LONGEST", 0)
     stack, estimate, _ = found
     stack = replace(stack)
@@ -162,7 +174,9 @@ def test_without_model_error_the_rows_give_the_estimate_that_they_are_centred_on
     rows = whitened_rows(stack, base, estimate.theta, estimate.noise, 4.0, prior_covariance(base))
     other = estimate.theta * (1.0 + 0.01 * np.arange(len(estimate.theta)))
     left, _ = rows.centred(other).eliminated(np.full(3, 1e-9))
-    assert np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=None)[0] == pytest.approx(other, rel=1e-5, abs=1e-6)
+    assert np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=None)[0] == pytest.approx(
+        other, rel=1e-5, abs=1e-6
+    )
 
 
 def test_spikes_are_not_taken_for_friction(base):
@@ -170,9 +184,16 @@ def test_spikes_are_not_taken_for_friction(base):
     log = simulated(base, noise=0.05)
     rng = np.random.default_rng(2)
     hit = rng.random(log.tau.shape) < 0.01
-    spiky = stacked(base, replace(log, tau=log.tau + hit * rng.choice([-30.0, 30.0], log.tau.shape)), cutoff=15.0)
+    spiky = stacked(
+        base,
+        replace(log, tau=log.tau + hit * rng.choice([-30.0, 30.0], log.tau.shape)),
+        cutoff=15.0,
+    )
     estimate = irls(spiky, prior_base_parameters(base.model, base.reduction))
-    assert physical_posterior(base, estimate, spiky, refit=again(base), residual_model=None).error is None
+    assert (
+        physical_posterior(base, estimate, spiky, refit=again(base), residual_model=None).error
+        is None
+    )
 
 
 @pytest.mark.parametrize("smallest", [1e-3, 1e-13])

@@ -7,7 +7,9 @@ from scipy.optimize import lsq_linear, nnls
 from dynid.estimation.least_squares import nonnegative, nonnegative_least_squares
 
 
-@pytest.mark.parametrize("kind", ["any", "positive", "repeated", "nearly dependent", "zero columns"])
+@pytest.mark.parametrize(
+    "kind", ["any", "positive", "repeated", "nearly dependent", "zero columns"]
+)
 def test_nonnegative_parameters_leave_the_least(kind):
     random = np.random.default_rng(1)
     for _ in range(60):
@@ -36,13 +38,19 @@ def test_some_parameters_that_cannot_be_negative_are_those_of_scipy(share):
     for _ in range(30):
         p = random.integers(2, 60)
         size = 10.0 ** random.uniform(-3.0, 3.0, p)
-        A = random.standard_normal((150, p)) @ (np.eye(p) + 0.5 * random.standard_normal((p, p)) / np.sqrt(p)) * size
+        A = (
+            random.standard_normal((150, p))
+            @ (np.eye(p) + 0.5 * random.standard_normal((p, p)) / np.sqrt(p))
+            * size
+        )
         tau = A @ (random.standard_normal(p) / size) + random.standard_normal(150)
         theta = np.linalg.lstsq(A, tau, rcond=None)[0]
         positive = random.random(p) < share
         found = nonnegative(np.linalg.qr(np.column_stack([A, tau]), mode="r"), theta, positive)
         bound = np.where(positive, 0.0, -np.inf)
         wanted = lsq_linear(A / size, tau, (bound, np.inf), method="bvls").x / size
-        np.testing.assert_allclose(found * size, wanted * size, atol=1e-9 * np.abs(wanted * size).max())
+        np.testing.assert_allclose(
+            found * size, wanted * size, atol=1e-9 * np.abs(wanted * size).max()
+        )
         negative += bool(np.any(theta[positive] < 0.0))
     assert negative > 10

@@ -21,13 +21,20 @@ def pieces():
     for k in range(3):
         W = rng.standard_normal((40, 2, 3))
         usable = rng.random((40, 2)) > 0.1
-        yield dense_rows(W, np.where(usable, W @ [1.0, 2.0, 3.0] + [0.0, 1.0], 1e9), usable=usable, follows=k == 1)
+        yield dense_rows(
+            W,
+            np.where(usable, W @ [1.0, 2.0, 3.0] + [0.0, 1.0], 1e9),
+            usable=usable,
+            follows=k == 1,
+        )
 
 
 def test_factors_hold_the_normal_equations_of_the_rows_that_count():
     factors, counts = joint_factors(list(pieces()))
     for j in range(2):
-        A = np.concatenate([np.column_stack([p.W[p.mask[:, j], j], p.tau[p.mask[:, j], j]]) for p in pieces()])
+        A = np.concatenate(
+            [np.column_stack([p.W[p.mask[:, j], j], p.tau[p.mask[:, j], j]]) for p in pieces()]
+        )
         assert factors[j].T @ factors[j] == pytest.approx(A.T @ A)
         assert counts[j] == len(A)
 
@@ -43,7 +50,9 @@ def sparse_rows():
     rng = np.random.default_rng(5)
     joints, columns = np.array([1, 0, 0, 1, 0]), np.array([2, 3, 0, 1, 2])
     entries, usable = rng.standard_normal((5, 600)), rng.random((600, 2)) > 0.2
-    return ObservationRows(entries, joints, columns, 4, rng.standard_normal((600, 2)), usable=usable)
+    return ObservationRows(
+        entries, joints, columns, 4, rng.standard_normal((600, 2)), usable=usable
+    )
 
 
 def test_torques_and_factors_need_no_whole_matrix():
@@ -74,7 +83,9 @@ def test_scores_of_sparse_rows_have_the_covariance_of_the_whole_matrix():
         np.testing.assert_allclose(one, two, rtol=1e-10, atol=1e-14)
     mixed = rows.with_arrays(rows.W @ basis, rows.tau)
     one = hac_covariances([replace(rows, command=None)], theta[:3], noise, basis=basis)
-    np.testing.assert_allclose(one, hac_covariances([mixed], theta[:3], noise), rtol=1e-9, atol=1e-14)
+    np.testing.assert_allclose(
+        one, hac_covariances([mixed], theta[:3], noise), rtol=1e-9, atol=1e-14
+    )
 
 
 def test_evaluation_stops_after_many_short_blocks_and_at_even_parts_of_a_long_one():

@@ -76,7 +76,9 @@ def test_a_load_weighed_with_wrong_gains_lies_inside_the_intervals_that_know_of_
     rng = np.random.default_rng(5)
     inside, blind = [], []
     for seed, alike in ((41, False), (42, True)):
-        gains = np.full(base.robot.n, 1.08) if alike else 1.0 + rng.uniform(-0.08, 0.08, base.robot.n)
+        gains = (
+            np.full(base.robot.n, 1.08) if alike else 1.0 + rng.uniform(-0.08, 0.08, base.robot.n)
+        )
         empty, full = (
             identified(base, replace(log, tau=log.tau * gains))
             for log in (recorded(seed)[1], recorded(seed + 20, LOAD)[1])
@@ -100,9 +102,14 @@ def test_a_result_from_its_file_finds_nearly_the_load_of_one_with_rows(tmp_path,
     def sticky(log):
         qd = np.gradient(log.q, log.t, axis=0)
         size = 0.05 * np.abs(log.tau).std(axis=0)
-        return replace(log, tau=log.tau + size * np.exp(-np.abs(qd) / 0.1) * np.sign(qd) + size * np.sin(3 * log.q))
+        return replace(
+            log,
+            tau=log.tau + size * np.exp(-np.abs(qd) / 0.1) * np.sign(qd) + size * np.sin(3 * log.q),
+        )
 
-    kept, loaded = (identified(base, sticky(log), "auto") for log in (recorded(51)[1], recorded(52, LOAD)[1]))
+    kept, loaded = (
+        identified(base, sticky(log), "auto") for log in (recorded(51)[1], recorded(52, LOAD)[1])
+    )
     assert kept.model_error is not None
     whole = find_payload(loaded, kept)
     kept.save(tmp_path / "kept.npz")

@@ -30,16 +30,22 @@ def test_maps_are_inverse_of_each_other():
 
 def test_a_rod_thicker_than_its_length_allows_is_refused():
     possible = Body(1.0, (0.1, 0, 0), (0.01, 0, 0, 0.01, 0, 0.015)).parameters()
-    impossible = Body(1.0, (0.1, 0, 0), (0.01, 0, 0, 0.01, 0, 0.021)).parameters()  # Izz > Ixx + Iyy
+    impossible = Body(
+        1.0, (0.1, 0, 0), (0.01, 0, 0, 0.01, 0, 0.021)
+    ).parameters()  # Izz > Ixx + Iyy
     assert is_consistent(possible[None])
     assert not is_consistent(np.stack([possible, impossible]))
-    assert smallest_eigenvalues(np.stack([possible, impossible]))[1] == pytest.approx(-0.0005, rel=0.05)
+    assert smallest_eigenvalues(np.stack([possible, impossible]))[1] == pytest.approx(
+        -0.0005, rel=0.05
+    )
 
 
 def test_bounds_hold_inside_and_break_outside():
     parameters = [numbered(kind, 1, "") for kind in (*LINK_PARAMETERS, "fv", "fo")]
     names = [parameter.name for parameter in parameters]
-    x = np.concatenate([Body(2.0, (0.1, 0, 0), (0.1, 0, 0, 0.1, 0, 0.1)).parameters(), [0.1, 1.0, -3.0]])
+    x = np.concatenate(
+        [Body(2.0, (0.1, 0, 0), (0.1, 0, 0, 0.1, 0, 0.1)).parameters(), [0.1, 1.0, -3.0]]
+    )
     box = {1: (np.array([0, -1, -1]), np.array([0.2, 1, 1]))}
     constraints = make_constraints(parameters, x, total_mass=(1, 3), com_box=box)
     assert constraints.holds(x)

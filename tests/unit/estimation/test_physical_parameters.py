@@ -49,7 +49,9 @@ def test_decrement_bounds_the_distance_to_any_other_point(arm):
 
 def test_without_data_the_answer_is_the_prior(arm):
     fit = fit_physical(np.zeros((1, 91)), np.zeros(1), arm.constraints)
-    assert np.allclose(fit.x[arm.constraints.bodies], arm.prior[arm.constraints.bodies], rtol=1e-5, atol=1e-7)
+    assert np.allclose(
+        fit.x[arm.constraints.bodies], arm.prior[arm.constraints.bodies], rtol=1e-5, atol=1e-7
+    )
     assert fit.data_share[arm.constraints.bodies].max() < 1e-6
 
 
@@ -68,7 +70,9 @@ def test_facts_are_kept_even_where_the_prior_breaks_them(arm):
 
 
 def test_contradicting_facts_are_named(arm):
-    constraints = make_constraints(arm.constraints.parameters, arm.prior, total_mass=(1, 2), link_mass={1: (3, 4)})
+    constraints = make_constraints(
+        arm.constraints.parameters, arm.prior, total_mass=(1, 2), link_mass={1: (3, 4)}
+    )
     with pytest.raises(NotPhysical, match="contradict"):
         feasible_start(constraints)
 
@@ -84,7 +88,9 @@ def test_an_impossible_prior_is_named(arm):
 def base(arm):
     """Base parameters from the rows of a random regressor: beta = K x."""
     rng = np.random.default_rng(5)
-    W = arm.regressor(rng.uniform(-2, 2, (100, 7)), *rng.uniform(-3, 3, (2, 100, 7))).reshape(-1, 91)
+    W = arm.regressor(rng.uniform(-2, 2, (100, 7)), *rng.uniform(-3, 3, (2, 100, 7))).reshape(
+        -1, 91
+    )
     _, S, Vt = np.linalg.svd(W)
     return Vt[: int((1e-9 * S[0] < S).sum())]
 
@@ -138,7 +144,12 @@ def test_where_least_squares_begin_to_be_worthless_the_physical_set_misses_six_p
     for seed in range(1, 17):
         R, r = arm.whitened(300, 0.2, 7.0, seed=seed, motion=arm.within_limits)
         fits = np.linalg.lstsq(R, r, rcond=1e-10)[0], fit_pooled(R, r, arm.constraints)[0].x
-        errors.append([100 * np.linalg.norm(W @ (x - arm.truth)) / np.linalg.norm(W @ arm.truth) for x in fits])
+        errors.append(
+            [
+                100 * np.linalg.norm(W @ (x - arm.truth)) / np.linalg.norm(W @ arm.truth)
+                for x in fits
+            ]
+        )
     least_squares, pooled = np.median(errors, axis=0)
     assert least_squares > 100
     assert pooled < 7
@@ -163,8 +174,13 @@ def test_pooled_sizes_are_where_no_other_common_size_costs_less(arm):
         for kind in constraints.pools:
             spread += 7 * np.log(x[kind].mean()) - np.log(x[kind]).sum()
         P = [np.tensordot(x[k], basis(), 1) for k in constraints.bodies]
-        distance = [np.trace(np.linalg.solve(a, b)) for a, b in zip(constraints.prior_pseudo_inertia, P, strict=True)]
-        return 0.5 * residual @ residual + 3 * (spread + sum(distance) - np.linalg.slogdet(P)[1].sum())
+        distance = [
+            np.trace(np.linalg.solve(a, b))
+            for a, b in zip(constraints.prior_pseudo_inertia, P, strict=True)
+        ]
+        return 0.5 * residual @ residual + 3 * (
+            spread + sum(distance) - np.linalg.slogdet(P)[1].sum()
+        )
 
     for kind in constraints.pools:
         for factor in (0.8, 1.25):
@@ -197,7 +213,10 @@ def test_joints_with_ratings_lend_each_other_friction_in_proportion_to_them(arm)
     for seed in range(1, 9):
         R, r = arm.whitened(300, 0.2, 10.0, seed=seed)
         errors.append(
-            [np.linalg.norm(W @ (fit_pooled(R, r, x)[0].x - arm.truth)) for x in (arm.constraints, constraints)]
+            [
+                np.linalg.norm(W @ (fit_pooled(R, r, x)[0].x - arm.truth))
+                for x in (arm.constraints, constraints)
+            ]
         )
     equal, rated = np.median(errors, axis=0)
     assert rated < 0.8 * equal

@@ -60,7 +60,9 @@ def no_joint_is_apart(stack):
 
 def test_rows_that_tell_half_as_much_widen_what_they_told_and_nothing_else(scara):
     stack, estimate = fitted(scara, simulated(scara, seed=0, noise=0.05))
-    plain, _ = _as_rows_say(scara, estimate, stack, no_joint_is_apart, residual_model=False, like=None, size=None)
+    plain, _ = _as_rows_say(
+        scara, estimate, stack, no_joint_is_apart, residual_model=False, like=None, size=None
+    )
     K, fit = scara.reduction.K, plain.physical
     wider = with_wider_errors(fit, K.T @ plain.told @ K, 2.0)
     growth = wider.std_error / np.maximum(fit.std_error, 1e-12)
@@ -105,12 +107,23 @@ def added(base, theta, parts):
 
 
 def test_what_differs_between_recordings_is_the_error_of_their_mean(scara, friction):
-    found = [added(scara, friction, wandering(scara, friction, 0.02, 0.16, seed=seed)) for seed in range(8)]
+    found = [
+        added(scara, friction, wandering(scara, friction, 0.02, 0.16, seed=seed))
+        for seed in range(8)
+    ]
     assert np.median(found) == pytest.approx(0.16 / np.sqrt(3.0), rel=0.3)
 
 
-def test_one_recording_that_wanders_tells_that_others_differ_and_a_steady_one_that_they_do_not(scara, friction):
-    moving = [added(scara, friction, wandering(scara, friction, 0.02, 0.0, logs=1, seed=seed)) for seed in range(8)]
-    steady = [added(scara, friction, wandering(scara, friction, 0.0, 0.0, logs=1, seed=seed)) for seed in range(8)]
+def test_one_recording_that_wanders_tells_that_others_differ_and_a_steady_one_that_they_do_not(
+    scara, friction
+):
+    moving = [
+        added(scara, friction, wandering(scara, friction, 0.02, 0.0, logs=1, seed=seed))
+        for seed in range(8)
+    ]
+    steady = [
+        added(scara, friction, wandering(scara, friction, 0.0, 0.0, logs=1, seed=seed))
+        for seed in range(8)
+    ]
     assert np.median(moving) == pytest.approx(0.02 * tuning.CHANGE_BETWEEN, rel=0.4)
     assert np.median(steady) < 0.1 * np.median(moving)

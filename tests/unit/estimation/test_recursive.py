@@ -20,21 +20,35 @@ def shop(tmp_path_factory, runner):
 
 
 def run(shop, *words):
-    done = shop("identify", "kuka_lwr4plus", *words, "--cutoff", "6", "--delay", "off", "--json", "--no-report")
+    done = shop(
+        "identify",
+        "kuka_lwr4plus",
+        *words,
+        "--cutoff",
+        "6",
+        "--delay",
+        "off",
+        "--json",
+        "--no-report",
+    )
     assert done.status == 0, done.err
     return json.loads(done.out)
 
 
 def test_an_updated_result_equals_the_fit_on_both_logs(shop):
     run(shop, "one.npz", "-o", "first", "--method", "ols")
-    updated = run(shop, "two.npz", "-o", "updated", "--update", "first/parameters.npz", "--method", "ols")
+    updated = run(
+        shop, "two.npz", "-o", "updated", "--update", "first/parameters.npz", "--method", "ols"
+    )
     batch = run(shop, "one.npz", "two.npz", "-o", "batch", "--method", "ols")
     one, other = (load(shop.folder / name / "parameters.npz") for name in ("updated", "batch"))
     sigma = np.sqrt(np.diagonal(other.covariance))
     assert np.abs((one.plain - other.plain) / sigma).max() < 1e-6
     ratio = np.sqrt(np.diagonal(one.covariance)) / sigma
     assert 0.7 < np.median(ratio) < 1.4
-    assert updated["relative_error_percent"] == pytest.approx(batch["relative_error_percent"], rel=1e-9)
+    assert updated["relative_error_percent"] == pytest.approx(
+        batch["relative_error_percent"], rel=1e-9
+    )
     assert one.log_sha256 == other.log_sha256
 
 
@@ -48,7 +62,9 @@ def test_an_updated_weighted_fit_differs_by_what_reversals_tell(shop):
 
 def test_the_same_log_is_not_added_twice(shop):
     run(shop, "one.npz", "-o", "twice")
-    done = shop("identify", "kuka_lwr4plus", "one.npz", "--update", "twice/parameters.npz", "-o", "none")
+    done = shop(
+        "identify", "kuka_lwr4plus", "one.npz", "--update", "twice/parameters.npz", "-o", "none"
+    )
     assert done.status == 2
 
 

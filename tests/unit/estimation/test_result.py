@@ -46,14 +46,22 @@ def test_links_that_keep_their_prior_are_part_of_its_torques(base):
     robot = replace(base.robot, links=(3, 4))
     model = build_model(robot)
     part = BaseModel(model, reduce(model))
-    gamma, names, links = truth(base), base.model.parameter_names, prior_parameters(robot).reshape(-1, 10)
+    gamma, names, links = (
+        truth(base),
+        base.model.parameter_names,
+        prior_parameters(robot).reshape(-1, 10),
+    )
     for j in (1, 2):
         first = names.index(f"m{j}")
         gamma[first : first + 11] = [*links[j - 1], 0.0]
-    found = estimate(stacked(part, simulated(base, gamma=gamma), cutoff=15.0), part, method="wls", holdout=None)
+    found = estimate(
+        stacked(part, simulated(base, gamma=gamma), cutoff=15.0), part, method="wls", holdout=None
+    )
     _, q, qd, qdd = motion(robot, 5.0, 7)
     true = base.model.regressor(q, qd, qdd) @ gamma
-    assert np.sqrt(np.mean((found.inverse_dynamics(q, qd, qdd) - true) ** 2)) < 0.02 * np.sqrt(np.mean(true**2))
+    assert np.sqrt(np.mean((found.inverse_dynamics(q, qd, qdd) - true) ** 2)) < 0.02 * np.sqrt(
+        np.mean(true**2)
+    )
 
 
 def test_effects_of_the_robot_file_need_the_time_of_the_samples(base, result):
@@ -62,7 +70,9 @@ def test_effects_of_the_robot_file_need_the_time_of_the_samples(base, result):
     robot = replace(base.robot, effects=(spec,))
     model = build_model(robot)
     reduction = reduce(model)
-    added = replace(result, robot=robot, reduction=reduction, rigid=None, theta=np.append(result.theta, 3.0))
+    added = replace(
+        result, robot=robot, reduction=reduction, rigid=None, theta=np.append(result.theta, 3.0)
+    )
     t, q, qd, qdd = motion(robot, 2.0, 7)
     with pytest.raises(WrongUsage, match="order of the samples"):
         added.inverse_dynamics(q, qd, qdd)
@@ -72,18 +82,25 @@ def test_effects_of_the_robot_file_need_the_time_of_the_samples(base, result):
 
 
 def test_intervals_are_two_standard_errors_wide_and_open_where_nothing_is_known(result):
-    vague = replace(result, std_error=np.where(np.arange(len(result.theta)) == 0, np.inf, result.std_error))
+    vague = replace(
+        result, std_error=np.where(np.arange(len(result.theta)) == 0, np.inf, result.std_error)
+    )
     low, high = vague.conf_int().T
     assert (high - low)[1:] == pytest.approx(2 * 1.959964 * vague.std_error[1:], rel=1e-6)
     assert low[0] == -np.inf
-    assert vague.conf_int(0.68)[1:, 1] - vague.theta[1:] == pytest.approx(0.994458 * vague.std_error[1:], rel=1e-6)
+    assert vague.conf_int(0.68)[1:, 1] - vague.theta[1:] == pytest.approx(
+        0.994458 * vague.std_error[1:], rel=1e-6
+    )
     assert vague.params["fv1"] == vague.theta[vague.names.index("fv1")]
     assert vague.table()[0]["97.5 %"] == np.inf
 
 
 def test_it_prints_its_fit_and_every_parameter(base, result):
     text = result.summary()
-    assert f"{result.heldout_relative_error_percent:.2f} % held out (last 20 % of each log, the same motion)" in text
+    assert (
+        f"{result.heldout_relative_error_percent:.2f} % held out (last 20 % of each log, the same motion)"
+        in text
+    )
     assert all(f"\n{name} " in text for name in (*result.names, *base.robot.joint_names))
     assert repr(result) == "\n".join([result.title, *result.verdict()])
 
@@ -98,12 +115,25 @@ def test_names_from_files_are_no_markup_in_a_notebook(result):
 
 def test_what_is_saved_is_loaded(result, tmp_path):
     noted = replace(
-        result, findings=(Finding("W402", "warning", "text", {"a": 1}),), header={**result.header, "logs": ["run.bag"]}
+        result,
+        findings=(Finding("W402", "warning", "text", {"a": 1}),),
+        header={**result.header, "logs": ["run.bag"]},
     )
     stored = load(noted.save(tmp_path / "parameters.npz", {"command": "dynid identify"}))
     for key in ("theta", "plain", "covariance", "std_error", "prior", "noise", "factors", "counts"):
         assert np.array_equal(getattr(stored, key), getattr(noted, key), equal_nan=True)
-    same = ("robot", "names", "method", "why", "knowledge", "joints", "heldout_by_set", "choice", "findings", "cutoff")
+    same = (
+        "robot",
+        "names",
+        "method",
+        "why",
+        "knowledge",
+        "joints",
+        "heldout_by_set",
+        "choice",
+        "findings",
+        "cutoff",
+    )
     for key in same:
         assert getattr(stored, key) == getattr(noted, key), key
     assert stored.header["command"] == "dynid identify"
@@ -144,7 +174,9 @@ def test_the_torques_of_one_state_are_those_of_a_motion(described):
     for residual_model in (True, False):
         whole = described.inverse_dynamics(q, qd, qdd, residual_model=residual_model)
         for k in range(0, len(q), 10):
-            tau = described.inverse_dynamics(q[k], qd[k].tolist(), tuple(qdd[k]), residual_model=residual_model)
+            tau = described.inverse_dynamics(
+                q[k], qd[k].tolist(), tuple(qdd[k]), residual_model=residual_model
+            )
             assert tau.shape == (described.robot.n,)
             assert tau == pytest.approx(whole[k], rel=1e-12, abs=1e-12 * np.abs(whole).max())
 
@@ -153,14 +185,21 @@ def test_one_state_takes_the_time_of_its_additions_and_products(described):
     """Array operations on one sample take milliseconds; ten times what a quiet machine takes is allowed here."""
     _, q, qd, qdd = (x[0] for x in motion(described.robot, 1.0, 7))
     described.inverse_dynamics(q, qd, qdd)
-    assert min(timeit.repeat(lambda: described.inverse_dynamics(q, qd, qdd), number=20, repeat=10)) / 20 < 5e-4
+    assert (
+        min(timeit.repeat(lambda: described.inverse_dynamics(q, qd, qdd), number=20, repeat=10))
+        / 20
+        < 5e-4
+    )
 
 
 @pytest.mark.parametrize(
-    "shapes", [((3,), (4,), (4,)), ((5, 4), (5, 4), (4, 4)), ((2, 5, 4),) * 3, ((),) * 3, ((5, 3),) * 3]
+    "shapes",
+    [((3,), (4,), (4,)), ((5, 4), (5, 4), (4, 4)), ((2, 5, 4),) * 3, ((),) * 3, ((5, 3),) * 3],
 )
 def test_states_of_another_shape_are_answered_with_what_would_be_right(result, shapes):
-    with pytest.raises(WrongUsage, match=r"the shapes are q \(.*\), qd \(.*\), qdd \(.*\)") as caught:
+    with pytest.raises(
+        WrongUsage, match=r"the shapes are q \(.*\), qd \(.*\), qdd \(.*\)"
+    ) as caught:
         result.inverse_dynamics(*(np.zeros(shape) for shape in shapes))
     assert "(4,) for one state" in caught.value.fix
 
@@ -168,15 +207,25 @@ def test_states_of_another_shape_are_answered_with_what_would_be_right(result, s
 def test_effects_that_need_the_time_need_it_for_one_state_too(base, result):
     spec = EffectSpec("torque_drift", (base.robot.joint_names[0],), {"tc": 2.0, "amplitude": 3.0})
     model = build_model(replace(base.robot, effects=(spec,)))
-    added = replace(result, robot=model.robot, reduction=reduce(model), rigid=None, theta=np.append(result.theta, 3.0))
+    added = replace(
+        result,
+        robot=model.robot,
+        reduction=reduce(model),
+        rigid=None,
+        theta=np.append(result.theta, 3.0),
+    )
     _, q, qd, qdd = motion(base.robot, 2.0, 7)
     with pytest.raises(WrongUsage, match="order of the samples"):
         added.inverse_dynamics(q[0], qd[0], qdd[0])
-    drift = added.inverse_dynamics(q[9], qd[9], qdd[9], 0.5) - result.inverse_dynamics(q[9], qd[9], qdd[9])
+    drift = added.inverse_dynamics(q[9], qd[9], qdd[9], 0.5) - result.inverse_dynamics(
+        q[9], qd[9], qdd[9]
+    )
     assert drift[0] == pytest.approx(3.0 * 2.0 * (1 - np.exp(-0.25)), abs=1e-9)
 
 
-@pytest.mark.parametrize("copied", [lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy], ids=["pickle", "copy"])
+@pytest.mark.parametrize(
+    "copied", [lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy], ids=["pickle", "copy"]
+)
 def test_a_result_pickles_and_copies_with_all_that_it_holds(result, copied):
     _, q, qd, qdd = motion(result.robot, 1.0, 7)
     tau = result.inverse_dynamics(q[0], qd[0], qdd[0])

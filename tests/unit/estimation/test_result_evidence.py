@@ -18,7 +18,9 @@ def moved(tmp_path):
     return SimpleNamespace(path=tmp_path / "s/out/arm/parameters.npz", header=header)
 
 
-def test_a_recording_that_was_typed_where_the_arm_was_identified_is_found_from_elsewhere(moved, tmp_path, monkeypatch):
+def test_a_recording_that_was_typed_where_the_arm_was_identified_is_found_from_elsewhere(
+    moved, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path / "s")
     assert found_path(moved, "loaded.csv") == "loaded.csv"
     monkeypatch.chdir(tmp_path / "elsewhere")
@@ -27,7 +29,12 @@ def test_a_recording_that_was_typed_where_the_arm_was_identified_is_found_from_e
 
 def test_a_recording_is_the_same_whichever_way_it_was_typed(moved, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path / "elsewhere")
-    typed = ("loaded.csv", "../s/loaded.csv", "../elsewhere/../s/loaded.csv", str(tmp_path / "s/loaded.csv"))
+    typed = (
+        "loaded.csv",
+        "../s/loaded.csv",
+        "../elsewhere/../s/loaded.csv",
+        str(tmp_path / "s/loaded.csv"),
+    )
     assert {found_path(moved, name) for name in typed} == {str(tmp_path / "s/loaded.csv")}
 
 

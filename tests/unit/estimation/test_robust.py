@@ -16,7 +16,9 @@ def recording(spikes: float, seed: int = 0, samples: int = 2000) -> ObservationR
     rng = np.random.default_rng(seed)
     W = rng.standard_normal((samples, 2, 3))
     tau = W @ TRUTH + NOISE * rng.standard_normal((samples, 2))
-    return dense_rows(W, tau + NOISE * rng.uniform(20, 60, (samples, 2)) * (rng.random((samples, 2)) < spikes))
+    return dense_rows(
+        W, tau + NOISE * rng.uniform(20, 60, (samples, 2)) * (rng.random((samples, 2)) < spikes)
+    )
 
 
 def fits(segment):
@@ -35,7 +37,11 @@ def test_one_percent_of_spikes_is_noticed():
 def test_coloured_and_uniform_residuals_are_no_spikes():
     segment = recording(0.0)
     t = np.arange(2000)[:, None]
-    for shape in (np.sin(t / 50), np.sign(np.sin(t / 80)), np.random.default_rng(1).laplace(size=(2000, 2))):
+    for shape in (
+        np.sin(t / 50),
+        np.sign(np.sin(t / 80)),
+        np.random.default_rng(1).laplace(size=(2000, 2)),
+    ):
         disturbed = dense_rows(segment.W, segment.W @ TRUTH + NOISE * shape)
         assert not look_for_spikes([disturbed], TRUTH)[1]
 
@@ -51,7 +57,10 @@ def test_huber_removes_most_of_the_damage_of_spikes():
 
 def test_huber_costs_little_without_spikes():
     squares = np.array(
-        [[np.sum((f.theta - TRUTH) ** 2) for f in fits(recording(0.0, seed, 300))] for seed in range(60)]
+        [
+            [np.sum((f.theta - TRUTH) ** 2) for f in fits(recording(0.0, seed, 300))]
+            for seed in range(60)
+        ]
     ).mean(axis=0)
     assert squares[0] / squares[1] == pytest.approx(0.95, abs=0.08)  # Huber 1981: 95 % efficient
 

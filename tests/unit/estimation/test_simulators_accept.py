@@ -40,7 +40,14 @@ def mjcf(x):
 def urdf(x):
     links, joints = '<link name="base"/>', ""
     for i, (m, c, I) in enumerate(bodies_of(x)):
-        tensor = {"ixx": I[0, 0], "ixy": I[0, 1], "ixz": I[0, 2], "iyy": I[1, 1], "iyz": I[1, 2], "izz": I[2, 2]}
+        tensor = {
+            "ixx": I[0, 0],
+            "ixy": I[0, 1],
+            "ixz": I[0, 2],
+            "iyy": I[1, 1],
+            "iyz": I[1, 2],
+            "izz": I[2, 2],
+        }
         entries = " ".join(f'{key}="{value:.17g}"' for key, value in tensor.items())
         lift, twist = (OFFSET[i - 1], TWIST[i - 1]) if i else (0.0, 0.0)
         links += (
@@ -90,14 +97,21 @@ def test_pybullet_gives_the_same_torques_without_complaint(arm, poor, states, tm
     try:
         capfd.readouterr()
         body = bullet.loadURDF(
-            str(file), useFixedBase=True, flags=bullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client
+            str(file),
+            useFixedBase=True,
+            flags=bullet.URDF_USE_INERTIA_FROM_FILE,
+            physicsClientId=client,
         )
         said = "".join(capfd.readouterr())
         bullet.setGravity(0, 0, -9.81, physicsClientId=client)
         for i in range(7):
-            bullet.changeDynamics(body, i, linearDamping=0, angularDamping=0, physicsClientId=client)
+            bullet.changeDynamics(
+                body, i, linearDamping=0, angularDamping=0, physicsClientId=client
+            )
         tau = [
-            bullet.calculateInverseDynamics(body, list(q), list(qd), list(qdd), physicsClientId=client)
+            bullet.calculateInverseDynamics(
+                body, list(q), list(qd), list(qdd), physicsClientId=client
+            )
             for q, qd, qdd in zip(*states, strict=True)
         ]
     finally:

@@ -38,7 +38,9 @@ def motion(robot, seconds, seed):
     rng = np.random.default_rng(seed)
     t = np.arange(int(seconds * RATE)) / RATE
     f = rng.uniform(0.1, 0.6, (4, robot.n))
-    a = rng.uniform(0.1, 0.3, (4, robot.n)) * np.array([1.0 if j.revolute else 0.2 for j in robot.joints])
+    a = rng.uniform(0.1, 0.3, (4, robot.n)) * np.array(
+        [1.0 if j.revolute else 0.2 for j in robot.joints]
+    )
     w = 2 * np.pi * f
     phase = rng.uniform(0, 6, (4, robot.n))
     s, c = np.sin(w * t[:, None, None] + phase), np.cos(w * t[:, None, None] + phase)
@@ -58,7 +60,9 @@ def truth(base):
     links = prior_parameters(base.robot).reshape(-1, 10)
     values = {}
     for j in range(base.robot.n):
-        for p, kind in enumerate(("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")):
+        for p, kind in enumerate(
+            ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
+        ):
             values[f"{kind}{j + 1}"] = 1.1 * links[j, p]
         values |= {f"Im{j + 1}": 0.05, f"fv{j + 1}": 0.4, f"fc{j + 1}": 0.6, f"fo{j + 1}": 0.1}
     return np.array([values[name] for name in base.model.parameter_names])
@@ -68,7 +72,9 @@ def stacked(base, *logs, cutoff=None):
     sources = []
     for log in logs:
         chosen = choose_filter(log, base.robot, cutoff)
-        sources.append(ConditionedLog(without_known(condition(log, chosen), base.model), chosen, "log"))
+        sources.append(
+            ConditionedLog(without_known(condition(log, chosen), base.model), chosen, "log")
+        )
     return stack_logs(sources, base)
 
 
@@ -78,7 +84,9 @@ def test_factors_hold_the_same_normal_equations_as_all_rows(base):
     factors, counts = found.whole
     for j in range(base.robot.n):
         A = np.concatenate([np.column_stack([r.W[:, j], r.tau[:, j]]) for r in rows])
-        assert factors[j].T @ factors[j] == pytest.approx(A.T @ A, rel=1e-9, abs=1e-9 * np.abs(A.T @ A).max())
+        assert factors[j].T @ factors[j] == pytest.approx(
+            A.T @ A, rel=1e-9, abs=1e-9 * np.abs(A.T @ A).max()
+        )
         assert counts[j] == len(A)
 
 
@@ -91,7 +99,9 @@ def test_rows_made_in_pieces_are_those_made_at_once(base, monkeypatch):
     monkeypatch.setattr("dynid.estimation.tuning.ROWS_EVALUATED", 150)
     monkeypatch.setattr("dynid.signals.tuning.FILTER_BLOCK", 300)
     pieces = ConditionedLog(condition(log, chosen), chosen, "log")
-    assert np.concatenate([r.W for r in rows_of(pieces, observer)]) == pytest.approx(whole, abs=1e-9)
+    assert np.concatenate([r.W for r in rows_of(pieces, observer)]) == pytest.approx(
+        whole, abs=1e-9
+    )
 
 
 def test_noise_free_motion_gives_the_true_base_parameters(base):
@@ -112,7 +122,9 @@ def test_errors_of_four_logs_are_half_those_of_one(base):
     """Four recordings of one motion: 1/sqrt(4), to the tenth that the noise's own estimate is uncertain."""
     clean = simulated(base, seconds=20)
     logs = [renoised(clean, seed) for seed in range(4)]
-    singles = [estimate(stacked(base, log), base, method="wls", holdout=None).std_error for log in logs]
+    singles = [
+        estimate(stacked(base, log), base, method="wls", holdout=None).std_error for log in logs
+    ]
     together = estimate(stacked(base, *logs), base, method="wls", holdout=None).std_error
     ratio = together / np.sqrt(np.mean(np.square(singles), axis=0))
     assert np.median(ratio) == pytest.approx(0.5, rel=0.1)
@@ -121,7 +133,10 @@ def test_errors_of_four_logs_are_half_those_of_one(base):
 def test_the_covariance_is_that_of_estimates_over_many_draws_of_noise(base):
     """The mean Mahalanobis distance of 12 draws is chi-square over its degrees of freedom: 1 to three errors of 9 %."""
     clean = simulated(base, seconds=20)
-    draws = [estimate(stacked(base, renoised(clean, 50 + k)), base, method="wls", holdout=None) for k in range(12)]
+    draws = [
+        estimate(stacked(base, renoised(clean, 50 + k)), base, method="wls", holdout=None)
+        for k in range(12)
+    ]
     estimates = np.array([draw.plain for draw in draws])
     root = np.linalg.cholesky(np.mean([draw.covariance for draw in draws], axis=0))
     z = np.linalg.solve(root, (estimates - estimates.mean(axis=0)).T)
@@ -132,7 +147,9 @@ def test_the_covariance_is_that_of_estimates_over_many_draws_of_noise(base):
 def usable(rows):
     """Return all rows that count, as one matrix and one vector."""
     parts = list(rows)
-    return np.concatenate([p.W[p.mask] for p in parts]), np.concatenate([p.tau[p.mask] for p in parts])
+    return np.concatenate([p.W[p.mask] for p in parts]), np.concatenate(
+        [p.tau[p.mask] for p in parts]
+    )
 
 
 def test_held_out_rows_judge_a_fit_to_the_others(base):
@@ -158,7 +175,9 @@ def test_some_blocks_of_a_stack_are_a_stack_of_their_rows(base):
     factors, counts = joint_factors(list(part))
     assert part.whole[1] == pytest.approx(counts)
     gram = np.einsum("jba,jbc->jac", factors, factors)
-    assert np.einsum("jba,jbc->jac", *(part.whole[0],) * 2) == pytest.approx(gram, rel=1e-9, abs=1e-6 * gram.max())
+    assert np.einsum("jba,jbc->jac", *(part.whole[0],) * 2) == pytest.approx(
+        gram, rel=1e-9, abs=1e-6 * gram.max()
+    )
     assert {(k, rows.block) for k in range(2) for rows in part.rows_of_log(k)} == set(
         zip(found.log_of_block[chosen].tolist(), found.block[chosen].tolist(), strict=True)
     )
@@ -185,7 +204,11 @@ def test_a_joint_that_stands_still_leaves_parameters_open(base):
     with pytest.raises(RankDeficient, match="base parameters"):
         estimate(found, base, method="wls", holdout=None)
     kept = estimate(found, base, method="wls", holdout=None, drop_weak=True)
-    unknown = [name for name, known in zip(kept.names, kept.knowledge, strict=True) if known == "not determined"]
+    unknown = [
+        name
+        for name, known in zip(kept.names, kept.knowledge, strict=True)
+        if known == "not determined"
+    ]
     # What only the last joint's motion shows, and what is shown with the same motion as these; an offset shows at rest.
     assert unknown == ["m2R", "mcx2R", "mcy2R", "mcx4", "mcy4", "Izz4", "Im4", "fv4", "fc4"]
     assert np.isinf(kept.std_error[[kept.names.index(name) for name in ("Im4", "fv4")]]).all()
@@ -222,9 +245,13 @@ def test_links_that_are_not_identified_keep_the_prior():
     links = prior_parameters(robot).reshape(-1, 10)
     gamma[[names.index(f"{k}{j}") for j in (1, 2) for k in ("Im",)]] = 0.0
     for j in (1, 2):
-        for p, kind in enumerate(("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")):
+        for p, kind in enumerate(
+            ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
+        ):
             gamma[names.index(f"{kind}{j}")] = links[j - 1, p]
-    found = estimate(stacked(part, simulated(whole, gamma=gamma), cutoff=15.0), part, method="wls", holdout=None)
+    found = estimate(
+        stacked(part, simulated(whole, gamma=gamma), cutoff=15.0), part, method="wls", holdout=None
+    )
     true = dict(zip(names, gamma, strict=True))
     expected = part.reduction.K @ [true[name] for name in part.reduction.names]
     assert found.theta == pytest.approx(expected, abs=1e-6)
@@ -254,7 +281,11 @@ def test_a_numeric_regressor_with_other_factors_is_damaged(base, tmp_path, kind)
 
 def test_a_result_is_read_back_with_its_robot(base, tmp_path):
     result = estimate(stacked(base, simulated(base)), base, method="wls", holdout=None)
-    stored = load(replace(result, header={**result.header, "log_sha256": ["ab"]}).save(tmp_path / "parameters.npz"))
+    stored = load(
+        replace(result, header={**result.header, "log_sha256": ["ab"]}).save(
+            tmp_path / "parameters.npz"
+        )
+    )
     assert stored.theta == pytest.approx(result.theta, abs=0)
     assert stored.robot.joint_names == base.robot.joint_names
     assert stored.robot.model_key == base.robot.model_key
@@ -271,7 +302,9 @@ def test_the_prior_of_a_base_parameter_is_the_sum_of_its_terms(base):
     assert combined
     for k in combined:
         terms = base.reduction.terms(k)
-        assert values[k] == pytest.approx(sum(factor * links.get(name, 0.0) for name, factor in terms.items()))
+        assert values[k] == pytest.approx(
+            sum(factor * links.get(name, 0.0) for name, factor in terms.items())
+        )
     assert np.isnan(values[names.index("fv1")])
 
 
@@ -282,7 +315,11 @@ def test_a_search_that_stays_at_its_start_is_refused(base, monkeypatch):
     again = partial(wls, prior=prior)
     post = physical_posterior(base, wls(found, prior), found, refit=again, residual_model=False)
     unmoved = replace(post, theta=np.nan_to_num(prior))
-    monkeypatch.setattr("dynid.estimation.estimate.physical_posterior", lambda *given, **options: unmoved)
-    with pytest.raises(NothingChanged, match="nothing changed: the physical parameters equal the prior in"):
+    monkeypatch.setattr(
+        "dynid.estimation.estimate.physical_posterior", lambda *given, **options: unmoved
+    )
+    with pytest.raises(
+        NothingChanged, match="nothing changed: the physical parameters equal the prior in"
+    ):
         estimate(found, base, method="wls", holdout=None, feasible=True)
     assert estimate(found, base, method="wls", holdout=None, feasible=False).in_force == "plain"

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from dynid.estimation.least_squares import weighted
-from dynid.estimation.rows import dense_rows, joint_factors, reversal_effects, whitened, whitened_factors
+from dynid.estimation.rows import (
+    dense_rows,
+    joint_factors,
+    reversal_effects,
+    whitened,
+    whitened_factors,
+)
 from dynid.signals.filters import lowpass_kernel
 
 TRUTH = np.array([1.5, 0.8, 2.0])
@@ -24,12 +30,17 @@ def recording(seed=0, late=0.0, stuck=0.0, seconds=20, noise=0.05):
     sign = np.where((since >= 0) & (since < late), -np.sign(qd), np.sign(qd))
     near = np.abs(t[:, None] - reversals).min(axis=1)
     sign = np.where(near < stuck, 0.3 * sign, sign)
-    tau = np.stack([qdd, qd, sign]).T @ TRUTH + noise * rng.standard_normal(len(t)) * (RATE / CUTOFF) ** 0.5
+    tau = (
+        np.stack([qdd, qd, sign]).T @ TRUTH
+        + noise * rng.standard_normal(len(t)) * (RATE / CUTOFF) ** 0.5
+    )
     kernel = lowpass_kernel(CUTOFF, RATE)
     columns = np.stack([qdd, qd, np.sign(qd), tau])
     filtered = np.array([np.convolve(x, kernel, "valid")[::EVERY] for x in columns]).T
     times = t[len(kernel) // 2 :][: len(t) - len(kernel) + 1 : EVERY]
-    return dense_rows(filtered[:, None, :3], filtered[:, 3:], t=times, reversal_times=(reversals,), cutoff=CUTOFF)
+    return dense_rows(
+        filtered[:, None, :3], filtered[:, 3:], t=times, reversal_times=(reversals,), cutoff=CUTOFF
+    )
 
 
 def fitted(rows):
@@ -68,8 +79,13 @@ def test_factors_of_whitened_rows_are_those_of_walking_over_them():
     rows = [recording(late=0.02)]
     factors, counts = joint_factors(rows)
     effects = reversal_effects(rows, factors, counts)
-    ours, walked = whitened_factors(factors, effects)[0], joint_factors(whitened(rows, effects))[0][0]
-    assert np.allclose(ours.T @ ours, walked.T @ walked, rtol=1e-9, atol=1e-9 * np.linalg.norm(walked) ** 2)
+    ours, walked = (
+        whitened_factors(factors, effects)[0],
+        joint_factors(whitened(rows, effects))[0][0],
+    )
+    assert np.allclose(
+        ours.T @ ours, walked.T @ walked, rtol=1e-9, atol=1e-9 * np.linalg.norm(walked) ** 2
+    )
 
 
 def test_rows_that_do_not_say_where_joints_reverse_are_left_alone():
@@ -80,6 +96,8 @@ def test_rows_that_do_not_say_where_joints_reverse_are_left_alone():
 def test_pieces_that_follow_each_other_are_whitened_like_the_whole():
     whole = recording(late=0.02)
     cuts = np.array_split(np.arange(len(whole.tau)), 7)
-    pieces = [whole.part(int(k[0]), int(k[-1]) + 1, follows=i > 0, block=0) for i, k in enumerate(cuts)]
+    pieces = [
+        whole.part(int(k[0]), int(k[-1]) + 1, follows=i > 0, block=0) for i, k in enumerate(cuts)
+    ]
     one, many = (fitted(without_reversals(x)) for x in ([whole], pieces))
     assert np.allclose(one, many, rtol=1e-3)

@@ -51,5 +51,7 @@ def test_weak_instruments_that_were_asked_for_are_refused_where_they_explain_far
 @pytest.mark.parametrize("method", ["ols", "wls", "irls"])
 def test_least_squares_is_as_certain_with_commands_in_the_log_as_without(log, method):
     robot, one = log
-    found = [identify(robot, each, method=method, holdout=None) for each in (commanded(one, 0.8), one)]
+    found = [
+        identify(robot, each, method=method, holdout=None) for each in (commanded(one, 0.8), one)
+    ]
     assert found[0].plain_covariance == pytest.approx(found[1].plain_covariance, rel=1e-9)

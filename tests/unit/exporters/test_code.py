@@ -43,7 +43,13 @@ def by_hand(arm, error, q, qd, qdd):
         x, v, sign = q[m, j], abs(qd[m, j]) / error.speed[j], signs[m, j]
         waves = [f(k * x) for k in (1, 2, 3) for f in (np.sin, np.cos)]
         shapes = [np.exp(-v / least) for least in (0.1, 0.4, 1.6)]
-        columns = np.array([*waves, *(sign * np.array([*waves[:4], *shapes])), sign * abs(W[m, j] @ error.reference)])
+        columns = np.array(
+            [
+                *waves,
+                *(sign * np.array([*waves[:4], *shapes])),
+                sign * abs(W[m, j] @ error.reference),
+            ]
+        )
         tau[m, j] += (columns / error.scale[j] - W[m, j] @ error.projection[j]) @ error.mean[j]
         tau[m, j] += W[m, j] @ error.own[j]
     return tau
@@ -56,7 +62,9 @@ def test_code_predicts_with_the_residual_model(robot, format, tmp_path):
     error = random_model_error(alone)
     source = replace(alone, model_error=error)
     q, qd, qdd = random_states(source.robot, 20, 3)
-    for engine, _, theirs, ours in FORMATS[format].loaded(written(source, format, tmp_path), source):
+    for engine, _, theirs, ours in FORMATS[format].loaded(
+        written(source, format, tmp_path), source
+    ):
         expected = by_hand(source, error, q, qd, qdd)
         assert engine
         np.testing.assert_allclose(theirs(q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
@@ -97,8 +105,12 @@ def test_mass_matrix_gravity_and_coriolis_are_pinocchios(seed, tmp_path):
         upper = pin.crba(model, data, q)
         mass = np.triu(upper) + np.triu(upper, 1).T + np.diag(full.rotor_inertia)
         np.testing.assert_allclose(module.mass_matrix(q), mass, atol=1e-9)
-        np.testing.assert_allclose(module.gravity(q), pin.computeGeneralizedGravity(model, data, q), atol=1e-9)
-        coriolis = pin.nonLinearEffects(model, data, q, qd) - pin.computeGeneralizedGravity(model, data, q)
+        np.testing.assert_allclose(
+            module.gravity(q), pin.computeGeneralizedGravity(model, data, q), atol=1e-9
+        )
+        coriolis = pin.nonLinearEffects(model, data, q, qd) - pin.computeGeneralizedGravity(
+            model, data, q
+        )
         np.testing.assert_allclose(module.coriolis(q, qd), coriolis, atol=1e-9)
         np.testing.assert_allclose(module.coriolis_matrix(q, qd) @ qd, coriolis, atol=1e-9)
 
@@ -123,7 +135,9 @@ def test_the_c_functions_are_those_of_the_python_module(tmp_path):
 
     def called(name, shape, *inputs):
         out = np.empty(shape)
-        getattr(library, f"dynid_{name}")(*map(pointer, inputs), out.ctypes.data_as(ctypes.POINTER(ctypes.c_double)))
+        getattr(library, f"dynid_{name}")(
+            *map(pointer, inputs), out.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+        )
         return out
 
     p = len(source.theta)
@@ -172,9 +186,13 @@ def test_a_formula_is_part_of_the_code(format, tmp_path):
     q, qd, qdd = random_states(robot, 20, 3)
     law = 0.7 * np.cos(2 * q[:, 1]) * np.abs(qd[:, 2]) * qd[:, 3] ** 3 / (2 + np.sin(q[:, 0]) ** 2)
     law -= 0.3 * qdd[:, 0] * source.base.model.observer().coulomb_sign(qd)[:, 1]
-    theirs, later = [one.theirs for one in FORMATS[format].loaded(written(source, format, tmp_path), source)]
+    theirs, later = [
+        one.theirs for one in FORMATS[format].loaded(written(source, format, tmp_path), source)
+    ]
     (tmp_path / "bare").mkdir()
-    (alone,) = [one.theirs for one in FORMATS[format].loaded(written(bare, format, tmp_path / "bare"), bare)]
+    (alone,) = [
+        one.theirs for one in FORMATS[format].loaded(written(bare, format, tmp_path / "bare"), bare)
+    ]
     expected = alone(q, qd, qdd)
     expected[:, 1] += law
     np.testing.assert_allclose(theirs(q, qd, qdd), expected, rtol=1e-9, atol=1e-9)

@@ -14,7 +14,15 @@ from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.friction import presliding
 
 NATIVE = ("spring", "counterbalance", "torque_ripple", "presliding_hysteresis")
-NUMBERS = ("viscous", "viscous_change", "coulomb", "coulomb_change", "torque_offset", "motor_inertia", "payload")
+NUMBERS = (
+    "viscous",
+    "viscous_change",
+    "coulomb",
+    "coulomb_change",
+    "torque_offset",
+    "motor_inertia",
+    "payload",
+)
 LEFT = ("joint_elasticity", "backlash", "torque_delay")
 
 
@@ -43,7 +51,9 @@ def test_every_effect_acts_in_mujoco_and_pybullet_as_in_dynid_or_has_a_reason(na
     assert any(name in phrase for phrase in beside) == (name not in NATIVE + NUMBERS + LEFT)
 
 
-@pytest.mark.parametrize("name", ["spring", "counterbalance", "torque_ripple", "viscous", "motor_inertia", "payload"])
+@pytest.mark.parametrize(
+    "name", ["spring", "counterbalance", "torque_ripple", "viscous", "motor_inertia", "payload"]
+)
 def test_elements_of_mujoco_give_dynids_torques_alone(name):
     """Without effects.py; Pinocchio reads bodies and rotors of the same file."""
     source = with_effect(name)
@@ -67,7 +77,9 @@ def test_the_bristle_of_mujoco_bends_as_the_formula_says():
         mujoco.mj_forward(model, data)
         force[k] = -data.qfrc_actuator[dof]
         mujoco.mj_step(model, data)
-    np.testing.assert_allclose(force, bristle.size * presliding(q, bristle.length), atol=0.01 * bristle.size)
+    np.testing.assert_allclose(
+        force, bristle.size * presliding(q, bristle.length), atol=0.01 * bristle.size
+    )
 
 
 def test_dry_friction_beyond_the_file_holds_an_arm_at_rest(effects_of):
@@ -113,10 +125,16 @@ def test_pybullet_moves_as_the_model_says(effects_of, tmp_path):
         state = size * np.sin(2 * t), 2 * size * np.cos(2 * t), -4 * size * np.sin(2 * t)
         forces = effects.forces(effects.inverse_dynamics(*state), dt)
         pybullet.setJointMotorControlArray(
-            body, effects.joints, pybullet.TORQUE_CONTROL, forces=forces.tolist(), physicsClientId=client
+            body,
+            effects.joints,
+            pybullet.TORQUE_CONTROL,
+            forces=forces.tolist(),
+            physicsClientId=client,
         )
         pybullet.stepSimulation(physicsClientId=client)
-    q = np.array([row[0] for row in pybullet.getJointStates(body, effects.joints, physicsClientId=client)])
+    q = np.array(
+        [row[0] for row in pybullet.getJointStates(body, effects.joints, physicsClientId=client)]
+    )
     np.testing.assert_allclose(q, size * np.sin(2 * 500 * dt), atol=5e-3)
 
 

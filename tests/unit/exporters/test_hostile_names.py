@@ -52,12 +52,16 @@ def named(name, joint=None):
     """A small arm whose robot, joints, file, parameters, method and logs are all called that."""
     robot = random_robot(np.random.default_rng(0), n=2)
     joints = tuple(replace(j, name=f"{joint or name}{i}") for i, j in enumerate(robot.joints))
-    arm = made(replace(robot, name=name, path=Path(f"{name.replace('/', '_')}.yaml"), joints=joints))
+    arm = made(
+        replace(robot, name=name, path=Path(f"{name.replace('/', '_')}.yaml"), joints=joints)
+    )
     reduction = arm.base.reduction
     changed = replace(reduction, names=tuple(f"{name}{k}" for k in range(len(reduction.names))))
     base = BaseModel(arm.base.model, changed)
     known = (name,) * len(arm.known)
-    return replace(arm, base=base, known=known, provenance=Provenance(name, name, name, 1.0, (name, name)))
+    return replace(
+        arm, base=base, known=known, provenance=Provenance(name, name, name, 1.0, (name, name))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +83,9 @@ def preprocessed(text, folder):
     words = ["cc", "-std=c99", "-E", "-P", "-nostdinc", "-D_MATH", str(folder / "arm.c")]
     (folder / "math.h").write_text("")
     (folder / "string.h").write_text("")
-    done = subprocess.run([*words[:-1], f"-I{folder}", words[-1]], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [*words[:-1], f"-I{folder}", words[-1]], capture_output=True, text=True, check=True
+    )
     return done.stdout
 
 
@@ -122,8 +128,13 @@ def test_matlab_is_the_same_code_under_every_name(name, plain):
         assert text.isascii()
         assert not re.search(r"[^\n -~]", text)
         lines = text.split("\n")
-        function = re.fullmatch(r"function out = ([A-Za-z][A-Za-z0-9_]*)\(what, q, qd, qdd, memory\)", lines[0])[1]
-        return [re.sub(r"%(?!s', what).*", "", line.replace(f"'{function}:", "'arm:")).rstrip() for line in lines[1:]]
+        function = re.fullmatch(
+            r"function out = ([A-Za-z][A-Za-z0-9_]*)\(what, q, qd, qdd, memory\)", lines[0]
+        )[1]
+        return [
+            re.sub(r"%(?!s', what).*", "", line.replace(f"'{function}:", "'arm:")).rstrip()
+            for line in lines[1:]
+        ]
 
     assert code(named(name)) == code(plain)
 
@@ -131,7 +142,9 @@ def test_matlab_is_the_same_code_under_every_name(name, plain):
 def tags(text):
     """Return the elements and comments of an XML text, with the number of attributes."""
     parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
-    return [(element.tag, len(element.attrib)) for element in ET.fromstring(text, parser=parser).iter()]
+    return [
+        (element.tag, len(element.attrib)) for element in ET.fromstring(text, parser=parser).iter()
+    ]
 
 
 @pytest.mark.parametrize("format", ["urdf", "mjcf", "sdf"])
@@ -141,7 +154,11 @@ def test_simulators_read_the_same_elements_under_every_name(name, format, plain,
     arm = named(name)
     text = FORMATS[format].text(arm)
     assert tags(text) == tags(FORMATS[format].text(plain))
-    names = [joint.get("name") for joint in ET.fromstring(text).iter("joint") if joint.get("type") != "fixed"]
+    names = [
+        joint.get("name")
+        for joint in ET.fromstring(text).iter("joint")
+        if joint.get("type") != "fixed"
+    ]
     assert names == [printable(joint) for joint in arm.robot.joint_names]
     found = FORMATS[format].check(text, arm)
     assert found
@@ -182,7 +199,9 @@ def test_what_lies_in_the_folder_of_the_results_is_not_run(here):
         assert agreement.agrees
 
 
-@pytest.mark.parametrize("name", ['q1;fopen("HACKED","w");double q2', "q1\n", "__import__('os')", "c99", "q0"])
+@pytest.mark.parametrize(
+    "name", ['q1;fopen("HACKED","w");double q2', "q1\n", "__import__('os')", "c99", "q0"]
+)
 def test_a_stored_model_with_other_variables_is_damaged(name, tmp_path):
     """Names of inputs become variables of the code."""
     robot = random_robot(np.random.default_rng(0), n=2)

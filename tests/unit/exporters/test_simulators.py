@@ -25,7 +25,9 @@ def test_a_written_file_gives_dynids_torques_in_every_engine(robot, format):
     """1000 states, each shipped arm: 1e-9 N m in Pinocchio, PyBullet and MuJoCo."""
     source = shipped(robot)
     found = FORMATS[format].check(FORMATS[format].text(source), source)
-    assert {agreement.engine.split()[0] for agreement in found} >= {"sdf": {"PyBullet"}}.get(format, {"Pinocchio"})
+    assert {agreement.engine.split()[0] for agreement in found} >= {"sdf": {"PyBullet"}}.get(
+        format, {"Pinocchio"}
+    )
     assert all(agreement.states == 1000 and agreement.largest < 1e-9 for agreement in found)
 
 
@@ -49,7 +51,9 @@ def test_dynids_side_of_the_comparison_is_the_arm_built_by_hand():
     expected = [pin.rnea(model, data, *state) for state in zip(q, qd, qdd, strict=True)]
     friction = source.base.model.observer()
     names = source.base.model.parameter_names
-    values = np.where([name[0] in "mI" and not name.startswith("Im") for name in names], full.values(names), 0.0)
+    values = np.where(
+        [name[0] in "mI" and not name.startswith("Im") for name in names], full.values(names), 0.0
+    )
     np.testing.assert_allclose(friction.torque(values, q, qd, qdd), expected, atol=1e-9)
 
 

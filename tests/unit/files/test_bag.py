@@ -18,7 +18,9 @@ LOG = Log(np.array([0.0, 0.01, 0.02]), np.arange(6.0).reshape(3, 2), np.ones((3,
 
 @pytest.mark.parametrize("compression", ["none", "lz4", "bz2"])
 @pytest.mark.parametrize("chunk", [None, 2000])
-def test_every_compression_and_chunk_size_gives_the_numbers_that_were_written(tmp_path, compression, chunk):
+def test_every_compression_and_chunk_size_gives_the_numbers_that_were_written(
+    tmp_path, compression, chunk
+):
     path = write_bag(tmp_path / "log.bag", state_messages(500, NAMES), compression, chunk)
     groups, findings = read_topics(path, ["/joint_states"])
     (log,) = groups["/joint_states"]
@@ -42,7 +44,9 @@ def test_messages_of_changing_layout_give_the_same_numbers_as_those_of_one_layou
     one, _ = read_topics(write_bag(tmp_path / "one.bag", plain), ["/joint_states"])
     two, _ = read_topics(write_bag(tmp_path / "two.bag", odd), ["/joint_states"])
     for key in ("q", "qd", "tau", "t"):
-        np.testing.assert_array_equal(getattr(one["/joint_states"][0], key), getattr(two["/joint_states"][0], key))
+        np.testing.assert_array_equal(
+            getattr(one["/joint_states"][0], key), getattr(two["/joint_states"][0], key)
+        )
 
 
 def test_columns_follow_their_names_when_the_order_changes_within_a_bag(tmp_path):
@@ -52,7 +56,11 @@ def test_columns_follow_their_names_when_the_order_changes_within_a_bag(tmp_path
         row = i + np.arange(3) / 100
         names = [NAMES[k] for k in order]
         messages.append(
-            ("/joint_states", START + i * 10**7, joint_state(START + i * 10**7, names, row[order], [], row[order]))
+            (
+                "/joint_states",
+                START + i * 10**7,
+                joint_state(START + i * 10**7, names, row[order], [], row[order]),
+            )
         )
     groups, _ = read_topics(write_bag(tmp_path / "log.bag", messages), ["/joint_states"])
     (log,) = groups["/joint_states"]
@@ -63,11 +71,17 @@ def test_columns_follow_their_names_when_the_order_changes_within_a_bag(tmp_path
 
 def test_topics_of_equal_message_length_that_take_turns_are_told_apart(tmp_path):
     """Also where one of them is missing now and then, and where headers are of another length than before."""
-    other = [(t, ns + 5, m) for k, (t, ns, m) in enumerate(state_messages(300, ("a", "b"), "/other")) if k % 7]
+    other = [
+        (t, ns + 5, m)
+        for k, (t, ns, m) in enumerate(state_messages(300, ("a", "b"), "/other"))
+        if k % 7
+    ]
     mine = state_messages(300, ("a", "b"), "/mine")
     messages = sorted(other + mine, key=lambda item: item[1])
     for chunk in (None, 3000):
-        groups, _ = read_topics(write_bag(tmp_path / f"{chunk}.bag", messages, chunk=chunk), ["/mine", "/other"])
+        groups, _ = read_topics(
+            write_bag(tmp_path / f"{chunk}.bag", messages, chunk=chunk), ["/mine", "/other"]
+        )
         for name, rows in (("/mine", np.arange(300)), ("/other", [k for k in range(300) if k % 7])):
             np.testing.assert_array_equal(groups[name][0].q[:, 1], np.array(rows) + 0.01)
 
@@ -77,11 +91,16 @@ def test_a_gripper_on_the_same_topic_becomes_a_log_of_its_own(tmp_path):
     gripper = state_messages(10, ("finger",))
     messages = sorted(arm + gripper, key=lambda item: item[1])
     groups, _ = read_topics(write_bag(tmp_path / "log.bag", messages), ["/joint_states"])
-    assert [(log.names, len(log)) for log in groups["/joint_states"]] == [(NAMES, 30), (("finger",), 10)]
+    assert [(log.names, len(log)) for log in groups["/joint_states"]] == [
+        (NAMES, 30),
+        (("finger",), 10),
+    ]
 
 
 def test_header_stamps_of_the_monotonic_clock_are_used_as_they_tick(tmp_path):
-    path = write_bag(tmp_path / "log.bag", state_messages(50, NAMES, header=lambda i: 5 * 10**9 + i * 11 * 10**6))
+    path = write_bag(
+        tmp_path / "log.bag", state_messages(50, NAMES, header=lambda i: 5 * 10**9 + i * 11 * 10**6)
+    )
     groups, _ = read_topics(path, ["/joint_states"])
     (log,) = groups["/joint_states"]
     assert log.extra["clock"] == "header"
@@ -89,7 +108,9 @@ def test_header_stamps_of_the_monotonic_clock_are_used_as_they_tick(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "header", [lambda i: 0, lambda i: 7, lambda i: START if i else 0], ids=["zero", "frozen", "partly"]
+    "header",
+    [lambda i: 0, lambda i: 7, lambda i: START if i else 0],
+    ids=["zero", "frozen", "partly"],
 )
 def test_one_unset_or_frozen_header_stamp_puts_the_whole_topic_on_the_bags_clock(tmp_path, header):
     path = write_bag(tmp_path / "log.bag", state_messages(50, NAMES, header=header))
@@ -100,8 +121,13 @@ def test_one_unset_or_frozen_header_stamp_puts_the_whole_topic_on_the_bags_clock
 
 
 def test_topics_are_listed_with_type_and_count(tmp_path):
-    path = write_bag(tmp_path / "log.bag", state_messages(7, NAMES, "/a") + state_messages(9, NAMES, "/b"))
-    assert {str(topic) for topic in list_topics(path).values()} == {"/a (JointState, 7)", "/b (JointState, 9)"}
+    path = write_bag(
+        tmp_path / "log.bag", state_messages(7, NAMES, "/a") + state_messages(9, NAMES, "/b")
+    )
+    assert {str(topic) for topic in list_topics(path).values()} == {
+        "/a (JointState, 7)",
+        "/b (JointState, 9)",
+    }
 
 
 def test_an_empty_bag_file_says_that_nothing_was_recorded(tmp_path):
@@ -121,7 +147,9 @@ def test_messages_come_back_as_they_were_written(tmp_path):
     write_log_as_bag(LOG, tmp_path / "x.bag", "/arm/joint_states", start=7 * 10**9)
     with AnyReader([tmp_path / "x.bag"]) as reader:
         (channel,) = reader.connections
-        rows = [(stamp, reader.deserialize(raw, channel.msgtype)) for _, stamp, raw in reader.messages()]
+        rows = [
+            (stamp, reader.deserialize(raw, channel.msgtype)) for _, stamp, raw in reader.messages()
+        ]
     assert (channel.topic, channel.msgtype) == ("/arm/joint_states", "sensor_msgs/msg/JointState")
     assert [stamp for stamp, _ in rows] == [7_000_000_000, 7_010_000_000, 7_020_000_000]
     message = rows[1][1]
@@ -152,7 +180,11 @@ def test_values_of_a_real_bag_equal_those_of_rosbags_own_decoder():
     path = shared_data("jaco2_6dof/example_traj_2017-05-31-17-12-04.bag")
     topic = "/jaco_22_driver/out/joint_states"
     with AnyReader([path]) as reader:
-        messages = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages() if c.topic == topic]
+        messages = [
+            reader.deserialize(raw, c.msgtype)
+            for c, _, raw in reader.messages()
+            if c.topic == topic
+        ]
     (log,) = read_topics(path, [topic])[0][topic]
     assert len(log) == len(messages) == 420
     np.testing.assert_array_equal(log.q, [m.position for m in messages])

@@ -21,7 +21,8 @@ def bags(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bags")
     messages = state_messages(10_000, NAMES, TOPIC, 1000.0)
     return {
-        c: write_bag(folder / f"{c}.bag", messages, c, chunk=768 * 1024).read_bytes() for c in ("none", "lz4", "bz2")
+        c: write_bag(folder / f"{c}.bag", messages, c, chunk=768 * 1024).read_bytes()
+        for c in ("none", "lz4", "bz2")
     }
 
 
@@ -73,7 +74,9 @@ def test_a_compressed_bag_cut_in_the_middle_gives_its_whole_chunks(tmp_path, bag
 
 
 def test_a_recorder_that_was_killed_before_closing_leaves_a_readable_bag(tmp_path):
-    path = write_bag(tmp_path / "log.bag.active", state_messages(3000, NAMES), chunk=100_000, closing=False)
+    path = write_bag(
+        tmp_path / "log.bag.active", state_messages(3000, NAMES), chunk=100_000, closing=False
+    )
     log, findings = read(path)
     assert len(log) > 2500
     assert findings[0].code == "W305"
@@ -103,9 +106,14 @@ def test_a_bag_with_nothing_readable_is_refused(tmp_path, bags):
 
 def test_random_damage_never_leaks_a_foreign_error(tmp_path):
     rng = np.random.default_rng(0)
-    messages = [*state_messages(60, NAMES), (TOPIC, 10**18, joint_state(1, NAMES[:3], [1, 2, 3], [], [4, 5, 6]))]
+    messages = [
+        *state_messages(60, NAMES),
+        (TOPIC, 10**18, joint_state(1, NAMES[:3], [1, 2, 3], [], [4, 5, 6])),
+    ]
     for compression in ("none", "lz4", "bz2"):
-        whole = write_bag(tmp_path / f"{compression}.bag", messages, compression, chunk=2000).read_bytes()
+        whole = write_bag(
+            tmp_path / f"{compression}.bag", messages, compression, chunk=2000
+        ).read_bytes()
         for _ in range(60):
             content = bytearray(whole[: rng.integers(20, len(whole) + 1)])
             for place in rng.integers(13, len(content), size=rng.integers(0, 6)):

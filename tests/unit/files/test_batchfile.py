@@ -23,9 +23,17 @@ jobs:
   - {logs: [a.bag, b.bag], name: both, robot: kinova_gen2, validate: c.bag, baseline: old, fail_if: max_rms_nm > 1}
 """
     first, second = read_batch(batch(tmp_path, text))
-    assert (first.name, first.robot, first.logs) == ("one-a", str(tmp_path / "arms/one.yaml"), (tmp_path / "a.bag",))
+    assert (first.name, first.robot, first.logs) == (
+        "one-a",
+        str(tmp_path / "arms/one.yaml"),
+        (tmp_path / "a.bag",),
+    )
     assert first.options == {"cutoff": "8", "drop_weak": "true"}
-    assert (second.robot, second.tolerance, second.baseline) == ("kinova_gen2", "1%", tmp_path / "old")
+    assert (second.robot, second.tolerance, second.baseline) == (
+        "kinova_gen2",
+        "1%",
+        tmp_path / "old",
+    )
     assert second.logs == (tmp_path / "a.bag", tmp_path / "b.bag")
     assert second.fail_if == ("max_rms_nm > 1",)
 
@@ -33,7 +41,11 @@ jobs:
 @pytest.mark.parametrize(
     ("text", "error", "message"),
     [
-        ("jobs: [{robot: arm, log: a.bag}]", UnknownKey, r"batch.yaml:1: unknown key 'log'; did you mean 'logs'"),
+        (
+            "jobs: [{robot: arm, log: a.bag}]",
+            UnknownKey,
+            r"batch.yaml:1: unknown key 'log'; did you mean 'logs'",
+        ),
         ("jobs:\n- {robot: arm}", WrongRobotFile, r"batch.yaml:2: jobs\[0\] lacks the key 'logs'"),
         ("jobs: [{robot: arm, logs: []}]", WrongRobotFile, "is empty"),
         (

@@ -35,7 +35,9 @@ def test_a_converted_recording_has_the_same_numbers(suffix, log, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".bag", ".db3", ".mcap"])
-@pytest.mark.parametrize("change", [{"t0": 3e9}, {"t0": -1.0}, {"t0": 1e300}, {"start_ns": 10**30}], ids=str)
+@pytest.mark.parametrize(
+    "change", [{"t0": 3e9}, {"t0": -1.0}, {"t0": 1e300}, {"start_ns": 10**30}], ids=str
+)
 def test_times_that_messages_cannot_hold_are_refused(suffix, change, log, tmp_path):
     with pytest.raises(LogLayout, match="before 1970 or after 2038"):
         write_log(replace(log, extra=change), tmp_path / f"new{suffix}")
@@ -70,7 +72,9 @@ def test_mcap_is_read_by_other_libraries(log, tmp_path):
 
 def test_a_recording_without_a_robot_tells_what_to_paste(log, tmp_path):
     found = inspected(write_rosbag2(tmp_path / "bag", of_ros2(log, TOPIC)), LogOptions())
-    assert found.facts["topics"] == [{"name": TOPIC, "type": "sensor_msgs/JointState", "messages": 300}]
+    assert found.facts["topics"] == [
+        {"name": TOPIC, "type": "sensor_msgs/JointState", "messages": 300}
+    ]
     (state,) = found.facts["joint_states"]
     assert state["rate_hz"] == pytest.approx(200.0)
     joints = "".join(f"  - {{name: j{k}}}\n" for k in range(7))
@@ -82,11 +86,17 @@ def test_a_recording_without_a_robot_tells_what_to_paste(log, tmp_path):
 
 def test_joint_states_with_torques_go_before_commands_that_come_more_often(log, tmp_path):
     few = take_samples(log, np.arange(0, 300, 3))
-    commands = [("/commands", ns, ros2_state(ns, log.names, q)) for ns, q in zip(stamps(log), log.q, strict=True)]
+    commands = [
+        ("/commands", ns, ros2_state(ns, log.names, q))
+        for ns, q in zip(stamps(log), log.q, strict=True)
+    ]
     messages = sorted([*of_ros2(few, TOPIC), *commands], key=lambda entry: entry[1])
     found = inspected(write_rosbag2(tmp_path / "bag", messages), LogOptions())
     assert f"topic: {TOPIC}" in found.facts["snippet"]
-    assert ["no torques" in text for label, text in found.description if label == "units"] == [False, True]
+    assert ["no torques" in text for label, text in found.description if label == "units"] == [
+        False,
+        True,
+    ]
 
 
 @pytest.mark.parametrize("suffix", [".bag", ".mcap"])

@@ -24,7 +24,15 @@ from makelogs import (
     write_bag,
 )
 
-ALPHABETICAL = ("lwr_0_joint", "lwr_1_joint", "lwr_3_joint", "lwr_4_joint", "lwr_5_joint", "lwr_6_joint", "lwr_2_joint")
+ALPHABETICAL = (
+    "lwr_0_joint",
+    "lwr_1_joint",
+    "lwr_3_joint",
+    "lwr_4_joint",
+    "lwr_5_joint",
+    "lwr_6_joint",
+    "lwr_2_joint",
+)
 
 
 def test_a_missing_file_names_its_neighbours(tmp_path):
@@ -41,8 +49,12 @@ def test_a_file_of_another_kind_is_no_log(tmp_path, name):
 
 
 def test_a_missing_topic_lists_those_there_are(tmp_path):
-    path = write_bag(tmp_path / "log.bag", state_messages(50, lwr().joint_names, "/arm/joint_states"))
-    with pytest.raises(TopicMissing, match=r"topic '/x' is not in log\.bag; it has /arm/joint_states") as caught:
+    path = write_bag(
+        tmp_path / "log.bag", state_messages(50, lwr().joint_names, "/arm/joint_states")
+    )
+    with pytest.raises(
+        TopicMissing, match=r"topic '/x' is not in log\.bag; it has /arm/joint_states"
+    ) as caught:
         read_log(path, robot=lwr(), topic="/x")
     assert caught.value.fix == "--topic /arm/joint_states"
     assert len(read_log(path, robot=lwr(), topic="/arm/joint_states")) == 50
@@ -50,9 +62,16 @@ def test_a_missing_topic_lists_those_there_are(tmp_path):
 
 def test_kinovas_angles_are_refused_where_joint_states_are_recorded(tmp_path):
     driver = "/j2s7s300_driver/out"
-    angles = [(f"{driver}/joint_angles", START + i, kinova(KINOVA[0], [180.0] * 7)) for i in range(9)]
-    path = write_bag(tmp_path / "log.bag", angles + state_messages(9, gen2().joint_names, f"{driver}/joint_state"))
-    with pytest.raises(WrongMessageType, match=r"kinova_msgs/JointAngles \(degrees, no time stamp\); use") as caught:
+    angles = [
+        (f"{driver}/joint_angles", START + i, kinova(KINOVA[0], [180.0] * 7)) for i in range(9)
+    ]
+    path = write_bag(
+        tmp_path / "log.bag",
+        angles + state_messages(9, gen2().joint_names, f"{driver}/joint_state"),
+    )
+    with pytest.raises(
+        WrongMessageType, match=r"kinova_msgs/JointAngles \(degrees, no time stamp\); use"
+    ) as caught:
         read_log(path, robot=gen2(), topic=f"{driver}/joint_angles")
     assert caught.value.fix == f"--topic {driver}/joint_state"
 
@@ -61,8 +80,16 @@ def test_kinovas_own_messages_are_read_where_nothing_else_was_recorded(tmp_path)
     driver, messages = "/j2s7s300_driver/out", []
     for i in range(200):
         ns = START + i * 10**7
-        messages.append((f"{driver}/joint_angles", ns, kinova(KINOVA[0], [i + 0.5 * j for j in range(7)])))
-        messages.append((f"{driver}/joint_torques", ns + 10**6, kinova(KINOVA[0], [2.0 * i + j for j in range(7)])))
+        messages.append(
+            (f"{driver}/joint_angles", ns, kinova(KINOVA[0], [i + 0.5 * j for j in range(7)]))
+        )
+        messages.append(
+            (
+                f"{driver}/joint_torques",
+                ns + 10**6,
+                kinova(KINOVA[0], [2.0 * i + j for j in range(7)]),
+            )
+        )
     log = read_log(write_bag(tmp_path / "log.bag", messages), robot=gen2())
     # The first angle comes before the first torque; torques at the angles' times are 0.1 samples older than numbered.
     assert len(log) == 199
@@ -72,7 +99,9 @@ def test_kinovas_own_messages_are_read_where_nothing_else_was_recorded(tmp_path)
 
 
 def test_the_robots_topic_is_read_when_none_is_named(tmp_path):
-    both = state_messages(20, lwr().joint_names, "/lwr/joint_states") + state_messages(30, ("x", "y"), "/joint_states")
+    both = state_messages(20, lwr().joint_names, "/lwr/joint_states") + state_messages(
+        30, ("x", "y"), "/joint_states"
+    )
     log = read_log(write_bag(tmp_path / "log.bag", both), robot=lwr())
     assert (log.topic, len(log)) == ("/lwr/joint_states", 20)
 
@@ -86,26 +115,36 @@ def test_two_possible_topics_are_not_guessed_between(tmp_path):
 
 def test_messages_without_effort_are_refused(tmp_path):
     messages = [
-        ("/lwr/joint_states", START + i, joint_state(START + i, lwr().joint_names, range(7))) for i in range(30)
+        ("/lwr/joint_states", START + i, joint_state(START + i, lwr().joint_names, range(7)))
+        for i in range(30)
     ]
     with pytest.raises(WrongMessageType, match="no effort"):
         read_log(write_bag(tmp_path / "log.bag", messages), robot=lwr())
 
 
 def test_the_arm_is_picked_out_where_a_gripper_talks_more_often(tmp_path):
-    both = state_messages(20, lwr().joint_names, "/lwr/joint_states") + state_messages(60, ("f",), "/lwr/joint_states")
+    both = state_messages(20, lwr().joint_names, "/lwr/joint_states") + state_messages(
+        60, ("f",), "/lwr/joint_states"
+    )
     both.sort(key=lambda item: item[1])
     log = read_log(write_bag(tmp_path / "log.bag", both), robot=lwr())
     assert len(log) == 20
 
 
 def test_joints_in_alphabetical_order_keep_their_names(tmp_path):
-    log = read_log(write_bag(tmp_path / "log.bag", state_messages(20, ALPHABETICAL, "/lwr/joint_states")), robot=lwr())
+    log = read_log(
+        write_bag(tmp_path / "log.bag", state_messages(20, ALPHABETICAL, "/lwr/joint_states")),
+        robot=lwr(),
+    )
     assert log.names == ALPHABETICAL
 
 
 def test_a_cut_bag_is_read_with_a_finding(tmp_path):
-    path = write_bag(tmp_path / "log.bag", state_messages(5000, lwr().joint_names, "/lwr/joint_states"), chunk=100_000)
+    path = write_bag(
+        tmp_path / "log.bag",
+        state_messages(5000, lwr().joint_names, "/lwr/joint_states"),
+        chunk=100_000,
+    )
     path.write_bytes(path.read_bytes()[:-4000])
     log = read_log(path, robot=lwr())
     assert len(log) > 4900
@@ -113,7 +152,9 @@ def test_a_cut_bag_is_read_with_a_finding(tmp_path):
 
 
 def test_a_bag_cut_before_its_first_message_is_refused(tmp_path):
-    path = write_bag(tmp_path / "log.bag", state_messages(50, lwr().joint_names, "/lwr/joint_states"))
+    path = write_bag(
+        tmp_path / "log.bag", state_messages(50, lwr().joint_names, "/lwr/joint_states")
+    )
     path.write_bytes(path.read_bytes()[:4200])
     with pytest.raises(BagTruncated):
         read_log(path, robot=lwr())

@@ -33,7 +33,13 @@ def test_units_declared_by_the_file_go_before_those_of_the_robot_file(tmp_path):
 
 def test_a_unit_that_is_not_known_is_refused_with_those_that_are(tmp_path):
     header = np.array(json.dumps({"schema": "dynid/log/1", "units": {"position": "gon"}}))
-    np.savez(tmp_path / "log.npz", t=np.arange(3.0), q=np.ones((3, 2)), tau=np.ones((3, 2)), header=header)
+    np.savez(
+        tmp_path / "log.npz",
+        t=np.arange(3.0),
+        q=np.ones((3, 2)),
+        tau=np.ones((3, 2)),
+        header=header,
+    )
     with pytest.raises(LogLayout, match=r"units\.position = gon is not known; known: rad, deg"):
         read_npz_log(tmp_path / "log.npz")
 
@@ -52,13 +58,21 @@ def test_a_plain_file_has_its_order_assumed_and_says_so(tmp_path):
 
 
 def test_motor_columns_are_known_by_their_names(tmp_path):
-    np.savez(tmp_path / "log.npz", t=np.arange(3.0), q_motor=np.ones((3, 2)), tau_motor=np.ones((3, 2)))
+    np.savez(
+        tmp_path / "log.npz", t=np.arange(3.0), q_motor=np.ones((3, 2)), tau_motor=np.ones((3, 2))
+    )
     assert read_npz_log(tmp_path / "log.npz").motor_side
 
 
 def test_a_log_of_a_newer_dynid_asks_to_upgrade(tmp_path):
     header = np.array(json.dumps({"schema": "dynid/log/2", "dynid": "9.9"}))
-    np.savez(tmp_path / "log.npz", t=np.arange(3.0), q=np.ones((3, 2)), tau=np.ones((3, 2)), header=header)
+    np.savez(
+        tmp_path / "log.npz",
+        t=np.arange(3.0),
+        q=np.ones((3, 2)),
+        tau=np.ones((3, 2)),
+        header=header,
+    )
     with pytest.raises(NewerSchema, match=r"written by dynid 9\.9"):
         read_npz_log(tmp_path / "log.npz")
 

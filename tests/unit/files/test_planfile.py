@@ -45,7 +45,9 @@ def test_columns_of_a_csv_are_taken_by_joint_name(tmp_path):
 
 
 def test_a_csv_without_header_has_the_joints_in_order_and_maybe_the_time_before_them(tmp_path):
-    plain = read_waypoints(given(tmp_path / "w.csv", "# mine\n1,2,3,4,5,6,7\n0,0,0,0,0,0,0\n"), ROBOT)
+    plain = read_waypoints(
+        given(tmp_path / "w.csv", "# mine\n1,2,3,4,5,6,7\n0,0,0,0,0,0,0\n"), ROBOT
+    )
     timed = read_waypoints(given(tmp_path / "w.csv", "0,1,2,3,4,5,6,7\n1,0,0,0,0,0,0,0\n"), ROBOT)
     assert plain.times is None
     assert np.array_equal(plain.q, timed.q)
@@ -56,7 +58,11 @@ def test_a_csv_without_header_has_the_joints_in_order_and_maybe_the_time_before_
     [
         ("1,2,3\n4,5,6\n", "E310", "3 columns"),
         ("1,2,3,4,5,6,7\n", "E322", "1 waypoints"),
-        ("1,2,3,4,5,6,x\n1,2,3,4,5,6,7\n1,2,3,4,5,6,y\n", "E322", "headings|not 7 numbers|no column"),
+        (
+            "1,2,3,4,5,6,x\n1,2,3,4,5,6,7\n1,2,3,4,5,6,y\n",
+            "E322",
+            "headings|not 7 numbers|no column",
+        ),
         ("1,2,3,4,5,6,7\n1,2,3,4,5,6,nan\n", "E322", "row 2"),
         ("1,1,2,3,4,5,6,7\n1,0,0,0,0,0,0,0\n", "E311", "waypoint 2"),
         ("t,a,b,c,d,e,f,g\n1,1,2,3,4,5,6,7\n2,0,0,0,0,0,0,0\n", "E322", "no column lwr_0_joint"),

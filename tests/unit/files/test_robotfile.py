@@ -38,7 +38,11 @@ def test_everything_that_a_robot_can_say_is_written_and_read_back():
         simulator=JointMap((1.0, -1.0, 1.0, 1.0), (0.0, 0.0, 0.1, 0.0)),
         prior=Prior(Cylinders(0.05, mass=12.0)),
         tool=Body(1.2, (0.1, 0.02, 0.3), (0.1, 0.01, 0.02, 0.1, 0.003, 0.2)),
-        known=Known((3.0, 20.0), ((1, (1.0, 3.0)), (2, (0.5, 2.0))), ((2, ((0.0, 0.0, -0.1), (0.1, 0.2, 0.3))),)),
+        known=Known(
+            (3.0, 20.0),
+            ((1, (1.0, 3.0)), (2, (0.5, 2.0))),
+            ((2, ((0.0, 0.0, -0.1), (0.1, 0.2, 0.3))),),
+        ),
         controller=Controller((1.0, 2.0, 3.0, 4.0), (0.1, 0.2, 0.3, 0.4)),
         coulomb=Coulomb("threshold", (0.1, 0.2, 0.3, 0.4)),
         effects=(EffectSpec("stribeck", (robot.joint_names[0],), {"vs": 0.1}, {"vs": 0.01}),),

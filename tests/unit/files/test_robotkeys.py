@@ -11,7 +11,9 @@ from dynid.files.robotfile import parse_robot
 from dynid.files.robotkeys import JOINT, ROBOT, Key
 from dynid.robot import Joint, Robot
 
-LEAST = "name: arm\nconvention: standard\njoints:\n  - {name: one}\n  - {name: two, type: prismatic}\n"
+LEAST = (
+    "name: arm\nconvention: standard\njoints:\n  - {name: one}\n  - {name: two, type: prismatic}\n"
+)
 
 
 def read(text: str = "") -> Robot:
@@ -39,23 +41,45 @@ def test_the_defaults_of_the_reference_are_those_of_a_file_that_leaves_the_keys_
     robot, top = read(), {key.name: key.default.strip("`") for key in ROBOT}
     assert top["gravity"] == str([*map(float, robot.gravity)]).replace(".0", "")
     assert top["torque"] == robot.torque.source
-    assert top["coulomb"].startswith(f"{robot.coulomb_shape.shape}`, {robot.coulomb_shape.velocity[0]} rad/s")
+    assert top["coulomb"].startswith(
+        f"{robot.coulomb_shape.shape}`, {robot.coulomb_shape.velocity[0]} rad/s"
+    )
 
 
 @pytest.mark.parametrize(
     ("text", "error", "says"),
     [
-        ("driver: {kind: generic, units: {position: gon}}\n", WrongRobotFile, r"'gon' is none of rad, deg, m, mm"),
-        ("driver: {kind: generic, sign: [1, 2]}\n", WrongRobotFile, r"driver\.sign entries are 1 or -1, not 2"),
+        (
+            "driver: {kind: generic, units: {position: gon}}\n",
+            WrongRobotFile,
+            r"'gon' is none of rad, deg, m, mm",
+        ),
+        (
+            "driver: {kind: generic, sign: [1, 2]}\n",
+            WrongRobotFile,
+            r"driver\.sign entries are 1 or -1, not 2",
+        ),
         ("driver: {topic: /x}\n", WrongRobotFile, "driver lacks the key 'kind'"),
-        ("controller: {kp: [1, -2], kd: 0}\n", WrongRobotFile, r"controller\.kp\[1\] = -2 is negative"),
+        (
+            "controller: {kp: [1, -2], kd: 0}\n",
+            WrongRobotFile,
+            r"controller\.kp\[1\] = -2 is negative",
+        ),
         ("torque: {gain: [1, 0]}\n", WrongRobotFile, r"torque\.gain\[1\] = 0 must be positive"),
-        ("torque: {noise: [1, null]}\n", WrongRobotFile, r"torque\.noise: it is missing for a joint"),
+        (
+            "torque: {noise: [1, null]}\n",
+            WrongRobotFile,
+            r"torque\.noise: it is missing for a joint",
+        ),
         ("tool: {mass: -1}\n", WrongRobotFile, r"tool\.mass = -1 kg is negative"),
         ("prior: {}\n", WrongRobotFile, "prior needs one of cylinders, links"),
         ("known: {link_mass: {3: [0, 1]}}\n", UnknownKey, "unknown key '3'"),
         ("known: {total_mass: [2, 1]}\n", WrongRobotFile, "2, 1 is not a range of masses"),
-        ("simulator: {offset: [1, x]}\n", NotANumber, r"simulator\.offset\[1\] = 'x' is not a number"),
+        (
+            "simulator: {offset: [1, x]}\n",
+            NotANumber,
+            r"simulator\.offset\[1\] = 'x' is not a number",
+        ),
         ("base: {rpy: [0, 0, pi/0]}\n", NotANumber, r"base\.rpy\[2\] = 'pi/0' is not finite"),
         ("links: [3]\n", WrongRobotFile, "there is no link 3, the arm has 2"),
         ("coupling: {matrix: [[1, 1], [1, 1]]}\n", WrongRobotFile, "cannot be inverted"),
@@ -83,7 +107,9 @@ def test_one_value_may_stand_for_all_joints_where_the_reference_says_so():
 
 
 def test_null_leaves_a_key_out_where_that_has_a_meaning():
-    robot = read("tool: null\ncoupling: null\ntorque: {gain: null}\ndriver: {kind: generic, topic: null}\n")
+    robot = read(
+        "tool: null\ncoupling: null\ntorque: {gain: null}\ndriver: {kind: generic, topic: null}\n"
+    )
     assert (robot.tool, robot.coupling, robot.torque.gain) == (None, None, None)
     assert robot.driver is not None
     assert robot.driver.topic is None

@@ -32,16 +32,28 @@ TOPIC = "/lwr/joint_states"
 FORMATS = {
     "rosbag2 with SQLite": lambda log, at: write_rosbag2(at / "bag", of_ros2(log, TOPIC)),
     "rosbag2 with MCAP": lambda log, at: write_rosbag2(at / "bag", of_ros2(log, TOPIC), "mcap"),
-    "packed MCAP": lambda log, at: write_rosbag2(at / "bag", of_ros2(log, TOPIC), "mcap", compress=True),
+    "packed MCAP": lambda log, at: write_rosbag2(
+        at / "bag", of_ros2(log, TOPIC), "mcap", compress=True
+    ),
     "big endian": lambda log, at: write_rosbag2(at / "bag", of_ros2(log, TOPIC), little=False),
-    "single .db3": lambda log, at: single(write_rosbag2(at / "bag", of_ros2(log, TOPIC)), at / "one.db3"),
-    "MCAP, ROS 1, zstd": lambda log, at: write_mcap(at / "a.mcap", of_ros1(log, TOPIC), "ros1", "zstd"),
-    "MCAP, ROS 1, lz4": lambda log, at: write_mcap(at / "a.mcap", of_ros1(log, TOPIC), "ros1", "lz4"),
+    "single .db3": lambda log, at: single(
+        write_rosbag2(at / "bag", of_ros2(log, TOPIC)), at / "one.db3"
+    ),
+    "MCAP, ROS 1, zstd": lambda log, at: write_mcap(
+        at / "a.mcap", of_ros1(log, TOPIC), "ros1", "zstd"
+    ),
+    "MCAP, ROS 1, lz4": lambda log, at: write_mcap(
+        at / "a.mcap", of_ros1(log, TOPIC), "ros1", "lz4"
+    ),
     "MCAP, ROS 2": lambda log, at: write_mcap(at / "a.mcap", of_ros2(log, TOPIC), "ros2", "none"),
     "ROS 1 bag": lambda log, at: write_bag(at / "a.bag", log, TOPIC),
     "CSV": lambda log, at: write_text(at / "a.csv", log),
-    "CSV, semicolons, decimal commas": lambda log, at: write_text(at / "a.csv", log, ";", True, "# of a lab\n"),
-    "CSV, header in a comment, ns": lambda log, at: write_text(at / "a.csv", log, ",", False, "# ", unit=1e9),
+    "CSV, semicolons, decimal commas": lambda log, at: write_text(
+        at / "a.csv", log, ";", True, "# of a lab\n"
+    ),
+    "CSV, header in a comment, ns": lambda log, at: write_text(
+        at / "a.csv", log, ",", False, "# ", unit=1e9
+    ),
     "TSV": lambda log, at: write_text(at / "a.tsv", log, "\t", True),
     "Parquet": lambda log, at: write_parquet(at / "a.parquet", log),
     "npz": lambda log, at: log.save(at / "a.npz"),
@@ -65,7 +77,9 @@ def test_every_format_gives_the_same_numbers(kind, log, tmp_path):
 
 
 def test_torques_of_their_own_topic_are_taken_at_the_time_of_the_positions(log, tmp_path):
-    states = [(TOPIC, ns, ros2_state(ns, log.names, q)) for ns, q in zip(stamps(log), log.q, strict=True)]
+    states = [
+        (TOPIC, ns, ros2_state(ns, log.names, q)) for ns, q in zip(stamps(log), log.q, strict=True)
+    ]
     torques = [("/tau", ns, ros2_array(tau)) for ns, tau in zip(stamps(log), log.tau, strict=True)]
     path = write_rosbag2(tmp_path / "bag", sorted(states + torques, key=lambda entry: entry[1]))
     robot = replace(lwr(), driver=replace(lwr().driver, effort_topic="/tau", joint_names=log.names))
@@ -78,10 +92,16 @@ def test_torques_of_their_own_topic_are_taken_at_the_time_of_the_positions(log, 
 
 @pytest.mark.parametrize("array", [True, False], ids=["Float64MultiArray", "JointState"])
 def test_torques_of_their_own_topic_are_taken_from_a_bag_of_ros_1(array, log, tmp_path):
-    states = [(TOPIC, ns, joint_state(ns, log.names, q)) for ns, q in zip(stamps(log), log.q, strict=True)]
+    states = [
+        (TOPIC, ns, joint_state(ns, log.names, q)) for ns, q in zip(stamps(log), log.q, strict=True)
+    ]
     names, later = log.names[::-1], 1_000_000
     torques = [
-        ("/tau", ns + later, ros1_array(tau) if array else joint_state(ns + later, names, (), (), tau[::-1].copy()))
+        (
+            "/tau",
+            ns + later,
+            ros1_array(tau) if array else joint_state(ns + later, names, (), (), tau[::-1].copy()),
+        )
         for ns, tau in zip(stamps(log), log.tau, strict=True)
     ]
     path = write_ros1(tmp_path / "a.bag", sorted(states + torques, key=lambda entry: entry[1]))
@@ -90,7 +110,9 @@ def test_torques_of_their_own_topic_are_taken_from_a_bag_of_ros_1(array, log, tm
     between = np.stack([np.interp(log.t, log.t + 1e-3, tau) for tau in log.tau.T], axis=1)
     some = slice(1, len(found))
     np.testing.assert_array_equal(found.q, log.q[-len(found) :])
-    np.testing.assert_allclose(found.tau[some], between[-len(found) :][some], atol=1e-6 * np.abs(log.tau).max())
+    np.testing.assert_allclose(
+        found.tau[some], between[-len(found) :][some], atol=1e-6 * np.abs(log.tau).max()
+    )
 
 
 @pytest.mark.parametrize("kind", ["single .db3", "MCAP, ROS 1, zstd", "MCAP, ROS 2"])
@@ -123,7 +145,12 @@ def test_a_cut_mcap_gives_the_samples_before_the_cut_and_says_so(log, tmp_path):
 
 def test_a_folder_without_metadata_or_with_a_wrong_one_is_read_by_its_files(log, tmp_path):
     bag = FORMATS["rosbag2 with SQLite"](log, tmp_path)
-    for text in (None, "", "{", "rosbag2_bagfile_information: {relative_file_paths: [gone.db3], version: 5}"):
+    for text in (
+        None,
+        "",
+        "{",
+        "rosbag2_bagfile_information: {relative_file_paths: [gone.db3], version: 5}",
+    ):
         (bag / "metadata.yaml").unlink(missing_ok=True)
         if text is not None:
             (bag / "metadata.yaml").write_text(text)
@@ -147,8 +174,14 @@ def test_a_recording_that_was_split_is_read_in_the_order_of_its_parts(store, log
 def test_joints_that_change_places_within_a_recording_keep_their_names(log, tmp_path):
     """Messages of one length that differ in more than their numbers are not decoded together."""
     messages = of_ros2(log, TOPIC)
-    turned = of_ros2(replace(log, names=log.names[::-1], q=log.q[:, ::-1].copy(), tau=log.tau[:, ::-1].copy()), TOPIC)
-    mixed = [b if 100 <= k < 200 or k % 7 == 0 else a for k, (a, b) in enumerate(zip(messages, turned, strict=True))]
+    turned = of_ros2(
+        replace(log, names=log.names[::-1], q=log.q[:, ::-1].copy(), tau=log.tau[:, ::-1].copy()),
+        TOPIC,
+    )
+    mixed = [
+        b if 100 <= k < 200 or k % 7 == 0 else a
+        for k, (a, b) in enumerate(zip(messages, turned, strict=True))
+    ]
     found = read_log(write_mcap(tmp_path / "a.mcap", mixed, "ros2"), robot=lwr())
     places = [found.names.index(name) for name in log.names]
     np.testing.assert_array_equal(found.q[:, places], log.q)

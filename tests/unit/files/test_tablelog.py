@@ -41,7 +41,9 @@ def test_columns_are_found_by_number_from_0_or_1(tmp_path):
     patterns = {"time": "timestamp", "position": "actual_q_{i}", "effort": "i_{name}"}
     for first in (0, 1):
         path = tmp_path / f"from{first}.csv"
-        path.write_text(f"timestamp,actual_q_{first},actual_q_{first + 1},i_a,i_b\n0,1,2,3,4\n0.1,5,6,7,8\n")
+        path.write_text(
+            f"timestamp,actual_q_{first},actual_q_{first + 1},i_a,i_b\n0,1,2,3,4\n0.1,5,6,7,8\n"
+        )
         log = read_table(path, ("a", "b"), patterns)
         np.testing.assert_array_equal(log.q, [[1, 2], [5, 6]])
         np.testing.assert_array_equal(log.tau, [[3, 4], [7, 8]])
@@ -50,10 +52,15 @@ def test_columns_are_found_by_number_from_0_or_1(tmp_path):
 
 def test_an_unknown_header_is_answered_with_the_columns_to_paste(tmp_path):
     path = tmp_path / "ur.csv"
-    path.write_text("timestamp;actual_q_0;actual_q_1;actual_current_0;actual_current_1\n0;1;2;3;4\n")
+    path.write_text(
+        "timestamp;actual_q_0;actual_q_1;actual_current_0;actual_current_1\n0;1;2;3;4\n"
+    )
     with pytest.raises(LogLayout) as caught:
         read_table(path, ("a", "b"))
-    assert 'columns: {time: "timestamp", position: "actual_q_{i}", effort: "actual_current_{i}"}' in caught.value.fix
+    assert (
+        'columns: {time: "timestamp", position: "actual_q_{i}", effort: "actual_current_{i}"}'
+        in caught.value.fix
+    )
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
@@ -72,15 +79,27 @@ def test_stamps_in_seconds_stay_as_they_are():
 
 
 def test_names_suggest_their_columns():
-    names = ["time_ms", *(f"joint{i}_pos" for i in range(1, 7)), *(f"joint{i}_torque" for i in range(1, 7))]
-    assert suggested(names) == {"time": "time_ms", "position": "joint{i}_pos", "effort": "joint{i}_torque"}
+    names = [
+        "time_ms",
+        *(f"joint{i}_pos" for i in range(1, 7)),
+        *(f"joint{i}_torque" for i in range(1, 7)),
+    ]
+    assert suggested(names) == {
+        "time": "time_ms",
+        "position": "joint{i}_pos",
+        "effort": "joint{i}_torque",
+    }
 
 
 def test_a_parquet_file_with_all_rows_in_one_group_is_read_piece_by_piece(tmp_path):
     pa = pytest.importorskip("pyarrow")
     parquet = pytest.importorskip("pyarrow.parquet")
     rng, rows = np.random.default_rng(0), 500_000
-    columns = {"t": np.arange(rows) / 500, "q_a": rng.standard_normal(rows), "tau_a": rng.standard_normal(rows)}
+    columns = {
+        "t": np.arange(rows) / 500,
+        "q_a": rng.standard_normal(rows),
+        "tau_a": rng.standard_normal(rows),
+    }
     parquet.write_table(pa.table(columns), tmp_path / "log.parquet", row_group_size=rows)
     before, pool = pa.default_memory_pool(), pa.proxy_memory_pool(pa.default_memory_pool())
     pa.set_memory_pool(pool)
@@ -96,5 +115,7 @@ def test_the_unit_of_many_stamps_is_that_of_a_few():
     for count in (1000, 3_000_000):
         t = 1.7e12 + 2.0 * np.arange(count)
         seconds, said = in_seconds(t, "t", "log.csv")
-        np.testing.assert_allclose(seconds[[0, 1, -1]], 0.002 * np.array([0, 1, count - 1]), atol=1e-9)
+        np.testing.assert_allclose(
+            seconds[[0, 1, -1]], 0.002 * np.array([0, 1, count - 1]), atol=1e-9
+        )
         assert said[0].evidence == {"unit": "ms", "seconds": pytest.approx(0.002 * (count - 1))}

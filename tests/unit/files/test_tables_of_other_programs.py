@@ -41,13 +41,21 @@ def each(form, start=0):
 
 def dated(form, utc=True):
     stamps = (START + timedelta(seconds=t) for t in T)
-    return [stamp.strftime(form)[:-3] if form.endswith("%f") else stamp.strftime(form) for stamp in stamps]
+    return [
+        stamp.strftime(form)[:-3] if form.endswith("%f") else stamp.strftime(form)
+        for stamp in stamps
+    ]
 
 
 EXCEL = codecs.BOM_UTF8.decode() + table(
-    ["Zeit [s]", *each("Position {} [rad]", 1), *each("Drehmoment {} [Nm]", 1)], T, Q, TAU, delimiter=";",
-    form=lambda x: f"{x:.6f}".replace(".", ","), end="\r\n",
-)  # fmt: skip
+    ["Zeit [s]", *each("Position {} [rad]", 1), *each("Drehmoment {} [Nm]", 1)],
+    T,
+    Q,
+    TAU,
+    delimiter=";",
+    form=lambda x: f"{x:.6f}".replace(".", ","),
+    end="\r\n",
+)
 HEADER = ["Time", *each("J{} angle", 1), *each("J{} torque", 1)]
 FILES = {
     "European Excel": EXCEL.encode(),
@@ -59,90 +67,234 @@ FILES = {
     "tabs": table(HEADER, T, Q, TAU, delimiter="\t").encode(),
     "bars": table(HEADER, T, Q, TAU, delimiter=" | ").encode(),
     "thousands, decimal commas": table(
-        ["t [ms]", *each("q{} [rad]"), *each("tau{} [mNm]")], T * 1e3, Q, TAU * 1e3, delimiter=";", form=german
+        ["t [ms]", *each("q{} [rad]"), *each("tau{} [mNm]")],
+        T * 1e3,
+        Q,
+        TAU * 1e3,
+        delimiter=";",
+        form=german,
     ).encode(),
     "thousands, quoted": table(
-        ["t_ms", *each("q{}"), *each("tau{} [mNm]")], T * 1e3, Q, TAU * 1e3, form=lambda x: f'"{x:,.6f}"'
+        ["t_ms", *each("q{}"), *each("tau{} [mNm]")],
+        T * 1e3,
+        Q,
+        TAU * 1e3,
+        form=lambda x: f'"{x:,.6f}"',
     ).encode(),
     "thousands, apostrophes": table(
-        ["t_ms", *each("q{}"), *each("tau{} (mNm)")], T * 1e3, Q, TAU * 1e3, delimiter=";",
+        ["t_ms", *each("q{}"), *each("tau{} (mNm)")],
+        T * 1e3,
+        Q,
+        TAU * 1e3,
+        delimiter=";",
         form=lambda x: f"{x:,.6f}".replace(",", "'"),
     ).encode(),
     "units in a second line": table(
         ["time", *each("pos_{}"), *each("trq_{}")],
-        T, np.rad2deg(Q), TAU, head="Recorded by A. Person;2024-05-01\n",
-    ).replace("trq_2\n", "trq_2\n[s],[deg],[deg],[deg],[Nm],[Nm],[Nm]\n").encode(),
+        T,
+        np.rad2deg(Q),
+        TAU,
+        head="Recorded by A. Person;2024-05-01\n",
+    )
+    .replace("trq_2\n", "trq_2\n[s],[deg],[deg],[deg],[Nm],[Nm],[Nm]\n")
+    .encode(),
     "groups in a first line": (
         "Time,Position,,,Torque,,\n,1,2,3,1,2,3\n" + table(["x"], T, Q, TAU).partition("\n")[2]
     ).encode(),
     "quoted names": table(
-        ['"Time, s"', *(f'"{name}, position"' for name in NAMES), *(f'"{name}, torque"' for name in NAMES)], T, Q, TAU
+        [
+            '"Time, s"',
+            *(f'"{name}, position"' for name in NAMES),
+            *(f'"{name}, torque"' for name in NAMES),
+        ],
+        T,
+        Q,
+        TAU,
     ).encode(),
     "rostopic echo -p": table(
-        ["%time", "field.header.seq", "field.header.stamp", "field.header.frame_id", *each("field.name{}"),
-         *each("field.position{}"), *each("field.velocity{}"), *each("field.effort{}")],
-        np.round(T * 1e9 + 1.7e18), np.arange(N), np.round(T * 1e9 + 1.7e18), ["base"] * N,
-        *([name] * N for name in NAMES), Q, QD, TAU, form=lambda x: f"{x:.0f}" if x == round(x) else repr(x),
+        [
+            "%time",
+            "field.header.seq",
+            "field.header.stamp",
+            "field.header.frame_id",
+            *each("field.name{}"),
+            *each("field.position{}"),
+            *each("field.velocity{}"),
+            *each("field.effort{}"),
+        ],
+        np.round(T * 1e9 + 1.7e18),
+        np.arange(N),
+        np.round(T * 1e9 + 1.7e18),
+        ["base"] * N,
+        *([name] * N for name in NAMES),
+        Q,
+        QD,
+        TAU,
+        form=lambda x: f"{x:.0f}" if x == round(x) else repr(x),
     ).encode(),
     "bagpy": table(
-        ["Time", "header.seq", "header.stamp.secs", "header.stamp.nsecs", *each("name_{}"), *each("position_{}"),
-         *each("velocity_{}"), *each("effort_{}")],
-        T, np.arange(N), np.full(N, 1.7e9), T * 1e9, *([name] * N for name in NAMES), Q, QD, TAU,
+        [
+            "Time",
+            "header.seq",
+            "header.stamp.secs",
+            "header.stamp.nsecs",
+            *each("name_{}"),
+            *each("position_{}"),
+            *each("velocity_{}"),
+            *each("effort_{}"),
+        ],
+        T,
+        np.arange(N),
+        np.full(N, 1.7e9),
+        T * 1e9,
+        *([name] * N for name in NAMES),
+        Q,
+        QD,
+        TAU,
     ).encode(),
     "seconds and nanoseconds": table(
         ["stamp.sec", "stamp.nanosec", *each("position_{}"), *each("effort_{}")],
-        1_700_000_000 + np.floor(T + 0.9).astype(int), np.round((T + 0.9) % 1.0 * 1e9).astype(int), Q, TAU,
+        1_700_000_000 + np.floor(T + 0.9).astype(int),
+        np.round((T + 0.9) % 1.0 * 1e9).astype(int),
+        Q,
+        TAU,
     ).encode(),
     "PlotJuggler": "".join(
         # A row for each message of any topic; cells of the others are empty.
         line + ("\n" + ",".join([f"{T[k - 1] + 0.004}"] + [""] * 9 + ["7"]) if k else "") + "\n"
         for k, line in enumerate(
             table(
-                ["__time", *(f"/joint_states/{name}/{kind}" for kind in ("position", "velocity", "effort")
-                             for name in NAMES), "/battery/voltage"],
-                T, Q, QD, TAU, [""] * N,
+                [
+                    "__time",
+                    *(
+                        f"/joint_states/{name}/{kind}"
+                        for kind in ("position", "velocity", "effort")
+                        for name in NAMES
+                    ),
+                    "/battery/voltage",
+                ],
+                T,
+                Q,
+                QD,
+                TAU,
+                [""] * N,
             ).splitlines()
         )
     ).encode(),
     "ur_rtde": table(
-        ["timestamp", *each("target_q_{}"), *each("target_qd_{}"), *each("actual_q_{}"), *each("actual_qd_{}"),
-         *each("actual_TCP_speed_{}"), *each("target_moment_{}"), *each("actual_torque_{}")],
-        T + 421.5, -Q, -QD, Q, QD, Q, -TAU, TAU, delimiter=" ",
+        [
+            "timestamp",
+            *each("target_q_{}"),
+            *each("target_qd_{}"),
+            *each("actual_q_{}"),
+            *each("actual_qd_{}"),
+            *each("actual_TCP_speed_{}"),
+            *each("target_moment_{}"),
+            *each("actual_torque_{}"),
+        ],
+        T + 421.5,
+        -Q,
+        -QD,
+        Q,
+        QD,
+        Q,
+        -TAU,
+        TAU,
+        delimiter=" ",
     ).encode(),
     "libfranka": table(
-        ["duration", " success rate", *each(" q[{}]"), *each(" q_d[{}]"), *each("dq[{}]"), *each("dq_d[{}]"),
-         *each("tau_J[{}]"), *each("tau_ext_hat_filtered[{}]"), "sent commands", *each("q_d[{}]"),
-         *(f"O_T_EE_d[{k}]" for k in range(16)), *each("tau_J_d[{}]")],
-        T * 1e3, np.ones(N), Q, -Q, QD, -QD, TAU, 0 * TAU, [""] * N, -Q, np.zeros((N, 16)), -TAU,
+        [
+            "duration",
+            " success rate",
+            *each(" q[{}]"),
+            *each(" q_d[{}]"),
+            *each("dq[{}]"),
+            *each("dq_d[{}]"),
+            *each("tau_J[{}]"),
+            *each("tau_ext_hat_filtered[{}]"),
+            "sent commands",
+            *each("q_d[{}]"),
+            *(f"O_T_EE_d[{k}]" for k in range(16)),
+            *each("tau_J_d[{}]"),
+        ],
+        T * 1e3,
+        np.ones(N),
+        Q,
+        -Q,
+        QD,
+        -QD,
+        TAU,
+        0 * TAU,
+        [""] * N,
+        -Q,
+        np.zeros((N, 16)),
+        -TAU,
     ).encode(),
     "KUKA Sunrise": table(
-        ["ZeitSek", "ZeitNsec",
-         *each("axisQMsr_LBR_iiwa_14_R820_1_A{}", 1), *each("axisQCmd_LBR_iiwa_14_R820_1_A{}", 1),
-         *each("axisTauMsr_LBR_iiwa_14_R820_1_A{}", 1), *each("axisTauExtMsr_LBR_iiwa_14_R820_1_A{}", 1)],
-        np.full(N, 1_500_000_000), np.round(T * 1e9).astype(int), Q, -Q, TAU, 0 * TAU, delimiter=" ",
+        [
+            "ZeitSek",
+            "ZeitNsec",
+            *each("axisQMsr_LBR_iiwa_14_R820_1_A{}", 1),
+            *each("axisQCmd_LBR_iiwa_14_R820_1_A{}", 1),
+            *each("axisTauMsr_LBR_iiwa_14_R820_1_A{}", 1),
+            *each("axisTauExtMsr_LBR_iiwa_14_R820_1_A{}", 1),
+        ],
+        np.full(N, 1_500_000_000),
+        np.round(T * 1e9).astype(int),
+        Q,
+        -Q,
+        TAU,
+        0 * TAU,
+        delimiter=" ",
     ).encode(),
     "KUKA FRI": table(
-        ["Time [ms]", *each("msrJntPos A{}", 1), *each("cmdJntPos A{}", 1), *each("msrJntTrq A{}", 1),
-         *each("estExtJntTrq A{}", 1)],
-        T * 1e3, Q, -Q, TAU, 0 * TAU,
+        [
+            "Time [ms]",
+            *each("msrJntPos A{}", 1),
+            *each("cmdJntPos A{}", 1),
+            *each("msrJntTrq A{}", 1),
+            *each("estExtJntTrq A{}", 1),
+        ],
+        T * 1e3,
+        Q,
+        -Q,
+        TAU,
+        0 * TAU,
     ).encode(),
-    "microseconds": table(["time", *each("q{}"), *each("tau{}")], np.round(T * 1e6).astype(int), Q, TAU).encode(),
-    "dates, ISO 8601": table(["time", *each("q{}"), *each("tau{}")], dated("%Y-%m-%dT%H:%M:%S.%fZ"), Q, TAU).encode(),
-    "dates of pandas": table(["", *each("q{}"), *each("tau{}")], dated("%Y-%m-%d %H:%M:%S.%f"), Q, TAU).encode(),
+    "microseconds": table(
+        ["time", *each("q{}"), *each("tau{}")], np.round(T * 1e6).astype(int), Q, TAU
+    ).encode(),
+    "dates, ISO 8601": table(
+        ["time", *each("q{}"), *each("tau{}")], dated("%Y-%m-%dT%H:%M:%S.%fZ"), Q, TAU
+    ).encode(),
+    "dates of pandas": table(
+        ["", *each("q{}"), *each("tau{}")], dated("%Y-%m-%d %H:%M:%S.%f"), Q, TAU
+    ).encode(),
     "dates, German": table(
-        ["Zeit", *each("q{}"), *each("tau{}")], dated("%d.%m.%Y %H:%M:%S,%f"), Q, TAU, delimiter=";",
+        ["Zeit", *each("q{}"), *each("tau{}")],
+        dated("%d.%m.%Y %H:%M:%S,%f"),
+        Q,
+        TAU,
+        delimiter=";",
         form=lambda x: repr(x).replace(".", ","),
     ).encode(),
-    "dates, American": table(["Time", *each("q{}"), *each("tau{}")], dated("%m/%d/%Y %H:%M:%S.%f"), Q, TAU).encode(),
-    "names in German letters": table(
-        ["t", *(f"Gelenk_{x}.position" for x in "äöü"), *(f"Gelenk_{x}.moment" for x in "äöü")], T, Q, TAU
+    "dates, American": table(
+        ["Time", *each("q{}"), *each("tau{}")], dated("%m/%d/%Y %H:%M:%S.%f"), Q, TAU
     ).encode(),
-}  # fmt: skip
+    "names in German letters": table(
+        ["t", *(f"Gelenk_{x}.position" for x in "äöü"), *(f"Gelenk_{x}.moment" for x in "äöü")],
+        T,
+        Q,
+        TAU,
+    ).encode(),
+}
 
 
 def robot_of(snippet, tmp_path, names=NAMES):
     joints = "".join(f"  - {{name: {name}}}\n" for name in names)
-    return parse_robot(f"name: x\nconvention: standard\njoints:\n{joints}{snippet}\n", tmp_path / "x.yaml")
+    return parse_robot(
+        f"name: x\nconvention: standard\njoints:\n{joints}{snippet}\n", tmp_path / "x.yaml"
+    )
 
 
 def pasted(path, tmp_path):
@@ -169,9 +321,12 @@ def test_joints_are_taken_by_their_names_where_a_table_holds_them(tmp_path):
     path = tmp_path / "log.csv"
     path.write_bytes(FILES["rostopic echo -p"])
     robot = robot_of(
-        inspect_log(path).snippet().replace("[shoulder, elbow, wrist]", "[wrist, shoulder, elbow]"), tmp_path
+        inspect_log(path).snippet().replace("[shoulder, elbow, wrist]", "[wrist, shoulder, elbow]"),
+        tmp_path,
     )
-    np.testing.assert_array_equal(robot_columns(read_log(path, robot=robot), robot).q, Q[:, [2, 0, 1]])
+    np.testing.assert_array_equal(
+        robot_columns(read_log(path, robot=robot), robot).q, Q[:, [2, 0, 1]]
+    )
 
 
 @pytest.mark.parametrize("index", ["unnamed", "named", "dates", "words", "rows"])
@@ -180,10 +335,12 @@ def test_a_parquet_of_pandas_is_read_with_its_index(index, tmp_path):
     path = tmp_path / "log.parquet"
     frame = pandas.DataFrame(np.hstack([Q, TAU]), columns=[*each("q_{}"), *each("tau_{}")])
     frame.index = {
-        "unnamed": pandas.Index(T), "named": pandas.Index(T, name="time"),
+        "unnamed": pandas.Index(T),
+        "named": pandas.Index(T, name="time"),
         "words": pandas.Index(dated("%Y-%m-%dT%H:%M:%S.%f+01:00"), name="time"),
-        "dates": pandas.DatetimeIndex([START + timedelta(seconds=t) for t in T]), "rows": frame.index,
-    }[index]  # fmt: skip
+        "dates": pandas.DatetimeIndex([START + timedelta(seconds=t) for t in T]),
+        "rows": frame.index,
+    }[index]
     if index == "rows":
         frame["t"] = T
     frame.to_parquet(path)

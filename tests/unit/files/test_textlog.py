@@ -24,7 +24,9 @@ def folder(tmp_path, names=None, separator=" ", time=None, **extra):
 
 @pytest.mark.parametrize("separator", [" ", "\t", ",", ", "])
 def test_the_papers_folder_is_read_with_blanks_tabs_or_commas(tmp_path, separator):
-    log = read_folder(folder(tmp_path, separator=separator, time=[0, 0.01, 0.02, 0.03], velocity=5 * Q))
+    log = read_folder(
+        folder(tmp_path, separator=separator, time=[0, 0.01, 0.02, 0.03], velocity=5 * Q)
+    )
     np.testing.assert_array_equal(log.q, Q)
     np.testing.assert_array_equal(log.qd, 5 * Q)
     np.testing.assert_array_equal(log.tau, 10 * Q)
@@ -38,7 +40,9 @@ def test_a_header_line_names_the_joints(tmp_path):
 
 def test_torque_columns_follow_the_names_of_the_position_file(tmp_path):
     folder(tmp_path, names=("a", "b", "c"))
-    (tmp_path / "torque.txt").write_text("c a b\n" + "\n".join(f"{30 * i + 2} {30 * i} {30 * i + 1}" for i in range(4)))
+    (tmp_path / "torque.txt").write_text(
+        "c a b\n" + "\n".join(f"{30 * i + 2} {30 * i} {30 * i + 1}" for i in range(4))
+    )
     log = read_folder(tmp_path, rate=100)
     np.testing.assert_array_equal(log.tau[:, 0], 30 * np.arange(4))
     np.testing.assert_array_equal(log.tau[:, 2], 30 * np.arange(4) + 2)
@@ -46,7 +50,9 @@ def test_torque_columns_follow_the_names_of_the_position_file(tmp_path):
 
 def test_the_first_column_is_time_only_when_its_name_says_so(tmp_path):
     folder(tmp_path)
-    (tmp_path / "position.txt").write_text("time a b c\n" + "\n".join(f"{0.5 * i} 1 2 3" for i in range(4)))
+    (tmp_path / "position.txt").write_text(
+        "time a b c\n" + "\n".join(f"{0.5 * i} 1 2 3" for i in range(4))
+    )
     log = read_folder(tmp_path)
     np.testing.assert_array_equal(log.t, 0.5 * np.arange(4))
     assert log.names == ("a", "b", "c")

@@ -29,7 +29,9 @@ def stored(**changes):
     rng = np.random.default_rng(0)
     motion = Motion(np.arange(5) / 100, *rng.standard_normal((3, 5, 7)))
     basis = {"kind": "quintic", "knots": [0.0, 1.0]}
-    facts = StoredTrajectory(ROBOT.name, ROBOT.joint_names, motion, 0.5, basis, rng.standard_normal((2, 7)))
+    facts = StoredTrajectory(
+        ROBOT.name, ROBOT.joint_names, motion, 0.5, basis, rng.standard_normal((2, 7))
+    )
     return replace(facts, **changes)
 
 
@@ -42,7 +44,11 @@ def test_file_comes_back_as_it_was(tmp_path):
     assert found.review == mark
     assert np.array_equal(found.motion.qd, original.motion.qd)
     assert np.array_equal(found.selected, [0, 3])
-    assert (found.alpha, found.basis, found.facts["inputs"]) == (0.5, original.basis, {"robot": "x"})
+    assert (found.alpha, found.basis, found.facts["inputs"]) == (
+        0.5,
+        original.basis,
+        {"robot": "x"},
+    )
 
 
 def test_review_of_another_motion_does_not_count():
@@ -83,7 +89,9 @@ def test_joint_trajectory_speaks_the_drivers_language(tmp_path):
     assert message["joint_names"] == list(names)
     assert len(message["points"]) == 5
     point = message["points"][3]
-    assert np.allclose(np.array(sign) * point["positions"] + offset, stored().motion.q[3], atol=1e-8)
+    assert np.allclose(
+        np.array(sign) * point["positions"] + offset, stored().motion.q[3], atol=1e-8
+    )
     assert np.allclose(np.array(sign) * point["velocities"], stored().motion.qd[3], atol=1e-8)
     assert len(point["accelerations"]) == 7
     assert point["time_from_start"] == {"secs": 0, "nsecs": 30_000_000}

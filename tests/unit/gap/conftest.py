@@ -36,7 +36,11 @@ class TwoLinkLogs:
         tau = tau + NOISE * np.random.default_rng(1000 + noise).standard_normal(q.shape)
         log = Log(start + t, q, tau, self.base.robot.joint_names)
         found = condition_log(log, self.base.model, cutoff=10.0)
-        return replace(found, name=name, segments=[replace(s, elapsed=s.elapsed + start) for s in found.segments])
+        return replace(
+            found,
+            name=name,
+            segments=[replace(s, elapsed=s.elapsed + start) for s in found.segments],
+        )
 
     def logs(self, added=None, *, plans=(1, 2), repeats=2, first=0, **options):
         """Return logs of several motions, each driven several times."""
@@ -44,7 +48,9 @@ class TwoLinkLogs:
         for plan in plans:
             for _ in range(repeats):
                 k = len(made)
-                made.append(self.log(plan, first + k, added, start=20.0 * k, name=f"log {k + 1}", **options))
+                made.append(
+                    self.log(plan, first + k, added, start=20.0 * k, name=f"log {k + 1}", **options)
+                )
         return made
 
     def problem(self, added=None, kept=None, **options):
@@ -91,4 +97,6 @@ def old(twolinks):
 @pytest.fixture(scope="session")
 def kept(twolinks, old):
     """The model that was identified from the earlier logs."""
-    return kept_model(estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None))
+    return kept_model(
+        estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None)
+    )

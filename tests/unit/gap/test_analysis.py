@@ -29,7 +29,9 @@ def test_what_these_logs_cannot_show_is_listed(twolinks):
     assert "asymmetric_viscous" not in seen.invisible
 
 
-def test_the_simulation_with_the_effect_follows_the_held_out_motion_more_closely(twolinks, on_joint):
+def test_the_simulation_with_the_effect_follows_the_held_out_motion_more_closely(
+    twolinks, on_joint
+):
     pytest.importorskip("pybullet")
     sources = twolinks.logs(lambda t, q, qd, qdd: on_joint(1, 0.3 * np.abs(qd[:, 1])))
     seen = analyse_gap(sources, twolinks.base, None, SOME)
@@ -38,21 +40,30 @@ def test_the_simulation_with_the_effect_follows_the_held_out_motion_more_closely
     assert after[1] < 0.5 * before[1]
 
 
-def test_what_does_not_help_on_held_out_rows_is_withdrawn_and_the_rest_proved_again(twolinks, on_joint):
+def test_what_does_not_help_on_held_out_rows_is_withdrawn_and_the_rest_proved_again(
+    twolinks, on_joint
+):
     """An offset that is gone in the held-out part, jointly with friction that stays."""
     sources = on_one_clock(
         twolinks.logs(
-            lambda t, q, qd, qdd: on_joint(0, 0.2 * np.abs(qd[:, 0])) + on_joint(1, np.where(t % 20 < 12, 0.3, 0.0))
+            lambda t, q, qd, qdd: (
+                on_joint(0, 0.2 * np.abs(qd[:, 0])) + on_joint(1, np.where(t % 20 < 12, 0.3, 0.0))
+            )
         )
     )
     options = SelectionOptions(effects=("torque_offset", "asymmetric_viscous"))
     search = search_effects(sources, twolinks.base, None, options)
-    assert {one.key for one in search.selected} >= {("torque_offset", (1,)), ("asymmetric_viscous", (0,))}
+    assert {one.key for one in search.selected} >= {
+        ("torque_offset", (1,)),
+        ("asymmetric_viscous", (0,)),
+    }
     proof = proved(search.problem, search)
     assert ("torque_offset", (1,)) in {one.key for one, _ in proof.refused}
     assert [one.key for one in proof.effects] == [("asymmetric_viscous", (0,))]
     assert [one.key for one in proof.search.selected] == [("asymmetric_viscous", (0,))]
-    assert not any(refusal(proof.search, proof.effects, one, proof.improvement) for one in proof.effects)
+    assert not any(
+        refusal(proof.search, proof.effects, one, proof.improvement) for one in proof.effects
+    )
     assert len(refit(search)[0]) == len(proof.effects) + len(proof.refused)
 
 
@@ -60,7 +71,9 @@ def test_what_is_shown_after_is_what_is_named_alone(twolinks, on_joint):
     """The held-out error after is that of a model with the named effect and without the withdrawn one."""
     sources = on_one_clock(
         twolinks.logs(
-            lambda t, q, qd, qdd: on_joint(0, 0.2 * np.abs(qd[:, 0])) + on_joint(1, np.where(t % 20 < 12, 0.3, 0.0))
+            lambda t, q, qd, qdd: (
+                on_joint(0, 0.2 * np.abs(qd[:, 0])) + on_joint(1, np.where(t % 20 < 12, 0.3, 0.0))
+            )
         )
     )
     options = SelectionOptions(effects=("torque_offset", "asymmetric_viscous"))
@@ -75,7 +88,9 @@ def test_what_is_shown_after_is_what_is_named_alone(twolinks, on_joint):
 
 def test_time_runs_through_logs_whose_stamps_do(twolinks):
     made = [twolinks.log(1, k, start=100.0 * k) for k in range(3)]
-    is_new = [replace(s, segments=[replace(x, elapsed=x.t - x.t[0]) for x in s.segments]) for s in made]
+    is_new = [
+        replace(s, segments=[replace(x, elapsed=x.t - x.t[0]) for x in s.segments]) for s in made
+    ]
     for k, source in enumerate(on_one_clock(is_new)):
         assert source.segments[0].elapsed[0] == pytest.approx(100.0 * k, abs=0.2)
 

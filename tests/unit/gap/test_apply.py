@@ -14,7 +14,9 @@ from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.robot import EffectSpec
 
-SPRING = EffectSpec("spring", ("elbow",), {"k1": 0.3, "c": 0.0, "order": 1.0, "constant": 1.0}, {"k1": 0.01})
+SPRING = EffectSpec(
+    "spring", ("elbow",), {"k1": 0.3, "c": 0.0, "order": 1.0, "constant": 1.0}, {"k1": 0.01}
+)
 OFFSET = EffectSpec("torque_offset", ("shoulder", "elbow"), {"c": 0.1}, {})
 
 
@@ -80,7 +82,10 @@ def test_the_logs_are_stacked_with_the_columns_of_the_effect(springy, twolinks):
     """Least squares on that stack finds the stiffness that the torques were made with."""
     sources, seen = springy
     base, stack = stacked_with(
-        sources, twolinks.base, specs_of(seen.verdict.named, twolinks.base.robot), seen.problem.theta
+        sources,
+        twolinks.base,
+        specs_of(seen.verdict.named, twolinks.base.robot),
+        seen.problem.theta,
     )
     assert "spring2_k1" in base.reduction.base_names
     found = estimate(stack, base, method="wls", holdout=None)
@@ -91,8 +96,13 @@ def test_the_logs_are_stacked_with_the_columns_of_the_effect(springy, twolinks):
 
 def test_the_error_of_a_shape_that_is_not_determined_is_not_written(twolinks):
     held = SelectedEffect(
-        CATALOGUE["torque_drift"], (0,), {"tc": 1e6}, None, 1.0,
-        values={"a": 0.1, "tc": 1e6}, std_errors={"a": 0.01, "tc": float("inf")},
-    )  # fmt: skip
+        CATALOGUE["torque_drift"],
+        (0,),
+        {"tc": 1e6},
+        None,
+        1.0,
+        values={"a": 0.1, "tc": 1e6},
+        std_errors={"a": 0.01, "tc": float("inf")},
+    )
     (spec,) = specs_of([held], twolinks.base.robot)
     assert spec.std_error == {"a": 0.01}

@@ -16,19 +16,31 @@ from dynid.gap.stepwise_selection import SelectionOptions
 
 def compared(problem):
     """Return which joints of a problem with old and new logs have changed."""
-    return change_test(problem.segments, problem.train, list(map(nuisance_columns, problem.segments)), problem.held_by)
+    return change_test(
+        problem.segments,
+        problem.train,
+        list(map(nuisance_columns, problem.segments)),
+        problem.held_by,
+    )
 
 
 def test_nothing_has_changed_on_another_motion_of_the_same_arm(twolinks, old, kept):
     problem = make_problem(twolinks.logs(plans=(5, 6), first=20), twolinks.base, kept, old)
     assert compared(problem).joints == ()
     seen = analyse_gap(
-        twolinks.logs(plans=(5, 6), first=20), twolinks.base, kept, SelectionOptions(), simulate=False, earlier=old
+        twolinks.logs(plans=(5, 6), first=20),
+        twolinks.base,
+        kept,
+        SelectionOptions(),
+        simulate=False,
+        earlier=old,
     )
     assert (seen.verdict.word, seen.effects) == ("nothing_changed", ())
 
 
-def test_more_friction_is_named_with_its_size_on_its_joint_alone(twolinks, old, kept, more_friction):
+def test_more_friction_is_named_with_its_size_on_its_joint_alone(
+    twolinks, old, kept, more_friction
+):
     new = twolinks.logs(more_friction, plans=(5, 6), first=20)
     problem = make_problem(new, twolinks.base, kept, old)
     change = compared(problem)
@@ -44,7 +56,9 @@ def test_what_was_always_there_is_no_change(twolinks, on_joint):
     """A spring that the model lacks, in old and new logs alike."""
     spring = lambda t, q, qd, qdd: on_joint(1, 2.0 * q[:, 1])  # noqa: E731
     old = twolinks.logs(spring, plans=(1, 2))
-    kept = kept_model(estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None))
+    kept = kept_model(
+        estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None)
+    )
     new = twolinks.logs(spring, plans=(5, 6), first=20)
     seen = analyse_gap(new, twolinks.base, kept, SelectionOptions(), simulate=False, earlier=old)
     assert seen.verdict.named == ()
@@ -58,16 +72,24 @@ def test_what_was_always_there_is_no_change(twolinks, on_joint):
         (lambda q, qd: np.tanh((q[:, 1] - 0.5) / 0.05), (3,), (4,), 1),
     ],
 )
-def test_what_a_model_lacks_on_another_motion_is_no_change(twolinks, on_joint, lacking, before, now, repeats):
+def test_what_a_model_lacks_on_another_motion_is_no_change(
+    twolinks, on_joint, lacking, before, now, repeats
+):
     """Torques ten times the noise and more that no column says, in old and new logs alike, which move elsewhere."""
     there = lambda t, q, qd, qdd: on_joint(1, lacking(q, qd))  # noqa: E731
     old = twolinks.logs(there, plans=before, repeats=repeats)
-    kept = kept_model(estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None))
-    problem = make_problem(twolinks.logs(there, plans=now, repeats=repeats, first=20), twolinks.base, kept, old)
+    kept = kept_model(
+        estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None)
+    )
+    problem = make_problem(
+        twolinks.logs(there, plans=now, repeats=repeats, first=20), twolinks.base, kept, old
+    )
     assert compared(problem).joints == ()
 
 
-def test_what_shakes_a_joint_since_then_has_changed_it_though_no_parameters_absorb_it(twolinks, on_joint, old, kept):
+def test_what_shakes_a_joint_since_then_has_changed_it_though_no_parameters_absorb_it(
+    twolinks, on_joint, old, kept
+):
     """A vibration that none of the columns follows: old and new logs ask for the same parameters."""
     shake = lambda t, q, qd, qdd: on_joint(1, 0.15 * np.sin(2.0 * np.pi * 3.0 * t))  # noqa: E731
     problem = make_problem(twolinks.logs(shake, plans=(5, 6), first=20), twolinks.base, kept, old)
@@ -86,30 +108,49 @@ def test_rows_of_like_speed_tell_whether_new_logs_leave_more(twolinks, on_joint,
         )
 
     old = twolinks.logs(rings(0.0), plans=(1, 2))
-    kept = kept_model(estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None))
-    problem = make_problem(twolinks.logs(rings(shaken), plans=(5, 6), first=20), twolinks.base, kept, old)
+    kept = kept_model(
+        estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None)
+    )
+    problem = make_problem(
+        twolinks.logs(rings(shaken), plans=(5, 6), first=20), twolinks.base, kept, old
+    )
     assert compared(problem).joints == joints
 
 
 def test_rows_that_are_few_prove_no_change(twolinks, old, kept, more_friction):
     """Half as many rows as parameters: one set for them alone fits anything, and foretells nothing."""
-    problem = make_problem(twolinks.logs(more_friction, plans=(5,), repeats=1, first=20), twolinks.base, kept, old)
-    few = [m & (s.is_new <= (np.arange(len(m)) < 12)) for m, s in zip(problem.train, problem.segments, strict=True)]
+    problem = make_problem(
+        twolinks.logs(more_friction, plans=(5,), repeats=1, first=20), twolinks.base, kept, old
+    )
+    few = [
+        m & (s.is_new <= (np.arange(len(m)) < 12))
+        for m, s in zip(problem.train, problem.segments, strict=True)
+    ]
     assert compared(replace(problem, train=few)).joints == ()
 
 
 def test_the_growth_is_that_of_fits_of_all_rows_at_once(twolinks, old, kept, more_friction):
     """Chow's statistic by least squares of stacked, weighted rows instead of normal equations."""
-    problem = make_problem(twolinks.logs(more_friction, plans=(5, 6), first=20), twolinks.base, kept, old)
+    problem = make_problem(
+        twolinks.logs(more_friction, plans=(5, 6), first=20), twolinks.base, kept, old
+    )
     found, eras = compared(problem), []
     for is_new in (False, True):
-        parts = [(s, m) for s, m in zip(problem.segments, problem.train, strict=True) if s.is_new is is_new]
+        parts = [
+            (s, m)
+            for s, m in zip(problem.segments, problem.train, strict=True)
+            if s.is_new is is_new
+        ]
         eras.append([stacked(parts, j) for j in range(2)])
 
     def left(groups, sigma):
         """Return what one set of parameters leaves of each joint of each group."""
-        A = np.vstack([rows[:, :-1] / s for group in groups for rows, s in zip(group, sigma, strict=True)])
-        y = np.concatenate([rows[:, -1] / s for group in groups for rows, s in zip(group, sigma, strict=True)])
+        A = np.vstack(
+            [rows[:, :-1] / s for group in groups for rows, s in zip(group, sigma, strict=True)]
+        )
+        y = np.concatenate(
+            [rows[:, -1] / s for group in groups for rows, s in zip(group, sigma, strict=True)]
+        )
         held = problem.held_by
         prior = np.zeros((len(held), A.shape[1]))
         prior[:, : held.shape[1] - 1] = held[:, :-1]
@@ -117,12 +158,16 @@ def test_the_growth_is_that_of_fits_of_all_rows_at_once(twolinks, old, kept, mor
         known = np.eye(A.shape[1])[held.shape[1] - 1 :]
         value = np.concatenate([y, held[:, -1], np.zeros(len(known))])
         x = np.linalg.lstsq(np.vstack([A, prior, known]), value, rcond=1e-9)[0]
-        return np.array([[np.sum((rows[:, -1] - rows[:, :-1] @ x) ** 2) for rows in group] for group in groups])
+        return np.array(
+            [[np.sum((rows[:, -1] - rows[:, :-1] @ x) ** 2) for rows in group] for group in groups]
+        )
 
     counts = np.array([[len(rows) for rows in era] for era in eras]).sum(axis=0)
     sigma = np.sqrt(sum(left([era], np.ones(2))[0] for era in eras) / counts)
     apart = sum(left([era], sigma)[0] for era in eras)
-    np.testing.assert_allclose(found.growth, np.sqrt(left(eras, sigma).sum(axis=0) / apart), rtol=2e-3)
+    np.testing.assert_allclose(
+        found.growth, np.sqrt(left(eras, sigma).sum(axis=0) / apart), rtol=2e-3
+    )
 
 
 def stacked(parts, joint):
@@ -144,18 +189,27 @@ def test_effects_act_in_new_logs_alone(twolinks, old, kept, more_friction):
     is_new = {s.number for s in problem.segments if s.is_new}
     assert len(is_new) == len(new)
     assert not is_new & {s.number for s in problem.segments if not s.is_new}
-    assert all(not held.any() for s, held in zip(problem.segments, problem.held, strict=True) if not s.is_new)
+    assert all(
+        not held.any()
+        for s, held in zip(problem.segments, problem.held, strict=True)
+        if not s.is_new
+    )
     assert replace(problem, pooled=False).since is False
 
 
 def test_noise_of_a_comparison_does_not_know_held_out_rows(twolinks, on_joint):
     """Whatever is recorded in them, what rows count for must not depend on the rows that are the proof."""
     old = twolinks.logs(plans=(1, 2), repeats=1, seconds=10.0)
-    kept = kept_model(estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None))
+    kept = kept_model(
+        estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None)
+    )
     late = lambda t, q, qd, qdd: on_joint(0, 3.0 * np.sin(2.0 * t) * (t % 20.0 > 7.0))  # noqa: E731
     one, other = (
         make_problem(
-            twolinks.logs(added, plans=(5, 6), repeats=1, first=20, seconds=10.0), twolinks.base, kept, old
+            twolinks.logs(added, plans=(5, 6), repeats=1, first=20, seconds=10.0),
+            twolinks.base,
+            kept,
+            old,
         ).noise
         for added in (None, late)
     )
@@ -171,7 +225,9 @@ def test_a_joint_is_called_worse_no_more_often_than_the_chance_says():
     smooth = np.ones(20) / 20.0
     chances = []
     for _ in range(2000):
-        before, after = (np.convolve(rng.standard_normal(180), smooth, "valid")[:160] for _ in range(2))
+        before, after = (
+            np.convolve(rng.standard_normal(180), smooth, "valid")[:160] for _ in range(2)
+        )
         chances.append(chance_of_growth((before, block), (after, block)))
     assert np.mean(np.array(chances) < 0.05) < 0.065
     grown = 1.5 * rng.standard_normal(160)

@@ -9,12 +9,16 @@ from dynid.model.effects.catalogue import CATALOGUE
 
 
 @pytest.mark.parametrize(("carried", "sure"), [(60.0, False), (200.0, True)])
-def test_it_is_likely_where_links_would_be_heavy_and_sure_where_they_would_be_absurd(twolinks, on_joint, carried, sure):
+def test_it_is_likely_where_links_would_be_heavy_and_sure_where_they_would_be_absurd(
+    twolinks, on_joint, carried, sure
+):
     problem = twolinks.problem(lambda t, q, qd, qdd: on_joint(0, -carried * np.cos(q[:, 0])))
     (one,) = suspicions(problem, [])
     assert (one.joint, one.link) == (0, 1)
     assert one.gain > 25.0
-    assert one.sure is sure, "a counterweight of 200 kg would do the same, one of three tons would not"
+    assert one.sure is sure, (
+        "a counterweight of 200 kg would do the same, one of three tons would not"
+    )
     without, with_it = one.masses
     assert without > 10 * with_it
 
@@ -40,10 +44,16 @@ def stand_in(joint):
     return SelectedEffect(CATALOGUE["spring"], (joint,), {"order": 3.0, "constant": 1.0}, None, 0.0)
 
 
-@pytest.mark.parametrize(("powers", "told"), [((-319.0, -17.0, 144.0, 8.0), True), ((0.0, -50.0, 0.0, 300.0), False)])
-def test_a_curve_is_told_beside_a_counterbalance_where_a_wave_comes_as_near(twolinks, on_joint, powers, told):
+@pytest.mark.parametrize(
+    ("powers", "told"), [((-319.0, -17.0, 144.0, 8.0), True), ((0.0, -50.0, 0.0, 300.0), False)]
+)
+def test_a_curve_is_told_beside_a_counterbalance_where_a_wave_comes_as_near(
+    twolinks, on_joint, powers, told
+):
     """The first is what a cylinder on a crank does, to third order; no wave comes near the second."""
-    problem = twolinks.problem(lambda t, q, qd, qdd: on_joint(0, np.polynomial.Polynomial(powers)(q[:, 0])))
+    problem = twolinks.problem(
+        lambda t, q, qd, qdd: on_joint(0, np.polynomial.Polynomial(powers)(q[:, 0]))
+    )
     assert [one.joint for one in suspicions(problem, [])] == [0], "without a curve, links are odd"
     found = [(one.joint, one.instead, one.beaten) for one in suspicions(problem, [stand_in(0)])]
     assert found == ([(0, ("spring", (0,)), False)] if told else [])

@@ -28,7 +28,9 @@ def drawn(seed, count=60):
         T, R, y = rng.normal(size=(count, 3)), rng.normal(size=(count, 5)), rng.normal(size=count)
         X = np.column_stack([T, R, y])
         sizes = rng.normal(-1.0, 0.3, 2)
-        models.append(JointModel(X.T @ X, count, (("place", slice(1, 3)), ("time", slice(3, 5))), 1, sizes))
+        models.append(
+            JointModel(X.T @ X, count, (("place", slice(1, 3)), ("time", slice(3, 5))), 1, sizes)
+        )
         rows.append((T, R, y))
     return rows, Evidence(tuple(models), np.diag([0.5, 2.0, 1.0]), np.zeros(3), 3.0, 3)
 
@@ -48,7 +50,9 @@ def density(rows, evidence):
 
 def test_differences_of_the_evidence_are_those_of_the_density_of_the_torques():
     rows, evidence = drawn(0)
-    other = evidence.replaced({1: evidence.joints[1].__class__(**{**vars(evidence.joints[1]), "log_rms": np.zeros(2)})})
+    other = evidence.replaced(
+        {1: evidence.joints[1].__class__(**{**vars(evidence.joints[1]), "log_rms": np.zeros(2)})}
+    )
     sizes = [sum(log_prior(m, m.log_rms, e.price)[0] for m in e.joints) for e in (evidence, other)]
     found = (evidence.log_evidence - sizes[0]) - (other.log_evidence - sizes[1])
     assert found == pytest.approx(density(rows, evidence) - density(rows, other), abs=1e-6)
@@ -75,7 +79,8 @@ def test_slopes_of_the_prior_of_sizes_are_those_of_differences():
     model = drawn(3)[1].joints[0]
     h, step = np.array([-1.7, 0.4]), 1e-6
     slopes = [
-        (log_prior(model, h + step * e, 3.0)[0] - log_prior(model, h - step * e, 3.0)[0]) / (2 * step)
+        (log_prior(model, h + step * e, 3.0)[0] - log_prior(model, h - step * e, 3.0)[0])
+        / (2 * step)
         for e in np.eye(2)
     ]
     np.testing.assert_allclose(log_prior(model, h, 3.0)[1], slopes, rtol=1e-5)
@@ -104,23 +109,34 @@ def selection(twolinks, added, effects=(), **options):
 
 
 def test_a_bayes_factor_is_the_evidence_with_the_column_over_that_without(twolinks, on_joint):
-    chosen = selection(twolinks, lambda t, q, qd, qdd: on_joint(1, 0.05 * np.abs(qd[:, 1])), ("asymmetric_viscous",))
+    chosen = selection(
+        twolinks,
+        lambda t, q, qd, qdd: on_joint(1, 0.05 * np.abs(qd[:, 1])),
+        ("asymmetric_viscous",),
+    )
     one = candidate(chosen.rows, CATALOGUE["asymmetric_viscous"], (1,), [{}])
     products = {j: (one.own[j][0], one.others[j]) for j in one.own}
     factors = [
-        chosen.first.with_columns(products, np.diag((one.rms[0] / scale) ** 2)).log_evidence - chosen.first.log_evidence
+        chosen.first.with_columns(products, np.diag((one.rms[0] / scale) ** 2)).log_evidence
+        - chosen.first.log_evidence
         for scale in (1.0, 10.0, 100.0)
     ]
-    assert gains(chosen.first, one).log_odds[0] == pytest.approx(np.log(np.mean(np.exp(factors))), abs=1e-4)
+    assert gains(chosen.first, one).log_odds[0] == pytest.approx(
+        np.log(np.mean(np.exp(factors))), abs=1e-4
+    )
 
 
 def test_narrow_stribeck_friction_is_named_with_its_size(twolinks, on_joint):
     """A hump of 0.04 rad/s, which columns of free width would swallow."""
 
     def hump(t, q, qd, qdd):
-        return on_joint(1, 0.3 * np.exp(-((np.abs(qd[:, 1]) / 0.04) ** 1.5)) * np.tanh(qd[:, 1] / 0.01))
+        return on_joint(
+            1, 0.3 * np.exp(-((np.abs(qd[:, 1]) / 0.04) ** 1.5)) * np.tanh(qd[:, 1] / 0.01)
+        )
 
-    seen = analyse_gap(on_one_clock(twolinks.logs(hump)), twolinks.base, None, SelectionOptions(), simulate=False)
+    seen = analyse_gap(
+        on_one_clock(twolinks.logs(hump)), twolinks.base, None, SelectionOptions(), simulate=False
+    )
     (one,) = seen.verdict.named
     assert one.key == ("stribeck", (1,))
     assert one.probability >= 0.99
@@ -132,7 +148,9 @@ def test_narrow_stribeck_friction_is_named_with_its_size(twolinks, on_joint):
 
 def test_what_is_likely_and_not_sure_is_told_with_its_probability(twolinks, on_joint, monkeypatch):
     monkeypatch.setattr("dynid.gap.tuning.SURE", 1.0 - 1e-15)
-    table = [replace(row, limit=1.0 - 1e-15) if row.limit == 0.99 else row for row in refusals.TABLE]
+    table = [
+        replace(row, limit=1.0 - 1e-15) if row.limit == 0.99 else row for row in refusals.TABLE
+    ]
     monkeypatch.setattr("dynid.gap.refusals.TABLE", table)
     law = lambda t, q, qd, qdd: on_joint(1, 0.04 * np.abs(qd[:, 1]))  # noqa: E731
     only = SelectionOptions(effects=("asymmetric_viscous",))
@@ -181,7 +199,9 @@ def test_sizes_are_those_of_a_sum_over_many_shapes(twolinks, on_joint):
     error = np.sqrt(weights @ (every.covariance[:, 0, 0] + (sizes - mean) ** 2))
     assert found.amplitudes[0] == pytest.approx(mean, abs=0.1 * error)
     assert found.covariance[0, 0] == pytest.approx(error**2, rel=0.1)
-    assert np.log(found.shape["p"]) == pytest.approx(weights @ x, abs=0.1 * np.sqrt(weights @ (x - weights @ x) ** 2))
+    assert np.log(found.shape["p"]) == pytest.approx(
+        weights @ x, abs=0.1 * np.sqrt(weights @ (x - weights @ x) ** 2)
+    )
     assert abs(found.amplitudes[0] - 0.2) < 3 * error
 
 
@@ -190,19 +210,32 @@ def test_sizes_of_a_hump_are_those_of_a_sum_over_many_shapes(twolinks, on_joint,
     """Its speed and sharpness go together: the posterior is a ridge that is thin across both."""
 
     def hump(t, q, qd, qdd):
-        return on_joint(1, 0.3 * np.exp(-((np.abs(qd[:, 1]) / speed) ** sharpness)) * np.tanh(qd[:, 1] / 0.01))
+        return on_joint(
+            1, 0.3 * np.exp(-((np.abs(qd[:, 1]) / speed) ** sharpness)) * np.tanh(qd[:, 1] / 0.01)
+        )
 
     chosen = selection(twolinks, hump, ("stribeck",))
     effect, beside = CATALOGUE["stribeck"], without_rest(chosen.first)
     found = sizes_of(beside, chosen.rows, effect, (1,), {"vs": speed, "d": sharpness}, ())
-    x, y = (a.ravel() for a in np.meshgrid(np.log(np.geomspace(0.018, 0.25, 70)), np.log(np.geomspace(0.6, 2.5, 50))))
+    x, y = (
+        a.ravel()
+        for a in np.meshgrid(
+            np.log(np.geomspace(0.018, 0.25, 70)), np.log(np.geomspace(0.6, 2.5, 50))
+        )
+    )
     shapes = [{"vs": vs, "d": d} for vs, d in zip(np.exp(x), np.exp(y), strict=True)]
     every = [gains(beside, candidate(rows, effect, (1,), shapes)) for rows in turning(chosen.rows)]
-    weights = np.exp(np.array([one.log_odds for one in every]) - max(one.log_odds.max() for one in every))
+    weights = np.exp(
+        np.array([one.log_odds for one in every]) - max(one.log_odds.max() for one in every)
+    )
     weights /= weights.sum()
     sizes = np.array([one.amplitudes[:, 0] for one in every])
     mean = np.sum(weights * sizes)
-    error = np.sqrt(np.sum(weights * (np.array([one.covariance[:, 0, 0] for one in every]) + (sizes - mean) ** 2)))
+    error = np.sqrt(
+        np.sum(
+            weights * (np.array([one.covariance[:, 0, 0] for one in every]) + (sizes - mean) ** 2)
+        )
+    )
     assert found.amplitudes[0] == pytest.approx(mean, abs=0.25 * error)
     assert np.sqrt(found.covariance[0, 0]) == pytest.approx(error, rel=0.2)
     assert abs(found.amplitudes[0] - 0.3) < 3 * error
@@ -222,10 +255,16 @@ def test_what_does_not_repeat_holds_nothing_that_repeats(clean):
 def test_a_force_along_an_axis_that_turns_no_joint_is_left_open(twolinks, on_joint):
     """The arm moves in a plane: nothing tells the force across it, and no number is made up for it."""
     law = lambda t, q, qd, qdd: np.stack(  # noqa: E731
-        [-3.0 * np.cos(q[:, 0] + q[:, 1]) - 3.0 * np.cos(q[:, 0]), -3.0 * np.cos(q[:, 0] + q[:, 1])], axis=1
+        [
+            -3.0 * np.cos(q[:, 0] + q[:, 1]) - 3.0 * np.cos(q[:, 0]),
+            -3.0 * np.cos(q[:, 0] + q[:, 1]),
+        ],
+        axis=1,
     )
     chosen = selection(twolinks, law, ("tool_force",))
-    columns = without_rounding(whitened_columns(chosen.rows.regression, CATALOGUE["tool_force"], (), [{}]))
+    columns = without_rounding(
+        whitened_columns(chosen.rows.regression, CATALOGUE["tool_force"], (), [{}])
+    )
     dead = ~np.any([C[0].any(axis=1) for C in columns.values()], axis=0)
     assert dead.sum() == 1
     (one,) = [each for each in chosen.candidates if each.key == ("tool_force", ())]

@@ -41,7 +41,10 @@ def words(twolinks, added, joint=1, **options):
 
 
 def test_a_torque_without_a_name_is_written_down_with_its_size(twolinks, on_joint):
-    found = words(twolinks, lambda t, q, qd, qdd: on_joint(1, 0.3 * np.sin(2 * q[:, 1]) * qd[:, 0] * np.abs(qd[:, 1])))
+    found = words(
+        twolinks,
+        lambda t, q, qd, qdd: on_joint(1, 0.3 * np.sin(2 * q[:, 1]) * qd[:, 0] * np.abs(qd[:, 1])),
+    )
     (one,) = found.formulas
     assert one.effect.text in ("a sin(2 q2) qd1 |qd2|", "a sin(2 q2) |qd2| qd1")
     assert one.joints == (1,)
@@ -51,14 +54,19 @@ def test_a_torque_without_a_name_is_written_down_with_its_size(twolinks, on_join
 
 
 def test_a_phase_is_two_terms(twolinks, on_joint):
-    found = words(twolinks, lambda t, q, qd, qdd: on_joint(1, 0.4 * np.cos(q[:, 1] + 0.8) * qd[:, 1] * qd[:, 0]))
+    found = words(
+        twolinks,
+        lambda t, q, qd, qdd: on_joint(1, 0.4 * np.cos(q[:, 1] + 0.8) * qd[:, 1] * qd[:, 0]),
+    )
     (one,) = found.formulas
     size = {
         term: one.values[name]
         for name, term in zip("ab", one.effect.text.replace("a ", "").split(" + b "), strict=True)
     }
     for term, value in size.items():
-        assert value == pytest.approx(0.4 * (np.cos(0.8) if "cos" in term else -np.sin(0.8)), abs=0.05)
+        assert value == pytest.approx(
+            0.4 * (np.cos(0.8) if "cos" in term else -np.sin(0.8)), abs=0.05
+        )
 
 
 def test_the_shortest_of_equals_is_taken(twolinks, on_joint):
@@ -76,7 +84,10 @@ def test_nothing_is_written_down_where_nothing_is_hidden(twolinks, clean):
 def test_what_does_not_stay_is_no_formula(twolinks, on_joint):
     """A torque that is there in the first part of each log only."""
     found = words(
-        twolinks, lambda t, q, qd, qdd: on_joint(1, np.where(t % 20 < 11, 0.4, 0.0) * np.sin(2 * q[:, 1]) * qd[:, 0])
+        twolinks,
+        lambda t, q, qd, qdd: on_joint(
+            1, np.where(t % 20 < 11, 0.4, 0.0) * np.sin(2 * q[:, 1]) * qd[:, 0]
+        ),
     )
     assert found.formulas == ()
 
@@ -84,7 +95,10 @@ def test_what_does_not_stay_is_no_formula(twolinks, on_joint):
 def test_a_clue_says_what_the_residual_follows_and_whether_it_repeats(twolinks, on_joint):
     """Teeth of three lengths: a torque over the position that no short formula has."""
     found = words(
-        twolinks, lambda t, q, qd, qdd: on_joint(1, 0.3 * np.sign(np.sin(9 * q[:, 1] + 4 * np.cos(5 * q[:, 1]))))
+        twolinks,
+        lambda t, q, qd, qdd: on_joint(
+            1, 0.3 * np.sign(np.sin(9 * q[:, 1] + 4 * np.cos(5 * q[:, 1])))
+        ),
     )
     (clue,) = found.clues
     assert clue.signal == "q2"
@@ -99,7 +113,9 @@ def test_every_product_of_the_library_is_a_formula():
         assert len(texts) == sum(len(forms(one)) for one in products), "none is there twice"
         assert ("sign(qd1)",) not in texts
         for form in list(texts)[::37]:
-            assert Formula(formula_text([" ".join(form)]), (True, False, True)).amplitudes({}).keys() == {"a"}
+            assert Formula(formula_text([" ".join(form)]), (True, False, True)).amplitudes(
+                {}
+            ).keys() == {"a"}
 
 
 def test_a_formula_goes_through_the_robot_file(twolinks, on_joint):
@@ -120,7 +136,9 @@ def test_a_clue_names_a_signal_only_where_the_residual_follows_it():
 
 
 @pytest.mark.parametrize(("size", "told"), [(0.012, True), (0.0, False)])
-def test_what_grows_with_time_is_a_formula_although_no_repeat_repeats_it(twolinks, on_joint, size, told):
+def test_what_grows_with_time_is_a_formula_although_no_repeat_repeats_it(
+    twolinks, on_joint, size, told
+):
     """A cable that slackens, or a sensor that wanders: of the two only one can be said."""
 
     def torque(t, q, qd, qdd):

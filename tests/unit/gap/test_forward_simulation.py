@@ -30,7 +30,9 @@ def arm():
 def test_fitted_parameters_of_no_arm_are_replaced_by_those_of_the_next_one(arm):
     base, truth = arm
     q = np.random.default_rng(0).uniform(-1, 1, (40, 7))
-    weak = base.reduction.base_names.index(next(n for n in base.reduction.base_names if n.startswith("Izz7")))
+    weak = base.reduction.base_names.index(
+        next(n for n in base.reduction.base_names if n.startswith("Izz7"))
+    )
     sigma = 1e-3 * (1 + np.abs(truth))
     sigma[weak] = 0.5
     wrong = truth.copy()
@@ -49,7 +51,9 @@ def test_fitted_parameters_of_an_arm_stay(arm):
     assert np.abs((found - truth) / sigma).max() < 0.5
 
 
-def test_a_load_is_carried_by_the_arm_as_the_textbook_has_a_heavier_second_link(twolinks, monkeypatch):
+def test_a_load_is_carried_by_the_arm_as_the_textbook_has_a_heavier_second_link(
+    twolinks, monkeypatch
+):
     """A mass in a point beyond the tip of the forearm, whose frame is at the tip: 0.3 m from the elbow."""
     m, beyond = 0.7, 0.05
     _, q, qd, qdd = twolink.motion(1, 2.0)
@@ -61,8 +65,15 @@ def test_a_load_is_carried_by_the_arm_as_the_textbook_has_a_heavier_second_link(
     monkeypatch.setattr(twolink, "COM", (r1, r))
     monkeypatch.setattr(twolink, "INERTIA", (i1, i2 + m2 * (r2 - r) ** 2 + m * (at - r) ** 2))
     load = SelectedEffect(
-        CATALOGUE["payload"], (), {"form": 4.0}, None, 0.0, values={"m": m, "mcx": m * beyond, "mcy": 0.0, "mcz": 0.0}
+        CATALOGUE["payload"],
+        (),
+        {"form": 4.0},
+        None,
+        0.0,
+        values={"m": m, "mcx": m * beyond, "mcy": 0.0, "mcz": 0.0},
     )
     base = twolinks.base
     W = base.model.observer(base.reduction.base).dense(q, qd, qdd)
-    assert W @ load_parameters(base, load) == pytest.approx(twolink.torque(q, qd, qdd) - bare, abs=1e-9)
+    assert W @ load_parameters(base, load) == pytest.approx(
+        twolink.torque(q, qd, qdd) - bare, abs=1e-9
+    )

@@ -45,13 +45,19 @@ def test_a_delay_of_one_joint_alone_is_none_of_the_recorder(twolinks, old, kept,
     assert late_torques(make_problem(new, twolinks.base, kept, old)) is None
 
 
-def test_a_delay_that_explains_less_than_what_is_found_is_not_asked_again_beside_it(twolinks, old, kept, on_joint):
+def test_a_delay_that_explains_less_than_what_is_found_is_not_asked_again_beside_it(
+    twolinks, old, kept, on_joint
+):
     more = lambda t, q, qd, qdd: on_joint(1, 0.3 * np.tanh(qd[:, 1] / 0.01))  # noqa: E731
     new = twolinks.logs(more, plans=(5, 6), first=20)
     problem = make_problem(new, twolinks.base, kept, old)
-    late = late_torques(make_problem(twolinks.logs(plans=(5, 6), first=20, delay=0.05), twolinks.base, kept, old))
+    late = late_torques(
+        make_problem(twolinks.logs(plans=(5, 6), first=20, delay=0.05), twolinks.base, kept, old)
+    )
     options = SelectionOptions(effects=("torque_delay", "coulomb_change"))
-    stepwise = StepwiseSelection(problem, options, SILENT, {}, delay=True, late=replace(late, score=10.0))
+    stepwise = StepwiseSelection(
+        problem, options, SILENT, {}, delay=True, late=replace(late, score=10.0)
+    )
     assert stepwise.run() is None
     assert [one.key for one in stepwise.selected] == [("coulomb_change", (1,))]
 

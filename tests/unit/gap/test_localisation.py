@@ -5,7 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.gap.localisation import REVERSAL, chi_square_between_reversals, localise_residual, near_reversal
+from dynid.gap.localisation import (
+    REVERSAL,
+    chi_square_between_reversals,
+    localise_residual,
+    near_reversal,
+)
 
 RATE = 25.0
 
@@ -48,7 +53,9 @@ def test_noise_is_nowhere(clean):
 @pytest.mark.parametrize("text", CASES)
 @pytest.mark.parametrize("joint", [0, 1])
 def test_a_residual_is_found_on_its_joint_and_where_it_is(clean, text, joint):
-    regression = with_residual(clean, lambda s, j: CASES[text](s, j) if j == joint else nowhere(s, j))
+    regression = with_residual(
+        clean, lambda s, j: CASES[text](s, j) if j == joint else nowhere(s, j)
+    )
     gaps = localise_residual(regression)
     assert gaps[joint].share > 0.95
     assert text in gaps[joint].text

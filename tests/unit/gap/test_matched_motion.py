@@ -27,7 +27,9 @@ class Segment:
 
 
 def motion(t):
-    return np.stack([np.sin(0.7 * t) + 0.3 * np.sin(1.9 * t), np.cos(0.5 * t) + 0.2 * np.sin(2.3 * t)], axis=1)
+    return np.stack(
+        [np.sin(0.7 * t) + 0.3 * np.sin(1.9 * t), np.cos(0.5 * t) + 0.2 * np.sin(2.3 * t)], axis=1
+    )
 
 
 def recording(start, seconds=30.0, change=0.0, pace=1.0, seed=0):
@@ -64,7 +66,10 @@ def test_several_earlier_recordings_are_averaged():
 
 
 def test_another_motion_is_not_compared():
-    assert subtract_matched_motion([recording(0.0)], [recording(2.0, pace=1.3)], np.array([2.0])) is None
+    assert (
+        subtract_matched_motion([recording(0.0)], [recording(2.0, pace=1.3)], np.array([2.0]))
+        is None
+    )
 
 
 def test_a_little_of_the_same_motion_is_not_enough():

@@ -45,7 +45,9 @@ def everything(q):
 
 
 def motion(t):
-    return np.stack([np.sin(0.7 * t) + 0.3 * np.sin(1.9 * t), np.cos(0.5 * t) + 0.2 * np.sin(2.3 * t)], axis=1)
+    return np.stack(
+        [np.sin(0.7 * t) + 0.3 * np.sin(1.9 * t), np.cos(0.5 * t) + 0.2 * np.sin(2.3 * t)], axis=1
+    )
 
 
 def test_yule_walker_finds_the_coefficients_of_the_process():
@@ -78,7 +80,9 @@ def test_periods_within_one_recording_are_repeats():
     q = np.stack([np.sin(2 * np.pi * t / 10), np.sin(2 * np.pi * t / 5 + 1)], axis=1)
     pairs = find_repeats([Rows(q)])
     assert len(pairs) == 1
-    assert abs(pairs[0].lag % (10 * RATE)) < 0.5 or abs(pairs[0].lag % (10 * RATE) - 10 * RATE) < 0.5
+    assert (
+        abs(pairs[0].lag % (10 * RATE)) < 0.5 or abs(pairs[0].lag % (10 * RATE) - 10 * RATE) < 0.5
+    )
 
 
 def test_repeats_show_the_noise_and_not_what_repeats():
@@ -86,7 +90,9 @@ def test_repeats_show_the_noise_and_not_what_repeats():
     t = np.arange(4000) / RATE
     q = motion(t)
     same = 5 * np.sin(3 * q)
-    residuals = [same + 0.1 * np.stack([coloured(rng, len(t)) for _ in range(2)], axis=1) for _ in range(2)]
+    residuals = [
+        same + 0.1 * np.stack([coloured(rng, len(t)) for _ in range(2)], axis=1) for _ in range(2)
+    ]
     noise = measure_noise([Rows(q), Rows(q)], residuals, [RepeatPair(0, 1, 0.0)], everything(q))
     np.testing.assert_allclose(noise.sigma, 0.1, rtol=0.05)
     assert noise.unrepeatable == []
@@ -94,7 +100,9 @@ def test_repeats_show_the_noise_and_not_what_repeats():
 
 def test_a_log_without_usable_rows_is_refused():
     with pytest.raises(LogTooShort, match="usable rows"):
-        measure_noise([Rows(motion(np.arange(9) / RATE))], [np.zeros((9, 2))], [], [np.ones(9, dtype=bool)])
+        measure_noise(
+            [Rows(motion(np.arange(9) / RATE))], [np.zeros((9, 2))], [], [np.ones(9, dtype=bool)]
+        )
 
 
 def test_a_contact_in_one_repeat_is_called_unrepeatable():
@@ -103,7 +111,9 @@ def test_a_contact_in_one_repeat_is_called_unrepeatable():
     q = motion(t)
     residuals = [0.1 * rng.normal(size=(4000, 2)) for _ in range(2)]
     residuals[1][:, 0] += 2 * np.exp(-(((t - 40) / 0.4) ** 2))
-    assert measure_noise([Rows(q), Rows(q)], residuals, [RepeatPair(0, 1, 0.0)], everything(q)).unrepeatable == [0]
+    assert measure_noise(
+        [Rows(q), Rows(q)], residuals, [RepeatPair(0, 1, 0.0)], everything(q)
+    ).unrepeatable == [0]
 
 
 def test_what_a_kept_model_left_is_the_floor_where_it_is_more_than_noise():
@@ -111,7 +121,9 @@ def test_what_a_kept_model_left_is_the_floor_where_it_is_more_than_noise():
     q = motion(np.arange(4000) / RATE)
     slow = np.repeat(rng.normal(size=(400, 2)), 10, axis=0)
     nothing = np.zeros(2)
-    floor = NoiseModel(np.full((2, 4), 0.1), np.ones(2), np.ones(2), 10.0, nothing, nothing, (), np.ones(2))
+    floor = NoiseModel(
+        np.full((2, 4), 0.1), np.ones(2), np.ones(2), 10.0, nothing, nothing, (), np.ones(2)
+    )
     found = with_misfit(floor, [Rows(q)], [slow], np.array([0.9, 5.0]))
     assert found.misfit == (1,)
     assert found.floor.tolist() == found.sigma.tolist() == [1.0, 5.0]

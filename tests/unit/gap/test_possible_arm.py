@@ -20,7 +20,9 @@ CARRIED = 200.0
 @pytest.fixture(scope="module")
 def carried(twolinks, on_joint):
     """An arm whose shoulder has a counterbalance."""
-    return problem_of_arm(twolinks.logs(lambda t, q, qd, qdd: on_joint(0, -CARRIED * np.cos(q[:, 0]))), twolinks.base)
+    return problem_of_arm(
+        twolinks.logs(lambda t, q, qd, qdd: on_joint(0, -CARRIED * np.cos(q[:, 0]))), twolinks.base
+    )
 
 
 def counterbalance(regression, joint):
@@ -40,7 +42,9 @@ def test_rows_that_are_reduced_to_base_parameters_have_the_same_least_squares_fi
 def test_with_the_prior_as_rows_the_fit_is_the_best_possible_arm(twolinks, clean):
     """Laplace's parabola has its least value where the objective has it."""
     regression = clean.regression(nuisance=False)
-    arm = PossibleArm(twolinks.base.reduction.K, constraints_of(twolinks.base), constraints_of(twolinks.base))
+    arm = PossibleArm(
+        twolinks.base.reduction.K, constraints_of(twolinks.base), constraints_of(twolinks.base)
+    )
     rows = reduced(regression)
     best = arm.K @ fit_pooled(rows.R @ arm.K, rows.r, arm.constraints)[0].x
     held = prior_rows(regression, arm)
@@ -60,7 +64,9 @@ def test_an_arm_without_a_counterbalance_gains_nothing_from_one(twolinks):
     problem = problem_of_arm(twolinks.logs(), twolinks.base)
     bare = problem.regression()
     assert all(least_gain(bare, problem.arm, counterbalance(bare, j)) < 12.0 for j in (0, 1))
-    seen = analyse_gap(twolinks.logs(), twolinks.base, None, SelectionOptions(), simulate=False, arm=True)
+    seen = analyse_gap(
+        twolinks.logs(), twolinks.base, None, SelectionOptions(), simulate=False, arm=True
+    )
     assert seen.verdict.named == ()
 
 
@@ -69,7 +75,9 @@ def test_links_are_held_only_where_that_is_asked(clean, carried):
     assert carried.held_by.shape[1] == len(carried.theta) + 1
     heavier = possible_arm(carried.regression(), carried.base).heavier(3.0)
     bodies = heavier.constraints.bodies
-    np.testing.assert_allclose(heavier.constraints.prior[bodies], 3.0 * carried.arm.constraints.prior[bodies], rtol=0.2)
+    np.testing.assert_allclose(
+        heavier.constraints.prior[bodies], 3.0 * carried.arm.constraints.prior[bodies], rtol=0.2
+    )
 
 
 def test_base_parameters_that_no_row_sees_stay_at_zero(clean):
@@ -84,4 +92,6 @@ def test_base_parameters_that_no_row_sees_stay_at_zero(clean):
     held = near_possible(clean, regression)
     assert np.array_equal(held.prior[:, unseen], np.zeros((len(held.prior), 2)))
     assert held.fit.theta[unseen] == pytest.approx(0.0, abs=1e-9)
-    assert np.abs(held.fit.theta).max() == pytest.approx(np.abs(regression.fit.theta).max(), rel=0.1)
+    assert np.abs(held.fit.theta).max() == pytest.approx(
+        np.abs(regression.fit.theta).max(), rel=0.1
+    )

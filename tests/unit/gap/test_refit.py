@@ -20,7 +20,9 @@ def searched(twolinks, added, effects, **options):
 
 @pytest.fixture(scope="module")
 def offset(twolinks, on_joint):
-    return searched(twolinks, lambda t, q, qd, qdd: on_joint(1, np.full(len(t), OFFSET)), ("torque_offset",))
+    return searched(
+        twolinks, lambda t, q, qd, qdd: on_joint(1, np.full(len(t), OFFSET)), ("torque_offset",)
+    )
 
 
 def test_an_amplitude_comes_back_within_its_error(offset):
@@ -34,9 +36,12 @@ def test_errors_are_the_spread_over_noise(twolinks, on_joint):
     found = []
     for k in range(12):
         search = searched(
-            twolinks, lambda t, q, qd, qdd: on_joint(1, np.full(len(t), OFFSET)), ("torque_offset",),
-            plans=(1,), first=50 + 2 * k,
-        )  # fmt: skip
+            twolinks,
+            lambda t, q, qd, qdd: on_joint(1, np.full(len(t), OFFSET)),
+            ("torque_offset",),
+            plans=(1,),
+            first=50 + 2 * k,
+        )
         (one,), _ = refit(search)
         found.append((one.values["c"] - OFFSET, one.std_errors["c"]))
     away, errors = np.array(found).T
@@ -46,7 +51,8 @@ def test_errors_are_the_spread_over_noise(twolinks, on_joint):
 
 SHAPES = {
     "torque_ripple": (
-        lambda t, q, qd: 0.2 * np.cos(21.3 * q + 0.5), {"a": 0.2 * np.cos(0.5), "b": -0.2 * np.sin(0.5), "k": 21.3},
+        lambda t, q, qd: 0.2 * np.cos(21.3 * q + 0.5),
+        {"a": 0.2 * np.cos(0.5), "b": -0.2 * np.sin(0.5), "k": 21.3},
     ),
     "position_friction": (
         lambda t, q, qd: 0.6 * np.cos(1.6 * q + 0.4) * np.tanh(qd / 0.01),
@@ -54,15 +60,20 @@ SHAPES = {
     ),
     "nonlinear_viscous": (lambda t, q, qd: 0.5 * np.sign(qd) * qd**2, {"a": 0.5, "p": 2.0}),
     "warmup_friction": (
-        lambda t, q, qd: 0.6 * np.exp(-t / 20) * np.tanh(qd / 0.01), {"a1": 0.6, "a2": 0.0, "tw": 20.0},
+        lambda t, q, qd: 0.6 * np.exp(-t / 20) * np.tanh(qd / 0.01),
+        {"a1": 0.6, "a2": 0.0, "tw": 20.0},
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_a_shape_and_its_amplitudes_come_back_with_errors_that_know_of_each_other(twolinks, on_joint, name):
+def test_a_shape_and_its_amplitudes_come_back_with_errors_that_know_of_each_other(
+    twolinks, on_joint, name
+):
     law, truth = SHAPES[name]
-    search = searched(twolinks, lambda t, q, qd, qdd: on_joint(0, law(t, q[:, 0], qd[:, 0])), (name,))
+    search = searched(
+        twolinks, lambda t, q, qd, qdd: on_joint(0, law(t, q[:, 0], qd[:, 0])), (name,)
+    )
     (one,), _ = refit(search)
     assert set(one.values) == set(truth) == set(one.std_errors)
     for key, value in truth.items():
@@ -75,7 +86,9 @@ def test_errors_know_that_the_shape_of_reversals_is_not_known(twolinks, on_joint
     """A power law jointly with friction that turns more slowly than the robot file says: its power comes out wrong."""
 
     def torque(t, q, qd, qdd):
-        turns = twolink.COULOMB[0] * (np.tanh(qd[:, 0] / width) - np.tanh(qd[:, 0] / twolink.SMOOTH))
+        turns = twolink.COULOMB[0] * (
+            np.tanh(qd[:, 0] / width) - np.tanh(qd[:, 0] / twolink.SMOOTH)
+        )
         return on_joint(0, 0.5 * np.sign(qd[:, 0]) * qd[:, 0] ** 2 + turns)
 
     search = searched(twolinks, torque, ("nonlinear_viscous",))
@@ -136,7 +149,11 @@ def test_a_time_constant_that_the_logs_do_not_show_is_held_and_not_told(twolinks
 def test_an_effect_is_drawn_over_what_it_follows_on_unseen_data(twolinks, on_joint):
     """The torque that was put in, to within the filter, and noise with it; a square of speed follows the speed."""
     law, _ = SHAPES["nonlinear_viscous"]
-    search = searched(twolinks, lambda t, q, qd, qdd: on_joint(0, law(t, q[:, 0], qd[:, 0])), ("nonlinear_viscous",))
+    search = searched(
+        twolinks,
+        lambda t, q, qd, qdd: on_joint(0, law(t, q[:, 0], qd[:, 0])),
+        ("nonlinear_viscous",),
+    )
     (one,), _ = refit(search)
     curve = held_out_effect(search.problem, [], one, 0)
     assert curve.follows == f"speed of {twolinks.base.robot.joint_names[0]} [rad/s]"

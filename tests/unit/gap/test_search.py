@@ -47,7 +47,11 @@ def test_logs_without_an_effect_are_searched_to_the_end(twolinks):
     assert found.selected == []
     assert found.delay_test is None
     assert told[-1][0] == told[-1][1]
-    assert set(found.visibility) >= {("torque_offset", (0,)), ("torque_delay", ()), ("joint_coupling", (0, 1))}
+    assert set(found.visibility) >= {
+        ("torque_offset", (0,)),
+        ("torque_delay", ()),
+        ("joint_coupling", (0, 1)),
+    }
     assert found.visibility["torque_offset", (0,)] < 0.2, "gravity takes most of it"
 
 

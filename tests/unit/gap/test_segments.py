@@ -11,7 +11,9 @@ def test_rows_hold_the_law_of_the_arm(clean, twolinks):
     base = twolinks.base
     truth = dict.fromkeys(base.reduction.names, 0.0)
     # Why less the lengths: bodies sit behind their frames in the standard convention.
-    for j, (m, r, i) in enumerate(zip(twolink.MASS, twolink.COM, twolink.INERTIA, strict=True), start=1):
+    for j, (m, r, i) in enumerate(
+        zip(twolink.MASS, twolink.COM, twolink.INERTIA, strict=True), start=1
+    ):
         away = r - (0.4, 0.3)[j - 1]
         truth |= {f"m{j}": m, f"mcx{j}": m * away, f"Izz{j}": i + m * away**2}
         truth |= {f"fv{j}": twolink.VISCOUS[j - 1], f"fc{j}": twolink.COULOMB[j - 1]}

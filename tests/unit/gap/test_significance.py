@@ -22,7 +22,11 @@ def left(regression, extra=None):
     k = 0 if extra is None else len(next(iter(extra.values())))
     parts = []
     for j, rows in enumerate(regression.joints):
-        C = np.zeros((k, len(rows.y))) if extra is None else extra.get(j, np.zeros((k, len(rows.y))))
+        C = (
+            np.zeros((k, len(rows.y)))
+            if extra is None
+            else extra.get(j, np.zeros((k, len(rows.y))))
+        )
         parts.append(np.hstack([rows.A, C.T]))
     A, y = np.concatenate(parts), np.concatenate([rows.y for rows in regression.joints])
     return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
@@ -37,13 +41,23 @@ def with_noise(regression, seed, extra=0.0):
     return replace(regression, joints=tuple(rows))
 
 
-@pytest.mark.parametrize(("name", "joints"), [("torque_offset", (1,)), ("position_friction", (0,)), ("spring", (1,)),
-                                              ("joint_coupling", (0, 1)), ("base_tilt", ())])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "joints"),
+    [
+        ("torque_offset", (1,)),
+        ("position_friction", (0,)),
+        ("spring", (1,)),
+        ("joint_coupling", (0, 1)),
+        ("base_tilt", ()),
+    ],
+)
 def test_the_gain_is_the_drop_of_the_sum_of_squares(regression, name, joints):
     for candidate in candidates_at(regression, CATALOGUE[name], joints):
         score = score_candidate(regression, candidate)
         columns = {j: C[score.index] for j, C in candidate.columns.items()}
-        assert score.gain == pytest.approx(left(regression) - left(regression, columns), rel=1e-5, abs=1e-5)
+        assert score.gain == pytest.approx(
+            left(regression) - left(regression, columns), rel=1e-5, abs=1e-5
+        )
 
 
 def test_columns_that_are_kept_in_a_file_are_judged_alike(regression, monkeypatch):
@@ -89,15 +103,21 @@ def test_the_visible_share_is_what_projection_leaves_of_the_power(regression):
     A = np.concatenate([rows.A for rows in regression.joints])
     c = np.concatenate([column, np.zeros(len(regression.joints[1].y))])
     rest = c - A @ np.linalg.lstsq(A, c, rcond=None)[0]
-    assert score_candidate(regression, candidate).visibility == pytest.approx(rest @ rest / (c @ c), rel=1e-6)
+    assert score_candidate(regression, candidate).visibility == pytest.approx(
+        rest @ rest / (c @ c), rel=1e-6
+    )
 
 
 @pytest.fixture(scope="module")
 def drawn(regression):
     """Tests of a spring on joint 2, two columns, on rows that hold nothing but white noise."""
-    candidate = next(c for c in candidates_at(regression, CATALOGUE["spring"], (1,)) if c.gram.shape[1] == 2)
+    candidate = next(
+        c for c in candidates_at(regression, CATALOGUE["spring"], (1,)) if c.gram.shape[1] == 2
+    )
     columns = {1: candidate.columns[1][0]}
-    return columns, [significance_test(with_noise(regression, seed), columns) for seed in range(DRAWS)]
+    return columns, [
+        significance_test(with_noise(regression, seed), columns) for seed in range(DRAWS)
+    ]
 
 
 @pytest.mark.parametrize("name", ["p_value", "gain_p_value"])
@@ -128,7 +148,9 @@ def test_amplitudes_are_those_of_least_squares_and_gains_add_up(regression, draw
     assert test.gains.sum() == pytest.approx(left(noisy) - left(noisy, columns), rel=1e-6)
 
 
-def test_what_is_there_is_significant_and_its_visible_size_is_that_of_what_is_left_of_it(regression, drawn):
+def test_what_is_there_is_significant_and_its_visible_size_is_that_of_what_is_left_of_it(
+    regression, drawn
+):
     columns = drawn[0]
     torque = np.array([2.0, -1.0]) @ columns[1]
     torque *= 0.5 / np.std(torque)

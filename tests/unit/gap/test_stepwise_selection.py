@@ -18,7 +18,14 @@ from dynid.gap.stepwise_selection import (
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.progress import SILENT
 
-SOME = ("torque_offset", "spring", "position_friction", "asymmetric_viscous", "load_friction", "joint_coupling")
+SOME = (
+    "torque_offset",
+    "spring",
+    "position_friction",
+    "asymmetric_viscous",
+    "load_friction",
+    "joint_coupling",
+)
 
 
 def run(problem, before=None, **options):
@@ -35,7 +42,9 @@ def keys(stepwise):
 def two(twolinks, on_joint):
     """An offset of joint 2 and friction of joint 1 that grows with its speed one way only."""
     return twolinks.problem(
-        lambda t, q, qd, qdd: on_joint(1, np.full(len(t), 0.1)) + on_joint(0, 0.12 * np.abs(qd[:, 0]))
+        lambda t, q, qd, qdd: (
+            on_joint(1, np.full(len(t), 0.1)) + on_joint(0, 0.12 * np.abs(qd[:, 0]))
+        )
     )
 
 
@@ -49,7 +58,9 @@ def test_two_effects_on_two_joints_are_selected_with_their_sizes(two):
     stepwise, _ = run(two)
     assert keys(stepwise) == {("torque_offset", (1,)), ("asymmetric_viscous", (0,))}
     amplitudes = stepwise.regression.amplitudes
-    sizes = {one.effect.name: float(a) for one, a in zip(stepwise.selected, amplitudes, strict=True)}
+    sizes = {
+        one.effect.name: float(a) for one, a in zip(stepwise.selected, amplitudes, strict=True)
+    }
     assert sizes["torque_offset"] == pytest.approx(0.1, rel=0.1)
     assert sizes["asymmetric_viscous"] == pytest.approx(0.12, rel=0.1)
 
@@ -94,7 +105,9 @@ def test_what_nothing_imitates_has_no_rivals(twolinks, on_joint):
 
 
 def one(score, gains, name="torque_offset", joints=(0,)):
-    test = SimpleNamespace(gains=np.asarray(gains), amplitudes=np.zeros(1), gain=float(np.sum(gains)))
+    test = SimpleNamespace(
+        gains=np.asarray(gains), amplitudes=np.zeros(1), gain=float(np.sum(gains))
+    )
     return SelectedEffect(CATALOGUE[name], joints, {}, test, score)
 
 
@@ -110,7 +123,10 @@ def test_a_lead_is_clear_when_it_is_large_and_does_not_come_from_few_blocks():
 @pytest.mark.parametrize(("gained", "apart"), [(3.0, True), (5.0, False)])
 def test_a_rival_is_not_refuted_by_the_price_of_freedom_that_is_of_use(gained, apart):
     """One parameter more is worth 3.84 by chance in one of twenty cases; its price here is 20 more than that."""
-    own, wide = one(100.0, np.full(40, 10.0)), one(80.0, np.full(40, 10.0 + gained / 40), "nonlinear_viscous")
+    own, wide = (
+        one(100.0, np.full(40, 10.0)),
+        one(80.0, np.full(40, 10.0 + gained / 40), "nonlinear_viscous"),
+    )
     assert wide.freedom == own.freedom + 1
     assert told_apart(own, wide) is apart
 
@@ -125,7 +141,9 @@ def test_candidates_are_what_the_model_lacks_at_joints_that_moved(clean):
     names = {(effect.name, joints) for effect, joints in wanted_effects(clean, SelectionOptions())}
     assert ("torque_offset", (0,)) in names
     assert not {name for name, _ in names} & {"viscous", "coulomb"}, "the model has them"
-    assert not {name for name, _ in names} & {"payload", "coulomb_change"}, "a model that is refitted absorbs them"
+    assert not {name for name, _ in names} & {"payload", "coulomb_change"}, (
+        "a model that is refitted absorbs them"
+    )
 
 
 def test_a_joint_that_rests_has_no_candidates(twolinks):

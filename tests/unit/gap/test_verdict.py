@@ -14,7 +14,9 @@ JOINTS = ("a", "b", "c")
 
 
 def effect(name="spring", joints=(1,), size=2.0, chow=0.5, rivals=(), joint=None):
-    test = SimpleNamespace(joint=(joints or (1,))[0] if joint is None else joint, visible_rms=size, chow_p_value=chow)
+    test = SimpleNamespace(
+        joint=(joints or (1,))[0] if joint is None else joint, visible_rms=size, chow_p_value=chow
+    )
     return SelectedEffect(CATALOGUE[name], joints, {}, test, 100.0, rivals)
 
 
@@ -33,16 +35,28 @@ def search(
     filter_ = SimpleNamespace(filter=SimpleNamespace(rate=200.0))
     noise = SimpleNamespace(repeats=repeats, unrepeatable=list(unrepeatable), misfit=())
     segments = [SimpleNamespace(log=filter_)]
-    problem = SimpleNamespace(noise=noise, matched=matched, segments=segments, pooled=pooled, since=since, arm=None)
+    problem = SimpleNamespace(
+        noise=noise, matched=matched, segments=segments, pooled=pooled, since=since, arm=None
+    )
     between = after if between is None else between
-    return SimpleNamespace(problem=problem, before=np.array(before), after=np.array(after),
-                           between_reversals=np.array(between), delay=delay, rest=None, strays=())  # fmt: skip
+    return SimpleNamespace(
+        problem=problem,
+        before=np.array(before),
+        after=np.array(after),
+        between_reversals=np.array(between),
+        delay=delay,
+        rest=None,
+        strays=(),
+    )
 
 
 def said(found, *fitted, ratio=0.8, withdrawn=()):
     improvement = SimpleNamespace(ratio=np.tile([0.5, ratio], (3, 1)))
     reasons = [(one, refusal(found, fitted, one, improvement)) for one in fitted]
-    refused = [*((one, why) for one, why in reasons if why), *((one, NOT_SMALLER) for one in withdrawn)]
+    refused = [
+        *((one, why) for one, why in reasons if why),
+        *((one, NOT_SMALLER) for one in withdrawn),
+    ]
     return judge(found, [one for one, why in reasons if not why], refused, JOINTS)
 
 
@@ -54,8 +68,15 @@ def reason(found, *fitted, **options):
 
 def test_what_passes_everything_is_named():
     verdict = said(search(), effect())
-    assert (verdict.word, [one.name for one in verdict.named], verdict.remainder) == ("named", ["spring"], ())
-    assert verdict.advice == "Add it with --apply, then check the result on a new log with dynid validate."
+    assert (verdict.word, [one.name for one in verdict.named], verdict.remainder) == (
+        "named",
+        ["spring"],
+        (),
+    )
+    assert (
+        verdict.advice
+        == "Add it with --apply, then check the result on a new log with dynid validate."
+    )
 
 
 def test_what_is_left_on_other_joints_is_told_beside_a_name():
@@ -83,8 +104,12 @@ def test_nothing_is_missing_where_nothing_is_above_the_noise():
         (2.55, 1.95, 0.0, "unexplained"),
     ],
 )
-def test_how_much_may_be_left_depends_on_reversals_and_on_how_well_the_noise_is_known(chi, between, repeats, word):
-    verdict = said(search(before=(1, chi, 1), after=(1, chi, 1), between=(1, between, 1), repeats=repeats))
+def test_how_much_may_be_left_depends_on_reversals_and_on_how_well_the_noise_is_known(
+    chi, between, repeats, word
+):
+    verdict = said(
+        search(before=(1, chi, 1), after=(1, chi, 1), between=(1, between, 1), repeats=repeats)
+    )
     assert verdict.word == word
     assert ("lower bound" in verdict.advice) == (repeats == 0)
 
@@ -107,7 +132,10 @@ def test_what_does_not_repeat_is_unexplained_and_told():
 
 
 def test_what_repeats_and_is_larger_is_not_called_unrepeatable():
-    assert said(search(before=(1, 2.5, 1), after=(1, 1.0, 1), unrepeatable=[1]), effect()).word == "named"
+    assert (
+        said(search(before=(1, 2.5, 1), after=(1, 1.0, 1), unrepeatable=[1]), effect()).word
+        == "named"
+    )
 
 
 def test_rivals_make_it_ambiguous_and_the_advice_tells_them_apart():
@@ -126,21 +154,33 @@ def test_the_same_effect_on_other_joints_is_ambiguous_too():
 
 def test_most_of_the_gap_must_be_explained():
     """70 % by one name on a joint, 85 % by two, 92 % by three; or hardly anything is left."""
-    assert reason(search(after=(1, 2.3, 1)), effect()) == "it explains only 67 % of the gap of this joint, limit 70 %"
+    assert (
+        reason(search(after=(1, 2.3, 1)), effect())
+        == "it explains only 67 % of the gap of this joint, limit 70 %"
+    )
     assert said(search(after=(1, 2.1, 1)), effect()).named
     two = (effect(), effect("torque_ripple"))
-    assert reason(search(after=(1, 1.7, 1)), *two) == "it explains only 82 % of the gap of this joint, limit 85 %"
+    assert (
+        reason(search(after=(1, 1.7, 1)), *two)
+        == "it explains only 82 % of the gap of this joint, limit 85 %"
+    )
     assert len(said(search(after=(1, 1.5, 1)), *two).named) == 2
     three = (*two, effect("load_friction"))
-    assert reason(search(after=(1, 1.4, 1)), *three) == "it explains only 90 % of the gap of this joint, limit 92 %"
-    assert said(search(before=(1, 1.2, 1), after=(1, 1.09, 1)), effect()).named, "a tenth of the noise may be left"
+    assert (
+        reason(search(after=(1, 1.4, 1)), *three)
+        == "it explains only 90 % of the gap of this joint, limit 92 %"
+    )
+    assert said(search(before=(1, 1.2, 1), after=(1, 1.09, 1)), effect()).named, (
+        "a tenth of the noise may be left"
+    )
 
 
 def test_the_closest_candidate_is_told_with_the_reason():
     verdict = said(search(after=(1, 3.0, 1)), effect())
     assert verdict.word == "unexplained"
     assert (
-        "The closest candidate is spring: it explains only 50 % of the gap of this joint, limit 70 %." in verdict.advice
+        "The closest candidate is spring: it explains only 50 % of the gap of this joint, limit 70 %."
+        in verdict.advice
     )
 
 
@@ -157,7 +197,9 @@ def test_what_is_smaller_than_disturbances_that_do_not_repeat_gets_no_name():
 def test_a_small_companion_of_the_same_kind_is_the_shape_of_the_larger():
     large, small = effect("stribeck", size=4.0), effect("nonlinear_viscous", size=0.9)
     assert large.effect.family == small.effect.family
-    assert reason(search(), small, large) == "it is probably part of a larger effect of the same kind"
+    assert (
+        reason(search(), small, large) == "it is probably part of a larger effect of the same kind"
+    )
     assert len(said(search(), effect("nonlinear_viscous", size=1.1), large).named) == 2
 
 
@@ -178,19 +220,27 @@ def with_shape(name, values, errors, z=20.0):
 
 def test_a_size_whose_interval_holds_zero_gets_no_name():
     vague = with_shape("nonlinear_viscous", {"a": 53.0, "p": 2.5}, {"a": 530.0, "p": 0.1}, z=0.1)
-    assert reason(search(), vague) == "its size is not determined: 0.1 standard errors from zero, limit 3"
+    assert (
+        reason(search(), vague)
+        == "its size is not determined: 0.1 standard errors from zero, limit 3"
+    )
 
 
 def test_a_shape_whose_interval_holds_what_the_model_has_gets_no_name():
     linear = with_shape("nonlinear_viscous", {"a": 5.0, "p": 0.96}, {"a": 0.5, "p": 0.39})
     why = "p = 0.96 +- 0.39 may be 1, and with 1 the effect is in the model already"
     assert reason(search(), linear) == why
-    assert said(search(), with_shape("nonlinear_viscous", {"a": 5.0, "p": 1.9}, {"a": 0.5, "p": 0.2})).named
+    assert said(
+        search(), with_shape("nonlinear_viscous", {"a": 5.0, "p": 1.9}, {"a": 0.5, "p": 0.2})
+    ).named
 
 
 def test_a_shape_that_is_not_determined_gets_no_name_and_one_that_is_held_does():
     drift = with_shape("warmup_friction", {"tw": 90.0}, {"tw": 80.0})
-    assert reason(search(), drift) == "its tw is not determined: 1.1 standard errors from zero, limit 3"
+    assert (
+        reason(search(), drift)
+        == "its tw is not determined: 1.1 standard errors from zero, limit 3"
+    )
     held = with_shape("torque_drift", {"a": 0.1, "tc": 1e6}, {"a": 0.01, "tc": float("inf")})
     assert said(search(), held).named
 
@@ -198,7 +248,9 @@ def test_a_shape_that_is_not_determined_gets_no_name_and_one_that_is_held_does()
 def test_no_name_for_a_load_that_no_body_has():
     table = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
     for izz, word in ((0.01, "named"), (0.03, "unexplained")):  # Izz <= Ixx + Iyy of any body
-        body = dict(zip(table, (1.0, 0, 0, 0, 0.01, 0, 0, 0.01, 0, izz), strict=True)) | {"form": 10.0}
+        body = dict(zip(table, (1.0, 0, 0, 0, 0.01, 0, 0, 0.01, 0, izz), strict=True)) | {
+            "form": 10.0
+        }
         assert said(search(), with_shape("payload", body, {})).word == word
         taken_off = {name: value if name == "form" else -value for name, value in body.items()}
         assert said(search(), with_shape("payload", taken_off, {})).word == word
@@ -230,7 +282,9 @@ def test_a_refused_name_is_no_change_where_old_and_new_logs_agree(monkeypatch):
         ((), "nothing_changed", "These logs show no change."),
         ((1,), "unexplained", "The disturbance of a"),
     ):
-        monkeypatch.setattr("dynid.gap.verdict.still_changed", lambda search, named, joints=joints: joints)
+        monkeypatch.setattr(
+            "dynid.gap.verdict.still_changed", lambda search, named, joints=joints: joints
+        )
         verdict = said(pooled, withdrawn=[effect()])
         assert (verdict.word, verdict.remainder, len(verdict.closest)) == (word, joints, 1)
         assert verdict.advice.startswith(said_first)

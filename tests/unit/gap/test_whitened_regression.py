@@ -24,7 +24,9 @@ def stacked(regression):
 def test_the_fit_is_the_least_squares_solution(regression):
     A, y = stacked(regression)
     theta = np.linalg.lstsq(A, y, rcond=None)[0]
-    np.testing.assert_allclose(np.concatenate(regression.fit.e), y - A @ theta, atol=1e-7 * np.abs(y).max())
+    np.testing.assert_allclose(
+        np.concatenate(regression.fit.e), y - A @ theta, atol=1e-7 * np.abs(y).max()
+    )
     np.testing.assert_allclose(regression.fit.theta, theta, rtol=1e-5, atol=1e-7)
 
 
@@ -48,8 +50,10 @@ def test_columns_of_an_effect_join_those_of_the_baseline(regression):
     rng = np.random.default_rng(2)
     column = {1: rng.normal(size=(2, len(regression.joints[1].y)))}
     with_effect = regression.with_effects([column])
-    wide = [np.hstack([rows.A, column[1].T if j == 1 else np.zeros((len(rows.y), 2))])
-            for j, rows in enumerate(regression.joints)]  # fmt: skip
+    wide = [
+        np.hstack([rows.A, column[1].T if j == 1 else np.zeros((len(rows.y), 2))])
+        for j, rows in enumerate(regression.joints)
+    ]
     y = np.concatenate([rows.y for rows in regression.joints])
     theta = np.linalg.lstsq(np.concatenate(wide), y, rcond=None)[0]
     np.testing.assert_allclose(with_effect.amplitudes, theta[-2:], rtol=1e-6)
@@ -59,7 +63,10 @@ def test_columns_of_an_effect_join_those_of_the_baseline(regression):
 def test_directions_that_the_motion_does_not_excite_stay_at_zero(regression):
     """The same column twice: least squares of smallest norm shares it equally, and nothing becomes infinite."""
     double = replace(
-        regression, joints=tuple(replace(rows, A=np.hstack([rows.A, rows.A[:, :1]])) for rows in regression.joints)
+        regression,
+        joints=tuple(
+            replace(rows, A=np.hstack([rows.A, rows.A[:, :1]])) for rows in regression.joints
+        ),
     )
     assert double.fit.theta[0] == pytest.approx(double.fit.theta[-1])
     assert double.fit.theta[0] == pytest.approx(regression.fit.theta[0] / 2, rel=1e-5)
@@ -82,25 +89,35 @@ def test_rows_are_whitened_by_what_the_noise_predicts_of_them(clean):
     zero = np.zeros(n)
     noise = NoiseModel(ar, np.full(n, 3.0), np.full(n, 3.0), 1.0, zero, zero, (), np.full(n, 4.0))
     regression = replace(clean.regression(), noise=noise)
-    parts = [np.random.default_rng(k).normal(size=len(s.use)) for k, s in enumerate(regression.segments)]
-    whole = [(x[ORDER:] - 0.1 * x[ORDER - 1 : -1])[s.use[ORDER:, 0]] / 6.0
-             for x, s in zip(parts, regression.segments, strict=True)]  # fmt: skip
+    parts = [
+        np.random.default_rng(k).normal(size=len(s.use)) for k, s in enumerate(regression.segments)
+    ]
+    whole = [
+        (x[ORDER:] - 0.1 * x[ORDER - 1 : -1])[s.use[ORDER:, 0]] / 6.0
+        for x, s in zip(parts, regression.segments, strict=True)
+    ]
     np.testing.assert_allclose(regression.whiten(0, parts), np.concatenate(whole), atol=1e-12)
 
 
 def test_rows_that_are_held_out_are_not_searched(clean):
     regression = clean.regression(nuisance=False)
     searched = np.concatenate([s.t for s in clean.segments])[regression.joints[0].index]
-    held = np.concatenate([np.where(m, s.t, np.nan) for s, m in zip(clean.segments, clean.held, strict=True)])
+    held = np.concatenate(
+        [np.where(m, s.t, np.nan) for s, m in zip(clean.segments, clean.held, strict=True)]
+    )
     assert not set(searched.tolist()) & set(held[np.isfinite(held)].tolist())
 
 
 def test_base_columns_of_some_logs_alone_are_what_has_changed_in_them(twolinks, on_joint):
     """The elbow has 0.3 N m s/rad more viscous friction in the last two of four logs; all else is the same in all."""
-    problem = twolinks.problem(lambda t, q, qd, qdd: on_joint(1, np.where(t < 39, 0.0, 0.3) * qd[:, 1]))
+    problem = twolinks.problem(
+        lambda t, q, qd, qdd: on_joint(1, np.where(t < 39, 0.0, 0.3) * qd[:, 1])
+    )
     regression = problem.regression()
     new = [s.W * (s.number >= 2) for s in regression.segments]
-    changed = regression.with_effects([{j: regression.whiten(j, [W[:, j].T for W in new]) for j in range(2)}])
+    changed = regression.with_effects(
+        [{j: regression.whiten(j, [W[:, j].T for W in new]) for j in range(2)}]
+    )
     names = twolinks.base.reduction.base_names
     std_errors = np.sqrt(np.diag(changed.fit.inverse))[regression.size :]
     for name, value, error in zip(names, changed.amplitudes, std_errors, strict=True):

@@ -48,59 +48,102 @@ def maybe(rng, value):
 def some_unseen(rng, same=None):
     rms = tuple(positive(rng) for _ in NAMES) if rng.random() < 0.8 else ()
     same = rng.random() < 0.5 if same is None else same
-    return Unseen("run.bag", positive(rng), rms, same, maybe(rng, positive(rng)), rng.random() < 0.7, "run.bag")
+    return Unseen(
+        "run.bag",
+        positive(rng),
+        rms,
+        same,
+        maybe(rng, positive(rng)),
+        rng.random() < 0.7,
+        "run.bag",
+    )
 
 
 def some_effect(rng, named):
     error = maybe(rng, positive(rng))
     return EffectEvidence(
-        "Stribeck friction", "elbow", "stribeck", (("fs", positive(rng), error, "N m"),), named,
-        maybe(rng, rng.random()), "elbow", positive(rng), positive(rng),
-    )  # fmt: skip
+        "Stribeck friction",
+        "elbow",
+        "stribeck",
+        (("fs", positive(rng), error, "N m"),),
+        named,
+        maybe(rng, rng.random()),
+        "elbow",
+        positive(rng),
+        positive(rng),
+    )
 
 
 def some_gap(rng):
     named = [some_effect(rng, True)] * rng.choice((0, 0, 1, 2))
     return GapEvidence(
-        rng.choice(("numbers", "arm", "changed")), bool(named) and rng.random() < 0.2,
-        (*named, *[some_effect(rng, False)] * rng.choice((0, 0, 1))), NAMES,
-        tuple(positive(rng) for _ in NAMES), tuple(positive(rng) for _ in NAMES), tuple(positive(rng) for _ in NAMES),
-        rng.choice(((), tuple(0.1 * positive(rng) for _ in NAMES))), rng.random() < 0.5,
-        rng.choice(((), ("elbow",))), rng.choice(((), (), ("wrist",))),
+        rng.choice(("numbers", "arm", "changed")),
+        bool(named) and rng.random() < 0.2,
+        (*named, *[some_effect(rng, False)] * rng.choice((0, 0, 1))),
+        NAMES,
+        tuple(positive(rng) for _ in NAMES),
+        tuple(positive(rng) for _ in NAMES),
+        tuple(positive(rng) for _ in NAMES),
+        rng.choice(((), tuple(0.1 * positive(rng) for _ in NAMES))),
+        rng.random() < 0.5,
+        rng.choice(((), ("elbow",))),
+        rng.choice(((), (), ("wrist",))),
         rng.choice(((), (), (Event("run.bag", "elbow", 14.0, 14.4, 15.0),))),
-        maybe(rng, positive(rng)), maybe(rng, positive(rng)), logs=rng.choice(((), ("new.bag",))),
-    )  # fmt: skip
+        maybe(rng, positive(rng)),
+        maybe(rng, positive(rng)),
+        logs=rng.choice(((), ("new.bag",))),
+    )
 
 
 def some_evidence(seed):
     rng = random.Random(seed)
     joints = tuple(
-        JointEvidence(name, "N m", *(maybe(rng, positive(rng)) for _ in ("torque", "fitted", "noise", "limit")))
+        JointEvidence(
+            name,
+            "N m",
+            *(maybe(rng, positive(rng)) for _ in ("torque", "fitted", "noise", "limit")),
+        )
         for name in NAMES
     )
     changes = tuple(Change("m3", 1.0, 2.0, 1e-5) for _ in range(rng.choice((0, 0, 1, 3))))
     return Evidence(
-        asked=rng.choice(("result", "replay", "gap", "change")), robot="my_arm.yaml",
+        asked=rng.choice(("result", "replay", "gap", "change")),
+        robot="my_arm.yaml",
         result=rng.choice(("", "out/my_arm/parameters.npz", "out/with space/parameters.npz")),
-        logs=rng.choice(((), ("a.bag",), ("a.bag", "b c.bag"))), joints=rng.choice((joints, joints, ())),
-        repeats=maybe(rng, rng.random() < 0.5), fitted=maybe(rng, positive(rng)),
-        unseen=tuple(some_unseen(rng) for _ in range(rng.choice((0, 1, 1, 2)))), possible=maybe(rng, positive(rng)),
-        plain=maybe(rng, positive(rng)), physical=maybe(rng, rng.random() < 0.7),
-        doubts=rng.choice(((), (), ("W404",))), alarms=rng.choice(((), (), (), ("W329",))),
-        mass=maybe(rng, positive(rng, 1, 1e4)), reach=maybe(rng, positive(rng, 0.1, 5)), known=maybe(rng, rng.random()),
-        open=maybe(rng, rng.randrange(20)), condition=maybe(rng, positive(rng, 1, 1e4)),
-        seconds=maybe(rng, positive(rng, 1, 100)), left_out=maybe(rng, rng.random()), gap=maybe(rng, some_gap(rng)),
-        other=rng.choice((None, None, None, OtherArm("ur5e", 1.1, 9.4))), changes=maybe(rng, changes),
-        earlier=rng.choice(("", "january")), earlier_result=rng.choice(("", "out/january/parameters.npz")),
+        logs=rng.choice(((), ("a.bag",), ("a.bag", "b c.bag"))),
+        joints=rng.choice((joints, joints, ())),
+        repeats=maybe(rng, rng.random() < 0.5),
+        fitted=maybe(rng, positive(rng)),
+        unseen=tuple(some_unseen(rng) for _ in range(rng.choice((0, 1, 1, 2)))),
+        possible=maybe(rng, positive(rng)),
+        plain=maybe(rng, positive(rng)),
+        physical=maybe(rng, rng.random() < 0.7),
+        doubts=rng.choice(((), (), ("W404",))),
+        alarms=rng.choice(((), (), (), ("W329",))),
+        mass=maybe(rng, positive(rng, 1, 1e4)),
+        reach=maybe(rng, positive(rng, 0.1, 5)),
+        known=maybe(rng, rng.random()),
+        open=maybe(rng, rng.randrange(20)),
+        condition=maybe(rng, positive(rng, 1, 1e4)),
+        seconds=maybe(rng, positive(rng, 1, 100)),
+        left_out=maybe(rng, rng.random()),
+        gap=maybe(rng, some_gap(rng)),
+        other=rng.choice((None, None, None, OtherArm("ur5e", 1.1, 9.4))),
+        changes=maybe(rng, changes),
+        earlier=rng.choice(("", "january")),
+        earlier_result=rng.choice(("", "out/january/parameters.npz")),
         tolerance=rng.choice((None, 0.01)),
-    )  # fmt: skip
+    )
 
 
 def worse(evidence, seed):
     """Return the same evidence with one error larger, or one fact more that speaks against the model."""
     rng = random.Random(seed)
     choices = [replace(evidence, alarms=("W329",)), replace(evidence, doubts=("W404", "W405"))]
-    choices += [replace(evidence, other=OtherArm("ur5e", 1.0, 9.0)), replace(evidence, physical=False)]
+    choices += [
+        replace(evidence, other=OtherArm("ur5e", 1.0, 9.0)),
+        replace(evidence, physical=False),
+    ]
     for name in ("possible", "mass", "condition", "left_out", "fitted"):
         value = getattr(evidence, name)
         if value is not None:
@@ -113,19 +156,27 @@ def worse(evidence, seed):
         k = rng.randrange(len(NAMES))
         one = evidence.joints[k]
         larger = replace(one, fitted=None if one.fitted is None else 3 * one.fitted)
-        choices.append(replace(evidence, joints=(*evidence.joints[:k], larger, *evidence.joints[k + 1 :])))
+        choices.append(
+            replace(evidence, joints=(*evidence.joints[:k], larger, *evidence.joints[k + 1 :]))
+        )
     if evidence.unseen:
         first, *rest = evidence.unseen
         factor = positive(rng, 1.0, 30.0)
-        larger = replace(first, percent=factor * first.percent, rms=tuple(factor * x for x in first.rms))
+        larger = replace(
+            first, percent=factor * first.percent, rms=tuple(factor * x for x in first.rms)
+        )
         choices.append(replace(evidence, unseen=(larger, *rest)))
     if evidence.gap is not None:
         gap = evidence.gap
         more = {"before": tuple(3 * x for x in gap.before)}
         if gap.kept is not None:
             more["kept"] = 3 * gap.kept
-        choices += [replace(evidence, gap=replace(gap, **{key: value})) for key, value in more.items()]
-        choices += [replace(evidence, gap=replace(gap, effects=(*gap.effects, some_effect(rng, True))))]
+        choices += [
+            replace(evidence, gap=replace(gap, **{key: value})) for key, value in more.items()
+        ]
+        choices += [
+            replace(evidence, gap=replace(gap, effects=(*gap.effects, some_effect(rng, True))))
+        ]
         choices += [
             replace(evidence, gap=replace(gap, more=NAMES)),
             replace(evidence, gap=replace(gap, unrepeatable=NAMES)),
@@ -164,7 +215,9 @@ def test_a_light_is_no_better_than_the_worst_fact_that_it_covers(seed):
 
 
 @every_seed
-def test_nothing_is_missing_only_where_every_joint_is_at_its_noise_and_the_model_as_good_as_expected(seed):
+def test_nothing_is_missing_only_where_every_joint_is_at_its_noise_and_the_model_as_good_as_expected(
+    seed,
+):
     evidence = replace(some_evidence(seed), asked="gap")
     judged = judge(evidence)
     says = judged.sentence.startswith(("Nothing is missing", "Nothing has changed"))
@@ -204,7 +257,9 @@ def test_a_wrist_that_misses_much_of_a_small_torque_does_not_make_the_arm_useles
 def test_a_search_says_nothing_of_a_replay_that_it_has_not_seen():
     joints = (JointEvidence("a", "N m", 10.0, 0.1, 0.09),)
     loaded = Unseen("loaded.bag", 26.0, (2.6,), False, 1.4, True, "loaded.bag")
-    gap = GapEvidence("numbers", joints=("a",), before=(0.1,), after=(0.1,), noise=(0.09,), logs=("other.bag",))
+    gap = GapEvidence(
+        "numbers", joints=("a",), before=(0.1,), after=(0.1,), noise=(0.09,), logs=("other.bag",)
+    )
     known = Evidence(result="out/arm/parameters.npz", joints=joints, unseen=(loaded,), gap=gap)
     judged = judge(known)
     assert judged.light("complete").state == "fair"
@@ -215,30 +270,61 @@ def test_a_search_says_nothing_of_a_replay_that_it_has_not_seen():
 
 
 def test_a_step_that_an_earlier_one_makes_needless_is_left_out():
-    load = EffectEvidence("payload that the model does not know", "the whole arm", "payload", (("m", 1.5, 0.02, "kg"),))
+    load = EffectEvidence(
+        "payload that the model does not know",
+        "the whole arm",
+        "payload",
+        (("m", 1.5, 0.02, "kg"),),
+    )
     replayed = Unseen("new.bag", 14.7, (1.5,), True, 0.32, True, "new.bag")
-    gap = GapEvidence("changed", effects=(load,), joints=("a",), before=(1.0,), after=(0.1,), noise=(0.09,),
-                      logs=("new.bag",))  # fmt: skip
-    judged = judge(Evidence(asked="gap", gap=gap, unseen=(replayed,), physical=False, result="out/arm/parameters.npz"))
+    gap = GapEvidence(
+        "changed",
+        effects=(load,),
+        joints=("a",),
+        before=(1.0,),
+        after=(0.1,),
+        noise=(0.09,),
+        logs=("new.bag",),
+    )
+    judged = judge(
+        Evidence(
+            asked="gap",
+            gap=gap,
+            unseen=(replayed,),
+            physical=False,
+            result="out/arm/parameters.npz",
+        )
+    )
     commands = [step.command for step in judged.steps]
     assert commands[0] == "dynid gap out/arm new.bag --apply best"
     assert not any("--update" in command or "--link-mass" in command for command in commands)
 
 
 def test_what_has_changed_comes_first_with_the_command_that_asks_what():
-    changes = (Change("m3", 1.0, 2.0, 1e-5), Change("l3x", 0.1, 0.3, 1e-4), Change("l2x", 0.1, 0.2, 1e-3))
+    changes = (
+        Change("m3", 1.0, 2.0, 1e-5),
+        Change("l3x", 0.1, 0.3, 1e-4),
+        Change("l2x", 0.1, 0.2, 1e-3),
+    )
     known = Evidence(
-        asked="change", logs=("now.bag",), changes=changes, earlier="january",
+        asked="change",
+        logs=("now.bag",),
+        changes=changes,
+        earlier="january",
         earlier_result="out/january/parameters.npz",
-    )  # fmt: skip
+    )
     judged = judge(known)
-    assert judged.sentence == "The arm has changed since january: parameter m3 went from 1 to 2, and 2 more."
+    assert (
+        judged.sentence
+        == "The arm has changed since january: parameter m3 went from 1 to 2, and 2 more."
+    )
     assert judged.reasons == ("Noise alone would do that to m3 once in 100,000 comparisons.",)
     assert judged.steps[0].command == "dynid gap out/january now.bag --ask changed"
     moved = judge(replace(known, tolerance=0.01)).sentence
     assert moved.startswith("Numbers have moved by more than 1 % since january")
     assert (
-        judge(replace(known, changes=())).sentence == "Nothing has changed since january by more than its uncertainty."
+        judge(replace(known, changes=())).sentence
+        == "Nothing has changed since january by more than its uncertainty."
     )
 
 
@@ -246,7 +332,9 @@ def contradictions(judged: Judgement) -> list[str]:
     """Return pairs of statements that cannot both be true."""
     states, text = {light.name: light.state for light in judged.lights}, judged.sentence
     found = []
-    praised = text.startswith(("The model predicts", "Nothing is missing", "Nothing has changed since the model"))
+    praised = text.startswith(
+        ("The model predicts", "Nothing is missing", "Nothing has changed since the model")
+    )
     if text.startswith("Do not use") and "bad" not in states.values():
         found.append("a warning without a red light")
     if text.startswith("The model predicts motions") and "bad" in states.values():
@@ -273,7 +361,9 @@ def held_out_beside(replays):
     """Return what is said of a model whose half missed much of another motion, after replays of the whole model."""
     joints = tuple(JointEvidence(name, "N m", 10.0, 0.05, 0.04) for name in NAMES)
     held = Unseen("b.csv (held out, another motion)", 39.0, (3.9, 3.9, 3.9))
-    return judge(Evidence(joints=joints, fitted=0.5, unseen=(held, *replays), known=0.9, physical=True))
+    return judge(
+        Evidence(joints=joints, fitted=0.5, unseen=(held, *replays), known=0.9, physical=True)
+    )
 
 
 def test_what_the_model_in_force_predicts_counts_more_than_what_a_model_of_half_the_logs_missed():
@@ -281,7 +371,9 @@ def test_what_the_model_in_force_predicts_counts_more_than_what_a_model_of_half_
     right = Unseen("c.csv", 0.5, (0.05, 0.05, 0.05), replayed=True, log="c.csv")
     assert held_out_beside((right,)).light("unseen motion").state == "fair"
     # The fitted motion again shows nothing of others, and a replay that is wrong is as bad as before.
-    assert held_out_beside((replace(right, same_motion=True),)).light("unseen motion").state == "bad"
+    assert (
+        held_out_beside((replace(right, same_motion=True),)).light("unseen motion").state == "bad"
+    )
     wrong = Unseen("c.csv", 39.0, (3.9, 3.9, 3.9), replayed=True, log="c.csv")
     assert held_out_beside((right, wrong)).light("unseen motion").state == "bad"
 
@@ -289,7 +381,9 @@ def test_what_the_model_in_force_predicts_counts_more_than_what_a_model_of_half_
 def test_torques_that_are_proved_are_not_bad_because_no_arm_weighs_so_much():
     joints = tuple(JointEvidence(name, "N m", 10.0, 0.05, 0.04) for name in NAMES)
     right = Unseen("c.csv", 0.5, (0.05, 0.05, 0.05), replayed=True, log="c.csv")
-    known = Evidence(joints=joints, fitted=0.5, unseen=(right,), known=0.9, physical=True, mass=3080.0, reach=1.3)
+    known = Evidence(
+        joints=joints, fitted=0.5, unseen=(right,), known=0.9, physical=True, mass=3080.0, reach=1.3
+    )
     judged = judge(known)
     assert judged.light("physics").state == "bad"
     assert judged.state == "fair"
@@ -301,9 +395,21 @@ def test_torques_that_are_proved_are_not_bad_because_no_arm_weighs_so_much():
 def test_a_load_that_is_found_does_not_speak_against_the_expected_error():
     joints = (JointEvidence("a", "N m", 10.0, 0.1, 0.09),)
     loaded = Unseen("loaded.csv", 26.0, (2.6,), False, 0.45, True, "loaded.csv")
-    load = EffectEvidence("payload that the model does not know", "the whole arm", "payload", (("m", 1.2, 0.02, "kg"),))
-    gap = GapEvidence("changed", effects=(load,), joints=("a",), before=(2.6,), after=(0.1,), noise=(0.09,),
-                      logs=("loaded.csv",))  # fmt: skip
+    load = EffectEvidence(
+        "payload that the model does not know",
+        "the whole arm",
+        "payload",
+        (("m", 1.2, 0.02, "kg"),),
+    )
+    gap = GapEvidence(
+        "changed",
+        effects=(load,),
+        joints=("a",),
+        before=(2.6,),
+        after=(0.1,),
+        noise=(0.09,),
+        logs=("loaded.csv",),
+    )
     known = Evidence(joints=joints, unseen=(loaded,))
     assert any("expected error" in text for text in judge(known).warnings)
     assert not any("expected error" in text for text in judge(replace(known, gap=gap)).warnings)
@@ -314,14 +420,21 @@ def test_a_figure_is_said_once():
     replayed = Unseen("new.csv", 26.0, (2.6,), False, 0.45, True, "new.csv")
     judged = judge(Evidence(asked="replay", joints=joints, unseen=(replayed,), repeats=True))
     assert "26 % of the torque where 0.45 % was expected" in judged.sentence
-    assert judged.reasons == ("a is furthest from its noise there: 2.6 N m, noise 0.09 (29 times).",)
+    assert judged.reasons == (
+        "a is furthest from its noise there: 2.6 N m, noise 0.09 (29 times).",
+    )
 
 
 def test_noise_from_repeats_of_the_searched_logs_is_no_lower_bound():
-    gap = GapEvidence("numbers", joints=("a",), before=(0.1,), after=(0.1,), noise=(0.1,), repeats=True)
+    gap = GapEvidence(
+        "numbers", joints=("a",), before=(0.1,), after=(0.1,), noise=(0.1,), repeats=True
+    )
     known = Evidence(asked="gap", repeats=False, gap=gap)
     assert not any("lower bound" in text for text in judge(known).warnings)
-    assert any("lower bound" in text for text in judge(replace(known, gap=replace(gap, repeats=False))).warnings)
+    assert any(
+        "lower bound" in text
+        for text in judge(replace(known, gap=replace(gap, repeats=False))).warnings
+    )
 
 
 def test_what_was_not_looked_at_is_not_good():
@@ -332,8 +445,12 @@ def test_what_was_not_looked_at_is_not_good():
 
 def test_a_short_log_with_a_third_held_out_is_not_good():
     joints = tuple(JointEvidence(name, "N m", 10.0, 0.05, 0.04) for name in NAMES)
-    held = Unseen("the last 20 % of each log, the same motion (held out)", 32.0, (3.0, 3.0, 3.0), True)
-    judged = judge(Evidence(joints=joints, fitted=0.47, unseen=(held,), seconds=3.0, known=0.9, physical=True))
+    held = Unseen(
+        "the last 20 % of each log, the same motion (held out)", 32.0, (3.0, 3.0, 3.0), True
+    )
+    judged = judge(
+        Evidence(joints=joints, fitted=0.47, unseen=(held,), seconds=3.0, known=0.9, physical=True)
+    )
     assert judged.light("unseen motion").state == "bad"
     assert judged.state == "bad"
     assert "32 %" in judged.sentence
@@ -343,15 +460,28 @@ def test_a_replay_of_the_fitted_motion_that_is_far_off_is_a_change_and_no_noise_
     joints = tuple(JointEvidence(name, "N m", 10.0, 0.05, 0.04) for name in NAMES)
     replayed = Unseen("new.bag", 14.7, (1.5, 1.5, 1.5), True, 0.32, True, "new.bag")
     judged = judge(
-        Evidence(asked="replay", result="out/arm/parameters.npz", joints=joints, fitted=0.5, unseen=(replayed,))
+        Evidence(
+            asked="replay",
+            result="out/arm/parameters.npz",
+            joints=joints,
+            fitted=0.5,
+            unseen=(replayed,),
+        )
     )
     assert judged.sentence.startswith("Something has changed since the model was identified")
     assert any(step.command == "dynid gap out/arm new.bag" for step in judged.steps)
 
 
 def test_a_payload_is_said_as_a_colleague_would_say_it():
-    load = EffectEvidence("payload that the model does not know", "the whole arm", "payload", (("m", 1.5, 0.02, "kg"),))
-    gap = GapEvidence("changed", effects=(load,), joints=("a",), before=(1.0,), after=(0.1,), noise=(0.09,))
+    load = EffectEvidence(
+        "payload that the model does not know",
+        "the whole arm",
+        "payload",
+        (("m", 1.5, 0.02, "kg"),),
+    )
+    gap = GapEvidence(
+        "changed", effects=(load,), joints=("a",), before=(1.0,), after=(0.1,), noise=(0.09,)
+    )
     judged = judge(Evidence(asked="gap", gap=gap, result="out/arm/parameters.npz"))
     assert judged.sentence == "The arm carries 1.500 +- 0.02 kg more than when it was identified."
 
@@ -359,19 +489,33 @@ def test_a_payload_is_said_as_a_colleague_would_say_it():
 def test_what_is_likely_comes_with_the_reason_that_it_has_no_name():
     why = "what is left of this joint is 1.3 times as large: it may stand in for something else"
     sizes = (("a", 0.488, 0.078, "N m"),)
-    sure = EffectEvidence("a hump", "elbow", "hump", sizes, named=False, probability=0.9999, why_not=why)
-    gap = GapEvidence("numbers", effects=(sure,), joints=("elbow",), before=(1.0,), after=(1.0,), noise=(0.1,))
+    sure = EffectEvidence(
+        "a hump", "elbow", "hump", sizes, named=False, probability=0.9999, why_not=why
+    )
+    gap = GapEvidence(
+        "numbers", effects=(sure,), joints=("elbow",), before=(1.0,), after=(1.0,), noise=(0.1,)
+    )
     judged = judge(Evidence(asked="gap", gap=gap, robot="my_arm.yaml"))
-    assert judged.sentence == f"elbow may have a hump, a 0.488 +- 0.078 N m. It is not named: {why}."
+    assert (
+        judged.sentence == f"elbow may have a hump, a 0.488 +- 0.078 N m. It is not named: {why}."
+    )
 
 
 def test_a_delay_that_predictions_allow_for_is_not_told_as_missing():
     delay = EffectEvidence(
-        "delay of the torques", "the arm", "torque_delay", (("delay", 0.006, 1e-4, "s"),), corrected=True
+        "delay of the torques",
+        "the arm",
+        "torque_delay",
+        (("delay", 0.006, 1e-4, "s"),),
+        corrected=True,
     )
-    gap = GapEvidence("numbers", effects=(delay,), joints=("a",), before=(0.1,), after=(0.1,), noise=(0.09,))
+    gap = GapEvidence(
+        "numbers", effects=(delay,), joints=("a",), before=(0.1,), after=(0.1,), noise=(0.09,)
+    )
     judged = judge(Evidence(asked="gap", gap=gap))
-    answer = "The arm: delay of the torques, delay 0.00600 +- 0.0001 s. The model corrects it already."
+    answer = (
+        "The arm: delay of the torques, delay 0.00600 +- 0.0001 s. The model corrects it already."
+    )
     assert judged.sentence == f"{answer} Nothing else is missing."
     assert judged.light("complete").state == "good"
     assert not any("--apply" in step.command for step in judged.steps)
@@ -383,7 +527,12 @@ def test_a_delay_that_predictions_allow_for_is_not_told_as_missing():
 
 def test_an_event_comes_with_the_option_that_leaves_it_out():
     event = Event("run.bag", "elbow", 14.0, 14.42, 15.2)
-    gap = GapEvidence("numbers", joints=("elbow",), before=(1.0,), after=(1.0,), noise=(0.1,), events=(event,))
+    gap = GapEvidence(
+        "numbers", joints=("elbow",), before=(1.0,), after=(1.0,), noise=(0.1,), events=(event,)
+    )
     judged = judge(Evidence(asked="gap", gap=gap, robot="my_arm.yaml"))
     assert "15 N m on elbow, from 14.0 to 14.4 s of run.bag" in judged.sentence
-    assert any(step.command == "dynid identify my_arm.yaml run.bag --exclude 14.0-14.4" for step in judged.steps)
+    assert any(
+        step.command == "dynid identify my_arm.yaml run.bag --exclude 14.0-14.4"
+        for step in judged.steps
+    )

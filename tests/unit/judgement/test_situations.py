@@ -11,7 +11,16 @@ SITUATIONS = (("nothing", True, 15.0), ("payload", False, 15.0), ("drift", True,
 @pytest.fixture(scope="module")
 def rows():
     return [
-        run(case_of(k) | {"arm": "scara", "hidden": hidden, "always": always, "seconds": seconds, "noise": 0.01})
+        run(
+            case_of(k)
+            | {
+                "arm": "scara",
+                "hidden": hidden,
+                "always": always,
+                "seconds": seconds,
+                "noise": 0.01,
+            }
+        )
         for k, (hidden, always, seconds) in enumerate(SITUATIONS)
     ]
 
@@ -31,6 +40,8 @@ def test_the_reader_finds_statements_that_contradict_each_other():
     said = {"state": "good", "sentence": "Nothing is missing.", "lights": lights, "next": []}
     found = contradictions({"gap": {"judgement": said, "verdict": "nothing_missing", "named": []}})
     assert {text.removeprefix("gap: ") for text in found} >= {
-        "good beside a light that is not", "nothing missing beside a light", "no next step",
+        "good beside a light that is not",
+        "nothing missing beside a light",
+        "no next step",
         "its verdict and its light",
-    }  # fmt: skip
+    }

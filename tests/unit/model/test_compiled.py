@@ -22,7 +22,9 @@ def cache(tmp_path, monkeypatch):
 
 def entries(robot, library, monkeypatch):
     """The regressor of a few thousand samples, which are no whole number of blocks."""
-    monkeypatch.setattr(program, "_interpreter", program._Interpreter(looked=True, tried=True, library=library))
+    monkeypatch.setattr(
+        program, "_interpreter", program._Interpreter(looked=True, tried=True, library=library)
+    )
     model = build_model(load_robot(robot))
     q, qd, qdd = np.random.default_rng(0).standard_normal((3, 3001, model.robot.n))
     return np.concatenate([each.copy() for _, each in model.observer().blocks(q, qd, qdd)], axis=1)
@@ -33,11 +35,15 @@ def entries(robot, library, monkeypatch):
 def test_compiled_and_interpreted_regressors_are_equal_to_the_bit(robot, cache, monkeypatch):
     library = program._compiled()
     assert library is not None
-    np.testing.assert_array_equal(entries(robot, library, monkeypatch), entries(robot, None, monkeypatch))
+    np.testing.assert_array_equal(
+        entries(robot, library, monkeypatch), entries(robot, None, monkeypatch)
+    )
 
 
 @needs_compiler
-def test_only_many_samples_are_worth_a_compilation_and_the_next_process_finds_it(cache, monkeypatch):
+def test_only_many_samples_are_worth_a_compilation_and_the_next_process_finds_it(
+    cache, monkeypatch
+):
     assert program.interpreter(tuning.SAMPLES_WORTH_COMPILING) is None
     assert not cache.exists()
     assert fast_regressor()[1].startswith("not compiled yet")
@@ -57,7 +63,9 @@ def test_numpy_goes_on_without_a_compiler(cache, monkeypatch):
 
 
 @needs_compiler
-@pytest.mark.parametrize("way", ["no folder", "a compiler that fails", "a compiler that writes nothing"])
+@pytest.mark.parametrize(
+    "way", ["no folder", "a compiler that fails", "a compiler that writes nothing"]
+)
 def test_numpy_goes_on_where_compiling_fails(way, cache, monkeypatch):
     if way == "no folder":
         cache.write_text("")
@@ -68,7 +76,9 @@ def test_numpy_goes_on_where_compiling_fails(way, cache, monkeypatch):
     assert way == "no folder" or not list((cache / "kernels").iterdir())
 
 
-def test_temporary_files_of_a_compiler_that_is_stopped_are_in_the_folder_that_is_removed(tmp_path, cache, monkeypatch):
+def test_temporary_files_of_a_compiler_that_is_stopped_are_in_the_folder_that_is_removed(
+    tmp_path, cache, monkeypatch
+):
     stopped, temporary = tmp_path / "cc", tmp_path / "tmp"
     stopped.write_text('#!/bin/sh\ntouch "$TMPDIR/ccX.s" "$TMPDIR/../seen"\nkill -9 $$\n')
     stopped.chmod(0o755)
@@ -76,7 +86,9 @@ def test_temporary_files_of_a_compiler_that_is_stopped_are_in_the_folder_that_is
     monkeypatch.setenv("TMPDIR", str(temporary))
     monkeypatch.setattr(program, "compiler", lambda: str(stopped))
     assert program._compiled() is None
-    assert [file.name for file in (cache / "kernels").iterdir()] == ["seen"], "it was asked, and nothing else is left"
+    assert [file.name for file in (cache / "kernels").iterdir()] == ["seen"], (
+        "it was asked, and nothing else is left"
+    )
     assert not list(temporary.iterdir())
 
 

@@ -40,16 +40,22 @@ def motion(arm, model):
 
     values = read_plant(ROOT / "trajectories" / "lwr4plus_truth.yaml").parameters()
     gamma = np.array([values.get(name, 0.0) for name in model.parameter_names])
-    return ArmMotion(np.arange(40) / 10.0, q, qd, qdd, model.robot, ModelTorques(model, gamma), lambda x: x)
+    return ArmMotion(
+        np.arange(40) / 10.0, q, qd, qdd, model.robot, ModelTorques(model, gamma), lambda x: x
+    )
 
 
 def test_tool_force_is_the_transposed_jacobian(arm, motion):
     columns = CATALOGUE["tool_force"].columns(motion, (), {})
     for axis in range(3):
-        np.testing.assert_allclose(columns[axis].T, arm.tip_force(motion.q, np.eye(3)[axis]), atol=1e-9)
+        np.testing.assert_allclose(
+            columns[axis].T, arm.tip_force(motion.q, np.eye(3)[axis]), atol=1e-9
+        )
 
 
-@pytest.mark.parametrize("waves", [np.linspace(1.0, 40.0, 30), np.append(np.linspace(5.0, 90.0, 9), 12.0), [3.0, 7.5]])
+@pytest.mark.parametrize(
+    "waves", [np.linspace(1.0, 40.0, 30), np.append(np.linspace(5.0, 90.0, 9), 12.0), [3.0, 7.5]]
+)
 def test_waves_are_those_of_their_numbers_evenly_spaced_or_not(motion, waves):
     found = CATALOGUE["torque_ripple"].tried(motion, (2,), [{"k": k} for k in waves])
     for k, columns in zip(waves, found, strict=True):
@@ -60,7 +66,9 @@ def test_waves_are_those_of_their_numbers_evenly_spaced_or_not(motion, waves):
 def test_base_tilt_is_gravity_turned(arm, motion):
     still = np.zeros_like(motion.q)
     upright = arm.torque(motion.q, still, still)
-    turned = arm.torque(motion.q, still, still, arm.model.gravity.linear + np.array([9.81e-3, 0, 0]))
+    turned = arm.torque(
+        motion.q, still, still, arm.model.gravity.linear + np.array([9.81e-3, 0, 0])
+    )
     column = CATALOGUE["base_tilt"].columns(motion, (), {})[0].T
     np.testing.assert_allclose(1e-3 * column, turned - upright, atol=1e-8)
 
@@ -68,7 +76,9 @@ def test_base_tilt_is_gravity_turned(arm, motion):
 def test_encoder_offset_is_the_slope_of_the_torque(arm, motion):
     moved = motion.q.copy()
     moved[:, 1] -= 1e-6
-    slope = (arm.torque(moved, motion.qd, motion.qdd) - arm.torque(motion.q, motion.qd, motion.qdd)) / 1e-6
+    slope = (
+        arm.torque(moved, motion.qd, motion.qdd) - arm.torque(motion.q, motion.qd, motion.qdd)
+    ) / 1e-6
     column = CATALOGUE["encoder_offset"].columns(motion, (1,), {})[0].T
     np.testing.assert_allclose(column, slope, atol=2e-3)
 
@@ -96,9 +106,15 @@ def test_a_bent_joint_is_nearly_exact_at_its_size():
     change, inside = torque - motion.rigid[:, 0], slice(1000, -1000)
     slope, exact = (
         compliance * effect.columns(motion, (0,), {})[0, 0]
-        for effect in (CATALOGUE["joint_elasticity"], CATALOGUE["joint_elasticity"].at_size({"compliance": compliance}))
+        for effect in (
+            CATALOGUE["joint_elasticity"],
+            CATALOGUE["joint_elasticity"].at_size({"compliance": compliance}),
+        )
     )
-    left = [np.sqrt(np.mean((change - x)[inside] ** 2) / np.mean(change[inside] ** 2)) for x in (slope, exact)]
+    left = [
+        np.sqrt(np.mean((change - x)[inside] ** 2) / np.mean(change[inside] ** 2))
+        for x in (slope, exact)
+    ]
     assert left[0] > 0.05, "to first order much is left"
     assert left[1] < 0.12 * left[0]
 
@@ -141,7 +157,16 @@ class Pendulum:
 
 
 def one_joint(t, q, qd, qdd):
-    return ArmMotion(t, q[:, None], qd[:, None], qdd[:, None], None, Pendulum(), lambda x: x, np.sign(qd)[:, None])
+    return ArmMotion(
+        t,
+        q[:, None],
+        qd[:, None],
+        qdd[:, None],
+        None,
+        Pendulum(),
+        lambda x: x,
+        np.sign(qd)[:, None],
+    )
 
 
 def low_passed(signal, rate):
@@ -196,7 +221,9 @@ def test_gear_friction_is_a_mesh_whose_force_turns_with_the_wheel():
         v += qdd[k] * step
         x += v * step
     motion = one_joint(t, q, qd, qdd)
-    columns = np.column_stack([np.sign(qd), *CATALOGUE["gear_friction"].columns(motion, (0,), {"k": 20.0})[:, 0]])
+    columns = np.column_stack(
+        [np.sign(qd), *CATALOGUE["gear_friction"].columns(motion, (0,), {"k": 20.0})[:, 0]]
+    )
     found = np.linalg.lstsq(columns, torque - motion.rigid[:, 0], rcond=None)[0]
     np.testing.assert_allclose(found, [0.3, 0.12 * np.cos(0.7), -0.12 * np.sin(0.7)], atol=1e-6)
 
@@ -205,8 +232,12 @@ def test_torque_constant_is_a_motor_that_needs_more_current_when_it_is_fast(arm,
     # A log in N m by the constant at rest; the true one falls by a percent a radian per second.
     needed = arm.torque(motion.q, motion.qd, motion.qdd)[:, 3]
     logged = needed / (1 - 0.01 * np.abs(motion.qd[:, 3]))
-    column = CATALOGUE["torque_constant"].columns(replace(motion, reference=Frictionless(motion.reference)), (3,), {})
-    np.testing.assert_allclose(0.01 * column[0, 0], logged - needed, atol=2e-3 * np.abs(needed).max())
+    column = CATALOGUE["torque_constant"].columns(
+        replace(motion, reference=Frictionless(motion.reference)), (3,), {}
+    )
+    np.testing.assert_allclose(
+        0.01 * column[0, 0], logged - needed, atol=2e-3 * np.abs(needed).max()
+    )
 
 
 class Frictionless:
@@ -232,7 +263,11 @@ def test_columns_have_one_row_a_joint_and_one_entry_a_sample(motion, name):
     joints = effect.candidate_joints(7)[0]
     shape = (effect.grid(motion, joints) or [{}])[0]
     columns = effect.columns(motion, joints, shape)
-    assert columns.shape == (len(effect.amplitudes(shape)), len(effect.rows(joints, 7)), len(motion))
+    assert columns.shape == (
+        len(effect.amplitudes(shape)),
+        len(effect.rows(joints, 7)),
+        len(motion),
+    )
 
 
 def test_a_listed_effect_becomes_a_column_that_stands_alone(model):
@@ -246,10 +281,17 @@ def test_a_listed_effect_becomes_a_column_that_stands_alone(model):
 
 def test_two_waves_on_one_joint_have_names_of_their_own_and_one_effect_twice_is_an_error(model):
     def with_waves(*k):
-        effects = tuple(EffectSpec("torque_ripple", (model.robot.joint_names[2],), {"k": each}) for each in k)
+        effects = tuple(
+            EffectSpec("torque_ripple", (model.robot.joint_names[2],), {"k": each}) for each in k
+        )
         return replace(model, robot=replace(model.robot, effects=effects)).parameter_names[-4:]
 
-    assert with_waves(7.0, 14.0) == ("torque_ripple3_a", "torque_ripple3_b", "torque_ripple3_a_2", "torque_ripple3_b_2")
+    assert with_waves(7.0, 14.0) == (
+        "torque_ripple3_a",
+        "torque_ripple3_b",
+        "torque_ripple3_a_2",
+        "torque_ripple3_b_2",
+    )
     with pytest.raises(WrongRobotFile, match="torque_ripple is given twice on"):
         with_waves(7.0, 7.0)
 

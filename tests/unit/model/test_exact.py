@@ -20,7 +20,10 @@ GEN2 = load_robot(PAPER / "kinova_gen2_table6.yaml")
 LWR_ZERO = load_robot(PAPER / "kuka_lwr4plus_table7.yaml")
 LWR = replace(
     LWR_ZERO,
-    joints=tuple(replace(j, d=d) for j, d in zip(LWR_ZERO.joints, (0.31, 0, 0.4, 0, 0.39, 0, 0.078), strict=True)),
+    joints=tuple(
+        replace(j, d=d)
+        for j, d in zip(LWR_ZERO.joints, (0.31, 0, 0.4, 0, 0.39, 0, 0.078), strict=True)
+    ),
 )
 
 
@@ -57,11 +60,23 @@ WALL, NOWHERE = (9.81, 0, 0), (0, 0, 0)
         pytest.param(GEN2, (48, 31, 11, 17, 18), id="gen2"),
         pytest.param(LWR_ZERO, (48, 31, 16, 17, 13), id="lwr-zero"),
         pytest.param(LWR, (48, 31, 11, 17, 18), id="lwr"),
-        pytest.param(with_joints(GEN2, motor_inertia=False), (43, 26, 11, 17, 16), id="gen2-no-rotors"),
-        pytest.param(with_joints(LWR_ZERO, motor_inertia=False), (43, 26, 16, 17, 11), id="lwr-zero-no-rotors"),
-        pytest.param(with_joints(LWR, motor_inertia=False), (43, 26, 11, 17, 16), id="lwr-no-rotors"),
-        pytest.param(with_joints(GEN2, friction=FRICTION), (62, 45, 11, 17, 18), id="gen2-friction"),
-        pytest.param(with_joints(LWR_ZERO, friction=FRICTION), (62, 45, 16, 17, 13), id="lwr-zero-friction"),
+        pytest.param(
+            with_joints(GEN2, motor_inertia=False), (43, 26, 11, 17, 16), id="gen2-no-rotors"
+        ),
+        pytest.param(
+            with_joints(LWR_ZERO, motor_inertia=False),
+            (43, 26, 16, 17, 11),
+            id="lwr-zero-no-rotors",
+        ),
+        pytest.param(
+            with_joints(LWR, motor_inertia=False), (43, 26, 11, 17, 16), id="lwr-no-rotors"
+        ),
+        pytest.param(
+            with_joints(GEN2, friction=FRICTION), (62, 45, 11, 17, 18), id="gen2-friction"
+        ),
+        pytest.param(
+            with_joints(LWR_ZERO, friction=FRICTION), (62, 45, 16, 17, 13), id="lwr-zero-friction"
+        ),
         pytest.param(with_joints(LWR, friction=FRICTION), (62, 45, 11, 17, 18), id="lwr-friction"),
         pytest.param(shifted(GEN2), (48, 31, 11, 17, 18), id="gen2-modified"),
         pytest.param(shifted(LWR), (48, 31, 11, 17, 18), id="lwr-modified"),
@@ -69,7 +84,9 @@ WALL, NOWHERE = (9.81, 0, 0), (0, 0, 0)
         pytest.param(replace(GEN2, gravity=WALL), (50, 32, 8, 18, 19), id="gen2-wall"),
         pytest.param(replace(LWR_ZERO, gravity=WALL), (50, 32, 13, 18, 14), id="lwr-zero-wall"),
         pytest.param(replace(GEN2, gravity=NOWHERE), (44, 27, 13, 17, 20), id="gen2-no-gravity"),
-        pytest.param(replace(LWR_ZERO, gravity=NOWHERE), (36, 24, 33, 12, 8), id="lwr-zero-no-gravity"),
+        pytest.param(
+            replace(LWR_ZERO, gravity=NOWHERE), (36, 24, 33, 12, 8), id="lwr-zero-no-gravity"
+        ),
     ],
 )
 def test_rank_and_classes_are_those_of_the_independent_prototype(robot, expected):
@@ -79,7 +96,9 @@ def test_rank_and_classes_are_those_of_the_independent_prototype(robot, expected
 def test_parameters_stand_alone_or_vanish_as_listed():
     wanted = [f"mcx{k}" for k in range(2, 8)] + ["mcy7", "Izz7"] + [f"Im{k}" for k in range(3, 8)]
     wanted += [f"{name}{k}" for name in ("Ixy", "Ixz", "Iyz") for k in range(2, 8)]
-    first = {f"{name}1" for name in ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyz", "Izz")} | {"m2", "mcy2"}
+    first = {
+        f"{name}1" for name in ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyz", "Izz")
+    } | {"m2", "mcy2"}
     for robot, more in ((GEN2, set()), (LWR, set()), (LWR_ZERO, {f"m{k}" for k in range(3, 8)})):
         r = reduce_exactly(build_model(robot))
         assert set(r.alone) == set(wanted)
@@ -154,7 +173,14 @@ def test_printed_lwr_relations_have_no_lengths():
 
 
 @pytest.mark.parametrize(
-    "robot", [GEN2, LWR, LWR_ZERO, load_robot(ROBOTS / "kinova_gen2.yaml"), load_robot(ROBOTS / "kuka_lwr4plus.yaml")]
+    "robot",
+    [
+        GEN2,
+        LWR,
+        LWR_ZERO,
+        load_robot(ROBOTS / "kinova_gen2.yaml"),
+        load_robot(ROBOTS / "kuka_lwr4plus.yaml"),
+    ],
 )
 def test_every_coefficient_of_both_arms_has_a_name(robot):
     assert reduce_exactly(build_model(robot)).unnamed == 0
@@ -178,7 +204,9 @@ def test_classes_do_not_depend_on_how_small_an_offset_is(d4):
 def test_every_way_to_write_a_right_angle_gives_the_same_relations(twist, tmp_path):
     text = (PAPER / "kinova_gen2_table6.yaml").read_text()
     path = tmp_path / "arm.yaml"
-    text = text.replace("angle_unit: deg", "angle_unit: rad").replace("twist: 90,", f"twist: {twist},")
+    text = text.replace("angle_unit: deg", "angle_unit: rad").replace(
+        "twist: 90,", f"twist: {twist},"
+    )
     text = text.replace("offset: [0, -180, 0, 0, 0, 180, 0]", "offset: [0, 0, 0, 0, 0, 0, 0]")
     path.write_text(text)
     assert texts(load_robot(path)) == texts(GEN2)
@@ -206,7 +234,9 @@ def test_gravity_along_an_oblique_joint_axis_is_recognised_without_a_tolerance()
         Joint(f"j{k}", twist=t, a=a, d=0.1, friction=())
         for k, t, a in ((1, math.pi / 4, 0), (2, math.pi / 2, 0.3), (3, 0, 0.2))
     )
-    upright = Robot("upright", "modified", (replace(joints[0], twist=0.0), *joints[1:]), gravity=(0, 0, -9.81))
+    upright = Robot(
+        "upright", "modified", (replace(joints[0], twist=0.0), *joints[1:]), gravity=(0, 0, -9.81)
+    )
     leaning = Robot("leaning", "modified", joints, gravity=(0, 6.93, -6.93))
     assert counts(leaning) == counts(upright)
     require_agreement(reduce_exactly(build_model(leaning)), reduce(build_model(leaning)))

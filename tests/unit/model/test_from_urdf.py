@@ -30,8 +30,15 @@ ARMS = {
     "z1": ("z1_description/urdf/z1.urdf", None, None),
 }
 #: KUKA's iiwa 14, from the figures of its data sheet: joint offsets along the arm, axes turned by right angles.
-IIWA = ((0.1575, 0, 0, 0), (0.2025, 90, 0, 180), (0.2045, 90, 0, 180), (0.2155, 90, 0, 0), (0.1845, -90, 180, 0),
-        (0.2155, 90, 0, 0), (0.081, -90, 180, 0))  # fmt: skip
+IIWA = (
+    (0.1575, 0, 0, 0),
+    (0.2025, 90, 0, 180),
+    (0.2045, 90, 0, 180),
+    (0.2155, 90, 0, 0),
+    (0.1845, -90, 180, 0),
+    (0.2155, 90, 0, 0),
+    (0.081, -90, 180, 0),
+)
 
 #: Two links that carry each other, beside the arm.
 RING = "<link name='ring_a'/><link name='ring_b'/>" + "".join(
@@ -45,10 +52,14 @@ def random_urdf(rng, n):
 
     def origin():
         turn = (
-            rng.choice([-np.pi / 2, 0.0, np.pi / 2, np.pi], 3) if rng.random() < 0.6 else rng.uniform(-3, 3, 3).round(2)
+            rng.choice([-np.pi / 2, 0.0, np.pi / 2, np.pi], 3)
+            if rng.random() < 0.6
+            else rng.uniform(-3, 3, 3).round(2)
         )
         shift = np.where(rng.random(3) < 0.5, 0.0, rng.uniform(-0.5, 0.5, 3))
-        return '<origin xyz="{} {} {}" rpy="{} {} {}"/>'.format(*map(float, shift), *map(float, turn))
+        return '<origin xyz="{} {} {}" rpy="{} {} {}"/>'.format(
+            *map(float, shift), *map(float, turn)
+        )
 
     def inertial():
         return (
@@ -60,7 +71,11 @@ def random_urdf(rng, n):
     previous = "root"
     for i in range(n):
         kind = rng.choice(["revolute", "continuous", "prismatic"], p=[0.4, 0.3, 0.3])
-        axis = np.eye(3)[rng.integers(3)] * rng.choice([-1, 1]) if rng.random() < 0.7 else rng.normal(size=3).round(2)
+        axis = (
+            np.eye(3)[rng.integers(3)] * rng.choice([-1, 1])
+            if rng.random() < 0.7
+            else rng.normal(size=3).round(2)
+        )
         if rng.random() < 0.4:
             text += f'<joint name="f{i}" type="fixed"><parent link="{previous}"/><child link="g{i}"/>{origin()}</joint>'
             text += f'<link name="g{i}">{inertial() if i else ""}</link>'
@@ -82,15 +97,21 @@ def iiwa_urdf():
         text += f'<joint name="joint_a{i}" type="revolute"><parent link="{previous}"/><child link="l{i}"/>'
         text += f'<origin xyz="{shift}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
         text += '<limit lower="-2.9" upper="2.9" effort="200" velocity="1.5"/></joint>'
-        text += f'<link name="l{i}"><inertial><origin xyz="0 0.03 0.1"/><mass value="{5 - 0.5 * i}"/>'
-        text += '<inertia ixx="0.05" ixy="0" ixz="0" iyy="0.05" iyz="0" izz="0.02"/></inertial></link>'
+        text += (
+            f'<link name="l{i}"><inertial><origin xyz="0 0.03 0.1"/><mass value="{5 - 0.5 * i}"/>'
+        )
+        text += (
+            '<inertia ixx="0.05" ixy="0" ixz="0" iyy="0.05" iyz="0" izz="0.02"/></inertial></link>'
+        )
         previous = f"l{i}"
     return text + "</robot>"
 
 
 def imported(path, convention="standard", base=None, tip=None):
     """Return what import finds, its robot read back from the text of its own robot file."""
-    found = import_arm(read_urdf(path), read_urdf(path, exact=True), convention=convention, base=base, tip=tip)
+    found = import_arm(
+        read_urdf(path), read_urdf(path, exact=True), convention=convention, base=base, tip=tip
+    )
     return found, parse_robot(robot_text(found.robot), Path("again.yaml"))
 
 
@@ -106,7 +127,9 @@ def configuration(model, names, q):
     own = np.zeros(model.nq)
     for name, value in zip(names, q, strict=True):
         joint = model.joints[model.getJointId(name)]
-        own[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
+        own[joint.idx_q : joint.idx_q + joint.nq] = (
+            value if joint.nq == 1 else (np.cos(value), np.sin(value))
+        )
     return own
 
 
@@ -144,7 +167,9 @@ def robots():
     """The folder of URDFs of example-robot-data."""
     spec = importlib.util.find_spec("pinocchio")
     folder = Path(spec.origin).parents[4] / "share" / "example-robot-data" / "robots"
-    folder = folder if folder.is_dir() else Path(sys.prefix) / "share" / "example-robot-data" / "robots"
+    folder = (
+        folder if folder.is_dir() else Path(sys.prefix) / "share" / "example-robot-data" / "robots"
+    )
     if not folder.is_dir():
         pytest.skip("the package example-robot-data is not installed")
     return folder
@@ -152,7 +177,9 @@ def robots():
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])
 @pytest.mark.parametrize("name", ARMS)
-def test_arms_that_people_have_get_a_table_with_the_urdfs_kinematics_and_torques(name, convention, robots):
+def test_arms_that_people_have_get_a_table_with_the_urdfs_kinematics_and_torques(
+    name, convention, robots
+):
     """UR5, Panda, Kinova, TIAGo, Talos, Z1: poses of the tip to 1e-9, torques of the prior to 1e-9 of their size."""
     file, base, tip = ARMS[name]
     found, robot = imported(robots / file, convention, base, tip)
@@ -168,12 +195,20 @@ def test_logs_of_the_urdfs_own_bodies_do_not_accuse_its_table(name, robots):
     model = in_pinocchio(robots / file, robot.joint_names)
     data, rng = model.createData(), np.random.default_rng(3)
     t = np.arange(0, 12.0, 0.005)
-    rate, phase = 2 * np.pi * rng.uniform(0.05, 0.4, (2, robot.n, 1)), rng.uniform(0, 2 * np.pi, (2, robot.n, 1))
+    rate, phase = (
+        2 * np.pi * rng.uniform(0.05, 0.4, (2, robot.n, 1)),
+        rng.uniform(0, 2 * np.pi, (2, robot.n, 1)),
+    )
     q = np.sin(rate * t + phase).sum(axis=0).T
     qd = (rate * np.cos(rate * t + phase)).sum(axis=0).T
     qdd = (-(rate**2) * np.sin(rate * t + phase)).sum(axis=0).T
     states = zip(q, qd, qdd, strict=True)
-    tau = np.array([pin.rnea(model, data, configuration(model, robot.joint_names, a), b, c) for a, b, c in states])
+    tau = np.array(
+        [
+            pin.rnea(model, data, configuration(model, robot.joint_names, a), b, c)
+            for a, b, c in states
+        ]
+    )
     tau += 0.1 * np.tanh(qd / 0.01) + 0.02 * rng.standard_normal(tau.shape)
     found = find_mistake(Log(t, q, tau), robot)
     assert found is not None
@@ -224,7 +259,9 @@ def test_the_iiwas_table_has_the_makers_lengths(tmp_path):
     path = tmp_path / "iiwa.urdf"
     path.write_text(iiwa_urdf())
     _, robot = imported(path)
-    np.testing.assert_allclose([abs(j.d) for j in robot.joints[:6]], [0.36, 0, 0.42, 0, 0.4, 0], atol=1e-12)
+    np.testing.assert_allclose(
+        [abs(j.d) for j in robot.joints[:6]], [0.36, 0, 0.42, 0, 0.4, 0], atol=1e-12
+    )
     np.testing.assert_allclose([j.a for j in robot.joints], 0.0, atol=1e-12)
     assert {abs(round(np.degrees(j.twist))) for j in robot.joints[:6]} == {90}
 
@@ -257,7 +294,10 @@ def test_angles_with_few_digits_become_right_angles_and_the_difference_is_said(t
         (lambda t: t.replace('type="revolute"', 'type="floating"', 1), "fork|floating|no joint"),
         (lambda t: t.replace("<robot", "<sdf").replace("</robot>", "</sdf>"), "not <robot>"),
         (lambda t: t[:200], "not XML"),
-        (lambda t: t.replace('<parent link="l2"/>', '<parent link="nowhere"/>'), "names link 'nowhere'"),
+        (
+            lambda t: t.replace('<parent link="l2"/>', '<parent link="nowhere"/>'),
+            "names link 'nowhere'",
+        ),
         (lambda t: t.replace('xyz="0 0 1"', 'xyz="0 0 0"', 1), "axis of joint joint_a1 is zero"),
         (lambda t: t.replace('mass value="4.5"', 'mass value="heavy"'), "not a number"),
         (lambda t: t.replace("</robot>", RING + "</robot>"), "link 'ring_[ab]' is its own parent"),
@@ -277,8 +317,9 @@ def test_a_chain_of_hundreds_of_links_is_no_matter_of_recursion(tmp_path):
     links = "".join(f'<link name="c{k}"/>' for k in range(900))
     joints = "".join(
         f'<joint name="j{k}" type="{kind}"><parent link="c{k - 1}"/><child link="c{k}"/></joint>'
-        for k in range(1, 900) for kind in ["fixed" if k % 2 else "revolute"]
-    )  # fmt: skip
+        for k in range(1, 900)
+        for kind in ["fixed" if k % 2 else "revolute"]
+    )
     path = tmp_path / "arm.urdf"
     path.write_text(f"<robot name='long'>{links}{joints}</robot>")
     with pytest.raises(TooLarge, match="449 joints"):

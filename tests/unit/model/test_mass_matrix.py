@@ -15,8 +15,16 @@ def planar(a, b, c):
 
     def torque(q, qd, qdd):
         cos, sin = np.cos(q[:, 1]), np.sin(q[:, 1])
-        M = np.array([[a + 2 * b * cos, c + b * cos], [c + b * cos, c + 0 * cos]]).transpose(2, 0, 1)
-        rest = np.stack([9.81 * np.cos(q[:, 0]) - b * sin * qd[:, 1] ** 2 + 0.3, b * sin * qd[:, 0] ** 2 + qd[:, 1]], 1)
+        M = np.array([[a + 2 * b * cos, c + b * cos], [c + b * cos, c + 0 * cos]]).transpose(
+            2, 0, 1
+        )
+        rest = np.stack(
+            [
+                9.81 * np.cos(q[:, 0]) - b * sin * qd[:, 1] ** 2 + 0.3,
+                b * sin * qd[:, 0] ** 2 + qd[:, 1],
+            ],
+            1,
+        )
         return (M @ qdd[:, :, None])[:, :, 0] + rest
 
     return torque
@@ -64,7 +72,9 @@ def identified(flip: int | None):
     W = base.dense(sign * q, sign * qd, sign * qdd)
     theta = np.linalg.lstsq(W.reshape(-1, reduction.rank), (sign * tau).ravel(), rcond=None)[0]
     residual = np.linalg.norm(sign * tau - W @ theta) / np.linalg.norm(tau)
-    return indefinite_share(lambda *state: base.torque(theta, *state), random_poses(robot, 1000, seed=4)), residual
+    return indefinite_share(
+        lambda *state: base.torque(theta, *state), random_poses(robot, 1000, seed=4)
+    ), residual
 
 
 NAMES = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")

@@ -20,13 +20,17 @@ from dynid.robot import Body, Cylinders, Joint, Prior, Robot
 
 def two_links(convention="standard", **prior):
     joints = (Joint("a", a=0.5, twist=math.pi / 2), Joint("b", a=0.3))
-    return Robot("planar", convention, joints, prior=Prior(cylinders=Cylinders(**prior)) if prior else None)
+    return Robot(
+        "planar", convention, joints, prior=Prior(cylinders=Cylinders(**prior)) if prior else None
+    )
 
 
 def test_total_mass_is_the_one_that_was_given():
     """The density is scaled, whatever the shapes."""
     for name, mass in (("kuka_lwr4plus", 15.0), ("kinova_gen2", 5.1)):
-        assert sum(body.mass for body in prior_bodies(load_robot(name))) == pytest.approx(mass, rel=1e-12)
+        assert sum(body.mass for body in prior_bodies(load_robot(name))) == pytest.approx(
+            mass, rel=1e-12
+        )
 
 
 def test_a_cylinder_has_the_textbook_inertia():

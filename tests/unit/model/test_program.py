@@ -78,7 +78,15 @@ def test_operations_that_read_ahead_are_refused():
     program = builder.build([(0, 0, builder.slot(MUL, 0, 0))], (1, 1))
     with pytest.raises(ValueError, match="straight-line"):
         type(program)(
-            ("q1",), (0,), program.op, program.lhs + 5, program.rhs, program.rows, program.cols, program.outputs, (1, 1)
+            ("q1",),
+            (0,),
+            program.op,
+            program.lhs + 5,
+            program.rhs,
+            program.rows,
+            program.cols,
+            program.outputs,
+            (1, 1),
         )
 
 

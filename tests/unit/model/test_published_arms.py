@@ -48,7 +48,11 @@ def _chain(*rows):
     for k, (x, y, z, *rpy) in enumerate(rows):
         origin = np.eye(4)
         origin[:3, :3], origin[:3, 3] = rotation_rpy(tuple(rpy)), (x, y, z)
-        joints.append(UrdfJoint(f"j{k}", "revolute", str(k), str(k + 1), origin, np.array([0.0, 0.0, 1.0]), Limits()))
+        joints.append(
+            UrdfJoint(
+                f"j{k}", "revolute", str(k), str(k + 1), origin, np.array([0.0, 0.0, 1.0]), Limits()
+            )
+        )
     return joints
 
 
@@ -94,7 +98,9 @@ def test_e_series_flange_at_zero_is_where_links_and_offsets_add_up_to(name, pose
 def test_iiwa14_follows_the_urdf_of_pybullet():
     data = pytest.importorskip("pybullet_data")
     urdf = read_urdf(Path(data.getDataPath()) / "kuka_iiwa" / "model.urdf")
-    wobble, fixed = _largest_wobble(load_robot("kuka_iiwa14"), urdf.chain(urdf.root, "lbr_iiwa_link_7"))
+    wobble, fixed = _largest_wobble(
+        load_robot("kuka_iiwa14"), urdf.chain(urdf.root, "lbr_iiwa_link_7")
+    )
     assert wobble < 1e-9
     np.testing.assert_allclose(fixed[:3, 3], (0, 0, 0.045), atol=1e-9)
 
@@ -116,7 +122,9 @@ def test_iiwa7_follows_the_chain_of_iiwa_description():
 
 @pytest.mark.parametrize(("name", "height"), [("kuka_iiwa7", 1.266), ("kuka_iiwa14", 1.306)])
 def test_iiwa_flange_of_the_upright_arm_is_as_high_as_the_makers_drawing_says(name, height):
-    np.testing.assert_allclose(tool_pose(load_robot(name), np.zeros(7))[:3, 3], (0, 0, height), atol=1e-12)
+    np.testing.assert_allclose(
+        tool_pose(load_robot(name), np.zeros(7))[:3, 3], (0, 0, height), atol=1e-12
+    )
 
 
 def test_xarm7_follows_the_urdf_of_its_maker():
@@ -127,15 +135,21 @@ def test_xarm7_follows_the_urdf_of_its_maker():
 
 
 PANDAS = {
-    "example-robot-data": lambda: _from_example_robot_data("panda_description", "urdf", "panda.urdf"),
-    "pybullet": lambda: Path(pytest.importorskip("pybullet_data").getDataPath()) / "franka_panda" / "panda.urdf",
+    "example-robot-data": lambda: _from_example_robot_data(
+        "panda_description", "urdf", "panda.urdf"
+    ),
+    "pybullet": lambda: (
+        Path(pytest.importorskip("pybullet_data").getDataPath()) / "franka_panda" / "panda.urdf"
+    ),
 }
 
 
 @pytest.mark.parametrize("source", PANDAS)
 def test_panda_follows_two_public_urdfs(source):
     urdf = read_urdf(PANDAS[source]())
-    wobble, fixed = _largest_wobble(load_robot("franka_panda"), urdf.chain(urdf.root, "panda_link7"))
+    wobble, fixed = _largest_wobble(
+        load_robot("franka_panda"), urdf.chain(urdf.root, "panda_link7")
+    )
     assert wobble < 1e-9
     np.testing.assert_allclose(fixed, np.eye(4), atol=1e-9)
 

@@ -23,11 +23,31 @@ CASES = {
     "Gen2, driver table": (variant("kinova_gen2"), 48, 31, 11),
     "LWR4+, corrected": (variant("kuka_lwr4plus"), 48, 31, 11),
     "LWR4+, all d zero": (variant("paper/kuka_lwr4plus_table7"), 48, 31, 16),
-    "Gen2 without rotor inertia": (variant("paper/kinova_gen2_table6", joints={"motor_inertia": False}), 43, 26, 11),
-    "LWR4+ without rotor inertia": (variant("kuka_lwr4plus", joints={"motor_inertia": False}), 43, 26, 11),
+    "Gen2 without rotor inertia": (
+        variant("paper/kinova_gen2_table6", joints={"motor_inertia": False}),
+        43,
+        26,
+        11,
+    ),
+    "LWR4+ without rotor inertia": (
+        variant("kuka_lwr4plus", joints={"motor_inertia": False}),
+        43,
+        26,
+        11,
+    ),
     "Gen2 on a wall": (variant("paper/kinova_gen2_table6", gravity=(9.81, 0.0, 0.0)), 50, 32, 8),
-    "Gen2 without gravity": (variant("paper/kinova_gen2_table6", gravity=(0.0, 0.0, 0.0)), 44, 27, 13),
-    "LWR4+, all d zero, without gravity": (variant("paper/kuka_lwr4plus_table7", gravity=(0.0, 0.0, 0.0)), 36, 24, 33),
+    "Gen2 without gravity": (
+        variant("paper/kinova_gen2_table6", gravity=(0.0, 0.0, 0.0)),
+        44,
+        27,
+        13,
+    ),
+    "LWR4+, all d zero, without gravity": (
+        variant("paper/kuka_lwr4plus_table7", gravity=(0.0, 0.0, 0.0)),
+        36,
+        24,
+        33,
+    ),
 }
 
 
@@ -51,9 +71,13 @@ def test_the_relations_of_the_lwr_are_the_published_ones():
     d3, d7 = 0.4, 0.078
     heavier = {f"m{k}": d3**2 for k in range(3, 8)}
     assert terms["Iyy1R"] == pytest.approx({"Iyy1": 1, "Im1": 1, "Izz2": 1})
-    assert terms["Ixx2R"] == pytest.approx({"Ixx2": 1, "Izz2": -1, "Izz3": 1, "mcy3": -2 * d3, **heavier})
+    assert terms["Ixx2R"] == pytest.approx(
+        {"Ixx2": 1, "Izz2": -1, "Izz3": 1, "mcy3": -2 * d3, **heavier}
+    )
     assert terms["mcz5R"] == pytest.approx({"mcz5": 1, "mcy6": -1})
-    assert terms["Ixx6R"] == pytest.approx({"Ixx6": 1, "Izz6": -1, "Iyy7": 1, "mcz7": 2 * d7, "m7": d7**2})
+    assert terms["Ixx6R"] == pytest.approx(
+        {"Ixx6": 1, "Izz6": -1, "Iyy7": 1, "mcz7": 2 * d7, "m7": d7**2}
+    )
     assert terms["Ixx7R"] == pytest.approx({"Ixx7": 1, "Iyy7": -1})
 
 
@@ -80,16 +104,22 @@ def test_the_span_is_that_of_pinocchios_regressor():
     reference.gravity = pin.Motion(np.array(robot.gravity), np.zeros(3))
     parent, place = 0, pin.SE3.Identity()
     for joint in robot.joints:
-        here = place * pin.SE3(pin.utils.rotate("z", joint.theta_offset), np.array([0.0, 0.0, joint.d]))
+        here = place * pin.SE3(
+            pin.utils.rotate("z", joint.theta_offset), np.array([0.0, 0.0, joint.d])
+        )
         parent = reference.addJoint(parent, pin.JointModelRZ(), here, joint.name)
         reference.appendBodyToJoint(parent, pin.Inertia.Random(), pin.SE3.Identity())
         place = pin.SE3(pin.utils.rotate("x", joint.twist), np.array([joint.a, 0.0, 0.0]))
     data = reference.createData()
     other = np.vstack(
-        [pin.computeJointTorqueRegressor(reference, data, *state).copy() for state in zip(*states, strict=True)]
+        [
+            pin.computeJointTorqueRegressor(reference, data, *state).copy()
+            for state in zip(*states, strict=True)
+        ]
     )
     ranks = [
-        np.linalg.matrix_rank(W / np.linalg.norm(W, axis=0).max(), tol=1e-8) for W in (P, other, np.hstack([P, other]))
+        np.linalg.matrix_rank(W / np.linalg.norm(W, axis=0).max(), tol=1e-8)
+        for W in (P, other, np.hstack([P, other]))
     ]
     assert ranks == [43, 43, 43]
 

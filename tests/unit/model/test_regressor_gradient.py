@@ -25,14 +25,18 @@ def scara():
 
 
 def coupled():
-    return replace(scara(), coupling=Coupling(((100.0, 0, 0, 0), (0, 80, 0, 0), (0, 0, 50, 0), (0, 0, 30, 40))))
+    return replace(
+        scara(), coupling=Coupling(((100.0, 0, 0, 0), (0, 80, 0, 0), (0, 0, 50, 0), (0, 0, 30, 40)))
+    )
 
 
 def arms():
     lwr = load_robot(ROBOTS / "kuka_lwr4plus.yaml")
     return {
         "lwr": lwr,
-        "gen2, wide Coulomb": replace(load_robot(ROBOTS / "kinova_gen2.yaml"), coulomb=Coulomb("smooth", (0.3,) * 7)),
+        "gen2, wide Coulomb": replace(
+            load_robot(ROBOTS / "kinova_gen2.yaml"), coulomb=Coulomb("smooth", (0.3,) * 7)
+        ),
         "threshold": replace(lwr, coulomb=Coulomb("threshold", (0.05,) * 7)),
         "scara": scara(),
         "coupled": coupled(),

@@ -12,7 +12,13 @@ import pytest
 
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
-from dynid.model.exact import FieldRegressor, reduce_exactly, relations_json, relations_latex, relations_text
+from dynid.model.exact import (
+    FieldRegressor,
+    reduce_exactly,
+    relations_json,
+    relations_latex,
+    relations_text,
+)
 from dynid.model.polynomial import ONE, Polynomial
 from dynid.model.reduce import reduce
 from dynid.robot import Joint, Robot
@@ -33,7 +39,10 @@ def exact(gen2):
 
 def oblique(n):
     """Return an arm of n turning joints whose twists are no special angles."""
-    joints = tuple(Joint(f"j{k}", a=0.1 + 0.01 * k, d=0.2 + 0.03 * k, twist=0.3 + 0.1 * k) for k in range(1, n + 1))
+    joints = tuple(
+        Joint(f"j{k}", a=0.1 + 0.01 * k, d=0.2 + 0.03 * k, twist=0.3 + 0.1 * k)
+        for k in range(1, n + 1)
+    )
     return Robot("oblique", "standard", joints)
 
 
@@ -60,7 +69,10 @@ def test_json_formulas_give_the_terms_when_computed_with_the_symbols(exact):
 
 
 def test_text_shows_numbers_beside_the_formulas(exact):
-    assert "mcz2R = mcz2 + mcy3 + d3*(m3+m4+m5+m6+m7)    [d3 = -0.41]" in relations_text(exact).splitlines()
+    assert (
+        "mcz2R = mcz2 + mcy3 + d3*(m3+m4+m5+m6+m7)    [d3 = -0.41]"
+        in relations_text(exact).splitlines()
+    )
 
 
 def test_latex_has_a_row_for_each_combination(exact):
@@ -70,7 +82,10 @@ def test_latex_has_a_row_for_each_combination(exact):
 
 
 def test_formulas_add_multiply_and_evaluate_like_numbers():
-    d, c = Polynomial.monomial(2, {"d3": 1}), Polynomial.monomial(Fraction(-1, 2), {"ca4": -1, "sqrt(3)": 1})
+    d, c = (
+        Polynomial.monomial(2, {"d3": 1}),
+        Polynomial.monomial(Fraction(-1, 2), {"ca4": -1, "sqrt(3)": 1}),
+    )
     values = {"d3": 0.4, "ca4": 0.3}
     assert (d * c + ONE).value(values) == pytest.approx(2 * 0.4 * -0.5 * math.sqrt(3) / 0.3 + 1)
     assert (d + -d).terms == ()
@@ -95,7 +110,10 @@ def test_special_oblique_twists_are_symbols_with_the_same_formulas():
     def arm(degrees):
         joints = tuple(replace(j, twist=math.radians(degrees)) for j in oblique(3).joints)
         return [
-            g["text"] for g in relations_json(reduce_exactly(build_model(replace(oblique(3), joints=joints))))["groups"]
+            g["text"]
+            for g in relations_json(
+                reduce_exactly(build_model(replace(oblique(3), joints=joints)))
+            )["groups"]
         ]
 
     assert arm(30) == arm(60) == arm(37.123)

@@ -67,7 +67,12 @@ def test_a_program_with_operations_that_read_ahead_is_damaged(robot, tmp_path):
     path = tmp_path / "regressor.npz"
     save_model(path, build_model(robot))
     artifact = read_artifact(path)
-    write_artifact(path, artifact.schema, artifact.header, {**artifact.arrays, "lhs": artifact.arrays["lhs"] + 10000})
+    write_artifact(
+        path,
+        artifact.schema,
+        artifact.header,
+        {**artifact.arrays, "lhs": artifact.arrays["lhs"] + 10000},
+    )
     with pytest.raises(NotAnArtifact, match="damaged"):
         load_model(path, robot)
 

@@ -32,7 +32,10 @@ def only(joint, size):
 def bullet():
     with SimulatedArm(LWR) as arm:
         yield lambda motion: np.array(
-            [arm.inverse_dynamics(*state) for state in zip(motion.q, motion.qd, motion.qdd, strict=True)]
+            [
+                arm.inverse_dynamics(*state)
+                for state in zip(motion.q, motion.qd, motion.qdd, strict=True)
+            ]
         )
 
 
@@ -42,7 +45,9 @@ def advised(error, speed=1.0):
 
 def test_a_broken_rate_is_refused_with_the_speed_that_passes():
     motion = swing(only(5, 2.0), 1.0)
-    with pytest.raises(LimitBroken, match=r"lwr_5_joint moves|accelerates at .* at t = 0\.\d s; limit") as caught:
+    with pytest.raises(
+        LimitBroken, match=r"lwr_5_joint moves|accelerates at .* at t = 0\.\d s; limit"
+    ) as caught:
         check_limits(LWR, PlayedMotion(motion))
     speed = advised(caught.value)
     check_limits(LWR, PlayedMotion(at_speed(motion, speed), speed=speed))
@@ -58,7 +63,9 @@ def test_a_position_out_of_range_is_not_cured_by_a_lower_speed():
 
 def test_a_torque_near_the_rating_is_refused_with_the_speed_that_passes(bullet):
     motion = swing(only(2, 1.3), 0.5)
-    with pytest.raises(LimitBroken, match=r"lwr_1_joint needs \d+ N m at t = .*limit 123 with 30 % margin") as caught:
+    with pytest.raises(
+        LimitBroken, match=r"lwr_1_joint needs \d+ N m at t = .*limit 123 with 30 % margin"
+    ) as caught:
         check_torque(LWR, PlayedMotion(motion), bullet)
     speed = advised(caught.value)
     load = check_torque(LWR, PlayedMotion(at_speed(motion, speed), speed=speed), bullet)
@@ -77,13 +84,19 @@ def test_the_floor_an_obstacle_and_the_arm_itself_are_kept_clear_of():
     played = PlayedMotion(swing(only(2, 0.3)))
     near = check_clearance(LWR, played, Scene())
     assert near[0].distance > 0.05
-    with pytest.raises(Collision, match=r"link_\d and floor: the arm touches it \(depth \d+ mm\) at t = 1\.0 s"):
-        check_clearance(LWR, PlayedMotion(swing(np.array([0.0, 1.4, 0.0, -0.9, 0.0, 0.7, 0.0]))), Scene())
+    with pytest.raises(
+        Collision, match=r"link_\d and floor: the arm touches it \(depth \d+ mm\) at t = 1\.0 s"
+    ):
+        check_clearance(
+            LWR, PlayedMotion(swing(np.array([0.0, 1.4, 0.0, -0.9, 0.0, 0.7, 0.0]))), Scene()
+        )
     with pytest.raises(Collision, match="obstacle 1"):
         check_clearance(LWR, played, Scene(obstacles=(Box((0.05, -0.2, 0.9), (0.5, 0.2, 1.2)),)))
     kinova = load_robot("kinova_gen2")
     folded = np.array([0.0, 3.14, 0.0, 0.55, 0.0, 5.1, 0.0])
-    still = Motion(np.array([0.0, 1.0]), np.tile(folded, (2, 1)), np.zeros((2, 7)), np.zeros((2, 7)))
+    still = Motion(
+        np.array([0.0, 1.0]), np.tile(folded, (2, 1)), np.zeros((2, 7)), np.zeros((2, 7))
+    )
     with pytest.raises(Collision, match=r"link_\d and (link_\d|base)"):
         check_clearance(kinova, PlayedMotion(still), Scene(floor=None))
 
@@ -97,12 +110,19 @@ def test_contact_on_the_approach_names_the_approach():
 
 
 def test_a_scene_survives_its_facts():
-    scene = Scene(None, (Box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),), Box((-1.0, -1.0, 0.0), (1.0, 1.0, 2.0)))
+    scene = Scene(
+        None, (Box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),), Box((-1.0, -1.0, 0.0), (1.0, 1.0, 2.0))
+    )
     assert scene_from(scene.facts) == scene
 
 
 def test_the_tool_speed_of_one_joint_is_its_speed_times_the_lever():
     stretched = np.array([0.0, np.pi / 2, 0.0, 0.0, 0.0, 0.0, 0.0])
-    motion = Motion(np.array([0.0, 1.0]), np.tile(stretched, (2, 1)), np.tile(only(1, 0.5), (2, 1)), np.zeros((2, 7)))
+    motion = Motion(
+        np.array([0.0, 1.0]),
+        np.tile(stretched, (2, 1)),
+        np.tile(only(1, 0.5), (2, 1)),
+        np.zeros((2, 7)),
+    )
     lever = 0.40 + 0.39 + 0.078
     assert fastest_tool(LWR, motion) == pytest.approx(0.5 * lever, rel=1e-3)

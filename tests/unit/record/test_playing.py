@@ -30,7 +30,9 @@ def test_the_gap_to_the_start_dies_away_and_the_rates_are_its_derivatives():
     q, qd = (np.array([getattr(reference.at(x), key) for x in t]) for key in ("q", "qd"))
     np.testing.assert_allclose(q[0], 0.05)
     np.testing.assert_allclose(np.gradient(q, t, axis=0)[1:-1], qd[1:-1], atol=1e-4)
-    assert np.abs(reference.at(1.0).q - ReferenceMotion(sine(), np.zeros(7)).at(1.0).q).max() < 1e-12
+    assert (
+        np.abs(reference.at(1.0).q - ReferenceMotion(sine(), np.zeros(7)).at(1.0).q).max() < 1e-12
+    )
 
 
 def test_half_the_speed_is_a_quarter_of_the_acceleration():
@@ -50,7 +52,9 @@ def test_an_approach_stays_within_a_tenth_of_the_limits():
 
 def test_repeated_motions_join_without_a_jump():
     motion = sine()
-    shifted = Motion(motion.t, motion.q + np.outer(motion.t / 2, np.full(7, 0.0)), motion.qd, motion.qdd)
+    shifted = Motion(
+        motion.t, motion.q + np.outer(motion.t / 2, np.full(7, 0.0)), motion.qd, motion.qdd
+    )
     thrice = repeated(ARM, shifted, 3)
     assert thrice.t[-1] == pytest.approx(6.0)
     assert np.diff(thrice.t).min() > 0
@@ -62,7 +66,9 @@ def test_repeated_motions_join_without_a_jump():
 
 def test_endless_joints_follow_the_turns_that_the_arm_has_made():
     motion = sine()
-    turned = nearest_turn(ARM, motion, motion.q[0] + 2 * np.pi * np.array([1, 0, -2, 0, 0, 0, 1]) + 0.01)
+    turned = nearest_turn(
+        ARM, motion, motion.q[0] + 2 * np.pi * np.array([1, 0, -2, 0, 0, 0, 1]) + 0.01
+    )
     np.testing.assert_allclose((turned.q - motion.q)[0] / (2 * np.pi), [1, 0, -2, 0, 0, 0, 1])
 
 

@@ -45,7 +45,9 @@ def motion(robot):
 @pytest.fixture(scope="module")
 def gathered(tmp_path_factory):
     robot = load_robot("scara")
-    robot = replace(robot, name=NASTY, joints=(replace(robot.joints[0], name=NASTY), *robot.joints[1:]))
+    robot = replace(
+        robot, name=NASTY, joints=(replace(robot.joints[0], name=NASTY), *robot.joints[1:])
+    )
     model = build_model(robot)
     reduction = reduce(model)
     p, c = reduction.rank, len(reduction.names)
@@ -71,18 +73,45 @@ def gathered(tmp_path_factory):
     rng = np.random.default_rng(0)
     seen, unseen = (waves(robot.n, size * rng.normal(size=(400, robot.n))) for size in (0.01, 0.02))
     found = Identification(
-        robot=robot, reduction=reduction, why="because", theta=theta, covariance=0.0001 * np.eye(p),
-        fit=Fit("wls", theta, np.full(robot.n, 0.01), 0.0001 * np.eye(p), np.zeros((0, 0, 0)), np.zeros(0, int)),
-        std_error=error, knowledge=("not determined", *("well",) * (p - 1)),
+        robot=robot,
+        reduction=reduction,
+        why="because",
+        theta=theta,
+        covariance=0.0001 * np.eye(p),
+        fit=Fit(
+            "wls",
+            theta,
+            np.full(robot.n, 0.01),
+            0.0001 * np.eye(p),
+            np.zeros((0, 0, 0)),
+            np.zeros(0, int),
+        ),
+        std_error=error,
+        knowledge=("not determined", *("well",) * (p - 1)),
         prior=np.full(p, np.nan),
         quality=Quality(
             tuple(JointQuality(j.name, 0.01, 1.4, 0.7, None) for j in robot.joints),
-            1.4, None, "nothing held out", {}, rank=p, condition_number=50.0, condition_number_scaled=30.0, samples=400,
+            1.4,
+            None,
+            "nothing held out",
+            {},
+            rank=p,
+            condition_number=50.0,
+            condition_number_scaled=30.0,
+            samples=400,
         ),
-        physical=physical, in_force="physical", choice=NASTY, findings=(Finding("W402", "warning", NASTY),),
-    )  # fmt: skip
+        physical=physical,
+        in_force="physical",
+        choice=NASTY,
+        findings=(Finding("W402", "warning", NASTY),),
+    )
     folder = tmp_path_factory.mktemp("run")
-    header = {"command": f"dynid identify {NASTY}", "logs": [NASTY], "log_findings": [], "dynid": "0.1.0"}
+    header = {
+        "command": f"dynid identify {NASTY}",
+        "logs": [NASTY],
+        "log_findings": [],
+        "dynid": "0.1.0",
+    }
     header |= {"cutoff_hz": 5.0, "log_sha256": ["ab" * 32]}
     stored = replace(found, header=header, path=folder / "parameters.npz")
     other = Unseen(NASTY, unseen, *relative_percent(unseen))

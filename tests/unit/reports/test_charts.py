@@ -26,7 +26,11 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 def paths(svg, color):
-    return [e for e in ElementTree.fromstring(svg).iter(f"{SVG}path") if e.get("stroke") == f"var(--{color})"]
+    return [
+        e
+        for e in ElementTree.fromstring(svg).iter(f"{SVG}path")
+        if e.get("stroke") == f"var(--{color})"
+    ]
 
 
 def points(path):
@@ -43,12 +47,20 @@ def rectangles(svg, color):
 
 def test_a_curve_is_a_straight_image_of_its_numbers():
     x, y = np.linspace(0.0, 3.0, 50), np.random.default_rng(1).uniform(-1.0, 2.0, 50)
-    svg = chart([Panel("a", (Curve(x, y, "measured", 1.0),), -1.5, 2.5)], "time [s]", "a", width=300, height=100)
+    svg = chart(
+        [Panel("a", (Curve(x, y, "measured", 1.0),), -1.5, 2.5)],
+        "time [s]",
+        "a",
+        width=300,
+        height=100,
+    )
     (path,) = paths(svg, "measured")
     found = points(path)
     for drawn, values in zip(found.T, (x, y), strict=True):
         slope, start = np.polyfit(values, drawn, 1)
-        np.testing.assert_allclose(start + slope * values, drawn, atol=0.06)  # a tenth of a pixel is written
+        np.testing.assert_allclose(
+            start + slope * values, drawn, atol=0.06
+        )  # a tenth of a pixel is written
     assert np.polyfit(y, found[:, 1], 1)[0] == pytest.approx(-25.0, rel=0.01)
 
 
@@ -68,7 +80,9 @@ def test_an_outline_keeps_every_extreme_and_both_ends():
     np.testing.assert_array_equal(values, y[kept.astype(int)])
 
 
-@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-3.2, 17.0), (1e-9, 3e-9), (-5e6, 2.0), (4.0, 4.0)])
+@pytest.mark.parametrize(
+    ("low", "high"), [(0.0, 1.0), (-3.2, 17.0), (1e-9, 3e-9), (-5e6, 2.0), (4.0, 4.0)]
+)
 def test_ticks_are_few_round_and_inside(low, high):
     found = ticks(low, high, 5)
     assert 1 <= len(found) <= 12
@@ -81,7 +95,9 @@ def test_coverage_shows_the_range_of_each_joint_over_its_limits(motion, robot):
     both = np.concatenate([np.ptp(motion.q_estimated, axis=0), np.ptp(motion.qd_estimated, axis=0)])
     drawn = np.array([bar["width"] for bar in blue])
     for part in (slice(0, robot.n), slice(robot.n, None)):
-        np.testing.assert_allclose(drawn[part] / drawn[part][0], both[part] / both[part][0], rtol=0.02)
+        np.testing.assert_allclose(
+            drawn[part] / drawn[part][0], both[part] / both[part][0], rtol=0.02
+        )
     limits = [joint.limits.position for joint in robot.joints if joint.limits.position]
     wide = np.array([bar["width"] for bar in grey[: len(limits)]])
     np.testing.assert_allclose(wide / drawn[0], np.ptp(limits, axis=1) / both[0], rtol=0.02)
@@ -92,7 +108,9 @@ def test_the_residual_over_velocity_shows_a_friction_step_that_was_left(robot):
     rng = np.random.default_rng(2)
     qd, q = rng.uniform(-1, 1, (2, 4800, robot.n))
     zero = np.zeros_like(q)
-    motion = EstimatedMotion(np.arange(4800.0), q, q, qd, qd, zero, zero, np.sign(qd), zero, zero == 0)
+    motion = EstimatedMotion(
+        np.arange(4800.0), q, q, qd, qd, zero, zero, np.sign(qd), zero, zero == 0
+    )
     _, line, _, size = residual_averages(motion, 0, "velocity")
     assert len(line) == 24
     assert size == pytest.approx(1.0, rel=1e-3)
@@ -112,7 +130,9 @@ def test_singular_values_stand_at_their_decades():
     svg = spectrum_chart(np.array([4.0, 0.4, 0.04, 0.002]), "spectrum")
     heights = points(paths(svg, "estimated")[0])[:, 1]
     np.testing.assert_allclose(np.diff(heights)[:2], heights[1] - heights[0], atol=0.11)
-    np.testing.assert_allclose(heights[3] - heights[0], np.log10(2000) * (heights[1] - heights[0]), atol=0.3)
+    np.testing.assert_allclose(
+        heights[3] - heights[0], np.log10(2000) * (heights[1] - heights[0]), atol=0.3
+    )
 
 
 def test_bars_are_standard_errors_in_percent_cut_at_300(gathered):
@@ -121,11 +141,15 @@ def test_bars_are_standard_errors_in_percent_cut_at_300(gathered):
     shown = np.isfinite(found.std_error) & (found.theta != 0)
     assert not shown.all()
     svg = error_chart(found, "errors")
-    bars = sorted([*rectangles(svg, "estimated"), *rectangles(svg, "measured")], key=lambda bar: bar["x"])
+    bars = sorted(
+        [*rectangles(svg, "estimated"), *rectangles(svg, "measured")], key=lambda bar: bar["x"]
+    )
     assert len(bars) == shown.sum()
     percent = np.clip(1 / np.abs(found.theta[shown]), 0.05, 300)
     heights = np.array([bar["height"] for bar in bars])
-    np.testing.assert_allclose(heights, 120 * np.log(percent / 0.05) / np.log(300 / 0.05), atol=0.06)
+    np.testing.assert_allclose(
+        heights, 120 * np.log(percent / 0.05) / np.log(300 / 0.05), atol=0.06
+    )
 
 
 def test_the_residual_model_is_drawn_in_percent_of_each_joints_torque():
@@ -135,17 +159,25 @@ def test_the_residual_model_is_drawn_in_percent_of_each_joints_torque():
         SimpleNamespace(joint="one", torque_rms=10.0, rms=0.3),
         SimpleNamespace(joint="two", torque_rms=2.0, rms=0.1),
     ]
-    svg = residual_model_chart(SimpleNamespace(model_error=SimpleNamespace(rms=rms), joints=joints), "residual model")
-    rects = [e for e in ElementTree.fromstring(svg).iter(f"{SVG}rect") if float(e.get("height")) == 7.0]
+    svg = residual_model_chart(
+        SimpleNamespace(model_error=SimpleNamespace(rms=rms), joints=joints), "residual model"
+    )
+    rects = [
+        e for e in ElementTree.fromstring(svg).iter(f"{SVG}rect") if float(e.get("height")) == 7.0
+    ]
     wide = np.array([float(e.get("width")) for e in rects]).reshape(2, 4)
-    np.testing.assert_allclose(wide / wide.max() * 20.0, [[10.0, 5.0, 2.0, 3.0], [10.0, 20.0, 0.0, 5.0]], atol=0.01)
+    np.testing.assert_allclose(
+        wide / wide.max() * 20.0, [[10.0, 5.0, 2.0, 3.0], [10.0, 20.0, 0.0, 5.0]], atol=0.01
+    )
 
 
 def test_names_are_text(motion, robot):
     hostile = replace(robot, joints=tuple(replace(j, name="<b>&\u202e") for j in robot.joints))
     svg = torque_chart(motion, hostile, 0, "<b>")
     assert [e.tag for e in ElementTree.fromstring(svg).iter() if e.tag == f"{SVG}b"] == []
-    assert "<U+202E>" in "".join(e.text or "" for e in ElementTree.fromstring(svg).iter(f"{SVG}text"))
+    assert "<U+202E>" in "".join(
+        e.text or "" for e in ElementTree.fromstring(svg).iter(f"{SVG}text")
+    )
 
 
 def test_an_axis_has_three_ticks_at_least():

@@ -7,12 +7,21 @@ import pytest
 
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.reports.chart import PARTS
-from dynid.reports.figures import QUANTITIES, motion_figure, torque_figure, write_figure, write_motion_figures
+from dynid.reports.figures import (
+    QUANTITIES,
+    motion_figure,
+    torque_figure,
+    write_figure,
+    write_motion_figures,
+)
 
 
 def curves(axis):
     """Return the curves of a panel by label, without the breaks at gaps."""
-    return {line.get_label(): np.asarray(line.get_ydata())[np.isfinite(line.get_ydata())] for line in axis.get_lines()}
+    return {
+        line.get_label(): np.asarray(line.get_ydata())[np.isfinite(line.get_ydata())]
+        for line in axis.get_lines()
+    }
 
 
 def panels(figure):
@@ -31,7 +40,9 @@ def test_each_panel_shows_measured_and_estimated_of_its_joint(motion, robot, qua
         estimated = getattr(motion, f"{quantity.key}_estimated")[:, j]
         np.testing.assert_array_equal(found["measured"], measured)
         np.testing.assert_array_equal(found["estimated"], estimated)
-        assert set(found) == {"measured", "estimated"} | ({"residual"} if quantity.key == "tau" else set())
+        assert set(found) == {"measured", "estimated"} | (
+            {"residual"} if quantity.key == "tau" else set()
+        )
         assert axis.get_ylabel() == quantity.units[0 if robot.joints[j].revolute else 1]
 
 
@@ -52,7 +63,9 @@ def test_the_residual_is_measured_minus_estimated_torque(motion, robot):
         (axis,) = panels(torque_figure(motion, robot, ("slide",), "run", residual_only=only))
         found = curves(axis)
         j = robot.joint_names.index("slide")
-        np.testing.assert_array_equal(found["residual"], motion.tau_measured[:, j] - motion.tau_estimated[:, j])
+        np.testing.assert_array_equal(
+            found["residual"], motion.tau_measured[:, j] - motion.tau_estimated[:, j]
+        )
         assert set(found) == ({"residual"} if only else {"measured", "estimated", "residual"})
         assert axis.get_ylabel() == "N"
 
@@ -79,7 +92,10 @@ def test_long_logs_are_thinned_to_what_a_screen_shows_and_keep_their_spikes(robo
 
 def test_names_are_labels_not_formulas(motion, robot):
     hostile = replace(
-        robot, joints=tuple(replace(j, name=f"$\\frac{{{k}}}$\n\u202e") for k, j in enumerate(robot.joints))
+        robot,
+        joints=tuple(
+            replace(j, name=f"$\\frac{{{k}}}$\n\u202e") for k, j in enumerate(robot.joints)
+        ),
     )
     figure = motion_figure(motion, hostile, QUANTITIES[0], "$x$")
     assert panels(figure)[0].get_title(loc="left") == r"\$\frac{0}\$<U+000A><U+202E>"
@@ -91,7 +107,8 @@ def test_equal_figures_give_equal_files(motion, robot, tmp_path):
     """PNG and SVG, written by their suffix; no date and no random ids."""
     for suffix, start in ((".png", b"\x89PNG"), (".svg", b"<?xml")):
         paths = [
-            write_figure(torque_figure(motion, robot, ("slide",), "run"), tmp_path / f"{k}{suffix}") for k in range(2)
+            write_figure(torque_figure(motion, robot, ("slide",), "run"), tmp_path / f"{k}{suffix}")
+            for k in range(2)
         ]
         one, two = (path.read_bytes() for path in paths)
         assert one == two
@@ -100,5 +117,9 @@ def test_equal_figures_give_equal_files(motion, robot, tmp_path):
 
 def test_the_four_figures_of_a_validation_are_written(motion, robot, tmp_path):
     names = ["position", "velocity", "acceleration", "torque"]
-    assert write_motion_figures(tmp_path, motion, robot, "run") == [tmp_path / f"{name}.png" for name in names]
-    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(f"{n}{s}" for n in names for s in (".png", ".svg"))
+    assert write_motion_figures(tmp_path, motion, robot, "run") == [
+        tmp_path / f"{name}.png" for name in names
+    ]
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(
+        f"{n}{s}" for n in names for s in (".png", ".svg")
+    )

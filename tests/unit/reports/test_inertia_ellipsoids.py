@@ -23,7 +23,9 @@ def pictures(svg):
         np.asarray(Image.open(io.BytesIO(base64.b64decode(code))))
         for code in re.findall(r"data:image/png;base64,([^\"]+)", svg)
     ]
-    labels = [(float(x), float(y) - 5) for x, y in re.findall(r'<text x="([\d.]+)" y="([\d.]+)"', svg)]
+    labels = [
+        (float(x), float(y) - 5) for x, y in re.findall(r'<text x="([\d.]+)" y="([\d.]+)"', svg)
+    ]
     return found, labels
 
 
@@ -55,13 +57,18 @@ def test_a_body_is_drawn_around_its_label_in_both_views(arm):
 
 def test_a_body_twice_as_large_covers_four_times_the_pixels(arm):
     sizes = [(0.05,) * 3, (0.1,) * 3]
-    one, two = (blue(pictures(ellipsoid_drawing(arm, np.zeros(4), [ball(s)], "x"))[0][0]).sum() for s in sizes)
+    one, two = (
+        blue(pictures(ellipsoid_drawing(arm, np.zeros(4), [ball(s)], "x"))[0][0]).sum()
+        for s in sizes
+    )
     assert two / one == pytest.approx(4, rel=0.08)
 
 
 def test_the_paper_shows_beside_the_arm_and_through_bodies(arm):
     """So that the picture sits on light and dark pages alike."""
-    view = pictures(ellipsoid_drawing(arm, np.zeros(4), [ball((0.1, 0.1, 0.1), centre=(0.0, 0.0, 0.08))], "x"))[0][0]
+    view = pictures(
+        ellipsoid_drawing(arm, np.zeros(4), [ball((0.1, 0.1, 0.1), centre=(0.0, 0.0, 0.08))], "x")
+    )[0][0]
     assert set(np.unique(view[..., 3])) == {0, round(255 * (1 - THROUGH)), 255}
     assert not view[0, :, 3].any()
 
@@ -70,8 +77,20 @@ def test_the_ellipsoid_of_a_uniform_ellipsoid_is_that_ellipsoid():
     """Its inertia is m/5 (b^2 + c^2) about the first axis."""
     a, b, c, mass = 0.1, 0.2, 0.3, 4.0
     moments = mass / 5 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
-    tensor = dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), np.diag(moments)[np.triu_indices(3)], strict=True))
-    link = {"link": 1, "mass_kg": mass, "com_m": [0, 0, 0], "inertia_com_kg_m2": tensor, "origin": {}}
+    tensor = dict(
+        zip(
+            ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
+            np.diag(moments)[np.triu_indices(3)],
+            strict=True,
+        )
+    )
+    link = {
+        "link": 1,
+        "mass_kg": mass,
+        "com_m": [0, 0, 0],
+        "inertia_com_kg_m2": tensor,
+        "origin": {},
+    }
     np.testing.assert_allclose(sorted(ellipsoid(link).axes), [a, b, c], rtol=1e-12)
 
 
@@ -79,7 +98,8 @@ def test_without_pybullet_the_outlines_are_drawn(arm, monkeypatch):
     monkeypatch.setattr("dynid.reports.inertia_ellipsoids.find_spec", lambda name: None)
     tensor = {"ixx": 0.01, "ixy": 0.0, "ixz": 0.0, "iyy": 0.02, "iyz": 0.0, "izz": 0.02}
     links = [
-        {"link": k, "mass_kg": 1.0, "com_m": [0.1, 0, 0], "inertia_com_kg_m2": tensor, "origin": {}} for k in (1, 2)
+        {"link": k, "mass_kg": 1.0, "com_m": [0.1, 0, 0], "inertia_com_kg_m2": tensor, "origin": {}}
+        for k in (1, 2)
     ]
     picture = ellipsoids(arm, links)
     assert picture.svgs[0].startswith("<svg")
@@ -88,6 +108,8 @@ def test_without_pybullet_the_outlines_are_drawn(arm, monkeypatch):
 
 def test_names_of_joints_and_labels_stay_text(arm):
     nasty = replace(arm, joints=(replace(arm.joints[0], name='<b>x & "y"</b>'), *arm.joints[1:]))
-    svg = ellipsoid_drawing(nasty, np.zeros(4), [replace(ball((0.1, 0.1, 0.1)), name="<i>")], '<b>"')
+    svg = ellipsoid_drawing(
+        nasty, np.zeros(4), [replace(ball((0.1, 0.1, 0.1)), name="<i>")], '<b>"'
+    )
     assert "<b>" not in svg
     assert "<i>" not in svg

@@ -22,42 +22,81 @@ NASTY = '<b>x & "y"</b>'
 def record(gathered):
     names = gathered.robot.joint_names
     n = len(names)
-    one = GapEffect("load_friction", (0,), names[:1], names[0], {"a": 0.05}, {"a": 0.002}, {"a": ""}, 2e-5,
-                    names[0], 0.9, 0.36, "N m")  # fmt: skip
+    one = GapEffect(
+        "load_friction",
+        (0,),
+        names[:1],
+        names[0],
+        {"a": 0.05},
+        {"a": 0.002},
+        {"a": ""},
+        2e-5,
+        names[0],
+        0.9,
+        0.36,
+        "N m",
+    )
     regions = (ResidualRegion("speed", "slow", 4.0, 100), ResidualRegion("speed", "fast", 1.1, 100))
     joints = tuple(JointGap(j, 2.5, 1 / n, regions, "when slow") for j in range(n))
     improvement = HeldOutImprovement(
         np.full(n, 0.9), np.full(n, 0.36), np.tile([0.3, 0.5], (n, 1)), np.full(n, 0.3), np.zeros(n)
     )
     t = np.linspace(0, 20, 500)
-    curve = HeldOutEffect(t, np.sin(t), 0.9 * np.sin(t), 0.1 * np.sin(t), np.cos(t), f"speed of {NASTY} [rad/s]")
+    curve = HeldOutEffect(
+        t, np.sin(t), 0.9 * np.sin(t), 0.1 * np.sin(t), np.cos(t), f"speed of {NASTY} [rad/s]"
+    )
     return GapRecord(
-        robot=NASTY, mode="refit", verdict="named", named=(one,),
+        robot=NASTY,
+        mode="refit",
+        verdict="named",
+        named=(one,),
         closest=(replace(one, effect="stribeck", why_not=NASTY, rivals=("end_stop on x",)),),
-        alternatives=(("spring", "end_stop"),), advice=NASTY, joint_names=names,
-        torque_units=tuple(joint.torque_unit for joint in gathered.robot.joints), joints=joints,
-        improvement=improvement, simulation=np.zeros((2, n)), heldout="the last", noise_from="repeats", noise_note="",
-        not_repeatable=(names[0],), cannot_judge={"base_tilt": (), "spring": (0, 1)}, logs=(NASTY,), made_from="a",
+        alternatives=(("spring", "end_stop"),),
+        advice=NASTY,
+        joint_names=names,
+        torque_units=tuple(joint.torque_unit for joint in gathered.robot.joints),
+        joints=joints,
+        improvement=improvement,
+        simulation=np.zeros((2, n)),
+        heldout="the last",
+        noise_from="repeats",
+        noise_note="",
+        not_repeatable=(names[0],),
+        cannot_judge={"base_tilt": (), "spring": (0, 1)},
+        logs=(NASTY,),
+        made_from="a",
         curves=(curve,),
-    )  # fmt: skip
+    )
 
 
 def test_a_search_comes_back_from_its_file(record, tmp_path):
     write_record(tmp_path / "gap.npz", record)
     found = read_record(tmp_path / "gap.npz")
     for name in ("before", "after", "ratio", "floor"):
-        np.testing.assert_array_equal(getattr(found.improvement, name), getattr(record.improvement, name))
+        np.testing.assert_array_equal(
+            getattr(found.improvement, name), getattr(record.improvement, name)
+        )
     np.testing.assert_array_equal(found.simulation, record.simulation)
     for name in ("t", "residual", "torque", "left", "against", "follows"):
-        np.testing.assert_array_equal(getattr(found.curves[0], name), getattr(record.curves[0], name))
-    same = replace(found, improvement=record.improvement, simulation=record.simulation, curves=record.curves)
+        np.testing.assert_array_equal(
+            getattr(found.curves[0], name), getattr(record.curves[0], name)
+        )
+    same = replace(
+        found, improvement=record.improvement, simulation=record.simulation, curves=record.curves
+    )
     assert same == record
 
 
 def test_the_report_names_the_effect_its_numbers_and_what_was_not_taken(record, gathered):
     html = page(replace(gathered, gap=record, motion=None, unseen=(), singular_values=None))
     section = html[html.index('id="gap"') : html.index('id="physics"')]
-    for text in ("friction that grows with the load", "0.9 → 0.36", "−60 %", "&lt; 0.1 %", "a = 0.05 ± 0.002"):
+    for text in (
+        "friction that grows with the load",
+        "0.9 → 0.36",
+        "−60 %",
+        "&lt; 0.1 %",
+        "a = 0.05 ± 0.002",
+    ):
         assert text in section, text
     assert "spring or end_stop" in section
     assert section.count("<svg ") == 3

@@ -53,7 +53,11 @@ class Elements(HTMLParser):
         facts = dict(attrs)
         self.ids += [facts["id"]] if "id" in facts else []
         self.labels += [facts.get("aria-label")] if tag == "svg" else []
-        self.links += [value for key, value in attrs if key in ("src", "href", "xlink:href", "srcset", "action")]
+        self.links += [
+            value
+            for key, value in attrs
+            if key in ("src", "href", "xlink:href", "srcset", "action")
+        ]
 
     def handle_data(self, data):
         self.text += data
@@ -76,11 +80,24 @@ def test_all_twelve_sections_are_there_in_their_order(html):
     found = Elements(html)
     anchors = [section.anchor for section in SECTIONS]
     assert anchors == [
-        "verdict", "next", "run", "quality", "excitation", "parameters", "torque", "unseen", "residual", "gap",
-        "physics", "limits",
-    ]  # fmt: skip
+        "verdict",
+        "next",
+        "run",
+        "quality",
+        "excitation",
+        "parameters",
+        "torque",
+        "unseen",
+        "residual",
+        "gap",
+        "physics",
+        "limits",
+    ]
     assert [each for each in found.ids if each in anchors] == anchors
-    assert [link for link in found.links if link[1:] in anchors] == ["#verdict", *(f"#{a}" for a in anchors)]
+    assert [link for link in found.links if link[1:] in anchors] == [
+        "#verdict",
+        *(f"#{a}" for a in anchors),
+    ]
 
 
 def test_nothing_is_fetched_and_no_script_runs(html):
@@ -90,7 +107,10 @@ def test_nothing_is_fetched_and_no_script_runs(html):
     assert not {"script", "iframe", "object", "embed", "img", "form"} & set(found.tags)
     assert not re.findall(r"url\((?!#)", html)
     assert "@import" not in html
-    assert set(re.findall(r'https?://[^\s"<]+', html)) <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
+    assert set(re.findall(r'https?://[^\s"<]+', html)) <= {
+        "http://www.w3.org/2000/svg",
+        "http://www.w3.org/1999/xlink",
+    }
 
 
 def test_names_are_text_wherever_they_stand(html):
@@ -123,21 +143,40 @@ def test_hostile_names_change_neither_elements_nor_drawings(gathered, html):
     """Markup, templates, formulas, control and reordering characters: the page has the elements of any other."""
     robot, found = gathered.robot, gathered.result
     joints = (replace(robot.joints[0], name=HOSTILE), *robot.joints[1:])
-    joint = JointQuality(HOSTILE, *(getattr(found.joints[0], each) for each in ("rms", "relative_percent")), 0.7, None)
+    joint = JointQuality(
+        HOSTILE,
+        *(getattr(found.joints[0], each) for each in ("rms", "relative_percent")),
+        0.7,
+        None,
+    )
     facts = {"choice": HOSTILE, "why": HOSTILE, "findings": (Finding("W402", "warning", HOSTILE),)}
     facts["quality"] = replace(found.quality, joints=(joint, *found.joints[1:]), heldout=HOSTILE)
     result = replace(
         gathered.result,
         robot=replace(robot, name=HOSTILE, joints=joints),
         **facts,
-        header={**found.header, "command": HOSTILE, "logs": [HOSTILE], "dynid": HOSTILE, "seed": HOSTILE},
+        header={
+            **found.header,
+            "command": HOSTILE,
+            "logs": [HOSTILE],
+            "dynid": HOSTILE,
+            "seed": HOSTILE,
+        },
     )
     unseen = tuple(replace(each, name=HOSTILE) for each in gathered.unseen)
     hostile = replace(gathered, result=result, unseen=unseen)
     text = page(hostile)
     assert Elements(text).tags.count("script") == 0
-    own = [tag for tag in Elements(text).tags if tag not in ("tspan", "text", "g", "path", "use", "defs", "clippath")]
-    plain = [tag for tag in Elements(html).tags if tag not in ("tspan", "text", "g", "path", "use", "defs", "clippath")]
+    own = [
+        tag
+        for tag in Elements(text).tags
+        if tag not in ("tspan", "text", "g", "path", "use", "defs", "clippath")
+    ]
+    plain = [
+        tag
+        for tag in Elements(html).tags
+        if tag not in ("tspan", "text", "g", "path", "use", "defs", "clippath")
+    ]
     assert own == plain
     assert Elements(text.split("<main>")[0]).text.count("{{ 7 * 7 }}") == 2
     assert text.replace("\n", "").isprintable()
@@ -153,7 +192,10 @@ def test_every_figure_says_what_it_is_how_to_read_it_and_what_would_worry(html):
     captions = re.findall(r"<figcaption>(.*?)</figcaption>", html, flags=re.S)
     assert len(captions) == len(FIGURES)
     for caption in captions:
-        assert re.fullmatch(r"<p><b>How to read this:</b> [^<]{40,}\.</p><p><b>Worrying:</b> [^<]{40,}\.</p>", caption)
+        assert re.fullmatch(
+            r"<p><b>How to read this:</b> [^<]{40,}\.</p><p><b>Worrying:</b> [^<]{40,}\.</p>",
+            caption,
+        )
 
 
 def test_ids_are_unique_and_drawings_are_well_formed(html):
@@ -179,7 +221,9 @@ def test_the_page_has_the_sentence_the_lights_and_the_steps_of_the_judgement(gat
     assert printable(judged.sentence) in found["verdict"]
     for light in judged.lights:
         assert printable(light.text) in found["verdict"]
-    assert re.findall(r'<li class="(good|fair|bad|open)">', html) == [light.state for light in judged.lights]
+    assert re.findall(r'<li class="(good|fair|bad|open)">', html) == [
+        light.state for light in judged.lights
+    ]
     for step in judged.steps:
         assert step.command in found["next"]
 
@@ -208,7 +252,10 @@ def test_the_summary_shows_names_as_they_are(gathered):
     name = r'\<b\>x \& "y"\</b\>'
     percent = f"{gathered.unseen[0].percent:.2g} %"
     assert f"| 🟡 fair | unseen motion | {percent} unexplained on {name} |" in lines
-    assert "| ⚪ untested | missing effects | nobody has searched for missing effects: dynid gap |" in lines
+    assert (
+        "| ⚪ untested | missing effects | nobody has searched for missing effects: dynid gap |"
+        in lines
+    )
     assert f"| {name} | 0.01 N m | 1.4 % | - |" in lines
 
 

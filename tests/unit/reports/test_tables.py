@@ -12,10 +12,16 @@ from dynid.reports.tables import JunitCase, junit, runs_csv, runs_latex
 
 def run(names, theta, error, robot="arm_1"):
     return SimpleNamespace(
-        robot=SimpleNamespace(name=robot), names=names, theta=np.array(theta), std_error=np.array(error),
-        method="wls", rank=len(names), condition_number_scaled=30.0, relative_error_percent=1.25,
+        robot=SimpleNamespace(name=robot),
+        names=names,
+        theta=np.array(theta),
+        std_error=np.array(error),
+        method="wls",
+        rank=len(names),
+        condition_number_scaled=30.0,
+        relative_error_percent=1.25,
         heldout_relative_error_percent=None,
-    )  # fmt: skip
+    )
 
 
 def test_csv_keeps_every_digit_and_leaves_empty_what_a_run_does_not_have():
@@ -23,7 +29,11 @@ def test_csv_keeps_every_digit_and_leaves_empty_what_a_run_does_not_have():
     value = 0.1 + 0.2
     rows = list(
         csv.DictReader(
-            io.StringIO(runs_csv(["a, b", "c"], [run(("m1",), [value], [np.inf]), run(("fv1",), [2.0], [0.5])]))
+            io.StringIO(
+                runs_csv(
+                    ["a, b", "c"], [run(("m1",), [value], [np.inf]), run(("fv1",), [2.0], [0.5])]
+                )
+            )
         )
     )
     assert [row["run"] for row in rows] == ["a, b", "c"]
@@ -71,7 +81,9 @@ def test_hostile_names_stay_text_in_every_table():
     text = runs_latex([ATTACK], runs)
     assert "\\input" not in text
     assert text.count(r"\textbackslash{}input\{x\}") == 2
-    one = ET.fromstring(junit(ATTACK, [JunitCase(ATTACK, ATTACK, f"{ATTACK}\n{ATTACK}")])).find("testsuite/testcase")
+    one = ET.fromstring(junit(ATTACK, [JunitCase(ATTACK, ATTACK, f"{ATTACK}\n{ATTACK}")])).find(
+        "testsuite/testcase"
+    )
     assert one.get("name") == one.get("classname") == one.find("failure").get("message")
     assert one.get("name").startswith('=cmd|"/C calc"')
 

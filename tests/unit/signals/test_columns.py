@@ -18,7 +18,9 @@ from dynid.signals.checks import prepare
 from dynid.signals.columns import in_si, matching_columns, robot_columns, take_samples, to_dh
 from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
 
-TWO = Robot("two", "standard", (Joint("a"), Joint("b", type="prismatic", limits=Limits((0.0, 0.3)))))
+TWO = Robot(
+    "two", "standard", (Joint("a"), Joint("b", type="prismatic", limits=Limits((0.0, 0.3))))
+)
 
 
 def raw(n=2, **more):
@@ -33,14 +35,25 @@ def converted(log, robot):
 
 def driver(**more):
     return DriverSpec(
-        **{"kind": "generic", "topic": None, "joint_names": (), "map": JointMap((1.0, 1.0), (0.0, 0.0)), **more}
+        **{
+            "kind": "generic",
+            "topic": None,
+            "joint_names": (),
+            "map": JointMap((1.0, 1.0), (0.0, 0.0)),
+            **more,
+        }
     )
 
 
 def test_columns_are_taken_by_name_whatever_their_order():
     shuffled = [6, 0, 3, 2, 5, 1, 4]
     log = lwr_log()
-    mixed = replace(log, q=log.q[:, shuffled], tau=log.tau[:, shuffled], names=tuple(log.names[i] for i in shuffled))
+    mixed = replace(
+        log,
+        q=log.q[:, shuffled],
+        tau=log.tau[:, shuffled],
+        names=tuple(log.names[i] for i in shuffled),
+    )
     one, two = prepare(log, lwr()), prepare(mixed, lwr())
     np.testing.assert_array_equal(one.q, two.q)
     np.testing.assert_array_equal(one.tau, two.tau)
@@ -100,7 +113,9 @@ def test_motor_columns_without_gear_ratios_are_refused():
 
 def test_a_converted_log_is_not_converted_twice(tmp_path):
     robot = replace(gen2(), driver=replace(gen2().driver, map=JointMap((-1.0,) * 7, (0.3,) * 7)))
-    once = prepare(gen2_log(), replace(robot, prior=None, torque=TorqueSource("gravity_free")), identify=False)
+    once = prepare(
+        gen2_log(), replace(robot, prior=None, torque=TorqueSource("gravity_free")), identify=False
+    )
     once.save(tmp_path / "log.npz")
     free = replace(robot, torque=TorqueSource("gravity_free"))
     twice = prepare(read_log(tmp_path / "log.npz", robot=robot), free, identify=False)
@@ -116,7 +131,9 @@ def test_a_log_with_fewer_joints_is_counted():
 
 def test_other_names_are_listed_with_the_line_that_maps_them():
     log = replace(lwr_log(), names=tuple(f"right_arm_{i}_joint" for i in range(7)), source=None)
-    with pytest.raises(JointNamesDiffer, match=r"right_arm_0_joint.*the robot file expects lwr_0_joint") as caught:
+    with pytest.raises(
+        JointNamesDiffer, match=r"right_arm_0_joint.*the robot file expects lwr_0_joint"
+    ) as caught:
         matching_columns(log, lwr())
     assert "joint_names: [right_arm_0_joint, right_arm_1_joint" in caught.value.fix
     robot = replace(lwr(), driver=replace(lwr().driver, joint_names=log.names))
@@ -139,13 +156,17 @@ def test_the_recorded_tx40_keeps_within_the_limits_of_its_joints():
         assert low - 0.01 <= q.min() <= q.max() <= high + 0.01
 
 
-@pytest.mark.parametrize(("like", "quantity"), [("q", "position"), ("qd", "velocity"), ("tau", "effort")])
+@pytest.mark.parametrize(
+    ("like", "quantity"), [("q", "position"), ("qd", "velocity"), ("tau", "effort")]
+)
 def test_a_new_column_is_one_line_in_the_table(like, quantity, monkeypatch, tmp_path):
     monkeypatch.setitem(COLUMNS, "wished", quantity)
     coupling = Coupling(((2.0, 0.0), (1.0, 4.0)))
     units = {"position": "deg", "velocity": "rpm", "effort": "mA"}
     spec = driver(map=JointMap((-1.0, 1.0), (0.5, 0.1), (1.0, -1.0)), units=units)
-    robot = replace(TWO, driver=spec, coupling=coupling, torque=TorqueSource("motor_current", (3.0, 5.0)))
+    robot = replace(
+        TWO, driver=spec, coupling=coupling, torque=TorqueSource("motor_current", (3.0, 5.0))
+    )
     log = raw(names=("b", "a"))
     log = replace(log, extra={"wished": getattr(log, like), "start_ns": 7})
     for read in (log, read_npz_log(log.save(tmp_path / "log.npz"))):
@@ -153,7 +174,9 @@ def test_a_new_column_is_one_line_in_the_table(like, quantity, monkeypatch, tmp_
         np.testing.assert_array_equal(found.extra["wished"], getattr(found, like))
         np.testing.assert_array_equal(getattr(found, like), getattr(converted(log, robot), like))
     write_log(log, tmp_path / "log.csv")
-    np.testing.assert_array_equal(read_log(tmp_path / "log.csv", robot=robot).extra["wished"], log.extra["wished"])
+    np.testing.assert_array_equal(
+        read_log(tmp_path / "log.csv", robot=robot).extra["wished"], log.extra["wished"]
+    )
     with pytest.raises(LogLayout, match=r"array 'wished' is \(5, 1\), expected \(5, 2\)"):
         replace(log, extra={"wished": log.q[:, :1]})
 

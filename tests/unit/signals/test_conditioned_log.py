@@ -12,7 +12,13 @@ from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
 from dynid.model.parameters import prior_parameters
-from dynid.signals.conditioned_log import Segment, condition_log, condition_logs, known_torque, stretches
+from dynid.signals.conditioned_log import (
+    Segment,
+    condition_log,
+    condition_logs,
+    known_torque,
+    stretches,
+)
 
 RATE = 200.0
 
@@ -100,10 +106,16 @@ def test_stretches_of_long_logs_are_spread_evenly_and_short_logs_stay_whole(mode
     assert parts == 8
     for one, whole in zip(found, logs, strict=True):
         (segment,) = whole.segments
-        assert sum(len(part) for part in one.segments) == pytest.approx(0.5 * len(segment), rel=0.02)
+        assert sum(len(part) for part in one.segments) == pytest.approx(
+            0.5 * len(segment), rel=0.02
+        )
         starts = [part.t[0] for part in one.segments]
         assert (starts[0], one.segments[-1].t[-1]) == (segment.t[0], segment.t[-1])
         np.testing.assert_allclose(np.diff(starts), np.diff(starts).mean(), atol=0.1)
         first = np.searchsorted(segment.t, starts[1])
-        np.testing.assert_array_equal(one.segments[1].q, segment.q[first : first + len(one.segments[1])])
-        np.testing.assert_array_equal(one.segments[1].elapsed, segment.elapsed[first : first + len(one.segments[1])])
+        np.testing.assert_array_equal(
+            one.segments[1].q, segment.q[first : first + len(one.segments[1])]
+        )
+        np.testing.assert_array_equal(
+            one.segments[1].elapsed, segment.elapsed[first : first + len(one.segments[1])]
+        )

@@ -16,7 +16,9 @@ T = np.arange(round(RATE * SECONDS)) / RATE
 
 
 def slow_log(noise: float, seed: int = 0) -> Log:
-    q = np.column_stack([0.8 * np.sin(1.3 * T) + 0.2 * np.sin(2.9 * T), 0.6 * np.sin(1.7 * T + 0.4)])
+    q = np.column_stack(
+        [0.8 * np.sin(1.3 * T) + 0.2 * np.sin(2.9 * T), 0.6 * np.sin(1.7 * T + 0.4)]
+    )
     q = q + noise * np.random.default_rng(seed).standard_normal(q.shape)
     return Log(T, q, 5 * np.cos(q), ("joint_1", "joint_2"))
 
@@ -32,13 +34,17 @@ def test_share_of_noise_at_the_chosen_cutoff_is_what_a_filter_leaves_of_it(noise
     found = position_noise(slow_log(noise), robot())
     assert found.level == pytest.approx([noise] * 2, rel=0.05)
     j = found.joint
-    clean, noisy = (acceleration_below(slow_log(size).q, found.cutoff)[:, j] for size in (0.0, noise))
+    clean, noisy = (
+        acceleration_below(slow_log(size).q, found.cutoff)[:, j] for size in (0.0, noise)
+    )
     share = np.std(noisy - clean) / np.std(noisy)
     assert found.share == pytest.approx(share, rel=0.15)
     assert tuning.NOISE_SHARE / 2 < share < 1.15 * tuning.NOISE_SHARE
 
 
-@pytest.mark.parametrize(("noise", "said"), [(1e-5, False), (1e-4, False), (2e-3, True), (8e-3, True)])
+@pytest.mark.parametrize(
+    ("noise", "said"), [(1e-5, False), (1e-4, False), (2e-3, True), (8e-3, True)]
+)
 def test_noisy_positions_lower_the_cutoff_and_are_said(noise, said):
     log = slow_log(noise)
     found = check_position_noise(log, robot())

@@ -8,7 +8,13 @@ import pytest
 from dynid.log import Log
 from dynid.robot import Joint, Robot
 from dynid.signals.conditioned_log import condition
-from dynid.signals.filters import choose_filter, decimate, derivative_kernels, despiked, lowpass_kernel
+from dynid.signals.filters import (
+    choose_filter,
+    decimate,
+    derivative_kernels,
+    despiked,
+    lowpass_kernel,
+)
 from dynid.signals.stamps import without_intervals
 
 ARM = Robot("two", "standard", (Joint("first"), Joint("second")))
@@ -82,7 +88,9 @@ def test_conditioning_finds_speed_and_acceleration_also_on_uneven_stamps(jitter)
     (segment,) = condition(log, choose_filter(log, ARM))
     w = 2 * np.pi * 0.5 * np.arange(1, 3)
     assert segment.qd == pytest.approx(w * np.cos(w * segment.t[:, None]), abs=0.01 * w.max())
-    assert segment.qdd == pytest.approx(-(w**2) * np.sin(w * segment.t[:, None]), abs=0.02 * (w**2).max())
+    assert segment.qdd == pytest.approx(
+        -(w**2) * np.sin(w * segment.t[:, None]), abs=0.02 * (w**2).max()
+    )
 
 
 def test_a_gap_is_cut_and_not_bridged():
@@ -130,8 +138,12 @@ def test_one_percent_of_spikes_is_found_and_replaced_by_values_like_those_around
     hit = rng.random(tau.shape) < 0.01
     spoilt = tau + hit * 5 * rng.choice([-1, 1], tau.shape)
     cured, findings = despiked(log_with(spoilt), 5.0)
-    assert np.mean(np.abs(cured.tau - clean)[hit] < 1.0) > 0.97  # why not all: three of five may be hit
-    assert np.mean((cured.tau != spoilt)[~hit]) < 1e-3  # a sample between two spikes is taken for a third
+    assert (
+        np.mean(np.abs(cured.tau - clean)[hit] < 1.0) > 0.97
+    )  # why not all: three of five may be hit
+    assert (
+        np.mean((cured.tau != spoilt)[~hit]) < 1e-3
+    )  # a sample between two spikes is taken for a third
     assert findings[0].evidence["samples"] == pytest.approx(hit.sum(axis=0), rel=0.03)
 
 

@@ -70,7 +70,7 @@ def models():
     "kind",
     ["", "spikes", "clipped", "turns", "held", "stray", "twice", "degrees", "pause"],
     ids=lambda kind: kind or "as it is",
-)  # fmt: skip
+)
 def test_a_log_in_parts_gives_what_the_whole_one_gives(monkeypatch, models, robot, log, kind):
     model, given = models[robot().name], spoilt(log(), kind)
     findings, arrays, summary = answer(given, robot(), model)
@@ -80,9 +80,13 @@ def test_a_log_in_parts_gives_what_the_whole_one_gives(monkeypatch, models, robo
     assert again == findings
     assert len(pieced) == len(arrays)
     for one, other in zip(pieced, arrays, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12 * max(1.0, np.abs(other).max(initial=0.0)))
+        np.testing.assert_allclose(
+            one, other, rtol=1e-9, atol=1e-12 * max(1.0, np.abs(other).max(initial=0.0))
+        )
     for key, value in (vars(summary) if summary else {}).items():
-        number = isinstance(value, float) or (isinstance(value, tuple) and all(isinstance(v, float) for v in value))
+        number = isinstance(value, float) or (
+            isinstance(value, tuple) and all(isinstance(v, float) for v in value)
+        )
         assert getattr(said, key) == (pytest.approx(value, rel=1e-9) if number else value)
 
 

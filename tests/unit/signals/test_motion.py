@@ -41,9 +41,14 @@ def test_the_speed_at_the_ends_is_that_of_half_a_window(samples, monkeypatch):
         np.zeros((samples, 2)),
     )
     half = min(max(1, round(tuning.SPEED_WINDOW_S * log.rate)), max(1, (samples - 1) // 2))
-    first, last = np.maximum(np.arange(samples) - half, 0), np.minimum(np.arange(samples) + half, samples - 1)
+    first, last = (
+        np.maximum(np.arange(samples) - half, 0),
+        np.minimum(np.arange(samples) + half, samples - 1),
+    )
     expected = (log.q[last] - log.q[first]) / (log.t[last] - log.t[first])[:, None]
-    monkeypatch.setattr("dynid.signals.motion.spans", lambda n: (slice(k, min(k + 8, n)) for k in range(0, n, 8)))
+    monkeypatch.setattr(
+        "dynid.signals.motion.spans", lambda n: (slice(k, min(k + 8, n)) for k in range(0, n, 8))
+    )
     np.testing.assert_array_equal(speed(log), expected)
 
 
@@ -68,7 +73,9 @@ def test_rests_are_the_stretches_in_which_nothing_moves():
 def test_a_joint_that_never_moves_is_named():
     q = lwr_log().q.copy()
     q[:, 4] = 0.3
-    with pytest.raises(JointStill, match="lwr_4_joint moves 0 rad: its 5 own parameters cannot be found"):
+    with pytest.raises(
+        JointStill, match="lwr_4_joint moves 0 rad: its 5 own parameters cannot be found"
+    ):
         prepare(replace(lwr_log(), q=q), lwr())
     prepare(replace(lwr_log(), q=q), lwr(), identify=False)
 
@@ -83,7 +90,9 @@ def test_a_short_stretch_of_motion_is_named():
 def test_a_log_that_never_moves_raises_nothing_unless_it_is_to_identify_from():
     rng = np.random.default_rng(0)
     n = len(lwr_log())
-    still = replace(lwr_log(), q=np.repeat(lwr_log().q[:1], n, axis=0) + rng.normal(0, 1e-5, (n, 7)))
+    still = replace(
+        lwr_log(), q=np.repeat(lwr_log().q[:1], n, axis=0) + rng.normal(0, 1e-5, (n, 7))
+    )
     assert len(prepare(still, lwr(), identify=False)) == n
     with pytest.raises(LogTooShort, match=r"0\.0 s of motion"):
         prepare(still, lwr())
@@ -96,7 +105,9 @@ def test_a_log_is_described_by_its_numbers():
     np.testing.assert_allclose(found.span, np.ptp(gen2_log().q[:, :7], axis=0))
     np.testing.assert_allclose(found.velocity_slope, 1.0, rtol=0.02)
     ratings = [joint.limits.torque for joint in gen2().joints]
-    np.testing.assert_allclose(found.torque_share, np.max(np.abs(gen2_log().tau[:, :7]), axis=0) / ratings)
+    np.testing.assert_allclose(
+        found.torque_share, np.max(np.abs(gen2_log().tau[:, :7]), axis=0) / ratings
+    )
 
 
 def test_a_broken_log_can_still_be_described():
@@ -116,7 +127,11 @@ def test_the_two_seconds_of_the_recorded_jaco2_are_little_to_identify_from():
     ready = prepare(log, robot, identify=False)
     # Of its 420 samples the driver held 13 that repeat the one before them in every column.
     assert (len(log), len(ready), ready.names) == (420, 407, robot.joint_names)
-    assert describe(log, robot).ignored == ("jaco_joint_finger_1", "jaco_joint_finger_2", "jaco_joint_finger_3")
+    assert describe(log, robot).ignored == (
+        "jaco_joint_finger_1",
+        "jaco_joint_finger_2",
+        "jaco_joint_finger_3",
+    )
     # Published with the recording: mean torque of joint 2 -3.56 N m, of joint 3 4.54 N m.
     assert ready.tau[:, 1].mean() == pytest.approx(-3.56, abs=0.01)
     assert ready.tau[:, 2].mean() == pytest.approx(4.54, abs=0.01)

@@ -48,7 +48,9 @@ def test_a_clean_log_is_the_same_object():
 def test_samples_stored_twice_under_one_stamp_are_dropped():
     log = moving_log()
     index = np.repeat(np.arange(len(log)), 2)
-    kept = with_rising_time(replace(log, t=log.t[index], q=log.q[index], tau=log.tau[index]), sort_time=False)
+    kept = with_rising_time(
+        replace(log, t=log.t[index], q=log.q[index], tau=log.tau[index]), sort_time=False
+    )
     np.testing.assert_array_equal(kept.t, log.t)
     assert [finding.code for finding in kept.findings] == ["W311"]
 

@@ -14,7 +14,12 @@ def motion(seed, seconds=25.0, begin=0.0, speed=1.0, noise=0.0):
 
 
 def test_the_same_command_a_little_later_is_one_motion_and_another_command_is_not():
-    recordings = [motion(1), motion(1, begin=3.2, noise=1e-3), motion(2), motion(1, seconds=18.0, begin=1.0)]
+    recordings = [
+        motion(1),
+        motion(1, begin=3.2, noise=1e-3),
+        motion(2),
+        motion(1, seconds=18.0, begin=1.0),
+    ]
     assert motion_numbers(recordings) == (0, 0, 1, 0)
 
 
@@ -39,10 +44,18 @@ def test_motions_are_compared_at_every_beginning():
         reach = np.maximum(np.ptp(one, axis=0), np.ptp(other, axis=0))
         needed = max(2, int(np.ceil(0.7 * min(len(one), len(other)))))
         overlaps = [
-            [(one[i + lag] - other[i]) / reach for i in range(len(other)) if 0 <= i + lag < len(one)]
+            [
+                (one[i + lag] - other[i]) / reach
+                for i in range(len(other))
+                if 0 <= i + lag < len(one)
+            ]
             for lag in range(-len(other), len(one))
         ]
-        alike = [np.sqrt(np.mean(np.square(each), axis=0)) < 0.05 for each in overlaps if len(each) >= needed]
+        alike = [
+            np.sqrt(np.mean(np.square(each), axis=0)) < 0.05
+            for each in overlaps
+            if len(each) >= needed
+        ]
         assert same_motion(one, other) == any(map(np.all, alike))
 
 

@@ -75,7 +75,9 @@ def test_more_than_one_sample_in_twenty_missing_is_too_many():
 
 def test_late_stamps_are_not_lost_samples():
     jitter = np.random.default_rng(0).exponential(0.0015, len(lwr_log()))
-    assert "E312" not in codes(prepare(replace(lwr_log(), t=lwr_log().t + np.minimum(jitter, 0.004)), lwr()))
+    assert "E312" not in codes(
+        prepare(replace(lwr_log(), t=lwr_log().t + np.minimum(jitter, 0.004)), lwr())
+    )
 
 
 def test_an_excluded_stretch_is_no_gap():
@@ -129,7 +131,9 @@ def test_lost_samples_keep_their_places_on_the_even_clock():
     t = np.arange(4000) / 200.0
     kept = rng.random(4000) > 0.02
     log = moved(t)
-    log = with_even_clock(replace(log, t=(t + rng.uniform(0, 1e-3, 4000))[kept], q=log.q[kept], tau=log.tau[kept]))
+    log = with_even_clock(
+        replace(log, t=(t + rng.uniform(0, 1e-3, 4000))[kept], q=log.q[kept], tau=log.tau[kept])
+    )
     assert np.std(log.t - t[kept]) < 3e-5
 
 

@@ -31,10 +31,14 @@ def test_values_that_are_not_numbers_are_named_and_the_printed_exclude_leaves_th
     tau[321:333, 3] = np.nan
     broken = replace(lwr_log(), tau=tau)
     with pytest.raises(
-        NotFinite, match=r"lwr_3_joint torque is not a number in 12 samples, first at t = 1\.60\d s \(row 322\)"
+        NotFinite,
+        match=r"lwr_3_joint torque is not a number in 12 samples, first at t = 1\.60\d s \(row 322\)",
     ) as caught:
         prepare(broken, lwr())
-    stretch = [(float(a), float(b)) for a, b in re.findall(r"--exclude ([\d.]+)-([\d.]+)", caught.value.fix)]
+    stretch = [
+        (float(a), float(b))
+        for a, b in re.findall(r"--exclude ([\d.]+)-([\d.]+)", caught.value.fix)
+    ]
     assert len(prepare(broken, lwr(), exclude=stretch)) == len(broken) - 12
 
 
@@ -48,7 +52,9 @@ def test_an_infinite_position_is_named():
 def test_a_flipped_bit_that_makes_a_huge_number_is_named():
     q = lwr_log().q.copy()
     q[10, 0] = 3e150
-    with pytest.raises(NotFinite, match=r"lwr_0_joint position is 3e\+150, not measurable, in 1 samples"):
+    with pytest.raises(
+        NotFinite, match=r"lwr_0_joint position is 3e\+150, not measurable, in 1 samples"
+    ):
         prepare(replace(lwr_log(), q=q), lwr())
 
 
@@ -61,7 +67,8 @@ def test_a_finger_that_is_no_number_does_not_matter():
 def test_positions_in_degrees_are_seen_at_the_limits_and_the_printed_unit_mends_them():
     broken = replace(lwr_log(), q=np.degrees(lwr_log().q))
     with pytest.raises(
-        PositionInDegrees, match=r"lwr_0_joint position spans 109\.8: degrees\? limits are \+-2\.97 rad"
+        PositionInDegrees,
+        match=r"lwr_0_joint position spans 109\.8: degrees\? limits are \+-2\.97 rad",
     ) as caught:
         prepare(broken, lwr())
     mended = prepare(broken, with_units(lwr(), caught.value.fix))
@@ -69,7 +76,9 @@ def test_positions_in_degrees_are_seen_at_the_limits_and_the_printed_unit_mends_
 
 
 def test_degrees_of_joints_without_position_limits_are_seen_at_the_speed():
-    joints = tuple(replace(joint, limits=replace(joint.limits, position=None)) for joint in gen2().joints)
+    joints = tuple(
+        replace(joint, limits=replace(joint.limits, position=None)) for joint in gen2().joints
+    )
     robot = replace(gen2(), joints=joints)
     broken = replace(gen2_log(), q=np.degrees(gen2_log().q), qd=np.degrees(gen2_log().qd))
     with pytest.raises(PositionInDegrees, match=r"degrees\? the speed limit is") as caught:
@@ -95,9 +104,13 @@ def test_a_jump_by_a_full_turn_is_taken_out():
 
 def test_torques_in_millinewtonmetres_are_seen_and_the_printed_unit_mends_them():
     broken = replace(lwr_log(), tau=1000 * lwr_log().tau)
-    with pytest.raises(TorqueScale, match=r"lwr_0_joint torque reaches \d ?\d{3}: mNm\? rating 176 Nm") as caught:
+    with pytest.raises(
+        TorqueScale, match=r"lwr_0_joint torque reaches \d ?\d{3}: mNm\? rating 176 Nm"
+    ) as caught:
         prepare(broken, lwr())
-    np.testing.assert_allclose(prepare(broken, with_units(lwr(), caught.value.fix)).tau, lwr_log().tau)
+    np.testing.assert_allclose(
+        prepare(broken, with_units(lwr(), caught.value.fix)).tau, lwr_log().tau
+    )
 
 
 def test_one_spike_in_the_torque_is_not_another_unit():
@@ -119,7 +132,10 @@ def test_flat_tops_are_found_where_they_are_and_nowhere_else():
     log = prepare(replace(lwr_log(), tau=tau), lwr())
     (finding,) = log.findings
     assert finding.code == "W319"
-    assert re.match(rf"lwr_1_joint torque sits at {level:.4g} Nm for .* s: clipped samples are left out", finding.text)
+    assert re.match(
+        rf"lwr_1_joint torque sits at {level:.4g} Nm for .* s: clipped samples are left out",
+        finding.text,
+    )
     clipped = log.extra["clipped"]
     assert clipped.shape == log.tau.shape
     assert not clipped[:, [0, 2, 3, 4, 5, 6]].any()
@@ -141,7 +157,10 @@ def test_a_torque_that_stays_while_its_joint_moves_to_and_fro_is_none():
     found = prepare(replace(log, tau=tau), lwr())
     (finding,) = found.findings
     assert finding.code == "W319"
-    assert re.match(rf"lwr_3_joint torque stays at {tau[500, 3]:.4g} Nm for .* to and fro: these samples", finding.text)
+    assert re.match(
+        rf"lwr_3_joint torque stays at {tau[500, 3]:.4g} Nm for .* to and fro: these samples",
+        finding.text,
+    )
     assert found.extra["clipped"][stuck, 3].all()
     assert not found.extra["clipped"][:500].any()
 

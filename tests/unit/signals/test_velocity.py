@@ -20,18 +20,24 @@ def generic():
 
 def test_velocity_in_degrees_per_second_is_seen_and_the_printed_unit_mends_it():
     broken = replace(gen2_log(), qd=np.degrees(gen2_log().qd))
-    with pytest.raises(VelocityInconsistent, match=r"velocity is 57\.\d x the change of position: deg/s") as caught:
+    with pytest.raises(
+        VelocityInconsistent, match=r"velocity is 57\.\d x the change of position: deg/s"
+    ) as caught:
         prepare(broken, generic())
     unit = re.search(r"velocity: (\S+)\}", caught.value.fix).group(1)
     robot = generic()
-    robot = replace(robot, driver=replace(robot.driver, units={**robot.driver.units, "velocity": unit}))
+    robot = replace(
+        robot, driver=replace(robot.driver, units={**robot.driver.units, "velocity": unit})
+    )
     np.testing.assert_allclose(prepare(broken, robot).qd, gen2_log().qd[:, :7])
 
 
 def test_one_velocity_of_opposite_sign_is_named():
     qd = gen2_log().qd.copy()
     qd[:, 2] *= -1
-    with pytest.raises(VelocityInconsistent, match="j2s7s300_joint_3 velocity has the opposite sign"):
+    with pytest.raises(
+        VelocityInconsistent, match="j2s7s300_joint_3 velocity has the opposite sign"
+    ):
         prepare(replace(gen2_log(), qd=qd), generic())
 
 
@@ -47,7 +53,8 @@ def test_swapped_velocity_columns_are_named_in_pairs(pair):
     order[list(pair)] = pair[::-1]
     broken = replace(gen2_log(), qd=gen2_log().qd[:, order])
     with pytest.raises(
-        JointNamesDiffer, match=rf"joint_{pair[0] + 1} and j2s7s300_joint_{pair[1] + 1} look swapped"
+        JointNamesDiffer,
+        match=rf"joint_{pair[0] + 1} and j2s7s300_joint_{pair[1] + 1} look swapped",
     ) as caught:
         prepare(broken, generic())
     assert "0.99 swapped" in str(caught.value) or "1.00 swapped" in str(caught.value)
@@ -56,7 +63,9 @@ def test_swapped_velocity_columns_are_named_in_pairs(pair):
 
 def test_swapped_position_columns_are_seen_by_the_velocities():
     order = [0, 1, 2, 4, 3, 5, 6, *range(7, 13)]
-    joints = tuple(replace(joint, limits=replace(joint.limits, position=None)) for joint in generic().joints)
+    joints = tuple(
+        replace(joint, limits=replace(joint.limits, position=None)) for joint in generic().joints
+    )
     with pytest.raises(JointNamesDiffer, match="joint_4 and j2s7s300_joint_5 look swapped"):
         prepare(replace(gen2_log(), q=gen2_log().q[:, order]), replace(generic(), joints=joints))
 
@@ -65,7 +74,9 @@ def test_joints_that_all_move_alike_are_not_called_swapped():
     rng = np.random.default_rng(0)
     t = gen2_log().t
     swing = np.sin(0.6 * t)[:, None] * np.linspace(0.4, 0.8, 13) + np.pi
-    qd = 0.6 * np.cos(0.6 * t)[:, None] * np.linspace(0.4, 0.8, 13) + rng.normal(0, 0.01, swing.shape)
+    qd = 0.6 * np.cos(0.6 * t)[:, None] * np.linspace(0.4, 0.8, 13) + rng.normal(
+        0, 0.01, swing.shape
+    )
     order = [1, 0, *range(2, 13)]
     log = prepare(
         replace(gen2_log(), q=swing, qd=qd[:, order]),
@@ -83,7 +94,9 @@ def test_noise_on_the_velocity_is_no_fault():
 def test_velocities_are_not_judged_while_nothing_moves():
     n = len(gen2_log())
     rng = np.random.default_rng(0)
-    still = replace(gen2_log(), q=np.repeat(gen2_log().q[:1], n, axis=0), qd=rng.normal(0, 0.01, (n, 13)))
+    still = replace(
+        gen2_log(), q=np.repeat(gen2_log().q[:1], n, axis=0), qd=rng.normal(0, 0.01, (n, 13))
+    )
     assert prepare(still, generic(), identify=False).findings == ()
 
 

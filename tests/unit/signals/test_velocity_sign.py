@@ -45,7 +45,10 @@ def test_a_filtered_sign_turns_when_the_joint_does():
     robot = Robot("one", "standard", (Joint("j"),))
     log = Log(T, q[:, None], np.tanh(speed / 0.01)[:, None], ("j",))
     (segment,) = condition(log, choose_filter(log, robot, 5.0), coulomb=SIGN)
-    sharp, late = (np.abs(way - segment.tau).max() for way in (segment.coulomb_sign, np.tanh(segment.qd / 0.01)))
+    sharp, late = (
+        np.abs(way - segment.tau).max()
+        for way in (segment.coulomb_sign, np.tanh(segment.qd / 0.01))
+    )
     assert sharp < 0.2 * late
 
 

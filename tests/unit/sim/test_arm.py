@@ -83,7 +83,9 @@ def test_coulomb_friction_slows_at_a_constant_rate_then_creeps():
 
 def test_a_pendulum_keeps_its_energy():
     """m l^2 qd^2 / 2 - m g l cos q over two swings, to the first order of the step."""
-    with SimulatedArm(pendulum(), [Body(1.0, inertia_com=(1e-6, 0.0, 0.0, 1e-6, 0.0, 1e-6))], dt=1e-4) as arm:
+    with SimulatedArm(
+        pendulum(), [Body(1.0, inertia_com=(1e-6, 0.0, 0.0, 1e-6, 0.0, 1e-6))], dt=1e-4
+    ) as arm:
         arm.reset(np.array([1.0]))
         q, qd = run(arm, 30_000)
     energy = 0.5**2 * qd**2 / 2 - 9.81 * 0.5 * np.cos(q)
@@ -92,7 +94,9 @@ def test_a_pendulum_keeps_its_energy():
 
 def test_no_mechanical_stop_disturbs_the_torques():
     """Position limits of the robot file do not act in the simulation."""
-    robot = Robot("s", "standard", (Joint("p", limits=Limits((-0.1, 0.1))),), gravity=(0.0, 0.0, 0.0))
+    robot = Robot(
+        "s", "standard", (Joint("p", limits=Limits((-0.1, 0.1))),), gravity=(0.0, 0.0, 0.0)
+    )
     with SimulatedArm(robot, [Body(1.0, inertia_com=SPHERE)]) as arm:
         arm.reset(np.zeros(1), np.ones(1))
         q, qd = run(arm, 1000)
@@ -105,7 +109,9 @@ def test_a_tracked_motion_needs_the_torques_of_inverse_dynamics():
     robot = load_robot("kuka_lwr4plus")
     friction = Friction((0.5,) * 7, (0.4,) * 7, (0.1,) * 7, (0.1,) * 7)
     with SimulatedArm(robot, None, friction, [0.1] * 7) as arm:
-        motion = sines(robot, SineSpec(6.0, 6.0, 0.3, 0.3, 0.3, 0.05), arm.dt, np.random.default_rng(3))
+        motion = sines(
+            robot, SineSpec(6.0, 6.0, 0.3, 0.3, 0.3, 0.05), arm.dt, np.random.default_rng(3)
+        )
         made = track(arm, motion)
         qd = np.gradient(made.q, arm.dt, axis=0)
         qdd = np.gradient(qd, arm.dt, axis=0)
@@ -133,7 +139,9 @@ def test_an_industrial_arm_is_simulated_and_moves_as_its_equations_say():
         q, qd, qdd = rng.normal(size=(3, robot.n))
         params = np.concatenate([np.append(body.parameters(), 0.0) for body in bodies])
         params = np.append(params, np.zeros(model.size - len(params)))
-        expected = model.observer().dense(q[None], qd[None], qdd[None]).reshape(robot.n, -1) @ params
+        expected = (
+            model.observer().dense(q[None], qd[None], qdd[None]).reshape(robot.n, -1) @ params
+        )
         with SimulatedArm(robot, bodies) as arm:
             assert arm.inverse_dynamics(q, qd, qdd) == pytest.approx(
                 expected, rel=1e-6, abs=1e-6 * np.abs(expected).max()
@@ -159,8 +167,12 @@ def test_sines_rest_at_both_ends_and_keep_the_limits():
     motion = sines(robot, SPEC, 1e-3, np.random.default_rng(1))
     for part in (motion.qd, motion.qdd):
         assert np.abs(part[[0, -1]]).max() == 0
-    np.testing.assert_allclose(np.gradient(motion.q, 1e-3, axis=0)[1:-1], motion.qd[1:-1], atol=1e-3)
-    np.testing.assert_allclose(np.gradient(motion.qd, 1e-3, axis=0)[1:-1], motion.qdd[1:-1], atol=3e-2)
+    np.testing.assert_allclose(
+        np.gradient(motion.q, 1e-3, axis=0)[1:-1], motion.qd[1:-1], atol=1e-3
+    )
+    np.testing.assert_allclose(
+        np.gradient(motion.qd, 1e-3, axis=0)[1:-1], motion.qdd[1:-1], atol=3e-2
+    )
     for i, joint in enumerate(robot.joints):
         assert np.abs(motion.q[:, i]).max() <= 0.5 * joint.limits.position[1] + 1e-12
         assert np.abs(motion.qd[:, i]).max() <= 0.6 * joint.limits.velocity + 1e-12
@@ -181,7 +193,9 @@ def test_sensors_add_what_they_say():
     """Noise of the stated size, positions on the encoder's grid, stamps that never go back."""
     still = np.full((20_000, 2), 0.123456)
     truth = SimulatedRun(np.arange(20_000) * 0.01, still, 0 * still, 0 * still, still)
-    log = Sensors((0.1, 0.02), 1e-3, None, 0.02).measure(truth, ("a", "b"), np.random.default_rng(0))
+    log = Sensors((0.1, 0.02), 1e-3, None, 0.02).measure(
+        truth, ("a", "b"), np.random.default_rng(0)
+    )
     np.testing.assert_allclose(log.tau.std(axis=0), [0.1, 0.02], rtol=0.03)
     np.testing.assert_allclose(log.q, 0.123)
     assert log.qd is None

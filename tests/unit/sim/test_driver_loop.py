@@ -16,7 +16,13 @@ def samples(rate, **imperfections):
     follower = PointFollower(START, 1e-3)
     follower.play([(START + 0.3, np.full(6, 0.2), 0.5)])
     with SimulatedArm(UR, dt=1e-3) as arm:
-        loop = DriverLoop(arm, follower, rate, Imperfections((0.0,) * 6, **imperfections), np.random.default_rng(0))
+        loop = DriverLoop(
+            arm,
+            follower,
+            rate,
+            Imperfections((0.0,) * 6, **imperfections),
+            np.random.default_rng(0),
+        )
         for _ in range(330):
             loop._step()
         return {round(1e3 * measured.elapsed): measured for _, measured in loop._waiting}
@@ -32,7 +38,9 @@ def test_torques_and_velocities_that_are_polled_later_belong_to_a_later_moment()
 
 
 def test_kinova_doubles_velocities_and_wraps_them_afterwards():
-    np.testing.assert_allclose(np.degrees(doubled(np.radians([10.0, -80.0, 89.0, 91.0]))), [20, -160, 178, -178])
+    np.testing.assert_allclose(
+        np.degrees(doubled(np.radians([10.0, -80.0, 89.0, 91.0]))), [20, -160, 178, -178]
+    )
 
 
 def test_a_controller_brakes_within_its_reference_and_says_how_hard():

@@ -16,7 +16,9 @@ ROBOTS = Path(__file__).parents[3] / "robots"
 def arm(name):
     """The arm with viscous and Coulomb friction: 62 base parameters."""
     robot = load_robot(ROBOTS / f"{name}.yaml")
-    return replace(robot, joints=tuple(replace(j, friction=("viscous", "coulomb")) for j in robot.joints))
+    return replace(
+        robot, joints=tuple(replace(j, friction=("viscous", "coulomb")) for j in robot.joints)
+    )
 
 
 @pytest.fixture(scope="session")

@@ -19,7 +19,9 @@ from dynid.workflows.record import RecordOptions, require_usable
 
 
 def without(robot, **limits):
-    return replace(robot, joints=tuple(replace(j, limits=replace(j.limits, **limits)) for j in robot.joints))
+    return replace(
+        robot, joints=tuple(replace(j, limits=replace(j.limits, **limits)) for j in robot.joints)
+    )
 
 
 def test_what_the_robot_file_leaves_out_is_said_with_what_stands_in_for_it():
@@ -27,12 +29,18 @@ def test_what_the_robot_file_leaves_out_is_said_with_what_stands_in_for_it():
     assert assumed_limits(robot) == ()
     bare = replace(robot, joints=tuple(replace(joint, limits=Limits()) for joint in robot.joints))
     assert [text.split(":")[0] for text in assumed_limits(bare)] == [
-        "position of all joints", "velocity of all joints", "acceleration of all joints",
-    ]  # fmt: skip
-    assert assumed_limits(without(robot, velocity=None))[0] == "velocity of all joints: 1 rad/s or m/s"
+        "position of all joints",
+        "velocity of all joints",
+        "acceleration of all joints",
+    ]
+    assert (
+        assumed_limits(without(robot, velocity=None))[0] == "velocity of all joints: 1 rad/s or m/s"
+    )
 
 
-@pytest.mark.parametrize(("limits", "refused"), [({"velocity": None}, True), ({"position": None}, False)])
+@pytest.mark.parametrize(
+    ("limits", "refused"), [({"velocity": None}, True), ({"position": None}, False)]
+)
 def test_record_refuses_assumed_rates_and_takes_a_joint_without_end(limits, refused):
     robot = without(load_robot("ur5e"), **limits)
     zero = np.zeros((2, 6))
@@ -66,13 +74,21 @@ def test_links_left_out_are_still_watched_for_contact_deeper_than_in_usual_poses
     assert "link 5 - link 7" in capsules.left_out
     lower, upper = position_range(robot)
     q = np.random.default_rng(3).uniform(lower, upper, (400, 7))
-    lack = [min(c.distance - c.wanted for c in capsules.contacts(p[None]) if c.pair in capsules.left_out) for p in q]
+    lack = [
+        min(
+            c.distance - c.wanted for c in capsules.contacts(p[None]) if c.pair in capsules.left_out
+        )
+        for p in q
+    ]
     assert 0 < np.mean(np.array(lack) < 0) < 0.2
 
 
 def test_a_slide_without_travel_is_assumed_short_and_its_plan_is_not_played():
     robot = load_robot("scara")
-    bare = replace(robot, joints=tuple(replace(j, limits=replace(j.limits, position=None)) for j in robot.joints))
+    bare = replace(
+        robot,
+        joints=tuple(replace(j, limits=replace(j.limits, position=None)) for j in robot.joints),
+    )
     assert assumed_limits(bare) == (
         "position of shoulder, elbow, tool: turning without end, two turns each way",
         "travel of slide: 0.1 m each way",

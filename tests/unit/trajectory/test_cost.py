@@ -68,4 +68,6 @@ def test_few_chosen_samples_are_as_well_conditioned_as_the_whole_path(lwr):
 def test_a_higher_threshold_keeps_fewer_samples(gen2):
     motion = random_trajectory(gen2.robot, 2).sampled(50)
     P = gen2.model.observer(gen2.reduction.base).dense(motion.q, motion.qd, motion.qdd)
-    assert len(select_samples(P, 0.2, Cost("condition"))) <= len(select_samples(P, 0.005, Cost("condition")))
+    assert len(select_samples(P, 0.2, Cost("condition"))) <= len(
+        select_samples(P, 0.005, Cost("condition"))
+    )

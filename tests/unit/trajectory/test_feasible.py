@@ -26,7 +26,9 @@ def test_none_of_100_random_plans_breaks_a_limit_at_10_khz_in_other_code(arm, re
         assert np.all(np.abs(qdd) < limit.acceleration * (1 + 1e-9))
 
 
-@pytest.mark.parametrize("basis", [Quintic.even(4.0, 6), Fourier(5.0, 4), Quintic.even(4.0, 7, smooth=True)])
+@pytest.mark.parametrize(
+    "basis", [Quintic.even(4.0, 6), Fourier(5.0, 4), Quintic.even(4.0, 7, smooth=True)]
+)
 def test_every_joint_uses_one_of_its_limits_to_the_full(lwr, basis):
     limit = bounds(lwr.robot, 0.05, 0.0)
     trajectory = random_trajectory(lwr.robot, 3, basis)
@@ -53,7 +55,9 @@ def test_gradient_of_the_scaled_motion_is_that_of_differences(lwr):
         value(x)
         slope = shaping.gradient(*weights) @ direction
         h = 1e-6
-        assert slope == pytest.approx((value(x + h * direction) - value(x - h * direction)) / (2 * h), rel=1e-4)
+        assert slope == pytest.approx(
+            (value(x + h * direction) - value(x - h * direction)) / (2 * h), rel=1e-4
+        )
 
 
 def test_margin_is_taken_off_half_at_each_end(lwr):

@@ -48,7 +48,9 @@ def test_overshoot_between_samples_of_a_coarse_grid_is_seen(lwr):
     c[1] = 1.0
     plan = Trajectory(basis, c)
     peak = 15 / 8
-    limit = replace(bounds(lwr.robot), velocity=np.full(7, peak * 0.9999), acceleration=np.full(7, 100.0))
+    limit = replace(
+        bounds(lwr.robot), velocity=np.full(7, peak * 0.9999), acceleration=np.full(7, 100.0)
+    )
     found = check_trajectory(plan, lwr.robot, limit)
     assert len(found.violations) == 7
     assert found.violations[0].value == pytest.approx(peak, rel=1e-12)
@@ -77,12 +79,16 @@ def test_torque_limit_gives_an_alpha_that_keeps_it_or_says_the_pose_is_too_heavy
     assert check_trajectory(plan.slowed(alpha), lwr.robot, limit, inertial).violations == ()
     assert check_trajectory(plan.slowed(alpha * 1.1), lwr.robot, limit, inertial).violations
     with pytest.raises(LimitBroken) as caught:
-        require_within_limits(check_trajectory(plan, lwr.robot, limit, lambda motion: np.full_like(motion.q, 11.0)))
+        require_within_limits(
+            check_trajectory(plan, lwr.robot, limit, lambda motion: np.full_like(motion.q, 11.0))
+        )
     assert "too heavy" in caught.value.fix
 
 
 @pytest.mark.parametrize("arm", ["lwr", "gen2"])
-def test_plans_that_pass_or_break_a_torque_limit_do_so_in_pinocchio_at_10_khz(arm, request, tmp_path):
+def test_plans_that_pass_or_break_a_torque_limit_do_so_in_pinocchio_at_10_khz(
+    arm, request, tmp_path
+):
     pin = pytest.importorskip("pinocchio")
     from dynid.model.parameters import prior_base_parameters
     from dynid.sim.urdf import write_urdf
@@ -103,7 +109,9 @@ def test_plans_that_pass_or_break_a_torque_limit_do_so_in_pinocchio_at_10_khz(ar
         fine = plan.sampled(10_000)
         # Why: Pinocchio holds the angle of a joint without end as cosine and sine.
         poses = [pin.integrate(other, pin.neutral(other), q) for q in fine.q]
-        tau = np.array([pin.rnea(other, data, *state) for state in zip(poses, fine.qd, fine.qdd, strict=True)])
+        tau = np.array(
+            [pin.rnea(other, data, *state) for state in zip(poses, fine.qd, fine.qdd, strict=True)]
+        )
         found = check_trajectory(plan, base.robot, limit, torque)
         broken = {v.joint for v in found.violations if v.quantity == "torque"}
         share = np.abs(tau).max(axis=0) / limit.torque
@@ -119,14 +127,20 @@ def test_tool_speed_is_that_of_differentiated_positions_and_can_be_limited(gen2)
     motion = plan.sampled(1000)
     tips = np.array([tool_pose(gen2.robot, q)[:3, 3] for q in motion.q])
     fastest = np.linalg.norm(np.gradient(tips, motion.t, axis=0), axis=1).max()
-    assert check_trajectory(plan, gen2.robot, bounds(gen2.robot)).tool_speed == pytest.approx(fastest, rel=1e-3)
+    assert check_trajectory(plan, gen2.robot, bounds(gen2.robot)).tool_speed == pytest.approx(
+        fastest, rel=1e-3
+    )
     with pytest.raises(LimitBroken, match="tool moves at") as caught:
-        require_within_limits(check_trajectory(plan, gen2.robot, bounds(gen2.robot), speed=0.25 * fastest))
+        require_within_limits(
+            check_trajectory(plan, gen2.robot, bounds(gen2.robot), speed=0.25 * fastest)
+        )
     assert suggested(caught.value) == pytest.approx(0.25, abs=0.0101)
 
 
 def test_shares_of_a_plan_inside_the_limits_are_at_most_one(lwr):
-    found = check_trajectory(random_trajectory(lwr.robot, 5, margin=0.1), lwr.robot, bounds(lwr.robot, 0.1))
+    found = check_trajectory(
+        random_trajectory(lwr.robot, 5, margin=0.1), lwr.robot, bounds(lwr.robot, 0.1)
+    )
     require_within_limits(found)
     assert all(0 < peak.share <= 1 + 1e-6 for peak in found.peaks)
 

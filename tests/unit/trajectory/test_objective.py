@@ -15,7 +15,12 @@ from dynid.trajectory.scene import Box, Scene
 
 
 def problem(base, **changes):
-    facts = {"basis": Quintic.even(5.0, 4), "cost": Cost("condition"), "limits": bounds(base.robot), "samples": 60}
+    facts = {
+        "basis": Quintic.even(5.0, 4),
+        "cost": Cost("condition"),
+        "limits": bounds(base.robot),
+        "samples": 60,
+    }
     return PlanProblem(base.model, base.reduction.base, **(facts | changes))
 
 
@@ -29,7 +34,9 @@ def slope_error(objective, seed=7):
     return abs(slope - numeric) / abs(numeric)
 
 
-@pytest.mark.parametrize("cost", [Cost("condition"), Cost("condition", True), Cost("paper"), Cost("d")])
+@pytest.mark.parametrize(
+    "cost", [Cost("condition"), Cost("condition", True), Cost("paper"), Cost("d")]
+)
 def test_gradient_along_the_path_is_that_of_differences(lwr, cost):
     assert slope_error(ExcitationObjective(problem(lwr, cost=cost))) < 1e-4
 

@@ -24,7 +24,12 @@ from dynid.trajectory.plan import Trajectory
 
 def problem(base):
     return PlanProblem(
-        base.model, base.reduction.base, Quintic.even(5.0, 3), bounds(base.robot, 0.1), Cost("d"), samples=40
+        base.model,
+        base.reduction.base,
+        Quintic.even(5.0, 3),
+        bounds(base.robot, 0.1),
+        Cost("d"),
+        samples=40,
     )
 
 
@@ -59,7 +64,10 @@ def test_equal_seeds_give_equal_plans_and_other_seeds_others(lwr):
 
 
 def test_starts_that_are_given_up_are_the_same_for_any_number_of_processes():
-    found = [optimise(planar(), PlanOptions(restarts=10, seconds=300, processes=count)) for count in (1, 2)]
+    found = [
+        optimise(planar(), PlanOptions(restarts=10, seconds=300, processes=count))
+        for count in (1, 2)
+    ]
     assert [(one.ended, one.finished) for one in found] == [("all starts", 10)] * 2
     ranks = [[(c.start, c.evaluation, c.value) for c in one.candidates] for one in found]
     assert ranks[0] == ranks[1]
@@ -70,7 +78,10 @@ def test_a_start_is_given_up_only_when_it_is_far_from_the_best():
     x = start_variables(objective, 0, 0)
     met = descend(objective, x)
     assert descend(objective, x, best=met.value).evaluation == met.evaluation
-    assert descend(objective, x, best=met.value - 10 * tuning.HOPELESS_COST).evaluation < met.evaluation
+    assert (
+        descend(objective, x, best=met.value - 10 * tuning.HOPELESS_COST).evaluation
+        < met.evaluation
+    )
 
 
 def test_time_limit_is_kept_to_about_a_second(lwr):
@@ -84,7 +95,9 @@ def test_what_a_search_stopped_by_its_time_found_is_made_again_to_the_last_bit(l
     search = PlanOptions(restarts=10_000, seconds=6, seed=5, processes=2)
     stopped = optimise(problem(lwr), search)
     best = stopped.candidates[0]
-    again = optimise(problem(lwr), replace(search, seconds=0.1, replay=(best.start, best.evaluation)))
+    again = optimise(
+        problem(lwr), replace(search, seconds=0.1, replay=(best.start, best.evaluation))
+    )
     assert (stopped.ended, again.ended) == ("time", "replay")
     assert again.candidates[0].value == best.value
     assert np.array_equal(again.candidates[0].coefficients, best.coefficients)

@@ -62,5 +62,8 @@ def test_intervals_are_stretched_until_no_rate_is_broken(gen2):
 def test_intervals_without_times_are_nearly_as_short_as_the_limits_allow(lwr):
     limit = bounds(lwr.robot)
     plan = through_waypoints(np.array([np.zeros(7), np.full(7, 0.5)]), limit)
-    shares = [np.max(np.abs(plan.extrema(o)) / m) for o, m in ((1, limit.velocity), (2, limit.acceleration))]
+    shares = [
+        np.max(np.abs(plan.extrema(o)) / m)
+        for o, m in ((1, limit.velocity), (2, limit.acceleration))
+    ]
     assert max(shares) == pytest.approx(1.0, abs=1e-4)

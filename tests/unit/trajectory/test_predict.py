@@ -40,7 +40,9 @@ def test_predicted_errors_are_those_of_200_noisy_fits(lwr, other):
 
 def test_slowing_down_costs_accuracy_at_every_step(lwr, other):
     noise = np.full(7, 0.1)
-    rows = alpha_table(random_trajectory(lwr.robot, 2), lwr.model, lwr.reduction.base, noise, other, samples=6000)
+    rows = alpha_table(
+        random_trajectory(lwr.robot, 2), lwr.model, lwr.reduction.base, noise, other, samples=6000
+    )
     assert [row.alpha for row in rows] == [0.2, 0.5, 1.0]
     errors = [row.torque_error for row in rows]
     assert errors == sorted(errors, reverse=True)
@@ -51,7 +53,9 @@ def test_the_table_counts_the_samples_that_the_log_will_have(lwr, other):
     motion, noise, columns = random_trajectory(lwr.robot, 2), np.full(7, 0.1), lwr.reduction.base
     samples = motion.sampled(200)
     row = alpha_table(motion, lwr.model, columns, noise, other, samples=len(samples))[-1]
-    assert row.torque_error == pytest.approx(predict(lwr.model, columns, samples, noise, other).torque_error, rel=0.01)
+    assert row.torque_error == pytest.approx(
+        predict(lwr.model, columns, samples, noise, other).torque_error, rel=0.01
+    )
 
 
 def test_a_motion_without_one_joint_leaves_its_friction_unknown(lwr, other):
@@ -85,11 +89,15 @@ def test_a_motion_planned_after_an_earlier_log_adds_more_than_one_planned_withou
     aware, unaware = [], []
     for start in range(4):
         for knowledge, errors in ((known, aware), (None, unaware)):
-            problem = PlanProblem(lwr.model, columns, basis, limit, Cost("i", V=other), noise, knowledge, samples=60)
+            problem = PlanProblem(
+                lwr.model, columns, basis, limit, Cost("i", V=other), noise, knowledge, samples=60
+            )
             objective = ExcitationObjective(problem)
             met = descend(objective, start_variables(objective, start, 0), last=120)
             plan = Trajectory(basis, objective.shaping.coefficients(met.x))
-            errors.append(predict(lwr.model, columns, plan.sampled(100), noise, other, known).torque_error)
+            errors.append(
+                predict(lwr.model, columns, plan.sampled(100), noise, other, known).torque_error
+            )
     assert np.mean(aware) < 0.95 * np.mean(unaware)
 
 
@@ -104,7 +112,9 @@ def test_believed_base_parameters_give_the_torques_of_pinocchio(lwr, tmp_path):
     tau = lwr.model.observer(lwr.reduction.base).torque(theta, motion.q, motion.qd, motion.qdd)
     data = arm.createData()
     for k in range(len(motion)):
-        assert np.allclose(tau[k], pin.rnea(arm, data, motion.q[k], motion.qd[k], motion.qdd[k]), atol=1e-6)
+        assert np.allclose(
+            tau[k], pin.rnea(arm, data, motion.q[k], motion.qd[k], motion.qdd[k]), atol=1e-6
+        )
 
 
 def test_predicted_errors_are_those_of_identifying_pybullets_torques_over_20_noise_draws(gen2):
@@ -116,11 +126,18 @@ def test_predicted_errors_are_those_of_identifying_pybullets_torques_over_20_noi
     other = held_out(gen2.model, columns, bounds(gen2.robot))
     found = predict(gen2.model, columns, motion, noise, other)
     with SimulatedArm(gen2.robot) as arm:
-        tau = np.array([arm.inverse_dynamics(*state) for state in zip(motion.q, motion.qd, motion.qdd, strict=True)])
+        tau = np.array(
+            [
+                arm.inverse_dynamics(*state)
+                for state in zip(motion.q, motion.qd, motion.qdd, strict=True)
+            ]
+        )
     W = gen2.model.observer(columns).dense(motion.q, motion.qd, motion.qdd)
     solver = np.linalg.pinv((W / noise[None, :, None]).reshape(-1, len(columns)))
     rng = np.random.default_rng(8)
-    draws = np.array([solver @ (tau / noise + rng.standard_normal(tau.shape)).ravel() for _ in range(20)])
+    draws = np.array(
+        [solver @ (tau / noise + rng.standard_normal(tau.shape)).ravel() for _ in range(20)]
+    )
     misses = draws - prior_base_parameters(gen2.model, gen2.reduction, unknown=0.0)
     ratio = np.sqrt(np.mean(misses**2, axis=0)) / found.std_error
     assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.1)

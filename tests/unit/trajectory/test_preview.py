@@ -34,7 +34,9 @@ pytest.importorskip("pybullet")
 
 
 def towards(robot, *degrees):
-    start = np.radians([0, 0, 0, 0, 0, 0, 0] if robot.gravity[2] < 0 else [0, 180, 0, 180, 0, 180, 0])
+    start = np.radians(
+        [0, 0, 0, 0, 0, 0, 0] if robot.gravity[2] < 0 else [0, 180, 0, 180, 0, 180, 0]
+    )
     limits = bounds(robot)
     free = replace(limits, lower=limits.lower - 10, upper=limits.upper + 10)
     return through_waypoints(np.array([start, np.radians(degrees)]), free)
@@ -69,8 +71,12 @@ COLLIDING = {
 }
 
 
-@pytest.mark.parametrize(("arm", "pose"), [(arm, pose) for arm, poses in COLLIDING.items() for pose in poses])
-def test_colliding_and_floor_touching_plans_are_refused_with_pair_time_and_depth(arm, pose, urdf, request):
+@pytest.mark.parametrize(
+    ("arm", "pose"), [(arm, pose) for arm, poses in COLLIDING.items() for pose in poses]
+)
+def test_colliding_and_floor_touching_plans_are_refused_with_pair_time_and_depth(
+    arm, pose, urdf, request
+):
     robot = request.getfixturevalue(arm).robot
     found = measure_trajectory(towards(robot, *pose), robot, urdf(robot), Scene())
     with pytest.raises(Collision, match=r"link_\d and .* at t = \d+\.\d s"):
@@ -99,7 +105,9 @@ def test_picture_and_animation_show_the_arm_and_move(lwr, urdf, tmp_path):
     from PIL import Image
 
     look = Drawing(tmp_path / "a.png", tmp_path / "a.gif", "a title")
-    draw_trajectory(towards(lwr.robot, 40, 60, 0, 60, 0, 0, 0), lwr.robot, urdf(lwr.robot), Scene(), look)
+    draw_trajectory(
+        towards(lwr.robot, 40, 60, 0, 60, 0, 0, 0), lwr.robot, urdf(lwr.robot), Scene(), look
+    )
     still = np.asarray(Image.open(look.picture).convert("RGB")).astype(int)
     assert still.shape[0] > 600
     assert still.shape[1] > 1000
@@ -114,7 +122,10 @@ def test_picture_and_animation_show_the_arm_and_move(lwr, urdf, tmp_path):
 
 
 def test_own_urdf_whose_axes_differ_from_the_table_is_refused(lwr, urdf):
-    tilted = replace(lwr.robot, joints=(*lwr.robot.joints[:3], Joint("lwr_3_joint", twist=1.4), *lwr.robot.joints[4:]))
+    tilted = replace(
+        lwr.robot,
+        joints=(*lwr.robot.joints[:3], Joint("lwr_3_joint", twist=1.4), *lwr.robot.joints[4:]),
+    )
     plan = towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0)
     with pytest.raises(WrongRobotFile, match=r"lwr_4_joint: axis in .* deg and .* mm off"):
         measure_trajectory(plan, tilted, urdf(lwr.robot), Scene())
@@ -125,7 +136,9 @@ def test_urdf_in_the_angles_of_a_simulator_is_seen_through_its_map(lwr, urdf):
     path = urdf(lwr.robot)
     turned = path.read_text().replace('axis xyz="0 0 1"', 'axis xyz="0 0 -1"', 1)
     first, fourth = turned.split("lwr_3_joint", 1)
-    path.write_text(first + "lwr_3_joint" + fourth.replace('axis xyz="0 0 1"', 'axis xyz="0 0 -1"', 1))
+    path.write_text(
+        first + "lwr_3_joint" + fourth.replace('axis xyz="0 0 1"', 'axis xyz="0 0 -1"', 1)
+    )
     joints = list(lwr.robot.joints)
     for k in (1, 5):
         joints[k] = replace(joints[k], theta_offset=-offset[k])
@@ -138,18 +151,30 @@ def test_urdf_in_the_angles_of_a_simulator_is_seen_through_its_map(lwr, urdf):
 
 def test_urdf_without_a_joint_is_refused_with_what_it_has(lwr, urdf):
     other = replace(
-        lwr.robot, driver=None, joints=(replace(lwr.robot.joints[0], name="shoulder"), *lwr.robot.joints[1:])
+        lwr.robot,
+        driver=None,
+        joints=(replace(lwr.robot.joints[0], name="shoulder"), *lwr.robot.joints[1:]),
     )
     with pytest.raises(WrongRobotFile, match="lacks the joints shoulder; it has lwr_0_joint"):
-        measure_trajectory(towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0), other, urdf(lwr.robot), Scene())
+        measure_trajectory(
+            towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0), other, urdf(lwr.robot), Scene()
+        )
 
 
-def test_window_without_a_display_is_a_named_mistake_and_not_the_end_of_the_process(lwr, urdf, monkeypatch):
+def test_window_without_a_display_is_a_named_mistake_and_not_the_end_of_the_process(
+    lwr, urdf, monkeypatch
+):
     monkeypatch.delenv("DISPLAY", raising=False)
-    with pytest.raises(NoDisplay), window(towards(lwr.robot, *[0] * 6, 9), lwr.robot, urdf(lwr.robot), Scene()):
+    with (
+        pytest.raises(NoDisplay),
+        window(towards(lwr.robot, *[0] * 6, 9), lwr.robot, urdf(lwr.robot), Scene()),
+    ):
         pass
     monkeypatch.setenv("DISPLAY", ":987")
-    with pytest.raises(NoDisplay), window(towards(lwr.robot, *[0] * 6, 9), lwr.robot, urdf(lwr.robot), Scene()):
+    with (
+        pytest.raises(NoDisplay),
+        window(towards(lwr.robot, *[0] * 6, 9), lwr.robot, urdf(lwr.robot), Scene()),
+    ):
         pass
 
 
@@ -191,7 +216,8 @@ def test_capsules_are_no_farther_than_the_cylinders_that_pybullet_measures(name,
     there = measure_poses(t, q, robot, tmp_path / "arm.urdf", Scene(), guessed=True)
     for kind in (True, False):
         capsules, cylinders = (
-            min(d.distance for d in found.least if d.pair.endswith("floor") is kind) for found in (near, there)
+            min(d.distance for d in found.least if d.pair.endswith("floor") is kind)
+            for found in (near, there)
         )
         assert capsules < cylinders + 5e-3
     assert {pair.replace("_", " ") for pair in there.left_out} <= set(near.left_out)

@@ -35,11 +35,21 @@ def base(tmp_path_factory):
 
 
 def rivals(first, amplitudes, second, joint=1, **shape):
-    return Rivalry(CATALOGUE[first], (joint,), shape, np.array(amplitudes), CATALOGUE[second], (joint,), "the two")
+    return Rivalry(
+        CATALOGUE[first],
+        (joint,),
+        shape,
+        np.array(amplitudes),
+        CATALOGUE[second],
+        (joint,),
+        "the two",
+    )
 
 
 def question(base, *pairs, unexplained=()):
-    return GapQuestion(tuple(pairs), unexplained, np.array([0.1, 0.05]), np.zeros(base.reduction.rank))
+    return GapQuestion(
+        tuple(pairs), unexplained, np.array([0.1, 0.05]), np.zeros(base.reduction.rank)
+    )
 
 
 def swing(reach, speed=1.0, count=800):
@@ -67,7 +77,9 @@ def test_the_lead_is_what_least_squares_with_the_rival_leaves(base):
     y = (torque / noise).ravel()
     left = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
     expected = left @ left * tuning.INDEPENDENT_ROWS_A_SECOND * 20 / 800
-    assert separation(base, question(base, pair), motion).leads[0] == pytest.approx(expected, rel=1e-6)
+    assert separation(base, question(base, pair), motion).leads[0] == pytest.approx(
+        expected, rel=1e-6
+    )
 
 
 def test_a_wide_swing_tells_a_line_from_a_wave_and_a_small_one_does_not(base):
@@ -89,9 +101,13 @@ def test_the_search_finds_a_better_motion_inside_the_limits_and_the_same_one_aga
     problem = plan_problem(context)
     asked = question(base, rivals("spring", [1.0, 0.0], "counterbalance", order=1.0, constant=1.0))
     first, again = (separate(problem, base, asked, options, 60.0) for _ in range(2))
-    np.testing.assert_array_equal(first.candidates[0].coefficients, again.candidates[0].coefficients)
+    np.testing.assert_array_equal(
+        first.candidates[0].coefficients, again.candidates[0].coefficients
+    )
     (one,) = first.candidates
     assert one.evaluation > 1
     assert first.ended == "all starts"
-    short = separate(problem, base, asked, PlanOptions(**{**vars(options), "replay": (0, one.evaluation)}), 60.0)
+    short = separate(
+        problem, base, asked, PlanOptions(**{**vars(options), "replay": (0, one.evaluation)}), 60.0
+    )
     np.testing.assert_array_equal(short.candidates[0].coefficients, one.coefficients)

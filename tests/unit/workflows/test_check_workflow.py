@@ -49,7 +49,10 @@ def test_columns_whose_names_say_nothing_are_asked_for(tmp_path):
     (tmp_path / "drive.csv").write_text(f"t,qm,vir\n{rows}\n")
     (found,) = check([tmp_path / "drive.csv"])
     assert [finding.code for finding in found.findings] == ["W330"]
-    assert 'columns: {time: "t", position: "POSITION_{i}", effort: "TORQUE_{i}"}' in found.facts["snippet"]
+    assert (
+        'columns: {time: "t", position: "POSITION_{i}", effort: "TORQUE_{i}"}'
+        in found.facts["snippet"]
+    )
 
 
 def test_a_damaged_result_is_named(tmp_path):
@@ -111,7 +114,9 @@ def test_a_batch_ends_as_its_worst_job_that_failed():
 
 
 def test_jobs_and_options_that_do_not_exist_stop_the_batch_before_it_runs(tmp_path):
-    (tmp_path / "batch.yaml").write_text("jobs: [{name: one, robot: arm, logs: log.bag, options: {cutof: 8}}]")
+    (tmp_path / "batch.yaml").write_text(
+        "jobs: [{name: one, robot: arm, logs: log.bag, options: {cutof: 8}}]"
+    )
     with pytest.raises(WrongUsage, match="no job 'two'"):
         run(tmp_path / "batch.yaml", command, RunOptions(only=("two",)), out=tmp_path)
     with pytest.raises(WrongUsage, match="no option 'cutof'; did you mean 'cutoff'"):

@@ -20,7 +20,9 @@ def test_two_motions_of_one_arm_have_not_drifted(result, other):
     assert found.runs[0].comparison.p_value > 0.01
 
 
-def test_an_elbow_with_five_percent_more_torque_is_named_with_the_size_of_the_change(result, scaled):
+def test_an_elbow_with_five_percent_more_torque_is_named_with_the_size_of_the_change(
+    result, scaled
+):
     found = compare([scaled], baseline=result, tolerance="1%")
     (run,) = found.runs
     assert not found.passed
@@ -122,6 +124,9 @@ def test_estimates_further_apart_than_their_errors_differ(result):
 def test_least_squares_are_biased_beyond_the_difference_of_the_variances(result):
     """Errors of 0.05 and 0.1: the difference has the error sqrt(0.01 - 0.0025) = 0.0866, four of which are 0.3464."""
     instruments, error = identification(result, 0.0, 0.1), np.sqrt(0.1**2 - 0.05**2)
-    near, far = (identification(result, factor * tuning.HAUSMAN_ERRORS * error / 0.05, 0.05) for factor in (0.99, 1.01))
+    near, far = (
+        identification(result, factor * tuning.HAUSMAN_ERRORS * error / 0.05, 0.05)
+        for factor in (0.99, 1.01)
+    )
     assert biased(near, instruments) == []
     assert set(biased(far, instruments)) == set(result.names)

@@ -54,7 +54,9 @@ def test_a_push_is_found_on_its_joint_at_its_time_with_its_size(found, recorded)
     """A torque that helps the drive is a positive one from outside."""
     log = pushed(recorded[2], 3, 6.0)
     answer = dynid.contacts(found, log, false_alarms="1/h")
-    (contact,) = [each for each in answer.external.contacts if each.joint == found.robot.joint_names[3]]
+    (contact,) = [
+        each for each in answer.external.contacts if each.joint == found.robot.joint_names[3]
+    ]
     assert 6.8 < contact.start < 7.4
     assert contact.end < 8.0
     assert contact.peak == pytest.approx(6.0, rel=0.2)
@@ -90,7 +92,10 @@ def test_an_arm_that_has_changed_is_not_told_as_many_touches(found, recorded):
 
 
 def test_fewer_false_alarms_ask_for_larger_pushes(found, recorded):
-    thresholds = [dynid.contacts(found, recorded[2], false_alarms=rate).external.threshold for rate in ("1/day", 1, 10)]
+    thresholds = [
+        dynid.contacts(found, recorded[2], false_alarms=rate).external.threshold
+        for rate in ("1/day", 1, 10)
+    ]
     assert (thresholds[0] > thresholds[1]).all()
     assert (thresholds[1] > thresholds[2]).all()
 
@@ -122,7 +127,9 @@ def test_the_observer_follows_a_constant_push_as_a_low_pass_of_first_order(found
     t = np.arange(0, 1.0, dt)[:, None]
     size = np.linspace(0.2, 0.5, 7)
     q, qd, qdd = size * np.sin(2 * t), 2 * size * np.cos(2 * t), -4 * size * np.sin(2 * t)
-    tau = base.observer.torque(np.where(inertial, theta, 0.0), q, qd, qdd) - np.array([0, 3.0, 0, 0, -1.0, 0, 0])
+    tau = base.observer.torque(np.where(inertial, theta, 0.0), q, qd, qdd) - np.array(
+        [0, 3.0, 0, 0, -1.0, 0, 0]
+    )
     r = MomentumObserver(base.observer, theta, inertial, gain).run(q, qd, tau, np.zeros_like(q), dt)
     expected = 1 - np.exp(-gain * t[:, 0])
     np.testing.assert_allclose(r[:, 1], 3.0 * expected, atol=0.03)

@@ -19,18 +19,26 @@ def test_the_suffixes_are_those_of_the_formats():
     assert {name: format.suffix for name, format in FORMATS.items()} == SUFFIXES
 
 
-@pytest.mark.parametrize(("name", "format"), [("arm.urdf", "urdf"), ("ARM.XML", "mjcf"), ("arm.py", "python")])
-def test_the_suffix_names_the_format_and_the_file_is_written_and_proved(result, tmp_path, name, format):
+@pytest.mark.parametrize(
+    ("name", "format"), [("arm.urdf", "urdf"), ("ARM.XML", "mjcf"), ("arm.py", "python")]
+)
+def test_the_suffix_names_the_format_and_the_file_is_written_and_proved(
+    result, tmp_path, name, format
+):
     made = export(result, tmp_path / name)
     file = made.files[0]
     assert (file.format, file.path) == (format, tmp_path / name)
     assert file.path.read_text(encoding="utf-8") == file.text
     assert file.agreements
-    assert all(each.agrees and each.states == 1000 and each.largest < 1e-9 for each in file.agreements)
+    assert all(
+        each.agrees and each.states == 1000 and each.largest < 1e-9 for each in file.agreements
+    )
     assert made.agrees
     assert made.findings == ()
     beside = [each for each in made.files[1:] if each.path == tmp_path / "effects.py"]
-    assert len(beside) == (format == "urdf"), "a URDF has no place for offsets and the smooth start of friction"
+    assert len(beside) == (format == "urdf"), (
+        "a URDF has no place for offsets and the smooth start of friction"
+    )
     assert all(each.agrees and each.agreements for each in beside)
 
 
@@ -75,7 +83,9 @@ def test_bodies_that_cannot_exist_are_written_with_a_warning_when_they_are_wante
     assert (tmp_path / "arm.urdf").is_file()
 
 
-def test_a_program_with_an_indefinite_mass_matrix_is_refused_and_says_so_where_it_is_wanted(result, tmp_path):
+def test_a_program_with_an_indefinite_mass_matrix_is_refused_and_says_so_where_it_is_wanted(
+    result, tmp_path
+):
     """Its own mass matrix, loaded from the file, has a negative eigenvalue."""
     with pytest.raises(NotPhysical, match="mass matrix is not positive definite in 200 of 200"):
         export(impossible(result), tmp_path, ExportOptions(parameters="plain"), formats=("python",))
@@ -158,7 +168,12 @@ def test_a_number_of_draws_that_is_none_is_refused(result, count):
 
 def test_draws_are_written_as_models_that_mujoco_loads_and_one_file_of_ranges(result, tmp_path):
     made = export(result, tmp_path, ExportOptions(draws=3), formats=("mjcf", "c"), seed=5)
-    assert [path.name for path in made.drawn] == ["arm_1.xml", "arm_2.xml", "arm_3.xml", "draws.json"]
+    assert [path.name for path in made.drawn] == [
+        "arm_1.xml",
+        "arm_2.xml",
+        "arm_3.xml",
+        "draws.json",
+    ]
     models = [mujoco.MjModel.from_xml_path(str(path)) for path in made.drawn[:-1]]
     assert len({float(model.body_mass.sum()) for model in models}) == 3
     facts = json.loads(made.drawn[-1].read_text())

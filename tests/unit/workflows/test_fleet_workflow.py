@@ -36,9 +36,15 @@ def test_arm_and_day_come_from_the_folders_in_any_order(runs):
     assert every[1].day - every[0].day == 1.0
 
 
-def test_a_folder_of_each_night_with_an_arm_in_each_is_understood_and_its_own_output_is_not_read(runs):
+def test_a_folder_of_each_night_with_an_arm_in_each_is_understood_and_its_own_output_is_not_read(
+    runs,
+):
     (left,), (right,) = runs_of(Path("out/2026-03-08/arm12")), runs_of(Path("out/arm12/2026-03-08"))
-    assert (left.arm, left.time, left.day) == (right.arm, right.time, right.day) == ("arm12", "2026-03-08", right.day)
+    assert (
+        (left.arm, left.time, left.day)
+        == (right.arm, right.time, right.day)
+        == ("arm12", "2026-03-08", right.day)
+    )
     paths = sorted(runs.glob("*/*"))
     wrote = fleet(paths).save(runs / "fleet")
     assert fleet([*paths, *wrote]).facts() == fleet(paths).facts()
@@ -46,14 +52,22 @@ def test_a_folder_of_each_night_with_an_arm_in_each_is_understood_and_its_own_ou
 
 def test_times_that_are_names_are_put_in_order_with_their_numbers():
     runs = [run for k in (10, 9, 1) for run in runs_of(Path(f"arm/run{k}/parameters.npz"))]
-    assert [(run.time, run.day) for run in ordered(runs)] == [("run1", 0.0), ("run9", 1.0), ("run10", 2.0)]
+    assert [(run.time, run.day) for run in ordered(runs)] == [
+        ("run1", 0.0),
+        ("run9", 1.0),
+        ("run10", 2.0),
+    ]
 
 
 @pytest.mark.parametrize(
-    ("text", "apart"), [("2026-03-08T06:00", 0.25), ("20260308", 0.0), ("2026-03-08_12-00", None), ("7", None)]
+    ("text", "apart"),
+    [("2026-03-08T06:00", 0.25), ("20260308", 0.0), ("2026-03-08_12-00", None), ("7", None)],
 )
 def test_dates_and_numbers_are_read(text, apart):
-    (run,), (day,) = runs_of(Path(f"arm/{text}/parameters.npz")), runs_of(Path("arm/2026-03-08/parameters.npz"))
+    (run,), (day,) = (
+        runs_of(Path(f"arm/{text}/parameters.npz")),
+        runs_of(Path("arm/2026-03-08/parameters.npz")),
+    )
     if text == "7":
         assert run.day == 7.0
     elif apart is not None:
@@ -73,7 +87,9 @@ def test_a_change_of_one_arm_is_named_with_its_day_and_the_other_arm_is_left_alo
 
 def test_a_list_gives_the_same_as_the_folders(runs):
     rows = "".join(
-        f"{arm}/2026-03-{8 + k:02d},{arm},2026-03-{8 + k:02d}\n" for arm in ("left", "right") for k in range(5)
+        f"{arm}/2026-03-{8 + k:02d},{arm},2026-03-{8 + k:02d}\n"
+        for arm in ("left", "right")
+        for k in range(5)
     )
     (runs / "list.csv").write_text(f"result,arm,time\n{rows}")
     assert fleet([runs / "list.csv"]).facts() == fleet(sorted(runs.glob("*/20*"))).facts()
@@ -94,7 +110,9 @@ def test_what_cannot_be_read_is_named_and_the_others_take_part(runs):
 @pytest.mark.parametrize("text", ["result,arm\na,b\n", "result,arm,time\na,b,\n"])
 def test_a_list_without_a_column_is_refused_with_its_line(tmp_path, text):
     (tmp_path / "list.csv").write_text(text)
-    with pytest.raises(WrongUsage, match=r"list\.csv:2: a list of results has the columns result, arm, time"):
+    with pytest.raises(
+        WrongUsage, match=r"list\.csv:2: a list of results has the columns result, arm, time"
+    ):
         fleet([tmp_path / "list.csv"])
 
 
@@ -119,7 +137,9 @@ def test_the_page_needs_no_network_and_names_cannot_become_markup():
     t = np.tile(np.arange(8.0), (3, 1))
     names = ("a", "<script>alert(1)</script>", "c")
     found = look_at(History(names, ("fv<b>",), t, value, np.full(value.shape, 0.01)))
-    page = fleet_page("one of 3 arms changed", [("arm", found, {}, {"fv<b>": "N m"})], 24, [("x", "<i>")])
+    page = fleet_page(
+        "one of 3 arms changed", [("arm", found, {}, {"fv<b>": "N m"})], 24, [("x", "<i>")]
+    )
     assert found.changes
     assert "<script" not in page
     assert "<b>" not in page

@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 import twolink
-from dynid import GapOptions, IdentifyOptions, Log, earlier_logs, find_gap, identify, load_robot, validate
+from dynid import (
+    GapOptions,
+    IdentifyOptions,
+    Log,
+    earlier_logs,
+    find_gap,
+    identify,
+    load_robot,
+    validate,
+)
 from dynid.cli.terminal import plain
 from dynid.errors import NotAnArtifact, WrongUsage
 from dynid.robot import Known
@@ -79,8 +88,10 @@ def test_what_is_saved_reads_back_and_prints_the_same(gap, tmp_path):
     assert facts == expected
     # What is known of the arm beside the search is in other files.
     assert (read["sentence"], read["reasons"], read["lights"][-1]) == (
-        judged["sentence"], judged["reasons"], judged["lights"][-1],
-    )  # fmt: skip
+        judged["sentence"],
+        judged["reasons"],
+        judged["lights"][-1],
+    )
     assert again.chosen("spring") == gap.named
     with pytest.raises(WrongUsage, match="read from a file"):
         again.apply()
@@ -89,7 +100,9 @@ def test_what_is_saved_reads_back_and_prints_the_same(gap, tmp_path):
 def test_an_interval_without_an_upper_end_reads_back(gap, tmp_path):
     ratio = gap.improvement.ratio.copy()
     ratio[0] = 0.0, np.inf
-    saved = replace(gap, improvement=replace(gap.improvement, ratio=ratio)).save(tmp_path / "gap.npz")
+    saved = replace(gap, improvement=replace(gap.improvement, ratio=ratio)).save(
+        tmp_path / "gap.npz"
+    )
     np.testing.assert_array_equal(Gap.load(saved).improvement.ratio, ratio)
 
 
@@ -112,7 +125,13 @@ def test_an_applied_effect_is_in_the_result_and_explains_another_log(gap, spring
 
 
 def test_effects_are_chosen_by_name_and_joint(gap):
-    assert gap.chosen() == gap.chosen("spring") == gap.chosen("spring@2") == gap.chosen("spring@elbow") == gap.named
+    assert (
+        gap.chosen()
+        == gap.chosen("spring")
+        == gap.chosen("spring@2")
+        == gap.chosen("spring@elbow")
+        == gap.named
+    )
     with pytest.raises(WrongUsage, match="this was not found") as raised:
         gap.chosen("spring@1")
     assert raised.value.why == "found: spring@2"
@@ -166,7 +185,10 @@ def test_logs_of_a_result_are_found_again_where_they_are_what_they_were(arm, tmp
 
 def test_options_make_sense_or_say_why_not(result):
     assert GapOptions().effects == GapOptions(effects="all").effects == ()
-    assert GapOptions(effects=("spring", "stribeck")).effects == GapOptions(effects="spring, stribeck").effects
+    assert (
+        GapOptions(effects=("spring", "stribeck")).effects
+        == GapOptions(effects="spring, stribeck").effects
+    )
     assert GapOptions(joints=[2, "elbow"]).joints == ("2", "elbow")
     assert GapOptions(false_alarm="5%").false_alarm == 0.05
     with pytest.raises(WrongUsage, match="--mode 'frosen'"):
@@ -223,7 +245,10 @@ def test_what_has_changed_is_applied_to_the_new_logs_alone(before_and_after):
 
 
 def test_where_nothing_has_changed_all_logs_are_searched_for_what_was_always_missing(arm):
-    old, new = ([log(plan, 10 * plan + k, STIFFNESS) for plan in plans for k in range(2)] for plans in ((1, 2), (5, 6)))
+    old, new = (
+        [log(plan, 10 * plan + k, STIFFNESS) for plan in plans for k in range(2)]
+        for plans in ((1, 2), (5, 6))
+    )
     found = find_gap(identify(arm, old), new, GapOptions(effects=EFFECTS), earlier=old)
     assert (found.question, found.mode) == ("numbers", "refit")
     assert [one.effect for one in found.named] == ["spring"]
@@ -244,7 +269,9 @@ def test_nothing_has_changed_is_another_sentence_than_nothing_is_missing(before_
 
 def test_two_different_questions_at_once_are_refused():
     assert GapOptions(mode="frozen").question == GapOptions(ask="changed").question == "changed"
-    with pytest.raises(WrongUsage, match="--mode refit is --ask numbers, but --ask changed was given too"):
+    with pytest.raises(
+        WrongUsage, match="--mode refit is --ask numbers, but --ask changed was given too"
+    ):
         GapOptions(mode="refit", ask="changed")
 
 
@@ -261,14 +288,17 @@ def test_a_counterbalance_is_not_told_from_heavier_links_until_their_mass_is_kno
     unknown = find_gap(identify(arm, logs[::2]), logs, options)
     assert not unknown.named
     assert (
-        "A counterbalance on shoulder makes the links more plausible (without it, there is a link 1 of" in unknown.asked
+        "A counterbalance on shoulder makes the links more plausible (without it, there is a link 1 of"
+        in unknown.asked
     )
     assert "Give the mass of link 1 from the data sheet" in unknown.asked
     (one,) = [one for one in unknown.closest if one.effect == "counterbalance"]
     assert unknown.verdict == "unexplained", "an odd link is not nothing"
     assert one.values["b"] == pytest.approx(-40.0, abs=4 * one.std_errors["b"])
     assert "shoulder may have counterbalance" in unknown.judgement.sentence
-    known = Known(link_mass=tuple((k + 1, (0.8 * mass, 1.2 * mass)) for k, mass in enumerate(twolink.MASS)))
+    known = Known(
+        link_mass=tuple((k + 1, (0.8 * mass, 1.2 * mass)) for k, mass in enumerate(twolink.MASS))
+    )
     (one,) = find_gap(identify(replace(arm, known=known), logs[::2]), logs, options).named
     assert (one.effect, one.joints) == ("counterbalance", ("shoulder",))
 
@@ -305,7 +335,9 @@ def stored(arm, tmp_path, monkeypatch):
     return load_run(tmp_path / "out" / "arm")
 
 
-def test_earlier_logs_are_found_in_folders_and_from_another_working_folder(arm, tmp_path, monkeypatch):
+def test_earlier_logs_are_found_in_folders_and_from_another_working_folder(
+    arm, tmp_path, monkeypatch
+):
     result = stored(arm, tmp_path, monkeypatch)
     assert [len(each) for each in earlier_logs(result, [])] == [len(log(1, 1)), len(log(2, 2))]
 
@@ -318,7 +350,9 @@ def test_earlier_logs_are_found_where_all_folders_were_moved_together(arm, tmp_p
     assert len(earlier_logs(tmp_path / "b" / "out" / "arm", [])) == 2
 
 
-def test_nothing_is_never_said_of_a_model_that_misses_more_than_it_expected(arm, tmp_path, monkeypatch):
+def test_nothing_is_never_said_of_a_model_that_misses_more_than_it_expected(
+    arm, tmp_path, monkeypatch
+):
     """The earlier logs are gone, and new numbers for all parameters take in a load of 2 kg at the elbow's link."""
     result = stored(arm, tmp_path, monkeypatch)
     for file in (tmp_path / "logs").rglob("*.txt"):
@@ -352,7 +386,15 @@ def test_the_error_after_is_that_of_apply_and_then_validate_on_the_log_held_out(
             tau = twolink.torque(q, qd, qdd)
             tau[:, 1] += HIDDEN[effect](q, qd, tau)
             noise = 0.05 * np.random.default_rng(10 * plan + k).standard_normal(q.shape)
-            logs.append(Log(t=t, q=q, tau=tau + noise, names=("shoulder", "elbow"), source=Path(f"run{plan}{k}.csv")))
+            logs.append(
+                Log(
+                    t=t,
+                    q=q,
+                    tau=tau + noise,
+                    names=("shoulder", "elbow"),
+                    source=Path(f"run{plan}{k}.csv"),
+                )
+            )
     found = find_gap(identify(arm, logs[:4], feasible=False), logs, effects=effect)
     assert [one.effect for one in found.named] == [effect]
     assert len(found.unseen_logs) == 2

@@ -38,10 +38,14 @@ def test_a_job_of_many_logs_is_spread_over_all_workers_to_the_same_bytes(tmp_pat
     Path("arm.yaml").write_text(ROBOT)
     for k in range(3):
         log(k).save(tmp_path / f"log{k}.npz")
-    Path("batch.yaml").write_text("jobs: [{name: many, robot: arm.yaml, logs: [log0.npz, log1.npz, log2.npz]}]")
+    Path("batch.yaml").write_text(
+        "jobs: [{name: many, robot: arm.yaml, logs: [log0.npz, log1.npz, log2.npz]}]"
+    )
     found, workers_of = {}, []
     monkeypatch.setattr(
-        parameters, "mapped", lambda *given, **more: workers_of.append(given[0]) or mapped(*given, **more)
+        parameters,
+        "mapped",
+        lambda *given, **more: workers_of.append(given[0]) or mapped(*given, **more),
     )
     for workers in (1, 2):
         done = run(Path("batch.yaml"), command, RunOptions(jobs=workers), out=Path("out"))

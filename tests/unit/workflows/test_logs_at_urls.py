@@ -25,7 +25,9 @@ def folder(tmp_path, monkeypatch):
 
 
 def identified(logs, out):
-    job = f"{{name: many, robot: arm.yaml, logs: {logs}, validate: log1.npz, options: {{cutoff: 5}}}}"
+    job = (
+        f"{{name: many, robot: arm.yaml, logs: {logs}, validate: log1.npz, options: {{cutoff: 5}}}}"
+    )
     Path("batch.yaml").write_text(f"jobs: [{job}]")
     (done,) = run(Path("batch.yaml"), command, RunOptions(jobs=1), out=Path(out)).jobs
     assert done.status == ExitStatus.DONE, done.message
@@ -56,7 +58,11 @@ def test_what_is_not_there_or_no_url_of_a_recording_is_named(tmp_path):
         remote.fetch("memory://lab/nothing.npz", tmp_path)
     with pytest.raises(PackageMissing, match="gs://"):
         remote.fetch("gs://lab/log.npz", tmp_path)
-    for url in ("nosuch://lab/log.npz", "reference://::memory://lab", "zip://log0.npz::memory://lab/x.zip"):
+    for url in (
+        "nosuch://lab/log.npz",
+        "reference://::memory://lab",
+        "zip://log0.npz::memory://lab/x.zip",
+    ):
         with pytest.raises(LogNotFound, match="not the URL of a recording"):
             remote.fetch(url, tmp_path)
 
@@ -65,7 +71,10 @@ def test_what_does_not_end_is_not_fetched_to_its_end(tmp_path):
     import fsspec
 
     fsspec.filesystem("memory").pipe("/lab/long.npz", bytes(5 << 20))
-    with limits.raised({"fetched_bytes": 3 << 20}), pytest.raises(TooLarge, match="a recording at a URL"):
+    with (
+        limits.raised({"fetched_bytes": 3 << 20}),
+        pytest.raises(TooLarge, match="a recording at a URL"),
+    ):
         remote.fetch("memory://lab/long.npz", tmp_path)
     assert not (tmp_path / "long.npz").exists()
     with pytest.raises(LogNotFound, match="no regular file"):

@@ -26,7 +26,9 @@ def base():
 
 def test_every_parameter_is_in_one_class(base):
     classes = base.classes
-    assert sorted(name for names in classes.values() for name in names) == sorted(base.model.parameter_names)
+    assert sorted(name for names in classes.values() for name in names) == sorted(
+        base.model.parameter_names
+    )
     assert base.rank == len(base.names) == len(base.table())
 
 
@@ -45,10 +47,18 @@ def test_the_numbers_behind_the_relations_are_those_of_the_robot_file(base):
 
 def test_the_class_table_marks_each_joint(base):
     rows = base.class_table()
-    assert [row["joint"] for row in rows] == [f"{j} {name}" for j, name in enumerate(base.robot.joint_names, 1)]
+    assert [row["joint"] for row in rows] == [
+        f"{j} {name}" for j, name in enumerate(base.robot.joint_names, 1)
+    ]
     marks = [value for row in rows for key, value in row.items() if key != "joint"]
-    counts = {"#": base.classes["alone"], "+": base.classes["combined"], ".": base.classes["not identifiable"]}
-    assert {mark: marks.count(mark) for mark in counts} == {mark: len(names) for mark, names in counts.items()}
+    counts = {
+        "#": base.classes["alone"],
+        "+": base.classes["combined"],
+        ".": base.classes["not identifiable"],
+    }
+    assert {mark: marks.count(mark) for mark in counts} == {
+        mark: len(names) for mark, names in counts.items()
+    }
     assert repr(base).splitlines()[0] == "Example SCARA: 56 parameters, 22 base parameters"
 
 
@@ -67,9 +77,17 @@ def test_without_pandas_a_data_frame_is_refused_by_name(base, monkeypatch):
 
 def test_options_change_the_arm_as_text_and_as_values():
     robot = load_robot("scara")
-    assert ModelOptions(gravity="9.81,0,0").gravity == ModelOptions(gravity=(9.81, 0, 0)).gravity == (9.81, 0.0, 0.0)
+    assert (
+        ModelOptions(gravity="9.81,0,0").gravity
+        == ModelOptions(gravity=(9.81, 0, 0)).gravity
+        == (9.81, 0.0, 0.0)
+    )
     bare = adapted(robot, ModelOptions(effects="none", links="1-2,4"))
-    assert bare.identified_links == adapted(robot, ModelOptions(links=(1, 2, 4))).identified_links == (1, 2, 4)
+    assert (
+        bare.identified_links
+        == adapted(robot, ModelOptions(links=(1, 2, 4))).identified_links
+        == (1, 2, 4)
+    )
     assert base_model(bare).model.columns_of("fv", "fc", "fo", "Im").size == 0
     on_wall = base_model(robot, options=ModelOptions(gravity=(9.81, 0, 0)))
     assert on_wall.rank > base_model(robot).rank

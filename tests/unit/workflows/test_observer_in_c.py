@@ -69,7 +69,9 @@ def assert_equal(result, written):
     if error is not None:
         other += error.torque_of(q, qd, result.base.observer.coulomb_sign(qd), W)
         other -= np.einsum("mjp,jp->mj", W[:, :, inertial], error.own[:, inertial])
-    ours = MomentumObserver(result.base.observer, result.theta, inertial, tuning.OBSERVER_GAIN, own_parameters(result))
+    ours = MomentumObserver(
+        result.base.observer, result.theta, inertial, tuning.OBSERVER_GAIN, own_parameters(result)
+    )
     expected = ours.run(q, qd, tau, other, dt)
     state, found = np.zeros(1 + 4 * n), np.empty_like(q)
     for k in range(len(q)):
@@ -88,18 +90,30 @@ def test_the_threshold_in_c_holds_what_friction_may_differ_by(result, written):
         library.dynid_contact_threshold(pointer(qd), pointer(threshold))
         at[speed] = threshold
     coulomb, viscous = (
-        np.array([abs(result.params.get(f"{kind}{j + 1}", 0.0)) for j in range(n)]) for kind in ("fc", "fv")
+        np.array([abs(result.params.get(f"{kind}{j + 1}", 0.0)) for j in range(n)])
+        for kind in ("fc", "fv")
     )
     np.testing.assert_allclose(at[2.0] - at[1.0], tuning.FRICTION_LEVEL * viscous, atol=1e-9)
     moving = tuning.FRICTION_LEVEL * (coulomb + viscous)
-    np.testing.assert_allclose(at[0.0] - at[1.0], (1 + tuning.STATIC_SHARE) * coulomb - moving, atol=1e-9)
+    np.testing.assert_allclose(
+        at[0.0] - at[1.0], (1 + tuning.STATIC_SHARE) * coulomb - moving, atol=1e-9
+    )
 
 
 def test_the_controller_of_the_docs_compiles_and_its_step_is_short(result, written):
     """Gravity, friction, inverse dynamics and the observer in one step; the program prints its own time."""
     example = ROOT / "docs" / "examples" / "controller.c"
     program = written.parent / "controller"
-    words = ["cc", "-O2", "-std=c99", f'-DMODEL="{written}"', str(example), "-o", str(program), "-lm"]
+    words = [
+        "cc",
+        "-O2",
+        "-std=c99",
+        f'-DMODEL="{written}"',
+        str(example),
+        "-o",
+        str(program),
+        "-lm",
+    ]
     subprocess.run(words, check=True, capture_output=True)
     said = subprocess.run([str(program)], check=True, capture_output=True, text=True).stdout
     assert "us a step" in said

@@ -20,7 +20,10 @@ def logs():
     arm = replace(arm, prior=Prior(links=tuple(prior_bodies(arm))), tool=None)
     spec = SineSpec(15.0, 6.0, 0.8, 0.9, 0.9, -math.inf)
     motions = [sines(arm, spec, 0.005, np.random.default_rng([k, 9])) for k in (1, 2)]
-    return [replace(simulate(arm, each, seed=5, noise=0.0005).log, sha256=str(k)) for k, each in enumerate(motions)]
+    return [
+        replace(simulate(arm, each, seed=5, noise=0.0005).log, sha256=str(k))
+        for k, each in enumerate(motions)
+    ]
 
 
 def test_the_file_of_another_arm_is_told_with_the_arm_that_it_is(logs):
@@ -33,7 +36,11 @@ def test_the_file_of_another_arm_is_told_with_the_arm_that_it_is(logs):
     assert judged.sentence.startswith("These logs fit another arm better")
     assert judged.light("fit").state == "bad"
     assert judged.steps[0].command.endswith("--robot ur3e")
-    gap = find_gap(found, [replace(log, names=wrong.log_names) for log in logs], effects="spring,torque_crosstalk")
+    gap = find_gap(
+        found,
+        [replace(log, names=wrong.log_names) for log in logs],
+        effects="spring,torque_crosstalk",
+    )
     assert gap.closest
     assert not gap.named
     assert gap.verdict == "unexplained"

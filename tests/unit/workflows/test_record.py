@@ -30,11 +30,17 @@ def arm():
 
 @pytest.mark.parametrize(
     ("given", "speed", "deviation", "timeout"),
-    [(("50%", "0.1rad", "0.5s"), 0.5, 0.1, 0.5), ((0.5, 0.1, 0.5), 0.5, 0.1, 0.5), (("100 %", "0.1", "2"), 1, 0.1, 2)],
+    [
+        (("50%", "0.1rad", "0.5s"), 0.5, 0.1, 0.5),
+        ((0.5, 0.1, 0.5), 0.5, 0.1, 0.5),
+        (("100 %", "0.1", "2"), 1, 0.1, 2),
+    ],
 )
 def test_quantities_are_read_with_and_without_their_units(given, speed, deviation, timeout):
     options = RecordOptions(speed=given[0], max_deviation=given[1], timeout=given[2])
-    assert (options.speed, options.max_deviation, options.timeout) == pytest.approx((speed, deviation, timeout))
+    assert (options.speed, options.max_deviation, options.timeout) == pytest.approx(
+        (speed, deviation, timeout)
+    )
 
 
 @pytest.mark.parametrize("speed", ["-3", "0%", "fast", "inf"])

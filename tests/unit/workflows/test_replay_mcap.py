@@ -34,12 +34,18 @@ def test_mcap_reads_the_topics_and_the_attached_urdf(replay):
         reader = make_reader(stream)
         summary, attached = reader.get_summary(), list(reader.iter_attachments())
         assert reader.get_header().profile == "ros2"
-    counts = {summary.channels[k].topic: n for k, n in summary.statistics.channel_message_counts.items()}
+    counts = {
+        summary.channels[k].topic: n for k, n in summary.statistics.channel_message_counts.items()
+    }
     states = dict.fromkeys((f"/{kind}/joint_states" for kind in KINDS), len(found.motion.t))
     assert counts == {"/robot_description": 1, **states}
     (file,) = attached
     joints = [joint.get("name") for joint in ET.fromstring(file.data).findall("joint")]
-    assert (file.name, file.media_type, joints) == ("robot.urdf", "application/xml", ["shoulder", "elbow"])
+    assert (file.name, file.media_type, joints) == (
+        "robot.urdf",
+        "application/xml",
+        ["shoulder", "elbow"],
+    )
 
 
 def test_rosbags_reads_the_numbers_and_the_description(replay):
@@ -58,7 +64,11 @@ def test_rosbags_reads_the_numbers_and_the_description(replay):
         stamps, q, effort = (np.array(each) for each in zip(*rows[kind], strict=True))
         np.testing.assert_allclose((stamps - stamps[0]) / 1e9, motion.t - motion.t[0], atol=2e-9)
         np.testing.assert_array_equal(effort[motion.usable], tau[motion.usable])
-        np.testing.assert_array_equal(q, getattr(motion, {"measured": "q_measured"}.get(kind, "q_estimated")))
+        np.testing.assert_array_equal(
+            q, getattr(motion, {"measured": "q_measured"}.get(kind, "q_estimated"))
+        )
     residual = np.array([row[2] for row in rows["residual"]])[motion.usable]
-    np.testing.assert_array_equal(residual, (motion.tau_measured - motion.tau_estimated)[motion.usable])
+    np.testing.assert_array_equal(
+        residual, (motion.tau_measured - motion.tau_estimated)[motion.usable]
+    )
     assert residual.std() < 0.02  # the noise of the log before the filter [N m]

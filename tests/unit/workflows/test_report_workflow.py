@@ -13,12 +13,23 @@ def test_a_new_result_has_a_report_with_its_motion_and_excitation(result):
     made = report(result)
     assert made.verdict[0] == result.judgement.sentence
     assert [light.name for light in made.judgement.lights] == [
-        "fit", "unseen motion", "knowledge", "physics", "complete",
-    ]  # fmt: skip
-    assert [label.split(" of ")[0] for label in re.findall(r'role="img" aria-label="([^"]*)"', made.html)] == [
-        "singular values", "range", "standard error", *["measured and estimated torque"] * 2, *["mean and spread"] * 4,
+        "fit",
+        "unseen motion",
+        "knowledge",
+        "physics",
+        "complete",
+    ]
+    assert [
+        label.split(" of ")[0]
+        for label in re.findall(r'role="img" aria-label="([^"]*)"', made.html)
+    ] == [
+        "singular values",
+        "range",
+        "standard error",
+        *["measured and estimated torque"] * 2,
+        *["mean and spread"] * 4,
         "the arm from two sides with an ellipsoid for each link&#x27;s mass and inertia",
-    ]  # fmt: skip
+    ]
 
 
 def test_it_is_the_report_of_the_saved_result(result, tmp_path):
@@ -52,7 +63,9 @@ def test_a_notebook_shows_the_verdict(result):
     assert shown.count("<li>") == 5
 
 
-def test_files_in_the_working_directory_are_not_taken_for_those_of_a_new_result(result, tmp_path, monkeypatch):
+def test_files_in_the_working_directory_are_not_taken_for_those_of_a_new_result(
+    result, tmp_path, monkeypatch
+):
     (tmp_path / "estimatedmotion.npz").write_bytes(b"not an archive")
     (tmp_path / "gap.npz").write_bytes(b"not an archive")
     monkeypatch.chdir(tmp_path)

@@ -31,12 +31,18 @@ def _branch(side):
 @pytest.mark.parametrize(
     ("word", "meant"),
     [
-        ("panda", "franka_panda"), ("ur5", "ur5e"), ("iiwa", "kuka_iiwa7"), ("gen3", "kinova_gen3"),
+        ("panda", "franka_panda"),
+        ("ur5", "ur5e"),
+        ("iiwa", "kuka_iiwa7"),
+        ("gen3", "kinova_gen3"),
         ("LBR-iiwa", "kuka_iiwa7"),
-        ("tx40", "staubli_tx40"), ("jaco2", "kinova_gen2"), ("lwr", "kuka_lwr4plus"),
-        ("ur3", "ur3e"), ("xArm", "xarm7"),
+        ("tx40", "staubli_tx40"),
+        ("jaco2", "kinova_gen2"),
+        ("lwr", "kuka_lwr4plus"),
+        ("ur3", "ur3e"),
+        ("xArm", "xarm7"),
     ],
-)  # fmt: skip
+)
 def test_an_unknown_name_is_answered_with_the_arm_that_was_meant(word, meant):
     with pytest.raises(RobotNotFound, match=f"did you mean.*'{meant}'"):
         load_robot(word)
@@ -83,7 +89,8 @@ def test_alpha_in_the_dh_table_is_the_twist_and_said(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("turning", "sliding"), [("N m", "N"), ("N m s/rad", "N s/m"), ("rad", "m"), ("rad/s", "m/s"), ("s", "s")]
+    ("turning", "sliding"),
+    [("N m", "N"), ("N m s/rad", "N s/m"), ("rad", "m"), ("rad/s", "m/s"), ("s", "s")],
 )
 def test_units_of_a_sliding_joint_are_those_of_forces(turning, sliding):
     assert joint_unit(turning, revolute=True) == turning

@@ -37,7 +37,11 @@ def batch(tmp_path, monkeypatch):
 
 
 def files(folder):
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
 
 
 def test_two_workers_and_one_process_give_the_same_bytes_and_nothing_is_done_twice(batch):
@@ -78,7 +82,9 @@ def test_a_command_of_a_job_changes_nothing_in_the_process_that_runs_it(batch, m
     assert (sys.argv, sys.stdout, sys.stderr, Path.cwd(), dict(os.environ)) == before
 
 
-@pytest.mark.parametrize(("text", "size"), [("4GB", 4e9), ("500 MiB", 500 * 2**20), ("1.5T", 1.5e12), ("2000", 2000)])
+@pytest.mark.parametrize(
+    ("text", "size"), [("4GB", 4e9), ("500 MiB", 500 * 2**20), ("1.5T", 1.5e12), ("2000", 2000)]
+)
 def test_sizes_of_memory_are_read_as_they_are_written(text, size):
     assert RunOptions(memory=text).memory == size
 
@@ -93,7 +99,9 @@ def test_what_is_no_size_of_memory_is_refused(text):
 @pytest.fixture(autouse=True)
 def importable(monkeypatch):
     """Let the workers find the functions of worker_calls; they put dynid's own folder in place of the first one."""
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(["/", str(Path(__file__).parent), *sys.path[1:]]))
+    monkeypatch.setenv(
+        "PYTHONPATH", os.pathsep.join(["/", str(Path(__file__).parent), *sys.path[1:]])
+    )
 
 
 def test_calls_return_or_raise_alike_here_and_by_workers():
@@ -116,7 +124,11 @@ def test_what_was_not_done_is_done_again_by_a_scheduler_that_came_back():
 
     def started():
         return LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=False, scheduler_port=port, dashboard_address="127.0.0.1:0"
+            n_workers=2,
+            threads_per_worker=1,
+            processes=False,
+            scheduler_port=port,
+            dashboard_address="127.0.0.1:0",
         )
 
     said, found = [], {}
@@ -140,7 +152,10 @@ def test_what_was_not_done_is_done_again_by_a_scheduler_that_came_back():
 def test_a_worker_that_is_killed_loses_nothing_and_one_call_that_kills_all_is_named(tmp_path):
     functions = [die_once, die_once, die]
     with opened(2) as client:
-        found = {k: (value, error) for k, value, error in mapped(client, call, functions, [tmp_path] * 3, range(3))}
+        found = {
+            k: (value, error)
+            for k, value, error in mapped(client, call, functions, [tmp_path] * 3, range(3))
+        }
     assert found[0] == (0, None)
     assert found[1] == (1, None)
     assert isinstance(found[2][1], WorkersDied)
@@ -154,7 +169,9 @@ def test_the_processes_end_with_the_block_and_listen_to_this_machine_only():
         client.wait_for_workers(2)
         started = [each for each in psutil.Process().children(recursive=True) if each not in before]
         workers = [each for each in started if "spawn_main" in " ".join(each.cmdline())]
-        ports = [c.laddr.ip for each in started for c in each.net_connections() if c.status == "LISTEN"]
+        ports = [
+            c.laddr.ip for each in started for c in each.net_connections() if c.status == "LISTEN"
+        ]
     assert set(ports) == {"127.0.0.1"}
     assert len(workers) == 2
     _, alive = psutil.wait_procs(started, timeout=5)
@@ -173,7 +190,9 @@ print(run(Path("batch.yaml"), command, RunOptions(jobs=2)).passed)
 
 def test_a_script_without_a_guard_is_started_once(batch):
     Path("script.py").write_text(SCRIPT)
-    done = subprocess.run([sys.executable, "script.py"], capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [sys.executable, "script.py"], capture_output=True, text=True, timeout=120
+    )
     assert (done.stdout, done.stderr) == ("3\n", "")
     assert Path("started").read_text() == "once "
 
@@ -199,7 +218,10 @@ def test_no_process_outlives_a_batch_that_is_interrupted_or_killed(batch, number
 
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
     monkeypatch.setattr(tuning, "SCHEDULER_PATIENCE", 0.3)
-    with pytest.raises(SchedulerSilent, match=r"tcp://127\.0\.0\.1:9"), opened(1, scheduler="tcp://127.0.0.1:9"):
+    with (
+        pytest.raises(SchedulerSilent, match=r"tcp://127\.0\.0\.1:9"),
+        opened(1, scheduler="tcp://127.0.0.1:9"),
+    ):
         pass
 
 

@@ -19,7 +19,9 @@ BARE = SimulateOptions(viscous=0.0, coulomb=0.0, noise=0.0, resolution=0.0)
 @pytest.fixture(scope="module")
 def arm():
     robot = load_robot("scara")
-    bodies = tuple(Body(2.0 + k, (0.05, 0.01, 0.02), (0.02, 0.0, 0.0, 0.03, 0.0, 0.04)) for k in range(robot.n))
+    bodies = tuple(
+        Body(2.0 + k, (0.05, 0.01, 0.02), (0.02, 0.0, 0.0, 0.03, 0.0, 0.04)) for k in range(robot.n)
+    )
     return replace(robot, prior=Prior(links=bodies), tool=None, effects=())
 
 
@@ -34,7 +36,9 @@ def motion(arm):
     w, size = np.array([1.0, 2.0, 3.0, 1.5]) * 2, np.array([0.5, 0.4, 0.05, 0.6])
     phase = np.outer(t, w)
     middle = np.array([np.mean(joint.limits.position or (0.0, 0.0)) for joint in arm.joints])
-    return Motion(t, middle + size * np.sin(phase), size * w * np.cos(phase), -size * w**2 * np.sin(phase))
+    return Motion(
+        t, middle + size * np.sin(phase), size * w * np.cos(phase), -size * w**2 * np.sin(phase)
+    )
 
 
 @pytest.fixture
@@ -56,7 +60,9 @@ def test_pybullet_mujoco_and_the_own_model_agree(name, without):
     middle = np.array([np.mean(joint.limits.position or (0.0, 0.0)) for joint in robot.joints])
     size = np.array([0.5 if joint.revolute else 0.05 for joint in robot.joints])
     angle = w * t[:, None] + phase
-    path = Motion(t, middle + size * np.sin(angle), size * w * np.cos(angle), -size * w**2 * np.sin(angle))
+    path = Motion(
+        t, middle + size * np.sin(angle), size * w * np.cos(angle), -size * w**2 * np.sin(angle)
+    )
     found = [simulate(robot, path, BARE)]
     without("dynid.sim.arm.BulletEngine")
     found.append(simulate(robot, path, BARE))
@@ -64,19 +70,29 @@ def test_pybullet_mujoco_and_the_own_model_agree(name, without):
     found.append(simulate(robot, path, BARE))
     assert [each.source.split("'")[0] for each in found] == ["PyBullet", "MuJoCo", "dynid"]
     for each in found[1:]:
-        np.testing.assert_allclose(each.torque, found[0].torque, atol=2e-4 * np.abs(found[0].torque).max())
+        np.testing.assert_allclose(
+            each.torque, found[0].torque, atol=2e-4 * np.abs(found[0].torque).max()
+        )
 
 
 def test_payload_weighs_what_it_weighs_on_the_sliding_joint(arm, motion):
     more = simulate(arm, motion, BARE, payload=2.0).torque - simulate(arm, motion, BARE).torque
     slide = next(j for j, joint in enumerate(arm.joints) if not joint.revolute)
     sign = np.sign(more[:, slide].mean())
-    assert np.abs(more[:, slide] - sign * 2.0 * 9.81).max() < 2.0 * np.abs(motion.qdd[:, slide]).max() + 1e-6
+    assert (
+        np.abs(more[:, slide] - sign * 2.0 * 9.81).max()
+        < 2.0 * np.abs(motion.qdd[:, slide]).max() + 1e-6
+    )
 
 
 def test_an_effect_of_the_catalogue_is_added_with_its_numbers(arm, motion):
-    plain, bent = simulate(arm, motion, BARE), simulate(arm, motion, BARE, effects=("viscous@2:fv=4.5",))
-    np.testing.assert_allclose(bent.torque[:, 1] - plain.torque[:, 1], 4.5 * motion.qd[:, 1], atol=1e-9)
+    plain, bent = (
+        simulate(arm, motion, BARE),
+        simulate(arm, motion, BARE, effects=("viscous@2:fv=4.5",)),
+    )
+    np.testing.assert_allclose(
+        bent.torque[:, 1] - plain.torque[:, 1], 4.5 * motion.qd[:, 1], atol=1e-9
+    )
     np.testing.assert_allclose(np.delete(bent.torque - plain.torque, 1, axis=1), 0.0, atol=1e-12)
 
 
@@ -103,7 +119,9 @@ def test_a_refused_effect_of_the_catalogue_is_answered_with_one_that_works(arm, 
     with pytest.raises(WrongUsage) as caught:
         simulate(arm, motion, BARE, base=base, effects=(f"{name}{joints}",))
     plain = simulate(arm, motion, BARE, base=base)
-    bent = simulate(arm, motion, BARE, base=base, effects=(caught.value.fix.removeprefix("--effect "),))
+    bent = simulate(
+        arm, motion, BARE, base=base, effects=(caught.value.fix.removeprefix("--effect "),)
+    )
     assert np.isfinite(bent.torque).all()
     # The second joint carries no weight that backlash could move in, and never comes to the stop.
     assert np.abs(bent.torque - plain.torque).max() > 0 or name in ("backlash", "end_stop")

@@ -19,7 +19,9 @@ def results():
     """The LWR4+ with a spring of 12 N m/rad on joint 4: identified without it and with it, and an unseen log."""
     arm, rng = dynid.load_robot("kuka_lwr4plus"), np.random.default_rng(2)
     plant, spec, logs = plant_of(arm), SineSpec(12.0, 12.0, 0.5, 0.6, 0.4, 0.05), []
-    with SimulatedArm(arm, plant.bodies, plant.friction, plant.rotor_inertia, dt=1.25e-3) as simulated:
+    with SimulatedArm(
+        arm, plant.bodies, plant.friction, plant.rotor_inertia, dt=1.25e-3
+    ) as simulated:
         simulated.extra = lambda t, q, v: np.array([0, 0, 0, 12.0 * q[3], 0, 0, 0])
         for _ in range(3):
             done = track(simulated, sines(arm, spec, 1.25e-3, rng), 4)

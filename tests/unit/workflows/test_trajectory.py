@@ -23,7 +23,10 @@ def test_a_plan_keeps_the_limits_of_the_robot_file_with_their_margin(lwr, plan):
     free = 0.05 * (upper - lower)
     assert np.all(plan.motion.q >= lower + free - 1e-9)
     assert np.all(plan.motion.q <= upper - free + 1e-9)
-    assert np.all(np.abs(plan.motion.qd) <= 0.9 * np.array([joint.limits.velocity for joint in lwr.joints]) + 1e-9)
+    assert np.all(
+        np.abs(plan.motion.qd)
+        <= 0.9 * np.array([joint.limits.velocity for joint in lwr.joints]) + 1e-9
+    )
     assert plan.motion.t[-1] == pytest.approx(6.0)
 
 
@@ -37,7 +40,9 @@ def test_a_saved_plan_is_read_again_and_reviewed_only_when_it_was_accepted(plan,
     assert dynid.load(tmp_path / "trajectory.npz").reviewed
 
 
-def test_the_path_of_a_plan_runs_again_at_half_the_speed_and_completes_what_the_plan_tells(lwr, plan):
+def test_the_path_of_a_plan_runs_again_at_half_the_speed_and_completes_what_the_plan_tells(
+    lwr, plan
+):
     slow = dynid.plan_trajectory(lwr, path=plan, alpha=0.5)
     assert np.allclose(slow.motion.q[::2], plan.motion.q, atol=1e-12)
     assert np.allclose(2 * slow.motion.qd[::2], plan.motion.qd, atol=1e-12)
@@ -65,10 +70,20 @@ def test_a_plan_says_in_words_what_a_person_wants_to_know(plan):
 
 def test_options_are_read_alike_from_words_and_from_values():
     words = dynid.PlanOptions(
-        weights="1,50", floor="none", obstacles=("box 0,0,0,1,1,1",), noise="0.1,0.2", margin="5%", replay="3:412"
+        weights="1,50",
+        floor="none",
+        obstacles=("box 0,0,0,1,1,1",),
+        noise="0.1,0.2",
+        margin="5%",
+        replay="3:412",
     )
     values = dynid.PlanOptions(
-        weights=(1, 50), floor=None, obstacles=((1, 1, 1, 0, 0, 0),), noise=(0.1, 0.2), margin=0.05, replay=(3, 412)
+        weights=(1, 50),
+        floor=None,
+        obstacles=((1, 1, 1, 0, 0, 0),),
+        noise=(0.1, 0.2),
+        margin=0.05,
+        replay=(3, 412),
     )
     assert words == values
     assert words.scene.obstacles == (Box((0, 0, 0), (1, 1, 1)),)

@@ -91,7 +91,10 @@ class Added:
         """
         found = self.effect.columns(motion, self.joints, self.shape).reshape(-1, len(motion))
         if not np.all(np.isfinite(found)):
-            shown = ", ".join(f"{name} = {value:g}" for name, value in self.shape.items()) or "its formula"
+            shown = (
+                ", ".join(f"{name} = {value:g}" for name, value in self.shape.items())
+                or "its formula"
+            )
             what = f"effects: {self.effect.name} {_place(self.joints, motion.robot)}: {shown} gives no finite torque"
             raise WrongRobotFile(what, where=str(motion.robot.path or motion.robot.name))
         return found
@@ -109,7 +112,9 @@ def added_effects(robot: Robot) -> tuple[Added, ...]:
         for joints in joints_of(spec, effect, robot):
             alike = [one for one in found if (one.effect.name, one.joints) == (effect.name, joints)]
             if any(one.shape == shape for one in alike):
-                raise WrongRobotFile(f"effects: {effect.name} is given twice {_place(joints, robot)}", where=where)
+                raise WrongRobotFile(
+                    f"effects: {effect.name} is given twice {_place(joints, robot)}", where=where
+                )
             rows = effect.rows(joints, robot.n)
             label = f"{effect.name}{'_'.join(str(j + 1) for j in joints)}"
             # Why: two waves on one joint are two effects, and every column needs a name of its own.
@@ -145,38 +150,59 @@ def checked(spec: EffectSpec, robot: Robot) -> Effect:
         near = difflib.get_close_matches(spec.effect, CATALOGUE, 1)
         hint = f"; did you mean '{near[0]}'?" if near else ""
         raise WrongRobotFile(
-            f"effects: no effect '{spec.effect}'{hint}", where=where, fix=f"formula, or one of {', '.join(CATALOGUE)}"
+            f"effects: no effect '{spec.effect}'{hint}",
+            where=where,
+            fix=f"formula, or one of {', '.join(CATALOGUE)}",
         )
     needed = [*effect.shape_units, *(["delay"] if effect.name == "torque_delay" else [])]
     missing = [name for name in needed if name not in spec.parameters]
     if missing:
-        raise WrongRobotFile(f"effects: {spec.effect} needs parameters {', '.join(missing)}", where=where)
+        raise WrongRobotFile(
+            f"effects: {spec.effect} needs parameters {', '.join(missing)}", where=where
+        )
     if effect.scope == "joint" and not spec.joints:
-        raise WrongRobotFile(f"effects: {spec.effect} acts on no joint", where=where, fix="joints: [NAME]")
+        raise WrongRobotFile(
+            f"effects: {spec.effect} acts on no joint", where=where, fix="joints: [NAME]"
+        )
     if abs(spec.parameters.get("delay", 0.0)) > LONGEST_DELAY and effect.name == "torque_delay":
-        what = f"effects: a delay of {spec.parameters['delay']:g} s is longer than {LONGEST_DELAY:g} s"
+        what = (
+            f"effects: a delay of {spec.parameters['delay']:g} s is longer than {LONGEST_DELAY:g} s"
+        )
         raise WrongRobotFile(what, where=where)
     if effect.scope == "pair" and len(set(spec.joints)) != 2:
-        raise WrongRobotFile(f"effects: {spec.effect} needs two joints: the one it acts on and the other", where=where)
+        raise WrongRobotFile(
+            f"effects: {spec.effect} needs two joints: the one it acts on and the other",
+            where=where,
+        )
     return effect.at_size({name: spec.parameters.get(name, 0.0) for name in effect.units})
 
 
 def _formula(spec: EffectSpec, robot: Robot, where: str) -> Effect:
     """Return the effect of a formula of the robot file."""
     if not spec.formula:
-        raise WrongRobotFile("effects: formula needs the key formula", where=where, fix="formula: a cos(2 q4) |qd4|")
+        raise WrongRobotFile(
+            "effects: formula needs the key formula", where=where, fix="formula: a cos(2 q4) |qd4|"
+        )
     if not spec.joints:
         raise WrongRobotFile("effects: formula acts on no joint", where=where, fix="joints: [NAME]")
-    made = Formula(spec.formula, [one.revolute for one in robot.joints], robot.joint_names.index(spec.joints[0]))
+    made = Formula(
+        spec.formula,
+        [one.revolute for one in robot.joints],
+        robot.joint_names.index(spec.joints[0]),
+    )
     joints = [name for one in robot.effects if one.effect == spec.effect for name in one.joints]
     twice = [name for name in spec.joints if joints.count(name) > 1]
     if twice:
-        raise WrongRobotFile(f"effects: two formulas on {twice[0]}", where=where, fix="join them by +")
+        raise WrongRobotFile(
+            f"effects: two formulas on {twice[0]}", where=where, fix="join them by +"
+        )
     names = made.amplitudes({})
     unknown = [name for name in spec.parameters if name not in names]
     if unknown:
         raise WrongRobotFile(
-            f"effects: formula '{made.text}' has no amplitude '{unknown[0]}'", where=where, fix=f"{', '.join(names)}"
+            f"effects: formula '{made.text}' has no amplitude '{unknown[0]}'",
+            where=where,
+            fix=f"{', '.join(names)}",
         )
     return made
 
@@ -185,12 +211,20 @@ def joints_of(spec: EffectSpec, effect: Effect, robot: Robot) -> list[Joints]:
     """Return the joints that a listed effect belongs to: each joint alone, the pair, or () for the whole arm."""
     index = [robot.joint_names.index(name) for name in spec.joints]
     scope = effect.scope
-    return [(j,) for j in index] if scope == "joint" else [tuple(index)] if scope == "pair" else [()]
+    return (
+        [(j,) for j in index] if scope == "joint" else [tuple(index)] if scope == "pair" else [()]
+    )
 
 
 def delay_of(robot: Robot) -> float:
     """Return how late the torques of a robot's logs are [s]."""
-    return float(sum(spec.parameters["delay"] for spec in robot.effects if checked(spec, robot).name == "torque_delay"))
+    return float(
+        sum(
+            spec.parameters["delay"]
+            for spec in robot.effects
+            if checked(spec, robot).name == "torque_delay"
+        )
+    )
 
 
 def joined_motion(motions: list[ArmMotion]) -> ArmMotion:
@@ -199,4 +233,6 @@ def joined_motion(motions: list[ArmMotion]) -> ArmMotion:
         return motions[0]
     signals = ("t", "q", "qd", "qdd", "coulomb_sign")
     parts = {key: np.concatenate([getattr(motion, key) for motion in motions]) for key in signals}
-    return ArmMotion(**parts, robot=motions[0].robot, reference=motions[0].reference, smooth=motions[0].smooth)
+    return ArmMotion(
+        **parts, robot=motions[0].robot, reference=motions[0].reference, smooth=motions[0].smooth
+    )

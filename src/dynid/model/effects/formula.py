@@ -25,8 +25,14 @@ from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints, Sha
 #: Longest text, and deepest nesting: a formula that people read is shorter.
 LONGEST, DEEPEST = 1000, 20
 FUNCTIONS: dict[str, Callable[[Floats], Floats]] = {
-    "sin": np.sin, "cos": np.cos, "tanh": np.tanh, "exp": np.exp, "sqrt": np.sqrt, "abs": np.abs, "sign": np.sign,
-}  # fmt: skip
+    "sin": np.sin,
+    "cos": np.cos,
+    "tanh": np.tanh,
+    "exp": np.exp,
+    "sqrt": np.sqrt,
+    "abs": np.abs,
+    "sign": np.sign,
+}
 FIX = "a sum of products such as 'a cos(2 q4) |qd4| + b tau4 qd4', see the reference of effects"
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[A-Za-z_]\w*)|(?P<sign>[-+*/^(),|]))"
@@ -88,19 +94,32 @@ class Formula(Effect):
         names = [name for name, _ in self.terms]
         if len(set(names)) < len(names):
             _refuse(self.text, "two terms have the same amplitude")
-        beyond = [joint for _, node in self.terms for _, joint in node.signals() if joint > len(self.revolute)]
+        beyond = [
+            joint
+            for _, node in self.terms
+            for _, joint in node.signals()
+            if joint > len(self.revolute)
+        ]
         if beyond:
             _refuse(self.text, f"the arm has no joint {beyond[0]}")
 
     def amplitudes(self, shape: Shape) -> dict[str, str]:
         """Return names and units of the amplitudes."""
         torque = "N m" if self.revolute[self.joint] else "N"
-        return {name: _unit(torque, _dimension(node, self.revolute, self.joint)) for name, node in self.terms}
+        return {
+            name: _unit(torque, _dimension(node, self.revolute, self.joint))
+            for name, node in self.terms
+        }
 
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
         with np.errstate(all="ignore"):
-            values = np.array([np.broadcast_to(_value(node, motion, joints[0]), len(motion)) for _, node in self.terms])
+            values = np.array(
+                [
+                    np.broadcast_to(_value(node, motion, joints[0]), len(motion))
+                    for _, node in self.terms
+                ]
+            )
         if not np.all(np.isfinite(values)):
             _refuse(self.text, "it is not finite along this motion")
         return values[:, None]
@@ -108,7 +127,9 @@ class Formula(Effect):
 
 def formula_text(terms: Sequence[str]) -> str:
     """Return the formula of products that are written without amplitudes: a, b, c ... before each."""
-    return " + ".join(f"{name} {term}".strip() for name, term in zip("abcdefgh", terms, strict=False))
+    return " + ".join(
+        f"{name} {term}".strip() for name, term in zip("abcdefgh", terms, strict=False)
+    )
 
 
 def _refuse(text: str, what: str) -> NoReturn:
@@ -237,7 +258,9 @@ def _term(node: Node, text: str) -> tuple[str, Node]:
 
 
 def _factors(node: Node) -> tuple[Node, ...]:
-    return tuple(one for part in node.parts for one in _factors(part)) if node.head == "*" else (node,)
+    return (
+        tuple(one for part in node.parts for one in _factors(part)) if node.head == "*" else (node,)
+    )
 
 
 # ---------------------------------------------------------------- meaning
@@ -263,7 +286,11 @@ def _value(node: Node, motion: ArmMotion, own: int) -> Floats:
         return product
     if node.head == "^":
         return np.asarray(parts[0] ** node.value)
-    return np.clip(parts[0], -node.value, node.value) if node.head == "clip" else FUNCTIONS[node.head](parts[0])
+    return (
+        np.clip(parts[0], -node.value, node.value)
+        if node.head == "clip"
+        else FUNCTIONS[node.head](parts[0])
+    )
 
 
 #: Exponents of N m (or N), rad (or m) and s.
@@ -277,7 +304,9 @@ def _dimension(node: Node, revolute: Sequence[bool], own: int) -> dict[str, floa
     if node.head == "signal":
         turns = revolute[node.joint - 1 if node.joint else own]
         units = ("N m", "rad", "s") if turns else ("N", "m", "s")
-        return {name: float(power) for name, power in zip(units, _OF[node.text], strict=True) if power}
+        return {
+            name: float(power) for name, power in zip(units, _OF[node.text], strict=True) if power
+        }
     inner = [_dimension(part, revolute, own) for part in node.parts]
     if node.head == "*":
         names = tuple(dict.fromkeys(name for part in inner for name in part))

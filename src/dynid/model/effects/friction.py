@@ -52,18 +52,29 @@ def friction_parameters(robot: Robot) -> tuple[Parameter, ...]:
     for j, joint in enumerate(robot.joints, start=1):
         slope = f"{joint.torque_unit} s/{'rad' if joint.revolute else 'm'}"
         for kind in joint.friction:
-            found.append(numbered(FRICTION_PARAMETERS[kind], j, slope if kind == "viscous" else joint.torque_unit))
+            found.append(
+                numbered(
+                    FRICTION_PARAMETERS[kind], j, slope if kind == "viscous" else joint.torque_unit
+                )
+            )
     for k, row in enumerate(np.array(robot.coupling.matrix) if robot.coupling else ()):
         share = row / row[k] if row[k] else row
         if np.count_nonzero(share) > 1:
             units = {"Imc": "kg m^2", "fvc": "N m s/rad", "fcc": "N m"}
-            found += [replace(numbered(kind, k + 1, unit), share=tuple(share.tolist())) for kind, unit in units.items()]
+            found += [
+                replace(numbered(kind, k + 1, unit), share=tuple(share.tolist()))
+                for kind, unit in units.items()
+            ]
     return tuple(found)
 
 
 def friction_rows(parameter: Parameter) -> tuple[int, ...]:
     """Return the joints that friction or a coupled motor acts on, 0-based."""
-    return tuple(np.flatnonzero(parameter.share).tolist()) if parameter.share else (parameter.number - 1,)
+    return (
+        tuple(np.flatnonzero(parameter.share).tolist())
+        if parameter.share
+        else (parameter.number - 1,)
+    )
 
 
 def friction_entries(parameter: Parameter, robot: Robot, qd: Floats, qdd: Floats) -> list[Floats]:
@@ -71,14 +82,21 @@ def friction_entries(parameter: Parameter, robot: Robot, qd: Floats, qdd: Floats
     if parameter.kind == FRICTION_PARAMETERS["offset"]:
         return [np.ones(len(qd))]
     motion = qdd if parameter.kind == "Imc" else qd
-    signal = motion @ np.array(parameter.share) if parameter.share else motion[:, parameter.number - 1]
+    signal = (
+        motion @ np.array(parameter.share) if parameter.share else motion[:, parameter.number - 1]
+    )
     if parameter.kind in ("fc", "fcc"):
         signal = coulomb_sign(signal, robot.coulomb_shape, parameter.number - 1)
     return [share * signal for share in parameter.share if share] if parameter.share else [signal]
 
 
 def add_friction_gradient(
-    parameter: Parameter, robot: Robot, qd: Floats, weights: Sequence[Floats], by_qd: Floats, by_qdd: Floats
+    parameter: Parameter,
+    robot: Robot,
+    qd: Floats,
+    weights: Sequence[Floats],
+    by_qd: Floats,
+    by_qdd: Floats,
 ) -> None:
     """Add the gradient of sum(weights * entries) of a friction column by velocity and acceleration, each (N, n).
 
@@ -142,7 +160,8 @@ class AsymmetricViscous(Effect):
     title = "viscous friction that differs with the direction"
     equation = "a |qd|"
     signature = (
-        "grows with speed, with the same sign both ways: largest where the joint is fast, small where it is slow"
+        "grows with speed, with the same sign both ways: largest where the joint is fast, "
+        "small where it is slow"
     )
     separate = "drive the same path forwards and backwards"
     family = "viscous"
@@ -191,7 +210,9 @@ class NonlinearViscous(Effect):
     shape_units: ClassVar[dict[str, str]] = {"p": ""}
     steps: ClassVar[dict[str, tuple[str, float]]] = {"p": ("times", 1.1)}
     nulls: ClassVar[dict[str, float]] = {"p": 1.0}
-    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"p": p} for p in (0.3, 0.5, 0.7, 1.3, 1.6, 2.0, 2.5, 3.0))
+    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple(
+        {"p": p} for p in (0.3, 0.5, 0.7, 1.3, 1.6, 2.0, 2.5, 3.0)
+    )
     units: ClassVar[dict[str, str]] = {"a": "N m (s/rad)^p"}
 
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
@@ -206,7 +227,9 @@ class LoadFriction(Effect):
     name = "load_friction"
     title = "friction that grows with the load"
     equation = "a |tau_rb| sign(qd), a > 0"
-    signature = "Coulomb-like, but larger where the joint carries more: high at high load, low at low load"
+    signature = (
+        "Coulomb-like, but larger where the joint carries more: high at high load, low at low load"
+    )
     separate = "the same motion with and without a payload"
     family = "load"
     positive = True
@@ -229,13 +252,17 @@ class WarmupFriction(Effect):
     family = "time"
     shape_units: ClassVar[dict[str, str]] = {"tw": "s"}
     steps: ClassVar[dict[str, tuple[str, float]]] = {"tw": ("times", 1.4)}
-    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"tw": tw} for tw in (12.0, 25.0, 50.0, 100.0, 250.0))
+    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple(
+        {"tw": tw} for tw in (12.0, 25.0, 50.0, 100.0, 250.0)
+    )
     units: ClassVar[dict[str, str]] = {"a1": "N m", "a2": "N m s/rad"}
 
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
         cold = np.exp(-motion.t / shape["tw"])
-        return np.array([cold * sign_of(motion, joints[0]), cold * motion.qd[:, joints[0]]])[:, None]
+        return np.array([cold * sign_of(motion, joints[0]), cold * motion.qd[:, joints[0]]])[
+            :, None
+        ]
 
 
 class PositionFriction(Effect):
@@ -249,7 +276,9 @@ class PositionFriction(Effect):
     family = "position"
     shape_units: ClassVar[dict[str, str]] = {"h": "1/rad"}
     # Why not whole waves a turn alone: wheels in the gear turn at other rates, and few joints turn all round.
-    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"h": h} for h in (0.5, 1.0, 1.5, 2.0, 2.5))
+    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple(
+        {"h": h} for h in (0.5, 1.0, 1.5, 2.0, 2.5)
+    )
     steps: ClassVar[dict[str, tuple[str, float]]] = {"h": ("plus", 0.25)}
     units: ClassVar[dict[str, str]] = {"a": "N m", "b": "N m"}
 
@@ -266,7 +295,9 @@ class GearFriction(Effect):
     title = "friction that varies with the turn of a gear's wheel"
     equation = "(a cos(k q) + b sin(k q)) sign(qd)"
     signature = "a wave over the joint's position that changes its sign with the direction"
-    separate = "a slow, even motion over several waves, both ways: a ripple keeps its sign, this does not"
+    separate = (
+        "a slow, even motion over several waves, both ways: a ripple keeps its sign, this does not"
+    )
     family = "position"
     trials = tuning.WAVES_THAT_MAY_FIT
     shape_units: ClassVar[dict[str, str]] = {"k": "1/rad"}
@@ -275,7 +306,9 @@ class GearFriction(Effect):
 
     def grid(self, motion: ArmMotion, joints: Joints) -> list[dict[str, float]]:
         """Return the shapes that are tried."""
-        return wave_shapes(motion, joints[0], tuning.FRICTION_WAVE_SPACING_RAD, tuning.FASTEST_FRICTION_WAVE)
+        return wave_shapes(
+            motion, joints[0], tuning.FRICTION_WAVE_SPACING_RAD, tuning.FASTEST_FRICTION_WAVE
+        )
 
     def tried(self, motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
         """Return the columns of several shapes."""
@@ -377,6 +410,8 @@ def presliding(q: Floats, delta: float) -> Floats:
     last, origin = 0.0, q[0]
     for run in np.split(np.arange(len(q)), turns):
         sigma = direction[run[0]]
-        z[run] = sigma + (last - sigma) * np.exp(-np.abs(q[run] - origin) / delta) if sigma else last
+        z[run] = (
+            sigma + (last - sigma) * np.exp(-np.abs(q[run] - origin) / delta) if sigma else last
+        )
         last, origin = z[run[-1]], q[run[-1]]
     return z

@@ -15,7 +15,10 @@ MANY = 8
 
 
 def wave_shapes(
-    motion: ArmMotion, joint: int, spacing: float = tuning.WAVE_SPACING_RAD, highest: float = tuning.FASTEST_WAVE
+    motion: ArmMotion,
+    joint: int,
+    spacing: float = tuning.WAVE_SPACING_RAD,
+    highest: float = tuning.FASTEST_WAVE,
 ) -> list[dict[str, float]]:
     """Return the frequencies of waves over one joint's position that its travel tells apart.
 
@@ -28,7 +31,10 @@ def wave_shapes(
     travel = float(np.ptp(motion.q[:, joint]))
     if travel < tuning.STILL_JOINT_RAD:
         return []
-    return [{"k": float(k)} for k in np.arange(tuning.SLOWEST_WAVE_PHASE_RAD / travel, highest, spacing / travel)]
+    return [
+        {"k": float(k)}
+        for k in np.arange(tuning.SLOWEST_WAVE_PHASE_RAD / travel, highest, spacing / travel)
+    ]
 
 
 def waves(q: Floats, shapes: Sequence[Shape]) -> list[Floats]:
@@ -109,7 +115,8 @@ class Counterbalance(Effect):
     title = "counterbalance (spring or cylinder)"
     equation = "a sin(q) + b cos(q)"
     signature = (
-        "one wave over a whole turn of the joint, wherever the other joints are; carries weight that no link has"
+        "one wave over a whole turn of the joint, wherever the other joints are; carries "
+        "weight that no link has"
     )
     separate = "turn the joint through its whole travel with the arm folded and stretched, which changes gravity alone"
     uses = ("arm",)

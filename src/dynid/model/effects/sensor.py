@@ -20,7 +20,9 @@ class TorqueOffset(Effect):
     title = "torque offset, or Coulomb friction that differs with the direction"
     equation = "c"
     signature = "constant, whatever the joint does"
-    separate = "a wide travel; a rest approached from both sides tells an offset from one-sided friction"
+    separate = (
+        "a wide travel; a rest approached from both sides tells an offset from one-sided friction"
+    )
     family = "position torque"
     units: ClassVar[dict[str, str]] = {"c": "N m"}
 
@@ -74,7 +76,9 @@ class TorqueDrift(Effect):
     shape_units: ClassVar[dict[str, str]] = {"tc": "s"}
     steps: ClassVar[dict[str, tuple[str, float]]] = {"tc": ("times", 1.4)}
     simple: ClassVar[dict[str, float]] = {"tc": 1e6}
-    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"tc": tc} for tc in (1e6, 10.0, 25.0, 60.0, 150.0))
+    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple(
+        {"tc": tc} for tc in (1e6, 10.0, 25.0, 60.0, 150.0)
+    )
     units: ClassVar[dict[str, str]] = {"a": "N m/s"}
 
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
@@ -148,7 +152,9 @@ class EncoderOffset(Effect):
         """Return its columns in its rows, (amplitudes, rows, N)."""
         moved, step = motion.q.copy(), self.at if abs(self.at) > STEP else STEP
         moved[:, joints[0]] -= step
-        return ((motion.reference.rigid(moved, motion.qd, motion.qdd) - motion.rigid) / step).T[None]
+        return ((motion.reference.rigid(moved, motion.qd, motion.qdd) - motion.rigid) / step).T[
+            None
+        ]
 
     def at_size(self, sizes: Shape) -> EncoderOffset:
         """Return the effect with a column that is exact at an offset."""

@@ -29,7 +29,9 @@ class MotorInertia(Effect):
     name = "motor_inertia"
     title = "rotor inertia"
     equation = "Im qdd"
-    signature = "in proportion to the joint's own acceleration; strongest at reversals of a fast joint"
+    signature = (
+        "in proportion to the joint's own acceleration; strongest at reversals of a fast joint"
+    )
     separate = "fast reversals; on the first joints it cannot be told from the link's own inertia"
     positive = True
     units: ClassVar[dict[str, str]] = {"Im": "kg m^2"}
@@ -75,7 +77,11 @@ class JointElasticity(Effect):
         """Return rigid-body torques, (N, n) [N m], where torques, (N, n), bend a joint."""
         bend = motion.smooth(torques[:, joint])
         speed, moved = np.gradient(bend, motion.t), []
-        for x, shift in ((motion.q, bend), (motion.qd, speed), (motion.qdd, np.gradient(speed, motion.t))):
+        for x, shift in (
+            (motion.q, bend),
+            (motion.qd, speed),
+            (motion.qdd, np.gradient(speed, motion.t)),
+        ):
             y = x.copy()
             y[:, joint] -= compliance * shift
             moved.append(y)
@@ -93,7 +99,8 @@ class Backlash(Effect):
     title = "backlash of a gear with the encoder on the motor's side"
     equation = "-a tau_rb while the link crosses the gap 2 b on its own, then the jolt that it lands with; a near 1"
     signature = (
-        "wherever the load of the joint changes its sign: no torque for a moment, then a jolt, in several joints"
+        "wherever the load of the joint changes its sign: no torque for a moment, then a "
+        "jolt, in several joints"
     )
     separate = "let the load change its sign often, slowly and fast; elasticity follows the torque's size instead"
     positive = True
@@ -101,7 +108,9 @@ class Backlash(Effect):
     family = "gear"
     shape_units: ClassVar[dict[str, str]] = {"b": "rad"}
     steps: ClassVar[dict[str, tuple[str, float]]] = {"b": ("times", 1.5)}
-    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"b": b} for b in (2.5e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3))
+    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple(
+        {"b": b} for b in (2.5e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
+    )
     units: ClassVar[dict[str, str]] = {"a": ""}
 
     def rows(self, joints: Joints, n: int) -> tuple[int, ...]:
@@ -116,7 +125,10 @@ class Backlash(Effect):
         inertia = motion.reference.rigid(motion.q, motion.qd, pushed) - motion.rigid
         own = inertia[:, j]
         push = np.where(own > 0, motion.rigid[:, j] / np.where(own > 0, own, 1.0), 0.0)
-        return [(inertia.T * one)[None] for one in crossings(motion.t, push, [2 * shape["b"] for shape in shapes])]
+        return [
+            (inertia.T * one)[None]
+            for one in crossings(motion.t, push, [2 * shape["b"] for shape in shapes])
+        ]
 
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
@@ -148,14 +160,18 @@ def crossings(t: Floats, push: Floats, gaps: Sequence[float]) -> list[Floats]:
     return found
 
 
-def _landings(push: Floats, step: Floats, turns: Ints, gaps: Sequence[float]) -> tuple[Ints, Floats]:
+def _landings(
+    push: Floats, step: Floats, turns: Ints, gaps: Sequence[float]
+) -> tuple[Ints, Floats]:
     """Return after how many samples from each turn of the load a link has crossed each gap, and how fast, (G, T)."""
     rows = turns[:, None] + np.arange(tuning.LONGEST_FLIGHT_SAMPLES)
     lasts = np.where(rows < len(push), step[np.minimum(rows, len(push) - 1)], 0.0)
     speed = np.cumsum(push[np.minimum(rows, len(push) - 1)] * lasts, axis=1)
     way = np.maximum.accumulate(np.abs(np.cumsum(speed * lasts, axis=1)), axis=1)
     lands = np.array([np.sum(way < gap, axis=1) for gap in gaps])
-    return lands, np.take_along_axis(speed, np.minimum(lands, tuning.LONGEST_FLIGHT_SAMPLES - 1).T, axis=1).T
+    return lands, np.take_along_axis(
+        speed, np.minimum(lands, tuning.LONGEST_FLIGHT_SAMPLES - 1).T, axis=1
+    ).T
 
 
 class BaseTilt(Effect):
@@ -209,7 +225,9 @@ class Payload(Effect):
     uses = ("frozen",)
     shape_units: ClassVar[dict[str, str]] = {"form": ""}
     family = "statics"
-    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple({"form": form} for form in (1.0, 4.0, 10.0))
+    shapes: ClassVar[tuple[dict[str, float], ...]] = tuple(
+        {"form": form} for form in (1.0, 4.0, 10.0)
+    )
 
     def amplitudes(self, shape: Shape) -> dict[str, str]:
         """Return names and units of the parameters that enter linearly."""
@@ -217,4 +235,6 @@ class Payload(Effect):
 
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N)."""
-        return motion.reference.tip_columns(motion.q, motion.qd, motion.qdd)[: round(shape["form"])].transpose(0, 2, 1)
+        return motion.reference.tip_columns(motion.q, motion.qd, motion.qdd)[
+            : round(shape["form"])
+        ].transpose(0, 2, 1)

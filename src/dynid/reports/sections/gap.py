@@ -56,7 +56,8 @@ def _row(one: GapEffect) -> dict[str, Any]:
     if before and after is not None:
         change = f"{before:.3g} → {after:.3g} {one.unit}, {100 * (after / before - 1):+.0f} %"
     return {
-        "effect": one.formula or (CATALOGUE[one.effect].title if one.effect in CATALOGUE else one.effect),
+        "effect": one.formula
+        or (CATALOGUE[one.effect].title if one.effect in CATALOGUE else one.effect),
         "joints": ", ".join(one.joints),
         "change": change.replace("-", "\N{MINUS SIGN}"),
         "chance": "< 0.1 %" if one.p_value < 1e-3 else f"{100 * one.p_value:.1f} %",
@@ -87,7 +88,9 @@ def _pictures(record: GapRecord) -> list[Picture]:
             (
                 drawn(
                     "gap-shrink",
-                    lambda: improvement_figure(record.improvement, record.joint_names, record.torque_units, ""),
+                    lambda: improvement_figure(
+                        record.improvement, record.joint_names, record.torque_units, ""
+                    ),
                     "held-out error of each joint before and after the missing effects, with the noise",
                 ),
             ),

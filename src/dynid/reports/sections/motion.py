@@ -46,16 +46,25 @@ def excitation(gathered: Gathered) -> dict[str, Any]:
 
 def torque(gathered: Gathered) -> dict[str, Any]:
     """Return torques of the logs that were fitted, with the table of joints."""
-    pictures = [] if gathered.motion is None else [_torques(gathered, gathered.motion, "fitted logs")]
+    pictures = (
+        [] if gathered.motion is None else [_torques(gathered, gathered.motion, "fitted logs")]
+    )
     units = [joint.torque_unit for joint in gathered.robot.joints]
     return {"pictures": pictures, "joints": list(zip(gathered.result.joints, units, strict=True))}
 
 
 def unseen(gathered: Gathered) -> dict[str, Any]:
     """Return validations beside the result, else the rows that were held out."""
-    shown = [(each, _torques(gathered, each.motion, f"unseen: {each.name}")) for each in gathered.unseen]
+    shown = [
+        (each, _torques(gathered, each.motion, f"unseen: {each.name}")) for each in gathered.unseen
+    ]
     validate = f"{shell('dynid', 'validate', gathered.result.path)} LOG"
-    return {"unseen": shown, "found": gathered.result, "joints": gathered.robot.joint_names, "validate": validate}
+    return {
+        "unseen": shown,
+        "found": gathered.result,
+        "joints": gathered.robot.joint_names,
+        "validate": validate,
+    }
 
 
 def _torques(gathered: Gathered, motion: EstimatedMotion, title: str) -> Picture:
@@ -96,7 +105,12 @@ def residual(gathered: Gathered) -> dict[str, Any]:
         return {"pictures": [], **model}
     one = Picture(
         tuple(
-            residual_chart(motion, robot, against, f"mean and spread of the residual of each joint over {against}")
+            residual_chart(
+                motion,
+                robot,
+                against,
+                f"mean and spread of the residual of each joint over {against}",
+            )
             for against in AGAINST
         ),
         "The line is the mean residual in a bin, the band one standard deviation; noise gives a flat line at zero.",

@@ -24,7 +24,9 @@ def parameters(gathered: Gathered) -> dict[str, Any]:
     reduction, robot = gathered.result.reduction, gathered.robot
     grid = []
     for joint, name in enumerate(robot.joint_names, start=1):
-        cells = [_cell(reduction.names, reduction.class_of, f"{kind}{joint}") for kind in LINK_PARAMETERS]
+        cells = [
+            _cell(reduction.names, reduction.class_of, f"{kind}{joint}") for kind in LINK_PARAMETERS
+        ]
         grid.append((name, cells))
     label = "standard error of each base parameter in percent of its value"
     errors = Picture(
@@ -43,7 +45,9 @@ def parameters(gathered: Gathered) -> dict[str, Any]:
     }
 
 
-def _cell(names: tuple[str, ...], class_of: Callable[[str], str], name: str) -> tuple[str, str, str]:
+def _cell(
+    names: tuple[str, ...], class_of: Callable[[str], str], name: str
+) -> tuple[str, str, str]:
     """Return class, letter and tip of a parameter."""
     if name not in names:
         return "absent", "", f"{name}: not a parameter of this model"
@@ -53,12 +57,18 @@ def _cell(names: tuple[str, ...], class_of: Callable[[str], str], name: str) -> 
 
 def rows(gathered: Gathered) -> list[dict[str, Any]]:
     """Return one row per base parameter."""
-    found, reduction, units = gathered.result, gathered.result.reduction, gathered.result.base.model.units
+    found, reduction, units = (
+        gathered.result,
+        gathered.result.reduction,
+        gathered.result.base.model.units,
+    )
     table = []
     for i, name in enumerate(found.names):
         error, value, prior = (float(x[i]) for x in (found.std_error, found.theta, found.prior))
         terms = [f"{factor:+.3g} {term}" for term, factor in reduction.terms(i).items()]
-        formula = reduction.formulas[i].split(" = ", 1)[-1] if reduction.formulas else " ".join(terms)
+        formula = (
+            reduction.formulas[i].split(" = ", 1)[-1] if reduction.formulas else " ".join(terms)
+        )
         table.append(
             {
                 "name": name,
@@ -66,7 +76,11 @@ def rows(gathered: Gathered) -> list[dict[str, Any]]:
                 "error": f"{error:.2g}" if np.isfinite(error) else "not determined",
                 "unit": units[reduction.names[reduction.base[i]]],
                 "known": found.knowledge[i],
-                "prior": "" if np.isnan(prior) else f"{prior:.4g}" if abs(prior) > ROUNDING else "0",
+                "prior": ""
+                if np.isnan(prior)
+                else f"{prior:.4g}"
+                if abs(prior) > ROUNDING
+                else "0",
                 "formula": formula if len(terms) > 1 else "",
             }
         )

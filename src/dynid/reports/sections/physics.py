@@ -70,12 +70,16 @@ def ellipsoid(link: dict[str, Any]) -> Ellipsoid:
     values, axes = np.linalg.eigh(second_moments(tensor(link)) / max(link["mass_kg"], 1e-9))
     # Why 5: a uniform ellipsoid has semi-axes of sqrt(5) standard deviations.
     size = np.sqrt(5 * np.maximum(values, 0))
-    return Ellipsoid(str(link["link"]), link["link"], np.array(link["com_m"]), axes, size, colour(link))
+    return Ellipsoid(
+        str(link["link"]), link["link"], np.array(link["com_m"]), axes, size, colour(link)
+    )
 
 
 def colour(link: dict[str, Any]) -> str:
     """Return the colour that says whether a link's numbers are mostly from data."""
-    return ESTIMATED if sum(origin == "data" for origin in link["origin"].values()) >= 5 else RESIDUAL
+    return (
+        ESTIMATED if sum(origin == "data" for origin in link["origin"].values()) >= 5 else RESIDUAL
+    )
 
 
 @own_style()
@@ -108,5 +112,7 @@ def shadow(pose: Floats, link: dict[str, Any], pair: tuple[int, int], count: int
     axes = (R @ one.rotation * one.axes)[view]
     values, vectors = np.linalg.eigh(axes @ axes.T)
     angle = np.linspace(0, 2 * np.pi, count)
-    ring = vectors @ (np.sqrt(np.maximum(values, 0))[:, None] * np.array([np.cos(angle), np.sin(angle)]))
+    ring = vectors @ (
+        np.sqrt(np.maximum(values, 0))[:, None] * np.array([np.cos(angle), np.sin(angle)])
+    )
     return np.asarray(centre[view] + ring.T)

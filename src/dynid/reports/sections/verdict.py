@@ -78,7 +78,11 @@ def limits(gathered: Gathered) -> dict[str, Any]:
 def limit_sentences(gathered: Gathered) -> list[str]:
     """Return what must not be concluded, one sentence each."""
     found, robot, reduction = gathered.result, gathered.robot, gathered.result.reduction
-    open_ = [name for name, known in zip(found.names, found.knowledge, strict=True) if known == "not determined"]
+    open_ = [
+        name
+        for name, known in zip(found.names, found.knowledge, strict=True)
+        if known == "not determined"
+    ]
     sentences = [
         f"No motion of this arm shows {len(reduction.none)} of {len(reduction.names)} parameters, and "
         f"{len(reduction.combined)} show only in combinations. Most single link masses come from the prior.",
@@ -100,13 +104,17 @@ def limit_sentences(gathered: Gathered) -> list[str]:
     sentences.append(
         f"The filter removes what is faster than {gathered.result.cutoff:.3g} Hz, so the model has no vibration."
     )
-    sentences.append("Friction changes with temperature, load and wear; the model has those of the recording.")
+    sentences.append(
+        "Friction changes with temperature, load and wear; the model has those of the recording."
+    )
     if robot.torque.source == "joint_sensor":
         sentences.append(
             "Torques come from joint sensors, which hardly see the motor side (rotor inertia, motor friction)."
         )
     if robot.torque.source == "unknown":
-        sentences.append("The robot file does not say whether torques come from joint sensors or from the motors.")
+        sentences.append(
+            "The robot file does not say whether torques come from joint sensors or from the motors."
+        )
     if found.heldout_relative_error_percent is None and not gathered.unseen:
         sentences.append("No data was held out: the error on another motion is unknown.")
     return sentences
