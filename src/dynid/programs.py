@@ -42,13 +42,12 @@ def environment(folder: Path) -> dict[str, str]:
     return {**os.environ, "PATH": search_path(), "TMPDIR": str(folder)}
 
 
-def run(words: Sequence[str], folder: Path, text: bytes = b"") -> None:
+def run(words: Sequence[str], folder: Path) -> None:
     """Run a program in a folder; it is ended, with all that it started, when it has taken ``PATIENCE_S``.
 
     Args:
         words: the program and its arguments.
         folder: where it runs, and where its temporary files belong.
-        text: what it reads.
 
     Raises:
         OSError: it cannot be started.
@@ -66,7 +65,7 @@ def run(words: Sequence[str], folder: Path, text: bytes = b"") -> None:
         start_new_session=True,
     ) as child:
         try:
-            said = child.communicate(text, timeout=PATIENCE_S)
+            said = child.communicate(timeout=PATIENCE_S)
         except BaseException:
             os.killpg(child.pid, signal.SIGKILL)
             raise

@@ -4,34 +4,22 @@ Slots are numbered: first the inputs, then the integer constants, then one slot 
 earlier slots. Each non-zero entry of the regressor names its row, its column and the slot that holds it.
 
 For evaluation a program is bound to a robot's geometry, constants are folded, registers are reused as soon as their
-value is dead, and the list of array operations is run on blocks of samples that stay in the processor's cache: with
-NumPy, or by an interpreter in C that is compiled once on a machine that has a compiler. Both give the same bits.
+value is dead, and the list of array operations is run on blocks of samples that stay in the processor's cache.
 """
 
 from __future__ import annotations
 
-import ctypes
-import hashlib
-import os
-import platform
 import re
-import stat
-import subprocess
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import programs
 from dynid.model import tuning
 from dynid.model.kinematics import geometry
 from dynid.robot import Robot
-from dynid.scratch import scratch_folder
-from dynid.xdg import cache_folder
 
 Ints = NDArray[np.int32]
 Floats = NDArray[np.float64]
@@ -218,27 +206,16 @@ def evaluator(program: Program, robot: Robot) -> Evaluator:
         np.empty((len(wanted), tuning.BLOCK_SAMPLES)),
     )
     rows: list[Any] = [*registers, *entries, *constants]
-    in_numpy = [_array_operation(call, rows) for call in calls]
+    operations = [_array_operation(call, rows) for call in calls]
     copies = [(entries[e], rows[k]) for e, k in enumerate(outputs) if k != size + e]
     loads = [(registers[register[slot]], name) for slot, name in moving]
-    in_c: list[Callable[[ctypes.CDLL, int], None]] = []
 
     def run(q: Floats, qd: Floats, qdd: Floats) -> Floats:
         count = len(q)
-        library = interpreter(count)
         for target, name in loads:
             target[:count] = moving_input(name, robot, q, qd, qdd)
             target[count:] = 0.0
-        if library is not None:
-            if not in_c:
-                in_c.append(
-                    _call_in_c(
-                        calls, outputs, edge, list(constants), registers, len(loads), entries
-                    )
-                )
-            in_c[0](library, count)
-            return entries[:, :count]
-        for ufunc, a, b, out in in_numpy:
+        for ufunc, a, b, out in operations:
             ufunc(a, b, out)
         for target, source in copies:
             target[:] = source
@@ -278,172 +255,3 @@ def _registers(
                 size += 1
             register[out] = free.pop()
     return register, size
-
-
-# ---------------------------------------------------------------- the interpreter in C
-#: Samples that it evaluates together; N of the source.
-_TOGETHER = 64
-#: All that is ever compiled; programs reach it as numbers.
-_SOURCE = r"""
-#include <string.h>
-#define N 64
-#if defined(__GNUC__) && !defined(__clang__)
-#define EACH _Pragma("GCC ivdep") for (int i = 0; i < N; i++)
-#else
-#define EACH for (int i = 0; i < N; i++)
-#endif
-#if defined(__x86_64__) && defined(__gnu_linux__) && defined(__GNUC__) && !defined(__clang__)
-__attribute__((target_clones("avx512f", "avx2", "default")))
-#endif
-void dynid_run(const int *calls, long many, double *pool, const double *inputs, long loads, long stride,
-               const int *outputs, long entries, double *out, long count)
-{
-    for (long start = 0; start < count; start += N) {
-        const long size = (count - start < N ? count - start : N) * (long)sizeof(double);
-        for (long k = 0; k < loads; k++) memcpy(pool + k * N, inputs + k * stride + start, size);
-        for (long k = 0; k < many; k++) {
-            const int *call = calls + 4 * k;
-            const double *a = pool + (long)call[1] * N, *b = pool + (long)call[2] * N;
-            /* Rows are the same or apart: nothing depends on another place of a row. */
-            double *x = pool + (long)call[3] * N;
-            switch (call[0]) {
-            case 0: EACH x[i] = a[i] + b[i]; break;
-            case 1: EACH x[i] = a[i] - b[i]; break;
-            case 2: EACH x[i] = a[i] * b[i]; break;
-            default: EACH x[i] = a[i] * -1.0;
-            }
-        }
-        for (long k = 0; k < entries; k++) memcpy(out + k * stride + start, pool + (long)outputs[k] * N, size);
-    }
-}
-"""
-#: Optimised for the machine only where the processor is asked at run time; no operation is contracted.
-_FLAGS = ("-O3", "-ffp-contract=off", "-fPIC", "-shared")
-
-
-@dataclass
-class _Interpreter:
-    """What this process knows about the interpreter in C.
-
-    Attributes:
-        evaluated: samples that NumPy has evaluated.
-        looked: whether a compiled interpreter was looked for.
-        tried: whether one was compiled, or cannot be.
-        library: the interpreter.
-    """
-
-    evaluated: int = 0
-    looked: bool = False
-    tried: bool = False
-    library: ctypes.CDLL | None = None
-
-
-_interpreter = _Interpreter()
-
-
-def _call_in_c(
-    calls: Sequence[Step],
-    outputs: Sequence[int],
-    edge: int,
-    constants: Sequence[float],
-    inputs: Floats,
-    loads: int,
-    entries: Floats,
-) -> Callable[[ctypes.CDLL, int], None]:
-    """Return a function that evaluates so many samples of the inputs into the entries."""
-    table, last = np.array(calls, dtype=np.int32).reshape(-1, 4), np.array(outputs, dtype=np.int32)
-    pool = np.zeros((edge + len(constants), _TOGETHER))
-    pool[edge:] = np.reshape(constants, (-1, 1))
-    if not (np.all((table[:, 1:] >= 0) & (table[:, 1:] < len(pool))) and np.all(last < len(pool))):
-        raise ValueError("a program reads or writes beyond its rows")
-
-    def call(library: ctypes.CDLL, count: int) -> None:
-        at = [array.ctypes.data for array in (table, pool, inputs, last, entries)]
-        stride = inputs.shape[1]
-        library.dynid_run(
-            at[0], len(table), at[1], at[2], loads, stride, at[3], len(last), at[4], count
-        )
-
-    return call
-
-
-def interpreter(samples: int) -> ctypes.CDLL | None:
-    """Return the compiled interpreter where there is one, and compile it when so many samples make it worth while.
-
-    Args:
-        samples: that are evaluated next.
-    """
-    if _interpreter.library is None and not _interpreter.tried:
-        _interpreter.evaluated += samples
-        if not _interpreter.looked:
-            _interpreter.looked, _interpreter.library = True, kept()
-        elif _interpreter.evaluated > tuning.SAMPLES_WORTH_COMPILING:
-            _interpreter.tried, _interpreter.library = True, _compiled()
-    return _interpreter.library
-
-
-def place() -> Path:
-    """Return where the compiled interpreter of this machine is kept."""
-    facts = "\n".join(
-        (_SOURCE, *_FLAGS, platform.machine(), platform.system(), platform.libc_ver()[0])
-    )
-    return cache_folder() / "kernels" / f"{hashlib.sha256(facts.encode()).hexdigest()[:16]}.so"
-
-
-def compiler() -> str | None:
-    """Return the C compiler of this machine, None where there is none."""
-    return programs.installed("cc") if os.name == "posix" else None
-
-
-def kept() -> ctypes.CDLL | None:
-    """Return the compiled interpreter of this machine, None where none is kept."""
-    return _loaded(place())
-
-
-def _loaded(path: Path) -> ctypes.CDLL | None:
-    """Return a compiled interpreter that this user has made, and nobody else can change."""
-    try:
-        for each in (path.parent, path):
-            info = each.lstat()
-            if (
-                info.st_uid != os.getuid()
-                or info.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-                or each.is_symlink()
-            ):
-                return None
-        library = ctypes.CDLL(str(path))
-        pointer, whole = ctypes.c_void_p, ctypes.c_long
-        library.dynid_run.argtypes = [
-            pointer,
-            whole,
-            pointer,
-            pointer,
-            whole,
-            whole,
-            pointer,
-            whole,
-            pointer,
-            whole,
-        ]
-        library.dynid_run.restype = None
-    except (OSError, AttributeError):
-        return None
-    return library
-
-
-def _compiled() -> ctypes.CDLL | None:
-    """Compile the interpreter into the cache, whole or not at all."""
-    path, program = place(), compiler()
-    if program is None:
-        return None
-    with suppress(OSError, subprocess.SubprocessError):
-        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        with scratch_folder(path.parent) as folder:
-            made = folder / path.name
-            programs.run(
-                [program, *_FLAGS, "-o", str(made), "-x", "c", "-"], Path(folder), _SOURCE.encode()
-            )
-            made.chmod(0o700)
-            made.replace(path)
-        return _loaded(path)
-    return None

@@ -174,7 +174,7 @@ class Observer:
         self._plain = len(self.rows) - len(self.added_entries)
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Pickle without compiled functions, which cannot be."""
+        """Pickle without the bound program, which cannot be."""
         return Observer, self._made_of
 
     def blocks(

@@ -4,9 +4,6 @@
 #: Samples a block: enough to hide the cost of starting an array operation, few enough for the processor's cache.
 #: evidence: none yet.
 BLOCK_SAMPLES = 2048
-#: Samples of a process from which on the interpreter in C is compiled: NumPy takes as long for them as the compiler.
-#: evidence: benchmarks/speed.md, "compiled in 0.4 s once half a million samples were evaluated".
-SAMPLES_WORTH_COMPILING = 500_000
 
 # ---------------------------------------------------------------- base parameters
 #: A normalised column left with less than this after projection on the ones before it depends on them. evidence: on

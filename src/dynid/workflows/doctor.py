@@ -156,33 +156,10 @@ def _surroundings() -> Iterator[Check]:
     yield _folder("working folder", Path.cwd(), "results: give another folder with --out")
     cache = cache_folder()
     yield _folder("cache", cache, "models are built anew each time", f"{_size(cache) / 1e6:.1f} MB")
-    yield Check("fast regressor", *fast_regressor())
     for file in (LOCAL_CONFIG, config_file()):
         yield Check(
             "configuration", None, f"{file} {'is read' if file.is_file() else 'does not exist'}"
         )
-
-
-def fast_regressor() -> tuple[bool | None, str]:
-    """Return whether the regressor of long logs is evaluated by a compiled interpreter, and what stands in its way."""
-    from dynid.model.program import compiler, kept, place
-
-    if kept() is not None:
-        return True, f"compiled, {place()}"
-    if compiler() is None:
-        return (
-            None,
-            "none: there is no C compiler (cc), NumPy evaluates the regressor in twice the time",
-        )
-    if place().exists():
-        return (
-            None,
-            f"none: {place().parent} can be changed by others or does not load, NumPy evaluates the regressor",
-        )
-    return (
-        None,
-        "not compiled yet: the first long log does it, NumPy evaluates the regressor until then",
-    )
 
 
 def _folder(name: str, path: Path, lost: str, note: str = "") -> Check:
