@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from dynid.trajectory.options import PlanOptions
     from dynid.workflows.compare import compare
     from dynid.workflows.compare_methods import compare_methods
-    from dynid.workflows.contacts import ContactOptions, FoundContacts, contacts
     from dynid.workflows.drive_gains import find_drive_gains
     from dynid.workflows.export import ExportedModel, ExportOptions, export
     from dynid.workflows.gap import earlier_logs, find_gap
@@ -51,10 +50,8 @@ if TYPE_CHECKING:
 #: Where each public name lives.
 _HOMES = {
     "BaseModel": "dynid.model.base_model",
-    "ContactOptions": "dynid.workflows.contacts",
     "ExportOptions": "dynid.workflows.export",
     "ExportedModel": "dynid.workflows.export",
-    "FoundContacts": "dynid.workflows.contacts",
     "Gap": "dynid.workflows.gap_result",
     "GapOptions": "dynid.workflows.gap_options",
     "Identification": "dynid.estimation.result",
@@ -76,7 +73,6 @@ _HOMES = {
     "compare": "dynid.workflows.compare",
     "compare_in_simulator": "dynid.workflows.simulator_gap",
     "compare_methods": "dynid.workflows.compare_methods",
-    "contacts": "dynid.workflows.contacts",
     "earlier_logs": "dynid.workflows.gap",
     "export": "dynid.workflows.export",
     "find_drive_gains": "dynid.workflows.drive_gains",
@@ -96,10 +92,8 @@ _HOMES = {
 
 __all__ = [
     "BaseModel",
-    "ContactOptions",
     "ExportOptions",
     "ExportedModel",
-    "FoundContacts",
     "Gap",
     "GapOptions",
     "Identification",
@@ -122,7 +116,6 @@ __all__ = [
     "compare",
     "compare_in_simulator",
     "compare_methods",
-    "contacts",
     "earlier_logs",
     "export",
     "find_drive_gains",

@@ -60,7 +60,6 @@ def right(here, name):
         "compare": {"results": [result]},
         "compare_in_simulator": {"results": [result], "log": here.unseen},
         "compare_methods": {"robot": arm, "logs": log},
-        "contacts": {"result": result, "log": here.unseen},
         "earlier_logs": {"result": result, "logs": here.unseen},
         "export": {"result": result, "path": here.folder / "arm.xml"},
         "find_drive_gains": {"robot": arm, "logs": log},

@@ -111,20 +111,6 @@ def test_gap_names_adds_and_the_tool_has_it_from_then_on(dynid, logs):
     assert rms[2] < 0.8 * rms[0]
 
 
-def test_contacts_leave_another_picture_as_it_is(dynid, logs):
-    picture = dynid.folder / "before" / "contacts" / "log5.png"
-    words = ("contacts", "before", "log5.npz")
-    assert dynid(*words).status == 0
-    first = picture.read_bytes()
-    assert "the same bytes" in dynid(*words).err
-    ended = dynid(*words, "--false-alarms", "100/h")
-    assert ended.status == 7
-    assert "E702" in ended.err
-    assert picture.read_bytes() == first
-    assert dynid(*words, "--false-alarms", "100/h", "--force").status == 0
-    assert picture.read_bytes() != first
-
-
 def test_gap_without_a_terminal_reports_and_adds_nothing(dynid, logs):
     """What an earlier search left goes, what is somebody's own stays, and the page beside the result is made again."""
     before = dynid.folder / "before"

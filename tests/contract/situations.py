@@ -181,7 +181,6 @@ ANSWERS = {
         export {run} --format all --json
         export {run} --format urdf --set plain --json -o plain
         export {run} --format mjcf --format c --draws 2 --observer --json -o drawn
-        contacts {run} {unseen} --json
         simulate {run} {run} --compare {unseen} --json
         compare updated --baseline {run} --json
         fleet {run} updated --json
@@ -234,7 +233,6 @@ MISTAKES = {
         completion tcsh
         demo --effect no_such_effect
         export no_such_run --format urdf
-        contacts no_such_run no_such.bag
         report no_such_run
         compare no_such_run
         fleet no_such_run

@@ -202,7 +202,6 @@ _OF_SMALL = {
     "simulate": 190,
     "validate": 240,
     "report": 270,
-    "contacts": 305,
     "export": 360,
 }
 

@@ -49,7 +49,6 @@ COMMANDS: dict[str, Entry] = {
     "identify": Entry("Loop 3", "least squares", "parameters.npz, report.html"),
     "validate": Entry("Then", "replay an unseen log", "how wrong is the model, per joint"),
     "gap": Entry("Then", "name the missing effect, add it, show the gap shrink"),
-    "contacts": Entry("Then", "when and where something touched the arm"),
     "check": Entry("", "look for mistakes in a robot file, a log or a result"),
     "convert": Entry("", "write a recording in another format"),
     "import": Entry("", "make a robot file from a URDF"),

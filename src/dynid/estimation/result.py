@@ -32,13 +32,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-    from dynid.estimation.contacts import ExternalTorque
     from dynid.estimation.draws import Draws
     from dynid.estimation.one_state import OneState
     from dynid.estimation.stack import Stack
     from dynid.judgement.evidence import Evidence
     from dynid.judgement.judge import Judgement
-    from dynid.log import Log
 
 Floats = NDArray[np.float64]
 
@@ -488,21 +486,6 @@ class Identification:
         from dynid.estimation.draws import draws
 
         return draws(self, count, seed)
-
-    def external_torque(self, log: Log, false_alarms: float = 1.0) -> ExternalTorque:
-        """Return the torque that something outside put on the arm along a log, and the contacts on it.
-
-        Args:
-            log: what ``dynid.load_log`` returns; ``dynid.contacts`` takes paths too.
-            false_alarms: false alarms an hour that the threshold is made for [1/h].
-
-        Raises:
-            WrongUsage: no such rate can be had.
-            DynidError: the first serious fault of the log.
-        """
-        from dynid.estimation.contacts import external_torque
-
-        return external_torque(self, log, false_alarms)
 
     # ---------------------------------------------------------------- text
     @property

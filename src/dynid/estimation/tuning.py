@@ -361,27 +361,3 @@ DRAW_TRIES = 12
 #: Directions that together change bodies by less than this, as a sum of squares of relative changes, are drawn freely.
 #: evidence: benchmarks/draws.md, half and double.
 DRAW_FREE = 0.1
-
-# ---------------------------------------------------------------- contacts
-#: Gain of the momentum observer [1/s]: it follows an outside torque within 0.1 s.
-#: evidence: benchmarks/contacts.md, delays.
-OBSERVER_GAIN = 10.0
-#: Degrees of freedom of the outside torque on clean recordings that were not fitted, in units of its expected size: how
-#: far that size itself may be off. evidence: benchmarks/contacts.md; in 580 s of 32 pairs 4 intervals are above 5 times
-#: the size and none is above 6 (without joints that break away), where 6.5 and 1 are to be expected; of 8, 41 and 13.
-CONTACT_TAIL = 16.0
-#: A joint may stick below so many times the speed of its Coulomb sign. evidence: benchmarks/contacts.md; at 1 the UR10
-#: alarms where its last joint stands.
-STICKING_SPEEDS = 5.0
-#: Share of its Coulomb friction that static friction may be on top of it. evidence: benchmarks/contacts.md; the last
-#: joint of the UR10 breaks away at three times its Coulomb friction, and alarms with 0.5.
-STATIC_SHARE = 1.0
-#: Share by which the friction of a moving joint may differ from that of the fitted recordings.
-#: evidence: Coulomb friction of 70 joints in pairs of recordings of five real arms differs by 9 % in the median;
-#: benchmarks/contacts.md, simulated arms that are warmer by 5 and 10 %.
-FRICTION_LEVEL = 0.1
-#: Share of a log above the threshold from which it is more likely that the arm has changed than that it was touched.
-#: evidence: benchmarks/contacts.md, simulated arms with a payload or warm gears.
-CONTACT_CHANGED = 0.15
-#: Intervals that are closer than this are one contact [s]. evidence: none yet.
-CONTACT_GAP_S = 0.2

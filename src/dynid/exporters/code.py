@@ -32,20 +32,6 @@ _SIGN = {ADD: "+", SUB: "-", MUL: "*"}
 #: Inputs of the program that move, and the array or the function of an array that they are.
 _ARRAYS = ("q", "qd", "qdd")
 _FUNCTIONS = {"c": "cos", "s": "sin"}
-#: What the observer does for a joint whose torques contradict the others: its row of momentum and drift is that of the
-#: arm that it sees, which is no part of the residual then.
-_SEEN = """    {{
-        double apart_p[DYNID_N], apart_u[DYNID_N];
-        observer_momentum(observer_links[{k}], q, qd, apart_p, apart_u);
-        p[{joint}] = apart_p[{joint}];
-        u[{joint}] = apart_u[{joint}];
-    }}
-"""
-_OWN = """    {{
-        static const double own[DYNID_P] = {{{own}}};
-        for (j = 0; j < DYNID_P; j++) u[{joint}] += own[j] * Y[{joint} * DYNID_P + j];
-    }}
-"""
 
 
 @dataclass(frozen=True)
@@ -114,7 +100,6 @@ def source_code(arm: IdentifiedArm, language: Language) -> str:
         head=arm.head(code, whole=True),
         residual=writer.residual(arm),
         arm=writer.arm_functions(arm),
-        observer=writer.observer(arm),
         **writer.memory(arm, remembered),
         add=with_residual if arm.predicted_error is not None else without,
         file=code(arm.file_stem),
@@ -348,61 +333,6 @@ class _Writer:
             **parts,
             "memory": template(file).substitute(n=arm.robot.n, p=self.width, add=add, **parts),
         }
-
-    def observer(self, arm: IdentifiedArm) -> str:
-        """Return the observer of contacts; nothing where it was not asked for."""
-        watched = arm.watched
-        file = self.language.template.replace(".txt", "_observer.txt")
-        if watched is None or not (TEMPLATES / file).exists():
-            return ""
-
-        def row(values: Floats) -> str:
-            return ", ".join(repr(float(value)) for value in values)
-
-        inertial, base = watched.inertial, arm.base
-        arms = [arm.theta, *watched.apart.values()]
-        links = [
-            closed_forms.representatives(base, np.where(inertial, theta, 0.0)) for theta in arms
-        ]
-        # Why at rest in any pose: without the bodies, rotors are left, whose torque is a constant times qdd.
-        bodies = [
-            base.model.parameters[k].kind in LINK_PARAMETERS[:10] for k in base.reduction.base
-        ]
-        still, unit = np.zeros((self.robot.n, self.robot.n)), np.eye(self.robot.n)
-        turned = [
-            base.observer.torque(
-                np.where(inertial & ~np.array(bodies), x, 0.0), still, still, unit
-            ).T
-            for x in arms
-        ]
-        rotors = turned[0].copy()
-        for joint, other in zip(watched.apart, turned[1:], strict=True):
-            rotors[joint] = other[joint]
-        return template(file).substitute(
-            self._joints(),
-            arms=str(len(arms)),
-            links=",\n".join(f"{{\n{self._rows(each[:, :10])}\n}}" for each in links),
-            rotors=self._rows(rotors),
-            seen="".join(
-                _SEEN.format(k=k + 1, joint=joint) for k, joint in enumerate(watched.apart)
-            ),
-            own="".join(
-                _OWN.format(joint=joint, own=row(np.where(inertial, theta - arm.theta, 0.0)))
-                for joint, theta in watched.apart.items()
-            ),
-            gravity=row(np.array(self.robot.gravity)),
-            gain=repr(watched.gain),
-            multiple=repr(watched.multiple),
-            inertial=", ".join(str(int(value)) for value in watched.inertial),
-            size=row(watched.size),
-            holding=row(watched.holding),
-            coulomb=row(watched.coulomb),
-            viscous=row(watched.viscous),
-            slow=row(watched.slow),
-            residual="    residual(q, qd, Y, rest);\n    for (i = 0; i < DYNID_N; i++) u[i] -= rest[i];\n"
-            if arm.predicted_error is not None
-            else "",
-        )
 
     def residual(self, arm: IdentifiedArm) -> str:
         """Return the functions of the residual model; nothing where there is none."""

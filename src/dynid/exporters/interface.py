@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -45,33 +45,6 @@ class Provenance:
 
 
 @dataclass(frozen=True)
-class Watched:
-    """The observer of contacts, for a controller.
-
-    Attributes:
-        gain: of the observer [1/s].
-        inertial: which base parameters move masses and rotors, (p,).
-        size: expected size of the torque from outside without a contact, (n,) [N m or N].
-        multiple: how many times that size is a contact.
-        holding: what static friction may hold, (n,) [N m or N].
-        coulomb: what the Coulomb friction of a moving joint may differ by, (n,) [N m or N].
-        viscous: what its viscous friction may differ by, (n,) [N m s/rad or N s/m].
-        slow: speed below which a joint may stick, (n,) [rad/s or m/s].
-        apart: base parameters of joints that contradict the others, (p,) each, by number of the joint.
-    """
-
-    gain: float
-    inertial: NDArray[np.bool_]
-    size: NDArray[np.float64]
-    multiple: float
-    holding: NDArray[np.float64]
-    coulomb: NDArray[np.float64]
-    viscous: NDArray[np.float64]
-    slow: NDArray[np.float64]
-    apart: Mapping[int, NDArray[np.float64]]
-
-
-@dataclass(frozen=True)
 class IdentifiedArm:
     """What is exported.
 
@@ -85,7 +58,6 @@ class IdentifiedArm:
         warning: what about the numbers cannot be, where they are written all the same.
         model_error: residual model of the result, None where it has none.
         residual_model: whether code predicts with it.
-        watched: the observer of contacts, None without.
     """
 
     base: BaseModel
@@ -97,7 +69,6 @@ class IdentifiedArm:
     warning: str = ""
     model_error: ModelError | None = None
     residual_model: bool = True
-    watched: Watched | None = None
 
     @property
     def predicted_error(self) -> ModelError | None:

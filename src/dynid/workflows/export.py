@@ -18,7 +18,6 @@ from dynid.workflows.results import base_model_of
 if TYPE_CHECKING:
     from dynid.estimation.result import Identification
     from dynid.exporters import Agreement, IdentifiedArm
-    from dynid.exporters.interface import Watched
     from dynid.model.base_model import BaseModel
     from dynid.workflows.arguments import ResultLike
 
@@ -44,7 +43,6 @@ class ExportOptions(Options):
         urdf: the user's own URDF, which keeps everything but its inertial blocks.
         allow_infeasible: write also bodies that cannot exist.
         residual_model: predict with the residual model of the result where the format can, which is code.
-        observer: write the observer of contacts, with its thresholds, into the C file.
         draws: so many arms are drawn from the posterior and written to ``draws/`` in the formats of simulators.
     """
 
@@ -66,7 +64,6 @@ class ExportOptions(Options):
         "Let exported code use the result's residual model, or the parameters alone.",
         pair=True,
     )
-    observer: bool = option(False, "Also write the momentum observer of contacts into the C file.")
     draws: int = option(
         0, "Also write so many arms drawn from the posterior (URDF, MJCF, SDF).", bounds=(0, 10_000)
     )
@@ -259,8 +256,6 @@ def export(
     names = wanted or (format_of(path),)
     if options.urdf is not None and "urdf" not in names:
         raise WrongUsage("--urdf is for --format urdf", fix="add --format urdf")
-    if options.observer and "c" not in names:
-        raise WrongUsage("--observer is for --format c", fix="add --format c")
     arm = identified_arm(result, names, options, base, progress)
     findings = possible(arm, names, options)
     progress.findings(findings)
@@ -410,31 +405,6 @@ def identified_arm(
         options.urdf,
         model_error=error,
         residual_model=options.residual_model,
-        watched=watched(result) if options.observer else None,
-    )
-
-
-def watched(result: Identification) -> Watched:
-    """Return what a controller needs to tell contacts from what the model does not know."""
-    import numpy as np
-
-    from dynid.estimation import tuning
-    from dynid.estimation.contacts import friction_sizes, inertial_columns, multiple, own_parameters
-    from dynid.exporters.interface import Watched
-
-    noise = result.noise if result.expected is None else result.expected.noise
-    speed = np.array(result.robot.coulomb_shape.velocity)
-    coulomb, viscous = friction_sizes(result, "fc"), friction_sizes(result, "fv")
-    return Watched(
-        gain=tuning.OBSERVER_GAIN,
-        inertial=inertial_columns(result),
-        size=noise,
-        multiple=multiple(1.0, result.robot.n, 0.0),
-        holding=(1.0 + tuning.STATIC_SHARE) * coulomb,
-        coulomb=tuning.FRICTION_LEVEL * coulomb,
-        viscous=tuning.FRICTION_LEVEL * viscous,
-        slow=tuning.STICKING_SPEEDS * speed,
-        apart=own_parameters(result),
     )
 
 

@@ -154,7 +154,7 @@ def _inertia(result: Identification, q: Floats) -> Floats:
 
 def save_figure(found: SimulatorGap, path: Path) -> Path:
     """Write the picture of the position errors."""
-    from dynid.reports.contacts import simulator_figure
     from dynid.reports.figures import write_figure
+    from dynid.reports.simulator import simulator_figure
 
     return write_figure(simulator_figure(found), path)

@@ -6,9 +6,9 @@ from typing import Any
 
 from dynid.gap.record import GapEffect, GapRecord
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.reports.contacts import simulator_figure
 from dynid.reports.gap_figures import effect_figure, improvement_figure, residual_figure
 from dynid.reports.gathered import Gathered
+from dynid.reports.simulator import simulator_figure
 from dynid.reports.svg import Picture, drawn
 from dynid.text import shell
 
