@@ -147,7 +147,7 @@ LIMITS: dict[str, Limit] = {
         2000,
         "jobs",
         "jobs of a batch file",
-        "each reads its files first; a fleet of 100 arms has 1000",
+        "each reads its files first; 100 arms with ten logs each have 1000",
     ),
     "links": Limit(
         1000, "links", "links or joints of a URDF", "a humanoid with hands has about 100"

@@ -124,11 +124,6 @@ def csv_row(cells: Iterable[object]) -> str:
     return stream.getvalue()
 
 
-def chance(p_value: float) -> str:
-    """Return a chance as people read it: below one in 10^12 no model of noise is that right."""
-    return "< 1e-12" if p_value < 1e-12 else f"{p_value:.1g}"
-
-
 def yaml_text(document: Mapping[str, Any], head: str | None = None, **style: Any) -> str:  # noqa: ANN401
     """Return a YAML document under one line of comment; text in it is read back exactly.
 

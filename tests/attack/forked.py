@@ -22,7 +22,7 @@ MARKUP = re.compile(r"<script[^>]*>\s*alert|<img[^>]+onerror|HACKED_MARKUP[^&<]*
 
 #: Files of results that people look at on a terminal, and inputs among them; what would steer it, or turn the text around.
 SHOWN = {".md", ".csv", ".tex", ".html", ".xml", ".urdf", ".sdf", ".log", ".svg", ".c", ".py", ".m"}
-GIVEN = {"log.csv", "way.csv", "runs.csv", "arm.urdf"}
+GIVEN = {"log.csv", "way.csv", "arm.urdf"}
 STEERING = re.compile(rb"[\x00-\x08\x0e-\x1f\x7f]|\xe2\x80[\xaa-\xae]")
 
 

@@ -134,8 +134,6 @@ def make(folder: Path, run: Callable[[list[str]], int]) -> Path:
         write_log(log, folder / f"log.{suffix}")
     (folder / "way.csv").write_text(WAYPOINTS)
     (folder / "settings.yaml").write_text(SETTINGS)
-    rows = [f"out/parameters.npz,arm{k % 3},2026-01-{1 + k // 3:02}" for k in range(12)]
-    (folder / "runs.csv").write_text("\n".join(["result,arm,time", *rows, ""]))
     (folder / "text").mkdir()
     for name, values in {"position": log.q, "torque": log.tau, "time": log.t[:, None]}.items():
         np.savetxt(folder / "text" / f"{name}.txt", values, fmt="%.8g")

@@ -37,7 +37,6 @@ WHOLE = (
     "identify arm.yaml text --out out",
     "identify arm.yaml log.parquet --out out",
     "sim-driver arm.yaml --duration 1",
-    "fleet runs.csv --out out/fleet",
     "gap out/parameters.npz other.npz --apply best --new-name out/named.yaml --out out",
     "explain robot-file",
     "model arm.yaml -v --out out",

@@ -1,4 +1,4 @@
-"""Seeded inputs with every key that a file may have: effects and formulas, drivers and bounds, URLs, lists of a fleet, names."""
+"""Seeded inputs with every key that a file may have: effects and formulas, drivers and bounds, URLs, names."""
 
 from __future__ import annotations
 
@@ -267,61 +267,6 @@ def batch_keys(rng: np.random.Generator, original: str) -> bytes:
                 )
         jobs.append(job)
     return json.dumps({"jobs": jobs}).encode("utf-8", "replace")
-
-
-def fleet_list(rng: np.random.Generator, original: str) -> bytes:
-    """Return a list of a fleet's results with odd cells."""
-    arms = [WORDS[rng.integers(len(WORDS))] if rng.random() < 0.4 else f"arm{k}" for k in range(3)]
-    places = [
-        "out/parameters.npz",
-        "out",
-        "out",
-        "out",
-        "/dev/zero",
-        "log.npz",
-        "",
-        "\0",
-        "../x",
-        "x" * 5000,
-        "arm.yaml",
-    ]
-    days = [
-        "2026-01-0{}",
-        "2026-01-0{}",
-        "{}",
-        "0001-01-0{}",
-        "9999-12-3{}T23:59:59-14:00",
-        "99999999{}",
-        "-99999999{}",
-        "run {}",
-        "1e9",
-        "nan",
-        "2026-13-4{}",
-        "{}²",
-    ]
-    way, rows = str(rng.choice(days)), []
-    for k in range(int(rng.choice([1, 6, 12, 60]))):
-        row = [
-            str(rng.choice(places, p=[0.6, 0.2, 0.06, *[0.14 / 8] * 8])),
-            arms[k % 3],
-            (way if rng.random() < 0.9 else str(rng.choice(days))).format(k % 9),
-        ]
-        rows.append(
-            row
-            if rng.random() < 0.97
-            else row[: rng.integers(0, 3)] + ["more"] * int(rng.integers(0, 3))
-        )
-    text = "result,arm,time\n" + "\n".join(
-        ",".join(f'"{cell}"' if rng.random() < 0.5 else cell for cell in row) for row in rows
-    )
-    kind = rng.integers(0, 15)
-    if kind == 0:
-        text = text.replace("result", "x" * 200_000, 1)
-    elif kind == 1:
-        text += '\n"' + "y" * 200_000
-    elif kind == 2:
-        text = text.replace(",", ";")
-    return text.encode("utf-8", "replace")
 
 
 def run_file(rng: np.random.Generator, original: str) -> bytes:

@@ -209,7 +209,6 @@ KINDS = {
             "trajectory arm.yaml plan.yaml --earlier {} --preview none --out out",
             "trajectory arm.yaml --seconds 1 --earlier {} --preview none --out out",
             "identify arm.yaml log.npz --out out",
-            "fleet runs.csv --out out/f",
             "record arm.yaml out/trajectory.npz --parameters {} --dry-run --out out",
             "gap {} other.npz --apply best --new-name out/g.yaml --out out/g",
             "compare out --baseline {} --csv out/a.csv --latex out/a.tex --junit out/a.xml",
@@ -266,12 +265,6 @@ KINDS = {
             "run {} --out out/b --json-lines",
             "check {}",
         ],
-    ),
-    "fleet": (
-        "runs.csv",
-        richer.fleet_list,
-        200,
-        ["fleet {} --out out/f", "fleet {} out --out out/f"],
     ),
     "run file": (
         "out/run.yaml",
@@ -342,7 +335,6 @@ TEXT = (
     richer.robot_keys,
     richer.spreadsheet,
     richer.batch_keys,
-    richer.fleet_list,
     richer.run_file,
     richer.record,
 )

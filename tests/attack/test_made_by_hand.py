@@ -587,13 +587,6 @@ CASES = {
         3,
         "columns for the torque effects",
     ),
-    "a cell of 200 000 characters": (
-        "runs.csv",
-        'result,arm,time\n"' + "x" * 200_000,
-        "fleet runs.csv --out out/f",
-        2,
-        "not a list of results",
-    ),
     "an empty plan": (
         "out/trajectory.npz",
         b"",
@@ -733,13 +726,6 @@ CASES = {
         "check arm.yaml",
         3,
         "beyond what can be measured",
-    ),
-    "an arm with one run": (
-        "runs.csv",
-        "result,arm,time\nout,a,2026-01-01\n",
-        "fleet runs.csv --out out/f",
-        0,
-        "no arm has three runs",
     ),
     "a name that steers the terminal": (
         "batch.yaml",

@@ -24,7 +24,6 @@ REFUSED = {
     "run: {scheduler: 'tcp://127.0.0.1:1'}": "run batch.yaml",
     "run: {dashboard: true}": "run batch.yaml",
     "run: {junit: /tmp/j.xml}": "run batch.yaml",
-    "fleet: {scheduler: 'tcp://127.0.0.1:1'}": "fleet runs.csv",
     "identify: {open: true}": "identify arm.yaml log.csv",
     "identify: {prior: ../prior.yaml}": "identify arm.yaml log.csv",
     "identify: {holdout: 's3://bucket/log.npz'}": "identify arm.yaml log.csv",
@@ -39,7 +38,6 @@ def lab(dynid):
     texts = {
         "arm.yaml": ARM,
         "batch.yaml": "jobs: []",
-        "runs.csv": "result,arm,time\n",
         "log.csv": "t,q_j\n",
     }
     for name, text in texts.items():

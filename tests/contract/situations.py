@@ -183,7 +183,6 @@ ANSWERS = {
         export {run} --format mjcf --format c --draws 2 --observer --json -o drawn
         simulate {run} {run} --compare {unseen} --json
         compare updated --baseline {run} --json
-        fleet {run} updated --json
         model scara --json --groups json
     """,
     "motions": """
@@ -235,7 +234,6 @@ MISTAKES = {
         export no_such_run --format urdf
         report no_such_run
         compare no_such_run
-        fleet no_such_run
         run spoilt_batch.yaml
         convert {unseen} -o log.xyz
         import no_such.urdf

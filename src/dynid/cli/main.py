@@ -54,7 +54,6 @@ COMMANDS: dict[str, Entry] = {
     "import": Entry("", "make a robot file from a URDF"),
     "compare": Entry("", "one table over many results"),
     "run": Entry("", "many robots and logs from one list"),
-    "fleet": Entry("", "which of many arms have changed over time"),
     "report": Entry("", "rebuild report.html"),
     "export": Entry("", "write the identified model as URDF, YAML or code"),
     "demo": Entry("", "the whole workflow on a simulated arm with a hidden effect"),
