@@ -21,7 +21,6 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-import hidden_effects as hidden
 from dynid.estimation.estimate import estimate, last_share
 from dynid.estimation.stack import stack_logs
 from dynid.files.logs import read_log
@@ -62,6 +61,7 @@ INJECTED = (
     "torque_gain",
     "encoder_offset",
 )
+WHOLE_ARM = ("torque_delay", "payload")
 #: Changes that have no name: a joint that shakes between 1 and 4 Hz, and a torque that follows its speed and two positions.
 NAMELESS = ("vibration", "odd_cross")
 #: Recordings of one arm that nothing was put into.
@@ -236,7 +236,7 @@ def one(arm, name, joint, sign, data, cache):
     start = time.process_time()
     seen = look([altered], base, found, source)
     seconds = time.process_time() - start
-    place = [] if name in hidden.WHOLE_ARM else [joint]
+    place = [] if name in WHOLE_ARM else [joint]
     named = [[f.name, list(f.joints)] for f in seen.verdict.named]
     before = {(f.name, f.joints) for f in bare.verdict.named}
     return {

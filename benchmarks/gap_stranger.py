@@ -14,6 +14,7 @@ kept as JSON lines by commit, seed and case.
 import argparse
 import json
 import os
+import subprocess
 import tempfile
 import time
 from dataclasses import dataclass, field, replace
@@ -23,8 +24,6 @@ import numpy as np
 import pinocchio as pin
 from scipy import signal
 from scipy.interpolate import CubicSpline, make_interp_spline
-
-from resumable import commit
 
 #: One cycle of 15 cases; four cycles are a seed.
 CYCLE = (
@@ -1440,6 +1439,20 @@ def numbers(text):
     """Return the numbers of a list such as 1-3,7."""
     spans = [part.split("-") for part in text.split(",")]
     return [k for span in spans for k in range(int(span[0]), int(span[-1]) + 1)]
+
+
+def commit():
+    """Return which code runs: its commit, with a plus where it was changed since."""
+    asked = [
+        "git",
+        "-C",
+        str(Path(__file__).parent),
+        "describe",
+        "--always",
+        "--dirty=+",
+        "--exclude=*",
+    ]
+    return subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
 
 
 def work(job):

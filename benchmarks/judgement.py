@@ -3,13 +3,11 @@
     python benchmarks/judgement.py --out judgement.json [--cases 200] [--seed 1] [--minutes 60]
     python benchmarks/judgement.py --kind lights --out lights.json --cases 600         without gap, for the lights
     python benchmarks/judgement.py --kind recordings --out recordings.json [--data ../shared/data]
-    python benchmarks/judgement.py --again judgement.json lights.json recordings.json [--tuning]
 
 Random situations: an arm, lengths and noise of its logs, something hidden in them or a mistake, a motion again or another.
 Each goes through identify, validate, gap and report; ``contradictions`` reads their JSON. The lights are compared with
 the error on one more motion that nothing has seen, and with the noise that was put in. Of recordings a part is fitted, a
-part is replayed, and a third one tells whether the lights were right. Evidence is kept: ``--again`` judges it once more
-with the code and the thresholds of now, ``--tuning`` with each of them halved and doubled.
+part is replayed, and a third one tells whether the lights were right.
 """
 
 import argparse
@@ -18,8 +16,7 @@ import json
 import math
 import tempfile
 import time
-from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,18 +24,6 @@ import numpy as np
 from dynid.cli.terminal import plain
 from dynid.errors import DynidError
 from dynid.estimation.stack import stack_logs
-from dynid.judgement import tuning
-from dynid.judgement.evidence import (
-    Change,
-    EffectEvidence,
-    Event,
-    Evidence,
-    GapEvidence,
-    JointEvidence,
-    OtherArm,
-    Unseen,
-)
-from dynid.judgement.judge import judge
 from dynid.model.parameters import prior_bodies
 from dynid.robot import Prior
 from dynid.signals.conditioned_log import condition_logs
@@ -252,52 +237,39 @@ def said_of(case, searched):
     begun = time.time()
     robot, fitted, replay, unseen = logs_of(case)
     base = base_model(robot)
-    answers, known, row = {}, {}, dict(case)
+    answers, row = {}, dict(case)
     with tempfile.TemporaryDirectory() as folder:
         result = identify(robot, fitted, base=base, anyway=True, drop_weak=True)
         save_result(Path(folder), result)
         stored = load_run(Path(folder))
-        answers["identify"], known["identify"] = plain(answer_of(stored)), stored.evidence
+        answers["identify"] = plain(answer_of(stored))
         found = validate(stored, replay, base=base)
         found = replace(found, log=str(Path(folder) / "replay.npz"))
-        answers["validate"], known["validate"] = plain(found.facts()), found.evidence
+        answers["validate"] = plain(found.facts())
         found.save(found.folder(Path(folder) / "validation"))
         if searched:
             answers["after_validate"] = plain(report(load_run(Path(folder))).facts())
-            known["after_validate"] = load_run(Path(folder)).evidence
             try:
                 gap = find_gap(
                     load_run(Path(folder)), [replay], earlier=fitted, base=base, effects=TRIED
                 )
                 gap.save(Path(folder) / "gap.npz")
-                answers["gap"], known["gap"] = plain(gap.facts()), gap.evidence
+                answers["gap"] = plain(gap.facts())
                 answers["report"] = plain(report(load_run(Path(folder))).facts())
-                known["report"] = load_run(Path(folder)).evidence
             except DynidError as error:
                 row["gap_refused"] = error.code
         truth = validate(stored, unseen, base=base)
     floor = true_floor(case, result, unseen)
     error = np.array([joint.rms for joint in truth.joints])
     torque = np.array([joint.torque_rms for joint in truth.joints])
-    kept = {
-        name: {key: answer[key] for key in KEPT if key in answer}
-        for name, answer in answers.items()
-    }
     return row | {
         "contradictions": contradictions(answers),
         "sentences": {name: answer["judgement"]["sentence"] for name, answer in answers.items()},
-        "answers": kept,
-        "evidence": {name: plain(asdict(each)) for name, each in known.items()},
+        "states": {name: answer["judgement"]["state"] for name, answer in answers.items()},
         "unseen_over_noise": float((error / np.maximum(floor, 0.005 * torque)).max()),
         "percent": truth.relative_error_percent,
         "seconds_taken": time.time() - begun,
     }
-
-
-#: Errors of joints in the evidence of a search.
-GAP_ERRORS = ("before", "after", "noise", "known", "kept_rms")
-#: What is kept of answers beside their judgement.
-KEPT = ("verdict", "named", "relative_error_percent", "expected_relative_error_percent")
 
 
 def true_floor(case, result, unseen):
@@ -379,61 +351,15 @@ def run_recording(name, robot, fitted, replay, judging):
         for error, joint in zip(truth.seen.rms, joints, strict=True)
         if joint.noise is not None
     ]
-    known = {"identify": result.evidence, "validate": found.evidence}
     return row | {
-        "evidence": {key: plain(asdict(each)) for key, each in known.items()},
-        "answers": {"validate": {"relative_error_percent": found.relative_error_percent}},
+        "states": {"validate": found.facts()["judgement"]["state"]},
         "unseen_over_noise": max(times, default=math.nan),
         "percent": truth.relative_error_percent,
         "seconds_taken": time.time() - begun,
     }
 
 
-# ---------------------------------------------------------------- kept evidence, judged again
-def evidence_from(kept):
-    """Return evidence that was kept as plain values."""
-
-    def each(kind, items):
-        return tuple(kind(**{key: tupled(value) for key, value in item.items()}) for item in items)
-
-    def tupled(value):
-        return tuple(tupled(one) for one in value) if isinstance(value, list) else value
-
-    found = {key: tupled(value) for key, value in kept.items()}
-    found |= {"joints": each(JointEvidence, kept["joints"]), "unseen": each(Unseen, kept["unseen"])}
-    if kept["changes"] is not None:
-        found["changes"] = each(Change, kept["changes"])
-    if kept["other"] is not None:
-        found["other"] = OtherArm(**kept["other"])
-    if (gap := kept["gap"]) is not None:
-        # Why: JSON has no infinity, which a refit to a short log may be off by.
-        inside = {
-            key: tuple(math.inf if one is None else one for one in gap[key]) for key in GAP_ERRORS
-        }
-        inside = {key: tupled(value) for key, value in gap.items()} | inside
-        inside |= {
-            "effects": each(EffectEvidence, gap["effects"]),
-            "events": each(Event, gap["events"]),
-        }
-        found["gap"] = GapEvidence(**inside)
-    return Evidence(**found)
-
-
-def judged(row):
-    """Return the judgements of the evidence of a row, with the code and thresholds of now."""
-    return {name: judge(evidence_from(kept)) for name, kept in row.get("evidence", {}).items()}
-
-
-def again(row):
-    """Return what contradicts in kept evidence."""
-    found = judged(row)
-    answers = {
-        name: {**row["answers"].get(name, {}), "judgement": each.facts()}
-        for name, each in found.items()
-    }
-    return contradictions(answers)
-
-
+# ---------------------------------------------------------------- rates
 def calibration(rows, stage=None):
     """Return how often good and bad are right: "good" promises each joint within twice its noise.
 
@@ -443,10 +369,10 @@ def calibration(rows, stage=None):
     """
     good = bad = right = wrong = 0
     for row in rows:
-        found = judged(row)
-        if not found or stage not in (None, *found):
+        states = row.get("states", {})
+        if not states or stage not in (None, *states):
             continue
-        state = found[stage or list(found)[-1]].state
+        state = states[stage or list(states)[-1]]
         within = row["unseen_over_noise"] <= 2.0
         good, right = good + (state == "good"), right + (state == "good" and within)
         bad, wrong = bad + (state == "bad"), wrong + (state == "bad" and within)
@@ -460,44 +386,18 @@ def proved(right, count):
     return float(beta.ppf(0.05, right, count - right + 1)) if right else 0.0
 
 
-@contextmanager
-def changed(name, factor):
-    """Change one threshold for a while."""
-    before = getattr(tuning, name)
-    after = tuple(factor * x for x in before) if isinstance(before, tuple) else factor * before
-    setattr(tuning, name, after)
-    yield
-    setattr(tuning, name, before)
-
-
-def lines(rows, title):
-    """Return a line of a table: rates of good and bad, and contradictions."""
-    good, right, bad, wrong = calibration(rows)
-    count = sum(bool(again(row)) for row in rows if "evidence" in row)
-    return (
-        f"| {title} | {len(rows)} | {count} | {right} of {good} | {100 * proved(right, good):.0f} % | "
-        f"{wrong} of {bad} | {100 * (1 - proved(bad - wrong, bad)):.0f} % |"
-    )
-
-
-def look_again(paths, halved):
-    """Print what kept evidence says now, and with each threshold halved and doubled."""
-    print("| evidence | cases | contradict | good: right | proved | bad: wrong | at most |")
-    print("| --- | ---: | ---: | ---: | ---: | ---: | ---: |")
-    read = {path: json.loads(path.read_text()) for path in paths}
-    rows = [row for one in read.values() for row in one]
-    for path, one in read.items():
-        for stage in ("identify", "validate", "report"):
-            kept = [row for row in one if stage in row.get("evidence", {})]
-            part = [row | {"evidence": {stage: row["evidence"][stage]}} for row in kept]
-            if part:
-                print(lines(part, f"{path.stem}, after {stage}"))
-    print(lines(rows, "all, after the last command"))
-    if halved:
-        for name in (name for name in dir(tuning) if name.isupper()):
-            for factor in (0.5, 2.0):
-                with changed(name, factor):
-                    print(lines(rows, f"{name} x {factor:g}"), flush=True)
+def table(rows):
+    """Return rates of good and bad, and contradictions, after each command."""
+    lines = ["| evidence | cases | contradict | good: right | proved | bad: wrong | at most |"]
+    lines += ["| --- | ---: | ---: | ---: | ---: | ---: | ---: |"]
+    count = sum(bool(row["contradictions"]) for row in rows)
+    for stage in ("identify", "validate", "report", None):
+        good, right, bad, wrong = calibration(rows, stage)
+        lines.append(
+            f"| after {stage or 'the last command'} | {len(rows)} | {count} | {right} of {good} | "
+            f"{100 * proved(right, good):.0f} % | {wrong} of {bad} | {100 * (1 - proved(bad - wrong, bad)):.0f} % |"
+        )
+    return "\n".join(lines)
 
 
 # ---------------------------------------------------------------- command
@@ -511,11 +411,7 @@ def main():
     parser.add_argument("--cases", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--minutes", type=float, default=60.0)
-    parser.add_argument("--again", type=Path, nargs="+", default=[])
-    parser.add_argument("--tuning", action="store_true")
     given = parser.parse_args()
-    if given.again:
-        return look_again(given.again, given.tuning)
     rows = json.loads(given.out.read_text()) if given.out.exists() else []
     done, end = {row.get("name", row.get("seed")) for row in rows}, time.time() + 60 * given.minutes
     if given.kind == "recordings":
@@ -536,8 +432,7 @@ def main():
         rows.append(row)
         done.add(name)
         given.out.write_text(json.dumps(rows))
-        found = judged(row)
-        state = list(found.values())[-1].state if found else row["refused"]
+        state = list(row["states"].values())[-1] if "states" in row else row["refused"]
         print(
             name,
             row.get("arm", ""),
@@ -546,7 +441,7 @@ def main():
             row["contradictions"],
             flush=True,
         )
-    return look_again([given.out], halved=False)
+    print(table(rows))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""Measure dynid beside Pinocchio and beside plain SymPy, in one run on one machine; print a table of times and ratios.
+"""Measure dynid beside Pinocchio, in one run on one machine; print a table of times and ratios.
 
-    python benchmarks/speed.py [--samples 1000000] [--naive 4]
+    python benchmarks/speed.py [--samples 1000000]
 
 The arm is the bundled KUKA LWR4+ (7 joints, 77 rigid-body parameters, 98 with friction). Whole processes start from
 nothing in an empty folder. The logs are sums of sines with torques of the same model and noise: they are here for their
@@ -71,49 +71,6 @@ def seconds(action):
 
 
 # ---------------------------------------------------------------- the other sides
-def naive_regressor(robot, n):
-    """Newton-Euler of the first n joints in plain SymPy, every expression written out; the regressor by derivatives."""
-    import sympy as sp
-
-    def turned(joint, q):
-        c, s = sp.cos(q), sp.sin(q)
-        ca, sa = (
-            sp.nsimplify(round(np.cos(joint.twist), 12)),
-            sp.nsimplify(round(np.sin(joint.twist), 12)),
-        )
-        return sp.Matrix([[c, -s * ca, s * sa], [s, c * ca, -c * sa], [0, sa, ca]])
-
-    q, v, w = (sp.symbols(f"{name}1:{n + 1}") for name in ("q", "qd", "qdd"))
-    axis = sp.Matrix([0, 0, 1])
-    omega, alpha, linear = sp.zeros(3, 1), sp.zeros(3, 1), sp.Matrix([0, 0, sp.Rational("9.81")])
-    links, gamma = [], []
-    for i in range(n):
-        joint, R = robot.joints[i], turned(robot.joints[i], q[i])
-        alpha = R.T * (alpha + w[i] * axis + omega.cross(v[i] * axis))
-        omega = R.T * (omega + v[i] * axis)
-        arm = R.T * sp.Matrix([joint.a * sp.cos(q[i]), joint.a * sp.sin(q[i]), joint.d])
-        linear = R.T * linear + alpha.cross(arm) + omega.cross(omega.cross(arm))
-        m, mx, my, mz, xx, xy, xz, yy, yz, zz = parameters = sp.symbols(f"p{i}_0:10")
-        first, inertia = (
-            sp.Matrix([mx, my, mz]),
-            sp.Matrix([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]),
-        )
-        force = m * linear + alpha.cross(first) + omega.cross(omega.cross(first))
-        moment = inertia * alpha + omega.cross(inertia * omega) + first.cross(linear)
-        links.append((R, arm, force, moment))
-        gamma += parameters
-    torques, force, moment, R = [], sp.zeros(3, 1), sp.zeros(3, 1), sp.eye(3)
-    for i in reversed(range(n)):
-        if i < n - 1:
-            force, moment = R * force, R * moment
-        R, arm, own_force, own_moment = links[i]
-        force, moment = force + own_force, moment + own_moment
-        force_at_joint = force
-        moment = moment + arm.cross(force_at_joint)
-        torques.append((R * moment).dot(axis))
-    return sp.Matrix(torques[::-1]).jacobian(gamma)
-
-
 def pinocchio_loop(robot, states):
     """The usual way to a stacked regressor: one call a sample."""
     model = pinocchio_model(robot, random_bodies(np.random.default_rng(0), robot.n))
@@ -154,36 +111,9 @@ def make_log(path, model, samples):
 
 
 # ---------------------------------------------------------------- rows of the table
-def derivation(robot, largest):
-    ours = median(lambda: seconds(lambda: build_model(robot)), 3)
-    yield "derive the regressor, 7 joints", f"{ours:.2f} s", "0.5 s", ""
-    times = {n: seconds(lambda n=n: naive_regressor(robot, n)) for n in range(2, largest + 1)}
-    for n, value in times.items():
-        part = type(robot)(
-            **{
-                **vars(robot),
-                "joints": robot.joints[:n],
-                "prior": None,
-                "driver": None,
-                "tool": None,
-                "links": None,
-            }
-        )
-        short = median(lambda part=part: seconds(lambda: build_model(part)), 3)
-        yield (
-            f"the same, {n} joints, SymPy written out",
-            f"{value:.2f} s",
-            "",
-            f"{value / short:.0f} x dynid's {short:.2f} s",
-        )
-    growth = times[largest] / times[largest - 1]
-    guess = times[largest] * growth ** (7 - largest)
-    yield (
-        "the same, 7 joints, extrapolated",
-        f"about {guess:.0f} s",
-        "",
-        f"{guess / ours:.0f} x; not measured: x {growth:.1f} a further joint, as from {largest - 1} to {largest}",
-    )
+def derivation(robot):
+    took = median(lambda: seconds(lambda: build_model(robot)), 3)
+    yield "derive the regressor, 7 joints", f"{took:.2f} s", "0.5 s", ""
 
 
 def evaluation(robot):
@@ -293,14 +223,13 @@ def machine():
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--samples", type=int, default=1_000_000)
-    parser.add_argument("--naive", type=int, default=5, help="most joints derived in plain SymPy")
     options = parser.parse_args()
     robot = load_robot(ROBOT)
     print(machine(), "\n")
     print("| what | measured | target | beside |\n| --- | --- | --- | --- |")
     with tempfile.TemporaryDirectory() as folder:
         for rows in (
-            derivation(robot, options.naive),
+            derivation(robot),
             evaluation(robot),
             consistency(),
             whole_processes(robot, Path(folder), options.samples),

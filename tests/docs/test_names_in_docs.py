@@ -34,10 +34,7 @@ OTHER_OPTIONS = {
     "--nworkers",
     "--tls-cert",  # dask worker
     "--core",  # rosmaster
-    "--commands",
     "--data",
-    "--folder",
-    "--logs",
     "--minutes",
     "--seeds",
     "--unchanged",  # scripts in benchmarks/

@@ -1,12 +1,11 @@
-"""Heavy arms with and without a counterbalance on axis 2, for the blind benchmark of ``dynid gap``.
+"""Heavy arms with and without a counterbalance on axis 2.
 
-Shares no code with dynid: geometry like a UR10's or like a forging robot's, links of random lumps, a mass of 60 to 250 kg,
-Pinocchio for the rigid body, and a cylinder between base and upper arm that pushes as a gas spring, a hydraulic
-accumulator or a coil spring does. The robot file holds the right geometry; bodies are those of nobody, or wrong by 30 to
-50 %, or the masses of the data sheet.
+Shares no code with dynid: geometry like a UR10's or like a forging robot's, links of random lumps, a mass of
+60 to 250 kg, Pinocchio for the rigid body, and a cylinder between base and upper arm that pushes as a gas spring,
+a hydraulic accumulator or a coil spring does. The robot file holds the right geometry.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -14,8 +13,6 @@ import pinocchio as pin
 import hidden_effects as hidden
 
 KINDS = ("industrial", "slender")
-PRIORS = ("none", "crude", "masses")
-RATE = hidden.RATE
 #: How the mass of an arm is spread over its links, about.
 SPREAD = np.array([0.28, 0.28, 0.21, 0.12, 0.07, 0.04])
 
@@ -32,6 +29,8 @@ class Heavy:
         carries: what the counterbalance carries of it at most; 0 for none.
         shape: how the counterbalance pushes.
         crank: squares' ratio 2 b c / (b^2 + c^2) of its crank.
+        level: largest torque of gravity of each joint [N m].
+        counterweight: whether the upper arm goes on behind its axis.
     """
 
     arm: hidden.Arm
@@ -41,7 +40,8 @@ class Heavy:
     carries: float
     shape: str
     crank: float
-    facts: dict = field(default_factory=dict)
+    level: np.ndarray
+    counterweight: bool
 
     def assists(self, q):
         """Torque of the counterbalance at axis 2, (N,) [N m]; none where the upper arm is upright."""
@@ -54,13 +54,6 @@ class Heavy:
             "gas": length**0.7,
         }
         return self.carries * self.weight * np.sin(lean) * push[self.shape] / length
-
-    def sizes(self):
-        """Return the wave over the whole turn that comes nearest to it, as the catalogue writes it [N m]."""
-        q = np.linspace(self.arm.lower[1], self.arm.upper[1], 200)[:, None] * np.ones((1, 2))
-        A = np.column_stack([np.sin(q[:, 1]), np.cos(q[:, 1]), np.ones(200)])
-        a, b, _ = np.linalg.lstsq(A, -self.assists(q), rcond=None)[0]
-        return {"a": float(a), "b": float(b)}
 
 
 def table_of(kind, size):
@@ -138,7 +131,6 @@ def draw(seed, with_counterbalance):
         centre + reach,
         np.radians([100, 90, 100, 150, 150, 200]),
     )
-    arm.data = model.createData()
     poses = centre + rng.uniform(-1, 1, (200, 6)) * reach * 0.8
     still = arm.torque(poses, 0 * poses, 0 * poses)
     level = np.maximum(np.abs(still).max(axis=0), 0.02 * np.abs(still).max())
@@ -146,18 +138,8 @@ def draw(seed, with_counterbalance):
         0.04 * level * rng.uniform(0.5, 1.5, 6),
         0.04 * level * rng.uniform(0.5, 1.5, 6),
     )
-    weight = float(
-        np.sqrt(
-            np.sum(
-                np.linalg.lstsq(
-                    np.column_stack([np.sin(poses[:, 1]), np.cos(poses[:, 1]), np.ones(200)]),
-                    still[:, 1],
-                    rcond=None,
-                )[0][:2]
-                ** 2
-            )
-        )
-    )
+    turn = np.column_stack([np.sin(poses[:, 1]), np.cos(poses[:, 1]), np.ones(200)])
+    weight = float(np.hypot(*np.linalg.lstsq(turn, still[:, 1], rcond=None)[0][:2]))
     carries = float(rng.uniform(0.5, 1.6)) if with_counterbalance else 0.0
     shape = str(rng.choice(["sine", "cylinder", "spring", "gas"]))
     return Heavy(
@@ -168,7 +150,8 @@ def draw(seed, with_counterbalance):
         carries,
         shape,
         float(rng.uniform(0.05, 0.4)),
-        {"kind": kind, "mass": mass, "level": level, "counterweight": counterweight},
+        level,
+        counterweight,
     )
 
 
@@ -190,20 +173,15 @@ def robot_table(heavy):
     }
 
 
-def simulate(heavy, seed, trajectories=3, repeats=2, seconds=20.0, noise=0.004):
-    """Return logs (t, q, tau)."""
-    arm, logs, clock = heavy.arm, [], 0.0
+def simulate(heavy, seed, trajectories=2):
+    """Return logs (t, q, tau) of 12 s."""
+    arm, logs = heavy.arm, []
     rng, plans_rng = np.random.default_rng([seed, 1]), np.random.default_rng([seed, 2])
-    white = noise * heavy.facts["level"] * 3
-    for _ in range(trajectories):
-        plan = hidden.sines(arm, seconds, plans_rng)
-        for _ in range(repeats):
-            t = np.arange(round(seconds * RATE)) / RATE
-            q, qd, qdd = hidden.motion(arm, plan, t, rng)
-            tau = arm.torque(q, qd, qdd) + arm.viscous * qd + arm.coulomb * hidden.sharp(qd)
-            tau[:, 1] -= heavy.assists(q)
-            case = hidden.Case("heavy", "none", 1, 0.0, seed)
-            tau = tau + hidden.noisy(case, white, qd, rng)
-            logs.append((clock + t, np.round(q / 2e-5) * 2e-5, tau))
-            clock += seconds + 5.0
+    for k in range(trajectories):
+        t = np.arange(0, 12, 1 / hidden.RATE)
+        q, qd, qdd = hidden.motion(arm, hidden.sines(arm, 12.0, plans_rng), t, rng)
+        tau = arm.torque(q, qd, qdd) + arm.viscous * qd + arm.coulomb * hidden.sharp(qd)
+        tau[:, 1] -= heavy.assists(q)
+        tau = tau + hidden.noisy(0.012 * heavy.level, qd.shape, rng)
+        logs.append((17.0 * k + t, np.round(q / 2e-5) * 2e-5, tau))
     return logs
