@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import sqlite3
 from pathlib import Path
 
 import numpy as np
@@ -48,11 +47,11 @@ def ros1_array(values):
     return types[ARRAY](layout, np.asarray(values, dtype=float))
 
 
-def cdr(message, little: bool = True) -> bytes:
-    return bytes(ROS2.serialize_cdr(message, message.__msgtype__, little_endian=little))
+def cdr(message) -> bytes:
+    return bytes(ROS2.serialize_cdr(message, message.__msgtype__))
 
 
-def write_rosbag2(folder: Path, messages, storage="sqlite3", little=True, compress=False) -> Path:
+def write_rosbag2(folder: Path, messages, storage="sqlite3", compress=False) -> Path:
     """Write (topic, arrival [ns], message) as a folder of rosbag2."""
     plugin = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}[storage]
     writer = Writer(folder, version=9, storage_plugin=plugin)
@@ -65,7 +64,7 @@ def write_rosbag2(folder: Path, messages, storage="sqlite3", little=True, compre
                 connections[topic] = writer.add_connection(
                     topic, message.__msgtype__, typestore=ROS2
                 )
-            writer.write(connections[topic], ns, cdr(message, little))
+            writer.write(connections[topic], ns, cdr(message))
     return folder
 
 
@@ -76,32 +75,25 @@ def single(folder: Path, target: Path) -> Path:
     return target
 
 
-def write_mcap(
-    path: Path, messages, profile: str = "ros1", compression: str = "zstd", chunk: int = 1 << 16
-) -> Path:
-    """Write (topic, arrival [ns], message) with the mcap library; ``profile`` is ros1 or ros2."""
+def write_mcap(path: Path, messages, compression: str = "none", chunk: int = 1 << 16) -> Path:
+    """Write (topic, arrival [ns], message) with the mcap library."""
     from mcap.writer import CompressionType
     from mcap.writer import Writer as McapWriter
 
-    ros1 = profile == "ros1"
-    store, encoding = (ROS1, "ros1msg") if ros1 else (ROS2, "ros2msg")
     kind = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}[
         compression
     ]
     with path.open("wb") as stream:
         writer = McapWriter(stream, chunk_size=chunk, compression=kind)
-        writer.start(profile, "test")
+        writer.start("ros2", "test")
         channels = {}
         for topic, ns, message in messages:
             name = message.__msgtype__
             if topic not in channels:
-                text, _ = store.generate_msgdef(name, ros_version=1 if ros1 else 2)
-                schema = writer.register_schema(
-                    name.replace("/msg/", "/") if ros1 else name, encoding, text.encode()
-                )
-                channels[topic] = writer.register_channel(topic, "ros1" if ros1 else "cdr", schema)
-            raw = bytes(store.serialize_ros1(message, name)) if ros1 else cdr(message)
-            writer.add_message(channels[topic], ns, raw, ns)
+                text, _ = ROS2.generate_msgdef(name, ros_version=2)
+                schema = writer.register_schema(name, "ros2msg", text.encode())
+                channels[topic] = writer.register_channel(topic, "cdr", schema)
+            writer.add_message(channels[topic], ns, cdr(message), ns)
         writer.finish()
     return path
 
@@ -158,25 +150,3 @@ def write_parquet(path: Path, log: Log) -> Path:
     columns |= {f"tau_{name}": log.tau[:, k] for k, name in enumerate(log.names)}
     parquet.write_table(pa.table(columns), path)
     return path
-
-
-def compute_column(path: Path) -> None:
-    """Let the messages of rosbag2 be computed: a few bytes in the file, 900 MB when they are read."""
-    base = sqlite3.connect(path)
-    base.execute("DROP TABLE messages")
-    base.execute("CREATE TABLE messages(id, topic_id, timestamp, data AS (zeroblob(900000000)))")
-    base.executemany("INSERT INTO messages VALUES (?, 1, ?)", [(k, k) for k in range(9)])
-    base.commit()
-    base.close()
-
-
-def add_view(path: Path) -> None:
-    """Put a view without end where a table of rosbag2 belongs."""
-    base = sqlite3.connect(path)
-    base.execute("ALTER TABLE messages RENAME TO kept")
-    base.execute(
-        "CREATE VIEW messages AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i FROM n) "
-        "SELECT 1 AS id, 1 AS topic_id, i AS timestamp, x'00' AS data FROM n"
-    )
-    base.commit()
-    base.close()

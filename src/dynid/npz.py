@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid import limits
-from dynid.errors import CannotWrite
+from dynid.errors import CannotWrite, TooLarge
 from dynid.scratch import empty, prefix, release, sweep
 from dynid.version import __version__
 
@@ -103,6 +103,23 @@ def written_whole(path: Path | str) -> Iterator[IO[bytes]]:
         raise CannotWrite(f"cannot write {path}: {error.strerror}", where=str(path)) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+#: Packed data of up to so many bytes may expand as it likes; larger data up to so many times: joint states pack three-
+#: to tenfold, a decompression bomb expands a thousandfold.
+_SMALL, _EXPANSION = 16 << 20, 200
+
+
+def bounded(packed: int, unpacked: int, where: Path | str) -> None:
+    """Raise when packed data expands like a decompression bomb.
+
+    Args:
+        packed: size in the file [byte].
+        unpacked: size in memory [byte].
+        where: the file, and the place in it.
+    """
+    if unpacked > max(_SMALL, _EXPANSION * packed):
+        raise TooLarge(f"{where}: {packed} bytes unpack to {unpacked}", where=str(where))
 
 
 #: Path, time of change and size of a file.

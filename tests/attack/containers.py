@@ -10,8 +10,9 @@ import struct
 from collections.abc import Callable
 from pathlib import Path
 
-from dynid.files.mcap_records import MAGIC
 from dynid.log import Log
+
+MAGIC = b"\x89MCAP0\r\n"
 
 PAGE = 4096
 

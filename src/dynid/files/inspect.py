@@ -122,7 +122,7 @@ def inspect(path: Path, kind: str, rate: float | None = None) -> Inspected:
         wanted = [
             name for name, topic in topics.items() if topic.type == JOINT_STATE and topic.count
         ]
-        groups, findings = container.read_topics(path, wanted) if wanted else ({}, ())
+        groups, findings = logs.read_topics(path, wanted, container) if wanted else ({}, ())
         joints = tuple(
             Joints(name, log) for name in wanted for log in groups.get(name, []) if log.n
         )

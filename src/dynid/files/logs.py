@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -27,7 +27,7 @@ from dynid.errors import (
     WrongMessageType,
 )
 from dynid.files import tuning
-from dynid.files.messages import KINOVA_TYPES, MULTI_ARRAY, Topic
+from dynid.files.messages import KINOVA_TYPES, MULTI_ARRAY, Message, Topic, collected
 from dynid.log import COLUMNS, SCHEMA, Log, has_rows
 from dynid.npz import HEADER, parse_json, read_npz, sha256
 from dynid.robot import Robot
@@ -58,10 +58,11 @@ class Container(Protocol):
     def list_topics(self, path: Path) -> dict[str, Topic]:
         """Return the topics of a bag by name."""
 
-    def read_topics(
-        self, path: Path, names: Collection[str]
-    ) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
-        """Return for each topic its raw logs, the largest first, and what was noticed."""
+    def parts_of(self, path: Path) -> list[Path]:
+        """Return the files of a bag in the order of time."""
+
+    def scan(self, part: Path, topics: Collection[str]) -> Iterator[Message]:
+        """Yield the messages of some topics in a file."""
 
 
 def container_of(kind: str) -> Container:
@@ -73,6 +74,18 @@ def container_of(kind: str) -> Container:
     from dynid.files import rosbag2
 
     return rosbag2
+
+
+def read_topics(
+    path: Path, names: Collection[str], container: Container
+) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
+    """Return for each of some topics its raw logs, one for each set of joint names, the largest first; and findings.
+
+    Raises:
+        BagTruncated: nothing of these topics is readable.
+        WrongMessageType: the layout of the messages is not the known one of their type.
+    """
+    return collected(path, container.parts_of(path), lambda part: container.scan(part, names))
 
 
 def format_of(path: Path) -> str:
@@ -297,7 +310,8 @@ def _read_joint_states(path: Path, robot: Robot, topic: str | None, container: C
         raise WrongMessageType(
             text, where=path.name, fix="correct `effort_topic:` under `driver:` in the robot file"
         )
-    groups, findings = container.read_topics(path, [chosen] if apart is None else [chosen, apart])
+    wanted = [chosen] if apart is None else [chosen, apart]
+    groups, findings = read_topics(path, wanted, container)
     log = _of_robot(groups.get(chosen, []), robot, chosen)
     if apart is not None:
         log = _with_effort(log, groups.get(apart, []), robot, apart)
@@ -378,7 +392,7 @@ def _read_kinova_pair(
     path: Path, robot: Robot, angles: str, torques: str, container: Container
 ) -> Log:
     """Read angles and torques from two topics; each angle gets the torque at its time of arrival."""
-    groups, findings = container.read_topics(path, [angles, torques])
+    groups, findings = read_topics(path, [angles, torques], container)
     if angles not in groups or torques not in groups:
         raise WrongMessageType(
             f"{path.name} needs messages on both {angles} and {torques}", where=path.name

@@ -1,9 +1,7 @@
 """The numbers that decide something in reading files; what a file may ask for at most stands in ``dynid.limits``."""
 
-#: Messages that are decoded together, and bytes of messages that are kept before [byte]: large enough for NumPy, small
-#: enough to be forgotten soon. Evidence: benchmarks/read_bag.md (speed and peak memory of an hour).
+#: Messages that are decoded together: enough for NumPy. Evidence: benchmarks/long_logs.py.
 MESSAGES = 4096
-MESSAGE_BYTES = 8 << 20
 #: Least share of distinct header stamps among the messages of a topic: a clock ticks. Evidence: none yet.
 LEAST_DISTINCT = 0.5
 #: Lines from which the dialect of a table is told, rows of numbers among them, and bytes from which its encoding is
@@ -37,7 +35,3 @@ ROUNDED_INERTIA = 1e-6
 MOST_WAYPOINT_RAD = 4 * 3.141592653589793
 #: Least time between two waypoints [s]: what no arm can follow, splines cannot tell from no time. Evidence: none yet.
 LEAST_WAYPOINT_STEP_S = 1e-3
-
-#: Steps of SQLite that every store may take, and those for each of its bytes: pages that name each other as their
-#: children hold rows without end. Evidence: benchmarks/read_bag.md; a row of 300 bytes takes about 15.
-SQLITE_STEPS, SQLITE_STEPS_PER_BYTE = 1_000_000, 4

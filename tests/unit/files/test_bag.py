@@ -7,13 +7,18 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from dynid.errors import BagTruncated, CannotWrite, LogNotFound
-from dynid.files.bag import list_topics, read_topics
+from dynid.files import bag, logs
+from dynid.files.bag import list_topics
 from dynid.files.convert import write_bag as write_log_as_bag
 from dynid.log import Log
 from makelogs import START, joint_state, shared_data, state_messages, write_bag
 
 NAMES = ("shoulder", "elbow", "wrist")
 LOG = Log(np.array([0.0, 0.01, 0.02]), np.arange(6.0).reshape(3, 2), np.ones((3, 2)), ("b", "a"))
+
+
+def read_topics(path, names):
+    return logs.read_topics(path, names, bag)
 
 
 @pytest.mark.parametrize("compression", ["none", "lz4", "bz2"])
