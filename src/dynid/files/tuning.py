@@ -1,6 +1,6 @@
 """The numbers that decide something in reading files; what a file may ask for at most stands in ``dynid.limits``."""
 
-#: Messages that are decoded together: enough for NumPy. Evidence: benchmarks/long_logs.py.
+#: Messages that are decoded together: enough for NumPy; half or double makes no difference.
 MESSAGES = 4096
 #: Least share of distinct header stamps among the messages of a topic: a clock ticks. Evidence: none yet.
 LEAST_DISTINCT = 0.5
