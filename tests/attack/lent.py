@@ -59,7 +59,7 @@ def folders(rng: np.random.Generator, folder: Path) -> list[str]:
     words = WHOLE[rng.integers(len(WHOLE))].split()
     (folder / "link").symlink_to("/tmp")
     for _ in range(rng.integers(1, 3)):
-        kind = rng.integers(0, 9)
+        kind = rng.integers(0, 8)
         if kind <= 2:
             (folder / "dynid.yaml").write_text(json.dumps(_settings(rng, words[0])))
         elif kind == 3:
@@ -118,23 +118,6 @@ def folders(rng: np.random.Generator, folder: Path) -> list[str]:
                 )
             )
             (folder / f"{name}.py").write_text(MODULE)
-        elif kind == 7:
-            some = (
-                "text.usetex: True",
-                "font.size: 1e99",
-                "savefig.format: pgf",
-                "svg.fonttype: x",
-                "figure.dpi: nan",
-                "backend: TkAgg",
-                "\udcff",
-                "axes.prop_cycle: cycler('c', [])",
-                "pgf.texsystem: ./cc",
-            )
-            place = folder / "matplotlibrc"
-            place.unlink(missing_ok=True)
-            os.mkfifo(place) if rng.random() < 0.1 else place.write_text(
-                "\n".join(rng.choice(some, 2)), errors="surrogateescape"
-            )
         else:
             (folder / "robots").mkdir(exist_ok=True)
             for name in ("kinova_gen2", "swing", "arm"):

@@ -742,18 +742,6 @@ CASES = {
         "E2",
     ),
     **{
-        f"a matplotlibrc that {what}": ("matplotlibrc", text, "report out", 0, "wrote")
-        for what, text in (
-            ("starts a program", "text.usetex: True\n"),
-            (
-                "asks for what cannot be",
-                "figure.dpi: 100000000\naxes.prop_cycle: cycler('color', [])\n",
-            ),
-            ("is no text", b"\xff\xfe\x00font"),
-            ("nobody writes", os.mkfifo),
-        )
-    },
-    **{
         f"a compiler in the folder, called {name}": (
             name,
             executable("touch HACKED"),

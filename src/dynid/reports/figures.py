@@ -1,13 +1,14 @@
-"""Figures of results: functions that take objects and return a matplotlib figure, and the one writer of figures.
+"""Figures with matplotlib: functions that take objects and return a figure, and the one writer of figures.
 
-Estimated against measured motion are the paper's Figures 3 to 6.
+The same functions draw for files, for notebooks and for the report. Estimated against measured motion are the paper's
+Figures 3 to 6.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -16,27 +17,24 @@ from numpy.typing import NDArray
 
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.npz import written_whole
-from dynid.reports.chart import Curve, Panel, broken, chart, outline, reach, standalone
-from dynid.reports.style import own_style
 from dynid.robot import Robot
 from dynid.text import TITLE_LENGTH, label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.transforms import Transform
 
 Floats = NDArray[np.float64]
 
 #: Colours that stay apart for colour-blind readers and in print (Okabe and Ito).
 MEASURED, ESTIMATED, RESIDUAL = "#8c8c8c", "#0072b2", "#d55e00"
 GRID = "#e6e6e6"
-#: Parts that the axis of time is divided into at most.
-TICKS = 6
-#: How well PNG files are packed: the usual 6 takes half as long again for 4 %.
-PACKED = 2
-#: Their names, for legends in words.
-COLORS = {"measured": "grey", "estimated": "blue", "residual": "orange"}
+#: Width of a figure [inch]: its text is readable on a telephone and on a screen.
+WIDTH = 4.6
+#: Size of text [points].
+TEXT = 8
+#: Least and largest value of each of so many parts of a curve are drawn; a screen shows no more.
+PARTS = 500
 
 
 @dataclass(frozen=True)
@@ -57,21 +55,20 @@ QUANTITIES = (
 )
 
 
-@own_style()
-def new_figure(width: float, height: float, *, spaced: bool = True) -> Figure:
-    """Return an empty figure of a size [inch] that a notebook draws by itself, without a window or pyplot.
+# ---------------------------------------------------------------- empty figures
+def new_figure(height: float, *, spaced: bool = True) -> Figure:
+    """Return an empty figure of a height [inch] that a notebook draws by itself, without pyplot.
 
     Args:
-        width: of the figure.
         height: of the figure.
         spaced: whether matplotlib finds the room for labels, which takes longer than drawing.
     """
-    return _notebook_figure()(figsize=(width, height), layout="constrained" if spaced else None)
+    return _notebook_figure()(figsize=(WIDTH, height), layout="constrained" if spaced else None)
 
 
 @cache
 def _notebook_figure() -> type[Figure]:
-    # Why once: matplotlib documents every class of figures anew, which takes as long as drawing a panel.
+    # Why once: matplotlib documents every class of figures anew, which takes as long as a panel.
     from io import BytesIO
 
     from matplotlib.figure import Figure
@@ -79,15 +76,68 @@ def _notebook_figure() -> type[Figure]:
     class NotebookFigure(Figure):
         def _repr_png_(self) -> bytes:
             stream = BytesIO()
-            with own_style():
-                self.savefig(stream, format="png", dpi=100)
+            self.savefig(stream, format="png", dpi=100)
             return stream.getvalue()
 
     return NotebookFigure
 
 
+def joint_panels(
+    titles: Sequence[str], each: float, x_labels: Sequence[str], *, over_time: bool = False
+) -> tuple[Figure, NDArray[np.object_]]:
+    """Return a figure with one row of panels per joint, and its axes, (n, columns).
+
+    Args:
+        titles: of the rows, over their first panels.
+        each: height of a panel [inch].
+        x_labels: under the last panel of each column.
+        over_time: whether all share an axis, whose numbers stand under the last, and a legend above.
+    """
+    n, columns = len(titles), len(x_labels)
+    between, above = (0.26, 0.55) if over_time else (0.4, 0.25)
+    left, right, below = 0.5, 0.1, 0.45
+    height = n * each + (n - 1) * between + above + below
+    figure = new_figure(height, spaced=False)
+    axes = figure.subplots(
+        n,
+        columns,
+        squeeze=False,
+        sharex=over_time,
+        gridspec_kw={
+            "left": left / WIDTH,
+            "right": 1 - right / WIDTH,
+            "bottom": below / height,
+            "top": 1 - above / height,
+            "hspace": between / each,
+            "wspace": 0.3 * columns / (WIDTH - left - right),
+        },
+    )
+    for row, title in zip(axes, titles, strict=True):
+        # Why with a height, the usual one: else matplotlib looks whether labels are in the way.
+        row[0].set_title(title, fontsize=TEXT, loc="left", y=1.0, pad=3)
+    for axis in axes.flat:
+        plain(axis)
+    for axis, words in zip(axes[-1], x_labels, strict=True):
+        axis.set_xlabel(words, fontsize=TEXT)
+    return figure, axes
+
+
+def joint_legend(figure: Figure, axes: NDArray[np.object_]) -> None:
+    """Write the names of the curves of ``joint_panels`` in the corner of a figure."""
+    handles = axes[0, 0].get_legend_handles_labels()
+    figure.legend(*handles, loc="upper right", ncols=3, frameon=False, fontsize=TEXT)
+
+
+def plain(axis: Axes) -> None:
+    """Give an axis the look of all figures: few ticks, a faint grid, no frame."""
+    axis.grid(color=GRID, lw=0.6)
+    axis.set_axisbelow(True)
+    axis.tick_params(labelsize=TEXT - 1, length=2)
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
+
+
 # ---------------------------------------------------------------- motion
-@own_style()
 def motion_figure(
     motion: EstimatedMotion,
     robot: Robot,
@@ -103,41 +153,24 @@ def motion_figure(
         motion: measured and estimated motion.
         robot: the arm.
         quantity: what is drawn.
-        title: above the figure.
+        title: above the figure; "" for none.
         joints: names of the joints that are drawn, all without.
         residual_only: draw what is left of the measured values alone, so that it fills the panel.
     """
     numbers = [robot.joint_names.index(name) for name in joints] or list(range(robot.n))
-    columns = 1 if len(numbers) <= 3 else 2
-    lines = -(-len(numbers) // columns)
-    width, height = 5.2 * columns + 0.6, 1.75 * lines + 1.0
-    figure = new_figure(width, height, spaced=False)
-    # Unit: inches, that of the labels, which are as large in every figure.
-    inside, each = width - 0.85 - 0.85 * (columns - 1), (height - 1.05 - 0.45 * (lines - 1)) / lines
-    grid = figure.add_gridspec(
-        lines,
-        columns,
-        left=0.7 / width,
-        right=1 - 0.15 / width,
-        bottom=0.45 / height,
-        top=1 - 0.6 / height,
-        wspace=0.85 * columns / inside,
-        hspace=0.45 / each,
-    )
-    for place, j in enumerate(numbers):
-        # Why the last one: a panel alone in its line takes all of it.
-        alone = place == len(numbers) - 1 and place % columns == 0
-        axis = figure.add_subplot(
-            grid[place // columns, :] if alone else grid[place // columns, place % columns]
-        )
-        _panel(axis, motion, robot, quantity, j, residual_only=residual_only)
-        if place // columns == lines - 1:
-            axis.set_xlabel("time [s]", fontsize=8)
-        _place_labels(axis)
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="upper right", ncols=3, frameon=False, fontsize=9)
-    what = f"residual {quantity.title}" if residual_only else quantity.title
-    figure.suptitle(f"{label(title, TITLE_LENGTH)}: {what}", x=0.01, ha="left", fontsize=11)
+    units = [quantity.units[not robot.joints[j].revolute] for j in numbers]
+    titles = [
+        f"{label(robot.joints[j].name)} [{unit}]" for j, unit in zip(numbers, units, strict=True)
+    ]
+    figure, axes = joint_panels(titles, 0.85, ["time [s]"], over_time=True)
+    for axis, j in zip(axes[:, 0], numbers, strict=True):
+        curves = _shown(motion, quantity, j)
+        _draw_curves(axis, motion.t, {"residual": curves["residual"]} if residual_only else curves)
+    joint_legend(figure, axes)
+    if title:
+        what = f"residual {quantity.title}" if residual_only else quantity.title
+        words = f"{label(title, TITLE_LENGTH)}: {what}"
+        figure.suptitle(words, x=0.01, ha="left", fontsize=TEXT + 1)
     return figure
 
 
@@ -153,38 +186,6 @@ def torque_figure(
     return motion_figure(motion, robot, TORQUE, title, joints=joints, residual_only=residual_only)
 
 
-def _panel(
-    axis: Axes,
-    motion: EstimatedMotion,
-    robot: Robot,
-    quantity: Quantity,
-    j: int,
-    *,
-    residual_only: bool = False,
-) -> None:
-    """Draw a quantity of joint j, measured and estimated; of torques also the residual."""
-    shown = _shown(motion, quantity, j)
-    _curves(axis, motion.t, {"residual": shown["residual"]} if residual_only else shown)
-    # Why with a height, the usual one: else matplotlib looks whether labels are in the way, twice as long as all else.
-    axis.set_title(label(robot.joints[j].name), fontsize=9, loc="left", y=1.0)
-    axis.set_ylabel(quantity.units[not robot.joints[j].revolute], fontsize=8)
-
-
-def _place_labels(axis: Axes) -> None:
-    """Put the labels of both axes at distances that leave room for numbers.
-
-    Why: else matplotlib makes all ticks and their texts twice more, to see where they end.
-    """
-    from matplotlib.transforms import ScaledTranslation
-
-    def moved(x: float, y: float) -> Transform:
-        return axis.transAxes + ScaledTranslation(x, y, axis.figure.dpi_scale_trans)
-
-    # Unit: inches.
-    axis.xaxis.set_label_coords(0.5, 0.0, transform=moved(0.0, -0.22))
-    axis.yaxis.set_label_coords(0.0, 0.5, transform=moved(-0.5, 0.0))
-
-
 def _shown(
     motion: EstimatedMotion, quantity: Quantity, j: int
 ) -> dict[str, tuple[Floats, str, float]]:
@@ -197,44 +198,86 @@ def _shown(
     )
 
 
-def _curves(axis: Axes, t: Floats, curves: Mapping[str, tuple[Floats, str, float]]) -> None:
+def _draw_curves(axis: Axes, t: Floats, curves: Mapping[str, tuple[Floats, str, float]]) -> None:
     """Draw curves with label, values, colour and width; a gap in time stays one."""
     for name, (values, color, width) in curves.items():
-        axis.plot(*outline(*broken(t, values)), color=color, lw=width, label=name)
-    low, high = reach([values for values, _, _ in curves.values()])
-    axis.set_ylim(low, high)
-    axis.grid(color=GRID, lw=0.6)
-    axis.tick_params(labelsize=8)
-    # Why few: a tick takes as long to make as a curve.
-    axis.locator_params(axis="x", nbins=TICKS)
-    for side in ("top", "right"):
-        axis.spines[side].set_visible(False)
+        axis.plot(*thinned(*broken(t, values)), color=color, lw=width, label=name)
+    low, high = np.nanpercentile(
+        np.concatenate([values for values, _, _ in curves.values()]), [0.2, 99.8]
+    )
+    room = 0.12 * max(high - low, 1e-9)
+    axis.set_ylim(low - room, high + room)
+    axis.locator_params(axis="y", nbins=4)
+
+
+def thinned(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return a curve by the least and the largest value of each of its parts, in their order; a short one as it is.
+
+    Why not every k-th point: a spike between two of them would not be seen.
+
+    Args:
+        x: (M,).
+        y: (M,); not a number where the curve breaks.
+    """
+    if len(x) <= 2 * PARTS:
+        return x, y
+    edges = np.linspace(0, len(x), PARTS + 1).astype(int)
+    breaks = np.flatnonzero(~np.isfinite(y))
+    filled = np.where(np.isfinite(y), y, 0.0)
+    rows = edges[:-1, None] + np.arange(int(np.diff(edges).max()))
+    rows = np.minimum(rows, edges[1:, None] - 1)
+    extremes = np.stack([np.argmin(filled[rows], axis=1), np.argmax(filled[rows], axis=1)], axis=1)
+    kept = np.unique(np.concatenate([(rows[:, :1] + extremes).ravel(), breaks, [0, len(x) - 1]]))
+    return x[kept], y[kept]
+
+
+def broken(t: Floats, x: Floats) -> tuple[Floats, Floats]:
+    """Return a curve over time that breaks where time does: a line across a gap would show what nobody measured.
+
+    Args:
+        t: (M,) [s].
+        x: (M,).
+    """
+    steps = np.diff(t)
+    usual = np.median(steps) if len(steps) else 0.0
+    gaps = np.flatnonzero(np.abs(steps) > 5 * max(usual, 1e-12)) + 1
+    return np.insert(t.astype(float), gaps, np.nan), np.insert(x.astype(float), gaps, np.nan)
 
 
 # ---------------------------------------------------------------- files
-@own_style()
-def save(figure: Figure, stream: IO[Any], kind: str, **options: Any) -> None:  # noqa: ANN401
-    """Write a figure as PNG or SVG.
+def save(figure: Figure, stream: IO[Any], kind: str, *, salt: str = "dynid") -> None:
+    """Write a figure as PNG or SVG; equal figures give equal bytes.
 
     Why not its own savefig: that draws everything twice, the first time for nothing.
+
+    Args:
+        figure: the figure.
+        stream: where to.
+        kind: ``"png"`` or ``"svg"``.
+        salt: keeps ids of several SVG elements on one page apart.
     """
+    from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
-    if kind == "svg":
-        draw: Any = FigureCanvasSVG(figure).print_svg
-    else:
-        draw = partial(FigureCanvasAgg(figure).print_png, pil_kwargs={"compress_level": PACKED})
-    draw(stream, **options)
+    if kind == "png":
+        figure.set_dpi(160)
+        FigureCanvasAgg(figure).print_png(  # type: ignore[no-untyped-call]
+            stream, metadata={"Software": None}, pil_kwargs={"compress_level": 2}
+        )
+        return
+    figure.set_dpi(72)
+    nothing = dict.fromkeys(("Date", "Creator", "Type", "Format"))
+    with rc_context({"svg.hashsalt": salt, "svg.fonttype": "none"}):
+        FigureCanvasSVG(figure).print_svg(  # type: ignore[no-untyped-call]
+            stream, metadata=nothing
+        )
 
 
 def write_figure(figure: Figure, path: Path) -> Path:
-    """Write a figure as PNG or SVG, as its suffix says; equal figures give equal bytes."""
-    kind = path.suffix[1:]
-    figure.set_dpi(110)
-    # Why: without a fixed salt and date two runs on the same log would give different SVG files.
-    with own_style({"svg.hashsalt": "dynid"}), written_whole(path) as stream:
-        save(figure, stream, kind, metadata={"Date": None} if kind == "svg" else {"Software": None})
+    """Write a figure as PNG or SVG, as its suffix says."""
+    with written_whole(path) as stream:
+        save(figure, stream, path.suffix[1:])
     return path
 
 
@@ -245,30 +288,6 @@ def write_motion_figures(
     paths = []
     for quantity in QUANTITIES:
         figure = motion_figure(motion, robot, quantity, title)
+        write_figure(figure, folder / f"{quantity.title}.svg")
         paths.append(write_figure(figure, folder / f"{quantity.title}.png"))
-        said = ", ".join(
-            f"{color} {name}"
-            for name, color in COLORS.items()
-            if name != "residual" or quantity is TORQUE
-        )
-        drawing = motion_chart(motion, robot, quantity, f"{title}: {quantity.title} ({said})")
-        with written_whole(folder / f"{quantity.title}.svg") as stream:
-            stream.write(drawing.encode())
     return paths
-
-
-def motion_chart(motion: EstimatedMotion, robot: Robot, quantity: Quantity, title: str) -> str:
-    """Draw what ``motion_figure`` shows as the text of an SVG file, one panel below the other."""
-    panels = []
-    for j, joint in enumerate(robot.joints):
-        shown = _shown(motion, quantity, j)
-        curves = (
-            Curve(*broken(motion.t, values), name, width)
-            for name, (values, _, width) in shown.items()
-        )
-        ends = reach([values for values, _, _ in shown.values()])
-        panels.append(
-            Panel(joint.name, tuple(curves), *ends, unit=quantity.units[not joint.revolute])
-        )
-    colors = {"measured": MEASURED, "estimated": ESTIMATED, "residual": RESIDUAL, "faint": GRID}
-    return standalone(chart(panels, "time [s]", title, width=720.0, height=110.0), title, colors)

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.npz import written_whole
-from dynid.reports.style import own_style
 from dynid.trajectory.clearance import Capsules, Distance
 from dynid.trajectory.drawing import COLORS
 from dynid.trajectory.feasible import position_range
@@ -26,7 +25,6 @@ ELEVATION, AZIMUTH, SIZE = 18, -50, 4.0
 POINTS = 72
 
 
-@own_style()
 def draw_motion(
     path: Path, trajectory: Trajectory, capsules: Capsules, nearest: Sequence[Distance], title: str
 ) -> None:

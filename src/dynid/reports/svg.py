@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dynid.reports.figures import ESTIMATED, GRID, MEASURED, RESIDUAL, save
-from dynid.reports.style import own_style
 from dynid.text import html
 
 if TYPE_CHECKING:
@@ -22,96 +20,60 @@ class Picture:
     """A figure with what a reader needs to judge it.
 
     Attributes:
-        svgs: the drawings; several stand side by side where there is room.
+        svg: the drawing.
         read: how to read it, one sentence.
         worry: which value would be worrying, one sentence.
-        narrow: whether two drawings fit side by side on a telephone.
     """
 
-    svgs: tuple[str, ...]
+    svg: str
     read: str
     worry: str
-    narrow: bool = False
 
 
 #: Stands for the page's text colour until the figure is written.
 INK = "#010203"
-#: Stands for the page's faint lines.
-FAINT = "#040506"
 #: What the page shows for the colours of figures; the style sheet has lighter ones for the dark.
 _SHOWN = {
     INK: "currentColor",
-    FAINT: "var(--faint)",
     GRID: "var(--faint)",
     MEASURED: "var(--measured)",
     ESTIMATED: "var(--estimated)",
     RESIDUAL: "var(--residual)",
 }
+_OF_TEXT = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color")
+_OF_PAPER = ("figure.facecolor", "axes.facecolor", "savefig.facecolor", "legend.facecolor")
 
 
-@contextmanager
-def page_style(name: str) -> Iterator[None]:
-    """Draw with the page's colours; ``name`` keeps the ids of several figures on one page apart."""
-    style: dict[Any, Any] = {
-        "svg.fonttype": "none",
-        "svg.hashsalt": name,
-        "font.family": "sans-serif",
-        "font.size": 8,
-        "axes.axisbelow": True,
-        "text.color": INK,
-        "axes.labelcolor": INK,
-        "axes.edgecolor": INK,
-        "axes.titlecolor": INK,
-        "xtick.color": INK,
-        "ytick.color": INK,
-        "grid.color": FAINT,
-        "figure.facecolor": "none",
-        "axes.facecolor": "none",
-        "savefig.facecolor": "none",
-        "legend.facecolor": "none",
-        "path.simplify_threshold": 0.3,
-    }
-    with own_style(style):
-        yield
-
-
-def drawn(name: str, draw: Callable[[], Figure], label: str) -> str:
-    """Return a figure as an SVG element in the style of the page.
-
-    Args:
-        name: keeps its ids apart from those of other figures.
-        draw: draws it.
-        label: what it shows, for those who cannot see it.
-    """
-    with page_style(name):
-        return as_svg(draw(), label)
-
-
-def as_svg(figure: Figure, label: str) -> str:
+def drawn(draw: Callable[[], Figure], label: str) -> str:
     """Return a figure as an SVG element that fills the width it is given.
 
     Args:
-        figure: the figure, drawn in ``page_style``.
-        label: what it shows, for those who cannot see it.
+        draw: draws it.
+        label: what it shows, for those who cannot see it; no other figure of the page has the same.
     """
+    from matplotlib import rc_context
+
     stream = io.StringIO()
-    save(
-        figure,
-        stream,
-        "svg",
-        metadata={"Date": None, "Creator": None, "Type": None, "Format": None},
-    )
-    text = stream.getvalue()
-    text = text[text.index("<svg") :]
-    head, rest = text.split(">", 1)
+    style = dict.fromkeys(_OF_TEXT, INK) | dict.fromkeys(_OF_PAPER, "none")
+    with rc_context(style):  # type: ignore[arg-type]
+        save(draw(), stream, "svg", salt=label)
+    return embedded(stream.getvalue(), label)
+
+
+def embedded(text: str, label: str) -> str:
+    """Return the text of an SVG file of matplotlib as an element of a page."""
+    head, rest = text[text.index("<svg") :].split(">", 1)
     box = re.search(r'viewBox="[^"]*"', head)
     assert box is not None
-    opening = f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" {box[0]}'
-    rest = re.sub(r"<metadata>.*?</metadata>", "", rest, flags=re.S)
     used = set(re.findall(r'(?:url\(|href=")#([^)"]+)', rest))
     # Why: names of groups are the same in every figure, and ids must be unique on a page.
     rest = re.sub(r' id="([^"]+)"', lambda match: match[0] if match[1] in used else "", rest)
-    for drawn, shown in _SHOWN.items():
-        rest = rest.replace(drawn, shown)
+    for color, shown in _SHOWN.items():
+        rest = rest.replace(color, shown)
+    # A hundredth of a point is finer than a screen.
+    rest = re.sub(r"(\.\d\d)\d{3,}", r"\1", rest)
     rest = re.sub(r"font: ([0-9.]+)px [^;\"]*", r"font-size: \1px; font-family: inherit", rest)
-    return f'{opening} role="img" aria-label="{html(label)}">{rest}'
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
+        f'{box[0]} role="img" aria-label="{html(label)}">{rest}'
+    )

@@ -155,6 +155,6 @@ def _inertia(result: Identification, q: Floats) -> Floats:
 def save_figure(found: SimulatorGap, path: Path) -> Path:
     """Write the picture of the position errors."""
     from dynid.reports.figures import write_figure
-    from dynid.reports.simulator import simulator_figure
+    from dynid.reports.gap_figures import simulator_figure
 
     return write_figure(simulator_figure(found), path)

@@ -11,9 +11,9 @@ from dynid.gap.localisation import JointGap, ResidualRegion
 from dynid.gap.record import SCHEMA, GapEffect, GapRecord, read_record, write_record
 from dynid.gap.refit import HeldOutImprovement
 from dynid.npz import write_artifact
-from dynid.reports.charts import binned
 from dynid.reports.gap_figures import effect_figure
 from dynid.reports.page import page
+from dynid.reports.section_figures import binned
 
 NASTY = '<b>x & "y"</b>'
 

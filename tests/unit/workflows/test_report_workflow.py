@@ -26,8 +26,8 @@ def test_a_new_result_has_a_report_with_its_motion_and_excitation(result):
         "singular values",
         "range",
         "standard error",
-        *["measured and estimated torque"] * 2,
-        *["mean and spread"] * 4,
+        "measured and estimated torque",
+        "mean and spread",
         "the arm from two sides with an ellipsoid for each link&#x27;s mass and inertia",
     ]
 

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
+from dynid.gap.formulas import HeldOutEffect
 from dynid.gap.record import GapEffect, GapRecord
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.reports.gap_figures import effect_figure, improvement_figure, residual_figure
+from dynid.reports.gap_figures import (
+    effect_figure,
+    improvement_figure,
+    residual_figure,
+    simulator_figure,
+)
 from dynid.reports.gathered import Gathered
-from dynid.reports.simulator import simulator_figure
 from dynid.reports.svg import Picture, drawn
 from dynid.text import shell
 
@@ -42,7 +47,7 @@ def _driven(gathered: Gathered) -> list[Picture]:
     said = f"{found.engine}: simulated less measured position of each joint, {' and '.join(found.models)}"
     return [
         Picture(
-            (drawn("gap-simulator", lambda: simulator_figure(found), said),),
+            drawn(lambda: simulator_figure(found), said),
             f"{found.sentence()} The exported files are driven by the measured torques and one soft controller.",
             "A line after that is no nearer to zero: what was added does not move the arm like that.",
         )
@@ -67,45 +72,38 @@ def _row(one: GapEffect) -> dict[str, Any]:
 
 
 def _pictures(record: GapRecord) -> list[Picture]:
-    effects = [
-        Picture(
-            (
-                drawn(
-                    f"gap-effect-{k}",
-                    lambda one=one, curve=curve: effect_figure(one, curve, ""),  # type: ignore[misc]
-                    f"unseen data without and with {one.formula or one.effect} on {one.where}, and its curve",
-                ),
-            ),
-            f"{one.formula or CATALOGUE[one.effect].title} on {one.where}. Left: the error on unseen data "
-            "without and with the effect. Right: the torque that is left for it, and its curve.",
-            "A curve that misses the dots: the effect may be right, but its shape is not.",
-        )
-        for k, (one, curve) in enumerate(record.drawn())
-    ]
+    effects = [_effect(one, curve) for one, curve in record.drawn()]
     return [
         *effects,
         Picture(
-            (
-                drawn(
-                    "gap-shrink",
-                    lambda: improvement_figure(
-                        record.improvement, record.joint_names, record.torque_units, ""
-                    ),
-                    "held-out error of each joint before and after the missing effects, with the noise",
+            drawn(
+                lambda: improvement_figure(
+                    record.improvement, record.joint_names, record.torque_units, ""
                 ),
+                "held-out error of each joint before and after the missing effects, with the noise",
             ),
             "Each joint's error on torque that was not fitted, without and with the named effects; line: the noise.",
             "A bar after that is still far right of the noise: something else is missing there.",
         ),
         Picture(
-            (
-                drawn(
-                    "gap-where",
-                    lambda: residual_figure(record.joints, record.joint_names, ""),
-                    "residual power over noise power of each joint, by speed, position, load, time and reversal",
-                ),
+            drawn(
+                lambda: residual_figure(record.joints, record.joint_names, ""),
+                "residual power over noise power of each joint, by speed, position, load, time and reversal",
             ),
             "Residual power over noise power in each part of the motion before anything was added; 1 is the noise.",
             "Above 1.25 something is missing; 10 and more, and the joint is badly modelled there.",
         ),
     ]
+
+
+def _effect(one: GapEffect, curve: HeldOutEffect) -> Picture:
+    """Return the picture of a named effect or formula."""
+    return Picture(
+        drawn(
+            lambda: effect_figure(one, curve, ""),
+            f"unseen data without and with {one.formula or one.effect} on {one.where}, and its curve",
+        ),
+        f"{one.formula or CATALOGUE[one.effect].title} on {one.where}. Above: the error on unseen data "
+        "without and with the effect. Below: the torque that is left for it, and its curve.",
+        "A curve that misses the dots: the effect may be right, but its shape is not.",
+    )

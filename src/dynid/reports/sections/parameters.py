@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from dynid.reports.charts import error_chart
 from dynid.reports.gathered import Gathered
-from dynid.reports.svg import Picture
+from dynid.reports.section_figures import error_figure
+from dynid.reports.svg import Picture, drawn
 from dynid.robot import LINK_PARAMETERS
 from dynid.table import with_error
 
@@ -30,7 +30,7 @@ def parameters(gathered: Gathered) -> dict[str, Any]:
         grid.append((name, cells))
     label = "standard error of each base parameter in percent of its value"
     errors = Picture(
-        (error_chart(gathered.result, label),),
+        drawn(lambda: error_figure(gathered.result), label),
         "Each bar is a parameter's standard error in percent of its value; bars are cut at 300 %. Grey bars belong to "
         "parameters that are zero as far as the torques can tell.",
         "Blue bars above the dashed line (10 %): do not quote those values without their error.",

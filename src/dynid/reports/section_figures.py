@@ -1,0 +1,253 @@
+"""Figures of the report's sections: excitation, parameters, residual, bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.estimation.covariance import NEGLIGIBLE
+from dynid.estimation.prediction import EstimatedMotion
+from dynid.estimation.residual_model import GROUP_NAMES
+from dynid.estimation.result import Identification
+from dynid.model.kinematics import link_frames
+from dynid.model.parameters import second_moments
+from dynid.reports.figures import (
+    ESTIMATED,
+    MEASURED,
+    RESIDUAL,
+    TEXT,
+    joint_panels,
+    new_figure,
+    plain,
+)
+from dynid.robot import Joint, Robot
+from dynid.text import label
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.float64]
+
+#: Share of the largest singular value below which noise is amplified a thousandfold.
+WEAK_DIRECTION = 1e-3
+#: Errors are cut at these ends of their axis [%].
+LEAST_ERROR, MOST_ERROR = 0.05, 300.0
+#: Colours of the groups of the residual model, and of what it leaves.
+GROUP_COLORS = (ESTIMATED, "#009e73", "#cc79a7", RESIDUAL)
+#: Bins of the residual's mean and spread.
+BINS = 24
+#: What the residual is drawn over, with the units of turning and sliding joints.
+AGAINST = {
+    "velocity": ("rad/s", "m/s"),
+    "position": ("rad", "m"),
+    "load": ("N m", "N"),
+    "time": ("s", "s"),
+}
+
+
+# ---------------------------------------------------------------- excitation
+def spectrum_figure(singular_values: Floats) -> Figure:
+    """Draw the singular values of a stack with normalised columns, (p,), over the largest."""
+    share = np.maximum(singular_values / singular_values[0], 1e-12)
+    figure = new_figure(2.0)
+    axis = figure.subplots()
+    axis.semilogy(np.arange(1, len(share) + 1), share, "o-", color=ESTIMATED, ms=2.5, lw=0.8)
+    _plain_decades(axis.yaxis)
+    _threshold(axis.axhline, WEAK_DIRECTION)
+    axis.set_xlabel("direction in the space of base parameters", fontsize=TEXT)
+    axis.set_ylabel("singular value / largest", fontsize=TEXT)
+    plain(axis)
+    return figure
+
+
+def coverage_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
+    """Draw the range of positions and speeds of each joint beside its limits."""
+    figure = new_figure(0.2 * robot.n + 0.8)
+    done_by = {"position": motion.q_estimated, "velocity": motion.qd_estimated}
+    for axis, (what, values) in zip(
+        figure.subplots(1, 2, sharey=True), done_by.items(), strict=True
+    ):
+        limits = [_limits(joint, what) for joint in robot.joints]
+        done = zip(values.min(axis=0), values.max(axis=0), strict=True)
+        for ends, height, color in ((limits, 0.7, MEASURED), (done, 0.35, ESTIMATED)):
+            low, high = np.array(list(ends)).T
+            alpha = 0.4 if color is MEASURED else 1.0
+            axis.barh(range(robot.n), high - low, height, low, color=color, alpha=alpha)
+        axis.set_xlabel(_with_unit(what, robot), fontsize=TEXT)
+        plain(axis)
+    name_rows(figure.axes[0], robot.joint_names)
+    return figure
+
+
+def _limits(joint: Joint, what: str) -> tuple[float, float]:
+    """Return the ends of what a joint may do, ``"position"`` or ``"velocity"``; not a number where there are none."""
+    speed = joint.limits.velocity or np.nan
+    ends = joint.limits.position if what == "position" else (-speed, speed)
+    return ends or (np.nan, np.nan)
+
+
+# ---------------------------------------------------------------- parameters
+def error_figure(found: Identification) -> Figure:
+    """Draw the standard error of each base parameter in percent of its value; nothing where that is not determined."""
+    finite = np.isfinite(found.std_error) & (np.abs(found.theta) > 0)
+    share = 100 * found.std_error[finite] / np.abs(found.theta[finite])
+    colors = [
+        MEASURED if knowledge == NEGLIGIBLE else ESTIMATED
+        for knowledge, shown in zip(found.knowledge, finite, strict=True)
+        if shown
+    ]
+    figure = new_figure(0.115 * len(found.theta) + 0.5)
+    axis = figure.subplots()
+    axis.barh(
+        np.flatnonzero(finite),
+        np.clip(share, LEAST_ERROR, MOST_ERROR) - LEAST_ERROR,
+        left=LEAST_ERROR,
+        color=colors,
+    )
+    axis.set_xscale("log")
+    _plain_decades(axis.xaxis)
+    axis.set_xlim(LEAST_ERROR, MOST_ERROR)
+    _threshold(axis.axvline, 10.0)
+    axis.set_xlabel("error / value [%]", fontsize=TEXT)
+    plain(axis)
+    name_rows(axis, found.names)
+    return figure
+
+
+# ---------------------------------------------------------------- residual
+def residual_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
+    """Draw mean and spread of the residual torque, one row of panels per joint, one column for each of ``AGAINST``."""
+    titles = [f"{label(joint.name)} [{joint.torque_unit}]" for joint in robot.joints]
+    figure, axes = joint_panels(titles, 0.5, [_with_unit(against, robot) for against in AGAINST])
+    for j, row in enumerate(axes):
+        for axis, against in zip(row, AGAINST, strict=True):
+            centre, mean, spread, size = residual_averages(motion, j, against)
+            axis.axhline(0.0, color=MEASURED, lw=0.8)
+            axis.fill_between(
+                centre, mean - spread, mean + spread, color=ESTIMATED, alpha=0.25, lw=0
+            )
+            axis.plot(centre, mean, color=ESTIMATED, lw=1.2)
+            axis.set_ylim(-3.2 * max(size, 1e-9), 3.2 * max(size, 1e-9))
+            axis.locator_params(axis="x", nbins=3)
+            axis.locator_params(axis="y", nbins=3)
+            axis.tick_params(labelleft=axis is row[0])
+    return figure
+
+
+def residual_averages(
+    motion: EstimatedMotion, joint: int, against: str
+) -> tuple[Floats, Floats, Floats, float]:
+    """Return centres of bins over one of ``AGAINST``, mean and spread of the residual in each, and the whole spread."""
+    usable = motion.usable[:, joint]
+    residual = (motion.tau_measured[:, joint] - motion.tau_estimated[:, joint])[usable]
+    values = {
+        "velocity": motion.qd_estimated[:, joint],
+        "position": motion.q_estimated[:, joint],
+        "load": motion.tau_estimated[:, joint],
+        "time": motion.t,
+    }[against][usable]
+    return *binned(values, residual), float(np.std(residual)) if usable.any() else 1.0
+
+
+def binned(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return centres, means and spreads of y, (M,), in bins of equal count over x, (M,); each (BINS,)."""
+    order = np.argsort(x)
+    parts = [part for part in np.array_split(order, BINS) if len(part) > 1]
+    rows = [(float(x[part].mean()), float(y[part].mean()), float(y[part].std())) for part in parts]
+    centre, mean, spread = np.array(rows).reshape(-1, 3).T
+    return centre, mean, spread
+
+
+def residual_model_figure(found: Identification) -> Figure:
+    """Draw the rms torque that the residual model of a result holds by group, and what it leaves, by joint [%]."""
+    error = found.model_error
+    assert error is not None, "only results with a residual model have this figure"
+    torque = np.array([max(joint.torque_rms, 1e-12) for joint in found.joints])
+    left = 100 * np.array([joint.rms for joint in found.joints]) / torque
+    shares = [*(100 * error.rms[:, :-1] / torque[:, None]).T, left]
+    names = [*(f"held: {name}" for name in GROUP_NAMES), "left"]
+    figure = new_figure(0.42 * len(torque) + 0.9)
+    axis = figure.subplots()
+    for k, (name, values, color) in enumerate(zip(names, shares, GROUP_COLORS, strict=True)):
+        axis.barh(np.arange(len(torque)) + 0.2 * (k - 1.5), values, 0.2, color=color, label=name)
+    axis.set_xlabel("rms, percent of the joint's torque", fontsize=TEXT)
+    figure.legend(loc="outside upper center", ncols=2, frameon=False, fontsize=TEXT - 1)
+    plain(axis)
+    name_rows(axis, [joint.joint for joint in found.joints])
+    return figure
+
+
+# ---------------------------------------------------------------- bodies
+def bodies_figure(robot: Robot, links: list[dict[str, Any]]) -> Figure:
+    """Draw the arm in a bent pose from two sides, each body as the uniform ellipsoid with its mass and inertia."""
+    # Why bent: no link hides the next.
+    pose = np.array([0.8 if joint.revolute else 0.1 for joint in robot.joints])
+    poses = link_frames(robot, pose).poses
+    points = np.vstack([np.zeros(3), poses[:, :3, 3]])
+    figure = new_figure(3.2)
+    for axis, (u, v) in zip(figure.subplots(1, 2), ((0, 2), (1, 2)), strict=True):
+        axis.plot(points[:, u], points[:, v], "o-", color=MEASURED, lw=2, ms=3)
+        for link in links:
+            outline = body_outline(poses[link["link"] - 1], link, (u, v))
+            from_data = sum(origin == "data" for origin in link["origin"].values()) >= 5
+            color = ESTIMATED if from_data else RESIDUAL
+            axis.fill(*outline.T, facecolor=color, alpha=0.35)
+            axis.plot(*outline.T, color=color, lw=1)
+            axis.text(*outline.mean(axis=0), link["link"], fontsize=TEXT, ha="center", va="center")
+        axis.set_aspect("equal", adjustable="datalim")
+        axis.set_xlabel(f"{'xyz'[u]} [m]", fontsize=TEXT)
+        axis.set_ylabel(f"{'xyz'[v]} [m]", fontsize=TEXT)
+        plain(axis)
+    return figure
+
+
+def body_outline(
+    pose: Floats, link: dict[str, Any], plane: tuple[int, int], count: int = 48
+) -> Floats:
+    """Return the outline of a link's ellipsoid in the plane of two axes of frame 0, (count, 2) [m]."""
+    R, view = pose[:3, :3], list(plane)
+    centre = (R @ np.array(link["com_m"]) + pose[:3, 3])[view]
+    # Why 5: a uniform ellipsoid has semi-axes of sqrt(5) standard deviations.
+    spread = 5 * second_moments(inertia_tensor(link)) / max(link["mass_kg"], 1e-9)
+    values, vectors = np.linalg.eigh((R @ spread @ R.T)[np.ix_(view, view)])
+    angle = np.linspace(0, 2 * np.pi, count)
+    ring = np.sqrt(np.maximum(values, 0))[:, None] * np.array([np.cos(angle), np.sin(angle)])
+    return np.asarray(centre + (vectors @ ring).T)
+
+
+def inertia_tensor(link: dict[str, Any]) -> Floats:
+    """Return the inertia about the centre of mass, (3, 3) [kg m^2]."""
+    full = np.zeros((3, 3))
+    for name, value in link["inertia_com_kg_m2"].items():
+        i, j = "xyz".index(name[1]), "xyz".index(name[2])
+        full[i, j] = full[j, i] = value
+    return full
+
+
+# ---------------------------------------------------------------- parts of figures
+def _with_unit(against: str, robot: Robot) -> str:
+    """Return one of ``AGAINST`` with its units for the joints of an arm."""
+    units = dict.fromkeys(AGAINST[against][not joint.revolute] for joint in robot.joints)
+    return f"{against} [{', '.join(units)}]"
+
+
+def name_rows(axis: Axes, names: Sequence[str]) -> None:
+    """Write names beside the rows of bars, the first on top."""
+    axis.set_yticks(range(len(names)), [label(name) for name in names], fontsize=TEXT - 1)
+    axis.set_ylim(len(names) - 0.4, -0.6)
+
+
+def _plain_decades(axis: Axis) -> None:
+    """Write the decades of a logarithmic axis as numbers: formulas take longer than the figure."""
+    axis.set_major_formatter("{x:g}")
+    axis.minorticks_off()
+
+
+def _threshold(line: Callable[..., Any], value: float) -> None:
+    """Draw a dashed line at a value with ``axhline`` or ``axvline`` of an axis."""
+    line(value, color=RESIDUAL, lw=1.0, ls="--")
