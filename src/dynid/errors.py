@@ -559,31 +559,12 @@ class ServiceMissing(DynidError):
     fix = "is the driver running? use the physical stop button"
 
 
-# ---------------------------------------------------------------- 7: decisions
 class SchedulerSilent(DynidError):
     """No Dask scheduler answers."""
 
     code, status = "E608", ExitStatus.MACHINE
     why = "its workers run the jobs"
     fix = "start it (dask scheduler), then the same command again: what is done is not done again"
-
-
-class WorkersDied(DynidError):
-    """Worker after worker died under one task."""
-
-    code, status = "E609", ExitStatus.MACHINE
-    why = "a task that needs more memory than a worker may take ends like this"
-    fix = (
-        "fewer --jobs or more --memory, then the same command again: what is done is not done again"
-    )
-
-
-class WorkerDiffers(DynidError):
-    """A worker cannot do what was asked as this machine would."""
-
-    code, status = "E610", ExitStatus.MACHINE
-    why = "results would depend on which worker did the job, or would not be found"
-    fix = "install the same dynid on all workers, and run from a folder that all of them have"
 
 
 class OutOfMemory(DynidError):
@@ -594,6 +575,7 @@ class OutOfMemory(DynidError):
     fix = "give a shorter log or fewer effects, end other programs, or use another machine"
 
 
+# ---------------------------------------------------------------- 7: decisions
 class StaleCache(DynidError):
     """A model was made from another version of the robot file, and --frozen forbids to rebuild it."""
 

@@ -94,12 +94,6 @@ LIMITS: dict[str, Limit] = {
         "a text log",
         "an hour of seven joints at 500 Hz has 400 MB; it is read block by block",
     ),
-    "fetched_bytes": Limit(
-        64 * 1024 * MIB,
-        "bytes",
-        "a recording at a URL",
-        "eight hours with a camera have 50 GB; it is copied to disk",
-    ),
     "line_bytes": Limit(MIB, "bytes", "one line of a text log", "a row of 1000 columns has 20 kB"),
     "nesting": Limit(
         50,

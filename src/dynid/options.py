@@ -246,21 +246,6 @@ def share_or_none(value: Any, name: str) -> float | None:  # noqa: ANN401
     return None if value is None else share(value, name)
 
 
-def bytes_or_none(value: Any, name: str) -> int | None:  # noqa: ANN401
-    """Return a number of bytes, written as ``4GB``, ``500 MiB`` or a number; None where none is given."""
-    if value is None:
-        return None
-    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([kMGT]?)(i?)B?\s*", str(value))
-    found = (
-        0.0
-        if match is None
-        else float(match[1]) * (1024 if match[3] else 1000) ** " kMGT".index(match[2] or " ")
-    )
-    if found < 1:
-        raise WrongUsage(f"{name} '{value}' is no size of memory", fix=f"such as {name} 4GB")
-    return int(found)
-
-
 _NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
 _INTERVAL = re.compile(f"{_NUMBER}-{_NUMBER}")
 

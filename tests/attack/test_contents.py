@@ -22,7 +22,6 @@ from dynid.estimation.compare import compare
 from dynid.estimation.payload import find_payload
 from dynid.estimation.posterior import parameter_posterior
 from dynid.files import artifact
-from dynid.files.batchfile import Job
 from dynid.files.contents import Contents
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.gap import record
@@ -36,7 +35,6 @@ from dynid.sim.comparison import SimulatorGap
 from dynid.workflows.earlier_information import require_same_arm
 from dynid.workflows.gap_result import with_methods
 from dynid.workflows.identify import identify
-from dynid.workflows.job import RECORD, recorded
 from dynid.workflows.model import base_model
 from dynid.workflows.parameters import load_observations
 from dynid.workflows.robots import load_robot
@@ -346,22 +344,6 @@ def test_a_load_is_not_found_against_an_arm_with_other_joints(originals):
     joints = tuple(replace(joint, joint=f"{joint.joint}_2") for joint in one.joints)
     with pytest.raises(WrongUsage, match="different base parameters"):
         find_payload(one, replace(one, quality=replace(one.quality, joints=joints)))
-
-
-def test_a_record_of_a_job_with_an_odd_fact_is_used_or_the_job_is_done_again(originals, tmp_path):
-    original = (originals / "out" / "batch" / "one" / RECORD).read_text()
-    done = Job("one", "arm.yaml", (Path("log.csv"),))
-    (tmp_path / "parameters.npz").touch()
-    used = 0
-    for seed in range(first_seed(), first_seed() + inputs_wanted(10_000)):
-        facts = json.loads(original)
-        other_fact(np.random.default_rng([seed, 8]), facts)
-        (tmp_path / RECORD).write_text(json.dumps(facts))
-        found = recorded(done, tmp_path, json.loads(original)["key"])
-        if found is not None:
-            used += 1
-            assert found.facts()["outcome"] in ("passed", "beyond a limit")
-    assert used > 0
 
 
 @pytest.mark.parametrize("name", ["tau", "qdd"])

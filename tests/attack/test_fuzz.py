@@ -278,7 +278,6 @@ KINDS = {
             "compare out",
         ],
     ),
-    "record": ("out/batch/one/job.json", richer.record, 100, ["run batch.yaml --out out/batch"]),
     "names": (
         "log.npz",
         richer.names,
@@ -336,7 +335,6 @@ TEXT = (
     richer.spreadsheet,
     richer.batch_keys,
     richer.run_file,
-    richer.record,
 )
 
 

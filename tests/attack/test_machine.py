@@ -227,30 +227,6 @@ def watched(tmp_path):
     return watch, seen
 
 
-@pytest.mark.parametrize(
-    "url",
-    [
-        "file://{}/log.npz",
-        "memory://lab/log.npz",
-        "http://127.0.0.1:9/log.npz",
-        "ftp://127.0.0.1:9/log.npz",
-        "s3://lab/log.npz",
-    ],
-)
-def test_a_log_at_a_url_opens_a_connection_only_where_its_url_says(url, folder, watched):
-    watch, seen = watched
-    log = url.format(folder)
-    (folder / "batch.yaml").write_text(f"jobs: [{{name: one, robot: arm.yaml, logs: ['{log}']}}]")
-    ended = run(
-        ["run", "batch.yaml", "--out", "out/b", "--jobs", "1", *FLAGS], folder, prepare=watch
-    )
-    assert ended.status in ((0,) if url.startswith("file") else (3, 6)), ended
-    said = seen.read_text().splitlines() if seen.exists() else []
-    there = "'127.0.0.1', 9" if "127.0.0.1" in url else None
-    assert [line for line in said if there is None or there not in line] == []
-    assert bool(said) == url.startswith("ftp")
-
-
 @pytest.mark.parametrize("part", range(3))
 def test_no_command_opens_a_connection_but_to_the_ros_master_that_it_was_given(
     part, folder, watched

@@ -472,34 +472,6 @@ CASES = {
         3,
         "invalid character",
     ),
-    "a job at an endless URL": (
-        "batch.yaml",
-        job(logs="file:///dev/zero"),
-        "run batch.yaml --out out",
-        3,
-        "it is no regular file",
-    ),
-    "a job at a URL of 50 000 characters": (
-        "batch.yaml",
-        json.dumps(
-            {
-                "jobs": [
-                    {"name": k, "robot": "arm.yaml", "logs": ["memory://" + "a" * 50_000] * 2}
-                    for k in "ab"
-                ]
-            }
-        ),
-        "run batch.yaml --out out/b",
-        3,
-        "nothing can be read",
-    ),
-    "a job at a URL of a URL": (
-        "batch.yaml",
-        job(logs="reference://::file:///etc/passwd"),
-        "run batch.yaml --out out",
-        3,
-        "not the URL of a recording",
-    ),
     "merged mappings that double 24 times": (
         "out/run.yaml",
         "a: &a {x: 1, y: 2}\n"

@@ -22,7 +22,6 @@ REFUSED = {
     "out: ../elsewhere": "model arm.yaml",
     "model: {out: link/x}": "model arm.yaml",
     "run: {scheduler: 'tcp://127.0.0.1:1'}": "run batch.yaml",
-    "run: {dashboard: true}": "run batch.yaml",
     "run: {junit: /tmp/j.xml}": "run batch.yaml",
     "identify: {open: true}": "identify arm.yaml log.csv",
     "identify: {prior: ../prior.yaml}": "identify arm.yaml log.csv",

@@ -13,7 +13,7 @@ import dynid
 
 ROOT = Path(__file__).parents[2]
 #: Module where it is called otherwise than its package, and packages that another one brings.
-CALLED = {"yaml": "pyyaml", "PIL": "matplotlib", "markupsafe": "jinja2", "dask": "distributed"}
+CALLED = {"yaml": "pyyaml", "PIL": "matplotlib", "markupsafe": "jinja2"}
 #: What is taken where it is there, from the system or the user's environment.
 FOUND = {
     "mujoco",

@@ -18,7 +18,6 @@ from dynid.errors import ExitStatus, Finding, WrongUsage
 from dynid.table import with_error
 from dynid.text import yaml_text
 from dynid.workflows.identify import IdentifyOptions
-from dynid.workflows.logs import Ahead
 
 if TYPE_CHECKING:
     from dynid.estimation.drive_gains import Gains
@@ -151,8 +150,6 @@ def run_identify(
 
     options = options or IdentifyOptions()
     arm = load_robot(robot)
-    # Why now: unpacking a bag and importing what comes next take as long, and neither waits for the other.
-    read = reading(arm, logs, options)
     from dynid.workflows import drive_gains
     from dynid.workflows.identify import find_payload, resolved
     from dynid.workflows.inputs import identify_inputs
@@ -166,7 +163,7 @@ def run_identify(
     folder = common.folder(arm.slug)
     if unloaded is not None:
         folder = common.out or folder.with_name(f"{folder.name}_loaded")
-    recordings = Recordings(common, arm, logs, options, read)
+    recordings = Recordings(common, arm, logs, options)
     gains = recordings.gains(loaded, load_mass)
     facts: dict[str, Any] = {}
     if gains is not None:
@@ -206,15 +203,6 @@ def run_identify(
     return facts
 
 
-def reading(robot: Robot, paths: tuple[Path, ...], options: IdentifyOptions) -> Ahead[list[Log]]:
-    """Begin to read logs as they are on disk."""
-    # Why here: two threads that import the same could meet a module that is not whole.
-    import dynid.files.logs  # noqa: F401
-    from dynid.workflows.logs import read_log
-
-    return Ahead(lambda: [read_log(path, robot, options) for path in paths])
-
-
 class Recordings:
     """The logs of a run, read from disk only once.
 
@@ -223,7 +211,6 @@ class Recordings:
         robot: the arm.
         paths: the logs.
         options: how they are read.
-        read: the logs as read.
     """
 
     def __init__(
@@ -232,18 +219,18 @@ class Recordings:
         robot: Robot,
         paths: tuple[Path, ...],
         options: IdentifyOptions,
-        read: Ahead[list[Log]],
     ) -> None:
         self._common, self._robot, self._paths, self._options = common, robot, paths, options
-        self._ahead = read
         self._read: list[Log] | None = None
 
     def read(self) -> list[Log]:
         """Return the logs as read."""
+        from dynid.workflows.logs import read_log
+
         if self._read is None:
             with self._common.terminal.progress() as progress:
                 progress.stage("read")
-                self._read = self._ahead.result()
+                self._read = [read_log(path, self._robot, self._options) for path in self._paths]
         return self._read
 
     def with_rows(self, result: Identification, base: BaseModel) -> Identification:
@@ -299,7 +286,6 @@ def obtain_result(
 ) -> tuple[Identification, BaseModel, list[Path]]:
     """Return the result, its model and what was written: a new result, or the one that is there from equal inputs."""
     from dynid.estimation import result_files as results
-    from dynid.workflows.cluster import current_client
     from dynid.workflows.identify import identify
     from dynid.workflows.inputs import of_observations
     from dynid.workflows.model import base_model
@@ -322,9 +308,7 @@ def obtain_result(
     facts = common.header(inputs)
     with terminal.progress() as progress:
         if logs:
-            seen = observe(
-                robot, logs, options, base=base, client=current_client(), progress=progress
-            )
+            seen = observe(robot, logs, options, base=base, progress=progress)
             terminal.wrote(seen.save_stack(folder, common.header(of_observations(inputs))))
         else:
             seen = load_observations(folder / "fullnumericregressor.npz", base, progress)

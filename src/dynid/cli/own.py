@@ -27,7 +27,6 @@ OPTIONS = (
     "config",
     "from",
     "scheduler",
-    "dashboard",
     "open",
     "accept",
     "master",

@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from dynid.cli import own
+from dynid import limits
 from dynid.cli.arguments import options_from, options_of
-from dynid.cli.options import COMMON_NAMES, Common, dynid_command, known_keys
+from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus, WrongUsage
 from dynid.workflows.run import RunOptions
-
-if TYPE_CHECKING:
-    from dynid.workflows.job import JobResult
-    from dynid.workflows.run import BatchResult
-
-#: Schema of the lines of ``--json-lines``: one ``"job"`` each, then one ``"end"``.
-EVENT = "dynid/run-event/1"
 
 
 @dynid_command(
@@ -49,9 +42,9 @@ def command(
     **values: Any,  # noqa: ANN401
 ) -> ExitStatus:
     """Identify, validate and compare many recordings from one YAML list."""
-    from dynid.cli.identify import command as identify
-    from dynid.cli.main import run as run_command
     from dynid.files.artifact import write_text
+    from dynid.reports.tables import JunitCase
+    from dynid.reports.tables import junit as junit_xml
     from dynid.workflows.run import run
 
     if json_lines and common.json:
@@ -59,62 +52,61 @@ def command(
             "--json-lines and --json are two forms of the same answer", fix="give one of them"
         )
 
-    def told(each: JobResult) -> None:
+    def line(event: str, facts: dict[str, Any]) -> None:
         if json_lines:
-            facts = {key: value for key, value in each.facts().items() if key != "answers"}
-            common.terminal.emit_json_line({"schema": EVENT, "event": "job", **facts})
+            common.terminal.emit_json_line({"schema": "dynid/run-event/1", "event": event, **facts})
 
-    # Why not what only the user may say: a list comes with the folder of logs.
-    not_of_jobs = {"fail_if", *COMMON_NAMES, *own.OPTIONS}
-    known = sorted(set(known_keys(identify)) - not_of_jobs)
+    ended: list[dict[str, Any]] = []
+    words = ["--seed", str(common.seed), *limits.words(), *["--force"] * common.force]
     with common.terminal.progress() as progress:
-        done = run(
-            batch,
-            run_command,
-            options_of(RunOptions, values),
-            out=common.out or Path("out"),
-            seed=common.seed,
-            force=common.force,
-            known_options=known,
-            progress=progress,
-            told=told,
-        )
-    wrote = [junit] if junit is not None else []
-    for path in wrote:
-        write_text(path, done.junit())
-        common.terminal.wrote(path)
-    if json_lines:
-        counts = {
-            "passed": done.passed,
-            "beyond_limit": len(done.beyond_limit),
-            "failed": len(done.failed),
-        }
-        common.terminal.emit_json_line({"schema": EVENT, "event": "end", **counts, "wrote": wrote})
-    else:
-        show(common, done)
-    common.terminal.emit_json({**done.facts(), "wrote": wrote})
-    return done.status
+
+        def told(count: int, job: dict[str, Any]) -> None:
+            ended.append(job)
+            how = "reused" if job["reused"] else f"{job['seconds']:.1f} s"
+            progress.stage(f"{len(ended)}/{count}", f"{job['name']}: {job['outcome']} ({how})")
+            line("job", {key: job[key] for key in job if key != "answers"})
+
+        options = options_of(RunOptions, values)
+        jobs = run(batch, options, common.out or Path("out"), words, told)
+    if junit is not None:
+        cases = [
+            JunitCase(
+                job["name"],
+                Path(job["robot"]).stem,
+                job["message"],
+                job["seconds"],
+                job["outcome"] == "failed",
+            )
+            for job in jobs
+        ]
+        write_text(junit, junit_xml("dynid run", cases))
+        common.terminal.wrote(junit)
+    outcomes = [job["outcome"] for job in jobs]
+    counts = {key: outcomes.count(key.replace("_", " a ")) for key in ("passed", "beyond_limit")}
+    facts = {**counts, "failed": outcomes.count("failed"), "wrote": [junit] if junit else []}
+    line("end", facts)
+    if not json_lines:
+        show(common, jobs, facts)
+    common.terminal.emit_json({"schema": "dynid/run/1", "jobs": jobs, **facts})
+    failed = [ExitStatus(job["status"]) for job in jobs if job["outcome"] == "failed"]
+    return failed[0] if failed else ExitStatus(max(job["status"] for job in jobs))
 
 
-def show(common: Common, done: BatchResult) -> None:
+def show(common: Common, jobs: list[dict[str, Any]], facts: dict[str, Any]) -> None:
     """Print one row per job, and how many passed."""
-
-    def percent(value: float | None) -> str:
-        return "-" if value is None else f"{value:.2f} %"
-
+    keys = ("relative_error_percent", "unseen_relative_error_percent")
     rows = [
         [
-            each.job.name,
-            each.outcome,
-            percent(each.relative_error("identify")),
-            percent(each.relative_error("validate")),
-            each.message or "-",
+            job["name"],
+            job["outcome"],
+            *("-" if job[key] is None else f"{job[key]:.2f} %" for key in keys),
+            job["message"] or "-",
         ]
-        for each in done.jobs
+        for job in jobs
     ]
     common.terminal.table(
         ["job", "outcome", "unexplained", "unseen log", "what"], rows, numbers=False
     )
     common.terminal.answer()
-    counts = f"{len(done.beyond_limit)} beyond a limit, {len(done.failed)} failed"
-    common.terminal.fact("verdict", f"{done.passed} of {len(done.jobs)} passed, {counts}")
+    counts = f"{facts['beyond_limit']} beyond a limit, {facts['failed']} failed"
+    common.terminal.fact("verdict", f"{facts['passed']} of {len(jobs)} passed, {counts}")

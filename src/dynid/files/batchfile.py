@@ -14,7 +14,6 @@ from typing import Any
 
 from dynid import limits
 from dynid.errors import WrongRobotFile
-from dynid.files.remote import is_url
 from dynid.files.yamlfile import Value, read_yaml
 
 _JOB = (
@@ -37,7 +36,7 @@ class Job:
     Attributes:
         name: name of the job and of its results folder.
         robot: name or path of the robot file.
-        logs: recordings to identify from; a URL as text.
+        logs: recordings to identify from.
         options: further options of ``dynid identify`` by long name.
         validate: recordings to validate on.
         max_unexplained: limit of the relative error there, such as ``"5%"``; "" for none.
@@ -48,9 +47,9 @@ class Job:
 
     name: str
     robot: str
-    logs: tuple[Path | str, ...]
+    logs: tuple[Path, ...]
     options: dict[str, str] = field(default_factory=dict)
-    validate: tuple[Path | str, ...] = ()
+    validate: tuple[Path, ...] = ()
     max_unexplained: str = ""
     fail_if: tuple[str, ...] = ()
     baseline: Path | None = None
@@ -109,8 +108,8 @@ def _list(value: Value, read: Callable[[Value], str]) -> tuple[str, ...]:
     return tuple(read(item) for item in value.items()) if value.is_list else (read(value),)
 
 
-def _paths(value: Value, folder: Path) -> tuple[Path | str, ...]:
-    found = tuple(text if is_url(text) else folder / text for text in _list(value, Value.text))
+def _paths(value: Value, folder: Path) -> tuple[Path, ...]:
+    found = tuple(folder / text for text in _list(value, Value.text))
     if not found:
         raise WrongRobotFile(f"{value.where}: {value.path} is empty", where=value.where)
     return found

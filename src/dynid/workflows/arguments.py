@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import inspect
 import math
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from contextvars import ContextVar
@@ -29,8 +28,6 @@ from dynid.robot import Robot
 
 if TYPE_CHECKING:
     from typing import TypeAlias
-
-    from distributed import Client
 
     from dynid.estimation.result import Identification
     from dynid.files.trajectoryfile import StoredTrajectory
@@ -146,14 +143,6 @@ def base_model(value: BaseModel | None) -> BaseModel | None:
     from dynid.model.base_model import BaseModel
 
     return optional(value, BaseModel, "base", "what dynid.base_model returns")
-
-
-def client(value: Client | None) -> Client | None:
-    """Return a Dask client, or None; who has one has imported Dask."""
-    distributed = sys.modules.get("distributed")
-    if value is not None and (distributed is None or not isinstance(value, distributed.Client)):
-        raise refused("client", "None or a distributed.Client", value)
-    return value
 
 
 def log(value: LogLike, arm: Robot, options: LogOptions, name: str = "log") -> Log:

@@ -22,8 +22,6 @@ from dynid.workflows.parameters import Observations, observe, observed, stack_lo
 from dynid.workflows.results import base_model_of, torque_figure
 
 if TYPE_CHECKING:
-    from distributed import Client
-
     from dynid.estimation.estimate import HoldOut
     from dynid.estimation.payload import IdentifiedPayload
     from dynid.estimation.result import Identification
@@ -272,7 +270,6 @@ def identify(
     base: BaseModel | None = None,
     update: ResultLike | None = None,
     like: ResultLike | None = None,
-    client: Client | None = None,
     progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> Identification:
@@ -285,7 +282,6 @@ def identify(
         base: the arm's base model, where it is there already.
         update: an earlier result whose logs are added to these, without reading them again.
         like: a result of the same arm whose residual model is as large.
-        client: a Dask client whose workers read rows from the logs, one each; the result is the same without one.
         progress: reports how far the work is.
         changes: single options by name, such as ``method="wls"``; see ``dynid.IdentifyOptions``.
 
@@ -304,7 +300,6 @@ def identify(
     )
     update = None if update is None else arguments.result(update, "update")
     robot, options = resolved(arguments.robot(robot), options, update)
-    client = arguments.client(client)
     base = arguments.base_model(base)
     like = None if like is None else arguments.result(like, "like")
     if robot.torque.relative and options.feasible is None:
@@ -314,7 +309,7 @@ def identify(
         seen = logs
     else:
         recordings = arguments.logs(logs, robot, options)
-        seen = observe(robot, recordings, options, base=base, client=client, progress=progress)
+        seen = observe(robot, recordings, options, base=base, progress=progress)
     base, stack, header = (
         replace(seen.base, model=replace(seen.base.model, robot=robot)),
         seen.stack,

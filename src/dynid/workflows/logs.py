@@ -7,11 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from contextvars import copy_context
 from dataclasses import dataclass, replace
 from pathlib import Path
-from threading import Thread
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,8 +28,6 @@ if TYPE_CHECKING:
     from dynid.signals.conditioned_log import ConditionedLog
     from dynid.workflows.arguments import LogLike, RobotLike
     from dynid.workflows.parameters import Observations
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -196,35 +192,6 @@ def located(where: str) -> Iterator[None]:
     except DynidError as error:
         error.where = error.where or where
         raise
-
-
-class Ahead(Generic[T]):
-    """An answer that a thread works out while the program goes on; what goes wrong is raised where it is asked for.
-
-    Args:
-        action: what returns the answer.
-    """
-
-    def __init__(self, action: Callable[[], T]) -> None:
-        self._action = action
-        self._answer: list[T] = []
-        self._error: BaseException | None = None
-        # Why a copy: limits that were raised hold for this thread as well. Why a daemon: an end need not wait for it.
-        self._thread = Thread(target=copy_context().run, args=(self._run,), daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
-        try:
-            self._answer.append(self._action())
-        except BaseException as error:  # noqa: BLE001 - raised again by ``result``
-            self._error = error
-
-    def result(self) -> T:
-        """Return the answer, when it is there."""
-        self._thread.join()
-        if self._error is not None:
-            raise self._error
-        return self._answer[0]
 
 
 # ---------------------------------------------------------------- is the robot file wrong?

@@ -14,12 +14,9 @@ from dynid.robot import Robot
 from dynid.signals.stamps import without_copies
 from dynid.workflows import arguments
 from dynid.workflows.arguments import one_thread, public
-from dynid.workflows.cluster import mapped
-from dynid.workflows.logs import LogOptions, checked_log, condition_logs, read_log
+from dynid.workflows.logs import LogOptions, checked_log, condition_logs
 
 if TYPE_CHECKING:
-    from distributed import Client
-
     from dynid.estimation.stack import Stack
     from dynid.model.base_model import BaseModel
     from dynid.workflows.arguments import LogsLike, RobotLike
@@ -149,7 +146,6 @@ def observe(
     options: LogOptions | None = None,
     *,
     base: BaseModel | None = None,
-    client: Client | None = None,
     progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> Observations:
@@ -160,7 +156,6 @@ def observe(
         logs: one or several logs, or their paths.
         options: how they are checked and filtered.
         base: the arm's base model, where it is there already.
-        client: a Dask client whose workers stack the logs, one each; None stacks them here, to the same bytes.
         progress: reports how far the work is.
         changes: single options by name, such as ``cutoff=8``; see ``dynid.LogOptions``.
 
@@ -180,7 +175,6 @@ def observe(
     )
     robot = arguments.robot(robot)
     several = arguments.logs(logs, robot, options)
-    client = arguments.client(client)
     base = arguments.base_model(base)
     if base is None:
         progress.stage("model")
@@ -189,45 +183,9 @@ def observe(
     few = check_amount(given, base.robot) if len(several) > 1 else ()
     checked, copies = without_copies(given)
     progress.findings((*few, *copies))
-    if client is None or len(checked) == 1:
-        stack = stack_logs(checked, base, options, progress)
-    else:
-        stack = stack_by(client, checked, base, options, progress)
+    stack = stack_logs(checked, base, options, progress)
     seen = observed(stack, options, (*few, *copies), progress)
     return replace(seen, checked=tuple(given))
-
-
-def stack_of(log: Path | Log, base: BaseModel, options: LogOptions, name: str = "log 1") -> Stack:
-    """Return one log as a stack: read, checked, filtered and folded. It can be mapped over logs in any process.
-
-    Args:
-        log: a recording, or where it is; one that was checked is not checked again.
-        base: model and base parameters.
-        options: how it is read, checked and filtered. Stacks are added under one cut-off: ``shared_cutoff``.
-        name: what it is called where it has no file.
-
-    Raises:
-        DynidError: the first serious fault of the log.
-    """
-    from dynid.estimation import stack
-    from dynid.signals.conditioned_log import condition_log
-
-    read = log if isinstance(log, Log) else read_log(log, base.robot, options)
-    conditioned = condition_log(
-        checked_log(read, base.robot, options, alone=False),
-        base.model,
-        cutoff=options.cutoff,
-        delay=options.delay or 0.0,
-        measured_velocity=options.velocity == "measured",
-    )
-    return stack.stack_logs([replace(conditioned, name=conditioned.name or name)], base)
-
-
-def shared_cutoff(logs: Sequence[Log], robot: Robot, options: LogOptions) -> float:
-    """Return the cut-off that serves several checked logs [Hz]: what was asked for, or what their motion asks for."""
-    from dynid.signals.filters import choose_cutoff
-
-    return choose_cutoff(logs, robot) if options.cutoff is None else options.cutoff
 
 
 def stack_logs(
@@ -237,36 +195,6 @@ def stack_logs(
     from dynid.estimation import stack
 
     return stack.stack_logs(condition_logs(logs, base.model, options, progress), base, progress)
-
-
-def stack_by(
-    client: Client,
-    logs: Sequence[Log],
-    base: BaseModel,
-    options: LogOptions,
-    progress: Progress = SILENT,
-) -> Stack:
-    """Stack checked logs as ``stack_logs`` does, each by a worker of a Dask client."""
-    from dynid.estimation.stack import added, say_stacked
-    from dynid.signals.conditioned_log import say_filter, say_log
-
-    same = replace(options, cutoff=shared_cutoff(logs, base.robot, options))
-    names = [f"log {k}" for k in range(1, len(logs) + 1)]
-    found: dict[int, Stack] = {}
-    for k, stack, error in mapped(
-        client, stack_of, logs, [base] * len(logs), [same] * len(logs), names, progress=progress
-    ):
-        if error is not None:
-            raise error
-        # Why: each came with a copy of the model.
-        found[k] = replace(stack, base=base).with_logs(stack.logs)
-        progress.advance(len(found), len(logs), stack.logs[0].name)
-    stacks = [found[k] for k in range(len(logs))]
-    for log, stack in zip(logs, stacks, strict=True):
-        say_log(log, stack.logs[0], progress)
-    say_filter(stacks[0].logs[0], options.cutoff, progress)
-    progress.stage("stack")
-    return say_stacked(added(stacks), progress)
 
 
 def observed(

@@ -1,27 +1,30 @@
-"""Many robots and logs from one list, side by side; a job that fails stops no other.
-
-A job is ``dynid identify``, then ``validate`` and ``compare``, done by a worker (``dynid.workflows.cluster``).
-"""
+"""Many robots and logs from one list: the commands of each job are processes of their own, N jobs at a time."""
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Callable, Iterator, Sequence
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from dynid.errors import ExitStatus, WrongUsage
+from dynid.errors import ExitStatus, PackageMissing, SchedulerSilent, WrongUsage
+from dynid.files.artifact import write_text
 from dynid.files.batchfile import Job, folder_name, read_batch
-from dynid.options import Options, bytes_or_none, option
-from dynid.progress import SILENT, Progress
-from dynid.scratch import sweep
-from dynid.table import Table
-from dynid.workflows.cluster import mapped, opened
-from dynid.workflows.job import Command, JobResult, Surroundings, do_job, not_done
+from dynid.files.yamlfile import closest
+from dynid.options import Options, option
+from dynid.text import shell
 
-if TYPE_CHECKING:
-    from distributed import Client
+#: Starts dynid as a process that imports nothing from its working folder.
+DYNID = "import sys; sys.path = [p for p in sys.path if p]; from dynid.__main__ import main; main()"
+#: How long a scheduler that does not answer is waited for [s]. evidence: none yet.
+PATIENCE = 30.0
 
 
 @dataclass(frozen=True)
@@ -33,18 +36,8 @@ class RunOptions(Options):
     )
     scheduler: str | None = option(
         None,
-        "Run the jobs on the workers of this Dask scheduler, such as tcp://host:8786, instead of on this machine.",
+        "Run the jobs on the workers of this Dask scheduler, such as tcp://host:8786.",
         metavar="ADDRESS",
-    )
-    memory: int | None = option(
-        None,
-        "Memory that one job may take, such as 4GB; a job that takes more is ended and fails "
-        "(default: an equal share of the machine's).",
-        metavar="SIZE",
-        read=bytes_or_none,
-    )
-    dashboard: bool = option(
-        False, "Show the jobs in a browser, on http://127.0.0.1:8787; needs the package bokeh."
     )
     only: tuple[str, ...] = option(
         (),
@@ -54,190 +47,159 @@ class RunOptions(Options):
     )
 
 
-@dataclass(frozen=True, repr=False)
-class BatchResult:
-    """What came out of all jobs, in the order of the list."""
-
-    jobs: tuple[JobResult, ...]
-
-    @property
-    def failed(self) -> list[JobResult]:
-        """Jobs of which a command could not do its job."""
-        return [done for done in self.jobs if done.failed]
-
-    @property
-    def beyond_limit(self) -> list[JobResult]:
-        """Jobs that did not meet a limit."""
-        return [done for done in self.jobs if done.status == ExitStatus.LIMIT_NOT_MET]
-
-    @property
-    def passed(self) -> int:
-        """Number of jobs that met all limits."""
-        return len(self.jobs) - len(self.failed) - len(self.beyond_limit)
-
-    @property
-    def status(self) -> ExitStatus:
-        """Exit status of the batch: that of the first job that failed."""
-        if self.failed:
-            first = self.failed[0].status
-            return ExitStatus(first) if first in set(ExitStatus) else ExitStatus.INTERNAL
-        return ExitStatus.LIMIT_NOT_MET if self.beyond_limit else ExitStatus.DONE
-
-    def facts(self) -> dict[str, Any]:
-        """Return what the JSON answer of ``dynid run`` says."""
-        return {
-            "schema": "dynid/run/1",
-            "jobs": [done.facts() for done in self.jobs],
-            "passed": self.passed,
-            "beyond_limit": len(self.beyond_limit),
-            "failed": len(self.failed),
-        }
-
-    def table(self) -> Table:
-        """Return one row per job: outcome, relative torque errors [%], and what went wrong."""
-        rows = [
-            {
-                "job": done.job.name,
-                "outcome": done.outcome,
-                "unexplained %": done.relative_error("identify"),
-                "unseen log %": done.relative_error("validate"),
-                "what": done.message,
-            }
-            for done in self.jobs
-        ]
-        return Table(rows)
-
-    def __repr__(self) -> str:
-        """Return the table as text."""
-        return repr(self.table())
-
-    def junit(self) -> str:
-        """Return a JUnit XML report for continuous integration."""
-        from dynid.reports.tables import JunitCase, junit
-
-        return junit(
-            "dynid run",
-            [
-                JunitCase(
-                    done.job.name,
-                    Path(done.job.robot).stem,
-                    (done.message or done.outcome) if done.status else "",
-                    done.seconds,
-                    done.failed,
-                )
-                for done in self.jobs
-            ],
-        )
-
-
 def run(
     batch: Path,
-    command: Command,
-    options: RunOptions = RunOptions(),
-    *,
-    out: Path = Path("out"),
-    seed: int = 0,
-    force: bool = False,
-    known_options: Sequence[str] | None = None,
-    progress: Progress = SILENT,
-    told: Callable[[JobResult], None] = lambda done: None,
-) -> BatchResult:
-    """Identify, validate and compare many recordings from one YAML list.
+    options: RunOptions,
+    out: Path,
+    words: list[str],
+    told: Callable[[int, dict[str, Any]], None],
+) -> list[dict[str, Any]]:
+    """Do the jobs of a batch file and return the facts of each, in the order of the list.
 
     Args:
         batch: the batch file.
-        command: what runs a command line of dynid; a function of a module, so that workers find it.
         options: which jobs, and where they run.
         out: folder that holds the jobs' folders.
-        seed: seed of every random choice.
-        force: run also what was done before from the same inputs.
-        known_options: options of ``dynid identify`` that a job may set; None lets that command refuse others.
-        progress: reports where the jobs run, and as each ends.
-        told: called with each job as it ends.
+        words: further words of every command, such as ``--seed 1``.
+        told: called with the number of all jobs and the facts of one, as it ends.
 
     Raises:
         WrongRobotFile: the batch file is wrong.
-        WrongUsage: a job or one of its options does not exist; nothing has run then.
-        SchedulerSilent: nothing answers where a scheduler should.
+        WrongUsage: there is no job of a name; nothing has run then.
+        PackageMissing: a scheduler is given, and Dask is not installed.
+        SchedulerSilent: nothing answers where the scheduler should.
     """
-    wanted = chosen(read_batch(batch), options.only)
-    if known_options is not None:
-        refuse_unknown_options(wanted, known_options)
-    folders = [out / folder_name(job) for job in wanted]
-    around = Surroundings(command, seed, force)
-    found: dict[int, JobResult] = {}
-    workers = min(options.jobs or cores(), sum(len(job.logs) for job in wanted))
-    with opened(
-        workers,
-        scheduler=options.scheduler,
-        memory=options.memory,
-        dashboard=options.dashboard,
-        progress=progress,
-    ) as client:
-        try:
-            for k, each in _jobs_done(client, workers, wanted, folders, around, progress):
-                found[k] = each
-                how = "reused" if each.reused else f"{each.seconds:.1f} s"
-                progress.stage(
-                    f"{len(found)}/{len(wanted)}", f"{each.job.name}: {each.outcome} ({how})"
-                )
-                told(each)
-        finally:
-            for k, folder in enumerate(folders):
-                if k not in found:
-                    sweep(folder)
-    return BatchResult(tuple(found[k] for k in range(len(wanted))))
-
-
-def _jobs_done(
-    client: Client | None,
-    workers: int,
-    jobs: Sequence[Job],
-    folders: Sequence[Path],
-    around: Surroundings,
-    progress: Progress,
-) -> Iterator[tuple[int, JobResult]]:
-    """Yield jobs as they end: each by one worker; of jobs that are fewer than workers, those of many logs by all."""
-    if client is not None and len(jobs) < max(workers, len(client.nthreads())):
-        spread = [k for k, job in enumerate(jobs) if len(job.logs) > 1]
-    else:
-        spread = []
-    whole = [k for k in range(len(jobs)) if k not in spread]
-    calls = ([jobs[k] for k in whole], [folders[k] for k in whole], [around] * len(whole))
-    for number, done, error in mapped(client, do_job, *calls, progress=progress):
-        k = whole[number]
-        yield k, done or not_done(jobs[k], folders[k], error)
-    for k in spread:
-        assert client is not None
-        with client.as_current():
-            done = do_job(jobs[k], folders[k], around)
-        yield k, done
-
-
-def cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def chosen(jobs: tuple[Job, ...], only: tuple[str, ...]) -> tuple[Job, ...]:
-    """Return the jobs with the given names, all without one."""
-    from dynid.files.yamlfile import closest
-
+    jobs = read_batch(batch)
     names = [job.name for job in jobs]
-    for name in only:
+    for name in options.only:
         if name not in names:
-            raise WrongUsage(
-                f"no job '{name}'{closest(name, names)}", fix=f"one of {', '.join(names)}"
-            )
-    return tuple(job for job in jobs if job.name in only or not only)
+            what = f"no job '{name}'{closest(name, names)}"
+            raise WrongUsage(what, fix=f"one of {', '.join(names)}")
+    jobs = tuple(job for job in jobs if job.name in options.only or not options.only)
+    pool = executor(options)
+    wanted = {
+        pool.submit(run_job, job, out / folder_name(job), words, Path.cwd()): job for job in jobs
+    }
+    found = {}
+    try:
+        for call in as_completed(wanted):
+            try:
+                found[call] = call.result()
+            except Exception as error:  # noqa: BLE001 - a worker that died, a folder that it lacks
+                job, why = wanted[call], f"{type(error).__name__}: {error}"
+                found[call] = facts_of(
+                    job, out / folder_name(job), ExitStatus.MACHINE, why, 0.0, {}
+                )
+            told(len(jobs), found[call])
+    finally:
+        for call in wanted:
+            call.cancel()
+        pool.shutdown()
+    return [found[call] for call in wanted]
 
 
-def refuse_unknown_options(jobs: tuple[Job, ...], known: Sequence[str]) -> None:
-    """Refuse options that ``dynid identify`` does not have before anything runs."""
-    from dynid.files.yamlfile import closest
+def executor(options: RunOptions) -> Executor:
+    """Return what runs the jobs: threads that wait for processes, or the workers of a Dask scheduler."""
+    if options.scheduler is None:
+        return ThreadPoolExecutor(options.jobs or os.cpu_count())
+    if find_spec("distributed") is None:
+        raise PackageMissing("--scheduler needs Dask", fix="pip install 'dynid[cluster]'")
+    from distributed import Client
 
-    for job in jobs:
-        for key in job.options:
-            if key.replace("-", "_") not in known:
-                what = f"job '{job.name}': identify has no option '{key}'{closest(key, known)}"
-                raise WrongUsage(what, fix=f"one of {', '.join(known)}")
+    try:
+        client = Client(options.scheduler, timeout=PATIENCE, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise SchedulerSilent(
+            f"no Dask scheduler answers at {options.scheduler}", where=options.scheduler
+        ) from error
+    pool: Executor = client.get_executor(pure=False)
+    return pool
+
+
+def run_job(job: Job, folder: Path, words: list[str], home: Path) -> dict[str, Any]:
+    """Run the commands of a job in a working folder, up to the first that fails; write run.log, return the facts."""
+    start, worst, message, log = time.perf_counter(), 0, "", ""
+    answers: dict[str, list[dict[str, Any]]] = {}
+    for name, own in commands_of(job, folder):
+        status, answer, said = _dynid([name, "--json", "--no-input", *words, *own], home)
+        log += f"$ {shell('dynid', name, *own)}\n{said}"
+        worst, message = max(worst, status), message or (_complaint(said) if status else "")
+        if answer:
+            answers.setdefault(name, []).append(json.loads(answer))
+        if status > ExitStatus.LIMIT_NOT_MET:
+            break
+    (home / folder).mkdir(parents=True, exist_ok=True)
+    write_text(home / folder / "run.log", log)
+    return facts_of(job, folder, worst, message, time.perf_counter() - start, answers)
+
+
+def _dynid(words: list[str], home: Path) -> tuple[int, str, str]:
+    """Run a command of dynid; return its exit status, its answer, and what it said besides."""
+    done = subprocess.run(
+        [sys.executable, "-c", DYNID, *words], cwd=home, capture_output=True, text=True
+    )
+    if "error[E702]" in done.stderr and "--force" not in words:
+        # The folder is the job's own: what was made from other inputs is overwritten.
+        return _dynid([words[0], "--force", *words[1:]], home)
+    known = done.returncode in set(ExitStatus)
+    return done.returncode if known else ExitStatus.INTERNAL, done.stdout.strip(), done.stderr
+
+
+def _complaint(said: str) -> str:
+    """Return the line that says what is wrong."""
+    lines = said.strip().splitlines() or ["it said nothing"]
+    return next((each for each in lines if each.startswith(("error[", "limit "))), lines[-1])
+
+
+def commands_of(job: Job, folder: Path) -> list[tuple[str, list[str]]]:
+    """Return the commands of a job: name and words."""
+    words = ["--out", str(folder)]
+    for key, value in job.options.items():
+        flag = f"--{key.replace('_', '-')}"
+        words += [flag] if value == "true" else [] if value == "false" else [flag, value]
+    for limit in job.fail_if:
+        words += ["--fail-if", limit]
+    result, most = str(folder / "parameters.npz"), ["--max-unexplained", job.max_unexplained]
+    limits = ["--no-plot", *(most if job.max_unexplained else [])]
+    # Behind -- a log that is called --force is a log.
+    found = [("identify", [*words, "--", job.robot, *map(str, job.logs)])]
+    found += [("validate", [*limits, "--", result, str(log)]) for log in job.validate]
+    if job.baseline is not None:
+        within = ["--tolerance", job.tolerance] if job.tolerance else []
+        found.append(("compare", ["--baseline", str(job.baseline), *within, "--", result]))
+    return found
+
+
+def facts_of(
+    job: Job,
+    folder: Path,
+    status: int,
+    message: str,
+    seconds: float,
+    answers: dict[str, list[dict[str, Any]]],
+) -> dict[str, Any]:
+    """Return what is said of a job."""
+
+    def worst(command: str) -> float | None:
+        values = [answer.get("relative_error_percent") for answer in answers.get(command, [])]
+        return max((value for value in values if value is not None), default=None)
+
+    made = [path for answer in answers.get("identify", []) for path in answer.get("wrote", [])]
+    return {
+        "name": job.name,
+        "robot": job.robot,
+        "logs": [str(log) for log in job.logs],
+        "folder": str(folder),
+        "status": int(status),
+        "outcome": "passed"
+        if not status
+        else "beyond a limit"
+        if status == ExitStatus.LIMIT_NOT_MET
+        else "failed",
+        "message": message,
+        "seconds": seconds,
+        "reused": status <= ExitStatus.LIMIT_NOT_MET and str(folder / "parameters.npz") not in made,
+        "relative_error_percent": worst("identify"),
+        "unseen_relative_error_percent": worst("validate"),
+        "answers": answers,
+    }

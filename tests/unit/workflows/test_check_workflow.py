@@ -10,13 +10,10 @@ import pytest
 from two_link_logs import log
 
 from dynid import LogOptions
-from dynid.cli.main import run as command
-from dynid.errors import ExitStatus, NotAnArtifact, NotFinite, WrongRobotFile, WrongUsage
-from dynid.files.batchfile import Job
+from dynid.errors import NotAnArtifact, NotFinite, WrongUsage
 from dynid.workflows.check import check, check_robot, kind_of
 from dynid.workflows.doctor import REQUIRED, Check, Diagnosis, doctor, version_of
 from dynid.workflows.logs import checked_log
-from dynid.workflows.run import BatchResult, JobResult, RunOptions, run
 
 
 def test_a_robot_file_is_described_with_the_tool_at_zero(arm):
@@ -93,38 +90,3 @@ def test_a_required_package_that_is_missing_makes_dynid_unusable():
     assert Diagnosis((fine, optional)).usable
     assert not Diagnosis((replace(fine, ok=False), optional)).usable
     assert version_of("no-such-package") is None
-
-
-# ---------------------------------------------------------------- batches
-def outcome(status, error=None):
-    job = Job(f"job {status}", "arm", ())
-    answers = {"identify": [{"relative_error_percent": error}]} if error is not None else {}
-    return JobResult(job, folder=None, status=status, answers=answers)
-
-
-def test_a_batch_ends_as_its_worst_job_that_failed():
-    passed, limit, failed = outcome(0, 1.5), outcome(1), outcome(int(ExitStatus.DATA))
-    assert BatchResult((passed,)).status == ExitStatus.DONE
-    assert BatchResult((passed, limit)).status == ExitStatus.LIMIT_NOT_MET
-    batch = BatchResult((passed, limit, failed))
-    assert batch.status == ExitStatus.DATA
-    assert (batch.passed, len(batch.beyond_limit), len(batch.failed)) == (1, 1, 1)
-    assert [row["outcome"] for row in batch.table()] == ["passed", "beyond a limit", "failed"]
-    assert batch.table()[0]["unexplained %"] == 1.5
-
-
-def test_jobs_and_options_that_do_not_exist_stop_the_batch_before_it_runs(tmp_path):
-    (tmp_path / "batch.yaml").write_text(
-        "jobs: [{name: one, robot: arm, logs: log.bag, options: {cutof: 8}}]"
-    )
-    with pytest.raises(WrongUsage, match="no job 'two'"):
-        run(tmp_path / "batch.yaml", command, RunOptions(only=("two",)), out=tmp_path)
-    with pytest.raises(WrongUsage, match="no option 'cutof'; did you mean 'cutoff'"):
-        run(tmp_path / "batch.yaml", command, out=tmp_path, known_options=["cutoff", "delay"])
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["batch.yaml"]
-
-
-def test_a_batch_file_without_logs_is_wrong(tmp_path):
-    (tmp_path / "batch.yaml").write_text("jobs: [{robot: arm}]")
-    with pytest.raises(WrongRobotFile, match="lacks the key 'logs'"):
-        run(tmp_path / "batch.yaml", command, out=tmp_path)
