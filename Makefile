@@ -2,7 +2,6 @@
 # make test    all tests but those marked slow (make test-slow: the hidden effects, minutes each); those with a ROS master
 #              keep time and mostly wait, so the others give way to them meanwhile; of them the exact ones run one by one;
 #              each up to three times, because a busy machine may not let them
-# make attack  12500 broken inputs, of which make test tries 190; ATTACK_SEED=2000 takes others
 # make test-pythons    install, demo, a plan and a gap search with each of Python 3.10 to 3.13 that is here; 3 minutes
 # make lint    style, types, import direction
 # make docs    the pages as HTML in site/, warnings are errors
@@ -24,7 +23,7 @@ APT_UPDATE := { for i in $$(seq 120); do case "$$($(APT) update -qq 2>&1)" in *"
 ROS_PACKAGES := python3-rospy python3-rosbag python3-rosmaster python3-roslaunch \
 	python3-sensor-msgs python3-trajectory-msgs python3-std-msgs
 
-.PHONY: demo test test-slow test-pythons attack ros screen lint docs docs-serve reference clean
+.PHONY: demo test test-slow test-pythons ros screen lint docs docs-serve reference clean
 
 demo: $(VENV)/.ready
 	$(BIN)/dynid demo
@@ -55,9 +54,6 @@ test-slow: $(VENV)/.ready-test
 
 test-pythons: $(BIN)/python
 	$(BIN)/python tests/pythons.py
-
-attack: $(VENV)/.ready-test
-	ATTACK_SHARE=1 $(BIN)/python -m pytest -n 2 tests/attack
 
 lint: $(VENV)/.ready-lint
 	$(BIN)/ruff format --check src tests benchmarks trajectories
