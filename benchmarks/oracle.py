@@ -1,6 +1,6 @@
 """Figures that a change of the code must not move.
 
-    PYTHONPATH=src python benchmarks/oracle.py    compares with benchmarks/oracle.json; status 1: moved
+    PYTHONPATH=src python benchmarks/oracle.py   compares with benchmarks/oracle.json; status 1: moves
     ... --redesign            within the wider limits of that file, for a change that moves figures
     ... --only runs,gaps -v   some groups; every entry that moved
     ... --write               writes the figures of these groups anew; limits stay
@@ -8,8 +8,8 @@
 Only the public API and the command line are used. Recordings of real arms lie in ``--data``
 (../shared/data); cases without theirs are skipped, which is said. A move is relative to the entry
 itself, or to a thousandth of the largest number beside it where that is more. A limit is the
-largest of what stands there: ``relative``, ``absolute``, and ``std_errors`` times the standard error
-of the entry; ``may_grow`` allows entries that were not there.
+largest of what stands there: ``relative``, ``absolute``, and ``std_errors`` times the standard
+error of the entry; ``may_grow`` allows entries that were not there.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from importlib.util import find_spec
 from itertools import repeat
-from multiprocessing import get_context
 from pathlib import Path
 from shutil import which
 from typing import Any
@@ -86,25 +85,27 @@ driver: {kind: generic, topic: /jaco_22_driver/out/joint_states}
 """,
 }
 
-#: Recordings by robot: of the project's own folder trajectories/, then of the data folder.
-RECORDINGS = {
-    "kuka_lwr4plus": "trajectories/lwr4plus_identify.bag trajectories/lwr4plus_validate.bag"
-    " kuka_lwr4plus/run1.bag kuka_lwr4plus/run2.bag kuka_lwr4plus/run3.bag",
-    "kinova_gen2": "trajectories/kinova_gen2_identify.bag trajectories/kinova_gen2_validate.bag",
-    "ur10": "ur10_salerno/exc.npz",
-    "staubli_tx40": "tx40/exc.npz",
-    "franka_panda": "panda_salerno/exc.npz",
-    "rokae_xmate3/rokae.yaml": "rokae_xmate3/joint_all.csv",
-    "rokae_xmate3/rokae_motor.yaml": "rokae_xmate3/joint_all.csv",
-    "airbot_play/airbot.urdf": "airbot_play/chirp.csv airbot_play/trapezoid.csv airbot_play/chirp_loaded.csv",
-    "shanghai_cobot/shanghai.yaml": "shanghai_cobot/traj1.csv shanghai_cobot/traj2.csv shanghai_cobot/traj3.csv",
-    "shanghai_cobot/shanghai_raw.yaml": "shanghai_cobot/traj1.csv",
-    "lbr_med7/med7.urdf": "lbr_med7/med7.csv",
-    "so101/so101.yaml": "so101/large_amplitude.csv so101/multisine.csv so101/reaching_points.csv",
-    "jaco_6.yaml": "jaco2_6dof/example_traj_2017-05-31-17-12-04.bag jaco2_6dof/example_traj.npz",
-}
-#: Robot, what is fitted, what is predicted: recordings, without the interval after @ [s]; numbers are
-#: seeds of simulated logs.
+#: Robot and recordings: of the project itself, then of the data folder.
+RECORDINGS = """
+kuka_lwr4plus   | trajectories/lwr4plus_identify.bag trajectories/lwr4plus_validate.bag
+kinova_gen2     | trajectories/kinova_gen2_identify.bag trajectories/kinova_gen2_validate.bag
+kuka_lwr4plus   | kuka_lwr4plus/run1.bag kuka_lwr4plus/run2.bag kuka_lwr4plus/run3.bag
+ur10            | ur10_salerno/exc.npz
+staubli_tx40    | tx40/exc.npz
+franka_panda    | panda_salerno/exc.npz
+rokae_xmate3/rokae.yaml          | rokae_xmate3/joint_all.csv
+rokae_xmate3/rokae_motor.yaml    | rokae_xmate3/joint_all.csv
+airbot_play/airbot.urdf          | airbot_play/chirp.csv airbot_play/trapezoid.csv
+airbot_play/airbot.urdf          | airbot_play/chirp_loaded.csv
+shanghai_cobot/shanghai.yaml     | shanghai_cobot/traj1.csv shanghai_cobot/traj2.csv
+shanghai_cobot/shanghai.yaml     | shanghai_cobot/traj3.csv
+shanghai_cobot/shanghai_raw.yaml | shanghai_cobot/traj1.csv
+lbr_med7/med7.urdf               | lbr_med7/med7.csv
+so101/so101.yaml | so101/large_amplitude.csv so101/multisine.csv so101/reaching_points.csv
+jaco_6.yaml      | jaco2_6dof/example_traj_2017-05-31-17-12-04.bag jaco2_6dof/example_traj.npz
+"""
+#: Robot, what is fitted, what is predicted: recordings, without the interval after @ [s]; numbers
+#: are seeds of simulated logs.
 RUNS = """
 LWR4+ 1 to 3    | kuka_lwr4plus | kuka_lwr4plus/run1.bag | kuka_lwr4plus/run3.bag
 LWR4+ 1, 2 to 3 | kuka_lwr4plus | kuka_lwr4plus/run1.bag kuka_lwr4plus/run2.bag | kuka_lwr4plus/run3.bag
@@ -173,10 +174,10 @@ class AbsentError(Exception):
     """A recording is not on this machine."""
 
 
-def rows(table: str) -> dict[str, list[list[str]]]:
-    """Return the words in each cell of a table, by the name of its row."""
+def rows(table: str) -> list[tuple[str, list[list[str]]]]:
+    """Return the rows of a table: the first cell, and the words of each other one."""
     lines = [line.split("|") for line in table.strip().splitlines()]
-    return {name.strip(): [cell.split() for cell in cells] for name, *cells in lines}
+    return [(name.strip(), [cell.split() for cell in cells]) for name, *cells in lines]
 
 
 def stored(figures: Any) -> Any:
@@ -243,7 +244,7 @@ def recording(word: str, robot: Any, data: Path) -> Any:
 
 def fitted(case: str, data: Path) -> tuple[Any, Any]:
     """Return the robot of a run, and its result."""
-    (name,), words, _ = rows(RUNS)[case]
+    (name,), words, _ = dict(rows(RUNS))[case]
     robot = dynid.load_robot(place(name, data))
     logs = [recording(word, robot, data) for word in words]
     return robot, dynid.identify(robot, logs, holdout=None, anyway=case == "Shanghai")
@@ -268,7 +269,7 @@ def logs(case: str, data: Path) -> dict[str, Any]:
 def runs(case: str, data: Path) -> dict[str, Any]:
     """Measure parameters, and how far they are off, expected and seen, on what was not fitted."""
     robot, result = fitted(case, data)
-    seen = dynid.validate(result, recording(rows(RUNS)[case][2][0], robot, data))
+    seen = dynid.validate(result, recording(dict(rows(RUNS))[case][2][0], robot, data))
     return {
         "parameters": dict(zip(result.names, result.theta, strict=True)),
         "std_errors": dict(zip(result.names, result.std_error, strict=True)),
@@ -300,12 +301,9 @@ def exports(case: str, data: Path) -> dict[str, Any]:
         "result": result.inverse_dynamics(*parts),
         "python": runpy.run_path("arm.py")["inverse_dynamics"](*parts),
     }
-    if which("cc"):
-        torques["c"] = in_c(states)
-    if find_spec("pinocchio"):
-        torques["urdf in pinocchio"] = in_pinocchio(states)
-    if find_spec("mujoco"):
-        torques["mjcf in mujoco"] = in_mujoco(states)
+    for engine, run in {"cc": in_c, "pinocchio": in_pinocchio, "mujoco": in_mujoco}.items():
+        if which(engine) or find_spec(engine):
+            torques[engine] = run(states)
     return {"torques": {name: summary(tau) for name, tau in torques.items()}}
 
 
@@ -313,7 +311,9 @@ def in_c(states: Any) -> Any:
     """Return the torques of arm.c."""
     line = "cc -O1 -ffp-contract=off -shared -fPIC -o arm.so arm.c -lm"
     subprocess.run(line.split(), check=True)
-    function, tau = ctypes.CDLL("./arm.so").dynid_inverse_dynamics, np.zeros_like(states[:, 0])
+    # Why the whole path: a library of the same name that is loaded already is not loaded again.
+    library = ctypes.CDLL(str(Path("arm.so").resolve()))
+    function, tau = library.dynid_inverse_dynamics, np.zeros_like(states[:, 0])
     for row, state in zip(tau, states, strict=True):
         function(*(ctypes.c_void_p(x.ctypes.data) for x in (*state, row)))
     return tau
@@ -343,7 +343,7 @@ def in_mujoco(states: Any) -> Any:
 
 def gaps(case: str, data: Path) -> dict[str, Any]:
     """Measure which missing effects are named, and their sizes."""
-    (name,), hidden, options = rows(GAPS)[case]
+    (name,), hidden, options = dict(rows(GAPS))[case]
     robot = place(name, data)
     if case.startswith("LWR4+"):
         known = paths = [place(f"kuka_lwr4plus/run{k}.bag", data) for k in (1, 2)]
@@ -391,11 +391,11 @@ def keys(answer: Any, path: str = "") -> Iterator[str]:
 
 #: The groups with their cases, the slowest first.
 GROUPS = {
-    "gaps": (gaps, [*rows(GAPS)]),
+    "gaps": (gaps, [*dict(rows(GAPS))]),
     "answers": (answers, ["keys"]),
     "exports": (exports, EXPORTED),
-    "runs": (runs, [*rows(RUNS)]),
-    "logs": (logs, [f"{arm} {log}" for arm, names in RECORDINGS.items() for log in names.split()]),
+    "runs": (runs, [*dict(rows(RUNS))]),
+    "logs": (logs, [f"{arm} {log}" for arm, (names,) in rows(RECORDINGS) for log in names]),
     "models": (models, sorted(str(p.relative_to(ROOT)) for p in ROOT.glob("robots/**/*.yaml"))),
 }
 
@@ -413,7 +413,7 @@ def measured(group: str, case: str, data: Path) -> Any:
         except AbsentError as error:
             figures = None
             print(f"skipped: {group}, {case}: there is no {error}", file=sys.stderr)
-        except Exception as error:  # noqa: BLE001 - one more figure that moved; the others are still wanted
+        except Exception as error:  # noqa: BLE001 - a figure that moved
             figures = {"crash": f"{type(error).__name__}: {error}"}
         os.chdir(ROOT)
     print(f"{time.perf_counter() - begin:6.1f} s  {group}, {case}", file=sys.stderr)
@@ -435,7 +435,7 @@ def leaves(figure: Any, path: str = "", size: float = 0.0) -> Iterator[tuple[str
 def moves(
     old: dict[str, Any], new: dict[str, Any], kind: str, limit: dict[str, Any]
 ) -> Iterator[tuple[str, float, float, Any, Any]]:
-    """Yield of each entry of a figure where it is, its relative move, that in limits, both values."""
+    """Yield where each entry of a figure is, its relative move, that in limits, both values."""
     before, after, errors = (
         {where: rest for where, *rest in leaves(figure)}
         for figure in (old.get(kind), new.get(kind), old.get("std_errors"))
@@ -447,7 +447,7 @@ def moves(
             allowed = max(
                 limit.get("relative", 0.0) * scale,
                 limit.get("absolute", 0.0),
-                limit.get("std_errors", 0.0) * (error or 0.0),
+                limit.get("std_errors", 0.0) * float(error or 0.0),
             )
             yield where, abs(a - b) / (scale or 1.0), abs(a - b) / (allowed or 1e-300), a, b
         else:
@@ -493,7 +493,7 @@ def main() -> int:
     options = parser.parse_args()
     begin, new = time.perf_counter(), {}
     cases = [(group, case) for group in options.only.split(",") for case in GROUPS[group][1]]
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(2) as pool:
         found = pool.map(measured, *zip(*cases, strict=True), repeat(options.data.resolve()))
         for (group, case), figures in zip(cases, found, strict=True):
             if figures:
