@@ -2,7 +2,7 @@
 
 What the data determine is kept within its uncertainty, the rest is taken from the prior, and every number says which it
 is. Reads whitened least squares ``R x ~ r`` (or base parameters with covariance) and the set of possible arms; writes
-parameters of bodies that exist, with a certificate of optimality. The divergence from the prior is entropic (Lee,
+parameters of bodies that exist. The divergence from the prior is entropic (Lee,
 Wensing, Park 2020, "Geometric robot dynamic identification"):
 
     1/2 |R x - r|^2 + gamma * sum_i [-logdet P_i + tr(P0_i^-1 P_i)].
@@ -35,7 +35,7 @@ from dynid.estimation.possible_set import (
     Point,
     basis,
     body_parameters,
-    certificate,
+    hessian_at,
     make_constraints,
     minimise,
     pseudo_inertia,
@@ -151,18 +151,15 @@ def curvature(constraints: PhysicalConstraints, x: Floats, gamma: float) -> Floa
 # ---------------------------------------------------------------- the best-fitting arm
 @dataclass(frozen=True)
 class PhysicalParameters:
-    """A physically possible value for each of the c parameters of a model, with its certificate.
+    """A physically possible value for each of the c parameters of a model.
 
     Attributes:
         names: parameter names, (c,).
         x: their values, (c,), in their units.
         std_error: posterior standard deviation, data and prior together, (c,).
         data_share: how much of each value comes from the data, 0 (prior) to 1, (c,).
-        touched: bounds that the data push against.
         cost: 1/2 |R x - r|^2, the penalty that holds offsets near zero with it.
         objective: cost plus divergence from the prior.
-        gap: bound on how far ``objective`` is above the best possible one.
-        steps: Newton steps.
         covariance: posterior covariance of the values (Laplace's approximation), (c, c).
         hessian: of the objective, (d, d).
         inflation: how many rows are worth one independent row.
@@ -172,11 +169,8 @@ class PhysicalParameters:
     x: Floats
     std_error: Floats
     data_share: Floats
-    touched: tuple[str, ...]
     cost: float
     objective: float
-    gap: float
-    steps: int
     covariance: Floats
     hessian: Floats
     inflation: float = 1.0
@@ -261,8 +255,8 @@ def fit_physical(
         The unique minimiser.
     """
     objective = _objective(R, r, constraints, gamma)
-    (y, _, _), steps = minimise(objective, feasible_start(constraints))
-    return _report(objective, y, steps, constraints)[0]
+    y, _, _ = minimise(objective, feasible_start(constraints))
+    return _report(objective, y, constraints)[0]
 
 
 def fit_pooled(
@@ -295,17 +289,16 @@ def fit_pooled(
     constraints = with_pooled_prior(constraints, start)
     bound = constraints if near is None else _followed(constraints, near)
     objective = _objective(*_with_spread(R, r, bound, gamma), bound, gamma)
-    here, steps = minimise(objective, start, tuning.POOLING_TOLERANCE)
+    here = minimise(objective, start, tuning.POOLING_TOLERANCE)
     for _ in range(tuning.POOLING_ROUNDS):
         before, constraints = bound, with_pooled_prior(constraints, here[0])
         bound = _followed(constraints, here[0])
         if _settled(before, bound):
             break
         objective = _objective(*_with_spread(R, r, bound, gamma), bound, gamma)
-        here, more = minimise(objective, here, tuning.POOLING_TOLERANCE)
-        steps += more
-    (y, _, _), more = minimise(objective, here)
-    fit, logs = _report(objective, y, steps + more, constraints)
+        here = minimise(objective, here, tuning.POOLING_TOLERANCE)
+    y, _, _ = minimise(objective, here)
+    fit, logs = _report(objective, y, constraints)
     return _honest(fit, R, logs, constraints, gamma), constraints
 
 
@@ -455,20 +448,16 @@ def exact_parameters(
     whiten = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(sigma, sigma))) / sigma
     x = feasible_start(constraints)
     here: Floats | Point = np.concatenate([K @ x, Vt[p:] @ x])
-    worst, steps = np.inf, 0
+    worst = np.inf
     for tolerance in tuning.COMPLETION_STEPS:
         R = np.hstack([whiten, np.zeros((p, c - p))]) / tolerance
         objective = replace(_objective(R, whiten @ beta / tolerance, constraints, gamma), T=T)
-        here, more = minimise(objective, here)
-        steps, before, worst = (
-            steps + more,
-            worst,
-            float(np.abs((here[0][:p] - beta) / sigma).max()),
-        )
+        here = minimise(objective, here)
+        before, worst = worst, float(np.abs((here[0][:p] - beta) / sigma).max())
         # Why: where a body exists, ten times the stiffness leaves a hundredth of the miss; where none does, nothing.
         if worst < 1e-3 * tuning.REPRODUCED_SHARE or worst > 0.5 * before:
             break
-    return _report(objective, here[0], steps, constraints)[0], worst
+    return _report(objective, here[0], constraints)[0], worst
 
 
 def require_possible_prior(constraints: PhysicalConstraints) -> None:
@@ -519,7 +508,7 @@ def _move_inside(constraints: PhysicalConstraints, x: Floats) -> Floats:
     R, weights = np.eye(c, c + 1) / (1.0 + np.abs(x))[:, None], np.ones(k + 1)
     base = _objective(R, R @ y, constraints, 1.0)
     for weight in (1e2, 1e4, 1e6, 1e8):
-        (y, _, _), _ = minimise(
+        y, _, _ = minimise(
             replace(base, linear=np.append(base.linear, weight), G=G, h=h, mu=weights), y
         )
         if np.all(constraints.slack(y[:-1]) > 0.0):
@@ -552,28 +541,18 @@ def _objective(R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: fl
 
 
 def _report(
-    objective: Objective, y: Floats, steps: int, constraints: PhysicalConstraints
+    objective: Objective, y: Floats, constraints: PhysicalConstraints
 ) -> tuple[PhysicalParameters, Floats]:
-    """Return the parameters at a minimum with their certificate, and the curvature of the prior there, (c, c)."""
-    gap, hessian, logs = certificate(objective, y)
-    x = objective.to_x(y)
+    """Return the parameters at a minimum, and the curvature of the prior there, (c, c)."""
+    hessian, logs = hessian_at(objective, y)
     residual = objective.R @ y - objective.r
-    # A bound's multiplier mu / slack, times its distance from the prior, says how much cost it holds back.
-    slack = constraints.slack(x)
-    held = objective.mu * np.abs(constraints.slack(feasible_start(constraints)) / slack)
-    touched = tuple(
-        label for label, cost in zip(constraints.labels, held, strict=True) if cost > 1.0
-    )
     covariance = _inverse(hessian, objective.T)
     after, before = np.maximum(np.diagonal(covariance), 0.0), np.diagonal(_inverse(logs, None))
     found = PhysicalParameters(
         names=tuple(parameter.name for parameter in constraints.parameters),
-        x=x,
+        x=objective.to_x(y),
         cost=float(0.5 * residual @ residual),
         objective=objective.value(y),
-        gap=gap + tuning.BOUND_WEIGHT * int(_only_bounds(constraints).sum()),
-        steps=steps,
-        touched=touched,
         data_share=_share(after, before),
         std_error=np.sqrt(after),
         covariance=covariance,

@@ -4,8 +4,7 @@
 
 A damped primal-dual Newton method minimises f. At the minimum each P_i has a multiplier Z_i with P_i Z_i = gamma_i 1
 (each bound one with slack * z = mu). The method solves these conditions together, in the scaling of Nesterov and Todd;
-primal steps alone would crawl along the boundary where the squares outweigh the logarithms. The certificate is the
-Newton decrement of f itself.
+primal steps alone would crawl along the boundary where the squares outweigh the logarithms.
 
 Source: Wensing, Kim, Slotine 2018, "Linear matrix inequalities for physically consistent inertial parameter
 identification" (the pseudo-inertia); Boyd, Vandenberghe 2004, sections 9.6 and 11; Nesterov, Todd 1998 (the scaling).
@@ -237,7 +236,7 @@ Point: TypeAlias = tuple[Floats, Floats, Floats]
 
 def minimise(
     objective: Objective, start: Floats | Point, tolerance: float = tuning.INTERIOR_TOLERANCE
-) -> tuple[Point, int]:
+) -> Point:
     """Minimise the objective from an interior point.
 
     Args:
@@ -246,49 +245,33 @@ def minimise(
         tolerance: relative error of the optimality conditions at which the method stops.
 
     Returns:
-        Where it stopped, and after how many steps; ``certificate`` says how good that is.
+        Where it stopped.
     """
     RtR = objective.R.T @ objective.R
     here = _cold(objective, start) if isinstance(start, np.ndarray) else start
     P, slack = _primal(objective, here[0])
-    step, steps = 0.0, 0
-    while steps < tuning.INTERIOR_STEPS and not (
-        step == 1.0 and _error(objective, here, P, slack) < tolerance
-    ):
+    step = 0.0
+    for _ in range(tuning.INTERIOR_STEPS):
+        if step == 1.0 and _error(objective, here, P, slack) < tolerance:
+            break
         try:
             after, step = _step(objective, RtR, here, P, slack)
             primal = _primal(objective, after[0])
             np.linalg.cholesky(primal[0])
-        except (
-            np.linalg.LinAlgError
-        ):  # at the limit of double precision: the certificate says how good that is
+        except np.linalg.LinAlgError:  # at the limit of double precision
             break
-        here, (P, slack), steps = after, primal, steps + 1
-    return here, steps
+        here, (P, slack) = after, primal
+    return here
 
 
-def certificate(objective: Objective, y: Floats) -> tuple[float, Floats, Floats]:
-    """Return how good a point is.
-
-    Args:
-        objective: the function f.
-        y: the point, (d,).
-
-    Returns:
-        A bound on f(y) minus the smallest f, infinite where there is none; the Hessian of f there, (d, d); the part of
-        it that comes from the logarithms, in x, (c, c).
-    """
+def hessian_at(objective: Objective, y: Floats) -> tuple[Floats, Floats]:
+    """Return the Hessian of f at a point (d,), (d, d), and the part of it from the logarithms, in x, (c, c)."""
     P, slack = _primal(objective, y)
     back = np.linalg.inv(np.linalg.cholesky(P))
-    gradient = _gradient(objective, y, back.swapaxes(-1, -2) @ back, slack)
     logs = _curvature(
         objective, objective.gamma[:, None, None] ** 0.25 * back, objective.mu / slack**2
     )
-    hessian = objective.R.T @ objective.R + _in_y(objective, logs)
-    decrement = max(float(gradient @ solve_scaled(hessian, gradient)), 0.0) ** 0.5
-    # f over its smallest weight is self-concordant, which turns the decrement into a bound.
-    weakest = float(min(objective.gamma.min(initial=np.inf), objective.mu.min(initial=np.inf)))
-    return weakest * _gap_bound(decrement / weakest**0.5), hessian, logs
+    return objective.R.T @ objective.R + _in_y(objective, logs), logs
 
 
 def _primal(objective: Objective, y: Floats) -> tuple[Floats, Floats]:
@@ -423,8 +406,3 @@ def solve_scaled(H: Floats, b: Floats) -> Floats:
         return np.asarray(columns * np.linalg.solve(scaled, columns * b))
     except np.linalg.LinAlgError:
         return np.asarray(columns * np.linalg.lstsq(scaled, columns * b, rcond=None)[0])
-
-
-def _gap_bound(decrement: float) -> float:
-    """Return -d - log(1 - d), the self-concordant bound on f minus its smallest value."""
-    return float(-decrement - np.log1p(-decrement)) if decrement < 1.0 else float("inf")

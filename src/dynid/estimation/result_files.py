@@ -65,6 +65,7 @@ SCALARS = (
     "heldout_by_set",
 )
 FULL_ARRAYS = ("x", "std_error", "data_share", "covariance", "hessian")
+FULL_SCALARS = ("names", "cost", "objective", "inflation")
 ERROR_ARRAYS = ("speed", "reference", "scale", "projection", "mean", "root", "slope", "size", "rms")
 #: What files of results without joints apart lack; zero there.
 APART_ARRAYS = ("apart", "own", "own_root", "own_slope")
@@ -189,11 +190,8 @@ CONTENTS = Contents(
         "result.model_error_evidence": Fact(float | None),
         "result.expected": Fact(dict[str, Any] | None),
         "result.physical.names": Fact(list[str], "c"),
-        "result.physical.touched": Fact(list[str]),
         "result.physical.cost": Fact(float),
         "result.physical.objective": Fact(float),
-        "result.physical.gap": Fact(float),
-        "result.physical.steps": Fact(int),
         "result.physical.inflation": Fact(float, least=LEAST),
     },
     {
@@ -247,10 +245,8 @@ def load(path: Path) -> Identification:
     h, a = dict(artifact.header), artifact.arrays
     with reading(path):
         stored: dict[str, Any] = dict(h["result"])
-        full: dict[str, Any] = {
-            key: tuple(value) if isinstance(value, list) else value
-            for key, value in stored["physical"].items()
-        }
+        full: dict[str, Any] = {key: stored["physical"][key] for key in FULL_SCALARS}
+        full["names"] = tuple(full["names"])
         full |= {key: a[f"full_{key}"] for key in FULL_ARRAYS}
         file = Path(h["robot_path"])
         robot = parse_robot(h["robot_file"], file)

@@ -27,24 +27,7 @@ def test_entropic_fit_reaches_the_optimum_that_clarabel_finds(arm, regime, gamma
     best = clarabel_optimum(R, r, arm.constraints, gamma)[0]
     bounds = -1e-5 * np.log(arm.constraints.slack(fit.x)).sum()
     assert fit.objective - bounds == pytest.approx(best, abs=1e-3 * max(1.0, fit.cost / 10))
-    assert fit.gap < 1e-3
     assert arm.constraints.holds(fit.x)
-
-
-def test_decrement_bounds_the_distance_to_any_other_point(arm):
-    R, r = arm.whitened()
-    fit = fit_physical(R, r, arm.constraints)
-    rng = np.random.default_rng(3)
-    for _ in range(20):
-        other = fit.x * (1 + 1e-3 * rng.standard_normal(91))
-        if arm.constraints.holds(other):
-            residual, P = R @ other - r, arm.constraints.bodies
-            value = 0.5 * residual @ residual + 3 * sum(
-                -np.linalg.slogdet(np.tensordot(other[k], basis(), 1))[1]
-                + np.trace(np.linalg.solve(P0, np.tensordot(other[k], basis(), 1)))
-                for k, P0 in zip(P, arm.constraints.prior_pseudo_inertia, strict=True)
-            )
-            assert value > fit.objective - fit.gap - 1e-2
 
 
 def test_without_data_the_answer_is_the_prior(arm):
