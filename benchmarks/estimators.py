@@ -35,7 +35,7 @@ from dynid.model import build_model
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import BODY_PARAMETERS, body_of, prior_base_parameters
 from dynid.model.reduce import reduce
-from dynid.robot import Body, Controller, Joint, Limits, Prior, Robot
+from dynid.robot import Body, Joint, Limits, Prior, Robot
 from dynid.signals.conditioned_log import ConditionedLog, condition
 from dynid.signals.filters import choose_filter, despiked
 
@@ -86,6 +86,7 @@ class Arm:
         plant: Pinocchio's copy.
         viscous: (n,).
         coulomb: (n,).
+        gains: stiffness and damping of the position controller, (2, n).
         rate: of the controller [Hz]; a multiple of that of the log.
         smooth: cut-off of the controller's velocity [Hz], 0 for plain differences.
         harmonics: of 0.1 Hz in the command.
@@ -97,6 +98,7 @@ class Arm:
     plant: pin.Model
     viscous: np.ndarray
     coulomb: np.ndarray
+    gains: np.ndarray
     rate: int
     smooth: float
     harmonics: int
@@ -140,10 +142,10 @@ def _lwr() -> Arm:
         )
         for i in range(7)
     )
-    gains = Controller((2000.0, 2000, 1500, 1500, 800, 500, 250), (100.0, 100, 60, 60, 25, 15, 8))
+    gains = np.array([[2000.0, 2000, 1500, 1500, 800, 500, 250], [100, 100, 60, 60, 25, 15, 8]])
     friction = np.array([3.0, 3, 2, 2, 1, 1, 0.5])
     length = [0.31, 0.2, 0.2, 0.2, 0.19, 0.1, 0.1]
-    robot = Robot("LWR", "standard", joints, controller=gains)
+    robot = Robot("LWR", "standard", joints)
     rotor = [0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05]
     return _made(
         robot,
@@ -152,6 +154,7 @@ def _lwr() -> Arm:
         rotor,
         friction,
         friction,
+        gains,
         1000,
         60.0,
         5,
@@ -172,15 +175,17 @@ def _tx40() -> Arm:
     ktau = np.array([35.24, 32.04, 23.94, 9.05, 15.5, 6.56])
     kp = 0.75 * np.array([455.8, 500, 253.8, 200.2, 244.3, 478.5]) * ktau
     kd = np.array([2.54, 4.12, 1.18, 0.546, 0.571, 0.195]) * ktau
-    robot = Robot("TX40", "modified", joints, controller=Controller(tuple(kp), tuple(kd)))
+    robot = Robot("TX40", "modified", joints)
     rotor = [0.362, 0.507, 0.0829, 0.0341, 0.0361, 0.0114]
     viscous, coulomb = [7.94, 5.69, 1.98, 1.11, 1.60, 0.69], [6.98, 7.83, 6.19, 2.41, 3.41, 1.83]
     length = [0.3, 0.225, 0.2, 0.2, 0.1, 0.1]
     masses = [8.61, 4.85, 4.07, 3.62, 1.02, 0.2]
-    return _made(robot, masses, length, rotor, np.array(viscous), np.array(coulomb), 5000, 0.0, 20)
+    friction = np.array(viscous), np.array(coulomb)
+    gains = np.array([kp, kd])
+    return _made(robot, masses, length, rotor, *friction, gains, 5000, 0.0, 20)
 
 
-def _made(robot, masses, length, rotor, viscous, coulomb, rate, smooth, harmonics) -> Arm:
+def _made(robot, masses, length, rotor, viscous, coulomb, gains, rate, smooth, harmonics) -> Arm:
     rng, values, believed = np.random.default_rng(0), {}, []
     for i, mass in enumerate(masses):
         stretch = np.eye(4) + rng.standard_normal((4, 4)) * np.array(
@@ -300,7 +305,7 @@ def recorded(name: str, regime: str, seed: int) -> Log:
 def _driven(arm: Arm, reference, noise) -> tuple[np.ndarray, np.ndarray]:
     """Return measured positions and drive torques at the controller's rate."""
     plant, scratch, dt = arm.plant, arm.plant.createData(), 1.0 / arm.rate
-    kp, kd = np.array(arm.robot.controller.kp), np.array(arm.robot.controller.kd)
+    kp, kd = arm.gains
     keep = np.exp(-2 * np.pi * arm.smooth * dt) if arm.smooth else 0.0
     substeps = 2 if arm.rate == 1000 else 1
     h = dt / substeps
@@ -344,7 +349,7 @@ def one(name: str, regime: str, draw: int) -> dict[str, list[float]]:
     found = {"OLS 50 Hz": butterworth(arm, log)}
     for method in PLAIN:
         start = time.perf_counter()
-        each = METHODS[method](replace(rows), prior, arm.robot.controller)
+        each = METHODS[method](replace(rows), prior)
         seconds = made + time.perf_counter() - start
         again = partial(METHODS[method], prior=prior)
         whole = physical_posterior(arm.base, each, rows, refit=again, residual_model=False).theta

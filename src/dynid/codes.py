@@ -43,7 +43,6 @@ WARNINGS: dict[str, str] = {
     "W409": "Exported links have masses or inertias that no body has; simulators may refuse or replace them.",
     "W410": "A torque sensor after the gear hardly sees rotor inertia and motor friction.",
     "W411": "A body on the last link does not explain what has changed between the two logs.",
-    "W412": "The arm follows its commands too badly for instruments, or they explain the log worse than least squares.",
     "W413": "The torques of a joint contradict those of the others: only a part, another scale or sign, or stuck.",
     "W501": "Torque sensors were not zeroed in this session.",
     "W604": "There is no display: the preview was saved as pictures instead.",

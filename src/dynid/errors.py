@@ -398,19 +398,19 @@ class NothingChanged(DynidError):
 
 
 class NotSimulated(DynidError):
-    """The arm under its controller could not be simulated."""
+    """The arm could not be simulated."""
 
     code, status = "E407", ExitStatus.DATA
-    why = "with wrong gains or impossible parameters the simulated closed loop is unstable"
-    fix = "check `controller:` in the robot file, or use --method iv"
+    why = "with impossible parameters the simulated arm flies apart"
+    fix = "identify with a log that determines the arm's parameters"
 
 
 class WeakInstruments(DynidError):
-    """Estimates from the commanded or simulated motion explain the log far worse than least squares."""
+    """Estimates from the commanded motion explain the log far worse than least squares."""
 
     code, status = "E408", ExitStatus.DATA
-    why = "the commanded or simulated motion says too little about the measured one, or gains are wrong"
-    fix = "use --method wls, or let --method auto choose"
+    why = "the commanded motion says too little about the measured one"
+    fix = "use --method auto"
 
 
 # ---------------------------------------------------------------- 5: safety

@@ -264,19 +264,6 @@ class Coupling:
 
 
 @dataclass(frozen=True)
-class Controller:
-    """Position controller of each joint: tau = kp (q_ref - q) + kd (qd_ref - qd), in DH quantities.
-
-    Attributes:
-        kp: (n,) [N m/rad or N/m].
-        kd: (n,) [N m s/rad or N s/m].
-    """
-
-    kp: tuple[float, ...]
-    kd: tuple[float, ...]
-
-
-@dataclass(frozen=True)
 class EffectSpec:
     """A torque effect that was added to the model.
 
@@ -314,7 +301,6 @@ class Robot:
         path: file it was read from, None when made in code or from a URDF.
         source: what a person types for it: name or path; None when made in code.
         known: bounds on masses and centres of mass.
-        controller: what follows the commanded motion, None where it is not known.
         findings: what was noticed while reading.
     """
 
@@ -334,7 +320,6 @@ class Robot:
     coulomb: Coulomb | None = None
     effects: tuple[EffectSpec, ...] = ()
     known: Known = Known()
-    controller: Controller | None = None
     path: Path | None = field(default=None, compare=False)
     source: str | None = field(default=None, compare=False)
     findings: tuple[Finding, ...] = field(default=(), compare=False)

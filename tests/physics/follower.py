@@ -5,8 +5,6 @@ import pinocchio as pin
 from arms import pinocchio_model
 
 from dynid.log import Log
-from dynid.robot import Controller
-from dynid.sim.arm import Friction
 
 #: Midpoint steps of the physics within one sample of the controller.
 SUBSTEPS = 2
@@ -21,14 +19,14 @@ def follow_motion(robot, bodies, friction, rotor, motion, controller, encoder, t
         friction: of all joints, a ``sim.arm.Friction``.
         rotor: rotor inertias, (n,).
         motion: the command, at the controller's samples.
-        controller: gains.
+        controller: stiffness and damping of each joint, (2, n).
         encoder: standard deviation of the positions [rad].
         torque: of the torques, (n,) [N m].
         rng: source of the noise.
     """
     plant = pinocchio_model(robot, bodies, rotor)
     data, step = plant.createData(), float(motion.t[1] - motion.t[0])
-    kp, kd, h = np.array(controller.kp), np.array(controller.kd), step / SUBSTEPS
+    (kp, kd), h = np.array(controller), step / SUBSTEPS
     q, qd = motion.q[0].copy(), motion.qd[0].copy()
     seen = motion.q + encoder * rng.standard_normal(motion.q.shape)
     tau = np.zeros_like(seen)
@@ -50,6 +48,3 @@ def follow_motion(robot, bodies, friction, rotor, motion, controller, encoder, t
     return Log(
         motion.t, seen, tau, robot.joint_names, tau_unit="Nm", dh=True, extra={"q_ref": motion.q}
     )
-
-
-__all__ = ["Controller", "Friction", "follow_motion"]

@@ -13,7 +13,7 @@ from dynid.estimation.payload import find_payload
 from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.model.parameters import joined
-from dynid.robot import Body, Controller
+from dynid.robot import Body
 from dynid.signals.conditioned_log import ConditionedLog, condition
 from dynid.signals.filters import choose_filter
 from dynid.sim.plant import read_plant
@@ -23,7 +23,7 @@ from dynid.workflows.model import base_model
 PLANT = read_plant(Path(__file__).parents[2] / "trajectories" / "lwr4plus_truth.yaml")
 ROBOT = load_robot("kuka_lwr4plus")
 ROTOR = (0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05)
-CONTROLLER = Controller((2000.0, 2000, 1500, 1500, 800, 500, 250), (100.0, 100, 60, 60, 25, 15, 8))
+CONTROLLER = (2000.0, 2000, 1500, 1500, 800, 500, 250), (100.0, 100, 60, 60, 25, 15, 8)
 LOAD = Body(1.8, (0.03, -0.02, 0.09), (0.006, 0.0004, -0.0003, 0.005, 0.0002, 0.004))
 GAINS = np.array([11.0, 9.5, 8.0, 7.0, 3.5, 3.0, 2.4])
 RATE, ENCODER = 500.0, np.deg2rad(1e-3)

@@ -20,7 +20,7 @@ from dynid.errors import (
 )
 from dynid.estimation import tuning
 from dynid.estimation.covariance import NOT_DETERMINED, judge
-from dynid.estimation.estimators import INSTRUMENTAL, METHODS, choose, test_of_instruments, wls
+from dynid.estimation.estimators import METHODS, choose, wls
 from dynid.estimation.least_squares import (
     Fit,
     condition_number,
@@ -44,7 +44,6 @@ from dynid.estimation.stack import Earlier, Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import prior_base_parameters
 from dynid.model.regressor import Observer, indefinite_share, random_poses
-from dynid.robot import Controller
 from dynid.scratch import joined
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.filters import decimate
@@ -180,13 +179,14 @@ def estimate(
     """
     prior = prior_base_parameters(base.model, base.reduction)
     name, why = choose(stack) if method == "auto" else (method, "as asked")
-    plain = METHODS[name](stack, prior, controller_of(base))
-    instruments = instrument_findings(stack, plain, why)
+    plain = METHODS[name](stack, prior)
+    if name == "iv":
+        _require_followed(stack, plain)
 
     def refit(part: Stack) -> Fit:
         # Why also where one was asked for: joints that are left out leave parameters open.
         chosen = choose(part)[0] if method == "auto" or part.first_fit.leaves_open else method
-        return METHODS[chosen](part, prior, controller_of(base), corrected=False)
+        return METHODS[chosen](part, prior, corrected=False)
 
     post = physical_posterior(
         base, plain, stack, refit=refit, residual_model=residual_model, size=size
@@ -241,7 +241,6 @@ def estimate(
         choice=choice,
         model_error=error,
         findings=(
-            *instruments,
             *excitation,
             *sensor_findings(base),
             *physics_findings(
@@ -313,7 +312,7 @@ def _held_out(
 ) -> dict[str, tuple[Floats, float]]:
     """Return the errors of each set on the held-out rows, fitted without them."""
     train, test, _ = holdout
-    fit = METHODS[method](train, prior, controller_of(base), corrected=False)
+    fit = METHODS[method](train, prior, corrected=False)
     again = physical_posterior(
         base, fit, train, refit=refit, residual_model=post.error is not None, like=post.error
     )
@@ -377,6 +376,19 @@ def _require_change(prior: Floats, *, plain: Floats, physical: Floats) -> None:
         )
 
 
+def _require_followed(stack: Stack, fit: Fit) -> None:
+    """Refuse instruments that explain the rows far worse than least squares.
+
+    Raises:
+        WeakInstruments: with the torque error of both.
+    """
+    left, least = (
+        relative_error(stack.whole[0], theta) for theta in (fit.theta, stack.first_fit.theta)
+    )
+    if contradicts(left, least):
+        raise WeakInstruments(f"iv leaves {left:.3g} % of the torque, wls {least:.3g} %")
+
+
 def _in_force(
     stack: Stack,
     method: str,
@@ -416,11 +428,6 @@ def _in_force(
             f"{missing}; on other motions the physical parameters should still be better",
         )
     return "plain", missing
-
-
-def controller_of(base: BaseModel) -> Controller | None:
-    """Return the robot's controller where the base parameters are those of the whole arm that it moves."""
-    return None if base.robot.links else base.robot.controller
 
 
 # ---------------------------------------------------------------- what logs and fits are worth, as findings
@@ -546,39 +553,6 @@ def excitation_findings(
         evidence = {"expected_percent": cost, "condition_number_scaled": condition}
         return (Finding("W402", "warning", text, evidence),)
     return ()
-
-
-def instrument_findings(stack: Stack, plain: Fit, why: str) -> tuple[Finding, ...]:
-    """Say where commands in the logs are no instruments: not taken, or taken because they were asked for.
-
-    Args:
-        stack: the stacked logs.
-        plain: their fit.
-        why: why its estimator was chosen.
-
-    Raises:
-        WeakInstruments: estimates by instruments explain the rows far worse than least squares.
-    """
-    if stack.earlier is not None or not stack.commanded:
-        return ()
-    asked = plain.method in INSTRUMENTAL
-    if not asked and why == "as asked":
-        return ()
-    test = test_of_instruments(stack)
-    if asked:
-        left, least = (
-            relative_error(stack.whole[0], theta) for theta in (plain.theta, stack.first_fit.theta)
-        )
-        if contradicts(left, least):
-            because = f": {test.said()}" if test.weak else ""
-            raise WeakInstruments(
-                f"{plain.method} leaves {left:.3g} % of the torque, wls {least:.3g} %{because}"
-            )
-    if not test.weak:
-        return ()
-    done = f"{plain.method} was asked for all the same" if asked else f"{plain.method} is used"
-    evidence = {"first_stage_f": test.strength, "unseen_ratio": test.unseen, "method": plain.method}
-    return (Finding("W412", "warning", f"{test.said()}; {done}", evidence),)
 
 
 def sensor_findings(base: BaseModel) -> list[Finding]:

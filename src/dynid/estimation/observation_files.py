@@ -29,8 +29,6 @@ SCHEMA = "dynid/fullnumericregressor/1"
 #: Least frequency [Hz], and most samples that one is kept of.
 LEAST_HZ, MOST_STEPS = 1e-6, 1_000_000
 _ARRAYS = tuple(field.name for field in fields(Segment))
-#: What belongs to a commanded motion is there or not, and what is not known of a measured one is NaN.
-_COMMAND = ("command_q", "command_qd", "command_qdd", "coulomb_sign", "command_coulomb_sign")
 Floats = NDArray[np.float64]
 CONTENTS = Contents(
     SCHEMA,
@@ -52,7 +50,7 @@ CONTENTS = Contents(
     },
     {name: Array("N n") for name in ("q", "qd", "qdd", "tau")}
     | {name: Array("N n", gaps=True) for name in ("raw_q", "raw_qd")}
-    | {name: Array("N n?", gaps=True) for name in _COMMAND}
+    | {name: Array("N n?", gaps=True) for name in ("command_q", "coulomb_sign")}
     | {name: Array("N") for name in ("t", "elapsed")}
     | {"usable": Array("N n", np.bool_), "effects": Array("N _")}
     | {"R": Array("n p+1 p+1"), "rows": Array("n", np.int64, least=0)},

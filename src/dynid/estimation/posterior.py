@@ -59,7 +59,7 @@ Mask = NDArray[np.bool_]
 
 
 #: Estimators that give spikes little weight.
-ROBUST = ("irls", "iv", "idim-iv")
+ROBUST = ("irls", "iv")
 #: Errors of noise-free torques, which are rounding [%].
 NOISE_FREE = 1e-6
 #: Sizes of the groups without any model error.

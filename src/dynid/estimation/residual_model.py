@@ -188,7 +188,6 @@ def rows_with_columns(stack: Stack, speed: Floats, reference: Floats) -> Iterato
             joints=np.concatenate([joints, rows.joints]),
             columns=np.concatenate([columns, k + rows.columns]),
             size=k + rows.size,
-            command=None,
         )
 
 

@@ -47,7 +47,7 @@ class ObservationRows:
         columns: column of each entry, (E,).
         size: number of columns p.
         tau: torques after the parallel filter, (M, n) [N m or N].
-        command: the entries on the commanded or simulated motion, which knows no measurement noise, (E, M); or None.
+        command: the entries on the commanded motion, which knows no measurement noise, (E, M); None where nobody asked.
         usable: rows that count, (M, n); None for all.
         follows: whether its first row follows the last row of the rows before it without a gap.
         t: time, (M,) [s].
@@ -76,7 +76,7 @@ class ObservationRows:
 
     @cached_property
     def Z(self) -> Floats | None:
-        """Instruments, (M, n, p): the regressor on the commanded motion, in its units; None where there is none."""
+        """Instruments, (M, n, p): the regressor on the commanded motion, in its units; None without them."""
         return None if self.command is None else self._dense(self.command)
 
     @cached_property
@@ -89,8 +89,8 @@ class ObservationRows:
 
     @cached_property
     def instruments(self) -> ObservationRows:
-        """The rows on the commanded motion, of logs that have one."""
-        assert self.command is not None, "only rows of a log with commands have instruments"
+        """The rows on the commanded motion, of rows that were made with it."""
+        assert self.command is not None, "only rows that were made with commands have instruments"
         return replace(self, entries=self.command, command=None)
 
     def _dense(self, entries: NDArray[Any]) -> Floats:
@@ -196,12 +196,15 @@ def dense_rows(W: Floats, tau: Floats, Z: Floats | None = None, **facts: Any) ->
 
 
 # ---------------------------------------------------------------- evaluation
-def rows_of(log: ConditionedLog, observer: Observer) -> Iterator[ObservationRows]:
+def rows_of(
+    log: ConditionedLog, observer: Observer, *, commanded: bool = False
+) -> Iterator[ObservationRows]:
     """Yield the filtered rows of one log, block of time by block of time.
 
     Args:
         log: the conditioned log.
         observer: the columns to evaluate.
+        commanded: evaluate them on the commanded motion as well.
     """
     chosen = log.filter
     kernel, step = chosen.second_kernel, chosen.second_step
@@ -216,9 +219,10 @@ def rows_of(log: ConditionedLog, observer: Observer) -> Iterator[ObservationRows
         blocks = max(1, round(count / per_block)) if count else 0
         reversals = reversal_times(segment, chosen.position_cutoff) if taps > 1 else ()
         edges = np.linspace(0, count, blocks + 1).astype(int).tolist()
+        command = _command(segment) if commanded and count else None
         for first, last in pairwise(_stops(edges, together)):
             rows = replace(
-                _evaluated(segment, observer, kernel, step, first, last),
+                _evaluated(segment, observer, kernel, step, first, last, command),
                 reversal_times=reversals,
                 cutoff=chosen.cutoff,
             )
@@ -247,8 +251,20 @@ def _stops(edges: Sequence[int], together: int) -> list[int]:
     return found
 
 
+def _command(segment: Segment) -> tuple[Floats, ...]:
+    """Return commanded positions, velocities and accelerations of a segment, (N, n) each."""
+    qd = np.gradient(segment.command_q, segment.t, axis=0)
+    return segment.command_q, qd, np.gradient(qd, segment.t, axis=0)
+
+
 def _evaluated(
-    segment: Segment, observer: Observer, kernel: Floats, step: int, first: int, last: int
+    segment: Segment,
+    observer: Observer,
+    kernel: Floats,
+    step: int,
+    first: int,
+    last: int,
+    command: tuple[Floats, ...] | None,
 ) -> ObservationRows:
     part = slice(first * step, (last - 1) * step + kernel.shape[1])
     tau = decimate(np.ascontiguousarray(segment.tau[part].T), kernel, step)[0]
@@ -256,19 +272,17 @@ def _evaluated(
     if not segment.usable[part].all():
         invalid = (~segment.usable[part]).T.astype(float)
         usable = decimate(np.ascontiguousarray(invalid), np.ones_like(kernel), step)[0].T < 0.5
-    command, effects = segment.command, segment.effects[part]
+    effects, sign = segment.effects[part], segment.coulomb_sign[part]
     motion = (segment.q[part], segment.qd[part], segment.qdd[part])
-    commanded = None if command is None else tuple(x[part] for x in command)
-    signs = (segment.coulomb_sign[part], segment.command_coulomb_sign[part])
     return ObservationRows(
-        entries=_entries(motion, signs[0], effects, observer, kernel, step),
+        entries=_entries(motion, sign if sign.size else None, effects, observer, kernel, step),
         joints=observer.rows,
         columns=observer.cols,
         size=observer.shape[1],
         tau=np.ascontiguousarray(tau.T),
         command=None
-        if commanded is None
-        else _entries(commanded, signs[1], effects, observer, kernel, step),
+        if command is None
+        else _entries(tuple(x[part] for x in command), None, effects, observer, kernel, step),
         usable=usable,
         t=segment.t[part.start + (kernel.shape[1] - 1) // 2 :: step][: last - first].copy(),
     )
@@ -276,7 +290,7 @@ def _evaluated(
 
 def _entries(
     motion: tuple[Floats, ...],
-    sign: Floats,
+    sign: Floats | None,
     effects: Floats,
     observer: Observer,
     kernel: Floats,
@@ -287,7 +301,7 @@ def _entries(
     Added effects come with the segment, and so do Coulomb signs where it has them: filtered as the torques were.
     """
     q, qd, qdd = motion
-    entries = observer.entries(q, qd, qdd, sign if sign.size else None)
+    entries = observer.entries(q, qd, qdd, sign)
     if len(observer.added_entries):
         entries = np.vstack([entries, effects.T[observer.added_entries]])
     kept: Floats = decimate(entries, kernel, step)[0]
@@ -385,20 +399,6 @@ def fold(R: Floats, rows: ObservationRows, joint: int, weight: Floats | None = N
         entries, tau = entries[:, good], tau[good]
     R[place] = accumulate(R[place], entries.T, tau)
     return int(good.sum())
-
-
-def root_mean_square(segments: Iterable[ObservationRows], theta: Floats) -> Floats:
-    """Return the root mean square of each joint's residual, (n,) [N m or N]; never quite zero. theta is (p,)."""
-    squares: Floats | float = 0.0
-    rows: Ints | int = 0
-    largest = 0.0
-    for segment in segments:
-        squares = squares + np.sum(segment.residual(theta) ** 2, axis=0)
-        rows = rows + segment.mask.sum(axis=0)
-        largest = max(largest, float(np.abs(segment.tau).max(initial=0.0)))
-    return np.asarray(
-        np.maximum(np.sqrt(squares / np.maximum(rows, 1)), 1e-12 * max(largest, 1e-18))
-    )
 
 
 def robust_noise(segments: Iterable[ObservationRows], theta: Floats) -> Floats:

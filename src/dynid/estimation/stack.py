@@ -39,7 +39,6 @@ from dynid.signals.conditioned_log import (
     ConditionedLog,
     torques_moved_back,
     with_effects,
-    without_command,
 )
 
 Floats = NDArray[np.float64]
@@ -54,10 +53,13 @@ class LogRows:
         log: the conditioned log.
         base: model and base parameters.
         keep: whether the rows are kept after the first walk; their numbers go into a file where they are many.
+        commanded: whether they come with the regressor on the commanded motion.
     """
 
-    def __init__(self, log: ConditionedLog, base: BaseModel, *, keep: bool = True) -> None:
-        self.log, self.base = log, base
+    def __init__(
+        self, log: ConditionedLog, base: BaseModel, *, keep: bool = True, commanded: bool = False
+    ) -> None:
+        self.log, self.base, self.commanded = log, base, commanded
         self._keep = keep and self.bytes <= tuning.KEPT_BYTES
         self._kept: list[ObservationRows] | None = None
 
@@ -81,7 +83,7 @@ class LogRows:
 
     def _evaluated(self) -> Iterator[ObservationRows]:
         numbers, facts = Growing(0), list[ObservationRows]()
-        for rows in rows_of(self.log, self.base.observer):
+        for rows in rows_of(self.log, self.base.observer, commanded=self.commanded):
             if self._keep:
                 for x in (rows.entries, rows.command, rows.tau):
                     if x is not None:
@@ -203,7 +205,7 @@ class Stack:
     @property
     def commanded(self) -> bool:
         """Whether every log says what was commanded."""
-        return all(segment.command is not None for log in self.logs for segment in log.segments)
+        return all(segment.command_q.size for log in self.logs for segment in log.segments)
 
     @cached_property
     def whole(self) -> tuple[Floats, Ints]:
@@ -240,9 +242,11 @@ class Stack:
         factors[:, joints], counts[:, joints] = 0.0, 0
         return replace(self, factors=factors, counts=counts, silent=tuple(int(j) for j in joints))
 
-    def with_logs(self, logs: Sequence[ConditionedLog]) -> Stack:
-        """Return the stack with another commanded motion in its logs; its factors do not depend on that."""
-        return replace(self, rows=tuple(LogRows(log, self.base) for log in logs))
+    @property
+    def instrumented(self) -> Stack:
+        """The stack with rows that come with the regressor on the commanded motion."""
+        rows = (LogRows(log, self.base, commanded=True) for log in self.logs)
+        return replace(self, rows=tuple(rows))
 
 
 def added(stacks: Sequence[Stack]) -> Stack:
@@ -252,12 +256,6 @@ def added(stacks: Sequence[Stack]) -> Stack:
         return first
     shifts = np.cumsum([0, *(len(each.rows) for each in stacks[:-1])])
     rows = tuple(one for each in stacks for one in each.rows)
-    if not all(each.commanded for each in stacks):
-        # Why: instruments serve all rows or none, and columns of a command in some of them fit into no array.
-        rows = tuple(
-            LogRows(without_command(one.log), one.base) if _commanded(one.log) else one
-            for one in rows
-        )
     if sum(one.bytes for one in rows) > tuning.KEPT_BYTES:
         rows = tuple(LogRows(one.log, one.base, keep=False) for one in rows)
     places = [
@@ -273,10 +271,6 @@ def added(stacks: Sequence[Stack]) -> Stack:
         rows=rows,
         earlier=next((each.earlier for each in stacks if each.earlier is not None), None),
     )
-
-
-def _commanded(log: ConditionedLog) -> bool:
-    return any(segment.command is not None for segment in log.segments)
 
 
 def stack_logs(
@@ -426,7 +420,6 @@ def _with_slope(rows: ObservationRows, slope: Floats) -> ObservationRows:
         joints=np.concatenate([rows.joints, np.arange(n)]),
         columns=np.concatenate([rows.columns, np.full(n, rows.size)]),
         size=rows.size + 1,
-        command=None,
     )
 
 

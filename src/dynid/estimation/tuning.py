@@ -93,36 +93,11 @@ NOISE_LEAST_ROWS = 20
 # ---------------------------------------------------------------- instruments
 #: Condition number of the column-normalised Z^T S W beyond which the instruments say nothing. evidence: none yet.
 INSTRUMENTS_WORST_CONDITION = 1e12
-#: First-stage F from which on instruments are strong enough. evidence: Staiger, Stock 1997; simulated arms that follow
-#: their commands to 5 % and better have 5 to 480, those that miss them by 40 to 110 % at most 4.3.
-INSTRUMENTS_STRONG = 10.0
-#: What instruments may leave of rows that they were not fitted to, over what least squares leaves; encoder noise biases
-#: the latter so that it leaves less. evidence: strong instruments 0.98 to 1.02, weak ones 1.02 to 175 on the same arms.
-INSTRUMENTS_UNSEEN = 1.05
 
 # ---------------------------------------------------------------- estimators
 #: A prior base parameter is trusted to this share of itself by ``ridge``, and never better than this share of the
 #: largest of its kind: published inertias of one arm differ by as much from each other. evidence: none yet.
 RIDGE_SPREAD, RIDGE_FLOOR = 0.5, 0.05
-#: Simulations at most; parameters that move by less than this many standard errors have settled. evidence: none yet.
-IDIM_ROUNDS, IDIM_SETTLED = 4, 0.1
-#: The same when torques of the simulated arm are fitted. evidence: none yet.
-DIDIM_ROUNDS, DIDIM_SETTLED = 8, 0.05
-
-# ---------------------------------------------------------------- simulated closed loop
-#: Longest step [s], and longest step over the time constant of the stiffest joint: central differences need 2 at most.
-#: evidence: none yet.
-SIMULATION_STEP_S, SIMULATION_STEP_SHARE = 2e-3, 0.4
-#: Steps that are solved together; a longer motion goes on from where the last ones ended. evidence: none yet.
-SIMULATION_STEPS_TOGETHER = 8192
-#: Corrections at most, and the size of the last one at which they end, in largest commanded speeds times the step.
-#: evidence: none yet.
-SIMULATION_ROUNDS, SIMULATION_SETTLED = 25, 1e-3
-#: The torque's slope is taken over this speed to either side [rad/s or m/s], a fifth of where the Coulomb sign changes.
-#: evidence: none yet.
-SIMULATION_SLOPE_SPEED = 2e-3
-#: A mass matrix serves this long [s]: the arm moves by less than a degree. evidence: none yet.
-MASS_MATRIX_SECONDS = 0.01
 
 # ---------------------------------------------------------------- prior of the bodies
 #: s above: the tails' slope is gamma (1 / s - 1). evidence: none yet.
@@ -225,7 +200,7 @@ APART_ROUNDS = 4
 #: How many filtered rows are worth one at least: of complete models it is 3.6 to 5 whatever their length, and a log of
 #: 3 to 8 s, whose slow errors the fit takes away, seems to say 1. evidence: those figures.
 COLOURED_ROWS = 4.0
-#: Parts that recordings are cut into: they have to agree, and instruments predict each from the others.
+#: Parts that recordings are cut into, which have to agree.
 #: evidence: halves of the Rokae's recording, two to eight: four tell best how far both are apart.
 PARTS_OF_LOG = 4
 #: By how much offsets and levels of friction differ between the quarters of a recording, as shares of the friction:

@@ -320,7 +320,7 @@ def _beyond_geometry(robot: Robot) -> dict[str, Any]:
             key: {str(link): bounds for link, bounds in value} if key != "total_mass" else value
             for key, value in _given(robot.known).items()
         }
-    for key in ("simulator", "controller", "coupling", "coulomb"):
+    for key in ("simulator", "coupling", "coulomb"):
         if getattr(robot, key) is not None:
             found[key] = _given(getattr(robot, key))
     return found | ({"effects": [_given(spec) for spec in robot.effects]} if robot.effects else {})

@@ -21,7 +21,6 @@ from dynid.files.yamlfile import Value
 from dynid.robot import (
     FRICTION_PARAMETERS,
     Body,
-    Controller,
     Coulomb,
     Coupling,
     Cylinders,
@@ -736,19 +735,6 @@ KNOWN = (
     ),
 )
 
-CONTROLLER = (
-    Key(
-        "kp", per_joint(not_negative(NUMBER), shared=True), REQUIRED, "Stiffness.", "N m/rad or N/m"
-    ),
-    Key(
-        "kd",
-        per_joint(not_negative(NUMBER), shared=True),
-        REQUIRED,
-        "Damping.",
-        "N m s/rad or N s/m",
-    ),
-)
-
 #: Why the joints are read apart: all other keys depend on their number and on which of them are revolute.
 ROBOT = (
     Key(
@@ -831,13 +817,6 @@ ROBOT = (
         mapping(KNOWN, Known),
         "none",
         "Bounds that the full set keeps (see [consistency](../explanation/consistency.md)).",
-    ),
-    Key(
-        "controller",
-        mapping(CONTROLLER, Controller),
-        "none",
-        "Position controller on the joint side, in DH "
-        "quantities: tau = kp (q_ref - q) + kd (qd_ref - qd); for `--method idim-iv` and `didim`.",
     ),
     Key(
         "coupling",

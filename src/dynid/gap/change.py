@@ -146,7 +146,6 @@ def with_always_missing(
             joints=np.concatenate([s.rows.joints, joints]),
             columns=np.concatenate([s.rows.columns, p + k * joints + columns]),
             size=p + n * k,
-            command=None,
         )
         found.append(replace(s, rows=rows))
     prior = np.zeros((n * k, p + n * k + 1))

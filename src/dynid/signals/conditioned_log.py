@@ -43,8 +43,8 @@ from dynid.signals.motion import runs
 Floats = NDArray[np.float64]
 #: Gives a signal of a log on a part of an even grid.
 OnGrid = Callable[[NDArray[Any], slice], NDArray[Any]]
-#: What makes the velocity of each joint, and that of its command, whose signs are taken in this shape.
-SignKernels = tuple[list[Floats], list[Floats], Coulomb]
+#: What makes the velocity of each joint, whose signs are taken in this shape.
+SignKernels = tuple[list[Floats], Coulomb]
 
 
 @dataclass(frozen=True)
@@ -61,13 +61,10 @@ class Segment:
         raw_q: unfiltered position at the same times, (N, n) [rad or m].
         raw_qd: unfiltered velocity: the driver's where there is one, otherwise differences, (N, n) [rad/s or m/s].
         command_q: commanded positions under the same filter, (N, n) [rad or m]; (N, 0) where the log has none.
-        command_qd: commanded velocities, (N, n) [rad/s or m/s].
-        command_qdd: commanded accelerations, (N, n) [rad/s^2 or m/s^2].
         effects: entries of the columns of added effects, (N, E) [N m or N per unit of the parameter].
         elapsed: time since the log began, (N,) [s].
         coulomb_sign: sign of the velocity as Coulomb friction has it, under the same filter, (N, n); (N, 0) where it is
             to be taken of ``qd``.
-        command_coulomb_sign: the same of the commanded motion, (N, n).
     """
 
     t: Floats
@@ -79,17 +76,9 @@ class Segment:
     raw_q: Floats
     raw_qd: Floats
     command_q: Floats
-    command_qd: Floats
-    command_qdd: Floats
     effects: Floats
     elapsed: Floats
     coulomb_sign: Floats
-    command_coulomb_sign: Floats
-
-    @property
-    def command(self) -> tuple[Floats, Floats, Floats] | None:
-        """Commanded motion, None where the log has none."""
-        return (self.command_q, self.command_qd, self.command_qdd) if self.command_q.size else None
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -192,12 +181,7 @@ def _segment(
             log.qd if measured and log.qd is not None else log.q, slice(0, tuning.ENOUGH_SAMPLES)
         )
         cutoffs = choose_sign_cutoffs(some, coulomb, chosen.rate, chosen.cutoff, measured=measured)
-        # Why the same for a command: it has no noise, but where it is a staircase its corners are no reversals.
-        own, of_command = (
-            [velocity_kernel(f, chosen.rate, measured=m) for f in cutoffs]
-            for m in (measured, False)
-        )
-        signs = own, of_command, coulomb
+        signs = [velocity_kernel(f, chosen.rate, measured=measured) for f in cutoffs], coulomb
     # Why filled in place: of a long log, parts and joined arrays would not fit into memory together.
     joined: list[Any] = []
     for first in range(0, outputs, per_block):
@@ -210,7 +194,7 @@ def _segment(
         if outputs > per_block:
             release()
     elapsed = filled(outputs, lambda some: joined[0][some] - log.t[0])
-    joined[-2:-2] = [np.zeros((len(joined[0]), 0)), elapsed]
+    joined[-1:-1] = [np.zeros((len(joined[0]), 0)), elapsed]
     return Segment(*joined)
 
 
@@ -232,10 +216,10 @@ def _block(
         """Return a signal on the grid under kernels, (K, n, M)."""
         return decimate(np.ascontiguousarray(x.T, dtype=float), weights, step)
 
-    q = on_grid(log.q, wanted)
+    q, moved = on_grid(log.q, wanted), log.q
     motion = filtered(q, kernels)
     if measured and log.qd is not None:
-        motion[1:] = filtered(on_grid(log.qd, wanted), kernels[:2])
+        motion[1:], moved = filtered(on_grid(log.qd, wanted), kernels[:2]), log.qd
     count = motion.shape[2]
     centres = slice(half, half + (count - 1) * step + 1, step)
     clipped, command = log.extra.get("clipped"), log.extra.get("q_ref")
@@ -243,10 +227,6 @@ def _block(
     if clipped is not None and (some := on_grid(clipped, wanted)).any():
         usable = filtered(some, np.ones((1, taps)))[0].T < 0.5
     raw_qd = on_grid(log.qd, wanted) if log.qd is not None else np.gradient(q, grid, axis=0)
-    own, of_command, coulomb = signs or ((), (), None)
-    commanded = (
-        np.empty((3, 0, count)) if command is None else filtered(on_grid(command, wanted), kernels)
-    )
     return (
         grid[centres],
         *(np.ascontiguousarray(x.T) for x in motion),
@@ -254,31 +234,32 @@ def _block(
         usable,
         q[centres],
         raw_qd[centres],
-        *(np.ascontiguousarray(x.T) for x in commanded),
-        _coulomb_sign(on_grid, log.qd if measured else log.q, wanted, kernels, step, own, coulomb),
-        _coulomb_sign(on_grid, command, wanted, kernels, step, of_command, coulomb),
+        np.empty((count, 0))
+        if command is None
+        else np.ascontiguousarray(filtered(on_grid(command, wanted), kernels[:1])[0].T),
+        np.empty((count, 0))
+        if signs is None
+        else _coulomb_sign(on_grid, moved, wanted, kernels, step, signs),
     )
 
 
 def _coulomb_sign(
     on_grid: OnGrid,
-    x: Floats | None,
+    x: NDArray[Any],
     wanted: slice,
     kernels: Floats,
     step: int,
-    velocity: Sequence[Floats],
-    coulomb: Coulomb | None,
+    signs: SignKernels,
 ) -> Floats:
-    """Return the Coulomb sign of each joint under the position filter, (M, n); (M, 0) without its shape."""
-    if coulomb is None or x is None:
-        return np.empty(((wanted.stop - wanted.start - kernels.shape[1]) // step + 1, 0))
+    """Return the Coulomb sign of each joint under the position filter, (M, n)."""
+    velocity, coulomb = signs
     margin = max(map(len, velocity)) // 2
     start = max(0, wanted.start - margin)
     around = on_grid(x, slice(start, wanted.stop + margin))
-    signs = coulomb_signs(around, velocity, coulomb)[wanted.start - start :][
+    found = coulomb_signs(around, velocity, coulomb)[wanted.start - start :][
         : wanted.stop - wanted.start
     ]
-    return np.ascontiguousarray(decimate(np.ascontiguousarray(signs.T), kernels[:1], step)[0].T)
+    return np.ascontiguousarray(decimate(np.ascontiguousarray(found.T), kernels[:1], step)[0].T)
 
 
 def resampled(t: Floats, x: Floats, grid: Floats) -> Floats:
@@ -488,9 +469,6 @@ def condition_logs(
         )
         found.append(replace(each, name=each.name or f"log {k}"))
         say_log(log, found[-1], progress)
-    if any(segment.command is None for log in found for segment in log.segments):
-        # Why: instruments serve all rows or none, and columns of a command in some of them fit into no array.
-        found = [without_command(log) for log in found]
     say_filter(found[0], cutoff, progress)
     return found
 
@@ -510,30 +488,6 @@ def say_filter(conditioned: ConditionedLog, cutoff: float | None, progress: Prog
         f"zero-phase low-pass at {chosen.cutoff:.3g} Hz over torque and columns ({how}positions at "
         f"{chosen.position_cutoff:.3g} Hz), {chosen.kept_rate:.3g} Hz kept",
     )
-
-
-def without_command(log: ConditionedLog) -> ConditionedLog:
-    """Return a log without its commanded motion."""
-
-    def bare(segment: Segment) -> Segment:
-        none = np.zeros((len(segment), 0))
-        return replace(
-            segment, command_q=none, command_qd=none, command_qdd=none, command_coulomb_sign=none
-        )
-
-    return replace(log, segments=[bare(segment) for segment in log.segments])
-
-
-def driven_as_commanded(log: ConditionedLog) -> ConditionedLog:
-    """Return a log whose motion is the commanded one, with the torques that were measured."""
-
-    def driven(one: Segment) -> Segment:
-        sign = one.command_coulomb_sign
-        return replace(
-            one, q=one.command_q, qd=one.command_qd, qdd=one.command_qdd, coulomb_sign=sign
-        )
-
-    return without_command(replace(log, segments=[driven(segment) for segment in log.segments]))
 
 
 def stretches(logs: Sequence[ConditionedLog], seconds: float) -> tuple[list[ConditionedLog], int]:

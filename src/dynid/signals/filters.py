@@ -284,12 +284,7 @@ def level_of(log: Log) -> Floats:
 
 
 def position_noise(log: Log, robot: Robot) -> Noise | None:
-    """Return the noise of the positions where it is large enough for a cut-off of its own, else None.
-
-    Instruments from commanded positions are not biased by it: None for logs that have those.
-    """
-    if "q_ref" in log.extra:
-        return None
+    """Return the noise of the positions where it is large enough for a cut-off of its own, else None."""
     level = level_of(log)
     if not np.any(level > per_joint(tuning.POSITION_NOISE, robot)):
         return None

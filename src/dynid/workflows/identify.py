@@ -30,15 +30,13 @@ if TYPE_CHECKING:
     from dynid.robot import Robot
     from dynid.workflows.arguments import LogsLike, ResultLike, RobotLike
 
-METHODS = ("auto", "wls", "ols", "irls", "iv", "idim-iv", "didim", "ridge")
+METHODS = ("auto", "wls", "ols", "irls", "iv", "ridge")
 #: What the estimators are, for people.
 METHOD_TEXT = {
     "wls": "weighted least squares, one noise level per joint",
     "ols": "ordinary least squares",
     "irls": "weighted least squares that gives spikes little weight (Huber)",
     "iv": "instrumental variables from the commanded motion",
-    "idim-iv": "instrumental variables from the arm simulated under its controller",
-    "didim": "torques of the arm simulated under its controller, fitted to the measured ones",
     "ridge": "weighted least squares with a penalty on the distance from the prior's base parameters",
 }
 #: Share of each log that is held out where all logs are of one motion.

@@ -13,8 +13,6 @@ from dynid.workflows.logs import read_log
 if TYPE_CHECKING:
     from dynid.robot import Robot
 
-#: Methods that depend on the controller of the robot file.
-SIMULATED = ("idim-iv", "didim")
 #: Options of reading and filtering: without logs they are those of the stored observations.
 READING = ("cutoff", "velocity", "exclude", "delay", "topic", "rate", "sort_time")
 
@@ -62,11 +60,6 @@ def identify_inputs(
 
     texts = {key: value for key, value in options.texts().items() if key != "prior"}
     texts |= {"load_mass": repr(load_mass)} if load_mass else {}
-    texts |= (
-        {"controller": str(robot.controller)}
-        if options.method in SIMULATED and robot.controller
-        else {}
-    )
     hashed = {
         key: sha256(path) for key, path in files.items() if isinstance(path, Path) and path.exists()
     }

@@ -19,7 +19,7 @@ def table(run, encoder):
 def test_every_estimator_is_in_the_table(dynid):
     answer = table(dynid, 0.0)
     assert {row["method"] for row in answer["methods"]} == {"ols", "wls", "irls", "iv", "ridge"}
-    assert answer["auto"] == "iv"
+    assert answer["auto"] == "wls"
     assert all(
         row["heldout_relative_error_percent"] < 2 and row["seconds"] > 0
         for row in answer["methods"]

@@ -9,7 +9,6 @@ from dynid.errors import RobotNotFound
 from dynid.files.robotfile import find_robot, known_robots, load_robot, parse_robot, robot_text
 from dynid.robot import (
     Body,
-    Controller,
     Coulomb,
     Cylinders,
     EffectSpec,
@@ -43,7 +42,6 @@ def test_everything_that_a_robot_can_say_is_written_and_read_back():
             ((1, (1.0, 3.0)), (2, (0.5, 2.0))),
             ((2, ((0.0, 0.0, -0.1), (0.1, 0.2, 0.3))),),
         ),
-        controller=Controller((1.0, 2.0, 3.0, 4.0), (0.1, 0.2, 0.3, 0.4)),
         coulomb=Coulomb("threshold", (0.1, 0.2, 0.3, 0.4)),
         effects=(EffectSpec("stribeck", (robot.joint_names[0],), {"vs": 0.1}, {"vs": 0.01}),),
     )

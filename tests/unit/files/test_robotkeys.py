@@ -60,11 +60,6 @@ def test_the_defaults_of_the_reference_are_those_of_a_file_that_leaves_the_keys_
             r"driver\.sign entries are 1 or -1, not 2",
         ),
         ("driver: {topic: /x}\n", WrongRobotFile, "driver lacks the key 'kind'"),
-        (
-            "controller: {kp: [1, -2], kd: 0}\n",
-            WrongRobotFile,
-            r"controller\.kp\[1\] = -2 is negative",
-        ),
         ("torque: {gain: [1, 0]}\n", WrongRobotFile, r"torque\.gain\[1\] = 0 must be positive"),
         (
             "torque: {noise: [1, null]}\n",
@@ -100,10 +95,8 @@ def test_plain_angles_are_in_the_unit_of_the_file_and_only_those_of_turning_join
 
 
 def test_one_value_may_stand_for_all_joints_where_the_reference_says_so():
-    robot = read("torque: {source: motor_current, gain: 2}\ncontroller: {kp: 100, kd: [1, 2]}\n")
+    robot = read("torque: {source: motor_current, gain: 2}\n")
     assert robot.torque.gain == (2.0, 2.0)
-    assert robot.controller is not None
-    assert (robot.controller.kp, robot.controller.kd) == ((100.0, 100.0), (1.0, 2.0))
 
 
 def test_null_leaves_a_key_out_where_that_has_a_meaning():

@@ -1,7 +1,5 @@
 """The cut-off that noisy positions allow, against noise that is filtered and differentiated by SciPy."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
@@ -57,13 +55,6 @@ def test_noisy_positions_lower_the_cutoff_and_are_said(noise, said):
 def test_noise_that_no_cutoff_takes_away_is_called_so():
     (finding,) = check_position_noise(slow_log(0.2), robot())
     assert "intervals are too narrow" in finding.text
-
-
-def test_commanded_positions_beside_them_make_noise_harmless():
-    log = slow_log(2e-3)
-    log = replace(log, extra={"q_ref": slow_log(0.0).q})
-    assert check_position_noise(log, robot()) == ()
-    assert choose_cutoff([log], robot()) >= tuning.LOWEST_CUTOFF_HZ
 
 
 def test_of_several_logs_the_noisiest_says_how_high_the_cutoff_may_be():
