@@ -4,9 +4,8 @@
 #              each up to three times, because a busy machine may not let them
 # make test-pythons    install, demo, a plan and a gap search with each of Python 3.10 to 3.13 that is here; 3 minutes
 # make lint    style, types, import direction
-# make docs    the pages as HTML in site/, warnings are errors
+# make docs    the pages as HTML in site/, warnings are errors; writes what is made from the code into docs/reference
 # make docs-serve   the same pages on http://127.0.0.1:8000, with search
-# make reference    the pages of docs/reference that are made from the code
 
 # PyBullet has wheels up to Python 3.11, so that one is preferred; any Python from 3.10 on will do.
 PYTHON ?= $(shell for p in python3.11 python3.10 python3; do \
@@ -23,7 +22,7 @@ APT_UPDATE := { for i in $$(seq 120); do case "$$($(APT) update -qq 2>&1)" in *"
 ROS_PACKAGES := python3-rospy python3-rosbag python3-rosmaster python3-roslaunch \
 	python3-sensor-msgs python3-trajectory-msgs python3-std-msgs
 
-.PHONY: demo test test-slow test-pythons ros screen lint docs docs-serve reference clean
+.PHONY: demo test test-slow test-pythons ros screen lint docs docs-serve clean
 
 demo: $(VENV)/.ready
 	$(BIN)/dynid demo
@@ -66,9 +65,6 @@ docs: $(VENV)/.ready-docs
 
 docs-serve: $(VENV)/.ready-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs serve
-
-reference: $(VENV)/.ready
-	$(BIN)/python -m dynid.cli.reference docs/reference
 
 $(VENV)/.ready: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .

@@ -11,14 +11,6 @@ from rich.console import Console
 
 from dynid import errors
 from dynid.cli import terminal
-from dynid.cli.reference import (
-    api_page,
-    cli_page,
-    effects_page,
-    errors_page,
-    limits_page,
-    robot_page,
-)
 from dynid.codes import codes
 from dynid.npz import write_artifact
 from dynid.version import __version__
@@ -27,21 +19,6 @@ ROOT = Path(__file__).parents[2]
 
 
 # ---------------------------------------------------------------- explain
-@pytest.mark.parametrize(
-    ("name", "page"),
-    [
-        ("errors.md", errors_page),
-        ("limits.md", limits_page),
-        ("cli.md", cli_page),
-        ("api.md", api_page),
-        ("robot-file.md", robot_page),
-        ("effects.md", effects_page),
-    ],
-)
-def test_the_reference_pages_are_made_from_the_code(name, page):
-    assert (ROOT / "docs/reference" / name).read_text() == page(), "make them again: make reference"
-
-
 @pytest.mark.parametrize("code", ["E307", "e307", "[E307]"])
 def test_explain_prints_what_why_and_fix_as_the_catalogue_has_them(dynid, code):
     done = dynid("explain", code)

@@ -348,7 +348,7 @@ class Command(click.Command):
                 for line in self.examples:
                     formatter.write(f"  {line}\n")
         self.format_options(ctx, formatter)
-        formatter.write(f"\nDocs: docs/reference/cli.md#{self.name}, or dynid explain cli\n")
+        formatter.write(f"\nDocs: docs/reference/cli.md#dynid-{self.name}, or dynid explain\n")
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the command's own options, then the common ones."""
