@@ -1,16 +1,15 @@
 """Results take the place of files only: a device, a pipe or a folder of that name stays what it is."""
 
+import json
 import os
 import stat
-import zipfile
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dynid.errors import CannotWrite
-from dynid.files.convert import WRITERS, write_log
-from dynid.log import Log
+from dynid.errors import CannotWrite, TooLarge
 from dynid.npz import read_npz, write_npz, written_whole
 
 
@@ -49,18 +48,6 @@ def test_what_is_no_file_is_not_replaced(make, tmp_path):
     assert not list(tmp_path.glob(".dynid*"))
 
 
-@special
-@pytest.mark.parametrize("suffix", WRITERS)
-def test_no_converted_log_replaces_what_is_no_file(make, suffix, tmp_path):
-    path = tmp_path / f"log{suffix}"
-    make(path)
-    before = os.lstat(path)
-    t = np.arange(50) / 100
-    with pytest.raises(CannotWrite):
-        write_log(Log(t, np.sin(t)[:, None], np.cos(t)[:, None], ("joint",)), path)
-    assert os.lstat(path).st_ino == before.st_ino
-
-
 def test_a_file_and_a_link_to_a_file_are_replaced(tmp_path):
     for name in ("a", "b"):
         (tmp_path / name).write_text("old")
@@ -71,54 +58,44 @@ def test_a_file_and_a_link_to_a_file_are_replaced(tmp_path):
         assert (tmp_path / name).read_bytes() == b"new"
 
 
-LONG = {
-    "order C": np.random.default_rng(0).standard_normal((5000, 3)),
-    "order F": np.asfortranarray(np.arange(12000.0).reshape(4000, 3)),
-    "single": np.linspace(0, 1, 3001, dtype=np.float32),
-    "flags": np.arange(9000).reshape(3000, 3) % 7 == 0,
-    "nothing": np.zeros((4, 0)),
-    "number": np.array(3),
-}
-
-
-@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
-def test_long_arrays_are_read_in_pieces_as_numpy_reads_them_whole(save, tmp_path, monkeypatch):
-    monkeypatch.setattr("dynid.scratch.IN_MEMORY", 1000)
-    monkeypatch.setattr("dynid.scratch.PAGES", 0)
-    monkeypatch.setattr("dynid.npz.PIECE_BYTES", 4096)
-    save(tmp_path / "long.npz", **LONG)
-    found = read_npz(tmp_path / "long.npz")
-    for name, array in LONG.items():
-        assert found[name].dtype == array.dtype
+def test_equal_contents_give_equal_bytes(tmp_path):
+    arrays = {"a": np.arange(6.0).reshape(2, 3), "flags": np.arange(4) > 1, "text": np.array(["x"])}
+    for name in ("one", "two"):
+        write_npz(tmp_path / name, {"b": 1, "a": np.float64(2.0)}, arrays)
+    assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
+    found = read_npz(tmp_path / "one")
+    assert json.loads(str(found.pop("header"))) == {"a": 2.0, "b": 1}
+    for name, array in arrays.items():
         np.testing.assert_array_equal(found[name], array)
 
 
-def test_long_arrays_are_written_in_pieces_as_numpy_writes_them_whole(tmp_path, monkeypatch):
-    monkeypatch.setattr("dynid.npz.COMPRESSED_BYTES", 1)
-    monkeypatch.setattr("dynid.npz.PIECE_BYTES", 1000)
-    write_npz(tmp_path / "dynid.npz", {}, LONG)
-    np.savez(
-        tmp_path / "numpy.npz",
-        **{name: np.ascontiguousarray(array) for name, array in LONG.items()},
-    )
-    with (
-        zipfile.ZipFile(tmp_path / "dynid.npz") as own,
-        zipfile.ZipFile(tmp_path / "numpy.npz") as theirs,
-    ):
-        for name in LONG:
-            if LONG[name].ndim:
-                assert own.read(f"{name}.npy") == theirs.read(f"{name}.npy")
+def test_damaged_and_alien_files_are_answered_by_a_value_error(tmp_path):
+    path, random = tmp_path / "a.npz", np.random.default_rng(0)
+    write_npz(path, {"schema": "x"}, {"a": random.standard_normal((100, 3))})
+    whole = path.read_bytes()
+    np.save(tmp_path / "a.npy", np.zeros(3))
+    np.savez(tmp_path / "objects.npz", np.array([{}], dtype=object))
+    others = [
+        b"",
+        b"PK",
+        (tmp_path / "a.npy").read_bytes(),
+        (tmp_path / "objects.npz").read_bytes(),
+    ]
+    cut = [whole[: len(whole) * k // 20] for k in range(20)]
+    for content in [*others, *cut]:
+        path.write_bytes(content)
+        with pytest.raises(ValueError):
+            read_npz(path)
+    for _ in range(200):
+        content = bytearray(whole)
+        for place in random.integers(0, len(content), 3):
+            content[place] = random.integers(256)
+        path.write_bytes(content)
+        with suppress(OSError, ValueError, TooLarge):
+            read_npz(path)
 
 
-def test_only_what_gets_smaller_is_packed(tmp_path):
-    path, noise = tmp_path / "log.npz", np.random.default_rng(0).standard_normal(20_000)
-    arrays = {"noise": noise, "few": noise[:100], "rounded": np.round(noise, 2)}
-    write_npz(path, {}, arrays)
-    with zipfile.ZipFile(path) as archive:
-        packed = {
-            member.filename: member.compress_type == zipfile.ZIP_DEFLATED
-            for member in archive.infolist()
-        }
-    assert packed == {"header.npy": True, "noise.npy": False, "few.npy": True, "rounded.npy": True}
-    found = read_npz(path)
-    assert all(np.array_equal(found[name], array) for name, array in arrays.items())
+def test_an_array_that_unpacks_like_a_bomb_is_refused(tmp_path):
+    np.savez_compressed(tmp_path / "a.npz", a=np.zeros(1 << 23))
+    with pytest.raises(TooLarge, match="unpack to"):
+        read_npz(tmp_path / "a.npz")

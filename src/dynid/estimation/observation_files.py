@@ -15,46 +15,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.result_files import LATEST
 from dynid.estimation.stack import Stack
 from dynid.files.artifact import read_artifact, reading
-from dynid.files.contents import Array, Contents, Fact
-from dynid.limits import LIMITS
 from dynid.npz import write_artifact
 from dynid.scratch import joined
 from dynid.signals.conditioned_log import ConditionedLog, Segment
 from dynid.signals.filters import Filter, pulse_width
 
 SCHEMA = "dynid/fullnumericregressor/1"
-#: Least frequency [Hz], and most samples that one is kept of.
-LEAST_HZ, MOST_STEPS = 1e-6, 1_000_000
 _ARRAYS = tuple(field.name for field in fields(Segment))
 Floats = NDArray[np.float64]
-CONTENTS = Contents(
-    SCHEMA,
-    {
-        "base": Fact(list[str], "p"),
-        "joints": Fact(list[str], "n"),
-        "lengths": Fact(list[int], "S", least=1),
-        "source_of_segment": Fact(list[int], "S", least=0),
-        "sources": Fact(list[dict[str, Any]], "L"),
-        "sources.*.name": Fact(str),
-        "sources.*.path": Fact(str),
-        "sources.*.sha256": Fact(str),
-        "sources.*.delay": Fact(float, least=-LATEST, most=LATEST),
-        "sources.*.rate": Fact(float, least=LEAST_HZ, most=LIMITS["rate_hz"].most),
-        "sources.*.cutoff": Fact(float, least=LEAST_HZ),
-        "sources.*.first_step": Fact(int, least=1, most=MOST_STEPS),
-        "sources.*.second_step": Fact(int, least=1, most=MOST_STEPS),
-        "delay_applied_s": Fact(float, least=-LATEST, most=LATEST, needed=False),
-    },
-    {name: Array("N n") for name in ("q", "qd", "qdd", "tau")}
-    | {name: Array("N n", gaps=True) for name in ("raw_q", "raw_qd")}
-    | {name: Array("N n?", gaps=True) for name in ("command_q", "coulomb_sign")}
-    | {name: Array("N") for name in ("t", "elapsed")}
-    | {"usable": Array("N n", np.bool_), "effects": Array("N _")}
-    | {"R": Array("n p+1 p+1"), "rows": Array("n", np.int64, least=0)},
-)
+SHAPES = {
+    **dict.fromkeys(("q", "qd", "qdd", "tau", "raw_q", "raw_qd", "usable"), "N n"),
+    **dict.fromkeys(("t", "elapsed"), "N"),
+    "effects": "N _",
+    "R": "n p+1 p+1",
+    "rows": "n",
+}
 
 
 def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
@@ -85,7 +62,7 @@ def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
 
 def load(path: Path) -> tuple[list[ConditionedLog], dict[str, Any]]:
     """Read fullnumericregressor.npz: the conditioned logs and the header."""
-    artifact = read_artifact(path, CONTENTS)
+    artifact = read_artifact(path, SCHEMA, SHAPES)
     h, a = dict(artifact.header), artifact.arrays
     with reading(path):
         edges = np.cumsum([0, *map(int, h["lengths"])]).tolist()
@@ -115,5 +92,5 @@ def _log(
 
 def load_factors(path: Path) -> tuple[Floats, dict[str, Any]]:
     """Return the triangular factors of [W tau] in fullnumericregressor.npz, (n, p + 1, p + 1), and its header."""
-    found = read_artifact(path, CONTENTS)
+    found = read_artifact(path, SCHEMA, SHAPES)
     return found.arrays["R"], dict(found.header)

@@ -16,7 +16,6 @@ from dynid.estimation.residual_model import ModelError
 from dynid.estimation.rows import ObservationRows
 from dynid.estimation.stack import Stack
 from dynid.files.artifact import read_artifact
-from dynid.files.contents import Array, Contents, Fact
 from dynid.model.regressor import Observer
 from dynid.npz import write_artifact
 from dynid.scratch import Growing, release
@@ -57,18 +56,8 @@ class EstimatedMotion:
     usable: NDArray[np.bool_]
 
 
-CONTENTS = Contents(
-    SCHEMA,
-    {
-        "joints": Fact(list[str], "n"),
-        "log": Fact(str, needed=False),
-        "same_motion": Fact(bool, needed=False),
-        "of": Fact(str, needed=False),
-        "expected_percent": Fact(float | None, least=0.0, needed=False),
-    },
-    {each.name: Array("N n") for each in fields(EstimatedMotion)}
-    | {"t": Array("N"), "usable": Array("N n", np.bool_), "log": Array("N", np.int64, least=0)},
-)
+#: What the file of a prediction holds.
+SHAPES = {each.name: "N n" for each in fields(EstimatedMotion)} | {"t": "N", "log": "N"}
 
 
 def predict(
@@ -162,7 +151,7 @@ def save(path: Path, motions: Sequence[EstimatedMotion], header: dict[str, Any])
 
 def load(path: Path) -> tuple[EstimatedMotion, dict[str, Any]]:
     """Read estimatedmotion.npz as one motion, and its header."""
-    artifact = read_artifact(path, CONTENTS)
+    artifact = read_artifact(path, SCHEMA, SHAPES)
     found = EstimatedMotion(
         **{field.name: artifact.arrays[field.name] for field in fields(EstimatedMotion)}
     )

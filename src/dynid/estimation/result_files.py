@@ -5,26 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding, NotAnArtifact
-from dynid.estimation.covariance import WORDS
 from dynid.estimation.least_squares import Fit
 from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.posterior import ExpectedError
-from dynid.estimation.residual_model import GROUP_NAMES, GROUPS, ModelError
+from dynid.estimation.residual_model import ModelError
 from dynid.estimation.result import Identification, JointQuality, Quality
 from dynid.files import typed
 from dynid.files.artifact import read_artifact, read_header, reading, write_text
-from dynid.files.contents import Array, Contents, Fact, require_numbers
 from dynid.files.robotfile import parse_robot, text_of
-from dynid.limits import LIMITS
 from dynid.model.base_model import (
-    REDUCTION_ARRAYS,
-    REDUCTION_FACTS,
+    REDUCTION_SHAPES,
     reduction_facts,
     reduction_from,
 )
@@ -69,10 +65,6 @@ FULL_SCALARS = ("names", "cost", "objective", "inflation")
 ERROR_ARRAYS = ("speed", "reference", "scale", "projection", "mean", "root", "slope", "size", "rms")
 #: What files of results without joints apart lack; zero there.
 APART_ARRAYS = ("apart", "own", "own_root", "own_slope")
-#: By how much a covariance may exceed the product of its standard deviations, as a share.
-ROUNDING = 1e-6
-#: Least noise and size that is none of rounding, and longest delay of torques [s].
-LEAST, LATEST = 1e-60, 100.0
 
 
 def save(path: Path, found: Identification, facts: dict[str, Any] | None = None) -> Path:
@@ -157,75 +149,17 @@ def save_yaml(path: Path, found: Identification) -> Path:
     return path
 
 
-_K, _G = len(GROUPS), len(GROUP_NAMES)
-CONTENTS = Contents(
-    SCHEMA,
-    {
-        "robot_file": Fact(str),
-        "robot_path": Fact(str),
-        "cutoff_hz": Fact(float, least=0.0, most=LIMITS["rate_hz"].most),
-        "kept_rate_hz": Fact(float, least=0.0, most=LIMITS["rate_hz"].most, needed=False),
-        "delay_applied_s": Fact(float, least=-LATEST, most=LATEST),
-        "delay_s": Fact(float | None, least=-LATEST, most=LATEST, needed=False),
-        "log_sha256": Fact(list[str]),
-        "logs": Fact(list[str], needed=False),
-        "logs_from_here": Fact(list[str], needed=False),
-        "noise_floor_nm": Fact(list[float] | None, needed=False),
-        "noise_repeats_s": Fact(float, least=0.0, needed=False),
-        "other_arm": Fact(dict[str, Any] | None, needed=False),
-        "findings": Fact(list[Finding]),
-        **REDUCTION_FACTS,
-        "result": Fact(dict[str, Any]),
-        **{f"result.{key}": Fact(str) for key in ("method", "why", "heldout", "choice")},
-        "result.knowledge": Fact(list[Literal[WORDS]], "p"),  # type: ignore[valid-type]
-        "result.in_force": Fact(Literal["physical", "plain"]),
-        "result.joints": Fact(list[JointQuality], "n"),
-        "result.relative_error_percent": Fact(float),
-        "result.heldout_relative_error_percent": Fact(float | None),
-        "result.heldout_by_set": Fact(dict[str, float]),
-        "result.rank": Fact(int, least=0),
-        "result.condition_number": Fact(float),
-        "result.condition_number_scaled": Fact(float),
-        "result.samples": Fact(int, least=0),
-        "result.model_error_evidence": Fact(float | None),
-        "result.expected": Fact(dict[str, Any] | None),
-        "result.physical.names": Fact(list[str], "c"),
-        "result.physical.cost": Fact(float),
-        "result.physical.objective": Fact(float),
-        "result.physical.inflation": Fact(float, least=LEAST),
-    },
-    {
-        **REDUCTION_ARRAYS,
-        "theta": Array("p"),
-        "plain": Array("p"),
-        "covariance": Array("p p", endless=True),
-        "plain_covariance": Array("p p", endless=True),
-        "std_error": Array("p", endless=True, least=0.0, most=np.inf),
-        "prior": Array("p", gaps=True),
-        "noise": Array("n", least=LEAST),
-        "factors": Array("n p+1 p+1"),
-        "counts": Array("n", np.int64, least=0),
-        "full_x": Array("c"),
-        "full_std_error": Array("c", least=0.0),
-        "full_data_share": Array("c"),
-        "full_covariance": Array("c c", endless=True),
-        "full_hessian": Array("d d"),
-        "motion_*": Array("_ n", np.float32),
-        "error_speed": Array("n", least=LEAST, needed=False),
-        "error_reference": Array("p", needed=False),
-        "error_scale": Array(f"n {_K}", least=LEAST, needed=False),
-        "error_projection": Array(f"n p {_K}", needed=False),
-        "error_mean": Array(f"n {_K}", needed=False),
-        "error_root": Array(f"n {_K} {_K}", needed=False),
-        "error_slope": Array(f"n {_K} p", needed=False),
-        "error_size": Array(f"{_G}", least=LEAST, needed=False),
-        "error_rms": Array(f"n {_G + 1}", least=0.0, needed=False),
-        "error_apart": Array("n", least=0.0, needed=False),
-        "error_own": Array("n p", needed=False),
-        "error_own_root": Array("n p p", needed=False),
-        "error_own_slope": Array("n p p", needed=False),
-    },
-)
+#: What parameters.npz holds besides the motions and what a model of its residual has.
+SHAPES = {
+    **REDUCTION_SHAPES,
+    **dict.fromkeys(("theta", "plain", "std_error", "prior"), "p"),
+    **dict.fromkeys(("covariance", "plain_covariance"), "p p"),
+    **dict.fromkeys(("noise", "counts"), "n"),
+    "factors": "n p+1 p+1",
+    **dict.fromkeys(("full_x", "full_std_error", "full_data_share"), "c"),
+    "full_covariance": "c c",
+    "full_hessian": "d d",
+}
 
 
 def load(path: Path) -> Identification:
@@ -241,7 +175,7 @@ def load(path: Path) -> Identification:
             where=str(path),
             fix="identify again: dynid identify",
         )
-    artifact = read_artifact(path, CONTENTS)
+    artifact = read_artifact(path, SCHEMA, SHAPES)
     h, a = dict(artifact.header), artifact.arrays
     with reading(path):
         stored: dict[str, Any] = dict(h["result"])
@@ -265,7 +199,7 @@ def load(path: Path) -> Identification:
                 a["factors"],
                 a["counts"],
             ),
-            quality=Quality(**measured, expected=_expected(stored["expected"], len(a["noise"]))),
+            quality=Quality(**measured, expected=ExpectedError.of(stored["expected"])),
             why=stored["why"],
             in_force=stored["in_force"],
             choice=stored["choice"],
@@ -295,31 +229,6 @@ def _require_one_arm(found: Identification) -> None:
     names = parameter_names(robot)
     if found.reduction.names != names or found.physical.names != names:
         raise ValueError("its parameters do not match its robot")
-    _require_covariance(covariance=found.covariance, plain_covariance=found.plain_covariance)
-    _require_covariance(full_covariance=found.physical.covariance)
-    if found.model_error is not None:
-        # Why: loads are found with what the root takes away.
-        root = found.model_error.root
-        require_numbers(root.shape, error_root=np.linalg.inv(root))
-
-
-def _expected(facts: dict[str, Any] | None, n: int) -> ExpectedError | None:
-    found = ExpectedError.of(facts)
-    if found is not None:
-        require_numbers((n,), noise_nm=found.noise)
-    return found
-
-
-def _require_covariance(**arrays: Floats) -> None:
-    """Raise when matrices are no covariances; infinity stands for what is not known."""
-    for name, found in arrays.items():
-        known = np.isfinite(found)
-        variance = np.where(np.isfinite(np.diagonal(found)), np.diagonal(found), np.inf)
-        most = np.sqrt(np.maximum(variance, 0.0))
-        if np.any(variance < 0.0) or np.any(
-            np.abs(found[known]) > (1.0 + ROUNDING) * np.outer(most, most)[known]
-        ):
-            raise ValueError(f"'{name}' is not a covariance")
 
 
 def _model_error(evidence: float | None, arrays: Mapping[str, NDArray[Any]]) -> ModelError | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import json
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +30,7 @@ from dynid.errors import (
 from dynid.files import tuning
 from dynid.files.messages import KINOVA_TYPES, MULTI_ARRAY, Message, Topic, collected
 from dynid.log import COLUMNS, SCHEMA, Log, has_rows
-from dynid.npz import HEADER, parse_json, read_npz, sha256
+from dynid.npz import HEADER, read_npz, sha256
 from dynid.robot import Robot
 from dynid.text import whole_number
 from dynid.units import POSITION
@@ -218,7 +219,7 @@ def read_npz_log(path: Path) -> Log:
     try:
         arrays = read_npz(path)
         header: dict[str, Any] = (
-            dict(parse_json(str(arrays.pop(HEADER)), path)) if HEADER in arrays else {}
+            dict(json.loads(str(arrays.pop(HEADER)))) if HEADER in arrays else {}
         )
         units = {str(key): str(unit) for key, unit in dict(header.get("units") or {}).items()}
         names = tuple(str(name) for name in header.get("joint_names") or ())

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotAnArtifact
-from dynid.files.artifact import read_artifact
-from dynid.files.contents import Array, Contents, Fact
+from dynid.files.artifact import read_artifact, reading
 from dynid.motion import Motion
 from dynid.npz import write_artifact, written_whole
 from dynid.robot import Robot
@@ -26,9 +25,7 @@ from dynid.text import column, yaml_word
 
 Floats = NDArray[np.float64]
 SCHEMA = "dynid/trajectory/1"
-#: Least speed factor, and longest motion [s].
-SLOWEST, LONGEST = 1e-9, 1e9
-_CORNER = tuple[float, float, float]
+SHAPES = {"t": "T", "q": "T n", "qd": "T n", "qdd": "T n", "coefficients": "_ n"}
 
 
 @dataclass(frozen=True)
@@ -152,22 +149,23 @@ def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
         NotAnArtifact: not a trajectory, or damaged: the samples are not those that the header names.
         JointCountDiffers: it belongs to another arm.
     """
-    artifact = read_artifact(path, CONTENTS)
+    artifact = read_artifact(path, SCHEMA, SHAPES)
     header, arrays = dict(artifact.header), artifact.arrays
-    motion = Motion(arrays["t"], arrays["q"], arrays["qd"], arrays["qdd"])
-    review = header.pop("review")
-    stored = StoredTrajectory(
-        robot=header.pop("robot"),
-        joints=tuple(header.pop("joints")),
-        motion=motion,
-        alpha=float(header.pop("alpha")),
-        basis=header.pop("basis"),
-        coefficients=arrays["coefficients"],
-        review=None if review is None else Review(**review),
-        facts=header,
-        selected=arrays.get("selected"),
-        source=path,
-    )
+    with reading(path):
+        motion = Motion(arrays["t"], arrays["q"], arrays["qd"], arrays["qdd"])
+        review = header.pop("review")
+        stored = StoredTrajectory(
+            robot=header.pop("robot"),
+            joints=tuple(header.pop("joints")),
+            motion=motion,
+            alpha=float(header.pop("alpha")),
+            basis=header.pop("basis"),
+            coefficients=arrays["coefficients"],
+            review=None if review is None else Review(**review),
+            facts=header,
+            selected=arrays.get("selected"),
+            source=path,
+        )
     if len(motion.t) < 2:
         raise NotAnArtifact(
             f"{path}: {len(motion.t)} samples are too few for a motion", where=str(path)
@@ -177,36 +175,6 @@ def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
     if robot is not None:
         robot.require_joints(stored.joints, path)
     return stored
-
-
-CONTENTS = Contents(
-    SCHEMA,
-    {
-        "robot": Fact(str),
-        "joints": Fact(list[str], "n"),
-        "alpha": Fact(float, least=SLOWEST, most=1.0),
-        "basis": Fact(dict[str, Any]),
-        "motion_sha256": Fact(str),
-        "review": Fact(Review | None),
-        "answer": Fact(dict[str, Any], needed=False),
-        "pictures": Fact(list[str], needed=False),
-        "assumed_limits": Fact(list[str], needed=False),
-        "scene.floor": Fact(float | None, needed=False),
-        "scene.obstacles": Fact(list[dict[str, _CORNER]], "B", needed=False),
-        "scene.workspace": Fact(dict[str, _CORNER] | None, needed=False),
-        "scene.self_distance": Fact(float, needed=False),
-        "scene.distance": Fact(float, needed=False),
-        "scene.urdf": Fact(str | None, needed=False),
-    },
-    {
-        "t": Array("T", least=0.0, most=LONGEST, rising=True),
-        "q": Array("T n"),
-        "qd": Array("T n"),
-        "qdd": Array("T n"),
-        "coefficients": Array("_ n"),
-        "selected": Array("_", np.int64, least=0, rising=True, needed=False),
-    },
-)
 
 
 def write_csv(path: Path, joints: tuple[str, ...], motion: Motion) -> None:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from dynid.units import joint_unit
 
@@ -13,7 +12,6 @@ from dynid.units import joint_unit
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from dynid.files.contents import Contents
     from dynid.gap.analysis import GapAnalysis
     from dynid.gap.formulas import HeldOutEffect
     from dynid.gap.localisation import JointGap
@@ -25,10 +23,6 @@ if TYPE_CHECKING:
 SCHEMA = "dynid/gap/1"
 #: Held-out rows that the curve of an effect keeps at most.
 MOST_ROWS = 8000
-#: Joints that an effect names, by its scope.
-JOINTS_OF = {"joint": 1, "pair": 2, "arm": 0}
-#: Parts of a motion that residuals are told of: there are about twenty.
-MOST_REGIONS = 100
 
 
 @dataclass(frozen=True)
@@ -428,7 +422,8 @@ def read_record(path: Path) -> GapRecord:
     from dynid.gap.localisation import JointGap, ResidualRegion
     from dynid.gap.refit import HeldOutImprovement
 
-    artifact = read_artifact(path, contents())
+    shapes = {**dict.fromkeys(_IMPROVEMENT, "n"), "ratio": "n 2", "simulation": "_ n"}
+    artifact = read_artifact(path, SCHEMA, shapes)
     with reading(path):
         found = dict(artifact.header["record"])
         found |= {key: tuple(_effect_of(one) for one in found[key]) for key in _EFFECTS}
@@ -455,74 +450,8 @@ def read_record(path: Path) -> GapRecord:
     return record
 
 
-def contents() -> Contents:
-    """Return what gap.npz holds."""
-    from dynid.files.contents import Array, Contents, Fact
-    from dynid.gap.localisation import ResidualRegion
-
-    words, text = list[str], Fact(str)
-    effect = {
-        **dict.fromkeys(("effect", "where", "joint", "unit", "why_not", "formula"), text),
-        "indices": Fact(list[int], least=0),
-        "joints": Fact(words),
-        "values": Fact(list[tuple[str, float]]),
-        "std_errors": Fact(list[tuple[str, float]]),
-        "units": Fact(list[tuple[str, str]]),
-        "p_value": Fact(float),
-        "rms_before": Fact(float, least=0.0),
-        "rms_after": Fact(float | None, least=0.0),
-        "rivals": Fact(words),
-        "rival_keys": Fact(list[tuple[str, list[int]]]),
-        "share": Fact(float | None),
-        "probability": Fact(float | None, least=0.0, needed=False),
-    }
-    record = {
-        **dict.fromkeys(
-            ("robot", "advice", "heldout", "noise_from", "noise_note", "made_from", "asked"), text
-        ),
-        **dict.fromkeys(("not_repeatable", "logs", "clues", "curves"), Fact(words)),
-        "of": text,
-        "more": Fact(words),
-        "kept_rms": Fact(list[float], least=0.0),
-        "events": Fact(list[dict[str, Any]]),
-        **{f"events.*.{key}": Fact(float) for key in ("start", "end", "size")},
-        **{f"events.*.{key}": text for key in ("log", "joint", "unit")},
-        "repeats": Fact(float, least=0.0),
-        **dict.fromkeys(("kept", "expected"), Fact(float | None, least=0.0)),
-        "mode": Fact(Literal["refit", "frozen"]),
-        "verdict": Fact(
-            Literal["named", "nothing_missing", "nothing_changed", "unexplained", "ambiguous"]
-        ),
-        "question": Fact(Literal["numbers", "arm", "changed", ""]),
-        **{f"{group}.*.{key}": fact for group in _EFFECTS for key, fact in effect.items()},
-        "alternatives": Fact(list[words]),  # type: ignore[valid-type]
-        "joint_names": Fact(words, "n"),
-        "torque_units": Fact(words, "n"),
-        "joints": Fact(list[dict[str, Any]], "n"),
-        "joints.*.joint": Fact(int, least=0),
-        "joints.*.chi": Fact(float, least=0.0),
-        "joints.*.share": Fact(float, least=0.0),
-        "joints.*.text": text,
-        "joints.*.regions": Fact(list[ResidualRegion]),
-        "joints.*.regions.*.chi": Fact(float, least=0.0),
-        "cannot_judge": Fact(list[tuple[str, list[int]]]),
-    }
-    arrays = {name: Array("n", least=0.0) for name in _IMPROVEMENT}
-    # Why endless: few blocks of time may leave an interval without an upper end.
-    arrays |= {"ratio": Array("n 2", endless=True, most=math.inf), "simulation": Array("_ n")}
-    return Contents(
-        SCHEMA,
-        {"record": Fact(dict[str, Any])} | {f"record.{key}": fact for key, fact in record.items()},
-        arrays | {f"curve_*_{name}": Array("M*") for name in _CURVE},
-    )
-
-
 def _require_one_arm(record: GapRecord) -> None:
     """Raise when the parts of a record are not those of one search of one arm."""
-    from dynid.model.effects.catalogue import CATALOGUE
-    from dynid.model.effects.formula import Formula
-
-    n, known = len(record.joint_names), {*CATALOGUE, Formula.name}
     effects = [one for key in _EFFECTS for one in getattr(record, key)]
     keys = [key for one in effects for key in ((one.effect, one.indices), *one.rival_keys)]
     places = [
@@ -530,34 +459,8 @@ def _require_one_arm(record: GapRecord) -> None:
         *record.cannot_judge.values(),
         [one.joint for one in record.joints],
     ]
-    if not all(0 <= joint < n for joints in places for joint in joints):
+    if not all(0 <= joint < len(record.joint_names) for joints in places for joint in joints):
         raise ValueError("it has joints that its arm lacks")
-    if {one.joint for one in record.joints} != set(range(n)):
-        raise ValueError("it has other joints than names")
-    if not {name for name, _ in keys} <= known or any(
-        len(one.rivals) != len(one.rival_keys) for one in record.named
-    ):
-        raise ValueError("it has effects that nobody knows")
-    if not all(
-        len(joints) == JOINTS_OF[CATALOGUE[name].scope]
-        for name, joints in keys
-        if name in CATALOGUE
-    ):
-        raise ValueError("its effects act on other joints than they do")
-    for one in record.named:
-        effect = CATALOGUE[one.effect]
-        shape = {name: one.values[name] for name in effect.shape_units}
-        if not set(effect.amplitudes(shape)) <= set(one.values):
-            raise ValueError(f"{one.effect} lacks a size")
-    if not all(1 <= len(one.t) <= MOST_ROWS for one in record.curves):
-        raise ValueError("its curves have no rows, or too many")
-    if (
-        len({(region.kind, region.name) for one in record.joints for region in one.regions})
-        > MOST_REGIONS
-    ):
-        raise ValueError("its motion has more parts than any search has")
-    if len(record.simulation) not in (0, 2):
-        raise ValueError("its simulation is neither before nor after")
 
 
 def _stored(one: GapEffect) -> dict[str, Any]:

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from dynid.errors import NotAnArtifact
 from dynid.files.artifact import read_artifact, read_header, reading
-from dynid.files.contents import Array, Contents, Fact
 from dynid.model import tuning
 from dynid.model.kinematics import geometry
 from dynid.model.program import Program
@@ -244,49 +243,12 @@ def in_memory(robot: Robot, samples: int = 200, tolerance: float | None = None) 
 
 
 # ---------------------------------------------------------------- on disk
-#: Integers of a derivation are small.
-LARGEST_CONSTANT = 1e9
-_ARM = {
-    "key": Fact(str),
-    "joints": Fact(list[str], "n"),
-    "geometry": Fact(list[tuple[str, float, float, float, float]], "n"),
-    "convention": Fact(str),
-    "gravity": Fact(tuple[float, float, float]),
-}
-REGRESSOR = Contents(
-    "dynid/regressor/1",
-    {
-        **_ARM,
-        "program_inputs": Fact(list[str]),
-        "constants": Fact(list[int], least=-LARGEST_CONSTANT, most=LARGEST_CONSTANT),
-        "shape": Fact(tuple[int, int]),
-        "parameters": Fact(list[str]),
-        "operations": Fact(int, least=0),
-    },
-    {name: Array("M", np.int32, least=0) for name in ("op", "lhs", "rhs")}
-    | {name: Array("E", np.int32, least=0) for name in ("rows", "cols", "outputs")},
+REGRESSOR, FULL = "dynid/regressor/1", "dynid/fullregressor/1"
+_PROGRAM = dict.fromkeys(("op", "lhs", "rhs"), "M") | dict.fromkeys(
+    ("rows", "cols", "outputs"), "E"
 )
-_REDUCTION = {
-    "parameters": Fact(list[str], "c"),
-    "base": Fact(list[str], "p"),
-    "rank": Fact(int),
-    "alone": Fact(list[str]),
-    "none": Fact(list[str]),
-    "combined": Fact(list[str]),
-    "gap": Fact(float | None),
-    "method": Fact(str),
-    "formulas": Fact(list[str]),
-}
-#: Base parameters in a file that holds more: their facts are under ``reduction``.
-REDUCTION_FACTS = {"reduction": Fact(dict[str, Any])} | {
-    f"reduction.{key}": fact for key, fact in _REDUCTION.items()
-}
-REDUCTION_ARRAYS = {
-    "base": Array("p", np.int64, least=0, rising=True),
-    "K": Array("p c"),
-    "singular_values": Array("_", least=0.0),
-}
-FULL = Contents("dynid/fullregressor/1", {**_ARM, **_REDUCTION}, REDUCTION_ARRAYS)
+#: What any file has that holds base parameters.
+REDUCTION_SHAPES = {"base": "p", "K": "p c", "singular_values": "_"}
 #: Raised when the derivation or the layout of its arrays changes, so that older caches are rebuilt.
 DERIVATION = 2
 
@@ -339,12 +301,12 @@ def save_model(path: Path, model: Model) -> None:
         parameters=list(model.parameter_names),
         operations=p.flops,
     )
-    write_artifact(path, REGRESSOR.schema, header, arrays)
+    write_artifact(path, REGRESSOR, header, arrays)
 
 
 def load_model(path: Path, robot: Robot) -> Model:
     """Read regressor.npz of a robot."""
-    artifact = read_artifact(path, REGRESSOR)
+    artifact = read_artifact(path, REGRESSOR, _PROGRAM)
     h, a = artifact.header, artifact.arrays
     with reading(path):
         program = Program(
@@ -368,12 +330,12 @@ def load_model(path: Path, robot: Robot) -> Model:
 def save_reduction(path: Path, model: Model, reduction: Reduction) -> None:
     """Write fullregressor.npz."""
     facts, arrays = reduction_facts(reduction)
-    write_artifact(path, FULL.schema, _header(model.robot, **facts), arrays)
+    write_artifact(path, FULL, _header(model.robot, **facts), arrays)
 
 
 def load_reduction(path: Path) -> Reduction:
     """Read fullregressor.npz."""
-    artifact = read_artifact(path, FULL)
+    artifact = read_artifact(path, FULL, REDUCTION_SHAPES)
     with reading(path):
         return reduction_from(artifact.header, artifact.arrays)
 
@@ -402,8 +364,8 @@ def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]])
     """Return the base parameters that ``reduction_facts`` wrote.
 
     Args:
-        facts: as the tables of this module have them, which the reader of a file has asked.
-        arrays: with the names of ``REDUCTION_ARRAYS``.
+        facts: of the header.
+        arrays: with the shapes of ``REDUCTION_SHAPES``.
 
     Raises:
         ValueError: names, indices and the matrix contradict each other.

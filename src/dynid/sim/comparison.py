@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.files.artifact import read_artifact
-from dynid.files.contents import Array, Contents, Fact
+from dynid.files.artifact import read_artifact, reading
 from dynid.npz import write_artifact
 from dynid.robot import Robot
 from dynid.table import Table
@@ -18,21 +17,7 @@ from dynid.table import Table
 Floats = NDArray[np.float64]
 
 SCHEMA = "dynid/simulator_gap/1"
-CONTENTS = Contents(
-    SCHEMA,
-    {
-        "joints": Fact(list[str], "n"),
-        "log": Fact(str),
-        "engine": Fact(str),
-        "models": Fact(list[str], "models"),
-    },
-    {
-        "t": Array("N", rising=True),
-        "q": Array("N n"),
-        "simulated": Array("models N n"),
-        "added": Array("models N n"),
-    },
-)
+SHAPES = {"t": "N", "q": "N n", "simulated": "models N n", "added": "models N n"}
 
 
 @dataclass(frozen=True, repr=False)
@@ -137,9 +122,12 @@ class SimulatorGap:
             NotAnArtifact: the file is damaged, or of another kind.
             JointCountDiffers: it is of another arm.
         """
-        artifact = read_artifact(path, CONTENTS)
-        robot.require_joints(artifact.header["joints"], path)
-        log, engine, models = (artifact.header[key] for key in ("log", "engine", "models"))
+        artifact = read_artifact(path, SCHEMA, SHAPES)
+        with reading(path):
+            joints, log, engine, models = (
+                artifact.header[key] for key in ("joints", "log", "engine", "models")
+            )
+        robot.require_joints(joints, path)
         t, q, simulated, added = (artifact.arrays[key] for key in ("t", "q", "simulated", "added"))
         return cls(robot, log, engine, tuple(models), t, q, simulated, added)
 

@@ -267,12 +267,12 @@ def stored_key(path: Path, robot: Robot) -> dict[str, Any]:
         LogNotFound: the file is not there, or belongs to another version of the robot file.
         NotAnArtifact: it is damaged.
     """
-    from dynid.estimation.observation_files import CONTENTS
+    from dynid.estimation.observation_files import SCHEMA
     from dynid.files.artifact import read_artifact, read_header
 
     header = read_header(path) if path.is_file() else None
     if header is None and path.is_file():
-        header = dict(read_artifact(path, CONTENTS).header)
+        header = dict(read_artifact(path, SCHEMA).header)
     if header is None:
         raise LogNotFound(
             f"no log given, and there is no {path}", fix=f"dynid identify {robot.word} LOG"

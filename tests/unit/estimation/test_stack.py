@@ -267,13 +267,12 @@ def test_the_numeric_regressor_is_read_back_as_the_same_stack(base, tmp_path):
     assert header["robot"] == "x"
 
 
-@pytest.mark.parametrize("kind", ["U8", "float32", "bool"])
-def test_a_numeric_regressor_with_other_factors_is_damaged(base, tmp_path, kind):
+def test_a_numeric_regressor_with_other_factors_is_damaged(base, tmp_path):
     path = tmp_path / "fullnumericregressor.npz"
     observation_files.save(path, stacked(base, simulated(base)), {})
     with np.load(path) as held:
         arrays = {name: held[name] for name in held.files}
-    np.savez(path, **{**arrays, "R": np.zeros(arrays["R"].shape, kind)})
+    np.savez(path, **{**arrays, "R": np.zeros(arrays["R"].shape, "U8")})
     for read in (observation_files.load, observation_files.load_factors):
         with pytest.raises(NotAnArtifact, match="'R' is"):
             read(path)
