@@ -23,6 +23,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 TOY = Path(__file__).parent / "cli" / "toy.py"
+#: Programs of the tests by their first word; every other command line is one of dynid.
+PROGRAMS = {"toy": TOY, "watched-driver": Path(__file__).parent / "ros" / "watched_driver.py"}
 #: Imported inside functions by the commands.
 LIBRARIES = (
     "jinja2",
@@ -235,11 +237,11 @@ def become(request, streams) -> None:
         at_once = bool(os.environ.get("PYTHONUNBUFFERED"))
         sys.stdin = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
         sys.stdout, sys.stderr = (_writer(1, at_once), _writer(2, True))
-        toy = request["words"][:1] == ["toy"]
-        sys.argv = [str(TOY) if toy else "dynid", *request["words"]]
+        program = PROGRAMS.get("".join(request["words"][:1]))
+        sys.argv = [str(program or "dynid"), *request["words"]]
         try:
-            if toy:
-                runpy.run_path(str(TOY), run_name="__main__")
+            if program:
+                runpy.run_path(str(program), run_name="__main__")
             else:
                 runpy.run_module("dynid", run_name="__main__")
             status = 0

@@ -83,8 +83,8 @@ class Lab:
         return self.children[-1]
 
     def driver(self, robot, *words):
-        """Start a simulated driver and wait until it publishes."""
-        child = self.start("sim-driver", robot, "--json", *words)
+        """Start a simulated driver, which may have a fault, and wait until it publishes."""
+        child = self.start("watched-driver", robot, "--json", *words)
         child.wait_for("stop ")
         return child
 

@@ -28,11 +28,10 @@ if TYPE_CHECKING:
         "dynid gap out/arm a.bag a_again.bag b.bag b_again.bag c.bag",
         "dynid gap out/arm new.bag --ask changed        what has changed since it was identified?",
         "dynid gap out/arm a.bag b.bag --apply best     add the named effects",
-        "dynid gap --self-test                          hide effects in simulated logs and search for them",
     ),
 )
-@click.argument("parameters", required=False, type=click.Path(path_type=Path))
-@click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
+@click.argument("parameters", type=click.Path(path_type=Path))
+@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
 @options_from(GapOptions)
 @click.option(
     "--apply",
@@ -50,26 +49,13 @@ if TYPE_CHECKING:
     help="Path of the copy of the robot file with the effects.",
 )
 @click.option("--plot/--no-plot", default=True, show_default=True, help="Draw the pictures.")
-@click.option(
-    "--self-test",
-    is_flag=True,
-    help="Search simulated logs with and without hidden effects, and print what is named.",
-)
 def command(
     common: Common,
-    parameters: Path | None,
+    parameters: Path,
     logs: tuple[Path, ...],
     **values: Any,  # noqa: ANN401
 ) -> ExitStatus:
     """Find which effect the model lacks, add it, and show how much smaller the error becomes."""
-    if values["self_test"]:
-        from dynid.cli.self_test import run_self_test
-
-        return run_self_test(common)
-    if parameters is None or not logs:
-        raise WrongUsage(
-            "gap needs PARAMETERS and at least one LOG", fix="dynid gap out/arm log.bag"
-        )
     if values["apply_"] and values["no_apply"]:
         raise WrongUsage(
             "--apply and --no-apply cannot be used together", fix="leave one of them out"

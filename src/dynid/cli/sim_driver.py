@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import click
 
 from dynid.cli.arguments import options_from, options_of, robot_argument
 from dynid.cli.options import Common, dynid_command
@@ -22,18 +19,11 @@ if TYPE_CHECKING:
         "rosmaster --core &                       a ROS master, if none runs",
         "dynid sim-driver kinova_gen2 --pose out/kinova_gen2/trajectory.npz",
         "dynid sim-driver kuka_lwr4plus --rate 200 --torque-noise 0.1 --latency 0.005",
-        "dynid sim-driver kinova_gen2 --fault silent@3      what happens when joint states stop?",
     ),
 )
 @robot_argument
 @options_from(SimDriverOptions, without=("seed",))
-@click.option(
-    "--sent",
-    type=click.Path(dir_okay=False, path_type=Path),
-    metavar="CSV",
-    help="Write all commands that came.",
-)
-def command(common: Common, robot: str, sent: Path | None, **values: Any) -> ExitStatus:  # noqa: ANN401
+def command(common: Common, robot: str, **values: Any) -> ExitStatus:  # noqa: ANN401
     """Simulate an arm behind its driver's topics, in real time."""
     import signal
 
@@ -57,34 +47,18 @@ def command(common: Common, robot: str, sent: Path | None, **values: Any) -> Exi
     done = simulate_driver(arm, options, started=started)
     if done.interrupted:
         common.terminal.detail("stop", "interrupted")
-    if sent is not None:
-        done.commands.write(sent)
-        common.terminal.wrote(sent)
-    return show(common, done)
+    show(common, done)
+    return ExitStatus.DONE
 
 
-def show(common: Common, done: DriverRun) -> ExitStatus:
-    """Say what was received and whether it kept the limits."""
+def show(common: Common, done: DriverRun) -> None:
+    """Say what was published, and how much of the limits the arm used."""
     terminal, facts = common.terminal, done.facts()
     terminal.emit_json(facts)
     terminal.fact("published", f"{facts['published']} joint states, {facts['dropped']} dropped")
-    if facts["commands"]:
-        shares = {name: facts[f"{name}_share"] for name in ("velocity", "acceleration")}
-        used = [
-            f"{name} {100 * share:.0f} % of the limits"
-            for name, share in shares.items()
-            if share is not None
-        ]
-        terminal.fact(
-            "received",
-            f"{facts['commands']} commands; {', '.join(used) or 'the robot file has no limits'}",
-        )
     if facts["stop_acceleration_share"]:
         share = 100 * facts["stop_acceleration_share"]
         terminal.fact(
             "stops",
             f"braking took {share:.0f} % of the acceleration limits; this driver brakes as it can",
         )
-    for broken in facts["violations"]:
-        terminal.fact("broken", broken)
-    return ExitStatus.LIMIT_NOT_MET if facts["violations"] else ExitStatus.DONE

@@ -1,7 +1,4 @@
-"""A simulated arm behind a driver: physics in real time, sensors with their faults, commands through a follower.
-
-``CommandLog`` is the check at the receiving end: what was sent, and whether it kept the arm's limits.
-"""
+"""A simulated arm behind a driver: physics in real time, imperfect sensors, commands through a follower."""
 
 from __future__ import annotations
 
@@ -9,32 +6,17 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.files.artifact import write_text
 from dynid.robot import Robot
 from dynid.sim import tuning
 from dynid.sim.arm import ComputedTorque, SimulatedArm
 from dynid.sim.follow import Follower
-from dynid.text import csv_row
 
 Floats = NDArray[np.float64]
-
-#: What can be made to go wrong, and when it is noticed on a real arm.
-FAULTS = {
-    "dies": "the driver's process ends",
-    "silent": "joint states stop coming, commands are still obeyed",
-    "deaf": "commands are ignored, as after a software stop elsewhere",
-    "torque": "a joint reads almost its rating",
-    "gives-up": "the controller aborts the goal of its action",
-    "stop-fails": "the stop service answers with an error, the cancel is ignored",
-    "no-stop": "there is no stop service or topic from the beginning",
-    "gravity-free": "torques lack gravity, as with the driver's parameter or the estimated external torque",
-}
 
 
 def step_of(rate: float) -> float:
@@ -56,8 +38,6 @@ class Imperfections:
         jitter: standard deviation added to it, never early [s].
         drop: share of messages that are lost.
         skew: torque and velocity are sampled so much later than the position with its stamp [s].
-        fault: a key of ``FAULTS``, or "".
-        fault_time: when it begins, after the first command [s].
     """
 
     torque_noise: tuple[float, ...]
@@ -69,8 +49,6 @@ class Imperfections:
     jitter: float = 0.0
     drop: float = 0.0
     skew: float = 0.0
-    fault: str = ""
-    fault_time: float = 0.0
 
 
 @dataclass
@@ -109,7 +87,6 @@ class DriverLoop:
     rng: np.random.Generator
     published: int = 0
     dropped: int = 0
-    first_command: float | None = None
     largest_delay: float = 0.0
     _steps: int = 0
     _zero: Floats = field(default_factory=lambda: np.zeros(0))
@@ -146,18 +123,6 @@ class DriverLoop:
             "reference_acceleration_share": float(np.max(follower.hardest / acceleration)),
             "stop_acceleration_share": float(np.max(follower.hardest_stop / acceleration)),
         }
-
-    def commanded(self) -> None:
-        """Note that a command came."""
-        if self.first_command is None:
-            self.first_command = self.now
-
-    def faulty(self, name: str) -> bool:
-        """Return whether a fault has begun."""
-        wanted = self.imperfections
-        if wanted.fault != name:
-            return False
-        return self.first_command is not None and self.now - self.first_command >= wanted.fault_time
 
     def zero_torques(self) -> None:
         """Make the sensors read zero where the arm stands."""
@@ -197,8 +162,6 @@ class DriverLoop:
         if self.rng.random() < wrong.drop:
             self.dropped += 1
             return
-        if wrong.fault == "gravity-free":
-            tau = tau - self.arm.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))
         self._true = tau
         reading = (
             tau
@@ -206,8 +169,6 @@ class DriverLoop:
             - self._zero
             + self.rng.normal(0.0, 1.0, len(tau)) * np.array(wrong.torque_noise)
         )
-        if self.faulty("torque"):
-            reading[1] = 0.95 * (self.robot.joints[1].limits.torque or 100.0)
         delay = (
             wrong.latency + abs(self.rng.normal(0.0, wrong.jitter))
             if wrong.jitter
@@ -223,93 +184,9 @@ class DriverLoop:
     def _send(self, present: float, publish: Callable[[Measured], None]) -> None:
         while self._waiting and self._waiting[0][0] <= present:
             _, measured = self._waiting.pop(0)
-            if not self.faulty("silent"):
-                publish(measured)
-                self.published += 1
+            publish(measured)
+            self.published += 1
 
 
 def _stepped(values: Floats, step: float) -> Floats:
     return np.round(values / step) * step if step else values
-
-
-@dataclass
-class CommandLog:
-    """Commands in DH quantities with their time of arrival.
-
-    Args:
-        robot: the arm.
-        period: time between two commands that the driver expects [s].
-    """
-
-    robot: Robot
-    period: float
-    times: list[float] = field(default_factory=list)
-    positions: list[Floats] = field(default_factory=list)
-    velocities: list[Floats] = field(default_factory=list)
-    accelerations: list[Floats] = field(default_factory=list)
-
-    def velocity(self, time: float, qd: Floats) -> None:
-        """Take a velocity command, (n,) [rad/s]; its acceleration is the change since the last one over the period."""
-        before = self.velocities[-1] if self.velocities else np.zeros_like(qd)
-        self._add(time, np.full_like(qd, np.nan), qd, (qd - before) / self.period)
-
-    def point(self, time: float, q: Floats, qd: Floats, qdd: Floats) -> None:
-        """Take a point of a trajectory: (n,) each [rad, rad/s, rad/s^2]."""
-        self._add(time, q, qd, qdd)
-
-    def _add(self, time: float, q: Floats, qd: Floats, qdd: Floats) -> None:
-        self.times.append(time)
-        self.positions.append(q)
-        self.velocities.append(qd)
-        self.accelerations.append(qdd)
-
-    def facts(self) -> dict[str, Any]:
-        """Return how many came, in which rhythm, and how much of each limit they used."""
-        if not self.times:
-            return {
-                "commands": 0,
-                "velocity_share": None,
-                "acceleration_share": None,
-                "violations": [],
-            }
-        step = np.diff(self.times)
-        shares = {name: self._shares(name) for name in ("velocity", "acceleration")}
-        broken = [
-            f"{joint}: {name} at {100 * value:.0f} % of its limit"
-            for name, values in shares.items()
-            for joint, value in zip(self.robot.joint_names, values, strict=True)
-            if value > 1
-        ]
-        return {
-            "commands": len(self.times),
-            "command_rate_hz": float((len(self.times) - 1) / (self.times[-1] - self.times[0]))
-            if len(step)
-            else None,
-            "longest_interval_s": float(step.max()) if len(step) else None,
-            **{f"{name}_share": self._largest(name, values) for name, values in shares.items()},
-            "violations": broken,
-        }
-
-    def _largest(self, name: str, shares: list[float]) -> float | None:
-        """Return the largest share; None where no joint has such a limit."""
-        return (
-            max(shares) if any(getattr(joint.limits, name) for joint in self.robot.joints) else None
-        )
-
-    def _shares(self, name: str) -> list[float]:
-        peaks = np.abs({"velocity": self.velocities, "acceleration": self.accelerations}[name]).max(
-            axis=0
-        )
-        limits = [getattr(joint.limits, name) or np.inf for joint in self.robot.joints]
-        return [float(peak / limit) for peak, limit in zip(peaks, limits, strict=True)]
-
-    def write(self, path: Path) -> None:
-        """Write all commands as CSV."""
-        kinds = {"q": self.positions, "qd": self.velocities, "qdd": self.accelerations}
-        head = ["t", *(f"{kind}_{name}" for kind in kinds for name in self.robot.joint_names)]
-        rows = zip(self.times, *kinds.values(), strict=True)
-        lines = [
-            ",".join(f"{value:.9g}" for value in (time, *np.concatenate(parts)))
-            for time, *parts in rows
-        ]
-        write_text(path, "\n".join([csv_row(head), *lines]) + "\n")

@@ -1,4 +1,4 @@
-"""Torques to hide in a simulated arm, for the self-test of the gap search and for the demonstration.
+"""Torques to hide in a simulated arm, for the demonstration of the gap search.
 
 Shares nothing with ``dynid.model.effects``: a test by the same equations would only show that they equal themselves.
 Some laws differ from the catalogue's on purpose, and some are in no catalogue.
@@ -45,7 +45,7 @@ class Hidden:
 
 #: One case each, of a size that an arm like the LWR4+ can show.
 CASES = (
-    Hidden("nothing", 1, 0.0),
+    Hidden("nothing", 2, 0.0),
     Hidden("stribeck", 2, 0.6),
     Hidden("spring", 1, 1.5),
     Hidden("load_friction", 3, 0.03),
@@ -58,7 +58,6 @@ CASES = (
     Hidden("torque_gain", 3, 0.06),
     Hidden("torque_delay", 1, 0.008),
     Hidden("torque_drift", 2, 0.4),
-    Hidden("nothing", 2, 0.0),
     Hidden("knock", 2, 0.6),
     Hidden("contact", 3, 1.0),
 )

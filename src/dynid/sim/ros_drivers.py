@@ -5,7 +5,6 @@ Source: kinova-ros for the Gen2; CentroEPiaggio/kuka-lwr (ros_control over FRI) 
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from abc import ABC, abstractmethod
@@ -15,12 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.drivers.follow_joint_trajectory import (
-    ABORTED,
     ACTIVE,
     CANCEL,
     GOAL,
     PREEMPTED,
-    REJECTED,
     RESULT,
     STATUS,
     SUCCEEDED,
@@ -31,7 +28,7 @@ from dynid.drivers.kinova_gen2 import kinova_message, kinova_service
 from dynid.drivers.ros import Node, import_ros
 from dynid.robot import Robot
 from dynid.sim import tuning
-from dynid.sim.driver_loop import CommandLog, DriverLoop, Measured
+from dynid.sim.driver_loop import DriverLoop, Measured
 from dynid.sim.follow import PointFollower, VelocityFollower
 
 Floats = NDArray[np.float64]
@@ -50,7 +47,6 @@ class SimulatedDriver(ABC):
         self.node, self.loop, self.topic = node, loop, topic
         self.robot: Robot = loop.robot
         self.columns = Columns(self.robot)
-        self.commands = CommandLog(self.robot, 0.01)
         self._state = import_ros("sensor_msgs.msg").JointState
         self._began = time.time_ns()
         self._monotonic = time.monotonic_ns()
@@ -66,8 +62,6 @@ class SimulatedDriver(ABC):
 
     def publish(self, measured: Measured) -> None:
         """Publish one sample."""
-        if self.loop.faulty("dies"):
-            os._exit(1)
         self._publisher.publish(self.state(measured))
 
     @abstractmethod
@@ -92,11 +86,6 @@ class SimulatedDriver(ABC):
             columns.efforts(measured.tau),
         )
 
-    def command_time(self) -> float | None:
-        """Note a command and return the time, or None when the driver is deaf."""
-        self.loop.commanded()
-        return None if self.loop.faulty("deaf") else time.monotonic()
-
 
 class SimulatedKinova(SimulatedDriver):
     """kinova-ros: 13 names, degrees in its own messages, stop and start as services."""
@@ -114,18 +103,17 @@ class SimulatedKinova(SimulatedDriver):
             for name in ("joint_angles", "joint_torques", "joint_command")
         )
         gravity = f"{self.namespace}/torque_parameters/publish_torque_with_gravity_compensation"
-        node.rospy.set_param(gravity, loop.imperfections.fault == "gravity-free")
+        node.rospy.set_param(gravity, False)
         node.rospy.set_param(f"{self.namespace}/status_interval_seconds", 1 / loop.rate)
         self.subscribe(
             f"{self.namespace}/in/joint_velocity", kinova_message("JointVelocity"), self._velocity
         )
         services = {
             "start": ("Start", self._start),
+            "stop": ("Stop", self._stop),
             "set_zero_torques": ("ZeroTorques", self._zero),
         }
         services["set_torque_control_mode"] = ("SetTorqueControlMode", self._mode)
-        if loop.imperfections.fault != "no-stop":
-            services["stop"] = ("Stop", self._stop)
         for name, (kind, callback) in services.items():
             node.rospy.Service(f"{self.namespace}/in/{name}", kinova_service(kind), callback)
 
@@ -147,17 +135,11 @@ class SimulatedKinova(SimulatedDriver):
             publisher.publish(self._angles_type(*values.tolist(), *[0.0] * (7 - len(values))))
 
     def _velocity(self, command: Any) -> None:  # noqa: ANN401
-        now = self.command_time()
         values = np.array([getattr(command, f"joint{i}") for i in range(1, self.robot.n + 1)])
-        speed = np.radians(values) * self.columns.sign
-        self.commands.velocity(time.monotonic(), speed)
-        if now is not None:
-            assert isinstance(self.loop.follower, VelocityFollower)
-            self.loop.follower.push(speed)
+        assert isinstance(self.loop.follower, VelocityFollower)
+        self.loop.follower.push(np.radians(values) * self.columns.sign)
 
     def _stop(self, request: Any) -> Any:  # noqa: ANN401
-        if self.loop.faulty("stop-fails"):
-            raise self.node.rospy.ServiceException("no connection to the arm")
         self.loop.follower.stop()
         return kinova_service("Stop")._response_class("Arm stopped")
 
@@ -201,14 +183,13 @@ class SimulatedController(SimulatedDriver):
         stamp = self._began + round(measured.elapsed * 1e9)
         return self._joint_state(list(self.columns.names), stamp, *self._driver_values(measured))
 
-    def points(self, trajectory: Any) -> list[tuple[Floats, Floats, Floats, float]]:  # noqa: ANN401
-        """Return DH position, velocity and acceleration of each point, (n,) each, and its time from the start [s]."""
+    def points(self, trajectory: Any) -> list[tuple[Floats, Floats, float]]:  # noqa: ANN401
+        """Return DH position and velocity of each point, (n,) each, and its time from the start [s]."""
         where = [trajectory.joint_names.index(name) for name in self.columns.names]
         return [
             (
                 self.columns.positions_dh(np.array(point.positions)[where]),
                 self.columns.velocities_dh(np.array(point.velocities)[where]),
-                self.columns.velocities_dh(np.array(point.accelerations)[where]),
                 point.time_from_start.to_sec(),
             )
             for point in trajectory.points
@@ -218,11 +199,7 @@ class SimulatedController(SimulatedDriver):
         if not command.points:
             self.follower.hold()
             return
-        now = self.command_time()
-        q, qd, qdd, after = self.points(command)[-1]
-        self.commands.point(time.monotonic(), q, qd, qdd)
-        if now is not None:
-            self.follower.push((q, qd, after))
+        self.follower.push(self.points(command)[-1])
 
 
 class SimulatedActionServer(SimulatedController):
@@ -241,8 +218,7 @@ class SimulatedActionServer(SimulatedController):
         self._statuses = self.publisher(f"{base}/status", action_message(STATUS))
         self._results = self.publisher(f"{base}/result", action_message(RESULT))
         self.subscribe(f"{base}/goal", action_message(GOAL), self._begin)
-        if loop.imperfections.fault != "no-stop":
-            self.subscribe(f"{base}/cancel", action_message(CANCEL), self._cancel)
+        self.subscribe(f"{base}/cancel", action_message(CANCEL), self._cancel)
 
     def publish(self, measured: Measured) -> None:
         """Publish the joint state, and how the goal stands."""
@@ -256,37 +232,21 @@ class SimulatedActionServer(SimulatedController):
 
     def _look(self) -> None:
         """See how the goal stands."""
-        if self.loop.faulty("deaf"):
-            self.follower.hold()
-        elif self.loop.faulty("gives-up"):
-            self.follower.hold()
-            self._end(ABORTED, "a joint left its path tolerance")
-        elif not self.follower.following:
+        if not self.follower.following:
             self._end(SUCCEEDED, "")
 
     def _begin(self, goal: Any) -> None:  # noqa: ANN401
-        now = self.command_time()
         points = self.points(goal.goal.trajectory)
-        begin = time.monotonic()
-        for q, qd, qdd, after in points:
-            self.commands.point(begin + after, q, qd, qdd)
         with self._turn:
             if self._goal is not None:
                 self._end(PREEMPTED, "another goal came")
             self._goal = goal.goal_id
-            if now is None:
-                self._end(REJECTED, "the controller is not running")
-                return
-            self.follower.play([(q, qd, after) for q, qd, _, after in points])
+            self.follower.play(points)
             self._publish_status(ACTIVE)
 
     def _cancel(self, cancel: Any) -> None:  # noqa: ANN401
         with self._turn:
-            if (
-                self._goal is None
-                or cancel.id not in ("", self._goal.id)
-                or self.loop.faulty("stop-fails")
-            ):
+            if self._goal is None or cancel.id not in ("", self._goal.id):
                 return
             self.follower.hold()
             self._end(PREEMPTED, "cancelled")
@@ -315,10 +275,9 @@ class SimulatedLwr(SimulatedController):
         self._order = np.argsort(self.columns.names)
         self._names = [self.columns.names[i] for i in self._order]
         self._before: tuple[float, Floats, Floats] | None = None
-        if loop.imperfections.fault != "no-stop":
-            self.subscribe(
-                f"{self.namespace}/emergency_stop", import_ros("std_msgs.msg").Bool, self._stop
-            )
+        self.subscribe(
+            f"{self.namespace}/emergency_stop", import_ros("std_msgs.msg").Bool, self._stop
+        )
 
     def state(self, measured: Measured) -> Any:  # noqa: ANN401
         """Return the joint state as hardware_interface's std::map orders it."""
@@ -342,8 +301,6 @@ class SimulatedLwr(SimulatedController):
         return speed
 
     def _stop(self, pressed: Any) -> None:  # noqa: ANN401
-        if self.loop.faulty("stop-fails"):
-            return
         if pressed.data:
             self.loop.follower.stop()
         else:

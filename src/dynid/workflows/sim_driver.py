@@ -13,33 +13,17 @@ from numpy.typing import NDArray
 from dynid.errors import WrongUsage
 from dynid.options import MOST, Options, option
 from dynid.robot import Robot
-from dynid.sim.driver_loop import FAULTS
 
 if TYPE_CHECKING:
-    from dynid.sim.driver_loop import CommandLog, Imperfections
+    from dynid.sim.driver_loop import Imperfections
     from dynid.sim.plant import Plant
 
 Floats = NDArray[np.float64]
 
 
-def _fault(value: Any, name: str) -> tuple[str, float]:  # noqa: ANN401
-    """Return a fault and when it begins [s], from KIND@SECONDS."""
-    if value is None or isinstance(value, tuple):
-        return value or ("", 0.0)
-    kind, _, seconds = str(value).partition("@")
-    if kind not in FAULTS:
-        raise WrongUsage(
-            f"no fault '{kind}'", why=f"faults are {', '.join(FAULTS)}", fix=f"{name} silent@3"
-        )
-    try:
-        return kind, float(seconds or 0)
-    except ValueError:
-        raise WrongUsage(f"'{seconds}' is not a time", fix=f"{name} {kind}@3") from None
-
-
 @dataclass(frozen=True)
 class SimDriverOptions(Options):
-    """What is simulated, and what goes wrong in it."""
+    """What is simulated, and how well it measures."""
 
     rate: float = option(100.0, "Rate of the joint states [Hz].", bounds=(1, 1000), shown="")
     topic: str | None = option(None, "Topic of the joint states (default: the robot file's).")
@@ -87,12 +71,6 @@ class SimDriverOptions(Options):
         metavar="S",
         bounds=(0, 1),
     )
-    fault: tuple[str, float] = option(
-        None,
-        "Make something go wrong, S seconds after the first command.",
-        metavar="KIND[@S]",
-        read=_fault,
-    )
     duration: float | None = option(
         None, "Length of the simulation [s] (default: until Ctrl-C).", metavar="S", kind="positive"
     )
@@ -101,11 +79,10 @@ class SimDriverOptions(Options):
 
 @dataclass(frozen=True)
 class DriverRun:
-    """What a simulated driver published and received.
+    """What a simulated driver published, and what its commands asked of the arm.
 
     Attributes:
         robot: the arm.
-        commands: what came, and what it used of the limits.
         published: number of joint states.
         dropped: number of joint states that were lost on purpose.
         largest_delay: how far the simulation fell behind real time at worst [s].
@@ -115,7 +92,6 @@ class DriverRun:
     """
 
     robot: Robot
-    commands: CommandLog
     published: int
     dropped: int
     largest_delay: float
@@ -128,7 +104,6 @@ class DriverRun:
         return {
             "schema": "dynid/sim-driver/1",
             "robot": self.robot.name,
-            **self.commands.facts(),
             **self.reference,
             "published": self.published,
             "dropped": self.dropped,
@@ -179,7 +154,6 @@ def simulate_driver(
                 interrupted = True
             return DriverRun(
                 robot,
-                driver.commands,
                 loop.published,
                 loop.dropped,
                 loop.largest_delay,
@@ -211,8 +185,6 @@ def _imperfections(plant: Plant, options: SimDriverOptions) -> Imperfections:
         jitter=options.jitter,
         drop=options.drop,
         skew=options.skew,
-        fault=options.fault[0],
-        fault_time=options.fault[1],
     )
 
 

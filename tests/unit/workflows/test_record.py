@@ -7,7 +7,7 @@ import dynid
 from dynid.cli.record import command
 from dynid.errors import Declined, WrongUsage
 from dynid.workflows.record import RecordOptions, record, require_confirmed
-from dynid.workflows.sim_driver import SimDriverOptions, start_pose
+from dynid.workflows.sim_driver import start_pose
 
 
 class Nobody:
@@ -81,10 +81,3 @@ def test_a_simulated_arm_stands_where_it_is_put_and_a_kinova_upright_otherwise(a
     assert np.array_equal(start_pose(arm, [0, 1, 2, 3, 4, 5, 6]), np.arange(7.0))
     with pytest.raises(WrongUsage, match="--pose has 2 numbers"):
         start_pose(arm, "0,1")
-
-
-def test_a_fault_has_a_name_and_a_time():
-    assert SimDriverOptions().fault == ("", 0.0)
-    assert SimDriverOptions(fault="silent@3").fault == ("silent", 3.0)
-    with pytest.raises(WrongUsage, match="no fault 'tired'"):
-        SimDriverOptions(fault="tired")
