@@ -477,6 +477,7 @@ def compare(table: dict[str, Any], new: dict[str, Any], mode: str, verbose: bool
             for where, far, _, a, b in beyond if verbose else []:
                 print(f"    {where}: {a} -> {b}, {far:.1e}")
             good &= not beyond
+    print("" if good else f"\n{limits['note']}")
     return good
 
 
@@ -506,7 +507,7 @@ def main() -> int:
         TABLE.write_text(lines + "\n", encoding="utf-8")
     else:
         good = compare(table, new, "redesign" if options.redesign else "move", options.verbose)
-    print(f"\n{len(cases)} cases, {time.perf_counter() - begin:.0f} s with two processes")
+    print(f"{len(cases)} cases, {time.perf_counter() - begin:.0f} s with two processes")
     return 0 if good else 1
 
 
