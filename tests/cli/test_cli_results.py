@@ -81,7 +81,6 @@ def test_the_physical_set_is_accepted_by_every_simulator_and_the_plain_one_refus
     } == {
         "urdf": ["Pinocchio", "PyBullet"],
         "mjcf": ["MuJoCo", "Pinocchio"],
-        "sdf": ["PyBullet"],
         "yaml": ["dynid"],
         "effects": ["MuJoCo", "PyBullet"],
         "c": ["cc"],
@@ -94,7 +93,7 @@ def test_the_physical_set_is_accepted_by_every_simulator_and_the_plain_one_refus
     )
     assert set(answer["origin"].values()) == {"data", "prior"}
     assert sorted(path.name for path in (shop.folder / "all").iterdir()) == ["effects.py"] + [
-        f"kuka_lwr4plus{suffix}" for suffix in (".c", ".m", ".py", ".sdf", ".urdf", ".xml", ".yaml")
+        f"kuka_lwr4plus{suffix}" for suffix in (".c", ".m", ".py", ".urdf", ".xml", ".yaml")
     ]
     stored = load(shop.folder / "out/arm/parameters.npz")
     bad = shop.folder / "out/bad"

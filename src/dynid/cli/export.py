@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 )
 @options_from(ExportOptions)
 def command(common: Common, run: Path, formats: tuple[str, ...], **values: Any) -> ExitStatus:  # noqa: ANN401
-    """Write the identified model as URDF, MJCF, SDF, YAML, C, Python or MATLAB."""
+    """Write the identified model as URDF, MJCF, YAML, C, Python or MATLAB."""
     from dynid.workflows.export import export
     from dynid.workflows.results import load_run
 

@@ -1,6 +1,6 @@
 """Identified parameters in the formats that simulators and controllers read.
 
-``parameters.npz -> arm.urdf, arm.xml, arm.sdf, arm.yaml, arm.c, arm.py, arm.m``
+``parameters.npz -> arm.urdf, arm.xml, arm.yaml, arm.c, arm.py, arm.m``
 """
 
 from dynid.exporters.effects_file import EFFECTS
@@ -15,14 +15,11 @@ from dynid.exporters.interface import (
 )
 from dynid.exporters.languages import C_FORMAT, MATLAB_FORMAT, PYTHON_FORMAT
 from dynid.exporters.mjcf import MJCF
-from dynid.exporters.sdf import SDF
 from dynid.exporters.urdf import URDF
 from dynid.exporters.yaml import YAML
 
 #: The formats by name.
-FORMATS = {
-    each.name: each for each in (URDF, MJCF, SDF, YAML, C_FORMAT, PYTHON_FORMAT, MATLAB_FORMAT)
-}
+FORMATS = {each.name: each for each in (URDF, MJCF, YAML, C_FORMAT, PYTHON_FORMAT, MATLAB_FORMAT)}
 
 __all__ = [
     "EFFECTS",

@@ -182,7 +182,7 @@ def wanted(arm: IdentifiedArm, formats: tuple[str, ...]) -> bool:
 
 
 #: Formats that it stands beside.
-HOSTS = ("urdf", "mjcf", "sdf")
+HOSTS = ("urdf", "mjcf")
 
 
 def loaded(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:

@@ -10,7 +10,7 @@ import importlib.util
 import os
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -107,32 +107,14 @@ def pinocchio(
     return f"Pinocchio {pin.__version__}", run
 
 
-def bullet(
-    path: Path,
-    names: Sequence[str],
-    gravity: Floats,
-    moments: Mapping[str, Sequence[float]] | None = None,
-) -> tuple[str, Torques] | None:
-    """Load a URDF or SDF in PyBullet; other joints than the named ones stay at zero.
-
-    Args:
-        path: the file.
-        names: joints, base to tip.
-        gravity: in the world frame, (3,) [m/s^2].
-        moments: principal moments of inertia by link; an SDF needs them, Bullet's reader takes those of the shapes.
-    """
+def bullet(path: Path, names: Sequence[str], gravity: Floats) -> tuple[str, Torques] | None:
+    """Load a URDF in PyBullet; other joints than the named ones stay at zero."""
     engine = module("pybullet")
     if engine is None:
         return None
     client, body = bullet_body(path, gravity)
     count = engine.getNumJoints(body, physicsClientId=client)
     every = [engine.getJointInfo(body, j, physicsClientId=client) for j in range(count)]
-    for info in every:
-        own = (moments or {}).get(info[12].decode())
-        if own:
-            engine.changeDynamics(
-                body, info[0], localInertiaDiagonal=list(own), physicsClientId=client
-            )
     moving = [info[1].decode() for info in every if info[2] != engine.JOINT_FIXED]
     place = [moving.index(name) for name in names]
 
@@ -154,7 +136,7 @@ def bullet(
 
 
 def bullet_body(path: Path, gravity: Floats) -> tuple[int, int]:
-    """Load a URDF or SDF in a physics server of PyBullet, which must be installed; return server and body.
+    """Load a URDF in a physics server of PyBullet, which must be installed; return server and body.
 
     Args:
         path: the file.
@@ -165,10 +147,7 @@ def bullet_body(path: Path, gravity: Floats) -> tuple[int, int]:
     with silent():
         client = engine.connect(engine.DIRECT)
         try:
-            if path.suffix == ".sdf":
-                body = engine.loadSDF(str(path), physicsClientId=client)[0]
-            else:
-                body = _bullet_urdf(engine, client, path)
+            body = _bullet_urdf(engine, client, path)
         except engine.error as error:
             raise ValueError(f"PyBullet: {error}") from error
     engine.setGravity(*gravity.tolist(), physicsClientId=client)

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 SUFFIXES = {
     "urdf": ".urdf",
     "mjcf": ".xml",
-    "sdf": ".sdf",
     "yaml": ".yaml",
     "c": ".c",
     "python": ".py",
@@ -65,7 +64,7 @@ class ExportOptions(Options):
         pair=True,
     )
     draws: int = option(
-        0, "Also write so many arms drawn from the posterior (URDF, MJCF, SDF).", bounds=(0, 10_000)
+        0, "Also write so many arms drawn from the posterior (URDF, MJCF).", bounds=(0, 10_000)
     )
 
 
@@ -223,7 +222,7 @@ def export(
 
     Args:
         result: identified parameters, their folder or their file.
-        path: the file, whose suffix names the format: .urdf, .xml (MJCF), .sdf, .yaml, .c, .py, .m; or a folder,
+        path: the file, whose suffix names the format: .urdf, .xml (MJCF), .yaml, .c, .py, .m; or a folder,
             when ``formats`` are given.
         options: which parameters are written, and into which URDF.
         formats: names of formats, written to the folder ``path`` under the name of the robot.
@@ -316,7 +315,7 @@ def write_draws(
 
     hosts = [name for name in formats if name in HOSTS]
     if not hosts:
-        raise WrongUsage("draws are written as URDF, MJCF or SDF", fix="add --format mjcf")
+        raise WrongUsage("draws are written as URDF or MJCF", fix="add --format mjcf")
     progress.stage("draw", f"{count} arms")
     drawn, wrote = result.draws(count, seed), []
     digits, beside = len(str(count)), beside_simulators(arm, hosts) and bool(arm.base.model.added)

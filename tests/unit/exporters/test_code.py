@@ -79,7 +79,7 @@ def test_files_say_whether_they_have_the_residual_model():
     assert "; with its residual model" in FORMATS["c"].text(source)
     assert "without the result's residual model" in FORMATS["c"].text(bare)
     assert "residual(" not in FORMATS["c"].text(bare)
-    for name in ("urdf", "mjcf", "sdf", "yaml"):
+    for name in ("urdf", "mjcf", "yaml"):
         assert "without the result's residual model" in FORMATS[name].text(source)
         assert any("residual model" in phrase for phrase in FORMATS[name].leaves_out(source))
     assert "residual model" not in FORMATS["c"].text(shipped("scara"))

@@ -52,7 +52,7 @@ def test_several_formats_go_to_a_folder_under_the_name_of_the_robot(result, tmp_
 def test_a_suffix_of_no_format_is_refused_with_those_there_are(result, tmp_path):
     with pytest.raises(WrongUsage, match=r"no format has the suffix '\.stl'") as raised:
         export(result, tmp_path / "arm.stl")
-    assert ".urdf, .xml, .sdf" in raised.value.fix
+    assert ".urdf, .xml, .yaml" in raised.value.fix
     assert not list(tmp_path.iterdir())
 
 
@@ -180,5 +180,5 @@ def test_draws_are_written_as_models_that_mujoco_loads_and_one_file_of_ranges(re
     assert (facts["schema"], facts["draws"], facts["seed"]) == ("dynid/draws/1", 3, 5)
     assert len(facts["correlation"]) == len(facts["correlated"])
     assert [each["joint"] for each in facts["random_torque_nm"]] == list(result.robot.joint_names)
-    with pytest.raises(WrongUsage, match="URDF, MJCF or SDF"):
+    with pytest.raises(WrongUsage, match="URDF or MJCF"):
         export(result, tmp_path, ExportOptions(draws=3), formats=("c",))
