@@ -60,14 +60,3 @@ def load_robot(source: RobotLike, *, base: str | None = None, tip: str | None = 
     return replace(
         found.robot, source=str(source), findings=(*found.robot.findings, *found.findings)
     )
-
-
-def robot_hash(source: str | Path) -> str:
-    """Return the sha256 of the file that an arm is read from."""
-    from dynid.files import robotfile
-    from dynid.npz import sha256
-
-    file, mark, _ = str(source).rpartition("#")
-    return sha256(
-        robotfile.find_robot(file if mark and file.lower().endswith(URDF) else str(source))
-    )
