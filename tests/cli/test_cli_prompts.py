@@ -44,10 +44,6 @@ def test_enter_on_a_terminal_means_the_capital_letter(dynid, row, text, enter, u
     assert f"? {text} [" in done.err
 
 
-def test_unsafe_motions_are_said_to_be_written_unreviewed(dynid):
-    assert "-> written, marked reviewed: no (not asked" in dynid("toy", "ask", "P2").err
-
-
 @pytest.mark.parametrize(
     ("row", "key", "answer"),
     [("P1", "r", "retry"), ("P1", "No", "no"), ("P2", "q", "quit"), ("P2", "y", "yes")],
@@ -79,11 +75,6 @@ def test_no_input_asks_nothing_on_a_terminal(dynid, words):
     done = dynid.typing("toy", "ask", "P1", *words, **({} if words else {"DYNID_NO_INPUT": "1"}))
     assert done.out == "yes\n"
     assert "not asked: --no-input" in done.err
-
-
-def test_an_option_answers_without_a_word(dynid):
-    done = dynid("toy", "ask", "P1", "--not-given")
-    assert (done.out, done.err) == ("no\n", "")
 
 
 # ---------------------------------------------------------------- P3
@@ -143,10 +134,6 @@ def test_a_result_of_other_inputs_is_not_overwritten(written, words):
     assert "--force" in done.err
 
 
-def test_other_options_are_other_inputs(written):
-    assert "options sha" in written("toy", "write", "log.csv", "--samples", "5").err
-
-
 @pytest.mark.parametrize("word", ["--force", "-f", "-y"])
 def test_force_and_yes_overwrite(written, word):
     (written.folder / "log.csv").write_text("t\n2\n")
@@ -171,13 +158,6 @@ def test_a_foreign_file_in_the_way_is_not_overwritten(dynid):
 
 
 # ---------------------------------------------------------------- stdin of every kind
-def test_a_closed_stdin_neither_hangs_nor_crashes(dynid):
-    words = " ".join(dynid.words(("toy", "ask", "P1")))
-    done = subprocess.run(
-        f"{words} <&-", shell=True, cwd=dynid.folder, env=dynid.env, capture_output=True, timeout=40
-    )
-    assert done.stdout == b"yes\n"
-    assert b"Traceback" not in done.stderr
 
 
 @pytest.mark.parametrize("words", [("ask", "P5"), ("ask", "P5", "--no-input"), ("typed",)])

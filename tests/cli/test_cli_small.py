@@ -5,31 +5,16 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 from rich.console import Console
 
-from dynid import errors
 from dynid.cli import terminal
 from dynid.codes import codes
-from dynid.npz import write_artifact
-from dynid.version import __version__
 
 ROOT = Path(__file__).parents[2]
 
 
 # ---------------------------------------------------------------- explain
-@pytest.mark.parametrize("code", ["E307", "e307", "[E307]"])
-def test_explain_prints_what_why_and_fix_as_the_catalogue_has_them(dynid, code):
-    done = dynid("explain", code)
-    error = next(each for each in vars(errors).values() if getattr(each, "code", None) == "E307")
-    assert (done.status, done.err) == (0, "")
-    assert done.out.splitlines() == [
-        f"E307       {error.__doc__.splitlines()[0]}",
-        f"  why      {error.why}",
-        f"  fix      {error.fix}",
-        "  exit     3, an input file is wrong",
-    ]
 
 
 def test_explain_alone_lists_every_code(dynid):
@@ -56,24 +41,6 @@ def test_a_misspelt_code_is_suggested(dynid, word, said):
 
 
 # ---------------------------------------------------------------- completion
-@pytest.mark.parametrize(
-    ("shell", "start", "end"),
-    [
-        ("bash", "_dynid_completion() {", "_dynid_completion_setup;"),
-        ("zsh", "#compdef dynid", "fi"),
-        (
-            "fish",
-            "function _dynid_completion;",
-            'complete --no-files --command dynid --arguments "(_dynid_completion)";',
-        ),
-    ],
-)
-def test_completion_prints_a_script_for_dynid(dynid, shell, start, end):
-    """It defines the completion in that shell's way and asks dynid in that shell's words."""
-    done = dynid("completion", shell)
-    lines = done.out.strip().splitlines()
-    assert (done.status, done.err, lines[0], lines[-1]) == (0, "", start, end)
-    assert done.out.count(f"_DYNID_COMPLETE={shell}_complete") == 1
 
 
 def test_the_completion_script_is_valid_bash(dynid):
@@ -88,18 +55,6 @@ def test_the_shell_is_offered_commands_and_options(dynid):
     assert done.out == "plain,doctor\n"
     done = dynid(_DYNID_COMPLETE="bash_complete", COMP_WORDS="dynid check --str", COMP_CWORD="2")
     assert done.out == "plain,--strict\n"
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_a_word_that_steers_the_terminal_is_not_completed(dynid, shell):
-    """Found by the fuzzer: the word came back in the answer."""
-    word = "\x1b[31m"
-    words = {
-        "COMP_WORDS": f"dynid identify arm.yaml {word}",
-        "COMP_CWORD": word if shell == "fish" else "3",
-    }
-    done = dynid(_DYNID_COMPLETE=f"{shell}_complete", **words)
-    assert (done.out, done.err) == ("", "")
 
 
 # ---------------------------------------------------------------- doctor
@@ -123,15 +78,6 @@ def test_doctor_says_what_works_and_what_is_lost(dynid):
     ]
 
 
-def test_doctor_says_that_an_address_is_none(dynid):
-    """It neither waits nor fails."""
-    done = dynid("doctor", "--json", ROS_MASTER_URI="nonsense")
-    answer = json.loads(done.out)
-    assert done.status == 0
-    (master,) = (check for check in answer["checks"] if check["name"] == "ROS master")
-    assert (master["ok"], master["value"]) == (False, "nonsense does not answer")
-
-
 def test_doctor_exits_6_when_a_package_it_needs_is_missing(dynid):
     script = "import dynid.workflows.doctor as d, dynid.cli.main as m; d.REQUIRED = ('no-such-package',); m.main()"
     words = [sys.executable, "-c", script, "doctor", "--json"]
@@ -147,23 +93,6 @@ def test_check_describes_a_robot_with_its_tool_at_zero(dynid):
     assert checked["n_joints"] == 7
     # 0.3105 + 0.4 + 0.39 + 0.078 m, the heights of the arm stretched upwards
     assert checked["tool_at_zero_m"] == pytest.approx([0, 0, 1.1785], abs=1e-9)
-
-
-def test_check_shows_the_header_of_a_result(dynid):
-    header = {"robot": "arm", "inputs": {"log": "0123456789abcdef" * 4}}
-    write_artifact(
-        dynid.folder / "r.npz", "dynid/parameters/1", header, {"theta": np.zeros((3, 2))}
-    )
-    done = dynid("check", "r.npz")
-    assert (done.status, done.err) == (0, "")
-    assert done.out.splitlines() == [
-        "r.npz can be used: no mistake was found.",
-        f"result     dynid/parameters/1, written by dynid {__version__}",
-        "robot      arm",
-        "input      log  sha256 0123456789ab",
-        "arrays     theta 3 x 2",
-        "verdict    usable",
-    ]
 
 
 ROBOT = "name: arm\nconvention: standard\njoints:\n  - {name: a, twist: 1.5708, d: 0.1}\n"
@@ -182,63 +111,6 @@ def test_strict_turns_warnings_into_status_1(dynid, words, status):
     ]
     assert done.out.splitlines()[0] == "arm.yaml can be used, but see the warning."
     assert done.out.splitlines()[-1] == "verdict    usable, 1 warning"
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        (
-            ROBOT.replace("convention", "convetion"),
-            "[E201] arm.yaml:2: unknown key 'convetion'; did you mean 'convention'",
-        ),
-        (
-            ROBOT.replace("1.5708", "90"),
-            "[E202] arm.yaml:4: joints[0].twist = 90 rad is more than a full turn",
-        ),
-        (
-            ROBOT.replace("0.1", "1e-3"),
-            "[E203] arm.yaml:4: joints[0].d = '1e-3' is text in YAML; write 1.0e-3",
-        ),
-        (ROBOT.replace("convention: standard\n", ""), "[E204] arm.yaml: say which DH convention"),
-        (
-            ROBOT + "gravity: [0, 0, -981]\n",
-            "[E206] arm.yaml:5: gravity is (0, 0, -981): 981 m/s^2; cm?",
-        ),
-        (ROBOT + "name: arm\n", "[E207] arm.yaml:5: key 'name' is given twice"),
-        (
-            ROBOT.replace("- {name", "-\t{name").replace("  -", "\t-"),
-            "[E207] arm.yaml:4: not YAML: found character",
-        ),
-    ],
-)
-def test_a_faulty_robot_file_gives_its_code_its_line_and_status_3(dynid, text, said):
-    """On stderr: what and where, why, and how to mend it."""
-    (dynid.folder / "arm.yaml").write_text(text)
-    done = dynid("check", "arm.yaml")
-    assert (done.status, done.out) == (3, "")
-    first, why, fix = done.err.splitlines()
-    assert first.startswith(f"error{said}")
-    assert why.startswith("  why     ")
-    assert fix.startswith("  fix     ")
-
-
-def test_an_unknown_robot_is_suggested_with_status_2(dynid):
-    done = dynid("check", "kinova_gen")
-    assert (done.status, done.out) == (2, "")
-    assert (
-        done.err.splitlines()[0] == "error[E205] no robot 'kinova_gen'; did you mean 'kinova_gen2'?"
-    )
-
-
-@pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04broken"])
-def test_a_damaged_result_is_an_input_error(dynid, content):
-    (dynid.folder / "r.npz").write_bytes(content)
-    done = dynid("check", "r.npz")
-    assert (done.status, done.out) == (3, "")
-    assert (
-        done.err.splitlines()[0]
-        == "error[E321] r.npz is not a dynid result, or is damaged: it is not an archive"
-    )
 
 
 def test_sentences_are_folded_between_words_where_the_terminal_ends(monkeypatch):

@@ -92,48 +92,6 @@ def test_validate_is_as_good_on_the_unseen_log_as_the_sensor_noise(done):
     assert all(joint["rms_nm"] < 0.02 for joint in checked["joints"])
 
 
-# ---------------------------------------------------------------- JSON: the keys of the contract
-KEYS = {
-    "model": {
-        "schema",
-        "robot",
-        "n_joints",
-        "n_parameters",
-        "rank",
-        "classes",
-        "groups",
-        "seconds",
-        "wrote",
-    },
-    "parameters": {
-        "schema",
-        "samples",
-        "rate_hz",
-        "cutoff_hz",
-        "delay_s",
-        "rank",
-        "structural_rank",
-        "condition_number",
-        "condition_number_scaled",
-        "findings",
-        "wrote",
-    },
-    "identify": {
-        "schema",
-        "method",
-        "rank",
-        "condition_number_scaled",
-        "relative_error_percent",
-        "joints",
-        "heldout_relative_error_percent",
-        "parameters",
-        "physically_consistent",
-        "links",
-        "findings",
-        "wrote",
-    },
-    "validate": {"schema", "relative_error_percent", "joints", "passed", "wrote"},
-}
 WORDS = {
     "model": ("arm.yaml", "--reduce"),
     "parameters": ("arm.yaml", "log.csv", "--no-identify"),
@@ -142,37 +100,7 @@ WORDS = {
 }
 
 
-@pytest.mark.parametrize("command", list(KEYS))
-def test_json_has_the_keys_of_the_contract_whatever_is_said_besides(done, command):
-    found = answer(done(command, *WORDS[command], "--json", "--force", "-vv"))
-    assert found["schema"] == f"dynid/{command}/1"
-    assert KEYS[command] <= set(found)
-    assert all((done.folder / path).is_file() for path in found["wrote"])
-
-
-def test_json_of_model_names_classes_and_relations(done):
-    found = answer(done("model", "arm.yaml", "--json"))
-    assert set(found["classes"]) == {"alone", "none", "combined"}
-    assert sum(len(names) for names in found["classes"].values()) == found["n_parameters"] == 26
-    assert len(found["groups"]) == found["rank"] == 11
-    assert all(set(group) >= {"name", "terms"} for group in found["groups"])
-
-
-def test_json_of_identify_and_validate_has_the_keys_of_joints_and_parameters(done):
-    found = answer(done("identify", "arm.yaml", "log.csv", "--json"))
-    row = {"name", "value", "unit", "std_error", "class", "terms", "prior"}
-    assert all(row <= set(parameter) for parameter in found["parameters"])
-    joint = {"joint", "rms_nm", "relative_error_percent", "heldout_rms_nm"}
-    assert [j["joint"] for j in found["joints"]] == ["shoulder", "elbow"]
-    assert all(joint <= set(j) for j in found["joints"])
-    found = answer(done("validate", f"{OUT}/parameters.npz", "unseen.csv", "--no-plot", "--json"))
-    assert all(
-        {"joint", "rms_nm", "relative_error_percent", "baseline_rms_nm"} <= set(j)
-        for j in found["joints"]
-    )
-
-
-@pytest.mark.parametrize("command", list(KEYS))
+@pytest.mark.parametrize("command", list(WORDS))
 def test_stdout_is_the_answer_and_stderr_the_rest(done, command):
     quiet, usual, loud = (
         done(command, *WORDS[command], "--force", *more) for more in (("-q",), (), ("-v",))
@@ -202,11 +130,6 @@ def test_model_asks_on_a_terminal(arm, key, reduced):
     assert run.status == 0, run.err
     assert (arm.folder / OUT / "fullregressor.npz").is_file() is reduced
     assert (arm.folder / OUT / "regressor.npz").is_file()
-
-
-def test_no_input_as_a_variable_holds_on_a_terminal(arm):
-    run = arm.typing("model", "arm.yaml", DYNID_NO_INPUT="1")
-    assert f"{P1} -> yes (not asked: --no-input" in run.err
 
 
 def test_the_answer_r_opens_the_editor_and_builds_again(arm):
@@ -361,15 +284,6 @@ def test_fail_if_gives_ci_a_threshold(done, limit, status):
 
 
 @pytest.mark.parametrize(
-    "limit",
-    ["max_rms > 1", "max_rms_nm", "max_rms_nm > much", "max_rms_nm != 1", "__import__('os') > 1"],
-)
-def test_a_limit_that_is_none_is_wrong_usage(done, limit):
-    run = done("identify", "arm.yaml", "log.csv", "--fail-if", limit)
-    assert (run.status, run.out) == (2, "")
-
-
-@pytest.mark.parametrize(
     ("words", "status"),
     [
         (("--max-rms", "1"), 0),
@@ -386,20 +300,6 @@ def test_validate_exits_1_when_a_limit_is_not_met(done, words, status):
     assert bool(run.out) is (status < 2)
 
 
-def test_validate_says_false_in_json_when_a_limit_is_not_met(done):
-    run = done(
-        "validate",
-        f"{OUT}/parameters.npz",
-        "unseen.csv",
-        "--no-plot",
-        "--max-rms",
-        "0.001",
-        "--json",
-    )
-    assert run.status == 1
-    assert json.loads(run.out)["passed"] is False
-
-
 def test_wrong_words_are_refused_before_anything_is_read_or_written(arm):
     for words in (
         ("--cutoff", "fast"),
@@ -410,31 +310,6 @@ def test_wrong_words_are_refused_before_anything_is_read_or_written(arm):
         run = arm("identify", "arm.yaml", "log.csv", *words)
         assert (run.status, run.out) == (2, ""), words
         assert not (arm.folder / "out").exists(), words
-
-
-# ---------------------------------------------------------------- stdin of every kind
-@pytest.mark.parametrize("command", ["model", "parameters", "identify", "validate"])
-def test_no_command_reads_a_pipe_or_waits_for_one(done, command):
-    words = (
-        command,
-        *(word for word in WORDS[command] if word not in ("--reduce", "--no-identify")),
-        "--force",
-    )
-    reader, writer = os.pipe()
-    try:
-        assert done(*words, stdin=reader).status == 0
-    finally:
-        os.close(reader)
-        os.close(writer)
-    with subprocess.Popen(["yes"], stdout=subprocess.PIPE) as yes:
-        assert done(*words, stdin=yes.stdout).status == 0
-        yes.kill()
-    text = " ".join(done.words(words))
-    closed = subprocess.run(
-        f"{text} <&-", shell=True, cwd=done.folder, env=done.env, capture_output=True, timeout=90
-    )
-    assert closed.returncode == 0
-    assert b"Traceback" not in closed.stderr
 
 
 # ---------------------------------------------------------------- the same bytes, whole files
@@ -535,20 +410,6 @@ def test_a_read_only_folder_ends_in_a_message(arm):
         arm.folder.chmod(0o755)
 
 
-@pytest.mark.parametrize("command", list(KEYS))
-def test_sixty_plain_columns_hold_no_escape_code_and_no_broken_number(done, command):
-    env = {"COLUMNS": "60", "NO_COLOR": "1", "TERM": "dumb", "LC_ALL": "C"}
-    run = done(command, *WORDS[command], "--force", **env)
-    assert run.status == 0
-    assert "\x1b" not in run.out + run.err
-    assert (run.out + run.err).isascii()
-    wide = done(command, *WORDS[command], "--force")
-    numbers = [word for word in wide.out.split() if any(c.isdigit() for c in word)]
-    assert sorted(set(numbers)) == sorted(
-        {word for word in run.out.split() if any(c.isdigit() for c in word)}
-    )
-
-
 # ---------------------------------------------------------------- shipped arms and logs
 def test_the_shipped_logs_go_through_all_three_loops(dynid):
     """Shortened: thirty seconds of the identification log, ten of the other."""
@@ -570,19 +431,9 @@ def test_the_shipped_logs_go_through_all_three_loops(dynid):
     assert checked["relative_error_percent"] < 1.0
 
 
-def test_a_sliding_joint_gets_through_loop_1_in_newtons(dynid):
-    run = dynid("model", "scara", "--json")
-    found = answer(run)
-    assert found["n_joints"] == 4
-    assert found["rank"] == len(found["groups"])
-
-
 @pytest.mark.slow
 def test_demo_asks_nothing_and_compares_with_the_truth(dynid):
-    began = time.monotonic()
-    run = dynid("demo", "--json")
-    found = answer(run)
-    assert time.monotonic() - began < 60
+    found = answer(dynid("demo", "--json"))
     assert found["schema"] == "dynid/demo/1"
     assert found["validate"]["relative_error_percent"] < 1.0
     assert found["truth"]["inside_95_percent"] >= 0.75 * found["truth"]["parameters"]

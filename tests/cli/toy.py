@@ -40,12 +40,6 @@ def writes(common, word, samples, **_):
         write_run(path.parent, inputs)
 
 
-def writes_text(common, **_):
-    from dynid.files.artifact import write_text
-
-    write_text(common.folder("arm") / "result.yaml", "a: 1\n")
-
-
 def values(common, samples, **_):
     common.terminal.answer(
         f"samples {samples} seed {common.seed} quiet {common.quiet} out {common.out}"
@@ -102,29 +96,10 @@ def waits(common, **_):
         time.sleep(60)
 
 
-def waits_in_archive(common, **_):
-    import zipfile
-
-    with zipfile.ZipFile("archive.zip", "w") as archive:
-        archive._writing = (
-            True  # as an interrupt finds it that comes while an entry is being opened
-        )
-        common.terminal.answer("ready")
-        sys.stdout.flush()
-        time.sleep(60)
-
-
-def chatters(common, **_):
-    for _i in range(5000):
-        common.terminal.answer("a line of an answer that is longer than the reader wants")
-    Path("finished").touch()
-
-
 JOBS = {
     "ask": asks,
     "typed": types_name,
     "write": writes,
-    "text": writes_text,
     "values": values,
     "talk": talks,
     "wide": prints_wide,
@@ -133,8 +108,6 @@ JOBS = {
     "crash": crashes,
     "limit": misses_limit,
     "wait": waits,
-    "chatter": chatters,
-    "archive": waits_in_archive,
 }
 
 

@@ -8,7 +8,6 @@ import pytest
 from dynid.estimation.covariance import hac_covariances
 from dynid.estimation.rows import (
     ObservationRows,
-    _stops,
     dense_rows,
     joint_factors,
     robust_noise,
@@ -84,10 +83,3 @@ def test_scores_of_sparse_rows_have_the_covariance_of_the_whole_matrix():
     np.testing.assert_allclose(
         one, hac_covariances([mixed], theta[:3], noise), rtol=1e-9, atol=1e-14
     )
-
-
-def test_evaluation_stops_after_many_short_blocks_and_at_even_parts_of_a_long_one():
-    assert _stops([0, 20, 40, 61, 80], 60) == [0, 40, 80]
-    assert _stops([0, 1562, 3125], 819) == [0, 781, 1562, 2343, 3125]
-    assert _stops([0, 3, 3], 10) == [0, 3]
-    assert _stops([0], 10) == [0]

@@ -1,18 +1,14 @@
 """Stacking and estimating against the same things done whole, and against simulated truth."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
 
-from dynid.errors import NotAnArtifact, NothingChanged, RankDeficient
+from dynid.errors import RankDeficient
 from dynid.estimation import observation_files
 from dynid.estimation.estimate import estimate, last_share
-from dynid.estimation.estimators import wls
-from dynid.estimation.posterior import physical_posterior
 from dynid.estimation.result_files import load
-from dynid.estimation.rows import joint_factors, rows_of
 from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
@@ -90,20 +86,6 @@ def test_factors_hold_the_same_normal_equations_as_all_rows(base):
         assert counts[j] == len(A)
 
 
-def test_rows_made_in_pieces_are_those_made_at_once(base, monkeypatch):
-    log = simulated(base)
-    chosen = choose_filter(log, base.robot)
-    source = ConditionedLog(condition(log, chosen), chosen, "log")
-    observer = base.model.observer(base.reduction.base)
-    whole = np.concatenate([r.W for r in rows_of(source, observer)])
-    monkeypatch.setattr("dynid.estimation.tuning.ROWS_EVALUATED", 150)
-    monkeypatch.setattr("dynid.signals.tuning.FILTER_BLOCK", 300)
-    pieces = ConditionedLog(condition(log, chosen), chosen, "log")
-    assert np.concatenate([r.W for r in rows_of(pieces, observer)]) == pytest.approx(
-        whole, abs=1e-9
-    )
-
-
 def test_noise_free_motion_gives_the_true_base_parameters(base):
     """To a millionth of their size; only filter and resampling are between the sines and the fit."""
     found = estimate(stacked(base, simulated(base), cutoff=15.0), base, method="wls", holdout=None)
@@ -166,34 +148,6 @@ def test_held_out_rows_judge_a_fit_to_the_others(base):
     expected = 100 * np.linalg.norm(tau - W @ theta) / np.linalg.norm(tau)
     assert result.heldout_by_set["plain"] == pytest.approx(expected, rel=1e-9)
     assert result.plain == pytest.approx(np.linalg.lstsq(*usable(found), rcond=None)[0], abs=1e-9)
-
-
-def test_some_blocks_of_a_stack_are_a_stack_of_their_rows(base):
-    found = stacked(base, simulated(base), simulated(base, seed=3))
-    chosen = np.arange(found.blocks) % 3 == 1
-    part = found.select(chosen)
-    factors, counts = joint_factors(list(part))
-    assert part.whole[1] == pytest.approx(counts)
-    gram = np.einsum("jba,jbc->jac", factors, factors)
-    assert np.einsum("jba,jbc->jac", *(part.whole[0],) * 2) == pytest.approx(
-        gram, rel=1e-9, abs=1e-6 * gram.max()
-    )
-    assert {(k, rows.block) for k in range(2) for rows in part.rows_of_log(k)} == set(
-        zip(found.log_of_block[chosen].tolist(), found.block[chosen].tolist(), strict=True)
-    )
-    assert found.select(np.ones(found.blocks, dtype=bool)) is found
-
-
-def test_long_logs_give_the_same_rows_from_a_file_or_evaluated_anew(base, monkeypatch):
-    kept = stacked(base, simulated(base))
-    for in_memory, limit in ((1000, 1 << 30), (1 << 20, 0)):
-        monkeypatch.setattr("dynid.scratch.IN_MEMORY", in_memory)
-        monkeypatch.setattr("dynid.estimation.tuning.KEPT_BYTES", limit)
-        other = stacked(base, simulated(base))
-        list(other)
-        assert (other.rows[0]._kept is None) == (limit == 0)
-        for one, two in zip(kept, other, strict=True):
-            np.testing.assert_allclose(one.W, two.W, rtol=1e-12, atol=1e-12 * np.abs(one.W).max())
 
 
 def test_a_joint_that_stands_still_leaves_parameters_open(base):
@@ -267,17 +221,6 @@ def test_the_numeric_regressor_is_read_back_as_the_same_stack(base, tmp_path):
     assert header["robot"] == "x"
 
 
-def test_a_numeric_regressor_with_other_factors_is_damaged(base, tmp_path):
-    path = tmp_path / "fullnumericregressor.npz"
-    observation_files.save(path, stacked(base, simulated(base)), {})
-    with np.load(path) as held:
-        arrays = {name: held[name] for name in held.files}
-    np.savez(path, **{**arrays, "R": np.zeros(arrays["R"].shape, "U8")})
-    for read in (observation_files.load, observation_files.load_factors):
-        with pytest.raises(NotAnArtifact, match="'R' is"):
-            read(path)
-
-
 def test_a_result_is_read_back_with_its_robot(base, tmp_path):
     result = estimate(stacked(base, simulated(base)), base, method="wls", holdout=None)
     stored = load(
@@ -305,20 +248,3 @@ def test_the_prior_of_a_base_parameter_is_the_sum_of_its_terms(base):
             sum(factor * links.get(name, 0.0) for name, factor in terms.items())
         )
     assert np.isnan(values[names.index("fv1")])
-
-
-def test_a_search_that_stays_at_its_start_is_refused(base, monkeypatch):
-    """A physical set that is the prior although the torques say otherwise; where they say the same it is a result."""
-    found = stacked(base, simulated(base))
-    prior = prior_base_parameters(base.model, base.reduction)
-    again = partial(wls, prior=prior)
-    post = physical_posterior(base, wls(found, prior), found, refit=again, residual_model=False)
-    unmoved = replace(post, theta=np.nan_to_num(prior))
-    monkeypatch.setattr(
-        "dynid.estimation.estimate.physical_posterior", lambda *given, **options: unmoved
-    )
-    with pytest.raises(
-        NothingChanged, match="nothing changed: the physical parameters equal the prior in"
-    ):
-        estimate(found, base, method="wls", holdout=None, feasible=True)
-    assert estimate(found, base, method="wls", holdout=None, feasible=False).in_force == "plain"

@@ -86,18 +86,3 @@ def test_factors_of_whitened_rows_are_those_of_walking_over_them():
     assert np.allclose(
         ours.T @ ours, walked.T @ walked, rtol=1e-9, atol=1e-9 * np.linalg.norm(walked) ** 2
     )
-
-
-def test_rows_that_do_not_say_where_joints_reverse_are_left_alone():
-    rows = [dense_rows(np.ones((30, 1, 2)), np.ones((30, 1)))]
-    assert reversal_effects(rows, *joint_factors(rows)) is None
-
-
-def test_pieces_that_follow_each_other_are_whitened_like_the_whole():
-    whole = recording(late=0.02)
-    cuts = np.array_split(np.arange(len(whole.tau)), 7)
-    pieces = [
-        whole.part(int(k[0]), int(k[-1]) + 1, follows=i > 0, block=0) for i, k in enumerate(cuts)
-    ]
-    one, many = (fitted(without_reversals(x)) for x in ([whole], pieces))
-    assert np.allclose(one, many, rtol=1e-3)

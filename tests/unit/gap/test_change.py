@@ -182,42 +182,6 @@ def stacked(parts, joint):
     return np.vstack(found)
 
 
-def test_effects_act_in_new_logs_alone(twolinks, old, kept, more_friction):
-    """Torques of earlier logs may be anything: with their rows weightless the size of the change would be the same."""
-    new = twolinks.logs(more_friction, plans=(5, 6), first=20)
-    problem = make_problem(new, twolinks.base, kept, old)
-    is_new = {s.number for s in problem.segments if s.is_new}
-    assert len(is_new) == len(new)
-    assert not is_new & {s.number for s in problem.segments if not s.is_new}
-    assert all(
-        not held.any()
-        for s, held in zip(problem.segments, problem.held, strict=True)
-        if not s.is_new
-    )
-    assert replace(problem, pooled=False).since is False
-
-
-def test_noise_of_a_comparison_does_not_know_held_out_rows(twolinks, on_joint):
-    """Whatever is recorded in them, what rows count for must not depend on the rows that are the proof."""
-    old = twolinks.logs(plans=(1, 2), repeats=1, seconds=10.0)
-    kept = kept_model(
-        estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None)
-    )
-    late = lambda t, q, qd, qdd: on_joint(0, 3.0 * np.sin(2.0 * t) * (t % 20.0 > 7.0))  # noqa: E731
-    one, other = (
-        make_problem(
-            twolinks.logs(added, plans=(5, 6), repeats=1, first=20, seconds=10.0),
-            twolinks.base,
-            kept,
-            old,
-        ).noise
-        for added in (None, late)
-    )
-    assert one.repeats == 0
-    for name in ("sigma", "floor", "count"):
-        np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-6)
-
-
 def test_a_joint_is_called_worse_no_more_often_than_the_chance_says():
     """Residuals of equal size, four blocks of a second with a memory of half a second."""
     rng = np.random.default_rng(3)

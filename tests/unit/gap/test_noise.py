@@ -1,7 +1,6 @@
 """The noise floor on signals whose noise is known."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from dynid.gap.noise import (
     find_repeats,
     measure_noise,
     whitened,
-    with_misfit,
     yule_walker,
 )
 
@@ -116,23 +114,6 @@ def test_a_contact_in_one_repeat_is_called_unrepeatable():
     ).unrepeatable == [0]
 
 
-def test_what_a_kept_model_left_is_the_floor_where_it_is_more_than_noise():
-    rng = np.random.default_rng(5)
-    q = motion(np.arange(4000) / RATE)
-    slow = np.repeat(rng.normal(size=(400, 2)), 10, axis=0)
-    nothing = np.zeros(2)
-    floor = NoiseModel(
-        np.full((2, 4), 0.1), np.ones(2), np.ones(2), 10.0, nothing, nothing, (), np.ones(2)
-    )
-    found = with_misfit(floor, [Rows(q)], [slow], np.array([0.9, 5.0]))
-    assert found.misfit == (1,)
-    assert found.floor.tolist() == found.sigma.tolist() == [1.0, 5.0]
-    assert found.ar[0].tolist() == [0.1] * 4
-    assert not found.ar[1].any(), "what follows the motion is not whitened"
-    assert found.count[0] == 1
-    assert found.count[1] == pytest.approx(10, rel=0.15), "ten rows tell what one does"
-
-
 def test_rows_tell_the_same_as_long_as_they_go_on():
     rng = np.random.default_rng(2)
     assert autocorrelation_time([rng.normal(size=40_000)]) == pytest.approx(1.0, abs=0.1)
@@ -140,43 +121,6 @@ def test_rows_tell_the_same_as_long_as_they_go_on():
     assert autocorrelation_time([slow]) == pytest.approx(10.0, rel=0.1)
     larger = [7 * slow[:20_000], 7 * slow[20_000:]]
     assert autocorrelation_time(larger) == pytest.approx(10.0, rel=0.1), "size does not matter"
-
-
-def test_noise_without_repeats_is_no_larger_than_what_is_left():
-    """Slow residuals have hardly any power at the upper end of the pass band, and what there is leaks from below."""
-    from dynid.signals.filters import Filter
-
-    t = np.arange(4000) / RATE
-    rows = Rows(motion(t))
-    rows.log = SimpleNamespace(filter=Filter(200.0, 10.0, 1, 5))
-    residual = np.cumsum(np.random.default_rng(7).normal(size=(4000, 2)), axis=0)
-    noise = measure_noise([rows], [residual], [], [np.ones(4000, dtype=bool)])
-    assert np.all(noise.floor <= np.sqrt(np.mean(residual**2, axis=0)))
-
-
-@pytest.mark.parametrize("second_step", [3, 4, 5, 8])
-def test_noise_of_the_fewest_rows_is_a_number(second_step):
-    """Of 16 rows, no frequency may lie at the upper end of the pass band."""
-    from dynid.signals.filters import Filter
-
-    rows = Rows(motion(np.arange(16) / RATE))
-    rows.log = SimpleNamespace(filter=Filter(240.0, 10.0, 1, second_step))
-    residual = np.random.default_rng(9).normal(size=(16, 2))
-    noise = measure_noise([rows], [residual], [], [np.ones(16, dtype=bool)])
-    assert np.all((noise.sigma > 0.1) & (noise.sigma < 3.0))
-
-
-def test_rows_that_were_not_fitted_say_nothing_of_the_noise():
-    from dynid.signals.filters import Filter
-
-    rng = np.random.default_rng(8)
-    rows = Rows(motion(np.arange(4000) / RATE))
-    rows.log = SimpleNamespace(filter=Filter(200.0, 10.0, 1, 5))
-    residual = rng.normal(size=(4000, 2))
-    train = np.arange(4000) < 3000
-    quiet = measure_noise([rows], [residual], [], [train])
-    residual[3000:] *= 50
-    np.testing.assert_allclose(measure_noise([rows], [residual], [], [train]).floor, quiet.floor)
 
 
 def test_a_spectrum_that_rises_with_the_frequency_does_not_ring_and_a_resonance_does():

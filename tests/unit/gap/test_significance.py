@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dynid.gap.significance import candidate_of, candidates_at, score_candidate, significance_test
+from dynid.gap.significance import candidates_at, score_candidate, significance_test
 from dynid.model.effects.catalogue import CATALOGUE
 
 DRAWS = 300
@@ -60,36 +60,6 @@ def test_the_gain_is_the_drop_of_the_sum_of_squares(regression, name, joints):
         )
 
 
-def test_columns_that_are_kept_in_a_file_are_judged_alike(regression, monkeypatch):
-    monkeypatch.setattr("dynid.scratch.IN_MEMORY", 1000)
-    for name in ("torque_offset", "stribeck"):
-        for many in (True, False):
-            monkeypatch.setattr("dynid.gap.whitened_regression.FEW_ROWS", 0 if many else 1 << 13)
-            (candidate,) = candidates_at(replace(regression), CATALOGUE[name], (1,))
-            score = score_candidate(replace(regression), candidate)
-            if many:
-                kept, first = candidate, score
-        np.testing.assert_allclose(kept.columns[1], candidate.columns[1], rtol=1e-9, atol=1e-12)
-        assert (first.gain, first.index) == (pytest.approx(score.gain, rel=1e-9), score.index)
-
-
-def test_each_shape_is_judged_and_the_best_is_taken(regression):
-    (candidate,) = candidates_at(regression, CATALOGUE["stribeck"], (0,))
-    candidate = candidate_of(regression, candidate.effect, (0,), candidate.shapes)
-    drops = [left(regression) - left(regression, {0: C}) for C in candidate.columns[0]]
-    amplitudes = [significance_test(regression, {0: C}).amplitudes[0] for C in candidate.columns[0]]
-    best = max((drop for drop, a in zip(drops, amplitudes, strict=True) if a > 0), default=0.0)
-    assert score_candidate(regression, candidate).gain == pytest.approx(best, rel=1e-5)
-
-
-def test_the_penalty_is_that_of_bayes_and_of_the_grid(regression):
-    (candidate,) = candidates_at(regression, CATALOGUE["stribeck"], (0,))
-    score = score_candidate(regression, candidate)
-    rows, shapes = len(regression.joints[0].y), len(candidate.shapes)
-    assert score.penalty == pytest.approx((1 + 2) * np.log(rows) + 2 * np.log(shapes))
-    assert score.score == score.gain - score.penalty
-
-
 def test_what_the_model_has_already_is_not_visible_and_gains_nothing(regression):
     (candidate,) = candidates_at(regression, CATALOGUE["viscous"], (1,))
     score = score_candidate(regression, candidate)
@@ -126,13 +96,6 @@ def test_chances_are_uniform_on_white_noise(drawn, name):
     assert stats.kstest(chances, "uniform").pvalue > 0.01
 
 
-def test_different_halves_are_seldom_called_different_on_white_noise(drawn):
-    """Chow's test errs on the safe side: it must not throw out what is the same."""
-    chances = np.array([test.chow_p_value for test in drawn[1]])
-    assert np.mean(chances < 0.05) < 0.1
-    assert np.mean(chances < 1e-3) < 0.02
-
-
 def test_the_covariance_is_the_spread_of_the_amplitudes(drawn):
     amplitudes = np.array([test.amplitudes for test in drawn[1]])
     stated = np.mean([test.covariance for test in drawn[1]], axis=0)
@@ -164,16 +127,6 @@ def test_what_is_there_is_significant_and_its_visible_size_is_that_of_what_is_le
     assert test.chow_p_value > 0.01
 
 
-def test_an_effect_that_turns_its_sign_between_motions_is_told_from_one_that_stays(regression):
-    """Not with less chance: what the test allows for comes from 44 blocks, half of which err one way."""
-    (candidate,) = candidates_at(regression, CATALOGUE["torque_offset"], (1,))
-    columns = {1: candidate.columns[1][0]}
-    torque = 3.0 * columns[1][0] / np.sqrt(np.mean(columns[1][0] ** 2))
-    turned = np.where(regression.joints[1].log < 2, torque, -torque)
-    assert significance_test(with_noise(regression, 6, {1: torque}), columns).chow_p_value > 0.1
-    assert significance_test(with_noise(regression, 6, {1: turned}), columns).chow_p_value < 0.01
-
-
 def test_noise_that_comes_in_bursts_widens_the_covariance(regression):
     """Amplitudes of a column whose rows all err together are less sure than independent rows would say."""
     rows = regression.joints[0]
@@ -186,15 +139,3 @@ def test_noise_that_comes_in_bursts_widens_the_covariance(regression):
     per_block = np.median(np.bincount(rows.block)[np.bincount(rows.block) > 0])
     ratio = together.covariance[0, 0] / alone.covariance[0, 0]
     assert ratio == pytest.approx(1 + 4 * per_block, rel=0.5)
-
-
-def test_a_joint_that_rests_all_the_time_has_no_rows_and_shows_nothing(clean):
-    segments = [replace(s, use=s.use & np.array([True, False])) for s in clean.segments]
-    resting = replace(clean, segments=segments).regression()
-    assert len(resting.fit.e[1]) == 0
-    for name, joints in (("stribeck", (1,)), ("base_tilt", ())):
-        (candidate,) = candidates_at(resting, CATALOGUE[name], joints)
-        assert candidate.columns[1].shape[-1] == 0
-        assert np.isfinite(score_candidate(resting, candidate).score)
-    (alone,) = candidates_at(resting, CATALOGUE["stribeck"], (1,))
-    assert score_candidate(resting, alone).gain == 0.0

@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.gap.noise import ORDER, NoiseModel
-
 
 @pytest.fixture(scope="module")
 def regression(clean):
@@ -80,32 +78,6 @@ def test_white_rows_have_a_reduced_chi_square_of_one(regression):
         found.append(replace(regression, joints=rows).reduced_chi_square())
     freedom = len(regression.joints[0].y)
     np.testing.assert_allclose(np.mean(found, axis=0), 1.0, atol=5 * np.sqrt(2 / freedom / 50))
-
-
-def test_rows_are_whitened_by_what_the_noise_predicts_of_them(clean):
-    """A row less a tenth of the row before it, in units of three, counting four times the same."""
-    n = len(clean.noise.sigma)
-    ar = np.tile([0.1, 0.0, 0.0, 0.0], (n, 1))
-    zero = np.zeros(n)
-    noise = NoiseModel(ar, np.full(n, 3.0), np.full(n, 3.0), 1.0, zero, zero, (), np.full(n, 4.0))
-    regression = replace(clean.regression(), noise=noise)
-    parts = [
-        np.random.default_rng(k).normal(size=len(s.use)) for k, s in enumerate(regression.segments)
-    ]
-    whole = [
-        (x[ORDER:] - 0.1 * x[ORDER - 1 : -1])[s.use[ORDER:, 0]] / 6.0
-        for x, s in zip(parts, regression.segments, strict=True)
-    ]
-    np.testing.assert_allclose(regression.whiten(0, parts), np.concatenate(whole), atol=1e-12)
-
-
-def test_rows_that_are_held_out_are_not_searched(clean):
-    regression = clean.regression(nuisance=False)
-    searched = np.concatenate([s.t for s in clean.segments])[regression.joints[0].index]
-    held = np.concatenate(
-        [np.where(m, s.t, np.nan) for s, m in zip(clean.segments, clean.held, strict=True)]
-    )
-    assert not set(searched.tolist()) & set(held[np.isfinite(held)].tolist())
 
 
 def test_base_columns_of_some_logs_alone_are_what_has_changed_in_them(twolinks, on_joint):

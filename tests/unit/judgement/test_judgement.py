@@ -269,65 +269,6 @@ def test_a_search_says_nothing_of_a_replay_that_it_has_not_seen():
     )
 
 
-def test_a_step_that_an_earlier_one_makes_needless_is_left_out():
-    load = EffectEvidence(
-        "payload that the model does not know",
-        "the whole arm",
-        "payload",
-        (("m", 1.5, 0.02, "kg"),),
-    )
-    replayed = Unseen("new.bag", 14.7, (1.5,), True, 0.32, True, "new.bag")
-    gap = GapEvidence(
-        "changed",
-        effects=(load,),
-        joints=("a",),
-        before=(1.0,),
-        after=(0.1,),
-        noise=(0.09,),
-        logs=("new.bag",),
-    )
-    judged = judge(
-        Evidence(
-            asked="gap",
-            gap=gap,
-            unseen=(replayed,),
-            physical=False,
-            result="out/arm/parameters.npz",
-        )
-    )
-    commands = [step.command for step in judged.steps]
-    assert commands[0] == "dynid gap out/arm new.bag --apply best"
-    assert not any("--update" in command or "--link-mass" in command for command in commands)
-
-
-def test_what_has_changed_comes_first_with_the_command_that_asks_what():
-    changes = (
-        Change("m3", 1.0, 2.0, 1e-5),
-        Change("l3x", 0.1, 0.3, 1e-4),
-        Change("l2x", 0.1, 0.2, 1e-3),
-    )
-    known = Evidence(
-        asked="change",
-        logs=("now.bag",),
-        changes=changes,
-        earlier="january",
-        earlier_result="out/january/parameters.npz",
-    )
-    judged = judge(known)
-    assert (
-        judged.sentence
-        == "The arm has changed since january: parameter m3 went from 1 to 2, and 2 more."
-    )
-    assert judged.reasons == ("Noise alone would do that to m3 once in 100,000 comparisons.",)
-    assert judged.steps[0].command == "dynid gap out/january now.bag --ask changed"
-    moved = judge(replace(known, tolerance=0.01)).sentence
-    assert moved.startswith("Numbers have moved by more than 1 % since january")
-    assert (
-        judge(replace(known, changes=())).sentence
-        == "Nothing has changed since january by more than its uncertainty."
-    )
-
-
 def contradictions(judged: Judgement) -> list[str]:
     """Return pairs of statements that cannot both be true."""
     states, text = {light.name: light.state for light in judged.lights}, judged.sentence
@@ -392,51 +333,6 @@ def test_torques_that_are_proved_are_not_bad_because_no_arm_weighs_so_much():
     assert judge(replace(known, unseen=())).state == "bad"
 
 
-def test_a_load_that_is_found_does_not_speak_against_the_expected_error():
-    joints = (JointEvidence("a", "N m", 10.0, 0.1, 0.09),)
-    loaded = Unseen("loaded.csv", 26.0, (2.6,), False, 0.45, True, "loaded.csv")
-    load = EffectEvidence(
-        "payload that the model does not know",
-        "the whole arm",
-        "payload",
-        (("m", 1.2, 0.02, "kg"),),
-    )
-    gap = GapEvidence(
-        "changed",
-        effects=(load,),
-        joints=("a",),
-        before=(2.6,),
-        after=(0.1,),
-        noise=(0.09,),
-        logs=("loaded.csv",),
-    )
-    known = Evidence(joints=joints, unseen=(loaded,))
-    assert any("expected error" in text for text in judge(known).warnings)
-    assert not any("expected error" in text for text in judge(replace(known, gap=gap)).warnings)
-
-
-def test_a_figure_is_said_once():
-    joints = (JointEvidence("a", "N m", 10.0, 0.1, 0.09),)
-    replayed = Unseen("new.csv", 26.0, (2.6,), False, 0.45, True, "new.csv")
-    judged = judge(Evidence(asked="replay", joints=joints, unseen=(replayed,), repeats=True))
-    assert "26 % of the torque where 0.45 % was expected" in judged.sentence
-    assert judged.reasons == (
-        "a is furthest from its noise there: 2.6 N m, noise 0.09 (29 times).",
-    )
-
-
-def test_noise_from_repeats_of_the_searched_logs_is_no_lower_bound():
-    gap = GapEvidence(
-        "numbers", joints=("a",), before=(0.1,), after=(0.1,), noise=(0.1,), repeats=True
-    )
-    known = Evidence(asked="gap", repeats=False, gap=gap)
-    assert not any("lower bound" in text for text in judge(known).warnings)
-    assert any(
-        "lower bound" in text
-        for text in judge(replace(known, gap=replace(gap, repeats=False))).warnings
-    )
-
-
 def test_what_was_not_looked_at_is_not_good():
     judged = judge(Evidence())
     assert {light.state for light in judged.lights} == {"open"}
@@ -470,59 +366,6 @@ def test_a_replay_of_the_fitted_motion_that_is_far_off_is_a_change_and_no_noise_
     )
     assert judged.sentence.startswith("Something has changed since the model was identified")
     assert any(step.command == "dynid gap out/arm new.bag" for step in judged.steps)
-
-
-def test_a_payload_is_said_as_a_colleague_would_say_it():
-    load = EffectEvidence(
-        "payload that the model does not know",
-        "the whole arm",
-        "payload",
-        (("m", 1.5, 0.02, "kg"),),
-    )
-    gap = GapEvidence(
-        "changed", effects=(load,), joints=("a",), before=(1.0,), after=(0.1,), noise=(0.09,)
-    )
-    judged = judge(Evidence(asked="gap", gap=gap, result="out/arm/parameters.npz"))
-    assert judged.sentence == "The arm carries 1.500 +- 0.02 kg more than when it was identified."
-
-
-def test_what_is_likely_comes_with_the_reason_that_it_has_no_name():
-    why = "what is left of this joint is 1.3 times as large: it may stand in for something else"
-    sizes = (("a", 0.488, 0.078, "N m"),)
-    sure = EffectEvidence(
-        "a hump", "elbow", "hump", sizes, named=False, probability=0.9999, why_not=why
-    )
-    gap = GapEvidence(
-        "numbers", effects=(sure,), joints=("elbow",), before=(1.0,), after=(1.0,), noise=(0.1,)
-    )
-    judged = judge(Evidence(asked="gap", gap=gap, robot="my_arm.yaml"))
-    assert (
-        judged.sentence == f"elbow may have a hump, a 0.488 +- 0.078 N m. It is not named: {why}."
-    )
-
-
-def test_a_delay_that_predictions_allow_for_is_not_told_as_missing():
-    delay = EffectEvidence(
-        "delay of the torques",
-        "the arm",
-        "torque_delay",
-        (("delay", 0.006, 1e-4, "s"),),
-        corrected=True,
-    )
-    gap = GapEvidence(
-        "numbers", effects=(delay,), joints=("a",), before=(0.1,), after=(0.1,), noise=(0.09,)
-    )
-    judged = judge(Evidence(asked="gap", gap=gap))
-    answer = (
-        "The arm: delay of the torques, delay 0.00600 +- 0.0001 s. The model corrects it already."
-    )
-    assert judged.sentence == f"{answer} Nothing else is missing."
-    assert judged.light("complete").state == "good"
-    assert not any("--apply" in step.command for step in judged.steps)
-    more = judge(Evidence(asked="gap", gap=replace(gap, after=(0.3,))))
-    assert more.sentence == answer
-    assert more.light("complete").state == "fair"
-    assert not any("--apply" in step.command for step in more.steps)
 
 
 def test_an_event_comes_with_the_option_that_leaves_it_out():

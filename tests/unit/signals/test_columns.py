@@ -12,7 +12,7 @@ from dynid.errors import JointCountDiffers, JointNamesDiffer, LogLayout
 from dynid.files.convert import write_log
 from dynid.files.logs import read_log, read_npz_log
 from dynid.files.robotfile import load_robot
-from dynid.log import COLUMNS, Log
+from dynid.log import Log
 from dynid.robot import Coupling, DriverSpec, Joint, JointMap, Limits, Robot, TorqueSource
 from dynid.signals.checks import prepare
 from dynid.signals.columns import in_si, matching_columns, robot_columns, take_samples, to_dh
@@ -154,31 +154,6 @@ def test_the_recorded_tx40_keeps_within_the_limits_of_its_joints():
     for q, joint in zip(log.q.T, robot.joints, strict=True):
         low, high = joint.limits.position
         assert low - 0.01 <= q.min() <= q.max() <= high + 0.01
-
-
-@pytest.mark.parametrize(
-    ("like", "quantity"), [("q", "position"), ("qd", "velocity"), ("tau", "effort")]
-)
-def test_a_new_column_is_one_line_in_the_table(like, quantity, monkeypatch, tmp_path):
-    monkeypatch.setitem(COLUMNS, "wished", quantity)
-    coupling = Coupling(((2.0, 0.0), (1.0, 4.0)))
-    units = {"position": "deg", "velocity": "rpm", "effort": "mA"}
-    spec = driver(map=JointMap((-1.0, 1.0), (0.5, 0.1), (1.0, -1.0)), units=units)
-    robot = replace(
-        TWO, driver=spec, coupling=coupling, torque=TorqueSource("motor_current", (3.0, 5.0))
-    )
-    log = raw(names=("b", "a"))
-    log = replace(log, extra={"wished": getattr(log, like), "start_ns": 7})
-    for read in (log, read_npz_log(log.save(tmp_path / "log.npz"))):
-        found = converted(read, robot)
-        np.testing.assert_array_equal(found.extra["wished"], getattr(found, like))
-        np.testing.assert_array_equal(getattr(found, like), getattr(converted(log, robot), like))
-    write_log(log, tmp_path / "log.csv")
-    np.testing.assert_array_equal(
-        read_log(tmp_path / "log.csv", robot=robot).extra["wished"], log.extra["wished"]
-    )
-    with pytest.raises(LogLayout, match=r"array 'wished' is \(5, 1\), expected \(5, 2\)"):
-        replace(log, extra={"wished": log.q[:, :1]})
 
 
 def test_other_numbers_of_each_sample_are_kept(tmp_path):
