@@ -7,6 +7,7 @@ in ``WHOLE_ARM`` and ``REASONS``.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
 
-#: Effects that turn the torque of the whole arm, which code evaluates at a moved position or under another gravity.
+#: Effects that turn the torque of the whole arm: at a moved position, under another gravity, with another body.
 WHOLE_ARM = ("encoder_offset", "base_tilt", "tool_force", "payload")
 #: Why there is no formula.
 REASONS = {
@@ -134,13 +135,35 @@ def _placed(node: Node, joint: int) -> Node:
     )
 
 
-def without_code(robot: Robot) -> tuple[str, ...]:
+def without_torque(robot: Robot) -> tuple[str, ...]:
     """Return the effects of a robot file that are no torque of states, one phrase each with the reason."""
     gone = [spec for spec in robot.effects if spec.effect in REASONS]
     return tuple(
         f"effect {spec.effect}{f' on {joints}' if (joints := ', '.join(spec.joints)) else ''}: {REASONS[spec.effect]}"
         for spec in gone
     )
+
+
+def without_code(effects: Iterable[Added], robot: Robot) -> tuple[str, ...]:
+    """Return the effects that exported code leaves out, one phrase each with the reason."""
+    names = robot.joint_names
+    gone = [(one, why) for one in effects if (why := why_not_code(one))]
+    phrases = (f"effect {one.effect.name}{on_joints(one, names)}: {why}" for one, why in gone)
+    return (*without_torque(robot), *phrases)
+
+
+def why_not_code(added: Added) -> str:
+    """Return why exported code leaves out the torque of an effect, "" where it holds it."""
+    if any(remembers(column.node) for column in columns_of(added) or ()):
+        return "it depends on what was before, and code keeps no state"
+    if added.effect.name in WHOLE_ARM and added.effect.name != "payload":
+        return "it turns the torque of the whole arm"
+    return ""
+
+
+def on_joints(added: Added, names: Sequence[str]) -> str:
+    """Return the joints of an effect in words, "" for the whole arm."""
+    return f" on {' and '.join(names[j] for j in added.joints)}" if added.joints else ""
 
 
 def heads(node: Node) -> set[str]:
@@ -150,7 +173,7 @@ def heads(node: Node) -> set[str]:
 
 
 def remembers(node: Node) -> bool:
-    """Return whether it needs the time or a bristle, which code keeps from step to step."""
+    """Return whether it needs the time or a bristle, which have to be kept from step to step."""
     return bool(heads(node) & {"t", "bristle"})
 
 

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from dynid.errors import WrongUsage
 from dynid.exporters import closed_forms, formula_code, residual_code
 from dynid.exporters.interface import IdentifiedArm
-from dynid.model.effects.catalogue import Added
-from dynid.model.kinematics import fixed_poses, geometry
+from dynid.model.kinematics import geometry
 from dynid.model.parameters import Parameter
 from dynid.model.program import ADD, FOLD, MUL, NEG, SUB, Program
 from dynid.robot import LINK_PARAMETERS, Robot
@@ -54,14 +53,7 @@ class Language:
         add: how the torques get those of the residual model, where there is one, and where there is none.
         power: a number to the power of another, with {x} and {p}.
         plain_sign: sign of a number, with {x}.
-        time: time since the start of the memory.
-        bristle: a bristle of the memory, with {i}.
-        bend: a statement that moves a bristle on, with {i}, {q} and {length}.
         loads: statements that sum torques of the bodies, and with friction, from the first {rigid} and {plain} columns.
-        moved: a statement that stores the column of an encoder's offset, with {joint}, {step}, {rigid} and {col}.
-        holding: a statement that stores a column of a gravity, with {mass}, {moment}, {gravity} and {col}.
-        numbers: a list of numbers, with {values}.
-        add_after: ``add`` of the torques with what effects remember, where there is a residual model.
     """
 
     template: str
@@ -79,28 +71,19 @@ class Language:
     add: tuple[str, str]
     power: str
     plain_sign: str
-    time: str
-    bristle: str
-    bend: str
     loads: str
-    moved: str
-    holding: str
-    numbers: str
-    add_after: str = ""
 
 
 def source_code(arm: IdentifiedArm, language: Language) -> str:
     """Return the base model of an arm as a file of source code."""
     writer = _Writer(language, arm.base.robot, len(arm.theta))
-    inertial, friction, formulas, remembered = writer.statements(arm)
+    inertial, friction, formulas = writer.statements(arm)
     names = [code(name) for name in arm.base.reduction.base_names]
     values = zip(names, arm.theta.tolist(), strict=True)
     with_residual, without = language.add
     return template(language.template).substitute(
         head=arm.head(code, whole=True),
         residual=writer.residual(arm),
-        arm=writer.arm_functions(arm),
-        **writer.memory(arm, remembered),
         add=with_residual if arm.predicted_error is not None else without,
         file=code(arm.file_stem),
         name=identifier(arm.file_stem),
@@ -135,14 +118,6 @@ def parameter_lines(arm: IdentifiedArm) -> list[str]:
     return lines
 
 
-def bristles_of(arm: IdentifiedArm) -> set[tuple[int, float]]:
-    """Return the bristles that effects of an arm remember: joint from 0 and length [rad or m]."""
-    columns = (
-        column for added in arm.base.model.added for column in closed_forms.columns_of(added) or ()
-    )
-    return set().union(*(closed_forms.bristles(column.node) for column in columns))
-
-
 def _payload(arm: IdentifiedArm) -> tuple[list[int], list[int]]:
     """Return the last link's columns of a payload among all of the links, and their places among the base columns."""
     names, n = arm.base.reduction.base_names, arm.robot.n
@@ -174,12 +149,8 @@ class _Writer:
     def __init__(self, language: Language, robot: Robot, width: int) -> None:
         self.language, self.robot, self.width = language, robot, width
 
-    def statements(self, arm: IdentifiedArm) -> tuple[list[str], list[str], list[str], list[str]]:
-        """Return the statements of the regressor.
-
-        Returns:
-            What moves masses and rotors; friction; effects; effects that remember.
-        """
+    def statements(self, arm: IdentifiedArm) -> tuple[list[str], list[str], list[str]]:
+        """Return the statements of the regressor: what moves masses and rotors, friction, effects."""
         model, base = arm.base.model, arm.base.reduction.base
         links = len(model.link_columns)
         rigid = base < links
@@ -203,13 +174,12 @@ class _Writer:
             target += [
                 self._stored(row, int(col), value) for row, value in self._entries(parameter)
             ]
-        return inertial, friction, *self._effects(arm)
+        return inertial, friction, self._effects(arm)
 
-    def _effects(self, arm: IdentifiedArm) -> tuple[list[str], list[str]]:
-        """Return the statements that store the columns of effects of one instant, and of those that remember."""
-        base, plain = arm.base.reduction.base, arm.base.model.plain_size
+    def _effects(self, arm: IdentifiedArm) -> list[str]:
+        """Return the statements that store the columns of effects."""
+        base, model = arm.base.reduction.base, arm.base.model
         places = {name: k for k, name in enumerate(arm.base.reduction.base_names)}
-        lengths = sorted(bristles_of(arm))
         spelling = formula_code.Spelling(
             item=self._item,
             sign=lambda joint: self._coulomb(joint, self._item("qd", joint)),
@@ -217,122 +187,24 @@ class _Writer:
             absolute=self.language.absolute,
             power=self.language.power,
             plain_sign=self.language.plain_sign,
-            time=self.language.time,
-            bristle=lambda joint, length: self.language.bristle.format(
-                i=lengths.index((joint, length)) + self.language.first
-            ),
         )
-        now: list[str] = []
-        later: list[str] = []
-        loads = False
-        for added in arm.base.model.added:
-            for column in closed_forms.columns_of(added) or ():
-                target = later if closed_forms.remembers(column.node) else now
-                text = formula_code.written(column.node, spelling)
-                target.append(self._stored(column.joint, places[column.name], text))
-                loads |= bool(closed_forms.heads(column.node) & {"tau", "total"})
-            now += self._whole_arm(added, arm, places)
-        if loads:
-            counts = {
-                "rigid": int(np.sum(base < len(arm.base.model.link_columns))),
-                "plain": int(np.sum(base < plain)),
-            }
-            now.insert(0, self.language.loads.format(**counts))
-            if later:
-                later.insert(0, self.language.loads.format(**counts))
-        return now, later
-
-    def _whole_arm(self, added: Added, arm: IdentifiedArm, places: dict[str, int]) -> list[str]:
-        """Return the statements that store the columns of an effect that turns the torque of the whole arm."""
-        language, name, robot = self.language, added.effect.name, self.robot
-        cols = [places[column.parameter.name] for column in added.columns]
-        first = language.first
-
-        def vector(values: Floats) -> str:
-            return language.numbers.format(
-                values=", ".join(repr(float(value)) for value in np.ravel(values))
-            )
-
-        def holding(col: int, mass: Floats, moment: Floats, gravity: Floats) -> str:
-            numbers = {"mass": vector(mass), "moment": vector(moment), "gravity": vector(gravity)}
-            return language.holding.format(col=col + first, **numbers)
-
-        if name == "encoder_offset":
-            step = float(closed_forms.offset_step(added))
-            rigid = int(np.sum(arm.base.reduction.base < len(arm.base.model.link_columns)))
-            joint = added.joints[0] + first
-            return [
-                language.moved.format(
-                    joint=joint, step=_number(step), rigid=rigid, col=cols[0] + first
-                )
-            ]
-        if name == "tool_force":
-            mass, moment = np.eye(robot.n)[-1], np.zeros((robot.n, 3))
-            return [
-                holding(col, mass, moment, axis) for col, axis in zip(cols, np.eye(3), strict=True)
-            ]
-        if name == "base_tilt":
-            links = closed_forms.representatives(arm.base, arm.theta)
-            size = float(np.linalg.norm(robot.gravity))
-            turned = [
-                holding(cols[k], links[:, 0], links[:, 1:4], size * np.eye(3)[k]) for k in (0, 1)
-            ]
-            angle = self._item("q", 0)
-            waves = [language.call.format(function=f, x=angle) for f in ("cos", "sin")]
-            return [*turned, *(self._stored(0, cols[2 + k], wave) for k, wave in enumerate(waves))]
-        return []
-
-    def arm_functions(self, arm: IdentifiedArm) -> str:
-        """Return the functions of effects that turn the torque of the whole arm; nothing where there are none."""
-        names = {added.effect.name for added in arm.base.model.added}
-        if not names & set(closed_forms.WHOLE_ARM[:3]):
-            return ""
-        file = self.language.template.replace(".txt", "_arm.txt")
-        return template(file).substitute(n=self.robot.n, p=self.width, **self._joints())
-
-    def _joints(self) -> dict[str, str]:
-        """Return what templates say of the joints: what does not move in them, and which of them turn."""
-        robot = self.robot
-        poses = [fixed_poses(joint, robot.convention) for joint in robot.joints]
-        rows = [
-            np.concatenate([part for x in pair for part in (x[:3, :3].ravel(), x[:3, 3])])
-            for pair in poses
+        columns = [
+            column
+            for added in model.added
+            if not closed_forms.why_not_code(added)
+            for column in closed_forms.columns_of(added) or ()
         ]
-        turning = ", ".join("1" if joint.revolute else "0" for joint in robot.joints)
-        return {
-            "poses": self._rows(np.array(rows)),
-            "turning": self.language.numbers.format(values=turning),
-        }
-
-    def _rows(self, values: Floats) -> str:
-        """Return a matrix with one row for each joint."""
-        return self.language.between.join(
-            self.language.value.format(value=", ".join(map(repr, row)), name=code(name))
-            for row, name in zip(values.tolist(), self.robot.joint_names, strict=True)
-        )
-
-    def memory(self, arm: IdentifiedArm, remembered: list[str]) -> dict[str, str]:
-        """Return what the template says of effects that remember: functions, nothing where there are none."""
-        language, lengths = self.language, sorted(bristles_of(arm))
-        bends = [
-            language.bend.format(
-                i=k + language.first, q=self._item("q", joint), length=repr(length)
+        lines = [
+            self._stored(
+                column.joint, places[column.name], formula_code.written(column.node, spelling)
             )
-            for k, (joint, length) in enumerate(lengths)
+            for column in columns
         ]
-        parts = {
-            "bristles": str(max(1, len(lengths))),
-            "bends": "\n".join(bends),
-            "remembered": "\n".join(remembered),
-        }
-        file = language.template.replace(".txt", "_memory.txt")
-        if not remembered or not (TEMPLATES / file).exists():
-            return {**parts, "memory": ""}
-        add = language.add_after if arm.predicted_error is not None else ""
-        return {
-            **parts,
-            "memory": template(file).substitute(n=arm.robot.n, p=self.width, add=add, **parts),
-        }
+        if any(closed_forms.heads(column.node) & {"tau", "total"} for column in columns):
+            rigid = int(np.sum(base < len(model.link_columns)))
+            plain = int(np.sum(base < model.plain_size))
+            lines.insert(0, self.language.loads.format(rigid=rigid, plain=plain))
+        return lines
 
     def residual(self, arm: IdentifiedArm) -> str:
         """Return the functions of the residual model; nothing where there is none."""

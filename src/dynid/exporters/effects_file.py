@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.exporters import closed_forms, formula_code, mjcf, urdf
-from dynid.exporters.code import bristles_of, template
+from dynid.exporters.code import template
 from dynid.exporters.engines import bullet_body, module, silent
 from dynid.exporters.full_model import world_gravity
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
@@ -155,17 +155,15 @@ def _arm_functions(arm: IdentifiedArm, found: Simulated) -> str:
     ]
     values = "\n".join(f"    {', '.join(repr(float(x)) for x in row)}," for row in rows)
     turning = repr([int(joint.revolute) for joint in arm.robot.joints])
-    return (
-        "\n"
-        + template("python_arm.txt")
-        .substitute(poses=values, turning=turning)
-        .partition("def _moved")[0]
-        + (
-            "def _holding"
-            + template("python_arm.txt").template.partition("def _holding")[2].rstrip("\n")
-            + "\n"
-        )
+    return template("holding.txt").substitute(poses=values, turning=turning)
+
+
+def bristles_of(arm: IdentifiedArm) -> set[tuple[int, float]]:
+    """Return the bristles that effects of an arm remember: joint from 0 and length [rad or m]."""
+    columns = (
+        column for added in arm.base.model.added for column in closed_forms.columns_of(added) or ()
     )
+    return set().union(*(closed_forms.bristles(column.node) for column in columns))
 
 
 def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:

@@ -23,8 +23,8 @@ class Spelling:
         absolute: name of the absolute value.
         power: a number to the power of another one, with {x} and {p}.
         plain_sign: sign of a number, with {x}.
-        time: time since the start.
-        bristle: deflection of a bristle of a joint from 0 and of a length.
+        time: time since the start, where it is kept.
+        bristle: deflection of a bristle of a joint from 0 and of a length, where it is kept.
     """
 
     item: Callable[[str, int], str]
@@ -33,8 +33,8 @@ class Spelling:
     absolute: str
     power: str
     plain_sign: str
-    time: str
-    bristle: Callable[[int, float], str]
+    time: str = ""
+    bristle: Callable[[int, float], str] | None = None
 
 
 def written(node: Node, language: Spelling) -> str:
@@ -64,7 +64,7 @@ def _atom(node: Node, language: Spelling) -> str:
         return repr(node.value) if node.value >= 0 else f"({node.value!r})"
     if node.head == "t":
         return language.time
-    if node.head == "bristle":
+    if node.head == "bristle" and language.bristle is not None:
         return language.bristle(node.joint - 1, node.value)
     return language.item(node.text, node.joint - 1)
 

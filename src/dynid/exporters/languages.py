@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dynid import programs
 from dynid.exporters import closed_forms
-from dynid.exporters.code import Language, bristles_of, source_code
+from dynid.exporters.code import Language, source_code
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
 from dynid.model.effects.interface import ArmMotion, ReferenceTorques
 from dynid.model.regressor import model_torques
@@ -43,17 +43,8 @@ C = Language(
     ),
     power="pow({x}, {p})",
     plain_sign="(double)(({x} > 0) - ({x} < 0))",
-    time="m->t",
-    bristle="m->z[{i}]",
-    bend="    bend(m, {i}, {q}, {length});",
     loads="    double tau[DYNID_N], total[DYNID_N];\n    loads(Y, {rigid}, tau);\n    loads(Y, {plain}, total);\n"
     "    (void)tau; (void)total;",
-    moved="    moved(q, qd, qdd, {joint}, {step}, {rigid}, {col}, Y);",
-    holding="    {{\n        const double mass[] = {mass}, moment[] = {moment}, gravity[] = {gravity};\n"
-    "        holding(q, mass, moment, gravity, {col}, Y);\n    }}",
-    numbers="{{{values}}}",
-    add_after="    {\n        double rest[DYNID_N];\n        int i;\n        residual(q, qd, Y, rest);\n"
-    "        for (i = 0; i < DYNID_N; i++) tau_out[i] += rest[i];\n    }\n",
 )
 PYTHON = Language(
     template="python.txt",
@@ -74,14 +65,7 @@ PYTHON = Language(
     ),
     power="({x}) ** {p}",
     plain_sign="np.sign({x})",
-    time="memory.t",
-    bristle="memory.z[{i}]",
-    bend="        self._bend({i}, {q}, {length})",
     loads="    tau, total = Y[..., :{rigid}] @ THETA[:{rigid}], Y[..., :{plain}] @ THETA[:{plain}]",
-    moved="    Y[..., :, {col}] = _moved(q, qd, qdd, {joint}, {step}, {rigid}, Y)",
-    holding="    Y[..., :, {col}] = _holding(q, {mass}, {moment}, {gravity})",
-    numbers="[{values}]",
-    add_after=" + _residual(q, qd, Y)",
 )
 MATLAB = Language(
     template="matlab.txt",
@@ -99,47 +83,36 @@ MATLAB = Language(
     add=(" + residual(q, qd, Y)", ""),
     power="({x}) ^ {p}",
     plain_sign="sign({x})",
-    time="memory.t",
-    bristle="memory.z({i})",
-    bend="    memory = bend(memory, {i}, {q}, {length});",
     loads="    tau = Y(:, 1:{rigid}) * theta(1:{rigid});\n    total = Y(:, 1:{plain}) * theta(1:{plain});",
-    moved="    Y(:, {col}) = moved(q, qd, qdd, {joint}, {step}, {rigid}, theta, Y);",
-    holding="    Y(:, {col}) = holding(q, {mass}, {moment}, {gravity});",
-    numbers="[{values}]",
 )
 
 
-#: Time between two states that effects that remember are compared on [s].
+#: Time between two states that effects are compared on [s].
 STEP_S = 0.01
 
 
-def _ours(
-    arm: IdentifiedArm, q: Floats, qd: Floats, qdd: Floats, *, remembers: bool = False
-) -> Floats:
+def _ours(arm: IdentifiedArm, q: Floats, qd: Floats, qdd: Floats) -> Floats:
     observer, error = arm.base.model.observer(arm.base.reduction.base), arm.predicted_error
     W = observer.dense(q, qd, qdd)
-    _add_effects(W, arm, q, qd, qdd, remembers)
+    names = arm.base.reduction.base_names
+    held = {
+        column.parameter.name
+        for added in arm.base.model.added
+        if not closed_forms.why_not_code(added)
+        for column in added.columns
+    }
+    reference = model_torques(arm.base.model, arm.base.reduction, arm.theta)
+    for name, row, entry in effect_entries(arm, reference, q, qd, qdd):
+        if name in held:
+            W[:, row, names.index(name)] = entry
     tau: Floats = W @ arm.theta
     return tau if error is None else tau + error.torque_of(q, qd, observer.coulomb_sign(qd), W)
-
-
-def _add_effects(
-    W: Floats, arm: IdentifiedArm, q: Floats, qd: Floats, qdd: Floats, remembers: bool
-) -> None:
-    """Put the columns of effects that code holds into a base regressor, (N, n, p); those that remember where wanted."""
-    model, names = arm.base.model, arm.base.reduction.base_names
-    columns = (column for added in model.added for column in closed_forms.columns_of(added) or ())
-    later = {column.name for column in columns if closed_forms.remembers(column.node)}
-    reference = model_torques(model, arm.base.reduction, arm.theta)
-    for name, row, entry in effect_entries(arm, reference, q, qd, qdd):
-        if remembers or name not in later:
-            W[:, row, names.index(name)] = entry
 
 
 def effect_entries(
     arm: IdentifiedArm, reference: ReferenceTorques, q: Floats, qd: Floats, qdd: Floats
 ) -> Iterator[tuple[str, int, Floats]]:
-    """Yield parameter, joint and entries, (N,), of effects that code holds, along states STEP_S apart."""
+    """Yield parameter, joint and entries, (N,), of effects that are torques, along states STEP_S apart."""
     t = STEP_S * np.arange(len(q), dtype=np.float64)
     motion = ArmMotion(t, q, qd, qdd, arm.robot, reference, lambda x: x)
     for added in arm.base.model.added:
@@ -151,15 +124,8 @@ def effect_entries(
                 yield column.parameter.name, row, next(entries)
 
 
-def _remembers(arm: IdentifiedArm) -> bool:
-    columns = (
-        column for added in arm.base.model.added for column in closed_forms.columns_of(added) or ()
-    )
-    return any(closed_forms.remembers(column.node) for column in columns)
-
-
 def _leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
-    return closed_forms.without_code(arm.robot)
+    return closed_forms.without_code(arm.base.model.added, arm.robot)
 
 
 # ---------------------------------------------------------------- C
@@ -196,25 +162,8 @@ def _loaded_c(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
             )
         return tau
 
-    def remembering(q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        tau, memory = np.empty_like(q), np.zeros(3 + 2 * max(1, len(bristles_of(arm))))
-        for k in range(len(q)):
-            library.dynid_memory_step(pointer(memory), pointer(q[k]), ctypes.c_double(STEP_S))
-            states = (pointer(row[k]) for row in (q, qd, qdd))
-            library.dynid_inverse_dynamics_after(pointer(memory), *states, pointer(tau[k]))
-        return tau
-
-    compiler_name = Path(compiler).name
-    yield Loaded(
-        compiler_name, f"all, {arm.robot.n} joints", theirs, lambda *state: _ours(arm, *state)
-    )
-    if _remembers(arm):
-        yield Loaded(
-            compiler_name,
-            "all, along a motion",
-            remembering,
-            lambda *s: _ours(arm, *s, remembers=True),
-        )
+    what = f"all, {arm.robot.n} joints"
+    yield Loaded(Path(compiler).name, what, theirs, lambda *state: _ours(arm, *state))
 
 
 # ---------------------------------------------------------------- Python
@@ -228,18 +177,6 @@ def imported(path: Path) -> ModuleType:
 def _loaded_python(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
     module = imported(path)
     yield Loaded("NumPy", "all", module.inverse_dynamics, lambda *state: _ours(arm, *state))
-
-    def remembering(q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        memory, rows = module.Memory(), []
-        for state in zip(q, qd, qdd, strict=True):
-            memory.step(state[0], STEP_S)
-            rows.append(module.inverse_dynamics_after(memory, *state))
-        return np.array(rows)
-
-    if _remembers(arm):
-        yield Loaded(
-            "NumPy", "all, along a motion", remembering, lambda *s: _ours(arm, *s, remembers=True)
-        )
 
 
 # ---------------------------------------------------------------- MATLAB

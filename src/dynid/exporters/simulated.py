@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.exporters import closed_forms
-from dynid.exporters.closed_forms import Column
+from dynid.exporters.closed_forms import Column, on_joints
 from dynid.exporters.engines import module
 from dynid.exporters.full_model import FullModel
 from dynid.exporters.interface import IdentifiedArm
@@ -124,7 +124,7 @@ class Simulated:
             mjcf: whether the file is an MJCF.
             names: the joints.
         """
-        found = [f"{one.effect.name}{_on(one, names)}" for one in self.whole_arm]
+        found = [f"{one.effect.name}{on_joints(one, names)}" for one in self.whole_arm]
         for column, _, native in self.columns:
             phrase = f"{_effect_of(column)} on {names[column.joint]}"
             if not (mjcf and native) and phrase not in found:
@@ -141,10 +141,6 @@ class Simulated:
 def _effect_of(column: Column) -> str:
     """Return the identifier of the effect of a column's parameter, such as stribeck of stribeck4_a."""
     return column.name[: next(i for i, letter in enumerate(column.name) if letter.isdigit())]
-
-
-def _on(added: Added, names: tuple[str, ...]) -> str:
-    return f" on {' and '.join(names[j] for j in added.joints)}" if added.joints else ""
 
 
 def simulated(arm: IdentifiedArm) -> Simulated:
@@ -165,7 +161,7 @@ def simulated(arm: IdentifiedArm) -> Simulated:
             float(arm.full.friction.get(column.parameter.name, 0.0)) for column in added.columns
         ]
         if name in NUMBERS:
-            numbers.append(f"{name}{_on(added, names)}: {_IN_NUMBERS[NUMBERS[name]]}")
+            numbers.append(f"{name}{on_joints(added, names)}: {_IN_NUMBERS[NUMBERS[name]]}")
             continue
         forms = closed_forms.columns_of(added)
         if forms is None:
@@ -187,9 +183,9 @@ def simulated(arm: IdentifiedArm) -> Simulated:
             bristles.append(Bristle(joint, sizes[0], added.shape["delta"]))
             native = "lugre of a passive dcmotor, and as much less frictionloss"
         if native:
-            elements.append(f"{name}{_on(added, names)}: {native}")
+            elements.append(f"{name}{on_joints(added, names)}: {native}")
         columns += [(form, size, bool(native)) for form, size in zip(forms, sizes, strict=True)]
-    left = closed_forms.without_code(arm.robot)
+    left = closed_forms.without_torque(arm.robot)
     motors = tuple(waves), tuple(bristles)
     return Simulated(
         full, springs, *motors, tuple(columns), tuple(whole), tuple(numbers), tuple(elements), left
