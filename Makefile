@@ -1,7 +1,7 @@
 # make demo    all four loops on shipped data, ends at out/demo/index.html; nothing else installed than python3 and make
-# make test    all tests but those marked slow (make test-slow: the hidden effects, minutes each); those with a ROS master
-#              keep time and mostly wait, so the others give way to them meanwhile; of them the exact ones run one by one;
-#              each up to three times, because a busy machine may not let them
+# make test    what a change is tried on: 8 minutes of processor time; the tests with a ROS master keep time and mostly
+#              wait, so the others give way to them meanwhile; each of them up to three times, as a busy machine may not let it
+# make test-rest   what make test leaves out: slow searches, the pages of the docs, broken files, more of ROS, other Pythons
 # make test-pythons    install, demo, a plan and a gap search with each of Python 3.10 to 3.13 that is here; 3 minutes
 # make lint    style, types, import direction
 # make docs    the pages as HTML in site/, warnings are errors; writes what is made from the code into docs/reference
@@ -22,16 +22,25 @@ APT_UPDATE := { for i in $$(seq 120); do case "$$($(APT) update -qq 2>&1)" in *"
 ROS_PACKAGES := python3-rospy python3-rosbag python3-rosmaster python3-roslaunch \
 	python3-sensor-msgs python3-trajectory-msgs python3-std-msgs
 
-.PHONY: demo test test-slow test-pythons ros screen lint docs docs-serve clean
+.PHONY: demo test test-rest test-pythons ros screen lint docs docs-serve clean
 
 demo: $(VENV)/.ready
 	$(BIN)/dynid demo
 
+# Those with a ROS master run one by one, $(1) of them; the others beside them.
+define run_tests
+@$(BIN)/python -m pytest -ra -m "ros and $(1)" --reruns 2 tests/ros >$(VENV)/ros.txt 2>&1 & ros=$$!; \
+nice -n 19 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not ros and $(1)"; status=$$?; \
+wait $$ros || status=1; cat $(VENV)/ros.txt; exit $$status
+endef
+
 test: $(VENV)/.ready-test ros screen
-	@{ $(BIN)/python -m pytest -n 2 --dist worksteal -raR -m "not alone" --reruns 2 tests/ros; shared=$$?; \
-	$(BIN)/python -m pytest -raR -m alone --reruns 2 tests/ros && exit $$shared; } >$(VENV)/ros.txt 2>&1 & ros=$$!; \
-	nice -n 19 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not ros and not slow"; status=$$?; \
-	wait $$ros || status=1; cat $(VENV)/ros.txt; exit $$status
+	$(call run_tests,not slow)
+
+# Each step of tests/pythons.py has a time limit of its own, and all of them together have this one.
+test-rest: $(VENV)/.ready-test ros screen
+	$(call run_tests,slow)
+	timeout 2400 $(MAKE) test-pythons
 
 # The tests of recording start a ROS master; where we may not install it they are skipped, with CI=true they fail.
 ros:
@@ -47,9 +56,6 @@ screen:
 		test "$$(id -u)" = 0 && command -v apt-get >/dev/null && echo "installing a virtual screen with apt" && \
 		$(APT_UPDATE) && $(APT) install -y -qq --no-install-recommends \
 			xvfb xauth libgl1 libgl1-mesa-dri >/dev/null; } || echo "no virtual screen: its test is left out" >&2
-
-test-slow: $(VENV)/.ready-test
-	$(BIN)/python -m pytest -n 2 -m slow
 
 test-pythons: $(BIN)/python
 	$(BIN)/python tests/pythons.py

@@ -44,6 +44,7 @@ def logs(dynid, shop):
     return sorted(path.name for path in dynid.folder.glob("log*.npz"))
 
 
+@pytest.mark.slow
 def test_gap_names_adds_and_the_tool_has_it_from_then_on(dynid, logs):
     some = "load_friction,position_friction,stribeck,spring,torque_gain,torque_crosstalk"
     ended = dynid(
@@ -111,6 +112,7 @@ def test_gap_names_adds_and_the_tool_has_it_from_then_on(dynid, logs):
     assert rms[2] < 0.8 * rms[0]
 
 
+@pytest.mark.slow
 def test_gap_without_a_terminal_reports_and_adds_nothing(dynid, logs):
     """What an earlier search left goes, what is somebody's own stays, and the page beside the result is made again."""
     before = dynid.folder / "before"
@@ -153,6 +155,7 @@ def test_gap_without_logs_says_what_is_needed(dynid):
     assert "PARAMETERS" in ended.err
 
 
+@pytest.mark.slow
 def test_gap_with_a_kept_model_names_the_payload_that_is_new(dynid):
     (dynid.folder / "arm.yaml").write_text((ROOT / "robots" / "kuka_lwr4plus.yaml").read_text())
 
@@ -185,6 +188,7 @@ def test_gap_with_a_kept_model_names_the_payload_that_is_new(dynid):
     assert named["parameters"]["m"]["value"] == pytest.approx(0.6, rel=0.05)
 
 
+@pytest.mark.slow
 def test_demo_finds_the_effect_that_it_hid(dynid):
     ended = dynid("demo", "--effect", "spring", "--seed", "1", "--json", **ONE)
     assert ended.status == 0, ended.err

@@ -109,6 +109,7 @@ def test_waypoints_in_degrees_are_seen_as_such(dynid):
     assert "angle_unit: deg" in done.err
 
 
+@pytest.mark.slow
 def test_arm_built_lower_than_the_wanted_distance_is_planned_and_still_kept_off_the_floor(dynid):
     text = "name: low\nconvention: standard\njoints:\n  - {a: 0.4, d: 0.1, twist: 90 deg}\n  - {a: 0.3}\n"
     (dynid.folder / "low.yaml").write_text(text)
@@ -203,6 +204,7 @@ def test_path_of_an_earlier_motion_runs_again_at_another_alpha(planned):
         assert np.allclose(2 * slow["qd"][::2][: len(fast["q"])], fast["qd"], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_search_that_the_time_ended_says_how_to_make_its_plan_again_and_that_makes_it(dynid):
     short = (
         "--duration",
@@ -245,6 +247,7 @@ def test_declining_for_good_writes_nothing_and_ends_with_status_7(dynid):
     assert not (dynid.folder / "out" / "kuka_lwr4plus" / "trajectory.npz").exists()
 
 
+@pytest.mark.slow
 def test_gui_without_a_display_is_status_6_and_pictures_are_the_default(dynid):
     done = dynid("trajectory", "kuka_lwr4plus", *QUICK[:-1], "gui")
     assert done.status == 6
@@ -280,6 +283,7 @@ def test_twice_the_same_motion_before_makes_predicted_errors_smaller_by_up_to_th
     assert_between(np.sqrt(3), errors_of(done), alone)
 
 
+@pytest.mark.slow
 def test_earlier_log_and_what_was_identified_from_it_make_every_predicted_error_smaller(dynid):
     bag = str(Path(__file__).parents[2] / "trajectories" / "kinova_gen2_identify.bag")
     assert dynid("identify", "kinova_gen2", bag, "--no-report", "-o", "before").status == 0
@@ -307,6 +311,7 @@ def noisy(dynid):
     return make
 
 
+@pytest.mark.slow
 def test_noise_of_the_robot_file_scales_the_predicted_errors_and_the_option_wins(dynid, noisy):
     answers = []
     for noise, words in (("0.1", ()), ("0.3", ()), ("0.3", ("--noise", "0.1"))):
@@ -351,6 +356,7 @@ def test_wrong_options_end_with_status_2_and_an_example(dynid, words, says):
     assert says in done.err
 
 
+@pytest.mark.slow
 def test_no_asks_what_to_change_old_pictures_go_and_an_unseen_motion_is_accepted_unseen(dynid):
     out = dynid.folder / "out" / "kuka_lwr4plus"
     out.mkdir(parents=True)

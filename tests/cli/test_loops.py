@@ -344,6 +344,7 @@ def moments(count, longest):
     return [generator.uniform(0.3, 1.0) * longest for _ in range(count)]
 
 
+@pytest.mark.slow
 def test_a_run_killed_at_any_moment_leaves_only_whole_files(arm):
     del arm.env["DYNID_IDENTIFY_REPORT"]
     words = ("parameters", "arm.yaml", "log.csv", "--identify", "--force")
@@ -360,6 +361,7 @@ def test_a_run_killed_at_any_moment_leaves_only_whole_files(arm):
     assert "parameters.npz" in whole(arm.folder)
 
 
+@pytest.mark.slow
 def test_ctrl_c_at_any_moment_ends_within_a_second_with_130(arm):
     """A run on a log of ten minutes; what is left holds no half-written and no temporary file."""
     del arm.env["DYNID_IDENTIFY_REPORT"]

@@ -466,6 +466,7 @@ def test_a_torque_at_rest_where_nothing_weighs_is_worth_zeroing(dynid):
 
 
 # ---------------------------------------------------------------- what the data can tell
+@pytest.mark.slow
 def test_joints_that_hardly_move_apart_are_refused_until_they_are_dropped(dynid):
     """The elbow follows the shoulder but for a millirad: all parameters show, most of them in noise.
 

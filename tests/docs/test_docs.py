@@ -25,10 +25,20 @@ def name(page):
     return str(page.relative_to(ROOT))
 
 
+#: Pages whose commands ``make test`` runs; the others are slow.
+FIRST = {ROOT / "README.md", ROOT / "docs/tutorial/first-identification.md"}
+
+
+def marks(page):
+    return [
+        mark
+        for mark, on in ((pytest.mark.data, page in REAL), (pytest.mark.slow, page not in FIRST))
+        if on
+    ]
+
+
 @pytest.mark.parametrize(
-    "page",
-    [pytest.param(page, marks=pytest.mark.data if page in REAL else ()) for page in WITH_COMMANDS],
-    ids=name,
+    "page", [pytest.param(page, marks=marks(page)) for page in WITH_COMMANDS], ids=name
 )
 def test_every_command_of_a_page_prints_what_the_page_shows(page, tmp_path):
     if page in REAL and not RECORDINGS.is_dir():

@@ -5,6 +5,7 @@ import os
 import pytest
 from blocks import ROOT, alike
 
+pytestmark = pytest.mark.slow
 NOTEBOOK = ROOT / "docs/tutorial/notebook.ipynb"
 
 

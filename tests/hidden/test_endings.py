@@ -12,6 +12,8 @@ from dynid.gap.apply import specs_of, stacked_with
 from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.gap.verdict import labels
 
+pytestmark = pytest.mark.slow
+
 ARM = "lwr4plus"
 SECONDS = 15.0
 

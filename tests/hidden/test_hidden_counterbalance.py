@@ -20,6 +20,8 @@ from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.robot import Body, Prior
 
+pytestmark = pytest.mark.slow
+
 
 def suspected(tmp_path, seed, with_counterbalance):
     drawn = heavy.draw(seed, with_counterbalance)

@@ -9,6 +9,8 @@ from dynid.gap.refit import refit
 from dynid.gap.search import search_effects
 from dynid.gap.stepwise_selection import SelectionOptions
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(
     ("name", "joint", "size", "near"),

@@ -10,11 +10,26 @@ from dynid.drivers.ros import missing_modules
 from dynid.files.robotfile import load_robot
 from dynid.workflows.model import base_model
 
+#: What ``make test`` runs of them: each driver plays and stops, what goes wrong on the way, what is refused before.
+QUICK = (
+    "test_a_fault_of_the_driver_stops_the_arm_and_keeps_the_log[kinova_gen2-deaf",
+    "test_a_fault_of_the_driver_stops_the_arm_and_keeps_the_log[kinova_gen2-silent",
+    "test_a_fault_of_the_driver_stops_the_arm_and_keeps_the_log[kinova_gen2-torque",
+    "test_a_fault_of_the_driver_stops_the_arm_and_keeps_the_log[kuka_lwr4plus-deaf",
+    "test_a_goal_that_goes_wrong_is_cancelled[deaf",
+    "test_a_wrong_name_moves_nothing_and_the_right_one_does",
+    "test_an_arm_with_a_trajectory_controller_is_moved_and_recorded[words0]",
+    "test_another_program_may_move_the_arm_while_it_is_recorded",
+    "test_what_preflight_refuses_is_not_sent",
+)
+
 
 def pytest_collection_modifyitems(items):
     for item in items:
         if Path(__file__).parent in item.path.parents:
             item.add_marker(pytest.mark.ros)
+            if not item.name.startswith(QUICK):
+                item.add_marker(pytest.mark.slow)
 
 
 @pytest.fixture(scope="session", autouse=True)

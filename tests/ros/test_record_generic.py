@@ -51,7 +51,6 @@ def test_classes_of_messages_leave_no_folder_when_the_program_is_killed(tmp_path
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.alone
 @pytest.mark.parametrize("words", [(), ("--command-topic", ACTION)])
 def test_an_arm_with_a_trajectory_controller_is_moved_and_recorded(lab, plan, words):
     trajectory = plan(UR, 3.0)

@@ -90,7 +90,6 @@ def predicts(lab, robot, parameters, unseen):
     )
 
 
-@pytest.mark.alone
 @pytest.mark.parametrize(("robot", "rates"), [(LWR, (1000, 200)), (KINOVA, (100, 100))])
 def test_a_model_identified_from_a_recording_predicts_another_within_the_noise(lab, robot, rates):
     first, second = planned(lab, robot, ("first", "second"))
@@ -130,7 +129,6 @@ def test_another_program_may_move_the_arm_while_it_is_recorded(lab):
     assert lab.finish(driver)["commands"] == 0
 
 
-@pytest.mark.alone
 def test_dropped_and_late_messages_are_survived_and_told(lab, plan):
     trajectory = plan(KINOVA, 3.0)
     lab.driver(

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.errors import Finding, JointNamesDiffer, LogLayout
+from dynid.errors import JointNamesDiffer, LogLayout
 from dynid.files.logs import read_log
 from dynid.log import Log
-from dynid.npz import sha256
 from dynid.signals.checks import prepare
 from makelogs import lwr, lwr_log
 
@@ -28,11 +27,6 @@ def test_anything_that_numpy_understands_becomes_float64():
     assert [x.shape for x in (log.q, log.tau, log.extra["q_ref"])] == [(3, 1)] * 3
     assert {x.dtype for x in (log.t, log.q, log.tau, log.extra["q_ref"])} == {np.dtype(np.float64)}
     assert (log.names, log.n, len(log), log.duration, log.rate) == (("elbow",), 1, 3, 2.0, 1.0)
-
-
-def test_float_arrays_are_not_copied():
-    q = np.ones((5, 2))
-    assert Log(T, q, q).q is q
 
 
 @pytest.mark.parametrize(
@@ -57,23 +51,6 @@ def test_float_arrays_are_not_copied():
 def test_what_does_not_fit_is_named(change, text):
     with pytest.raises(LogLayout, match=text):
         Log(**{"t": T, "q": np.ones((5, 2)), "tau": np.ones((5, 2)), **change})
-
-
-def test_a_log_shows_its_name_size_joints_and_findings():
-    log = replace(lwr_log(), findings=(Finding("W312", "warning", "1 gap, <longest> 30 ms"),))
-    shown = repr(log)
-    size = f"{len(log)}, {log.duration:.1f} s"
-    for part in (
-        "lwr4plus_validate.bag",
-        size,
-        "7: lwr_0_joint",
-        "not checked",
-        "W312",
-        "<longest>",
-    ):
-        assert part in shown
-    assert "&lt;longest&gt;" in log._repr_html_()
-    assert "made from arrays" in repr(Log(T, T, T))
 
 
 def test_a_table_has_one_column_for_each_quantity_of_each_joint():
@@ -126,24 +103,3 @@ def test_a_checked_log_is_not_checked_again_but_still_cut_and_asked_for_enough_m
     )
     with pytest.raises(JointNamesDiffer):
         prepare(log, other)
-
-
-def test_a_file_is_hashed_once_until_it_changes(tmp_path, monkeypatch):
-    from hashlib import sha256 as reference
-
-    file = tmp_path / "a.txt"
-    file.write_bytes(b"one")
-    assert sha256(file) == reference(b"one").hexdigest()
-    with monkeypatch.context() as patched:
-        patched.setattr("pathlib.Path.open", lambda *_: pytest.fail("it was read again"))
-        assert sha256(file) == reference(b"one").hexdigest()
-    file.write_bytes(b"other")
-    assert sha256(file) == reference(b"other").hexdigest()
-
-
-def test_a_robot_shows_its_dh_table_in_degrees():
-    shown = repr(lwr())
-    assert shown.startswith("KUKA LWR4+: standard DH, gravity (0, 0, -9.81) m/s^2 in frame 0")
-    row = next(line.split() for line in shown.splitlines() if line.startswith("lwr_0_joint"))
-    assert row == ["lwr_0_joint", "revolute", "0", "90", "0.3105", "0", "-170", "170", "110", "176"]
-    assert "<td>lwr_6_joint</td>" in lwr()._repr_html_()

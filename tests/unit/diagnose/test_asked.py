@@ -2,27 +2,19 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 import dynid
-from dynid import scratch
-from dynid.diagnose import diagnosis
 from dynid.diagnose.mistakes import Edit, edited
 from dynid.errors import GravityRemoved, WrongMapping
 from dynid.signals.checks import prepare
 from dynid.workflows.identify import IdentifyOptions
 from dynid.workflows.parameters import load_observations, observe
-from makelogs import gen2, gen2_log, lwr, lwr_log
+from makelogs import lwr, lwr_log
 
 
 def identified(log, robot, **options):
     return dynid.identify(robot, [log], IdentifyOptions(**options))
-
-
-def test_a_fit_that_explains_the_torques_asks_nothing(monkeypatch):
-    monkeypatch.setattr(diagnosis, "diagnose", lambda *_, **__: pytest.fail("asked"))
-    assert identified(lwr_log(), lwr()).relative_error_percent < 1.0
 
 
 @pytest.mark.parametrize(
@@ -56,17 +48,3 @@ def test_stored_rows_ask_the_log_that_they_were_made_from(tmp_path):
     path = seen.save_stack(tmp_path)
     with pytest.raises(WrongMapping, match="torque of lwr_3_joint reversed"):
         dynid.identify(wrong, load_observations(path, seen.base))
-
-
-def test_the_drivers_columns_of_a_long_log_come_back_piece_by_piece(monkeypatch):
-    raw, robot = gen2_log(), gen2()
-    whole, names = diagnosis.driver_columns(prepare(raw, robot), robot)
-    assert names
-    monkeypatch.setattr(scratch, "PIECE", 700)
-    monkeypatch.setattr(scratch, "IN_MEMORY", 1000)
-    pieced, _ = diagnosis.driver_columns(prepare(raw, robot), robot)
-    assert pieced.q.base is not None
-    np.testing.assert_allclose(pieced.q, whole.q, atol=1e-12)
-    recorded = [raw.names.index(name) for name in names]
-    np.testing.assert_allclose(np.cos(whole.q), np.cos(raw.q[:, recorded]), atol=1e-9)
-    np.testing.assert_allclose(whole.tau, raw.tau[:, recorded], atol=1e-9)

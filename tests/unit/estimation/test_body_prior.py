@@ -12,7 +12,6 @@ from dynid.estimation.possible_arm import (
     fit_pooled,
     followed,
     rounded,
-    widened,
 )
 from dynid.estimation.possible_set import (
     basis,
@@ -23,7 +22,6 @@ from dynid.estimation.possible_set import (
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.parameters import prior_vector
-from dynid.robot import Body
 
 
 @pytest.fixture(scope="module")
@@ -119,47 +117,3 @@ def test_rounded_cylinders_weigh_the_same_together_and_none_is_a_needle(constrai
 def test_the_prior_follows_half_way(constraints):
     x = 3.0 * constraints.prior
     assert followed(constraints, x) == pytest.approx(2.0 * constraints.prior_pseudo_inertia)
-
-
-def test_bodies_without_a_width_get_that_of_their_links_cylinder(constraints):
-    """A point mass, a rod along x, no mass, a mass alone, and a body as it was given."""
-    k = constraints.bodies
-    links = len(k)
-    shape = np.zeros((links, 4, 4))
-    middle, radius = np.array([0.1, 0.0, -0.02]), 0.05
-    shape[:] = np.block(
-        [[0.25 * radius**2 * np.eye(3) + np.outer(middle, middle), middle[:, None]], [middle, 1.0]]
-    )
-    prior = constraints.prior.copy()
-    point, rod = np.array([0.2, 0.1, 0.0]), np.array([0.0, 0.0, 0.3])
-    prior[k[0]] = Body(2.0, tuple(point)).parameters()
-    prior[k[1]] = Body(3.0, tuple(rod), (0.0, 0.0, 0.0, 0.04, 0.0, 0.04)).parameters()
-    prior[k[2]] = 0.0
-    prior[k[3]] = Body(1.5).parameters()
-    before = replace(constraints, prior=prior)
-    found = widened(before, shape)
-    assert np.all(smallest_eigenvalues(found.prior[found.bodies]) > 0.0)
-    np.testing.assert_array_equal(found.prior[k[4:]], prior[k[4:]])
-    np.testing.assert_allclose(found.prior[k[:2, :4]], prior[k[:2, :4]])
-    # A ball of that spread has the inertia 2 * m * r^2 / 4 about its centre.
-    added = Body(
-        2.0,
-        tuple(point),
-        (0.5 * 2.0 * radius**2, 0, 0, 0.5 * 2.0 * radius**2, 0, 0.5 * 2.0 * radius**2),
-    )
-    np.testing.assert_allclose(found.prior[k[0]], added.parameters(), rtol=1e-9, atol=1e-12)
-    mass = found.prior[k[2, 0]]
-    assert 0.0 < mass < 0.2 * prior[k[:, 0]].max()
-    np.testing.assert_allclose(found.prior[k[2, 1:4]], mass * middle)
-    np.testing.assert_allclose(found.prior[k[3, :4]], 1.5 * np.append(1.0, middle), atol=1e-15)
-
-
-def test_a_body_that_cannot_exist_stays_as_it_is(constraints):
-    prior = constraints.prior.copy()
-    prior[constraints.bodies[1]] = Body(
-        2.0, (0.0, 0.0, 0.0), (0.01, 0, 0, 0.01, 0, 5.0)
-    ).parameters()
-    found = widened(
-        replace(constraints, prior=prior), np.tile(np.diag([1e-3, 1e-3, 1e-3, 1.0]), (7, 1, 1))
-    )
-    np.testing.assert_array_equal(found.prior, prior)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from dynid.estimation.covariance import (
-    automatic_lags,
     hac_covariances,
     judge,
     long_run_variance,
@@ -75,12 +74,6 @@ def test_white_residuals_keep_the_textbook_width():
     assert 0.90 <= robust <= 0.99
 
 
-def test_lags_grow_with_the_memory_of_the_scores():
-    rng = np.random.default_rng(4)
-    lags = [automatic_lags([ar1(rng, (2000, 3), rho)]) for rho in (0.0, 0.5, 0.9)]
-    assert lags[0] <= 3 < lags[1] < lags[2] < 100
-
-
 def slow_log(seed, instants=120, columns=24):
     """Many slow columns, and noise that has passed the filter of the rows."""
     t = np.arange(instants) / RATE
@@ -127,23 +120,6 @@ def test_judgement_separates_unknown_from_known_to_be_zero():
         "negligible",
         "not determined",
     )
-
-
-def test_some_parameters_have_the_covariance_that_they_have_among_all():
-    rows = recording(3, 0.8)
-    fit = weighted(*joint_factors([rows]))
-    whole = hac_covariances([rows], fit.theta, fit.noise)[0]
-    some = hac_covariances([rows], fit.theta, fit.noise, of=[3, 1])[0]
-    np.testing.assert_allclose(some, whole[np.ix_([3, 1], [3, 1])], rtol=1e-11)
-
-
-def test_uncorrected_error_bars_are_those_before_the_correction():
-    rows = recording(4, 0.8)
-    fit = weighted(*joint_factors([rows]))
-    corrected, before = hac_covariances([rows], fit.theta, fit.noise)
-    for found in hac_covariances([rows], fit.theta, fit.noise, corrected=False):
-        np.testing.assert_array_equal(found, before)
-    assert np.all(np.diagonal(corrected) > np.diagonal(before))
 
 
 def test_parameters_that_the_log_hardly_tells_have_a_covariance_all_the_same():

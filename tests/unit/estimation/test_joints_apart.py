@@ -7,17 +7,15 @@ import pytest
 from loaded_arm import recorded
 from test_stack import simulated, stacked
 
-from dynid import IdentifyOptions, identify, load, validate
-from dynid.estimation.estimators import irls, wls
+from dynid import identify, load, validate
+from dynid.estimation.estimators import wls
 from dynid.estimation.posterior import prior_covariance
 from dynid.estimation.residual_model import GROUPS, model_error, whitened_rows
-from dynid.estimation.rows import whitened_factors
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import prior_base_parameters
 from dynid.model.reduce import reduce
-from dynid.workflows.parameters import observe
 
 #: The joint whose torque is spoilt: it shares links with those before and after it.
 BAD = 3
@@ -86,33 +84,6 @@ def test_a_joint_whose_sensor_sticks_spoils_no_other(logs):
     good = validate(identify(robot, log, holdout=None), other)
     bad = validate(identify(robot, stuck(log), holdout=None), other)
     assert np.linalg.norm(shares(bad)) < 1.1 * np.linalg.norm(shares(good))
-
-
-def test_what_reversals_leave_tells_nothing_of_parameters_that_the_rows_leave_open(logs):
-    """Its friction has no rows once the joint has none, and removing the reversals of others adds none."""
-    (robot, log), _ = logs
-    stack = observe(robot, [log], IdentifyOptions()).stack.without(np.array([BAD]))
-    told = []
-    for factors in (stack.whole[0], whitened_factors(stack.whole[0], stack.reversals)):
-        rows = factors[:, :, :-1].reshape(-1, len(stack.names))
-        length = np.linalg.norm(rows, axis=0)
-        assert length[stack.names.index(f"fc{BAD + 1}")] == 0.0
-        sigma = np.linalg.svd(
-            rows / np.where(length > 1e-12 * length.max(), length, 1.0), compute_uv=False
-        )
-        told.append(np.sum(sigma > 1e-12 * sigma[0]))
-    assert told[0] == told[1] < len(stack.names)
-
-
-def test_a_stack_without_a_joint_has_the_shortest_answer_for_what_it_leaves_open():
-    """The friction of a joint that has no rows is open."""
-    model = build_model(load_robot("scara"))
-    base = BaseModel(model, reduce(model))
-    stack = stacked(base, simulated(base, seed=0, noise=0.05))
-    part = stack.without(np.array([1]))
-    assert not stack.first_fit.leaves_open
-    assert part.first_fit.leaves_open
-    assert np.all(np.isfinite(irls(part, np.full(len(part.names), np.nan)).theta))
 
 
 def test_a_stack_without_a_joint_is_that_of_the_rows_of_the_others():

@@ -11,17 +11,12 @@ from dynid.estimation.estimators import irls, wls
 from dynid.estimation.posterior import physical_posterior, prior_covariance
 from dynid.estimation.residual_model import (
     GROUPS,
-    _inverse_root,
     best_size,
     evidence_gain,
-    folded,
     model_error,
-    rms_speed,
-    rows_with_columns,
     squares,
     whitened_rows,
 )
-from dynid.estimation.rows import joint_factors
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.base_model import BaseModel
@@ -142,32 +137,6 @@ def test_an_arm_with_a_complete_model_has_no_model_error(base):
     assert np.mean(z < 1.96) >= 0.85
 
 
-def test_squares_are_those_of_walking_over_the_rows(found):
-    stack, _, post = found
-    walked = np.zeros(len(stack.joints))
-    for rows in stack:
-        tau = rows.W @ post.theta + post.error.torque(rows, stack.logs[0], stack.observer)
-        walked += np.sum(np.where(rows.mask, rows.tau - tau, 0.0) ** 2, axis=0)
-    assert squares(stack, post.theta, post.error) == pytest.approx(walked, rel=1e-6)
-
-
-def test_long_logs_have_the_factors_of_their_rows_with_the_columns_beside_them(
-    base, found, monkeypatch
-):
-    monkeypatch.setattr("dynid.estimation.tuning.REVERSALS_LONGEST", 0)
-    stack, estimate, _ = found
-    stack = replace(stack)
-    assert stack.reversals is None
-    speed = rms_speed(stack.logs, len(stack.joints))
-    beside = folded(stack, speed, estimate.theta, estimate.noise, None)
-    rows, _ = joint_factors(rows_with_columns(stack, speed, estimate.theta))
-    for one, other in zip(beside, rows, strict=True):
-        size = np.maximum(np.linalg.norm(other, axis=0), 1e-30)
-        np.testing.assert_allclose(
-            one.T @ one / np.outer(size, size), other.T @ other / np.outer(size, size), atol=1e-12
-        )
-
-
 def test_without_model_error_the_rows_give_the_estimate_that_they_are_centred_on(base, found):
     """Instruments find other parameters than least squares of the same rows."""
     stack, estimate, _ = found
@@ -194,14 +163,3 @@ def test_spikes_are_not_taken_for_friction(base):
         physical_posterior(base, estimate, spiky, refit=again(base), residual_model=None).error
         is None
     )
-
-
-@pytest.mark.parametrize("smallest", [1e-3, 1e-13])
-def test_the_root_of_an_inverse_holds_for_rounding_as_well(smallest):
-    directions = np.linalg.qr(np.random.default_rng(0).standard_normal((6, 6)))[0]
-    H = directions * np.array([1.0, 1.0, 1.0, 1.0, 1.0, smallest]) @ directions.T
-    scale = 1.0 / np.sqrt(np.diagonal(H))
-    H = scale[:, None] * H * scale
-    root, volume = _inverse_root(H)
-    np.testing.assert_allclose(H @ root @ root.T @ H, H, atol=1e-9)
-    assert volume == pytest.approx(-0.5 * np.linalg.slogdet(H)[1], rel=1e-2)

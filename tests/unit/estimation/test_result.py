@@ -2,7 +2,6 @@
 
 import copy
 import pickle
-import timeit
 from dataclasses import replace
 
 import numpy as np
@@ -18,8 +17,6 @@ from dynid.model.base_model import BaseModel
 from dynid.model.parameters import prior_parameters
 from dynid.model.reduce import reduce
 from dynid.robot import EffectSpec
-
-MARKUP = '<b>x & "y"</b>\x1b[31m'
 
 
 @pytest.fixture(scope="module")
@@ -95,24 +92,6 @@ def test_intervals_are_two_standard_errors_wide_and_open_where_nothing_is_known(
     assert vague.table()[0]["97.5 %"] == np.inf
 
 
-def test_it_prints_its_fit_and_every_parameter(base, result):
-    text = result.summary()
-    assert (
-        f"{result.heldout_relative_error_percent:.2f} % held out (last 20 % of each log, the same motion)"
-        in text
-    )
-    assert all(f"\n{name} " in text for name in (*result.names, *base.robot.joint_names))
-    assert repr(result) == "\n".join([result.title, *result.verdict()])
-
-
-def test_names_from_files_are_no_markup_in_a_notebook(result):
-    nasty = replace(result, robot=replace(result.robot, name=MARKUP), choice=MARKUP)
-    page = nasty._repr_html_()
-    assert "<b>" not in page
-    assert "&lt;b&gt;" in page
-    assert "\x1b" not in page + repr(nasty) + nasty.summary()
-
-
 def test_what_is_saved_is_loaded(result, tmp_path):
     noted = replace(
         result,
@@ -144,16 +123,6 @@ def test_what_is_saved_is_loaded(result, tmp_path):
     assert np.array_equal(again.theta, noted.theta)
 
 
-def test_a_robot_made_in_code_is_stored_with_its_result(result, tmp_path):
-    """The file of a robot that was changed since is not what is stored."""
-    joints = (replace(result.robot.joints[0], name="hip"), *result.robot.joints[1:])
-    for path in (None, result.robot.path):
-        made = replace(result, robot=replace(result.robot, joints=joints, path=path))
-        stored = load(made.save(tmp_path / "parameters.npz"))
-        assert stored.robot == made.robot
-        assert stored.robot.path == path
-
-
 @pytest.fixture(scope="module", params=["plain", "residual model", "some links", "prismatic"])
 def described(request, base, result):
     """Results whose torques are made of all that they can be made of."""
@@ -179,48 +148,6 @@ def test_the_torques_of_one_state_are_those_of_a_motion(described):
             )
             assert tau.shape == (described.robot.n,)
             assert tau == pytest.approx(whole[k], rel=1e-12, abs=1e-12 * np.abs(whole).max())
-
-
-def test_one_state_takes_the_time_of_its_additions_and_products(described):
-    """Array operations on one sample take milliseconds; ten times what a quiet machine takes is allowed here."""
-    _, q, qd, qdd = (x[0] for x in motion(described.robot, 1.0, 7))
-    described.inverse_dynamics(q, qd, qdd)
-    assert (
-        min(timeit.repeat(lambda: described.inverse_dynamics(q, qd, qdd), number=20, repeat=10))
-        / 20
-        < 5e-4
-    )
-
-
-@pytest.mark.parametrize(
-    "shapes",
-    [((3,), (4,), (4,)), ((5, 4), (5, 4), (4, 4)), ((2, 5, 4),) * 3, ((),) * 3, ((5, 3),) * 3],
-)
-def test_states_of_another_shape_are_answered_with_what_would_be_right(result, shapes):
-    with pytest.raises(
-        WrongUsage, match=r"the shapes are q \(.*\), qd \(.*\), qdd \(.*\)"
-    ) as caught:
-        result.inverse_dynamics(*(np.zeros(shape) for shape in shapes))
-    assert "(4,) for one state" in caught.value.fix
-
-
-def test_effects_that_need_the_time_need_it_for_one_state_too(base, result):
-    spec = EffectSpec("torque_drift", (base.robot.joint_names[0],), {"tc": 2.0, "amplitude": 3.0})
-    model = build_model(replace(base.robot, effects=(spec,)))
-    added = replace(
-        result,
-        robot=model.robot,
-        reduction=reduce(model),
-        rigid=None,
-        theta=np.append(result.theta, 3.0),
-    )
-    _, q, qd, qdd = motion(base.robot, 2.0, 7)
-    with pytest.raises(WrongUsage, match="order of the samples"):
-        added.inverse_dynamics(q[0], qd[0], qdd[0])
-    drift = added.inverse_dynamics(q[9], qd[9], qdd[9], 0.5) - result.inverse_dynamics(
-        q[9], qd[9], qdd[9]
-    )
-    assert drift[0] == pytest.approx(3.0 * 2.0 * (1 - np.exp(-0.25)), abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,11 @@
 """The same joint states give the same log, whatever they were recorded in; damaged recordings give what is readable."""
 
-import random
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from dynid.errors import BagTruncated, DynidError, TooLarge, WrongMessageType
+from dynid.errors import BagTruncated, DynidError, WrongMessageType
 from dynid.files.logs import read_log
 from dynid.signals.columns import take_samples
 from makelogs import joint_state, lwr, lwr_log
@@ -107,25 +106,6 @@ def test_torques_of_their_own_topic_are_taken_from_a_bag_of_ros_1(array, log, tm
     )
 
 
-@pytest.mark.parametrize("kind", ["ROS 1 bag", "single .db3", "MCAP, zstd", "MCAP"])
-def test_a_damaged_recording_gives_an_error_or_what_is_readable(kind, log, tmp_path):
-    path = FORMATS[kind](log, tmp_path)
-    whole, chance = path.read_bytes(), random.Random(0)
-    read = 0
-    for k in range(60):
-        data = bytearray(whole[: chance.randrange(20, len(whole))] if k % 2 else whole)
-        for _ in range(chance.randrange(1, 20) if k % 3 else 0):
-            data[chance.randrange(16, len(data))] = chance.randrange(256)
-        path.write_bytes(data)
-        try:
-            found = read_log(path, robot=lwr())
-        except DynidError:
-            continue
-        read += 1
-        assert len(found) <= 2 * len(log)
-    assert read > 5
-
-
 @pytest.mark.parametrize("kind", ["single .db3", "MCAP"])
 def test_a_cut_recording_of_ros2_says_how_to_recover_it(kind, log, tmp_path):
     path = FORMATS[kind](log, tmp_path)
@@ -139,14 +119,6 @@ def test_messages_that_wait_in_a_journal_are_not_left_out_silently(log, tmp_path
     path = FORMATS["single .db3"](log, tmp_path)
     path.with_name("one.db3-wal").write_bytes(b"messages")
     with pytest.raises(BagTruncated, match=r"one\.db3-wal"):
-        read_log(path, robot=lwr())
-
-
-def test_a_chunk_that_unpacks_like_a_bomb_is_refused(log, tmp_path):
-    path = tmp_path / "a.mcap"
-    still = [(TOPIC, ns, ros2_state(ns, (), np.zeros(4000))) for ns in range(2000)]
-    write_mcap(path, still, "zstd", chunk=1 << 26)
-    with pytest.raises(TooLarge, match="unpack to"):
         read_log(path, robot=lwr())
 
 

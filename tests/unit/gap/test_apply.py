@@ -1,17 +1,13 @@
 """The copy of the robot file, and the arm identified again with what was named."""
 
-from dataclasses import replace
-
 import pytest
 
 import twolink
 from dynid.estimation.estimate import estimate
 from dynid.files.robotfile import load_robot
 from dynid.gap.analysis import analyse_gap, on_one_clock
-from dynid.gap.apply import new_name, specs_of, stacked_with, with_specs, write_robot
-from dynid.gap.selected_effects import SelectedEffect
+from dynid.gap.apply import specs_of, stacked_with, with_specs, write_robot
 from dynid.gap.stepwise_selection import SelectionOptions
-from dynid.model.effects.catalogue import CATALOGUE
 from dynid.robot import EffectSpec
 
 SPRING = EffectSpec(
@@ -33,23 +29,6 @@ def test_the_copy_keeps_the_file_and_has_the_effects(robot, tmp_path):
     assert text.startswith("# my arm\n")
     assert "# the end" in text
     assert load_robot(str(tmp_path / "new.yaml")).effects == (SPRING,)
-
-
-def test_effects_that_the_file_has_already_stay(robot, tmp_path):
-    write_robot(robot, [SPRING], tmp_path / "one.yaml")
-    write_robot(load_robot(str(tmp_path / "one.yaml")), [OFFSET], tmp_path / "two.yaml")
-    assert load_robot(str(tmp_path / "two.yaml")).effects == (SPRING, OFFSET)
-    assert (tmp_path / "two.yaml").read_text().count("effects:") == 1
-
-
-def test_a_robot_made_in_code_is_written_with_its_effect(robot, tmp_path):
-    write_robot(replace(robot, path=None), [SPRING], tmp_path / "new.yaml")
-    copy = load_robot(tmp_path / "new.yaml")
-    assert (copy.joints, [spec.effect for spec in copy.effects]) == (robot.joints, ["spring"])
-
-
-def test_the_name_of_the_copy_tells_what_was_added(robot):
-    assert new_name(robot, [SPRING, OFFSET]) == "arm+spring2+torque_offset"
 
 
 def test_the_rigid_body_and_its_base_parameters_stay(twolinks):
@@ -92,17 +71,3 @@ def test_the_logs_are_stacked_with_the_columns_of_the_effect(springy, twolinks):
     k = found.names.index("spring2_k1")
     assert abs(found.plain[k] - 2.0) < 3 * found.std_error[k]
     assert found.std_error[k] < 0.1
-
-
-def test_the_error_of_a_shape_that_is_not_determined_is_not_written(twolinks):
-    held = SelectedEffect(
-        CATALOGUE["torque_drift"],
-        (0,),
-        {"tc": 1e6},
-        None,
-        1.0,
-        values={"a": 0.1, "tc": 1e6},
-        std_errors={"a": 0.01, "tc": float("inf")},
-    )
-    (spec,) = specs_of([held], twolinks.base.robot)
-    assert spec.std_error == {"a": 0.01}

@@ -1,19 +1,15 @@
 """The log evidence against the density of a Gaussian written out, and what it names against what was hidden."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy import stats
 
-from dynid.gap import refusals
 from dynid.gap.analysis import analyse_gap, on_one_clock
-from dynid.gap.candidates import candidate, gains, without_rounding
+from dynid.gap.candidates import candidate, gains
 from dynid.gap.evidence import Evidence, JointModel, log_prior
 from dynid.gap.problem import make_problem
 from dynid.gap.rest import rest_columns
 from dynid.gap.selection import EvidenceSelection, log_odds_of, without_rest
-from dynid.gap.significance import whitened_columns
 from dynid.gap.sizes import sizes_of, turning
 from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.model.effects.catalogue import CATALOGUE
@@ -146,22 +142,6 @@ def test_narrow_stribeck_friction_is_named_with_its_size(twolinks, on_joint):
     assert seen.verdict.remainder == ()
 
 
-def test_what_is_likely_and_not_sure_is_told_with_its_probability(twolinks, on_joint, monkeypatch):
-    monkeypatch.setattr("dynid.gap.tuning.SURE", 1.0 - 1e-15)
-    table = [
-        replace(row, limit=1.0 - 1e-15) if row.limit == 0.99 else row for row in refusals.TABLE
-    ]
-    monkeypatch.setattr("dynid.gap.refusals.TABLE", table)
-    law = lambda t, q, qd, qdd: on_joint(1, 0.04 * np.abs(qd[:, 1]))  # noqa: E731
-    only = SelectionOptions(effects=("asymmetric_viscous",))
-    seen = analyse_gap(on_one_clock(twolinks.logs(law)), twolinks.base, None, only, simulate=False)
-    ((one, why),) = seen.verdict.closest
-    assert one.key == ("asymmetric_viscous", (1,))
-    assert why.startswith("its probability is only")
-    assert seen.verdict.named == ()
-    assert seen.verdict.advice.startswith("Probably asymmetric_viscous on elbow, a = 0.0")
-
-
 def test_a_push_that_nothing_repeats_is_told_by_log_time_and_joint(twolinks, on_joint):
     """Without repeats: nobody but the rows themselves can tell."""
 
@@ -250,23 +230,3 @@ def test_what_does_not_repeat_holds_nothing_that_repeats(clean):
     assert np.median(share) < 0.05
     # Bells that reach beyond the end of a recording are cut there, and not where the motion is driven again.
     assert share.max() < 0.3
-
-
-def test_a_force_along_an_axis_that_turns_no_joint_is_left_open(twolinks, on_joint):
-    """The arm moves in a plane: nothing tells the force across it, and no number is made up for it."""
-    law = lambda t, q, qd, qdd: np.stack(  # noqa: E731
-        [
-            -3.0 * np.cos(q[:, 0] + q[:, 1]) - 3.0 * np.cos(q[:, 0]),
-            -3.0 * np.cos(q[:, 0] + q[:, 1]),
-        ],
-        axis=1,
-    )
-    chosen = selection(twolinks, law, ("tool_force",))
-    columns = without_rounding(
-        whitened_columns(chosen.rows.regression, CATALOGUE["tool_force"], (), [{}])
-    )
-    dead = ~np.any([C[0].any(axis=1) for C in columns.values()], axis=0)
-    assert dead.sum() == 1
-    (one,) = [each for each in chosen.candidates if each.key == ("tool_force", ())]
-    assert np.all((one.rms[0] == 0) == dead)
-    assert np.isfinite(gains(chosen.evidence, one).log_odds[0])

@@ -8,7 +8,7 @@ import pytest
 from dynid.gap.analysis import analyse_gap, on_one_clock
 from dynid.gap.evidence import Rest
 from dynid.gap.formula_library import forms, library_of
-from dynid.gap.formulas import Clue, clue_text, find_formulas
+from dynid.gap.formulas import find_formulas
 from dynid.gap.problem import make_problem
 from dynid.gap.search import EffectSearch, chi_squares
 from dynid.gap.stepwise_selection import SelectionOptions
@@ -51,28 +51,6 @@ def test_a_torque_without_a_name_is_written_down_with_its_size(twolinks, on_join
     assert one.values["a"] == pytest.approx(0.3, abs=4 * one.std_errors["a"])
     assert one.std_errors["a"] < 0.03
     assert one.units == {"a": "N m s^2/rad^2"}
-
-
-def test_a_phase_is_two_terms(twolinks, on_joint):
-    found = words(
-        twolinks,
-        lambda t, q, qd, qdd: on_joint(1, 0.4 * np.cos(q[:, 1] + 0.8) * qd[:, 1] * qd[:, 0]),
-    )
-    (one,) = found.formulas
-    size = {
-        term: one.values[name]
-        for name, term in zip("ab", one.effect.text.replace("a ", "").split(" + b "), strict=True)
-    }
-    for term, value in size.items():
-        assert value == pytest.approx(
-            0.4 * (np.cos(0.8) if "cos" in term else -np.sin(0.8)), abs=0.05
-        )
-
-
-def test_the_shortest_of_equals_is_taken(twolinks, on_joint):
-    """Over a small travel cos 2q |qd| and |qd| look alike."""
-    found = words(twolinks, lambda t, q, qd, qdd: on_joint(1, 0.15 * np.abs(qd[:, 1])))
-    assert [one.effect.text for one in found.formulas] == ["a |qd2|"]
 
 
 def test_nothing_is_written_down_where_nothing_is_hidden(twolinks, clean):
@@ -124,15 +102,6 @@ def test_a_formula_goes_through_the_robot_file(twolinks, on_joint):
     spec = EffectSpec("formula", (robot.joint_names[1],), one.values, {}, one.effect.text)
     (added,) = added_effects(replace(robot, effects=(spec,)))
     assert [column.value for column in added.columns] == list(one.values.values())
-
-
-def test_a_clue_names_a_signal_only_where_the_residual_follows_it():
-    loud, faint = (Clue(1, "qd2", share, 0.9) for share in (0.4, 0.02))
-    assert (
-        clue_text(loud, ("a", "b"))
-        == "b: 90 % of the rest repeats with the motion; it depends most on qd2 (40 % of its power)"
-    )
-    assert clue_text(faint, ("a", "b")).endswith("it depends on no single signal")
 
 
 @pytest.mark.parametrize(("size", "told"), [(0.012, True), (0.0, False)])

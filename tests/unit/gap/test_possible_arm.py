@@ -1,14 +1,12 @@
 """The prior of possible links as rows of a search: where they hold, and what they say of a counterbalance."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from dynid.estimation.possible_arm import constraints_of, fit_pooled
 from dynid.gap.analysis import analyse_gap
-from dynid.gap.possible_arm import PossibleArm, least_gain, possible_arm, prior_rows, reduced
-from dynid.gap.problem import held_near_possible, near_possible, problem_of_arm
+from dynid.gap.possible_arm import PossibleArm, least_gain, prior_rows, reduced
+from dynid.gap.problem import problem_of_arm
 from dynid.gap.significance import candidates_at
 from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.model.effects.catalogue import CATALOGUE
@@ -68,30 +66,3 @@ def test_an_arm_without_a_counterbalance_gains_nothing_from_one(twolinks):
         twolinks.logs(), twolinks.base, None, SelectionOptions(), simulate=False, arm=True
     )
     assert seen.verdict.named == ()
-
-
-def test_links_are_held_only_where_that_is_asked(clean, carried):
-    assert held_near_possible(clean, clean.regression()) is clean
-    assert carried.held_by.shape[1] == len(carried.theta) + 1
-    heavier = possible_arm(carried.regression(), carried.base).heavier(3.0)
-    bodies = heavier.constraints.bodies
-    np.testing.assert_allclose(
-        heavier.constraints.prior[bodies], 3.0 * carried.arm.constraints.prior[bodies], rtol=0.2
-    )
-
-
-def test_base_parameters_that_no_row_sees_stay_at_zero(clean):
-    """A short log shows nothing of some joint; on a scale of its own, rounding would tell what they are."""
-    unseen = [0, 3]
-    joints = []
-    for rows in clean.regression(nuisance=False).joints:
-        A = rows.A.copy()
-        A[:, unseen] = 0.0
-        joints.append(replace(rows, A=A))
-    regression = replace(clean.regression(nuisance=False), joints=tuple(joints))
-    held = near_possible(clean, regression)
-    assert np.array_equal(held.prior[:, unseen], np.zeros((len(held.prior), 2)))
-    assert held.fit.theta[unseen] == pytest.approx(0.0, abs=1e-9)
-    assert np.abs(held.fit.theta).max() == pytest.approx(
-        np.abs(regression.fit.theta).max(), rel=0.1
-    )

@@ -5,9 +5,8 @@ import pytest
 
 import twolink
 from dynid.gap.analysis import on_one_clock
-from dynid.gap.formulas import held_out_effect
 from dynid.gap.refit import held_out_improvement, refit, unsure_of_reversals
-from dynid.gap.search import judged_search, search_effects
+from dynid.gap.search import search_effects
 from dynid.gap.stepwise_selection import SelectionOptions
 
 OFFSET = 0.12
@@ -137,37 +136,3 @@ def test_a_stribeck_hump_is_fitted_to_its_optimum(twolinks, on_joint):
         assert abs(one.values[name] - truth) < 3 * one.std_errors[name]
         assert one.values[name] == pytest.approx(truth, rel=0.08)
     assert one.z > 10
-
-
-def test_a_time_constant_that_the_logs_do_not_show_is_held_and_not_told(twolinks, on_joint):
-    search = searched(twolinks, lambda t, q, qd, qdd: on_joint(0, 0.004 * t), ("torque_drift",))
-    (one,), _ = refit(search)
-    assert (one.values["tc"], one.std_errors["tc"]) == (1e6, float("inf"))
-    assert abs(one.values["a"] - 0.004) < 3 * one.std_errors["a"] < 0.0012
-
-
-def test_an_effect_is_drawn_over_what_it_follows_on_unseen_data(twolinks, on_joint):
-    """The torque that was put in, to within the filter, and noise with it; a square of speed follows the speed."""
-    law, _ = SHAPES["nonlinear_viscous"]
-    search = searched(
-        twolinks,
-        lambda t, q, qd, qdd: on_joint(0, law(t, q[:, 0], qd[:, 0])),
-        ("nonlinear_viscous",),
-    )
-    (one,), _ = refit(search)
-    curve = held_out_effect(search.problem, [], one, 0)
-    assert curve.follows == f"speed of {twolinks.base.robot.joint_names[0]} [rad/s]"
-    true = law(curve.t, None, curve.against)
-    assert np.std(curve.torque - true) < 0.05 * np.std(true)
-    assert np.std(curve.data - true) < 2 * search.problem.noise.floor[0]
-    assert np.std(curve.left) < 0.7 * np.std(curve.residual)
-
-
-def test_held_out_rows_are_judged_by_the_best_possible_arm_where_that_is_in_force(offset):
-    """With the offset the arm is possible, and both judges agree; without it, links of no arm hide part of it."""
-    effects, _ = refit(offset)
-    plain = held_out_improvement(offset.problem, offset, effects)
-    judged = held_out_improvement(offset.problem, judged_search(offset), effects)
-    np.testing.assert_allclose(judged.after, plain.after, rtol=0.03)
-    assert judged.before[1] > plain.before[1]
-    assert judged.ratio[1, 1] < 0.9

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from dynid.gap.analysis import on_one_clock
-from dynid.gap.search import explained_gains, search_effects, without
+from dynid.gap.search import search_effects, without
 from dynid.gap.stepwise_selection import SelectionOptions
-from dynid.progress import SILENT
 
 
 @pytest.fixture(scope="module")
@@ -34,32 +33,3 @@ def test_without_an_effect_its_joint_has_its_gap_again(both):
     assert bare.selected == []
     assert bare.after[1] > 1.5 * both.after[1]
     np.testing.assert_allclose(bare.before, both.before)
-
-
-def test_logs_without_an_effect_are_searched_to_the_end(twolinks):
-    told = []
-
-    class Told(type(SILENT)):
-        def advance(self, done, of, text=""):
-            told.append((done, of))
-
-    found = search_effects(twolinks.logs(), twolinks.base, None, SelectionOptions(), Told())
-    assert found.selected == []
-    assert found.delay_test is None
-    assert told[-1][0] == told[-1][1]
-    assert set(found.visibility) >= {
-        ("torque_offset", (0,)),
-        ("torque_delay", ()),
-        ("joint_coupling", (0, 1)),
-    }
-    assert found.visibility["torque_offset", (0,)] < 0.2, "gravity takes most of it"
-
-
-def test_gains_of_earlier_logs_count_as_if_of_as_many_rows(twolinks, on_joint):
-    options = SelectionOptions(effects=("asymmetric_viscous",))
-    problem = twolinks.problem(lambda t, q, qd, qdd: on_joint(1, 0.3 * np.abs(qd[:, 1])))
-    rows = sum(int(one.sum()) for one in problem.train)
-    once, twice = (explained_gains(problem, options, k * rows) for k in (1, 2))
-    key = ("asymmetric_viscous", (1,))
-    assert once[key] > 5 * once["asymmetric_viscous", (0,)]
-    assert twice[key] == pytest.approx(2 * once[key])

@@ -3,7 +3,7 @@
 import numpy as np
 
 import twolink
-from dynid.gap.segments import DWELL_SECONDS, cut, jackknife_blocks, moving
+from dynid.gap.segments import DWELL_SECONDS, moving
 
 
 def test_rows_hold_the_law_of_the_arm(clean, twolinks):
@@ -23,15 +23,6 @@ def test_rows_hold_the_law_of_the_arm(clean, twolinks):
         assert np.sqrt(np.mean(left**2)) < 0.06
 
 
-def test_positions_and_velocities_are_of_the_time_of_the_rows(clean):
-    for s in clean.segments:
-        t, q, qd, _ = twolink.motion(1 if s.number < 2 else 2, 15.0)
-        now = s.t - 20.0 * s.number
-        for j in range(2):
-            np.testing.assert_allclose(s.q[:, j], np.interp(now, t, q[:, j]), atol=0.01)
-            np.testing.assert_allclose(s.qd[:, j], np.interp(now, t, qd[:, j]), atol=0.02)
-
-
 def test_a_rest_does_not_count_and_neither_does_what_is_next_to_it():
     rate = 25.0
     qd = np.ones((500, 2))
@@ -41,28 +32,6 @@ def test_a_rest_does_not_count_and_neither_does_what_is_next_to_it():
     around = round(DWELL_SECONDS * rate)
     assert np.flatnonzero(~mask[:, 0]).tolist() == list(range(100 - around, 200 + around))
     assert mask[:, 1].all(), "a reversal is no rest"
-
-
-def test_blocks_are_short_where_there_is_little_and_never_longer_than_a_second(clean):
-    blocks = jackknife_blocks(clean.segments)
-    rate = clean.segments[0].rate
-    sizes = [np.bincount(one - one.min()) for one in blocks]
-    assert max(int(s.max()) for s in sizes) == round(rate)
-    few = cut(clean.segments, [np.arange(len(s.t)) < 50 for s in clean.segments])
-    short = jackknife_blocks(few)
-    assert np.bincount(short[0] - short[0].min()).max() < round(0.5 * rate)
-
-
-def test_no_block_holds_rows_of_two_segments(clean):
-    blocks = jackknife_blocks(clean.segments)
-    names = [set(one.tolist()) for one in blocks]
-    assert sum(len(one) for one in names) == len(set.union(*names))
-
-
-def test_cut_rows_do_not_count(clean):
-    masks = [np.arange(len(s.t)) % 2 == 0 for s in clean.segments]
-    for before, after, mask in zip(clean.segments, cut(clean.segments, masks), masks, strict=True):
-        np.testing.assert_array_equal(after.use, before.use & mask[:, None])
 
 
 def test_signals_are_filtered_as_the_torques_are(clean):

@@ -73,30 +73,6 @@ def test_equal_operations_share_a_slot():
     assert builder.slot(SUB, 0, 1) != builder.slot(SUB, 1, 0)
 
 
-def test_operations_that_read_ahead_are_refused():
-    builder = Builder(("q1",), (0,))
-    program = builder.build([(0, 0, builder.slot(MUL, 0, 0))], (1, 1))
-    with pytest.raises(ValueError, match="straight-line"):
-        type(program)(
-            ("q1",),
-            (0,),
-            program.op,
-            program.lhs + 5,
-            program.rhs,
-            program.rows,
-            program.cols,
-            program.outputs,
-            (1, 1),
-        )
-
-
-@pytest.mark.parametrize("name", ["x", "q0", "q", "q1;system(0)", "q1\n", "gw", "__import__('os')"])
-def test_an_input_that_is_no_joint_variable_is_refused(name):
-    """The names of a stored program become variables of code."""
-    with pytest.raises(ValueError, match="straight-line"):
-        Builder((name,), (0,)).build([(0, 0, 0)], (1, 1))
-
-
 def test_the_printed_function_computes_the_regressor(model):
     space = {}
     exec(as_python(model), space)

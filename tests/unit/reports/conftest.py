@@ -61,11 +61,8 @@ def gathered(tmp_path_factory):
         x,
         np.full(c, 0.1),
         np.linspace(0, 1, c),
-        (),
         cost=1.0,
         objective=2.0,
-        gap=1e-6,
-        steps=9,
         covariance=np.eye(c),
         hessian=np.eye(c),
     )

@@ -67,27 +67,6 @@ def test_junit_counts_failures_and_errors_apart():
     assert suite[2].find("error") is not None
 
 
-ATTACK = '=cmd|"/C calc"!A0 \\input{x} <b> \x00\u202e'
-
-
-def test_hostile_names_stay_text_in_every_table():
-    """Robot, run and parameter names come from files: no formula, command, element or control character is left."""
-    runs = [run((ATTACK, "m2"), [1.0, 2.0], [0.1, 0.1], robot=ATTACK)]
-    (head, row) = csv.reader(io.StringIO(runs_csv([ATTACK], runs)))
-    for cell in (head[7], head[8], row[0], row[1]):
-        assert cell.startswith("'=cmd")
-        assert cell.isprintable()
-    assert row[7] == "1.0"
-    text = runs_latex([ATTACK], runs)
-    assert "\\input" not in text
-    assert text.count(r"\textbackslash{}input\{x\}") == 2
-    one = ET.fromstring(junit(ATTACK, [JunitCase(ATTACK, ATTACK, f"{ATTACK}\n{ATTACK}")])).find(
-        "testsuite/testcase"
-    )
-    assert one.get("name") == one.get("classname") == one.find("failure").get("message")
-    assert one.get("name").startswith('=cmd|"/C calc"')
-
-
 def test_a_negative_number_is_no_formula():
     """Numbers are written as they are."""
     rows = list(csv.DictReader(io.StringIO(runs_csv(["a"], [run(("m1",), [-1.5], [0.5])]))))

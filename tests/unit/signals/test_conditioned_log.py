@@ -1,7 +1,6 @@
 """Conditioned logs: one filter for all, spikes and known torques taken off, faults with the name of their log."""
 
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ from dynid.log import Log
 from dynid.model import build_model
 from dynid.model.parameters import prior_parameters
 from dynid.signals.conditioned_log import (
-    Segment,
     condition_log,
     condition_logs,
     known_torque,
@@ -82,40 +80,3 @@ def test_a_fault_says_which_log_it_was_found_in(model):
 def test_logs_of_few_samples_stay_whole_however_long_they_take(model):
     logs = condition_logs([log(model, seconds=12.0)], model)
     assert stretches(logs, 3.0) == (logs, 0)
-
-
-def test_stretches_of_a_log_of_many_segments_keep_their_share(model, monkeypatch):
-    monkeypatch.setattr("dynid.signals.tuning.KEPT_SAMPLES", 0)
-    (whole,) = condition_logs([log(model, seconds=24.0)], model)
-    (segment,) = whole.segments
-    cuts = np.linspace(0, len(segment), 61).astype(int)
-    pieces = [Segment(**{k: v[a:b] for k, v in vars(segment).items()}) for a, b in pairwise(cuts)]
-    (found,), parts = stretches([replace(whole, segments=pieces)], 12.0)
-    kept = np.concatenate([part.t for part in found.segments])
-    assert parts == len(found.segments) > 4
-    assert len(kept) == pytest.approx(0.5 * len(segment), rel=0.02)
-    assert np.all(np.diff(kept) > 0)
-    assert np.ptp(kept) == pytest.approx(np.ptp(segment.t))
-
-
-def test_stretches_of_long_logs_are_spread_evenly_and_short_logs_stay_whole(model, monkeypatch):
-    monkeypatch.setattr("dynid.signals.tuning.KEPT_SAMPLES", 0)
-    logs = condition_logs([log(model, seconds=12.0), log(model, seconds=24.0)], model)
-    assert stretches(logs, 60.0) == (logs, 0)
-    found, parts = stretches(logs, 18.0)
-    assert parts == 8
-    for one, whole in zip(found, logs, strict=True):
-        (segment,) = whole.segments
-        assert sum(len(part) for part in one.segments) == pytest.approx(
-            0.5 * len(segment), rel=0.02
-        )
-        starts = [part.t[0] for part in one.segments]
-        assert (starts[0], one.segments[-1].t[-1]) == (segment.t[0], segment.t[-1])
-        np.testing.assert_allclose(np.diff(starts), np.diff(starts).mean(), atol=0.1)
-        first = np.searchsorted(segment.t, starts[1])
-        np.testing.assert_array_equal(
-            one.segments[1].q, segment.q[first : first + len(one.segments[1])]
-        )
-        np.testing.assert_array_equal(
-            one.segments[1].elapsed, segment.elapsed[first : first + len(one.segments[1])]
-        )

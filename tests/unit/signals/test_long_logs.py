@@ -14,8 +14,7 @@ from dynid.model import build_model
 from dynid.signals.checks import prepare
 from dynid.signals.conditioned_log import condition_log
 from dynid.signals.describe import describe
-from dynid.signals.motion import check_amount, sampled
-from dynid.signals.stamps import without_copies
+from dynid.signals.motion import check_amount
 from makelogs import gen2, gen2_log, lwr, lwr_log
 
 
@@ -88,35 +87,3 @@ def test_a_log_in_parts_gives_what_the_whole_one_gives(monkeypatch, models, robo
             isinstance(value, tuple) and all(isinstance(v, float) for v in value)
         )
         assert getattr(said, key) == (pytest.approx(value, rel=1e-9) if number else value)
-
-
-def test_copies_are_found_in_parts(monkeypatch):
-    log = prepare(lwr_log(), lwr(), identify=False)
-    (kept,), (finding,) = without_copies([log, log])
-    assert len(kept) == len(log)
-    assert finding.code == "W326"
-
-
-def test_the_rate_of_a_long_log_is_that_of_samples_spread_over_it(monkeypatch):
-    t = np.cumsum(np.random.default_rng(3).uniform(0.9, 1.1, 9000)) / 100
-    zeros = np.zeros((9000, 1))
-    whole = Log(t, zeros, zeros).rate
-    monkeypatch.setattr(scratch, "USUAL", 3200)
-    assert Log(t, zeros, zeros).rate == pytest.approx(whole, rel=5e-3)
-
-
-def test_positions_are_looked_up_in_parts_as_they_are_whole(monkeypatch):
-    t = np.cumsum(np.random.default_rng(4).uniform(0.5, 1.5, 5000)) / 100
-    q = np.column_stack([np.sin(t), np.cos(3 * t)])
-    whole = sampled(t, q)
-    monkeypatch.setattr("dynid.signals.tuning.MOTION_CHUNK", 7)
-    np.testing.assert_array_equal(sampled(t, q), whole)
-
-
-@pytest.mark.parametrize("shape", [(1, 7), (63, 7), (64, 7), (1000, 3), (200,)])
-def test_columns_are_reduced_as_one_by_one(shape):
-    x = np.random.default_rng(0).standard_normal(shape)
-    low, high = scratch.extremes(x)
-    assert np.array_equal(low, x.min(axis=0))
-    assert np.array_equal(high, x.max(axis=0))
-    np.testing.assert_allclose(scratch.by_column(np.sum, x), x.sum(axis=0), rtol=1e-12)

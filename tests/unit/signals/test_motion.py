@@ -12,11 +12,10 @@ from dynid.errors import JointStill, LogTooShort
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
-from dynid.signals import tuning
 from dynid.signals.checks import prepare
 from dynid.signals.columns import take_samples
 from dynid.signals.describe import describe
-from dynid.signals.motion import bandwidth, check_amount, once, rest_slices, speed, swings
+from dynid.signals.motion import bandwidth, check_amount, rest_slices, speed, swings
 from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
 
 ONE = replace(lwr(), joints=lwr().joints[:1], driver=None)
@@ -31,25 +30,6 @@ def test_the_speed_of_a_tone_is_its_derivative():
     log = tone(0.5)
     expected = np.pi * np.cos(np.pi * log.t)
     np.testing.assert_allclose(speed(log)[50:-50, 0], expected[50:-50], atol=0.02)
-
-
-@pytest.mark.parametrize("samples", [2, 3, 7, 30, 95])
-def test_the_speed_at_the_ends_is_that_of_half_a_window(samples, monkeypatch):
-    log = Log(
-        np.cumsum(np.linspace(1, 2, samples)) / 200,
-        np.random.default_rng(0).random((samples, 2)),
-        np.zeros((samples, 2)),
-    )
-    half = min(max(1, round(tuning.SPEED_WINDOW_S * log.rate)), max(1, (samples - 1) // 2))
-    first, last = (
-        np.maximum(np.arange(samples) - half, 0),
-        np.minimum(np.arange(samples) + half, samples - 1),
-    )
-    expected = (log.q[last] - log.q[first]) / (log.t[last] - log.t[first])[:, None]
-    monkeypatch.setattr(
-        "dynid.signals.motion.spans", lambda n: (slice(k, min(k + 8, n)) for k in range(0, n, 8))
-    )
-    np.testing.assert_array_equal(speed(log), expected)
 
 
 @pytest.mark.parametrize("frequency", [0.2, 0.5, 1.5])
@@ -142,20 +122,3 @@ def test_short_logs_count_together():
     parts = [take_samples(log, part) for part in np.array_split(np.arange(len(log)), 12)]
     assert [finding.code for finding in check_amount(parts[2:3], lwr())] == ["W313"]
     assert check_amount(parts, lwr()) == ()
-
-
-def test_how_a_log_moves_is_looked_at_once_and_again_for_other_columns_or_another_arm():
-    asked = []
-
-    @once
-    def length(log, robot):
-        asked.append(robot.n)
-        return len(log)
-
-    log, slides = tone(0.5), replace(ONE, joints=(replace(ONE.joints[0], type="prismatic"),))
-    for again in (log, replace(log, topic="/other")):
-        assert length(again, ONE) == len(log)
-    assert len(asked) == 1
-    assert length(replace(log, q=2 * log.q), ONE) == len(log)
-    assert length(log, slides) == len(log)
-    assert len(asked) == 3

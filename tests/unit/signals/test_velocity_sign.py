@@ -50,14 +50,3 @@ def test_a_filtered_sign_turns_when_the_joint_does():
         for way in (segment.coulomb_sign, np.tanh(segment.qd / 0.01))
     )
     assert sharp < 0.2 * late
-
-
-def test_pieces_of_a_long_log_join_without_a_seam(monkeypatch):
-    q, speed = braking(T)
-    robot = Robot("one", "standard", (Joint("j"),))
-    log = Log(T, q[:, None], speed[:, None], ("j",))
-    chosen = choose_filter(log, robot, 5.0)
-    (whole,) = condition(log, chosen, coulomb=SIGN)
-    monkeypatch.setattr("dynid.signals.tuning.FILTER_BLOCK", 1000)
-    (pieces,) = condition(log, chosen, coulomb=SIGN)
-    assert np.allclose(whole.coulomb_sign, pieces.coulomb_sign, atol=1e-12)

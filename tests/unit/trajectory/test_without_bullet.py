@@ -44,22 +44,6 @@ def test_a_given_motion_that_meets_the_floor_is_refused_without_pybullet_too(lwr
         planning.require_clear_motion(context, down, None, Drawing())
 
 
-@pytest.mark.parametrize(
-    ("phase", "said"), [("measure_trajectory", ["W607"]), ("draw_trajectory", [])]
-)
-def test_ctrl_c_while_pybullet_works_keeps_the_motion_without_pictures(
-    lwr, monkeypatch, tmp_path, phase, said
-):
-    pytest.importorskip("pybullet")
-    monkeypatch.setattr(planning, phase, interrupted)
-    plan = plan_trajectory(
-        lwr.robot, QUICK, waypoints=UP, base=lwr, drawing=Drawing(tmp_path / "preview.png")
-    )
-    assert [finding.code for finding in plan.clearance.findings] == said
-    assert plan.clearance.pictures == ()
-    assert plan.clearance.distances[0].distance > 0.02
-
-
 def test_a_motion_that_teaches_too_little_is_refused_with_what_limits_it(lwr):
     plan = plan_trajectory(lwr.robot, QUICK, waypoints=UP, base=lwr)
     with pytest.raises(PlanTeachesLittle, match=r"it has 6 s, weakest is"):

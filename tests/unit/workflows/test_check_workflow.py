@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -10,28 +9,10 @@ import pytest
 from two_link_logs import log
 
 from dynid import LogOptions
-from dynid.errors import NotAnArtifact, NotFinite, WrongUsage
-from dynid.workflows.check import check, check_robot, kind_of
-from dynid.workflows.doctor import REQUIRED, Check, Diagnosis, doctor, version_of
+from dynid.errors import NotFinite, WrongUsage
+from dynid.workflows.check import check
+from dynid.workflows.doctor import Check, Diagnosis, version_of
 from dynid.workflows.logs import checked_log
-
-
-def test_a_robot_file_is_described_with_the_tool_at_zero(arm):
-    found = check_robot(arm)
-    assert found.kind == "robot"
-    assert found.facts["tool_at_zero_m"] == pytest.approx([0.7, 0, 0])
-    assert "2 revolute joints" in repr(found)
-
-
-def test_the_robot_file_among_the_paths_serves_the_logs(arm, tmp_path):
-    log(1).save(tmp_path / "log.npz")
-    first, second = check([arm.path, tmp_path / "log.npz"])
-    assert (first.kind, second.kind) == ("robot", "log")
-    assert second.facts["samples"] == len(log(1))
-    assert second.raw is not None
-    assert second.log is not None
-    assert (second.raw.checked, second.log.checked) == (False, True)
-    np.testing.assert_array_equal(second.log.q, log(1).q)
 
 
 def test_a_log_without_a_robot_is_described(tmp_path):
@@ -50,13 +31,6 @@ def test_columns_whose_names_say_nothing_are_asked_for(tmp_path):
         'columns: {time: "t", position: "POSITION_{i}", effort: "TORQUE_{i}"}'
         in found.facts["snippet"]
     )
-
-
-def test_a_damaged_result_is_named(tmp_path):
-    (tmp_path / "parameters.npz").write_bytes(b"PK nothing")
-    assert kind_of(str(tmp_path / "parameters.npz")) == "result"
-    with pytest.raises(NotAnArtifact, match=r"parameters\.npz"):
-        check([tmp_path / "parameters.npz"])
 
 
 @pytest.mark.parametrize("exclude", ["1-2,3.0-4", ["1-2", "3-4"], ((1.0, 2.0), (3.0, 4.0))])
@@ -78,11 +52,6 @@ def test_what_is_no_interval_is_refused(exclude):
 
 
 # ---------------------------------------------------------------- doctor
-def test_the_machine_is_looked_at_without_importing_what_is_looked_for():
-    found = doctor()
-    assert {"Python", *REQUIRED} <= set(found.works)
-    assert found.usable
-    assert "pybullet" not in sys.modules or version_of("pybullet") is not None
 
 
 def test_a_required_package_that_is_missing_makes_dynid_unusable():

@@ -8,15 +8,10 @@ import numpy as np
 import pytest
 
 from dynid import ExportOptions, export
-from dynid.errors import NotAnArtifact, NotPhysical, WrongUsage
+from dynid.errors import NotPhysical, WrongUsage
 from dynid.estimation.possible_arm import constraints_of
 from dynid.estimation.possible_set import smallest_eigenvalues
 from dynid.exporters import FORMATS
-from dynid.workflows.export import SUFFIXES
-
-
-def test_the_suffixes_are_those_of_the_formats():
-    assert {name: format.suffix for name, format in FORMATS.items()} == SUFFIXES
 
 
 @pytest.mark.parametrize(
@@ -106,21 +101,6 @@ def test_without_gains_nothing_is_in_kilograms(result, tmp_path):
         export(currents, tmp_path / "arm.urdf")
     units = {row["unit"] for row in currents.parameter_rows()}
     assert units <= {"A s^2/m^2", "A s^2/m", "A s^2/rad^2", "A", "A s/rad"}
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_parameter_that_is_no_number_is_a_damaged_result(result, tmp_path, value):
-    physical = replace(result.physical, x=np.full_like(result.physical.x, value))
-    with pytest.raises(NotAnArtifact, match="not a finite number"):
-        export(replace(result, physical=physical), tmp_path / "arm.urdf")
-
-
-def test_texts_are_written_by_the_callers_function(result, tmp_path):
-    """The command asks there before it overwrites."""
-    wrote = {}
-    export(result, tmp_path, formats=("c", "python"), write=wrote.__setitem__)
-    assert {path.name for path in wrote} == {"arm.c", "arm.py"}
-    assert not list(tmp_path.iterdir())
 
 
 def test_a_file_that_disagrees_is_said(result, tmp_path, monkeypatch):
