@@ -27,11 +27,11 @@ from dynid.files.robotfile import load_robot
 from dynid.model.reduce import reduce
 from dynid.model.regressor import Model, build_model
 from dynid.model.regressor_gradient import RegressorGradient
-from dynid.trajectory.basis import Basis, Fourier, Quintic
+from dynid.trajectory.basis import Quintic
 from dynid.trajectory.cost import Cost, figures
-from dynid.trajectory.feasible import Bounds, Shaping, bounds
+from dynid.trajectory.feasible import Bounds, Shaping, bounds, coefficients, random_variables
 from dynid.trajectory.objective import ExcitationObjective, PlanProblem
-from dynid.trajectory.optimise import descend, start_variables
+from dynid.trajectory.optimise import descend
 from dynid.trajectory.plan import Trajectory, through_waypoints
 from dynid.trajectory.predict import held_out, predict
 
@@ -41,12 +41,10 @@ ARMS = {"kuka_lwr4plus": "KUKA LWR4+", "kinova_gen2": "Kinova Gen2"}
 DURATION, NOISE = 10.0, 0.1
 #: Processor seconds of a cell that only stands in the grid, and of the long comparison, arm by arm.
 SHORT, LONG = 8.0, {"kuka_lwr4plus": 45.0, "kinova_gen2": 30.0}
-FAMILIES: dict[str, Basis] = {
+FAMILIES = {
     "quintic, 6 waypoints": Quintic.even(DURATION, 5),
     "quintic, 11 waypoints": Quintic.even(DURATION, 10),
     "spline, 14 control points": Quintic.even(DURATION, 9, smooth=True),
-    "Fourier, 5 harmonics": Fourier(DURATION, 5),
-    "Fourier, 8 harmonics": Fourier(DURATION, 8),
 }
 #: The figure by which a cost is compared with random search.
 FIGURE = {
@@ -140,7 +138,7 @@ class _Over(Exception):
     """The processor time is spent."""
 
 
-def search_motions(b: Bench, basis: Basis, cost: str, seconds: float) -> dict[str, float]:
+def search_motions(b: Bench, basis: Quintic, cost: str, seconds: float) -> dict[str, float]:
     """Search as ``dynid trajectory`` does, in one process, and judge the best."""
     columns, function = b.costs[cost]
     end = time.process_time() + seconds
@@ -149,21 +147,22 @@ def search_motions(b: Bench, basis: Basis, cost: str, seconds: float) -> dict[st
 
     def note(met, *, last: bool) -> None:
         nonlocal best, kept
-        if met.value < best:
-            best, kept = met.value, met.x
+        if met[0] < best:
+            best, kept = met
         if time.process_time() > end and kept is not None:
             raise _Over
 
     try:
         while True:
-            descend(objective, start_variables(objective, 0, start), best, note)
+            x = random_variables(basis, b.limits, np.random.default_rng((0, start)))
+            descend(objective, x, note)
             start += 1
     except _Over:
-        return b.row(Trajectory(basis, objective.shaping.coefficients(kept)), start + 1)
+        return b.row(Trajectory(basis, coefficients(basis, b.limits, kept)), start + 1)
 
 
 def random_search(
-    b: Bench, basis: Basis, costs: tuple[str, ...], seconds: float
+    b: Bench, basis: Quintic, costs: tuple[str, ...], seconds: float
 ) -> dict[str, dict[str, float]]:
     """Take the best of random motions for each cost, each motion scaled to its limits as in the search."""
     end, count = time.process_time() + seconds, 0
@@ -176,7 +175,7 @@ def random_search(
     among = np.searchsorted(b.base, b.rigid)
     best = dict.fromkeys(costs, (np.inf, None))
     while time.process_time() < end:
-        x, count = shaping.random(rng), count + 1
+        x, count = random_variables(basis, b.limits, rng), count + 1
         W = observer.dense(*shaping.motion(x)).reshape(-1, len(b.base))
         G = W.T @ W
         for cost in costs:
@@ -184,7 +183,8 @@ def random_search(
             if value < best[cost][0]:
                 best[cost] = (value, x)
     return {
-        c: b.row(Trajectory(basis, shaping.coefficients(x)), count) for c, (_, x) in best.items()
+        c: b.row(Trajectory(basis, coefficients(basis, b.limits, x)), count)
+        for c, (_, x) in best.items()
     }
 
 

@@ -59,7 +59,9 @@ def unhindered(robot: Robot, options: PlanOptions) -> float:
     # and where that does not help, because the pose it is drawn to is heavy to hold, the search gets less torque.
     for share in TORQUES:
         limits = replace(context.limits, torque=share * context.limits.torque)
-        for one in proposals(context, optimise(replace(free, limits=limits), options)):
+        for one in proposals(
+            context, optimise(replace(free, limits=limits), options, options.seconds)
+        ):
             trajectory = one.trajectory
             if not context.check(trajectory).violations:
                 motion = trajectory.sampled(options.rate)

@@ -1,4 +1,4 @@
-"""Make the excitation motions that ship with dynid: 10 s at full speed, the same path at alpha 1.0, 0.5 and 0.2.
+"""Make the excitation motions that ship with dynid: 10 s at full speed, at alpha 1.0, 0.5 and 0.2.
 
 Run: python trajectories/make_motions.py            plan, write the pictures, leave the motions unreviewed
      python trajectories/make_motions.py --accept   the same after the pictures were looked at
@@ -23,15 +23,13 @@ def main() -> int:
     """Plan all motions; the exit status is the first that is not 0."""
     for robot in ROBOTS:
         for alpha in ("1.0", "0.5", "0.2"):
-            full = HERE / f"{robot}_alpha1.0.npz"
-            path = SEARCH.split() if alpha == "1.0" else ["--from-trajectory", str(full)]
             with tempfile.TemporaryDirectory() as folder:
                 words = [
                     "trajectory",
                     robot,
                     "--alpha",
                     alpha,
-                    *path,
+                    *SEARCH.split(),
                     *SHOWN.split(),
                     "--out",
                     folder,

@@ -180,60 +180,6 @@ def test_plan_file_sets_options_and_the_command_line_wins(dynid):
     )
 
 
-def test_path_of_an_earlier_motion_runs_again_at_another_alpha(planned):
-    run, answer, _ = planned
-    earlier = "out/kuka_lwr4plus/trajectory.npz"
-    words = (
-        "trajectory",
-        "kuka_lwr4plus",
-        "--from-trajectory",
-        earlier,
-        "--alpha",
-        "0.4",
-        "-o",
-        "faster",
-    )
-    done = run(*words, "--preview", "none", "--json")
-    assert done.status == 0, done.err
-    assert json.loads(done.out)["duration_s"] == pytest.approx(answer["duration_s"] / 2)
-    with (
-        np.load(run.folder / earlier) as slow,
-        np.load(run.folder / "faster" / "trajectory.npz") as fast,
-    ):
-        assert np.allclose(slow["q"][::2][: len(fast["q"])], fast["q"], atol=1e-9)
-        assert np.allclose(2 * slow["qd"][::2][: len(fast["q"])], fast["qd"], atol=1e-9)
-
-
-@pytest.mark.slow
-def test_search_that_the_time_ended_says_how_to_make_its_plan_again_and_that_makes_it(dynid):
-    short = (
-        "--duration",
-        "6",
-        "--segments",
-        "4",
-        "--seconds",
-        "4",
-        "--restarts",
-        "1000",
-        "--preview",
-        "none",
-    )
-    first = dynid("trajectory", "kuka_lwr4plus", *short, "--json", "-o", "a")
-    assert first.status == 0, first.err
-    search = json.loads(first.out)["search"]
-    assert search["ended"] == "time"
-    assert "the same plan again: --seed 0 --replay " in first.err
-    second = dynid(
-        "trajectory", "kuka_lwr4plus", *short, *search["again"].split(), "--json", "-o", "b"
-    )
-    assert second.status == 0, second.err
-    with (
-        np.load(dynid.folder / "a" / "trajectory.npz") as a,
-        np.load(dynid.folder / "b" / "trajectory.npz") as b,
-    ):
-        assert np.array_equal(a["q"], b["q"])
-
-
 def test_person_is_asked_and_no_plans_another_motion(dynid):
     done = dynid.typing("trajectory", "kuka_lwr4plus", *QUICK, keys=["n\n", "seed 3\n", "y\n"])
     assert done.status == 0, done.err
@@ -347,7 +293,6 @@ def test_noise_that_is_not_one_positive_number_a_joint_is_refused_with_the_line(
         (("--obstacle", "1,2,3"), "--obstacle '1,2,3' is not 6 numbers"),
         (("--noise", "0"), "--noise '0'"),
         (("--weights", "1"), "--weights '1'"),
-        (("--replay", "7"), "--replay '7' is not START:N"),
     ],
 )
 def test_wrong_options_end_with_status_2_and_an_example(dynid, words, says):

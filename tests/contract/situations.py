@@ -188,7 +188,7 @@ ANSWERS = {
     "motions": """
         trajectory {arm} --no-optimise --duration 10 --segments 5 --preview picture --json
         trajectory {arm} --review {run}/trajectory.npz --preview none --json
-        trajectory scara --no-optimise --basis fourier --duration 10 --segments 5 --preview none --json
+        trajectory scara --no-optimise --basis spline --duration 10 --segments 5 --preview none --json
         check {run}/trajectory.npz --json
         simulate {arm} {motion} --json
         convert {unseen} -o log.npz --json

@@ -15,7 +15,7 @@ from dynid.files.robotfile import parse_robot
 from dynid.model.program import Program
 from dynid.model.reduce import reduce_plain
 from dynid.model.regressor import Model
-from dynid.trajectory.basis import Fourier
+from dynid.trajectory.basis import Quintic
 from dynid.trajectory.plan import Trajectory
 
 ARM = "name: arm\nconvention: standard\njoints: [{a: 0.3}, {a: 0.2}, {a: 0.1}, {a: 0.1}]\n"
@@ -126,7 +126,7 @@ def test_what_a_command_asks_for_is_bounded_by_the_product_of_its_numbers():
     model = Model(
         robot, Program((), (), none, none, none, none, none, none, (robot.n, 11 * robot.n))
     )
-    slow = Trajectory(Fourier(3600.0, 3), np.zeros((5, 2)), alpha=0.1)
+    slow = Trajectory(Quintic((0.0, 3600.0)), np.zeros((2, 2)), alpha=0.1)
     with pytest.raises(TooLarge, match="a planned motion"):
         slow.sampled(1000.0)
     with pytest.raises(TooLarge, match="a regressor"):

@@ -140,41 +140,43 @@ def random_effect(seed: int) -> str:
 
 
 def plan(common: Common, arm: Robot, robot: str) -> tuple[list[Path], tuple[str, ...]]:
-    """Plan the shipped motion of an arm again at its own limits, or a random one, and draw it.
+    """Judge the shipped motion of an arm, or plan a random one, and draw it.
 
     Returns:
         The pictures, and what is said of the motion.
     """
     from dynid.files import packaged
+    from dynid.files.trajectoryfile import read_trajectory
     from dynid.trajectory.options import PlanOptions
     from dynid.trajectory.preview import Drawing
     from dynid.workflows.model import base_model
-    from dynid.workflows.trajectory import plan_trajectory
+    from dynid.workflows.trajectory import plan_trajectory, review_trajectory
 
     terminal, folder = common.terminal, common.folder(arm.slug)
     terminal.say("--- loop 2: dynid trajectory, a motion that shows the parameters", "bold")
-    shipped = packaged("trajectories") / f"{arm.slug}_alpha1.0.npz" if robot in ARMS else None
-    options = (
-        PlanOptions(alpha=1.0)
-        if shipped
-        else PlanOptions(optimise=False, duration=10.0, seed=common.seed)
-    )
-    picture = folder / "preview.png"
     with terminal.progress() as progress:
         base = base_model(arm, folder, progress)
-        found = plan_trajectory(
-            arm, options, path=shipped, base=base, drawing=Drawing(picture), progress=progress
-        )
-    number, closest = found.facts()["condition_number_scaled"], found.facts()["closest_m"]
+        shown = Drawing(folder / "preview.png")
+        if robot in ARMS:
+            shipped = packaged("trajectories") / f"{arm.slug}_alpha1.0.npz"
+            stored = read_trajectory(shipped, arm)
+            facts = stored.facts["answer"]
+            clearance = review_trajectory(
+                arm, stored, base=base, drawing=shown, progress=progress
+            ).clearance
+        else:
+            options = PlanOptions(optimise=False, duration=10.0, seed=common.seed)
+            found = plan_trajectory(arm, options, base=base, drawing=shown, progress=progress)
+            facts, clearance = found.facts(), found.clearance
+    number, closest = facts["condition_number_scaled"], facts["closest_m"]
     said = [
-        f"A motion of {found.facts()['duration_s']:.0f} s inside all limits; condition number {number:.3g}."
+        f"A motion of {facts['duration_s']:.0f} s inside all limits; condition number {number:.3g}."
     ]
     if closest is not None:
         said.append(f"The links stay {1e3 * closest:.0f} mm apart.")
     terminal.stage("motion", " ".join(said))
-    pictures = [Path(each) for each in found.clearance.pictures]
-    terminal.wrote(*pictures)
-    return pictures, tuple(said)
+    terminal.wrote(*clearance.pictures)
+    return list(clearance.pictures), tuple(said)
 
 
 def _recordings(common: Common, name: str, arm: Robot) -> tuple[Path, Path, dict[str, float], str]:

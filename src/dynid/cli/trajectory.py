@@ -48,7 +48,6 @@ class View:
         "dynid trajectory kinova_gen2                     search, preview, ask; alpha 0.2 for the first run",
         "dynid trajectory kuka_lwr4plus --alpha 1 --duration 10 --segments 5",
         "dynid trajectory my_arm.yaml --from-waypoints points.csv",
-        "dynid trajectory kinova_gen2 --from-trajectory slow.npz --alpha 0.5 -o next      the same path, faster",
         "dynid trajectory kinova_gen2 --for-gap out/kinova_gen2/gap.npz -o next          the next experiment",
         "dynid trajectory kinova_gen2 --review out/kinova_gen2/trajectory.npz",
     ),
@@ -61,12 +60,6 @@ class View:
     metavar="CSV",
     type=_FILE,
     help="Go through these points, one per row, instead of searching.",
-)
-@click.option(
-    "--from-trajectory",
-    metavar="NPZ",
-    type=_FILE,
-    help="The path of a motion planned before, at this --alpha.",
 )
 @click.option(
     "--earlier",
@@ -115,7 +108,6 @@ def command(common: Common, robot: str, plan: Path | None, **values: Any) -> Non
         files = {
             "plan": plan,
             "waypoints": values["from_waypoints"],
-            "trajectory": values["from_trajectory"],
         }
         files["gap"] = values["for_gap"]
         files |= {f"earlier {k + 1}": earlier for k, earlier in enumerate(values["earlier"])}
@@ -144,7 +136,7 @@ def changed(
             elif words[0] == "alpha" and len(words) == 2:
                 options = replace(options, alpha=float(words[1]))
             elif len(words) <= 2 and Path(words[-1]).is_file():
-                values = values | {"from_waypoints": Path(words[-1]), "from_trajectory": None}
+                values = values | {"from_waypoints": Path(words[-1])}
             else:
                 raise WrongUsage(
                     f"'{' '.join(words)}' is neither alpha, seed nor a file of waypoints"
@@ -204,7 +196,6 @@ def plan_once(
             arm,
             options,
             waypoints=values["from_waypoints"] or written.waypoints,
-            path=values["from_trajectory"],
             earlier=values["earlier"],
             urdf=values["urdf"],
             base=base_model(arm, path.parent, progress),

@@ -76,7 +76,6 @@ class StoredTrajectory:
         coefficients: of the family, at full speed, (k, n).
         review: who accepted it; None when it was not accepted.
         facts: further JSON-able facts: limits used, prediction, distances, options, hashes of inputs.
-        selected: samples chosen as measurement points (Paper Eqs. 15-16); None for all.
         source: the file it was read from; None for one that was just planned.
     """
 
@@ -88,7 +87,6 @@ class StoredTrajectory:
     coefficients: Floats
     review: Review | None = None
     facts: Mapping[str, Any] = field(default_factory=dict)
-    selected: NDArray[np.intp] | None = None
     source: Path | None = None
 
     @property
@@ -133,8 +131,6 @@ def write_trajectory(path: Path, stored: StoredTrajectory) -> None:
         "qdd": motion.qdd,
         "coefficients": stored.coefficients,
     }
-    if stored.selected is not None:
-        arrays["selected"] = stored.selected
     write_artifact(path, SCHEMA, header, arrays)
 
 
@@ -163,7 +159,6 @@ def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
             coefficients=arrays["coefficients"],
             review=None if review is None else Review(**review),
             facts=header,
-            selected=arrays.get("selected"),
             source=path,
         )
     if len(motion.t) < 2:

@@ -1,6 +1,6 @@
 """Families of motions that are linear in their coefficients and at rest at both ends: q(t) = Phi(t) c.
 
-Quintic segments through waypoints (Paper Eqs. 17-18), quintic B-splines as their smoothest part, and Fourier series.
+Quintic segments through waypoints (Paper Eqs. 17-18), and quintic B-splines as their smoothest part.
 """
 
 from __future__ import annotations
@@ -8,10 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import null_space
 
 from dynid.trajectory import tuning
 
@@ -31,37 +32,6 @@ _ENDS = np.array(
 )
 #: Coefficients of the six polynomials that have one of those numbers 1 and the others 0, (6 powers, 6).
 HERMITE = np.linalg.inv(_ENDS)
-
-
-class Basis(Protocol):
-    """A family of motions of one joint, linear in ``size`` coefficients."""
-
-    @property
-    def duration(self) -> float:
-        """Length of the motion [s]."""
-
-    @property
-    def size(self) -> int:
-        """Number of coefficients per joint."""
-
-    @property
-    def constant(self) -> Floats:
-        """Coefficients of the motion that stays at 1, (size,) [rad or m]."""
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """What ``basis_from`` needs to make it again, JSON-able."""
-
-    def matrix(self, t: Floats, order: int = 0) -> Floats:
-        """Return Phi, or its derivative of an order, at times (N,) [s]; (N, size) [1/s^order]."""
-
-    def stationary(self, c: Floats, order: int = 0) -> list[Floats]:
-        """Return, joint by joint, all times [s] where the derivative of an order may have its extrema, ends included.
-
-        Args:
-            c: coefficients, (size, n) [rad or m].
-            order: 0 for positions, 1 for velocities, 2 for accelerations.
-        """
 
 
 def _falling(order: int) -> Floats:
@@ -105,7 +75,7 @@ class Quintic:
         moving[[0, -1], 1:] = False
         scale = np.tile([1.0, 1 / self._unit, 1 / self._unit**2], k)
         nodes = (np.eye(3 * k) * scale[:, None])[:, moving.ravel()]
-        free: Floats = nodes @ _null_space(self._jumps @ nodes) if self.smooth else nodes
+        free: Floats = nodes @ null_space(self._jumps @ nodes) if self.smooth else nodes
         return free
 
     @cached_property
@@ -135,7 +105,8 @@ class Quintic:
     @cached_property
     def constant(self) -> Floats:
         """Coefficients of the motion that stays at 1, (size,) [rad or m]."""
-        return _solved(self._free, np.tile([1.0, 0.0, 0.0], len(self.knots)))
+        still = np.tile([1.0, 0.0, 0.0], len(self.knots))
+        return np.asarray(np.linalg.lstsq(self._free, still, rcond=None)[0], dtype=np.float64)
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -189,86 +160,45 @@ class Quintic:
 
 
 @dataclass(frozen=True)
-class Fourier:
+class Sines:
     """A Fourier series over its period, at rest where it begins and ends.
 
     Attributes:
-        period: length of the motion [s].
+        duration: the period [s].
         harmonics: number of harmonics.
     """
 
-    period: float
+    duration: float
     harmonics: int
-
-    @property
-    def duration(self) -> float:
-        """Length of the motion [s]."""
-        return self.period
 
     @property
     def size(self) -> int:
         """Number of coefficients per joint."""
-        return int(self._free.shape[1])
+        return 2 * self.harmonics - 1
 
-    @cached_property
-    def _free(self) -> Floats:
-        """Coefficients of 1, cos, sin from the free ones: no velocity and no acceleration at t = 0."""
+    def matrix(self, t: Floats, order: int = 0) -> Floats:
+        """Return Phi, or its derivative of an order, at times (N,) [s]; (N, size) [1/s^order]."""
         k = np.arange(1.0, self.harmonics + 1)
         rest = np.block([[0.0, np.zeros(len(k)), k], [0.0, k**2, np.zeros(len(k))]])
         # Why: harmonics of equal acceleration rather than equal size, or the fast ones would rule a random start.
         weight = np.concatenate([[1.0], k, k])
-        free: Floats = _null_space(rest / weight) / weight[:, None]
-        return free
-
-    @cached_property
-    def constant(self) -> Floats:
-        """Coefficients of the motion that stays at 1, (size,) [rad or m]."""
-        return _solved(self._free, np.eye(2 * self.harmonics + 1)[0])
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """What ``basis_from`` needs to make it again."""
-        return {"kind": "fourier", "period": self.period, "harmonics": self.harmonics}
-
-    def matrix(self, t: Floats, order: int = 0) -> Floats:
-        """Return Phi, or its derivative of an order, at times (N,) [s]; (N, size) [1/s^order]."""
-        w = 2 * np.pi / self.period * np.arange(1, self.harmonics + 1)
+        w = 2 * np.pi / self.duration * k
         angle = t[:, None] * w + order * np.pi / 2
         still = np.full((len(t), 1), float(order == 0))
-        return np.hstack([still, np.cos(angle) * w**order, np.sin(angle) * w**order]) @ self._free
-
-    def stationary(self, c: Floats, order: int = 0) -> list[Floats]:
-        """Return the ends and all roots [s] of the next derivative, as roots of a polynomial in exp(i w t)."""
-        h = self.harmonics
-        k = np.arange(1, h + 1)
-        raw = self._free @ c
-        found = []
-        for a, b in zip(raw[1 : h + 1].T, raw[h + 1 :].T, strict=True):
-            z = (a - 1j * b) / 2 * (1j * k) ** (order + 1)
-            roots = np.roots(np.concatenate([z[::-1], [0.0], np.conj(z)]))
-            times = (
-                np.angle(roots[np.abs(np.abs(roots) - 1) < 1e-3])
-                % (2 * np.pi)
-                * self.period
-                / (2 * np.pi)
-            )
-            found.append(np.concatenate([[0.0, self.period], times]))
+        found: Floats = np.hstack([still, np.cos(angle) * w**order, np.sin(angle) * w**order]) @ (
+            null_space(rest / weight) / weight[:, None]
+        )
         return found
 
 
-def basis_from(facts: dict[str, Any]) -> Basis:
+def basis_from(facts: dict[str, Any]) -> Quintic:
     """Make a family of motions again from its ``facts``, which may come from a file.
 
     Raises:
-        ValueError: no motion has such knots, such a period, or so many of them.
+        ValueError: no motion has such knots, or so many of them.
         TypeError: they are of another kind.
         KeyError: something is missing.
     """
-    if facts["kind"] == "fourier":
-        period, harmonics = float(facts["period"]), int(facts["harmonics"])
-        if not (0 < period < tuning.LONGEST_MOTION_S and 0 < harmonics < tuning.MOST_KNOTS):
-            raise ValueError(f"no motion has a period of {period:g} s and {harmonics:g} harmonics")
-        return Fourier(period, harmonics)
     knots = np.array([float(t) for t in facts["knots"]])
     apart, short = np.diff(knots) > tuning.NEAREST_KNOTS_S, np.abs(knots) < tuning.LONGEST_MOTION_S
     if not (1 < len(knots) < tuning.MOST_KNOTS and np.all(apart) and np.all(short)):
@@ -276,18 +206,8 @@ def basis_from(facts: dict[str, Any]) -> Basis:
     return Quintic(tuple(knots.tolist()), facts["kind"] == "spline")
 
 
-def _solved(A: Floats, b: Floats) -> Floats:
-    """Return the least squares solution of A x = b."""
-    return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], dtype=np.float64)
-
-
 def _powers(s: Floats, order: int) -> Floats:
     """Return the derivative of an order of (s^5 ... 1), (N, 6)."""
     exponents = np.maximum(np.arange(5, -1, -1) - order, 0)
     found: Floats = s[:, None] ** exponents * _falling(order)
     return found
-
-
-def _null_space(matrix: Floats) -> Floats:
-    """Return an orthonormal basis of the null space of a matrix of full row rank."""
-    return np.linalg.svd(matrix)[2][len(matrix) :].T

@@ -2,7 +2,6 @@
 
 ``condition`` and ``paper`` look at the ends of the spectrum, ``d`` at its product, ``i`` at the torque error that the
 identified model will make on other motions. docs/explanation/exciting-motions.md says which to choose.
-``select_samples`` chooses measurement points of a path with them (Paper Eqs. 15-16 in their right form).
 """
 
 from __future__ import annotations
@@ -11,8 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from dynid.trajectory import tuning
 
 Floats = NDArray[np.float64]
 
@@ -107,45 +104,3 @@ def figures(G: Floats) -> Figures:
             float(np.sqrt(v[-1] / v[0])) if v[0] > 0 else float("inf") for v in (values, scaled)
         ]
     return Figures(ratios[0], ratios[1], float(np.sqrt(values[0])))
-
-
-def select_samples(W: Floats, eta: float, cost: Cost | None = None) -> NDArray[np.intp]:
-    """Choose samples of a path until another one lowers the cost by no more than ``eta``.
-
-    Args:
-        W: base regressor along the path, (N, n, p) [N m per unit of each parameter].
-        eta: least gain of a sample, as a share of the cost (the threshold of Eq. 16).
-        cost: cost function of the information matrix; Eq. 14 when None.
-
-    Returns:
-        Indices of the chosen samples in time order, (K,).
-
-    Source: Paper Eqs. 15-16. Eq. 16 as printed keeps samples that make the cost larger; what is meant is the gain
-        f(K - 1) - f(K). Samples are tried in the order of how much they add to det(G), so that K stays small.
-    """
-    cost = cost or Cost("paper")
-    scale = 1 / np.sqrt(np.maximum(np.einsum("kjp,kjp->p", W, W), np.finfo(float).tiny))
-    scaled = W * scale
-    inverse = np.eye(W.shape[2]) / tuning.SELECTION_RIDGE_SHARE
-    G = np.zeros((W.shape[2], W.shape[2]))
-    free = np.ones(len(W), dtype=bool)
-    chosen: list[int] = []
-    least = -(-W.shape[2] // W.shape[1])
-    value, refused = np.inf, 0
-    while free.any() and refused < tuning.SELECTION_REFUSALS:
-        candidates = np.flatnonzero(free)
-        A = scaled[candidates]
-        gains = np.linalg.slogdet(np.eye(W.shape[1]) + A @ inverse @ A.transpose(0, 2, 1))[1]
-        k = int(candidates[gains.argmax()])
-        free[k] = False
-        more = G + W[k].T @ W[k]
-        after = cost.value(more)[0]
-        if len(chosen) < 2 * least or value - after > eta:
-            chosen.append(k)
-            G, value, refused = more, after, 0
-            B = scaled[k]
-            gain = np.linalg.solve(np.eye(W.shape[1]) + B @ inverse @ B.T, B @ inverse)
-            inverse = inverse - inverse @ B.T @ gain
-        else:
-            refused += 1
-    return np.array(sorted(chosen), dtype=np.intp)

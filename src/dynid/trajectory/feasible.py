@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dynid.robot import Robot
 from dynid.trajectory import tuning
-from dynid.trajectory.basis import Basis
+from dynid.trajectory.basis import Quintic, Sines
 
 Floats = NDArray[np.float64]
 
@@ -92,6 +92,12 @@ def bounds(robot: Robot, margin: float = 0.0, rate_margin: float | None = None) 
     return Bounds(lower + off, upper - off, velocity * rest, acceleration * rest, torque * rest)
 
 
+def random_variables(basis: Quintic | Sines, limits: Bounds, rng: np.random.Generator) -> Floats:
+    """Return free variables of a random motion, ((basis.size + 1) n,), without unit."""
+    n = len(limits.lower)
+    return np.concatenate([rng.standard_normal(basis.size * n), rng.normal(0.0, 0.5, n)])
+
+
 class Shaping:
     """From free variables to a motion inside the limits, and back with gradients.
 
@@ -100,27 +106,16 @@ class Shaping:
         limits: the limits.
         t: times at which the motion is wanted, (N,) [s].
         refinement: points of the grid for limits for each of those times.
-
-    Attributes:
-        size: number of free variables.
     """
 
-    def __init__(self, basis: Basis, limits: Bounds, t: Floats, refinement: int = 5) -> None:
-        self._basis, self._limits = basis, limits
+    def __init__(
+        self, basis: Quintic | Sines, limits: Bounds, t: Floats, refinement: int = 5
+    ) -> None:
+        self._limits = limits
         grid = np.linspace(0.0, basis.duration, refinement * len(t))
         self._wanted = [basis.matrix(t, order) for order in range(3)]
         self._fine = [basis.matrix(grid, order) for order in range(3)]
         self._n = len(limits.lower)
-        self.size = (basis.size + 1) * self._n
-
-    def random(self, rng: np.random.Generator) -> Floats:
-        """Return free variables of a random motion, (size,), without unit."""
-        return np.concatenate(
-            [rng.standard_normal(self._basis.size * self._n), rng.normal(0.0, 0.5, self._n)]
-        )
-
-    def _split(self, x: Floats) -> tuple[Floats, Floats]:
-        return x[: -self._n].reshape(-1, self._n), np.tanh(x[-self._n :])
 
     def motion(self, x: Floats) -> tuple[Floats, Floats, Floats]:
         """Return q, qd, qdd at the wanted times, (N, n) each [rad, rad/s, rad/s^2]; ``gradient`` refers to them.
@@ -128,7 +123,7 @@ class Shaping:
         Args:
             x: free variables, (size,).
         """
-        c, offset = self._split(x)
+        c, offset = _split(x, self._n)
         columns = np.arange(self._n)
         U, Ud, Udd = (phi @ c for phi in self._fine)
         high, low = U.argmax(axis=0), U.argmin(axis=0)
@@ -193,33 +188,40 @@ class Shaping:
             gradient += phi[peak].T * slope
         return np.concatenate([gradient.ravel(), total * room * (1 - offset**2)])
 
-    def coefficients(self, x: Floats) -> Floats:
-        """Return the motion's coefficients, (k, n) [rad or m], scaled with exact extrema instead of those of a grid.
 
-        Args:
-            x: free variables, (size,).
-        """
-        c, offset = self._split(x)
-        basis, limits = self._basis, self._limits
-        low, high = extrema(basis, c, 0)
-        rates = [np.abs(extrema(basis, c, order)).max(axis=0) for order in (1, 2)]
-        reach = limits.upper - limits.lower
-        span = np.maximum(high - low, 1e-12)
-        # Why: a relative margin of rounding size, so that the limit itself is never exceeded.
-        scale = (1 - 1e-9) * np.minimum.reduce(
-            [
-                reach / span,
-                limits.velocity / np.maximum(rates[0], 1e-12),
-                limits.acceleration / np.maximum(rates[1], 1e-12),
-            ]
-        )
-        room = np.maximum(reach - scale * span, 0.0) / 2
-        centre = (limits.upper + limits.lower) / 2 + room * offset - scale * (high + low) / 2
-        found: Floats = scale * c + np.outer(basis.constant, centre)
-        return found
+def _split(x: Floats, n: int) -> tuple[Floats, Floats]:
+    """Return the shapes, (k, n), and the places, (n,), that free variables mean."""
+    return x[:-n].reshape(-1, n), np.tanh(x[-n:])
 
 
-def extrema(basis: Basis, c: Floats, order: int) -> Floats:
+def coefficients(basis: Quintic, limits: Bounds, x: Floats) -> Floats:
+    """Return a motion's coefficients, (k, n) [rad or m], scaled as by ``Shaping`` with exact extrema.
+
+    Args:
+        basis: family of motions.
+        limits: the limits.
+        x: free variables, (size,).
+    """
+    c, offset = _split(x, len(limits.lower))
+    low, high = extrema(basis, c, 0)
+    rates = [np.abs(extrema(basis, c, order)).max(axis=0) for order in (1, 2)]
+    reach = limits.upper - limits.lower
+    span = np.maximum(high - low, 1e-12)
+    # Why: a relative margin of rounding size, so that the limit itself is never exceeded.
+    scale = (1 - 1e-9) * np.minimum.reduce(
+        [
+            reach / span,
+            limits.velocity / np.maximum(rates[0], 1e-12),
+            limits.acceleration / np.maximum(rates[1], 1e-12),
+        ]
+    )
+    room = np.maximum(reach - scale * span, 0.0) / 2
+    centre = (limits.upper + limits.lower) / 2 + room * offset - scale * (high + low) / 2
+    found: Floats = scale * c + np.outer(basis.constant, centre)
+    return found
+
+
+def extrema(basis: Quintic, c: Floats, order: int) -> Floats:
     """Return the exact extrema of a derivative of every joint, (2, n) [rad/s^order], for c, (size, n) [rad]."""
     times = basis.stationary(c, order)
     values = [basis.matrix(t, order) @ c[:, j] for j, t in enumerate(times)]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dynid.model.regressor import Model
 from dynid.model.regressor_gradient import RegressorGradient
 from dynid.trajectory import tuning
-from dynid.trajectory.basis import Basis
+from dynid.trajectory.basis import Quintic
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import Bounds, Shaping
 
@@ -51,7 +51,7 @@ class PlanProblem:
 
     model: Model
     columns: NDArray[np.intp]
-    basis: Basis
+    basis: Quintic
     limits: Bounds
     cost: Cost
     noise: Floats | None = None

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from dynid.errors import WrongUsage
 from dynid.options import LEAST, MOST, Options, option, share
-from dynid.text import whole_number
 
 if TYPE_CHECKING:
     from dynid.trajectory.scene import Box, Scene
 
-FAMILIES = ("quintic", "spline", "fourier")
+FAMILIES = ("quintic", "spline")
 COSTS = ("i", "d", "condition", "paper")
 #: Weights l1 and l2 of the paper's cost where none are given (Eq. 14).
 PAPER_WEIGHTS = (1.0, 100.0)
@@ -43,18 +42,6 @@ def _weights(value: Any, name: str) -> tuple[float, float] | None:  # noqa: ANN4
             fix=f"such as {name} 1,100: none below 0, not both 0",
         )
     return first, second
-
-
-def _replay(value: Any, name: str) -> tuple[int, int] | None:  # noqa: ANN401
-    if value is None or isinstance(value, tuple):
-        return value
-    start, _, evaluation = str(value).partition(":")
-    if whole_number(start) < 0 or whole_number(evaluation) < 1:
-        raise WrongUsage(
-            f"{name} '{value}' is not START:N",
-            fix=f"copy what the search printed, such as {name} 3:412",
-        )
-    return int(start), int(evaluation)
 
 
 def _margin(value: Any, name: str) -> float:  # noqa: ANN401
@@ -102,9 +89,7 @@ class PlanOptions(Options):
         "Speed factor of the run: the motion takes duration / alpha, at velocities times alpha.",
     )
     duration: float = option(60.0, "Length of the motion at full speed [s].", bounds=(1, 3600))
-    segments: int = option(
-        20, "Number of quintic segments, or of harmonics of a Fourier series.", bounds=(2, 200)
-    )
+    segments: int = option(20, "Number of quintic segments.", bounds=(2, 200))
     basis: str = option("quintic", "Family of motions.", choices=FAMILIES, shown="")
     optimise: bool = option(
         True, "Search for a good motion, or take a random one.", pair=True, shown=""
@@ -138,12 +123,6 @@ class PlanOptions(Options):
     seconds: float = option(
         60.0, "Time limit of the search [s]; the best motion so far is kept.", bounds=(0.1, 1e6)
     )
-    replay: tuple[int, int] | None = option(
-        None,
-        "Make the plan again that a search of this seed ended with.",
-        metavar="START:N",
-        read=_replay,
-    )
     margin: float = option(
         "10%", "Share of every limit that stays free.", metavar="SHARE", shown="", read=_margin
     )
@@ -173,16 +152,8 @@ class PlanOptions(Options):
         read=_noise,
     )
     rate: float = option(100.0, "Rate of the samples and of the coming log [Hz].", bounds=(1, 2000))
-    select: float | None = option(
-        None,
-        "Choose measurement points with this threshold (Eq. 16).",
-        metavar="ETA",
-        kind="positive",
-    )
     seed: int = option(0, "Seed of every random choice.")
-    processes: int | None = option(
-        None, "Number of processes that search (default: one per core, 8 at most)."
-    )
+    processes: int | None = option(None, "Number of processes that search (default: one per core).")
 
     @property
     def scene(self) -> Scene:

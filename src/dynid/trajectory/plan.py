@@ -11,7 +11,7 @@ from dynid import limits
 from dynid.errors import WrongUsage
 from dynid.motion import Motion
 from dynid.trajectory import tuning
-from dynid.trajectory.basis import Basis, Quintic
+from dynid.trajectory.basis import Quintic
 from dynid.trajectory.feasible import Bounds, extrema
 
 Floats = NDArray[np.float64]
@@ -32,7 +32,7 @@ class Trajectory:
         alpha: speed factor; the planned motion itself has 1.
     """
 
-    basis: Basis
+    basis: Quintic
     coefficients: Floats
     alpha: float = 1.0
 

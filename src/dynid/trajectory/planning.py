@@ -23,13 +23,13 @@ from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.trajectory import tuning
-from dynid.trajectory.basis import Basis, Fourier, Quintic
+from dynid.trajectory.basis import Quintic
 from dynid.trajectory.clearance import Capsules, Distance
 from dynid.trajectory.cost import Cost
-from dynid.trajectory.feasible import Bounds, Shaping, bounds
+from dynid.trajectory.feasible import Bounds, bounds, coefficients, random_variables
 from dynid.trajectory.limits import LimitCheck, check_trajectory, require_within_limits
 from dynid.trajectory.objective import PlanProblem
-from dynid.trajectory.optimise import MotionCandidate, SearchOutcome, optimise
+from dynid.trajectory.optimise import SearchOutcome
 from dynid.trajectory.options import PAPER_WEIGHTS, PlanOptions
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.predict import default_noise, held_out
@@ -120,10 +120,8 @@ def planning_context(
     )
 
 
-def basis_of(options: PlanOptions) -> Basis:
+def basis_of(options: PlanOptions) -> Quintic:
     """Return the family of motions that is wanted."""
-    if options.basis == "fourier":
-        return Fourier(options.duration, options.segments)
     return Quintic.even(options.duration, options.segments, smooth=options.basis == "spline")
 
 
@@ -222,28 +220,15 @@ def _passable(capsules: Capsules, middle: Floats, half: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Proposal:
-    """A motion with where it comes from.
+    """A motion, and how much of it is left after it was drawn towards the clear pose.
 
     Attributes:
         trajectory: the motion.
-        start: number of the start that led to it; None when a person gave the path.
-        evaluation: evaluation of that start at which it was met; None without a search.
-        share: how much of it is left after it was drawn towards the clear pose.
+        share: what is left, 1 for all.
     """
 
     trajectory: Trajectory
-    start: int | None = None
-    evaluation: int | None = None
     share: float = 1.0
-
-
-def search_motions(
-    context: PlanningContext, progress: Progress = SILENT, limit: float | None = None
-) -> SearchOutcome | None:
-    """Search for the best motions, for so many seconds at most; None when no search is wanted."""
-    if not context.options.optimise:
-        return None
-    return optimise(plan_problem(context), context.options, progress, limit)
 
 
 def search_time(seconds: float) -> float:
@@ -259,21 +244,21 @@ def proposals(context: PlanningContext, found: SearchOutcome | None) -> Iterator
         found: what the search found; None for random motions.
     """
     options, basis = context.options, basis_of(context.options)
-    candidates = list(_random(context, basis)) if found is None else found.candidates
+    candidates = _random(context, basis) if found is None else found.candidates
     home = once_more(lambda: clear_pose(context))
     for share in tuning.SHRINK_SHARES:
         for one in candidates:
-            drawn = share * one.coefficients + (1 - share) * np.outer(basis.constant, home)
-            yield Proposal(
-                Trajectory(basis, drawn, options.alpha), one.start, one.evaluation or None, share
-            )
+            drawn = share * one + (1 - share) * np.outer(basis.constant, home)
+            yield Proposal(Trajectory(basis, drawn, options.alpha), share)
 
 
-def _random(context: PlanningContext, basis: Basis) -> Iterator[MotionCandidate]:
-    shaping = Shaping(basis, context.limits, np.zeros(1))
-    for start in range(tuning.RANDOM_MOTIONS):
-        x = shaping.random(np.random.default_rng((context.options.seed, start)))
-        yield MotionCandidate(np.inf, shaping.coefficients(x), start, 0)
+def _random(context: PlanningContext, basis: Quintic) -> tuple[Floats, ...]:
+    """Return the coefficients of motions of the seed, (k, n) each."""
+    draws = (np.random.default_rng((context.options.seed, k)) for k in range(tuning.RANDOM_MOTIONS))
+    return tuple(
+        coefficients(basis, context.limits, random_variables(basis, context.limits, rng))
+        for rng in draws
+    )
 
 
 def clear_pose(context: PlanningContext) -> Floats:

@@ -12,9 +12,9 @@ from dynid.model.regressor import Model
 from dynid.motion import Motion
 from dynid.robot import Robot
 from dynid.trajectory import tuning
-from dynid.trajectory.basis import Fourier
+from dynid.trajectory.basis import Sines
 from dynid.trajectory.cost import FLOOR, Figures, figures
-from dynid.trajectory.feasible import Bounds, Shaping
+from dynid.trajectory.feasible import Bounds, Shaping, random_variables
 from dynid.trajectory.plan import Trajectory
 
 Floats = NDArray[np.float64]
@@ -116,12 +116,13 @@ def held_out(
 ) -> Floats:
     """Return the mean of P^T P over random motions inside the limits that the model shall predict, (p, p) [(N m)^2]."""
     observer = model.observer(columns)
-    basis = Fourier(tuning.OTHER_DURATION_S, tuning.OTHER_HARMONICS)
+    basis = Sines(tuning.OTHER_DURATION_S, tuning.OTHER_HARMONICS)
     t = tuning.OTHER_DURATION_S * (np.arange(200) + 0.5) / 200
     shaping = Shaping(basis, limits, t)
     total = np.zeros((len(columns), len(columns)))
     for k in range(motions):
-        W = observer.dense(*shaping.motion(shaping.random(np.random.default_rng((seed, 1000 + k)))))
+        x = random_variables(basis, limits, np.random.default_rng((seed, 1000 + k)))
+        W = observer.dense(*shaping.motion(x))
         rows = W.reshape(-1, len(columns))
         total += rows.T @ rows / len(W)
     return total / motions

@@ -9,7 +9,6 @@ Effects have no gradient by the motion, so the search climbs by trials; limits h
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,9 +21,9 @@ from dynid.model.regressor import model_torques
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.trajectory import tuning
-from dynid.trajectory.feasible import Shaping, bounds
+from dynid.trajectory.feasible import Shaping, bounds, coefficients, random_variables
 from dynid.trajectory.objective import PlanProblem
-from dynid.trajectory.optimise import End, MotionCandidate, SearchOutcome
+from dynid.trajectory.optimise import End, SearchOutcome
 from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.plan import Trajectory
 
@@ -236,7 +235,7 @@ def separate(
         problem: family of motions, limits, penalties.
         base: model and base parameters.
         question: what is open.
-        search: restarts, seed, speed factor, and what to make again.
+        search: restarts, seed, speed factor.
         limit: time for the search [s].
         progress: told how many starts are done.
 
@@ -252,44 +251,42 @@ def separate(
         run = Motion(t / search.alpha, q, search.alpha * qd, search.alpha**2 * qdd)
         return float(penalty) - separation(base, question, run).value
 
-    end = time.monotonic() + (np.inf if search.replay is not None else limit)
-    starts: Sequence[int] = range(search.restarts) if search.replay is None else [search.replay[0]]
-    last = tuning.TRIALS_A_START if search.replay is None else search.replay[1]
-    found: list[MotionCandidate] = []
-    ended: End = "all starts" if search.replay is None else "replay"
+    def climb(start: int) -> tuple[float, Floats]:
+        """Return the best of so many trials, each near the best before it."""
+        rng = np.random.default_rng((search.seed, start))
+        best = random_variables(problem.basis, problem.limits, rng)
+        least, step = cost(best), tuning.FIRST_STEP
+        for _ in range(tuning.TRIALS_A_START - 1):
+            if time.monotonic() > end:
+                break
+            x = best + step * random_variables(problem.basis, problem.limits, rng)
+            value = cost(x)
+            if value < least:
+                best, least, step = x, value, min(step * tuning.STEP_GROWTH, 1.0)
+            else:
+                step = max(step * tuning.STEP_DECAY, tuning.LEAST_STEP)
+        return least, best
+
+    end = time.monotonic() + limit
+    found: list[tuple[float, Floats]] = []
+    ended: End = "all starts"
     finished = 0
     try:
-        for start in starts:
-            found.append(_climb(cost, shaping, (search.seed, start), last, end))
+        for start in range(search.restarts):
+            found.append(climb(start))
             if time.monotonic() > end:
                 ended = "time"
                 break
             finished += 1
-            progress.advance(finished, len(starts), f"start {start + 1}")
+            progress.advance(finished, search.restarts, f"start {start + 1}")
     except KeyboardInterrupt:
         if not found:
             raise
         ended = "interrupt"
-    return SearchOutcome(tuple(sorted(found, key=lambda one: one.value)), finished, ended)
-
-
-def _climb(
-    cost: Callable[[Floats], float], shaping: Shaping, seed: tuple[int, int], last: int, end: float
-) -> MotionCandidate:
-    """Return the best of so many trials, each near the best before it."""
-    rng = np.random.default_rng(seed)
-    best = x = shaping.random(rng)
-    least, at, step = cost(x), 1, tuning.FIRST_STEP
-    for trial in range(2, last + 1):
-        if time.monotonic() > end:
-            break
-        x = best + step * shaping.random(rng)
-        value = cost(x)
-        if value < least:
-            best, least, at, step = x, value, trial, min(step * tuning.STEP_GROWTH, 1.0)
-        else:
-            step = max(step * tuning.STEP_DECAY, tuning.LEAST_STEP)
-    return MotionCandidate(least, shaping.coefficients(best), seed[1], at)
+    best = sorted(found, key=lambda one: one[0])
+    return SearchOutcome(
+        tuple(coefficients(problem.basis, problem.limits, x) for _, x in best), finished, ended
+    )
 
 
 def run_of(trajectory: Trajectory) -> Motion:

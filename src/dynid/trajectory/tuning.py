@@ -15,7 +15,7 @@ SLIDE_RANGE_M = (-0.1, 0.1)
 DEFAULT_VELOCITY, DEFAULT_ACCELERATION = 1.0, 3.0
 
 # ---------------------------------------------------------------- families of motions
-#: Knots or harmonics of a motion from a file are fewer than this: searched motions have tens.
+#: Knots of a motion from a file are fewer than this: searched motions have tens.
 #: evidence: memory of the basis, a square of this.
 MOST_KNOTS = 512
 #: A motion from a file is shorter at full speed [s]. evidence: none; it bounds what a file may ask for.
@@ -85,11 +85,6 @@ CAMERA_POSES, CAMERA_FILLED_SHARE = 200, 0.92
 DRAWING_TIME_SHARE = 0.6
 
 # ---------------------------------------------------------------- what a motion is searched by
-#: Information that a choice of samples starts from, as a share of the whole path's: makes the first choices well posed.
-#: evidence: none yet.
-SELECTION_RIDGE_SHARE = 1e-9
-#: So many samples in turn that do not earn their place end the choice. evidence: none yet.
-SELECTION_REFUSALS = 10
 #: Samples at which contact is looked for, for each one of the regressor, and which of them that is. evidence: none yet.
 CONTACT_SAMPLES_A_SAMPLE, MIDDLE_CONTACT_SAMPLE = 3, 1
 #: Weight of penalties against a logarithmic cost: 0.2 % of overload, or ``CONTACT_SCALE_M`` / 550 of contact, all along
@@ -111,12 +106,6 @@ SMOOTH_STAGES = (
     (math.inf, 1.0, 100),
     (math.inf, 1.0, 100),
 )
-#: A start is given up when its logarithmic cost is so much worse than the best one before the last stage.
-#: evidence: none yet.
-HOPELESS_COST = 0.35
-#: Starts 0, 8, 16, ... are compared with each other in giving up, likewise 1, 9, 17, ...: as many processes can share
-#: the work without a start's fate depending on how many there are. evidence: none; more cores than that are rare.
-LANES = 8
 #: No cost of a motion that determines all parameters is so large; penalties are. evidence: none yet.
 PENALISED_COST = 50.0
 #: Time between two reports of the best so far [s]. evidence: a person reads no faster.

@@ -40,42 +40,35 @@ ENDINGS = {
     "all starts": "all {done}",
     "time": "the time limit was reached, {done}",
     "interrupt": "interrupted, {done}",
-    "replay": "an earlier search's best, made again",
 }
 
 
 @dataclass(frozen=True)
 class SearchRecord:
-    """How a motion was found, with all that makes it again.
+    """How a motion was found.
 
     Attributes:
         seed: of the search.
         ended: why the search ended, a key of ``ENDINGS``.
         finished_starts: number of starts that went to their end.
-        start: number of the start that led to the motion.
-        evaluation: evaluation of that start at which it was met; None without a search.
         share: how much of the motion is left after it was drawn in to keep clear.
-        again: options that make the same plan again.
     """
 
     seed: int
     ended: str
     finished_starts: int
-    start: int
-    evaluation: int | None
     share: float
-    again: str
 
     @property
     def text(self) -> str:
-        """How the search ended and what makes the same plan again, in words."""
+        """How the search ended, in words."""
         done = f"{self.finished_starts} start{'s' * (self.finished_starts != 1)} finished"
         drawn = (
             f", reduced to {100 * self.share:.0f} % of its size to avoid collisions"
             if self.share < 1
             else ""
         )
-        return f"{ENDINGS[self.ended].format(done=done)}{drawn}; the same plan again: {self.again}"
+        return f"{ENDINGS[self.ended].format(done=done)}{drawn}; seed {self.seed}"
 
 
 @dataclass(frozen=True)
@@ -97,7 +90,6 @@ class Plan:
         noise_from: where that comes from, in words.
         weakest: base parameter whose error costs the most torque on other motions.
         search: how the motion was found; None when a person gave the path.
-        selected: samples chosen as measurement points (Eqs. 15-16), (K,); None for all.
         urdf: shapes of the arm that distances were measured with; None for cylinders along the DH table.
         review: who accepted the motion; None when nobody has.
         outlook: how much better a second gap search will be, in words.
@@ -118,7 +110,6 @@ class Plan:
     noise_from: str
     weakest: str
     search: SearchRecord | None
-    selected: NDArray[np.intp] | None = None
     urdf: Path | None = None
     review: Review | None = None
     outlook: tuple[str, ...] = ()
@@ -203,7 +194,6 @@ class Plan:
             "ladder": [asdict(row) for row in self.alphas],
             "torque_noise_nm": self.noise.tolist(),
             "torque_noise_from": self.noise_from,
-            "selected_samples": None if self.selected is None else len(self.selected),
             "weakest": self.weakest,
             "search": None if self.search is None else asdict(self.search),
             "outlook": list(self.outlook),
@@ -233,7 +223,6 @@ class Plan:
                 "left_out_pairs": list(self.clearance.left_out),
                 "pictures": [picture.name for picture in self.clearance.pictures],
             },
-            selected=self.selected,
         )
 
     def save(self, path: Path | str, inputs: Mapping[str, str] | None = None) -> list[Path]:
@@ -291,11 +280,7 @@ class Plan:
     def lines(self) -> list[tuple[str, str]]:
         """Return the lines of the summary, each as a label and a sentence."""
         basis, alpha = self.trajectory.basis.facts, self.trajectory.alpha
-        kind = (
-            f"{len(basis['knots']) - 1} {basis['kind']} segments"
-            if "knots" in basis
-            else f"{basis['harmonics']} harmonics"
-        )
+        kind = f"{len(basis['knots']) - 1} {basis['kind']} segments"
         slow = f"{self.trajectory.duration:.1f} s at alpha {alpha:g} (speed x{alpha:g}, acceleration x{alpha**2:.2g})"
         figures, low, high = (
             self.prediction.figures,

@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import limits
 from dynid.errors import PlanTeachesLittle
 from dynid.estimation.result import Identification
 from dynid.files.planfile import Waypoints, read_waypoints
-from dynid.files.trajectoryfile import StoredTrajectory, read_trajectory
+from dynid.files.trajectoryfile import StoredTrajectory
 from dynid.log import Log
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
@@ -45,9 +44,8 @@ if TYPE_CHECKING:
     from dynid.gap.record import GapRecord
     from dynid.model.base_model import BaseModel
     from dynid.trajectory.limits import LimitCheck
-    from dynid.trajectory.optimise import SearchOutcome
     from dynid.trajectory.plan import Trajectory
-    from dynid.trajectory.planning import Clearance, PlanningContext, Proposal
+    from dynid.trajectory.planning import Clearance, PlanningContext
     from dynid.trajectory.preview import Drawing
     from dynid.workflows.arguments import RobotLike
 
@@ -76,15 +74,6 @@ def _earlier_of(given: EarlierLike | Sequence[EarlierLike], robot: Robot) -> lis
         else:
             raise arguments.refused("earlier", wanted, each)
     return found
-
-
-def _path_of(given: StoredTrajectory | Plan | str | Path, robot: Robot) -> StoredTrajectory | Plan:
-    """Return an earlier plan given by itself or by its file."""
-    if isinstance(given, (str, Path)):
-        return read_trajectory(arguments.path(given, "path"), robot)
-    if not isinstance(given, (StoredTrajectory, Plan)):
-        raise arguments.refused("path", "a plan, or the path of its trajectory.npz", given)
-    return given
 
 
 def _waypoints_of(given: Waypoints | ArrayLike, robot: Robot) -> Waypoints:
@@ -124,7 +113,6 @@ def plan_trajectory(
     options: PlanOptions | None = None,
     *,
     waypoints: Waypoints | ArrayLike | None = None,
-    path: StoredTrajectory | Plan | str | Path | None = None,
     earlier: EarlierLike | Sequence[EarlierLike] = (),
     urdf: str | Path | None = None,
     base: BaseModel | None = None,
@@ -139,7 +127,6 @@ def plan_trajectory(
         robot: the arm, its name, or the path of its file.
         options: what is wanted.
         waypoints: points that the motion goes through instead of a search, (K, n) [rad or m].
-        path: an earlier plan, or its trajectory.npz, whose path runs at ``options.alpha`` instead of a search.
         earlier: logs, results and motions, or their paths, whose information the motion completes.
         urdf: the arm's own shapes; cylinders along the DH table when None.
         base: the arm's base model, where it is there already.
@@ -157,14 +144,17 @@ def plan_trajectory(
     Example:
         dynid.plan_trajectory("kuka_lwr4plus", duration=20.0, seconds=30.0)
     """
+    from dynid.trajectory.optimise import optimise
+    from dynid.trajectory.plan import through_waypoints
     from dynid.trajectory.planning import (
+        Proposal,
         first_accepted,
         once_more,
+        plan_problem,
         planning_context,
         proposals,
         require_clear_motion,
         require_safe,
-        search_motions,
         search_time,
     )
     from dynid.trajectory.preview import Drawing
@@ -176,7 +166,6 @@ def plan_trajectory(
     )
     robot = arguments.robot(robot)
     before = _earlier_of(earlier, robot)
-    path = None if path is None else _path_of(path, robot)
     waypoints = None if waypoints is None else _waypoints_of(waypoints, robot)
     urdf = None if urdf is None else arguments.path(urdf, "urdf")
     drawing = arguments.optional(drawing, Drawing, "drawing", "dynid.trajectory.preview.Drawing")
@@ -188,17 +177,21 @@ def plan_trajectory(
     known = earlier_information(base, before, noise, progress)
     context = planning_context(base, options, noise, known, believed(base, before, known))
     experiment = None if for_gap is None else GapExperiment.of(for_gap, context, progress)
-    candidates, found = _given_path(context, waypoints, path), None
-    progress.stage("search" if candidates is None else "plan")
-    if candidates is None:
+    given, found = waypoints is not None, None
+    candidates: Iterable[Proposal]
+    if waypoints is not None:
+        progress.stage("plan")
+        path = through_waypoints(waypoints.q, context.limits, waypoints.times)
+        candidates = [Proposal(path.slowed(options.alpha))]
+    else:
+        progress.stage("search")
         limit = search_time(options.seconds - (time.monotonic() - begin))
-        if experiment is None:
-            found = search_motions(context, progress, limit)
-        else:
+        if experiment is not None:
             found = experiment.search(context, limit, progress)
+        elif options.optimise:
+            found = optimise(plan_problem(context), options, limit, progress)
         candidates = proposals(context, found)
     progress.stage("clearance")
-    given = waypoints is not None or path is not None
     until = begin + options.seconds
     drawing = replace(
         drawing or Drawing(), until=None if given else until - FILES * options.seconds
@@ -211,10 +204,13 @@ def plan_trajectory(
                 context, motion, urdf, _shown(drawing, context, motion), progress, given=given
             ),
         ),
-        np.inf if given or options.replay else until,
+        np.inf if given else until,
         progress,
     )
-    search = _search_record(options, chosen, found)
+    search = None
+    if not given:
+        ended, finished = ("no search", 0) if found is None else (found.ended, found.finished)
+        search = SearchRecord(options.seed, ended, finished, chosen.share)
     progress.stage("predict")
     plan = once_more(
         lambda: _predicted(context, chosen.trajectory, check, clearance, source, search, urdf)
@@ -269,29 +265,12 @@ def _plain(base: BaseModel, progress: Progress) -> BaseModel:
     return base_model(replace(base.robot, effects=()))
 
 
-def _given_path(
-    context: PlanningContext, waypoints: Waypoints | None, path: StoredTrajectory | Plan | None
-) -> Iterable[Proposal] | None:
-    """Return the motion through waypoints, or on the path of an earlier plan; None to search."""
-    from dynid.trajectory.plan import through_waypoints
-    from dynid.trajectory.planning import Proposal
-
-    alpha = context.options.alpha
-    if path is not None:
-        return [Proposal(replace(trajectory_of(path), alpha=alpha))]
-    if waypoints is None:
-        return None
-    return [Proposal(through_waypoints(waypoints.q, context.limits, waypoints.times).slowed(alpha))]
-
-
-def trajectory_of(stored: StoredTrajectory | Plan) -> Trajectory:
-    """Return the motion of a plan, or of its file, as coefficients of its family."""
+def trajectory_of(stored: StoredTrajectory) -> Trajectory:
+    """Return the motion of trajectory.npz as coefficients of its family."""
     from dynid.files.artifact import reading
     from dynid.trajectory.basis import basis_from
     from dynid.trajectory.plan import Trajectory
 
-    if isinstance(stored, Plan):
-        return stored.trajectory
     with reading(Path(stored.source or "the trajectory")):
         basis = basis_from(dict(stored.basis))
         if len(stored.coefficients) != basis.size:
@@ -309,20 +288,6 @@ def _shown(drawing: Drawing, context: PlanningContext, trajectory: Trajectory) -
     return replace(drawing, title=title, sketch=draw_motion)
 
 
-def _search_record(
-    options: PlanOptions, chosen: Proposal, found: SearchOutcome | None
-) -> SearchRecord | None:
-    if chosen.start is None:
-        return None
-    again = f"--seed {options.seed}"
-    if found is not None and found.ended != "all starts":
-        again += f" --replay {chosen.start}:{chosen.evaluation}"
-    ended, finished = ("no search", 0) if found is None else (found.ended, found.finished)
-    return SearchRecord(
-        options.seed, ended, finished, chosen.start, chosen.evaluation, chosen.share, again
-    )
-
-
 def _predicted(
     context: PlanningContext,
     trajectory: Trajectory,
@@ -333,18 +298,12 @@ def _predicted(
     urdf: Path | None,
 ) -> Plan:
     """Return the plan with what it will teach."""
-    from dynid.trajectory.cost import select_samples
     from dynid.trajectory.predict import alpha_table, predict
 
     base, options, noise = context.base, context.options, context.noise
     motion = trajectory.sampled(options.rate)
     columns = base.reduction.base
     prediction = predict(base.model, columns, motion, noise, context.other, context.believed)
-    selected = None
-    if options.select is not None:
-        limits.check("matrix", motion.q.size * len(columns), "--select")
-        W = base.model.observer(columns).dense(motion.q, motion.qd, motion.qdd)
-        selected = select_samples(W, options.select)
     cost = prediction.std_error * np.sqrt(np.diag(context.other))
     samples = len(replace(trajectory, alpha=1.0).sampled(options.rate))
     return Plan(
@@ -364,7 +323,6 @@ def _predicted(
         noise_from=noise_from,
         weakest=base.reduction.base_names[int(np.argmax(cost))],
         search=search,
-        selected=selected,
         urdf=urdf,
     )
 

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from dynid.trajectory.basis import HERMITE, Fourier, Quintic, basis_from
+from dynid.trajectory.basis import HERMITE, Quintic, basis_from
 
 FAMILIES = {
     "quintic": Quintic((0.0, 1.3, 2.0, 4.5, 5.0)),
     "spline": Quintic.even(6.0, 9, smooth=True),
-    "fourier": Fourier(7.0, 5),
 }
 
 

@@ -1,10 +1,9 @@
-"""Costs are functions of W's singular values, with exact gradients; few samples tell nearly as much as all."""
+"""Costs are functions of W's singular values, with exact gradients."""
 
 import numpy as np
 import pytest
-from randomplans import random_trajectory
 
-from dynid.trajectory.cost import Cost, figures, select_samples
+from dynid.trajectory.cost import Cost, figures
 
 RNG = np.random.default_rng(5)
 W = RNG.standard_normal((40, 6)) * [1, 2, 0.3, 5, 1, 0.7]
@@ -53,21 +52,3 @@ def test_figures_are_those_of_the_matrix():
     assert found.condition == pytest.approx(np.linalg.cond(W))
     assert found.condition_scaled == pytest.approx(np.linalg.cond(W / np.linalg.norm(W, axis=0)))
     assert found.smallest == pytest.approx(np.linalg.svd(W, compute_uv=False)[-1])
-
-
-def test_few_chosen_samples_are_as_well_conditioned_as_the_whole_path(lwr):
-    motion = random_trajectory(lwr.robot, 1).sampled(100)
-    P = lwr.model.observer(lwr.reduction.base).dense(motion.q, motion.qd, motion.qdd)
-    chosen = select_samples(P, 0.02)
-    all_rows, rows = P.reshape(-1, 62), P[chosen].reshape(-1, 62)
-    assert 18 <= len(chosen) < len(P) / 3
-    assert np.all(np.diff(chosen) > 0)
-    assert figures(rows.T @ rows).condition < 1.5 * figures(all_rows.T @ all_rows).condition
-
-
-def test_a_higher_threshold_keeps_fewer_samples(gen2):
-    motion = random_trajectory(gen2.robot, 2).sampled(50)
-    P = gen2.model.observer(gen2.reduction.base).dense(motion.q, motion.qd, motion.qdd)
-    assert len(select_samples(P, 0.2, Cost("condition"))) <= len(
-        select_samples(P, 0.005, Cost("condition"))
-    )

@@ -5,7 +5,7 @@ import pytest
 from randomplans import random_trajectory
 from scipy.interpolate import BPoly
 
-from dynid.trajectory.basis import Fourier, Quintic
+from dynid.trajectory.basis import Quintic
 from dynid.trajectory.feasible import Shaping, bounds
 
 
@@ -26,9 +26,7 @@ def test_none_of_100_random_plans_breaks_a_limit_at_10_khz_in_other_code(arm, re
         assert np.all(np.abs(qdd) < limit.acceleration * (1 + 1e-9))
 
 
-@pytest.mark.parametrize(
-    "basis", [Quintic.even(4.0, 6), Fourier(5.0, 4), Quintic.even(4.0, 7, smooth=True)]
-)
+@pytest.mark.parametrize("basis", [Quintic.even(4.0, 6), Quintic.even(4.0, 7, smooth=True)])
 def test_every_joint_uses_one_of_its_limits_to_the_full(lwr, basis):
     limit = bounds(lwr.robot, 0.05, 0.0)
     trajectory = random_trajectory(lwr.robot, 3, basis)
@@ -46,7 +44,7 @@ def test_gradient_of_the_scaled_motion_is_that_of_differences(lwr):
     shaping = Shaping(basis, bounds(lwr.robot), np.linspace(0.1, 3.9, 23))
     rng = np.random.default_rng(6)
     for _ in range(5):
-        x, direction = rng.standard_normal((2, shaping.size))
+        x, direction = rng.standard_normal((2, 7 * (basis.size + 1)))
         weights = [rng.standard_normal((23, 7)) for _ in range(3)]
 
         def value(x, weights=weights):

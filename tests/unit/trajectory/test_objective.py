@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from dynid.model.parameters import prior_base_parameters
-from dynid.trajectory.basis import Fourier, Quintic
+from dynid.trajectory.basis import Quintic
 from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.cost import Cost
-from dynid.trajectory.feasible import bounds
+from dynid.trajectory.feasible import bounds, random_variables
 from dynid.trajectory.objective import ExcitationObjective, PlanProblem, information
 from dynid.trajectory.scene import Box, Scene
 
@@ -26,7 +26,7 @@ def problem(base, **changes):
 
 def slope_error(objective, seed=7):
     rng = np.random.default_rng(seed)
-    x = objective.shaping.random(rng)
+    x = random_variables(objective.problem.basis, objective.problem.limits, rng)
     direction = rng.standard_normal(len(x))
     slope = objective(x).gradient @ direction
     h = 1e-6
@@ -47,7 +47,7 @@ def test_gradient_with_floor_boxes_torque_and_earlier_logs_is_that_of_difference
     p = gen2.reduction.rank
     tight = bounds(gen2.robot, 0.0, 0.97)
     changes = {
-        "basis": Fourier(5.0, 3),
+        "basis": Quintic.even(5.0, 3, smooth=True),
         "cost": Cost("i", V=np.eye(p)),
         "penalties": (Capsules(gen2.robot, scene),),
         "torque": prior_base_parameters(gen2.model, gen2.reduction, unknown=0.0),

@@ -7,9 +7,9 @@ from randomplans import random_trajectory
 from dynid.model.parameters import prior_base_parameters
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.cost import Cost
-from dynid.trajectory.feasible import bounds
+from dynid.trajectory.feasible import bounds, coefficients, random_variables
 from dynid.trajectory.objective import ExcitationObjective, PlanProblem
-from dynid.trajectory.optimise import descend, start_variables
+from dynid.trajectory.optimise import descend
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.predict import (
     alpha_table,
@@ -93,8 +93,8 @@ def test_a_motion_planned_after_an_earlier_log_adds_more_than_one_planned_withou
                 lwr.model, columns, basis, limit, Cost("i", V=other), noise, knowledge, samples=60
             )
             objective = ExcitationObjective(problem)
-            met = descend(objective, start_variables(objective, start, 0), last=120)
-            plan = Trajectory(basis, objective.shaping.coefficients(met.x))
+            x = random_variables(basis, limit, np.random.default_rng((start, 0)))
+            plan = Trajectory(basis, coefficients(basis, limit, descend(objective, x)[1]))
             errors.append(
                 predict(lwr.model, columns, plan.sampled(100), noise, other, known).torque_error
             )
