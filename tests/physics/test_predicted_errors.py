@@ -19,7 +19,7 @@ from dynid.model.regressor import build_model
 from dynid.sim.arm import track
 from dynid.sim.plant import Sensors, read_plant
 from dynid.trajectory.basis import Quintic, basis_from
-from dynid.trajectory.feasible import Shaping, bounds
+from dynid.trajectory.feasible import bounds, coefficients, random_variables
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.predict import default_noise, held_out, predict
 from dynid.workflows.logs import LogOptions, condition_logs, load_log
@@ -75,9 +75,10 @@ def test_expected_torque_errors_come_true_of_what_is_identified_by_default_from_
     other, prior = held_out(model, columns, bounds(robot)), prior_information(base)
     ratio = []
     for seed, alpha in enumerate((1.0, 0.6, 0.3)):
-        basis = Quintic.even(12.0, 8)
-        shaping, rng = Shaping(basis, bounds(robot, 0.1), np.zeros(1)), np.random.default_rng(seed)
-        motion = Trajectory(basis, shaping.coefficients(shaping.random(rng)), alpha).sampled(RATE)
+        basis, limits = Quintic.even(12.0, 8), bounds(robot, 0.1)
+        rng = np.random.default_rng(seed)
+        c = coefficients(basis, limits, random_variables(basis, limits, rng))
+        motion = Trajectory(basis, c, alpha).sampled(RATE)
         with plant.arm(robot) as arm:
             tau = np.array(
                 [
