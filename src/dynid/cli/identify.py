@@ -446,7 +446,7 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     if not common.verbose:
         return
     terminal.answer()
-    terminal.fact("used", f"{USED[found.in_force]} for predictions: {found.choice}")
+    terminal.fact("used", f"{USED[found.in_force]} for predictions")
     for line in found.expectation():
         terminal.fact(
             "expected" if line.startswith("expected") else "residual",

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.diagnose import tuning
-from dynid.estimation.least_squares import nonnegative_least_squares
 from dynid.log import Log
 from dynid.model.kinematics import link_frames
 from dynid.model.numeric_regressor import body_regressor
@@ -426,6 +425,10 @@ def _cone(
         bodies: corners of the cone of each link's parameters, n of (10, points).
         weights: of the joints, (m,).
     """
+    from scipy.optimize import (
+        nnls,
+    )  # here: few logs come so far, and its import takes as long as they do
+
     count = sum(part[1].shape[1] for part in parts)
     rows, seen = [], 0
     for (columns, friction, tau), weight in zip(parts, weights, strict=True):
@@ -440,7 +443,7 @@ def _cone(
         [R[:, 10 * i : 10 * i + 10] @ each for i, each in enumerate(bodies)] + [R[:, p:-1]]
     )
     scale = np.maximum(np.linalg.norm(corners, axis=0), 1e-12)
-    found = nonnegative_least_squares(corners / scale, R[:, -1], 10 * corners.shape[1]) / scale
+    found = nnls(corners / scale, R[:, -1], maxiter=10 * corners.shape[1])[0] / scale
     edges = np.cumsum([0, *(each.shape[1] for each in bodies)])
     theta = [each @ found[a:b] for each, a, b in zip(bodies, edges[:-1], edges[1:], strict=True)]
     left = stacked[:, -1] - stacked[:, :-1] @ np.concatenate([*theta, found[edges[-1] :]])

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict
-from functools import cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -25,13 +23,10 @@ from dynid.estimation.least_squares import (
     Fit,
     condition_number,
     joint_rms,
-    nonnegative,
     relative_error,
     solvable,
 )
 from dynid.estimation.posterior import (
-    ExpectedError,
-    Posterior,
     Refit,
     contradicts,
     expected_error,
@@ -51,12 +46,8 @@ from dynid.signals.motion import motion_numbers, sampled
 
 Floats = NDArray[np.float64]
 
-#: Kinds of parameters that no real arm has with a minus sign.
-POSITIVE = ("m", "Im", "Imc", "fv", "fvc", "fc", "fcc")
 #: Kinds of parameters that are friction.
 FRICTION = ("fv", "fc", "fo", "fvc", "fcc")
-#: Names of the parameter sets, by whether a set is physically possible.
-SETS = {True: "physical", False: "plain"}
 #: Methods that need nothing but triangular factors, and can add a log to an earlier result.
 UPDATABLE = ("wls", "ols", "ridge")
 
@@ -167,8 +158,8 @@ def estimate(
         method: a name in ``METHODS``, or ``"auto"``.
         holdout: what is held out, None for nothing.
         drop_weak: go on when the logs do not determine all base parameters.
-        feasible: predict with the possible parameters, or with the plain estimate; None takes the physical one unless
-            the data contradict every possible arm.
+        feasible: predict with the possible parameters, or with the plain estimate; None takes the possible ones unless
+            an estimator was asked for.
         residual_model: fit a residual model to what the parameters leave unexplained; None where the data support it.
         size: sizes of the groups of these columns where they are known already.
 
@@ -191,28 +182,23 @@ def estimate(
     post = physical_posterior(
         base, plain, stack, refit=refit, residual_model=residual_model, size=size
     )
-    sets = _sets(base, plain, post)
-
-    @cache
-    def judged(key: str) -> tuple[Floats, float, ExpectedError]:
-        theta, covariance, error = sets[key]
-        rms, total = _of_squares(stack, squares(stack, theta, error))
-        changes = post.changes if key == SETS[True] else None
-        return rms, total, expected_error(base, stack, theta, covariance, error, rms, changes)
-
-    in_force, choice = SETS[bool(feasible)], "as asked"
-    if feasible is None:
-        in_force, choice = _in_force(stack, method, plain, post, judged)
-    physical = in_force == "physical"
+    physical = method == "auto" if feasible is None else feasible
+    theta, covariance, error, changes = (
+        (post.theta, post.covariance, post.error, post.changes)
+        if physical
+        else (plain.theta, plain.covariance, None, None)
+    )
     # Why: where the prior carries what the rows leave open there is an answer, and the posterior says how little.
     cost = uncertainty(base, stack.observer, plain.covariance, post.theta)
     excitation = excitation_findings(stack, plain, cost, drop_weak=drop_weak or physical)
     if physical:
         _require_change(prior, plain=plain.theta, physical=post.theta)
-    held = {} if holdout is None else _held_out(base, holdout, prior, name, post, refit)
-    theta, covariance, error = sets[in_force]
-    unseen = held.get(in_force)
-    rms, total, expected = judged(in_force)
+    unseen = None
+    if holdout is not None:
+        like = post.error if physical else None
+        unseen = _held_out(base, holdout, prior, name, refit, physical=physical, like=like)
+    rms, total = _of_squares(stack, squares(stack, theta, error))
+    expected = expected_error(base, stack, theta, covariance, error, rms, changes)
     std_error, knowledge = _certainty(plain, theta, covariance, physical=physical)
     return Identification(
         robot=base.robot,
@@ -223,7 +209,6 @@ def estimate(
             relative_error_percent=total,
             heldout_relative_error_percent=None if unseen is None else unseen[1],
             heldout=holdout[2] if holdout else "nothing held out",
-            heldout_by_set={key: value[1] for key, value in held.items()},
             rank=plain.solution.rank,
             condition_number=condition_number(plain.whitened, plain.solution.rank),
             condition_number_scaled=plain.solution.condition_number_scaled,
@@ -237,8 +222,7 @@ def estimate(
         knowledge=knowledge,
         prior=prior,
         physical=post.physical,
-        in_force=in_force,
-        choice=choice,
+        in_force="physical" if physical else "plain",
         model_error=error,
         findings=(
             *excitation,
@@ -249,8 +233,8 @@ def estimate(
                 plain,
                 joint_rms(*stack.whole, post.alone),
                 knowledge,
-                in_force,
                 error,
+                physical=physical,
             ),
             *apart_findings(base, stack, theta, error),
         ),
@@ -285,42 +269,35 @@ def _of_squares(stack: Stack, left: Floats) -> tuple[Floats, float]:
     return np.sqrt(left / np.maximum(counts, 1)), float(100.0 * np.sqrt(left.sum()) / torque)
 
 
-def _sets(
-    base: BaseModel, plain: Fit, post: Posterior
-) -> dict[str, tuple[Floats, Floats, ModelError | None]]:
-    """Return base parameters (p,), their covariance (p, p) and the model error of both sets.
-
-    No drive has negative friction or rotor inertia, whatever a log of one motion says, so the plain set that may be in
-    force has none either.
-    """
-    table, reduction = base.model.parameters, base.reduction
-    alone = [
-        len(reduction.terms(i)) == 1 and table[k].kind in POSITIVE
-        for i, k in enumerate(reduction.base)
-    ]
-    theta = plain.theta
-    if plain.solution.rank == len(theta):
-        theta = nonnegative(plain.whitened, theta, np.array(alone, dtype=bool))
-    return {
-        "plain": (theta, plain.covariance, None),
-        "physical": (post.theta, post.covariance, post.error),
-    }
-
-
 def _held_out(
-    base: BaseModel, holdout: HoldOut, prior: Floats, method: str, post: Posterior, refit: Refit
-) -> dict[str, tuple[Floats, float]]:
-    """Return the errors of each set on the held-out rows, fitted without them."""
+    base: BaseModel,
+    holdout: HoldOut,
+    prior: Floats,
+    method: str,
+    refit: Refit,
+    *,
+    physical: bool,
+    like: ModelError | None,
+) -> tuple[Floats, float]:
+    """Return the errors on the held-out rows of what is fitted without them, as ``_of_squares`` does.
+
+    Args:
+        base: model and base parameters.
+        holdout: rows that are fitted, and those that judge.
+        prior: prior base parameters, (p,).
+        method: the estimator.
+        refit: makes such an estimate of some joints.
+        physical: whether possible parameters predict.
+        like: model error whose sizes and joints apart are taken; None for none.
+    """
     train, test, _ = holdout
     fit = METHODS[method](train, prior, corrected=False)
+    if not physical:
+        return _of_squares(test, squares(test, fit.theta, None))
     again = physical_posterior(
-        base, fit, train, refit=refit, residual_model=post.error is not None, like=post.error
+        base, fit, train, refit=refit, residual_model=like is not None, like=like
     )
-    sets = _sets(base, fit, again)
-    return {
-        key: _of_squares(test, squares(test, theta, error))
-        for key, (theta, _, error) in sets.items()
-    }
+    return _of_squares(test, squares(test, again.theta, again.error))
 
 
 def _qualities(stack: Stack, rms: Floats, held: Floats | None) -> tuple[JointQuality, ...]:
@@ -387,47 +364,6 @@ def _require_followed(stack: Stack, fit: Fit) -> None:
     )
     if contradicts(left, least):
         raise WeakInstruments(f"iv leaves {left:.3g} % of the torque, wls {least:.3g} %")
-
-
-def _in_force(
-    stack: Stack,
-    method: str,
-    plain: Fit,
-    post: Posterior,
-    judged: Callable[[str], tuple[Floats, float, ExpectedError]],
-) -> tuple[str, str]:
-    """Decide which parameters are in force, and say why.
-
-    The plain estimate describes the motion that it was fitted to best, and other motions badly; only where no possible
-    arm comes near the data, and the log determines all parameters well, is something missing that it holds better.
-    """
-    if method != "auto":
-        return "plain", "the estimator was chosen with --method"
-    # Why not the plain set: without the negative friction that the torques ask for, it may explain nothing either.
-    misfit, least = (relative_error(stack.whole[0], theta) for theta in (post.alone, plain.theta))
-    explains = "a physically possible arm explains the torques"
-    if post.error is not None and post.error.free.size:
-        misfit = judged("physical")[1]
-        names = ", ".join(stack.joints[j] for j in post.error.free)
-        explains = f"a physically possible arm explains all but a large torque that depends on {names}: try dynid gap"
-    if post.error is not None and post.error.joints_apart.size:
-        misfit = judged("physical")[1]
-        names = ", ".join(stack.joints[j] for j in post.error.joints_apart)
-        explains += f"; {names} contradicting the other joints, with parameters of their own"
-    figures = f"torque error {misfit:.2f} %, plain estimate {judged('plain')[1]:.2f} %"
-    if not contradicts(misfit, least):
-        return "physical", f"{explains} ({figures})"
-    # Why: few rows that many parameters were fitted to contradict nothing.
-    if plain.solution.condition_number_scaled > tuning.LARGE_CONDITION:
-        return "physical", f"the log does not determine the plain estimate ({figures})"
-    missing = f"no physically possible arm explains the torques ({figures}), so something is missing: try dynid gap"
-    expected = {key: judged(key)[2].exciting_percent for key in SETS.values()}
-    if expected["physical"] < tuning.CLEARLY_BETTER * expected["plain"]:
-        return (
-            "physical",
-            f"{missing}; on other motions the physical parameters should still be better",
-        )
-    return "plain", missing
 
 
 # ---------------------------------------------------------------- what logs and fits are worth, as findings
@@ -644,8 +580,9 @@ def physics_findings(
     plain: Fit,
     rms: Floats,
     knowledge: tuple[str, ...],
-    in_force: str,
     error: ModelError | None,
+    *,
+    physical: bool,
 ) -> list[Finding]:
     """Say when the plain numbers belong to no arm, when no arm comes near them, and when the log says little.
 
@@ -655,8 +592,8 @@ def physics_findings(
         plain: the plain estimate.
         rms: residual of the physical set at each joint, (n,) [N m or N].
         knowledge: how well each parameter is known, (p,).
-        in_force: which set is.
         error: the model error in force, None without.
+        physical: whether the possible parameters are.
     """
     found = []
     open_ = sum(word == NOT_DETERMINED for word in knowledge) / len(knowledge)
@@ -668,7 +605,7 @@ def physics_findings(
             if open_ > tuning.MANY_OPEN
             else "check sign and offset of each joint under `driver:` in the robot file"
         )
-        level = "info" if in_force == "physical" or open_ > tuning.MANY_OPEN else "warning"
+        level = "info" if physical or open_ > tuning.MANY_OPEN else "warning"
         text = f"the mass matrix of the plain fit is not positive definite in {100 * share:.0f} % of poses: {cause}"
         found.append(Finding("W405", level, text, {"share": share}))
     growth = rms / np.maximum(plain.rms, 1e-12)
@@ -697,9 +634,7 @@ def physics_findings(
         plain_text = (
             "the plain estimate holds for motions like this one only; for others use --feasible"
         )
-        consequence = (
-            "their values come mostly from the prior" if in_force == "physical" else plain_text
-        )
+        consequence = "their values come mostly from the prior" if physical else plain_text
         text = f"{count} are not determined by this log: {consequence}"
         found.append(Finding("W406", "warning", text, {"share": open_}))
     return found

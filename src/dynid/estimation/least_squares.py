@@ -333,31 +333,6 @@ def prior_rows(prior: Floats, covariance: Floats) -> Floats:
     )
 
 
-def nonnegative(whitened: Floats, theta: Floats, positive: NDArray[np.bool_]) -> Floats:
-    """Return the least-squares parameters of which some cannot be negative, (p,); theta itself where none is.
-
-    Args:
-        whitened: triangular factor of all rows divided by their noise, (p + 1, p + 1).
-        theta: the estimate without that knowledge, (p,).
-        positive: which parameters cannot be negative, (p,).
-    """
-    if not np.any(theta[positive] < 0.0):
-        return theta
-    p, free = len(theta), np.flatnonzero(~positive)
-    order = np.concatenate([free, np.flatnonzero(positive)])
-    length = np.linalg.norm(whitened[:-1, :-1], axis=0)[order]
-    length = np.where(length > 0.0, length, 1.0)
-    # Why in this order: what the others are does not change what the last rows say of those that cannot be negative.
-    R = triangle(whitened[:-1, order] / length)
-    b, f = R @ (theta[order] * length), len(free)
-    found = np.zeros(p)
-    found[f:] = nonnegative_least_squares(R[f:, f:], b[f:], 10 * p)
-    found[:f] = np.linalg.solve(R[:f, :f], b[:f] - R[:f, f:] @ found[f:])
-    result = np.empty(p)
-    result[order] = found / length
-    return result
-
-
 def joint_rms(factors: Floats, counts: Ints, theta: Floats) -> Floats:
     """Return the root mean square of each joint's residual for any parameters, (n,) [N m or N]."""
     residual = factors @ np.append(theta, -1.0)
@@ -405,67 +380,3 @@ def _freedom(rows: float, spent: float) -> float:
             f"{rows:.0f} rows for {spent:.0f} parameters", fix="record a longer motion"
         )
     return float(rows - spent)
-
-
-# ---------------------------------------------------------------- numbers that cannot be negative
-
-
-def nonnegative_least_squares(A: Floats, b: Floats, rounds: int) -> Floats:
-    """Return x >= 0, (p,), that minimises |A x - b|.
-
-    Why not SciPy: importing its optimisation takes longer than everything else that a log of a minute is checked for.
-
-    Source: Lawson, Hanson 1974, chapter 23, with an orthogonal basis of the columns in use that grows column by column.
-
-    Args:
-        A: columns, (m, p).
-        b: what they shall add up to, (m,).
-        rounds: limit of the columns that are taken in.
-    """
-    x, use = np.zeros(A.shape[1]), np.zeros(0, dtype=np.intp)
-    Q, inverse = np.zeros((len(b), 0)), np.zeros((0, 0))
-    barred = np.zeros(A.shape[1], dtype=bool)
-    least = 1e-13 * float(np.linalg.norm(A, axis=0).max(initial=0.0)) * float(np.linalg.norm(b))
-    for _ in range(rounds):
-        gradient = A.T @ (b - A[:, use] @ x[use])
-        gradient[use] = -np.inf
-        gradient[barred] = -np.inf
-        new = int(np.argmax(gradient))
-        if not gradient[new] > least:
-            break
-        along = Q.T @ A[:, new]
-        own = A[:, new] - Q @ along
-        more = Q.T @ own
-        along, own = along + more, own - Q @ more
-        length = float(np.linalg.norm(own))
-        if (
-            length <= 1e-10 * float(np.linalg.norm(A[:, new]))
-            or float(own @ (b - A[:, use] @ x[use])) <= 0.0
-        ):
-            barred[new] = True
-            continue
-        use, Q = np.append(use, new), np.column_stack([Q, own / length])
-        inverse = np.block(
-            [
-                [inverse, -(inverse @ along)[:, None] / length],
-                [np.zeros((1, len(along))), 1.0 / length],
-            ]
-        )
-        barred[:] = False
-        wanted = inverse @ (Q.T @ b)
-        while len(use) and wanted.min() <= 0.0:
-            below = wanted <= 0.0
-            step = float(np.min(x[use][below] / (x[use][below] - wanted[below])))
-            x[use] += step * (wanted - x[use])
-            x[use[below & (x[use] <= 0.0)]] = 0.0
-            kept = ~below | (x[use] > 1e-13 * float(x.max()))
-            x[use[~kept]] = 0.0
-            if kept.all():
-                kept[np.argmin(np.where(below, x[use], np.inf))] = False
-                x[use[~kept]] = 0.0
-            use = use[kept]
-            Q, R = np.linalg.qr(A[:, use])
-            inverse = np.linalg.inv(R)
-            wanted = inverse @ (Q.T @ b)
-        x[use] = wanted
-    return x

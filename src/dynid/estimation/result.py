@@ -75,7 +75,6 @@ class Quality:
         relative_error_percent: 100 |tau - W theta| / |tau| on the rows that were fitted [%].
         heldout_relative_error_percent: the same on rows that were not; None where nothing was held out [%].
         heldout: what was held out.
-        heldout_by_set: held-out relative error of both sets, where rows were held out [%].
         rank: number of directions that the log excites.
         condition_number: of W with columns as they are.
         condition_number_scaled: of W with columns of unit length.
@@ -87,7 +86,6 @@ class Quality:
     relative_error_percent: float
     heldout_relative_error_percent: float | None
     heldout: str
-    heldout_by_set: dict[str, float]
     rank: int
     condition_number: float
     condition_number_scaled: float
@@ -120,7 +118,6 @@ class Identification:
         prior: prior values, NaN where there is none, (p,).
         physical: the physically possible parameters of the whole model nearest to data and prior.
         in_force: whether predictions use the ``"physical"`` set or the ``"plain"`` estimate.
-        choice: why.
         model_error: residual model of what the parameters leave unexplained; None where the data support none.
         findings: what is worth a warning.
         header: where it comes from: logs with their hashes, filter, delay, command, inputs.
@@ -143,7 +140,6 @@ class Identification:
     prior: Floats
     physical: PhysicalParameters
     in_force: str
-    choice: str
     model_error: ModelError | None = None
     findings: tuple[Finding, ...] = ()
     header: dict[str, Any] = field(default_factory=dict)
@@ -165,7 +161,6 @@ class Identification:
         "float | None", _part("quality.heldout_relative_error_percent")
     )
     heldout = cast("str", _part("quality.heldout"))
-    heldout_by_set = cast("dict[str, float]", _part("quality.heldout_by_set"))
     rank = cast("int", _part("quality.rank"))
     condition_number = cast("float", _part("quality.condition_number"))
     condition_number_scaled = cast("float", _part("quality.condition_number_scaled"))
@@ -503,7 +498,7 @@ class Identification:
         lines = [
             error,
             *self.expectation(),
-            f"used for predictions: {USED[self.in_force]}; {self.choice}",
+            f"used for predictions: {USED[self.in_force]}",
             f"parameters known: {counted(self.knowledge)}",
             f"condition number {self.condition_number_scaled:.3g} with normalised columns",
         ]

@@ -57,8 +57,6 @@ SCALARS = (
     "condition_number_scaled",
     "samples",
     "in_force",
-    "choice",
-    "heldout_by_set",
 )
 FULL_ARRAYS = ("x", "std_error", "data_share", "covariance", "hessian")
 FULL_SCALARS = ("names", "cost", "objective", "inflation")
@@ -202,7 +200,6 @@ def load(path: Path) -> Identification:
             quality=Quality(**measured, expected=ExpectedError.of(stored["expected"])),
             why=stored["why"],
             in_force=stored["in_force"],
-            choice=stored["choice"],
             theta=a["theta"],
             covariance=a["covariance"],
             std_error=a["std_error"],

@@ -231,9 +231,6 @@ FEW_STATES = 200
 LEAST_TORQUE = 0.05
 
 # ---------------------------------------------------------------- estimate
-#: Expected torque error on an exciting motion over that of the plain set up to which a set is clearly better.
-#: evidence: none yet.
-CLEARLY_BETTER = 0.75
 #: A parameter that differs from its prior by less than this share has not moved. evidence: none yet.
 PRIOR_UNCHANGED = 1e-9
 #: Samples of each fitted motion that a result keeps, so that a repetition of it is recognised: two minutes.
@@ -244,9 +241,6 @@ MOTION_SAMPLES = 600
 #: Torque error on an exciting motion that what a log leaves open costs, from which on it counts as poorly excited [%].
 #: A condition number would hang on the choice of base columns. evidence: none yet.
 POORLY_EXCITED_PERCENT = 50.0
-#: Beyond this condition number with normalised columns a plain estimate contradicts no possible arm.
-#: evidence: none yet.
-LARGE_CONDITION = 1000.0
 #: A physical set that explains the torques worse than the plain fit by more than this factor contradicts the data.
 #: evidence: none yet.
 CONTRADICTION = 1.5

@@ -77,12 +77,9 @@ def kept_model(found: Identification) -> KeptModel:
     """Return what an identification found as a model that is kept."""
     left = np.einsum("jkp,p->jk", found.factors, np.append(-found.plain, 1.0))
     rms = np.linalg.norm(left, axis=1) / np.sqrt(np.maximum(found.counts, 1))
-    # Why: the set in force is another, and leaves more or less of the rows that were held out.
-    held = found.heldout_by_set
-    share = held["plain"] / max(held[found.in_force], 1e-12) if found.in_force in held else 1.0
     # Why the larger one: on other motion a model leaves more than on what it was fitted to, and that is no change.
     unexplained = np.array(
-        [max(r, share * (j.heldout_rms or 0.0)) for r, j in zip(rms, found.joints, strict=True)]
+        [max(r, j.heldout_rms or 0.0) for r, j in zip(rms, found.joints, strict=True)]
     )
     return KeptModel(found.plain, found.plain_covariance, unexplained)
 

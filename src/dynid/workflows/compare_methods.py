@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import DynidError
@@ -33,6 +34,7 @@ class EstimatorRow:
     Attributes:
         method: estimator.
         result: what it found.
+        physical_percent: held-out relative error of the possible arm that it leads to [%].
         seconds: how long it took [s].
         possible: whether some arm has exactly these base parameters; None where the logs leave directions open.
         differs: parameters further from the chosen estimator's than the errors of both, the furthest first.
@@ -40,6 +42,7 @@ class EstimatorRow:
 
     method: str
     result: Identification
+    physical_percent: float | None
     seconds: float
     possible: bool | None
     differs: tuple[str, ...]
@@ -75,7 +78,6 @@ class MethodComparison:
         words = {True: "yes", False: "no", None: "-"}
         rows = []
         for row in self.rows:
-            held = row.result.heldout_by_set
             more = (
                 f" and {len(row.differs) - SHOWN_NAMES} more"
                 if len(row.differs) > SHOWN_NAMES
@@ -85,8 +87,8 @@ class MethodComparison:
                 {
                     "method": row.method + (" (auto)" if row.method == self.chosen else ""),
                     "unexplained": f"{row.result.relative_error_percent:.2f} %",
-                    "held out": f"{held['plain']:.2f} %",
-                    "physical set": f"{held['physical']:.2f} %",
+                    "held out": f"{row.result.heldout_relative_error_percent:.2f} %",
+                    "physical set": f"{row.physical_percent:.2f} %",
                     "time": f"{row.seconds:.2f} s",
                     "possible as it is": words[row.possible],
                     "differs beyond errors": ", ".join(row.differs[:SHOWN_NAMES]) + more or "-",
@@ -122,10 +124,8 @@ class MethodComparison:
                 {
                     "method": row.method,
                     "relative_error_percent": row.result.relative_error_percent,
-                    "heldout_relative_error_percent": row.result.heldout_by_set["plain"],
-                    "heldout_relative_error_percent_physical": row.result.heldout_by_set[
-                        "physical"
-                    ],
+                    "heldout_relative_error_percent": row.result.heldout_relative_error_percent,
+                    "heldout_relative_error_percent_physical": row.physical_percent,
                     "seconds": row.seconds,
                     "physically_consistent": row.possible,
                     "differs_from_auto": list(row.differs),
@@ -181,26 +181,29 @@ def compare_methods(
     holdout = last_share(stack, HELD_OUT)
     chosen, why = choose(stack)
     progress.stage("estimate", f"auto takes {chosen}: {why}")
-    found: dict[str, tuple[Identification, float]] = {}
+    found: dict[str, tuple[Identification, float | None, float]] = {}
     for name in sorted(METHODS, key=lambda name: name != chosen):
-        start = time.perf_counter()
+        start, fit = time.perf_counter(), partial(estimate, stack, base, method=name)
         try:
-            result = estimate(stack, base, method=name, holdout=holdout, drop_weak=True)
+            result = fit(holdout=holdout, drop_weak=True)
+            taken = time.perf_counter() - start
+            possible = fit(holdout=holdout, feasible=True).heldout_relative_error_percent
         except DynidError as error:
             progress.stage(name, f"not possible: {error}")
             continue
-        found[name] = (result, time.perf_counter() - start)
+        found[name] = (result, possible, taken)
     rows = tuple(
         EstimatorRow(
             name,
             result,
+            physical,
             seconds,
             is_possible(base, result.plain, result.plain_covariance)
             if result.rank == len(result.names)
             else None,
             tuple(differing(result, found[chosen][0])),
         )
-        for name, (result, seconds) in found.items()
+        for name, (result, physical, seconds) in found.items()
     )
     alarm = tuple(biased(found["wls"][0], found["iv"][0])) if {"wls", "iv"} <= set(found) else None
     delay = {key: header[key] for key in ("delay_s", "delay_std_error_s", "delay_applied_s")}

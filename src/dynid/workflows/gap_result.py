@@ -397,15 +397,9 @@ class Gap(GapRecord):
             applied_delay=late or 0.0,
             findings=(),
         )
-        asked = before.why == "as asked"
         options = IdentifyOptions(
-            method=before.method if asked else "auto",
-            # Why not where the data contradicted every possible arm: with what was missing they may not any more.
-            feasible=True
-            if before.in_force == "physical"
-            else False
-            if asked or before.choice == "as asked"
-            else None,
+            method=before.method if before.why == "as asked" else "auto",
+            feasible=before.in_force == "physical",
             # Why: an effect of one joint says nothing about how much is missing on the others.
             residual_model=before.model_error is not None
             if before.in_force == "physical"

@@ -237,7 +237,7 @@ class IdentifyOptions(PriorOptions, LogOptions):
     feasible: bool | None = option(
         None,
         "Predict with the physically possible parameters, or with the plain estimate (default: the physically possible "
-        "ones, unless the torques contradict every possible arm).",
+        "ones, unless --method names an estimator).",
         pair=True,
     )
     residual_model: bool | None = option(
@@ -323,7 +323,7 @@ def identify(
             method=options.method,
             holdout=held_out(seen, stack, options, progress),
             # Why: where the bodies are known, what the log leaves open has an answer.
-            drop_weak=options.drop_weak or options.feasible is True or options.given,
+            drop_weak=options.drop_weak or options.given,
             feasible=options.feasible,
             residual_model=options.residual_model,
             size=None if like is None or like.model_error is None else like.model_error.size,

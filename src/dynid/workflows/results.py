@@ -188,7 +188,8 @@ def answer_of(found: Identification) -> dict[str, Any]:
         "parameters": found.parameter_rows(),
         "physically_consistent": found.in_force == "physical",
         "in_force": found.in_force,
-        "heldout_relative_error_percent_by_set": found.heldout_by_set,
+        "heldout_relative_error_percent_by_set": {"physical": None, "plain": None}
+        | {found.in_force: found.heldout_relative_error_percent},
         "expected_torque_error": None if found.expected is None else found.expected.facts(),
         "residual_model": found.residual_facts(),
         "links": found.links(),

@@ -25,7 +25,6 @@ def result(theta, std_error, joints=JOINTS):
         "why": "",
         "physical": None,
         "in_force": "plain",
-        "choice": "",
         "robot": None,
         "fit": Fit(
             "wls", theta, np.full(2, 0.1), np.diag(error**2), np.zeros((0, 0, 0)), np.zeros(0, int)
@@ -36,7 +35,7 @@ def result(theta, std_error, joints=JOINTS):
         "std_error": error,
         "knowledge": ("well",) * p,
         "prior": np.full(p, np.nan),
-        "quality": Quality(joints, 1.5, 1.6, "last 20 %", {}, p, 50.0, 30.0, 1000),
+        "quality": Quality(joints, 1.5, 1.6, "last 20 %", p, 50.0, 30.0, 1000),
     }
     return Identification(**facts)
 

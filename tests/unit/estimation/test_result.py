@@ -108,8 +108,6 @@ def test_what_is_saved_is_loaded(result, tmp_path):
         "why",
         "knowledge",
         "joints",
-        "heldout_by_set",
-        "choice",
         "findings",
         "cutoff",
     )

@@ -91,7 +91,6 @@ def gathered(tmp_path_factory):
             1.4,
             None,
             "nothing held out",
-            {},
             rank=p,
             condition_number=50.0,
             condition_number_scaled=30.0,
@@ -99,7 +98,6 @@ def gathered(tmp_path_factory):
         ),
         physical=physical,
         in_force="physical",
-        choice=NASTY,
         findings=(Finding("W402", "warning", NASTY),),
     )
     folder = tmp_path_factory.mktemp("run")

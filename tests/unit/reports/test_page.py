@@ -103,7 +103,7 @@ def test_nothing_is_fetched_and_no_script_runs(html):
 
 
 def test_names_are_text_wherever_they_stand(html):
-    """Robot, joint, log, command, finding, choice: none of them becomes an element, each stands where it belongs."""
+    """Robot, joint, log, command, finding: none of them becomes an element, each stands where it belongs."""
     assert "<b>x" not in html
     assert {anchor: text.count(NASTY) for anchor, text in by_section(html).items()} == {
         "": 2,  # title and heading
@@ -117,7 +117,7 @@ def test_names_are_text_wherever_they_stand(html):
         "unseen": 3,  # heading, list of joints, panel of the figure
         "residual": 1,  # a row of panels
         "gap": 0,
-        "physics": 1,  # why the set is in force
+        "physics": 0,
         "limits": 1,  # speeds reached
     }
 

@@ -101,7 +101,7 @@ def test_every_estimator_is_tried_on_the_same_log(arm):
     assert found.biased is None
     assert found.alarm() == ""
     assert found.rows[0].differs == ()
-    assert found.rows[0].result.heldout_by_set["plain"] == pytest.approx(
+    assert found.rows[0].result.heldout_relative_error_percent == pytest.approx(
         found.rows[0].result.relative_error_percent, rel=0.3
     )
     answer = found.facts()
