@@ -132,19 +132,14 @@ class Quintic:
         length = np.diff(knots)[segment]
         return segment, (t - knots[segment]) / length, length
 
-    def polynomials(self, c: Floats) -> Floats:
-        """Return the segments' polynomials in s = 0 ... 1, highest power first, (segments, 6, n) [rad or m]."""
-        nodes = (self._free @ c).reshape(len(self.knots), 3, -1)
-        lengths = np.diff(self.knots)[:, None, None] ** np.arange(3)[None, :, None]
-        found: Floats = HERMITE @ np.concatenate(
-            [nodes[:-1] * lengths, nodes[1:] * lengths], axis=1
-        )
-        return found
-
     def stationary(self, c: Floats, order: int = 0) -> list[Floats]:
         """Return the knots and all roots of the next derivative, joint by joint, (times,) [s], from c, (size, n)."""
-        slopes = (self.polynomials(c) * _falling(order + 1)[None, :, None])[:, : 5 - order]
         knots = np.array(self.knots)
+        nodes = (self._free @ c).reshape(len(knots), 3, -1)
+        lengths = np.diff(knots)[:, None, None] ** np.arange(3)[None, :, None]
+        # The segments' polynomials in s = 0 ... 1, highest power first, (segments, 6, n).
+        polynomials = HERMITE @ np.concatenate([nodes[:-1] * lengths, nodes[1:] * lengths], axis=1)
+        slopes = (polynomials * _falling(order + 1)[None, :, None])[:, : 5 - order]
         found = []
         for j in range(c.shape[1]):
             times = [knots]

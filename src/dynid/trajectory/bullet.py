@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -255,42 +254,13 @@ class World:
 
 
 def _draw(world: World, job: dict[str, Any], times: Floats, poses: Floats) -> None:
-    """Write the still and the animation, the latter with as many pictures as there is time for."""
-    begin = time.monotonic()
-
-    def frame(index: int) -> tuple[float, NDArray[np.uint8]]:
-        return float(times[index]), world.picture(poses[index], *job["camera"])
-
-    if not (job["picture"] or job["animation"]):
-        return
-    stills = {k: frame(k) for k in _evenly(len(poses), STILLS)}
+    """Write the still and the animation."""
     traces = (job["labels"], times, poses, job["lower"], job["upper"])
-    if job["picture"]:
-        still(Path(job["picture"]), list(stills.values()), traces, job["title"])
-    if job["animation"]:
-        frames: dict[int, tuple[float, NDArray[np.uint8]]] = {}
-        for k in _coarse_to_fine(len(poses)):
-            if (
-                job["seconds"] is not None
-                and time.monotonic() - begin > tuning.DRAWING_TIME_SHARE * job["seconds"]
-            ):
-                break
-            if k not in frames:
-                frames[k] = frame(k)
-        if len(frames) < STILLS:
-            frames |= stills
-        animation(Path(job["animation"]), [frames[k] for k in sorted(frames)], traces, job["title"])
-
-
-def _evenly(length: int, count: int) -> list[int]:
-    return [int(k) for k in np.linspace(0, length - 1, count).round()]
-
-
-def _coarse_to_fine(length: int) -> Iterator[int]:
-    """Yield the poses of the animation so that those drawn so far are spread over the motion at any time."""
-    every = _evenly(length, FRAMES)
-    for step in (4, 2, 1):
-        yield from every[::step]
+    for kind, count, write in (("picture", STILLS, still), ("animation", FRAMES, animation)):
+        if job[kind]:
+            at = np.linspace(0, len(poses) - 1, count).round().astype(int).tolist()
+            shown = [(float(times[k]), world.picture(poses[k], *job["camera"])) for k in at]
+            write(Path(job[kind]), shown, traces, job["title"])
 
 
 def run(job_path: Path) -> None:

@@ -22,8 +22,8 @@ Traces = tuple[list[str], Floats, Floats, list[float], list[float]]
 COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#000000", "#9a8a00")
 #: Height of the traces and width of their labels [pixels].
 TRACES, MARGIN = 230, 150
-#: Length of the animation and the least time that a picture of it is shown [ms].
-SHOWN, LEAST = 6000.0, 20
+#: Length of the animation [ms].
+SHOWN = 6000
 _TITLE = 26
 #: Space between the poses of a still [pixels].
 _GAP = 4
@@ -62,14 +62,14 @@ def animation(path: Path, pictures: list[Picture], traces: Traces, title: str) -
         frame.paste(Image.fromarray(picture), (0, _TITLE))
         _traces(draw, (0, _TITLE + height, width, frame.height), traces, [time])
         frames.append(frame.quantize(64))
-    # Why: where time was short some pictures are missing, and the others are shown longer.
-    length = np.diff(
-        [time for time, _ in pictures], append=pictures[-1][0] * (1 + 1 / len(pictures))
-    )
-    shown = np.maximum(SHOWN * length / max(length.sum(), 1e-9), LEAST).astype(int).tolist()
     with written_whole(path) as stream:
         frames[0].save(
-            stream, "GIF", save_all=True, append_images=frames[1:], duration=shown, loop=0
+            stream,
+            "GIF",
+            save_all=True,
+            append_images=frames[1:],
+            duration=SHOWN // len(frames),
+            loop=0,
         )
 
 

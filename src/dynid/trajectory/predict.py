@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,13 +37,11 @@ class Prediction:
         figures: condition numbers and smallest singular value of W, unweighted.
         std_error: standard error of each base parameter, (p,); infinity where the motion shows nothing.
         torque_error: expected rms torque error on other motions, mean of all joints [N m].
-        information: information matrix in the noise that was given, (p, p).
     """
 
     figures: Figures
     std_error: Floats
     torque_error: float
-    information: Floats
 
 
 def predict(
@@ -70,7 +67,7 @@ def predict(
     covariance, seen = _inverse(total)
     std_error = np.where(seen, np.sqrt(np.maximum(np.diag(covariance), 0.0)), np.inf)
     error = np.sqrt(np.sum(other * covariance) / model.robot.n) if seen.all() else np.inf
-    return Prediction(figures(raw), std_error, float(error), total)
+    return Prediction(figures(raw), std_error, float(error))
 
 
 def information_of(
@@ -155,7 +152,6 @@ def alpha_table(
     other: Floats,
     samples: int,
     known: Floats | None = None,
-    alphas: Sequence[float] = tuning.RECOMMENDED_ALPHAS,
 ) -> tuple[AlphaRow, ...]:
     """Return what each speed factor costs, for logs of equally many samples as the motion at full speed has.
 
@@ -169,13 +165,12 @@ def alpha_table(
         other: mean of P^T P over the motions to predict, (p, p), from ``held_out``.
         samples: number of samples of the log at full speed.
         known: information matrix of earlier logs; None without any.
-        alphas: speed factors.
     """
     count = tuning.ALPHA_TABLE_SAMPLES
     # Why: fewer samples show the same of a motion, and count for as many as the log has.
     noise = noise * np.sqrt(tuning.ALPHA_TABLE_SAMPLES / samples)
     rows = []
-    for alpha in sorted({*alphas, trajectory.alpha}):
+    for alpha in sorted({*tuning.RECOMMENDED_ALPHAS, trajectory.alpha}):
         slowed = replace(trajectory, alpha=alpha)
         motion = slowed.motion(slowed.duration * (np.arange(count) + 0.5) / count)
         found = predict(model, columns, motion, noise, other, known)

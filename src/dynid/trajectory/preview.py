@@ -64,7 +64,6 @@ class Drawing:
         needed: whether a missing PyBullet is an error.
         sketch: draws the still where PyBullet is missing, from its path, the motion, the arm's capsules, the nearest
             distances and the title.
-        until: when the time for pictures is over, by ``time.monotonic`` [s]; the animation then has fewer of them.
     """
 
     picture: Path | None = None
@@ -72,7 +71,6 @@ class Drawing:
     title: str = ""
     needed: bool = False
     sketch: Sketch | None = None
-    until: float | None = None
 
     @property
     def wanted(self) -> bool:
@@ -309,9 +307,6 @@ def _job(
         "camera": _camera(robot, q),
         "room": Capsules(robot, scene).room(),
         "title": drawing.title if drawing else "",
-        "seconds": drawing.until - time.monotonic()
-        if drawing and drawing.until is not None
-        else None,
         "window": window,
         "measure": near is not None,
         "near": near,

@@ -81,8 +81,6 @@ MEASURED_RATE_HZ, MOST_MEASURED_POSES = 100.0, 3000
 DRAWING_TIMEOUT_S, WINDOW_TIMEOUT_S = 600.0, 60.0
 #: Poses that the camera keeps in view, and the share of the picture that they fill at most. evidence: by eye.
 CAMERA_POSES, CAMERA_FILLED_SHARE = 200, 0.92
-#: Share of the time for pictures that goes into drawing; the rest puts them into the animation. evidence: none yet.
-DRAWING_TIME_SHARE = 0.6
 
 # ---------------------------------------------------------------- what a motion is searched by
 #: Samples at which contact is looked for, for each one of the regressor, and which of them that is. evidence: none yet.

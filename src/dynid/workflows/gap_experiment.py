@@ -44,9 +44,13 @@ def question_of(record: GapRecord, base: BaseModel, theta: NDArray[np.float64]) 
             fix="give the robot file that was searched",
         )
     rivalries = tuple(
-        _rivalry(one, key, text) for one in record.named for key, text in _rivals(one)
+        _rivalry(one, key, text)
+        for one in record.named
+        for key, text in zip(one.rival_keys, one.rivals, strict=True)
     )
-    unexplained = () if record.verdict != "unexplained" or record.formulas else _loud(record)
+    unexplained: tuple[int, ...] = ()
+    if record.verdict == "unexplained" and not record.formulas:
+        unexplained = tuple(sorted(one.joint for one in record.joints if one.chi > LOUD))
     if not rivalries and not unexplained:
         raise WrongUsage(
             "--for-gap: the search left no question that a motion could answer",
@@ -58,10 +62,6 @@ def question_of(record: GapRecord, base: BaseModel, theta: NDArray[np.float64]) 
     )
 
 
-def _rivals(one: GapEffect) -> list[tuple[tuple[str, tuple[int, ...]], str]]:
-    return list(zip(one.rival_keys, one.rivals, strict=True))
-
-
 def _rivalry(one: GapEffect, key: tuple[str, tuple[int, ...]], text: str) -> Rivalry:
     from dynid.model.effects.catalogue import CATALOGUE
     from dynid.trajectory.separation import Rivalry
@@ -71,10 +71,6 @@ def _rivalry(one: GapEffect, key: tuple[str, tuple[int, ...]], text: str) -> Riv
     amplitudes = np.array([one.values[name] for name in effect.amplitudes(shape)])
     where = f"{one.effect} on {one.where} and {text}"
     return Rivalry(effect, one.indices, shape, amplitudes, CATALOGUE[key[0]], key[1], where)
-
-
-def _loud(record: GapRecord) -> tuple[int, ...]:
-    return tuple(sorted(one.joint for one in record.joints if one.chi > LOUD))
 
 
 def _theta(

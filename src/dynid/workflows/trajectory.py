@@ -53,8 +53,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-#: Share of the time limit that prediction and files may need after the pictures.
-FILES = 0.05
 #: A motion shorter than this at full speed is named as too short when it teaches little [s].
 SHORT = 10.0
 
@@ -193,9 +191,7 @@ def plan_trajectory(
         candidates = proposals(context, found)
     progress.stage("clearance")
     until = begin + options.seconds
-    drawing = replace(
-        drawing or Drawing(), until=None if given else until - FILES * options.seconds
-    )
+    drawing = drawing or Drawing()
     chosen, (check, clearance) = first_accepted(
         candidates,
         lambda motion: (
