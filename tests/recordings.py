@@ -139,14 +139,3 @@ def write_text(
         lines.append(delimiter.join(cell.replace(".", ",") if comma else cell for cell in cells))
     path.write_text("\n".join(lines) + "\n")
     return path
-
-
-def write_parquet(path: Path, log: Log) -> Path:
-    import pyarrow as pa
-    from pyarrow import parquet
-
-    columns = {"t": log.t}
-    columns |= {f"q_{name}": log.q[:, k] for k, name in enumerate(log.names)}
-    columns |= {f"tau_{name}": log.tau[:, k] for k, name in enumerate(log.names)}
-    parquet.write_table(pa.table(columns), path)
-    return path

@@ -12,13 +12,12 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from dynid.files.bag import write_bag
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.robot import Robot
+from dynid.sim.arm import track
 from dynid.sim.plant import Plant, read_plant
 from dynid.sim.sines import SineSpec, sines
-from dynid.sim.track import track
 
 HERE = Path(__file__).parent
 #: Stamps count from 1 March 2022, 12:00 UTC.
@@ -52,12 +51,37 @@ def make_log(plant: Plant, robot: Robot, limits: dict[str, float], entry: dict[s
     check_torques(robot, truth.tau)
     log = as_published(robot, plant.sensors.measure(truth, robot.log_names, rng))
     path = HERE / str(entry["file"])
-    write_bag(log, path, robot.driver.topic, START)
+    write_bag(log, path, robot.driver.topic)
     lag = np.degrees(np.abs(truth.q - truth.q_ref).max())
     print(  # noqa: T201
         f"{path.name}: seed {entry['seed']}, {len(log)} samples, {entry['rate']} Hz, "
         f"{path.stat().st_size / 1e6:.2f} MB, largest tracking error {lag:.2f} deg"
     )
+
+
+def write_bag(log: Log, path: Path, topic: str) -> None:
+    """Write a log as a bz2-compressed bag of ROS 1 with sensor_msgs/JointState; equal logs give equal bytes."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store, kind = get_typestore(Stores.ROS1_NOETIC), "sensor_msgs/msg/JointState"
+    header, time = (
+        store.types[name] for name in ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    velocity = np.empty((len(log), 0)) if log.qd is None else log.qd
+    columns = [np.ascontiguousarray(x) for x in (log.q, velocity, log.tau)]
+    path.unlink(missing_ok=True)
+    writer = Writer(path)
+    writer.set_compression(Writer.CompressionFormat.BZ2)
+    with writer:
+        channel = writer.add_connection(topic, kind, typestore=store)
+        for i, stamp in enumerate((START + np.round(log.t * 1e9).astype(np.int64)).tolist()):
+            message = store.types[kind](
+                header(i, time(*divmod(stamp, 10**9)), ""),
+                list(log.names),
+                *(x[i] for x in columns),
+            )
+            writer.write(channel, stamp, bytes(store.serialize_ros1(message, kind)))
 
 
 def check_torques(robot: Robot, tau: np.ndarray) -> None:

@@ -184,7 +184,7 @@ class LogNotFound(DynidError):
     """There is no such log, or the file is not a log."""
 
     code, status = "E301", ExitStatus.INPUT
-    why = "a log is a .bag, .db3, .mcap, .npz, .csv, .tsv or .parquet file, or a folder of rosbag2 or of text files"
+    why = "a log is a .bag, .db3, .mcap, .npz, .csv or .tsv file, or a folder of rosbag2 or of text files"
     fix = "check the path"
 
 

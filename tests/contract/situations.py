@@ -192,7 +192,6 @@ ANSWERS = {
         check {run}/trajectory.npz --json
         simulate {arm} {motion} --json
         convert {unseen} -o log.npz --json
-        convert log.npz -o log.mcap --json
         convert log.npz -o log.csv --json
     """,
     "a list and the rest": """

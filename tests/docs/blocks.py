@@ -57,7 +57,11 @@ def folder_for(path, dynid="-m dynid"):
     shutil.copytree(ROOT / "robots", path / "robots")
     (path / "trajectories").symlink_to(ROOT / "trajectories")
     (path / "bin").mkdir()
-    for name, words in (("dynid", dynid), ("python3", "")):
+    for name, words in (
+        ("dynid", dynid),
+        ("python3", ""),
+        ("rosbags-convert", "-m rosbags.convert"),
+    ):
         program = path / "bin" / name
         program.write_text(f'#!/bin/sh\nexec "{sys.executable}" {words} "$@"\n')
         program.chmod(0o755)

@@ -34,8 +34,7 @@ def declared() -> dict[str, str]:
     """Return the versions of the packages that dynid needs, or can use, as pyproject.toml gives them."""
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     lists = [
-        re.search(rf"(?ms)^{name} = \[(.*?)\]$", text)[1]
-        for name in ("dependencies", "parquet", "cluster")
+        re.search(rf"(?ms)^{name} = \[(.*?)\]$", text)[1] for name in ("dependencies", "cluster")
     ]
     return dict(re.findall(r'"([A-Za-z0-9-]+)([^";]*)', " ".join(lists)))
 

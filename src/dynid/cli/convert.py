@@ -1,4 +1,4 @@
-"""``dynid convert LOG -o FILE``: a recording in another container."""
+"""``dynid convert LOG -o FILE``: a recording as .npz or .csv."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from dynid.workflows.convert import ConvertOptions
 @dynid_command(
     "convert",
     examples=(
-        "dynid convert run.bag -o run.mcap                  a bag of ROS 1 for ROS 2 and Foxglove",
         "dynid convert recording/ -o run.csv                a folder of rosbag2 as a table",
         "dynid convert lab.csv --robot my_arm.yaml -o run.npz",
     ),
@@ -28,7 +27,7 @@ from dynid.workflows.convert import ConvertOptions
     "target",
     type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="File to write: .mcap, .db3, .bag, .npz, .csv, .tsv or .parquet; -o FILE is the same.",
+    help="File to write: .npz or .csv; -o FILE is the same.",
 )
 @click.option(
     "--robot", metavar="ROBOT", help="The arm of the log, whose file names topic and columns."
@@ -41,7 +40,7 @@ def command(
     robot: str | None,
     **values: Any,  # noqa: ANN401
 ) -> ExitStatus:
-    """Write a recording in another format; every number stays as it was recorded."""
+    """Write a recording as .npz or .csv; every number stays as it was recorded."""
     from dynid.workflows.convert import convert
     from dynid.workflows.robots import load_robot
 
@@ -49,7 +48,7 @@ def command(
     if target is None:
         raise WrongUsage(
             "no file to write is given",
-            fix=shell("dynid", "convert", log, "-o", f"{log.stem}.mcap"),
+            fix=shell("dynid", "convert", log, "-o", f"{log.stem}.npz"),
         )
     if target.exists() and not common.force:
         raise OutputExists(f"{target} exists", fix="--force, or another --to")

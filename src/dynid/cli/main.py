@@ -50,7 +50,7 @@ COMMANDS: dict[str, Entry] = {
     "validate": Entry("Then", "replay an unseen log", "how wrong is the model, per joint"),
     "gap": Entry("Then", "name the missing effect, add it, show the gap shrink"),
     "check": Entry("", "look for mistakes in a robot file, a log or a result"),
-    "convert": Entry("", "write a recording in another format"),
+    "convert": Entry("", "write a recording as .npz or .csv"),
     "import": Entry("", "make a robot file from a URDF"),
     "compare": Entry("", "one table over many results"),
     "run": Entry("", "many robots and logs from one list"),

@@ -2,47 +2,49 @@
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import takewhile
 
-#: Names of a column that is time, and further ones in small letters and without their unit.
-TIME_NAMES = ("t", "time", "stamp", "timestamp", "seconds", "time_s", "t_s", "t[s]", "time[s]")
-_TIMES = (
-    frozenset(TIME_NAMES)
-    | frozenset(["zeit", "temps", "tiempo", "duration", "elapsed", "clock", "datetime"])
-    | {
-        "elapsed time",
-        "time stamp",
-    }
+#: Names of a column that is time, in small letters and without their unit.
+_TIMES = frozenset(
+    [
+        "t",
+        "time",
+        "stamp",
+        "timestamp",
+        "seconds",
+        "duration",
+        "elapsed",
+        "clock",
+        "zeit",
+        "temps",
+        "tiempo",
+    ]
 )
-#: A unit at the end of the name of a time column: time_ms, t[us], stamp (ns), Zeit [s].
+#: A unit at the end of the name of a time column: time_ms, t[us], stamp (ns), Time [s].
 _TIME_UNIT = re.compile(
-    r"(?:^|[_\s\[(./]+)(s|sec|secs|seconds|ms|msec|us|usec|µs|ns|nsec|nanosec)[\])]?$"
+    r"(?:^|[_\s\[(./]+)(s|secs?|seconds|ms|msec|us|usec|µs|ns|nsec|nanosec)[\])]?$"
 )
-_TIME_UNITS = {
-    "s": "s sec secs seconds",
-    "ms": "ms msec",
-    "us": "us usec µs",
-    "ns": "ns nsec nanosec",
-}
-_STAMP_PARTS = re.compile(r"(.*?)(n|nano)?(?:secs|sec|sek)", re.IGNORECASE)
 
 #: Words of column names and what they stand for; the first kind that has one of its words is taken.
 _WORDS = {
     "acceleration": "acc acceleration qdd ddq",
-    "velocity": "qd dq vel velocity velocities speed qp geschwindigkeit vitesse velocidad",
-    "effort": "tau torque torques trq effort efforts moment moments load drehmoment couple "
-    "i cur curr current currents iq strom courant ampere",
+    "velocity": "qd dq vel velocity velocities speed qp",
+    "effort": "tau torque torques trq effort efforts moment moments drehmoment load "
+    "i cur curr current currents iq ampere",
     "position": "q pos position positions angle angles theta winkel",
     "joint": "joint joints j jnt axis a",
+    "name": "name",
 }
 _KINDS = {word: kind for kind, words in reversed(_WORDS.items()) for word in words.split()}
-_CURRENT = frozenset(_WORDS["effort"].partition("couple ")[2].split())
+_CURRENT = frozenset(_WORDS["effort"].partition("load ")[2].split())
 #: Words of what was commanded and of what was measured, and of columns that are no joint's: tools and hands, estimates
 #: of what touches the arm, statistics.
 _QUALIFIED = {
-    "commanded": "ref reference target cmd command commanded des desired goal set setpoint soll d",
-    "measured": "actual measured meas msr act ist state",
+    "commanded": "ref reference target cmd command commanded des desired goal set setpoint d",
+    "measured": "actual measured meas msr act state",
     "other": "tcp tool flange ee cart cartesian gripper finger ext external contact temp temperature voltage window "
     "error err std var dtau offset limit",
 }
@@ -50,24 +52,19 @@ _COMMANDED, _MEASURED, _OTHER = (frozenset(words.split()) for words in _QUALIFIE
 _UNITS = {
     "rad": "rad",
     "deg": "deg",
-    "°": "deg",
-    "degree": "deg",
     "degrees": "deg",
-    "grad": "deg",
+    "°": "deg",
     "m": "m",
     "mm": "mm",
     "rad/s": "rad/s",
     "deg/s": "deg/s",
     "°/s": "deg/s",
     "rpm": "rpm",
-    "1/min": "rpm",
     "m/s": "m/s",
     "mm/s": "mm/s",
     "nm": "Nm",
-    "n.m": "Nm",
-    "n*m": "Nm",
-    "n·m": "Nm",
     "n m": "Nm",
+    "n*m": "Nm",
     "mnm": "mNm",
     "n": "N",
     "a": "A",
@@ -84,101 +81,40 @@ def time_unit(name: str) -> tuple[str, str]:
     """Return the name of a time column in small letters without its unit, and the unit s, ms, us or ns; "" for none."""
     name = name.lower().replace("\u03bc", "\u00b5")
     found = _TIME_UNIT.search(name)
-    unit = next(
-        (unit for unit, words in _TIME_UNITS.items() if found and found[1] in words.split()), ""
-    )
-    return name[: found.start() if found else None].strip(" _[("), unit
-
-
-def stamps_of(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the column of the stamps, or those of whole seconds and of the nanoseconds that are added; () for none."""
-    parts: dict[tuple[str, bool], str] = {}
-    for name in names:
-        if told := _STAMP_PARTS.fullmatch(name):
-            parts.setdefault((told[1].lower(), bool(told[2])), name)
-    pairs = [
-        (name, parts[key, True])
-        for (key, nano), name in parts.items()
-        if not nano and (key, True) in parts
-    ]
-    time = next((name for name in names if is_time(name)), None)
-    if pairs and (time is None or time in pairs[0]):
-        return pairs[0]
-    return (time,) if time else ()
+    if not found:
+        return name, ""
+    unit = {"s": "s", "m": "ms", "u": "us", "µ": "us", "n": "ns"}[found[1][0]]
+    return name[: found.start()].strip(" _[("), unit
 
 
 def unit_of(name: str, word: str = "") -> str:
     """Return the unit in brackets behind the name of a column, else the word of a line of units; "" for none."""
     bracket = re.search(r"[\[(]([^\[\]()]+)[\])]\s*$", name)
-    for text in (bracket[1] if bracket else "", word.strip("[]() ")):
-        if text.lower() in _UNITS:
-            return _UNITS[text.lower()]
-    return ""
+    words = (bracket[1] if bracket else "", word.strip("[]() "))
+    return next((_UNITS[text.lower()] for text in words if text.lower() in _UNITS), "")
 
 
-def suggested(names: Sequence[str]) -> dict[str, str]:
-    """Return patterns for ``driver: columns:`` that would find columns of these names; {} where none can be told."""
-    for families in (_numbered(names), _named(names)):
-        found = _paired(families)
-        if found:
-            like = [name for name in names if re.search(r"time|stamp", name.lower())]
-            time = stamps_of(names) or tuple(like[:1])
-            return ({"time": time[0]} if len(time) == 1 else {}) | found
-    return {}
+# ---------------------------------------------------------------- patterns
+def matched(pattern: str, names: Sequence[str], joints: Sequence[str]) -> list[str]:
+    """Return the columns of a pattern in chain order, [] where one is missing; numbers count from 0 or 1."""
+    for first in (1, 0):
+        found = [
+            pattern.replace("{i}", str(first + k)).replace("{name}", joint)
+            for k, joint in enumerate(joints)
+        ]
+        # Why: of an arm with six joints and columns 0 to 6, 0 to 5 are the arm and 6 is its gripper.
+        if set(found) <= set(names) and not (
+            first and "{i}" in pattern and pattern.replace("{i}", "0") in names
+        ):
+            return found
+    return []
 
 
-def _paired(families: dict[str, frozenset[str]]) -> dict[str, str]:
-    """Return the best families of positions and torques that have the same members, and what goes with them."""
-    families = {pattern: each for pattern, each in families.items() if len(each) > 1}
-    told = {pattern: _meaning(pattern) for pattern in families}
-    # Why the best of each first: names full of numbers have thousands of families, and pairs without end.
-    efforts: dict[frozenset[str], str] = {}
-    for pattern in sorted(
-        (p for p in families if told[p][0] == "effort"), key=lambda p: told[p][1]
-    ):
-        efforts.setdefault(families[pattern], pattern)
-    pairs = [
-        (told[p][1] + told[efforts[families[p]]][1], p, efforts[families[p]])
-        for p in families
-        if told[p][0] in ("position", "joint") and families[p] in efforts and len(families[p]) > 1
-    ]
-    if not pairs:
-        return {}
-    _, position, effort = min(pairs, key=lambda each: each[0])
-    found = {"position": position, "effort": effort}
-    for key, kind in (("velocity", "velocity"), ("reference", "commanded position")):
-        same = [p for p in families if told[p][0] == kind and families[p] == families[position]]
-        if same:
-            found[key] = min(same, key=lambda pattern: told[pattern][1])
-    named = [
-        p
-        for p in families
-        if "name" in _words(p) and families[position] == families[p] and "{i}" in p
-    ]
-    return found | ({"name": named[0]} if named else {})
-
-
-def _meaning(pattern: str) -> tuple[str, int]:
-    """Return what a family of columns is, "" for nothing of use, and how little its name says so."""
-    words = _words(pattern)
-    kinds = {_KINDS[word] for word in words if word in _KINDS}
-    kind = next((each for each in _WORDS if each in kinds), "")
-    if not kind or kind == "acceleration" or words.intersection(_OTHER):
-        return "", 0
-    if words.intersection(_COMMANDED):
-        return ("commanded position" if kind == "position" else ""), 0
-    doubt = (
-        4 * (kind == "joint")
-        + 2 * (kind == "effort" and in_amperes(pattern))
-        + words.isdisjoint(_MEASURED)
-    )
-    return kind, doubt
-
-
-def in_amperes(pattern: str) -> bool:
-    """Return whether a family of efforts is one of currents by its name."""
-    # Why: a current torque is a torque.
-    return {word for word in _words(pattern) if _KINDS.get(word) == "effort"} <= _CURRENT
+def usual_joints(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the joints of columns with the usual names; () where no position has a torque or a current beside it."""
+    own = [name[2:] for name in names if name.startswith("q_") and not name.startswith("q_ref_")]
+    has_effort = any(f"{kind}_{joint}" in names for joint in own for kind in ("tau", "i"))
+    return tuple(own) if has_effort else ()
 
 
 def members(pattern: str, names: Sequence[str]) -> list[str]:
@@ -187,24 +123,81 @@ def members(pattern: str, names: Sequence[str]) -> list[str]:
     return [found[1] for name in names if (found := re.fullmatch(form, name))]
 
 
-def usual_joints(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the joints of columns with the usual names; () where no position has a torque or a current beside it."""
-    own = [name[2:] for name in names if name.startswith("q_") and not name.startswith("q_ref_")]
-    return (
-        tuple(own)
-        if any(f"{kind}_{joint}" in names for joint in own for kind in ("tau", "i"))
-        else ()
+def template(names: Sequence[str]) -> dict[str, str]:
+    """Return patterns to fill in where the names of the columns do not tell what they hold."""
+    time = next(filter(is_time, names), "TIME")
+    return {"time": time, "position": "POSITION_{i}", "effort": "TORQUE_{i}"}
+
+
+def snippet(patterns: Mapping[str, str]) -> str:
+    """Return patterns as they stand in a robot file."""
+    inside = ", ".join(
+        f"{key}: {json.dumps(patterns[key], ensure_ascii=not patterns[key].isprintable())}"
+        for key in ("time", "name", "position", "velocity", "effort", "reference")
+        if key in patterns
     )
+    return f"columns: {{{inside}}}"
+
+
+def suggested(names: Sequence[str]) -> dict[str, str]:
+    """Return patterns for ``driver: columns:`` that would find columns of these names; {} where none can be told."""
+    found = _paired(_numbered(names)) or _paired(_named(names))
+    like = [name for name in names if re.search(r"time|stamp", name.lower())]
+    time = next((name for name in [*filter(is_time, names), *like]), "") if found else ""
+    return ({"time": time} if time else {}) | found
+
+
+def _paired(families: Mapping[str, frozenset[str]]) -> dict[str, str]:
+    """Return the best families of positions and torques that have the same members, and what goes with them."""
+    # Why the best of each first: names full of numbers have thousands of families, and pairs without end.
+    best: dict[tuple[str, frozenset[str]], tuple[int, str]] = {}
+    for pattern, each in families.items():
+        kind, doubt = _meaning(pattern)
+        if kind and len(each) > 1:
+            new = doubt, pattern
+            best[kind, each] = min(best.get((kind, each), new), new, key=lambda one: one[0])
+    pairs = [
+        (doubt + best["effort", each][0], each)
+        for (kind, each), (doubt, _) in best.items()
+        if kind == "position" and ("effort", each) in best
+    ]
+    if not pairs:
+        return {}
+    _, chosen = min(pairs, key=lambda pair: pair[0])
+    return {
+        kind: best[kind, chosen][1]
+        for kind in ("position", "effort", "velocity", "reference", "name")
+        if (kind, chosen) in best
+    }
+
+
+def _meaning(pattern: str) -> tuple[str, int]:
+    """Return what a family of columns is, "" for nothing of use, and how little its name says so."""
+    words = _words(pattern)
+    kinds = {_KINDS[word] for word in words if word in _KINDS}
+    kind = next((each for each in _WORDS if each in kinds), "")
+    if kind == "acceleration" or words.intersection(_OTHER):
+        return "", 0
+    if kind == "name":
+        return ("name" if "{i}" in pattern else ""), 0
+    if words.intersection(_COMMANDED):
+        return ("reference" if kind == "position" else ""), 0
+    doubt = 2 * (kind == "effort" and in_amperes(pattern)) + words.isdisjoint(_MEASURED)
+    return ("position", doubt + 4) if kind == "joint" else (kind, doubt)
+
+
+def in_amperes(pattern: str) -> bool:
+    """Return whether a family of efforts is one of currents by its name."""
+    # Why: a current torque is a torque.
+    return {word for word in _words(pattern) if _KINDS.get(word) == "effort"} <= _CURRENT
 
 
 def _words(pattern: str) -> set[str]:
     """Return the words of a name: letters between other signs, and parts that begin with a capital."""
     plain = re.sub(r"\{(i|name)\}", " ", pattern)
     plain = re.sub(r"[\[(][^\[\]()]*[\])]\s*$", " ", plain)
-    parts = re.findall(
-        r"[A-Za-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", plain)
-    )
-    return {part.lower() for part in parts}
+    plain = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", plain)
+    return {part.lower() for part in re.findall(r"[A-Za-z]+", plain)}
 
 
 def _numbered(names: Sequence[str]) -> dict[str, frozenset[str]]:
@@ -221,23 +214,24 @@ def _named(names: Sequence[str]) -> dict[str, frozenset[str]]:
 
     def split() -> Iterator[tuple[str, str]]:
         for kind in ("position", "velocity", "effort"):
-            some = [name for name in names if not is_time(name) and _meaning(name)[0] == kind]
-            if len(some) < 2:
-                continue
+            some = [
+                name
+                for name in names
+                if not is_time(name) and _meaning(name) in [(kind, doubt) for doubt in range(4)]
+            ]
             start = _shared_start(some)
-            end = _shared_start([name[len(start) :][::-1] for name in some])[::-1]
-            for name in some:
-                yield f"{start}{{name}}{end}", name[len(start) : len(name) - len(end)]
+            rest = [name[len(start) :] for name in some]
+            end = _shared_start([name[::-1] for name in rest])[::-1]
+            for name in rest if len(some) > 1 else ():
+                yield f"{start}{{name}}{end}", name[: len(name) - len(end)]
 
     return _families(split())
 
 
 def _shared_start(words: Sequence[str]) -> str:
     """Return the letters that all words begin with."""
-    first, last = min(words), max(words)
-    return first[
-        : next((k for k, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), len(first))
-    ]
+    pairs = zip(min(words, default=""), max(words, default=""), strict=False)
+    return "".join(a for a, _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
 
 
 def _families(members: Iterable[tuple[str, str]]) -> dict[str, frozenset[str]]:

@@ -10,7 +10,16 @@ import numpy as np
 from dynid.drivers.interface import JOINT_STATE
 from dynid.errors import Finding, LogLayout
 from dynid.files import logs, tables, tuning
-from dynid.files.columnwords import in_amperes, members, suggested, usual_joints
+from dynid.files.columnwords import (
+    in_amperes,
+    matched,
+    members,
+    snippet,
+    suggested,
+    template,
+    usual_joints,
+)
+from dynid.files.dialect import dialect_of
 from dynid.files.messages import KINOVA_TYPES, MULTI_ARRAY, Topic
 from dynid.log import Log
 from dynid.text import yaml_word
@@ -69,11 +78,7 @@ class Inspected:
     def snippet(self) -> str:
         """Return the part of a robot file that reads this recording, "" where nothing can be told."""
         if not self.joints:
-            return (
-                f"driver:\n  kind: generic\n  {tables.snippet(self.patterns)}"
-                if self.patterns
-                else ""
-            )
+            return f"driver:\n  kind: generic\n  {snippet(self.patterns)}" if self.patterns else ""
         # Why torques first: commands are published as joint states too, and more often.
         chosen = max(self.joints, key=lambda each: (each.has_torques, len(each.log)))
         lines = ["driver:", "  kind: generic"]
@@ -88,7 +93,7 @@ class Inspected:
             names = ", ".join(map(yaml_word, chosen.log.names))
             lines.append(f"  joint_names: [{names}]    # put them in the order base to tip")
         if self.patterns:
-            lines.append(f"  {tables.snippet(self.patterns)}")
+            lines.append(f"  {snippet(self.patterns)}")
         units = chosen.units
         if (
             self.patterns
@@ -105,17 +110,17 @@ class Inspected:
         return "\n".join(lines)
 
 
-def inspect(path: Path, kind: str, rate: float | None = None) -> Inspected:
-    """Read a recording without knowing its arm.
+def inspect(path: Path, rate: float | None = None) -> Inspected:
+    """Return what a recording holds, without knowing its arm.
 
     Args:
-        path: the recording.
-        kind: ``"bag"``, ``"rosbag2"``, ``"table"``, ``"npz"`` or ``"folder"``.
+        path: any recording.
         rate: sample rate of tables without time [Hz].
 
     Raises:
-        DynidError: nothing of it can be read.
+        DynidError: it is no recording, or nothing of it can be read.
     """
+    kind = logs.format_of(path)
     if kind in ("bag", "rosbag2"):
         container = logs.container_of(kind)
         topics = container.list_topics(path)
@@ -142,12 +147,12 @@ def inspect(path: Path, kind: str, rate: float | None = None) -> Inspected:
 
 
 def _table(path: Path, rate: float | None) -> Inspected:
-    columns = tables.column_names(path)
+    columns = dialect_of(path).names
     patterns: dict[str, str] = {}
     names: list[str] = []
     if not usual_joints(columns) and (patterns := suggested(columns)):
         position = patterns["position"]
-        n = max(len(tables.matched(position, columns, [""] * k)) for k in range(1, 33))
+        n = max(len(matched(position, columns, [""] * k)) for k in range(1, 33))
         names = (
             members(position, columns)
             if "{name}" in position
@@ -156,12 +161,12 @@ def _table(path: Path, rate: float | None) -> Inspected:
     try:
         log = tables.read_table(path, names, patterns, rate)
     except LogLayout:
-        if usual_joints(columns) or patterns:
+        if not columns or usual_joints(columns) or patterns:
             raise
         text = (
             f"{path.name}: which of {len(columns)} columns are positions and torques does not "
             f"follow from their names"
         )
         unknown = Finding("W330", "warning", text, {"columns": list(columns)})
-        return Inspected(path, {}, columns, (), tables.template(columns), (unknown,))
+        return Inspected(path, {}, columns, (), template(columns), (unknown,))
     return Inspected(path, {}, columns, (Joints("", log),), patterns, log.findings)

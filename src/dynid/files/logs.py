@@ -1,6 +1,6 @@
 """Any recording -> ``Log``: which reader reads a file, and which of its numbers are the robot's.
 
-A further format is a file with a reader, its suffixes and its case in ``read_log`` and ``inspect_log``, and a row in
+A further format is a file with a reader, its suffixes and its case in ``read_log`` and ``inspect``, and a row in
 docs/reference/log-format.md. The module of a format is imported when a file of it is read.
 """
 
@@ -12,7 +12,7 @@ import json
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,9 +36,6 @@ from dynid.text import whole_number
 from dynid.units import POSITION
 from dynid.version import __version__
 
-if TYPE_CHECKING:
-    from dynid.files.inspect import Inspected
-
 #: Format of each suffix, and of the first bytes of a file that has none of these.
 FORMATS = {
     ".bag": "bag",
@@ -46,7 +43,6 @@ FORMATS = {
     ".npz": "npz",
     ".csv": "table",
     ".tsv": "table",
-    ".parquet": "table",
     ".db3": "rosbag2",
     ".mcap": "rosbag2",
 }
@@ -100,10 +96,12 @@ def format_of(path: Path) -> str:
     if path.is_dir():
         inside = (FORMATS.get(part.suffix) == "rosbag2" for part in path.iterdir())
         return "rosbag2" if (path / "metadata.yaml").is_file() or any(inside) else "folder"
+    if not path.is_file():
+        raise LogNotFound(f"cannot read {path}: it is no regular file", where=str(path))
     if path.suffix in FORMATS:
         return FORMATS[path.suffix]
     try:
-        with limits.open_file(path) as stream:
+        with path.open("rb") as stream:
             start = stream.read(max(map(len, STARTS)))
     except OSError as error:
         raise LogNotFound(f"cannot read {path}: {error.strerror}", where=str(path)) from error
@@ -157,21 +155,6 @@ def read_log(
         text = f"{path.name} does not name its columns: the order {', '.join(robot.log_names)} is assumed"
         log = replace(log, findings=(*log.findings, Finding("W320", "warning", text)))
     return log
-
-
-def inspect_log(path: Path, rate: float | None = None) -> Inspected:
-    """Return what a recording holds, without knowing its arm.
-
-    Args:
-        path: any recording.
-        rate: sample rate of text files without time [Hz].
-
-    Raises:
-        DynidError: it is no recording, or nothing of it can be read.
-    """
-    from dynid.files.inspect import inspect
-
-    return inspect(path, format_of(path), rate)
 
 
 def hash_of(path: Path) -> str:

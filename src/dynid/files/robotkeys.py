@@ -637,7 +637,7 @@ DRIVER = (
         "columns",
         mapping(COLUMNS, dict),
         "see [logs](log-format.md)",
-        "Names of the columns of CSV, TSV and Parquet files.",
+        "Names of the columns of CSV and TSV files.",
     ),
 )
 

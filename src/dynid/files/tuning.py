@@ -4,9 +4,9 @@
 MESSAGES = 4096
 #: Least share of distinct header stamps among the messages of a topic: a clock ticks. Evidence: none yet.
 LEAST_DISTINCT = 0.5
-#: Lines from which the dialect of a table is told, rows of numbers among them, and bytes from which its encoding is
-#: told [byte]. Evidence: tests/unit/files/test_tables_of_other_programs.py (headers of up to some tens of lines).
-FIRST_LINES, FIRST_ROWS, ENCODED_BYTES = 200, 40, 1 << 16
+#: Lines from which the dialect of a table is told, and rows of numbers among them. Evidence: headers of recorders have
+#: up to some tens of lines.
+FIRST_LINES, FIRST_ROWS = 200, 40
 #: Rows of a table that are turned into numbers together. Evidence: none yet.
 ROWS = 20_000
 

@@ -249,11 +249,11 @@ def inspected(path: Path, options: LogOptions) -> Checked:
     Raises:
         DynidError: nothing of it can be read.
     """
-    from dynid.files.logs import inspect_log
+    from dynid.files.inspect import inspect
     from dynid.workflows.logs import located
 
     with located(str(path)):
-        found = inspect_log(path, options.rate)
+        found = inspect(path, options.rate)
     lines = [
         ("topic", f"{topic.name}  {topic.type}, {topic.count} messages")
         for topic in found.topics.values()

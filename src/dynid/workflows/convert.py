@@ -1,4 +1,4 @@
-"""A recording in another container, with or without the robot file of its arm."""
+"""A recording as .npz or .csv, with or without the robot file of its arm."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def convert(
 
     Args:
         path: the recording.
-        target: the file to write: .mcap, .db3, .bag, .npz, .csv, .tsv or .parquet.
+        target: the file to write: .npz or .csv.
         robot: the arm, whose file says which topic and columns; None to take what is there.
         options: which joint states.
 
@@ -70,13 +70,13 @@ def convert(
         DynidError: the recording cannot be read, or the file cannot be written.
     """
     from dynid.files.convert import write_log
-    from dynid.files.logs import inspect_log
+    from dynid.files.inspect import inspect
 
     if robot is not None:
         log = read_log(path, robot, LogOptions(topic=options.topic, rate=options.rate))
         return Converted(write_log(log, Path(target)), log, log.findings)
     with located(str(path)):
-        found = inspect_log(Path(path), options.rate)
+        found = inspect(Path(path), options.rate)
         logs = [each.log for each in found.joints if options.topic in (None, each.topic)]
         if not logs:
             have = (

@@ -19,7 +19,6 @@ from recordings import (
     stamps,
     write_bag,
     write_mcap,
-    write_parquet,
     write_rosbag2,
     write_text,
 )
@@ -46,7 +45,6 @@ FORMATS = {
         at / "a.csv", log, ",", False, "# ", unit=1e9
     ),
     "TSV": lambda log, at: write_text(at / "a.tsv", log, "\t", True),
-    "Parquet": lambda log, at: write_parquet(at / "a.parquet", log),
     "npz": lambda log, at: log.save(at / "a.npz"),
 }
 

@@ -91,26 +91,6 @@ def test_names_suggest_their_columns():
     }
 
 
-def test_a_parquet_file_with_all_rows_in_one_group_is_read_piece_by_piece(tmp_path):
-    pa = pytest.importorskip("pyarrow")
-    parquet = pytest.importorskip("pyarrow.parquet")
-    rng, rows = np.random.default_rng(0), 500_000
-    columns = {
-        "t": np.arange(rows) / 500,
-        "q_a": rng.standard_normal(rows),
-        "tau_a": rng.standard_normal(rows),
-    }
-    parquet.write_table(pa.table(columns), tmp_path / "log.parquet", row_group_size=rows)
-    before, pool = pa.default_memory_pool(), pa.proxy_memory_pool(pa.default_memory_pool())
-    pa.set_memory_pool(pool)
-    try:
-        log = read_table(tmp_path / "log.parquet", ())
-    finally:
-        pa.set_memory_pool(before)
-    np.testing.assert_array_equal(log.tau[:, 0], columns["tau_a"])
-    assert 0 < pool.max_memory() < 8 << 20 < 8 * rows * len(columns)
-
-
 def test_the_unit_of_many_stamps_is_that_of_a_few():
     for count in (1000, 3_000_000):
         t = 1.7e12 + 2.0 * np.arange(count)
