@@ -1,52 +1,32 @@
-"""Child processes: they end with their parent, also when it is killed by force, and import nothing from the folder.
+"""Processes of Python that dynid starts: none of them imports from the working folder.
 
-Python puts the current folder first on its path for ``-m`` and ``-c``; a ``numpy.py`` that came with somebody's logs
-would then run.
+Python puts that folder first on its path for ``-m`` and ``-c``; a ``numpy.py`` that lies there would run.
 """
 
 from __future__ import annotations
 
-import errno
 import os
 import pickle
 import queue
-import runpy
-import signal
 import subprocess
 import sys
 import threading
-import time
 import traceback
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-#: Variable in which a child finds the number of its parent.
-PARENT = "_DYNID_PARENT"
-#: Where the system cannot tell, the child looks this often whether its parent is still there [s].
-PATIENCE = 0.5
-#: Status of a child that the machine has stopped, such as a full disk or a folder that may only be read.
-MACHINE = 6
-_MACHINE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EIO}
-_PR_SET_PDEATHSIG = 1
-_START = "import sys; sys.path[:1] = [sys.argv.pop(1)]; from dynid.children import {0}; {0}()"
 
-
-def command(module: str, *words: str) -> list[str]:
-    """Return the command line of a child that runs a module of this dynid; it needs ``environment``."""
-    return [
-        sys.executable,
-        "-c",
-        _START.format("main"),
-        str(Path(__file__).parents[1]),
-        module,
-        *words,
-    ]
+def python(code: str, *words: str) -> list[str]:
+    """Return the command line of a process that runs code, which imports this dynid and installed packages."""
+    root = str(Path(__file__).parents[1])
+    path = f"import sys; sys.path[:] = [{root!r}, *filter(None, sys.path)]; "
+    return [sys.executable, "-c", path + code, *words]
 
 
 class Worker:
-    """A process that runs a function of dynid and sends objects, without a word from the user's own script.
+    """A process that runs a function of dynid and sends objects, and ends when this process does.
 
     Why not multiprocessing: it runs the script that called dynid once more in each process, so that every script would
     have to guard itself by ``if __name__ == "__main__"``.
@@ -65,11 +45,14 @@ class Worker:
     ) -> None:
         # Why one thread of linear algebra: matrices are small, and threads would fight for the cores.
         modest = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-        words = [sys.executable, "-c", _START.format("serve"), str(Path(__file__).parents[1])]
-        with _deaf():
-            self._process = subprocess.Popen(
-                words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment() | modest
-            )
+        # Why a session of its own: Ctrl-C reaches every process of the terminal.
+        self._process = subprocess.Popen(
+            python("from dynid.children import serve; serve()"),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=os.environ | modest,
+            start_new_session=True,
+        )
         task = pickle.dumps((function, arguments))
         # Why a thread: the process reads its task only when it has imported what it needs.
         self._thread = threading.Thread(target=self._exchange, args=(task, arrived), daemon=True)
@@ -79,11 +62,11 @@ class Worker:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         # Why: a process that is ended in between leaves half an object, or a pipe that nobody reads.
-        with suppress(OSError, EOFError, pickle.UnpicklingError), self._process.stdout as answers:
-            with self._process.stdin as stdin:
-                stdin.write(task)
+        with suppress(OSError, EOFError, pickle.UnpicklingError):
+            self._process.stdin.write(task)
+            self._process.stdin.flush()
             while True:
-                arrived.put(pickle.load(answers))  # noqa: S301 - from a process of our own
+                arrived.put(pickle.load(self._process.stdout))  # noqa: S301 - from a process of our own
 
     def running(self) -> bool:
         """Return whether anything can still arrive."""
@@ -92,83 +75,30 @@ class Worker:
     def end(self) -> None:
         """End the process, whatever it does."""
         self._process.kill()
-        self._process.wait()
         self._thread.join()
-
-
-@contextmanager
-def _deaf() -> Iterator[None]:
-    """Let a new process ignore Ctrl-C, which reaches every process of the terminal, from its first instant."""
-    main = threading.current_thread() is threading.main_thread()
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
-    try:
-        yield
-    finally:
-        if main:
-            signal.signal(signal.SIGINT, handler)
+        with suppress(OSError), self._process:
+            pass
 
 
 def serve() -> None:
     """Do the task of a ``Worker``: read it from standard input, send objects to standard output."""
-    end_with_parent(signal.SIGKILL)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     # Why: a word that a library prints would be taken for an object.
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    function, arguments = pickle.load(sys.stdin.buffer)  # noqa: S301 - from the process that started this one
+    threading.Thread(target=_end_with_parent, daemon=True).start()
 
     def send(answer: Any) -> None:  # noqa: ANN401
         pickle.dump(answer, answers)
         answers.flush()
 
     try:
-        function, arguments = pickle.load(sys.stdin.buffer)  # noqa: S301 - from the process that started this one
         function(*arguments, send)
     except Exception:  # noqa: BLE001 - Why all: work that nobody hears of would look like work that found nothing.
         send(RuntimeError(traceback.format_exc()))
 
 
-def environment() -> dict[str, str]:
-    """Return the environment of a child that ends with this process."""
-    return {**os.environ, **variables()}
-
-
-def variables() -> dict[str, str]:
-    """Return the variables that such a child needs."""
-    return {PARENT: str(os.getpid()), "PYTHONSAFEPATH": "1"}
-
-
-def main() -> None:
-    """Run the module that the command line names."""
-    module = sys.argv[1]
-    # Why: a command of dynid puts its temporary files away, the others have nothing to put away.
-    end_with_parent(signal.SIGTERM if module == "dynid" else signal.SIGKILL)
-    sys.argv = sys.argv[1:]
-    try:
-        runpy.run_module(module, run_name="__main__", alter_sys=True)
-    except OSError as error:
-        if error.errno not in _MACHINE:
-            raise
-        sys.stderr.write(f"{error.strerror}\n")
-        sys.exit(MACHINE)
-
-
-def end_with_parent(number: int) -> None:
-    """Let this process get a signal when the one that started it with ``environment`` ends; nothing without one."""
-    parent = int(os.environ.pop(PARENT, "0") or "0")
-    if not parent:
-        return
-    if sys.platform.startswith("linux"):
-        import ctypes
-
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(number), 0, 0, 0)
-    else:
-        threading.Thread(target=_watch, args=(parent, number), daemon=True).start()
-    # Why: the parent may have ended before the system was asked to tell.
-    if os.getppid() != parent:
-        os._exit(130)
-
-
-def _watch(parent: int, number: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(PATIENCE)
-    os.kill(os.getpid(), number)
+def _end_with_parent() -> None:
+    """End this process when the other end of its standard input is closed."""
+    sys.stdin.buffer.read()
+    os._exit(1)

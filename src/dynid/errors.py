@@ -330,11 +330,11 @@ class LogLayout(DynidError):
 
 
 class TooLarge(DynidError):
-    """A file holds, or says it holds, more than dynid takes into memory."""
+    """A compressed file unpacks to far more than recordings and results do."""
 
     code, status = "E323", ExitStatus.INPUT
     why = "a file that somebody else made could fill the memory of this machine"
-    fix = "raise the limit with --limit NAME=VALUE; `dynid explain limits` lists them"
+    fix = "write it again without compression"
 
 
 class WrongMapping(DynidError):

@@ -23,6 +23,9 @@ from dynid.table import Table
 
 Floats = NDArray[np.float64]
 
+#: The model grows with the square of its joints; arms have up to ten.
+MOST_JOINTS = 32
+
 #: The 11 parameters of a link in the order of the paper's Table 5; the link number is appended.
 LINK_PARAMETERS = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "Im")
 #: Friction columns that a joint may have (Paper Eq. 7) and the prefix of their parameter names.

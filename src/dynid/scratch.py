@@ -1,7 +1,4 @@
-"""Temporary folders and files, and arrays that are too long for memory.
-
-Names carry the process that made them, ``dynid-<machine>-<process>-<random>``. A process that is killed by force cannot
-clean up; the next one that writes into the same folder does, as far as that process ran on this machine and has ended.
+"""Arrays that are too long for memory.
 
 A recording of hours has some hundred million numbers. They are decoded once, into a temporary file without a name that
 is mapped; from then on they are worked on piece by piece. After each piece ``release`` gives the pages of all such
@@ -10,17 +7,12 @@ files back, so that a process is no larger than one piece whatever the length.
 
 from __future__ import annotations
 
-import hashlib
 import mmap
 import os
-import re
-import shutil
 import tempfile
 import weakref
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
-from functools import cache
-from pathlib import Path
+from contextlib import suppress
 from typing import IO, Any
 
 import numpy as np
@@ -28,72 +20,6 @@ from numpy.typing import DTypeLike, NDArray
 
 from dynid.errors import CannotWrite
 
-_MARK = re.compile(r"dynid-([0-9a-f]{8})-(\d+)-[^/]*$")
-
-
-@cache
-def _machine() -> str:
-    """Return a word for this machine as it is running: the same process number elsewhere is another process."""
-    facts = [os.uname().nodename if hasattr(os, "uname") else ""]
-    for source in ("/proc/sys/kernel/random/boot_id", "/proc/self/ns/pid"):
-        with suppress(OSError):
-            place = Path(source)
-            facts.append(str(place.readlink()) if place.is_symlink() else place.read_text())
-    return hashlib.sha256("\n".join(facts).encode()).hexdigest()[:8]
-
-
-def prefix() -> str:
-    """Return what the names of this process's temporary files and folders begin with, or have after a dot."""
-    return f"dynid-{_machine()}-{os.getpid()}-"
-
-
-@contextmanager
-def scratch_folder(inside: Path | None = None) -> Iterator[Path]:
-    """Give a folder that is removed with the block; a hidden one where it is made beside results.
-
-    Args:
-        inside: where to make it; the system's folder for temporary files when None.
-    """
-    place = Path(tempfile.gettempdir()) if inside is None else inside
-    sweep(place)
-    with tempfile.TemporaryDirectory(
-        prefix=prefix() if inside is None else f".{prefix()}", dir=place, ignore_cleanup_errors=True
-    ) as folder:
-        yield Path(folder)
-
-
-_SWEPT: set[Path] = set()
-
-
-def sweep(folder: Path) -> None:
-    """Remove what processes that have ended left behind in a folder; once per folder and process."""
-    place = folder.absolute()
-    if place in _SWEPT:
-        return
-    _SWEPT.add(place)
-    with suppress(OSError), os.scandir(place) as entries:
-        for entry in entries:
-            match = _MARK.search(entry.name)
-            if match is None or match[1] != _machine() or _runs(int(match[2])):
-                continue
-            with suppress(OSError):
-                if entry.is_dir(follow_symlinks=False):
-                    shutil.rmtree(entry.path, ignore_errors=True)
-                else:
-                    Path(entry.path).unlink()
-
-
-def _runs(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):
-        return True
-    return True
-
-
-# ---------------------------------------------------------------- long arrays
 #: Arrays up to this size stay in memory [bytes].
 IN_MEMORY = 12 << 20
 #: Size of the files of a store [bytes].
@@ -196,24 +122,9 @@ def spread(count: int, most: int) -> list[slice]:
     ]
 
 
-def median(x: NDArray[Any], axis: int | None = None) -> NDArray[np.float64]:
-    """Return the median of numbers along an axis, of all of them without; NaN where one is NaN, or none is there.
-
-    Why not NumPy's: it looks for masked arrays, whose import takes 10 ms of a short command.
-    """
-    rows = np.ravel(x) if axis is None else np.moveaxis(x, axis, -1)
-    count = rows.shape[-1]
-    if not count:
-        return np.full(rows.shape[:-1], np.nan)
-    low, high = (count - 1) // 2, count // 2
-    part = np.partition(rows, sorted({low, high, count - 1}), axis=-1)
-    middle = 0.5 * (part[..., low] + part[..., high])
-    return np.asarray(np.where(np.isnan(part[..., -1]), np.nan, middle))
-
-
 def median_step(t: NDArray[np.float64]) -> float:
     """Return the median difference of numbers that follow each other, (N,), in their unit."""
-    return float(median(np.concatenate([np.diff(t[part]) for part in spread(len(t), USUAL)])))
+    return float(np.median(np.concatenate([np.diff(t[part]) for part in spread(len(t), USUAL)])))
 
 
 def floats(array: NDArray[Any]) -> NDArray[np.float64]:
@@ -351,7 +262,7 @@ def _file_pages() -> int:
 
 def _file() -> IO[bytes]:
     try:
-        return tempfile.TemporaryFile(prefix=prefix())
+        return tempfile.TemporaryFile()
     except OSError as error:
         raise _no_room(error) from error
 

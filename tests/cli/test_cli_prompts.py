@@ -93,6 +93,17 @@ def test_neither_variable_nor_file_stands_in_for_the_typed_name(dynid):
     assert "unknown key 'move'" in dynid("toy", "typed").err
 
 
+@pytest.mark.parametrize("key", ["force", "yes"])
+def test_neither_variable_nor_file_overwrites_or_answers(key, dynid):
+    (dynid.folder / "dynid.yaml").write_text(f"{key}: true\n")
+    assert f"unknown key '{key}'" in dynid("toy", "ask", "P1").err
+    (dynid.folder / "dynid.yaml").unlink()
+    (dynid.folder / "run.yaml").write_text(f"toy: {{arguments: [ask, P1, --{key}]}}\n")
+    assert f"run.yaml sets --{key}" in dynid("toy", "--from", "run.yaml").err
+    variables = {f"DYNID_{key.upper()}": "1"}
+    assert dynid("toy", "typed", **variables).status == 7
+
+
 def test_the_typed_name_moves_the_arm(dynid):
     assert dynid.typing("toy", "typed", keys=["kinova_gen2\n"]).out == "moved\n"
     assert dynid("toy", "typed", "--move", "kinova_gen2").out == "moved\n"

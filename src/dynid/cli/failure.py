@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import errno
 import os
-import re
 import signal
 import sys
 from collections.abc import Sequence
@@ -18,7 +17,7 @@ from typing import IO, Any, NoReturn, TextIO
 
 import click
 
-from dynid.errors import CannotWrite, DynidError, ExitStatus, OutOfMemory, WrongUsage
+from dynid.errors import CannotWrite, DynidError, ExitStatus, WrongUsage
 from dynid.text import visible
 from dynid.xdg import cache_folder
 
@@ -87,10 +86,6 @@ def utf8_locale() -> bool:
 
 def prepare_streams() -> None:
     """Make stdout and stderr survive any text, and say ASCII where the locale does; open what was closed."""
-    for name in ("COLUMNS", "LINES"):
-        # Why: libraries that measure the terminal read them as numbers, whatever they hold.
-        if not re.fullmatch("[1-9][0-9]{0,4}", os.environ.get(name, "1"), re.ASCII):
-            del os.environ[name]
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
@@ -119,10 +114,6 @@ def leave(status: int) -> NoReturn:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
     silence_streams()
-    if status == ExitStatus.INTERRUPTED:
-        # Why: Python remembers an interruption that went through exec(), which makes dataclasses and named tuples, and
-        # ends by the signal although it was caught; a shell then sees a killed program instead of status 130.
-        os._exit(status)
     sys.exit(status)
 
 
@@ -183,58 +174,6 @@ def usage_error(error: click.ClickException) -> DynidError:
         place = place if source is click.core.ParameterSource.DEFAULT_MAP else ""
     why = "the command line cannot be understood"
     return WrongUsage(text[:1].lower() + text[1:], where=place or path, why=why, fix=fix)
-
-
-#: Least address space that commands need [byte]. Evidence: what each maps for an arm of two joints on one thread, 363
-#: MB for a gap; a linear algebra library without memory tries for ever or ends the process.
-ADDRESS_SPACE = 400 << 20
-#: And what those need that load fewer libraries [MiB].
-_OF_SMALL = {
-    "explain": 0,
-    "completion": 0,
-    "convert": 120,
-    "compare": 150,
-    "check": 160,
-    "doctor": 160,
-    "model": 160,
-    "import": 165,
-    "trajectory": 320,
-    "simulate": 190,
-    "validate": 240,
-    "report": 270,
-    "export": 360,
-}
-
-
-def require_address_space(command: str) -> None:
-    """Raise where this shell lets a process map less than the libraries of a command need.
-
-    Raises:
-        OutOfMemory: names the limit.
-    """
-    with suppress(ImportError):  # a system without such limits
-        import resource
-
-        most, need = (
-            resource.getrlimit(resource.RLIMIT_AS)[0],
-            _OF_SMALL.get(command, ADDRESS_SPACE >> 20) << 20,
-        )
-        if most not in (-1, resource.RLIM_INFINITY) and most < need:
-            raise OutOfMemory(
-                f"this shell allows {most >> 20} MiB of address space; {command} needs {need >> 20} MiB",
-                why="the libraries alone map that much",
-                fix="ulimit -v unlimited",
-            )
-
-
-def unexpected(error: Exception, context: FailureContext) -> int:
-    """Return the exit status of what nobody foresaw: memory that a library did not get, or a mistake of dynid."""
-    said = str(error)
-    if (
-        isinstance(error, ImportError) and "failed to map" in said
-    ) or "can't start new thread" in said:
-        return report(OutOfMemory(f"there is not enough memory: {said}"), context)
-    return crash(error, context)
 
 
 def is_users(error: OSError) -> bool:

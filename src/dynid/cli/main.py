@@ -20,7 +20,6 @@ import click
 
 from dynid.cli import failure
 from dynid.errors import EXIT_MEANING, DynidError, ExitStatus, OutOfMemory, WrongUsage
-from dynid.programs import search_path
 from dynid.version import __version__
 
 
@@ -225,13 +224,10 @@ def run(args: Sequence[str]) -> int:
                 OutOfMemory(f"there is not enough memory: {error or 'none is left'}"), context
             )
         except Exception as error:  # noqa: BLE001
-            return failure.unexpected(error, context)
+            return failure.crash(error, context)
 
 
 def _invoke(words: list[str], context: failure.FailureContext) -> int:
-    if words and words[0] in COMMANDS and not {"-h", "--help"} & set(words):
-        # Why before the command is imported: libraries end a process that has no room for them.
-        failure.require_address_space(words[0])
     with cli.make_context("dynid", words) as ctx:
         context.meta = ctx.meta
         result: Any = cli.invoke(ctx)
@@ -289,8 +285,6 @@ def main() -> NoReturn:
     # Why: a library's warning about its own code helps nobody here; what matters is raised or is a finding.
     if not sys.warnoptions and "--debug" not in sys.argv:
         warnings.simplefilter("ignore")
-    # Why: programs that libraries start, such as a browser, must not come from the folder of somebody's logs either.
-    os.environ["PATH"] = search_path()
     if "_DYNID_COMPLETE" in os.environ:
         _complete()
     failure.leave(run(sys.argv[1:]))

@@ -18,9 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.own import require_inside
 from dynid.errors import UnknownKey, WrongUsage
-from dynid.limits import raised, read_limits
 from dynid.xdg import LOCAL_CONFIG, config_file
 
 if TYPE_CHECKING:
@@ -44,7 +42,6 @@ class Common:
         config: configuration file given with --config.
         log_file: file that gets a copy of everything said on stderr.
         seed: of every random choice.
-        limit: limits that are raised, as ``NAME=VALUE``.
         debug: show tracebacks.
     """
 
@@ -59,7 +56,6 @@ class Common:
     config: Path | None = None
     log_file: Path | None = None
     seed: int = 0
-    limit: tuple[str, ...] = ()
     debug: bool = False
 
     @cached_property
@@ -120,7 +116,13 @@ def load_settings(
     """
     settings = Settings()
     for path in settings_files(given):
-        _read(path, command, keys, [name for name in common if name != "config"], settings)
+        _read(
+            path,
+            command,
+            keys,
+            [name for name in common if name not in ("config", *TYPED)],
+            settings,
+        )
     return settings
 
 
@@ -163,22 +165,9 @@ def _note(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noq
     return value
 
 
-def _checked_limits(
-    ctx: click.Context, param: click.Parameter, value: tuple[str, ...]
-) -> tuple[str, ...]:
-    for text in value:
-        try:
-            read_limits(text)
-        except ValueError as error:
-            raise click.BadParameter(str(error), ctx, param) from None
-    return value
-
-
 def configure(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
     """Read the configuration files, whose values become this command's defaults."""
     settings = load_settings(value, ctx.info_name or "", known_keys(ctx.command), COMMON_NAMES)
-    for name in settings.lent:
-        require_inside(ctx.command, name, settings.values[name], settings.places[name], Path())
     for option in ctx.command.params:
         name = option.name or ""
         if (
@@ -269,17 +258,12 @@ COMMON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
         show_default=True,
         help="Seed of every random choice.",
     ),
-    click.option(
-        "--limit",
-        multiple=True,
-        metavar="NAME=VALUE",
-        callback=_checked_limits,
-        help="Raise a limit on what a file may hold, such as joints=64 (dynid explain limits); may be repeated.",
-    ),
     click.option("--debug", is_flag=True, is_eager=True, callback=_note, help="Show tracebacks."),
 )
 
 COMMON_NAMES = tuple(each.name for each in fields(Common))
+#: Options that overwrite, answer or move the arm: no variable and no file gives them.
+TYPED = ("force", "yes", "move", "accept_unreviewed")
 
 
 def key_of(option: click.Option) -> str:
@@ -296,6 +280,11 @@ def known_keys(command: click.Command) -> dict[str, str]:
     }
 
 
+def is_typed(param: click.Parameter) -> bool:
+    """Return whether a parameter is an option that stands on the command line alone."""
+    return isinstance(param, click.Option) and key_of(param) in TYPED
+
+
 class Command(click.Command):
     """A command with examples in its help, variables for its options, and the common options set apart."""
 
@@ -305,6 +294,8 @@ class Command(click.Command):
     def __init__(self, *args: Any, **kwargs: Any) -> None:  # noqa: ANN401
         super().__init__(*args, **kwargs)
         for param in self.params:
+            if isinstance(param, click.Option) and key_of(param) in TYPED:
+                param.allow_from_autoenv = False
             # Why: DYNID_SEED serves every command, DYNID_IDENTIFY_SEED one of them; the narrower name comes first.
             if (
                 isinstance(param, click.Option)
@@ -388,7 +379,7 @@ def dynid_command(
     def decorate(function: Callable[..., Any]) -> Command:
         def callback(**values: Any) -> Any:  # noqa: ANN401
             common = Common(**{key: values.pop(key) for key in COMMON_NAMES})
-            with raised(dict(read_limits(text) for text in common.limit)), common.terminal:
+            with common.terminal:
                 _say_settings(common)
                 return function(common, **values)
 

@@ -68,7 +68,6 @@ class TerminalOperator:
 @click.option(
     "--move",
     metavar="ROBOT_NAME",
-    allow_from_autoenv=False,
     help="Move without asking: the robot's name, as a person would type it.",
 )
 @options_from(RecordOptions)

@@ -7,7 +7,6 @@ from typing import Any
 
 import click
 
-from dynid import limits
 from dynid.cli.arguments import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus, WrongUsage
@@ -57,7 +56,7 @@ def command(
             common.terminal.emit_json_line({"schema": "dynid/run-event/1", "event": event, **facts})
 
     ended: list[dict[str, Any]] = []
-    words = ["--seed", str(common.seed), *limits.words(), *["--force"] * common.force]
+    words = ["--seed", str(common.seed), *["--force"] * common.force]
     with common.terminal.progress() as progress:
 
         def told(count: int, job: dict[str, Any]) -> None:

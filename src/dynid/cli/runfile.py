@@ -118,7 +118,7 @@ def repeated(ctx: click.Context, args: Sequence[str]) -> list[str]:
     """Return a command line with ``--from FILE`` replaced by the stored arguments; what is given besides wins.
 
     Raises:
-        WrongUsage: there is no such file, it holds no run of this command, or it asks for what only the user may.
+        WrongUsage: there is no such file, it holds no run of this command, or one that overwrites or moves.
     """
     words = list(args)
     for i, word in enumerate(words):
@@ -131,7 +131,7 @@ def repeated(ctx: click.Context, args: Sequence[str]) -> list[str]:
 
 def _stored(ctx: click.Context, path: Path, besides: list[str]) -> list[str]:
     from dynid.cli.main import COMMANDS
-    from dynid.cli.own import require_inside
+    from dynid.cli.options import is_typed
     from dynid.files.yamlfile import read_yaml
 
     command = str(ctx.command.name)
@@ -146,10 +146,12 @@ def _stored(ctx: click.Context, path: Path, besides: list[str]) -> list[str]:
         item.text()
         for item in runs[command].mapping(_KEYS, required=("arguments",))["arguments"].items()
     ]
-    asked, given = (
-        ctx.command.make_parser(ctx).parse_args(list(words))[0] for words in (stored, besides)
-    )
-    names = {param.name for param in ctx.command.params if isinstance(param, click.Option)}
-    for name in names & set(asked) - set(given):
-        require_inside(ctx.command, str(name), asked[name], str(path), Path(), path.parent)
+    asked = ctx.command.make_parser(ctx).parse_args(list(stored))[0]
+    typed = [
+        param.opts[-1] for param in ctx.command.params if is_typed(param) and param.name in asked
+    ]
+    if typed:
+        raise WrongUsage(
+            f"{path} sets {typed[0]}", where=str(path), fix=f"give {typed[0]} yourself"
+        )
     return stored + besides

@@ -31,7 +31,7 @@ from dynid.diagnose.mistakes import (
 from dynid.errors import Finding, GravityRemoved, WrongMapping
 from dynid.log import Log
 from dynid.robot import Robot
-from dynid.scratch import filled, median
+from dynid.scratch import filled
 
 Floats = NDArray[np.float64]
 
@@ -323,7 +323,7 @@ def usual_error(robot: Robot, left: Floats) -> Floats:
     found = np.zeros(robot.n)
     for kind in (turning, ~turning):
         if kind.any():
-            found[kind] = median(left[kind] / scale[kind]) * scale[kind]
+            found[kind] = np.median(left[kind] / scale[kind]) * scale[kind]
     return found
 
 

@@ -21,7 +21,6 @@ from dynid.model.kinematics import link_frames
 from dynid.model.numeric_regressor import body_regressor
 from dynid.model.parameters import prior_bodies, second_moments
 from dynid.robot import Body, Joint, Robot
-from dynid.scratch import median
 from dynid.signals import tuning as signal_tuning
 from dynid.signals.checks import beyond
 from dynid.signals.motion import bandwidth, per_joint
@@ -290,7 +289,7 @@ def judge_of(log: Log, robot: Robot, *, mapped: bool = True) -> Judge | None:
     first = max(0, (len(log) - tuning.MIDDLE_SAMPLES) // 2)
     part = slice(first, first + tuning.MIDDLE_SAMPLES)
     t, q, tau = log.t[part], log.q[part], log.tau[part]
-    usual = float(median(np.diff(t)))
+    usual = float(np.median(np.diff(t)))
     fastest = bandwidth(log, robot)
     width = max(3, round(min(tuning.SMOOTHING_S, 0.33 / max(fastest, 0.1)) / usual))
     if len(t) < 6 * width + 20:

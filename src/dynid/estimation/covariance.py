@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from dynid.estimation import tuning
 from dynid.estimation.least_squares import symmetric_root
 from dynid.estimation.rows import ObservationRows, joined, runs
-from dynid.scratch import Growing, median, release
+from dynid.scratch import Growing, release
 from dynid.signals.filters import decimate, pulse, pulse_width
 
 Floats = NDArray[np.float64]
@@ -292,7 +292,7 @@ def _kernel(rows: ObservationRows) -> Floats:
     """Return what made the noise in the rows as coloured as it is, (K,), of unit length."""
     if rows.cutoff == 0.0 or len(rows.t) < 2:
         return np.ones(1)
-    step = float(median(np.diff(rows.t)))
+    step = float(np.median(np.diff(rows.t)))
     half = int(pulse_width(rows.cutoff) / step)
     kernel = pulse(step * np.arange(-half, half + 1.0), rows.cutoff)
     return np.asarray(kernel / np.linalg.norm(kernel))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynid.estimation import tuning
 from dynid.estimation.residual_model import ModelError
 from dynid.estimation.stack import Stack
-from dynid.scratch import joined, median
+from dynid.scratch import joined
 from dynid.signals.filters import Filter
 
 Floats = NDArray[np.float64]
@@ -169,5 +169,5 @@ def _from_spectrum(parts: Sequence[tuple[Floats, NDArray[np.bool_]]], chosen: Fi
         # Why the step: thinned rows spread the same power over a narrower band.
         powers.append(step * power[inside] / gain[:, None])
     # Why the median: a reversal of friction is a short burst of high frequencies, not noise.
-    level = median(np.concatenate(powers), axis=0) / np.log(2.0)
+    level = np.median(np.concatenate(powers), axis=0) / np.log(2.0)
     return np.asarray(np.minimum(np.sqrt(level * np.sum(kernel**2)), _rms(parts)))

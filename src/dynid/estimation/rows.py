@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from dynid.estimation import tuning
 from dynid.estimation.least_squares import ROUNDING, accumulate, triangle, weighted
 from dynid.model.regressor import Observer
-from dynid.scratch import Growing, median, release, spans
+from dynid.scratch import Growing, release, spans
 from dynid.signals.conditioned_log import ConditionedLog, Segment
 from dynid.signals.filters import decimate, pulse, pulse_slope, pulse_width
 
@@ -411,7 +411,7 @@ def robust_noise(segments: Iterable[ObservationRows], theta: Floats) -> Floats:
         for j, growing in enumerate(residuals):
             growing.append(size[segment.mask[:, j], j])
         largest = max(largest, float(size.max(initial=0.0)))
-    spread = [1.4826 * float(median(one.whole())) if len(one) else 0.0 for one in residuals]
+    spread = [1.4826 * float(np.median(one.whole())) if len(one) else 0.0 for one in residuals]
     return np.asarray(np.maximum(spread, 1e-12 * max(largest, 1e-18)))
 
 
@@ -499,7 +499,7 @@ def _runs(rows: Iterable[ObservationRows]) -> Iterator[ObservationRows]:
 
 
 def _step(rows: ObservationRows) -> float:
-    return float(median(np.diff(rows.t))) if len(rows.t) > 1 else 0.5 / rows.cutoff
+    return float(np.median(np.diff(rows.t))) if len(rows.t) > 1 else 0.5 / rows.cutoff
 
 
 def _reversal_shapes(rows: ObservationRows, joint: int) -> ReversalShapes:

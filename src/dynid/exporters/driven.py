@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,6 @@ from dynid.exporters.engines import bullet_body, module, silent
 from dynid.exporters.full_model import world_gravity
 from dynid.exporters.interface import IdentifiedArm
 from dynid.exporters.languages import imported
-from dynid.scratch import scratch_folder
 from dynid.sim import tuning
 
 Floats = NDArray[np.float64]
@@ -68,7 +68,7 @@ def drive(
     omega = 2.0 * np.pi * tuning.SOFT_FREQUENCY_HZ
     stiffness = np.maximum(inertia * omega**2, np.std(tau, axis=0) / tuning.SOFT_DEFLECTION)
     damping = 2.0 * np.sqrt(stiffness * inertia)
-    with scratch_folder() as folder:
+    with TemporaryDirectory() as folder:
         path = Path(folder) / effects_file.NAME
         path.write_text(effects_file.text(arm), encoding="utf-8")
         effects = imported(path)
@@ -141,7 +141,7 @@ def _pybullet(
         raise PackageMissing(
             "pybullet is not installed", fix="pip install pybullet, up to Python 3.11"
         )
-    with scratch_folder() as folder:
+    with TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
         path.write_text(urdf.text(arm), encoding="utf-8")
         client, body = bullet_body(path, world_gravity(arm.robot))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,6 @@ from dynid.exporters.user_urdf import attached
 from dynid.model.kinematics import fixed_poses
 from dynid.model.regressor import model_torques
 from dynid.robot import JointMap
-from dynid.scratch import scratch_folder
 from dynid.text import code, xml
 
 Floats = NDArray[np.float64]
@@ -200,7 +200,7 @@ def loaded(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
         yield Loaded(f"MuJoCo {engine.__version__}", what + but, _stepped(effects), ours)
     engine = module("pybullet")
     if engine is not None and not mjcf.negative_numbers(arm):
-        with scratch_folder() as folder:
+        with TemporaryDirectory() as folder:
             there = Path(folder) / "arm.urdf"
             there.write_text(urdf.text(arm), encoding="utf-8")
             client, body = bullet_body(there, world_gravity(arm.robot))

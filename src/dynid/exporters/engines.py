@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,6 @@ from numpy.typing import NDArray
 from dynid.exporters.full_model import FullModel
 from dynid.model.regressor import Model
 from dynid.robot import JointMap
-from dynid.scratch import scratch_folder
 
 Floats = NDArray[np.float64]
 #: Torques (N, n) [N m or N] of positions, velocities and accelerations, each (N, n) [rad or m, and per s and s^2].
@@ -160,7 +160,7 @@ def _bullet_urdf(engine: Any, client: int, path: Path) -> int:  # noqa: ANN401
     for link in root.iter("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)
-    with scratch_folder() as folder:
+    with TemporaryDirectory() as folder:
         bare = Path(folder) / "bare.urdf"
         ET.ElementTree(root).write(bare)
         flags = engine.URDF_USE_INERTIA_FROM_FILE

@@ -7,6 +7,7 @@ import subprocess
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,6 @@ from dynid.exporters.full_model import FullModel
 from dynid.model.base_model import BaseModel
 from dynid.model.reduce import random_states
 from dynid.robot import Robot
-from dynid.scratch import scratch_folder
 from dynid.text import file_name
 
 #: Number of random states that a written file is compared on.
@@ -180,7 +180,7 @@ class Format:
         """
         q, qd, qdd = random_states(arm.robot, STATES, seed)
         found = []
-        with scratch_folder() as folder:
+        with TemporaryDirectory() as folder:
             path = Path(folder) / f"arm{self.suffix}"
             path.write_text(text, encoding="utf-8")
             try:

@@ -15,7 +15,6 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import limits
 from dynid.errors import NotPhysical, WrongUrdf
 from dynid.exporters.full_model import FullModel, numbers, smallest_eigenvalue
 from dynid.files.urdffile import Urdf, UrdfJoint, read_urdf
@@ -196,7 +195,7 @@ def _own_share(place: Attached, link: str, body: Body) -> tuple[Body, list[str]]
 
 def _replaced(path: Path, new: dict[str, tuple[Body, str]], head: str) -> str:
     """Splice new inertial blocks into the text; offsets come from the XML parser, so that nothing else is touched."""
-    raw = limits.read_bytes(path, "urdf_bytes")
+    raw = path.read_bytes()
     cuts = _places(raw)
     pieces: list[tuple[int, int, bytes]] = []
     for link, (body, note) in new.items():

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from dynid import limits
 from dynid.errors import WrongRobotFile
 from dynid.files.yamlfile import Value, read_yaml
 
@@ -65,7 +64,6 @@ def read_batch(path: Path) -> tuple[Job, ...]:
     try:
         top = read_yaml(path).mapping(("defaults", "jobs"), required=("jobs",))
         shared = top["defaults"].mapping(_JOB) if "defaults" in top else {}
-        limits.check("jobs", len(top["jobs"].items()), path)
         jobs = tuple(_job(value, shared, path.parent) for value in top["jobs"].items())
         if not jobs:
             raise WrongRobotFile(f"{top['jobs'].where}: jobs is empty", where=top["jobs"].where)

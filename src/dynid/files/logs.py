@@ -17,7 +17,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import limits
 from dynid.drivers.interface import JOINT_STATE, driver_of
 from dynid.errors import (
     Finding,
@@ -196,7 +195,7 @@ def read_npz_log(path: Path) -> Log:
     Raises:
         LogNotFound: not an .npz file, or a dynid result of another kind.
         NewerSchema: written by a newer dynid.
-        TooLarge: it has more samples or columns than the limit.
+        TooLarge: an array unpacks like a bomb.
         LogLayout: arrays are missing or their sizes differ.
     """
     try:
@@ -236,9 +235,6 @@ def read_npz_log(path: Path) -> Log:
             if key not in own and _kept(key, x, arrays["t"].size)
         },
     )
-    limits.check("samples", len(log), path)
-    limits.check("columns", log.n, path)
-    limits.check("name_length", max(map(len, names), default=0), path)
     if not log.q.size:
         raise LogLayout(f"{path.name}: array 'q' holds no numbers", where=str(path))
     return log

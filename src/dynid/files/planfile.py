@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import limits
 from dynid.errors import (
     JointCountDiffers,
     LogLayout,
@@ -90,20 +89,17 @@ def read_plan(path: Path, robot: Robot) -> PlanFile:
         options={name: value.text() for name, value in given.items()},
         places={name: value.where for name, value in given.items()},
         waypoints=_waypoints(keys, robot, unit, path) if "waypoints" in keys else None,
-        obstacles=_boxes(keys["obstacles"], path) if "obstacles" in keys else (),
+        obstacles=_boxes(keys["obstacles"]) if "obstacles" in keys else (),
         workspace=_box(keys["workspace"]) if "workspace" in keys else None,
     )
 
 
-def _boxes(value: Value, path: Path) -> tuple[Corners, ...]:
-    boxes = value.items()
-    limits.check("obstacles", len(boxes), path)
-    return tuple(_box(box) for box in boxes)
+def _boxes(value: Value) -> tuple[Corners, ...]:
+    return tuple(_box(box) for box in value.items())
 
 
 def _waypoints(keys: dict[str, Value], robot: Robot, unit: str, path: Path) -> Waypoints:
     rows = keys["waypoints"].items()
-    limits.check("waypoints", len(rows), path)
     factor = [ANGLE[unit] if joint.revolute else 1.0 for joint in robot.joints]
     q = np.array([[item.number() for item in row.items(robot.n)] for row in rows]) * factor
     times = (
@@ -139,11 +135,10 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
         PositionInDegrees: angles beyond two turns.
     """
     try:
-        text = limits.read_bytes(path, "yaml_bytes").decode("utf-8")
+        text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise LogNotFound(f"cannot read waypoints from {path}: {error}", where=str(path)) from None
     lines = [line for line in text.splitlines() if line.strip() and line[0] != "#"]
-    limits.check("waypoints", len(lines), path)
     cells = [[cell.strip() for cell in line.replace(";", ",").split(",")] for line in lines]
     header = cells.pop(0) if cells and any(not _is_number(cell) for cell in cells[0]) else None
     rows = _numbers(cells, path, 1 + (header is not None))

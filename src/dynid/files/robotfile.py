@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from dynid import limits
 from dynid.errors import (
     DynidError,
     Finding,
@@ -30,7 +29,7 @@ from dynid.files import packaged, tuning
 from dynid.files.robotkeys import INERTIA, JOINT, ROBOT, SNAP_STEP, Context, read_found, read_keys
 from dynid.files.robotkeys import read_prior as prior_of
 from dynid.files.yamlfile import Value, closest, parse_yaml, read_text, read_yaml
-from dynid.robot import Body, Joint, Known, Prior, Robot, TorqueSource, rotation_rpy
+from dynid.robot import MOST_JOINTS, Body, Joint, Known, Prior, Robot, TorqueSource, rotation_rpy
 from dynid.text import printable, yaml_text
 from dynid.units import ANGLE
 
@@ -66,19 +65,8 @@ def find_robot(name: str) -> Path:
     """Return the file of a robot given by name or path.
 
     Raises:
-        RobotNotFound: there is none, or the folder calls another robot like a bundled one.
+        RobotNotFound: there is none.
     """
-    bundled = packaged("robots") / f"{name}.yaml"
-    for path in (Path(name), Path("robots") / f"{name}.yaml"):
-        # Why: a folder that came with logs must not stand in for an arm, and its limits, that somebody names.
-        if bundled.is_file() and path.is_file() and read_text(path) != read_text(bundled):
-            what = f"two robots are called '{name}': the bundled one, and {path} of this folder"
-            raise RobotNotFound(
-                what,
-                where=str(path),
-                why="they differ",
-                fix=f"say which: {path.absolute()}, or {bundled}",
-            )
     if Path(name).is_file():
         return Path(name)
     known = known_robots()
@@ -117,12 +105,12 @@ def load_robot(name: str | Path) -> Robot:
 def parse_robot(text: str, path: Path) -> Robot:
     """Read a robot from the text of its file."""
     # Why a copy: a robot has mappings, which its user may change.
-    return deepcopy(_parsed(text, path, tuple(limits.words())))
+    return deepcopy(_parsed(text, path))
 
 
 @lru_cache(maxsize=16)
-def _parsed(text: str, path: Path, raised: tuple[str, ...]) -> Robot:
-    """Read a robot once for each text, path and set of raised limits."""
+def _parsed(text: str, path: Path) -> Robot:
+    """Read a robot once for each text and path."""
     return _robot(parse_yaml(text, path), path)
 
 
@@ -159,7 +147,9 @@ def _robot(root: Value, path: Path) -> Robot:
 def _joints(value: Value, context: Context) -> tuple[Joint, ...]:
     joints: list[Joint] = []
     items = value.items()
-    limits.check("joints", len(items), value.where)
+    if len(items) > MOST_JOINTS:
+        what = f"{value.where}: {len(items)} joints; a robot has at most {MOST_JOINTS}"
+        raise WrongRobotFile(what, where=value.where)
     for number, item in enumerate(items, start=1):
         item = _usual_keys(item, context.findings)
         keys = item.mapping([key.name for key in JOINT])
@@ -230,7 +220,7 @@ def text_of(robot: Robot, *, with_prior: bool = True) -> str:
     """
     with suppress(DynidError, OSError, UnicodeDecodeError):
         if robot.path is not None:
-            text = limits.read_bytes(robot.path, "yaml_bytes").decode("utf-8")
+            text = robot.path.read_text(encoding="utf-8")
             found = parse_robot(text, robot.path)
             if robot in (
                 found,

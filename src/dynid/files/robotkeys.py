@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from dynid import limits
 from dynid.drivers.interface import DRIVERS
 from dynid.errors import AngleTooLarge, Finding, WrongRobotFile
 from dynid.files import tuning
@@ -40,6 +39,9 @@ SNAP_STEP = math.pi / 12
 
 #: Least size of what has to be there, in whatever unit: it is divided by, and its powers are.
 LEAST = 1e-12
+
+#: Names go into file names, of which systems keep 255 characters.
+LONGEST_NAME = 100
 
 TORQUE_SOURCES = ("joint_sensor", "motor_torque", "motor_current", "gravity_free", "unknown")
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -129,9 +131,8 @@ def read_found(found: dict[str, Value], keys: Sequence[Key], context: Context) -
 def _name(value: Value, context: Context) -> str:
     """Return a name that a page can show and a simulator can hold: PyBullet ends the process on others."""
     name = value.text()
-    limits.check("name_length", len(name), f"{value.where}: {value.path}")
-    if not name:
-        what = f"{value.where}: {value.path} has no characters; a name has at least 1"
+    if not 1 <= len(name) <= LONGEST_NAME:
+        what = f"{value.where}: {value.path} has {len(name)} characters; a name has 1 to {LONGEST_NAME}"
         raise WrongRobotFile(what, where=value.where)
     return name
 

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import limits
 from dynid.errors import WrongUrdf
 from dynid.files import tuning
 from dynid.files.robotkeys import SNAP_STEP
@@ -147,7 +146,7 @@ def read_urdf(path: Path, *, exact: bool = False) -> Urdf:
     """
     where = str(path)
     try:
-        top = ET.fromstring(limits.read_bytes(path, "urdf_bytes"))
+        top = ET.fromstring(path.read_bytes())
     except OSError as error:
         raise WrongUrdf(f"cannot read {path}: {error.strerror}", where=where) from error
     except ET.ParseError as error:
@@ -160,10 +159,8 @@ def read_urdf(path: Path, *, exact: bool = False) -> Urdf:
         raise WrongUrdf(f"{path} holds <{top.tag}>, not <robot>: it is not a URDF", where=where)
     if any("ros.org/wiki/xacro" in element.tag for element in top.iter()):
         raise WrongUrdf(f"{path} is a xacro", where=where, fix=f"{shell('xacro', path)} > arm.urdf")
-    limits.check("links", len(top.findall("link")), path)
-    limits.check("links", len(top.findall("joint")), path)
     try:
-        bodies = {_named(link): _body(link) for link in top.findall("link")}
+        bodies = {link.attrib["name"]: _body(link) for link in top.findall("link")}
         joints = tuple(_joint(joint, exact) for joint in top.findall("joint"))
     except (KeyError, ValueError, AttributeError) as error:
         raise WrongUrdf(
@@ -198,12 +195,6 @@ def _check_tree(path: Path, bodies: Mapping[str, Body | None], joints: Sequence[
                     f"{path} is not one tree: link '{link}' is its own parent", where=str(path)
                 )
         reached.update(before)
-
-
-def _named(element: ET.Element) -> str:
-    name = element.attrib["name"]
-    limits.check("name_length", len(name), f"<{element.tag}>")
-    return name
 
 
 def _numbers(text: str, count: int) -> Floats:
@@ -273,7 +264,7 @@ def _joint(joint: ET.Element, exact: bool) -> UrdfJoint:
     if parent is None or child is None:
         raise ValueError(f"joint {joint.attrib['name']} has no parent or child")
     return UrdfJoint(
-        name=_named(joint),
+        name=joint.attrib["name"],
         type=kind,
         parent=parent.attrib["link"],
         child=child.attrib["link"],

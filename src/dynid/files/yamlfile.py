@@ -12,12 +12,10 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import yaml
 
-from dynid import limits
-from dynid.errors import DynidError, NotANumber, NotYaml, TooLarge, UnknownKey, WrongRobotFile
+from dynid.errors import DynidError, NotANumber, NotYaml, UnknownKey, WrongRobotFile
 from dynid.units import ANGLE
 
 #: Sizes of numbers other than 0, in whatever unit. Large ones are multiplied and squared many times in a model; small
@@ -29,20 +27,6 @@ _OCTAL = re.compile(r"[-+]?0\d+")
 _PI = re.compile(
     r"(?P<sign>[-+]?)\s*(?:(?P<factor>\d+(?:\.\d*)?)\s*\*\s*)?pi\s*(?:/\s*(?P<divisor>\d+(?:\.\d*)?))?"
 )
-
-
-class _Loader(yaml.SafeLoader):
-    """A loader that bounds the nesting, because it builds the tree by recursion."""
-
-    depth = 0
-
-    def compose_node(self, parent: Any, index: Any) -> Any:  # noqa: ANN401
-        """Compose one value."""
-        self.depth += 1
-        limits.check("nesting", self.depth, "the file")
-        node = super().compose_node(parent, index)
-        self.depth -= 1
-        return node
 
 
 def closest(word: str, known: Iterable[str]) -> str:
@@ -249,11 +233,10 @@ def read_text(path: Path) -> str:
 
     Raises:
         NotYaml: it is not text.
-        TooLarge: it is longer than the limit.
-        OSError: it cannot be opened, or is no regular file.
+        OSError: it cannot be opened.
     """
     try:
-        return limits.read_bytes(path, "yaml_bytes").decode("utf-8")
+        return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise NotYaml(f"{path} is not a text file", where=str(path)) from error
 
@@ -261,14 +244,9 @@ def read_text(path: Path) -> str:
 def parse_yaml(text: str, path: Path) -> Value:
     """Parse YAML text that came from ``path``."""
     try:
-        node = yaml.compose(text, Loader=_Loader)
-    except TooLarge as error:
-        raise TooLarge(
-            error.what.replace("the file", str(path), 1),
-            where=str(path),
-            why=error.why,
-            fix=error.fix,
-        ) from None
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+    except RecursionError:
+        raise NotYaml(f"{path}: lists and keys are nested too deep", where=str(path)) from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         line = f"{path}:{mark.line + 1}" if mark else str(path)

@@ -13,14 +13,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import limits
 from dynid.errors import Finding, WrongUrdf
 from dynid.files.robotkeys import SNAP_STEP
 from dynid.files.urdffile import Urdf, UrdfJoint
 from dynid.model import tuning
 from dynid.model.kinematics import link_frames
 from dynid.model.parameters import body_of, inertia_of, moved, second_moments
-from dynid.robot import Body, Joint, Prior, Robot, roll_pitch_yaw
+from dynid.robot import MOST_JOINTS, Body, Joint, Prior, Robot, roll_pitch_yaw
 
 Floats = NDArray[np.float64]
 
@@ -126,8 +125,7 @@ def import_arm(
         name: of the robot.
 
     Raises:
-        WrongUrdf: there is no such chain, or it has joints that a DH table cannot describe.
-        TooLarge: it has more moving joints than the limit.
+        WrongUrdf: there is no such chain, or it has joints that a DH table cannot describe, or too many.
     """
     start, end = ends_of(urdf, base, tip)
     chain = urdf.chain(start, end)
@@ -180,7 +178,9 @@ def _refuse_others(urdf: Urdf, chain: Sequence[UrdfJoint], moving: Sequence[Urdf
     if not moving:
         raise WrongUrdf(f"{urdf.path}: no joint moves between the ends of the chain", where=where)
     # Why here: a robot file with more joints would be written, and be refused by the next command.
-    limits.check("joints", len(moving), urdf.path)
+    if len(moving) > MOST_JOINTS:
+        what = f"{urdf.path}: {len(moving)} joints move; a robot has at most {MOST_JOINTS}"
+        raise WrongUrdf(what, where=where, fix="choose a part of the chain with --base and --tip")
 
 
 def _link_poses(chain: Sequence[UrdfJoint], root: Floats) -> dict[str, Floats]:

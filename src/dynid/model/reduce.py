@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import limits
 from dynid.errors import ReductionsDisagree
 from dynid.model import tuning
 from dynid.model.base_model import Reduction
@@ -60,14 +59,10 @@ def reduce_plain(
         seed: seed of the random states.
         tolerance: relative size below which a normalised column counts as dependent.
 
-    Raises:
-        TooLarge: so many states are more than the limit.
-
     Source: Paper Eq. 13 and its functions X_i, X_ni, X_1, X_2.
     """
     size = model.plain_size
     samples = max(samples, -(-2 * size // model.robot.n))
-    limits.check("matrix", samples * model.robot.n * size, "random states")
     W = model.regressor(*random_states(model.robot, samples, seed)).reshape(-1, size)
     norms = np.linalg.norm(W, axis=0)
     present = norms > tuning.ROUNDING_SHARE * norms.max()

@@ -20,7 +20,7 @@ from dynid.errors import Finding, LogTooShort
 from dynid.log import Log
 from dynid.model.effects.friction import coulomb_sign
 from dynid.robot import Coulomb, Robot
-from dynid.scratch import empty, extremes, median, median_step, samples_where, spans, spread
+from dynid.scratch import empty, extremes, median_step, samples_where, spans, spread
 from dynid.signals import tuning
 from dynid.signals.motion import bandwidth, per_joint
 from dynid.signals.stamps import steps
@@ -164,7 +164,7 @@ def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
     ]
     low, high = extremes(log.tau)
     least = np.maximum(
-        tuning.SPIKE_DEVIATIONS * 1.4826 * median(np.concatenate(usual), axis=0),
+        tuning.SPIKE_DEVIATIONS * 1.4826 * np.median(np.concatenate(usual), axis=0),
         tuning.SPIKE_OF_RANGE * (high - low),
     )
     found = []
@@ -280,7 +280,7 @@ def level_of(log: Log) -> Floats:
     bends = [
         np.abs(np.diff(log.q[part], 3, axis=0)) for part in spread(len(log), tuning.ENOUGH_SAMPLES)
     ]
-    return np.asarray(median(np.concatenate(bends), axis=0) * 1.4826 / _THIRD)
+    return np.asarray(np.median(np.concatenate(bends), axis=0) * 1.4826 / _THIRD)
 
 
 def position_noise(log: Log, robot: Robot) -> Noise | None:
@@ -336,7 +336,7 @@ def white_noise(x: Floats) -> Floats:
         return np.zeros(x.shape[1])
     gain = math.comb(2 * tuning.NOISE_ORDER, tuning.NOISE_ORDER) ** 0.5
     return np.asarray(
-        1.4826 * median(np.abs(np.diff(some, tuning.NOISE_ORDER, axis=0)), axis=0) / gain
+        1.4826 * np.median(np.abs(np.diff(some, tuning.NOISE_ORDER, axis=0)), axis=0) / gain
     )
 
 

@@ -10,7 +10,6 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import limits
 from dynid.errors import Finding, JointStill, LogTooShort
 from dynid.log import Log
 from dynid.robot import Robot
@@ -202,7 +201,6 @@ def sampled(t: Floats, q: Floats, rate: float = tuning.MOTION_HZ) -> Floats:
     )
     lost = np.concatenate([[0.0], np.cumsum(t[pauses + 1] - t[pauses] - tuning.MOTION_PAUSE_S)])
     ends = t[pauses + 1] - lost[1:]
-    limits.check("samples", (t[-1] - lost[-1] - t[0]) * rate, "a log")
     grid = np.arange(t[0], t[-1] - lost[-1], 1.0 / rate)
     found = np.empty((len(grid), q.shape[1]))
     for start in range(0, len(grid), tuning.MOTION_CHUNK):

@@ -13,22 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import limits
 from dynid.drivers.interface import driver_of
 from dynid.errors import Finding, LogTooShort, NotFinite, RateTooLow, TimeNotIncreasing, TooManyLost
 from dynid.log import Log
 from dynid.robot import Robot
-from dynid.scratch import (
-    PIECE,
-    USUAL,
-    empty,
-    filled,
-    median,
-    median_step,
-    samples_where,
-    spans,
-    spread,
-)
+from dynid.scratch import PIECE, USUAL, empty, filled, median_step, samples_where, spans, spread
 from dynid.signals import tuning
 from dynid.signals.columns import take_samples
 from dynid.signals.motion import any_moves, bandwidth, moving, runs
@@ -55,9 +44,10 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
     _check_order(log)
     some = np.concatenate([np.diff(log.t[part]) for part in spread(len(log), USUAL)])
     if np.any(some > 0):
-        limits.check(
-            "rate_hz", 1.0 / float(median(some[some > 0])), log.topic or "the time of the log"
-        )
+        rate = 1.0 / float(np.median(some[some > 0]))
+        if rate > tuning.FASTEST_HZ:
+            text = f"the samples are {1 / rate:.1e} s apart: is its time in seconds?"
+            raise TimeNotIncreasing(text, where=log.topic, fix="write the time in seconds")
     step = steps(log.t)
     later = np.concatenate([[True], filled(len(step), lambda part: step[part] > 0)])
     repeated = int(np.sum(~later))
@@ -175,7 +165,7 @@ def with_even_clock(log: Log) -> Log:
 
 def _samples_between(step: Floats) -> NDArray[Any] | None:
     """Return how many sample times each step is; None when that is not clear."""
-    most = 1.5 * float(median(np.concatenate([step[part] for part in spread(len(step), USUAL)])))
+    most = 1.5 * float(np.median(np.concatenate([step[part] for part in spread(len(step), USUAL)])))
     usual = _mean(len(step), lambda part: step[part][step[part] < most])
     away = _sums(step, len(step) + 1)[1:]
     number = filled(len(step), lambda part: np.arange(part.start, part.stop))
@@ -232,7 +222,7 @@ def _block_medians(x: Floats, count: int) -> Floats:
     together = max(1, PIECE // (short + 1))
     return np.concatenate(
         [
-            median(every[k : k + together], axis=1)
+            np.median(every[k : k + together], axis=1)
             for every in blocks
             for k in range(0, len(every), together)
         ]

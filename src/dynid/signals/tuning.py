@@ -26,6 +26,8 @@ SAMPLES_PER_PERIOD = 12.5
 GOOD_RATE_HZ = 50.0
 #: Fewer samples than this are no recording, and fewer in motion show nothing. Evidence: none yet.
 LEAST_SAMPLES = 20
+#: No driver publishes faster [Hz]: the fastest reach 10 kHz.
+FASTEST_HZ = 1e5
 #: No clock shows a later time [s]: 30 000 years.
 LATEST_S = 1e12
 #: A step further than this from a whole number of sample times leaves open which sample it belongs to. Evidence: none

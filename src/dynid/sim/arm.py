@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Any, Protocol
 
@@ -21,7 +22,6 @@ from dynid.errors import PackageMissing
 from dynid.model.parameters import prior_bodies
 from dynid.motion import Motion
 from dynid.robot import Body, Robot, rotation_rpy
-from dynid.scratch import scratch_folder
 from dynid.sim import tuning
 from dynid.sim.urdf import urdf_text, without_stops, write_urdf
 
@@ -113,7 +113,7 @@ class BulletEngine:
         self._scale, self._joints = _scale(bodies), list(range(robot.n))
         # Why: without this flag Bullet replaces the inertias by those of the shapes, 0.4 N m on this kind of arm.
         flags = bullet.URDF_USE_INERTIA_FROM_FILE
-        with scratch_folder() as folder:
+        with TemporaryDirectory() as folder:
             path = Path(folder) / "arm.urdf"
             write_urdf(without_stops(robot), [_lighter(body, self._scale) for body in bodies], path)
             self._body = bullet.loadURDF(str(path), useFixedBase=True, flags=flags, **self._server)

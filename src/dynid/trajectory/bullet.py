@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import CannotWrite
 from dynid.trajectory import tuning
 from dynid.trajectory.drawing import animation, still
 
@@ -294,9 +293,6 @@ def _axis_errors(found: Floats, expected: Floats) -> Floats:
     return np.stack([angle.max(axis=0), across.max(axis=0)], axis=1)
 
 
-if __name__ == "__main__":
-    try:
-        run(Path(sys.argv[1]))
-    except CannotWrite as error:
-        # Why: the parent tells by the error of the system that it is the machine.
-        raise error.__cause__ or error from None
+def main() -> None:
+    """Do the job that the command line names."""
+    run(Path(sys.argv[1]))

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import limits
 from dynid.errors import WrongUsage
 from dynid.motion import Motion
 from dynid.trajectory import tuning
@@ -66,12 +65,7 @@ class Trajectory:
         return Motion(t, *values)
 
     def sampled(self, rate: float) -> Motion:
-        """Return the motion from its beginning to its end at a sample rate [Hz].
-
-        Raises:
-            TooLarge: it goes on for too long.
-        """
-        limits.check("motion_samples", self.duration * rate, "the motion")
+        """Return the motion from its beginning to its end at a sample rate [Hz]."""
         return self.motion(np.arange(int(np.ceil(self.duration * rate - 1e-9)) + 1) / rate)
 
     def extrema(self, order: int) -> Floats:

@@ -11,18 +11,18 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import children, limits
-from dynid.errors import CannotWrite, Collision, NoDisplay, PackageMissing, WrongRobotFile
+from dynid import children
+from dynid.errors import Collision, NoDisplay, PackageMissing, WrongRobotFile
 from dynid.model.kinematics import link_frames
 from dynid.motion import Motion
 from dynid.npz import written_whole
 from dynid.robot import Robot
-from dynid.scratch import scratch_folder
 from dynid.sim.urdf import write_urdf
 from dynid.trajectory import tuning
 from dynid.trajectory.bullet import HEIGHT, PITCH, VIEW, WIDTH, YAW
@@ -145,7 +145,6 @@ def _answer(robot: Robot, job: Path, urdf: Path) -> dict[str, Any]:
             stdin=subprocess.DEVNULL,
             stdout=stream,
             stderr=stream,
-            env=children.environment(),
             timeout=tuning.DRAWING_TIMEOUT_S,
             check=False,
         )
@@ -170,7 +169,7 @@ def urdf_of(robot: Robot, own: Path | None) -> Iterator[Path]:
     if own is not None:
         yield own
         return
-    with scratch_folder() as folder:
+    with TemporaryDirectory() as folder:
         path = Path(folder) / f"{robot.slug}.urdf"
         write_urdf(robot, None, path)
         yield path
@@ -228,7 +227,6 @@ def window(trajectory: Trajectory, robot: Robot, urdf: Path, scene: Scene) -> It
             stdin=subprocess.DEVNULL,
             stdout=stream,
             stderr=stream,
-            env=children.environment(),
         )
         try:
             _await(child, job)
@@ -314,7 +312,7 @@ def _job(
         "distance": scene.distance,
         "maps": _maps(robot),
     }
-    with scratch_folder() as folder:
+    with TemporaryDirectory() as folder:
         job = Path(folder) / "job.json"
         for kind in ("picture", "animation"):
             path = getattr(drawing, kind, None)
@@ -350,38 +348,16 @@ def _urdf_joints(urdf: Path) -> list[str]:
     import xml.etree.ElementTree as ET
 
     try:
-        root = ET.fromstring(limits.read_bytes(urdf, "urdf_bytes"))
+        root = ET.fromstring(urdf.read_bytes())
     except (OSError, ET.ParseError, LookupError, ValueError) as error:
         raise WrongRobotFile(
             f"{urdf} is not a URDF: {error}", where=str(urdf), fix="give another --urdf"
         ) from None
-    for mesh in root.iter("mesh"):
-        _require_file(urdf, mesh.get("filename", ""))
     return [
         j.get("name", "")
         for j in root.iter("joint")
         if j.get("type") in ("revolute", "continuous", "prismatic")
     ]
-
-
-def _require_file(urdf: Path, name: str) -> None:
-    """Raise where a mesh is a pipe or a device, whose end never comes, or nothing but a hole.
-
-    Raises:
-        WrongRobotFile: it is no regular file; one that is not there is PyBullet's to find.
-    """
-    for prefix in ("package://", "model://", "file://"):
-        name = name.removeprefix(prefix)
-    for folder in (urdf.resolve().parent, *urdf.resolve().parents):
-        place = folder / name
-        try:
-            if place.exists():
-                limits.check_holes(place)
-        except (OSError, ValueError) as error:
-            what = f"{urdf}: the mesh {name} cannot be read: {error}"
-            raise WrongRobotFile(
-                what, where=str(urdf), fix="check the meshes of the URDF"
-            ) from None
 
 
 def _urdf_names(robot: Robot, urdf: Path) -> list[str]:
@@ -406,15 +382,11 @@ def _maps(robot: Robot) -> list[list[list[float]]]:
 
 
 def _command(job: Path) -> list[str]:
-    return children.command("dynid.trajectory.bullet", str(job))
+    return children.python("from dynid.trajectory.bullet import main; main()", str(job))
 
 
 def _failure(status: int, log: str, urdf: Path) -> Exception:
     """Turn the end of a child into a mistake of the catalogue."""
-    if status == children.MACHINE:
-        return CannotWrite(
-            f"cannot draw the motion: {log.strip().splitlines()[-1]}", where=str(urdf)
-        )
     if "No module named 'pybullet'" in log:
         return PackageMissing(
             "the preview needs PyBullet, which is not installed",

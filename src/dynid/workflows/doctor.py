@@ -5,13 +5,13 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import platform
+import shutil
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from dynid.drivers.ros import APT, master_uri, missing_modules, ping_master, ros_folders
-from dynid.programs import installed
 from dynid.version import __version__
 from dynid.xdg import LOCAL_CONFIG, cache_folder, config_file
 
@@ -83,7 +83,7 @@ def version_lines() -> list[str]:
         f"numpy    {version_of('numpy') or 'absent'}",
         f"PyBullet {version_of('pybullet') or 'absent'}",
         f"ROS 1    {'present' if not missing_modules() else 'absent'} (rospy)",
-        f"ROS 2    {'present' if installed('ros2') else 'absent'} (not needed)",
+        f"ROS 2    {'present' if shutil.which('ros2') else 'absent'} (not needed)",
     ]
 
 
@@ -126,7 +126,7 @@ def _ros() -> Iterator[Check]:
 
 def _ros2() -> Iterator[Check]:
     """Say what of ROS 2 is there; nothing of dynid needs it."""
-    program, distribution = installed("ros2"), os.environ.get("ROS_DISTRO", "")
+    program, distribution = shutil.which("ros2"), os.environ.get("ROS_DISTRO", "")
     found = sorted(path.parents[1] for path in Path("/opt/ros").glob("*/bin/ros2"))
     if program is not None:
         value = f"{distribution} ({program})".strip()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
@@ -14,6 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from dynid import children
 from dynid.errors import ExitStatus, PackageMissing, SchedulerSilent, WrongUsage
 from dynid.files.artifact import write_text
 from dynid.files.batchfile import Job, folder_name, read_batch
@@ -21,8 +21,6 @@ from dynid.files.yamlfile import closest
 from dynid.options import Options, option
 from dynid.text import shell
 
-#: Starts dynid as a process that imports nothing from its working folder.
-DYNID = "import sys; sys.path = [p for p in sys.path if p]; from dynid.__main__ import main; main()"
 #: How long a scheduler that does not answer is waited for [s]. evidence: none yet.
 PATIENCE = 30.0
 
@@ -136,7 +134,10 @@ def run_job(job: Job, folder: Path, words: list[str], home: Path) -> dict[str, A
 def _dynid(words: list[str], home: Path) -> tuple[int, str, str]:
     """Run a command of dynid; return its exit status, its answer, and what it said besides."""
     done = subprocess.run(
-        [sys.executable, "-c", DYNID, *words], cwd=home, capture_output=True, text=True
+        children.python("from dynid.__main__ import main; main()", *words),
+        cwd=home,
+        capture_output=True,
+        text=True,
     )
     if "error[E702]" in done.stderr and "--force" not in words:
         # The folder is the job's own: what was made from other inputs is overwritten.

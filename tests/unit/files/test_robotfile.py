@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from dynid.errors import RobotNotFound
-from dynid.files.robotfile import find_robot, known_robots, load_robot, parse_robot, robot_text
+from dynid.files.robotfile import known_robots, load_robot, parse_robot, robot_text
 from dynid.robot import (
     Body,
     Coulomb,
@@ -46,16 +45,3 @@ def test_everything_that_a_robot_can_say_is_written_and_read_back():
         effects=(EffectSpec("stribeck", (robot.joint_names[0],), {"vs": 0.1}, {"vs": 0.01}),),
     )
     assert parse_robot(robot_text(made), Path("again.yaml")) == made
-
-
-@pytest.mark.parametrize("place", ["robots/kuka_lwr4plus.yaml", "kuka_lwr4plus"])
-def test_a_folder_does_not_stand_in_for_a_bundled_robot(place, tmp_path, monkeypatch):
-    bundled = find_robot("kuka_lwr4plus").resolve()
-    monkeypatch.chdir(tmp_path)
-    Path(place).parent.mkdir(exist_ok=True)
-    Path(place).write_text(bundled.read_text().replace("velocity", "velocity ", 1) + "# changed\n")
-    with pytest.raises(RobotNotFound, match="two robots are called 'kuka_lwr4plus'"):
-        load_robot("kuka_lwr4plus")
-    assert find_robot(str(Path(place).absolute())).read_text().endswith("# changed\n")
-    Path(place).write_text(bundled.read_text())
-    assert find_robot("kuka_lwr4plus").read_text() == bundled.read_text()

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynid import limits
 from dynid.errors import WrongRobotFile
 from dynid.model.effects import friction, position, sensor, whole_arm
 from dynid.model.effects.formula import Formula
@@ -128,7 +127,6 @@ def added_effects(robot: Robot) -> tuple[Added, ...]:
                 for name, unit in effect.amplitudes(shape).items()
             )
             found.append(Added(effect, joints, shape, columns))
-            limits.check("effects", sum(len(each.columns) for each in found), where)
     return tuple(found)
 
 
