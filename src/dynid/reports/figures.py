@@ -83,7 +83,12 @@ def _notebook_figure() -> type[Figure]:
 
 
 def joint_panels(
-    titles: Sequence[str], each: float, x_labels: Sequence[str], *, over_time: bool = False
+    titles: Sequence[str],
+    each: float,
+    x_labels: Sequence[str],
+    *,
+    over_time: bool = False,
+    title: str = "",
 ) -> tuple[Figure, NDArray[np.object_]]:
     """Return a figure with one row of panels per joint, and its axes, (n, columns).
 
@@ -92,9 +97,11 @@ def joint_panels(
         each: height of a panel [inch].
         x_labels: under the last panel of each column.
         over_time: whether all share an axis, whose numbers stand under the last, and a legend above.
+        title: of the figure; "" for none.
     """
     n, columns = len(titles), len(x_labels)
-    between, above = (0.26, 0.55) if over_time else (0.4, 0.25)
+    between, above = (0.26, 0.5) if over_time else (0.4, 0.25)
+    above += 0.2 if title else 0.0
     left, right, below = 0.5, 0.1, 0.45
     height = n * each + (n - 1) * between + above + below
     figure = new_figure(height, spaced=False)
@@ -112,9 +119,11 @@ def joint_panels(
             "wspace": 0.3 * columns / (WIDTH - left - right),
         },
     )
-    for row, title in zip(axes, titles, strict=True):
+    if title:
+        figure.suptitle(title, x=0.01, y=1 - 0.05 / height, ha="left", va="top", fontsize=TEXT + 1)
+    for row, words in zip(axes, titles, strict=True):
         # Why with a height, the usual one: else matplotlib looks whether labels are in the way.
-        row[0].set_title(title, fontsize=TEXT, loc="left", y=1.0, pad=3)
+        row[0].set_title(words, fontsize=TEXT, loc="left", y=1.0, pad=3)
     for axis in axes.flat:
         plain(axis)
     for axis, words in zip(axes[-1], x_labels, strict=True):
@@ -123,9 +132,13 @@ def joint_panels(
 
 
 def joint_legend(figure: Figure, axes: NDArray[np.object_]) -> None:
-    """Write the names of the curves of ``joint_panels`` in the corner of a figure."""
+    """Write the names of the curves of ``joint_panels`` above the first panel."""
     handles = axes[0, 0].get_legend_handles_labels()
-    figure.legend(*handles, loc="upper right", ncols=3, frameon=False, fontsize=TEXT)
+    place = axes[0, 0].get_position()
+    corner = (place.x1, place.y1 + 0.2 / figure.get_figheight())
+    figure.legend(
+        *handles, loc="lower right", bbox_to_anchor=corner, ncols=3, frameon=False, fontsize=TEXT
+    )
 
 
 def plain(axis: Axes) -> None:
@@ -162,15 +175,13 @@ def motion_figure(
     titles = [
         f"{label(robot.joints[j].name)} [{unit}]" for j, unit in zip(numbers, units, strict=True)
     ]
-    figure, axes = joint_panels(titles, 0.85, ["time [s]"], over_time=True)
+    what = f"residual {quantity.title}" if residual_only else quantity.title
+    words = f"{label(title, TITLE_LENGTH)}: {what}" if title else ""
+    figure, axes = joint_panels(titles, 0.85, ["time [s]"], over_time=True, title=words)
     for axis, j in zip(axes[:, 0], numbers, strict=True):
         curves = _shown(motion, quantity, j)
         _draw_curves(axis, motion.t, {"residual": curves["residual"]} if residual_only else curves)
     joint_legend(figure, axes)
-    if title:
-        what = f"residual {quantity.title}" if residual_only else quantity.title
-        words = f"{label(title, TITLE_LENGTH)}: {what}"
-        figure.suptitle(words, x=0.01, ha="left", fontsize=TEXT + 1)
     return figure
 
 

@@ -146,7 +146,8 @@ def simulator_figure(gap: SimulatorGap) -> Figure:
     titles = [
         f"{label(joint.name)} [{'mrad' if joint.revolute else 'mm'}]" for joint in gap.robot.joints
     ]
-    figure, axes = joint_panels(titles, 0.85, ["time [s]"], over_time=True)
+    title = f"simulated less measured position, {gap.engine}"
+    figure, axes = joint_panels(titles, 0.85, ["time [s]"], over_time=True, title=title)
     colors = (RESIDUAL, ESTIMATED, MEASURED)
     for j, axis in enumerate(axes[:, 0]):
         for name, simulated, color in zip(gap.models, gap.simulated, colors, strict=False):
