@@ -3,7 +3,7 @@
 #              wait, so the others give way to them meanwhile; each of them up to three times, as a busy machine may not let it
 # make test-rest   what make test leaves out: slow searches, the pages of the docs, broken files, more of ROS, other Pythons
 # make test-pythons    install, demo, a plan and a gap search with each of Python 3.10 to 3.13 that is here; 3 minutes
-# make lint    style, types, import direction
+# make lint    style, types, import direction, and the budget of the house
 # make docs    the pages as HTML in site/, warnings are errors; writes what is made from the code into docs/reference
 # make docs-serve   the same pages on http://127.0.0.1:8000, with search
 
@@ -61,10 +61,11 @@ test-pythons: $(BIN)/python
 	$(BIN)/python tests/pythons.py
 
 lint: $(VENV)/.ready-lint
-	$(BIN)/ruff format --check src tests benchmarks trajectories
-	$(BIN)/ruff check src tests benchmarks
+	$(BIN)/ruff format --check .ci src tests benchmarks trajectories
+	$(BIN)/ruff check .ci src tests benchmarks
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
+	$(BIN)/python .ci/budget.py
 
 docs: $(VENV)/.ready-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
