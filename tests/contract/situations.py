@@ -180,7 +180,7 @@ ANSWERS = {
         identify --from updated/run.yaml --no-report --json -o again
         export {run} --format all --json
         export {run} --format urdf --set plain --json -o plain
-        export {run} --format mjcf --format c --draws 2 --observer --json -o drawn
+        export {run} --format mjcf --format c --draws 2 --json -o drawn
         simulate {run} {run} --compare {unseen} --json
         compare updated --baseline {run} --json
         model scara --json --groups json
