@@ -20,7 +20,7 @@ and with a large lambda_j it has no say in theta. The evidence decides which joi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -203,99 +203,6 @@ def _together(rows: Iterable[ObservationRows]) -> Iterator[ObservationRows]:
         yield joined(held)
 
 
-# ---------------------------------------------------------------- a search between bounds
-#: A slope along the box that counts as none.
-FLAT = 1e-10
-#: A step is shortened until it gains this share of what the slope promises, at most so many times.
-PROMISE, SHORTER = 1e-4, 10
-#: Newton's steps at the end, and the width of the differences that their bend is taken from.
-NEWTON, BEND = 4, 1e-3
-
-
-def smallest_in_box(
-    function: Callable[[Floats], tuple[float, Floats]],
-    start: Floats,
-    low: Floats,
-    high: Floats,
-    steps: int,
-    rounding: float,
-) -> Floats:
-    """Return where a function is smallest between bounds, (k,), as far as going downhill from a start finds it.
-
-    Why not SciPy: importing its optimisation takes longer than an estimate from a log of a minute.
-
-    Source: Bertsekas 1982 (projected steps of a quasi-Newton method), with the update of Broyden, Fletcher, Goldfarb
-    and Shanno. Where changes of the value are lost in its rounding, the slopes tell whether a step is one downhill.
-
-    Args:
-        function: returns its value and its slopes, (k,).
-        start: where to begin, (k,).
-        low: lower bounds, (k,).
-        high: upper bounds, (k,).
-        steps: limit of the steps.
-        rounding: change of the value that counts as none.
-    """
-    x = np.clip(start, low, high)
-    value, slope = function(x)
-    bend = np.eye(len(x)) * max(1.0, float(np.linalg.norm(slope)))
-    for _ in range(steps):
-        free = ~(((x <= low) & (slope > 0.0)) | ((x >= high) & (slope < 0.0)))
-        if not np.any(np.abs(slope[free]) > FLAT):
-            break
-        way = np.zeros_like(x)
-        way[free] = -np.linalg.solve(bend[np.ix_(free, free)], slope[free])
-        for _ in range(SHORTER):
-            there = np.clip(x + way, low, high)
-            found, turned = function(there)
-            promised = PROMISE * float(slope @ (there - x))
-            flatter = np.linalg.norm(turned[free]) < np.linalg.norm(slope[free])
-            if found <= value + promised - rounding or (abs(found - value) <= rounding and flatter):
-                break
-            way = 0.5 * way
-        else:
-            break
-        moved, change = there - x, turned - slope
-        if float(moved @ change) > 1e-12 * float(np.linalg.norm(moved) * np.linalg.norm(change)):
-            along = bend @ moved
-            bend += np.outer(change, change) / (moved @ change) - np.outer(along, along) / (
-                moved @ along
-            )
-        x, value, slope = there, found, turned
-    return x
-
-
-def settled(
-    function: Callable[[Floats], tuple[float, Floats]], x: Floats, low: Floats, high: Floats
-) -> Floats:
-    """Return where the slopes of a function vanish near a place that ``smallest_in_box`` found, (k,).
-
-    Newton's steps, with the bend of the slopes by differences: where rounding ended that search, another machine would
-    have ended it elsewhere.
-
-    Args:
-        function: returns its value and its slopes, (k,).
-        x: where to begin, (k,).
-        low: lower bounds, (k,).
-        high: upper bounds, (k,).
-    """
-    for _ in range(NEWTON):
-        slope = function(x)[1]
-        free = np.flatnonzero(~(((x <= low) & (slope > 0.0)) | ((x >= high) & (slope < 0.0))))
-        steps = BEND * np.eye(len(x))[free]
-        bend = np.array(
-            [(function(x + step)[1] - function(x - step)[1])[free] / (2.0 * BEND) for step in steps]
-        )
-        if not len(free) or np.min(np.linalg.eigvalsh(bend + bend.T)) <= 0.0:
-            break
-        there = x.copy()
-        there[free] -= np.clip(np.linalg.solve(0.5 * (bend + bend.T), slope[free]), -1.0, 1.0)
-        there = np.clip(there, low, high)
-        if np.linalg.norm(function(there)[1][free]) >= np.linalg.norm(slope[free]):
-            break
-        x = there
-    return x
-
-
 # ---------------------------------------------------------------- random effects
 #: Columns by which a joint may have a large torque of its position that no possible arm has, and their variances over
 #: that of the joint's torque: springs and counterbalances are smooth, so that higher harmonics are small.
@@ -303,8 +210,8 @@ FREE = np.flatnonzero(GROUPS == 0)
 FREE_SIZE = np.repeat(np.arange(1.0, tuning.POSITION_HARMONICS + 1), 2) ** -4.0
 #: Names of the groups, for people.
 GROUP_NAMES = ("position", "friction", "load")
-#: Share of the squared torques that their differences, of which the log evidence is made, lose in rounding.
-LOST = 1e-12
+#: Relative change of the log evidence, and its slope along the logarithms of the sizes, at which their search ends.
+FLAT, SLOPE = 1e-13, 1e-8
 #: Pivot of a Cholesky factor, of a matrix with a diagonal of ones, below which rounding has a say in its inverse.
 SINGULAR = 1e-5
 
@@ -748,23 +655,28 @@ def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> Floats:
         x: all parameters, where the prior is approximated, (c,).
         prior: Hessian of the prior there, (c, c).
     """
+    from scipy.optimize import minimize  # here: its import takes as long as the search
+
     rows = rows.agreeing
     gram = rows.gram()
-    low, high = np.log(
-        [np.full(len(tuning.RESIDUAL_LARGEST), tuning.RESIDUAL_NOTHING), tuning.RESIDUAL_LARGEST]
-    )
+    least = np.full(len(tuning.RESIDUAL_LARGEST), tuning.RESIDUAL_NOTHING)
 
     def negative(logs: Floats) -> tuple[float, Floats]:
         evidence, slope = _log_evidence(rows, gram, np.exp(logs), K, x, prior)
         return -evidence, -slope
 
-    rounding = LOST * max(1.0, float(np.sum(gram[:, -1, -1])))
     found = [
-        smallest_in_box(negative, start, low, high, tuning.RESIDUAL_STEPS, rounding)
+        minimize(
+            negative,
+            start,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=np.log([least, tuning.RESIDUAL_LARGEST]).T,
+            options={"ftol": FLAT, "gtol": SLOPE},
+        )
         for start in np.log(tuning.RESIDUAL_BEGIN)
     ]
-    best = min(found, key=lambda logs: negative(logs)[0])
-    return np.asarray(np.exp(settled(negative, best, low, high)))
+    return np.asarray(np.exp(min(found, key=lambda each: each.fun).x))
 
 
 def evidence_gain(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floats) -> float:

@@ -163,8 +163,6 @@ RESIDUAL_NOTHING = 1e-7
 #: Sizes from which the search begins. Why two: shapes of friction and friction by load take each other's place, and
 #: from equal sizes the search finds the former alone where the latter explains more. evidence: none yet.
 RESIDUAL_BEGIN = ((0.05, 0.05, 0.05), (0.001, 0.001, 1.0))
-#: Steps of the search for sizes. evidence: none yet.
-RESIDUAL_STEPS = 40
 #: Gain of the log evidence from which on there is model error: three sizes were chosen.
 #: evidence: none yet.
 RESIDUAL_EVIDENCE = 4.0
