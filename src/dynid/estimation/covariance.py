@@ -44,7 +44,6 @@ def hac_covariances(
     rows: Iterable[ObservationRows],
     theta: Floats,
     noise: Floats,
-    lags: int | None = None,
     *,
     robust: bool = False,
     bread: Floats | None = None,
@@ -58,7 +57,6 @@ def hac_covariances(
         rows: observation rows; instruments are used where they come with them.
         theta: the estimate, (p,).
         noise: standard deviation of each joint that the estimator divided by, (n,) [N m or N].
-        lags: memory of the residuals in samples; None to find it from the scores.
         robust: whether the estimate had Huber weights.
         bread: sensitivity of the estimate to the scores, (p, p), where it was made from more than these rows.
         basis: what the columns of the rows are combined to before, (columns, p); None to take them as they are.
@@ -93,7 +91,7 @@ def hac_covariances(
             [part.with_arrays(part.W @ basis, part.tau) for part in short],
         )
     series = [each.whole() for each in growing]
-    lags = automatic_lags(series) if lags is None else lags
+    lags = automatic_lags(series)
     if bread is None:
         scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
         bread = scale[:, None] * np.linalg.inv(scale[:, None] * sensitivity * scale) * scale

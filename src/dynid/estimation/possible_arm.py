@@ -125,13 +125,12 @@ def likeliest_size(constraints: PhysicalConstraints, x: Floats) -> float:
     return float(np.mean(share)) if len(share) else 1.0
 
 
-def curvature(constraints: PhysicalConstraints, x: Floats, gamma: float) -> Floats:
+def curvature(constraints: PhysicalConstraints, x: Floats) -> Floats:
     """Return the curvature of the price of each link along geodesics, (L, 10, 10), in its ten parameters.
 
     Args:
         constraints: with the prior's bodies B.
         x: all parameters, (c,).
-        gamma: weight of the prior.
     """
     whiten = np.linalg.inv(np.linalg.cholesky(constraints.prior_pseudo_inertia))
     P = pseudo_inertia(x[constraints.bodies])
@@ -143,9 +142,8 @@ def curvature(constraints: PhysicalConstraints, x: Floats, gamma: float) -> Floa
         np.sqrt(size) * (1.0 - tuning.PRIOR_FOLLOWED + tuning.PRIOR_FOLLOWED * size)
     )
     changes = frame[:, None] @ basis() @ frame[:, None].swapaxes(-1, -2)
-    return np.asarray(
-        gamma * np.einsum("lkab,la,lb,lmab->lkm", changes, weight, weight, changes, optimize=True)
-    )
+    bent = np.einsum("lkab,la,lb,lmab->lkm", changes, weight, weight, changes, optimize=True)
+    return np.asarray(tuning.PRIOR_WEIGHT * bent)
 
 
 # ---------------------------------------------------------------- the best-fitting arm
@@ -239,22 +237,19 @@ def is_possible(base: BaseModel, theta: Floats, covariance: Floats) -> bool:
 
 
 # ---------------------------------------------------------------- fits
-def fit_physical(
-    R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: float = tuning.PRIOR_WEIGHT
-) -> PhysicalParameters:
+def fit_physical(R: Floats, r: Floats, constraints: PhysicalConstraints) -> PhysicalParameters:
     """Fit physical parameters with the entropic divergence from the prior as penalty.
 
     Args:
-        R: whitened regressor or its triangular factor, (rows, c) [1 / unit of each parameter].
+        R: whitened regressor or its triangular factor, (rows, c) [1 / unit of each parameter]; 1/2 chi-square must be
+            right, so whiten with a HAC covariance where residuals are coloured.
         r: whitened torques, (rows,), pure numbers.
         constraints: bounds and prior.
-        gamma: weight of the prior; 1/2 chi-square must be right, so whiten with a HAC covariance where residuals are
-            coloured.
 
     Returns:
         The unique minimiser.
     """
-    objective = _objective(R, r, constraints, gamma)
+    objective = _objective(R, r, constraints)
     y, _, _ = minimise(objective, feasible_start(constraints))
     return _report(objective, y, constraints)[0]
 
@@ -263,7 +258,6 @@ def fit_pooled(
     R: Floats,
     r: Floats,
     constraints: PhysicalConstraints,
-    gamma: float = tuning.PRIOR_WEIGHT,
     near: Floats | None = None,
 ) -> tuple[PhysicalParameters, PhysicalConstraints]:
     """Fit like ``fit_physical``, and let joints lend each other the size of their friction and rotor inertia.
@@ -279,7 +273,6 @@ def fit_pooled(
         R: whitened regressor or its triangular factor, (rows, c) [1 / unit of each parameter].
         r: whitened torques, (rows,), pure numbers.
         constraints: bounds and prior.
-        gamma: weight of the prior and of the pooling.
         near: possible parameters of a similar fit, (c,), where the search begins.
 
     Returns:
@@ -288,18 +281,18 @@ def fit_pooled(
     start = feasible_start(constraints) if near is None else near
     constraints = with_pooled_prior(constraints, start)
     bound = constraints if near is None else _followed(constraints, near)
-    objective = _objective(*_with_spread(R, r, bound, gamma), bound, gamma)
+    objective = _objective(*_with_spread(R, r, bound), bound)
     here = minimise(objective, start, tuning.POOLING_TOLERANCE)
     for _ in range(tuning.POOLING_ROUNDS):
         before, constraints = bound, with_pooled_prior(constraints, here[0])
         bound = _followed(constraints, here[0])
         if _settled(before, bound):
             break
-        objective = _objective(*_with_spread(R, r, bound, gamma), bound, gamma)
+        objective = _objective(*_with_spread(R, r, bound), bound)
         here = minimise(objective, here, tuning.POOLING_TOLERANCE)
     y, _, _ = minimise(objective, here)
     fit, logs = _report(objective, y, constraints)
-    return _honest(fit, R, logs, constraints, gamma), constraints
+    return _honest(fit, R, logs, constraints), constraints
 
 
 def _followed(constraints: PhysicalConstraints, x: Floats) -> PhysicalConstraints:
@@ -320,7 +313,7 @@ def _settled(before: PhysicalConstraints, after: PhysicalConstraints) -> bool:
 
 
 def _honest(
-    fit: PhysicalParameters, R: Floats, logs: Floats, constraints: PhysicalConstraints, gamma: float
+    fit: PhysicalParameters, R: Floats, logs: Floats, constraints: PhysicalConstraints
 ) -> PhysicalParameters:
     """Return the fit with error bars for bodies that may be far from the prior's.
 
@@ -329,12 +322,11 @@ def _honest(
         R: whitened regressor, (rows, c).
         logs: the curvature of the entropic prior there, (c, c).
         constraints: with the prior's bodies.
-        gamma: weight of the prior.
     """
     data, entropic = R.T @ R, fit.hessian
     change, columns = np.zeros_like(entropic), constraints.bodies
     places = columns[:, :, None], columns[:, None, :]
-    change[places] = curvature(constraints, fit.x, gamma) - logs[places]
+    change[places] = curvature(constraints, fit.x) - logs[places]
     prior = tuning.PRIOR_COUNTED * (entropic + change - data)
     covariance = _inverse(data + prior, None)
     open_ = np.diagonal(_inverse(tuning.PRIOR_COUNTED * (logs + change), None))
@@ -351,7 +343,6 @@ def fit_sized(
     R: Floats,
     r: Floats,
     constraints: PhysicalConstraints,
-    gamma: float = tuning.PRIOR_WEIGHT,
     near: Floats | None = None,
 ) -> tuple[PhysicalParameters, PhysicalConstraints]:
     """Fit like ``fit_pooled``, and let the data say how heavy the prior's bodies are, all of them by one factor.
@@ -363,13 +354,12 @@ def fit_sized(
         R: whitened regressor or its triangular factor, (rows, c).
         r: whitened torques, (rows,).
         constraints: bounds and prior.
-        gamma: weight of the prior and of the pooling.
         near: possible parameters of a similar fit, (c,), where the search begins.
 
     Returns:
         The fit, and the constraints with the sizes of bodies, friction and rotors found as prior.
     """
-    fit, found = as_given = fit_pooled(R, r, constraints, gamma, near)
+    fit, found = as_given = fit_pooled(R, r, constraints, near)
     for _ in range(tuning.SIZE_ROUNDS if fit.cost > tuning.SIZE_GAIN else 0):
         size = likeliest_size(found, fit.x)
         if abs(np.log(size)) < tuning.SIZE_SETTLED:
@@ -377,7 +367,7 @@ def fit_sized(
         prior = constraints.prior.copy()
         prior[constraints.bodies] *= size
         constraints = replace(constraints, prior=prior)
-        fit, found = fit_pooled(R, r, constraints, gamma, fit.x)
+        fit, found = fit_pooled(R, r, constraints, fit.x)
     return (fit, found) if as_given[0].cost - fit.cost > tuning.SIZE_GAIN else as_given
 
 
@@ -411,12 +401,10 @@ def with_pooled_prior(constraints: PhysicalConstraints, x: Floats) -> PhysicalCo
     return replace(constraints, prior=prior, spread=spread)
 
 
-def _with_spread(
-    R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: float
-) -> tuple[Floats, Floats]:
+def _with_spread(R: Floats, r: Floats, constraints: PhysicalConstraints) -> tuple[Floats, Floats]:
     """Return the rows with those that hold parameters near zero."""
     held = np.flatnonzero(np.isfinite(constraints.spread))
-    rows = np.eye(R.shape[1])[held] * (gamma**0.5 / constraints.spread[held])[:, None]
+    rows = np.eye(R.shape[1])[held] * (tuning.PRIOR_WEIGHT**0.5 / constraints.spread[held])[:, None]
     return np.vstack([R, rows]), np.append(r, np.zeros(len(held)))
 
 
@@ -425,7 +413,6 @@ def exact_parameters(
     beta: Floats,
     covariance: Floats,
     constraints: PhysicalConstraints,
-    gamma: float = tuning.PRIOR_WEIGHT,
 ) -> tuple[PhysicalParameters, float]:
     """Find link parameters that keep every base parameter; what these leave open comes from the prior.
 
@@ -434,7 +421,6 @@ def exact_parameters(
         beta: base parameters, (p,), each in its unit.
         covariance: their covariance, (p, p); HAC where residuals are coloured.
         constraints: bounds and prior.
-        gamma: weight of the prior.
 
     Returns:
         The parameters, and the largest difference |K x - beta| of any base parameter in its standard deviations; where
@@ -451,7 +437,7 @@ def exact_parameters(
     worst = np.inf
     for tolerance in tuning.COMPLETION_STEPS:
         R = np.hstack([whiten, np.zeros((p, c - p))]) / tolerance
-        objective = replace(_objective(R, whiten @ beta / tolerance, constraints, gamma), T=T)
+        objective = replace(_objective(R, whiten @ beta / tolerance, constraints), T=T)
         here = minimise(objective, here)
         before, worst = worst, float(np.abs((here[0][:p] - beta) / sigma).max())
         # Why: where a body exists, ten times the stiffness leaves a hundredth of the miss; where none does, nothing.
@@ -527,7 +513,9 @@ def _only_bounds(constraints: PhysicalConstraints) -> NDArray[np.bool_]:
     return np.asarray(~with_prior)
 
 
-def _objective(R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: float) -> Objective:
+def _objective(
+    R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: float = tuning.PRIOR_WEIGHT
+) -> Objective:
     linear = np.zeros(len(constraints.prior))
     inverse = np.linalg.inv(constraints.prior_pseudo_inertia)
     linear[constraints.bodies] = gamma * np.einsum("lab,kba->lk", inverse, basis())

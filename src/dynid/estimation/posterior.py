@@ -50,12 +50,9 @@ from dynid.model.regressor import Observer
 from dynid.robot import Known
 
 if TYPE_CHECKING:
-    from dynid.estimation.residual_model import ModelError
     from dynid.estimation.result import Identification
-    from dynid.model.base_model import BaseModel
 
 Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 #: Estimators that give spikes little weight.
@@ -648,7 +645,7 @@ def prior_covariance(base: BaseModel) -> Floats:
     covariance[others, others] = 1.0 / np.maximum(size.max(axis=0, initial=0.0), 1e-9) ** 2
     for columns_of_body, bent in zip(
         constraints.bodies,
-        curvature(constraints, constraints.prior, tuning.PRIOR_WEIGHT),
+        curvature(constraints, constraints.prior),
         strict=True,
     ):
         covariance[np.ix_(columns_of_body, columns_of_body)] = np.linalg.inv(

@@ -2,7 +2,7 @@
 
 Rows are made block by block and folded into one small triangular factor per joint and block of time. Everything linear
 (ordinary and weighted least squares, hold-out) needs only those; methods that look at single rows walk over them again,
-evaluated from the conditioned logs that a stack carries. Stacks are added, and each may come from another process.
+evaluated from the conditioned logs that a stack carries. Stacks are added.
 
 How late the torques were stamped is found from a stack. A torque that is late by d is W theta at t - d, to first order
 W theta - d * (W theta)'. The slope of the fitted torques is one more column of the regression, and its coefficient is
@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,14 +71,9 @@ class LogRows:
     def __iter__(self) -> Iterator[ObservationRows]:
         """Walk over the rows in order of time; may be done many times."""
         for rows in self._evaluated() if self._kept is None else self._kept:
-            yield replace(
-                rows
-            )  # Why a copy: it makes W and Z anew, so that they do not stay in memory.
+            # Why a copy: it makes W and Z anew, so that they do not stay in memory.
+            yield replace(rows)
             release()
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out the rows that are kept: another process evaluates them again, to the same numbers."""
-        return {**vars(self), "_kept": None}
 
     def _evaluated(self) -> Iterator[ObservationRows]:
         numbers, facts = Growing(0), list[ObservationRows]()
@@ -131,8 +125,6 @@ class Earlier:
 @dataclass(frozen=True)
 class Stack:
     """The observation matrix of one or several logs as triangular factors; ``+`` puts the logs of two together.
-
-    It can be sent to another process: the conditioned logs go with it, and rows are evaluated again where it arrives.
 
     Attributes:
         base: model and base parameters whose columns the rows have.
@@ -284,14 +276,7 @@ def stack_logs(
         progress: told how far the work is.
     """
     progress.stage("stack")
-    return say_stacked(
-        added([_of_log(log, base, progress, (k, len(logs))) for k, log in enumerate(logs)]),
-        progress,
-    )
-
-
-def say_stacked(found: Stack, progress: Progress) -> Stack:
-    """Tell how large a stack is, and return it."""
+    found = added([_of_log(log, base, progress, (k, len(logs))) for k, log in enumerate(logs)])
     rows = f"{found.samples} samples x {len(found.joints)} joints"
     progress.stage("stacked", f"{rows} -> W {int(found.counts.sum())} x {len(found.names)}")
     return found

@@ -147,9 +147,7 @@ def in_range(effect: Effect, shape: Mapping[str, float]) -> bool:
     return all(ends is None or ends[0] <= value <= ends[1] for value, ends in ranges)
 
 
-def candidates_of(
-    rows: EvidenceRows, wanted: Sequence[tuple[Effect, Joints]], added: Sequence[EffectColumns] = ()
-) -> list[Candidate]:
+def candidates_of(rows: EvidenceRows, wanted: Sequence[tuple[Effect, Joints]]) -> list[Candidate]:
     """Return all candidates that the rows show at all, each on its grid."""
     found = []
     for effect, joints in wanted:
@@ -158,7 +156,7 @@ def candidates_of(
             if in_range(effect, shape):
                 groups.setdefault(len(effect.amplitudes(shape)), []).append(shape)
         made = [
-            candidate(rows, effect, joints, some, added, len(groups), keep=True)
+            candidate(rows, effect, joints, some, (), len(groups), keep=True)
             for some in groups.values()
         ]
         found += [one for one in made if one.own and one.rms.any()]

@@ -70,7 +70,6 @@ class EffectEvidence:
         before: error of that joint on rows that were not fitted, without it [unit].
         after: and with it [unit].
         unit: of these.
-        applied: word for ``--apply``.
         why_not: why it is not named.
         corrected: whether predictions allow for it already, as for a delay that was found when the arm was identified.
     """
@@ -85,7 +84,6 @@ class EffectEvidence:
     before: float | None = None
     after: float | None = None
     unit: str = "N m"
-    applied: str = "best"
     why_not: str = ""
     corrected: bool = False
 

@@ -84,7 +84,7 @@ def test_curvature_is_that_of_the_price_along_geodesics(constraints):
     x = constraints.prior * 1.0
     last = constraints.bodies[-1]
     x[last] = 4.0 * x[last]
-    H = curvature(constraints, x, 3.0)[-1]
+    H = curvature(constraints, x)[-1]
     P = pseudo_inertia(x[last])
     value, vector = np.linalg.eigh(P)
     half = vector * np.sqrt(value) @ vector.T
