@@ -1,4 +1,4 @@
-"""The numbers that decide something in reading files; what a file may ask for at most stands in ``dynid.limits``."""
+"""The numbers that decide something in reading files."""
 
 #: Messages that are decoded together: enough for NumPy; half or double makes no difference.
 MESSAGES = 4096
