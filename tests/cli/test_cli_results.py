@@ -276,7 +276,7 @@ def test_a_failing_job_does_not_stop_the_others_and_done_work_is_not_done_again(
     assert re.fullmatch(
         r"limit +scaled: lwr_2_joint rms_nm \S+ -> \S+ \(\+\d+\.\d\d %\) and \d+ more", scaled
     )
-    assert missing.startswith("no such file nowhere.bag")
+    assert missing.startswith("error[E301] no such file nowhere.bag")
     root = ET.parse(shop.folder / "batch.xml").getroot()
     assert (root.get("tests"), root.get("failures"), root.get("errors")) == ("3", "1", "1")
     again = json.loads(shop("run", "batch.yaml", "--json", "-o", "jobs").out)
