@@ -611,7 +611,7 @@ def with_changes(fit: PhysicalParameters, changes: Floats) -> PhysicalParameters
         fit,
         hessian=_inverse(covariance, None),
         covariance=covariance,
-        std_error=np.sqrt(after),
+        std_error=np.sqrt(np.maximum(after, 0.0)),
         data_share=np.clip(1.0 - (1.0 - fit.data_share) * growth, 0.0, 1.0),
     )
 

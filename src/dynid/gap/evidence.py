@@ -500,14 +500,13 @@ def _count(one: EffectColumns) -> int:
 
 
 def evidence_of(
-    regression: WhitenedRegression, repeats: Sequence[RepeatPair], names: int
+    regression: WhitenedRegression, repeats: Sequence[RepeatPair]
 ) -> tuple[Evidence, EvidenceRows]:
     """Return the evidence of rows without any name, the rest sized.
 
     Args:
         regression: whitened rows with base parameters alone.
         repeats: segments of the same motion.
-        names: number of names that are looked for.
     """
     n, segments = len(regression.joints), regression.segments
     torques = [acceleration_torques(s) for s in segments]

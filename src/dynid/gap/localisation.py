@@ -80,7 +80,7 @@ def localise_residual(regression: WhitenedRegression) -> list[JointGap]:
     found = []
     for j in range(len(chi)):
         regions = regions_of(regression, j)
-        text = _words(regions, float(chi[j])) if chi[j] > 1 + NEGLIGIBLE else "at the noise floor"
+        text = _words(regions) if chi[j] > 1 + NEGLIGIBLE else "at the noise floor"
         found.append(
             JointGap(
                 j,
@@ -156,7 +156,7 @@ def chi_square_between_reversals(regression: WhitenedRegression) -> Floats:
     return chi
 
 
-def _words(regions: list[ResidualRegion], chi: float) -> str:
+def _words(regions: list[ResidualRegion]) -> str:
     """Return the strongest contrasts in words."""
     strong = []
     for kind in dict.fromkeys(r.kind for r in regions):

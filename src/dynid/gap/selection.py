@@ -198,7 +198,7 @@ class EvidenceSelection:
         self.selected: list[SelectedEffect] = []
         self.regression = problem.regression()
         bare = problem.regression(nuisance=False)
-        self.first, self.rows = evidence_of(bare, problem.repeats, len(self.wanted))
+        self.first, self.rows = evidence_of(bare, problem.repeats)
         self.evidence, self.added = self.first, list[EffectColumns]()
         self.candidates = self.at_first = self._candidates()
         self.visibility: dict[Key, float] = {}
