@@ -583,20 +583,6 @@ def with_wider_errors(fit: PhysicalParameters, told: Floats, less: float) -> Phy
     return replace(found, inflation=fit.inflation * less)
 
 
-def _with_hessian(fit: PhysicalParameters, hessian: Floats) -> PhysicalParameters:
-    """Return a fit with the error bars of another Hessian, (c, c)."""
-    covariance = _inverse(hessian, None)
-    before, after = np.diagonal(fit.covariance), np.diagonal(covariance)
-    growth = np.where(before > 0.0, after / np.where(before > 0.0, before, 1.0), 1.0)
-    return replace(
-        fit,
-        hessian=hessian,
-        covariance=covariance,
-        std_error=np.sqrt(np.maximum(after, 0.0)),
-        data_share=np.clip(1.0 - (1.0 - fit.data_share) * growth, 0.0, 1.0),
-    )
-
-
 def with_changes(fit: PhysicalParameters, changes: Floats) -> PhysicalParameters:
     """Return a fit whose error bars hold what differs from one recording to the next as well.
 
@@ -605,11 +591,23 @@ def with_changes(fit: PhysicalParameters, changes: Floats) -> PhysicalParameters
         changes: A with A A^T the covariance that other recordings add, (c, k).
     """
     covariance = fit.covariance + changes @ changes.T
+    return _with_errors(fit, _inverse(covariance, None), covariance)
+
+
+def _with_hessian(fit: PhysicalParameters, hessian: Floats) -> PhysicalParameters:
+    """Return a fit with the error bars of another Hessian, (c, c)."""
+    return _with_errors(fit, hessian, _inverse(hessian, None))
+
+
+def _with_errors(
+    fit: PhysicalParameters, hessian: Floats, covariance: Floats
+) -> PhysicalParameters:
+    """Return a fit with another Hessian and covariance, (c, c) each."""
     before, after = np.diagonal(fit.covariance), np.diagonal(covariance)
     growth = np.where(before > 0.0, after / np.where(before > 0.0, before, 1.0), 1.0)
     return replace(
         fit,
-        hessian=_inverse(covariance, None),
+        hessian=hessian,
         covariance=covariance,
         std_error=np.sqrt(np.maximum(after, 0.0)),
         data_share=np.clip(1.0 - (1.0 - fit.data_share) * growth, 0.0, 1.0),
