@@ -55,21 +55,6 @@ def test_check_describes_a_bag(dynid):
     assert len(checked["position_span_rad"]) == len(checked["torque_max_nm"]) == 7
 
 
-def test_check_tells_people_the_same(dynid):
-    done = dynid("check", str(BAG), "--robot", "kuka_lwr4plus")
-    answer, *rest = done.out.splitlines()
-    assert answer == f"{BAG.name} can be used: no mistake was found."
-    assert [line.split()[0] for line in rest] == [
-        "log",
-        "topic",
-        "columns",
-        "units",
-        "motion",
-        "verdict",
-    ]
-    assert f"dynid identify kuka_lwr4plus {BAG}" in done.err
-
-
 def test_a_log_without_a_robot_says_what_it_holds(dynid):
     done = dynid("check", str(BAG))
     assert done.status == 0, done.err

@@ -282,7 +282,9 @@ def test_a_failing_job_does_not_stop_the_others_and_done_work_is_not_done_again(
     again = json.loads(shop("run", "batch.yaml", "--json", "-o", "jobs").out)
     assert [job["reused"] for job in again["jobs"]] == [True, True, False]
     (shop.folder / "batch.yaml").write_text(
-        BATCH.replace("tolerance: 1%}\n  - {name: scaled", "tolerance: 2%}\n  - {name: scaled")
+        BATCH.replace(
+            f"logs: {IDENTIFY}, baseline", f"logs: {IDENTIFY}, options: {{cutoff: 9}}, baseline"
+        )
     )
     third = json.loads(
         shop("run", "batch.yaml", "--json", "-o", "jobs", "--only", "good", "--only", "scaled").out

@@ -107,7 +107,7 @@ def test_pages_that_messages_point_to_exist():
         assert (ROOT / target).is_file(), target
     named = set(re.findall(r"dynid explain ([a-z][a-z0-9-]+)", source))
     assert (
-        {"robot-file", "log-format", "limits"}
+        {"robot-file", "log-format"}
         <= named
         <= {path.stem for path in (ROOT / "docs").rglob("*.md")}
     )

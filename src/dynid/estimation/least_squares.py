@@ -142,16 +142,6 @@ def symmetric_root(matrix: Floats) -> Floats:
     return np.asarray(scale[:, None] * vector * np.sqrt(np.maximum(value, 0.0)))
 
 
-def block_diagonal(*blocks: Floats) -> Floats:
-    """Return the matrix that has others on its diagonal and is zero elsewhere."""
-    found = np.zeros(np.sum([block.shape for block in blocks], axis=0))
-    row = column = 0
-    for block in blocks:
-        found[row : row + block.shape[0], column : column + block.shape[1]] = block
-        row, column = row + block.shape[0], column + block.shape[1]
-    return found
-
-
 @dataclass(frozen=True)
 class Solution:
     """The least-squares solution of one factor.

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dynid.errors import Finding, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.compare import same_parameters
-from dynid.estimation.least_squares import block_diagonal, solvable, triangle
+from dynid.estimation.least_squares import solvable, triangle
 from dynid.estimation.possible_arm import fit_pooled
 from dynid.estimation.possible_set import make_constraints
 from dynid.estimation.posterior import ROBUST, ParameterPosterior, parameter_posterior
@@ -222,6 +222,8 @@ class LoadProblem:
 
         k is n for each cause: the same in both logs, and of a real arm different ones.
         """
+        from scipy.linalg import block_diag
+
         n, moved, shares = len(self.factors), [np.zeros((len(self.torque), 0))], [np.zeros((0, 0))]
         if scale_error > 0.0 or own > 0.0:
             common = tuning.COMMON_SCALE_SHARE * scale_error**2
@@ -232,7 +234,7 @@ class LoadProblem:
         if self.real:
             moved.append(np.zeros((len(self.torque), n)))
             shares.append(tuning.SCALE_DRIFT**2 * np.eye(n))
-        return np.hstack(moved), block_diagonal(*shares)
+        return np.hstack(moved), block_diag(*shares)
 
     def _without_error(self, joint: int, change: Floats) -> tuple[Floats, Floats]:
         """Return rows of one joint in the unknowns, and in free base parameters, the residual model eliminated."""

@@ -73,11 +73,6 @@ def smallest_eigenvalues(bodies: Floats) -> Floats:
     return np.asarray(np.linalg.eigvalsh(pseudo_inertia(bodies))[..., 0])
 
 
-def is_consistent(bodies: Floats) -> bool:
-    """Return whether every body, (L, 10) [kg, kg m, kg m^2], is a distribution of positive mass."""
-    return bool(np.all(smallest_eigenvalues(bodies) > 0.0))
-
-
 @dataclass(frozen=True)
 class PhysicalConstraints:
     """The set of physical parameter vectors and the prior inside it.
@@ -117,10 +112,6 @@ class PhysicalConstraints:
     def slack(self, x: Floats) -> Floats:
         """Return how far parameters x, (c,) in their units, keep the bounds, (k,); negative: broken."""
         return np.asarray(self.G @ x - self.h)
-
-    def holds(self, x: Floats) -> bool:
-        """Return whether x, (c,) in their units, is a physical parameter vector."""
-        return is_consistent(x[self.bodies]) and bool(np.all(self.slack(x) >= 0.0))
 
 
 def make_constraints(
@@ -321,7 +312,7 @@ def _step(
         ds = objective.G @ dx
         # In scaled coordinates P and Z are the same diagonal matrix, v.
         dP = back @ pseudo_inertia(dx[objective.bodies]) @ back.swapaxes(-1, -2)
-        dZ = _diagonal((objective.gamma + aim)[:, None] / v - v) - dP
+        dZ = ((objective.gamma + aim)[:, None] / v - v)[:, :, None] * np.eye(4) - dP
         dz = (objective.mu + aim) / slack - z - ratio * ds
         root = 1.0 / np.sqrt(v)
         relative = np.concatenate([dP, dZ]) * np.tile(
@@ -386,10 +377,6 @@ def _nesterov_todd(P: Floats, Z: Floats) -> tuple[Floats, Floats, Floats]:
     outwards = np.linalg.inv(lower)
     back = value[:, :, None] ** 0.25 * (vector.swapaxes(-1, -2) @ outwards)
     return back, np.sqrt(value), outwards.swapaxes(-1, -2) @ outwards
-
-
-def _diagonal(v: Floats) -> Floats:
-    return v[:, :, None] * np.eye(4)
 
 
 def solve_scaled(H: Floats, b: Floats) -> Floats:

@@ -210,8 +210,10 @@ FREE = np.flatnonzero(GROUPS == 0)
 FREE_SIZE = np.repeat(np.arange(1.0, tuning.POSITION_HARMONICS + 1), 2) ** -4.0
 #: Names of the groups, for people.
 GROUP_NAMES = ("position", "friction", "load")
-#: Relative change of the log evidence, and its slope along the logarithms of the sizes, at which their search ends.
-FLAT, SLOPE = 1e-13, 1e-8
+#: Relative change of the logarithms of the sizes at which their slopes count as none.
+SETTLED = 1e-12
+#: Change of the log evidence that tells nothing: a size without which it falls by less is none.
+UNTOLD = 1e-4
 #: Pivot of a Cholesky factor, of a matrix with a diagonal of ones, below which rounding has a say in its inverse.
 SINGULAR = 1e-5
 
@@ -655,28 +657,40 @@ def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> Floats:
         x: all parameters, where the prior is approximated, (c,).
         prior: Hessian of the prior there, (c, c).
     """
-    from scipy.optimize import minimize  # here: its import takes as long as the search
+    from scipy.optimize import minimize, root  # here: their import takes as long as the search
 
     rows = rows.agreeing
     gram = rows.gram()
-    least = np.full(len(tuning.RESIDUAL_LARGEST), tuning.RESIDUAL_NOTHING)
+    low, high = np.log(
+        np.broadcast_arrays(tuning.RESIDUAL_NOTHING, np.array(tuning.RESIDUAL_LARGEST))
+    )
 
     def negative(logs: Floats) -> tuple[float, Floats]:
         evidence, slope = _log_evidence(rows, gram, np.exp(logs), K, x, prior)
         return -evidence, -slope
 
     found = [
-        minimize(
-            negative,
-            start,
-            jac=True,
-            method="L-BFGS-B",
-            bounds=np.log([least, tuning.RESIDUAL_LARGEST]).T,
-            options={"ftol": FLAT, "gtol": SLOPE},
-        )
+        minimize(negative, start, jac=True, method="L-BFGS-B", bounds=np.c_[low, high])
         for start in np.log(tuning.RESIDUAL_BEGIN)
     ]
-    return np.asarray(np.exp(min(found, key=lambda each: each.fun).x))
+    best = min(found, key=lambda each: each.fun)
+    logs = np.asarray(best.x)
+    for k in range(len(logs)):
+        without = np.where(np.arange(len(logs)) == k, low, logs)
+        logs = without if negative(without)[0] <= best.fun + UNTOLD else logs
+    inside = (logs > low) & (logs < high)
+
+    def slopes(part: Floats) -> Floats:
+        there = logs.copy()
+        there[inside] = part
+        return negative(there)[1][inside]
+
+    # The evidence is flat beyond its rounding; where its slopes vanish is the same on every machine.
+    if inside.any():
+        level = root(slopes, logs[inside], tol=SETTLED).x
+        if np.linalg.norm(slopes(level)) < np.linalg.norm(slopes(logs[inside])):
+            logs[inside] = level
+    return np.asarray(np.exp(logs))
 
 
 def evidence_gain(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floats) -> float:

@@ -23,7 +23,6 @@ from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariances
 from dynid.estimation.least_squares import (
     Fit,
-    block_diagonal,
     merge,
     triangle,
     weighted,
@@ -360,6 +359,8 @@ def estimate_delay(stack: Stack) -> tuple[float, float]:
     Args:
         stack: the stacked logs; a rank that is short does no harm.
     """
+    from scipy.linalg import block_diag
+
     fit = stack.first_fit
     whitened = fit.whitened[:-1, :-1]
     length = np.linalg.norm(whitened, axis=0)
@@ -369,12 +370,12 @@ def estimate_delay(stack: Stack) -> tuple[float, float]:
     slopes = _slopes(stack, fit.theta)
     rows = (_with_slope(part, slope) for part, slope in zip(stack, slopes, strict=True))
     # Why a basis: directions that the log leaves open would have no covariance.
-    basis = block_diagonal(columns, np.eye(1))
+    basis = block_diag(columns, np.eye(1))
     factors, counts = stack.whole
     seen = zip(factors, *_products(stack, slopes), strict=True)
     factors = np.array([with_columns(R, across, square, at=-1) for R, across, square in seen])
     found = weighted(
-        np.array([triangle(R @ block_diagonal(basis, np.eye(1))) for R in factors]), counts
+        np.array([triangle(R @ block_diag(basis, np.eye(1))) for R in factors]), counts
     )
     variance = hac_covariances(
         rows, found.theta, found.noise, bread=found.covariance, basis=basis, of=[-1]

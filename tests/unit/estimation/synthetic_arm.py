@@ -13,6 +13,7 @@ from dynid.estimation.possible_set import (
     body_parameters,
     make_constraints,
     pseudo_inertia,
+    smallest_eigenvalues,
 )
 from dynid.model.parameters import numbered
 from dynid.robot import LINK_PARAMETERS, Body
@@ -145,3 +146,9 @@ def arm_with_measured_friction() -> Arm:
     truth = arm.truth.copy()
     truth[77::2], truth[78::2] = MEASURED_FRICTION
     return replace(arm, truth=truth)
+
+
+def holds(constraints, x):
+    """Whether a vector of parameters keeps the bounds and all its links are bodies."""
+    bodies = smallest_eigenvalues(x[constraints.bodies])
+    return bodies.min() > 0.0 and constraints.slack(x).min() >= 0.0
