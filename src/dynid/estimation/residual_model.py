@@ -674,7 +674,7 @@ def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> Floats:
         for start in np.log(tuning.RESIDUAL_BEGIN)
     ]
     best = min(found, key=lambda each: each.fun)
-    logs = np.asarray(best.x)
+    logs = best.x
     for k in range(len(logs)):
         without = np.where(np.arange(len(logs)) == k, low, logs)
         logs = without if negative(without)[0] <= best.fun + UNTOLD else logs
@@ -683,7 +683,7 @@ def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> Floats:
     def slopes(part: Floats) -> Floats:
         there = logs.copy()
         there[inside] = part
-        return negative(there)[1][inside]
+        return np.asarray(negative(there)[1][inside])
 
     # The evidence is flat beyond its rounding; where its slopes vanish is the same on every machine.
     if inside.any():
