@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import Finding, LogLayout, PackageMissing
 from dynid.npz import write_npz
-from dynid.scratch import floats, median_step
 from dynid.text import html, visible
 from dynid.units import FACTORS
 from dynid.version import __version__
@@ -140,7 +139,7 @@ class Log:
             raise self._wrong(f"array '{key}' has rows of different lengths") from None
         if not np.issubdtype(array.dtype, np.number) or np.iscomplexobj(array):
             raise self._wrong(f"array '{key}' holds no numbers")
-        return floats(array)
+        return np.asarray(array, dtype=np.float64)
 
     def _columns(self, key: str, values: ArrayLike, quantity: str = "any") -> NDArray[Any]:
         array: NDArray[Any] = self._floats(key, values) if quantity else np.asarray(values)
@@ -184,7 +183,7 @@ class Log:
     @cached_property
     def rate(self) -> float:
         """Median sample rate [Hz]."""
-        return 1.0 / median_step(self.t) if len(self.t) > 1 else float("nan")
+        return 1.0 / float(np.median(np.diff(self.t))) if len(self.t) > 1 else float("nan")
 
     def _facts(self) -> dict[str, str]:
         """Return what ``repr`` shows, by label."""

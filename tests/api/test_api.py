@@ -45,6 +45,7 @@ def test_an_unknown_name_is_an_attribute_error():
         dynid.identifi  # noqa: B018
 
 
+@pytest.mark.slow
 def test_arrays_give_the_parameters_of_the_file(arm, log, result):
     """The log's arrays are DH quantities here because the driver map of this arm is the identity."""
     again = dynid.identify(

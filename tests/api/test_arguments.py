@@ -118,6 +118,7 @@ PAIRS = [
 RIGHT = [pair for pair in PAIRS if pair[1] in ALSO and pair[0] != "find_drive_gains"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "parameter"), RIGHT)
 def test_paths_and_objects_are_both_taken(here, name, parameter):
     for value in ALSO[parameter](here):

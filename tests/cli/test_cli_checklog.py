@@ -45,6 +45,7 @@ def arm(dynid):
     return dynid
 
 
+@pytest.mark.slow
 def test_check_describes_a_bag(dynid):
     done = dynid("check", str(BAG), "--robot", "kuka_lwr4plus", "--json")
     assert done.status == 0, done.err
@@ -69,6 +70,7 @@ def test_the_robot_file_among_the_paths_serves_the_logs(arm):
     assert "matched by name: shoulder, elbow" in done.out
 
 
+@pytest.mark.slow
 def test_convert_writes_a_log_that_reads_back_and_is_reused(dynid):
     words = ("check", str(BAG), "--robot", "kuka_lwr4plus", "--convert")
     done = dynid(*words)

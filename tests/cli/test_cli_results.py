@@ -45,6 +45,7 @@ def shop(tmp_path_factory, runner):
     return run
 
 
+@pytest.mark.slow
 def test_code_is_exported_compiled_and_compared(shop):
     """C and Python need no bodies; their torques differ by rounding."""
     done = shop("export", "out/arm", "--format", "c", "--format", "python", "--json")
@@ -174,6 +175,7 @@ def test_a_file_that_is_no_urdf_is_refused(dynid):
     assert list(dynid.folder.iterdir()) == [dynid.folder / "two.urdf"]
 
 
+@pytest.mark.slow
 def test_a_result_is_as_its_baseline_and_a_scaled_torque_column_is_not(shop):
     """The regression job: the same log passes at a tolerance of 1 %, a column times 1.02 fails and is named."""
     same = shop("identify", "kuka_lwr4plus", str(IDENTIFY), "-o", "out/again", "--no-report")
@@ -264,6 +266,7 @@ jobs:
 """
 
 
+@pytest.mark.slow
 def test_a_failing_job_does_not_stop_the_others_and_done_work_is_not_done_again(shop):
     """A passed, a drifted and a broken job; the second time nothing is identified; a changed option runs one again."""
     (shop.folder / "batch.yaml").write_text(BATCH)

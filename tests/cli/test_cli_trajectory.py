@@ -154,6 +154,7 @@ def test_too_fast_a_tool_is_told_the_alpha_that_passes_and_that_alpha_passes(dyn
     assert dynid(*words, "--alpha", alpha).status == 0
 
 
+@pytest.mark.slow
 def test_plan_file_sets_options_and_the_command_line_wins(dynid):
     text = (
         "alpha: 0.5\nsegments: 4\nduration: 6\nwaypoints: [[0,0,0,0,0,0,0],[0.3,0.3,0,0,0,0,0]]\n"
@@ -180,6 +181,7 @@ def test_plan_file_sets_options_and_the_command_line_wins(dynid):
     )
 
 
+@pytest.mark.slow
 def test_person_is_asked_and_no_plans_another_motion(dynid):
     done = dynid.typing("trajectory", "kuka_lwr4plus", *QUICK, keys=["n\n", "seed 3\n", "y\n"])
     assert done.status == 0, done.err
@@ -187,6 +189,7 @@ def test_person_is_asked_and_no_plans_another_motion(dynid):
     assert "reviewed: accepted unseen" in done.err
 
 
+@pytest.mark.slow
 def test_declining_for_good_writes_nothing_and_ends_with_status_7(dynid):
     done = dynid.typing("trajectory", "kuka_lwr4plus", *QUICK, keys=["q\n"])
     assert done.status == 7
@@ -218,6 +221,7 @@ def assert_between(factor, smaller, larger):
     assert ratio.max() == pytest.approx(factor, rel=0.01)
 
 
+@pytest.mark.slow
 def test_twice_the_same_motion_before_makes_predicted_errors_smaller_by_up_to_the_root_of_three(
     planned,
 ):

@@ -64,6 +64,7 @@ def edit(runner, old, new):
 
 
 # ---------------------------------------------------------------- answers are right
+@pytest.mark.slow
 def test_identify_finds_the_friction_that_was_put_in(done):
     found = answer(done("identify", "arm.yaml", "log.csv", "--json"))
     values = {row["name"]: row for row in found["parameters"]}
@@ -211,6 +212,7 @@ def test_other_inputs_are_refused_and_named(done, words, named):
     assert named in run.err.splitlines()[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [("--force",), ("-f",), ("-y",), ("--out", "elsewhere")])
 def test_the_advice_of_e702_works(done, words):
     assert done("identify", "arm.yaml", "unseen.csv", *words).status == 0
@@ -257,6 +259,7 @@ def test_comments_and_limits_do_not_make_a_model_stale(done):
 
 
 # ---------------------------------------------------------------- run.yaml, limits
+@pytest.mark.slow
 def test_a_run_is_repeated_from_run_yaml(done):
     del done.env["DYNID_IDENTIFY_REPORT"]
     before = (done.folder / OUT / "parameters.yaml").read_bytes()

@@ -392,6 +392,7 @@ def test_an_inertia_that_no_body_has_is_said_before_a_log_is_recorded(dynid):
     assert run.err.count("W207") == 1
 
 
+@pytest.mark.slow
 def test_masses_and_centres_alone_are_a_prior(dynid):
     twolink.write_arm(dynid.folder)
     twolink.write_log(dynid.folder / "log.csv", 1)
@@ -503,6 +504,7 @@ def test_joints_that_hardly_move_apart_are_refused_until_they_are_dropped(dynid)
         assert "W402" in run.err
 
 
+@pytest.mark.slow
 def test_joints_that_move_together_leave_parameters_open_until_they_are_dropped(dynid):
     """Both joints follow one sine: accelerations, speeds and poses are tied to each other."""
     twolink.write_arm(dynid.folder)
@@ -524,6 +526,7 @@ def test_joints_that_move_together_leave_parameters_open_until_they_are_dropped(
     assert re.search(r"error\[E40[23]\]|warning\[W40[236]\]", run.err), run.err
 
 
+@pytest.mark.slow
 def test_the_training_log_is_no_validation_log(dynid):
     twolink.write_arm(dynid.folder)
     assert dynid("identify", "arm.yaml", "log.csv").status == 0

@@ -92,6 +92,7 @@ def recorded(folder: Path, plugin: StoragePlugin, packed: bool = False) -> None:
             )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plugin", list(StoragePlugin))
 def test_a_recording_of_ros_2_is_checked_and_identified(plugin, dynid):
     recorded(dynid.folder / "recording", plugin)

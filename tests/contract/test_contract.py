@@ -29,7 +29,14 @@ def differences(then, now):
             yield f"{file} has lost {', '.join(missing)}"
 
 
-@pytest.mark.parametrize("name", list(CHAPTERS))
+#: Chapters with plans and demonstrations.
+SLOW = {"motions", "a list and the rest", "a hidden effect"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in CHAPTERS],
+)
 def test_commands_answer_as_they_did_when_the_contract_was_frozen(name, tmp_path):
     frozen, now = FROZEN["situations"][name], chapter(name, tmp_path / "chapter")
     assert list(frozen) == list(now), "the table does not hold these command lines: run freeze.py"

@@ -116,6 +116,7 @@ def test_the_arm_rests_at_both_ends(log):
     assert np.degrees(np.ptp(q[t > t[-1] - 0.4], axis=0)).max() < 0.25
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ["lwr4plus", "kinova_gen2"])
 def test_every_joint_moves_a_lot_in_the_log_to_identify_from(arm):
     robot = load_robot(read_plant(FOLDER / f"{arm}_truth.yaml").robot)

@@ -52,6 +52,7 @@ def test_lwr_run_1_predicts_run_2_within_2_2_percent(dynid, recordings):
     assert "E405" in refused.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "folder", "bound"),
     [
@@ -69,6 +70,7 @@ def test_other_arms_reach_the_plain_baselines_on_held_out_rows(
     assert run["heldout_relative_error_percent"] <= bound
 
 
+@pytest.mark.slow
 def test_the_tx40_has_61_base_parameters_with_its_coupled_wrist(dynid, recordings):
     run = answer(dynid("identify", "staubli_tx40", str(recordings / "tx40" / "exc.npz"), "--json"))
     assert run["rank"] == 61
@@ -99,6 +101,7 @@ def test_the_jaco_torques_agree_with_the_official_inertias(recordings):
     assert len(log) == 407
 
 
+@pytest.mark.slow
 def test_two_runs_write_the_same_bytes(dynid, recordings):
     log = str(recordings / "kuka_lwr4plus" / "run1.bag")
     texts = []
@@ -108,6 +111,7 @@ def test_two_runs_write_the_same_bytes(dynid, recordings):
     assert texts[0] == texts[1]
 
 
+@pytest.mark.slow
 def test_the_prior_is_far_worse_than_the_fit(dynid, recordings):
     log = str(recordings / "kuka_lwr4plus" / "run1.bag")
     assert dynid("identify", "kuka_lwr4plus", log).status == 0
@@ -148,6 +152,7 @@ def unseen_of_the_lwr(runs_of_the_lwr, results_of_the_lwr):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("fitted", "unseen", "default", "alone"), PAIRS)
 def test_what_the_default_misses_on_a_run_that_was_not_fitted(
     runs_of_the_lwr, results_of_the_lwr, unseen_of_the_lwr, fitted, unseen, default, alone
@@ -170,6 +175,7 @@ def test_the_expected_error_is_right(unseen_of_the_lwr):
     assert 0.75 < np.median(found) < 1.3
 
 
+@pytest.mark.slow
 def test_the_spring_of_joint_7_named_on_two_runs_of_a_motion_holds_on_another_motion(
     runs_of_the_lwr, results_of_the_lwr
 ):
@@ -190,6 +196,7 @@ def test_the_spring_of_joint_7_named_on_two_runs_of_a_motion_holds_on_another_mo
     assert alone[1].relative_error_percent < 0.98 * alone[0].relative_error_percent
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("direction", [1, -1])
 def test_a_load_put_on_or_taken_off_between_two_motions_of_a_ur10_has_its_mass_inside_its_interval(
     recordings, direction
@@ -229,6 +236,7 @@ def test_intervals_of_two_runs_agree(results_of_the_lwr):
     assert 0.9 <= np.mean(z[determined] < 1.96) <= 0.98
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "recording", "seconds", "in_force", "default", "alone"),
     [

@@ -96,6 +96,7 @@ def started(script, folder):
     return subprocess.Popen(words, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
 
 
+@pytest.mark.slow
 def test_a_script_without_a_guard_runs_once(tmp_path):
     script = started(SCRIPT.format(seconds=8), tmp_path)
     said, _ = script.communicate(timeout=120)
@@ -103,6 +104,7 @@ def test_a_script_without_a_guard_runs_once(tmp_path):
     assert script.returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
 def test_search_processes_end_with_a_script_that_is_killed(tmp_path):
     script = started(SCRIPT.format(seconds=100), tmp_path)

@@ -31,7 +31,6 @@ from dynid.diagnose.mistakes import (
 from dynid.errors import Finding, GravityRemoved, WrongMapping
 from dynid.log import Log
 from dynid.robot import Robot
-from dynid.scratch import filled
 
 Floats = NDArray[np.float64]
 
@@ -341,8 +340,8 @@ def driver_columns(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
         matrix = np.array(robot.coupling.matrix)
         to_q, to_tau = to_q @ matrix.T, to_tau @ np.linalg.inv(matrix)
     # Why piece by piece: a log of hours lives in a file.
-    q = filled(len(log), lambda part: (log.q[part] - np.array(map_.offset)) @ to_q)
-    tau = filled(len(log), lambda part: log.tau[part] @ to_tau)
+    q = (log.q - np.array(map_.offset)) @ to_q
+    tau = log.tau @ to_tau
     return replace(log, q=q, tau=tau, qd=None), names
 
 

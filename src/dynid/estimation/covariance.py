@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from dynid.estimation import tuning
 from dynid.estimation.least_squares import symmetric_root
 from dynid.estimation.rows import ObservationRows, joined, runs
-from dynid.scratch import Growing, release
 from dynid.signals.filters import decimate, pulse, pulse_width
 
 Floats = NDArray[np.float64]
@@ -65,15 +64,14 @@ def hac_covariances(
     """
     given = theta if basis is None else basis @ theta
     sensitivity = np.zeros((len(given), len(given)))
-    # Why in files where they are long: of a log of hours, the scores would not fit into memory.
-    growing: list[Growing] = []
+    growing: list[list[Floats]] = []
     short: list[ObservationRows] = []
     instants = 0
     for part in rows:
         residual = part.residual(given)
         inside = part.mask & (np.abs(residual) <= tuning.HUBER * noise) if robust else part.mask
         if not (part.follows and growing):
-            growing.append(Growing(len(theta)))
+            growing.append([])
         bounded = (
             np.clip(residual, -tuning.HUBER * noise, tuning.HUBER * noise) if robust else residual
         )
@@ -90,7 +88,7 @@ def hac_covariances(
             basis.T @ sensitivity @ basis,
             [part.with_arrays(part.W @ basis, part.tau) for part in short],
         )
-    series = [each.whole() for each in growing]
+    series = [np.concatenate(each) for each in growing]
     lags = automatic_lags(series)
     if bread is None:
         scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
@@ -152,7 +150,6 @@ def long_run_variance(series: Iterable[Floats], lags: int) -> Floats:
             ends = (max(0, width - 1 - first), max(0, last - len(one)))
             sums = _moving_sums(inside, width, ends)
             total = total + sums.T @ sums / width
-            release()
     return np.asarray(total)
 
 
@@ -191,7 +188,6 @@ def automatic_lags(series: Sequence[Floats]) -> int:
             )
             power += np.einsum("kp,kp->p", here, here)
             together += np.einsum("kp,kp->p", here, after)
-            release()
     rho = together / np.where(power > 0.0, power, 1.0)
     rho = np.clip(
         rho, -0.97, 0.97

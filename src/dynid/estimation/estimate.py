@@ -39,7 +39,6 @@ from dynid.estimation.stack import Earlier, Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import prior_base_parameters
 from dynid.model.regressor import Observer, indefinite_share, random_poses
-from dynid.scratch import joined
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.filters import decimate
 from dynid.signals.motion import motion_numbers, sampled
@@ -98,7 +97,7 @@ def last_motion(stack: Stack, share: float) -> HoldOut:
 
 def log_motion(log: ConditionedLog) -> Floats:
     """Return the positions of a log at the rate at which motions are compared, (M, n) [rad or m]."""
-    t, q = (joined(getattr(segment, name) for segment in log.segments) for name in ("t", "q"))
+    t, q = (np.concatenate([getattr(s, name) for s in log.segments]) for name in ("t", "q"))
     return sampled(t, q)
 
 

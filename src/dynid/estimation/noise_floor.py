@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from dynid.estimation import tuning
 from dynid.estimation.residual_model import ModelError
 from dynid.estimation.stack import Stack
-from dynid.scratch import joined
 from dynid.signals.filters import Filter
 
 Floats = NDArray[np.float64]
@@ -61,7 +60,7 @@ def noise_floor(stack: Stack, theta: Floats, error: ModelError | None = None) ->
 def _parts(stack: Stack, number: int, theta: Floats, error: ModelError | None) -> Iterator[Part]:
     """Yield the parts of a log without gaps, no more than a few minutes: these say what hours do."""
     log = stack.logs[number]
-    t, q = (joined(getattr(segment, name) for segment in log.segments) for name in ("t", "q"))
+    t, q = (np.concatenate([getattr(s, name) for s in log.segments]) for name in ("t", "q"))
     last: float | None = None
     held: list[tuple[Floats, Floats, NDArray[np.bool_]]] = []
     begun = None

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from dynid.estimation.stack import Stack
 from dynid.files.artifact import read_artifact, reading
 from dynid.npz import write_artifact
-from dynid.scratch import joined
 from dynid.signals.conditioned_log import ConditionedLog, Segment
 from dynid.signals.filters import Filter, pulse_width
 
@@ -37,7 +36,7 @@ SHAPES = {
 def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
     """Write fullnumericregressor.npz."""
     segments = [(k, segment) for k, log in enumerate(stack.logs) for segment in log.segments]
-    arrays = {name: joined(getattr(segment, name) for _, segment in segments) for name in _ARRAYS}
+    arrays = {name: np.concatenate([getattr(s, name) for _, s in segments]) for name in _ARRAYS}
     factors, counts = stack.whole
     arrays |= {"R": factors, "rows": counts}
     facts = {

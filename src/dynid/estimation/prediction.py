@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import scratch
 from dynid.estimation import tuning
 from dynid.estimation.residual_model import ModelError
 from dynid.estimation.rows import ObservationRows
@@ -18,7 +17,6 @@ from dynid.estimation.stack import Stack
 from dynid.files.artifact import read_artifact
 from dynid.model.regressor import Observer
 from dynid.npz import write_artifact
-from dynid.scratch import Growing, release
 from dynid.signals.conditioned_log import ConditionedLog, Segment
 from dynid.signals.filters import Filter, decimate
 
@@ -91,13 +89,7 @@ def predict(
 
 def _columns(pieces: Iterable[tuple[NDArray[Any], ...]]) -> Iterator[NDArray[Any]]:
     """Yield the columns of pieces that follow each other."""
-    growing: list[Growing] = []
-    for piece in pieces:
-        growing = growing or [Growing(x.shape[1] if x.ndim > 1 else 0, x.dtype) for x in piece]
-        for column, x in zip(growing, piece, strict=True):
-            column.append(x)
-        release()
-    return (column.whole() for column in growing)
+    return map(np.concatenate, zip(*pieces, strict=True))
 
 
 def predict_logs(
@@ -142,7 +134,7 @@ def joined(motions: Sequence[EstimatedMotion]) -> EstimatedMotion:
 def save(path: Path, motions: Sequence[EstimatedMotion], header: dict[str, Any]) -> None:
     """Write estimatedmotion.npz; several logs follow each other, ``log`` says which is which."""
     arrays: dict[str, NDArray[Any]] = {
-        field.name: scratch.joined(getattr(m, field.name) for m in motions)
+        field.name: np.concatenate([getattr(m, field.name) for m in motions])
         for field in fields(EstimatedMotion)
     }
     arrays["log"] = np.concatenate([np.full(len(m.t), k) for k, m in enumerate(motions)])

@@ -33,7 +33,6 @@ from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
 from dynid.robot import Robot
-from dynid.scratch import spans
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.filters import decimate
 
@@ -116,8 +115,7 @@ def rms_speed(logs: Iterable[ConditionedLog], n: int) -> Floats:
     squares, count = np.zeros(n), 0
     for log in logs:
         for segment in log.segments:
-            for part in spans(len(segment)):
-                squares += np.sum(segment.qd[part] ** 2, axis=0)
+            squares += np.sum(segment.qd**2, axis=0)
             count += len(segment)
     return np.maximum(np.sqrt(squares / max(1, count)), 1e-3)
 

@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 from dynid.estimation import tuning
 from dynid.estimation.least_squares import ROUNDING, accumulate, triangle, weighted
 from dynid.model.regressor import Observer
-from dynid.scratch import Growing, release, spans
 from dynid.signals.conditioned_log import ConditionedLog, Segment
 from dynid.signals.filters import decimate, pulse, pulse_slope, pulse_width
 
@@ -230,7 +229,6 @@ def rows_of(
             for start, end in pairwise(cuts):
                 number = block + bisect_right(edges, start) - 1
                 yield rows.part(start - first, end - first, follows=start > 0, block=number)
-            release()
         block += blocks
 
 
@@ -317,13 +315,9 @@ def reversal_times(segment: Segment, cutoff: float) -> tuple[Floats, ...]:
     """
     found = []
     for joint in range(segment.coulomb_sign.shape[1]):
-        pieces = [np.zeros(0)]
-        for part in spans(len(segment) - 1):
-            around = slice(part.start, part.stop + 1)
-            sign, t = segment.coulomb_sign[around, joint], segment.t[around]
-            k = np.flatnonzero(np.signbit(sign[1:]) != np.signbit(sign[:-1]))
-            pieces.append(t[k] + sign[k] / (sign[k] - sign[k + 1]) * (t[k + 1] - t[k]))
-        times = np.concatenate(pieces)
+        sign, t = segment.coulomb_sign[:, joint], segment.t
+        k = np.flatnonzero(np.signbit(sign[1:]) != np.signbit(sign[:-1]))
+        times = t[k] + sign[k] / (sign[k] - sign[k + 1]) * (t[k + 1] - t[k])
         first = np.flatnonzero(np.diff(times, prepend=-np.inf) > 1.0 / cutoff)
         found.append(
             np.add.reduceat(times, first) / np.diff(first, append=len(times))
@@ -403,16 +397,13 @@ def fold(R: Floats, rows: ObservationRows, joint: int, weight: Floats | None = N
 
 def robust_noise(segments: Iterable[ObservationRows], theta: Floats) -> Floats:
     """Return the standard deviation that the middle of each joint's residuals suggests, (n,) [N m or N]."""
-    residuals: list[Growing] = []
-    largest = 0.0
-    for segment in segments:
-        size = np.abs(segment.residual(theta))
-        residuals = residuals or [Growing(0) for _ in size.T]
-        for j, growing in enumerate(residuals):
-            growing.append(size[segment.mask[:, j], j])
-        largest = max(largest, float(size.max(initial=0.0)))
-    spread = [1.4826 * float(np.median(one.whole())) if len(one) else 0.0 for one in residuals]
-    return np.asarray(np.maximum(spread, 1e-12 * max(largest, 1e-18)))
+    both = [(np.abs(each.residual(theta)), each.mask) for each in segments]
+    size, mask = (np.concatenate(part) for part in zip(*both, strict=True))
+    spread = [
+        1.4826 * float(np.median(x[good])) if good.any() else 0.0
+        for x, good in zip(size.T, mask.T, strict=True)
+    ]
+    return np.maximum(spread, 1e-12 * max(float(size.max(initial=0.0)), 1e-18))
 
 
 # ---------------------------------------------------------------- what reversals leave in the rows

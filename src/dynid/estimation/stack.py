@@ -32,7 +32,6 @@ from dynid.estimation.rows import ObservationRows, ReversalEffects, fold, revers
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer, model_torques
 from dynid.progress import SILENT, Progress
-from dynid.scratch import Growing, empty, release, spans
 from dynid.signals.conditioned_log import (
     ConditionedLog,
     torques_moved_back,
@@ -72,38 +71,13 @@ class LogRows:
         for rows in self._evaluated() if self._kept is None else self._kept:
             # Why a copy: it makes W and Z anew, so that they do not stay in memory.
             yield replace(rows)
-            release()
 
     def _evaluated(self) -> Iterator[ObservationRows]:
-        numbers, facts = Growing(0), list[ObservationRows]()
+        kept = []
         for rows in rows_of(self.log, self.base.observer, commanded=self.commanded):
-            if self._keep:
-                for x in (rows.entries, rows.command, rows.tau):
-                    if x is not None:
-                        numbers.append(x.ravel())
-                nothing, none = np.zeros((len(rows.entries), 0)), np.zeros((0, rows.tau.shape[1]))
-                command = None if rows.command is None else nothing
-                facts.append(replace(rows, entries=nothing, command=command, tau=none))
+            kept += [replace(rows)] if self._keep else []
             yield rows
-        if self._keep:
-            self._kept = _with_numbers(facts, numbers.whole())
-
-
-def _with_numbers(facts: list[ObservationRows], numbers: Floats) -> list[ObservationRows]:
-    """Return rows with their numbers, which follow each other in one array."""
-    found, start = [], 0
-    for rows in facts:
-        shape, parts = (len(rows.joints), len(rows.t)), []
-        for each in (
-            shape,
-            *(() if rows.command is None else (shape,)),
-            (len(rows.t), rows.tau.shape[1]),
-        ):
-            parts.append(numbers[start : start + each[0] * each[1]].reshape(each))
-            start += each[0] * each[1]
-        command = None if rows.command is None else parts[1]
-        found.append(replace(rows, entries=parts[0], command=command, tau=parts[-1]))
-    return found
+        self._kept = kept if self._keep else None
 
 
 @dataclass(frozen=True)
@@ -411,29 +385,24 @@ def _with_slope(rows: ObservationRows, slope: Floats) -> ObservationRows:
 
 def _slopes(stack: Stack, theta: Floats) -> tuple[Floats, ...]:
     """Return the time derivative of the fitted torques, one array for each piece of rows."""
-    segments: list[tuple[list[int], Growing, Growing]] = []
+    segments: list[tuple[list[int], list[Floats], list[Floats]]] = []
     for rows in stack:
         if not (rows.follows and segments):
-            segments.append(([], Growing(0), Growing(len(stack.joints))))
+            segments.append(([], [], []))
         lengths, times, torques = segments[-1]
         lengths.append(len(rows.t))
         times.append(rows.t)
         torques.append(rows.torque(theta))
     slopes: list[Floats] = []
     for lengths, times, torques in segments:
-        t, tau = times.whole(), torques.whole()
-        slope = empty(tau.shape)
-        step = (t[-1] - t[0]) / max(1, len(t) - 1)
-        for part in spans(len(t)):
-            first, last = max(0, part.start - REACH), min(len(t), part.stop + REACH)
-            around = _slope(t[first:last], tau[first:last], step)
-            slope[part] = around[part.start - first : part.stop - first]
+        slope = _slope(np.concatenate(times), np.concatenate(torques))
         slopes += np.split(slope, np.cumsum(lengths)[:-1])
     return tuple(slopes)
 
 
-def _slope(t: Floats, tau: Floats, step: float) -> Floats:
-    """Return the time derivative of torques, (M, n), at times that are a step apart on average."""
+def _slope(t: Floats, tau: Floats) -> Floats:
+    """Return the time derivative of torques, (M, n)."""
+    step = (t[-1] - t[0]) / max(1, len(t) - 1)
     slope = np.gradient(tau, t, axis=0) if len(t) > 1 else np.zeros_like(tau)
     if len(t) > 2 * REACH:
         # Why five points: with four rows a period of the cut-off, two neighbours see only two thirds of a fast slope.

@@ -26,7 +26,6 @@ from dynid.files.columnwords import (
 )
 from dynid.files.dialect import Dialect, dialect_of
 from dynid.log import COLUMNS, Log
-from dynid.scratch import Growing
 from dynid.units import FACTORS
 
 Floats = NDArray[np.float64]
@@ -244,12 +243,10 @@ def _listed(names: Sequence[str]) -> str:
 
 def _numbers(path: Path, dialect: Dialect, places: Sequence[int]) -> Floats:
     """Return some columns of a table, (N, k)."""
-    found = Growing(len(places))
-    for block in dialect.read(path, places):
-        found.append(block)
-    if not len(found):
+    blocks = list(dialect.read(path, places))
+    if not sum(map(len, blocks)):
         raise LogLayout(f"{path.name} has no samples", where=str(path))
-    return found.whole()
+    return np.concatenate(blocks)
 
 
 # ---------------------------------------------------------------- a folder of texts

@@ -12,7 +12,6 @@ from dynid.gap.evidence import Evidence, EvidenceRows, forward, lower_root
 from dynid.gap.significance import Key, whitened_columns
 from dynid.gap.whitened_regression import EffectColumns
 from dynid.model.effects.interface import Effect, Floats, Joints
-from dynid.scratch import release
 
 #: Log Bayes factor of what cannot be.
 NEVER = -1e9
@@ -127,10 +126,8 @@ def candidate(
         y = (flat @ regression.joints[j].y)[:, None]
         others[j] = np.concatenate([flat @ rows.T[j], *more, flat @ rows.R[j], y], axis=1)
         if keep:
-            kept[j] = C if regression.store is None else regression.store.put(C)
+            kept[j] = C
         power = np.maximum(power, np.einsum("gkk->gk", own[j]) / flat.shape[1])
-    if regression.store is not None:
-        release()
     return Candidate(effect, joints, shapes, own, others, np.sqrt(power), groups, kept)
 
 

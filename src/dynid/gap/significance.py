@@ -11,9 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dynid.gap.whitened_regression import EffectColumns, Ints, WhitenedRegression
+from dynid.gap.whitened_regression import EffectColumns, Ints, WhitenedRegression, few
 from dynid.model.effects.interface import Effect, Floats, Joints, Shape
-from dynid.scratch import release
 
 #: Identifier and joints of a candidate.
 Key = tuple[str, Joints]
@@ -86,7 +85,7 @@ def whitened_columns(
             [x.reshape(-1, len(segment.motion)) for x in raw],
         )
         # Why shape by shape where they are long: a filter takes five times the memory of what it is given.
-        together = regression.store is None
+        together = few(regression.segments)
         kept = (
             segment.filtered(np.concatenate(flat))
             if together
@@ -112,9 +111,6 @@ def candidate_of(
             *gram.shape[:2], -1
         )
         products[..., -1] += C @ rows.y
-    if regression.store is not None:
-        columns = {joint: regression.store.put(each) for joint, each in columns.items()}
-        release()
     return EffectCandidate(effect, joints, shapes, columns, gram, products)
 
 
@@ -132,8 +128,6 @@ def candidates_at(
 def score_candidate(regression: WhitenedRegression, candidate: EffectCandidate) -> CandidateScore:
     """Return how much the best of a candidate's shapes explains."""
     G, b = _projected(regression, candidate)
-    if regression.store is not None:
-        release()
     gains, ranks, shares = _gains(
         G, b, candidate.gram, regression.absorbed, candidate.effect.positive
     )

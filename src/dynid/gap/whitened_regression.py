@@ -19,7 +19,6 @@ from dynid.gap.noise import NoiseModel, whitened
 from dynid.gap.segments import SegmentRows, jackknife_blocks
 from dynid.model.effects.catalogue import joined_motion
 from dynid.model.effects.interface import ArmMotion, Floats
-from dynid.scratch import Store
 
 Ints = NDArray[np.int64]
 #: Whitened columns of one effect by joint, {joint: (k, M_j)}.
@@ -115,11 +114,6 @@ class WhitenedRegression:
     effects: tuple[EffectColumns, ...] = ()
     bounded: int = 0
     link_prior: bool = False
-
-    @cached_property
-    def store(self) -> Store | None:
-        """Where columns of candidates are kept; None where the rows are few, and memory does."""
-        return None if few(self.segments) else Store()
 
     @cached_property
     def motion(self) -> ArmMotion:

@@ -26,10 +26,8 @@ from dynid.errors import (
 from dynid.log import Log
 from dynid.model.parameters import expected_torque
 from dynid.robot import Joint, Robot
-from dynid.scratch import empty, extremes, spans
 from dynid.signals import tuning
 from dynid.signals.columns import (
-    changed,
     in_amperes,
     in_si,
     joint_of_motor,
@@ -39,7 +37,15 @@ from dynid.signals.columns import (
     units,
 )
 from dynid.signals.filters import check_position_noise
-from dynid.signals.motion import any_moves, check_amount, per_joint, rest_slices, runs, speeds
+from dynid.signals.motion import (
+    any_moves,
+    check_amount,
+    moving,
+    per_joint,
+    rest_slices,
+    runs,
+    speed,
+)
 from dynid.signals.stamps import (
     check_gaps,
     check_rate,
@@ -94,10 +100,10 @@ def prepare(
     log = with_rising_time(log, sort_time=sort_time)
     check_finite(log, robot)
     findings = list(check_gaps(log, exclude))
-    log = without_stale(changed(log, lambda part: in_si(part, robot)), robot)
+    log = without_stale(in_si(log, robot), robot)
     check_degrees(log, robot)
     flat, flat_findings = clipped_samples(log, robot)
-    log = with_even_clock(unwrapped(changed(log, lambda part: to_dh(part, robot)), robot))
+    log = with_even_clock(unwrapped(to_dh(log, robot), robot))
     check_order(log, robot)
     findings += check_slopes(log, robot)
     findings += check_ranges(log, robot)
@@ -122,17 +128,9 @@ def _usable_velocity(log: Log, robot: Robot) -> Log:
     """
     if log.qd is None:
         return log
-    whole = (
-        [measurable(log.qd[part]) for part in spans(len(log))]
-        if len(log)
-        else [np.zeros(0, dtype=bool)]
-    )
-    usable = (
-        any(part.any() for part in whole)
-        if driver_of(robot).velocity_trusted
-        else all(p.all() for p in whole)
-    )
-    still = usable and not any(np.any(log.qd[part]) for part in spans(len(log)))
+    known = measurable(log.qd)
+    usable = known.any() if driver_of(robot).velocity_trusted else known.all()
+    still = usable and not np.any(log.qd)
     return replace(log, qd=None) if not usable or (still and not np.all(same_rows(log.q))) else log
 
 
@@ -167,13 +165,8 @@ def check_finite(log: Log, robot: Robot) -> None:
     columns = {"position": log.q, "torque": log.tau} | (
         {"velocity": log.qd} if log.qd is not None else {}
     )
-    if all(
-        measurable(values[part]).all() for values in columns.values() for part in spans(len(log))
-    ):
-        return
     bad = np.zeros(len(log), dtype=bool)
     first: tuple[int, str] | None = None
-    # Why whole columns here: what cannot be used need not be quick.
     for quantity, values in columns.items():
         wrong = ~measurable(values)
         bad |= wrong.any(axis=1)
@@ -216,13 +209,7 @@ def _exclude_options(t: Floats) -> str:
 
 def _usual_speed(log: Log) -> Floats:
     """Return the speed that a joint exceeds in one of twenty samples, (n,)."""
-    every = max(1, len(log) // tuning.ENOUGH_SAMPLES)
-    some = [np.abs(v[-part.start % every :: every]) for part, v in speeds(log)]
-    speed = np.concatenate(some)
-    place = 0.95 * (len(speed) - 1)
-    low, high = int(place), min(int(place) + 1, len(speed) - 1)
-    part = np.partition(speed, [low, high], axis=0)
-    return np.asarray(part[low] + (place - low) * (part[high] - part[low]))
+    return np.asarray(np.percentile(np.abs(speed(log)), 95, axis=0))
 
 
 def check_degrees(log: Log, robot: Robot) -> None:
@@ -235,20 +222,24 @@ def check_degrees(log: Log, robot: Robot) -> None:
     """
     if units(log, robot)["position"] != "rad":
         return
-    as_is = changed(log, lambda part: to_dh(part, robot))
+    as_is = to_dh(log, robot)
     fast = _usual_speed(as_is)
     wide = [
         joint.revolute and _beyond_range(as_is.q[:, j], joint)
         for j, joint in enumerate(robot.joints)
     ]
-    speed = [(joint.revolute and joint.limits.velocity) or np.inf for joint in robot.joints]
-    if not any(wide) and not np.any(fast > tuning.BEYOND_SPEED * np.array(speed)):
+    fastest = [(joint.revolute and joint.limits.velocity) or np.inf for joint in robot.joints]
+    if not any(wide) and not np.any(fast > tuning.BEYOND_SPEED * np.array(fastest)):
         return
-    as_degrees = changed(log, lambda part: to_dh(replace(part, q=np.radians(part.q)), robot))
-    slow, ends = _usual_speed(as_degrees), np.transpose(extremes(as_degrees.q))
+    as_degrees = to_dh(replace(log, q=np.radians(log.q)), robot)
+    slow, low, high = (
+        _usual_speed(as_degrees),
+        as_degrees.q.min(axis=0),
+        as_degrees.q.max(axis=0),
+    )
     for j, joint in enumerate(robot.joints):
-        beyond = wide[j] and _within_range(float(ends[j, 0]), float(ends[j, 1]), joint)
-        quick = fast[j] > tuning.BEYOND_SPEED * speed[j] and slow[j] <= speed[j]
+        beyond = wide[j] and _within_range(float(low[j]), float(high[j]), joint)
+        quick = fast[j] > tuning.BEYOND_SPEED * fastest[j] and slow[j] <= fastest[j]
         if beyond or quick:
             raise PositionInDegrees(
                 f"{joint.name} position spans {np.ptp(log.q[:, j]):.1f}: degrees? {_limit_text(joint, beyond)}",
@@ -269,10 +260,10 @@ def _beyond_range(q: Floats, joint: Joint) -> bool:
     if joint.limits.position is None:
         return False
     low, high = joint.limits.position
-    (least, most), where, turns = extremes(q), *_full_turns(q)
+    least, most, (where, turns) = q.min(), q.max(), _full_turns(q)
     # Why: a joint that is read modulo a full turn jumps now and then; degrees look like turns all the time.
     if len(where) < tuning.RARE_TURNS * (len(q) - 1) and len(where):
-        ends = [extremes(part) for part in np.split(q, where)]
+        ends = [(part.min(), part.max()) for part in np.split(q, where)]
         back = 2 * np.pi * np.concatenate([[0.0], np.cumsum(turns)])
         least, most = (
             f(e[k] - b for e, b in zip(ends, back, strict=True)) for k, f in enumerate((min, max))
@@ -295,10 +286,8 @@ def _degrees_fix(log: Log, robot: Robot) -> str:
     """Name the velocity's unit too where it follows the position."""
     given = {"position": "deg"}
     if log.qd is not None:
-        both, own = np.sum(
-            [[np.sum(log.qd[part] * v), np.sum(v * v)] for part, v in speeds(log)], axis=0
-        )
-        if 0.5 < float(both / max(own, 1e-12)) < 1.5:
+        v = speed(log)
+        if 0.5 < float(np.sum(log.qd * v) / max(np.sum(v * v), 1e-12)) < 1.5:
             given["velocity"] = "deg/s"
     return unit_fix(robot, given)
 
@@ -323,14 +312,11 @@ def unwrapped(log: Log, robot: Robot) -> Log:
             found[j] = where, 2 * np.pi * np.cumsum(turns)
     if not found:
         return log
-    q, findings = empty(log.q.shape), []
-    for part in spans(len(log)):
-        q[part] = log.q[part]
-        for j, (where, back) in found.items():
-            # Unit: jumps before each sample.
-            count = np.searchsorted(where, np.arange(part.start, part.stop), "right")
-            q[part, j] -= np.concatenate([[0.0], back])[count]
-    for j, (where, _) in found.items():
+    q, findings = log.q.copy(), []
+    for j, (where, back) in found.items():
+        # Unit: jumps before each sample.
+        count = np.searchsorted(where, np.arange(len(log)), "right")
+        q[:, j] -= np.concatenate([[0.0], back])[count]
         name, row = robot.joint_names[j], int(where[0])
         more = f" and {len(where) - 1} times more" if len(where) > 1 else ""
         at, step = float(log.t[row]), float(log.q[row, j] - log.q[row - 1, j])
@@ -343,17 +329,11 @@ def unwrapped(log: Log, robot: Robot) -> Log:
 
 def _full_turns(q: Floats) -> tuple[NDArray[np.intp], Floats]:
     """Return the samples that a joint gets to by a jump of full turns, (k,), and the number of turns, (k,)."""
-    where, found = [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
-    for part in spans(len(q) - 1):
-        step = np.diff(q[part.start : part.stop + 1])
-        if float(np.abs(step).max()) < np.pi:
-            continue
-        turns = np.round(step / (2 * np.pi))
-        turns[np.abs(step - 2 * np.pi * turns) > tuning.TURN_REST] = 0
-        some = np.flatnonzero(turns)
-        where.append(some + part.start + 1)
-        found.append(turns[some])
-    return np.concatenate(where), np.concatenate(found)
+    step = np.diff(q)
+    turns = np.round(step / (2 * np.pi))
+    turns[np.abs(step - 2 * np.pi * turns) > tuning.TURN_REST] = 0
+    where = np.flatnonzero(turns)
+    return where + 1, turns[where]
 
 
 def check_torque_scale(log: Log, robot: Robot) -> None:
@@ -363,15 +343,14 @@ def check_torque_scale(log: Log, robot: Robot) -> None:
         WrongMessageType: the effort of a joint that moves, or of all, is zero in every sample, or nearly.
         TorqueScale: far beyond the rating.
     """
-    low, highest = extremes(log.tau)
-    largest = np.maximum(-low, highest)
+    largest = np.abs(log.tau).max(axis=0)
     if not np.any(largest >= tuning.LEAST_TORQUE):
         raise WrongMessageType(
             "effort is 0 in every sample of every joint",
             where=log.topic,
             fix="make the driver publish the joint torques",
         )
-    moves = np.subtract(*extremes(log.q)[::-1]) > per_joint(tuning.STILL_SPAN, robot)
+    moves = np.ptp(log.q, axis=0) > per_joint(tuning.STILL_SPAN, robot)
     silent = [
         joint.name
         for joint, is_silent in zip(
@@ -411,8 +390,9 @@ def clipped_samples(log: Log, robot: Robot) -> tuple[Flags, tuple[Finding, ...]]
 
     They sit at their largest value, or stay at any value while their joint moves to and fro.
     """
-    mask, alive, findings = empty(log.tau.shape, bool), any_moves(log, robot), []
-    (low, high), moved = extremes(log.tau), per_joint(tuning.STILL_SPAN, robot)
+    mask, alive, findings = np.zeros(log.tau.shape, bool), any_moves(log, robot), []
+    low, high = log.tau.min(axis=0), log.tau.max(axis=0)
+    moved = per_joint(tuning.STILL_SPAN, robot)
     for j, joint in enumerate(robot.joints):
         x = log.tau[:, j]
         above = _flat_top(x, 1.0, float(high[j]), float(low[j]), alive)
@@ -482,23 +462,14 @@ def _flat_top(x: Floats, sign: float, top: float, bottom: float, alive: Flags) -
     flat, least = np.zeros(len(x), dtype=bool), top - 1e-9 * abs(top)
     if top <= 0:
         return flat
-    at_top = np.concatenate([sign * x[part] >= least for part in spans(len(x))]) & alive
+    at_top = (sign * x >= least) & alive
     for run in runs(at_top, tuning.FLAT_RUN):
         flat[run] = True
     if not flat.any():
         return flat
-    near, level, second = 0, -np.inf, 0
-    for part in spans(len(x)):
-        below = sign * x[part]
-        below = below[below < least]
-        near += int(np.sum(below > top - 0.01 * (top - bottom)))
-        highest = float(below.max(initial=-np.inf))
-        second = (
-            (second if highest == level else 0) + int(np.sum(below == highest))
-            if highest >= level
-            else second
-        )
-        level = max(level, highest)
+    below = sign * x[sign * x < least]
+    near = int(np.sum(below > top - 0.01 * (top - bottom)))
+    second = int(np.sum(below == below.max(initial=-np.inf)))
     count = int(flat.sum())
     return (
         flat
@@ -558,14 +529,12 @@ def slopes(log: Log, robot: Robot) -> Floats:
     """Return the slope of measured velocity on the change of position, (n,); NaN for a joint that does not move."""
     if log.qd is None:
         return np.full(robot.n, np.nan)
-    rows, both, own = np.zeros(robot.n, dtype=int), np.zeros(robot.n), np.zeros(robot.n)
-    for part, v in speeds(log):
-        alive = np.abs(v) > per_joint(tuning.MOVING_SPEED, robot)
-        v = np.where(alive, v, 0.0)
-        rows += alive.sum(axis=0)
-        both += np.sum(v * log.qd[part], axis=0)
-        own += np.sum(v * v, axis=0)
-    return np.where(rows >= tuning.LEAST_SAMPLES, both / np.where(own > 0.0, own, 1.0), np.nan)
+    v = speed(log)
+    alive = np.abs(v) > per_joint(tuning.MOVING_SPEED, robot)
+    v = np.where(alive, v, 0.0)
+    both, own = np.sum(v * log.qd, axis=0), np.sum(v * v, axis=0)
+    enough = alive.sum(axis=0) >= tuning.LEAST_SAMPLES
+    return np.where(enough, both / np.where(own > 0.0, own, 1.0), np.nan)
 
 
 def check_order(log: Log, robot: Robot) -> None:
@@ -578,12 +547,8 @@ def check_order(log: Log, robot: Robot) -> None:
     """
     if log.qd is None:
         return
-    low, high = extremes(log.qd)
-    rows = np.sum(
-        [np.sum(np.abs(v) > per_joint(tuning.MOVING_SPEED, robot), axis=0) for _, v in speeds(log)],
-        axis=0,
-    )
-    joints = np.flatnonzero((rows >= tuning.LEAST_SAMPLES) & (high > low))
+    rows = moving(log, robot).sum(axis=0)
+    joints = np.flatnonzero((rows >= tuning.LEAST_SAMPLES) & (np.ptp(log.qd, axis=0) > 0.0))
     if len(joints) < 2:
         return
     k = len(joints)
@@ -610,14 +575,7 @@ def _correlation(log: Log, joints: NDArray[np.intp]) -> Floats:
     """Return how the change of position of each joint correlates with the measured velocity of each, (k, k)."""
     assert log.qd is not None
     k = len(joints)
-    total, square = np.zeros(2 * k), np.zeros((2 * k, 2 * k))
-    for part, v in speeds(log):
-        x = np.hstack([v[:, joints], log.qd[part][:, joints]])
-        total += x.sum(axis=0)
-        square += x.T @ x
-    covariance = square - np.outer(total, total) / len(log)
-    size = np.sqrt(np.diagonal(covariance))
-    return np.asarray((covariance / np.outer(size, size))[:k, k:])
+    return np.corrcoef(speed(log)[:, joints].T, log.qd[:, joints].T)[:k, k:]
 
 
 def check_slopes(log: Log, robot: Robot) -> tuple[Finding, ...]:
@@ -680,7 +638,7 @@ def beyond(joint: Joint, low: float, high: float) -> float:
 def check_ranges(log: Log, robot: Robot) -> tuple[Finding, ...]:
     """Return findings W332, one for each joint of a log in DH quantities that moves beyond its limits."""
     findings = []
-    for joint, low, high in zip(robot.joints, *extremes(log.q), strict=True):
+    for joint, low, high in zip(robot.joints, log.q.min(axis=0), log.q.max(axis=0), strict=True):
         too_far = beyond(joint, float(low), float(high))
         if too_far <= tuning.BEYOND_LIMITS:
             continue

@@ -1,14 +1,13 @@
 """A driver's columns -> DH quantities of one robot: by name, in SI units, with sign, offset and coupling.
 
-Also what keeps or changes some of a log's samples; a long log is changed part by part (``dynid.scratch``).
+Also what keeps some of a log's samples.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from difflib import SequenceMatcher
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,6 @@ from dynid.drivers.interface import driver_of
 from dynid.errors import JointCountDiffers, JointNamesDiffer, LogLayout
 from dynid.log import COLUMNS, Log, has_rows
 from dynid.robot import Robot
-from dynid.scratch import empty, spans, taken
 from dynid.signals import tuning
 from dynid.text import yaml_word
 from dynid.units import EFFORT, POSITION, VELOCITY
@@ -107,10 +105,6 @@ def robot_columns(log: Log, robot: Robot) -> Log:
     columns, _ = matching_columns(log, robot)
     if list(columns) == list(range(log.n)):
         return replace(log, names=robot.joint_names)
-    return changed(log, lambda part: _chosen_columns(part, columns, robot))
-
-
-def _chosen_columns(log: Log, columns: Sequence[int], robot: Robot) -> Log:
     return log.with_columns(
         {key: x[:, columns] for key, x in log.columns.items()}, names=robot.joint_names
     )
@@ -204,57 +198,7 @@ def _gain(log: Log, robot: Robot) -> tuple[Floats | None, str]:
 def take_samples(log: Log, keep: NDArray[np.intp]) -> Log:
     """Return the log with some of its rows, in the given order."""
     extra = {
-        key: taken(value, keep) if has_rows(value, len(log)) else value
-        for key, value in log.extra.items()
+        key: value[keep] if has_rows(value, len(log)) else value for key, value in log.extra.items()
     }
-    qd = taken(log.qd, keep) if log.qd is not None else None
-    return replace(
-        log,
-        t=taken(log.t, keep),
-        q=taken(log.q, keep),
-        tau=taken(log.tau, keep),
-        qd=qd,
-        extra=extra,
-    )
-
-
-def changed(log: Log, change: Callable[[Log], Log]) -> Log:
-    """Return a log after a change that treats each sample for itself; a long log is changed part by part.
-
-    Args:
-        log: the log.
-        change: makes of any part of it the same part of the result; arrays that it hands on as they are stay as they
-            are.
-    """
-    parts = list(spans(len(log)))
-    if len(parts) <= 1:
-        return change(log)
-    given, found, room = _arrays(log), log, dict[str, NDArray[Any]]()
-    for part in parts:
-        before = _part_of(log, part)
-        after = change(before)
-        old = _arrays(before)
-        for key, array in _arrays(after).items():
-            if np.may_share_memory(array, old.get(key, empty((0,)))):
-                room[key] = given[key]
-                continue
-            room.setdefault(key, empty((len(log), *array.shape[1:]), array.dtype))[part] = array
-        found = after
-    extra = {key: room.get(f"extra {key}", value) for key, value in found.extra.items()}
-    return replace(found, t=room["t"], q=room["q"], tau=room["tau"], qd=room.get("qd"), extra=extra)
-
-
-def _part_of(log: Log, part: slice) -> Log:
-    """Return samples of a log that follow each other, without a copy."""
-    extra = {
-        key: value[part] if has_rows(value, len(log)) else value for key, value in log.extra.items()
-    }
-    qd = log.qd[part] if log.qd is not None else None
-    return replace(log, t=log.t[part], q=log.q[part], tau=log.tau[part], qd=qd, extra=extra)
-
-
-def _arrays(log: Log) -> dict[str, NDArray[Any]]:
-    found = {"t": log.t, "q": log.q, "tau": log.tau} | ({} if log.qd is None else {"qd": log.qd})
-    return found | {
-        f"extra {key}": value for key, value in log.extra.items() if has_rows(value, len(log))
-    }
+    qd = None if log.qd is None else log.qd[keep]
+    return replace(log, t=log.t[keep], q=log.q[keep], tau=log.tau[keep], qd=qd, extra=extra)

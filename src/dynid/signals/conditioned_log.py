@@ -24,7 +24,6 @@ from dynid.model.parameters import prior_vector
 from dynid.model.regressor import Model, prior_torques
 from dynid.progress import SILENT, Progress
 from dynid.robot import Coulomb
-from dynid.scratch import empty, filled, release, samples_where, spans, taken
 from dynid.signals import tuning
 from dynid.signals.filters import (
     Filter,
@@ -108,15 +107,7 @@ def condition(
         LogTooShort: no part is longer than the filters.
     """
     step = 1.0 / chosen.rate
-    cuts = (
-        samples_where(
-            len(log) - 1,
-            lambda part: (
-                np.diff(log.t[part.start : part.stop + 1]) > (tuning.GAP_SAMPLES + 0.5) * step
-            ),
-        )
-        + 1
-    )
+    cuts = np.flatnonzero(np.diff(log.t) > (tuning.GAP_SAMPLES + 0.5) * step) + 1
     needed = chosen.first_kernels.shape[1] + chosen.first_step * (
         chosen.second_kernel.shape[1] + chosen.second_step
     )
@@ -147,10 +138,7 @@ def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
     )
     usable = segment.usable.copy()
     for j in np.flatnonzero(rest_speed > 0.0):
-        still = np.concatenate(
-            [np.abs(segment.qd[part, j]) < rest_speed[j] for part in spans(len(segment))]
-        )
-        for rest in runs(still, least):
+        for rest in runs(np.abs(segment.qd[:, j]) < rest_speed[j], least):
             usable[rest, j] = False
     return replace(segment, usable=usable)
 
@@ -165,8 +153,9 @@ def _segment(
     def times(wanted: slice) -> Floats:
         return np.asarray(t[0] + np.arange(wanted.start, min(wanted.stop, count)) / chosen.rate)
 
-    stray = [float(np.abs(t[some] - times(some)).max()) for some in spans(min(count, len(t)))]
-    even = count == len(t) and max(stray) < tuning.EVEN_STEP / chosen.rate
+    even = count == len(t) and (
+        np.abs(t - times(slice(0, count))).max() < tuning.EVEN_STEP / chosen.rate
+    )
 
     def on_grid(x: NDArray[Any], wanted: slice) -> NDArray[Any]:
         return x[part][wanted] if even else resampled(t, x[part], times(wanted))
@@ -182,20 +171,13 @@ def _segment(
         )
         cutoffs = choose_sign_cutoffs(some, coulomb, chosen.rate, chosen.cutoff, measured=measured)
         signs = [velocity_kernel(f, chosen.rate, measured=measured) for f in cutoffs], coulomb
-    # Why filled in place: of a long log, parts and joined arrays would not fit into memory together.
-    joined: list[Any] = []
+    blocks = []
     for first in range(0, outputs, per_block):
         last = min(first + per_block, outputs)
         wanted = slice(first * step, (last - 1) * step + taps)
-        block = _block(log, on_grid, times(wanted), wanted, kernels, step, measured, signs)
-        joined = joined or [empty((outputs, *x.shape[1:]), x.dtype) for x in block]
-        for whole, some in zip(joined, block, strict=True):
-            whole[first:last] = some
-        if outputs > per_block:
-            release()
-    elapsed = filled(outputs, lambda some: joined[0][some] - log.t[0])
-    joined[-1:-1] = [np.zeros((len(joined[0]), 0)), elapsed]
-    return Segment(*joined)
+        blocks.append(_block(log, on_grid, times(wanted), wanted, kernels, step, measured, signs))
+    found = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+    return Segment(**found, effects=np.zeros((outputs, 0)), elapsed=found["t"] - log.t[0])
 
 
 def _block(
@@ -207,7 +189,7 @@ def _block(
     step: int,
     measured: bool,
     signs: SignKernels | None,
-) -> tuple[NDArray[Any], ...]:
+) -> dict[str, NDArray[Any]]:
     """Return the arrays of a segment, but for effects and elapsed time, on the part ``wanted`` of the even grid."""
     taps = kernels.shape[1]
     half = (taps - 1) // 2
@@ -227,20 +209,21 @@ def _block(
     if clipped is not None and (some := on_grid(clipped, wanted)).any():
         usable = filtered(some, np.ones((1, taps)))[0].T < 0.5
     raw_qd = on_grid(log.qd, wanted) if log.qd is not None else np.gradient(q, grid, axis=0)
-    return (
-        grid[centres],
-        *(np.ascontiguousarray(x.T) for x in motion),
-        np.ascontiguousarray(filtered(on_grid(log.tau, wanted), kernels[:1])[0].T),
-        usable,
-        q[centres],
-        raw_qd[centres],
-        np.empty((count, 0))
-        if command is None
-        else np.ascontiguousarray(filtered(on_grid(command, wanted), kernels[:1])[0].T),
-        np.empty((count, 0))
-        if signs is None
-        else _coulomb_sign(on_grid, moved, wanted, kernels, step, signs),
+    none = np.empty((count, 0))
+    smooth = (
+        none if x is None else np.ascontiguousarray(filtered(on_grid(x, wanted), kernels[:1])[0].T)
+        for x in (log.tau, command)
     )
+    sign = none if signs is None else _coulomb_sign(on_grid, moved, wanted, kernels, step, signs)
+    return {
+        "t": grid[centres],
+        **dict(zip(("q", "qd", "qdd"), (np.ascontiguousarray(x.T) for x in motion), strict=True)),
+        **dict(zip(("tau", "command_q"), smooth, strict=True)),
+        "usable": usable,
+        "raw_q": q[centres],
+        "raw_qd": raw_qd[centres],
+        "coulomb_sign": sign,
+    }
 
 
 def _coulomb_sign(
@@ -276,20 +259,14 @@ def resampled(t: Floats, x: Floats, grid: Floats) -> Floats:
     Why not a spline: a cubic through four samples looks no further than they do, so a log gives the same values whether
     it is read whole or in parts.
     """
-    result = empty((len(grid), x.shape[1]))
-    for part in spans(len(grid)):
-        wanted = grid[part]
-        right = np.clip(np.searchsorted(t, wanted), 2, len(t) - 2)
-        nodes = right[:, None] + np.arange(-2, 2)
-        times, found = t[nodes], np.zeros((len(wanted), x.shape[1]))
-        for k in range(4):
-            others = [m for m in range(4) if m != k]
-            weight = np.prod(
-                [(wanted - times[:, m]) / (times[:, k] - times[:, m]) for m in others], axis=0
-            )
-            found += weight[:, None] * x[nodes[:, k]]
-        result[part] = found
-    return result
+    right = np.clip(np.searchsorted(t, grid), 2, len(t) - 2)
+    nodes = [right + k for k in range(-2, 2)]
+    found = np.zeros((len(grid), x.shape[1]))
+    for own in nodes:
+        others = [t[node] for node in nodes if node is not own]
+        weight = np.prod([(grid - other) / (t[own] - other) for other in others], axis=0)
+        found += weight[:, None] * x[own]
+    return found
 
 
 def without_delay(log: Log, delay: float) -> Log:
@@ -309,18 +286,16 @@ def without_delay(log: Log, delay: float) -> Log:
 
     def kept(value: Any) -> Any:  # noqa: ANN401
         return (
-            taken(value, rows)
+            value[rows]
             if isinstance(value, np.ndarray) and value.shape[:1] == log.t.shape
             else value
         )
 
     extra = {key: kept(value) for key, value in log.extra.items()}
     clipped = log.extra.get("clipped")
-    late = empty((len(right), log.n), bool)
-    for part in spans(len(right)):
-        late[part] = unknown[part, None]
-        if clipped is not None:
-            late[part] |= clipped[right[part]] | clipped[right[part] - 1]
+    late = np.tile(unknown[:, None], log.n)
+    if clipped is not None:
+        late |= clipped[right] | clipped[right - 1]
     extra["clipped"] = late
     tau = resampled(log.t, log.tau, wanted[rows])
     return replace(log, t=log.t[rows], q=kept(log.q), qd=kept(log.qd), tau=tau, extra=extra)
@@ -525,7 +500,6 @@ def stretches(logs: Sequence[ConditionedLog], seconds: float) -> tuple[list[Cond
                     )
         found.append(replace(log, segments=kept))
         parts += len(kept)
-        release()
     return found, parts
 
 

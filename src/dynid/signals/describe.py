@@ -9,19 +9,16 @@ from numpy.typing import NDArray
 
 from dynid.log import Log
 from dynid.robot import Robot
-from dynid.scratch import USUAL, extremes, spans, spread
 from dynid.signals import tuning
 from dynid.signals.checks import measurable, slopes, unwrapped
 from dynid.signals.columns import (
-    changed,
     in_si,
     matching_columns,
     robot_columns,
     take_samples,
     to_dh,
 )
-from dynid.signals.motion import speeds
-from dynid.signals.stamps import steps
+from dynid.signals.motion import speed
 
 Floats = NDArray[np.float64]
 
@@ -75,19 +72,15 @@ def describe(log: Log, robot: Robot) -> LogSummary:
     columns, ignored = matching_columns(log, robot)
     samples = len(log)
     whole = _whole_rows(robot_columns(log, robot))
-    clean = unwrapped(changed(whole, lambda part: to_dh(in_si(part, robot), robot)), robot)
-    step = steps(clean.t) if len(clean) > 1 else np.zeros(1)
-    some = np.concatenate([step[part] for part in spread(len(step), USUAL)])
-    usual = float(np.median(some)) or float("nan")
-    low, high = np.percentile(some, [2.5, 97.5])
+    clean = unwrapped(to_dh(in_si(whole, robot), robot), robot)
+    step = np.diff(clean.t) if len(clean) > 1 else np.zeros(1)
+    usual = float(np.median(step)) or float("nan")
+    low, high = np.percentile(step, [2.5, 97.5])
     rms, top, span = np.zeros(robot.n), np.zeros(robot.n), np.zeros(robot.n)
     if len(clean):
-        top, span = (
-            np.max(np.abs(extremes(clean.tau)), axis=0),
-            np.subtract(*extremes(clean.q)[::-1]),
-        )
+        top, span = np.abs(clean.tau).max(axis=0), np.ptp(clean.q, axis=0)
     if len(clean) > 2:
-        rms = np.sqrt(np.sum([np.sum(v**2, axis=0) for _, v in speeds(clean)], axis=0) / len(clean))
+        rms = np.sqrt(np.mean(speed(clean) ** 2, axis=0))
     slope = slopes(clean, robot) if len(clean) > 2 else np.full(robot.n, np.nan)
     limits = [joint.limits for joint in robot.joints]
     ratings = [None if clean.tau_unit == "A" else limit.torque for limit in limits]
@@ -97,7 +90,7 @@ def describe(log: Log, robot: Robot) -> LogSummary:
         duration=clean.duration,
         rate=1.0 / usual,
         jitter=float(high - low) / 2 / usual,
-        gaps=sum(int(np.sum(step[part] > tuning.GAP_SAMPLES * usual)) for part in spans(len(step))),
+        gaps=int(np.sum(step > tuning.GAP_SAMPLES * usual)),
         longest_gap=float(step.max()),
         matched=tuple(log.names[i] for i in columns) if log.names else (),
         ignored=tuple(ignored),
@@ -115,13 +108,9 @@ def describe(log: Log, robot: Robot) -> LogSummary:
 
 def _whole_rows(log: Log) -> Log:
     """Return the samples that are numbers throughout and later than the one before."""
-    good, latest = np.zeros(len(log), dtype=bool), -np.inf
-    for part in spans(len(log)):
-        t = log.t[part]
-        before = np.fmax.accumulate(np.concatenate([[latest], t]))
-        latest = before[-1]
-        good[part] = np.isfinite(t) & (t > before[:-1])
-        good[part] &= measurable(log.q[part]).all(axis=1) & measurable(log.tau[part]).all(axis=1)
-    if log.qd is not None and not all(measurable(log.qd[part]).all() for part in spans(len(log))):
+    before = np.fmax.accumulate(np.concatenate([[-np.inf], log.t]))[:-1]
+    good = np.isfinite(log.t) & (log.t > before)
+    good &= measurable(log.q).all(axis=1) & measurable(log.tau).all(axis=1)
+    if log.qd is not None and not measurable(log.qd).all():
         log = replace(log, qd=None)
     return log if good.all() else take_samples(log, np.flatnonzero(good))

@@ -9,21 +9,20 @@ samples that no arm can have produced are replaced: a filter would smear a spike
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from dynid.errors import Finding, LogTooShort
 from dynid.log import Log
 from dynid.model.effects.friction import coulomb_sign
 from dynid.robot import Coulomb, Robot
-from dynid.scratch import empty, extremes, median_step, samples_where, spans, spread
 from dynid.signals import tuning
 from dynid.signals.motion import bandwidth, per_joint
-from dynid.signals.stamps import steps
 
 Floats = NDArray[np.float64]
 #: What third differences make of white noise of unit variance: sqrt(1 + 9 + 9 + 1).
@@ -156,63 +155,31 @@ def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
         or (2 * tuning.SPIKE_REACH + 1) * cutoff > tuning.SPIKE_OF_PERIOD * log.rate
     ):
         return log, ()
-    every = max(1, len(log) // tuning.ENOUGH_SAMPLES)
-    # Why a copy: a slice would keep the whole part in memory.
-    usual = [
-        np.abs(x - medians)[-part.start % every :: every].copy()
-        for part, x, medians in _medians(log.tau)
-    ]
-    low, high = extremes(log.tau)
+    medians = _medians(log.tau)
+    away = np.abs(log.tau - medians)
     least = np.maximum(
-        tuning.SPIKE_DEVIATIONS * 1.4826 * np.median(np.concatenate(usual), axis=0),
-        tuning.SPIKE_OF_RANGE * (high - low),
+        tuning.SPIKE_DEVIATIONS * 1.4826 * np.median(away, axis=0),
+        tuning.SPIKE_OF_RANGE * np.ptp(log.tau, axis=0),
     )
-    found = []
-    for part, x, medians in _medians(log.tau):
-        row, joint = np.nonzero(np.abs(x - medians) > least)
-        found.append((part.start + row, joint, medians[row, joint]))
-    row, joint, usually = (np.concatenate(column) for column in zip(*found, strict=True))
+    row, joint = np.nonzero(away > least)
     count = np.bincount(joint, minlength=log.n)
     count[count > tuning.SPIKE_MOST * len(log)] = 0
     if not count.any():
         return log, ()
-    tau, kept = empty(log.tau.shape), count[joint] > 0
-    for part in spans(len(log)):
-        tau[part] = log.tau[part]
-    tau[row[kept], joint[kept]] = usually[kept]
+    tau, kept = log.tau.copy(), count[joint] > 0
+    tau[row[kept], joint[kept]] = medians[row[kept], joint[kept]]
     counts = ", ".join(f"{name} {n}" for name, n in zip(log.names, count, strict=True) if n)
     text = f"{log.name}: torque spikes were replaced by the median of their neighbours: {counts} of {len(log)} samples"
     return replace(log, tau=tau), (Finding("W324", "warning", text, {"samples": count.tolist()}),)
 
 
-def _medians(x: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
-    """Yield samples of x, (N, n), part by part, with the median of each and its neighbours, (M, n)."""
-    for part in spans(len(x)):
-        first, last = (
-            max(0, part.start - tuning.SPIKE_REACH),
-            min(len(x), part.stop + tuning.SPIKE_REACH),
-        )
-        edges = tuning.SPIKE_REACH - (part.start - first), tuning.SPIKE_REACH - (last - part.stop)
-        padded = np.pad(x[first:last], (edges, (0, 0)), mode="edge")
-        yield (
-            part,
-            x[part],
-            _median_of_five(
-                *(padded[k : k + part.stop - part.start] for k in range(2 * tuning.SPIKE_REACH + 1))
-            ),
-        )
-
-
-def _median_of_five(a: Floats, b: Floats, c: Floats, d: Floats, e: Floats) -> Floats:
-    """Return the median of five arrays, element by element.
-
-    Why not np.partition or scipy.ndimage: comparisons of whole arrays take a third of their time.
-    """
-    a, b = np.minimum(a, b), np.maximum(a, b)
-    c, d = np.minimum(c, d), np.maximum(c, d)
-    # The smallest and the largest of the first four are not the median; it is that of the two between and the fifth.
-    low, high = np.maximum(a, c), np.minimum(b, d)
-    return np.asarray(np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), e)))
+def _medians(x: Floats) -> Floats:
+    """Return the median of each sample of x and its neighbours, (N, n)."""
+    width = 2 * tuning.SPIKE_REACH + 1
+    found = np.empty_like(x)
+    for j, padded in enumerate(np.pad(x.T, ((0, 0), 2 * [tuning.SPIKE_REACH]), mode="edge")):
+        found[:, j] = np.median(sliding_window_view(padded, width), axis=1)
+    return found
 
 
 @dataclass(frozen=True)
@@ -277,10 +244,8 @@ def check_position_noise(log: Log, robot: Robot) -> tuple[Finding, ...]:
 
 def level_of(log: Log) -> Floats:
     """Return the noise of the positions from their third differences, in which motion vanishes, (n,) [rad or m]."""
-    bends = [
-        np.abs(np.diff(log.q[part], 3, axis=0)) for part in spread(len(log), tuning.ENOUGH_SAMPLES)
-    ]
-    return np.asarray(np.median(np.concatenate(bends), axis=0) * 1.4826 / _THIRD)
+    bends = np.abs(np.diff(log.q, 3, axis=0))
+    return np.asarray(np.median(bends, axis=0) * 1.4826 / _THIRD)
 
 
 def position_noise(log: Log, robot: Robot) -> Noise | None:
@@ -306,9 +271,9 @@ def position_noise(log: Log, robot: Robot) -> Noise | None:
 def _shares(log: Log, level: Floats, cutoffs: Floats) -> Floats:
     """Return the share of noise in what the accelerations below each cut-off are, (C, n)."""
     power: Floats = np.zeros((len(cutoffs), log.n))
-    parts = spread(len(log), tuning.ENOUGH_SAMPLES)
-    for part in parts:
-        q = log.q[part] - log.q[part].mean(axis=0)
+    several = -(-len(log) // tuning.ENOUGH_SAMPLES)
+    for q in np.array_split(log.q, several):
+        q = q - q.mean(axis=0)
         f = np.fft.rfftfreq(len(q), 1 / log.rate)
         spectrum = (
             np.abs(np.fft.rfft(q * np.hanning(len(q))[:, None], axis=0)) ** 2
@@ -316,7 +281,7 @@ def _shares(log: Log, level: Floats, cutoffs: Floats) -> Floats:
             / (_HANN * len(q) ** 2)
         )
         below = np.cumsum((2 * np.pi * f[:, None]) ** 4 * spectrum, axis=0)
-        power += below[np.searchsorted(f, cutoffs) - 1] / len(parts)
+        power += below[np.searchsorted(f, cutoffs) - 1] / several
     noise = np.outer((2 * np.pi) ** 2 * cutoffs**2.5 * np.sqrt(2 / (5 * log.rate)), level)
     return np.asarray(noise / np.sqrt(np.maximum(power, noise**2)))
 
@@ -437,10 +402,10 @@ def grid_rate(t: Floats) -> float:
     Args:
         t: increasing time stamps, (N,) [s].
     """
-    close, usual = steps(t), median_step(t)
-    far = samples_where(len(close), lambda part: close[part] >= tuning.GAP_SAMPLES * usual)
-    close = close if not len(far) else close[close < tuning.GAP_SAMPLES * usual]
-    share = max(_from_whole(close[part] / usual) for part in spans(len(close)))
+    close = np.diff(t)
+    usual = float(np.median(close))
+    close = close[close < tuning.GAP_SAMPLES * usual]
+    share = float(np.abs(close / usual - np.round(close / usual)).max(initial=0.0))
     if share < tuning.EVEN_STEP:
         # Why: stamps in seconds since 1970 give rates such as 199.99999.
         return float(f"{1 / usual:.6g}")
@@ -449,11 +414,6 @@ def grid_rate(t: Floats) -> float:
     for _ in range(2):
         usual = float(blocks.sum() / max(1.0, np.round(blocks / usual).sum()))
     return float(f"{1 / usual:.3g}")
-
-
-def _from_whole(x: Floats) -> float:
-    """Return how far numbers are from whole ones at most."""
-    return float(np.abs(x - np.round(x)).max(initial=0.0))
 
 
 def choose_filter(log: Log, robot: Robot, cutoff: float | None = None) -> Filter:

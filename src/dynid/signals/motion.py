@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import wraps
 from typing import TypeVar
 
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from dynid.errors import Finding, JointStill, LogTooShort
 from dynid.log import Log
 from dynid.robot import Robot
-from dynid.scratch import by_column, empty, extremes, release, samples_where, spans
 from dynid.signals import tuning
 
 Floats = NDArray[np.float64]
@@ -44,48 +43,23 @@ def per_joint(pair: tuple[float, float], robot: Robot) -> Floats:
     return np.array([pair[0] if joint.revolute else pair[1] for joint in robot.joints])
 
 
-def speeds(log: Log) -> Iterator[tuple[slice, Floats]]:
-    """Yield the samples of a log part by part, with the change of position over a short window, (M, n) [rad/s].
-
-    Of sliding joints [m/s]. Needs increasing time.
-    """
-    half = min(max(1, round(tuning.SPEED_WINDOW_S * log.rate)), max(1, (len(log) - 1) // 2))
-    for part in spans(len(log)):
-        position, time = (_change(x, part, half) for x in (log.q, log.t))
-        position /= time[:, None]
-        yield part, position
-
-
-def _change(x: Floats, part: slice, half: int) -> Floats:
-    """Return how much x changes from half a window before to half a window after each sample, ends as they are."""
-    first, last = part.start - half, part.stop + half
-    if first >= 0 and last <= len(x):
-        return np.asarray(x[part.start + half : last] - x[first : part.stop - half])
-    index = np.arange(part.start, part.stop)
-    return np.asarray(x[np.minimum(index + half, len(x) - 1)] - x[np.maximum(index - half, 0)])
-
-
 def speed(log: Log) -> Floats:
     """Return the change of position over a short window, (N, n) [rad/s or m/s]; needs increasing time."""
-    found = empty(log.q.shape)
-    for part, v in speeds(log):
-        found[part] = v
-    return found
+    half = min(max(1, round(tuning.SPEED_WINDOW_S * log.rate)), max(1, (len(log) - 1) // 2))
+    index = np.arange(len(log))
+    after, before = np.minimum(index + half, len(log) - 1), np.maximum(index - half, 0)
+    return np.asarray((log.q[after] - log.q[before]) / (log.t[after] - log.t[before])[:, None])
 
 
 def moving(log: Log, robot: Robot) -> Flags:
     """Return which joints move at which sample, (N, n)."""
-    found, least = empty(log.q.shape, bool), per_joint(tuning.MOVING_SPEED, robot)
-    for part, v in speeds(log):
-        np.greater(np.abs(v), least, out=found[part])
-    return found
+    return np.asarray(np.abs(speed(log)) > per_joint(tuning.MOVING_SPEED, robot))
 
 
 @once
 def any_moves(log: Log, robot: Robot) -> Flags:
     """Return at which samples a joint moves, (N,)."""
-    least = per_joint(tuning.MOVING_SPEED, robot)
-    found = np.concatenate([np.any(np.abs(v) > least, axis=1) for _, v in speeds(log)])
+    found = np.asarray(moving(log, robot).any(axis=1))
     found.setflags(write=False)
     return found
 
@@ -105,7 +79,7 @@ def runs(flags: Flags, least: int = 1) -> list[slice]:
 def rest_slices(log: Log, robot: Robot) -> list[slice]:
     """Return the samples in which no joint moves, without the first and last tenth of a second of each rest."""
     slow = per_joint(tuning.REST_SPEED, robot)
-    still = np.concatenate([np.all(np.abs(v) < slow, axis=1) for _, v in speeds(log)])
+    still = np.all(np.abs(speed(log)) < slow, axis=1)
     margin = round(0.1 * log.rate)
     found = [slice(rest.start + margin, rest.stop - margin) for rest in runs(still)]
     return [
@@ -119,7 +93,7 @@ def rest_slices(log: Log, robot: Robot) -> list[slice]:
 def bandwidth(log: Log, robot: Robot) -> float:
     """Return the frequency below which nearly all of every moving joint's velocity lies [Hz]."""
     v, least = speed(log), per_joint(tuning.MOVING_SPEED, robot)
-    alive = np.any([by_column(np.max, np.abs(v[part])) > least for part in spans(len(v))], axis=0)
+    alive = np.any(np.abs(v) > least, axis=0)
     if not alive.any():
         return 0.0
     several = -(-len(v) // tuning.SPECTRUM_SAMPLES)
@@ -130,7 +104,6 @@ def bandwidth(log: Log, robot: Robot) -> float:
         for start in range(0, several * length, length):
             waves = np.fft.rfft(v[start : start + length, j] * window)
             power += waves.real**2 + waves.imag**2
-            release()
         share = np.cumsum(power) / np.sum(power)
         found.append(float(frequency[np.searchsorted(share, tuning.POWER_SHARE)]))
     return max(found)
@@ -138,15 +111,10 @@ def bandwidth(log: Log, robot: Robot) -> float:
 
 def swings(log: Log, robot: Robot) -> NDArray[np.int64]:
     """Return how many times each joint swings from one reversal to the next, (n,)."""
-    fastest = np.max([by_column(np.max, np.abs(v)) for _, v in speeds(log)], axis=0)
-    least = np.maximum(per_joint(tuning.MOVING_SPEED, robot), 0.05 * fastest)
-    counts, before = np.zeros(log.n, dtype=np.int64), np.zeros(log.n)
-    for _, v in speeds(log):
-        for j in range(log.n):
-            sign = np.sign(v[np.abs(v[:, j]) > least[j], j])
-            counts[j] += int(np.sum(np.diff(sign, prepend=before[j]) != 0))
-            before[j] = sign[-1] if len(sign) else before[j]
-    return counts
+    v = speed(log)
+    least = np.maximum(per_joint(tuning.MOVING_SPEED, robot), 0.05 * np.abs(v).max(axis=0))
+    signs = (np.sign(x[np.abs(x) > level]) for x, level in zip(v.T, least, strict=True))
+    return np.array([np.sum(np.diff(sign, prepend=0.0) != 0) for sign in signs])
 
 
 def check_amount(logs: Sequence[Log], robot: Robot) -> tuple[Finding, ...]:
@@ -156,7 +124,7 @@ def check_amount(logs: Sequence[Log], robot: Robot) -> tuple[Finding, ...]:
         JointStill: some joints move, but not this one.
         LogTooShort: hardly any motion.
     """
-    span = np.max([np.subtract(*extremes(log.q)[::-1]) for log in logs], axis=0)
+    span = np.max([np.ptp(log.q, axis=0) for log in logs], axis=0)
     still = span < per_joint(tuning.STILL_SPAN, robot)
     if still.any() and not still.all():
         j = int(np.flatnonzero(still)[0])
@@ -196,24 +164,12 @@ def sampled(t: Floats, q: Floats, rate: float = tuning.MOTION_HZ) -> Floats:
         q: positions, (N, n) [rad or m].
         rate: [Hz].
     """
-    pauses = samples_where(
-        len(t) - 1, lambda part: np.diff(t[part.start : part.stop + 1]) > tuning.MOTION_PAUSE_S
-    )
+    pauses = np.flatnonzero(np.diff(t) > tuning.MOTION_PAUSE_S)
     lost = np.concatenate([[0.0], np.cumsum(t[pauses + 1] - t[pauses] - tuning.MOTION_PAUSE_S)])
     ends = t[pauses + 1] - lost[1:]
     grid = np.arange(t[0], t[-1] - lost[-1], 1.0 / rate)
-    found = np.empty((len(grid), q.shape[1]))
-    for start in range(0, len(grid), tuning.MOTION_CHUNK):
-        part = grid[start : start + tuning.MOTION_CHUNK]
-        part = part + lost[np.searchsorted(ends, part, side="right")]
-        near = slice(
-            max(0, int(np.searchsorted(t, part[0])) - 1), int(np.searchsorted(t, part[-1])) + 1
-        )
-        found[start : start + tuning.MOTION_CHUNK] = np.column_stack(
-            [np.interp(part, t[near], column) for column in q[near].T]
-        )
-        release()
-    return found
+    times = grid + lost[np.searchsorted(ends, grid, side="right")]
+    return np.column_stack([np.interp(times, t, column) for column in q.T])
 
 
 def same_motion(one: Floats, other: Floats) -> bool:

@@ -6,7 +6,7 @@ make every interval too narrow, and a held position is a velocity of zero follow
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,7 +17,6 @@ from dynid.drivers.interface import driver_of
 from dynid.errors import Finding, LogTooShort, NotFinite, RateTooLow, TimeNotIncreasing, TooManyLost
 from dynid.log import Log
 from dynid.robot import Robot
-from dynid.scratch import PIECE, USUAL, empty, filled, median_step, samples_where, spans, spread
 from dynid.signals import tuning
 from dynid.signals.columns import take_samples
 from dynid.signals.motion import any_moves, bandwidth, moving, runs
@@ -34,7 +33,7 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
         TimeNotIncreasing: time goes back, or stands still in many samples.
         LogTooShort: hardly any samples.
     """
-    bad = samples_where(len(log), lambda part: ~(np.abs(log.t[part]) < tuning.LATEST_S))
+    bad = np.flatnonzero(~(np.abs(log.t) < tuning.LATEST_S))
     if len(bad):
         text = f"the time is not a valid number in {len(bad)} samples, first in row {bad[0] + 1}"
         raise NotFinite(text, where=log.topic, fix="remove these rows, or record again")
@@ -42,14 +41,13 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
     if sort_time:
         log = take_samples(log, np.argsort(log.t, kind="stable"))
     _check_order(log)
-    some = np.concatenate([np.diff(log.t[part]) for part in spread(len(log), USUAL)])
-    if np.any(some > 0):
-        rate = 1.0 / float(np.median(some[some > 0]))
+    step = np.diff(log.t)
+    if np.any(step > 0):
+        rate = 1.0 / float(np.median(step[step > 0]))
         if rate > tuning.FASTEST_HZ:
             text = f"the samples are {1 / rate:.1e} s apart: is its time in seconds?"
             raise TimeNotIncreasing(text, where=log.topic, fix="write the time in seconds")
-    step = steps(log.t)
-    later = np.concatenate([[True], filled(len(step), lambda part: step[part] > 0)])
+    later = np.concatenate([[True], step > 0])
     repeated = int(np.sum(~later))
     if not repeated:
         return log
@@ -78,28 +76,13 @@ def _check_length(log: Log) -> None:
         )
 
 
-def steps(t: Floats) -> Floats:
-    """Return the time from each sample to the next, (N - 1,) [s], for t, (N,) [s]."""
-    return filled(len(t) - 1, lambda part: np.diff(t[part.start : part.stop + 1]))
-
-
 def same_rows(x: Floats) -> NDArray[np.bool_]:
     """Return which samples of x, (N, n), equal the one before them, (N - 1,)."""
-    # Why the empty one: a log of one sample has none before it.
-    return np.concatenate(
-        [
-            np.zeros(0, dtype=bool),
-            *(
-                np.all(x[part.start + 1 : part.stop + 1] == x[part], axis=1)
-                for part in spans(len(x) - 1)
-            ),
-        ]
-    )
+    return np.asarray(np.all(x[1:] == x[:-1], axis=1))
 
 
 def _check_order(log: Log) -> None:
-    step = steps(log.t)
-    back = samples_where(len(step), lambda part: step[part] < 0)
+    back = np.flatnonzero(np.diff(log.t) < 0)
     if not len(back):
         return
     row = int(back[0])
@@ -130,30 +113,23 @@ def with_even_clock(log: Log) -> Log:
     A recorder on a busy machine stamps what arrives. Whether stamps or samples are uneven is asked of the positions: a
     sample lies on the line between its neighbours but for the curvature, if its time is right.
     """
-    step = steps(log.t)
+    step = np.diff(log.t)
     if len(step) < tuning.LEAST_SAMPLES:
         return log
     count = _samples_between(step)
     if count is None:
         return log
-    number = _sums(count, len(log))
+    number = np.concatenate([[0.0], np.cumsum(count, dtype=float)])
     slope, start = _line(number, log.t)
-    t = filled(len(log), lambda part: start + slope * number[part])
-    if (
-        max(float(np.abs(t[part] - log.t[part]).max()) for part in spans(len(log)))
-        > tuning.GAP_SAMPLES * slope
-    ):
+    t = start + slope * number
+    if np.abs(t - log.t).max() > tuning.GAP_SAMPLES * slope:
         return log
     close = (count[:-1] == 1) & (count[1:] == 1)
     given, even = (_bend(clock, log.q, close) for clock in (log.t, t))
     moves = given > 0
     if not moves.any() or float(np.mean(even[moves] / given[moves])) > tuning.STRAIGHTER:
         return log
-    mean = sum(float(np.sum(log.t[part] - t[part])) for part in spans(len(log))) / len(log)
-    square = sum(
-        float(np.sum((log.t[part] - t[part] - mean) ** 2)) for part in spans(len(log))
-    ) / len(log)
-    late = float(np.sqrt(square))
+    late = float(np.std(log.t - t))
     if late < tuning.STRAY_WORTH_SAYING * slope:
         return replace(log, t=t)
     text = f"stamps stray by {1e3 * late:.2g} ms, the samples are evenly spaced: a clock of {1 / slope:.4g} Hz is used"
@@ -165,79 +141,32 @@ def with_even_clock(log: Log) -> Log:
 
 def _samples_between(step: Floats) -> NDArray[Any] | None:
     """Return how many sample times each step is; None when that is not clear."""
-    most = 1.5 * float(np.median(np.concatenate([step[part] for part in spread(len(step), USUAL)])))
-    usual = _mean(len(step), lambda part: step[part][step[part] < most])
-    away = _sums(step, len(step) + 1)[1:]
-    number = filled(len(step), lambda part: np.arange(part.start, part.stop))
-    away = filled(len(step), lambda part: away[part] / usual)
+    usual = float(np.mean(step[step < 1.5 * np.median(step)]))
+    away = np.cumsum(step) / usual
+    number = np.arange(len(step))
     slope, start = _line(number, away)
-    left = filled(len(step), lambda part: away[part] - (start + slope * number[part]))
-    if float(np.ptp(_block_medians(left, max(4, len(step) // 25)))) < tuning.UNCLEAR_STEP:
+    blocks = np.array_split(away - (start + slope * number), max(4, len(step) // 25))
+    if float(np.ptp([np.median(block) for block in blocks])) < tuning.UNCLEAR_STEP:
         return np.ones(len(step), dtype=np.int8)  # none is lost, however late single ones are
-    count = filled(len(step), lambda part: np.round(step[part] / usual))
-    for part in spans(len(step)):
-        unclear = np.abs(step[part] / usual - count[part]) > tuning.UNCLEAR_STEP
-        if np.any(count[part] < 1) or np.any(unclear & (count[part] < tuning.GAP_SAMPLES)):
-            return None
+    count = np.round(step / usual)
+    unclear = np.abs(step / usual - count) > tuning.UNCLEAR_STEP
+    if np.any(count < 1) or np.any(unclear & (count < tuning.GAP_SAMPLES)):
+        return None
     return count
-
-
-def _sums(x: NDArray[Any], count: int) -> Floats:
-    """Return the sums of the numbers before each place, (count,), from zero on."""
-    found, before = empty((count,)), 0.0
-    found[:1] = 0.0
-    for part in spans(count - 1):
-        found[part.start + 1 : part.stop + 1] = before + np.cumsum(x[part], dtype=float)
-        before = float(found[part.stop])
-    return found
-
-
-def _mean(count: int, some: Callable[[slice], Floats]) -> float:
-    """Return the mean of what is taken of each part of so many samples."""
-    # Why long: so that a sum is the same however many parts it is made of.
-    total, length = np.longdouble(0.0), 0
-    for part in spans(count):
-        values = some(part)
-        total, length = total + np.sum(values, dtype=np.longdouble), length + len(values)
-    return float(total / length)
 
 
 def _line(x: NDArray[Any], y: Floats) -> tuple[float, float]:
     """Return slope and value at zero of the straight line that is closest to y, both (N,)."""
-    across, up = _mean(len(x), lambda part: x[part]), _mean(len(y), lambda part: y[part])
-    products = squares = np.longdouble(0.0)
-    for part in spans(len(x)):
-        away = x[part] - across
-        products = products + np.sum(away * y[part], dtype=np.longdouble)
-        squares = squares + np.sum(away * away, dtype=np.longdouble)
-    slope = float(products / squares)
-    return slope, up - slope * across
-
-
-def _block_medians(x: Floats, count: int) -> Floats:
-    """Return the medians of so many blocks of nearly equal length, (count,)."""
-    short, longer = divmod(len(x), count)
-    edge = longer * (short + 1)
-    blocks = x[:edge].reshape(longer, short + 1), x[edge:].reshape(-1, short)
-    together = max(1, PIECE // (short + 1))
-    return np.concatenate(
-        [
-            np.median(every[k : k + together], axis=1)
-            for every in blocks
-            for k in range(0, len(every), together)
-        ]
-    )
+    away = x - np.mean(x)
+    slope = float(away @ y / (away @ away))
+    return slope, float(np.mean(y) - slope * np.mean(x))
 
 
 def _bend(t: Floats, q: Floats, close: NDArray[np.bool_]) -> Floats:
     """Return the mean square distance of samples from the line between their neighbours, (n,)."""
-    total = np.zeros(q.shape[1])
-    for part in spans(len(close)):
-        before, here, after = (slice(part.start + k, part.stop + k) for k in range(3))
-        share = ((t[here] - t[before]) / (t[after] - t[before]))[:, None]
-        away = q[here] - (1 - share) * q[before] - share * q[after]
-        total += np.sum(away[close[part]] ** 2, axis=0)
-    return total / max(1, int(close.sum()))
+    share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
+    away = q[1:-1] - (1 - share) * q[:-2] - share * q[2:]
+    return np.asarray(np.sum(away[close] ** 2, axis=0) / max(1, int(close.sum())))
 
 
 def without_intervals(log: Log, exclude: Sequence[tuple[float, float]]) -> Log:
@@ -267,39 +196,24 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> tuple[Findin
     Raises:
         TooManyLost: more than one sample in twenty is missing.
     """
-    step, usual = steps(log.t), median_step(log.t)
+    step = np.diff(log.t)
+    usual = float(np.median(step))
     wanted = np.zeros(len(step), dtype=bool)
     for start, end in exclude:
         wanted |= (log.t[:-1] <= end) & (log.t[1:] >= start)
-    pauses = samples_where(
-        len(step),
-        lambda part: (step[part] > max(tuning.PAUSE_S, tuning.GAP_SAMPLES * usual)) & ~wanted[part],
-    )
-    recorded = sum(
-        float(np.sum(step[part][step[part] <= tuning.PAUSE_S])) for part in spans(len(step))
-    )
+    pauses = np.flatnonzero((step > max(tuning.PAUSE_S, tuning.GAP_SAMPLES * usual)) & ~wanted)
+    recorded = float(np.sum(step[step <= tuning.PAUSE_S]))
     if recorded < tuning.LEAST_SEGMENT_S * (len(pauses) + 1):
         pauses = pauses[:0]
     counted = ~wanted
     counted[pauses] = False
-    lost = total = 0.0
-    for part in spans(len(step)):
-        kept = step[part][counted[part]]
-        lost += float(np.sum(np.round(kept[kept > 1.5 * usual] / usual) - 1))
-        total += float(np.sum(kept))
+    kept = step[counted]
+    lost = float(np.sum(np.round(kept[kept > 1.5 * usual] / usual) - 1))
     # Why: jitter lengthens some steps and shortens others; the mean step distinguishes lost samples from late ones.
-    lost = min(lost, max(0.0, total / usual - int(counted.sum())))
+    lost = min(lost, max(0.0, float(np.sum(kept)) / usual - int(counted.sum())))
     share = lost / (lost + len(log))
-    gaps = samples_where(
-        len(step), lambda part: (step[part] > tuning.GAP_SAMPLES * usual) & ~wanted[part]
-    )
-    tops = [
-        part.start + int(np.argmax(np.where(wanted[part], 0.0, step[part])))
-        for part in spans(len(step))
-    ]
-    longest = (
-        int(gaps[np.argmax(step[gaps])]) if len(gaps) else max(tops, key=lambda k: float(step[k]))
-    )
+    gaps = np.flatnonzero((step > tuning.GAP_SAMPLES * usual) & ~wanted)
+    longest = int(np.argmax(np.where(wanted, 0.0, step)))
     where = f"longest {1000 * step[longest]:.0f} ms at {log.t[longest]:.2f} s"
     if share > tuning.LOST_SHARE:
         raise TooManyLost(
@@ -393,13 +307,10 @@ def _held(log: Log, robot: Robot, busy: Flags, same_q: Flags) -> bool:
     """Return whether positions are held as a whole: where any joint changes, those that move change nearly all."""
     if not _counts(same_q & busy, busy):
         return False
-    alive, changes, count = moving(log, robot), 0, 0
-    for part in spans(len(busy)):
-        after = slice(part.start + 1, part.stop + 1)
-        several = (alive[after].sum(axis=1) >= 2) & ~same_q[part]
-        moved = (log.q[after] != log.q[part])[several][alive[after][several]]
-        changes, count = changes + int(moved.sum()), count + len(moved)
-    return changes > tuning.CHANGE_TOGETHER * count
+    alive = moving(log, robot)[1:]
+    several = (alive.sum(axis=1) >= 2) & ~same_q
+    moved = (log.q[1:] != log.q[:-1])[several][alive[several]]
+    return int(moved.sum()) > tuning.CHANGE_TOGETHER * len(moved)
 
 
 def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]:
@@ -436,11 +347,7 @@ def _copied(keys: NDArray[np.uint64], seen: NDArray[np.uint64]) -> Flags:
     """Return which samples with such keys, (N,), are copies of earlier ones, or of those with keys that were seen."""
     copied = np.zeros(len(keys), dtype=bool)
     rising = np.sort(keys)
-    repeats = any(
-        np.any(rising[part.start + 1 : part.stop + 1] == rising[part])
-        for part in spans(len(keys) - 1)
-    )
-    del rising
+    repeats = np.any(rising[1:] == rising[:-1])
     again = np.zeros(len(keys), dtype=bool)
     if len(seen):
         again = seen[np.minimum(np.searchsorted(seen, keys), len(seen) - 1)] == keys
@@ -459,9 +366,5 @@ def _keys(log: Log) -> NDArray[np.uint64]:
     factors = np.random.default_rng(0).integers(1, 2**63, 2 * log.n, dtype=np.uint64) * np.uint64(
         2
     ) + np.uint64(1)
-    found = empty((len(log),), np.uint64)
-    for part in spans(len(log)):
-        rows = np.ascontiguousarray(np.hstack([log.q[part], log.tau[part]]) + 0.0).view(np.uint64)
-        mixed = rows ^ (rows >> np.uint64(29))
-        found[part] = np.sum(mixed * factors, axis=1, dtype=np.uint64)
-    return found
+    rows = np.ascontiguousarray(np.hstack([log.q, log.tau]) + 0.0).view(np.uint64)
+    return np.asarray((rows ^ (rows >> np.uint64(29))) @ factors)

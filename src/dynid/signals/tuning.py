@@ -198,8 +198,6 @@ EFFECT_SMOOTHING_HZ = 4.0
 # Speed and memory: no result depends on them, but for the last digits.
 #: Samples of which noise, spikes and speeds are estimated; longer logs are thinned for it. Evidence: none yet.
 ENOUGH_SAMPLES = 1 << 18
-#: Instants that are looked up together.
-MOTION_CHUNK = 4096
 #: Outputs computed together as one matrix product; measured best for 50 to 500 taps.
 OUTPUTS_TOGETHER = 20
 #: Signals from which on each of their stretches is multiplied where it is.

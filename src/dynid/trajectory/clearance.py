@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from dynid.model.kinematics import LinkFrames, link_frames, tip_jacobian
 from dynid.model.parameters import cylinders_of, link_cylinders
 from dynid.robot import Robot
-from dynid.scratch import filled
 from dynid.trajectory import tuning
 from dynid.trajectory.feasible import position_range
 from dynid.trajectory.scene import Box, Scene, nearest_of_segments, segment_to_box
@@ -30,12 +29,8 @@ def tool_speed(robot: Robot, q: Floats, qd: Floats) -> Floats:
         q: joint positions, (N, n) [rad or m].
         qd: joint velocities, (N, n) [rad/s or m/s].
     """
-
-    def speed(part: slice) -> Floats:
-        jacobian = tip_jacobian(robot, link_frames(robot, q[part]))
-        return np.asarray(np.linalg.norm(np.sum(jacobian * qd[part, :, None], axis=1), axis=1))
-
-    return filled(len(q), speed)
+    jacobian = tip_jacobian(robot, link_frames(robot, q))
+    return np.asarray(np.linalg.norm(np.sum(jacobian * qd[:, :, None], axis=1), axis=1))
 
 
 @dataclass(frozen=True)

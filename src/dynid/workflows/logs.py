@@ -272,7 +272,6 @@ def poor(found: Identification, base: BaseModel) -> bool:
     """
     from dynid.diagnose import tuning
     from dynid.model.parameters import expected_torque
-    from dynid.scratch import joined
 
     factors = found.factors
     left = np.linalg.norm(factors @ np.append(found.plain, -1.0), axis=1)
@@ -282,7 +281,7 @@ def poor(found: Identification, base: BaseModel) -> bool:
         return True
     if found.stack is None or base.robot.torque.source == "gravity_free":
         return False
-    q = joined(segment.q for log in found.stack.logs for segment in log.segments)
+    q = np.concatenate([segment.q for log in found.stack.logs for segment in log.segments])
     q = q[:: max(1, len(q) // tuning.POSES_OF_WEIGHT)]
     weight = base.model.observer(base.reduction.base).torque(found.plain, q, 0.0 * q, 0.0 * q)
     expected = np.std(expected_torque(q, base.robot), axis=0)

@@ -12,6 +12,8 @@ from dynid.workflows.identify import IdentifyOptions
 from dynid.workflows.parameters import load_observations, observe
 from makelogs import lwr, lwr_log
 
+pytestmark = pytest.mark.slow
+
 
 def identified(log, robot, **options):
     return dynid.identify(robot, [log], IdentifyOptions(**options))

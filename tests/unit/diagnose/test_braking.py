@@ -22,6 +22,7 @@ def test_a_joint_whose_friction_would_drive_is_named_and_accuses_no_file():
     assert found.evidence["joints"] == [lwr().joint_names[4]]
 
 
+@pytest.mark.slow
 @pytest.mark.data
 def test_nine_seconds_of_an_arm_with_reversed_torques_say_so():
     robot = load_robot(shared_data("lbr_med7/med7.urdf"))
@@ -29,6 +30,7 @@ def test_nine_seconds_of_an_arm_with_reversed_torques_say_so():
         diagnose(load_log(shared_data("lbr_med7/med7.csv"), robot), robot)
 
 
+@pytest.mark.slow
 @pytest.mark.data
 @pytest.mark.parametrize("motion", [1, 2, 3])
 def test_three_motions_of_one_arm_say_the_same(motion):

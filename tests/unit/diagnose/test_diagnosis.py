@@ -41,6 +41,7 @@ def test_a_right_file_is_not_questioned():
     assert not looked_at(lwr()).wrong
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "mistake",
     [
@@ -65,6 +66,7 @@ def test_the_mistake_is_named_and_its_edit_repairs_the_file(mistake):
     assert not looked_at(with_edits(wrong, found.best[0].edits)).wrong
 
 
+@pytest.mark.slow
 def test_two_mistakes_are_named_together():
     wrong = with_edits(
         lwr(), [Edit("sign", (3.0,)), Edit("order", (1.0, 0.0, 2.0, 3.0, 4.0, 5.0, 6.0))]
@@ -95,6 +97,7 @@ def test_reversed_torques_come_right_with_torque_sign():
     )
 
 
+@pytest.mark.slow
 def test_it_stops_with_the_edit_and_goes_on_when_asked():
     wrong = edited(lwr(), Edit("sign", (1.0,)))
     log = prepare(lwr_log(), wrong)
@@ -106,6 +109,7 @@ def test_it_stops_with_the_edit_and_goes_on_when_asked():
     assert diagnose(prepare(lwr_log(), lwr()), lwr()) == ()
 
 
+@pytest.mark.slow
 def test_a_wrong_file_that_looks_like_removed_gravity_is_named_and_goes_on_when_asked():
     wrong = edited(lwr(), Edit("gravity", (9.81, 0.0, 0.0)))
     log = prepare(lwr_log(), wrong)
@@ -135,6 +139,7 @@ def test_a_pause_cuts_the_recording_and_is_listed():
     assert "cut into 2 segments" in said.text
 
 
+@pytest.mark.slow
 @pytest.mark.data
 @pytest.mark.parametrize(
     ("run", "first", "seconds"), [("run1", 5.0, 6.0), ("run2", 5.0, 12.0), ("run3", 7.0, 3.0)]
@@ -146,6 +151,7 @@ def test_a_short_piece_of_a_real_recording_does_not_accuse_the_right_file(run, f
     assert not looked_at(lwr(), take_samples(log, some)).wrong
 
 
+@pytest.mark.slow
 @pytest.mark.data
 def test_edits_that_a_log_cannot_tell_apart_are_named_together():
     """A reversed position of an upright first joint makes nearly the same torques as its reversed torque."""

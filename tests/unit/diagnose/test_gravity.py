@@ -63,6 +63,7 @@ def test_the_expected_torque_of_known_bodies_is_pinocchios(convention):
     np.testing.assert_allclose(expected_torque(q, robot), expected, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_torques_of_a_moving_arm_without_its_weight_are_refused():
     broken = replace(lwr_log(), tau=NOISE)
     with pytest.raises(GravityRemoved, match="gravity was already removed") as caught:

@@ -31,6 +31,7 @@ def links(shop, *options):
     return json.loads(done.out)["links"]
 
 
+@pytest.mark.slow
 def test_bounds_on_masses_and_centres_of_mass_are_kept(shop):
     bounds = (
         "--total-mass",
@@ -55,6 +56,7 @@ def test_a_prior_from_a_urdf_lies_in_the_frames_of_the_dh_table(tmp_path):
         assert found.parameters() == pytest.approx(true.parameters(), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_prior_from_a_file_fills_what_the_log_leaves_open(shop):
     plant, robot = read_plant(TRUTH), load_robot("kuka_lwr4plus")
     write_urdf(robot, plant.bodies, shop.folder / "arm.urdf")

@@ -60,6 +60,7 @@ def test_moving_sums_are_newey_west():
     assert np.allclose(long_run_variance(series, lags), expected)
 
 
+@pytest.mark.slow
 def test_robust_intervals_cover_where_textbook_ones_do_not(many):
     thetas = [fit.theta for fit, _ in many]
     textbook = coverage(thetas, [np.sqrt(np.diagonal(fit.covariance)) for fit, _ in many])

@@ -7,6 +7,8 @@ import pytest
 from loaded_arm import LOAD, recorded
 from test_drive_gains import GAINS
 
+pytestmark = pytest.mark.slow
+
 #: The logs are short: a condition number of 1900 is not what is tested here.
 LOADED = ("--loaded", "loaded.csv", "--load-mass", "1.8", "--drop-weak", "--no-report")
 

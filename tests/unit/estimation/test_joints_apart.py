@@ -17,6 +17,8 @@ from dynid.model.base_model import BaseModel
 from dynid.model.parameters import prior_base_parameters
 from dynid.model.reduce import reduce
 
+pytestmark = pytest.mark.slow
+
 #: The joint whose torque is spoilt: it shares links with those before and after it.
 BAD = 3
 

@@ -66,6 +66,7 @@ def test_weighted_fit_is_generalised_least_squares_with_the_joints_own_noise():
     assert np.allclose(fit.covariance, np.linalg.inv(X.T @ X), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_noise_is_unbiased_although_few_rows_fit_many_parameters():
     ratio = [weighted(*factors(*rows(12, seed=s))).noise ** 2 / NOISE**2 for s in range(400)]
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.08)

@@ -16,6 +16,8 @@ from dynid.model.reduce import reduce
 from dynid.signals.conditioned_log import ConditionedLog, condition
 from dynid.signals.filters import choose_filter
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def base():

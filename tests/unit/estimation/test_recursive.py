@@ -8,6 +8,8 @@ from loaded_arm import recorded
 
 from dynid.estimation.result_files import load
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def shop(tmp_path_factory, runner):

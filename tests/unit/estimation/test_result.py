@@ -135,6 +135,7 @@ def described(request, base, result):
     return replace(result, in_force="plain") if request.param == "plain" else result
 
 
+@pytest.mark.slow
 def test_the_torques_of_one_state_are_those_of_a_motion(described):
     """To rounding, with and without the residual model; a loaded result gives the same."""
     _, q, qd, qdd = motion(described.robot, 2.0, 7)

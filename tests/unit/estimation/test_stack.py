@@ -112,6 +112,7 @@ def test_errors_of_four_logs_are_half_those_of_one(base):
     assert np.median(ratio) == pytest.approx(0.5, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_estimates_over_many_draws_of_noise(base):
     """The mean Mahalanobis distance of 12 draws is chi-square over its degrees of freedom: 1 to three errors of 9 %."""
     clean = simulated(base, seconds=20)

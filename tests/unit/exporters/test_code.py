@@ -172,6 +172,7 @@ def test_parameters_that_the_data_did_not_determine_are_marked():
         assert "not determined by the data" in FORMATS[format].text(source)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("format", ["c", "python"])
 def test_a_formula_is_part_of_the_code(format, tmp_path):
     """The torque by hand, joint 2 of the arm without any effect beside it."""
@@ -205,6 +206,7 @@ def test_a_formula_is_part_of_the_code(format, tmp_path):
     assert agreement.largest < 1e-10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("format", ["c", "python"])
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_every_effect_of_the_catalogue_is_code_or_its_absence_has_a_reason(name, format):

@@ -36,6 +36,7 @@ def effects_of(tmp_path):
     return load
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_every_effect_acts_in_mujoco_and_pybullet_as_in_dynid_or_has_a_reason(name):
     """1000 states; the MJCF with effects.py in MuJoCo, the URDF with it in PyBullet."""
@@ -51,6 +52,7 @@ def test_every_effect_acts_in_mujoco_and_pybullet_as_in_dynid_or_has_a_reason(na
     assert any(name in phrase for phrase in beside) == (name not in NATIVE + NUMBERS + LEFT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["spring", "counterbalance", "torque_ripple", "viscous", "motor_inertia", "payload"]
 )

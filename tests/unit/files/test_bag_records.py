@@ -34,6 +34,7 @@ def read(path):
     return groups[TOPIC][0], findings
 
 
+@pytest.mark.slow
 def test_a_whole_bag_scanned_without_index_gives_every_message(tmp_path, bags):
     for compression, content in bags.items():
         path = tmp_path / f"{compression}.bag"

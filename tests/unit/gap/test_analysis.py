@@ -29,6 +29,7 @@ def test_what_these_logs_cannot_show_is_listed(twolinks):
     assert "asymmetric_viscous" not in seen.invisible
 
 
+@pytest.mark.slow
 def test_the_simulation_with_the_effect_follows_the_held_out_motion_more_closely(
     twolinks, on_joint
 ):
@@ -40,6 +41,7 @@ def test_the_simulation_with_the_effect_follows_the_held_out_motion_more_closely
     assert after[1] < 0.5 * before[1]
 
 
+@pytest.mark.slow
 def test_what_does_not_help_on_held_out_rows_is_withdrawn_and_the_rest_proved_again(
     twolinks, on_joint
 ):
@@ -67,6 +69,7 @@ def test_what_does_not_help_on_held_out_rows_is_withdrawn_and_the_rest_proved_ag
     assert len(refit(search)[0]) == len(proof.effects) + len(proof.refused)
 
 
+@pytest.mark.slow
 def test_what_is_shown_after_is_what_is_named_alone(twolinks, on_joint):
     """The held-out error after is that of a model with the named effect and without the withdrawn one."""
     sources = on_one_clock(

@@ -49,6 +49,7 @@ def springy(twolinks, on_joint):
     return sources, analyse_gap(sources, twolinks.base, None, options, simulate=False)
 
 
+@pytest.mark.slow
 def test_numbers_are_rounded_to_what_their_errors_leave(springy, twolinks):
     (spec,) = specs_of(springy[1].verdict.named, twolinks.base.robot)
     assert (spec.effect, spec.joints) == ("spring", ("elbow",))

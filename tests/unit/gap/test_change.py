@@ -24,6 +24,7 @@ def compared(problem):
     )
 
 
+@pytest.mark.slow
 def test_nothing_has_changed_on_another_motion_of_the_same_arm(twolinks, old, kept):
     problem = make_problem(twolinks.logs(plans=(5, 6), first=20), twolinks.base, kept, old)
     assert compared(problem).joints == ()
@@ -38,6 +39,7 @@ def test_nothing_has_changed_on_another_motion_of_the_same_arm(twolinks, old, ke
     assert (seen.verdict.word, seen.effects) == ("nothing_changed", ())
 
 
+@pytest.mark.slow
 def test_more_friction_is_named_with_its_size_on_its_joint_alone(
     twolinks, old, kept, more_friction
 ):
@@ -52,6 +54,7 @@ def test_more_friction_is_named_with_its_size_on_its_joint_alone(
     assert abs(one.values["c"] - 0.15) < 3 * one.std_errors["c"] < 0.03
 
 
+@pytest.mark.slow
 def test_what_was_always_there_is_no_change(twolinks, on_joint):
     """A spring that the model lacks, in old and new logs alike."""
     spring = lambda t, q, qd, qdd: on_joint(1, 2.0 * q[:, 1])  # noqa: E731

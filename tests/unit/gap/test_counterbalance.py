@@ -44,6 +44,7 @@ def stand_in(joint):
     return SelectedEffect(CATALOGUE["spring"], (joint,), {"order": 3.0, "constant": 1.0}, None, 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("powers", "told"), [((-319.0, -17.0, 144.0, 8.0), True), ((0.0, -50.0, 0.0, 300.0), False)]
 )

@@ -122,6 +122,7 @@ def test_a_bayes_factor_is_the_evidence_with_the_column_over_that_without(twolin
     )
 
 
+@pytest.mark.slow
 def test_narrow_stribeck_friction_is_named_with_its_size(twolinks, on_joint):
     """A hump of 0.04 rad/s, which columns of free width would swallow."""
 
@@ -142,6 +143,7 @@ def test_narrow_stribeck_friction_is_named_with_its_size(twolinks, on_joint):
     assert seen.verdict.remainder == ()
 
 
+@pytest.mark.slow
 def test_a_push_that_nothing_repeats_is_told_by_log_time_and_joint(twolinks, on_joint):
     """Without repeats: nobody but the rows themselves can tell."""
 
@@ -185,6 +187,7 @@ def test_sizes_are_those_of_a_sum_over_many_shapes(twolinks, on_joint):
     assert abs(found.amplitudes[0] - 0.2) < 3 * error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("speed", "sharpness"), [(0.035, 1.8), (0.06, 2.2), (0.04, 0.9)])
 def test_sizes_of_a_hump_are_those_of_a_sum_over_many_shapes(twolinks, on_joint, speed, sharpness):
     """Its speed and sharpness go together: the posterior is a ridge that is thin across both."""

@@ -104,6 +104,7 @@ def test_a_formula_goes_through_the_robot_file(twolinks, on_joint):
     assert [column.value for column in added.columns] == list(one.values.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("size", "told"), [(0.012, True), (0.0, False)])
 def test_what_grows_with_time_is_a_formula_although_no_repeat_repeats_it(
     twolinks, on_joint, size, told
@@ -127,6 +128,7 @@ def test_what_grows_with_time_is_a_formula_although_no_repeat_repeats_it(
     assert one.values["a"] == pytest.approx(size, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_name_that_explains_a_part_is_told_with_its_share_and_what_is_left(twolinks, on_joint):
     """Drag by the shoulder that depends on the elbow's angle, which is of one sign in these logs, or does not."""
     only = SelectionOptions(effects=("joint_coupling",), joints=(1,))

@@ -21,6 +21,7 @@ def test_torques_that_are_late_since_are_found_on_another_motion(twolinks, old, 
     assert late.test.p_value < 1e-6
 
 
+@pytest.mark.slow
 def test_a_delay_that_its_slope_does_not_tell_is_named_with_its_size(twolinks, old, kept):
     seconds = 0.18
     new = twolinks.logs(plans=(5, 6), first=20, delay=seconds)

@@ -65,6 +65,7 @@ SHAPES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHAPES)
 def test_a_shape_and_its_amplitudes_come_back_with_errors_that_know_of_each_other(
     twolinks, on_joint, name
@@ -80,6 +81,7 @@ def test_a_shape_and_its_amplitudes_come_back_with_errors_that_know_of_each_othe
         assert one.std_errors[key] < 0.05 * max(abs(value), 0.6), key
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("width", "wider"), [(twolink.SMOOTH, False), (0.04, True)])
 def test_errors_know_that_the_shape_of_reversals_is_not_known(twolinks, on_joint, width, wider):
     """A power law jointly with friction that turns more slowly than the robot file says: its power comes out wrong."""

@@ -16,6 +16,7 @@ def both(twolinks, on_joint):
     return search_effects(on_one_clock(sources), twolinks.base, None, options)
 
 
+@pytest.mark.slow
 def test_a_delay_is_taken_out_and_the_search_goes_on(both):
     assert both.delay == pytest.approx(0.008, rel=0.03)
     assert both.delay_test.p_value < 1e-6

@@ -90,6 +90,7 @@ def drawn(regression):
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["p_value", "gain_p_value"])
 def test_chances_are_uniform_on_white_noise(drawn, name):
     chances = [getattr(test, name) for test in drawn[1]]

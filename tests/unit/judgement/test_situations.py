@@ -25,6 +25,7 @@ def rows():
     ]
 
 
+@pytest.mark.slow
 def test_no_two_commands_contradict_each_other(rows):
     assert [row["contradictions"] for row in rows] == [[], [], []]
     assert all({"identify", "validate", "gap", "report"} <= set(row["sentences"]) for row in rows)

@@ -54,6 +54,7 @@ FRICTION = ("viscous", "coulomb")
 WALL, NOWHERE = (9.81, 0, 0), (0, 0, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "expected"),
     [
@@ -192,6 +193,7 @@ def test_values_beside_the_formulas_are_those_of_the_singular_values():
         np.testing.assert_allclose(reduce_exactly(model).K, reduce(model).K, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("d4", [0.1, 1e-3, 1e-6, 1e-9, 1e-12])
 def test_classes_do_not_depend_on_how_small_an_offset_is(d4):
     joints = tuple(replace(j, d=d4) if k == 3 else j for k, j in enumerate(GEN2.joints))
@@ -200,6 +202,7 @@ def test_classes_do_not_depend_on_how_small_an_offset_is(d4):
     assert [relation_text(g) for g in r.relations] == [relation_text(g) for g in usual.relations]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("twist", ["1.5708", "90 deg", "pi/2"])
 def test_every_way_to_write_a_right_angle_gives_the_same_relations(twist, tmp_path):
     text = (PAPER / "kinova_gen2_table6.yaml").read_text()

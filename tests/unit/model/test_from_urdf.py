@@ -175,6 +175,7 @@ def robots():
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("convention", ["standard", "modified"])
 @pytest.mark.parametrize("name", ARMS)
 def test_arms_that_people_have_get_a_table_with_the_urdfs_kinematics_and_torques(
@@ -187,6 +188,7 @@ def test_arms_that_people_have_get_a_table_with_the_urdfs_kinematics_and_torques
     assert torque_difference(robots / file, robot) < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5", "panda", "z1"])
 def test_logs_of_the_urdfs_own_bodies_do_not_accuse_its_table(name, robots):
     """Public URDFs have inertias of bodies as large as the arm: the wrist of the UR5 has 1.2 kg, 0.42 m out."""
@@ -228,6 +230,7 @@ def test_any_chain_gets_a_table_with_the_urdfs_kinematics_and_torques(seed, conv
     assert torque_difference(path, robot, 10) < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_simulated_torques_give_the_base_parameters_of_the_urdfs_inertias(seed, tmp_path):
     """Least squares on Pinocchio's torques recovers K gamma of the imported prior."""

@@ -86,6 +86,7 @@ def test_right_signs_raise_no_alarm():
     assert residual < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", [1, 3, 5, 6])
 def test_a_wrong_sign_raises_the_alarm(joint):
     assert identified(joint)[0] > 0

@@ -81,6 +81,7 @@ def test_the_relations_of_the_lwr_are_the_published_ones():
     assert terms["Ixx7R"] == pytest.approx({"Ixx7": 1, "Iyy7": -1})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["kuka_lwr4plus", "kinova_gen2", "franka_panda", "ur10"])
 def test_base_columns_times_relations_give_the_whole_regressor(name):
     model = build_model(load_robot(name))

@@ -43,6 +43,7 @@ def arms():
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", arms())
 def test_gradient_is_that_of_central_differences_in_every_direction(name):
     robot = arms()[name]

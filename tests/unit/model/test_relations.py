@@ -106,6 +106,7 @@ def test_oblique_twists_are_named_and_their_values_are_right():
     np.testing.assert_allclose(r.K, reduce(model).K, rtol=1e-8, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_special_oblique_twists_are_symbols_with_the_same_formulas():
     def arm(degrees):
         joints = tuple(replace(j, twist=math.radians(degrees)) for j in oblique(3).joints)
@@ -119,6 +120,7 @@ def test_special_oblique_twists_are_symbols_with_the_same_formulas():
     assert arm(30) == arm(60) == arm(37.123)
 
 
+@pytest.mark.slow
 def test_seven_joints_take_half_a_second_and_twelve_five():
     for robot, limit in ((GEN2, 0.5), (oblique(12), 5.0)):
         model = build_model(robot)

@@ -80,6 +80,7 @@ def test_a_pose_that_is_too_heavy_is_refused_at_any_speed(bullet):
     assert "slower does not help" in caught.value.fix
 
 
+@pytest.mark.slow
 def test_the_floor_an_obstacle_and_the_arm_itself_are_kept_clear_of():
     played = PlayedMotion(swing(only(2, 0.3)))
     near = check_clearance(LWR, played, Scene())

@@ -63,6 +63,7 @@ def test_no_line_crosses_a_gap_in_time(motion, robot):
     assert np.nanmax(np.diff(x)) < 0.011
 
 
+@pytest.mark.slow
 def test_the_four_figures_of_a_validation_are_written(motion, robot, tmp_path):
     names = ["position", "velocity", "acceleration", "torque"]
     assert write_motion_figures(tmp_path, motion, robot, "run") == [

@@ -66,6 +66,7 @@ def test_the_residual_over_velocity_shows_a_friction_step_that_was_left(robot):
     np.testing.assert_array_equal(shown, line)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [0, 1, 25, 26])
 def test_a_residual_of_so_few_samples_is_drawn(robot, count):
     some = np.ones((count, robot.n))

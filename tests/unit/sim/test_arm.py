@@ -81,6 +81,7 @@ def test_coulomb_friction_slows_at_a_constant_rate_then_creeps():
     assert np.abs(qd[-100:]).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_a_pendulum_keeps_its_energy():
     """m l^2 qd^2 / 2 - m g l cos q over two swings, to the first order of the step."""
     with SimulatedArm(
@@ -104,6 +105,7 @@ def test_no_mechanical_stop_disturbs_the_torques():
     assert qd[-1] == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_a_tracked_motion_needs_the_torques_of_inverse_dynamics():
     """What the drives gave equals rigid body + friction + rotors of the motion that was made."""
     robot = load_robot("kuka_lwr4plus")

@@ -9,6 +9,7 @@ from dynid.trajectory.basis import Quintic
 from dynid.trajectory.feasible import Shaping, bounds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ["lwr", "gen2"])
 def test_none_of_100_random_plans_breaks_a_limit_at_10_khz_in_other_code(arm, request):
     robot = request.getfixturevalue(arm).robot

@@ -85,6 +85,7 @@ def test_torque_limit_gives_an_alpha_that_keeps_it_or_says_the_pose_is_too_heavy
     assert "too heavy" in caught.value.fix
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ["lwr", "gen2"])
 def test_plans_that_pass_or_break_a_torque_limit_do_so_in_pinocchio_at_10_khz(
     arm, request, tmp_path
@@ -120,6 +121,7 @@ def test_plans_that_pass_or_break_a_torque_limit_do_so_in_pinocchio_at_10_khz(
     assert 2 <= passed <= 18
 
 
+@pytest.mark.slow
 def test_tool_speed_is_that_of_differentiated_positions_and_can_be_limited(gen2):
     from dynid.model.kinematics import tool_pose
 

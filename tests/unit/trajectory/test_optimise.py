@@ -3,6 +3,7 @@
 import time
 
 import numpy as np
+import pytest
 
 from dynid.progress import Silent
 from dynid.trajectory.basis import Quintic
@@ -45,6 +46,7 @@ def test_search_ends_far_below_its_start_and_inside_the_limits(lwr):
     assert check_trajectory(best, lwr.robot, here.limits).violations == ()
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_plans_and_other_seeds_others(lwr):
     found = [
         optimise(problem(lwr), PlanOptions(restarts=2, seed=seed, processes=processes), 120.0)
@@ -55,6 +57,7 @@ def test_equal_seeds_give_equal_plans_and_other_seeds_others(lwr):
     assert not np.allclose(plans[0], plans[2])
 
 
+@pytest.mark.slow
 def test_time_limit_is_kept_to_about_a_second(lwr):
     begin = time.monotonic()
     found = optimise(problem(lwr), PlanOptions(restarts=10_000, processes=1), 6.0)

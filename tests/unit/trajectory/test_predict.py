@@ -78,6 +78,7 @@ def test_earlier_logs_make_every_error_smaller(lwr, other):
     assert np.all(both.std_error < alone.std_error)
 
 
+@pytest.mark.slow
 def test_a_motion_planned_after_an_earlier_log_adds_more_than_one_planned_without_it(lwr, other):
     columns, noise = lwr.reduction.base, default_noise(lwr.robot)
     moved = random_trajectory(lwr.robot, 4).sampled(100)

@@ -71,6 +71,7 @@ COLLIDING = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arm", "pose"), [(arm, pose) for arm, poses in COLLIDING.items() for pose in poses]
 )
@@ -92,6 +93,7 @@ def test_a_plan_in_free_air_passes_and_its_distance_to_the_floor_is_that_of_geom
     assert lowest.distance == pytest.approx(min(height, 0.3), abs=0.005)
 
 
+@pytest.mark.slow
 def test_an_obstacle_in_the_way_is_named(lwr, urdf):
     scene = Scene(obstacles=(Box((0.2, -0.2, 0.5), (0.6, 0.2, 0.9)),))
     into = towards(lwr.robot, 0, -60, 0, 0, 0, 0, 0)
@@ -101,6 +103,7 @@ def test_an_obstacle_in_the_way_is_named(lwr, urdf):
     require_clear(measure_trajectory(away, lwr.robot, urdf(lwr.robot), scene).least)
 
 
+@pytest.mark.slow
 def test_picture_and_animation_show_the_arm_and_move(lwr, urdf, tmp_path):
     from PIL import Image
 
@@ -178,6 +181,7 @@ def test_window_without_a_display_is_a_named_mistake_and_not_the_end_of_the_proc
         pass
 
 
+@pytest.mark.slow
 @pytest.mark.gui
 @pytest.mark.skipif(not shutil.which("xvfb-run"), reason="xvfb-run is not installed")
 def test_window_opens_on_a_virtual_display_and_closes_after_the_question(tmp_path):

@@ -120,6 +120,7 @@ def test_nothing_can_be_applied_where_nothing_is_named(result):
         found.apply()
 
 
+@pytest.mark.slow
 def test_a_kept_model_is_compared_with_the_same_motion_before(arm, springy):
     """The arm had a spring that its model lacks; now its elbow has more friction, and that alone is new."""
     logs, result = springy
@@ -179,6 +180,7 @@ def before_and_after(arm):
     return identify(arm, old), old, new
 
 
+@pytest.mark.slow
 def test_other_logs_are_asked_for_changes_first(before_and_after):
     result, old, new = before_and_after
     found = find_gap(result, new, earlier=old)
@@ -188,6 +190,7 @@ def test_other_logs_are_asked_for_changes_first(before_and_after):
     assert found.asked.startswith("what has changed since the model was identified?")
 
 
+@pytest.mark.slow
 def test_what_has_changed_is_applied_to_the_new_logs_alone(before_and_after):
     """The arm identified again from all logs keeps the friction that it had, and has the change beside it."""
     result, old, new = before_and_after
@@ -198,6 +201,7 @@ def test_what_has_changed_is_applied_to_the_new_logs_alone(before_and_after):
     assert len(found.log_sha256) == len(old) + len(new)
 
 
+@pytest.mark.slow
 def test_where_nothing_has_changed_all_logs_are_searched_for_what_was_always_missing(arm):
     old, new = (
         [log(plan, 10 * plan + k, STIFFNESS) for plan in plans for k in range(2)]
@@ -210,6 +214,7 @@ def test_where_nothing_has_changed_all_logs_are_searched_for_what_was_always_mis
     assert len(found.recordings) == len(old) + len(new)
 
 
+@pytest.mark.slow
 def test_nothing_has_changed_is_another_sentence_than_nothing_is_missing(before_and_after):
     result, old, _ = before_and_after
     new = [log(plan, 10 * plan + k) for plan in (5, 6) for k in range(2)]
@@ -229,6 +234,7 @@ def carried_logs():
     return logs
 
 
+@pytest.mark.slow
 def test_a_counterbalance_is_not_told_from_heavier_links_until_their_mass_is_known(arm):
     logs, options = carried_logs(), GapOptions(effects=f"{EFFECTS},counterbalance")
     unknown = find_gap(identify(arm, logs[::2]), logs, options)
@@ -277,6 +283,7 @@ def test_earlier_logs_are_found_in_folders_and_from_another_working_folder(
     assert [len(each) for each in earlier_logs(result, [])] == [len(log(1, 1)), len(log(2, 2))]
 
 
+@pytest.mark.slow
 def test_nothing_is_never_said_of_a_model_that_misses_more_than_it_expected(
     arm, tmp_path, monkeypatch
 ):
@@ -333,6 +340,7 @@ def test_the_error_after_is_that_of_apply_and_then_validate_on_the_log_held_out(
     assert found.named[0].rms_after == found.improvement.after[1]
 
 
+@pytest.mark.slow
 def test_what_happened_once_is_told_with_the_option_that_leaves_it_out(arm):
     """A bump of 15 N m at 7 s of one of four runs."""
     logs = [log(plan, 10 * plan + k) for plan in (1, 2) for k in range(2)]

@@ -66,6 +66,7 @@ def test_jobs_side_by_side_and_on_dask_give_the_same_bytes_and_the_failed_one_is
     assert b"cut.npz" in one["cut/run.log"]
 
 
+@pytest.mark.slow
 def test_a_job_is_done_again_only_when_what_it_depends_on_has_changed(batch):
     words = ("run", "batch.yaml", "--only", "job0", "--json")
     first = json.loads(batch(*words).out)["jobs"][0]
@@ -77,6 +78,7 @@ def test_a_job_is_done_again_only_when_what_it_depends_on_has_changed(batch):
     assert parameters[0] == parameters[1] != parameters[2]
 
 
+@pytest.mark.slow
 def test_nothing_of_the_working_folder_is_imported(batch):
     (batch.folder / "numpy.py").write_text("raise SystemExit('imported')")
     ended = batch("run", "batch.yaml", "--only", "job0", "--json")

@@ -51,6 +51,7 @@ def without(monkeypatch):
     return lambda *names: [monkeypatch.setattr(name, missing) for name in names]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["scara", "staubli_tx40", "kuka_lwr4plus"])
 def test_pybullet_mujoco_and_the_own_model_agree(name, without):
     robot = replace(load_robot(name), tool=None, effects=())
