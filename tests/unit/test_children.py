@@ -1,16 +1,18 @@
 """Processes that dynid starts end with it, however it ends, and import nothing from the folder that they run in."""
 
 import os
-import queue
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import dynid
 from dynid import children
+from dynid.trajectory.optimise import optimise
+from dynid.trajectory.options import PlanOptions
 
 SOURCE = str(Path(dynid.__file__).parents[1])
 
@@ -41,42 +43,17 @@ def test_a_process_imports_nothing_from_the_folder_it_runs_in(tmp_path):
     assert not (tmp_path / "EXECUTED").exists()
 
 
-def twice(number, send):
-    """Send a number and its double, the work of a process in these tests."""
-    sys.stdout.write("a word of a library\n")
-    sys.stdout.flush()
-    send(number)
-    send(2 * number)
+class Unfit:
+    """A problem whose search fails."""
+
+    def of_start(self, start):
+        raise ValueError("the reason")
 
 
-def failing(send):
-    """Fail, as work of a process may."""
-    raise ValueError("the reason")
-
-
-def arrivals(function, *arguments):
-    """What a process sends until it ends."""
-    arrived = queue.SimpleQueue()
-    worker = children.Worker(function, arguments, arrived)
-    assert wait_for(lambda: not worker.running())
-    worker.end()
-    return [arrived.get_nowait() for _ in range(arrived.qsize())]
-
-
-@pytest.fixture
-def importable(monkeypatch):
-    """Let processes import this module, as they import those of dynid."""
+def test_a_failure_in_a_process_arrives_with_its_traceback(monkeypatch):
     monkeypatch.setenv("PYTHONPATH", f"{SOURCE}:{Path(__file__).parent}")
-
-
-def test_a_process_sends_objects_and_words_of_libraries_do_not_disturb(importable):
-    assert arrivals(twice, 21) == [21, 42]
-
-
-def test_a_failure_in_a_process_arrives_with_its_traceback(importable):
-    (failure,) = arrivals(failing)
-    assert isinstance(failure, RuntimeError)
-    assert "ValueError: the reason" in str(failure)
+    with pytest.raises(RuntimeError, match="ValueError: the reason"):
+        optimise(Unfit(), PlanOptions(processes=1, restarts=1), np.inf)
 
 
 #: A script as a newcomer writes it, without a guard around what it does.

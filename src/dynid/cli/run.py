@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,10 @@ import click
 from dynid.cli.arguments import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus, WrongUsage
-from dynid.workflows.run import RunOptions
+from dynid.files.artifact import write_text
+from dynid.reports.tables import JunitCase
+from dynid.reports.tables import junit as junit_xml
+from dynid.workflows.run import RunOptions, run
 
 
 @dynid_command(
@@ -41,11 +46,6 @@ def command(
     **values: Any,  # noqa: ANN401
 ) -> ExitStatus:
     """Identify, validate and compare many recordings from one YAML list."""
-    from dynid.files.artifact import write_text
-    from dynid.reports.tables import JunitCase
-    from dynid.reports.tables import junit as junit_xml
-    from dynid.workflows.run import run
-
     if json_lines and common.json:
         raise WrongUsage(
             "--json-lines and --json are two forms of the same answer", fix="give one of them"
@@ -55,40 +55,38 @@ def command(
         if json_lines:
             common.terminal.emit_json_line({"schema": "dynid/run-event/1", "event": event, **facts})
 
-    ended: list[dict[str, Any]] = []
+    number = count(1)
     words = ["--seed", str(common.seed), *["--force"] * common.force]
     with common.terminal.progress() as progress:
 
-        def told(count: int, job: dict[str, Any]) -> None:
-            ended.append(job)
+        def ended(jobs: int, job: dict[str, Any]) -> None:
             how = "reused" if job["reused"] else f"{job['seconds']:.1f} s"
-            progress.stage(f"{len(ended)}/{count}", f"{job['name']}: {job['outcome']} ({how})")
+            progress.stage(f"{next(number)}/{jobs}", f"{job['name']}: {job['outcome']} ({how})")
             line("job", {key: job[key] for key in job if key != "answers"})
 
-        options = options_of(RunOptions, values)
-        jobs = run(batch, options, common.out or Path("out"), words, told)
+        jobs = run(batch, options_of(RunOptions, values), common.out or Path("out"), words, ended)
     if junit is not None:
-        cases = [
-            JunitCase(
-                job["name"],
-                Path(job["robot"]).stem,
-                job["message"],
-                job["seconds"],
-                job["outcome"] == "failed",
-            )
-            for job in jobs
-        ]
-        write_text(junit, junit_xml("dynid run", cases))
+        write_text(junit, junit_xml("dynid run", list(map(case_of, jobs))))
         common.terminal.wrote(junit)
-    outcomes = [job["outcome"] for job in jobs]
-    counts = {key: outcomes.count(key.replace("_", " a ")) for key in ("passed", "beyond_limit")}
-    facts = {**counts, "failed": outcomes.count("failed"), "wrote": [junit] if junit else []}
+    outcomes = Counter(job["outcome"] for job in jobs)
+    facts = {
+        "passed": outcomes["passed"],
+        "beyond_limit": outcomes["beyond a limit"],
+        "failed": outcomes["failed"],
+        "wrote": [junit] if junit else [],
+    }
     line("end", facts)
     if not json_lines:
         show(common, jobs, facts)
     common.terminal.emit_json({"schema": "dynid/run/1", "jobs": jobs, **facts})
     failed = [ExitStatus(job["status"]) for job in jobs if job["outcome"] == "failed"]
     return failed[0] if failed else ExitStatus(max(job["status"] for job in jobs))
+
+
+def case_of(job: dict[str, Any]) -> JunitCase:
+    """Return a job as a line of a test report."""
+    robot, failed = Path(job["robot"]).stem, job["outcome"] == "failed"
+    return JunitCase(job["name"], robot, job["message"], job["seconds"], failed)
 
 
 def show(common: Common, jobs: list[dict[str, Any]], facts: dict[str, Any]) -> None:

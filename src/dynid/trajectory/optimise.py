@@ -8,9 +8,14 @@ all starts finish, equal inputs give the equal plan.
 from __future__ import annotations
 
 import os
+import pickle
 import queue
+import subprocess
+import sys
 import time
+import traceback
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -66,9 +71,9 @@ def optimise(
     finished: set[int] = set()
     ended: End = "all starts"
     begin = time.monotonic()
-    with _workers(problem, search) as (reports, running):
+    with _processes(problem, search) as (reports, calls):
         try:
-            while any(worker.running() for worker in running) or not reports.empty():
+            while not all(call.done() for call in calls) or not reports.empty():
                 left = begin + limit - time.monotonic()
                 # Why: in the first seconds of a very short search there may be nothing yet to keep.
                 if left <= 0 and best:
@@ -111,24 +116,71 @@ def describe(problem: PlanProblem, value: float) -> str:
 
 
 @contextmanager
-def _workers(
+def _processes(
     problem: PlanProblem, search: PlanOptions
-) -> Iterator[tuple[queue.SimpleQueue[Any], list[children.Worker]]]:
-    """Run the search in processes that end with the block."""
+) -> Iterator[tuple[queue.SimpleQueue[Any], list[Future[None]]]]:
+    """Run the search in processes that end with the block; yield their reports, and what is done when they end.
+
+    Not by multiprocessing: it runs the script that called dynid once more in each process, so that every script would
+    have to guard itself by ``if __name__ == "__main__"``.
+    """
     reports: queue.SimpleQueue[Any] = queue.SimpleQueue()
     count = max(1, min(search.processes or os.cpu_count() or 1, search.restarts))
-    running: list[children.Worker] = []
+    # Matrices are small: threads of linear algebra would fight for the cores.
+    modest = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    running: list[subprocess.Popen[bytes]] = []
+    calls: list[Future[None]] = []
+    with ThreadPoolExecutor(count) as pool:
+        try:
+            for k in range(count):
+                # A session of its own: Ctrl-C reaches every process of the terminal.
+                process = subprocess.Popen(
+                    children.python("from dynid.trajectory.optimise import serve; serve()"),
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    env=os.environ | modest,
+                    start_new_session=True,
+                )
+                running.append(process)
+                task = (problem, search.seed, range(k, search.restarts, count))
+                calls.append(pool.submit(_follow, process, task, reports))
+            yield reports, calls
+        finally:
+            for process in running:
+                process.kill()
+
+
+def _follow(
+    process: subprocess.Popen[bytes], task: object, reports: queue.SimpleQueue[Any]
+) -> None:
+    """Give a process its task and pass on what it reports, until it ends."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    # A process that is killed leaves half an object, or a pipe that nobody reads.
+    with suppress(OSError, EOFError, pickle.UnpicklingError), process:
+        with process.stdin as stream:
+            pickle.dump(task, stream)
+        while True:
+            reports.put(pickle.load(process.stdout))  # noqa: S301 - from a process of our own
+
+
+def serve() -> None:
+    """Do the task on standard input and send reports to standard output; a failure is a ``RuntimeError``."""
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    # A word that a library prints would be taken for a report.
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+
+    def send(report: object) -> None:
+        pickle.dump(report, answers)
+        answers.flush()
+
     try:
-        running += [
-            children.Worker(
-                _search, (problem, search.seed, range(k, search.restarts, count)), reports
-            )
-            for k in range(count)
-        ]
-        yield reports, running
-    finally:
-        for worker in running:
-            worker.end()
+        problem, seed, starts = pickle.load(sys.stdin.buffer)  # noqa: S301 - from our own process
+        _search(problem, seed, starts, send)
+    except BrokenPipeError:  # nobody reads reports any more
+        os._exit(1)
+    except Exception:  # noqa: BLE001 - work that failed would look like work that found nothing
+        send(RuntimeError(traceback.format_exc()))
 
 
 def _search(problem: PlanProblem, seed: int, starts: range, send: Send) -> None:

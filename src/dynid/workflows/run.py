@@ -50,7 +50,7 @@ def run(
     options: RunOptions,
     out: Path,
     words: list[str],
-    told: Callable[[int, dict[str, Any]], None],
+    ended: Callable[[int, dict[str, Any]], None],
 ) -> list[dict[str, Any]]:
     """Do the jobs of a batch file and return the facts of each, in the order of the list.
 
@@ -59,7 +59,7 @@ def run(
         options: which jobs, and where they run.
         out: folder that holds the jobs' folders.
         words: further words of every command, such as ``--seed 1``.
-        told: called with the number of all jobs and the facts of one, as it ends.
+        ended: called with the number of all jobs and the facts of one, as it ends.
 
     Raises:
         WrongRobotFile: the batch file is wrong.
@@ -69,31 +69,25 @@ def run(
     """
     jobs = read_batch(batch)
     names = [job.name for job in jobs]
-    for name in options.only:
-        if name not in names:
-            what = f"no job '{name}'{closest(name, names)}"
-            raise WrongUsage(what, fix=f"one of {', '.join(names)}")
+    for name in set(options.only).difference(names):
+        raise WrongUsage(f"no job '{name}'{closest(name, names)}", fix=f"one of {', '.join(names)}")
     jobs = tuple(job for job in jobs if job.name in options.only or not options.only)
     pool = executor(options)
-    wanted = {
-        pool.submit(run_job, job, out / folder_name(job), words, Path.cwd()): job for job in jobs
-    }
-    found = {}
+    calls = {pool.submit(run_job, job, out, words, Path.cwd()): job for job in jobs}
+    facts = {}
     try:
-        for call in as_completed(wanted):
+        for call in as_completed(calls):
             try:
-                found[call] = call.result()
+                facts[call] = call.result()
             except Exception as error:  # noqa: BLE001 - a worker that died, a folder that it lacks
-                job, why = wanted[call], f"{type(error).__name__}: {error}"
-                found[call] = facts_of(
-                    job, out / folder_name(job), ExitStatus.MACHINE, why, 0.0, {}
-                )
-            told(len(jobs), found[call])
+                text = f"{type(error).__name__}: {error}"
+                facts[call] = facts_of(calls[call], out, ExitStatus.MACHINE, text)
+            ended(len(jobs), facts[call])
     finally:
-        for call in wanted:
+        for call in calls:
             call.cancel()
         pool.shutdown()
-    return [found[call] for call in wanted]
+    return [facts[call] for call in calls]
 
 
 def executor(options: RunOptions) -> Executor:
@@ -107,43 +101,39 @@ def executor(options: RunOptions) -> Executor:
     try:
         client = Client(options.scheduler, timeout=PATIENCE, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
-        raise SchedulerSilent(
-            f"no Dask scheduler answers at {options.scheduler}", where=options.scheduler
-        ) from error
+        text = f"no Dask scheduler answers at {options.scheduler}"
+        raise SchedulerSilent(text, where=options.scheduler) from error
     pool: Executor = client.get_executor(pure=False)
     return pool
 
 
-def run_job(job: Job, folder: Path, words: list[str], home: Path) -> dict[str, Any]:
+def run_job(job: Job, out: Path, words: list[str], home: Path) -> dict[str, Any]:
     """Run the commands of a job in a working folder, up to the first that fails; write run.log, return the facts."""
-    start, worst, message, log = time.perf_counter(), 0, "", ""
+    start, folder = time.perf_counter(), out / folder_name(job)
+    worst, message, log = 0, "", ""
     answers: dict[str, list[dict[str, Any]]] = {}
-    for name, own in commands_of(job, folder):
-        status, answer, said = _dynid([name, "--json", "--no-input", *words, *own], home)
-        log += f"$ {shell('dynid', name, *own)}\n{said}"
-        worst, message = max(worst, status), message or (_complaint(said) if status else "")
-        if answer:
-            answers.setdefault(name, []).append(json.loads(answer))
+    for name, *own in commands_of(job, folder):
+        done = _dynid([name, "--json", "--no-input", *words, *own], home)
+        status = done.returncode if done.returncode in set(ExitStatus) else ExitStatus.INTERNAL
+        log += f"$ {shell('dynid', name, *own)}\n{done.stderr}"
+        if status:
+            worst, message = max(worst, status), message or _complaint(done.stderr)
+        if done.stdout.strip():
+            answers.setdefault(name, []).append(json.loads(done.stdout))
         if status > ExitStatus.LIMIT_NOT_MET:
             break
-    (home / folder).mkdir(parents=True, exist_ok=True)
     write_text(home / folder / "run.log", log)
-    return facts_of(job, folder, worst, message, time.perf_counter() - start, answers)
+    return facts_of(job, out, worst, message, time.perf_counter() - start, answers)
 
 
-def _dynid(words: list[str], home: Path) -> tuple[int, str, str]:
-    """Run a command of dynid; return its exit status, its answer, and what it said besides."""
-    done = subprocess.run(
-        children.python("from dynid.__main__ import main; main()", *words),
-        cwd=home,
-        capture_output=True,
-        text=True,
-    )
+def _dynid(words: list[str], home: Path) -> subprocess.CompletedProcess[str]:
+    """Run a command of dynid in a working folder."""
+    line = children.python("from dynid.__main__ import main; main()", *words)
+    done = subprocess.run(line, cwd=home, capture_output=True, text=True)
     if "error[E702]" in done.stderr and "--force" not in words:
         # The folder is the job's own: what was made from other inputs is overwritten.
         return _dynid([words[0], "--force", *words[1:]], home)
-    known = done.returncode in set(ExitStatus)
-    return done.returncode if known else ExitStatus.INTERNAL, done.stdout.strip(), done.stderr
+    return done
 
 
 def _complaint(said: str) -> str:
@@ -152,54 +142,51 @@ def _complaint(said: str) -> str:
     return next((each for each in lines if each.startswith(("error[", "limit "))), lines[-1])
 
 
-def commands_of(job: Job, folder: Path) -> list[tuple[str, list[str]]]:
-    """Return the commands of a job: name and words."""
+def commands_of(job: Job, folder: Path) -> list[list[str]]:
+    """Return the words of a job's commands; behind -- a log that is called --force is a log."""
     words = ["--out", str(folder)]
     for key, value in job.options.items():
         flag = f"--{key.replace('_', '-')}"
         words += [flag] if value == "true" else [] if value == "false" else [flag, value]
     for limit in job.fail_if:
         words += ["--fail-if", limit]
-    result, most = str(folder / "parameters.npz"), ["--max-unexplained", job.max_unexplained]
-    limits = ["--no-plot", *(most if job.max_unexplained else [])]
-    # Behind -- a log that is called --force is a log.
-    found = [("identify", [*words, "--", job.robot, *map(str, job.logs)])]
-    found += [("validate", [*limits, "--", result, str(log)]) for log in job.validate]
+    result = str(folder / "parameters.npz")
+    limits = ["--max-unexplained", job.max_unexplained] if job.max_unexplained else []
+    commands = [["identify", *words, "--", job.robot, *map(str, job.logs)]]
+    commands += [["validate", "--no-plot", *limits, "--", result, str(x)] for x in job.validate]
     if job.baseline is not None:
         within = ["--tolerance", job.tolerance] if job.tolerance else []
-        found.append(("compare", ["--baseline", str(job.baseline), *within, "--", result]))
-    return found
+        commands.append(["compare", "--baseline", str(job.baseline), *within, "--", result])
+    return commands
 
 
 def facts_of(
     job: Job,
-    folder: Path,
+    out: Path,
     status: int,
-    message: str,
-    seconds: float,
-    answers: dict[str, list[dict[str, Any]]],
+    message: str = "",
+    seconds: float = 0.0,
+    answers: dict[str, list[dict[str, Any]]] | None = None,
 ) -> dict[str, Any]:
     """Return what is said of a job."""
+    answers, folder = answers or {}, out / folder_name(job)
 
     def worst(command: str) -> float | None:
         values = [answer.get("relative_error_percent") for answer in answers.get(command, [])]
         return max((value for value in values if value is not None), default=None)
 
     made = [path for answer in answers.get("identify", []) for path in answer.get("wrote", [])]
+    kept = status <= ExitStatus.LIMIT_NOT_MET
     return {
         "name": job.name,
         "robot": job.robot,
         "logs": [str(log) for log in job.logs],
         "folder": str(folder),
         "status": int(status),
-        "outcome": "passed"
-        if not status
-        else "beyond a limit"
-        if status == ExitStatus.LIMIT_NOT_MET
-        else "failed",
+        "outcome": ("beyond a limit" if status else "passed") if kept else "failed",
         "message": message,
         "seconds": seconds,
-        "reused": status <= ExitStatus.LIMIT_NOT_MET and str(folder / "parameters.npz") not in made,
+        "reused": kept and str(folder / "parameters.npz") not in made,
         "relative_error_percent": worst("identify"),
         "unseen_relative_error_percent": worst("validate"),
         "answers": answers,

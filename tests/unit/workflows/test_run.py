@@ -89,7 +89,7 @@ def test_a_job_that_its_worker_cannot_do_fails_alone(batch, monkeypatch):
     def killed(job, *_):
         if job.name == "job1":
             raise RuntimeError("the worker died")
-        return module.facts_of(job, Path("out"), 0, "", 0.0, {})
+        return module.facts_of(job, Path("out"), 0)
 
     monkeypatch.setattr(module, "run_job", killed)
     told = []
