@@ -113,7 +113,10 @@ def run_gap(
         progress.stage("draw")
         folder = stored.path.parent
         remove_search(folder)
-        wrote = gap.write_figures(folder / "gap") if plot else []
+        # Why first: what a simulator does afterwards takes no answer away.
+        wrote = [gap.save(folder / "gap.npz")]
+        if plot:
+            wrote += gap.write_figures(folder / "gap")
     show(common, gap)
     chosen, applied, driven = gap.chosen(apply_ or "best"), None, None
     given = False if no_apply else True if apply_ else None
@@ -126,7 +129,6 @@ def run_gap(
         driven, pictures = drive(common, gap, after, folder, plot=plot)
         wrote += [*added, *pictures]
         applied = added[-1]
-    wrote.append(gap.save(folder / "gap.npz"))
     common.terminal.wrote(*wrote)
     wrote += renewed(common, stored.path, base)
     if applied is not None:
@@ -147,11 +149,12 @@ def drive(
     try:
         with common.terminal.progress() as progress:
             found = gap_in_simulator(gap, after, progress=progress)
-    except DynidError as error:
+    except (DynidError, ValueError) as error:
+        # Why both: MuJoCo has no error of its own for a model that it refuses.
         common.terminal.fact("simulator", f"not driven: {error}")
         return None, []
     show_comparison(common, found)
-    picture = [save_figure(found, folder / "gap" / "simulator.png")] if plot else []
+    picture = [save_figure(found, folder / "gap/simulator.png")] if plot else []
     return found, [found.save(folder / "simulator_gap.npz"), *picture]
 
 

@@ -70,18 +70,16 @@ def integrated(
     effect = one.effect
     if not effect.steps or top < -1e8:
         return mean, shape, scale
-    low, high = ends_of(effect, one.shapes)
+    # Why of the grid: a range belongs to the effect, and does not grow with the shapes that were tried.
+    low, high = ends_of(effect, effect.grid(rows.regression.motion, one.joints))
     if not np.all(np.isfinite(low) & np.isfinite(high)):
         return mean, shape, scale
     x, step = in_steps(effect, shape), 1.0
     d = len(x)
     # Directions in which a parabola is laid through what is near: each alone, and each pair together.
-    moves = [
-        *np.eye(d),
-        *-np.eye(d),
-        *(np.eye(d)[a] + np.eye(d)[b] for a in range(d) for b in range(a)),
-    ]
-    curve = np.eye(d)
+    unit = np.eye(d)
+    moves = [*unit, *-unit, *(unit[a] + unit[b] for a in range(d) for b in range(a))]
+    curve = unit
     for _ in range(HALVINGS):
         tried = [np.clip(x + step * move, low, high) for move in moves]
         near = candidate(
