@@ -9,7 +9,7 @@ import hashlib
 import json
 import math
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -249,10 +249,21 @@ class Coulomb:
     Attributes:
         shape: ``"smooth"``, tanh(qd / velocity), or ``"threshold"``, the paper's Eq. 7: zero below the velocity.
         velocity: velocity of each joint [rad/s or m/s].
+        interval: 95 % interval of each velocity where they were estimated from logs; none where a file says them.
     """
 
     shape: str
     velocity: tuple[float, ...]
+    interval: tuple[tuple[float, float], ...] = ()
+
+
+def coulomb_of(header: Mapping[str, Any]) -> Coulomb | None:
+    """Return the shape that the header of a file keeps; None where nothing was estimated."""
+    facts = header.get("coulomb")
+    if facts is None:
+        return None
+    interval = tuple((float(low), float(high)) for low, high in facts["interval"])
+    return Coulomb(str(facts["shape"]), tuple(map(float, facts["velocity"])), interval)
 
 
 @dataclass(frozen=True)
@@ -321,6 +332,7 @@ class Robot:
     tool: Body | None = None
     coupling: Coupling | None = None
     coulomb: Coulomb | None = None
+    estimated_coulomb: Coulomb | None = field(default=None, compare=False)
     effects: tuple[EffectSpec, ...] = ()
     known: Known = Known()
     path: Path | None = field(default=None, compare=False)
@@ -419,10 +431,13 @@ class Robot:
 
     @property
     def coulomb_shape(self) -> Coulomb:
-        """Shape of the Coulomb sign: the file's, or smooth within 0.01 rad/s (1 mm/s for a sliding joint)."""
-        return self.coulomb or Coulomb(
-            "smooth", tuple(0.01 if joint.revolute else 1e-3 for joint in self.joints)
-        )
+        """Shape of the Coulomb sign: the file's, what logs say, or smooth within 0.01 rad/s (1 mm/s if sliding)."""
+        return self.coulomb or self.estimated_coulomb or self.usual_coulomb
+
+    @property
+    def usual_coulomb(self) -> Coulomb:
+        """Shape of the Coulomb sign of an arm of which no more is known."""
+        return Coulomb("smooth", tuple(0.01 if joint.revolute else 1e-3 for joint in self.joints))
 
     def table(self) -> Table:
         """Return the DH table with the limits, one row per joint; angles in degrees."""
@@ -460,12 +475,13 @@ class Robot:
     @cached_property
     def model_key(self) -> str:
         """Hash of everything the symbolic model depends on: geometry, gravity, columns; 16 hex digits."""
+        coulomb = self.coulomb or self.usual_coulomb
         facts: dict[str, Any] = {
             "convention": self.convention,
             "gravity": self.gravity,
             "links": self.identified_links,
             "coupling": asdict(self.coupling) if self.coupling else None,
-            "coulomb": asdict(self.coulomb_shape),
+            "coulomb": {"shape": coulomb.shape, "velocity": coulomb.velocity},
             "effects": [effect.facts() for effect in self.effects],
             "joints": [
                 (j.type, j.a, j.twist, j.d, j.theta_offset, j.motor_inertia, j.friction)

@@ -143,25 +143,14 @@ def long_run_variance(series: Iterable[Floats], lags: int) -> Floats:
     total: Floats | float = 0.0
     for one in series:
         width = min(lags + 1, len(one))
-        # Why in pieces: the sums of a long log would need as much memory again as its scores.
-        for first in range(0, len(one) + width - 1, tuning.SCORES_TOGETHER):
-            last = min(first + tuning.SCORES_TOGETHER, len(one) + width - 1)
-            inside = one[max(0, first - width + 1) : last]
-            ends = (max(0, width - 1 - first), max(0, last - len(one)))
-            sums = _moving_sums(inside, width, ends)
-            total = total + sums.T @ sums / width
+        sums = _moving_sums(one, width)
+        total = total + sums.T @ sums / width
     return np.asarray(total)
 
 
-def _moving_sums(series: Floats, width: int, ends: tuple[int, int] | None = None) -> Floats:
-    """Return the sums over all windows of a series, (M, p); it counts as zero beyond its ends.
-
-    Args:
-        series: (M, p).
-        width: samples in a window.
-        ends: how far windows reach beyond either end; None for all that touch the series.
-    """
-    power = np.pad(series, (ends or (width - 1, width - 1), (0, 0)))
+def _moving_sums(series: Floats, width: int) -> Floats:
+    """Return the sums over all windows of so many samples of a series, (M, p); it is zero beyond its ends."""
+    power = np.pad(series, ((width - 1, width - 1), (0, 0)))
     sums, begin, length = np.zeros((len(power) - width + 1, series.shape[1])), 0, 1
     # Why by doubling: running sums lose digits, and take three times as long.
     while length <= width:
@@ -181,13 +170,8 @@ def automatic_lags(series: Sequence[Floats]) -> int:
     length = sum(len(one) for one in series)
     power, together = np.zeros((2, series[0].shape[1]))
     for one in series:
-        for first in range(0, len(one) - 1, tuning.SCORES_TOGETHER):
-            here, after = (
-                one[first : min(first + tuning.SCORES_TOGETHER, len(one) - 1)],
-                one[first + 1 : first + 1 + tuning.SCORES_TOGETHER],
-            )
-            power += np.einsum("kp,kp->p", here, here)
-            together += np.einsum("kp,kp->p", here, after)
+        power += np.sum(one[:-1] ** 2, axis=0)
+        together += np.sum(one[:-1] * one[1:], axis=0)
     rho = together / np.where(power > 0.0, power, 1.0)
     rho = np.clip(
         rho, -0.97, 0.97

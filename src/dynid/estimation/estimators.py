@@ -27,8 +27,6 @@ from dynid.estimation.rows import (
     ObservationRows,
     joint_factors,
     robust_noise,
-    whitened,
-    whitened_factors,
 )
 from dynid.estimation.stack import Earlier, Stack
 
@@ -193,15 +191,13 @@ def ols(stack: Stack, prior: Floats, *, corrected: bool = True) -> Fit:
 def wls(stack: Stack, prior: Floats, *, corrected: bool = True) -> Fit:
     """Least squares with one noise level per joint."""
     factors, counts = stack.whole
-    fit = weighted(
-        whitened_factors(factors, stack.reversals) if stack.reversals else factors, counts
-    )
-    return _with_covariance(stack, fit, _whitened(stack, stack), corrected=corrected)
+    fit = weighted(factors, counts)
+    return _with_covariance(stack, fit, stack, corrected=corrected)
 
 
 def irls(stack: Stack, prior: Floats, *, corrected: bool = True) -> Fit:
     """Least squares in which spikes have little weight (Huber)."""
-    rows = _whitened(stack, stack)
+    rows = stack
     return _with_covariance(
         stack, huber(rows, stack.first_fit), rows, robust=True, corrected=corrected
     )
@@ -214,7 +210,7 @@ def iv(stack: Stack, prior: Floats, *, corrected: bool = True) -> Fit:
             "--method iv needs the commanded motion, and the log has none (q_ref)",
             fix="use --method wls, or a log recorded by dynid record",
         )
-    return instrumental(_whitened(stack, stack.instrumented), stack.first_fit)
+    return instrumental(stack.instrumented, stack.first_fit)
 
 
 def ridge_to_prior(stack: Stack, prior: Floats, *, corrected: bool = True) -> Fit:
@@ -285,9 +281,3 @@ def _with_earlier(stack: Stack, earlier: Earlier, fit: Fit) -> Floats:
         return np.asarray(sensitivity @ earlier.covariance @ sensitivity.T)
     new = hac_covariances(stack, fit.theta, fit.noise, bread=bread)[0]
     return np.asarray(sensitivity @ earlier.covariance @ sensitivity.T + new)
-
-
-def _whitened(stack: Stack, rows: Stack) -> Iterable[ObservationRows]:
-    """Return rows with no more trust in what happens at reversals than it deserves; of an update, as they are."""
-    # Why a list: only rows that are few have reversals, and estimators walk over them many times.
-    return list(whitened(rows, stack.reversals)) if stack.reversals else rows

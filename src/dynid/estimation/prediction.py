@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation import tuning
 from dynid.estimation.residual_model import ModelError
 from dynid.estimation.rows import ObservationRows
 from dynid.estimation.stack import Stack
@@ -107,10 +106,9 @@ def _pieces(segment: Segment, chosen: Filter) -> Iterator[tuple[Floats, ...]]:
     kernel, step = chosen.second_kernel, chosen.second_step
     taps = kernel.shape[1]
     count = max(0, (len(segment) - taps) // step + 1)
-    for first in range(0, count, tuning.ROWS_EVALUATED):
-        last = min(first + tuning.ROWS_EVALUATED, count)
-        part = slice(first * step, (last - 1) * step + taps)
-        centres = slice((taps - 1) // 2, (taps - 1) // 2 + (last - first - 1) * step + 1, step)
+    if count:
+        part = slice(0, (count - 1) * step + taps)
+        centres = slice((taps - 1) // 2, (taps - 1) // 2 + (count - 1) * step + 1, step)
         motion = (segment.q, segment.qd, segment.qdd)
         filtered = (decimate(np.ascontiguousarray(x[part].T), kernel, step)[0].T for x in motion)
         raw_q, t = segment.raw_q[part], segment.t[part]

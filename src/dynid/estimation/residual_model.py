@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
-from dynid.estimation.least_squares import symmetric_root, triangle, with_columns
-from dynid.estimation.rows import ObservationRows, fold, joined, whitened
+from dynid.estimation.least_squares import symmetric_root, triangle
+from dynid.estimation.rows import ObservationRows, fold, joined
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
@@ -133,11 +133,9 @@ def folded(
         robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
     """
     n, p, k = len(stack.joints), len(stack.names), len(GROUPS)
-    if stack.reversals is None and robust is None:
-        return _beside(stack, speed, reference)
     factors = np.zeros((n, k + p + 1, k + p + 1))
     walk = rows_with_columns(stack, speed, reference)
-    for rows in _together(walk if stack.reversals is None else whitened(walk, stack.reversals)):
+    for rows in _together(walk):
         weight = np.ones_like(rows.tau)
         if robust is not None:
             left = np.abs(rows.tau - rows.torque(np.concatenate([np.zeros(k), robust]))) / noise
@@ -145,25 +143,6 @@ def folded(
         for j, F in enumerate(factors):
             fold(F, rows, j, weight[:, j])
     return factors
-
-
-def _beside(stack: Stack, speed: Floats, reference: Floats) -> Floats:
-    """Return what ``folded`` does of rows that have their whole weight, whose factors of [W tau] are there already."""
-    n, p, k = len(stack.joints), len(stack.names), len(GROUPS)
-    across, squares = np.zeros((n, p + 1, k)), np.zeros((n, k, k))
-    for rows, D in _rows_and_columns(stack, speed, reference):
-        if not rows.mask.all():
-            D *= rows.mask.T[:, None]
-        for j, own in enumerate(D):
-            columns, entries = rows.of_joint(j)
-            across[j, columns] += entries @ own.T
-            across[j, -1] += own @ rows.tau[:, j]
-            squares[j] += own @ own.T
-    found = np.zeros((n, k + p + 1, k + p + 1))
-    for F, R, common, own in zip(found, stack.whole[0], across, squares, strict=True):
-        whole = with_columns(R, common, own)
-        F[: len(whole)] = whole
-    return found
 
 
 def _rows_and_columns(

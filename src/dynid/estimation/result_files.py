@@ -26,6 +26,7 @@ from dynid.model.base_model import (
 )
 from dynid.model.regressor import parameter_names
 from dynid.npz import write_artifact
+from dynid.robot import coulomb_of
 from dynid.text import csv_row, yaml_text
 
 Floats = NDArray[np.float64]
@@ -138,7 +139,11 @@ def save_yaml(path: Path, found: Identification) -> Path:
         "logs_sha256": list(found.log_sha256),
         "method": found.method,
         "cutoff_hz": float(f"{found.cutoff:.6g}"),
-        "coulomb": {"shape": coulomb.shape, "velocity": list(coulomb.velocity)},
+        "coulomb": {
+            "shape": coulomb.shape,
+            "velocity": list(coulomb.velocity),
+            **({"interval": [list(each) for each in coulomb.interval]} if coulomb.interval else {}),
+        },
         "relative_error_percent": float(f"{found.relative_error_percent:.4g}"),
         "parameters": rows,
         "not_identifiable": list(found.reduction.none),
@@ -182,12 +187,11 @@ def load(path: Path) -> Identification:
         full |= {key: a[f"full_{key}"] for key in FULL_ARRAYS}
         file = Path(h["robot_path"])
         robot = parse_robot(h["robot_file"], file)
+        known: dict[str, Any] = {"source": typed(file)} if h["robot_path"] else {"path": None}
         measured = {key: stored[key] for key in SCALARS if key in Quality.__annotations__}
         measured |= {"joints": _tuple(JointQuality, stored["joints"])}
         found = Identification(
-            robot=replace(robot, source=typed(file))
-            if h["robot_path"]
-            else replace(robot, path=None),
+            robot=replace(robot, estimated_coulomb=coulomb_of(h), **known),
             reduction=reduction_from(h["reduction"], a),
             fit=Fit(
                 stored["method"],

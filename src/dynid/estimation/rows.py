@@ -20,16 +20,16 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
-from dynid.estimation.least_squares import ROUNDING, accumulate, triangle, weighted
+from dynid.estimation.least_squares import accumulate
 from dynid.model.regressor import Observer
 from dynid.signals.conditioned_log import ConditionedLog, Segment
-from dynid.signals.filters import decimate, pulse, pulse_slope, pulse_width
+from dynid.signals.filters import decimate
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -51,7 +51,6 @@ class ObservationRows:
         follows: whether its first row follows the last row of the rows before it without a gap.
         t: time, (M,) [s].
         block: number of the block of time within its log.
-        reversal_times: when each joint reverses [s]; empty where the Coulomb sign does not come with the log.
         cutoff: cut-off frequency of the parallel filter [Hz].
     """
 
@@ -65,7 +64,6 @@ class ObservationRows:
     follows: bool = False
     t: Floats = field(default_factory=lambda: np.zeros(0))
     block: int = 0
-    reversal_times: tuple[Floats, ...] = ()
     cutoff: float = 0.0
 
     @cached_property
@@ -160,7 +158,6 @@ class ObservationRows:
             follows=self.follows,
             t=self.t,
             block=self.block,
-            reversal_times=self.reversal_times,
             cutoff=self.cutoff,
         )
 
@@ -196,7 +193,7 @@ def dense_rows(W: Floats, tau: Floats, Z: Floats | None = None, **facts: Any) ->
 
 # ---------------------------------------------------------------- evaluation
 def rows_of(
-    log: ConditionedLog, observer: Observer, *, commanded: bool = False
+    log: ConditionedLog, observer: Observer, *, commanded: bool = False, whole: bool = True
 ) -> Iterator[ObservationRows]:
     """Yield the filtered rows of one log, block of time by block of time.
 
@@ -204,6 +201,7 @@ def rows_of(
         log: the conditioned log.
         observer: the columns to evaluate.
         commanded: evaluate them on the commanded motion as well.
+        whole: count rows at velocity reversals, too.
     """
     chosen = log.filter
     kernel, step = chosen.second_kernel, chosen.second_step
@@ -216,15 +214,17 @@ def rows_of(
     block = 0
     for segment, count in zip(log.segments, outputs, strict=True):
         blocks = max(1, round(count / per_block)) if count else 0
-        reversals = reversal_times(segment, chosen.position_cutoff) if taps > 1 else ()
+        reversals = () if whole else reversal_times(segment, chosen.position_cutoff)
         edges = np.linspace(0, count, blocks + 1).astype(int).tolist()
         command = _command(segment) if commanded and count else None
         for first, last in pairwise(_stops(edges, together)):
             rows = replace(
                 _evaluated(segment, observer, kernel, step, first, last, command),
-                reversal_times=reversals,
                 cutoff=chosen.cutoff,
             )
+            if reversals:
+                far = [_far(rows.t, times, chosen.cutoff) for times in reversals]
+                rows = replace(rows, usable=rows.mask & np.array(far).T)
             cuts = [first, *(edge for edge in edges if first < edge < last), last]
             for start, end in pairwise(cuts):
                 number = block + bisect_right(edges, start) - 1
@@ -306,6 +306,14 @@ def _entries(
     return kept
 
 
+def _far(t: Floats, times: Floats, cutoff: float) -> Mask:
+    """Return which rows are no reversal of a joint's: what friction does there no column has, (M,)."""
+    ends = np.concatenate([[-np.inf], times, [np.inf]])
+    after = np.searchsorted(times, t)
+    nearest = np.minimum(t - ends[after], ends[after + 1] - t)
+    return np.asarray(nearest >= tuning.REVERSAL / cutoff)
+
+
 def reversal_times(segment: Segment, cutoff: float) -> tuple[Floats, ...]:
     """Return when each joint reverses, n arrays (k,) [s]; several within a period of the cut-off count as one.
 
@@ -328,14 +336,11 @@ def reversal_times(segment: Segment, cutoff: float) -> tuple[Floats, ...]:
 
 
 # ---------------------------------------------------------------- walks over rows
-def runs(
-    segments: Iterable[ObservationRows], longest: int | None = None
-) -> Iterator[list[ObservationRows]]:
-    """Yield rows that follow each other together; a run ends before it would begin beyond a number of instants."""
+def runs(segments: Iterable[ObservationRows]) -> Iterator[list[ObservationRows]]:
+    """Yield rows that follow each other together."""
     run: list[ObservationRows] = []
     for segment in segments:
-        full = longest is not None and sum(len(each.tau) for each in run) >= longest
-        if run and (full or not segment.follows):
+        if run and not segment.follows:
             yield run
             run = []
         run.append(segment)
@@ -404,156 +409,3 @@ def robust_noise(segments: Iterable[ObservationRows], theta: Floats) -> Floats:
         for x, good in zip(size.T, mask.T, strict=True)
     ]
     return np.maximum(spread, 1e-12 * max(float(size.max(initial=0.0)), 1e-18))
-
-
-# ---------------------------------------------------------------- what reversals leave in the rows
-#: What reversals may leave in the rows of one joint over one run of rows, M instants: orthonormal shapes, (M, k); how
-#: long a reversal's effect of length one is along each, (k,); the rows [W tau] along each, (k, p + 1).
-ReversalShapes: TypeAlias = tuple[Floats, Floats, Floats]
-
-
-#: What velocity reversals leave in the rows of a log, as random effects: the shapes of each run of rows and joint, and
-#: the variance of a reversal's effect over the variance of the noise there, for each joint, (n,).
-ReversalEffects: TypeAlias = tuple[tuple[tuple[ReversalShapes, ...], ...], Floats]
-
-
-def whitened(
-    rows: Iterable[ObservationRows], effects: ReversalEffects
-) -> Iterator[ObservationRows]:
-    """Yield the rows times the inverse root of the covariance that noise and reversals give them.
-
-    Args:
-        rows: the rows that the effects were found in, or others of the same instants.
-        effects: what reversals leave in them.
-    """
-    shapes, strength = effects
-    return (_whitened(run, each, strength) for run, each in zip(_runs(rows), shapes, strict=True))
-
-
-def whitened_factors(factors: Floats, effects: ReversalEffects) -> Floats:
-    """Return the factors of ``whitened`` rows from those of the rows, (n, p + 1, p + 1) [N m or N]."""
-    shapes, strength = effects
-    return np.array(
-        [_less(R, [each[j] for each in shapes], strength[j]) for j, R in enumerate(factors)]
-    )
-
-
-def reversal_effects(
-    rows: Iterable[ObservationRows], factors: Floats, counts: Ints
-) -> ReversalEffects | None:
-    """Find how much reversals disturb the rows of each joint.
-
-    Args:
-        rows: filtered rows.
-        factors: their factors, one per joint, (n, p + 1, p + 1) [N m or N].
-        counts: number of rows of each joint, (n,).
-
-    Returns:
-        The random effects; None when the rows do not say where joints reverse, or are too many.
-    """
-    first = next(iter(rows), None)
-    if first is None or not first.reversal_times or counts.max() > tuning.REVERSALS_LONGEST:
-        return None
-    shapes = tuple(
-        tuple(_reversal_shapes(run, j) for j in range(len(counts))) for run in _runs(rows)
-    )
-    flat = max(1.0, 0.5 / (_step(first) * first.cutoff))
-    without = shapes, np.full(len(counts), np.inf)
-    taken = np.array([sum(len(run[j][1]) for run in shapes) for j in range(len(counts))])
-    rest = np.maximum(counts - taken, 1)
-    theta = weighted(whitened_factors(factors, without), rest).theta
-    noise = robust_noise(whitened(rows, without), theta) * np.sqrt(counts / rest)
-    return shapes, _strength(shapes, theta, noise * np.sqrt(flat))
-
-
-def _strength(
-    shapes: tuple[tuple[ReversalShapes, ...], ...], theta: Floats, noise: Floats
-) -> Floats:
-    """Return how much larger residuals are in the shapes of reversals than noise makes them, by moments, (n,).
-
-    Args:
-        shapes: of each run of rows and joint.
-        theta: parameters that reversals had no part in, (p,).
-        noise: along any of the shapes; filtered noise has all its power where they have theirs, (n,) [N m].
-    """
-    excess, sizes = np.zeros_like(noise), np.zeros_like(noise)
-    for run in shapes:
-        for j, (_, size, seen) in enumerate(run):
-            left = seen @ np.append(theta, -1.0) / noise[j]
-            excess[j] += float(np.sum(left**2 - 1.0))
-            sizes[j] += float(np.sum(size**2))
-    return np.asarray(np.maximum(excess, 0.0) / np.maximum(sizes, 1e-12))
-
-
-def _runs(rows: Iterable[ObservationRows]) -> Iterator[ObservationRows]:
-    return (joined(run) for run in runs(rows, tuning.REVERSALS_TOGETHER))
-
-
-def _step(rows: ObservationRows) -> float:
-    return float(np.median(np.diff(rows.t))) if len(rows.t) > 1 else 0.5 / rows.cutoff
-
-
-def _reversal_shapes(rows: ObservationRows, joint: int) -> ReversalShapes:
-    half, times = pulse_width(rows.cutoff), rows.reversal_times[joint]
-    times = times[(times > rows.t[0] - half) & (times < rows.t[-1] + half)]
-    whole = np.arange(-half, half, _step(rows))
-    good, lag = rows.mask[:, joint], rows.t[:, None] - times
-    effects = (
-        np.hstack(
-            [
-                shape(lag, rows.cutoff) / np.linalg.norm(shape(whole, rows.cutoff))
-                for shape in (pulse, pulse_slope)
-            ]
-        )
-        * good[:, None]
-    )
-    square, vector = np.linalg.eigh(effects.T @ effects)
-    size = np.sqrt(np.maximum(square, 0.0))
-    vector, size = vector[:, size > tuning.REVERSALS_SAME], size[size > tuning.REVERSALS_SAME]
-    basis = effects @ (vector / size)
-    seen, (columns, entries) = np.zeros((len(size), rows.size + 1)), rows.of_joint(joint)
-    seen[:, columns], seen[:, -1] = (entries @ basis).T, rows.tau[:, joint] @ basis
-    return basis, size, seen
-
-
-def _trusted(size: Floats, strength: float) -> Floats:
-    """Return the share of the rows' weight along each shape that is left, (k,)."""
-    return 1.0 / (1.0 + strength * size**2)
-
-
-def _less(R: Floats, shapes: list[ReversalShapes], strength: float) -> Floats:
-    taken = np.concatenate(
-        [seen * np.sqrt(1.0 - _trusted(size, strength))[:, None] for _, size, seen in shapes]
-    )
-    length = np.linalg.norm(R, axis=0)
-    length = np.where(length > ROUNDING * length.max(), length, 1.0)
-    # Why not R^T R less taken^T taken: its rounding would tell of parameters that the rows leave open.
-    _, sigma, Vt = np.linalg.svd(R / length)
-    told = sigma > tuning.RANK_TOLERANCE * sigma[0]
-    share = taken / length @ (Vt[told] / sigma[told, None]).T
-    value, vector = np.linalg.eigh(np.eye(int(told.sum())) - share.T @ share)
-    left = (
-        np.sqrt(np.maximum(value, 0.0))[:, None]
-        * vector.T
-        @ (sigma[told, None] * Vt[told])
-        * length
-    )
-    return triangle(np.vstack([left, np.zeros((len(R) - len(left), len(R)))]))
-
-
-def _whitened(
-    rows: ObservationRows, shapes: tuple[ReversalShapes, ...], strength: Floats
-) -> ObservationRows:
-    """Multiply the rows by the inverse root of the covariance that noise and reversals give them."""
-    tau, counts = np.where(rows.mask, rows.tau, 0.0), rows.mask.T[rows.joints]
-    entries, command = (
-        None if x is None else np.where(counts, x, 0.0) for x in (rows.entries, rows.command)
-    )
-    assert entries is not None
-    for j, (basis, size, _) in enumerate(shapes):
-        if strength[j] > 0.0 and len(size):
-            less, own = basis * (1.0 - np.sqrt(_trusted(size, strength[j]))), rows.joints == j
-            tau[:, j] -= less @ (basis.T @ tau[:, j])
-            for x in (entries,) if command is None else (entries, command):
-                x[own] -= (x[own] @ basis) @ less.T
-    return replace(rows, entries=entries, command=command, tau=tau)

@@ -28,7 +28,7 @@ from dynid.estimation.least_squares import (
     weighted,
     with_columns,
 )
-from dynid.estimation.rows import ObservationRows, ReversalEffects, fold, reversal_effects, rows_of
+from dynid.estimation.rows import ObservationRows, fold, rows_of
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer, model_torques
 from dynid.progress import SILENT, Progress
@@ -44,40 +44,35 @@ Mask = NDArray[np.bool_]
 
 
 class LogRows:
-    """The rows of one conditioned log: evaluated when they are walked over, and kept where they are few enough.
+    """The rows of one conditioned log: evaluated at the first walk over them, and kept.
 
     Args:
         log: the conditioned log.
         base: model and base parameters.
-        keep: whether the rows are kept after the first walk; their numbers go into a file where they are many.
         commanded: whether they come with the regressor on the commanded motion.
+        whole: whether rows at velocity reversals count.
     """
 
     def __init__(
-        self, log: ConditionedLog, base: BaseModel, *, keep: bool = True, commanded: bool = False
+        self,
+        log: ConditionedLog,
+        base: BaseModel,
+        *,
+        commanded: bool = False,
+        whole: bool = False,
     ) -> None:
-        self.log, self.base, self.commanded = log, base, commanded
-        self._keep = keep and self.bytes <= tuning.KEPT_BYTES
-        self._kept: list[ObservationRows] | None = None
+        self.log, self.base, self.commanded, self.whole = log, base, commanded, whole
 
-    @property
-    def bytes(self) -> int:
-        """Size of all rows."""
-        samples = sum(len(segment) for segment in self.log.segments)
-        return 8 * (samples // self.log.filter.second_step) * len(self.base.observer.rows)
+    @cached_property
+    def _kept(self) -> list[ObservationRows]:
+        return list(
+            rows_of(self.log, self.base.observer, commanded=self.commanded, whole=self.whole)
+        )
 
     def __iter__(self) -> Iterator[ObservationRows]:
         """Walk over the rows in order of time; may be done many times."""
-        for rows in self._evaluated() if self._kept is None else self._kept:
-            # Why a copy: it makes W and Z anew, so that they do not stay in memory.
-            yield replace(rows)
-
-    def _evaluated(self) -> Iterator[ObservationRows]:
-        kept = []
-        for rows in rows_of(self.log, self.base.observer, commanded=self.commanded):
-            kept += [replace(rows)] if self._keep else []
-            yield rows
-        self._kept = kept if self._keep else None
+        # Why a copy: it makes W and Z anew, so that they do not stay in memory.
+        return map(replace, self._kept)
 
 
 @dataclass(frozen=True)
@@ -184,11 +179,6 @@ class Stack:
         """Weighted least squares of all rows as they are, from which what is asked of residuals begins."""
         return weighted(*self.whole)
 
-    @cached_property
-    def reversals(self) -> ReversalEffects | None:
-        """What velocity reversals leave in the rows; None where that is not known, or an earlier result has no rows."""
-        return None if self.earlier is not None else reversal_effects(self, *self.whole)
-
     def select(self, blocks: Mask) -> Stack:
         """Return some blocks of time, (B,), as a stack of their own."""
         if blocks.all():
@@ -221,8 +211,6 @@ def added(stacks: Sequence[Stack]) -> Stack:
         return first
     shifts = np.cumsum([0, *(len(each.rows) for each in stacks[:-1])])
     rows = tuple(one for each in stacks for one in each.rows)
-    if sum(one.bytes for one in rows) > tuning.KEPT_BYTES:
-        rows = tuple(LogRows(one.log, one.base, keep=False) for one in rows)
     places = [
         np.where(s.log_of_block < 0, -1, s.log_of_block + k)
         for s, k in zip(stacks, shifts, strict=True)

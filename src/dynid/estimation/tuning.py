@@ -12,21 +12,13 @@ MOST_BLOCKS = 64
 ROWS_EVALUATED = 4096
 
 # ---------------------------------------------------------------- stacks
-#: Rows are kept, so that covariance and prediction need not evaluate them again, up to this size; in a file where they
-#: are many, of which memory holds a block [bytes]. evidence: none yet.
-KEPT_BYTES = 1 << 31
 #: Fits until columns that scale with the model have settled; each changes them by the effect's share of the torque.
 #: evidence: none yet.
 SCALED_ROUNDS = 3
 
 # ---------------------------------------------------------------- velocity reversals
-#: Instants of one run of rows that are worked on together: many kernels long, few enough for small matrices.
-#: evidence: none yet.
-REVERSALS_TOGETHER = 256
-#: Instants up to which a log is treated so: beyond, it takes longer than everything else together. evidence: none yet.
-REVERSALS_LONGEST = 1 << 14
-#: Shapes of reversals that differ by less than this are one. evidence: none yet.
-REVERSALS_SAME = 1e-3
+#: Rows so near a reversal of their joint are not fitted [periods of the cut-off]. Evidence: real_arms.md.
+REVERSAL = 0.15
 
 # ---------------------------------------------------------------- delay of the torques
 #: A delay is corrected when it is this many standard errors from zero. Real arms without a known delay reach 2.8, their
@@ -57,8 +49,6 @@ LEAST_ROWS_LEFT = 1.0
 COLOUR_UNSEEN, LARGEST_INFLATION = 2.0, 60.0
 
 # ---------------------------------------------------------------- covariance
-#: Instants whose sums over lags are made together. evidence: none yet.
-SCORES_TOGETHER = 8192
 #: Instants beyond which a log is not short, and instants times draws that are worked on.
 #: evidence: none yet.
 SHORT_LOG_INSTANTS, SHORT_LOG_WORK = 4096, 16384

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dynid.errors import DynidError, Finding
 from dynid.log import Log
 from dynid.model.effects.catalogue import delay_of
+from dynid.model.effects.friction import coulomb_sign
 from dynid.model.effects.interface import ArmMotion, ReferenceTorques
 from dynid.model.parameters import prior_vector
 from dynid.model.regressor import Model, prior_torques
@@ -30,11 +31,11 @@ from dynid.signals.filters import (
     choose_cutoff,
     choose_filter,
     choose_sign_cutoffs,
-    coulomb_signs,
     decimate,
     despiked,
     lowpass_kernel,
     too_short,
+    velocities,
     velocity_kernel,
 )
 from dynid.signals.motion import runs
@@ -42,8 +43,8 @@ from dynid.signals.motion import runs
 Floats = NDArray[np.float64]
 #: Gives a signal of a log on a part of an even grid.
 OnGrid = Callable[[NDArray[Any], slice], NDArray[Any]]
-#: What makes the velocity of each joint, whose signs are taken in this shape.
-SignKernels = tuple[list[Floats], Coulomb]
+#: What makes the velocity of each joint, whose signs are taken in these shapes.
+SignKernels = tuple[list[Floats], Sequence[Coulomb]]
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,7 @@ def condition(
     *,
     measured_velocity: bool = False,
     coulomb: Coulomb | None = None,
+    sharp: Coulomb | None = None,
     rest_speed: Floats | None = None,
 ) -> list[Segment]:
     """Resample, filter and differentiate a log: one segment for each part without gaps.
@@ -99,6 +101,7 @@ def condition(
         chosen: the filters.
         coulomb: shape of the Coulomb sign, whose column then gets the filter that the torques get; None to leave the
             sign to those who evaluate the columns.
+        sharp: shape whose width the noise of the velocity, whose sign is taken, has to be small against.
         rest_speed: speed below which the friction of a joint is undetermined, 0 where that does not matter, (n,)
             [rad/s or m/s]; samples of a joint that stays slower for ``tuning.FRICTION_REST_S`` are not usable.
         measured_velocity: take the velocity that the driver measured, and differentiate only that, where there is one.
@@ -106,27 +109,37 @@ def condition(
     Raises:
         LogTooShort: no part is longer than the filters.
     """
+    parts = _parts(log, chosen)
+    segments = [
+        _segment(log, part, chosen, measured_velocity and log.qd is not None, coulomb, sharp)
+        for part in parts
+    ]
+    return (
+        segments
+        if rest_speed is None
+        else [_without_rests(segment, rest_speed) for segment in segments]
+    )
+
+
+def _parts(log: Log, chosen: Filter) -> list[slice]:
+    """Return the samples between gaps that are longer than the filters.
+
+    Raises:
+        LogTooShort: there are none.
+    """
     step = 1.0 / chosen.rate
     cuts = np.flatnonzero(np.diff(log.t) > (tuning.GAP_SAMPLES + 0.5) * step) + 1
     needed = chosen.first_kernels.shape[1] + chosen.first_step * (
         chosen.second_kernel.shape[1] + chosen.second_step
     )
     edges = [0, *cuts.tolist(), len(log)]
-    parts = [slice(start, end) for start, end in pairwise(edges) if end - start > needed]
-    segments = [
-        _segment(log, part, chosen, measured_velocity and log.qd is not None, coulomb)
-        for part in parts
-    ]
-    if not segments:
+    found = [slice(start, end) for start, end in pairwise(edges) if end - start > needed]
+    if not found:
         longest = max(end - start for start, end in pairwise(edges)) * step
         raise too_short(
             log, f"the longest part without a gap has {longest:.2f} s", chosen.cutoff, needed * step
         )
-    return (
-        segments
-        if rest_speed is None
-        else [_without_rests(segment, rest_speed) for segment in segments]
-    )
+    return found
 
 
 def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
@@ -144,40 +157,90 @@ def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
 
 
 def _segment(
-    log: Log, part: slice, chosen: Filter, measured: bool, coulomb: Coulomb | None
+    log: Log,
+    part: slice,
+    chosen: Filter,
+    measured: bool,
+    coulomb: Coulomb | None,
+    sharp: Coulomb | None,
 ) -> Segment:
     """Filter one part, block by block so that only the thinned result is stored."""
+    on_grid, times = _on_grid(log, part, chosen)
+    signs = None
+    if coulomb is not None:
+        kernels = _sign_kernels(log, on_grid, sharp or coulomb, chosen, measured)
+        signs = kernels, (coulomb,)
+    blocks = [
+        _block(log, on_grid, times[wanted], wanted, chosen, measured, signs)
+        for wanted in _blocks(len(times), chosen)
+    ]
+    found = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+    count = len(found["t"])
+    return Segment(**found, effects=np.zeros((count, 0)), elapsed=found["t"] - log.t[0])
+
+
+def _on_grid(log: Log, part: slice, chosen: Filter) -> tuple[OnGrid, Floats]:
+    """Return what gives a signal of a part on an even grid, and the times of that grid, (N,) [s]."""
     t = log.t[part]
-    count = round((t[-1] - t[0]) * chosen.rate) + 1
-
-    def times(wanted: slice) -> Floats:
-        return np.asarray(t[0] + np.arange(wanted.start, min(wanted.stop, count)) / chosen.rate)
-
-    even = count == len(t) and (
-        np.abs(t - times(slice(0, count))).max() < tuning.EVEN_STEP / chosen.rate
-    )
+    times = t[0] + np.arange(round((t[-1] - t[0]) * chosen.rate) + 1) / chosen.rate
+    even = len(times) == len(t) and np.abs(t - times).max() < tuning.EVEN_STEP / chosen.rate
 
     def on_grid(x: NDArray[Any], wanted: slice) -> NDArray[Any]:
-        return x[part][wanted] if even else resampled(t, x[part], times(wanted))
+        return x[part][wanted] if even else resampled(t, x[part], times[wanted])
 
-    kernels, step = chosen.first_kernels, chosen.first_step
-    taps = kernels.shape[1]
+    return on_grid, times
+
+
+def _blocks(count: int, chosen: Filter) -> list[slice]:
+    """Return which of so many samples are filtered together."""
+    taps, step = chosen.first_kernels.shape[1], chosen.first_step
     outputs = (count - taps) // step + 1
-    per_block = max(1, tuning.FILTER_BLOCK // step)
-    signs: SignKernels | None = None
-    if coulomb is not None:
-        some = on_grid(
-            log.qd if measured and log.qd is not None else log.q, slice(0, tuning.ENOUGH_SAMPLES)
+    edges = [*range(0, outputs, max(1, tuning.FILTER_BLOCK // step)), outputs]
+    return [slice(first * step, (last - 1) * step + taps) for first, last in pairwise(edges)]
+
+
+def _moved(log: Log, measured: bool) -> Floats:
+    """Return the signal that velocities are made from, (N, n)."""
+    return log.qd if measured and log.qd is not None else log.q
+
+
+def _sign_kernels(
+    log: Log, on_grid: OnGrid, sharp: Coulomb, chosen: Filter, measured: bool
+) -> list[Floats]:
+    """Return what makes the velocity of each joint whose sign is taken; its noise is small against ``sharp``."""
+    some = on_grid(_moved(log, measured), slice(0, tuning.ENOUGH_SAMPLES))
+    cutoffs = choose_sign_cutoffs(some, sharp, chosen.rate, chosen.cutoff, measured=measured)
+    return [velocity_kernel(f, chosen.rate, measured=measured) for f in cutoffs]
+
+
+def signs_of_shapes(
+    log: Log,
+    chosen: Filter,
+    sharp: Coulomb,
+    shapes: Sequence[Coulomb],
+    *,
+    measured_velocity: bool = False,
+) -> list[Floats]:
+    """Return the Coulomb signs of several shapes under the filter of the torques, (N, n, shapes) for each segment.
+
+    Args:
+        log: a prepared log.
+        chosen: the filters.
+        sharp: as for ``condition``.
+        shapes: of the sign.
+        measured_velocity: as for ``condition``.
+    """
+    measured, found = measured_velocity and log.qd is not None, []
+    for part in _parts(log, chosen):
+        on_grid, times = _on_grid(log, part, chosen)
+        signs = _sign_kernels(log, on_grid, sharp, chosen, measured), shapes
+        blocks = _blocks(len(times), chosen)
+        found.append(
+            np.concatenate(
+                [_coulomb_sign(on_grid, log, measured, each, chosen, signs) for each in blocks]
+            )
         )
-        cutoffs = choose_sign_cutoffs(some, coulomb, chosen.rate, chosen.cutoff, measured=measured)
-        signs = [velocity_kernel(f, chosen.rate, measured=measured) for f in cutoffs], coulomb
-    blocks = []
-    for first in range(0, outputs, per_block):
-        last = min(first + per_block, outputs)
-        wanted = slice(first * step, (last - 1) * step + taps)
-        blocks.append(_block(log, on_grid, times(wanted), wanted, kernels, step, measured, signs))
-    found = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
-    return Segment(**found, effects=np.zeros((outputs, 0)), elapsed=found["t"] - log.t[0])
+    return found
 
 
 def _block(
@@ -185,12 +248,12 @@ def _block(
     on_grid: OnGrid,
     grid: Floats,
     wanted: slice,
-    kernels: Floats,
-    step: int,
+    chosen: Filter,
     measured: bool,
     signs: SignKernels | None,
 ) -> dict[str, NDArray[Any]]:
     """Return the arrays of a segment, but for effects and elapsed time, on the part ``wanted`` of the even grid."""
+    kernels, step = chosen.first_kernels, chosen.first_step
     taps = kernels.shape[1]
     half = (taps - 1) // 2
 
@@ -198,10 +261,10 @@ def _block(
         """Return a signal on the grid under kernels, (K, n, M)."""
         return decimate(np.ascontiguousarray(x.T, dtype=float), weights, step)
 
-    q, moved = on_grid(log.q, wanted), log.q
+    q = on_grid(log.q, wanted)
     motion = filtered(q, kernels)
-    if measured and log.qd is not None:
-        motion[1:], moved = filtered(on_grid(log.qd, wanted), kernels[:2]), log.qd
+    if measured:
+        motion[1:] = filtered(on_grid(_moved(log, measured), wanted), kernels[:2])
     count = motion.shape[2]
     centres = slice(half, half + (count - 1) * step + 1, step)
     clipped, command = log.extra.get("clipped"), log.extra.get("q_ref")
@@ -214,7 +277,11 @@ def _block(
         none if x is None else np.ascontiguousarray(filtered(on_grid(x, wanted), kernels[:1])[0].T)
         for x in (log.tau, command)
     )
-    sign = none if signs is None else _coulomb_sign(on_grid, moved, wanted, kernels, step, signs)
+    sign = (
+        none
+        if signs is None
+        else _coulomb_sign(on_grid, log, measured, wanted, chosen, signs)[..., 0]
+    )
     return {
         "t": grid[centres],
         **dict(zip(("q", "qd", "qdd"), (np.ascontiguousarray(x.T) for x in motion), strict=True)),
@@ -227,22 +294,16 @@ def _block(
 
 
 def _coulomb_sign(
-    on_grid: OnGrid,
-    x: NDArray[Any],
-    wanted: slice,
-    kernels: Floats,
-    step: int,
-    signs: SignKernels,
+    on_grid: OnGrid, log: Log, measured: bool, wanted: slice, chosen: Filter, signs: SignKernels
 ) -> Floats:
-    """Return the Coulomb sign of each joint under the position filter, (M, n)."""
-    velocity, coulomb = signs
-    margin = max(map(len, velocity)) // 2
-    start = max(0, wanted.start - margin)
-    around = on_grid(x, slice(start, wanted.stop + margin))
-    found = coulomb_signs(around, velocity, coulomb)[wanted.start - start :][
-        : wanted.stop - wanted.start
-    ]
-    return np.ascontiguousarray(decimate(np.ascontiguousarray(found.T), kernels[:1], step)[0].T)
+    """Return the Coulomb sign of each joint under the position filter in each shape, (M, n, shapes)."""
+    kernels, shapes = signs
+    start = max(0, wanted.start - max(map(len, kernels)) // 2)
+    around = on_grid(_moved(log, measured), slice(start, wanted.stop + wanted.start - start))
+    v = velocities(around, kernels)[wanted.start - start :][: wanted.stop - wanted.start]
+    found = [coulomb_sign(v[:, j], shape, j) for j in range(log.n) for shape in shapes]
+    smooth = decimate(np.array(found), chosen.first_kernels[:1], chosen.first_step)[0]
+    return np.ascontiguousarray(smooth.T.reshape(-1, log.n, len(shapes)))
 
 
 def resampled(t: Floats, x: Floats, grid: Floats) -> Floats:
@@ -388,14 +449,15 @@ def condition_log(
     try:
         chosen = choose_filter(log, robot, cutoff)
         clean, spikes = despiked(log, chosen.cutoff)
-        coulomb = robot.coulomb_shape
-        speeds = zip(coulomb.velocity, robot.joints, strict=True)
+        sharp = robot.coulomb or robot.usual_coulomb
+        speeds = zip(sharp.velocity, robot.joints, strict=True)
         rest = np.array([v if "coulomb" in joint.friction else 0.0 for v, joint in speeds])
         segments = condition(
             without_delay(clean, delay),
             chosen,
             measured_velocity=measured_velocity,
-            coulomb=coulomb,
+            coulomb=robot.coulomb_shape,
+            sharp=sharp,
             rest_speed=rest,
         )
     except DynidError as error:

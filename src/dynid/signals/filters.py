@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding, LogTooShort
 from dynid.log import Log
-from dynid.model.effects.friction import coulomb_sign
 from dynid.robot import Coulomb, Robot
 from dynid.signals import tuning
 from dynid.signals.motion import bandwidth, per_joint
@@ -61,21 +60,9 @@ def pulse(lag: Floats, cutoff: float) -> Floats:
         lag: time since the impulse, of any shape [s].
         cutoff: [Hz].
     """
-    times, values, _ = _pulse_table()
-    return np.interp(lag * cutoff, times, values, 0.0, 0.0)
-
-
-def pulse_slope(lag: Floats, cutoff: float) -> Floats:
-    """Return what the filter makes of the slope of an impulse, but for its size."""
-    times, _, slopes = _pulse_table()
-    return np.interp(lag * cutoff, times, slopes, 0.0, 0.0)
-
-
-@lru_cache(maxsize=1)
-def _pulse_table() -> tuple[Floats, Floats, Floats]:
     times = np.linspace(-0.5 * tuning.KAISER_TAPS, 0.5 * tuning.KAISER_TAPS, 4001)
     values = np.sinc(2 * times) * np.kaiser(len(times), tuning.KAISER_BETA)
-    return times, values, np.gradient(values, times)
+    return np.interp(lag * cutoff, times, values, 0.0, 0.0)
 
 
 def derivative_kernels(kernel: Floats, rate: float) -> Floats:
@@ -270,18 +257,11 @@ def position_noise(log: Log, robot: Robot) -> Noise | None:
 
 def _shares(log: Log, level: Floats, cutoffs: Floats) -> Floats:
     """Return the share of noise in what the accelerations below each cut-off are, (C, n)."""
-    power: Floats = np.zeros((len(cutoffs), log.n))
-    several = -(-len(log) // tuning.ENOUGH_SAMPLES)
-    for q in np.array_split(log.q, several):
-        q = q - q.mean(axis=0)
-        f = np.fft.rfftfreq(len(q), 1 / log.rate)
-        spectrum = (
-            np.abs(np.fft.rfft(q * np.hanning(len(q))[:, None], axis=0)) ** 2
-            * 2
-            / (_HANN * len(q) ** 2)
-        )
-        below = np.cumsum((2 * np.pi * f[:, None]) ** 4 * spectrum, axis=0)
-        power += below[np.searchsorted(f, cutoffs) - 1] / several
+    q = log.q - log.q.mean(axis=0)
+    f = np.fft.rfftfreq(len(q), 1 / log.rate)
+    waves = np.abs(np.fft.rfft(q * np.hanning(len(q))[:, None], axis=0))
+    below = np.cumsum((2 * np.pi * f[:, None]) ** 4 * waves**2, axis=0)
+    power = 2 / (_HANN * len(q) ** 2) * below[np.searchsorted(f, cutoffs) - 1]
     noise = np.outer((2 * np.pi) ** 2 * cutoffs**2.5 * np.sqrt(2 / (5 * log.rate)), level)
     return np.asarray(noise / np.sqrt(np.maximum(power, noise**2)))
 
@@ -305,20 +285,19 @@ def white_noise(x: Floats) -> Floats:
     )
 
 
-def coulomb_signs(x: Floats, kernels: Sequence[Floats], coulomb: Coulomb) -> Floats:
-    """Return the Coulomb sign of each joint, (N, n), from signals on an even grid.
+def velocities(x: Floats, kernels: Sequence[Floats]) -> Floats:
+    """Return the velocity of each joint, (N, n), from signals on an even grid.
 
     Args:
         x: positions [rad or m], or velocities [rad/s or m/s], (N, n).
         kernels: for each joint what makes its velocity of them, from ``velocity_kernel``.
-        coulomb: shape of the sign.
     """
     found = np.empty_like(x)
     for j, kernel in enumerate(kernels):
         half = min(len(kernel) // 2, len(x) - 1)
         # Why: reflected in its end points a motion goes on as fast as it was.
         padded = np.pad(x[:, j], half, mode="reflect", reflect_type="odd")
-        found[:, j] = coulomb_sign(decimate(padded[None], kernel[None], 1)[0, 0], coulomb, j)
+        found[:, j] = decimate(padded[None], kernel[None], 1)[0, 0]
     return found
 
 

@@ -96,17 +96,10 @@ def bandwidth(log: Log, robot: Robot) -> float:
     alive = np.any(np.abs(v) > least, axis=0)
     if not alive.any():
         return 0.0
-    several = -(-len(v) // tuning.SPECTRUM_SAMPLES)
-    length = len(v) // several
-    frequency, window, found = np.fft.rfftfreq(length, 1.0 / log.rate), np.hanning(length), []
-    for j in np.flatnonzero(alive):
-        power = np.zeros(len(frequency))
-        for start in range(0, several * length, length):
-            waves = np.fft.rfft(v[start : start + length, j] * window)
-            power += waves.real**2 + waves.imag**2
-        share = np.cumsum(power) / np.sum(power)
-        found.append(float(frequency[np.searchsorted(share, tuning.POWER_SHARE)]))
-    return max(found)
+    frequency, window = np.fft.rfftfreq(len(v), 1.0 / log.rate), np.hanning(len(v))
+    power = np.abs([np.fft.rfft(x * window) for x in v[:, alive].T]) ** 2
+    share = np.cumsum(power, axis=1) / np.sum(power, axis=1)[:, None]
+    return float(frequency[np.max(np.sum(share < tuning.POWER_SHARE, axis=1))])
 
 
 def swings(log: Log, robot: Robot) -> NDArray[np.int64]:

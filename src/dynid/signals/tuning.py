@@ -204,7 +204,5 @@ OUTPUTS_TOGETHER = 20
 MANY_SIGNALS = 64
 #: Samples of a block when a long log is filtered part by part.
 FILTER_BLOCK = 1 << 16
-#: Samples whose spectrum is taken at once; a longer log has the mean of several [samples].
-SPECTRUM_SAMPLES = 1 << 20
 #: Samples for each value of a torque from which on it is recorded in steps; noise of a step alone leaves about ten.
 VALUES_OF_STEPS = 20

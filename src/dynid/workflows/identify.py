@@ -308,6 +308,7 @@ def identify(
     else:
         recordings = arguments.logs(logs, robot, options)
         seen = observe(robot, recordings, options, base=base, progress=progress)
+    robot = replace(robot, estimated_coulomb=seen.base.robot.estimated_coulomb)
     base, stack, header = (
         replace(seen.base, model=replace(seen.base.model, robot=robot)),
         seen.stack,
@@ -426,7 +427,7 @@ def _unexplained(robot: Robot, logs: Sequence[Log], cutoff: float) -> float:
     from dynid.model.parameters import prior_base_parameters
     from dynid.signals.conditioned_log import condition_logs
 
-    base = in_memory(replace(robot, prior=None))
+    base = in_memory(replace(robot, prior=None, estimated_coulomb=None))
     stack = stack_logs(condition_logs(logs, base.model, cutoff=cutoff or None), base)
     fit = wls(stack, prior_base_parameters(base.model, base.reduction))
     return relative_error(stack.whole[0], fit.theta)
@@ -452,6 +453,7 @@ def resolved(
         options = replace(
             options, cutoff=cutoff, delay=earlier.delay if options.delay is None else options.delay
         )
+        robot = replace(robot, estimated_coulomb=earlier.robot.estimated_coulomb)
     robot = with_prior(robot, options)
     return robot, options if options.prior is None else replace(options, prior=robot.prior)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from dynid.errors import Finding, LogNotFound, NotAnArtifact
 from dynid.log import Log
 from dynid.progress import SILENT, Progress
-from dynid.robot import Robot
+from dynid.robot import Robot, coulomb_of
 from dynid.signals.stamps import without_copies
 from dynid.workflows import arguments
 from dynid.workflows.arguments import one_thread, public
@@ -71,6 +71,7 @@ class Observations:
 
     def header(self) -> dict[str, Any]:
         """Return what the headers of results made from these observations say."""
+        coulomb = self.base.robot.estimated_coulomb
         return {
             "robot": self.base.robot.name,
             "key": self.base.robot.model_key,
@@ -82,6 +83,7 @@ class Observations:
             "delay_s": self.delay[0] if self.delay else self.applied_delay or None,
             "delay_std_error_s": self.delay[1] if self.delay else None,
             "delay_applied_s": self.applied_delay,
+            "coulomb": None if coulomb is None else asdict(coulomb),
         }
 
     def facts(self) -> dict[str, Any]:
@@ -166,7 +168,9 @@ def observe(
     Example:
         dynid.observe("kuka_lwr4plus", ["run1.bag", "run2.bag"])
     """
+    from dynid.estimation.friction_step import with_coulomb, with_estimated_step
     from dynid.model.base_model import in_memory
+    from dynid.signals.conditioned_log import without_delay
     from dynid.signals.motion import check_amount
 
     options, progress = (
@@ -179,12 +183,18 @@ def observe(
     if base is None:
         progress.stage("model")
         base = in_memory(robot)
+    base = with_coulomb(base, robot.estimated_coulomb)
     given = [checked_log(log, base.robot, options, alone=len(several) == 1) for log in several]
     few = check_amount(given, base.robot) if len(several) > 1 else ()
     checked, copies = without_copies(given)
     progress.findings((*few, *copies))
     stack = stack_logs(checked, base, options, progress)
     seen = observed(stack, options, (*few, *copies), progress)
+    if base.robot.coulomb is None and base.robot.estimated_coulomb is None:
+        moved = [without_delay(log, options.delay or 0.0) for log in checked]
+        measured = options.velocity == "measured"
+        stack = with_estimated_step(seen.stack, moved, measured_velocity=measured)
+        seen = replace(seen, base=stack.base, stack=stack)
     return replace(seen, checked=tuple(given))
 
 
@@ -238,6 +248,7 @@ def load_observations(path: Path, base: BaseModel, progress: Progress = SILENT) 
         NotAnArtifact: it is damaged.
     """
     from dynid.estimation import observation_files
+    from dynid.estimation.friction_step import with_coulomb
     from dynid.estimation.stack import settled
     from dynid.estimation.stack import stack_logs as folded
     from dynid.files.artifact import reading
@@ -251,6 +262,7 @@ def load_observations(path: Path, base: BaseModel, progress: Progress = SILENT) 
             f"{path} is damaged: its effects do not match its robot", where=str(path)
         )
     with reading(path):
+        base = with_coulomb(base, coulomb_of(header))
         logs, hashes = tuple(header["logs"]), tuple(header["log_sha256"])
         error, applied = header["delay_std_error_s"], float(header["delay_applied_s"])
         delay = None if error is None else (float(header["delay_s"]), error)

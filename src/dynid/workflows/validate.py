@@ -331,7 +331,7 @@ def validate(
     replayed = scaled(condition_logs([checked], base.model, options, progress), base, theta)[0]
     progress.stage("replay")
     observer = base.model.observer(base.reduction.base)
-    rows = LogRows(replayed, base)
+    rows = LogRows(replayed, base, whole=True)
     error = None if options.residual_model is False else result.model_error
     motion = prediction.predict(replayed, rows, theta, error, observer)
     again = any(same_motion(fitted, log_motion(replayed)) for fitted in result.motions)

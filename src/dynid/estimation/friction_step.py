@@ -1,0 +1,160 @@
+"""How wide the step of Coulomb friction is at a reversal: one velocity for each joint, from its own rows.
+
+A step that is narrower or wider than the model's leaves pulses at every reversal. Of each width the rows of the joint
+alone are fitted again, all its columns free; the evidence of a width is N_eff / 2 times the logarithm of what is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.estimation import tuning
+from dynid.estimation.rows import ObservationRows, joined, rows_of
+from dynid.estimation.stack import Stack, settled, stack_logs
+from dynid.log import Log
+from dynid.model.base_model import BaseModel
+from dynid.robot import Coulomb
+from dynid.signals.conditioned_log import signs_of_shapes, with_effects
+from dynid.signals.filters import decimate
+
+Floats = NDArray[np.float64]
+
+#: Widths that are tried, in usual widths; the narrowest is a step for what logs can tell, 0.3 to 30 mrad/s. Then as
+#: many between the neighbours of the best.
+WIDTHS = np.geomspace(0.03, 3.0, 9)
+
+#: Makes the signs of some shapes, one after the other, at the instants of the rows, (M, n, shapes).
+Signs: TypeAlias = Callable[[Sequence[Coulomb]], list[list[Floats]]]
+
+
+def with_coulomb(base: BaseModel, coulomb: Coulomb | None) -> BaseModel:
+    """Return a model whose Coulomb sign has a shape that logs told."""
+    robot = replace(base.robot, estimated_coulomb=coulomb)
+    return replace(base, model=replace(base.model, robot=robot))
+
+
+def with_estimated_step(stack: Stack, logs: Sequence[Log], *, measured_velocity: bool) -> Stack:
+    """Return a stack whose columns of Coulomb friction have the widths that its logs say.
+
+    Args:
+        stack: the rows of all logs, with the usual widths.
+        logs: the prepared logs that it was made from.
+        measured_velocity: as for ``condition``.
+    """
+    usual = stack.base.robot.usual_coulomb
+
+    def signs(shapes: Sequence[Coulomb]) -> list[list[Floats]]:
+        return [
+            signs_of_shapes(
+                log, conditioned.filter, usual, shapes, measured_velocity=measured_velocity
+            )
+            for log, conditioned in zip(logs, stack.logs, strict=True)
+        ]
+
+    found = _estimated(stack, signs, usual)
+    if found is None:
+        return stack
+    base, logs_then = with_coulomb(stack.base, found), []
+    for log, own in zip(stack.logs, signs([found]), strict=True):
+        pairs = zip(log.segments, own, strict=True)
+        segments = [replace(segment, coulomb_sign=sign[..., 0]) for segment, sign in pairs]
+        logs_then.append(with_effects(replace(log, segments=segments), base.model))
+    return stack_logs(settled(logs_then, base), base)
+
+
+def _estimated(stack: Stack, signs: Signs, usual: Coulomb) -> Coulomb | None:
+    """Return the width of each joint's step with its 95 % interval; None where no joint has such a column."""
+    names, n = stack.names, len(stack.joints)
+    columns = {j: names.index(f"fc{j + 1}") for j in range(n) if f"fc{j + 1}" in names}
+    if not columns:
+        return None
+    rows = joined([part for log in stack.logs for part in rows_of(log, stack.observer)])
+    near = WIDTHS[:, None] * usual.velocity
+    velocity, interval = list(usual.velocity), list(zip(*near[[0, -1]], strict=True))
+    widths, left = near, _left_by(stack, rows, columns, signs, near)
+    best = np.clip(np.argmin(np.sum(left**2, axis=0), axis=0), 1, len(WIDTHS) - 2)
+    ends = widths[best - 1, range(n)], widths[best + 1, range(n)]
+    near = np.geomspace(*ends, len(WIDTHS) + 1)[1:-1]
+    widths = np.concatenate([widths, near])
+    left = np.concatenate([left, _left_by(stack, rows, columns, signs, near)], axis=1)
+    for j in columns:
+        low, mean, high = usual.velocity[j] * np.exp(
+            _width(np.log(widths[:, j] / usual.velocity[j]), left[:, :, j])
+        )
+        interval[j] = float(low), float(high)
+        # What the logs do not contradict stays: small changes of it would only move other decisions.
+        velocity[j] = velocity[j] if low < velocity[j] < high else float(mean)
+    return Coulomb("smooth", tuple(velocity), tuple(interval))
+
+
+def _left_by(
+    stack: Stack, rows: ObservationRows, columns: dict[int, int], signs: Signs, widths: Floats
+) -> Floats:
+    """Return what widths, (K, n), leave of the torques of each joint, (M, K, n); nothing where rows do not count."""
+    tried = signs([Coulomb("smooth", tuple(each)) for each in widths.tolist()])
+    of_rows = np.concatenate(
+        [
+            _of_rows(each, log.filter.second_kernel, log.filter.second_step)
+            for log, some in zip(stack.logs, tried, strict=True)
+            for each in some
+        ]
+    )
+    found = np.zeros((len(of_rows), *widths.shape))
+    for j, column in columns.items():
+        own, entries = rows.of_joint(j)
+        good = rows.mask[:, j]
+        others = entries[own != column].T[good]
+        found[good, :, j] = _left(others, rows.tau[good, j], of_rows[good, j])
+    return found
+
+
+def _of_rows(signs: Floats, kernel: Floats, step: int) -> Floats:
+    """Return signs at the instants of the rows, (M, n, shapes)."""
+    flat = np.ascontiguousarray(signs.reshape(len(signs), -1).T)
+    return np.asarray(decimate(flat, kernel, step)[0].T.reshape(-1, *signs.shape[1:]))
+
+
+def _left(others: Floats, tau: Floats, signs: Floats) -> Floats:
+    """Return what each width leaves of the torques of a joint, (M, shapes)."""
+    targets = np.column_stack([tau, signs])
+    length = np.linalg.norm(others, axis=0)
+    A = others / np.where(length > 0.0, length, 1.0)
+    targets = targets - A @ np.linalg.lstsq(A, targets, rcond=tuning.RANK_TOLERANCE)[0]
+    rest, S = targets[:, :1], targets[:, 1:]
+    power = np.sum(S**2, axis=0)
+    return np.asarray(rest - S * (S.T @ rest[:, 0] / np.where(power > 0.0, power, 1.0)))
+
+
+def _width(logs: Floats, left: Floats) -> Floats:
+    """Return the end, the mean and the other end of the 95 % interval of the logarithm of a width, (3,).
+
+    Args:
+        logs: what was tried, over the usual width, (K,).
+        left: what each leaves, (M, K).
+    """
+    from scipy.interpolate import CubicSpline
+
+    squares, order = np.sum(left**2, axis=0), np.argsort(logs)
+    gain = -0.5 * _independent(left[:, int(np.argmin(squares))]) * np.log(squares)
+    fine = np.linspace(logs.min(), logs.max(), 4000)
+    density = CubicSpline(logs[order], gain[order])(fine) - 0.5 * (fine / np.log(3.0)) ** 2
+    share = np.exp(density - density.max())
+    share /= share.sum()
+    low, high = np.interp([0.025, 0.975], np.cumsum(share), fine)
+    return np.array([low, share @ fine, high])
+
+
+def _independent(x: Floats) -> float:
+    """Return how many independent numbers tell as much as those of a series, (M,)."""
+    power = np.abs(np.fft.rfft(x, 2 * len(x))) ** 2
+    memory = np.fft.irfft(power)[: len(x)]
+    if memory[0] <= 0.0:
+        return float(len(x))
+    ends = np.flatnonzero(memory <= 0.0)
+    positive = memory[1 : ends[0] if len(ends) else len(x)]
+    return float(len(x) / (1.0 + 2.0 * np.sum(positive) / memory[0]))
