@@ -24,6 +24,7 @@ import numpy as np
 from dynid.cli.terminal import plain
 from dynid.errors import DynidError
 from dynid.estimation.stack import stack_logs
+from dynid.loading import load_robot, load_run
 from dynid.model.parameters import prior_bodies
 from dynid.robot import Prior
 from dynid.signals.conditioned_log import condition_logs
@@ -32,8 +33,7 @@ from dynid.workflows.gap import find_gap
 from dynid.workflows.identify import identify
 from dynid.workflows.model import base_model
 from dynid.workflows.report import report
-from dynid.workflows.results import answer_of, load_run, save_result
-from dynid.workflows.robots import load_robot
+from dynid.workflows.results import answer_of, save_result
 from dynid.workflows.simulate import simulate
 from dynid.workflows.validate import validate
 

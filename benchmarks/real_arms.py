@@ -22,8 +22,8 @@ from dynid.errors import DynidError
 from dynid.estimation.least_squares import relative_error
 from dynid.estimation.result import Identification
 from dynid.robot import DriverSpec, JointMap
+from dynid.workflows.options import ValidateOptions
 from dynid.workflows.parameters import observe
-from dynid.workflows.validate import ValidateOptions
 
 #: Robot, recording, and the seconds that are fitted.
 PARTS = (

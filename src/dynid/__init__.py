@@ -20,54 +20,62 @@ from typing import TYPE_CHECKING, Any
 from dynid.version import __version__
 
 if TYPE_CHECKING:
+    from dynid import loading as loading
     from dynid.estimation.result import Identification
+    from dynid.loading import load_log, load_robot
     from dynid.log import Log
     from dynid.model.base_model import BaseModel
     from dynid.motion import Motion
+    from dynid.options import LogOptions
     from dynid.robot import Robot
     from dynid.trajectory.options import PlanOptions
     from dynid.workflows.compare import compare
     from dynid.workflows.compare_methods import compare_methods
     from dynid.workflows.drive_gains import find_drive_gains
-    from dynid.workflows.export import ExportedModel, ExportOptions, export
+    from dynid.workflows.export import ExportedModel, export
     from dynid.workflows.gap import earlier_logs, find_gap
     from dynid.workflows.gap_options import GapOptions
     from dynid.workflows.gap_result import Gap
-    from dynid.workflows.identify import IdentifyOptions, find_payload, identify, sensitivity
-    from dynid.workflows.logs import LogOptions, load_log
-    from dynid.workflows.model import ModelOptions, base_model
+    from dynid.workflows.identify import find_payload, identify, sensitivity
+    from dynid.workflows.model import base_model
+    from dynid.workflows.options import (
+        ExportOptions,
+        IdentifyOptions,
+        ModelOptions,
+        SimulateOptions,
+        ValidateOptions,
+    )
     from dynid.workflows.parameters import Observations, observe
     from dynid.workflows.plan import Plan
     from dynid.workflows.report import Report, report
-    from dynid.workflows.results import load
-    from dynid.workflows.robots import load_robot
-    from dynid.workflows.simulate import SimulateOptions, Simulation, simulate
+    from dynid.workflows.saved import load
+    from dynid.workflows.simulate import Simulation, simulate
     from dynid.workflows.simulator_gap import compare_in_simulator
     from dynid.workflows.trajectory import plan_trajectory
-    from dynid.workflows.validate import ValidateOptions, Validation, validate
+    from dynid.workflows.validate import Validation, validate
 
 
 #: Where each public name lives.
 _HOMES = {
     "BaseModel": "dynid.model.base_model",
-    "ExportOptions": "dynid.workflows.export",
+    "ExportOptions": "dynid.workflows.options",
     "ExportedModel": "dynid.workflows.export",
     "Gap": "dynid.workflows.gap_result",
     "GapOptions": "dynid.workflows.gap_options",
     "Identification": "dynid.estimation.result",
-    "IdentifyOptions": "dynid.workflows.identify",
+    "IdentifyOptions": "dynid.workflows.options",
     "Log": "dynid.log",
-    "LogOptions": "dynid.workflows.logs",
-    "ModelOptions": "dynid.workflows.model",
+    "LogOptions": "dynid.options",
+    "ModelOptions": "dynid.workflows.options",
     "Motion": "dynid.motion",
     "Observations": "dynid.workflows.parameters",
     "Plan": "dynid.workflows.plan",
     "PlanOptions": "dynid.trajectory.options",
     "Report": "dynid.workflows.report",
     "Robot": "dynid.robot",
-    "SimulateOptions": "dynid.workflows.simulate",
+    "SimulateOptions": "dynid.workflows.options",
     "Simulation": "dynid.workflows.simulate",
-    "ValidateOptions": "dynid.workflows.validate",
+    "ValidateOptions": "dynid.workflows.options",
     "Validation": "dynid.workflows.validate",
     "base_model": "dynid.workflows.model",
     "compare": "dynid.workflows.compare",
@@ -79,9 +87,9 @@ _HOMES = {
     "find_gap": "dynid.workflows.gap",
     "find_payload": "dynid.workflows.identify",
     "identify": "dynid.workflows.identify",
-    "load": "dynid.workflows.results",
-    "load_log": "dynid.workflows.logs",
-    "load_robot": "dynid.workflows.robots",
+    "load": "dynid.workflows.saved",
+    "load_log": "dynid.loading",
+    "load_robot": "dynid.loading",
     "observe": "dynid.workflows.parameters",
     "plan_trajectory": "dynid.workflows.trajectory",
     "report": "dynid.workflows.report",
@@ -136,8 +144,8 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401
     """Import a public name when it is first used."""
-    if name == "errors":
-        return importlib.import_module("dynid.errors")
+    if name in ("errors", "loading"):
+        return importlib.import_module(f"dynid.{name}")
     if name not in _HOMES:
         raise AttributeError(f"module 'dynid' has no attribute '{name}'")
     found = getattr(importlib.import_module(_HOMES[name]), name)

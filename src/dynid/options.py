@@ -273,3 +273,49 @@ def _number(value: Any) -> float | None:  # noqa: ANN401
         return float(value)
     except (TypeError, ValueError):
         return None
+
+
+@dataclass(frozen=True)
+class LogOptions(Options):
+    """How logs are read, checked and filtered."""
+
+    cutoff: float | None = option(
+        None,
+        "Cut-off frequency [Hz] of the zero-phase low-pass filter over torques and regressor columns; "
+        "auto takes it from the band of the motion.",
+        metavar="auto|HZ",
+        shown="auto",
+        read=frequency_or_auto,
+    )
+    velocity: str | None = option(
+        None,
+        "Use velocities derived from the positions, or those that the driver measured "
+        "(default: derived, after they were compared with the measured ones).",
+        choices=("derived", "measured"),
+    )
+    exclude: tuple[tuple[float, float], ...] = option(
+        (),
+        "Leave out an interval of the log [s], such as 3.2-3.4; may be repeated.",
+        metavar="T0-T1",
+        repeatable=True,
+        read=intervals,
+    )
+    delay: float | None = option(
+        None,
+        "How much later than the positions the torques are stamped [s]; auto estimates the delay, reports it, and "
+        "corrects it when it is clear.",
+        metavar="auto|off|SECONDS",
+        shown="auto",
+        read=delay_or_auto,
+    )
+    topic: str | None = option(
+        None, "ROS topic of the joint states (default: the driver's).", metavar="TOPIC"
+    )
+    rate: float | None = option(
+        None, "Sample rate [Hz] of text logs without a time column.", metavar="HZ", kind="positive"
+    )
+    anyway: bool = option(
+        False,
+        "Continue although another mapping of the columns explains the log far better (E324); the result says so.",
+    )
+    sort_time: bool = option(False, "Put samples whose time stamps are only shuffled in order.")

@@ -15,6 +15,9 @@ from dynid.text import html, visible
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+#: Believed values below this are zero: a centre of mass turned into its DH frame is off an axis by rounding.
+ROUNDING = 1e-12
+
 
 class Table(Sequence[dict[str, Any]]):
     """Rows that print as a table.

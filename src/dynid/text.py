@@ -7,6 +7,7 @@ around it. Letters, digits, ``_``, ``-``, ``.`` and the space stay as they are e
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -169,3 +170,9 @@ def label(text: str, most: int = LABEL_LENGTH) -> str:
     line = printable(text)
     line = line if len(line) <= most else f"{line[: most - 1]}…"
     return line.replace("$", r"\$")
+
+
+def closest(word: str, known: Iterable[str]) -> str:
+    """Return ``; did you mean 'x'?`` for the nearest known word, or an empty string."""
+    found = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
+    return f"; did you mean '{found[0]}'?" if found else ""

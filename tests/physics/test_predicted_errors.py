@@ -12,17 +12,19 @@ from dynid.estimation.posterior import prior_information
 from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import read_trajectory
+from dynid.loading import load_log
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import prior_base_parameters
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
+from dynid.options import LogOptions
 from dynid.sim.arm import track
 from dynid.sim.plant import Sensors, read_plant
 from dynid.trajectory.basis import Quintic, basis_from
 from dynid.trajectory.feasible import bounds, coefficients, random_variables
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.predict import default_noise, held_out, predict
-from dynid.workflows.logs import LogOptions, condition_logs, load_log
+from dynid.workflows.logs import condition_logs
 
 SHIPPED = Path(__file__).parents[2] / "trajectories" / "kinova_gen2_alpha1.0.npz"
 DRAWS, RATE, STEP = 20, 100.0, 1e-3

@@ -7,8 +7,8 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import dynid
+from dynid.arguments import one_thread
 from dynid.progress import Silent
-from dynid.workflows.arguments import one_thread
 
 
 def threads() -> set[int]:

@@ -83,7 +83,7 @@ def robot_argument(function: Callable[..., Any]) -> Callable[..., Any]:
     """Give a command the argument ROBOT and the option ``--tip``; the function gets one word, ``arm.urdf#LINK``."""
 
     def joined(*args: Any, robot: str, tip: str | None, **values: Any) -> Any:  # noqa: ANN401
-        from dynid.workflows.robots import URDF
+        from dynid.loading import URDF
 
         if tip is not None and not robot.lower().endswith(URDF):
             raise WrongUsage(f"{robot} is not a URDF: its chain has one tip", fix="leave out --tip")

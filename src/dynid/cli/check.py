@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import dynid
+from dynid import workflows
 from dynid.cli.arguments import ROBOT, options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import input_hashes, may_write
 from dynid.errors import ExitStatus
+from dynid.options import LogOptions
 from dynid.text import shell
-from dynid.workflows.logs import LogOptions
 
 if TYPE_CHECKING:
     from dynid.workflows.check import Checked
@@ -55,11 +57,8 @@ def command(
     **values: Any,  # noqa: ANN401
 ) -> ExitStatus:
     """Look for mistakes in robot files, logs and results."""
-    from dynid.workflows.check import check
-    from dynid.workflows.robots import load_robot
-
     options = options_of(LogOptions, values)
-    found = check(paths, load_robot(robot) if robot else None, options)
+    found = workflows.check.check(paths, dynid.load_robot(robot) if robot else None, options)
     chosen = {**{name: values[name] for name in sorted(values)}, "convert": convert, "fix": fix}
     wrote = [_written(common, each, chosen, fix) if convert or fix else () for each in found]
     return _show(common, found, wrote, strict)

@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+import dynid
+from dynid import workflows
 from dynid.cli.judged import show_answer
 from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus, WrongUsage
+from dynid.files.artifact import write_text
 
 if TYPE_CHECKING:
     from dynid.workflows.compare import ComparedRun, RunComparison
@@ -57,17 +60,15 @@ def command(
     **files: Path | None,
 ) -> ExitStatus:
     """Compare identification results: one table, drift of an arm, regression against a baseline."""
-    from dynid.files.artifact import write_text
-    from dynid.workflows.compare import compare, short_names
-    from dynid.workflows.results import load_run, parameters_of
-
     if methods:
         return compare_estimators(common, runs)
-    found = compare(
-        [load_run(run) for run in runs],
-        baseline=None if baseline is None else load_run(baseline),
+    found = workflows.compare.compare(
+        [dynid.loading.load_run(run) for run in runs],
+        baseline=None if baseline is None else dynid.loading.load_run(baseline),
         tolerance=tolerance,
-        names=short_names([parameters_of(run) for run in runs], runs),
+        names=workflows.compare.short_names(
+            [dynid.loading.parameters_of(run) for run in runs], runs
+        ),
         baseline_name=str(baseline or ""),
     )
     wrote = {kind: path for kind in ("csv", "latex", "junit") if (path := files[kind]) is not None}
@@ -111,18 +112,16 @@ def show_changes(common: Common, run: ComparedRun) -> None:
 
 def compare_estimators(common: Common, words: tuple[Path, ...]) -> ExitStatus:
     """Run all estimators on the same logs and print one row per estimator."""
-    from dynid.workflows.compare_methods import compare_methods
-    from dynid.workflows.model import base_model
-    from dynid.workflows.robots import load_robot
-
     if len(words) < 2:
         raise WrongUsage(
             "--methods needs a robot and a log", fix="dynid compare --methods ROBOT LOG..."
         )
-    robot = load_robot(words[0])
+    robot = dynid.load_robot(words[0])
     with common.terminal.progress() as progress:
-        base = base_model(robot, common.folder(robot.slug), progress)
-        found = compare_methods(robot, words[1:], base=base, progress=progress)
+        base = workflows.model.base_model(robot, common.folder(robot.slug), progress)
+        found = workflows.compare_methods.compare_methods(
+            robot, words[1:], base=base, progress=progress
+        )
     common.terminal.show(found.table())
     if found.alarm():
         common.terminal.answer(found.alarm())

@@ -7,11 +7,13 @@ from typing import Any
 
 import click
 
+import dynid
+from dynid import workflows
 from dynid.cli.arguments import options_from, options_of
 from dynid.cli.options import Common, dynid_command
 from dynid.errors import ExitStatus, OutputExists, WrongUsage
 from dynid.text import shell
-from dynid.workflows.convert import ConvertOptions
+from dynid.workflows.options import ConvertOptions
 
 
 @dynid_command(
@@ -41,9 +43,6 @@ def command(
     **values: Any,  # noqa: ANN401
 ) -> ExitStatus:
     """Write a recording as .npz or .csv; every number stays as it was recorded."""
-    from dynid.workflows.convert import convert
-    from dynid.workflows.robots import load_robot
-
     target = target or common.out
     if target is None:
         raise WrongUsage(
@@ -52,8 +51,8 @@ def command(
         )
     if target.exists() and not common.force:
         raise OutputExists(f"{target} exists", fix="--force, or another --to")
-    done = convert(
-        log, target, load_robot(robot) if robot else None, options_of(ConvertOptions, values)
+    done = workflows.convert.convert(
+        log, target, dynid.load_robot(robot) if robot else None, options_of(ConvertOptions, values)
     )
     common.terminal.findings(done.findings)
     common.terminal.fact(

@@ -9,9 +9,22 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import dynid
+from dynid import workflows
+from dynid.cli.gap import run_gap
+from dynid.cli.identify import run_identify
+from dynid.cli.model import derive, reduce
 from dynid.cli.options import Common, dynid_command
+from dynid.cli.terminal import program
+from dynid.cli.validate import run_validate
 from dynid.errors import ExitStatus
+from dynid.files import packaged
+from dynid.files.trajectoryfile import read_trajectory
+from dynid.reports.demo_page import Chapter, write_demo_page
 from dynid.text import shell
+from dynid.trajectory.options import PlanOptions
+from dynid.trajectory.preview import Drawing
+from dynid.workflows.options import IdentifyOptions
 
 if TYPE_CHECKING:
     from dynid.reports.demo_page import Chapter
@@ -53,16 +66,7 @@ def command(common: Common, robot: str, effect: str | None) -> ExitStatus:
 
 def all_loops(common: Common, robot: str) -> ExitStatus:
     """Derive the model, plan a motion, identify, validate, and search for an effect that was hidden at random."""
-    from dynid.cli.identify import run_identify
-    from dynid.cli.model import derive, reduce
-    from dynid.cli.terminal import program
-    from dynid.cli.validate import run_validate
-    from dynid.reports.demo_page import Chapter, write_demo_page
-    from dynid.workflows.demo import against_truth
-    from dynid.workflows.results import load_run
-    from dynid.workflows.robots import load_robot
-
-    arm = load_robot(robot)
+    arm = dynid.load_robot(robot)
     top = common.out or Path("out") / "demo"
     common = replace(common, out=common.out or top / arm.slug, force=True)
     terminal, folder = common.terminal, common.folder(arm.slug)
@@ -76,7 +80,7 @@ def all_loops(common: Common, robot: str) -> ExitStatus:
     terminal.say("--- dynid validate, on another motion", "bold")
     path = folder / "parameters.npz"
     validated = run_validate(common, path, unseen, final=False)
-    counted = against_truth(load_run(path), truth)
+    counted = workflows.demo.against_truth(dynid.loading.load_run(path), truth)
     inside = "{inside_95_percent} of {parameters} true base parameters lie inside their 95 % interval".format(
         **counted
     )
@@ -133,9 +137,7 @@ def all_loops(common: Common, robot: str) -> ExitStatus:
 
 def random_effect(seed: int) -> str:
     """Return the name of an effect that changes torques: a delay is corrected before anybody has searched."""
-    from dynid.workflows.demo import hidden_effect
-
-    names = (hidden_effect("random", seed + k).name for k in count())
+    names = (workflows.demo.hidden_effect("random", seed + k).name for k in count())
     return next(name for name in names if name != "torque_delay")
 
 
@@ -145,28 +147,23 @@ def plan(common: Common, arm: Robot, robot: str) -> tuple[list[Path], tuple[str,
     Returns:
         The pictures, and what is said of the motion.
     """
-    from dynid.files import packaged
-    from dynid.files.trajectoryfile import read_trajectory
-    from dynid.trajectory.options import PlanOptions
-    from dynid.trajectory.preview import Drawing
-    from dynid.workflows.model import base_model
-    from dynid.workflows.trajectory import plan_trajectory, review_trajectory
-
     terminal, folder = common.terminal, common.folder(arm.slug)
     terminal.say("--- loop 2: dynid trajectory, a motion that shows the parameters", "bold")
     with terminal.progress() as progress:
-        base = base_model(arm, folder, progress)
+        base = workflows.model.base_model(arm, folder, progress)
         shown = Drawing(folder / "preview.png")
         if robot in ARMS:
             shipped = packaged("trajectories") / f"{arm.slug}_alpha1.0.npz"
             stored = read_trajectory(shipped, arm)
             facts = stored.facts["answer"]
-            clearance = review_trajectory(
+            clearance = workflows.trajectory.review_trajectory(
                 arm, stored, base=base, drawing=shown, progress=progress
             ).clearance
         else:
             options = PlanOptions(optimise=False, duration=10.0, seed=common.seed)
-            found = plan_trajectory(arm, options, base=base, drawing=shown, progress=progress)
+            found = workflows.trajectory.plan_trajectory(
+                arm, options, base=base, drawing=shown, progress=progress
+            )
             facts, clearance = found.facts(), found.clearance
     number, closest = facts["condition_number_scaled"], facts["closest_m"]
     said = [
@@ -181,13 +178,10 @@ def plan(common: Common, arm: Robot, robot: str) -> tuple[list[Path], tuple[str,
 
 def _recordings(common: Common, name: str, arm: Robot) -> tuple[Path, Path, dict[str, float], str]:
     """Return a log to identify from, an unseen one, the true parameters, and what simulated them."""
-    from dynid.files import packaged
-    from dynid.workflows.demo import simulate_own, truth_of
-
     if name in ARMS:
         logs, word = packaged("trajectories"), ARMS[name]
         seen, unseen = (logs / f"{word}_{which}.bag" for which in ("identify", "validate"))
-        return seen, unseen, truth_of(logs / f"{word}_truth.yaml"), "PyBullet"
+        return seen, unseen, workflows.demo.truth_of(logs / f"{word}_truth.yaml"), "PyBullet"
     common.terminal.say(
         "--- two motions of the arm, with bodies up to 20 % off those of its file, friction, noise",
         "bold",
@@ -195,7 +189,7 @@ def _recordings(common: Common, name: str, arm: Robot) -> tuple[Path, Path, dict
     folder = common.folder(arm.slug)
     folder.mkdir(parents=True, exist_ok=True)
     with common.terminal.progress() as progress:
-        own = simulate_own(arm, folder, common.seed, progress)
+        own = workflows.demo.simulate_own(arm, folder, common.seed, progress)
     return own.logs[0], own.logs[1], own.truth, own.physics
 
 
@@ -219,13 +213,7 @@ def find_hidden(common: Common, effect: str) -> Story:
         common: the common options; the seed chooses the effect when it is ``"random"``, the motions and the noise.
         effect: identifier, ``"nothing"``, something that is in no catalogue, or ``"random"``.
     """
-    from dynid.cli.gap import run_gap
-    from dynid.cli.identify import run_identify
-    from dynid.reports.demo_page import Chapter
-    from dynid.workflows.demo import ROBOT, hidden_effect, is_right_answer, simulate_hidden
-    from dynid.workflows.identify import IdentifyOptions
-
-    hidden = hidden_effect(effect, common.seed)
+    hidden = workflows.demo.hidden_effect(effect, common.seed)
     folder = common.out or Path("out") / "demo" / "effect"
     common = replace(common, out=folder, force=True)
     terminal = common.terminal
@@ -234,7 +222,7 @@ def find_hidden(common: Common, effect: str) -> Story:
         "bold",
     )
     with terminal.progress() as progress:
-        robot, logs = simulate_hidden(folder, hidden, common.seed, progress)
+        robot, logs = workflows.demo.simulate_hidden(folder, hidden, common.seed, progress)
     terminal.say("--- dynid identify, on the first two motions", "bold")
     run_identify(
         common, str(robot), logs[:4], IdentifyOptions(feasible=False), show=False, final=False
@@ -243,7 +231,7 @@ def find_hidden(common: Common, effect: str) -> Story:
     added, copy = replace(common, out=folder / "with_effect"), folder / "arm_with_effect.yaml"
     path = folder / "parameters.npz"
     answer = run_gap(added, path, logs, apply_="best", new_name=copy)
-    right = is_right_answer(hidden, answer)
+    right = workflows.demo.is_right_answer(hidden, answer)
     terminal.answer()
     where = f", {hidden.size:g} in size, at joint {hidden.joint + 1}" if hidden.size else ""
     terminal.fact("hidden", f"{hidden.name}{where} (seed {common.seed})")
@@ -275,7 +263,7 @@ def find_hidden(common: Common, effect: str) -> Story:
     )
     facts = {
         "schema": "dynid/demo/1",
-        "robot": ROBOT,
+        "robot": workflows.demo.ROBOT,
         "hidden": facts,
         "right": right,
         "gap": answer,

@@ -10,16 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynid import workflows
 from dynid.cli.options import (
     COMMON_NAMES,
     Command,
     Common,
     configure,
     dynid_command,
-    key_of,
     known_keys,
     load_settings,
 )
+from dynid.cli.runfile import key_of
 from dynid.errors import ExitStatus
 
 if TYPE_CHECKING:
@@ -121,13 +122,11 @@ def _show_settings(common: Common) -> None:
 )
 def command(common: Common) -> ExitStatus:
     """Look at this machine: Python, packages, simulator, ROS, display, folders, configuration."""
-    from dynid.workflows.doctor import doctor
-
     if common.config is not None:
         _show_settings(common)
         return ExitStatus.DONE
     terminal = common.terminal
-    found = doctor()
+    found = workflows.doctor.doctor()
     terminal.emit_json(
         {
             "schema": "dynid/doctor/1",

@@ -9,6 +9,7 @@ from dynid.cli.options import Common, dynid_command
 from dynid.codes import codes, page, summary
 from dynid.errors import WrongUsage
 from dynid.files import pages
+from dynid.text import closest
 
 
 @dynid_command(
@@ -44,7 +45,6 @@ def command(common: Common, word: str | None) -> None:
 
 
 def _unknown(word: str) -> WrongUsage:
-    from dynid.files.yamlfile import closest
 
     return WrongUsage(
         f"no code or page '{word}'{closest(word, [*codes(), *pages()])}",

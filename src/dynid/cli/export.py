@@ -7,10 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import dynid
+from dynid import workflows
 from dynid.cli.arguments import options_from, options_of
 from dynid.cli.options import Common, dynid_command
+from dynid.cli.prompt import may_write
 from dynid.errors import ExitStatus
-from dynid.workflows.export import SUFFIXES, ExportOptions
+from dynid.files.artifact import write_text
+from dynid.workflows.options import SUFFIXES, ExportOptions
 
 if TYPE_CHECKING:
     from dynid.workflows.export import ExportedModel
@@ -37,13 +41,10 @@ if TYPE_CHECKING:
 @options_from(ExportOptions)
 def command(common: Common, run: Path, formats: tuple[str, ...], **values: Any) -> ExitStatus:  # noqa: ANN401
     """Write the identified model as URDF, MJCF, YAML, C, Python or MATLAB."""
-    from dynid.workflows.export import export
-    from dynid.workflows.results import load_run
-
     wanted = [name for name in SUFFIXES if name in formats or "all" in formats]
-    stored = load_run(run)
+    stored = dynid.loading.load_run(run)
     with common.terminal.progress() as progress:
-        made = export(
+        made = workflows.export.export(
             stored,
             common.out or stored.path.parent,
             options_of(ExportOptions, values),
@@ -61,9 +62,6 @@ def command(common: Common, run: Path, formats: tuple[str, ...], **values: Any) 
 
 def write(common: Common, path: Path, text: str) -> None:
     """Write a file, unless it is there already; ask before another one is overwritten."""
-    from dynid.cli.prompt import may_write
-    from dynid.files.artifact import write_text
-
     if path.is_file() and path.read_bytes() == text.encode() and not common.force:
         common.terminal.stage("reused", f"{path}       (the same bytes)")
     elif may_write(common, path, {}):

@@ -17,6 +17,7 @@ from typing import IO, Any, NoReturn, TextIO
 
 import click
 
+from dynid import workflows
 from dynid.errors import CannotWrite, DynidError, ExitStatus, WrongUsage
 from dynid.text import visible
 from dynid.xdg import cache_folder
@@ -243,11 +244,15 @@ def _trace(error: BaseException) -> str:
 def _facts(context: FailureContext) -> str:
     import platform
 
-    from dynid.workflows.doctor import version_lines
-
     command, folder = " ".join(["dynid", *context.words]), os.environ.get("PWD", "")
     return "\n".join(
-        [*version_lines(), platform.platform(), f"command: {command}", f"folder: {folder}", ""]
+        [
+            *workflows.doctor.version_lines(),
+            platform.platform(),
+            f"command: {command}",
+            f"folder: {folder}",
+            "",
+        ]
     )
 
 

@@ -7,11 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import dynid
+from dynid import workflows
 from dynid.cli.arguments import options_from, options_of
 from dynid.cli.judged import show_answer, show_next
 from dynid.cli.options import Common, dynid_command
-from dynid.cli.prompt import Answer, ask
-from dynid.errors import ExitStatus, WrongUsage
+from dynid.cli.prompt import Answer, ask, can_ask
+from dynid.cli.report import renewed
+from dynid.cli.simulate import show_comparison
+from dynid.errors import Declined, DynidError, ExitStatus, OutputExists, WrongUsage
 from dynid.text import shell
 from dynid.workflows.gap_options import GapOptions
 
@@ -90,29 +94,24 @@ def run_gap(
         new_name: path of the copy of the robot file.
         plot: whether pictures are drawn.
     """
-    from dynid.cli.report import renewed
-    from dynid.workflows.gap import earlier_logs, find_gap
-    from dynid.workflows.gap_options import selection_options
-    from dynid.workflows.gap_result import remove_search
-    from dynid.workflows.logs import load_log
-    from dynid.workflows.results import base_model_of, load_run
-
     options = options or GapOptions()
-    stored = load_run(parameters)
-    selection_options(stored.robot, options)
+    stored = dynid.loading.load_run(parameters)
+    workflows.gap_options.selection_options(stored.robot, options)
     with common.terminal.progress() as progress:
-        base = base_model_of(stored, stored.path.parent, progress)
+        base = workflows.results.base_model_of(stored, stored.path.parent, progress)
         progress.stage("read")
-        read = [load_log(path, base.robot, options, identify=False) for path in logs]
+        read = [dynid.loading.load_log(path, base.robot, options, identify=False) for path in logs]
         earlier = (
-            earlier_logs(stored, read, options, progress)
+            workflows.gap.earlier_logs(stored, read, options, progress)
             if options.question in ("auto", "changed")
             else []
         )
-        gap = find_gap(stored, read, options, earlier=earlier, base=base, progress=progress)
+        gap = workflows.gap.find_gap(
+            stored, read, options, earlier=earlier, base=base, progress=progress
+        )
         progress.stage("draw")
         folder = stored.path.parent
-        remove_search(folder)
+        workflows.gap_result.remove_search(folder)
         # Why first: what a simulator does afterwards takes no answer away.
         wrote = [gap.save(folder / "gap.npz")]
         if plot:
@@ -142,19 +141,17 @@ def drive(
     common: Common, gap: Gap, after: Identification, folder: Path, *, plot: bool
 ) -> tuple[SimulatorGap | None, list[Path]]:
     """Drive the exported files without and with what was added in a simulator; return what came of it, and files."""
-    from dynid.cli.simulate import show_comparison
-    from dynid.errors import DynidError
-    from dynid.workflows.simulator_gap import gap_in_simulator, save_figure
-
     try:
         with common.terminal.progress() as progress:
-            found = gap_in_simulator(gap, after, progress=progress)
+            found = workflows.simulator_gap.gap_in_simulator(gap, after, progress=progress)
     except (DynidError, ValueError) as error:
         # Why both: MuJoCo has no error of its own for a model that it refuses.
         common.terminal.fact("simulator", f"not driven: {error}")
         return None, []
     show_comparison(common, found)
-    picture = [save_figure(found, folder / "gap/simulator.png")] if plot else []
+    picture = (
+        [workflows.simulator_gap.save_figure(found, folder / "gap/simulator.png")] if plot else []
+    )
     return found, [found.save(folder / "simulator_gap.npz"), *picture]
 
 
@@ -162,10 +159,8 @@ def add(
     common: Common, gap: Gap, chosen: tuple[GapEffect, ...], new_name: Path | None
 ) -> tuple[Identification, list[Path]]:
     """Write the copy of the robot file and the arm identified again with the effects."""
-    from dynid.workflows.gap_result import robot_file_beside
-
     assert gap.analysis is not None
-    beside = robot_file_beside(gap.analysis.problem.base.robot, chosen)
+    beside = workflows.gap_result.robot_file_beside(gap.analysis.problem.base.robot, chosen)
     copy = new_name or (common.out / beside.name if common.out else beside)
     if copy.exists() and not common.force:
         ask_to_overwrite(common, copy)
@@ -189,9 +184,6 @@ def show_check(common: Common, gap: Gap, path: Path) -> None:
 
 def ask_to_overwrite(common: Common, path: Path) -> None:
     """Ask before a robot file is overwritten."""
-    from dynid.cli.prompt import can_ask
-    from dynid.errors import Declined, OutputExists
-
     if not common.yes and not can_ask(common):
         raise OutputExists(f"{path} exists", fix="use --force, or another name with --new-name")
     if ask(common, "P6", path=path) is not Answer.YES:

@@ -9,15 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import dynid
+from dynid import workflows
 from dynid.cli.arguments import NumberInRange, options_from, options_of, robot_argument
 from dynid.cli.judged import show_judgement, show_next
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import may_write
+from dynid.cli.report import write_report
 from dynid.cli.runfile import write_run
 from dynid.errors import ExitStatus, Finding, WrongUsage
-from dynid.table import with_error
-from dynid.text import yaml_text
-from dynid.workflows.identify import IdentifyOptions
+from dynid.files.artifact import write_text
+from dynid.table import ROUNDING, with_error
+from dynid.text import closest, yaml_text
+from dynid.workflows.options import IdentifyOptions
 
 if TYPE_CHECKING:
     from dynid.estimation.drive_gains import Gains
@@ -146,19 +150,15 @@ def run_identify(
         show: print the tables.
         final: print the JSON answer and the next command as well; not when another command goes on.
     """
-    from dynid.workflows.robots import load_robot
-
     options = options or IdentifyOptions()
-    arm = load_robot(robot)
-    from dynid.workflows import drive_gains
-    from dynid.workflows.identify import find_payload, resolved
-    from dynid.workflows.inputs import identify_inputs
-    from dynid.workflows.results import answer_of, load_run
+    arm = dynid.load_robot(robot)
 
-    unloaded, earlier = (load_run(path) if path else None for path in (payload_from, update))
+    unloaded, earlier = (
+        dynid.loading.load_run(path) if path else None for path in (payload_from, update)
+    )
     files = {"loaded": loaded, "prior_file": options.prior, "holdout": options.holdout}
     files["update"] = earlier.path if earlier else None
-    arm, options = resolved(arm, options, unloaded or earlier)
+    arm, options = workflows.identify.resolved(arm, options, unloaded or earlier)
     common.terminal.findings(arm.findings)
     folder = common.folder(arm.slug)
     if unloaded is not None:
@@ -167,17 +167,17 @@ def run_identify(
     gains = recordings.gains(loaded, load_mass)
     facts: dict[str, Any] = {}
     if gains is not None:
-        path, arm = drive_gains.write_robot(folder, arm, gains)
+        path, arm = workflows.drive_gains.write_robot(folder, arm, gains)
         common.terminal.wrote(path)
         show_gains(common, arm, gains)
-        facts = drive_gains.gain_facts(arm, gains)
-    inputs = identify_inputs(arm, folder, logs, options, files, load_mass)
+        facts = workflows.drive_gains.gain_facts(arm, gains)
+    inputs = workflows.inputs.identify_inputs(arm, folder, logs, options, files, load_mass)
     result, base, wrote = obtain_result(common, arm, folder, recordings, options, inputs, earlier)
     timing = {
         key: result.header.get(key) for key in ("delay_s", "delay_std_error_s", "delay_applied_s")
     }
     facts = {
-        **answer_of(result),
+        **workflows.results.answer_of(result),
         "wrote": wrote,
         **timing,
         **facts,
@@ -186,19 +186,20 @@ def run_identify(
     }
     result = replace(result, path=folder / "parameters.npz")
     if report and (wrote or not (folder / "report.html").is_file()):
-        from dynid.cli.report import write_report
-
         facts["wrote"] = [*facts["wrote"], *write_report(common, result.path, base)[1]]
     if show:
         show_result(common, base, result)
     if unloaded is not None:
         add_payload(
-            common, folder, find_payload(recordings.with_rows(result, base), unloaded), facts
+            common,
+            folder,
+            workflows.identify.find_payload(recordings.with_rows(result, base), unloaded),
+            facts,
         )
     if explained:
         facts["explain"] = explain(common, result, recordings, options, base)
     if show and final:
-        common.terminal.emit_json(drive_gains.in_amperes(facts, arm))
+        common.terminal.emit_json(workflows.drive_gains.in_amperes(facts, arm))
         show_next(common, result.judgement)
     return facts
 
@@ -225,23 +226,23 @@ class Recordings:
 
     def read(self) -> list[Log]:
         """Return the logs as read."""
-        from dynid.workflows.logs import read_log
-
         if self._read is None:
             with self._common.terminal.progress() as progress:
                 progress.stage("read")
-                self._read = [read_log(path, self._robot, self._options) for path in self._paths]
+                self._read = [
+                    dynid.loading.read_log(path, self._robot, self._options) for path in self._paths
+                ]
         return self._read
 
     def with_rows(self, result: Identification, base: BaseModel) -> Identification:
         """Return a result with the rows that it was made from, which its file does not keep."""
-        from dynid.workflows.parameters import observe
-
         if result.stack is not None or not self._paths:
             return result
         options = replace(self._options, cutoff=result.cutoff, delay=result.delay)
         with self._common.terminal.progress() as progress:
-            seen = observe(result.robot, self.read(), options, base=base, progress=progress)
+            seen = workflows.parameters.observe(
+                result.robot, self.read(), options, base=base, progress=progress
+            )
         return replace(result, stack=seen.stack)
 
     def gains(self, loaded: Path | None, load_mass: float | None) -> Gains | None:
@@ -250,21 +251,22 @@ class Recordings:
         Raises:
             WrongUsage: a load is given for logs that need none.
         """
-        from dynid.workflows.drive_gains import find_drive_gains, needs_gains
-        from dynid.workflows.logs import read_log
-
         robot, options = self._robot, self._options
-        if robot.torque.complete or not self._paths or not needs_gains(robot, self.read()[0]):
+        if (
+            robot.torque.complete
+            or not self._paths
+            or not workflows.drive_gains.needs_gains(robot, self.read()[0])
+        ):
             if loaded:
                 raise WrongUsage(
                     "--loaded is for logs of motor currents with unknown gains; these logs have torques or known gains",
                     fix="to identify a load: --payload-from RESULT",
                 )
             return None
-        second = read_log(loaded, robot, options) if loaded else None
+        second = dynid.loading.read_log(loaded, robot, options) if loaded else None
         folder = self._common.folder(robot.slug)
         with self._common.terminal.progress() as progress:
-            return find_drive_gains(
+            return workflows.drive_gains.find_drive_gains(
                 robot,
                 self.read(),
                 options,
@@ -285,21 +287,14 @@ def obtain_result(
     earlier: Identification | None,
 ) -> tuple[Identification, BaseModel, list[Path]]:
     """Return the result, its model and what was written: a new result, or the one that is there from equal inputs."""
-    from dynid.estimation import result_files as results
-    from dynid.workflows.identify import identify
-    from dynid.workflows.inputs import of_observations
-    from dynid.workflows.model import base_model
-    from dynid.workflows.parameters import load_observations, observe
-    from dynid.workflows.results import save_result
-
     path = folder / "parameters.npz"
     terminal = common.terminal
     with terminal.progress() as progress:
-        base = base_model(robot, common.folder(robot.slug), progress)
+        base = workflows.model.base_model(robot, common.folder(robot.slug), progress)
     overwrite = earlier is not None and path.exists() and path.samefile(earlier.path)
     if not may_write(replace(common, force=True) if overwrite else common, path, inputs):
         # Why: a result would derive the model that is here already.
-        stored = replace(results.load(path), rigid=base.model.rigid)
+        stored = replace(dynid.loading.load_run(path), rigid=base.model.rigid)
         terminal.findings(
             (*(Finding(**each) for each in stored.header.get("log_findings", [])), *stored.findings)
         )
@@ -308,12 +303,18 @@ def obtain_result(
     facts = common.header(inputs)
     with terminal.progress() as progress:
         if logs:
-            seen = observe(robot, logs, options, base=base, progress=progress)
-            terminal.wrote(seen.save_stack(folder, common.header(of_observations(inputs))))
+            seen = workflows.parameters.observe(robot, logs, options, base=base, progress=progress)
+            terminal.wrote(
+                seen.save_stack(folder, common.header(workflows.inputs.of_observations(inputs)))
+            )
         else:
-            seen = load_observations(folder / "fullnumericregressor.npz", base, progress)
-        result = identify(robot, seen, options, update=earlier, progress=progress)
-    wrote = save_result(folder, result, facts)
+            seen = workflows.parameters.load_observations(
+                folder / "fullnumericregressor.npz", base, progress
+            )
+        result = workflows.identify.identify(
+            robot, seen, options, update=earlier, progress=progress
+        )
+    wrote = workflows.results.save_result(folder, result, facts)
     terminal.wrote(*wrote)
     return result, base, wrote
 
@@ -326,8 +327,6 @@ def add_payload(
     common: Common, folder: Path, payload: IdentifiedPayload, facts: dict[str, Any]
 ) -> None:
     """Write payload.yaml, print the load, and add it to the JSON answer."""
-    from dynid.files.artifact import write_text
-
     common.terminal.findings(payload.findings())
     facts["payload"] = payload.facts()
     facts["findings"] = [*facts["findings"], *(asdict(finding) for finding in payload.findings())]
@@ -388,8 +387,6 @@ def explain(
     Raises:
         WrongUsage: no log was given.
     """
-    from dynid.workflows.identify import sensitivity
-
     logs = recordings.read()
     if not logs:
         raise WrongUsage(
@@ -397,7 +394,7 @@ def explain(
         )
     with common.terminal.progress() as progress:
         progress.stage("explain")
-        answer = sensitivity(result, logs, options, base=base, progress=progress)
+        answer = workflows.identify.sensitivity(result, logs, options, base=base, progress=progress)
     show_sensitivity(common, answer, len(base.reduction.base_names))
     return answer
 
@@ -464,8 +461,6 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
 
 def parameter_rows(found: Identification) -> list[list[str]]:
     """Return one line a base parameter, with the digits that its error leaves."""
-    from dynid.reports.sections.parameters import ROUNDING
-
     rows = []
     for row in found.parameter_rows():
         error = row["std_error"]
@@ -507,8 +502,6 @@ FIGURES = (
 
 def parsed_limit(text: str) -> tuple[str, str, float]:
     """Read a limit such as ``max_rms_nm > 1.5``."""
-    from dynid.files.yamlfile import closest
-
     match = LIMIT.fullmatch(text)
     try:
         if match is None:

@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynid import workflows
 from dynid.cli.arguments import options_from, options_of
 from dynid.cli.options import Common, dynid_command
+from dynid.cli.prompt import may_write
 from dynid.errors import ExitStatus
+from dynid.files.artifact import write_text
 from dynid.text import shell
-from dynid.workflows.import_urdf import ImportOptions
+from dynid.workflows.options import ImportOptions
 
 if TYPE_CHECKING:
     from dynid.model.from_urdf import Imported
@@ -30,20 +33,16 @@ if TYPE_CHECKING:
 @options_from(ImportOptions)
 def command(common: Common, urdf: Path, **values: Any) -> ExitStatus:  # noqa: ANN401
     """Make a robot file from a URDF: DH table, limits, inertias as prior."""
-    from dynid.cli.prompt import may_write
-    from dynid.files.artifact import write_text
-    from dynid.workflows.import_urdf import import_facts, import_urdf, robot_file
-
-    found = import_urdf(urdf, options_of(ImportOptions, values))
+    found = workflows.import_urdf.import_urdf(urdf, options_of(ImportOptions, values))
     common.terminal.findings(found.findings)
     path = common.folder(urdf.stem) / f"{urdf.stem}.yaml"
-    text = robot_file(found, urdf)
+    text = workflows.import_urdf.robot_file(found, urdf)
     if path.is_file() and path.read_bytes() == text.encode() and not common.force:
         common.terminal.stage("reused", f"{path}       (the same bytes)")
     elif may_write(common, path, {}):
         write_text(path, text)
         common.terminal.wrote(path)
-    common.terminal.emit_json(import_facts(found, path))
+    common.terminal.emit_json(workflows.import_urdf.import_facts(found, path))
     show(common, found)
     common.terminal.next(shell("dynid", "check", path))
     return ExitStatus.DONE

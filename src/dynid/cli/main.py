@@ -13,59 +13,16 @@ import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import click
 
+from dynid import workflows
 from dynid.cli import failure
+from dynid.cli.commands import COMMANDS, Entry
 from dynid.errors import EXIT_MEANING, DynidError, ExitStatus, OutOfMemory, WrongUsage
+from dynid.text import closest
 from dynid.version import __version__
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One line of the table of commands.
-
-    Attributes:
-        loop: heading of the map that it stands under; "" for the line of small commands.
-        help: what it does.
-        writes: what it writes.
-    """
-
-    loop: str
-    help: str
-    writes: str = ""
-
-
-COMMANDS: dict[str, Entry] = {
-    "model": Entry("Loop 1", "DH robot file", "regressor.npz, fullregressor.npz"),
-    "trajectory": Entry("Loop 2", "plan and preview", "trajectory.npz"),
-    "record": Entry("Loop 2", "move the arm and log", "log.bag, log.npz            (needs ROS 1)"),
-    "parameters": Entry(
-        "Loop 3", "regressor on the log", "fullnumericregressor.npz, estimatedmotion.npz"
-    ),
-    "identify": Entry("Loop 3", "least squares", "parameters.npz, report.html"),
-    "validate": Entry("Then", "replay an unseen log", "how wrong is the model, per joint"),
-    "gap": Entry("Then", "name the missing effect, add it, show the gap shrink"),
-    "check": Entry("", "look for mistakes in a robot file, a log or a result"),
-    "convert": Entry("", "write a recording as .npz or .csv"),
-    "import": Entry("", "make a robot file from a URDF"),
-    "compare": Entry("", "one table over many results"),
-    "run": Entry("", "many robots and logs from one list"),
-    "report": Entry("", "rebuild report.html"),
-    "export": Entry("", "write the identified model as URDF, YAML or code"),
-    "demo": Entry("", "the whole workflow on a simulated arm with a hidden effect"),
-    "simulate": Entry(
-        "", "a log of an arm that follows a motion, with friction, noise and effects; no ROS"
-    ),
-    "sim-driver": Entry(
-        "", "a simulated arm behind its driver's ROS topics, to rehearse a recording"
-    ),
-    "doctor": Entry("", "what works on this machine and what does not"),
-    "explain": Entry("", "what an error or warning code means"),
-    "completion": Entry("", "shell completion for bash, zsh or fish"),
-}
 
 EXAMPLES = (
     "dynid                              the map of the loops",
@@ -107,8 +64,6 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command, or suggest one."""
         if args and not args[0].startswith("-") and args[0] not in available():
-            from dynid.files.yamlfile import closest
-
             raise WrongUsage(
                 f"no command '{args[0]}'{closest(args[0], available())}",
                 why=f"the commands are {', '.join(available())}",
@@ -169,9 +124,7 @@ def loop_map() -> str:
 
 def _version(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     if value:
-        from dynid.workflows.doctor import version_lines
-
-        click.echo("\n".join(version_lines()))
+        click.echo("\n".join(workflows.doctor.version_lines()))
         ctx.exit()
 
 

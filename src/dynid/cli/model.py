@@ -6,13 +6,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import dynid
+from dynid import workflows
 from dynid.cli.arguments import options_from, options_of, robot_argument
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask
 from dynid.errors import StaleCache
 from dynid.files import typed
+from dynid.model.base_model import key_of, paths
+from dynid.model.printing import as_latex, as_python
 from dynid.text import shell
-from dynid.workflows.model import ModelOptions
+from dynid.workflows.options import ModelOptions
 
 if TYPE_CHECKING:
     from dynid.robot import Robot
@@ -59,12 +63,9 @@ STYLES = {"#": "bold green", "+": "", ".": "red", "": ""}
 )
 def command(common: Common, robot: str, **values: Any) -> None:  # noqa: ANN401
     """Derive the regressor of an arm from its DH table and group it into base parameters."""
-    from dynid.workflows.model import adapted
-    from dynid.workflows.robots import load_robot
-
     options = options_of(ModelOptions, values)
     while True:
-        arm = adapted(load_robot(robot), options)
+        arm = workflows.model.adapted(dynid.load_robot(robot), options)
         common.terminal.findings(arm.findings)
         derived = derive(common, arm, values["rebuild"])
         if values["latex"] or values["python"]:
@@ -80,9 +81,6 @@ def command(common: Common, robot: str, **values: Any) -> None:  # noqa: ANN401
 
 def derive(common: Common, robot: Robot, rebuild: bool | None = None) -> DerivedModel:
     """Return the stored model when it is this robot's, otherwise derive and store it."""
-    from dynid.model.base_model import key_of, paths
-    from dynid.workflows.model import derive_model, stored_differences
-
     terminal, folder = common.terminal, common.folder(robot.slug)
     path = paths(folder)[0]
     turning = sum(joint.revolute for joint in robot.joints)
@@ -91,7 +89,7 @@ def derive(common: Common, robot: Robot, rebuild: bool | None = None) -> Derived
         "robot",
         f"{robot.name}, {kinds}, {robot.convention} DH, file {typed(robot.path) if robot.path else robot.source}",
     )
-    changed = stored_differences(robot, folder)
+    changed = workflows.model.stored_differences(robot, folder)
     if changed is not None and rebuild is not True:
         if rebuild is False:
             raise StaleCache(
@@ -106,7 +104,9 @@ def derive(common: Common, robot: Robot, rebuild: bool | None = None) -> Derived
                 fix="answer yes, or add --rebuild",
             )
     with terminal.progress() as progress:
-        derived = derive_model(robot, folder, rebuild=rebuild is True, progress=progress)
+        derived = workflows.model.derive_model(
+            robot, folder, rebuild=rebuild is True, progress=progress
+        )
     if not derived.derived:
         terminal.stage("reused", f"{path}       (key {key_of(robot)}; --rebuild derives it again)")
         return derived
@@ -123,10 +123,8 @@ def reduce(
     common: Common, derived: DerivedModel, options: ModelOptions | None = None
 ) -> ReducedModel:
     """Group the parameters into base parameters, and say what came out."""
-    from dynid.workflows.model import reduce_model
-
     with common.terminal.progress() as progress:
-        reduced = reduce_model(
+        reduced = workflows.model.reduce_model(
             derived, options or ModelOptions(), seed=common.seed, progress=progress
         )
     if not reduced.found:
@@ -176,17 +174,13 @@ def report(common: Common, derived: DerivedModel, reduced: ReducedModel | None) 
 
 def show_relations(common: Common, derived: DerivedModel, form: str, *, at_rest: bool) -> None:
     """Print the relations, so that a vendor's grouped numbers can be named."""
-    from dynid.workflows.model import relations
-
-    facts, text = relations(derived.model, form, at_rest=at_rest)
+    facts, text = workflows.model.relations(derived.model, form, at_rest=at_rest)
     common.terminal.emit_json(facts)
     common.terminal.answer(text)
 
 
 def show_code(common: Common, derived: DerivedModel, *, latex: bool) -> None:
     """Print the regressor for a person."""
-    from dynid.model.printing import as_latex, as_python
-
     text = as_latex(derived.model) if latex else as_python(derived.model)
     common.terminal.emit_json(
         {"schema": "dynid/model/1", "robot": derived.model.robot.name, "text": text}

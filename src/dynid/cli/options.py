@@ -18,7 +18,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynid.cli.commands import COMMANDS
+from dynid.cli.runfile import TYPED, key_of, repeated
+from dynid.cli.terminal import Terminal
 from dynid.errors import UnknownKey, WrongUsage
+from dynid.files.yamlfile import read_yaml
 from dynid.xdg import LOCAL_CONFIG, config_file
 
 if TYPE_CHECKING:
@@ -61,8 +65,6 @@ class Common:
     @cached_property
     def terminal(self) -> Terminal:
         """The two consoles of this run."""
-        from dynid.cli.terminal import Terminal
-
         return Terminal(self)
 
     def folder(self, slug: str) -> Path:
@@ -129,8 +131,6 @@ def load_settings(
 def _read(
     path: Path, command: str, keys: Mapping[str, str], common: Sequence[str], settings: Settings
 ) -> None:
-    from dynid.cli.main import COMMANDS
-    from dynid.files.yamlfile import read_yaml
 
     try:
         top = read_yaml(path).mapping([*common, *COMMANDS])
@@ -262,13 +262,6 @@ COMMON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
 )
 
 COMMON_NAMES = tuple(each.name for each in fields(Common))
-#: Options that overwrite, answer or move the arm: no variable and no file gives them.
-TYPED = ("force", "yes", "move", "accept_unreviewed")
-
-
-def key_of(option: click.Option) -> str:
-    """Return the name of an option in variables and configuration files: its long name with underscores."""
-    return next(word for word in option.opts if word.startswith("--"))[2:].replace("-", "_")
 
 
 def known_keys(command: click.Command) -> dict[str, str]:
@@ -278,11 +271,6 @@ def known_keys(command: click.Command) -> dict[str, str]:
         for param in command.params
         if isinstance(param, click.Option) and param.name != "config" and param.allow_from_autoenv
     }
-
-
-def is_typed(param: click.Parameter) -> bool:
-    """Return whether a parameter is an option that stands on the command line alone."""
-    return isinstance(param, click.Option) and key_of(param) in TYPED
 
 
 class Command(click.Command):
@@ -308,8 +296,6 @@ class Command(click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the words of the command line, those of a former run first."""
         if self.repeatable and not ctx.resilient_parsing:
-            from dynid.cli.runfile import repeated
-
             args = repeated(ctx, args)
         rest = super().parse_args(ctx, args)
         self._refuse_options_as_values(ctx)

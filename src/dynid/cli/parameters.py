@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import dynid
+from dynid import workflows
 from dynid.cli.arguments import options_from, options_of, robot_argument
+from dynid.cli.identify import run_identify
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, may_write
 from dynid.cli.runfile import write_run
+from dynid.options import LogOptions
 from dynid.text import shell
-from dynid.workflows.logs import LogOptions
 
 if TYPE_CHECKING:
     from dynid.robot import Robot
@@ -45,10 +48,8 @@ def command(
     **values: Any,  # noqa: ANN401
 ) -> None:
     """Filter logs, stack the base regressor over them, and say what they excite."""
-    from dynid.workflows.robots import load_robot
-
     options = options_of(LogOptions, values)  # wrong words end here, before anything is read
-    arm = load_robot(robot)
+    arm = dynid.load_robot(robot)
     common.terminal.findings(arm.findings)
     while True:
         common.terminal.emit_json(stack_and_write(common, arm, logs, options))
@@ -59,8 +60,6 @@ def command(
         options = options_of(LogOptions, values, cutoff=cutoff)
         common = replace(common, force=True)
     if answer is Answer.YES:
-        from dynid.cli.identify import run_identify
-
         run_identify(common, robot, (), show=not common.json)
     else:
         common.terminal.next(shell("dynid", "identify", robot))
@@ -70,23 +69,21 @@ def stack_and_write(
     common: Common, robot: Robot, logs: tuple[Path, ...], options: LogOptions
 ) -> dict[str, Any]:
     """Stack logs, write fullnumericregressor.npz and estimatedmotion.npz, and return the answer."""
-    from dynid.workflows.inputs import log_inputs
-    from dynid.workflows.logs import read_log
-    from dynid.workflows.model import base_model
-    from dynid.workflows.parameters import load_observations, observe
-
     folder = common.folder(robot.slug)
     path = folder / "fullnumericregressor.npz"
-    inputs = log_inputs(robot, logs) | options.texts()
+    inputs = workflows.inputs.log_inputs(robot, logs) | options.texts()
     with common.terminal.progress() as progress:
-        base = base_model(robot, folder, progress)
+        base = workflows.model.base_model(robot, folder, progress)
     if not may_write(common, path, inputs):
         with common.terminal.progress() as progress:
-            return {**tell(common, load_observations(path, base, progress)), "wrote": []}
+            return {
+                **tell(common, workflows.parameters.load_observations(path, base, progress)),
+                "wrote": [],
+            }
     with common.terminal.progress() as progress:
         progress.stage("read")
-        read = [read_log(log, robot, options) for log in logs]
-        seen = observe(robot, read, options, base=base, progress=progress)
+        read = [dynid.loading.read_log(log, robot, options) for log in logs]
+        seen = workflows.parameters.observe(robot, read, options, base=base, progress=progress)
     wrote = seen.save(folder, common.header(inputs))
     common.terminal.wrote(*wrote)
     write_run(folder, inputs)

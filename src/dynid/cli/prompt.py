@@ -19,6 +19,7 @@ from typing import Any
 
 from dynid.cli.failure import is_terminal
 from dynid.cli.options import Common
+from dynid.cli.terminal import plain
 from dynid.errors import CannotAsk, Declined, OutputExists, WrongUsage
 from dynid.text import shell, visible
 
@@ -228,7 +229,6 @@ def input_hashes(
     files: Mapping[str, Path], options: Mapping[str, Any] | None = None
 ) -> dict[str, str]:
     """Return what a result depends on, for its header's ``inputs``: sha256 of files, and of the options as a whole."""
-    from dynid.cli.terminal import plain
     from dynid.npz import sha256
 
     hashes = {name: sha256(path) for name, path in files.items()}

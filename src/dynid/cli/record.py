@@ -8,12 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import dynid
+from dynid import workflows
 from dynid.cli.arguments import options_from, options_of, robot_argument
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import Answer, ask, confirm, input_hashes, key_pressed, may_write
+from dynid.drivers.ros import raise_priority
 from dynid.errors import ExitStatus, WrongUsage
+from dynid.files.trajectoryfile import read_trajectory
 from dynid.text import shell
-from dynid.workflows.record import RecordOptions
+from dynid.workflows.options import RecordOptions
 
 if TYPE_CHECKING:
     from dynid.cli.progress_bar import Bar
@@ -92,26 +96,20 @@ def command(
     **values: Any,  # noqa: ANN401
 ) -> ExitStatus:
     """Play a reviewed trajectory on the arm and record what its driver publishes."""
-    from dynid.drivers.ros import raise_priority
-    from dynid.files.trajectoryfile import read_trajectory
-    from dynid.workflows.record import record, require_usable
-    from dynid.workflows.results import load_run
-    from dynid.workflows.robots import load_robot
-
-    options, arm = options_of(RecordOptions, values), load_robot(robot)
+    options, arm = options_of(RecordOptions, values), dynid.load_robot(robot)
     _require_name(arm, move, options)
     planned = read_trajectory(trajectory, arm) if trajectory is not None else None
-    require_usable(arm, planned, options)
+    workflows.record.require_usable(arm, planned, options)
     priority = raise_priority()
     with common.terminal.progress() as bar:
         common.terminal.detail("priority", priority)
-        done = record(
+        done = workflows.record.record(
             arm,
             planned,
             options,
             TerminalOperator(common, bar, move),
             common.folder(arm.slug),
-            parameters=load_run(parameters) if parameters is not None else None,
+            parameters=dynid.loading.load_run(parameters) if parameters is not None else None,
             command=common.header({})["command"],
             progress=bar,
         )
@@ -184,12 +182,10 @@ def say_stopped(common: Common, outcome: Outcome) -> None:
 
 def converted(common: Common, done: Recording, given: bool | None) -> tuple[Path, ...]:
     """Ask the paper's question (P4) and write log.npz."""
-    from dynid.workflows.record import convert
-
     assert done.bag is not None
     if ask(common, "P4", given=given) is not Answer.YES:
         common.terminal.next(f"dynid check {shell(done.bag)} --robot {done.robot.word} --convert")
         return ()
-    target = convert(done, common.header(input_hashes({"log": done.bag})))
+    target = workflows.record.convert(done, common.header(input_hashes({"log": done.bag})))
     common.terminal.wrote(target)
     return (target,)

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+import dynid
+from dynid import workflows
 from dynid.cli.judged import show_next
 from dynid.cli.options import Common, dynid_command
 
@@ -63,14 +65,11 @@ def write_report(
         run: the result, or its folder.
         base: its base model, where it is there already.
     """
-    from dynid.workflows.report import report
-    from dynid.workflows.results import load_run
-
-    stored = load_run(run)
+    stored = dynid.loading.load_run(run)
     if base is not None:
         stored = replace(stored, rigid=base.model.rigid)
     with common.terminal.progress() as progress:
-        made = report(stored, progress=progress)
+        made = workflows.report.report(stored, progress=progress)
     wrote = made.save(common.out or stored.path.parent)
     common.terminal.wrote(*wrote)
     return made, wrote

@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING
 import click
 from click.core import ParameterSource
 
+from dynid.cli.commands import COMMANDS
 from dynid.errors import DynidError, WrongUsage
+from dynid.files.yamlfile import read_yaml
 from dynid.text import yaml_text
 from dynid.version import __version__
 
@@ -37,6 +39,20 @@ NOT_REPEATED = (
     "debug",
 )
 _KEYS = ("dynid", "command", "arguments", "inputs")
+
+
+#: Options that overwrite, answer or move the arm: no variable and no file gives them.
+TYPED = ("force", "yes", "move", "accept_unreviewed")
+
+
+def key_of(option: click.Option) -> str:
+    """Return the name of an option in variables and configuration files: its long name with underscores."""
+    return next(word for word in option.opts if word.startswith("--"))[2:].replace("-", "_")
+
+
+def is_typed(param: click.Parameter) -> bool:
+    """Return whether a parameter is an option that stands on the command line alone."""
+    return isinstance(param, click.Option) and key_of(param) in TYPED
 
 
 def arguments_of(ctx: click.Context) -> list[str]:
@@ -90,8 +106,6 @@ def write_run(folder: Path, inputs: Mapping[str, str]) -> Path:
 
 def _others(path: Path) -> dict[str, object]:
     """Return the sections that are there, as far as they can be read."""
-    from dynid.files.yamlfile import read_yaml
-
     # Why not what PyYAML makes of it: merged mappings in a file from somebody else could fill the memory.
     found: dict[str, object] = {}
     with suppress(OSError, DynidError):
@@ -130,9 +144,6 @@ def repeated(ctx: click.Context, args: Sequence[str]) -> list[str]:
 
 
 def _stored(ctx: click.Context, path: Path, besides: list[str]) -> list[str]:
-    from dynid.cli.main import COMMANDS
-    from dynid.cli.options import is_typed
-    from dynid.files.yamlfile import read_yaml
 
     command = str(ctx.command.name)
     if not path.is_file():

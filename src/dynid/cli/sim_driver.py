@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import dynid
+from dynid import workflows
 from dynid.cli.arguments import options_from, options_of, robot_argument
 from dynid.cli.options import Common, dynid_command
+from dynid.drivers.ros import raise_priority
 from dynid.errors import ExitStatus
-from dynid.workflows.sim_driver import SimDriverOptions
+from dynid.workflows.options import SimDriverOptions
 
 if TYPE_CHECKING:
     from dynid.workflows.sim_driver import DriverRun
@@ -27,11 +30,7 @@ def command(common: Common, robot: str, **values: Any) -> ExitStatus:  # noqa: A
     """Simulate an arm behind its driver's topics, in real time."""
     import signal
 
-    from dynid.drivers.ros import raise_priority
-    from dynid.workflows.robots import load_robot
-    from dynid.workflows.sim_driver import simulate_driver
-
-    arm, options = load_robot(robot), options_of(SimDriverOptions, values, seed=common.seed)
+    arm, options = dynid.load_robot(robot), options_of(SimDriverOptions, values, seed=common.seed)
 
     def started(topic: str, master: str) -> None:
         common.terminal.stage(
@@ -44,7 +43,7 @@ def command(common: Common, robot: str, **values: Any) -> ExitStatus:  # noqa: A
         signal.signal(signal.SIGTERM, signal.default_int_handler)
 
     raise_priority()
-    done = simulate_driver(arm, options, started=started)
+    done = workflows.sim_driver.simulate_driver(arm, options, started=started)
     if done.interrupted:
         common.terminal.detail("stop", "interrupted")
     show(common, done)

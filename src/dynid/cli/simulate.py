@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import dynid
+from dynid import workflows
 from dynid.cli.arguments import options_from, options_of, robot_argument
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import input_hashes, may_write
 from dynid.text import shell
-from dynid.workflows.simulate import SimulateOptions
+from dynid.workflows.options import SimulateOptions
 
 if TYPE_CHECKING:
     from dynid.sim.comparison import SimulatorGap
@@ -54,15 +56,13 @@ def command(
     """Simulate the log of an arm that follows a motion: friction, noise, effects; no ROS is needed."""
     if log is not None:
         return compare(common, Path(robot), source, log, engine)
-    from dynid.workflows.robots import load_robot
-    from dynid.workflows.simulate import simulate
 
-    arm, options = load_robot(robot), options_of(SimulateOptions, values, seed=common.seed)
+    arm, options = dynid.load_robot(robot), options_of(SimulateOptions, values, seed=common.seed)
     common.terminal.findings(arm.findings)
     target = common.folder(arm.slug) / "simulated.npz"
     inputs = {"robot": arm.model_key, **input_hashes({"motion": source}), **options.texts()}
     with common.terminal.progress() as progress:
-        found = simulate(arm, source, options, progress=progress)
+        found = workflows.simulate.simulate(arm, source, options, progress=progress)
     common.terminal.stage("physics", f"{found.source}; the arm follows the motion exactly")
     wrote = []
     if may_write(common, target, inputs):
@@ -76,14 +76,17 @@ def command(
 
 def compare(common: Common, before: Path, after: Path, log: Path, engine: str) -> None:
     """Drive the exported files of two results along a log and print the errors."""
-    from dynid.workflows.results import load_run
-    from dynid.workflows.simulator_gap import compare_in_simulator, save_figure
-
-    results = [load_run(before), load_run(after)]
+    results = [dynid.loading.load_run(before), dynid.loading.load_run(after)]
     with common.terminal.progress() as progress:
-        found = compare_in_simulator(results, log, engine=engine, progress=progress)
+        found = workflows.simulator_gap.compare_in_simulator(
+            results, log, engine=engine, progress=progress
+        )
         folder = common.out or results[1].path.parent
-        wrote = [save_figure(found, folder / "simulator" / f"{log.stem}_{engine}.png")]
+        wrote = [
+            workflows.simulator_gap.save_figure(
+                found, folder / "simulator" / f"{log.stem}_{engine}.png"
+            )
+        ]
     show_comparison(common, found)
     common.terminal.wrote(*wrote)
     common.terminal.emit_json({**found.facts(), "wrote": wrote})

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import dynid
+from dynid import workflows
 from dynid.cli.arguments import options_from, options_of, robot_argument
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import ATTEMPTS, Answer, ask, ask_line, can_ask, may_write
@@ -92,10 +94,8 @@ class View:
 def command(common: Common, robot: str, plan: Path | None, **values: Any) -> None:  # noqa: ANN401
     """Plan an excitation motion, prove it safe, preview it, and ask."""
     from dynid.files.planfile import PlanFile, read_plan
-    from dynid.workflows.robots import load_robot
-    from dynid.workflows.trajectory import plan_inputs
 
-    arm = load_robot(robot)
+    arm = dynid.load_robot(robot)
     common.terminal.findings(arm.findings)
     written = PlanFile() if plan is None else read_plan(plan, arm)
     values = with_plan(click.get_current_context(), written, values)
@@ -111,7 +111,7 @@ def command(common: Common, robot: str, plan: Path | None, **values: Any) -> Non
         }
         files["gap"] = values["for_gap"]
         files |= {f"earlier {k + 1}": earlier for k, earlier in enumerate(values["earlier"])}
-        return plan_inputs(
+        return workflows.trajectory.plan_inputs(
             arm, options, {name: file for name, file in files.items() if file is not None}
         )
 
@@ -187,18 +187,15 @@ def plan_once(
     inputs: dict[str, str],
 ) -> Answer:
     """Plan, show, ask and write; NO when the person wants another motion."""
-    from dynid.workflows.model import base_model
-    from dynid.workflows.trajectory import plan_trajectory
-
     look = view(common, values, path.parent)
     with common.terminal.progress() as progress:
-        found = plan_trajectory(
+        found = workflows.trajectory.plan_trajectory(
             arm,
             options,
             waypoints=values["from_waypoints"] or written.waypoints,
             earlier=values["earlier"],
             urdf=values["urdf"],
-            base=base_model(arm, path.parent, progress),
+            base=workflows.model.base_model(arm, path.parent, progress),
             drawing=look.drawing,
             for_gap=values["for_gap"],
             progress=progress,
@@ -309,11 +306,10 @@ def view(common: Common, values: dict[str, Any], folder: Path) -> View:
 def reuse(common: Common, arm: Robot, path: Path, *, accept: bool) -> None:
     """Answer from a motion that was planned before with the same inputs; accept it when asked to."""
     from dynid.files.trajectoryfile import read_trajectory, write_trajectory
-    from dynid.workflows.plan import plan_sentence
 
     stored = read_trajectory(path)
     if answer := stored.facts.get("answer"):
-        common.terminal.sentence(plan_sentence(arm, answer))
+        common.terminal.sentence(workflows.plan.plan_sentence(arm, answer))
     wrote: list[Path] = []
     if accept and not stored.reviewed:
         drawn = stored.facts.get("pictures", [])
@@ -344,14 +340,12 @@ def show_next(common: Common, arm: Robot, path: Path, *, reviewed: bool) -> None
 def review(common: Common, arm: Robot, options: PlanOptions, values: dict[str, Any]) -> None:
     """Judge, preview and ask about a motion that was planned before, and mark it."""
     from dynid.files.trajectoryfile import read_trajectory, write_trajectory
-    from dynid.workflows.model import base_model
-    from dynid.workflows.trajectory import review_trajectory
 
     path: Path = values["review"]
     stored, look = read_trajectory(path, arm), view(common, values, path.parent)
     with common.terminal.progress() as progress:
-        base = base_model(arm, common.folder(arm.slug), progress)
-        found = review_trajectory(
+        base = workflows.model.base_model(arm, common.folder(arm.slug), progress)
+        found = workflows.trajectory.review_trajectory(
             arm,
             stored,
             options,

@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import dynid
+from dynid import workflows
 from dynid.cli.arguments import NumberInRange, options_from, options_of
 from dynid.cli.judged import show_judgement, show_next
 from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import may_write
+from dynid.cli.report import renewed
 from dynid.errors import ExitStatus
 from dynid.options import share_or_none
-from dynid.workflows.validate import ValidateOptions
+from dynid.workflows.options import ValidateOptions
 
 if TYPE_CHECKING:
     from dynid.workflows.validate import Validation
@@ -90,28 +93,27 @@ def run_validate(
         mcap: file for viewers.
         final: say the next command as well; not when another command goes on.
     """
-    from dynid.cli.report import renewed
-    from dynid.workflows.logs import read_log
-    from dynid.workflows.results import base_model_of, load_run
-    from dynid.workflows.validate import urdf_of, validate
-
     options = options or ValidateOptions()
     terminal = common.terminal
     largest = share_or_none(max_unexplained, "--max-unexplained")
-    stored = load_run(parameters)
+    stored = dynid.loading.load_run(parameters)
     parent = stored.path.parent
     if mcap is not None:
         may_write(common, mcap, {})
     with terminal.progress() as progress:
-        base = base_model_of(stored, parent, progress)
+        base = workflows.results.base_model_of(stored, parent, progress)
         progress.stage("read")
-        found = validate(
-            stored, read_log(log, stored.robot, options), options, base=base, progress=progress
+        found = workflows.validate.validate(
+            stored,
+            dynid.loading.read_log(log, stored.robot, options),
+            options,
+            base=base,
+            progress=progress,
         )
         folder = found.folder(parent / "validation")
         wrote = [found.save(folder), *(found.write_figures(folder) if plot else [])]
         if mcap is not None:
-            wrote.append(found.save_mcap(mcap, urdf_of(stored, base)))
+            wrote.append(found.save_mcap(mcap, workflows.validate.urdf_of(stored, base)))
     broken = found.broken_limits(max_rms, largest)
     for sentence in broken:
         terminal.say(f"limit      {sentence}")

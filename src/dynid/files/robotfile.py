@@ -28,9 +28,9 @@ from dynid.errors import (
 from dynid.files import packaged, tuning
 from dynid.files.robotkeys import INERTIA, JOINT, ROBOT, SNAP_STEP, Context, read_found, read_keys
 from dynid.files.robotkeys import read_prior as prior_of
-from dynid.files.yamlfile import Value, closest, parse_yaml, read_text, read_yaml
+from dynid.files.yamlfile import Value, parse_yaml, read_text, read_yaml
 from dynid.robot import MOST_JOINTS, Body, Joint, Known, Prior, Robot, TorqueSource, rotation_rpy
-from dynid.text import printable, yaml_text
+from dynid.text import closest, printable, yaml_text
 from dynid.units import ANGLE
 
 #: Other usual names of arms, without signs, and the robot file that a person probably means.

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from dynid.errors import WrongUrdf
 from dynid.files import tuning
 from dynid.files.robotkeys import SNAP_STEP
-from dynid.files.yamlfile import LARGEST, closest
+from dynid.files.yamlfile import LARGEST
 from dynid.robot import Body, Limits, rotation_rpy
-from dynid.text import shell
+from dynid.text import closest, shell
 
 Floats = NDArray[np.float64]
 

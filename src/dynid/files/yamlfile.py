@@ -6,16 +6,16 @@ raise the errors of the catalogue with ``file:line``.
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
 
 from dynid.errors import DynidError, NotANumber, NotYaml, UnknownKey, WrongRobotFile
+from dynid.text import closest
 from dynid.units import ANGLE
 
 #: Sizes of numbers other than 0, in whatever unit. Large ones are multiplied and squared many times in a model; small
@@ -27,12 +27,6 @@ _OCTAL = re.compile(r"[-+]?0\d+")
 _PI = re.compile(
     r"(?P<sign>[-+]?)\s*(?:(?P<factor>\d+(?:\.\d*)?)\s*\*\s*)?pi\s*(?:/\s*(?P<divisor>\d+(?:\.\d*)?))?"
 )
-
-
-def closest(word: str, known: Iterable[str]) -> str:
-    """Return ``; did you mean 'x'?`` for the nearest known word, or an empty string."""
-    found = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
-    return f"; did you mean '{found[0]}'?" if found else ""
 
 
 @dataclass(frozen=True)
@@ -259,4 +253,4 @@ def parse_yaml(text: str, path: Path) -> Value:
     return Value(node, path, "")
 
 
-__all__ = ["DynidError", "Value", "closest", "parse_yaml", "read_yaml"]
+__all__ = ["DynidError", "Value", "parse_yaml", "read_yaml"]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 from dynid.judgement.evidence import Evidence
-from dynid.judgement.lights import OPEN, Light, lights, worst
-from dynid.judgement.sentences import first_sentence, reasons, warnings
-from dynid.judgement.steps import Step, next_steps
+from dynid.judgement.facts import OPEN, Case, Light, lights, worst
+from dynid.judgement.rules import Step, answer, reasons, steps, warnings
 
 
 @dataclass(frozen=True)
@@ -58,12 +58,8 @@ class Judgement:
 
     def __repr__(self) -> str:
         """Return the answer, why, and what to do next."""
-        steps = [
-            line
-            for step in self.steps[:2]
-            for line in (f"next: {step.command}", f"      {step.why}")
-        ]
-        return "\n".join([self.sentence, *self.reasons, *self.warnings, *steps])
+        next_steps = (f"next: {step.command}\n      {step.why}" for step in self.steps[:2])
+        return "\n".join([self.sentence, *self.reasons, *self.warnings, *next_steps])
 
 
 def judge(evidence: Evidence) -> Judgement:
@@ -72,12 +68,28 @@ def judge(evidence: Evidence) -> Judgement:
     Args:
         evidence: what is known of it.
     """
-    found = lights(evidence)
-    sentence = first_sentence(evidence, found)
+    case = Case(evidence, lights(evidence))
+    sentence = answer(case)
     return Judgement(
         sentence,
-        reasons(evidence, sentence),
-        found,
-        warnings(evidence, found),
-        next_steps(evidence, found),
+        tuple(reasons(case, sentence)),
+        case.lights,
+        tuple(warnings(case)),
+        merged(steps(case)),
     )
+
+
+def merged(found: Iterable[Step]) -> tuple[Step, ...]:
+    """Return steps with each command once, without those for lights that earlier ones may turn green.
+
+    What a first step may turn green needs no second one, which often only makes sense without the first.
+    """
+    kept: dict[str, Step] = {}
+    covered: set[str] = set()
+    for step in found:
+        if not step.lights or not covered.issuperset(step.lights):
+            covered.update(step.lights)
+            first = kept.get(step.command, step)
+            names = tuple(dict.fromkeys((*first.lights, *step.lights)))
+            kept[step.command] = Step(first.why, step.command, names)
+    return tuple(kept.values())

@@ -6,19 +6,22 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from dynid.arguments import one_thread
 from dynid.errors import Finding
+from dynid.files.artifact import read_artifact, read_header
+from dynid.files.inspect import inspect
+from dynid.loading import checked_log, load_robot, located, read_log
 from dynid.log import Log
+from dynid.model.effects.catalogue import added_effects
+from dynid.model.kinematics import tool_pose
+from dynid.options import LogOptions
 from dynid.robot import Robot
+from dynid.signals.describe import LogSummary, describe
 from dynid.text import visible
 from dynid.units import joint_unit
-from dynid.workflows.arguments import one_thread
-from dynid.workflows.logs import LogOptions, checked_log, diagnose_logs, read_log
-from dynid.workflows.robots import load_robot
-
-if TYPE_CHECKING:
-    from dynid.signals.describe import LogSummary
+from dynid.workflows.logs import diagnose_logs
 
 ROBOT_SUFFIXES = (".yaml", ".yml", ".urdf")
 
@@ -67,7 +70,7 @@ class Checked:
 def check(
     paths: Sequence[str | Path],
     robot: Robot | None = None,
-    options: LogOptions = LogOptions(),  # noqa: B008
+    options: LogOptions = LogOptions(),
 ) -> tuple[Checked, ...]:
     """Look for mistakes in robot files, logs and results.
 
@@ -97,8 +100,6 @@ def check(
 
 def kind_of(path: str) -> str:
     """Return what a path is taken for: ``"robot"``, ``"result"`` or ``"log"``."""
-    from dynid.files.artifact import read_header
-
     file = Path(path.partition(".urdf#")[0] + ".urdf" * (".urdf#" in path))
     if file.suffix == ".npz" and file.is_file():
         header = read_header(file)
@@ -115,9 +116,6 @@ def kind_of(path: str) -> str:
 def check_robot(robot: Robot) -> Checked:
     """Describe a robot file that could be read."""
     import numpy as np
-
-    from dynid.model.effects.catalogue import added_effects
-    from dynid.model.kinematics import tool_pose
 
     added_effects(robot)  # Why: it raises what is wrong with them.
     x, y, z = (float(value) for value in tool_pose(robot, np.zeros(robot.n))[:3, 3])
@@ -191,8 +189,6 @@ def check_result(path: Path) -> Checked:
     Raises:
         NotAnArtifact: it is not a result, or is damaged.
     """
-    from dynid.files.artifact import read_artifact
-
     artifact = read_artifact(path)
     lines = [("result", f"{artifact.schema}, written by dynid {artifact.header.get('dynid', '?')}")]
     for key in ("robot", "command", "seed", "convention", "method", "rank", "key"):
@@ -218,8 +214,6 @@ def check_log(path: Path, robot: Robot | None, options: LogOptions) -> Checked:
     Raises:
         DynidError: the first serious fault of the log.
     """
-    from dynid.signals.describe import describe
-
     if robot is None:
         return inspected(path, options)
     raw = read_log(path, robot, options)
@@ -249,9 +243,6 @@ def inspected(path: Path, options: LogOptions) -> Checked:
     Raises:
         DynidError: nothing of it can be read.
     """
-    from dynid.files.inspect import inspect
-    from dynid.workflows.logs import located
-
     with located(str(path)):
         found = inspect(path, options.rate)
     lines = [

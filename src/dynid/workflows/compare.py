@@ -7,21 +7,23 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dynid import arguments
+from dynid.arguments import public
 from dynid.errors import WrongUsage
+from dynid.estimation.compare import Change, Comparison, FigureOfMerit, same_parameters
+from dynid.estimation.compare import compare as compared
+from dynid.estimation.result import Identification
 from dynid.files import typed
+from dynid.judgement.evidence import Change as ChangedNumber
+from dynid.judgement.evidence import Evidence
+from dynid.judgement.judge import Judgement, judge
+from dynid.loading import ResultLike, as_result, as_results
 from dynid.options import share_or_none
+from dynid.reports.tables import JunitCase, junit, run_rows, runs_csv, runs_latex
 from dynid.table import Table
-from dynid.workflows import arguments
-from dynid.workflows.arguments import public
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-    from dynid.estimation.compare import Change, Comparison, FigureOfMerit
-    from dynid.estimation.result import Identification
-    from dynid.judgement.evidence import Evidence
-    from dynid.judgement.judge import Judgement
-    from dynid.workflows.arguments import ResultLike
 
 
 @dataclass(frozen=True)
@@ -73,8 +75,6 @@ class ComparedRun:
     @property
     def evidence(self) -> Evidence:
         """What is known of its model, and what changed."""
-        from dynid.judgement.evidence import Change
-
         known = self.result.evidence
         if not self.reference:
             return known
@@ -83,7 +83,7 @@ class ComparedRun:
             units = {row["name"]: row["unit"] for row in self.result.parameter_rows()}
             chances = (getattr(each, "p_value", float("nan")) for each in self.changed)
             changes = tuple(
-                Change(
+                ChangedNumber(
                     each.name,
                     each.before,
                     each.after,
@@ -104,8 +104,6 @@ class ComparedRun:
     @property
     def judgement(self) -> Judgement:
         """What is said of it: what changed first, then what its model is worth."""
-        from dynid.judgement.judge import judge
-
         return judge(self.evidence)
 
     def summary(self) -> str:
@@ -224,8 +222,6 @@ class RunComparison:
         Raises:
             PackageMissing: pandas is not installed.
         """
-        from dynid.reports.tables import run_rows
-
         return Table(run_rows(self.names, self.results)).to_dataframe().set_index("run")
 
     def facts(self) -> dict[str, Any]:
@@ -242,20 +238,14 @@ class RunComparison:
 
     def csv(self) -> str:
         """Return one row per run as CSV."""
-        from dynid.reports.tables import runs_csv
-
         return runs_csv(self.names, self.results)
 
     def latex(self) -> str:
         """Return one column per run as a LaTeX table."""
-        from dynid.reports.tables import runs_latex
-
         return runs_latex(self.names, self.results)
 
     def junit(self) -> str:
         """Return a JUnit XML report with one test per run that was compared."""
-        from dynid.reports.tables import JunitCase, junit
-
         return junit(
             "dynid compare",
             [
@@ -292,11 +282,8 @@ def compare(
     Example:
         dynid.compare(["out/monday", "out/friday"], baseline="out/golden", tolerance="1%")
     """
-    from dynid.estimation.compare import compare as compared
-    from dynid.estimation.compare import same_parameters
-
-    given = arguments.results(results)
-    baseline = None if baseline is None else arguments.result(baseline, "baseline")
+    given = as_results(results)
+    baseline = None if baseline is None else as_result(baseline, "baseline")
     baseline_name = arguments.instance(baseline_name, str, "baseline_name", "a word")
     if baseline is None and tolerance is not None:
         raise WrongUsage("--tolerance needs a --baseline", fix="--baseline RUN")

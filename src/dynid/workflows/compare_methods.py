@@ -5,21 +5,23 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from dynid import arguments
+from dynid.arguments import public
 from dynid.errors import DynidError
+from dynid.estimation.compare import biased, differing
+from dynid.estimation.estimate import estimate, last_share
+from dynid.estimation.estimators import METHODS, choose
+from dynid.estimation.possible_arm import is_possible
+from dynid.estimation.result import Identification
+from dynid.loading import LogsLike, RobotLike, as_base_model, as_logs, as_robot
+from dynid.model.base_model import BaseModel
+from dynid.options import LogOptions
 from dynid.progress import Progress
 from dynid.robot import Robot
 from dynid.table import Table
-from dynid.workflows import arguments
-from dynid.workflows.arguments import public
-from dynid.workflows.logs import LogOptions
 from dynid.workflows.parameters import observe
-
-if TYPE_CHECKING:
-    from dynid.estimation.result import Identification
-    from dynid.model.base_model import BaseModel
-    from dynid.workflows.arguments import LogsLike, RobotLike
 
 #: Share of each log that is held out to compare estimators.
 HELD_OUT = 0.2
@@ -164,19 +166,12 @@ def compare_methods(
     Example:
         dynid.compare_methods("kuka_lwr4plus", "run1.bag")
     """
-    from dynid.estimation.compare import biased, differing
-    from dynid.estimation.estimate import estimate, last_share
-    from dynid.estimation.estimators import METHODS, choose
-    from dynid.estimation.possible_arm import is_possible
-
     options, progress = (
         arguments.options(LogOptions, options, changes),
         arguments.progress(progress),
     )
-    robot, base = arguments.robot(robot), arguments.base_model(base)
-    seen = observe(
-        robot, arguments.logs(logs, robot, options), options, base=base, progress=progress
-    )
+    robot, base = as_robot(robot), as_base_model(base)
+    seen = observe(robot, as_logs(logs, robot, options), options, base=base, progress=progress)
     stack, base, header = seen.stack, seen.base, seen.header()
     holdout = last_share(stack, HELD_OUT)
     chosen, why = choose(stack)

@@ -7,24 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from dynid.errors import Finding, WrongMessageType
+from dynid.files.convert import write_log
+from dynid.files.inspect import inspect
+from dynid.loading import located, read_log
 from dynid.log import Log
-from dynid.options import Options, option
+from dynid.options import LogOptions
 from dynid.robot import Robot
-from dynid.workflows.logs import LogOptions, located, read_log
-
-
-@dataclass(frozen=True)
-class ConvertOptions(Options):
-    """Which joint states are converted."""
-
-    topic: str | None = option(
-        None,
-        "ROS topic of the joint states (default: the one with most messages).",
-        metavar="TOPIC",
-    )
-    rate: float | None = option(
-        None, "Sample rate [Hz] of text logs without a time column.", metavar="HZ", kind="positive"
-    )
+from dynid.workflows.options import ConvertOptions
 
 
 @dataclass(frozen=True)
@@ -69,9 +58,6 @@ def convert(
     Raises:
         DynidError: the recording cannot be read, or the file cannot be written.
     """
-    from dynid.files.convert import write_log
-    from dynid.files.inspect import inspect
-
     if robot is not None:
         log = read_log(path, robot, LogOptions(topic=options.topic, rate=options.rate))
         return Converted(write_log(log, Path(target)), log, log.findings)

@@ -7,15 +7,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import WrongUsage
+from dynid.estimation.result import Identification
+from dynid.files import packaged
+from dynid.files.artifact import write_text
+from dynid.files.robotfile import load_robot
+from dynid.model.parameters import prior_bodies
 from dynid.progress import SILENT, Progress
-from dynid.robot import LINK_PARAMETERS
+from dynid.robot import LINK_PARAMETERS, Body, Prior, Robot
+from dynid.sim.hidden import CASES, OUTSIDE, Hidden, hidden_logs
+from dynid.sim.plant import read_plant
+from dynid.sim.sines import SineSpec, sines
+from dynid.text import closest
+from dynid.workflows.simulate import simulate
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from dynid.estimation.result import Identification
-    from dynid.robot import Body, Robot
-    from dynid.sim.hidden import Hidden
 
 #: The arm that something is hidden in, and its true parameters.
 ROBOT, TRUTH = "kuka_lwr4plus", "lwr4plus_truth.yaml"
@@ -40,9 +47,6 @@ def hidden_effect(name: str, seed: int) -> Hidden:
         WrongUsage: nothing of that name can be hidden.
     """
     import numpy as np
-
-    from dynid.files.yamlfile import closest
-    from dynid.sim.hidden import CASES, OUTSIDE
 
     cases = {case.name: case for case in CASES}
     if name == "random":
@@ -69,12 +73,6 @@ def simulate_hidden(
     """
     import numpy as np
 
-    from dynid.files import packaged
-    from dynid.files.artifact import write_text
-    from dynid.files.robotfile import load_robot
-    from dynid.sim.hidden import hidden_logs
-    from dynid.sim.plant import read_plant
-
     source = load_robot(ROBOT)
     assert source.path is not None
     robot = folder / "arm.yaml"
@@ -90,8 +88,6 @@ def simulate_hidden(
 
 def is_right_answer(hidden: Hidden, answer: dict[str, Any]) -> bool:
     """Return whether the JSON answer of ``dynid gap`` says what was hidden."""
-    from dynid.sim.hidden import OUTSIDE
-
     verdict, named = answer["verdict"], answer["named"]
     if hidden.name == "nothing":
         return bool(verdict == "nothing_missing")
@@ -131,11 +127,6 @@ def simulate_own(robot: Robot, folder: Path, seed: int, progress: Progress = SIL
     from dataclasses import replace
 
     import numpy as np
-
-    from dynid.model.parameters import prior_bodies
-    from dynid.robot import Prior
-    from dynid.sim.sines import SineSpec, sines
-    from dynid.workflows.simulate import simulate
 
     rng = np.random.default_rng([seed, 2])
     bodies = tuple(_other(body, rng) for body in prior_bodies(robot))
@@ -191,6 +182,4 @@ def against_truth(result: Identification, truth: dict[str, float]) -> dict[str, 
 
 def truth_of(path: Path) -> dict[str, float]:
     """Return the true parameters of a shipped simulated arm by name."""
-    from dynid.sim.plant import read_plant
-
     return dict(read_plant(path).parameters())

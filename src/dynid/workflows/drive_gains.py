@@ -4,29 +4,31 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from dynid import arguments
+from dynid.arguments import public
 from dynid.errors import WrongUsage
+from dynid.estimation.drive_gains import Gains, find_gains, known_load
+from dynid.estimation.stack import stack_logs
+from dynid.files.artifact import write_text
+from dynid.files.robotfile import load_robot, text_of
+from dynid.loading import LogLike, LogsLike, RobotLike, as_log, as_logs, as_robot, checked_log
 from dynid.log import Log
+from dynid.options import LogOptions
 from dynid.progress import Progress
 from dynid.robot import Robot
-from dynid.workflows import arguments
-from dynid.workflows.arguments import public
-from dynid.workflows.logs import LogOptions, checked_log, condition_logs
+from dynid.signals.columns import in_amperes as holds_currents
+from dynid.text import printable, yaml_text
+from dynid.workflows.logs import condition_logs
 from dynid.workflows.model import base_model
-
-if TYPE_CHECKING:
-    from dynid.estimation.drive_gains import Gains
-    from dynid.workflows.arguments import LogLike, LogsLike, RobotLike
 
 
 def needs_gains(robot: Robot, log: Log) -> bool:
     """Return whether a log as read holds motor currents whose gains are not all known."""
-    from dynid.signals.columns import in_amperes
-
     if robot.torque.complete:
         return False
-    return robot.torque.source == "motor_current" or in_amperes(log, robot)
+    return robot.torque.source == "motor_current" or holds_currents(log, robot)
 
 
 @public
@@ -62,16 +64,13 @@ def find_drive_gains(
     """
     import numpy as np
 
-    from dynid.estimation.drive_gains import find_gains, known_load
-    from dynid.estimation.stack import stack_logs
-
     options, progress = (
         arguments.options(LogOptions, options, changes),
         arguments.progress(progress),
     )
-    robot = arguments.robot(robot)
-    plain = arguments.logs(logs, robot, options)
-    loaded = None if loaded is None else arguments.log(loaded, robot, options, "loaded")
+    robot = as_robot(robot)
+    plain = as_logs(logs, robot, options)
+    loaded = None if loaded is None else as_log(loaded, robot, options, "loaded")
     load_mass = (
         None if load_mass is None else arguments.number(load_mass, "load_mass", "a mass in kg")
     )
@@ -102,10 +101,6 @@ def write_robot(folder: Path, robot: Robot, found: Gains) -> tuple[Path, Robot]:
     """Write a copy of the robot file with the gains, and return its path and the robot in it."""
     import numpy as np
     import yaml
-
-    from dynid.files.artifact import write_text
-    from dynid.files.robotfile import load_robot, text_of
-    from dynid.text import printable, yaml_text
 
     document = yaml.safe_load(text_of(robot, with_prior=False))
     torque: dict[str, Any] = {

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import WrongUsage
+from dynid.estimation import result_files
+from dynid.estimation.least_squares import weighted
+from dynid.estimation.posterior import parameter_posterior, prior_information
 from dynid.estimation.result import Identification
-from dynid.files.trajectoryfile import StoredTrajectory
+from dynid.files.artifact import read_header
+from dynid.files.trajectoryfile import StoredTrajectory, read_trajectory
+from dynid.loading import checked_log, read_log
 from dynid.log import Log
+from dynid.model.base_model import BaseModel
+from dynid.options import LogOptions
 from dynid.progress import SILENT, Progress
-
-if TYPE_CHECKING:
-    from dynid.model.base_model import BaseModel
-    from dynid.robot import Robot
+from dynid.robot import Robot
+from dynid.trajectory.predict import default_noise, information_of
+from dynid.workflows.parameters import stack_logs
 
 Floats = NDArray[np.float64]
 #: A recording, what was identified from recordings, or a motion that was planned and not yet recorded.
@@ -30,11 +35,6 @@ def read_earlier(path: Path, robot: Robot) -> Earlier:
     Raises:
         DynidError: it is of another arm, or damaged.
     """
-    from dynid.estimation import result_files
-    from dynid.files.artifact import read_header
-    from dynid.files.trajectoryfile import read_trajectory
-    from dynid.workflows.logs import read_log
-
     # Why: a recording of rosbag2 is a folder as well.
     path = path / "parameters.npz" if (path / "parameters.npz").is_file() else path
     header = read_header(path) if path.suffix == ".npz" else None
@@ -72,9 +72,6 @@ def torque_noise(
         Standard deviation of each joint's torque, (n,) [N m or N], and where it comes from. White noise is meant: of an
         identification, that which tells as little as its coloured residuals.
     """
-    from dynid.estimation.posterior import parameter_posterior
-    from dynid.trajectory.predict import default_noise
-
     if given is not None:
         if len(given) not in (1, robot.n):
             shown = ",".join(f"{sigma:g}" for sigma in given)
@@ -123,8 +120,6 @@ def believed(base: BaseModel, earlier: Sequence[Earlier], known: Floats | None) 
         earlier: logs, results and motions; the posterior of a physical set holds the prior already.
         known: their information, from ``earlier_information``.
     """
-    from dynid.estimation.posterior import prior_information
-
     if known is None:
         return prior_information(base)
     held = any(isinstance(each, Identification) and each.in_force == "physical" for each in earlier)
@@ -150,7 +145,6 @@ def _information(base: BaseModel, known: Earlier, noise: Floats, progress: Progr
 
 
 def _of_result(base: BaseModel, found: Identification) -> Floats:
-    from dynid.estimation.posterior import parameter_posterior
 
     names = {name: k for k, name in enumerate(found.names)}
     if not set(base.reduction.base_names) <= set(names):
@@ -172,15 +166,11 @@ def _of_result(base: BaseModel, found: Identification) -> Floats:
 
 
 def _of_trajectory(base: BaseModel, planned: StoredTrajectory, noise: Floats) -> Floats:
-    from dynid.trajectory.predict import information_of
 
     return information_of(base.model, base.reduction.base, planned.motion, noise)[1]
 
 
 def _of_log(base: BaseModel, log: Log, progress: Progress) -> Floats:
-    from dynid.estimation.least_squares import weighted
-    from dynid.workflows.logs import LogOptions, checked_log
-    from dynid.workflows.parameters import stack_logs
 
     stack = stack_logs([checked_log(log, base.robot)], base, LogOptions(delay=0.0), progress)
     factors, rows = stack.whole

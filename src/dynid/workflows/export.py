@@ -5,67 +5,35 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from dynid.errors import Finding, NotPhysical, WrongUsage
-from dynid.options import Options, option
+from dynid import arguments
+from dynid.arguments import public
+from dynid.errors import Finding, NotAnArtifact, NotPhysical, WrongUsage
+from dynid.estimation.least_squares import relative_error
+from dynid.estimation.result import Identification
+from dynid.exporters import (
+    EFFECTS,
+    FORMATS,
+    Agreement,
+    IdentifiedArm,
+    LoadingFailed,
+    NotTried,
+    Provenance,
+    full_model,
+)
+from dynid.exporters.effects_file import HOSTS, wanted
+from dynid.exporters.full_model import model_of
+from dynid.exporters.simulated import simulated
+from dynid.files.artifact import write_text
+from dynid.loading import ResultLike, as_base_model, as_result
+from dynid.model.base_model import BaseModel
+from dynid.model.regressor import indefinite_share, random_poses
 from dynid.progress import SILENT, Progress
 from dynid.table import Table
-from dynid.workflows import arguments
-from dynid.workflows.arguments import public
+from dynid.version import __version__
+from dynid.workflows.options import SUFFIXES, ExportOptions
 from dynid.workflows.results import base_model_of
-
-if TYPE_CHECKING:
-    from dynid.estimation.result import Identification
-    from dynid.exporters import Agreement, IdentifiedArm
-    from dynid.model.base_model import BaseModel
-    from dynid.workflows.arguments import ResultLike
-
-#: The formats by name with their suffixes, repeated from ``dynid.exporters`` so that help needs no import.
-SUFFIXES = {
-    "urdf": ".urdf",
-    "mjcf": ".xml",
-    "yaml": ".yaml",
-    "c": ".c",
-    "python": ".py",
-    "matlab": ".m",
-}
-
-
-@dataclass(frozen=True)
-class ExportOptions(Options):
-    """What is exported.
-
-    Attributes:
-        parameters: ``"physical"``, ``"plain"``, or ``"auto"``: physical where bodies are written, else what is in
-            force.
-        urdf: the user's own URDF, which keeps everything but its inertial blocks.
-        allow_infeasible: write also bodies that cannot exist.
-        residual_model: predict with the residual model of the result where the format can, which is code.
-        draws: so many arms are drawn from the posterior and written to ``draws/`` in the formats of simulators.
-    """
-
-    parameters: str = option(
-        "auto",
-        "Parameters to write; auto takes the physical ones for formats with bodies, else those used for predictions.",
-        choices=("auto", "physical", "plain"),
-        flag="--set",
-        shown="",
-    )
-    urdf: Path | None = option(
-        None, "Your URDF: its inertial blocks are replaced, the rest is kept.", kind="input"
-    )
-    allow_infeasible: bool = option(
-        False, "Also write bodies that cannot exist; simulators may refuse them."
-    )
-    residual_model: bool = option(
-        True,
-        "Let exported code use the result's residual model, or the parameters alone.",
-        pair=True,
-    )
-    draws: int = option(
-        0, "Also write so many arms drawn from the posterior (URDF, MJCF).", bounds=(0, 10_000)
-    )
 
 
 @dataclass(frozen=True)
@@ -240,14 +208,11 @@ def export(
     Example:
         dynid.export("out/kuka_lwr4plus", "arm.xml")
     """
-    from dynid.exporters import EFFECTS, FORMATS
-    from dynid.files.artifact import write_text
-
     options, progress = (
         arguments.options(ExportOptions, options, changes),
         arguments.progress(progress),
     )
-    result, base = arguments.result(result), arguments.base_model(base)
+    result, base = as_result(result), as_base_model(base)
     path, seed = arguments.path(path, "path"), arguments.whole(seed, "seed")
     wanted = arguments.words(formats, "formats", FORMATS)
     if write is not None and not callable(write):
@@ -308,11 +273,6 @@ def write_draws(
     """
     import json
 
-    from dynid.exporters import EFFECTS, FORMATS
-    from dynid.exporters.effects_file import HOSTS
-    from dynid.exporters.full_model import model_of
-    from dynid.files.artifact import write_text
-
     hosts = [name for name in formats if name in HOSTS]
     if not hosts:
         raise WrongUsage("draws are written as URDF or MJCF", fix="add --format mjcf")
@@ -339,8 +299,6 @@ EFFECTS_FILE = "effects.py"
 
 def beside_simulators(arm: IdentifiedArm, formats: Sequence[str]) -> bool:
     """Return whether a file of one of these formats lacks something that ``effects.py`` has."""
-    from dynid.exporters.effects_file import wanted
-
     return wanted(arm, tuple(formats))
 
 
@@ -372,11 +330,6 @@ def identified_arm(
         NotAnArtifact: a parameter of the result is not a finite number.
     """
     import numpy as np
-
-    from dynid.errors import NotAnArtifact
-    from dynid.estimation.least_squares import relative_error
-    from dynid.exporters import FORMATS, IdentifiedArm, Provenance, full_model
-    from dynid.version import __version__
 
     which, full = options.parameters, result.physical
     if which == "auto":
@@ -421,8 +374,6 @@ def possible(
     Raises:
         NotPhysical: it is not, or the sizes of masses are unknown.
     """
-    from dynid.exporters import FORMATS
-
     names = tuple(formats)
     holding = [name for name in names if FORMATS[name].needs_bodies]
     if arm.base.robot.torque.relative and holding:
@@ -462,8 +413,6 @@ def _definite(
     Raises:
         NotPhysical: it is not: a controller that divides by it, or predicts with it, goes astray.
     """
-    from dynid.model.regressor import indefinite_share, random_poses
-
     if not formats:
         return ()
     observer = arm.base.model.observer(arm.base.reduction.base)
@@ -479,10 +428,6 @@ def _definite(
 
 def proved(name: str, path: Path, text: str, arm: IdentifiedArm, seed: int = 0) -> ExportedFile:
     """Return a file's text with how well each engine that loads it agrees with dynid."""
-    from dynid.exporters import EFFECTS, FORMATS, LoadingFailed, NotTried
-    from dynid.exporters.effects_file import HOSTS
-    from dynid.exporters.simulated import simulated
-
     form = EFFECTS if name == "effects" else FORMATS[name]
     agreements, refused, not_tried = [], "", ""
     try:

@@ -7,13 +7,15 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from dynid import arguments
+from dynid.arguments import public
+from dynid.loading import as_base_model, as_logs, as_result, checked_log, load_log
 from dynid.log import Log
+from dynid.options import LogOptions
 from dynid.progress import Progress
-from dynid.workflows import arguments
-from dynid.workflows.arguments import public
 from dynid.workflows.gap_options import GapOptions, selection_options
 from dynid.workflows.gap_result import Gap, with_methods
-from dynid.workflows.logs import LogOptions, check_weight, checked_log, condition_logs, load_log
+from dynid.workflows.logs import check_weight, condition_logs
 from dynid.workflows.results import base_model_of
 
 if TYPE_CHECKING:
@@ -25,9 +27,9 @@ if TYPE_CHECKING:
     from dynid.gap.counterbalance import Suspicion
     from dynid.gap.significance import Key
     from dynid.gap.stepwise_selection import SelectionOptions
+    from dynid.loading import LogsLike, ResultLike
     from dynid.model.base_model import BaseModel
     from dynid.signals.conditioned_log import ConditionedLog
-    from dynid.workflows.arguments import LogsLike, ResultLike
     from dynid.workflows.validate import Validation
 
 #: What each question asks, as the answer says it.
@@ -77,10 +79,10 @@ def find_gap(
         arguments.options(GapOptions, options, changes),
         arguments.progress(progress),
     )
-    result = arguments.result(result)
-    recordings = arguments.logs(logs, result.robot, options)
-    known = arguments.logs(earlier, result.robot, options, "earlier", empty=True)
-    question, base = options.question, arguments.base_model(base) or base_model_of(result)
+    result = as_result(result)
+    recordings = as_logs(logs, result.robot, options)
+    known = as_logs(earlier, result.robot, options, "earlier", empty=True)
+    question, base = options.question, as_base_model(base) or base_model_of(result)
     search = _Search(result, base, selection_options(base.robot, options), options, progress)
     new = search.checked(recordings)
     before = search.checked(known) if question in ("auto", "changed") else []
@@ -216,7 +218,8 @@ class _Search:
 
     def kept(self, logs: Sequence[Log]) -> Validation | None:
         """Return how well the model as it is predicts the worst of some logs; None where all of them were fitted."""
-        from dynid.workflows.validate import ValidateOptions, validate
+        from dynid.workflows.options import ValidateOptions
+        from dynid.workflows.validate import validate
 
         known = {each.name for each in fields(LogOptions)} - {"cutoff", "delay"}
         options = ValidateOptions(**{name: getattr(self.options, name) for name in known})
@@ -302,7 +305,8 @@ class _Search:
         """Return the error of each joint on recordings, with the filter of the search, (n,) [N m or N]."""
         import numpy as np
 
-        from dynid.workflows.validate import ValidateOptions, validate
+        from dynid.workflows.options import ValidateOptions
+        from dynid.workflows.validate import validate
 
         options = ValidateOptions(
             cutoff=gap.signals.cutoff, exclude=self.options.exclude, velocity=self.options.velocity
@@ -333,7 +337,8 @@ class _Search:
         from dynid.errors import DynidError
         from dynid.estimation.payload import find_payload
         from dynid.gap.loads import named_load, with_reestimated_payload
-        from dynid.workflows.identify import IdentifyOptions, identify
+        from dynid.workflows.identify import identify
+        from dynid.workflows.options import IdentifyOptions
 
         load, result = named_load(analysis), self.result
         if load is None or result.robot.torque.relative:
@@ -527,10 +532,8 @@ def earlier_logs(
         arguments.options(GapOptions, options, changes),
         arguments.progress(progress),
     )
-    result = arguments.result(result)
-    new = {
-        log.sha256 for log in arguments.logs(logs, result.robot, options, empty=True) if log.sha256
-    }
+    result = as_result(result)
+    new = {log.sha256 for log in as_logs(logs, result.robot, options, empty=True) if log.sha256}
     before = [(found_log(result, k), sha) for k, sha in enumerate(result.log_sha256)]
     own = new & {sha for _, sha in before}
     if own:

@@ -90,10 +90,12 @@ def separation_of_logs(
     record: GapRecord, base: BaseModel, question: GapQuestion, progress: Progress = SILENT
 ) -> Separation | None:
     """Return what the searched logs tell themselves; None where they are not at hand."""
+    from dynid.loading import checked_log, read_log
     from dynid.motion import Motion
+    from dynid.options import LogOptions
     from dynid.trajectory import tuning
     from dynid.trajectory.separation import separation
-    from dynid.workflows.logs import LogOptions, checked_log, condition_logs, read_log
+    from dynid.workflows.logs import condition_logs
 
     paths = [Path(name) for name in record.logs]
     if not paths or not all(path.is_file() for path in paths):

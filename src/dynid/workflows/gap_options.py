@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import WrongUsage
-from dynid.options import option, share
+from dynid.options import LogOptions, option, share
 from dynid.robot import Robot
-from dynid.workflows.logs import LogOptions
 
 if TYPE_CHECKING:
     from dynid.gap.stepwise_selection import SelectionOptions
@@ -91,9 +90,9 @@ class GapOptions(LogOptions):
 
 def selection_options(robot: Robot, options: GapOptions) -> SelectionOptions:
     """Return what is searched on one arm, every name checked."""
-    from dynid.files.yamlfile import closest
     from dynid.gap.stepwise_selection import SelectionOptions
     from dynid.model.effects.catalogue import CATALOGUE
+    from dynid.text import closest
 
     for word in options.effects:
         if word not in CATALOGUE:
@@ -107,7 +106,7 @@ def selection_options(robot: Robot, options: GapOptions) -> SelectionOptions:
 
 def joint_indices(names: Sequence[str], text: str, option: str) -> tuple[int, ...]:
     """Return 0-based joints given by name, by number from 1, or as a range such as ``2-4``, separated by commas."""
-    from dynid.files.yamlfile import closest
+    from dynid.text import closest
 
     found: list[int] = []
     for word in (w.strip() for w in text.split(",")):

@@ -364,7 +364,8 @@ class Gap(GapRecord):
         """Return the arm with effects, identified as before: filter, estimator, set, sizes of the residual model."""
         from dynid.gap.analysis import on_one_clock
         from dynid.gap.apply import stacked_with
-        from dynid.workflows.identify import IdentifyOptions, identify
+        from dynid.workflows.identify import identify
+        from dynid.workflows.options import IdentifyOptions
         from dynid.workflows.parameters import Observations
 
         before, analysis = self.searched, self.analysis

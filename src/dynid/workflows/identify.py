@@ -2,35 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from dynid.errors import LogNotFound, WrongUsage
+import numpy as np
+
+from dynid import arguments
+from dynid.arguments import public
+from dynid.diagnose import tuning as mapping
+from dynid.errors import DynidError, LogNotFound, WrongUsage
+from dynid.estimation import payload
+from dynid.estimation.estimate import (
+    UPDATABLE,
+    HoldOut,
+    estimate,
+    last_motion,
+    last_share,
+    stack_of_result,
+)
+from dynid.estimation.estimators import wls
+from dynid.estimation.least_squares import relative_error
+from dynid.estimation.noise_floor import noise_floor
+from dynid.estimation.payload import IdentifiedPayload
+from dynid.estimation.result import Identification
+from dynid.estimation.stack import Stack, scaled
+from dynid.estimation.stack import stack_logs as folded
+from dynid.exporters.user_urdf import attached
+from dynid.files import packaged, robotfile
+from dynid.files.robotfile import load_robot
+from dynid.judgement import tuning
+from dynid.loading import (
+    LogsLike,
+    ResultLike,
+    RobotLike,
+    as_base_model,
+    as_log,
+    as_logs,
+    as_result,
+    as_robot,
+    checked_log,
+    load_log,
+)
 from dynid.log import Log
-from dynid.options import Options, option, share
+from dynid.model.base_model import BaseModel, in_memory
+from dynid.model.parameters import expected_torque, prior_base_parameters
+from dynid.options import LogOptions
 from dynid.progress import SILENT, Progress
-from dynid.robot import Known, Prior
-from dynid.text import whole_number
-from dynid.workflows import arguments
-from dynid.workflows.arguments import public
-from dynid.workflows.logs import LogOptions, checked_log, condition_logs, identified
+from dynid.robot import Known, Prior, Robot
+from dynid.signals.conditioned_log import condition_logs as filtered
+from dynid.workflows.logs import condition_logs, diagnose_logs
+from dynid.workflows.options import IdentifyOptions, PriorOptions
 from dynid.workflows.parameters import Observations, observe, observed, stack_logs
 from dynid.workflows.results import base_model_of, torque_figure
 
-if TYPE_CHECKING:
-    from dynid.estimation.estimate import HoldOut
-    from dynid.estimation.payload import IdentifiedPayload
-    from dynid.estimation.result import Identification
-    from dynid.estimation.stack import Stack
-    from dynid.model.base_model import BaseModel
-    from dynid.robot import Robot
-    from dynid.workflows.arguments import LogsLike, ResultLike, RobotLike
-
-METHODS = ("auto", "wls", "ols", "irls", "iv", "ridge")
 #: What the estimators are, for people.
 METHOD_TEXT = {
     "wls": "weighted least squares, one noise level per joint",
@@ -47,133 +75,7 @@ CUTOFFS = (0.5, 2.0)
 BEYOND = 2.0
 
 
-def _holdout(value: Any, name: str) -> Any:  # noqa: ANN401
-    """Return a share, ``auto``, None for ``none``, or a log (its path until it is read)."""
-    if value is None or value == "none":
-        return None
-    if value == "auto":
-        return "auto"
-    if isinstance(value, (Log, Path)):
-        return value
-    if not isinstance(value, (str, float)):
-        raise TypeError("it is neither a share nor a log")
-    text = str(value)
-    digits = text.removesuffix("%").replace(".", "", 1)
-    return share(value, name) if digits.isdigit() else Path(text)
-
-
 # ---------------------------------------------------------------- what is known besides the logs
-Range = tuple[float, float]
-Corner = tuple[float, float, float]
-#: What each option is given.
-SUCH_AS = {
-    "--total-mass": "15:17",
-    "--link-mass": "2=3.5:4.5",
-    "--com-box": "7=-0.1,-0.1,0:0.1,0.1,0.2",
-}
-
-
-def _range(value: Any, name: str) -> Range | None:  # noqa: ANN401
-    if value is None:
-        return None
-    low, high = (
-        _two(value, name, 1) if isinstance(value, str) else ((float(value[0]),), (float(value[1]),))
-    )
-    if not low[0] < high[0]:
-        raise WrongUsage(f"{name} '{value}': the first number must be the smaller one")
-    return low[0], high[0]
-
-
-def _ranges(value: Any, name: str) -> tuple[tuple[int, Range], ...]:  # noqa: ANN401
-    found = []
-    for item in value:
-        link, rest = _link(item, name)
-        bounds = _range(rest, name)
-        assert bounds is not None
-        found.append((link, bounds))
-    return tuple(found)
-
-
-def _boxes(value: Any, name: str) -> tuple[tuple[int, tuple[Corner, Corner]], ...]:  # noqa: ANN401
-    found = []
-    for item in value:
-        link, rest = _link(item, name)
-        low, high = _two(rest, name, 3) if isinstance(rest, str) else rest
-        (a, b, c), (x, y, z) = low, high
-        if not (a < x and b < y and c < z):
-            raise WrongUsage(f"{name} '{rest}': the first corner must be the lower one")
-        found.append((link, ((a, b, c), (x, y, z))))
-    return tuple(found)
-
-
-def _link(item: Any, name: str) -> tuple[int, Any]:  # noqa: ANN401
-    if not isinstance(item, str):
-        return int(item[0]), item[1]
-    number, equals, rest = item.partition("=")
-    if not equals or whole_number(number.strip()) < 1:
-        raise WrongUsage(f"{name} '{item}' does not begin with LINK=, the number of a link")
-    return int(number), rest
-
-
-def _two(text: str, name: str, count: int) -> tuple[Sequence[float], Sequence[float]]:
-    try:
-        parts = [[float(word) for word in part.split(",")] for part in text.split(":")]
-    except ValueError:
-        parts = []
-    if len(parts) != 2 or any(len(part) != count for part in parts):
-        raise WrongUsage(f"{name} '{text}' is not LOW:HIGH", fix=f"such as {name} {SUCH_AS[name]}")
-    return parts[0], parts[1]
-
-
-def _prior(value: Any, name: str) -> Path | Prior | None:  # noqa: ANN401
-    if value is None or isinstance(value, (Path, Prior)):
-        return value
-    if not isinstance(value, str):
-        raise WrongUsage(f"{name} {value!r:.60} is no file", fix=f"such as {name} prior.yaml")
-    return Path(value)
-
-
-@dataclass(frozen=True)
-class PriorOptions(Options):
-    """What is known about the bodies of an arm before anything is measured."""
-
-    prior: Path | Prior | None = option(
-        None,
-        "Link inertias that are known before measuring: a YAML file with `links:` or `cylinders:`, or a URDF of this "
-        "arm (default: those of the robot file).",
-        metavar="FILE",
-        kind="file",
-        read=_prior,
-    )
-    total_mass: Range | None = option(
-        None,
-        "Smallest and largest mass of all identified links together [kg].",
-        metavar="LOW:HIGH",
-        read=_range,
-    )
-    link_mass: tuple[tuple[int, Range], ...] = option(
-        (),
-        "Smallest and largest mass of one link [kg]; may be repeated.",
-        metavar="LINK=LOW:HIGH",
-        repeatable=True,
-        read=_ranges,
-    )
-    com_box: tuple[tuple[int, tuple[Corner, Corner]], ...] = option(
-        (),
-        "Corners of the box around a link's centre of mass, in its DH frame [m]; may be repeated.",
-        metavar="LINK=X,Y,Z:X,Y,Z",
-        repeatable=True,
-        read=_boxes,
-    )
-
-    @property
-    def given(self) -> bool:
-        """Whether any option says what is known of the bodies."""
-        return (
-            self.prior is not None
-            or self.total_mass is not None
-            or bool(self.link_mass or self.com_box)
-        )
 
 
 def with_prior(robot: Robot, options: PriorOptions) -> Robot:
@@ -211,9 +113,6 @@ def read_prior(path: Path, robot: Robot) -> Prior:
     Raises:
         LogNotFound: the file is not there.
     """
-    from dynid.exporters.user_urdf import attached
-    from dynid.files import robotfile
-
     if not path.is_file():
         raise LogNotFound(
             f"no such file {path}", where=str(path), fix="--prior FILE.yaml or --prior FILE.urdf"
@@ -224,39 +123,6 @@ def read_prior(path: Path, robot: Robot) -> Prior:
 
 
 # ---------------------------------------------------------------- identify
-@dataclass(frozen=True)
-class IdentifyOptions(PriorOptions, LogOptions):
-    """How parameters are identified."""
-
-    method: str = option(
-        "auto",
-        "Estimator; auto takes the one that the log allows and reports why.",
-        choices=METHODS,
-        shown="",
-    )
-    feasible: bool | None = option(
-        None,
-        "Predict with the physically possible parameters, or with the plain estimate (default: the physically possible "
-        "ones, unless --method names an estimator).",
-        pair=True,
-    )
-    residual_model: bool | None = option(
-        None,
-        "Fit a residual model to what rigid bodies and friction leave unexplained, and use it in predictions (default: "
-        "when the data support it).",
-        pair=True,
-    )
-    holdout: float | str | Path | Log | None = option(
-        "auto",
-        "Data kept back to judge the fit: a share at the end of each log, another log, or nothing; auto keeps back the "
-        "last motion if the logs hold several, else the last 20 % of each log.",
-        metavar="auto|SHARE|LOG|none",
-        shown="auto",
-        read=_holdout,
-    )
-    drop_weak: bool = option(
-        False, "Continue when the log does not determine all parameters, or only badly."
-    )
 
 
 @public
@@ -290,23 +156,21 @@ def identify(
     Example:
         dynid.identify("kuka_lwr4plus", "run1.bag", holdout="run2.bag")
     """
-    from dynid.estimation.estimate import estimate
-
     options, progress = (
         arguments.options(IdentifyOptions, options, changes),
         arguments.progress(progress),
     )
-    update = None if update is None else arguments.result(update, "update")
-    robot, options = resolved(arguments.robot(robot), options, update)
-    base = arguments.base_model(base)
-    like = None if like is None else arguments.result(like, "like")
+    update = None if update is None else as_result(update, "update")
+    robot, options = resolved(as_robot(robot), options, update)
+    base = as_base_model(base)
+    like = None if like is None else as_result(like, "like")
     if robot.torque.relative and options.feasible is None:
         # Why: a prior in kg cannot be put beside parameters whose size is unknown.
         options = replace(options, feasible=False)
     if isinstance(logs, Observations):
         seen = logs
     else:
-        recordings = arguments.logs(logs, robot, options)
+        recordings = as_logs(logs, robot, options)
         seen = observe(robot, recordings, options, base=base, progress=progress)
     robot = replace(robot, estimated_coulomb=seen.base.robot.estimated_coulomb)
     base, stack, header = (
@@ -352,8 +216,6 @@ def identify(
 
 def noise_facts(found: Identification) -> dict[str, Any]:
     """Return what the header of a new result says of the noise of its torques."""
-    from dynid.estimation.noise_floor import noise_floor
-
     assert found.stack is not None
     noise = noise_floor(found.stack, found.theta, found.model_error)
     if noise is None:
@@ -372,8 +234,6 @@ def other_arm(
         logs: the checked logs that it was made from.
         progress: reports that other arms are tried.
     """
-    from dynid.judgement import tuning
-
     noise = found.header.get("noise_floor_nm")
     if not logs or not noise or not all(noise):
         return None
@@ -401,9 +261,6 @@ def other_arm(
 
 def _other_lengths(robot: Robot) -> Iterator[tuple[str, Robot]]:
     """Yield shipped arms of the same kind: their lengths and twists on the joints of the robot file."""
-    from dynid.files import packaged
-    from dynid.files.robotfile import load_robot
-
     for path in sorted(Path(packaged("robots")).glob("*.yaml")):
         other = load_robot(path)
         if other.n != robot.n or other.convention != robot.convention:
@@ -420,15 +277,8 @@ def _other_lengths(robot: Robot) -> Iterator[tuple[str, Robot]]:
 
 def _unexplained(robot: Robot, logs: Sequence[Log], cutoff: float) -> float:
     """Return what is unexplained of logs with the links of an arm [%]."""
-    from dynid.estimation.estimators import wls
-    from dynid.estimation.least_squares import relative_error
-    from dynid.estimation.stack import stack_logs
-    from dynid.model.base_model import in_memory
-    from dynid.model.parameters import prior_base_parameters
-    from dynid.signals.conditioned_log import condition_logs
-
     base = in_memory(replace(robot, prior=None, estimated_coulomb=None))
-    stack = stack_logs(condition_logs(logs, base.model, cutoff=cutoff or None), base)
+    stack = folded(filtered(logs, base.model, cutoff=cutoff or None), base)
     fit = wls(stack, prior_base_parameters(base.model, base.reduction))
     return relative_error(stack.whole[0], fit.theta)
 
@@ -466,8 +316,6 @@ def updated(
     Raises:
         WrongUsage: the estimator needs the earlier rows, or the earlier result holds this log already.
     """
-    from dynid.estimation.estimate import UPDATABLE, stack_of_result
-
     if options.method not in ("auto", *UPDATABLE):
         raise WrongUsage(
             f"--method {options.method} needs the single rows of the earlier log, which a result does not keep",
@@ -487,10 +335,6 @@ def held_out(
     seen: Observations, stack: Stack, options: IdentifyOptions, progress: Progress = SILENT
 ) -> HoldOut | None:
     """Return the rows that are kept back to judge the fit of a stack, which may hold more than was observed."""
-    from dynid.estimation.estimate import last_motion, last_share
-    from dynid.estimation.stack import scaled
-    from dynid.estimation.stack import stack_logs as folded
-
     kept, base = options.holdout, seen.base
     if kept is None:
         return None
@@ -499,7 +343,7 @@ def held_out(
     if isinstance(kept, float):
         return last_share(stack, kept)
     same = replace(options, cutoff=seen.cutoff, delay=seen.applied_delay, exclude=())
-    kept = arguments.log(kept, base.robot, same, "holdout")
+    kept = as_log(kept, base.robot, same, "holdout")
     conditioned = condition_logs(
         [checked_log(kept, base.robot, same, alone=False)], base.model, same, progress
     )
@@ -521,11 +365,7 @@ def find_payload(loaded: ResultLike, unloaded: ResultLike) -> IdentifiedPayload:
     Example:
         dynid.find_payload("out/loaded", "out/empty")
     """
-    from dynid.estimation import payload
-
-    return payload.find_payload(
-        arguments.result(loaded, "loaded"), arguments.result(unloaded, "unloaded")
-    )
+    return payload.find_payload(as_result(loaded, "loaded"), as_result(unloaded, "unloaded"))
 
 
 @public
@@ -556,18 +396,13 @@ def sensitivity(
     """
     import numpy as np
 
-    from dynid.errors import DynidError
-    from dynid.estimation.estimate import estimate, last_share
-
     options, progress = (
         arguments.options(IdentifyOptions, options, changes),
         arguments.progress(progress),
     )
-    result = arguments.result(result)
-    base = arguments.base_model(base) or base_model_of(result)
-    checked = [
-        checked_log(log, base.robot, options) for log in arguments.logs(logs, base.robot, options)
-    ]
+    result = as_result(result)
+    base = as_base_model(base) or base_model_of(result)
+    checked = [checked_log(log, base.robot, options) for log in as_logs(logs, base.robot, options)]
     sure = np.isfinite(result.std_error) & (result.std_error > 0)
     rows: list[dict[str, Any]] = []
     for name, cutoff, delay in _variants(result):
@@ -620,3 +455,59 @@ def _variants(result: Identification) -> list[tuple[str, float, float]]:
         if other == applied
         else [*tried, (f"delay {1e3 * other:.1f} ms", result.cutoff, other)]
     )
+
+
+def identified(
+    fit: Callable[[], Identification], base: BaseModel, seen: Observations, options: LogOptions
+) -> Identification:
+    """Return what a fit gives; where it is poor or not possible, ask first whether the robot file is wrong.
+
+    Args:
+        fit: makes the result.
+        base: the arm's base model.
+        seen: what is fitted.
+        options: how its logs are read; whether a wrong mapping is only a finding of the result (W329).
+
+    Raises:
+        GravityRemoved: the torques do not change with the weight of the arm (E317).
+        WrongMapping: the robot file is wrong (E324).
+        DynidError: the fit is not possible for another reason.
+    """
+    try:
+        found = fit()
+    except DynidError:
+        diagnose_logs(_logs_of(seen, base.robot, options), base.robot, anyway=options.anyway)
+        raise
+    if not poor(found, base):
+        return found
+    mistakes = diagnose_logs(_logs_of(seen, base.robot, options), base.robot, anyway=options.anyway)
+    return replace(found, findings=(*mistakes, *found.findings))
+
+
+def _logs_of(seen: Observations, robot: Robot, options: LogOptions) -> Sequence[Log]:
+    """Return the checked logs of observations; of stored ones, and of those made elsewhere, what is still there."""
+    if seen.checked:
+        return seen.checked
+    there = [path for path in map(Path, seen.logs) if path.exists() and path.name]
+    return [load_log(path, robot, options, identify=False) for path in there]
+
+
+def poor(found: Identification, base: BaseModel) -> bool:
+    """Return whether a fit leaves much of a joint's torque, or fits what no arm with weight would make.
+
+    The plain estimate is judged, without a residual model: it leaves least, and random columns take in mistakes.
+    """
+    factors = found.factors
+    left = np.linalg.norm(factors @ np.append(found.plain, -1.0), axis=1)
+    size = np.linalg.norm(factors[:, :, -1], axis=1)
+    suspicious = {"W404", "W405", "W413"} & {finding.code for finding in found.findings}
+    if np.any(left >= mapping.UNEXPLAINED * size) or suspicious:
+        return True
+    if found.stack is None or base.robot.torque.source == "gravity_free":
+        return False
+    q = np.concatenate([segment.q for log in found.stack.logs for segment in log.segments])
+    q = q[:: max(1, len(q) // mapping.POSES_OF_WEIGHT)]
+    weight = base.model.observer(base.reduction.base).torque(found.plain, q, 0.0 * q, 0.0 * q)
+    expected = np.std(expected_torque(q, base.robot), axis=0)
+    heaviest = int(np.argmax(expected))
+    return bool(np.std(weight[:, heaviest]) < mapping.WEIGHT * expected[heaviest])

@@ -2,29 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
-from dynid.options import Options, option
+from dynid.files.robotfile import robot_text
+from dynid.files.urdffile import read_urdf
+from dynid.model.from_urdf import Imported, import_arm
 from dynid.robot import roll_pitch_yaw
-
-if TYPE_CHECKING:
-    from dynid.model.from_urdf import Imported
-
-
-@dataclass(frozen=True)
-class ImportOptions(Options):
-    """Which arm of a URDF, and how its table is written."""
-
-    base: str | None = option(None, "First link of the arm (default: the root).", metavar="LINK")
-    tip: str | None = option(
-        None, "Last link of the arm (default: where the chain ends or forks).", metavar="LINK"
-    )
-    convention: Literal["standard", "modified"] = option(
-        "standard", "DH convention.", choices=("standard", "modified"), shown=""
-    )
-    name: str | None = option(None, "Name of the robot (default: the URDF's).", metavar="NAME")
+from dynid.workflows.options import ImportOptions
 
 
 def import_urdf(path: Path, options: ImportOptions = ImportOptions()) -> Imported:
@@ -37,9 +23,6 @@ def import_urdf(path: Path, options: ImportOptions = ImportOptions()) -> Importe
     Raises:
         WrongUrdf: there is no such chain, or it has joints that a DH table cannot describe.
     """
-    from dynid.files.urdffile import read_urdf
-    from dynid.model.from_urdf import import_arm
-
     return import_arm(
         read_urdf(path),
         read_urdf(path, exact=True),
@@ -52,8 +35,6 @@ def import_urdf(path: Path, options: ImportOptions = ImportOptions()) -> Importe
 
 def robot_file(found: Imported, urdf: Path) -> str:
     """Return the text of the robot file; its first lines say where it comes from and where the tip lies."""
-    from dynid.files.robotfile import robot_text
-
     xyz, rpy = _tip(found)
     head = (
         f"Made by dynid import from {urdf.name}, link {found.base} to {found.tip}; joint values are the URDF's.\n"

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dynid.errors import WrongUsage
-from dynid.workflows.identify import IdentifyOptions
-from dynid.workflows.logs import read_log
-
-if TYPE_CHECKING:
-    from dynid.robot import Robot
+from dynid.loading import read_log
+from dynid.npz import sha256
+from dynid.robot import Robot
+from dynid.workflows.options import IdentifyOptions
+from dynid.workflows.parameters import stored_key
 
 #: Options of reading and filtering: without logs they are those of the stored observations.
 READING = ("cutoff", "velocity", "exclude", "delay", "topic", "rate", "sort_time")
@@ -23,8 +23,6 @@ def log_inputs(robot: Robot, logs: Sequence[Path]) -> dict[str, str]:
     Raises:
         LogNotFound: a log is not there.
     """
-    from dynid.npz import sha256
-
     for log in logs:
         if not log.exists():
             read_log(log, robot)  # ends with the message that a missing log gets
@@ -55,9 +53,6 @@ def identify_inputs(
     Raises:
         WrongUsage: the stored observations were read with other options.
     """
-    from dynid.npz import sha256
-    from dynid.workflows.parameters import stored_key
-
     texts = {key: value for key, value in options.texts().items() if key != "prior"}
     texts |= {"load_mass": repr(load_mass)} if load_mass else {}
     hashed = {

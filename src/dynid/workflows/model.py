@@ -4,115 +4,35 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from dynid import arguments
+from dynid.arguments import public
 from dynid.errors import NotAnArtifact, WrongUsage
-from dynid.options import Options, option
+from dynid.files.artifact import read_header, reading
+from dynid.loading import RobotLike, as_robot
+from dynid.model import tuning
+from dynid.model.base_model import (
+    BaseModel,
+    in_memory,
+    key_of,
+    load_model,
+    load_reduction,
+    paths,
+    save_model,
+    save_reduction,
+    stored_key,
+)
+from dynid.model.exact import reduce_exactly, relations_json, relations_latex, relations_text
+from dynid.model.reduce import base_parameters
+from dynid.model.regressor import Model, build_model
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.text import whole_number
-from dynid.workflows import arguments
-from dynid.workflows.arguments import public
-
-if TYPE_CHECKING:
-    from dynid.model.base_model import BaseModel
-    from dynid.model.regressor import Model
-    from dynid.workflows.arguments import RobotLike
-
-#: Columns that each joint may have beyond its link's ten parameters.
-EFFECTS = ("viscous", "coulomb", "offset", "motor_inertia")
-
+from dynid.workflows.options import ModelOptions
 
 # ---------------------------------------------------------------- options
-def _vector(value: Any, name: str) -> tuple[float, float, float] | None:  # noqa: ANN401
-    if value is None:
-        return None
-    try:
-        x, y, z = (float(part) for part in (value.split(",") if isinstance(value, str) else value))
-    except (TypeError, ValueError):
-        raise WrongUsage(
-            f"{name} '{value}' must be three numbers", fix=f"{name} 0,0,-9.81"
-        ) from None
-    return x, y, z
-
-
-def _effects(value: Any, name: str) -> tuple[str, ...] | None:  # noqa: ANN401
-    if value is None:
-        return None
-    words = value.split(",") if isinstance(value, str) else value
-    wanted = () if value == "none" else tuple(word.strip() for word in words)
-    for word in wanted:
-        if word not in EFFECTS:
-            raise WrongUsage(
-                f"{name}: no effect '{word}'", fix=f"choose from {', '.join(EFFECTS)}, or none"
-            )
-    return wanted
-
-
-def _tolerance(value: Any, name: str) -> float | None:  # noqa: ANN401
-    if value is None or value == "auto":
-        return None
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        raise WrongUsage(f"{name} '{value}' must be auto or a number", fix=f"{name} auto") from None
-
-
-def _samples(value: Any, name: str) -> int:  # noqa: ANN401
-    if not 10 <= int(value) <= 100_000:
-        raise WrongUsage(
-            f"{name} {value} must lie between 10 and 100000", fix=f"such as {name} 200"
-        )
-    return int(value)
-
-
-def _links(value: Any, name: str) -> str | tuple[int, ...] | None:  # noqa: ANN401
-    if value is None or isinstance(value, str):
-        return value
-    found = tuple(value)
-    if not all(isinstance(link, Integral) for link in found):
-        raise WrongUsage(f"{name} {value!r:.60} is not a list of links", fix=f"such as {name} 1-7")
-    return tuple(int(link) for link in found)
-
-
-@dataclass(frozen=True)
-class ModelOptions(Options):
-    """What differs from the robot file, and how the base parameters are found."""
-
-    gravity: tuple[float, float, float] | None = option(
-        None,
-        "Gravity in frame 0 [m/s^2], instead of the robot file's.",
-        metavar="X,Y,Z",
-        read=_vector,
-    )
-    effects: tuple[str, ...] | None = option(
-        None,
-        f"Columns of every joint: some of {','.join(EFFECTS)}; or none.",
-        metavar="LIST",
-        read=_effects,
-    )
-    links: str | tuple[int, ...] | None = option(
-        None,
-        "Links to identify, such as 1-7 or 4,5,6; the others keep the prior.",
-        metavar="LIST",
-        read=_links,
-    )
-    samples: int = option(
-        200,
-        "Number of random states at which singular values are computed.",
-        bounds=(10, 100_000),
-        read=_samples,
-        shown="",
-    )
-    tolerance: float | None = option(
-        None,
-        "Relative singular value below which columns count as dependent.",
-        metavar="auto|X",
-        read=_tolerance,
-        shown="auto",
-    )
 
 
 def adapted(robot: Robot, options: ModelOptions) -> Robot:
@@ -170,8 +90,6 @@ class DerivedModel:
     @property
     def path(self) -> Path:
         """regressor.npz."""
-        from dynid.model.base_model import paths
-
         return paths(self.folder)[0]
 
     def facts(self, reduced: ReducedModel | None = None) -> dict[str, Any]:
@@ -210,9 +128,6 @@ class DerivedModel:
 
 def stored_differences(robot: Robot, folder: Path) -> str | None:
     """Return what differs between the robot of a stored regressor and this one; None where nothing does."""
-    from dynid.files.artifact import read_header, reading
-    from dynid.model.base_model import key_of, paths, stored_key
-
     path = paths(folder)[0]
     if stored_key(path) in (None, key_of(robot)):
         return None
@@ -250,9 +165,6 @@ def derive_model(
         rebuild: whether to derive it again in any case.
         progress: reports when the work begins.
     """
-    from dynid.model.base_model import key_of, load_model, paths, save_model, stored_key
-    from dynid.model.regressor import build_model
-
     start, path = time.perf_counter(), paths(folder)[0]
     progress.stage("symbolic", "")
     if not rebuild and stored_key(path) == key_of(robot):
@@ -299,17 +211,6 @@ def reduce_model(
     Raises:
         ReductionsDisagree: singular values and exact arithmetic give different answers.
     """
-    from dynid.model import tuning
-    from dynid.model.base_model import (
-        BaseModel,
-        key_of,
-        load_reduction,
-        paths,
-        save_reduction,
-        stored_key,
-    )
-    from dynid.model.reduce import base_parameters
-
     start, path, model = time.perf_counter(), paths(derived.folder)[1], derived.model
     usual = options.tolerance is None and options.samples == ModelOptions().samples
     stored = not derived.derived and usual and stored_key(path) == key_of(model.robot)
@@ -355,12 +256,10 @@ def base_model(
         arguments.options(ModelOptions, options, changes),
         arguments.progress(progress),
     )
-    robot = adapted(arguments.robot(robot), options)
+    robot = adapted(as_robot(robot), options)
     folder = None if folder is None else arguments.path(folder, "folder")
     progress.stage("model")
     if folder is None:
-        from dynid.model.base_model import in_memory
-
         return in_memory(robot, options.samples, options.tolerance)
     reduced = reduce_model(derive_model(robot, folder), options)
     if reduced.found:
@@ -382,8 +281,6 @@ def relations(model: Model, form: str, *, at_rest: bool = False) -> tuple[dict[s
         The JSON answer, and the relations in the form that is wanted.
     """
     import json
-
-    from dynid.model.exact import reduce_exactly, relations_json, relations_latex, relations_text
 
     exact = reduce_exactly(model, still=at_rest)
     facts = {"schema": "dynid/model/1", "robot": model.robot.name, **relations_json(exact)}

@@ -5,21 +5,30 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from dynid import arguments
+from dynid.arguments import one_thread, public
 from dynid.errors import Finding, LogNotFound, NotAnArtifact
+from dynid.estimation import observation_files, prediction, stack
+from dynid.estimation.estimate import weakly_excited
+from dynid.estimation.friction_step import with_coulomb, with_estimated_step
+from dynid.estimation.least_squares import condition_number, merge, solve
+from dynid.estimation.observation_files import SCHEMA
+from dynid.estimation.stack import Stack, on_time, scale_with_model, settled
+from dynid.estimation.stack import stack_logs as folded
+from dynid.files.artifact import read_artifact, read_header, reading
+from dynid.loading import LogsLike, RobotLike, as_base_model, as_logs, as_robot, checked_log
 from dynid.log import Log
+from dynid.model.base_model import BaseModel, in_memory
+from dynid.model.parameters import prior_base_parameters
+from dynid.options import LogOptions
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot, coulomb_of
+from dynid.signals.conditioned_log import without_delay
+from dynid.signals.motion import check_amount
 from dynid.signals.stamps import without_copies
-from dynid.workflows import arguments
-from dynid.workflows.arguments import one_thread, public
-from dynid.workflows.logs import LogOptions, checked_log, condition_logs
-
-if TYPE_CHECKING:
-    from dynid.estimation.stack import Stack
-    from dynid.model.base_model import BaseModel
-    from dynid.workflows.arguments import LogsLike, RobotLike
+from dynid.workflows.logs import condition_logs
 
 
 @dataclass(frozen=True, repr=False)
@@ -60,9 +69,6 @@ class Observations:
 
     def weakly_excited(self) -> list[Finding]:
         """Return what the logs do not excite."""
-        from dynid.estimation.estimate import weakly_excited
-        from dynid.model.parameters import prior_base_parameters
-
         return list(
             weakly_excited(
                 self.base, self.stack, prior_base_parameters(self.base.model, self.base.reduction)
@@ -88,8 +94,6 @@ class Observations:
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid parameters`` says."""
-        from dynid.estimation.least_squares import condition_number, merge, solve
-
         R, chosen, header = merge(self.stack.whole[0]), self.stack.logs[0].filter, self.header()
         solution = solve(R)
         return {
@@ -117,9 +121,6 @@ class Observations:
             folder: where to.
             facts: further facts for the headers, such as the inputs that they depend on.
         """
-        from dynid.estimation import prediction
-        from dynid.model.parameters import prior_base_parameters
-
         header = {**(facts or {}), **self.header()}
         wrote = [self.save_stack(folder, facts), folder / "estimatedmotion.npz"]
         prior = prior_base_parameters(self.base.model, self.base.reduction, unknown=0.0)
@@ -134,8 +135,6 @@ class Observations:
 
     def save_stack(self, folder: Path, facts: dict[str, Any] | None = None) -> Path:
         """Write fullnumericregressor.npz alone."""
-        from dynid.estimation import observation_files
-
         path = folder / "fullnumericregressor.npz"
         observation_files.save(path, self.stack, {**(facts or {}), **self.header()})
         return path
@@ -168,18 +167,13 @@ def observe(
     Example:
         dynid.observe("kuka_lwr4plus", ["run1.bag", "run2.bag"])
     """
-    from dynid.estimation.friction_step import with_coulomb, with_estimated_step
-    from dynid.model.base_model import in_memory
-    from dynid.signals.conditioned_log import without_delay
-    from dynid.signals.motion import check_amount
-
     options, progress = (
         arguments.options(LogOptions, options, changes),
         arguments.progress(progress),
     )
-    robot = arguments.robot(robot)
-    several = arguments.logs(logs, robot, options)
-    base = arguments.base_model(base)
+    robot = as_robot(robot)
+    several = as_logs(logs, robot, options)
+    base = as_base_model(base)
     if base is None:
         progress.stage("model")
         base = in_memory(robot)
@@ -202,8 +196,6 @@ def stack_logs(
     logs: Sequence[Log], base: BaseModel, options: LogOptions, progress: Progress = SILENT
 ) -> Stack:
     """Stack checked logs, their torques as late as they were recorded unless the options give their delay."""
-    from dynid.estimation import stack
-
     return stack.stack_logs(condition_logs(logs, base.model, options, progress), base, progress)
 
 
@@ -218,9 +210,6 @@ def observed(
         findings: what was noticed in all logs together.
         progress: reports what is noticed.
     """
-    from dynid.estimation.stack import on_time, scale_with_model, settled
-    from dynid.estimation.stack import stack_logs as folded
-
     noticed = tuple(finding for log in stack.logs for finding in log.findings)
     if scale_with_model(stack.base):
         stack = folded(settled(stack.logs, stack.base, stack.first_fit.theta), stack.base)
@@ -247,12 +236,6 @@ def load_observations(path: Path, base: BaseModel, progress: Progress = SILENT) 
         LogNotFound: the file is not there, or belongs to another version of the robot file.
         NotAnArtifact: it is damaged.
     """
-    from dynid.estimation import observation_files
-    from dynid.estimation.friction_step import with_coulomb
-    from dynid.estimation.stack import settled
-    from dynid.estimation.stack import stack_logs as folded
-    from dynid.files.artifact import reading
-
     stored_key(path, base.robot)
     conditioned, header = observation_files.load(path)
     base.robot.require_joints(header["joints"], path)
@@ -279,9 +262,6 @@ def stored_key(path: Path, robot: Robot) -> dict[str, Any]:
         LogNotFound: the file is not there, or belongs to another version of the robot file.
         NotAnArtifact: it is damaged.
     """
-    from dynid.estimation.observation_files import SCHEMA
-    from dynid.files.artifact import read_artifact, read_header
-
     header = read_header(path) if path.is_file() else None
     if header is None and path.is_file():
         header = dict(read_artifact(path, SCHEMA).header)

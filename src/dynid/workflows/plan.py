@@ -6,27 +6,31 @@ from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Finding
-from dynid.files.trajectoryfile import Review, StoredTrajectory
+from dynid.files.trajectoryfile import (
+    Review,
+    StoredTrajectory,
+    write_csv,
+    write_joint_trajectory,
+    write_trajectory,
+)
 from dynid.motion import Motion
 from dynid.robot import Robot
 from dynid.table import Table
-from dynid.trajectory.feasible import assumed_limits, unsafe_to_play
+from dynid.trajectory.feasible import Bounds, assumed_limits, unsafe_to_play
+from dynid.trajectory.limits import LimitCheck
 from dynid.trajectory.options import PlanOptions
+from dynid.trajectory.plan import Trajectory
+from dynid.trajectory.planning import Clearance, thickness
+from dynid.trajectory.predict import AlphaRow, Prediction
+from dynid.trajectory.preview import urdf_of, window
 from dynid.trajectory.scene import Scene
 from dynid.units import joint_unit
-
-if TYPE_CHECKING:
-    from dynid.trajectory.feasible import Bounds
-    from dynid.trajectory.limits import LimitCheck
-    from dynid.trajectory.plan import Trajectory
-    from dynid.trajectory.planning import Clearance
-    from dynid.trajectory.predict import AlphaRow, Prediction
 
 Floats = NDArray[np.float64]
 
@@ -234,8 +238,6 @@ class Plan:
             path: the .npz file.
             inputs: what the plan was made from, for the header.
         """
-        from dynid.files.trajectoryfile import write_csv, write_joint_trajectory, write_trajectory
-
         path = Path(path)
         endings = (".csv", ".yaml", "_ros2.yaml", "_ros2_goal.yaml")
         texts = [path.with_name(f"{path.stem}{ending}") for ending in endings]
@@ -329,8 +331,6 @@ class Plan:
             size = f"{least}{1000 * near.distance:.0f} mm"
             yield "collision", f"none; nearest {near.pair} at {size}, t = {near.time:.1f} s"
         if self.clearance.left_out and self.urdf is None:
-            from dynid.trajectory.planning import thickness
-
             pairs = ", ".join(self.clearance.left_out)
             yield (
                 "left out",
@@ -390,8 +390,6 @@ def show_in_window(
     robot: Robot, trajectory: Trajectory, scene: Scene, urdf: Path | None
 ) -> Iterator[None]:
     """Show a motion in PyBullet's window for the length of the block."""
-    from dynid.trajectory.preview import urdf_of, window
-
     with urdf_of(robot, urdf) as shapes, window(trajectory, robot, shapes, scene):
         yield
 

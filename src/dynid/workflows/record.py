@@ -9,109 +9,35 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
+from dynid.drivers.command_port import CommandPort
+from dynid.drivers.interface import driver_of
+from dynid.drivers.ros import Node, connect
 from dynid.errors import Declined, DynidError, LimitsAssumed, NotReviewed, StartPoseOff, WrongUsage
-from dynid.options import Options, option
+from dynid.estimation.result import Identification
+from dynid.files.logs import read_log
+from dynid.files.trajectoryfile import StoredTrajectory
+from dynid.model.parameters import prior_base_parameters
+from dynid.motion import Motion
+from dynid.npz import sha256
 from dynid.progress import SILENT, Progress
+from dynid.record import manifest, motion_checks, playing, preflight, session
+from dynid.record.monitor import Monitor, StopRules
+from dynid.record.motion_checks import Forecast, TorqueForecaster
+from dynid.record.preflight import ObservedState, at_candle, check_place
+from dynid.record.recorder import Listener, LogRecorder
+from dynid.record.session import Outcome
 from dynid.robot import Robot
 from dynid.text import shell
-
-if TYPE_CHECKING:
-    from dynid.drivers.command_port import CommandPort
-    from dynid.drivers.ros import Node
-    from dynid.estimation.result import Identification
-    from dynid.files.trajectoryfile import StoredTrajectory
-    from dynid.motion import Motion
-    from dynid.record.monitor import Monitor
-    from dynid.record.motion_checks import Forecast, TorqueForecaster
-    from dynid.record.preflight import ObservedState
-    from dynid.record.recorder import Listener, LogRecorder
-    from dynid.record.session import Outcome
+from dynid.trajectory.feasible import unsafe_to_play
+from dynid.trajectory.scene import Scene, scene_from
+from dynid.workflows.model import base_model
+from dynid.workflows.options import RecordOptions
+from dynid.workflows.results import base_model_of
 
 #: A recording that only listens ends after so many times the silence that stops a motion.
 PATIENT = 8
-
-
-def _quantity(unit: str, most: float) -> Callable[[Any, str], float]:
-    """Return a reader of positive numbers with a unit, up to the largest one; percent become a share."""
-
-    def read(value: Any, name: str) -> float:  # noqa: ANN401
-        text = str(value).strip()
-        try:
-            number = float(text.removesuffix(unit)) * (0.01 if text.endswith("%") else 1.0)
-        except ValueError:
-            number = 0.0
-        if not 0 < number <= most:
-            raise WrongUsage(
-                f"{name} {value} is not a positive number of {unit} up to {100 * most if unit == '%' else most:g}"
-            )
-        return number
-
-    return read
-
-
-@dataclass(frozen=True)
-class RecordOptions(Options):
-    """How a motion is played and recorded."""
-
-    dry_run: bool = option(False, "Check everything and end before the arm is moved.")
-    listen_only: bool = option(
-        False, "Only record; another program moves the arm. Needs no TRAJECTORY."
-    )
-    repeat: int = option(
-        1,
-        "How many times the motion is played, each time into the same log.",
-        bounds=(1, 1000),
-        shown="",
-    )
-    speed: float = option(
-        "100%",
-        "Speed of the motion, as a share of the planned one.",
-        metavar="SHARE",
-        shown="",
-        read=_quantity("%", 10.0),
-    )
-    max_deviation: float = option(
-        "0.15rad",
-        "Stop the arm when a joint is further than this from the planned position [rad or m].",
-        metavar="DISTANCE",
-        shown="",
-        read=_quantity("rad", 1e3),
-    )
-    master: str | None = option(
-        None, "Address of the ROS master (default: ROS_MASTER_URI).", metavar="URI"
-    )
-    topic: str | None = option(
-        None, "Topic of the joint states (default: the robot file's).", metavar="T"
-    )
-    command_topic: str | None = option(
-        None, "Topic or action of the commands (default: the driver's).", metavar="T"
-    )
-    timeout: float = option(
-        "2s",
-        "How long to wait for the ROS master and for messages [s].",
-        metavar="SECONDS",
-        shown="",
-        read=_quantity("s", 86400.0),
-    )
-    accept_unreviewed: bool = option(
-        False, "Play a motion whose preview nobody has confirmed.", deliberate=True
-    )
-    go_to_start: bool = option(
-        False, "First move the arm slowly to the start of the motion.", deliberate=True
-    )
-    zero_torques: bool = option(
-        False,
-        "Zero the torque sensors before the motion (Kinova, in the candle pose).",
-        deliberate=True,
-    )
-    duration: float | None = option(
-        None,
-        "Length of a recording with --listen-only [s] (default: until the messages stop).",
-        metavar="S",
-        kind="positive",
-    )
 
 
 class Operator(Protocol):
@@ -158,8 +84,6 @@ class Recording:
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid record`` says."""
-        from dynid.record import session
-
         ended = {"verdict": "dry run"} if self.outcome is None else session.facts(self.outcome)
         foreseen = asdict(self.forecast) if self.forecast is not None else {}
         return {"schema": "dynid/record/1", "robot": self.robot.name, **ended, "foreseen": foreseen}
@@ -198,7 +122,6 @@ def require_usable(
         raise WrongUsage(
             "no trajectory given", fix=f"dynid record {robot.word} TRAJECTORY, or --listen-only"
         )
-    from dynid.trajectory.feasible import unsafe_to_play
 
     assumed = (
         unsafe_to_play(trajectory.facts.get("assumed_limits", ())) if trajectory is not None else ()
@@ -236,8 +159,6 @@ def record(
     Raises:
         DynidError: something is not in order, and the arm was not moved.
     """
-    from dynid.drivers.ros import connect
-
     require_usable(robot, trajectory, options)
     begin = time.monotonic()
     node = connect("dynid_record", options.master, options.timeout)
@@ -256,9 +177,6 @@ def record(
 
 def _recorded(run: _Session) -> Recording:
     """Check, ask, move or listen, write."""
-    from dynid.drivers.interface import driver_of
-    from dynid.record import preflight
-
     options = run.options
     topic = preflight.find_topic(run.node, run.robot, options.topic)
     listener = preflight.listener_of(run.node, run.robot, topic)
@@ -283,8 +201,6 @@ def _recorded(run: _Session) -> Recording:
 # ---------------------------------------------------------------- before anything moves
 def _observed(run: _Session, listener: Listener, port: CommandPort) -> ObservedState:
     """Listen to the driver and judge its numbers."""
-    from dynid.record import preflight
-
     robot, progress = run.robot, run.progress
     seen = preflight.listen(listener, robot, run.options.timeout)
     used = (
@@ -307,9 +223,6 @@ def _observed(run: _Session, listener: Listener, port: CommandPort) -> ObservedS
 
 def _prepared(run: _Session, seen: ObservedState, port: CommandPort) -> tuple[Motion, Forecast]:
     """Return what will be played, checked sample by sample, and what it was judged to do."""
-    from dynid.record import motion_checks, preflight
-    from dynid.trajectory.scene import Scene, scene_from
-
     planned, options, progress = run.trajectory, run.options, run.progress
     assert planned is not None
     preflight.check_endpoints(port)
@@ -344,11 +257,6 @@ def _prepared(run: _Session, seen: ObservedState, port: CommandPort) -> tuple[Mo
 
 def _torque_forecaster(run: _Session) -> TorqueForecaster:
     """Return what predicts the torques: an identified model, or the prior of the robot file."""
-    from dynid.model.parameters import prior_base_parameters
-    from dynid.record.motion_checks import TorqueForecaster
-    from dynid.workflows.model import base_model
-    from dynid.workflows.results import base_model_of
-
     robot, stored = run.robot, run.parameters
     source = "prior" if stored is None else str(stored.path)
     if robot.torque.source == "gravity_free" or robot.torque.relative:
@@ -426,10 +334,6 @@ def _moved(
     forecast: Forecast,
 ) -> Recording:
     """Play the motion; the arm may have been moved since it was checked, so its place is checked once more."""
-    from dynid.record import playing, session
-    from dynid.record.monitor import StopRules
-    from dynid.record.preflight import at_candle, check_place
-
     port.ready()
     run.progress.stage("stop", f"{port.stop_words}; Enter or Ctrl-C stops the arm")
     if run.options.zero_torques:
@@ -461,9 +365,6 @@ def _moved(
 
 def _listened(run: _Session, listener: Listener, port: CommandPort) -> Recording:
     """Record while another program moves the arm."""
-    from dynid.record import session
-    from dynid.record.monitor import StopRules
-
     _ask_to_replace(run)
     seconds = run.options.duration
     run.progress.stage("listening", f"{seconds:g} s" if seconds else "until Enter or Ctrl-C")
@@ -483,10 +384,6 @@ def _written(
     forecast: Forecast | None,
 ) -> Recording:
     """Open the files, work, close them; the manifest is written before the first motion and completed after."""
-    from dynid.npz import sha256
-    from dynid.record import manifest, session
-    from dynid.record.recorder import LogRecorder
-
     path = run.folder / "manifest.yaml"
     facts = _beginning(run, port, forecast)
     manifest.write_manifest(path, facts)
@@ -511,9 +408,6 @@ def _written(
 
 def _beginning(run: _Session, port: CommandPort, forecast: Forecast | None) -> dict[str, Any]:
     """Return what the manifest says before the first motion."""
-    from dynid.npz import sha256
-    from dynid.record import manifest
-
     facts = manifest.beginning(run.robot, run.node, run.command)
     facts["driver"] = {
         "kind": port.robot.driver.kind if port.robot.driver else "generic",
@@ -543,8 +437,6 @@ def convert(recording: Recording, header: dict[str, Any] | None = None) -> Path:
         recording: what was recorded.
         header: facts for its header.
     """
-    from dynid.files.logs import read_log
-
     assert recording.bag is not None
     target = recording.bag.with_name("log.npz")
     read_log(recording.bag, robot=recording.robot, topic=recording.options.topic).save(

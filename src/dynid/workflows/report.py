@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from dynid import arguments
+from dynid.arguments import public
+from dynid.files.artifact import write_text
+from dynid.judgement.judge import Judgement
+from dynid.loading import ResultLike, as_result
 from dynid.progress import Progress
-from dynid.workflows import arguments
-from dynid.workflows.arguments import public
-
-if TYPE_CHECKING:
-    from dynid.judgement.judge import Judgement
-    from dynid.workflows.arguments import ResultLike
+from dynid.reports.gathered import gather
+from dynid.reports.page import page, summary
+from dynid.reports.sections.verdict import sentences
+from dynid.text import html
 
 
 @dataclass(frozen=True)
@@ -35,8 +38,6 @@ class Report:
 
     def save(self, folder: Path | str) -> list[Path]:
         """Write report.html and summary.md to a folder and return their paths."""
-        from dynid.files.artifact import write_text
-
         texts = {"report.html": self.html, "summary.md": self.markdown}
         for name, text in texts.items():
             write_text(Path(folder) / name, text)
@@ -53,7 +54,6 @@ class Report:
         }
 
     def _repr_html_(self) -> str:
-        from dynid.text import html
 
         sentences = "".join(f"<p>{html(sentence)}</p>" for sentence in self.verdict)
         lights = "".join(
@@ -78,11 +78,7 @@ def report(result: ResultLike, *, progress: Progress | None = None) -> Report:
     Example:
         dynid.report("out/kuka_lwr4plus").save("out/kuka_lwr4plus")
     """
-    from dynid.reports.gathered import gather
-    from dynid.reports.page import page, summary
-    from dynid.reports.sections.verdict import sentences
-
-    result = arguments.result(result)
+    result = as_result(result)
     arguments.progress(progress).stage("report")
     gathered = gather(result)
     return Report(

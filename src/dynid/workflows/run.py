@@ -17,9 +17,8 @@ from dynid import children
 from dynid.errors import ExitStatus, PackageMissing, SchedulerSilent, WrongUsage
 from dynid.files.artifact import write_text
 from dynid.files.batchfile import Job, folder_name, read_batch
-from dynid.files.yamlfile import closest
 from dynid.options import Options, option
-from dynid.text import shell
+from dynid.text import closest, shell
 
 #: How long a scheduler that does not answer is waited for [s]. evidence: none yet.
 PATIENCE = 30.0

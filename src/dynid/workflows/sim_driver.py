@@ -5,76 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.drivers.ros import connect
 from dynid.errors import WrongUsage
-from dynid.options import MOST, Options, option
+from dynid.files.trajectoryfile import read_trajectory
+from dynid.options import MOST
 from dynid.robot import Robot
-
-if TYPE_CHECKING:
-    from dynid.sim.driver_loop import Imperfections
-    from dynid.sim.plant import Plant
+from dynid.sim.driver_loop import DriverLoop, Imperfections, step_of
+from dynid.sim.follow import PointFollower, VelocityFollower
+from dynid.sim.plant import Plant, plant_of, read_plant
+from dynid.sim.ros_drivers import simulated_driver
+from dynid.workflows.options import SimDriverOptions
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class SimDriverOptions(Options):
-    """What is simulated, and how well it measures."""
-
-    rate: float = option(100.0, "Rate of the joint states [Hz].", bounds=(1, 1000), shown="")
-    topic: str | None = option(None, "Topic of the joint states (default: the robot file's).")
-    master: str | None = option(
-        None, "Address of the ROS master (default: ROS_MASTER_URI).", metavar="URI"
-    )
-    pose: str | Sequence[float] | None = option(
-        None,
-        "Where the arm stands: at the start of a trajectory, or at DH positions [rad or m].",
-        metavar="TRAJECTORY|Q1,Q2,...",
-    )
-    truth: Path | None = option(
-        None,
-        "Truth file of the simulated arm (default: the one that ships for the robot).",
-        kind="input",
-    )
-    torque_noise: float | None = option(
-        None,
-        "Standard deviation of all torques [N m] (default: the truth file's).",
-        metavar="NM",
-        kind="float",
-    )
-    torque_step: float = option(0.0, "Resolution of the torques [N m].", metavar="NM", kind="float")
-    torque_offset: float = option(
-        0.0, "Offset of all torque sensors until they are zeroed [N m].", metavar="NM"
-    )
-    position_step: float | None = option(
-        None,
-        "Resolution of the encoders [rad] (default: the truth file's).",
-        metavar="RAD",
-        kind="float",
-    )
-    latency: float = option(
-        0.0, "Time from sampling to publishing [s].", metavar="S", bounds=(0, 1)
-    )
-    jitter: float = option(
-        0.0, "Standard deviation added to the latency [s].", metavar="S", bounds=(0, 1)
-    )
-    drop: float = option(
-        0.0, "Share of the messages that are lost.", metavar="SHARE", bounds=(0, 1)
-    )
-    skew: float = option(
-        0.0,
-        "How much later than the position torque and velocity are polled [s] (Kinova).",
-        metavar="S",
-        bounds=(0, 1),
-    )
-    duration: float | None = option(
-        None, "Length of the simulation [s] (default: until Ctrl-C).", metavar="S", kind="positive"
-    )
-    seed: int = option(0, "Seed of all noise.")
 
 
 @dataclass(frozen=True)
@@ -127,12 +74,6 @@ def simulate_driver(
     """
     import time
 
-    from dynid.drivers.ros import connect
-    from dynid.sim.driver_loop import DriverLoop, step_of
-    from dynid.sim.follow import PointFollower, VelocityFollower
-    from dynid.sim.plant import plant_of, read_plant
-    from dynid.sim.ros_drivers import simulated_driver
-
     topic = options.topic or (robot.driver.topic if robot.driver else None) or "/joint_states"
     node = connect("dynid_sim_driver", options.master)
     try:
@@ -171,7 +112,6 @@ def is_kinova(robot: Robot) -> bool:
 
 
 def _imperfections(plant: Plant, options: SimDriverOptions) -> Imperfections:
-    from dynid.sim.driver_loop import Imperfections
 
     sensors, n = plant.sensors, len(plant.bodies)
     noise, step = options.torque_noise, options.position_step
@@ -195,8 +135,6 @@ def start_pose(robot: Robot, given: str | Sequence[float] | None) -> Floats:
         robot: the arm.
         given: a file of a trajectory, positions, or both as text; the middle of all ranges when None.
     """
-    from dynid.files.trajectoryfile import read_trajectory
-
     if given is None:
         # Why: a Kinova Gen2 points up with all joints at 180 deg, which is also the middle of its ranges.
         endless = np.pi if is_kinova(robot) else 0.0

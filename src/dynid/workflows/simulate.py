@@ -5,82 +5,30 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import arguments
+from dynid.arguments import public
 from dynid.errors import PackageMissing, WrongRobotFile, WrongUsage
+from dynid.loading import MotionLike, RobotLike, as_base_model, as_motion, as_robot
 from dynid.log import Log
+from dynid.model.base_model import BaseModel
+from dynid.model.effects.catalogue import CATALOGUE, checked, joints_of
+from dynid.model.effects.interface import ArmMotion
+from dynid.model.parameters import prior_bodies, prior_vector
+from dynid.model.regressor import Model, ModelTorques
 from dynid.motion import Motion
-from dynid.options import MOST, Options, option
 from dynid.progress import Progress
 from dynid.robot import Body, EffectSpec, Robot
+from dynid.sim.arm import SimulatedArm
 from dynid.text import whole_number
-from dynid.workflows import arguments
-from dynid.workflows.arguments import public
-
-if TYPE_CHECKING:
-    from dynid.model.base_model import BaseModel
-    from dynid.workflows.arguments import MotionLike, RobotLike
+from dynid.workflows.model import base_model
+from dynid.workflows.options import SimulateOptions
 
 Floats = NDArray[np.float64]
-
-
-def _effects(value: Any, name: str) -> tuple[EffectSpec, ...]:  # noqa: ANN401
-    """Return effects from NAME@JOINT,...:PARAMETER=NUMBER,... or from entries of a robot file."""
-    found = []
-    for item in (value,) if isinstance(value, (str, EffectSpec)) else value:
-        if isinstance(item, EffectSpec):
-            found.append(item)
-            continue
-        if not isinstance(item, str):
-            raise TypeError("it must be a list of words")
-        head, _, numbers = str(item).partition(":")
-        effect, _, joints = head.partition("@")
-        try:
-            pairs = [part.split("=") for part in numbers.split(",") if part]
-            parameters = {key.strip(): float(number) for key, number in pairs}
-        except ValueError:
-            raise WrongUsage(
-                f"{name} '{item}' is not understood", fix=f"{name} viscous@joint_2:fv=4.5"
-            ) from None
-        if not all(abs(number) <= MOST for number in parameters.values()):
-            raise WrongUsage(f"{name} '{item}' has a number beyond what can be measured")
-        found.append(
-            EffectSpec(effect, tuple(joint for joint in joints.split(",") if joint), parameters)
-        )
-    return tuple(found)
-
-
-@dataclass(frozen=True)
-class SimulateOptions(Options):
-    """What is simulated beyond the rigid bodies of the robot file."""
-
-    viscous: float = option(
-        0.02, "Viscous friction of each joint as a share of its rated torque at its rated speed."
-    )
-    coulomb: float = option(0.03, "Coulomb friction of each joint as a share of its rated torque.")
-    noise: float = option(
-        0.003, "Standard deviation of the torques as a share of the rated torque.", kind="float"
-    )
-    resolution: float = option(
-        1e-5, "Resolution of the position sensors [rad or m]; 0 for none.", kind="float"
-    )
-    delay: float = option(0.0, "How late the torques are in the log [s].")
-    payload: float = option(
-        0.0, "Mass of a point load at the origin of the last frame [kg].", kind="float"
-    )
-    effects: tuple[EffectSpec, ...] = option(
-        (),
-        "Effect of the catalogue, NAME@JOINT:PARAMETER=NUMBER,...; may be repeated.",
-        metavar="EFFECT",
-        repeatable=True,
-        flag="--effect",
-        read=_effects,
-    )
-    seed: int = option(0, "Seed of the noise.")
 
 
 @dataclass(frozen=True)
@@ -142,8 +90,8 @@ def simulate(
         arguments.options(SimulateOptions, options, changes),
         arguments.progress(progress),
     )
-    robot, base = arguments.robot(robot), arguments.base_model(base)
-    motion = arguments.motion(motion, robot)
+    robot, base = as_robot(robot), as_base_model(base)
+    motion = as_motion(motion, robot)
     if options.payload:
         if robot.tool is not None:
             raise WrongUsage(
@@ -188,9 +136,6 @@ def _rigid_torque(
     robot: Robot, motion: Motion, base: BaseModel | None, progress: Progress
 ) -> tuple[Floats, str]:
     """Return the torques of the rigid bodies, (N, n) [N m or N], and which physics computed them."""
-    from dynid.model.parameters import prior_bodies
-    from dynid.sim.arm import SimulatedArm
-
     progress.stage("simulate")
     with suppress(PackageMissing), SimulatedArm(robot, prior_bodies(robot)) as arm:
         rows = zip(motion.q, motion.qd, motion.qdd, strict=True)
@@ -203,9 +148,6 @@ def _rigid_torque(
 def _reference(
     robot: Robot, base: BaseModel | None, progress: Progress
 ) -> Callable[[Floats, Floats, Floats], Floats]:
-    from dynid.model.parameters import prior_vector
-    from dynid.model.regressor import Model, ModelTorques
-    from dynid.workflows.model import base_model
 
     base = base or base_model(replace(robot, effects=()), progress=progress)
     model = Model(replace(robot, effects=()), base.model.rigid)
@@ -225,12 +167,6 @@ def _effect_torque(
         WrongUsage: a parameter of an effect is missing.
         WrongRobotFile: there is no such effect.
     """
-    from dynid.model.effects.catalogue import checked, joints_of
-    from dynid.model.effects.interface import ArmMotion
-    from dynid.model.parameters import prior_vector
-    from dynid.model.regressor import Model, ModelTorques
-    from dynid.workflows.model import base_model
-
     plain = replace(robot, effects=())
     base = base or base_model(plain, progress=progress)
     model = Model(plain, base.model.rigid)
@@ -279,8 +215,6 @@ def _effect_torque(
 
 def _template(spec: EffectSpec) -> str:
     """Return an option with all the numbers that an effect of the catalogue needs, "" for one that is not there."""
-    from dynid.model.effects.catalogue import CATALOGUE
-
     effect = CATALOGUE.get(spec.effect)
     if effect is None:
         return ""
@@ -288,37 +222,3 @@ def _template(spec: EffectSpec) -> str:
     values = shape | {name: spec.parameters.get(name, 1.0) for name in effect.amplitudes(shape)}
     joints = "" if effect.scope == "arm" else f"@{','.join(spec.joints) or 'JOINT'}"
     return f"--effect {spec.effect}{joints}:{','.join(f'{name}={value:g}' for name, value in values.items())}"
-
-
-def motion_of(path: Path, robot: Robot) -> Motion:
-    """Return the motion of a trajectory.npz, or the one that a log went through.
-
-    Args:
-        path: trajectory.npz, or a log.
-        robot: the arm.
-    """
-    from dynid.errors import NotAnArtifact
-    from dynid.files.trajectoryfile import read_trajectory
-
-    try:
-        return read_trajectory(path, robot).motion
-    except (NotAnArtifact, KeyError):
-        return motion_of_log(path, robot)
-
-
-def motion_of_log(recording: Log | Path, robot: Robot) -> Motion:
-    """Return the motion that a log went through, evenly sampled."""
-    from dynid.workflows.logs import load_log
-
-    log = load_log(recording, robot)
-    t = log.t - log.t[0]
-    even = np.linspace(0.0, float(t[-1]), len(t))
-    step, orders = float(even[1]), []
-    signal = np.stack([np.interp(even, t, column) for column in log.q.T], axis=1)
-    from scipy.signal import savgol_filter
-
-    # Why at most: of a fast and short log, the window would take more samples than there are.
-    window = min(max(7, 2 * round(0.05 / step) + 1), (len(even) - 1) // 2 * 2 + 1)
-    for order in range(3):
-        orders.append(savgol_filter(signal, window, 5, deriv=order, delta=step, axis=0))
-    return Motion(even, *orders)

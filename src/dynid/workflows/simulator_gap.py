@@ -4,23 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import arguments
+from dynid.arguments import public
 from dynid.errors import WrongUsage
+from dynid.estimation.result import Identification
+from dynid.exporters.driven import drive
+from dynid.exporters.engines import module
+from dynid.loading import LogLike, ResultLike, as_log, as_results, checked_log
+from dynid.log import Log
+from dynid.model.regressor import mass_matrices
+from dynid.options import LogOptions
 from dynid.progress import SILENT, Progress
+from dynid.reports.figures import write_figure
+from dynid.reports.gap_figures import simulator_figure
 from dynid.sim import tuning
 from dynid.sim.comparison import SimulatorGap
-from dynid.workflows import arguments
-from dynid.workflows.arguments import public
-
-if TYPE_CHECKING:
-    from dynid.estimation.result import Identification
-    from dynid.log import Log
-    from dynid.workflows.arguments import LogLike, ResultLike
-    from dynid.workflows.gap_result import Gap
+from dynid.workflows.export import identified_arm
+from dynid.workflows.gap_result import Gap
+from dynid.workflows.logs import condition_logs
+from dynid.workflows.options import ExportOptions
 
 Floats = NDArray[np.float64]
 
@@ -60,14 +66,10 @@ def compare_in_simulator(
     Example:
         dynid.compare_in_simulator(["out/before", "out/after"], "run3.bag")
     """
-    from dynid.exporters.driven import drive
-    from dynid.workflows.export import ExportOptions, identified_arm
-    from dynid.workflows.logs import LogOptions
-
     progress = arguments.progress(progress)
-    found = arguments.results(results)
+    found = as_results(results)
     options = LogOptions()
-    recording = arguments.log(log, found[0].robot, options)
+    recording = as_log(log, found[0].robot, options)
     if arguments.words((engine,), "engine", ENGINES) != (engine,):
         raise WrongUsage(f"there is no engine '{engine}'", fix=" or ".join(ENGINES))
     names = arguments.words(names, "names")
@@ -117,8 +119,6 @@ def gap_in_simulator(
         PackageMissing: no simulator is installed.
         NotSimulated: an arm flies apart.
     """
-    from dynid.exporters.engines import module
-
     assert gap.searched is not None
     log = (*gap.unseen_logs, *reversed(gap.recordings))[0]
     engine = next((name for name in ENGINES if module(name) is not None), ENGINES[0])
@@ -132,8 +132,6 @@ def _recorded(
     result: Identification, log: Log, seconds: float | None
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return time, position, velocity and torque of the end of the longest part without gaps of a log, filtered."""
-    from dynid.workflows.logs import LogOptions, checked_log, condition_logs
-
     options = LogOptions(cutoff=result.cutoff or None, delay=result.delay)
     checked = checked_log(log, result.robot, options, identify=False)
     (conditioned,) = condition_logs([checked], result.base.model, options)
@@ -145,8 +143,6 @@ def _recorded(
 
 def _inertia(result: Identification, q: Floats) -> Floats:
     """Return what each joint moves, on average along a motion, (n,) [kg m^2 or kg]."""
-    from dynid.model.regressor import mass_matrices
-
     some = q[:: max(1, len(q) // 100)]
     found = mass_matrices(lambda *state: result.base.observer.torque(result.theta, *state), some)
     return np.asarray(np.abs(np.diagonal(found, axis1=1, axis2=2)).mean(axis=0))
@@ -154,7 +150,4 @@ def _inertia(result: Identification, q: Floats) -> Floats:
 
 def save_figure(found: SimulatorGap, path: Path) -> Path:
     """Write the picture of the position errors."""
-    from dynid.reports.figures import write_figure
-    from dynid.reports.gap_figures import simulator_figure
-
     return write_figure(simulator_figure(found), path)

@@ -14,16 +14,41 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid import arguments
+from dynid.arguments import public
 from dynid.errors import PlanTeachesLittle
 from dynid.estimation.result import Identification
+from dynid.files.artifact import reading
 from dynid.files.planfile import Waypoints, read_waypoints
 from dynid.files.trajectoryfile import StoredTrajectory
+from dynid.gap.record import GapRecord, read_record
+from dynid.loading import RobotLike, as_base_model, as_robot
 from dynid.log import Log
+from dynid.model.base_model import BaseModel
+from dynid.npz import sha256
 from dynid.progress import SILENT, Progress
+from dynid.reports.motion_drawing import draw_motion
 from dynid.robot import Robot
+from dynid.trajectory.basis import basis_from
+from dynid.trajectory.limits import LimitCheck, require_within_limits
+from dynid.trajectory.optimise import optimise
 from dynid.trajectory.options import PlanOptions
-from dynid.workflows import arguments
-from dynid.workflows.arguments import public
+from dynid.trajectory.plan import Trajectory, through_waypoints
+from dynid.trajectory.planning import (
+    Clearance,
+    PlanningContext,
+    Proposal,
+    first_accepted,
+    once_more,
+    plan_problem,
+    planning_context,
+    proposals,
+    require_clear_motion,
+    require_safe,
+    search_time,
+)
+from dynid.trajectory.predict import alpha_table, predict
+from dynid.trajectory.preview import Drawing
 from dynid.workflows.earlier_information import (
     Earlier,
     believed,
@@ -34,20 +59,13 @@ from dynid.workflows.earlier_information import (
     unexplained,
 )
 from dynid.workflows.gap_experiment import GapExperiment
+from dynid.workflows.model import base_model
 from dynid.workflows.plan import Plan, SearchRecord, scene_facts, show_in_window
 
 if TYPE_CHECKING:
     from typing import TypeAlias
 
     from numpy.typing import ArrayLike
-
-    from dynid.gap.record import GapRecord
-    from dynid.model.base_model import BaseModel
-    from dynid.trajectory.limits import LimitCheck
-    from dynid.trajectory.plan import Trajectory
-    from dynid.trajectory.planning import Clearance, PlanningContext
-    from dynid.trajectory.preview import Drawing
-    from dynid.workflows.arguments import RobotLike
 
     EarlierLike: TypeAlias = Earlier | Plan | str | Path
 
@@ -96,8 +114,6 @@ def _waypoints_of(given: Waypoints | ArrayLike, robot: Robot) -> Waypoints:
 
 def _gap_of(given: GapRecord | str | Path) -> GapRecord:
     """Return a gap search given by itself or by its file."""
-    from dynid.gap.record import GapRecord, read_record
-
     if isinstance(given, (str, Path)):
         return read_record(arguments.path(given, "for_gap"))
     return arguments.instance(
@@ -142,34 +158,18 @@ def plan_trajectory(
     Example:
         dynid.plan_trajectory("kuka_lwr4plus", duration=20.0, seconds=30.0)
     """
-    from dynid.trajectory.optimise import optimise
-    from dynid.trajectory.plan import through_waypoints
-    from dynid.trajectory.planning import (
-        Proposal,
-        first_accepted,
-        once_more,
-        plan_problem,
-        planning_context,
-        proposals,
-        require_clear_motion,
-        require_safe,
-        search_time,
-    )
-    from dynid.trajectory.preview import Drawing
-    from dynid.workflows.model import base_model
-
     options, progress = (
         arguments.options(PlanOptions, options, changes),
         arguments.progress(progress),
     )
-    robot = arguments.robot(robot)
+    robot = as_robot(robot)
     before = _earlier_of(earlier, robot)
     waypoints = None if waypoints is None else _waypoints_of(waypoints, robot)
     urdf = None if urdf is None else arguments.path(urdf, "urdf")
     drawing = arguments.optional(drawing, Drawing, "drawing", "dynid.trajectory.preview.Drawing")
     for_gap = None if for_gap is None else _gap_of(for_gap)
     begin = time.monotonic()
-    base = _plain(arguments.base_model(base) or base_model(robot, progress=progress), progress)
+    base = _plain(as_base_model(base) or base_model(robot, progress=progress), progress)
     require_same_arm(before, robot)
     noise, source = torque_noise(robot, options.noise, before, options.rate)
     known = earlier_information(base, before, noise, progress)
@@ -253,8 +253,6 @@ def _plain(base: BaseModel, progress: Progress) -> BaseModel:
 
     Why: some effects follow the whole motion, and none has a slope that a search could go down.
     """
-    from dynid.workflows.model import base_model
-
     if not base.robot.effects:
         return base
     progress.stage("effects", "the motion is planned without those of the robot file")
@@ -263,10 +261,6 @@ def _plain(base: BaseModel, progress: Progress) -> BaseModel:
 
 def trajectory_of(stored: StoredTrajectory) -> Trajectory:
     """Return the motion of trajectory.npz as coefficients of its family."""
-    from dynid.files.artifact import reading
-    from dynid.trajectory.basis import basis_from
-    from dynid.trajectory.plan import Trajectory
-
     with reading(Path(stored.source or "the trajectory")):
         basis = basis_from(dict(stored.basis))
         if len(stored.coefficients) != basis.size:
@@ -278,8 +272,6 @@ def trajectory_of(stored: StoredTrajectory) -> Trajectory:
 
 def _shown(drawing: Drawing, context: PlanningContext, trajectory: Trajectory) -> Drawing:
     """Return what to draw of a motion, with its title and how it is sketched."""
-    from dynid.reports.motion_drawing import draw_motion
-
     title = f"{context.robot.name}, alpha {trajectory.alpha:g}, {trajectory.duration:.1f} s"
     return replace(drawing, title=title, sketch=draw_motion)
 
@@ -294,8 +286,6 @@ def _predicted(
     urdf: Path | None,
 ) -> Plan:
     """Return the plan with what it will teach."""
-    from dynid.trajectory.predict import alpha_table, predict
-
     base, options, noise = context.base, context.options, context.noise
     motion = trajectory.sampled(options.rate)
     columns = base.reduction.base
@@ -375,11 +365,6 @@ def review_trajectory(
         LimitBroken: it breaks a limit (E501).
         Collision: something comes too near (E502).
     """
-    from dynid.trajectory.limits import require_within_limits
-    from dynid.trajectory.planning import planning_context, require_clear_motion
-    from dynid.trajectory.preview import Drawing
-    from dynid.workflows.model import base_model
-
     context = planning_context(
         _plain(base or base_model(robot, progress=progress), progress), options
     )
@@ -398,8 +383,6 @@ def plan_inputs(robot: Robot, options: PlanOptions, files: Mapping[str, Path]) -
         options: what is wanted.
         files: further files by what they are.
     """
-    from dynid.npz import sha256
-
     parts: list[Any] = [
         [asdict(joint.limits) for joint in robot.joints],
         robot.base_xyz,

@@ -6,15 +6,35 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dynid import arguments
+from dynid.arguments import public
 from dynid.errors import SameRecording
+from dynid.estimation import prediction
+from dynid.estimation.estimate import log_motion
+from dynid.estimation.evidence import evidence_of, fingerprint, here
+from dynid.estimation.prediction import EstimatedMotion, JointCheck
+from dynid.estimation.residual_model import ModelError
+from dynid.estimation.result import Identification
+from dynid.estimation.rows import ObservationRows
+from dynid.estimation.stack import LogRows, scaled
+from dynid.exporters import FORMATS
+from dynid.files.artifact import read_header
+from dynid.files.convert import JointStates, write_replay
 from dynid.judgement.evidence import Evidence, Unseen
-from dynid.options import option
+from dynid.judgement.judge import Judgement, judge
+from dynid.loading import LogLike, ResultLike, as_base_model, as_log, as_result, checked_log
+from dynid.model.base_model import BaseModel
+from dynid.model.regressor import Observer
 from dynid.progress import Progress
+from dynid.reports.figures import torque_figure, write_motion_figures
+from dynid.robot import Robot
+from dynid.signals.conditioned_log import ConditionedLog
+from dynid.signals.motion import same_motion
 from dynid.table import Table
-from dynid.workflows import arguments
-from dynid.workflows.arguments import public
 from dynid.workflows.drive_gains import in_amperes
-from dynid.workflows.logs import LogOptions, check_weight, checked_log, condition_logs
+from dynid.workflows.export import identified_arm
+from dynid.workflows.logs import check_weight, condition_logs
+from dynid.workflows.options import ExportOptions, ValidateOptions
 from dynid.workflows.results import base_model_of
 
 if TYPE_CHECKING:
@@ -24,29 +44,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
     from pandas import DataFrame
-
-    from dynid.estimation.prediction import EstimatedMotion, JointCheck
-    from dynid.estimation.residual_model import ModelError
-    from dynid.estimation.result import Identification
-    from dynid.estimation.rows import ObservationRows
-    from dynid.judgement.judge import Judgement
-    from dynid.model.base_model import BaseModel
-    from dynid.model.regressor import Observer
-    from dynid.robot import Robot
-    from dynid.signals.conditioned_log import ConditionedLog
-    from dynid.workflows.arguments import LogLike, ResultLike
-
-
-@dataclass(frozen=True)
-class ValidateOptions(LogOptions):
-    """How a log is replayed. Filter and delay are those of the result where nothing else is asked for."""
-
-    allow_training_data: bool = option(False, "Accept the recording that was used to identify.")
-    residual_model: bool | None = option(
-        None,
-        "Predict with the result's residual model, or by its parameters alone (default: with it).",
-        pair=True,
-    )
 
 
 @dataclass(frozen=True, repr=False)
@@ -86,8 +83,6 @@ class Validation:
     @property
     def seen(self) -> Unseen:
         """The log as evidence."""
-        from dynid.estimation.evidence import here
-
         torque = self.robot.torque
         gains = torque.gain if torque.relative and torque.gain else (1.0,) * self.robot.n
         rms = tuple(
@@ -108,8 +103,6 @@ class Validation:
     @property
     def judgement(self) -> Judgement:
         """What is said of the model with this log: lights, the first sentence, what to do next."""
-        from dynid.judgement.judge import judge
-
         return judge(self.evidence)
 
     def table(self) -> Table:
@@ -162,7 +155,6 @@ class Validation:
         return self._figure((self.robot.joint_name(joint),), residual_only=True)
 
     def _figure(self, joints: tuple[str, ...], *, residual_only: bool = False) -> Figure:
-        from dynid.reports.figures import torque_figure
 
         title = f"{self.robot.name}, {Path(self.log).name}"
         return torque_figure(self.motion, self.robot, joints, title, residual_only=residual_only)
@@ -215,8 +207,6 @@ class Validation:
         Args:
             parent: the folder of all validations of a result.
         """
-        from dynid.files.artifact import read_header
-
         name = Path(self.log).stem
         there = parent / name / "estimatedmotion.npz"
         header = (read_header(there) if there.is_file() else None) or {}
@@ -225,8 +215,6 @@ class Validation:
 
     def save(self, folder: Path) -> Path:
         """Write estimatedmotion.npz."""
-        from dynid.estimation import prediction
-
         path = folder / "estimatedmotion.npz"
         header = {
             "robot": self.robot.name,
@@ -253,8 +241,6 @@ class Validation:
         """
         import numpy as np
 
-        from dynid.files.convert import JointStates, write_replay
-
         m = self.motion
         torque = np.where(m.usable, m.tau_estimated, np.nan)
         topics = {
@@ -271,8 +257,6 @@ class Validation:
 
     def write_figures(self, folder: Path) -> list[Path]:
         """Draw measured and estimated motion and torques of each joint."""
-        from dynid.reports.figures import write_motion_figures
-
         return write_motion_figures(
             folder, self.motion, self.robot, f"{self.robot.name}, {Path(self.log).name}"
         )
@@ -306,20 +290,14 @@ def validate(
     Example:
         dynid.validate("out/kuka_lwr4plus", "run2.bag", cutoff=5)
     """
-    from dynid.estimation import prediction
-    from dynid.estimation.estimate import log_motion
-    from dynid.estimation.evidence import evidence_of, fingerprint
-    from dynid.estimation.stack import LogRows, scaled
-    from dynid.signals.motion import same_motion
-
     options, progress = (
         arguments.options(ValidateOptions, options, changes),
         arguments.progress(progress),
     )
-    result = arguments.result(result)
-    log = arguments.log(log, result.robot, options)
+    result = as_result(result)
+    log = as_log(log, result.robot, options)
     refuse_training_log(result, log.sha256, str(log.source or "log"), options)
-    base = arguments.base_model(base) or base_model_of(result)
+    base = as_base_model(base) or base_model_of(result)
     theta = result.theta
     options = replace(
         options,
@@ -359,9 +337,6 @@ def validate(
 
 def urdf_of(result: Identification, base: BaseModel) -> str:
     """Return the URDF of an arm with its identified bodies, for viewers: also where no body has the parameters."""
-    from dynid.exporters import FORMATS
-    from dynid.workflows.export import ExportOptions, identified_arm
-
     return FORMATS["urdf"].text(identified_arm(result, ("urdf",), ExportOptions(), base))
 
 

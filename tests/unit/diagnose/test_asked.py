@@ -8,7 +8,7 @@ import dynid
 from dynid.diagnose.mistakes import Edit, edited
 from dynid.errors import GravityRemoved, WrongMapping
 from dynid.signals.checks import prepare
-from dynid.workflows.identify import IdentifyOptions
+from dynid.workflows.options import IdentifyOptions
 from dynid.workflows.parameters import load_observations, observe
 from makelogs import lwr, lwr_log
 

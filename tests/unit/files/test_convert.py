@@ -9,10 +9,10 @@ from dynid.errors import WrongUsage
 from dynid.files.convert import WRITERS, write_log
 from dynid.files.logs import read_log
 from dynid.files.robotfile import parse_robot
+from dynid.options import LogOptions
 from dynid.signals.columns import take_samples
 from dynid.workflows.check import inspected
 from dynid.workflows.convert import convert
-from dynid.workflows.logs import LogOptions
 from makelogs import lwr, lwr_log
 from recordings import of_ros2, ros2_state, stamps, write_rosbag2
 

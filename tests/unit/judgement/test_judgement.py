@@ -15,7 +15,7 @@ from dynid.judgement.evidence import (
     Unseen,
 )
 from dynid.judgement.judge import Judgement, judge
-from dynid.judgement.lights import unseen_state
+from dynid.judgement.facts import unseen_state
 
 #: From best to worst; a light that nothing stands behind praises less than a good one.
 RANK = {"good": 0, "open": 1, "fair": 2, "bad": 3}

@@ -15,7 +15,8 @@ from dynid.trajectory.feasible import assumed_limits, position_range, unsafe_to_
 from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.planning import collision_free_range, planning_context, thickness
 from dynid.workflows.model import base_model
-from dynid.workflows.record import RecordOptions, require_usable
+from dynid.workflows.options import RecordOptions
+from dynid.workflows.record import require_usable
 
 
 def without(robot, **limits):

@@ -10,9 +10,9 @@ from two_link_logs import log
 
 from dynid import LogOptions
 from dynid.errors import NotFinite, WrongUsage
+from dynid.loading import checked_log
 from dynid.workflows.check import check
 from dynid.workflows.doctor import Check, Diagnosis, version_of
-from dynid.workflows.logs import checked_log
 
 
 def test_a_log_without_a_robot_is_described(tmp_path):

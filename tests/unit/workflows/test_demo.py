@@ -6,10 +6,11 @@ import pytest
 import twolink
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
+from dynid.loading import motion_of
 from dynid.model.parameters import prior_bodies
 from dynid.workflows.demo import against_truth, simulate_own
 from dynid.workflows.identify import identify
-from dynid.workflows.simulate import motion_of, simulate
+from dynid.workflows.simulate import simulate
 
 BARE = {"viscous": 0.0, "coulomb": 0.0, "noise": 0.0, "resolution": 0.0}
 

@@ -19,10 +19,11 @@ from dynid import (
 )
 from dynid.cli.terminal import plain
 from dynid.errors import WrongUsage
+from dynid.loading import load_run
 from dynid.robot import Known
 from dynid.workflows.gap_options import joint_indices
 from dynid.workflows.gap_result import Gap
-from dynid.workflows.results import load_run, save_result
+from dynid.workflows.results import save_result
 
 EFFECTS = "spring,torque_offset,asymmetric_viscous"
 STIFFNESS = 2.0

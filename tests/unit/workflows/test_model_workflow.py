@@ -10,13 +10,13 @@ from dynid.errors import PackageMissing
 from dynid.files.robotfile import load_robot
 from dynid.model.base_model import key_of, paths, stored_key
 from dynid.workflows.model import (
-    ModelOptions,
     adapted,
     base_model,
     derive_model,
     reduce_model,
     stored_differences,
 )
+from dynid.workflows.options import ModelOptions
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,8 @@ import pytest
 import dynid
 from dynid.cli.record import command
 from dynid.errors import Declined, WrongUsage
-from dynid.workflows.record import RecordOptions, record, require_confirmed
+from dynid.workflows.options import RecordOptions
+from dynid.workflows.record import record, require_confirmed
 from dynid.workflows.sim_driver import start_pose
 
 

@@ -6,10 +6,10 @@ import pytest
 
 from dynid.errors import RobotNotFound, WrongUrdf, WrongUsage
 from dynid.files.robotfile import load_robot as read_robot
+from dynid.loading import load_robot
 from dynid.robot import Joint, Robot
 from dynid.sim.urdf import write_urdf
 from dynid.units import joint_unit
-from dynid.workflows.robots import load_robot
 
 FORKED = """<robot name="two_arms"><link name="world"/><link name="torso"/>
 <joint name="lift" type="prismatic"><parent link="world"/><child link="torso"/><axis xyz="0 0 1"/></joint>

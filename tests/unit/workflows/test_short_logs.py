@@ -9,7 +9,8 @@ import twolink
 from dynid.errors import LogTooShort
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
-from dynid.workflows.identify import IdentifyOptions, identify
+from dynid.workflows.identify import identify
+from dynid.workflows.options import IdentifyOptions
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,8 @@ from dynid.model.effects.catalogue import CATALOGUE
 from dynid.motion import Motion
 from dynid.robot import Body, Prior
 from dynid.workflows.model import base_model
-from dynid.workflows.simulate import SimulateOptions, simulate
+from dynid.workflows.options import SimulateOptions
+from dynid.workflows.simulate import simulate
 
 BARE = SimulateOptions(viscous=0.0, coulomb=0.0, noise=0.0, resolution=0.0)
 

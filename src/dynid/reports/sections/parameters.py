@@ -11,10 +11,8 @@ from dynid.reports.gathered import Gathered
 from dynid.reports.section_figures import error_figure
 from dynid.reports.svg import Picture, drawn
 from dynid.robot import LINK_PARAMETERS
-from dynid.table import with_error
+from dynid.table import ROUNDING, with_error
 
-#: Believed values below this are zero: a centre of mass turned into its DH frame is off an axis by rounding.
-ROUNDING = 1e-12
 #: Letter of each class in the grid: colour never says it alone.
 LETTERS = {"alone": "A", "combined": "C", "none": "–"}
 

@@ -1,7 +1,7 @@
 """What public functions take: objects and paths alike, options as keywords or as an object, and a sentence otherwise.
 
 A public function is decorated with ``public`` and begins with one line for each argument, such as
-``robot = arguments.robot(robot)``. After it the argument is an object, or ``WrongUsage`` was raised, which says what
+``robot = as_robot(robot)``. After it the argument is an object, or ``WrongUsage`` was raised, which says what
 was given, what would be right, and shows the call of the function's docstring after ``Example:``.
 """
 
@@ -16,40 +16,17 @@ from dataclasses import fields, replace
 from functools import wraps
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from dynid.errors import WrongUsage
-from dynid.files.yamlfile import closest
-from dynid.log import Log
-from dynid.motion import Motion
 from dynid.options import Options
 from dynid.progress import SILENT, Progress
-from dynid.robot import Robot
-
-if TYPE_CHECKING:
-    from typing import TypeAlias
-
-    from dynid.estimation.result import Identification
-    from dynid.files.trajectoryfile import StoredTrajectory
-    from dynid.model.base_model import BaseModel
-    from dynid.workflows.logs import LogOptions
-    from dynid.workflows.plan import Plan
-
-    # What stands for an arm, a recording, several of them, a result, and a motion.
-    RobotLike: TypeAlias = Robot | str | Path
-    LogLike: TypeAlias = Log | str | Path
-    LogsLike: TypeAlias = LogLike | Sequence[LogLike]
-    ResultLike: TypeAlias = Identification | str | Path
-    MotionLike: TypeAlias = Motion | StoredTrajectory | Plan | Log | str | Path
+from dynid.text import closest
 
 P = ParamSpec("P")
 T = TypeVar("T")
 O = TypeVar("O", bound=Options)
 
-_ROBOT = "an arm: a name such as 'kuka_lwr4plus', the path of a robot file or URDF, or what dynid.load_robot returns"
-_LOG = "a log: its path, or what dynid.load_log returns"
-_RESULT = "a result: its folder, its parameters.npz, or what dynid.identify returns"
-_MOTION = "a motion: dynid.Motion, a plan, or the path of a trajectory.npz or of a log"
 
 #: No file system has longer names.
 LONGEST_NAME = 255
@@ -98,11 +75,11 @@ def public(function: Callable[P, T]) -> Callable[P, T]:
 def _call_refused(text: str, signature: inspect.Signature, given: Mapping[str, Any]) -> WrongUsage:
     for name in given:
         if name not in signature.parameters:
-            return _wrong(f"there is no argument '{name}'{closest(name, signature.parameters)}")
-    return _wrong(text)
+            return refusal(f"there is no argument '{name}'{closest(name, signature.parameters)}")
+    return refusal(text)
 
 
-def _wrong(what: str) -> WrongUsage:
+def refusal(what: str) -> WrongUsage:
     """Return a refusal that shows how the function is called."""
     function = _running.get()
     if function is None:
@@ -125,81 +102,7 @@ def refused(name: str, wanted: str, value: object) -> WrongUsage:
         given = f"a {type(value).__name__} of {len(value)}"
     else:
         given = f"an object of type {type(value).__name__}"
-    return _wrong(f"{name} must be {wanted}; given is {given}")
-
-
-# ---------------------------------------------------------------- nouns
-def robot(value: RobotLike, name: str = "robot") -> Robot:
-    """Return an arm given by itself, by name, or by the path of its file."""
-    if isinstance(value, (str, Path)):
-        from dynid.workflows.robots import load_robot
-
-        return load_robot(str(path(value, name)))
-    return instance(value, Robot, name, _ROBOT)
-
-
-def base_model(value: BaseModel | None) -> BaseModel | None:
-    """Return a base model, or None where it is not there yet."""
-    from dynid.model.base_model import BaseModel
-
-    return optional(value, BaseModel, "base", "what dynid.base_model returns")
-
-
-def log(value: LogLike, arm: Robot, options: LogOptions, name: str = "log") -> Log:
-    """Return a log given by itself, or by its path."""
-    if isinstance(value, (str, Path)):
-        from dynid.workflows.logs import read_log
-
-        return read_log(path(value, name), arm, options)
-    return instance(value, Log, name, _LOG)
-
-
-def logs(
-    value: LogsLike, arm: Robot, options: LogOptions, name: str = "logs", *, empty: bool = False
-) -> list[Log]:
-    """Return one or several logs, each given by itself or by its path; no log at all only where that is allowed."""
-    items = several(value, (Log, str, Path), name, f"{_LOG}; or a list of them", empty=empty)
-    return [
-        log(each, arm, options, f"{name}[{k}]" if len(items) > 1 else name)
-        for k, each in enumerate(items)
-    ]
-
-
-def result(value: ResultLike, name: str = "result") -> Identification:
-    """Return a result given by itself, by its folder, or by its file."""
-    from dynid.estimation.result import Identification
-
-    if isinstance(value, (str, Path)):
-        from dynid.workflows.results import load_run
-
-        return load_run(path(value, name))
-    return instance(value, Identification, name, _RESULT)
-
-
-def results(value: ResultLike | Sequence[ResultLike]) -> list[Identification]:
-    """Return one or several results, each given by itself, by its folder, or by its file."""
-    from dynid.estimation.result import Identification
-
-    items = several(value, (Identification, str, Path), "results", f"{_RESULT}; or a list of them")
-    return [result(each, f"results[{k}]") for k, each in enumerate(items)]
-
-
-def motion(value: MotionLike, arm: Robot) -> Motion:
-    """Return a motion given by itself, in a plan or a log, or by the path of its file."""
-    from dynid.files.trajectoryfile import StoredTrajectory
-    from dynid.workflows.plan import Plan
-    from dynid.workflows.simulate import motion_of, motion_of_log
-
-    if isinstance(value, (str, Path)):
-        found = motion_of(path(value, "motion"), arm)
-    elif isinstance(value, Log):
-        found = motion_of_log(value, arm)
-    else:
-        held = value.motion if isinstance(value, (StoredTrajectory, Plan)) else value
-        found = instance(held, Motion, "motion", _MOTION)
-    if found.q.shape[1] != arm.n:
-        raise _wrong(f"motion has {found.q.shape[1]} joints, and {arm.name} has {arm.n}")
-    return found
+    return refusal(f"{name} must be {wanted}; given is {given}")
 
 
 # ---------------------------------------------------------------- everything else
@@ -216,7 +119,7 @@ def options(kind: type[O], given: Options | None, changes: Mapping[str, Any]) ->
     for name in changes:
         if name not in known:
             arguments = list(inspect.signature(function).parameters) if function else []
-            raise _wrong(
+            raise refusal(
                 f"there is no argument or option '{name}'{closest(name, [*known, *arguments])}"
             )
     if given is None:
@@ -308,5 +211,5 @@ def several(
         raise refused(name, wanted, value)
     found = list(value)
     if not found and not empty:
-        raise _wrong(f"{name} is empty: it must be {wanted}")
+        raise refusal(f"{name} is empty: it must be {wanted}")
     return found

@@ -1,0 +1,50 @@
+"""The table of commands: ``dynid --help`` needs no module of theirs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One line of the table of commands.
+
+    Attributes:
+        loop: heading of the map that it stands under; "" for the line of small commands.
+        help: what it does.
+        writes: what it writes.
+    """
+
+    loop: str
+    help: str
+    writes: str = ""
+
+
+COMMANDS: dict[str, Entry] = {
+    "model": Entry("Loop 1", "DH robot file", "regressor.npz, fullregressor.npz"),
+    "trajectory": Entry("Loop 2", "plan and preview", "trajectory.npz"),
+    "record": Entry("Loop 2", "move the arm and log", "log.bag, log.npz            (needs ROS 1)"),
+    "parameters": Entry(
+        "Loop 3", "regressor on the log", "fullnumericregressor.npz, estimatedmotion.npz"
+    ),
+    "identify": Entry("Loop 3", "least squares", "parameters.npz, report.html"),
+    "validate": Entry("Then", "replay an unseen log", "how wrong is the model, per joint"),
+    "gap": Entry("Then", "name the missing effect, add it, show the gap shrink"),
+    "check": Entry("", "look for mistakes in a robot file, a log or a result"),
+    "convert": Entry("", "write a recording as .npz or .csv"),
+    "import": Entry("", "make a robot file from a URDF"),
+    "compare": Entry("", "one table over many results"),
+    "run": Entry("", "many robots and logs from one list"),
+    "report": Entry("", "rebuild report.html"),
+    "export": Entry("", "write the identified model as URDF, YAML or code"),
+    "demo": Entry("", "the whole workflow on a simulated arm with a hidden effect"),
+    "simulate": Entry(
+        "", "a log of an arm that follows a motion, with friction, noise and effects; no ROS"
+    ),
+    "sim-driver": Entry(
+        "", "a simulated arm behind its driver's ROS topics, to rehearse a recording"
+    ),
+    "doctor": Entry("", "what works on this machine and what does not"),
+    "explain": Entry("", "what an error or warning code means"),
+    "completion": Entry("", "shell completion for bash, zsh or fish"),
+}

@@ -1,0 +1,436 @@
+"""Everything that dynid says of a model: rules in order, each with when it holds and a whole sentence.
+
+Of answers the first rule that holds is said, of reasons and warnings each. A step comes with a command that works when
+pasted, and with the lights that it may turn green: a later step for lights that earlier ones cover is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import PurePath
+
+from dynid.judgement import tuning
+from dynid.judgement.evidence import Change, EffectEvidence, Unseen
+from dynid.judgement.facts import (
+    Case,
+    at_noise,
+    farthest,
+    fitted_percent,
+    floor,
+    folder_of,
+    joint_state,
+    shown,
+    surprise,
+    unseen_state,
+)
+from dynid.table import with_error
+from dynid.text import shell
+
+
+# ---------------------------------------------------------------- the answer
+def answer(c: Case) -> str:
+    """Return the answer to what was asked; what makes every other answer wrong goes before it."""
+    e = c.evidence
+    if e.other is not None:
+        own, other = shown(e.other.own), shown(e.other.percent)
+        return (
+            f"These logs fit another arm better: with the link lengths of {e.other.name} the model misses "
+            f"{other} % of the torque, with these {own} %."
+        )
+    if e.alarms:
+        return "The robot file does not describe the arm of these logs."
+    if e.asked == "gap" and e.gap is not None:
+        return of_gap(c, nothing=c.nothing)
+    if e.asked == "replay" and e.unseen:
+        return of_replay(e.unseen[-1], c)
+    return of_changes(c) if e.asked == "change" else of_result(c)
+
+
+def of_result(c: Case) -> str:
+    """Return what a model is worth."""
+    states, fitted, worst = c.states, c.evidence.fitted, c.worst_unseen()
+    unseen, percent = states["unseen motion"], "" if fitted is None else shown(fitted)
+    # What is missing is why the model is no better, and what to do about it.
+    if c.gap.missing:
+        return of_gap(c, nothing=False)
+    if unseen == "bad" and worst:
+        rows = f", {percent} % on the fitted rows" if percent else ""
+        return f"Do not use this model yet: it misses {shown(worst.percent)} % of the torque of {worst.name}{rows}."
+    if states["fit"] == "bad" and c.weak:
+        names, most = ", ".join(c.weak), shown(max(c.weak.values()))
+        up_to = "up to " if len(c.weak) > 1 else ""
+        rest = f", {percent} % on all joints together" if percent else ""
+        return f"Do not use this model for {names}: it misses {up_to}{most} % of the torque there{rest}."
+    if states["fit"] == "bad":
+        much = f"{percent} %" if percent else "much"
+        return f"Do not use this model yet: it misses {much} of the torque it was fitted to."
+    if states["physics"] == "bad":
+        if unseen == "good":
+            return (
+                "The torques are right up to their noise on motions that were not fitted, but no arm has such masses: "
+                "use this model for torques, not for its bodies."
+            )
+        return "Do not use this model yet: no arm with possible masses has these torques."
+    if states["complete"] == "bad":
+        return of_gap(c, nothing=False)
+    if unseen == "open":
+        misses = f"misses {percent} % of the torque it was fitted to" if percent else "is there"
+        return f"The model {misses}; it was not tested on another motion."
+    if unseen == "good" or not worst:
+        weak = " and ".join(text for name, text in FAIR.items() if states[name] == "fair")
+        but = f", but {weak}" if weak else ""
+        return f"The model predicts motions that it was not fitted to, up to their noise{but}."
+    return f"The model is usable: it misses {shown(worst.percent)} % of the torque of {worst.name}, more than noise."
+
+
+#: What is said beside a model that predicts unseen motion, by the light that is only fair.
+FAIR = {
+    "fit": "its fit is only fair",
+    "knowledge": "some parameters are known badly",
+    "physics": "its bodies are doubtful",
+    "complete": "an effect is missing",
+}
+
+
+def of_replay(unseen: Unseen, c: Case) -> str:
+    """Return what a replayed log says."""
+    state, misses = (
+        unseen_state(unseen, c.evidence),
+        f"misses {shown(unseen.percent)} % of the torque",
+    )
+    if state == "good":
+        if unseen.same_motion:
+            return f"The model predicts {unseen.name} up to its noise, but that motion was fitted: test another one."
+        return f"The model predicts {unseen.name}, a motion that was not fitted, up to its noise."
+    if (surprise(unseen) or 0.0) > tuning.EXPECTED[0]:
+        much = f"it {misses} where {unseen.expected:.2g} % was expected"
+        if unseen.same_motion:
+            return (
+                f"Something has changed since the model was identified: {much}, on the same motion."
+            )
+        return f"The model is worse on {unseen.name} than it expected: {much}."
+    what = f"{misses} of {unseen.name}, a motion that was{'' if unseen.same_motion else ' not'} fitted."
+    if state == "bad":
+        return f"Do not use this model yet: it {what}"
+    return f"The model {what}" + (f" Do not use it for {', '.join(c.weak)}." if c.weak else "")
+
+
+def of_changes(c: Case) -> str:
+    """Return what changed since an earlier result."""
+    e = c.evidence
+    measure = "its uncertainty" if e.tolerance is None else f"{100 * e.tolerance:g} %"
+    than, since = (f" {word} {e.earlier}" if e.earlier else "" for word in ("than", "since"))
+    if e.changes is None:
+        return f"There is nothing to compare with: this model has other parameters{than}."
+    if not e.changes:
+        return f"Nothing has changed{since} by more than {measure}."
+    first, count = e.changes[0], len(e.changes) - 1
+    more = f", and {count} more{' number' if count == 1 else ''}" if count else ""
+    moved = f"Numbers have moved by more than {measure}"
+    what = "The arm has changed" if e.tolerance is None else moved
+    kind = "" if first.p_value is None else "parameter "
+    went = f"{first.before:.4g} to {first.after:.4g} {first.unit}".rstrip()
+    return f"{what}{since}: {kind}{first.name} went from {went}{more}."
+
+
+# ---------------------------------------------------------------- missing effects
+def of_gap(c: Case, *, nothing: bool) -> str:
+    """Return what is missing; ``nothing`` says that the search found no more than noise."""
+    gap, changed = c.gap, c.gap.question == "changed"
+    if gap.named and gap.ambiguous:
+        names = " or ".join(f"{one.title} on {one.where}" for one in gap.named)
+        return f"Something is missing, and these explain it equally well: {names}."
+    if nothing and c.odd:
+        log = c.odd[0]
+        return (
+            f"These logs miss nothing, but the model misses {shown(log.percent)} % of the torque of {log.name}, "
+            "which was not searched."
+        )
+    if gap.named:
+        named = [named_effect(one, changed=changed) for one in gap.named]
+        return " ".join([*named, *["Nothing else is missing."] * nothing])
+    if nothing and changed:
+        return (
+            "Nothing has changed since the model was identified: every joint is as it was expected."
+        )
+    if nothing and gap.repeats:
+        return "Nothing is missing: every joint is at its noise, on rows that were not used."
+    if nothing:
+        return "Nothing is missing: no joint is above the least noise that it can have, on rows that were not used."
+    return unexplained(c)
+
+
+def unexplained(c: Case) -> str:
+    """Return what is said where something is missing and no effect is proved."""
+    gap = c.gap
+    if gap.events:
+        one = gap.events[0]
+        times = f"from {one.start:.1f} to {one.end:.1f} s of {one.log}"
+        return f"Something happened once: {one.size:.2g} {one.unit} on {one.joint}, {times}."
+    for effect in gap.effects:
+        if not effect.named and (effect.probability or 0.0) >= 0.5:
+            return likely_effect(effect)
+    if gap.unrepeatable:
+        return f"What disturbs {', '.join(gap.unrepeatable)} does not repeat, so it is no property of the arm."
+    if (gap.surprise or 0.0) > tuning.EXPECTED[0]:
+        return (
+            f"The model misses {gap.kept:.3g} % of the torque of these logs where {gap.expected:.2g} % was expected, "
+            "and no effect explains it."
+        )
+    rows = zip(gap.joints, gap.before, gap.allowed, strict=True)
+    most = tuning.MISSING[not gap.repeats]
+    names = ", ".join(gap.more or (name for name, error, noise in rows if error > most * noise))
+    return f"Something is missing{' on ' * bool(names)}{names} that no effect explains."
+
+
+def sizes_of(one: EffectEvidence) -> str:
+    """Return where an effect sits and what it is, with its numbers; an order or a form is chosen, not measured."""
+    texts = []
+    for name, value, error, unit in one.sizes:
+        if error != 0.0 or unit:
+            number = f"about {value:.3g}" if error is None else with_error(value, error)
+            spread = f" +- {error:.2g}" if error else ""
+            texts.append(f", {name} {number}{spread} {unit}".rstrip())
+    return one.title + "".join(texts)
+
+
+def start(where: str) -> str:
+    """Return where an effect sits as the beginning of a sentence; names of joints stay as they are."""
+    return "The" + where[3:] if where.startswith("the ") else where
+
+
+def named_effect(one: EffectEvidence, *, changed: bool) -> str:
+    """Return an effect that is proved."""
+    for name, value, error, unit in one.sizes:
+        if one.effect == "payload" and name == "m":
+            mass = with_error(abs(value), error) + (f" +- {error:.2g}" if error else "")
+            word = "more" if value >= 0.0 else "less"
+            than = "when it was identified" if changed else "the model knows of"
+            return f"The arm carries {mass} {unit} {word} than {than}."
+    since = "It was not there when the model was identified." if changed else "The model lacks it."
+    since = "The model corrects it already." if one.corrected else since
+    return f"{start(one.where)}: {sizes_of(one)}. {since}"
+
+
+def likely_effect(one: EffectEvidence) -> str:
+    """Return an effect that is not proved."""
+    why = f" It is not named: {one.why_not}." if one.why_not else ""
+    return f"{start(one.where)} may have {sizes_of(one)}.{why}"
+
+
+# ---------------------------------------------------------------- why
+def reasons(c: Case, sentence: str) -> Iterator[str]:
+    """Yield why, in numbers beside what they are compared with; what the answer says is not said again."""
+    e = c.evidence
+    if e.asked == "gap" and e.gap is not None:
+        yield from _gap_reasons(c)
+    elif e.asked == "replay" and e.unseen:
+        yield from _replay_reasons(e.unseen[-1], c, sentence)
+    elif e.asked == "change":
+        yield from _change_reasons(e.changes or ())
+    elif tested := c.worst_unseen(same_motion=False):
+        yield from _replay_reasons(tested, c, sentence)
+    # Of another arm: what this model is good for is not the question then.
+    if e.asked in ("result", "replay") and not e.of_another_arm:
+        yield from _small_reasons(c)
+
+
+def _change_reasons(changes: tuple[Change, ...]) -> Iterator[str]:
+    if changes and (p := changes[0].p_value) is not None:
+        times = (
+            "less than once in 1,000,000" if p < 1e-6 else f"once in {float(f'{1 / p:.1g}'):,.0f}"
+        )
+        yield f"Noise alone would do that to {changes[0].name} {times} comparisons."
+
+
+def _small_reasons(c: Case) -> Iterator[str]:
+    """What a model is good for, and what not, where joints miss much of a torque that is small."""
+    rows = [(fitted_percent(j) or 0.0, j) for j in c.evidence.joints]
+    small = [row for row in rows if row[0] > tuning.FIT[1] and joint_state(row[1]) == "fair"]
+    if not small:
+        return
+    percent, worst = max(small, key=lambda row: row[0])
+    error = worst.fitted or 0.0
+    *others, last = (joint.joint for _, joint in small)
+    who = f"{', '.join(others)} and {last}" if others else last
+    carry, at = ("carry", f" on {worst.joint}") if others else ("carries", "")
+    yield (
+        f"{who} {carry} little here: the model misses {error:.2g} of {worst.torque:.2g} {worst.unit}{at} "
+        f"({shown(percent)} %), {100 * error / (worst.limit or 1.0):.1g} % of what the joint is built for. "
+        f"That does for motion and simulation. It is too coarse to tell forces below "
+        f"{tuning.AT_NOISE * error:.2g} {worst.unit} there."
+    )
+
+
+def _replay_reasons(unseen: Unseen, c: Case, sentence: str) -> Iterator[str]:
+    percent = f"{shown(unseen.percent)} %"
+    expected = f"{unseen.expected:.2g} % was expected" if unseen.expected else ""
+    if percent not in sentence or unseen.name not in sentence:
+        and_expected = f"; {expected}" if expected else ""
+        yield f"The model misses {percent} of the torque of {unseen.name}{and_expected}."
+    elif expected and expected not in sentence:
+        yield f"{expected} there."
+    if far := farthest(unseen, c.evidence):
+        joint, error, times = far
+        bound = "" if c.evidence.repeats else " at least"
+        so_many = "" if times <= tuning.AT_NOISE else f" ({times:.2g} times)"
+        noise = f"noise{bound} {floor(joint) or 0.0:.3g}{so_many}"
+        yield f"{joint.joint} is furthest from its noise there: {error:.3g} {joint.unit}, {noise}."
+
+
+def _gap_reasons(c: Case) -> Iterator[str]:
+    gap, units = c.gap, {joint.joint: f" {joint.unit}" for joint in c.evidence.joints}
+    yield from map(likely_effect, gap.instead)
+    rows = list(zip(gap.joints, gap.before, gap.after, gap.noise, strict=True))
+    noises = dict(zip(gap.joints, gap.noise, strict=True))
+    for one in gap.named:
+        if one.before is not None and one.after is not None:
+            noise = f"; noise {noises[one.joint]:.3g}" if one.joint in noises else ""
+            what = "without and with the correction" if one.corrected else "on unseen rows"
+            sizes = f"{one.before:.3g} -> {one.after:.3g} {one.unit}"
+            yield f"Error of {one.joint} {what} {sizes}{noise}."
+    left = [row for row in rows if row[0] in gap.more]
+    if gap.named and left:
+        name, _, after, floor_ = max(left, key=lambda row: row[2] / max(row[3], 1e-12))
+        count = len(left) - 1
+        others = f", and on {count} more joint{'s' * (count > 1)}" if count else ""
+        size = f"{after:.3g}{units.get(name, '')}, noise {floor_:.3g}"
+        yield f"More than noise is left on {name}: {size}{others}."
+    if not gap.named and not gap.events and rows:
+        name, error, _, floor_ = max(rows, key=lambda row: row[1] / max(row[3], 1e-12))
+        noise = f"noise{'' if gap.repeats else ' at least'} {floor_:.3g}"
+        size = f"{error:.3g}{units.get(name, '')} on unseen rows"
+        yield f"{name} is furthest from its noise: {size}, {noise}."
+    if gap.kept is not None and gap.expected:
+        yield f"The model as it was misses {gap.kept:.3g} % of these torques; {gap.expected:.3g} % was expected."
+
+
+# ---------------------------------------------------------------- several facts together
+def warnings(c: Case) -> Iterator[str]:
+    """Yield what several facts together warn of."""
+    e = c.evidence
+    # The answer to a replay says it of that one.
+    rows = e.unseen[:-1] if e.asked == "replay" else e.unseen
+    most = max(rows, key=lambda unseen: surprise(unseen) or 0.0, default=None)
+    times = (surprise(most) or 0.0) if most else 0.0
+    # A search may say why: the arm is another one there.
+    known = c.gap.named and c.gap.question == "changed" and most and most.log in c.gap.logs
+    if most and times > tuning.EXPECTED[0] and not at_noise(most, e) and not known:
+        yield f"Do not rely on the expected error: on {most.name} it was {times:.2g} times too small."
+    if e.seconds is not None and e.seconds < tuning.SECONDS and c.states["fit"] == "good":
+        yield f"A log of {e.seconds:.2g} s is easy to fit, which says little about other motions."
+    if e.gap is not None and not e.gap.repeats:
+        yield "The noise is a lower bound, because no motion is repeated: record each motion twice."
+    if c.states["physics"] == "bad" and e.physical:
+        yield "Torques may be right where masses are not: use this model for the fitted motions only."
+
+
+# ---------------------------------------------------------------- what to do next
+@dataclass(frozen=True)
+class Step:
+    """One thing to do.
+
+    Attributes:
+        why: the reason, one sentence.
+        command: the command line; LOG stands for a recording that only the user can name.
+        lights: names of the lights that it may turn green.
+    """
+
+    why: str
+    command: str
+    lights: tuple[str, ...] = ()
+
+
+def steps(c: Case) -> Iterator[Step]:
+    """Yield what to do next, most urgent first."""
+    e, states = c.evidence, c.states
+    if e.asked == "change" and e.changes and e.earlier_result:
+        command = f"{shell('dynid', 'gap', folder_of(e.earlier_result), *c.logs)} --ask changed"
+        yield Step("Ask what has changed, such as a load, friction or a sensor.", command)
+    if e.other is not None:
+        why = f"Check whether the log is of {e.other.name}, and use the robot file of the arm that made it."
+        yield Step(why, shell("dynid", "check", c.logs[0], "--robot", e.other.name), (*states,))
+    elif e.alarms:
+        why = "The robot file and the log do not belong together: see which edit of the file explains the torques."
+        yield Step(why, shell("dynid", "check", c.logs[0], "--robot", e.robot), (*states,))
+    if e.gap and states["complete"] != "good" and (not c.odd or c.gap.named):
+        yield from _gap_steps(c)
+    yield from _doubt_steps(c)
+    yield from _unseen_steps(c)
+    if states["knowledge"] != "good":
+        left = f"{e.open} parameters are not determined: plan" if e.open else "Plan"
+        command = shell("dynid", "trajectory", e.robot)
+        yield Step(f"{left} a longer motion that shows more.", command, ("knowledge",))
+    if states["complete"] == "open":
+        why = "Ask whether an effect is missing; recordings of the same motion twice tell it best."
+        yield Step(why, c.search, ("complete",))
+    if states["fit"] == "open":
+        yield Step("Identify the arm.", shell("dynid", "identify", e.robot, "LOG"), ("fit",))
+    if states["physics"] == "open":
+        command = f"{shell('dynid', 'identify', e.robot, *c.logs)} --feasible"
+        yield Step("Ask whether an arm with such parameters can exist.", command, ("physics",))
+    if "bad" not in states.values() and states["unseen motion"] == "good":
+        command = f"{shell('dynid', 'export', c.run)} --format urdf"
+        yield Step("Use the model in a simulator or a controller.", command)
+
+
+def _doubt_steps(c: Case) -> Iterator[Step]:
+    e, states = c.evidence, c.states
+    doubtful = tuple(name for name in ("physics", "fit") if states[name] not in ("good", "open"))
+    if doubtful and not c.searched:
+        yield Step("Search for the effect that the model lacks.", c.search, (*doubtful, "complete"))
+    elif doubtful:
+        link = _weakest(c)
+        why = f"Give what is known of the arm, such as the mass of link {link} from its data sheet, and identify again."
+        command = shell("dynid", "identify", e.robot, *c.logs)
+        yield Step(why, f"{command} --link-mass {link}=LOW:HIGH", doubtful)
+
+
+def _unseen_steps(c: Case) -> Iterator[Step]:
+    e, states = c.evidence, c.states
+    if states["unseen motion"] == "open":
+        why = "The model was not tested on another motion: replay a recording of one."
+        yield Step(why, f"{shell('dynid', 'validate', c.run)} LOG", ("unseen motion",))
+    elif states["unseen motion"] != "good" and not c.searched:
+        why = "Ask what is missing, or has changed, on the motion that the model does not predict."
+        yield Step(why, c.search, ("unseen motion", "complete"))
+    elif states["unseen motion"] != "good":
+        why = "Add a recording of another motion to the fitted ones, so that the model need not guess there."
+        log = next((each.log for each in e.unseen if each.log), "LOG")
+        command = shell("dynid", "identify", e.robot, log, "--update", c.run)
+        yield Step(why, command, ("unseen motion",))
+
+
+def _weakest(c: Case) -> int:
+    """Return the number of the link whose joint is fitted worst; 2 where none is known."""
+    shares = [fitted_percent(joint) or 0.0 for joint in c.evidence.joints]
+    return shares.index(max(shares)) + 1 if any(shares) else 2
+
+
+def _gap_steps(c: Case) -> Iterator[Step]:
+    gap, e, logs = c.gap, c.evidence, c.gap.logs or ("LOG",)
+    if gap.missing and not gap.ambiguous:
+        why = "Add what was found to a copy of the robot file, and identify the arm with it."
+        command = f"{shell('dynid', 'gap', c.run, *logs)} --apply best"
+        yield Step(why, command, ("complete", "fit", "unseen motion", "physics"))
+        return
+    for event in gap.events:
+        times = f"{max(0.0, event.start):.1f}-{event.end:.1f}"
+        why = f"Leave out what happened once on {event.joint}, at {event.start:.1f} s."
+        command = shell("dynid", "identify", e.robot, event.log, "--exclude", times)
+        yield Step(why, command, ("complete",))
+    if gap.unrepeatable and not gap.events:
+        why = f"Look for contacts, cables or a drifting sensor on {', '.join(gap.unrepeatable)}, then record again."
+        yield Step(why, shell("dynid", "check", logs[0], "--robot", e.robot), ("complete",))
+    elif gap.effects and gap.effects[0].effect == "counterbalance" and not gap.ambiguous:
+        # No motion helps: links of another mass make the same torques in every one.
+        link = gap.joints.index(gap.effects[0].joint) + 1
+        why = f"Give the mass of link {link} and a box around its centre of mass, from its drawing, and identify again."
+        command = f"{shell('dynid', 'identify', e.robot, *c.to_search)} --link-mass {link}=LOW:HIGH"
+        box = f"{command} --com-box {link}=X,Y,Z:X,Y,Z"
+        yield Step(why, box, ("complete", "physics", "fit"))
+    else:
+        file = str(PurePath(e.result).parent / "gap.npz") if e.result else "GAP.npz"
+        why = "Record the motion that decides, each run twice: repeats tell noise from effect."
+        yield Step(why, shell("dynid", "trajectory", e.robot, "--for-gap", file), ("complete",))

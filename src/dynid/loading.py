@@ -1,0 +1,292 @@
+"""Objects from what stands for them: arms, recordings, results and motions by name, path, or as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+
+from dynid import arguments
+from dynid.arguments import one_thread, public
+from dynid.errors import DynidError, Finding, NotAnArtifact, WrongUsage
+from dynid.estimation import result_files
+from dynid.estimation.result import Identification
+from dynid.files import robotfile
+from dynid.files.logs import read_log as read_recording
+from dynid.files.trajectoryfile import read_trajectory
+from dynid.files.urdffile import read_urdf
+from dynid.log import Log
+from dynid.model.base_model import BaseModel
+from dynid.model.from_urdf import import_arm
+from dynid.motion import Motion
+from dynid.options import LogOptions
+from dynid.robot import Robot
+from dynid.signals.checks import prepare
+
+
+class HasMotion(Protocol):
+    """What holds a motion: a plan, or what is in its file."""
+
+    @property
+    def motion(self) -> Motion:
+        """The motion."""
+
+
+# What stands for an arm, a recording, several of them, a result, and a motion.
+RobotLike: TypeAlias = Robot | str | Path
+LogLike: TypeAlias = Log | str | Path
+LogsLike: TypeAlias = LogLike | Sequence[LogLike]
+ResultLike: TypeAlias = Identification | str | Path
+MotionLike: TypeAlias = Motion | HasMotion | Log | str | Path
+
+
+_ROBOT = "an arm: a name such as 'kuka_lwr4plus', the path of a robot file or URDF, or what dynid.load_robot returns"
+
+
+_LOG = "a log: its path, or what dynid.load_log returns"
+
+
+_RESULT = "a result: its folder, its parameters.npz, or what dynid.identify returns"
+
+
+_MOTION = "a motion: dynid.Motion, a plan, or the path of a trajectory.npz or of a log"
+
+
+URDF = ".urdf"
+
+
+@public
+def load_robot(source: RobotLike, *, base: str | None = None, tip: str | None = None) -> Robot:
+    """Return an arm.
+
+    Args:
+        source: name of a robot file that comes with dynid, path of a robot file, or path of a URDF; ``arm.urdf#link``
+            names the last link of the arm as well; or an arm, which is returned.
+        base: first link of the arm in a URDF; None for its root.
+        tip: last link of the arm in a URDF; None for where the chain ends.
+
+    Raises:
+        WrongUsage: an argument is something else than what is wanted (E101).
+        RobotNotFound: there is no such file (E205).
+        DynidError: the file has a mistake (E201 to E207), or the URDF does not say which chain is the arm.
+
+    Example:
+        dynid.load_robot("kuka_lwr4plus")
+    """
+    if not isinstance(source, (str, Path)):
+        return as_robot(source, "source")
+    arguments.path(source, "source")
+    base = arguments.optional(base, str, "base", "the name of a link")
+    tip = arguments.optional(tip, str, "tip", "the name of a link")
+    file, mark, link = str(source).rpartition("#")
+    path = Path(file if mark and file.lower().endswith(URDF) else source)
+    if path.suffix.lower() != URDF:
+        if tip is not None or base is not None:
+            raise WrongUsage(
+                f"{source} is not a URDF: its chain has one tip", fix="leave out --tip"
+            )
+        return robotfile.load_robot(source)
+    if not path.is_file():
+        robotfile.find_robot(str(path))  # ends with the message that a missing robot file gets
+    tip = tip or (link if path != Path(source) else None)
+    found = import_arm(read_urdf(path), read_urdf(path, exact=True), base=base, tip=tip)
+    return replace(
+        found.robot, source=str(source), findings=(*found.robot.findings, *found.findings)
+    )
+
+
+def read_log(path: Path | str, robot: Robot, options: LogOptions = LogOptions()) -> Log:
+    """Return a recording as it is on disk: the driver's columns, order and units.
+
+    Args:
+        path: bag, text folder, CSV or npz file.
+        robot: the arm.
+        options: how to read it.
+
+    Raises:
+        DynidError: the file is missing, damaged, or has no joint states of this arm (E301 to E305).
+    """
+    with located(str(path)):
+        return read_recording(Path(path), robot=robot, topic=options.topic, rate=options.rate)
+
+
+@public
+def load_log(
+    path: LogLike,
+    robot: RobotLike,
+    options: LogOptions | None = None,
+    *,
+    identify: bool = True,
+    **changes: Any,  # noqa: ANN401
+) -> Log:
+    """Return a recording in DH quantities of an arm, checked; its ``findings`` say what was noticed.
+
+    Args:
+        path: bag, text folder, CSV or npz file; or a log made from arrays.
+        robot: the arm, its name, or the path of its file.
+        options: how to read it.
+        identify: refuse logs that are too short or too still to identify from (E313, E401).
+        changes: single options by name, such as ``sort_time=True``; see ``dynid.LogOptions``.
+
+    Raises:
+        WrongUsage: an argument or option is something else than what is wanted (E101).
+        DynidError: the first serious fault of the log (E301 to E401).
+
+    Example:
+        dynid.load_log("run1.bag", "kuka_lwr4plus", exclude="3.2-3.4")
+    """
+    options, robot = arguments.options(LogOptions, options, changes), as_robot(robot)
+    identify = arguments.instance(identify, bool, "identify", "True or False")
+    return checked_log(as_log(path, robot, options, "path"), robot, options, identify=identify)
+
+
+@one_thread
+def checked_log(
+    log: Log,
+    robot: Robot,
+    options: LogOptions = LogOptions(),
+    *,
+    identify: bool = True,
+    alone: bool = True,
+) -> Log:
+    """Return a log in DH quantities of an arm, checked; one that is so already is not checked again.
+
+    Raises:
+        DynidError: the first serious fault of the log.
+    """
+    if options.velocity == "derived":
+        log = replace(log, qd=None)
+    with located(str(log.source or "log")):
+        log = prepare(
+            log,
+            robot,
+            exclude=options.exclude,
+            sort_time=options.sort_time,
+            identify=identify,
+            alone=alone,
+        )
+    if options.velocity == "measured" and log.qd is None:
+        log = replace(log, qd=log.extra.get("qd_reported"))
+    if options.velocity == "measured" and log.qd is None:
+        finding = Finding("W308", "warning", f"{log.name} has no velocity; the derived one is used")
+        if finding not in log.findings:
+            log = replace(log, findings=(*log.findings, finding))
+    return log
+
+
+@contextmanager
+def located(where: str) -> Iterator[None]:
+    """Give a mistake that does not say where it was found the name of its log."""
+    try:
+        yield
+    except DynidError as error:
+        error.where = error.where or where
+        raise
+
+
+def load_run(run: Path) -> Identification:
+    """Return the result of a run, given by its folder or by its parameters.npz.
+
+    Raises:
+        NotAnArtifact: the file is none, or is damaged.
+    """
+    return result_files.load(parameters_of(run))
+
+
+def parameters_of(run: Path) -> Path:
+    """Return the parameters.npz of a run given by its folder or by the file."""
+    return run / "parameters.npz" if run.is_dir() else run
+
+
+def motion_of(path: Path, robot: Robot) -> Motion:
+    """Return the motion of a trajectory.npz, or the one that a log went through.
+
+    Args:
+        path: trajectory.npz, or a log.
+        robot: the arm.
+    """
+    try:
+        return read_trajectory(path, robot).motion
+    except (NotAnArtifact, KeyError):
+        return motion_of_log(path, robot)
+
+
+def motion_of_log(recording: Log | Path, robot: Robot) -> Motion:
+    """Return the motion that a log went through, evenly sampled."""
+    from scipy.signal import savgol_filter
+
+    log = load_log(recording, robot)
+    t = log.t - log.t[0]
+    even = np.linspace(0.0, float(t[-1]), len(t))
+    step, orders = float(even[1]), []
+    signal = np.stack([np.interp(even, t, column) for column in log.q.T], axis=1)
+    # Why at most: of a fast and short log, the window would take more samples than there are.
+    window = min(max(7, 2 * round(0.05 / step) + 1), (len(even) - 1) // 2 * 2 + 1)
+    for order in range(3):
+        orders.append(savgol_filter(signal, window, 5, deriv=order, delta=step, axis=0))
+    return Motion(even, *orders)
+
+
+def as_robot(value: RobotLike, name: str = "robot") -> Robot:
+    """Return an arm given by itself, by name, or by the path of its file."""
+    if isinstance(value, (str, Path)):
+        return load_robot(str(arguments.path(value, name)))
+    return arguments.instance(value, Robot, name, _ROBOT)
+
+
+def as_base_model(value: BaseModel | None) -> BaseModel | None:
+    """Return a base model, or None where it is not there yet."""
+    return arguments.optional(value, BaseModel, "base", "what dynid.base_model returns")
+
+
+def as_log(value: LogLike, arm: Robot, options: LogOptions, name: str = "log") -> Log:
+    """Return a log given by itself, or by its path."""
+    if isinstance(value, (str, Path)):
+        return read_log(arguments.path(value, name), arm, options)
+    return arguments.instance(value, Log, name, _LOG)
+
+
+def as_logs(
+    value: LogsLike, arm: Robot, options: LogOptions, name: str = "logs", *, empty: bool = False
+) -> list[Log]:
+    """Return one or several logs, each given by itself or by its path; no log at all only where that is allowed."""
+    items = arguments.several(
+        value, (Log, str, Path), name, f"{_LOG}; or a list of them", empty=empty
+    )
+    return [
+        as_log(each, arm, options, f"{name}[{k}]" if len(items) > 1 else name)
+        for k, each in enumerate(items)
+    ]
+
+
+def as_result(value: ResultLike, name: str = "result") -> Identification:
+    """Return a result given by itself, by its folder, or by its file."""
+    if isinstance(value, (str, Path)):
+        return load_run(arguments.path(value, name))
+    return arguments.instance(value, Identification, name, _RESULT)
+
+
+def as_results(value: ResultLike | Sequence[ResultLike]) -> list[Identification]:
+    """Return one or several results, each given by itself, by its folder, or by its file."""
+    items = arguments.several(
+        value, (Identification, str, Path), "results", f"{_RESULT}; or a list of them"
+    )
+    return [as_result(each, f"results[{k}]") for k, each in enumerate(items)]
+
+
+def as_motion(value: MotionLike, arm: Robot) -> Motion:
+    """Return a motion given by itself, in a plan or a log, or by the path of its file."""
+    if isinstance(value, (str, Path)):
+        found = motion_of(arguments.path(value, "motion"), arm)
+    elif isinstance(value, Log):
+        found = motion_of_log(value, arm)
+    else:
+        held = getattr(value, "motion", value)
+        found = arguments.instance(held, Motion, "motion", _MOTION)
+    if found.q.shape[1] != arm.n:
+        raise arguments.refusal(f"motion has {found.q.shape[1]} joints, and {arm.name} has {arm.n}")
+    return found
