@@ -79,12 +79,6 @@ def test_a_job_is_done_again_only_when_what_it_depends_on_has_changed(batch):
 
 
 @pytest.mark.slow
-def test_nothing_of_the_working_folder_is_imported(batch):
-    (batch.folder / "numpy.py").write_text("raise SystemExit('imported')")
-    ended = batch("run", "batch.yaml", "--only", "job0", "--json")
-    assert ended.status == 0, ended.err
-
-
 def test_a_job_that_its_worker_cannot_do_fails_alone(batch, monkeypatch):
     def killed(job, *_):
         if job.name == "job1":
