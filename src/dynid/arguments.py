@@ -56,6 +56,10 @@ def one_thread(function: Callable[P, T]) -> Callable[P, T]:
 def public(function: Callable[P, T]) -> Callable[P, T]:
     """Return a public function: it computes in one thread, and a wrong call of it is ``WrongUsage``."""
     computing, signature = one_thread(function), inspect.signature(function)
+    kind = (
+        "" if "changes" not in signature.parameters else signature.parameters["options"].annotation
+    )
+    options = function.__globals__.get(kind.partition(" ")[0])
 
     @wraps(function)
     def called(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -69,7 +73,23 @@ def public(function: Callable[P, T]) -> Callable[P, T]:
         finally:
             _running.reset(token)
 
+    if options is not None:
+        called.__signature__ = spelled(signature, options)  # type: ignore[attr-defined]
     return called
+
+
+def spelled(signature: inspect.Signature, options: type[Options]) -> inspect.Signature:
+    """Return a signature with an option each in the place of ``**changes``: what help and notebooks show."""
+    plain = [each for name, each in signature.parameters.items() if name != "changes"]
+    known = {each.name for each in plain}
+    own = [
+        inspect.Parameter(
+            each.name, inspect.Parameter.KEYWORD_ONLY, default=each.default, annotation=each.type
+        )
+        for each in fields(options)
+        if each.name not in known
+    ]
+    return signature.replace(parameters=[*plain, *own])
 
 
 def _call_refused(text: str, signature: inspect.Signature, given: Mapping[str, Any]) -> WrongUsage:

@@ -86,7 +86,7 @@ def misses_limit(**_):
 
 
 def waits(common, **_):
-    from dynid.npz import written_whole
+    from dynid.disk import written_whole
 
     with written_whole(Path("half.npz")) as stream:
         stream.write(b"half")

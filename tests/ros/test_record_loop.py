@@ -9,10 +9,10 @@ import pytest
 import yaml
 from lab import ROOT
 
+from dynid.disk import sha256
 from dynid.files.logs import read_log, read_npz_log
 from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import read_trajectory
-from dynid.npz import sha256
 from dynid.sim.plant import read_plant
 
 KINOVA, LWR = "kinova_gen2", "kuka_lwr4plus"

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dynid.disk import written_whole
 from dynid.errors import CannotWrite, TooLarge
-from dynid.npz import read_npz, write_npz, written_whole
+from dynid.npz import read_npz, write_npz
 
 
 def make_pipe(path: Path) -> None:

@@ -11,8 +11,8 @@ import dynid
 from dynid import workflows
 from dynid.cli.judged import show_answer
 from dynid.cli.options import Common, dynid_command
+from dynid.disk import write_text
 from dynid.errors import ExitStatus, WrongUsage
-from dynid.files.artifact import write_text
 
 if TYPE_CHECKING:
     from dynid.workflows.compare import ComparedRun, RunComparison

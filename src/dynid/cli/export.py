@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +12,8 @@ import dynid
 from dynid import workflows
 from dynid.cli.arguments import options_from, options_of
 from dynid.cli.options import Common, dynid_command
-from dynid.cli.prompt import may_write
+from dynid.cli.prompt import write_once
 from dynid.errors import ExitStatus
-from dynid.files.artifact import write_text
 from dynid.workflows.options import SUFFIXES, ExportOptions
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def command(common: Common, run: Path, formats: tuple[str, ...], **values: Any) 
             options_of(ExportOptions, values),
             formats=wanted,
             seed=common.seed,
-            write=lambda path, text: write(common, path, text),
+            write=partial(write_once, common),
             progress=progress,
         )
     show(common, made)
@@ -58,15 +58,6 @@ def command(common: Common, run: Path, formats: tuple[str, ...], **values: Any) 
         common.terminal.wrote(made.drawn[-1].parent)
     common.terminal.emit_json(made.facts())
     return ExitStatus.DONE if made.agrees or made.findings else ExitStatus.LIMIT_NOT_MET
-
-
-def write(common: Common, path: Path, text: str) -> None:
-    """Write a file, unless it is there already; ask before another one is overwritten."""
-    if path.is_file() and path.read_bytes() == text.encode() and not common.force:
-        common.terminal.stage("reused", f"{path}       (the same bytes)")
-    elif may_write(common, path, {}):
-        write_text(path, text)
-        common.terminal.wrote(path)
 
 
 def show(common: Common, made: ExportedModel) -> None:

@@ -17,9 +17,8 @@ from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import may_write
 from dynid.cli.report import write_report
 from dynid.cli.runfile import write_run
+from dynid.disk import write_text
 from dynid.errors import ExitStatus, Finding, WrongUsage
-from dynid.files.artifact import write_text
-from dynid.table import ROUNDING, with_error
 from dynid.text import closest, yaml_text
 from dynid.workflows.options import IdentifyOptions
 
@@ -453,37 +452,7 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     known = "masses are unknown without motor gains" if torque.relative else f"{mass:.3g} kg in all"
     terminal.fact("physical", f"links with mass, centre and inertia in parameters.npz, {known}")
     terminal.answer()
-    terminal.table(
-        ["parameter", "value", "std error", "unit", "class", "known", "prior"],
-        parameter_rows(found),
-    )
-
-
-def parameter_rows(found: Identification) -> list[list[str]]:
-    """Return one line a base parameter, with the digits that its error leaves."""
-    rows = []
-    for row in found.parameter_rows():
-        error = row["std_error"]
-        value = "not determined" if error is None else with_error(row["value"], error)
-        prior = (
-            "-"
-            if row["prior"] is None
-            else f"{row['prior']:.4g}"
-            if abs(row["prior"]) > ROUNDING
-            else "0"
-        )
-        rows.append(
-            [
-                row["name"],
-                value,
-                "-" if error is None else f"{error:.2g}",
-                row["unit"],
-                row["class"],
-                row["known"],
-                prior,
-            ]
-        )
-    return rows
+    terminal.show(found.table())
 
 
 LIMIT = re.compile(r"\s*([a-z_]+)\s*(<=|>=|<|>)\s*([-+0-9.eE]+)\s*")

@@ -11,9 +11,8 @@ import click
 from dynid import workflows
 from dynid.cli.arguments import options_from, options_of
 from dynid.cli.options import Common, dynid_command
-from dynid.cli.prompt import may_write
+from dynid.cli.prompt import write_once
 from dynid.errors import ExitStatus
-from dynid.files.artifact import write_text
 from dynid.text import shell
 from dynid.workflows.options import ImportOptions
 
@@ -36,12 +35,7 @@ def command(common: Common, urdf: Path, **values: Any) -> ExitStatus:  # noqa: A
     found = workflows.import_urdf.import_urdf(urdf, options_of(ImportOptions, values))
     common.terminal.findings(found.findings)
     path = common.folder(urdf.stem) / f"{urdf.stem}.yaml"
-    text = workflows.import_urdf.robot_file(found, urdf)
-    if path.is_file() and path.read_bytes() == text.encode() and not common.force:
-        common.terminal.stage("reused", f"{path}       (the same bytes)")
-    elif may_write(common, path, {}):
-        write_text(path, text)
-        common.terminal.wrote(path)
+    write_once(common, path, workflows.import_urdf.robot_file(found, urdf))
     common.terminal.emit_json(workflows.import_urdf.import_facts(found, path))
     show(common, found)
     common.terminal.next(shell("dynid", "check", path))

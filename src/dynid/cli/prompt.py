@@ -20,6 +20,7 @@ from typing import Any
 from dynid.cli.failure import is_terminal
 from dynid.cli.options import Common
 from dynid.cli.terminal import plain
+from dynid.disk import sha256, write_text
 from dynid.errors import CannotAsk, Declined, OutputExists, WrongUsage
 from dynid.text import shell, visible
 
@@ -229,8 +230,6 @@ def input_hashes(
     files: Mapping[str, Path], options: Mapping[str, Any] | None = None
 ) -> dict[str, str]:
     """Return what a result depends on, for its header's ``inputs``: sha256 of files, and of the options as a whole."""
-    from dynid.npz import sha256
-
     hashes = {name: sha256(path) for name, path in files.items()}
     if options is not None:
         text = json.dumps(plain(options), sort_keys=True)
@@ -268,6 +267,15 @@ def may_write(common: Common, path: Path, inputs: Mapping[str, str]) -> bool:
     if ask(common, "P6", path=path) is Answer.YES:
         return True
     raise Declined(f"{path} is left as it was", fix="use --force, or another folder with --out")
+
+
+def write_once(common: Common, path: Path, text: str) -> None:
+    """Write a text, unless the file holds it already; ask before another one is overwritten."""
+    if path.is_file() and path.read_bytes() == text.encode() and not common.force:
+        common.terminal.stage("reused", f"{path}       (the same bytes)")
+    elif may_write(common, path, {}):
+        write_text(path, text)
+        common.terminal.wrote(path)
 
 
 def _difference(found: object, inputs: Mapping[str, str]) -> str:

@@ -11,8 +11,8 @@ import click
 
 from dynid.cli.arguments import options_from, options_of
 from dynid.cli.options import Common, dynid_command
+from dynid.disk import write_text
 from dynid.errors import ExitStatus, WrongUsage
-from dynid.files.artifact import write_text
 from dynid.reports.tables import JunitCase
 from dynid.reports.tables import junit as junit_xml
 from dynid.workflows.run import RunOptions, run

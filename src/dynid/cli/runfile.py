@@ -16,6 +16,7 @@ import click
 from click.core import ParameterSource
 
 from dynid.cli.commands import COMMANDS
+from dynid.disk import write_text
 from dynid.errors import DynidError, WrongUsage
 from dynid.files.yamlfile import read_yaml
 from dynid.text import yaml_text
@@ -88,8 +89,6 @@ def write_run(folder: Path, inputs: Mapping[str, str]) -> Path:
         folder: results folder.
         inputs: sha256 of every input by name.
     """
-    from dynid.files.artifact import write_text
-
     ctx = click.get_current_context()
     arguments = arguments_of(ctx)
     path = folder / NAME

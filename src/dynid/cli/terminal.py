@@ -26,6 +26,7 @@ from rich.text import Text
 from dynid.cli.failure import is_terminal, silence_streams, use_color
 from dynid.cli.progress_bar import Bar
 from dynid.errors import CannotWrite, Finding
+from dynid.table import cell_text
 from dynid.text import shell, visible, whole_number
 
 #: Width of the first column of stage lines.
@@ -252,7 +253,7 @@ class Terminal:
         """Print rows that have the same keys, as a ``Table`` holds them; nothing where there are none."""
         if rows:
             self.table(
-                list(rows[0]), [list(map(str, row.values())) for row in rows], numbers=numbers
+                list(rows[0]), [list(map(cell_text, row.values())) for row in rows], numbers=numbers
             )
 
     def _records(self, columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> None:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
+from dynid.drivers.command_port import CommandPort
+from dynid.drivers.follow_joint_trajectory import FollowJointTrajectoryPort, choose_commands
+from dynid.drivers.joint_trajectory import JointTrajectoryPort
+from dynid.drivers.kinova_gen2 import KinovaGen2Port
+from dynid.drivers.lwr4plus import Lwr4PlusPort
+from dynid.drivers.ros import Node
 from dynid.errors import TopicMissing, WrongMessageType
+from dynid.robot import Robot
 from dynid.text import shell
-
-if TYPE_CHECKING:
-    from dynid.drivers.command_port import CommandPort
-    from dynid.drivers.ros import Node
-    from dynid.robot import Robot
 
 JOINT_STATE = "sensor_msgs/JointState"
 
@@ -58,9 +60,6 @@ class Driver:
         Raises:
             TopicMissing: several topics could be meant.
         """
-        from dynid.drivers.follow_joint_trajectory import FollowJointTrajectoryPort, choose_commands
-        from dynid.drivers.joint_trajectory import JointTrajectoryPort
-
         streamed = JointTrajectoryPort(node, robot, state_topic)
         if not moving:
             return streamed
@@ -169,8 +168,6 @@ class Lwr4Plus(Driver):
         moving: bool = True,
     ) -> CommandPort:
         """Return the port of the position controller."""
-        from dynid.drivers.lwr4plus import Lwr4PlusPort
-
         return Lwr4PlusPort(node, robot, state_topic, command_topic)
 
 
@@ -218,8 +215,6 @@ class KinovaGen2(Driver):
         moving: bool = True,
     ) -> CommandPort:
         """Return the port of the velocity topic."""
-        from dynid.drivers.kinova_gen2 import KinovaGen2Port
-
         return KinovaGen2Port(node, robot, state_topic, command_topic)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.disk import write_text
 from dynid.errors import Finding, NotAnArtifact
 from dynid.estimation.least_squares import Fit
 from dynid.estimation.possible_arm import PhysicalParameters
@@ -17,7 +18,7 @@ from dynid.estimation.posterior import ExpectedError
 from dynid.estimation.residual_model import ModelError
 from dynid.estimation.result import Identification, JointQuality, Quality
 from dynid.files import typed
-from dynid.files.artifact import read_artifact, read_header, reading, write_text
+from dynid.files.artifact import read_artifact, read_header, reading
 from dynid.files.robotfile import parse_robot, text_of
 from dynid.model.base_model import (
     REDUCTION_SHAPES,

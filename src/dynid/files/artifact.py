@@ -16,7 +16,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from dynid.errors import NewerSchema, NotAnArtifact, TooLarge
-from dynid.npz import HEADER, read_npz, written_whole
+from dynid.npz import HEADER, read_npz
 from dynid.text import whole_number
 from dynid.version import __version__
 
@@ -65,10 +65,6 @@ def reading(path: Path) -> Iterator[None]:
 
 
 # ---------------------------------------------------------------- results
-def write_text(path: Path, text: str) -> None:
-    """Write a text file whole."""
-    with written_whole(path) as stream:
-        stream.write(text.encode("utf-8"))
 
 
 def read_artifact(

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.disk import written_whole
 from dynid.errors import WrongUsage
 from dynid.log import COLUMNS, Log
-from dynid.npz import written_whole
 from dynid.text import column
 from dynid.version import __version__
 

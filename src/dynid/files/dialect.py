@@ -47,45 +47,42 @@ class Dialect:
         """Cells of a row; a delimiter at its end begins none."""
         return len(self.names) or len(self.first)
 
-    def read(self, path: Path, places: Sequence[int]) -> Iterator[Floats]:
-        """Yield some columns of a text, block by block, (N, k).
+    def read(self, path: Path, places: Sequence[int]) -> Floats:
+        """Return some columns of a text, (N, k): at once where all cells are plain numbers.
 
         Raises:
             LogNotFound: it is no text.
-            LogLayout: a cell is not a number, or a row has another number of cells.
+            LogLayout: a cell is not a number, a row has another number of cells, or there is none.
         """
-        rows: list[tuple[int, str]] = []
-        for number, line in lines_of(path):
-            if not self.first or number < self.start or line[0] in "#%":
-                continue
-            rows.append((number, line))
-            if len(rows) == tuning.ROWS:
-                yield self._numbers(path, rows, places)
-                rows = []
-        if rows:
-            yield self._numbers(path, rows, places)
+        if not self.first:
+            raise LogLayout(f"{path.name} has no samples", where=str(path))
+        try:
+            return np.loadtxt(
+                self._plain(path),
+                delimiter=self.delimiter,
+                comments=None,
+                quotechar='"',
+                ndmin=2,
+                usecols=places,
+            )
+        except ValueError:
+            rows = self._lines(path)
+            return np.array([self._row(f"{path.name}:{k}", path, x, places) for k, x in rows])
 
-    def _numbers(
-        self, path: Path, rows: Sequence[tuple[int, str]], places: Sequence[int]
-    ) -> Floats:
-        """Return some columns of some rows, (N, k): at once where all cells are plain numbers."""
-        lines = [line for _, line in rows]
-        counts = {line.count(self.delimiter) for line in lines} if self.delimiter else set()
-        # Why no points: beside decimal commas they group thousands, and 1.234 must not be read.
-        if counts <= {len(self.first) - 1} and not (self.comma and any("." in x for x in lines)):
-            ready = [line.replace(",", ".") for line in lines] if self.comma else lines
-            try:
-                return np.loadtxt(
-                    ready,
-                    delimiter=self.delimiter,
-                    comments=None,
-                    quotechar='"',
-                    ndmin=2,
-                    usecols=places,
-                )
-            except ValueError:
-                pass
-        return np.array([self._row(f"{path.name}:{k}", path, line, places) for k, line in rows])
+    def _lines(self, path: Path) -> Iterator[tuple[int, str]]:
+        """Yield the lines of numbers."""
+        for number, line in lines_of(path):
+            if number >= self.start and line[0] not in "#%":
+                yield number, line
+
+    def _plain(self, path: Path) -> Iterator[str]:
+        """Yield the lines of numbers with decimal points; ``ValueError`` where one needs a look at its cells."""
+        for _, line in self._lines(path):
+            # Points beside decimal commas group thousands: 1.234 must not be read.
+            grouped = self.comma and "." in line
+            if grouped or (self.delimiter and line.count(self.delimiter) != len(self.first) - 1):
+                raise ValueError
+            yield line.replace(",", ".") if self.comma else line
 
     def _row(self, place: str, path: Path, line: str, places: Sequence[int]) -> list[float]:
         """Return the numbers of one row; an empty cell is not a number, words are named."""

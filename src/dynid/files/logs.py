@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.disk import sha256
 from dynid.drivers.interface import JOINT_STATE, driver_of
 from dynid.errors import (
     Finding,
@@ -26,10 +27,10 @@ from dynid.errors import (
     NewerSchema,
     WrongMessageType,
 )
-from dynid.files import tuning
+from dynid.files import bag, rosbag2, tables, tuning
 from dynid.files.messages import KINOVA_TYPES, MULTI_ARRAY, Message, Topic, collected
 from dynid.log import COLUMNS, SCHEMA, Log, has_rows
-from dynid.npz import HEADER, read_npz, sha256
+from dynid.npz import HEADER, read_npz
 from dynid.robot import Robot
 from dynid.text import whole_number
 from dynid.units import POSITION
@@ -63,13 +64,7 @@ class Container(Protocol):
 
 def container_of(kind: str) -> Container:
     """Return what lists and reads the topics of bags of a kind, ``"bag"`` or ``"rosbag2"``."""
-    if kind == "bag":
-        from dynid.files import bag
-
-        return bag
-    from dynid.files import rosbag2
-
-    return rosbag2
+    return bag if kind == "bag" else rosbag2
 
 
 def read_topics(
@@ -137,8 +132,6 @@ def read_log(
     if kind == "npz":
         log = read_npz_log(path)
     elif kind in ("table", "folder"):
-        from dynid.files import tables
-
         columns = robot.driver.columns if robot.driver else None
         log = (
             tables.read_folder(path, rate)
@@ -160,7 +153,6 @@ def hash_of(path: Path) -> str:
     """Return the SHA-256 of a file; of a folder of rosbag2 that of its recordings, one after the other."""
     if not path.is_dir() or format_of(path) != "rosbag2":
         return sha256(path)
-    from dynid.files import rosbag2
 
     parts = rosbag2.parts_of(path)
     return (

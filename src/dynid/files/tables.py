@@ -72,7 +72,7 @@ def read_table(
     columns = _columns(path, names, joints, patterns)
     time = _time_column(path, names, patterns.get("time"), rate)
     chosen = [*([time] if time else []), *(name for each in columns.values() for name in each)]
-    values = _numbers(path, dialect, [names.index(name) for name in chosen])
+    values = dialect.read(path, [names.index(name) for name in chosen])
     findings: tuple[Finding, ...] = ()
     # Why: a table of several topics has a row for each message of any.
     empty = np.isnan(values[:, 1 if time else 0 :]).all(axis=1)
@@ -241,14 +241,6 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
 
 
-def _numbers(path: Path, dialect: Dialect, places: Sequence[int]) -> Floats:
-    """Return some columns of a table, (N, k)."""
-    blocks = list(dialect.read(path, places))
-    if not sum(map(len, blocks)):
-        raise LogLayout(f"{path.name} has no samples", where=str(path))
-    return np.concatenate(blocks)
-
-
 # ---------------------------------------------------------------- a folder of texts
 @dataclass(frozen=True)
 class _Text:
@@ -320,7 +312,7 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
 
 def _read_text(path: Path) -> _Text:
     dialect = dialect_of(path)
-    return _Text(path, dialect.names, _numbers(path, dialect, range(dialect.width)))
+    return _Text(path, dialect.names, dialect.read(path, range(dialect.width)))
 
 
 def _in_order(text: _Text, names: Sequence[str], width: int) -> Floats:

@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.disk import written_whole
 from dynid.errors import NotAnArtifact
 from dynid.files.artifact import read_artifact, reading
 from dynid.motion import Motion
-from dynid.npz import write_artifact, written_whole
+from dynid.npz import write_artifact
 from dynid.robot import Robot
 from dynid.text import column, yaml_word
 

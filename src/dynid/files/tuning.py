@@ -7,8 +7,6 @@ LEAST_DISTINCT = 0.5
 #: Lines from which the dialect of a table is told, and rows of numbers among them. Evidence: headers of recorders have
 #: up to some tens of lines.
 FIRST_LINES, FIRST_ROWS = 200, 40
-#: Rows of a table that are turned into numbers together. Evidence: none yet.
-ROWS = 20_000
 
 #: Seconds since 1970 of 2001 and of 2100 [s]: stamps between them are of a calendar. Evidence: ROS began in 2007.
 CALENDAR_S = (1e9, 4.1e9)

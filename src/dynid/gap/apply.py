@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from dynid.disk import write_text
 from dynid.estimation.stack import Stack, settled, stack_logs
-from dynid.files.artifact import write_text
 from dynid.files.robotfile import text_of
 from dynid.gap.record import GapEffect
 from dynid.gap.selected_effects import SelectedEffect

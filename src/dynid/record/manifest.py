@@ -9,10 +9,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from dynid.disk import sha256, write_text
 from dynid.drivers.ros import Node
-from dynid.files.artifact import write_text
 from dynid.files.trajectoryfile import person
-from dynid.npz import sha256
 from dynid.robot import Robot
 from dynid.text import yaml_text
 from dynid.version import __version__

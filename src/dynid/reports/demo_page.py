@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from dynid.files.artifact import write_text
+from dynid.disk import write_text
+from dynid.reports.page import templates
 
 
 @dataclass(frozen=True)
@@ -39,8 +40,6 @@ def write_demo_page(
         chapters: its steps.
         program: word that starts dynid here.
     """
-    from dynid.reports.page import templates
-
     told = [
         {
             "title": chapter.title,

@@ -15,8 +15,8 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.disk import written_whole
 from dynid.estimation.prediction import EstimatedMotion
-from dynid.npz import written_whole
 from dynid.robot import Robot
 from dynid.text import TITLE_LENGTH, label
 

@@ -24,12 +24,12 @@ from dynid.reports.figures import (
     thinned,
 )
 from dynid.reports.section_figures import binned, name_rows
+from dynid.sim.comparison import SimulatorGap
 from dynid.text import TITLE_LENGTH, label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from dynid.sim.comparison import SimulatorGap
 
 #: Least times the noise's power at which the colours end; they go on to the worst that there is.
 WORST = 10.0

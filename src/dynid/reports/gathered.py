@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,10 @@ from dynid.estimation.observation_files import load_factors
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import Stack
+from dynid.gap.record import GapRecord, read_record
+from dynid.judgement.judge import Judgement
 from dynid.robot import Robot
-
-if TYPE_CHECKING:
-    from dynid.gap.record import GapRecord
-    from dynid.judgement.judge import Judgement
-    from dynid.sim.comparison import SimulatorGap
+from dynid.sim.comparison import SimulatorGap
 
 Floats = NDArray[np.float64]
 
@@ -79,8 +77,6 @@ def gather(result: Identification) -> Gathered:
         NotAnArtifact: one is damaged.
     """
     # Why here: most results have no gap beside them.
-    from dynid.gap.record import read_record
-    from dynid.sim.comparison import SimulatorGap
 
     if not result.path.name:
         if result.stack is None:

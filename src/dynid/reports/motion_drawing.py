@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.npz import written_whole
+from dynid.disk import written_whole
 from dynid.trajectory.clearance import Capsules, Distance
 from dynid.trajectory.drawing import COLORS
 from dynid.trajectory.feasible import position_range

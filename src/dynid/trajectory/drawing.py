@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.npz import written_whole
+from dynid.disk import written_whole
 
 if TYPE_CHECKING:
     from PIL import Image

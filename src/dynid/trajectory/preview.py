@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid import children
+from dynid.disk import written_whole
 from dynid.errors import Collision, NoDisplay, PackageMissing, WrongRobotFile
 from dynid.model.kinematics import link_frames
 from dynid.motion import Motion
-from dynid.npz import written_whole
 from dynid.robot import Robot
 from dynid.sim.urdf import write_urdf
 from dynid.trajectory import tuning

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid import arguments
+from dynid.answer import Answer, Judged
 from dynid.arguments import public
 from dynid.errors import WrongUsage
 from dynid.estimation.compare import Change, Comparison, FigureOfMerit, same_parameters
@@ -16,7 +17,7 @@ from dynid.estimation.result import Identification
 from dynid.files import typed
 from dynid.judgement.evidence import Change as ChangedNumber
 from dynid.judgement.evidence import Evidence
-from dynid.judgement.judge import Judgement, judge
+from dynid.judgement.judge import Judgement
 from dynid.loading import ResultLike, as_result, as_results
 from dynid.options import share_or_none
 from dynid.reports.tables import JunitCase, junit, run_rows, runs_csv, runs_latex
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class ComparedRun:
+class ComparedRun(Judged):
     """One run compared with the reference.
 
     Attributes:
@@ -101,11 +102,6 @@ class ComparedRun:
             tolerance=self.tolerance,
         )
 
-    @property
-    def judgement(self) -> Judgement:
-        """What is said of it: what changed first, then what its model is worth."""
-        return judge(self.evidence)
-
     def summary(self) -> str:
         """Return how many values changed, in one sentence; empty where nothing was compared."""
         if self.comparison is None:
@@ -155,7 +151,7 @@ class ComparedRun:
 
 
 @dataclass(frozen=True, repr=False)
-class RunComparison:
+class RunComparison(Answer):
     """Several results side by side.
 
     Attributes:
@@ -212,9 +208,6 @@ class RunComparison:
     def __repr__(self) -> str:
         """Return the table and one sentence per comparison."""
         return "\n".join([repr(self.table()), *filter(None, (run.summary() for run in self.runs))])
-
-    def _repr_html_(self) -> str:
-        return self.table()._repr_html_()
 
     def to_dataframe(self) -> DataFrame:
         """Return one row per run: figures, then every parameter with its standard error.

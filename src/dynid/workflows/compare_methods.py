@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 from dynid import arguments
+from dynid.answer import Answer
 from dynid.arguments import public
 from dynid.errors import DynidError
 from dynid.estimation.compare import biased, differing
@@ -51,7 +52,7 @@ class EstimatorRow:
 
 
 @dataclass(frozen=True, repr=False)
-class MethodComparison:
+class MethodComparison(Answer):
     """Every estimator on the same logs.
 
     Attributes:
@@ -101,9 +102,6 @@ class MethodComparison:
     def __repr__(self) -> str:
         """Return the table and the alarm for encoder noise."""
         return "\n".join(filter(None, [repr(self.table()), self.alarm()]))
-
-    def _repr_html_(self) -> str:
-        return self.table()._repr_html_()
 
     def alarm(self) -> str:
         """Return the sentence about encoder noise; empty when least squares and instruments agree."""

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dynid.disk import write_text
 from dynid.errors import WrongUsage
 from dynid.estimation.result import Identification
 from dynid.files import packaged
-from dynid.files.artifact import write_text
 from dynid.files.robotfile import load_robot
 from dynid.model.parameters import prior_bodies
 from dynid.progress import SILENT, Progress

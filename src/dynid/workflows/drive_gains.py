@@ -8,10 +8,10 @@ from typing import Any
 
 from dynid import arguments
 from dynid.arguments import public
+from dynid.disk import write_text
 from dynid.errors import WrongUsage
 from dynid.estimation.drive_gains import Gains, find_gains, known_load
 from dynid.estimation.stack import stack_logs
-from dynid.files.artifact import write_text
 from dynid.files.robotfile import load_robot, text_of
 from dynid.loading import LogLike, LogsLike, RobotLike, as_log, as_logs, as_robot, checked_log
 from dynid.log import Log

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from dynid import arguments
+from dynid.answer import Answer
 from dynid.arguments import public
+from dynid.disk import write_text
 from dynid.errors import Finding, NotAnArtifact, NotPhysical, WrongUsage
 from dynid.estimation.least_squares import relative_error
 from dynid.estimation.result import Identification
@@ -25,7 +27,6 @@ from dynid.exporters import (
 from dynid.exporters.effects_file import HOSTS, wanted
 from dynid.exporters.full_model import model_of
 from dynid.exporters.simulated import simulated
-from dynid.files.artifact import write_text
 from dynid.loading import ResultLike, as_base_model, as_result
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import indefinite_share, random_poses
@@ -101,7 +102,7 @@ class ExportedFile:
 
 
 @dataclass(frozen=True, repr=False)
-class ExportedModel:
+class ExportedModel(Answer):
     """The files of one export.
 
     Attributes:
@@ -150,13 +151,6 @@ class ExportedModel:
                 )
                 rows.append((file.format, "-", "refused" if file.refused else why, "-"))
         return Table([dict(zip(heads, row, strict=True)) for row in rows])
-
-    def __repr__(self) -> str:
-        """Return the table of comparisons."""
-        return repr(self.table())
-
-    def _repr_html_(self) -> str:
-        return self.table()._repr_html_()
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid export`` says."""

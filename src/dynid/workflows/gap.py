@@ -525,8 +525,8 @@ def earlier_logs(
     Example:
         dynid.earlier_logs("out/kuka_lwr4plus", ["run3.bag", "run4.bag"])
     """
+    from dynid.disk import sha256
     from dynid.estimation.evidence import found_log
-    from dynid.npz import sha256
 
     options, progress = (
         arguments.options(GapOptions, options, changes),

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from dynid.disk import sha256
 from dynid.errors import WrongUsage
 from dynid.loading import read_log
-from dynid.npz import sha256
 from dynid.robot import Robot
 from dynid.workflows.options import IdentifyOptions
 from dynid.workflows.parameters import stored_key

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.answer import Answer
 from dynid.errors import Finding
 from dynid.files.trajectoryfile import (
     Review,
@@ -75,8 +76,8 @@ class SearchRecord:
         return f"{ENDINGS[self.ended].format(done=done)}{drawn}; seed {self.seed}"
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, repr=False)
+class Plan(Answer):
     """A motion that keeps all limits and stays clear of everything, with what it will teach.
 
     Attributes:
@@ -353,14 +354,6 @@ class Plan:
             times = here.torque_error / full.torque_error
             cost = f"at alpha {here.alpha:g} the expected torque error is {times:.2g} times larger than at 1.0"
             yield "note", f"{cost} for equally many samples: a first, safe run; then 0.5, then 1.0"
-
-    def __repr__(self) -> str:
-        """Return the table and the summary as text."""
-        return repr(self.table())
-
-    def _repr_html_(self) -> str:
-        """Return the table and the summary as HTML for notebooks."""
-        return self.table()._repr_html_()
 
     def window(self) -> AbstractContextManager[None]:
         """Show the motion in PyBullet's window for the length of a ``with`` block.

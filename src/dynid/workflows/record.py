@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from dynid.disk import sha256
 from dynid.drivers.command_port import CommandPort
 from dynid.drivers.interface import driver_of
 from dynid.drivers.ros import Node, connect
@@ -20,7 +21,6 @@ from dynid.files.logs import read_log
 from dynid.files.trajectoryfile import StoredTrajectory
 from dynid.model.parameters import prior_base_parameters
 from dynid.motion import Motion
-from dynid.npz import sha256
 from dynid.progress import SILENT, Progress
 from dynid.record import manifest, motion_checks, playing, preflight, session
 from dynid.record.monitor import Monitor, StopRules

@@ -8,7 +8,7 @@ from typing import Any
 
 from dynid import arguments
 from dynid.arguments import public
-from dynid.files.artifact import write_text
+from dynid.disk import write_text
 from dynid.judgement.judge import Judgement
 from dynid.loading import ResultLike, as_result
 from dynid.progress import Progress

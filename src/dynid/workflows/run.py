@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from dynid import children
+from dynid.disk import write_text
 from dynid.errors import ExitStatus, PackageMissing, SchedulerSilent, WrongUsage
-from dynid.files.artifact import write_text
 from dynid.files.batchfile import Job, folder_name, read_batch
 from dynid.options import Options, option
 from dynid.text import closest, shell

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from dynid import arguments
 from dynid.arguments import public
+from dynid.disk import sha256
 from dynid.errors import PlanTeachesLittle
 from dynid.estimation.result import Identification
 from dynid.files.artifact import reading
@@ -25,7 +26,6 @@ from dynid.gap.record import GapRecord, read_record
 from dynid.loading import RobotLike, as_base_model, as_robot
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
-from dynid.npz import sha256
 from dynid.progress import SILENT, Progress
 from dynid.reports.motion_drawing import draw_motion
 from dynid.robot import Robot

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid import arguments
+from dynid.answer import Judged
 from dynid.arguments import public
 from dynid.errors import SameRecording
 from dynid.estimation import prediction
@@ -21,7 +22,6 @@ from dynid.exporters import FORMATS
 from dynid.files.artifact import read_header
 from dynid.files.convert import JointStates, write_replay
 from dynid.judgement.evidence import Evidence, Unseen
-from dynid.judgement.judge import Judgement, judge
 from dynid.loading import LogLike, ResultLike, as_base_model, as_log, as_result, checked_log
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
@@ -43,11 +43,10 @@ if TYPE_CHECKING:
     import numpy as np
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
-    from pandas import DataFrame
 
 
 @dataclass(frozen=True, repr=False)
-class Validation:
+class Validation(Judged):
     """Predicted and measured torques of a log that was not used to identify.
 
     Attributes:
@@ -100,11 +99,6 @@ class Validation:
         earlier = tuple(each for each in self.known.unseen if each.log != seen.log)
         return replace(self.known, asked="replay", unseen=(*earlier, seen))
 
-    @property
-    def judgement(self) -> Judgement:
-        """What is said of the model with this log: lights, the first sentence, what to do next."""
-        return judge(self.evidence)
-
     def table(self) -> Table:
         """Return one row per joint: rms error and rms torque [N m or N], what is unexplained [%], and the baseline."""
         rows = [
@@ -127,17 +121,6 @@ class Validation:
             f"{self.robot.name}, {Path(self.log).name}",
             (judged.sentence, *judged.reasons, total),
         )
-
-    def to_dataframe(self) -> DataFrame:
-        """Return the table as a pandas DataFrame."""
-        return self.table().to_dataframe()
-
-    def __repr__(self) -> str:
-        """Return the table as text."""
-        return repr(self.table())
-
-    def _repr_html_(self) -> str:
-        return self.table()._repr_html_()
 
     def plot_torque(self) -> Figure:
         """Return a figure of measured and estimated torque and their difference, one panel per joint."""

@@ -4,7 +4,7 @@ import hashlib
 
 import pytest
 
-from dynid.npz import sha256
+from dynid.disk import sha256
 
 CONTENT = bytes(range(256)) * 9000
 

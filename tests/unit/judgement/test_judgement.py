@@ -14,8 +14,8 @@ from dynid.judgement.evidence import (
     OtherArm,
     Unseen,
 )
-from dynid.judgement.judge import Judgement, judge
 from dynid.judgement.facts import unseen_state
+from dynid.judgement.judge import Judgement, judge
 
 #: From best to worst; a light that nothing stands behind praises less than a good one.
 RANK = {"good": 0, "open": 1, "fair": 2, "bad": 3}

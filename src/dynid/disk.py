@@ -1,0 +1,91 @@
+"""Files that are written whole or not at all, and known by their hash; help of a command may import this."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
+from typing import IO
+
+from dynid.errors import CannotWrite
+
+
+def require_file(path: Path) -> None:
+    """Raise OSError when a folder, a device or a pipe is at a place: what is renamed to it would replace it."""
+    if path.exists() and not path.is_file():
+        raise OSError(
+            errno.EINVAL, "it is a folder" if path.is_dir() else "it is no regular file", str(path)
+        )
+
+
+def put_in_place(temporary: Path, path: Path) -> None:
+    """Give a temporary file the name of a result, which it replaces.
+
+    Raises:
+        OSError: it cannot be renamed, or something else than a file is there.
+    """
+    require_file(path)
+    temporary.replace(path)
+
+
+@contextmanager
+def written_whole(path: Path | str) -> Iterator[IO[bytes]]:
+    """Open a temporary file beside ``path`` that takes its name only when the block ends without an error."""
+    path = Path(path)
+    try:
+        require_file(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=".dynid-", dir=path.parent)
+    except OSError as error:
+        raise CannotWrite(f"cannot write {path}: {error.strerror}", where=str(path)) from error
+    temporary = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+        # Why: mkstemp makes the file private; a result should follow the user's umask like any other file.
+        mask = os.umask(0)
+        os.umask(mask)
+        temporary.chmod(0o666 & ~mask)
+        put_in_place(temporary, path)
+    except OSError as error:
+        raise CannotWrite(f"cannot write {path}: {error.strerror}", where=str(path)) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+#: Path, time of change and size of a file.
+State = tuple[Path, int, int]
+
+
+def sha256(path: Path) -> str:
+    """Return the sha256 of a file, or of all files of a folder in the order of their names.
+
+    A file is read for it once per process, and again only when its size or time of change is another.
+    """
+    files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
+    return _hashed(
+        tuple((file.absolute(), file.stat().st_mtime_ns, file.stat().st_size) for file in files)
+    )
+
+
+@lru_cache(maxsize=256)
+def _hashed(files: tuple[State, ...]) -> str:
+    digest = hashlib.sha256()
+    for file, _, _ in files:
+        with file.open("rb") as stream:
+            while block := stream.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file whole."""
+    with written_whole(path) as stream:
+        stream.write(text.encode("utf-8"))
