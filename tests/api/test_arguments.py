@@ -111,7 +111,7 @@ ALSO = {
 PAIRS = [
     (name, parameter.name)
     for name in FUNCTIONS
-    for parameter in inspect.signature(getattr(dynid, name)).parameters.values()
+    for parameter in inspect.signature(inspect.unwrap(getattr(dynid, name))).parameters.values()
     if parameter.kind is not inspect.Parameter.VAR_KEYWORD
 ]
 # Why not gains: these logs hold torques.
@@ -172,6 +172,7 @@ def test_a_misspelt_word_is_told_its_neighbour(here):
 
 def test_options_are_keywords_or_an_object_or_both(here):
     words = {"method": "ols", "holdout": "30%", "cutoff": 5}
+    assert words.keys() <= inspect.signature(dynid.identify).parameters.keys()
     by_words = dynid.identify(here.arm, here.log, **words)
     by_object = dynid.identify(here.arm, here.log, dynid.IdentifyOptions(**words))
     by_both = dynid.identify(

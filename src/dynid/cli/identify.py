@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import asdict, replace
+from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,16 +18,14 @@ from dynid.cli.options import Common, dynid_command
 from dynid.cli.prompt import may_write
 from dynid.cli.report import write_report
 from dynid.cli.runfile import write_run
-from dynid.disk import write_text
-from dynid.errors import ExitStatus, Finding, WrongUsage
-from dynid.text import closest, yaml_text
-from dynid.workflows.options import IdentifyOptions
+from dynid.errors import ExitStatus, WrongUsage
+from dynid.text import closest
+from dynid.workflows.options import Extras, IdentifyOptions
 
 if TYPE_CHECKING:
     from dynid.estimation.drive_gains import Gains
     from dynid.estimation.payload import IdentifiedPayload
     from dynid.estimation.result import Identification
-    from dynid.log import Log
     from dynid.model.base_model import BaseModel
     from dynid.robot import Robot
 
@@ -100,22 +99,14 @@ def command(
 ) -> ExitStatus:
     """Identify the base parameters of an arm by least squares."""
     limits = [parsed_limit(text) for text in fail_if]
-    extras = {
-        key: values.pop(key)
-        for key in ("explained", "payload_from", "loaded", "load_mass", "update")
-    }
-    report = report or open_report
-    facts = run_identify(
-        common, robot, logs, options_of(IdentifyOptions, values), report=report, **extras
-    )
-    write_run(Path(facts["folder"]), facts["inputs"])
+    options = options_of(IdentifyOptions, values)
+    extras = Extras(**{each.name: values[each.name] for each in fields(Extras)})
+    facts = run_identify(common, robot, logs, options, extras, report=report or open_report)
+    write_run(facts["folder"], facts["inputs"])
     if open_report:
-        click.launch(str((Path(facts["folder"]) / "report.html").resolve()))
-    return (
-        ExitStatus.LIMIT_NOT_MET
-        if sum(broken(common, facts, *limit) for limit in limits)
-        else ExitStatus.DONE
-    )
+        click.launch(str((facts["folder"] / "report.html").resolve()))
+    failed = sum(broken(common, facts, *limit) for limit in limits)
+    return ExitStatus.LIMIT_NOT_MET if failed else ExitStatus.DONE
 
 
 def run_identify(
@@ -123,12 +114,8 @@ def run_identify(
     robot: str,
     logs: tuple[Path, ...],
     options: IdentifyOptions | None = None,
+    extras: Extras = Extras(),
     *,
-    explained: bool = False,
-    payload_from: Path | None = None,
-    loaded: Path | None = None,
-    load_mass: float | None = None,
-    update: Path | None = None,
     report: bool = False,
     show: bool = True,
     final: bool = True,
@@ -140,202 +127,57 @@ def run_identify(
         robot: name or path of the robot file.
         logs: recordings; () for the observations that ``dynid parameters`` wrote.
         options: how to identify.
-        explained: also show how the parameters depend on cut-off and delay.
-        payload_from: result without a load; the load is found.
-        loaded: log of currents with a load of known mass.
-        load_mass: that mass [kg].
-        update: result that the logs are added to.
+        extras: what is asked besides.
         report: write report.html and summary.md beside the results, where they are new or have none.
         show: print the tables.
         final: print the JSON answer and the next command as well; not when another command goes on.
     """
-    options = options or IdentifyOptions()
-    arm = dynid.load_robot(robot)
+    arm, terminal = dynid.load_robot(robot), common.terminal
+    terminal.findings(arm.findings)
+    models = common.folder(arm.slug)
+    folder = models if extras.payload_from is None else models.with_name(f"{models.name}_loaded")
+    with terminal.progress() as progress:
 
-    unloaded, earlier = (
-        dynid.loading.load_run(path) if path else None for path in (payload_from, update)
-    )
-    files = {"loaded": loaded, "prior_file": options.prior, "holdout": options.holdout}
-    files["update"] = earlier.path if earlier else None
-    arm, options = workflows.identify.resolved(arm, options, unloaded or earlier)
-    common.terminal.findings(arm.findings)
-    folder = common.folder(arm.slug)
-    if unloaded is not None:
-        folder = common.out or folder.with_name(f"{folder.name}_loaded")
-    recordings = Recordings(common, arm, logs, options)
-    gains = recordings.gains(loaded, load_mass)
-    facts: dict[str, Any] = {}
-    if gains is not None:
-        path, arm = workflows.drive_gains.write_robot(folder, arm, gains)
-        common.terminal.wrote(path)
-        show_gains(common, arm, gains)
-        facts = workflows.drive_gains.gain_facts(arm, gains)
-    inputs = workflows.inputs.identify_inputs(arm, folder, logs, options, files, load_mass)
-    result, base, wrote = obtain_result(common, arm, folder, recordings, options, inputs, earlier)
-    timing = {
-        key: result.header.get(key) for key in ("delay_s", "delay_std_error_s", "delay_applied_s")
-    }
-    facts = {
-        **workflows.results.answer_of(result),
-        "wrote": wrote,
-        **timing,
-        **facts,
-        "folder": folder,
-        "inputs": inputs,
-    }
-    result = replace(result, path=folder / "parameters.npz")
-    if report and (wrote or not (folder / "report.html").is_file()):
-        facts["wrote"] = [*facts["wrote"], *write_report(common, result.path, base)[1]]
+        def allowed(path: Path, inputs: Mapping[str, str]) -> bool:
+            progress.pause()
+            return may_write(common, path, inputs)
+
+        run = workflows.identify_run.identify_run(
+            arm,
+            logs,
+            options or IdentifyOptions(),
+            common.out or folder,
+            extras,
+            models=models,
+            may_write=allowed,
+            header=common.header,
+            progress=progress,
+        )
+    terminal.wrote(*run.beside, *run.wrote)
+    facts = run.facts()
+    if report and (run.wrote or not (run.folder / "report.html").is_file()):
+        facts["wrote"] += write_report(common, run.result.path, run.base)[1]
+    if run.gains is not None:
+        show_gains(common, run.base.robot, run.gains)
     if show:
-        show_result(common, base, result)
-    if unloaded is not None:
-        add_payload(
-            common,
-            folder,
-            workflows.identify.find_payload(recordings.with_rows(result, base), unloaded),
-            facts,
-        )
-    if explained:
-        facts["explain"] = explain(common, result, recordings, options, base)
+        show_result(common, run.base, run.result)
+    if run.payload is not None:
+        show_payload(common, run.payload)
+    if run.explained is not None:
+        show_sensitivity(common, run.explained, len(run.base.reduction.base_names))
     if show and final:
-        common.terminal.emit_json(workflows.drive_gains.in_amperes(facts, arm))
-        show_next(common, result.judgement)
+        terminal.emit_json(workflows.drive_gains.in_amperes(facts, run.base.robot))
+        show_next(common, run.result.judgement)
     return facts
-
-
-class Recordings:
-    """The logs of a run, read from disk only once.
-
-    Args:
-        common: the common options.
-        robot: the arm.
-        paths: the logs.
-        options: how they are read.
-    """
-
-    def __init__(
-        self,
-        common: Common,
-        robot: Robot,
-        paths: tuple[Path, ...],
-        options: IdentifyOptions,
-    ) -> None:
-        self._common, self._robot, self._paths, self._options = common, robot, paths, options
-        self._read: list[Log] | None = None
-
-    def read(self) -> list[Log]:
-        """Return the logs as read."""
-        if self._read is None:
-            with self._common.terminal.progress() as progress:
-                progress.stage("read")
-                self._read = [
-                    dynid.loading.read_log(path, self._robot, self._options) for path in self._paths
-                ]
-        return self._read
-
-    def with_rows(self, result: Identification, base: BaseModel) -> Identification:
-        """Return a result with the rows that it was made from, which its file does not keep."""
-        if result.stack is not None or not self._paths:
-            return result
-        options = replace(self._options, cutoff=result.cutoff, delay=result.delay)
-        with self._common.terminal.progress() as progress:
-            seen = workflows.parameters.observe(
-                result.robot, self.read(), options, base=base, progress=progress
-            )
-        return replace(result, stack=seen.stack)
-
-    def gains(self, loaded: Path | None, load_mass: float | None) -> Gains | None:
-        """Return the gains of the drives where the logs hold currents and not all gains are known.
-
-        Raises:
-            WrongUsage: a load is given for logs that need none.
-        """
-        robot, options = self._robot, self._options
-        if (
-            robot.torque.complete
-            or not self._paths
-            or not workflows.drive_gains.needs_gains(robot, self.read()[0])
-        ):
-            if loaded:
-                raise WrongUsage(
-                    "--loaded is for logs of motor currents with unknown gains; these logs have torques or known gains",
-                    fix="to identify a load: --payload-from RESULT",
-                )
-            return None
-        second = dynid.loading.read_log(loaded, robot, options) if loaded else None
-        folder = self._common.folder(robot.slug)
-        with self._common.terminal.progress() as progress:
-            return workflows.drive_gains.find_drive_gains(
-                robot,
-                self.read(),
-                options,
-                loaded=second,
-                load_mass=load_mass,
-                folder=folder,
-                progress=progress,
-            )
-
-
-def obtain_result(
-    common: Common,
-    robot: Robot,
-    folder: Path,
-    recordings: Recordings,
-    options: IdentifyOptions,
-    inputs: dict[str, str],
-    earlier: Identification | None,
-) -> tuple[Identification, BaseModel, list[Path]]:
-    """Return the result, its model and what was written: a new result, or the one that is there from equal inputs."""
-    path = folder / "parameters.npz"
-    terminal = common.terminal
-    with terminal.progress() as progress:
-        base = workflows.model.base_model(robot, common.folder(robot.slug), progress)
-    overwrite = earlier is not None and path.exists() and path.samefile(earlier.path)
-    if not may_write(replace(common, force=True) if overwrite else common, path, inputs):
-        # Why: a result would derive the model that is here already.
-        stored = replace(dynid.loading.load_run(path), rigid=base.model.rigid)
-        terminal.findings(
-            (*(Finding(**each) for each in stored.header.get("log_findings", [])), *stored.findings)
-        )
-        return stored, base, []
-    logs = recordings.read()
-    facts = common.header(inputs)
-    with terminal.progress() as progress:
-        if logs:
-            seen = workflows.parameters.observe(robot, logs, options, base=base, progress=progress)
-            terminal.wrote(
-                seen.save_stack(folder, common.header(workflows.inputs.of_observations(inputs)))
-            )
-        else:
-            seen = workflows.parameters.load_observations(
-                folder / "fullnumericregressor.npz", base, progress
-            )
-        result = workflows.identify.identify(
-            robot, seen, options, update=earlier, progress=progress
-        )
-    wrote = workflows.results.save_result(folder, result, facts)
-    terminal.wrote(*wrote)
-    return result, base, wrote
 
 
 # ---------------------------------------------------------------- printing
 USED = {"physical": "the physical parameters", "plain": "the plain estimate"}
 
 
-def add_payload(
-    common: Common, folder: Path, payload: IdentifiedPayload, facts: dict[str, Any]
-) -> None:
-    """Write payload.yaml, print the load, and add it to the JSON answer."""
+def show_payload(common: Common, payload: IdentifiedPayload) -> None:
+    """Print the load."""
     common.terminal.findings(payload.findings())
-    facts["payload"] = payload.facts()
-    facts["findings"] = [*facts["findings"], *(asdict(finding) for finding in payload.findings())]
-    # Why these keys: the text is what `tool:` of a robot file holds.
-    body = {"mass": payload.body.mass, "com": list(payload.body.com)}
-    tool = {**body, "inertia_com": facts["payload"]["inertia_com_kg_m2"]}
-    path = folder / "payload.yaml"
-    write_text(path, yaml_text({"tool": tool}))
-    common.terminal.wrote(path)
-    facts["wrote"] = [*facts["wrote"], path]
     names = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
     units = ("kg", *("m",) * 3, *("kg m^2",) * 6)
     common.terminal.answer()
@@ -372,30 +214,6 @@ def show_gains(common: Common, robot: Robot, found: Gains) -> None:
         common.terminal.say(
             f"uncertain  the gain of {robot.joint_names[worst]} is known to {percent:.0f} % only"
         )
-
-
-def explain(
-    common: Common,
-    result: Identification,
-    recordings: Recordings,
-    options: IdentifyOptions,
-    base: BaseModel,
-) -> list[dict[str, Any]]:
-    """Print and return how far the parameters move with other cut-offs and another delay.
-
-    Raises:
-        WrongUsage: no log was given.
-    """
-    logs = recordings.read()
-    if not logs:
-        raise WrongUsage(
-            "--explain needs the log", fix=f"dynid identify {base.robot.word} LOG --explain"
-        )
-    with common.terminal.progress() as progress:
-        progress.stage("explain")
-        answer = workflows.identify.sensitivity(result, logs, options, base=base, progress=progress)
-    show_sensitivity(common, answer, len(base.reduction.base_names))
-    return answer
 
 
 def show_sensitivity(common: Common, answer: list[dict[str, Any]], count: int) -> None:

@@ -554,3 +554,22 @@ class RecordOptions(Options):
         metavar="S",
         kind="positive",
     )
+
+
+@dataclass(frozen=True)
+class Extras:
+    """What ``dynid identify`` is asked besides the parameters.
+
+    Attributes:
+        loaded: log of motor currents with a body of known mass, from which the gains of all drives follow.
+        load_mass: that mass [kg].
+        payload_from: result without a load; the load is found.
+        update: result that the logs are added to.
+        explained: whether to identify again with other cut-offs and another delay.
+    """
+
+    loaded: Path | None = None
+    load_mass: float | None = None
+    payload_from: Path | None = None
+    update: Path | None = None
+    explained: bool = False
