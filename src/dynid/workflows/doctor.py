@@ -16,7 +16,10 @@ from dynid.version import __version__
 from dynid.xdg import LOCAL_CONFIG, cache_folder, config_file
 
 #: What dynid cannot do without.
-REQUIRED = ("numpy", "scipy", "sympy", "pyyaml", "matplotlib", "click", "rich", "rosbags", "jinja2")
+REQUIRED = (
+    *("numpy", "scipy", "sympy", "pyyaml", "matplotlib", "click", "rich"),
+    *("rosbags", "lz4", "mcap", "jinja2", "threadpoolctl"),
+)
 
 
 @dataclass(frozen=True)
