@@ -101,14 +101,9 @@ def run_gap(
         base = workflows.results.base_model_of(stored, stored.path.parent, progress)
         progress.stage("read")
         read = [dynid.loading.load_log(path, base.robot, options, identify=False) for path in logs]
-        earlier = (
-            workflows.gap.earlier_logs(stored, read, options, progress)
-            if options.question in ("auto", "changed")
-            else []
-        )
-        gap = workflows.gap.find_gap(
-            stored, read, options, earlier=earlier, base=base, progress=progress
-        )
+        search, asks = workflows.gap, options.question in ("auto", "changed")
+        earlier = search.earlier_logs(stored, read, options, progress) if asks else []
+        gap = search.find_gap(stored, read, options, earlier=earlier, base=base, progress=progress)
         progress.stage("draw")
         folder = stored.path.parent
         workflows.gap_result.remove_search(folder)

@@ -107,7 +107,7 @@ def identify_run(
     *,
     models: Path,
     may_write: Callable[[Path, Mapping[str, str]], bool] = lambda path, inputs: True,
-    header: Callable[[Mapping[str, str]], dict[str, Any]] = lambda inputs: {"inputs": dict(inputs)},
+    header: Callable[[Mapping[str, str]], dict[str, Any]],
     progress: Progress = SILENT,
 ) -> IdentifyRun:
     """Identify in a folder: with equal inputs the result that is there is the answer.
