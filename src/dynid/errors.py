@@ -164,7 +164,7 @@ class WrongRobotFile(DynidError):
 
 
 class ReductionsDisagree(DynidError):
-    """The exact base parameters and those found by singular values differ."""
+    """The singular values leave open how many base parameters there are."""
 
     code, status = "E209", ExitStatus.INPUT
     why = "a value of the DH table or of gravity is close to a special value such as 90 deg or 0, but not equal to it"

@@ -11,7 +11,7 @@ import pytest
 
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
-from dynid.model.exact import reduce_exactly
+from dynid.model.reduce import reduce
 
 ROWS = ["m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "Im"]
 NAMES = [f"{name}{link}" for link in range(1, 8) for name in ROWS]
@@ -191,7 +191,7 @@ def test_each_of_the_four_departures_is_needed(states):
 
 def test_masses_that_stand_alone_come_from_the_misprint_of_eq_3(states):
     cells = classify(printed_regressor(*states))[1]
-    right = reduce_exactly(
+    right = reduce(
         build_model(load_robot(Path(__file__).parents[2] / "robots/paper/kinova_gen2_table6.yaml"))
     )
     assert all(cells[f"m{k}"] == "G" for k in (4, 5, 6, 7))
@@ -199,7 +199,7 @@ def test_masses_that_stand_alone_come_from_the_misprint_of_eq_3(states):
 
 
 def test_the_right_model_matches_57_of_the_77_printed_cells():
-    right = reduce_exactly(
+    right = reduce(
         build_model(load_robot(Path(__file__).parents[2] / "robots/paper/kinova_gen2_table6.yaml"))
     )
     cells = {

@@ -131,7 +131,7 @@ def reduce(
         common.terminal.stage("reused", str(reduced.path))
         return reduced
     found = reduced.base.reduction
-    gap = f"confirmed exactly; gap between kept and dropped singular values {found.gap:.0e}, seed {common.seed}"
+    gap = f"gap between kept and dropped singular values {found.gap:.0e}, seed {common.seed}"
     common.terminal.stage(
         "reduced", f"{len(found.names)} -> {found.rank} columns, rank {found.rank}, {gap}"
     )

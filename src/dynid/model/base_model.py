@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from dynid.errors import NotAnArtifact
 from dynid.files.artifact import read_artifact, read_header, reading
-from dynid.model import tuning
 from dynid.model.kinematics import geometry
 from dynid.model.program import Program
 from dynid.model.regressor import Model, Observer, build_model
@@ -49,8 +48,7 @@ class Reduction:
         combined: names of parameters identifiable only in linear combinations (X_1 and X_2).
         singular_values: of the stacked, normalised regressor, (c,).
         gap: smallest kept over largest dropped singular value; infinity when nothing was dropped.
-        method: ``"svd"``, or ``"exact"`` when the exact method has confirmed it.
-        formulas: each base parameter in the symbols of the DH table, (p,); () when only singular values were used.
+        formulas: each base parameter in the symbols of the DH table, (p,); () where they were not asked for.
     """
 
     names: tuple[str, ...]
@@ -61,7 +59,6 @@ class Reduction:
     combined: tuple[str, ...]
     singular_values: Floats
     gap: float
-    method: str
     formulas: tuple[str, ...] = ()
 
     @property
@@ -225,9 +222,8 @@ def in_memory(robot: Robot, samples: int = 200, tolerance: float | None = None) 
         samples: number of random states at which singular values are computed.
         tolerance: relative singular value below which columns count as dependent; None for the usual one.
     """
-    from dynid.model.reduce import base_parameters
+    from dynid.model.relations import base_parameters
 
-    tolerance = tuning.DEPENDENT_COLUMN if tolerance is None else tolerance
     key = f"{key_of(robot)}-{samples}-{tolerance}"
     if key not in _kept:
         model = build_model(robot)
@@ -350,7 +346,6 @@ def reduction_facts(reduction: Reduction) -> tuple[dict[str, Any], dict[str, NDA
         "none": list(reduction.none),
         "combined": list(reduction.combined),
         "gap": reduction.gap if np.isfinite(reduction.gap) else None,
-        "method": reduction.method,
         "formulas": list(reduction.formulas),
     }
     return facts, {
@@ -379,7 +374,6 @@ def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]])
         combined=tuple(facts["combined"]),
         singular_values=arrays["singular_values"],
         gap=np.inf if facts["gap"] is None else facts["gap"],
-        method=facts["method"],
         formulas=tuple(facts["formulas"]),
     )
     p, c = found.K.shape

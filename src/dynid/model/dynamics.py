@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynid.model.kinematics import Step, symbolic_step
+from dynid.model.parameters import TENSOR
 from dynid.model.program import ADD, MUL, NEG, SUB, Program
 from dynid.robot import Robot
 
@@ -20,9 +21,6 @@ if TYPE_CHECKING:
     from sympy import Expr, Symbol
 
     from dynid.model.kinematics import Matrix, Vector
-
-#: Rows and columns of the inertia tensor's six entries in the order of Table 5.
-_TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 class Recorder:
@@ -173,7 +171,7 @@ def _body_wrench(w: Vector, dw: Vector, dv: Vector, rec: Recorder) -> list[tuple
         centripetal[axis] = -products[first][first] - products[second][second]
         force = rec.vector(add(cross(dw, unit[axis]), centripetal))
         wrench.append((force, rec.vector(cross(unit[axis], dv))))
-    for i, j in _TENSOR:
+    for i, j in TENSOR:
         turned = {i: j, j: i}  # (unit tensor) w has component w[j] at i and w[i] at j
         angular = [dw[turned[k]] if k in turned else zero for k in range(3)]
         gyroscopic = []

@@ -1,14 +1,13 @@
 """The one home of forward kinematics: the DH transform of a joint, and where it puts the link frames.
 
 ``dh_step`` is written once for every kind of number: floats and arrays of samples here, SymPy expressions in
-``model/dynamics.py``, residues of the prime field in ``model/regrouping.py``.
+``model/dynamics.py`` and ``model/relations.py``.
 """
 
 from __future__ import annotations
 
 import math
-import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -32,9 +31,6 @@ def dh_step(
     twist: tuple[Any, Any],
     a: Any,  # noqa: ANN401 - any kind of number
     d: Any,  # noqa: ANN401
-    *,
-    multiply: Callable[[Any, Any], Any] = operator.mul,
-    negative: Callable[[Any], Any] = operator.neg,
 ) -> tuple[list[list[Any]], list[Any]]:
     """Return the transform of one joint, from the link's frame to the previous one.
 
@@ -45,8 +41,6 @@ def dh_step(
         twist: cosine and sine of the twist.
         a: link length [m].
         d: link offset [m].
-        multiply: product of two numbers of this kind.
-        negative: the negative of such a number.
 
     Returns:
         Rotation, 3 x 3, and the link's origin in the previous frame, 3 [m]; a plain 0 where an entry is always zero.
@@ -55,18 +49,10 @@ def dh_step(
     """
     (ct, st), (ca, sa) = angle, twist
     if convention == "standard":
-        rows = [
-            [ct, multiply(negative(ca), st), multiply(sa, st)],
-            [st, multiply(ca, ct), multiply(negative(sa), ct)],
-            [0, sa, ca],
-        ]
-        return rows, [multiply(a, ct), multiply(a, st), d]
-    rows = [
-        [ct, negative(st), 0],
-        [multiply(ca, st), multiply(ca, ct), negative(sa)],
-        [multiply(sa, st), multiply(sa, ct), ca],
-    ]
-    return rows, [a, multiply(negative(d), sa), multiply(d, ca)]
+        rows = [[ct, -ca * st, sa * st], [st, ca * ct, -sa * ct], [0, sa, ca]]
+        return rows, [a * ct, a * st, d]
+    rows = [[ct, -st, 0], [ca * st, ca * ct, -sa], [sa * st, sa * ct, ca]]
+    return rows, [a, -d * sa, d * ca]
 
 
 @dataclass(frozen=True)
@@ -192,7 +178,7 @@ class Step:
     z: Vector
 
 
-def _right_angle(angle: float) -> tuple[int, int] | None:
+def right_angle(angle: float) -> tuple[int, int] | None:
     """Return exact cosine and sine of a multiple of 90 degrees."""
     quarter = angle / (math.pi / 2)
     if abs(quarter - round(quarter)) > 1e-12:
@@ -207,7 +193,7 @@ def symbolic_step(joint: Joint, number: int, convention: str) -> Step:
     zero, one = Integer(0), Integer(1)
 
     def cos_sin(angle: float, prefix: str) -> tuple[Expr, Expr]:
-        exact = _right_angle(angle)
+        exact = right_angle(angle)
         if exact is not None:
             return Integer(exact[0]), Integer(exact[1])
         return Symbol(f"c{prefix}{number}"), Symbol(f"s{prefix}{number}")

@@ -27,6 +27,8 @@ Floats = NDArray[np.float64]
 
 #: The ten parameters of a link that make a body; the eleventh, Im, belongs to the drive.
 BODY_PARAMETERS = LINK_PARAMETERS[:10]
+#: Rows and columns of the inertia tensor's six entries in the order of Table 5.
+TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 @dataclass(frozen=True)

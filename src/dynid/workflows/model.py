@@ -12,7 +12,6 @@ from dynid.arguments import public
 from dynid.errors import NotAnArtifact, WrongUsage
 from dynid.files.artifact import read_header, reading
 from dynid.loading import RobotLike, as_robot
-from dynid.model import tuning
 from dynid.model.base_model import (
     BaseModel,
     in_memory,
@@ -24,8 +23,6 @@ from dynid.model.base_model import (
     save_reduction,
     stored_key,
 )
-from dynid.model.exact import reduce_exactly, relations_json, relations_latex, relations_text
-from dynid.model.reduce import base_parameters
 from dynid.model.regressor import Model, build_model
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
@@ -209,7 +206,7 @@ def reduce_model(
         progress: reports when the work begins.
 
     Raises:
-        ReductionsDisagree: singular values and exact arithmetic give different answers.
+        ReductionsDisagree: the singular values leave the rank open.
     """
     start, path, model = time.perf_counter(), paths(derived.folder)[1], derived.model
     usual = options.tolerance is None and options.samples == ModelOptions().samples
@@ -222,8 +219,11 @@ def reduce_model(
             )
     else:
         progress.stage("reduce", "")
-        tolerance = tuning.DEPENDENT_COLUMN if options.tolerance is None else options.tolerance
-        reduction = base_parameters(model, samples=options.samples, seed=seed, tolerance=tolerance)
+        from dynid.model.relations import base_parameters  # SymPy
+
+        reduction = base_parameters(
+            model, samples=options.samples, seed=seed, tolerance=options.tolerance
+        )
         save_reduction(path, model, reduction)
     return ReducedModel(BaseModel(model, reduction), path, not stored, time.perf_counter() - start)
 
@@ -282,8 +282,11 @@ def relations(model: Model, form: str, *, at_rest: bool = False) -> tuple[dict[s
     """
     import json
 
-    exact = reduce_exactly(model, still=at_rest)
-    facts = {"schema": "dynid/model/1", "robot": model.robot.name, **relations_json(exact)}
-    if form == "json":
-        return facts, json.dumps(facts, indent=2)
-    return facts, relations_latex(exact) if form == "latex" else relations_text(exact, alone=True)
+    from dynid.model import relations as made_of  # SymPy
+
+    groups = made_of.relations_of(model, still=at_rest)
+    facts = {"schema": "dynid/model/1", "robot": model.robot.name}
+    facts |= made_of.relations_json(model, groups)
+    if form == "text":
+        return facts, made_of.relations_text(groups, alone=True)
+    return facts, made_of.relations_latex(groups) if form == "latex" else json.dumps(facts, indent=2)

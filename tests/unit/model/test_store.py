@@ -16,10 +16,10 @@ from dynid.model.base_model import (
     save_model,
     save_reduction,
 )
-from dynid.model.reduce import base_parameters
+from dynid.model.relations import base_parameters
 from dynid.npz import write_artifact
 
-LISTS = ("names", "alone", "none", "combined", "gap", "method", "formulas")
+LISTS = ("names", "alone", "none", "combined", "gap", "formulas")
 
 
 @pytest.fixture(scope="module")
