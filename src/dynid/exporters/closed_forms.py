@@ -17,7 +17,7 @@ from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import Added
 from dynid.model.effects.formula import Formula, Node
 from dynid.model.effects.interface import Shape
-from dynid.model.effects.sensor import STEP, EncoderOffset
+from dynid.model.effects.laws import ANGLE_STEP
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -202,9 +202,7 @@ def dry_size(column: Column) -> Node | None:
 
 def offset_step(added: Added) -> float:
     """Return the step by which the column of an encoder's offset is a difference [rad]."""
-    effect = added.effect
-    assert isinstance(effect, EncoderOffset)
-    return effect.at if abs(effect.at) > STEP else STEP
+    return added.effect.at if abs(added.effect.at) > ANGLE_STEP else ANGLE_STEP
 
 
 def representatives(base: BaseModel, theta: Floats) -> Floats:

@@ -11,7 +11,7 @@ from dynid.exporters.full_model import world_gravity
 from dynid.exporters.languages import imported
 from dynid.exporters.simulated import simulated
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.effects.friction import presliding
+from dynid.model.effects.laws import presliding
 
 NATIVE = ("spring", "counterbalance", "torque_ripple", "presliding_hysteresis")
 NUMBERS = (

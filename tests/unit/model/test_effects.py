@@ -12,8 +12,8 @@ import hidden_effects as hidden
 from dynid.errors import WrongRobotFile
 from dynid.files.robotfile import load_robot
 from dynid.model.effects.catalogue import CATALOGUE, checked
-from dynid.model.effects.friction import presliding
 from dynid.model.effects.interface import ArmMotion
+from dynid.model.effects.laws import presliding
 from dynid.model.reduce import reduce
 from dynid.model.regressor import ModelTorques, build_model
 from dynid.robot import EffectSpec

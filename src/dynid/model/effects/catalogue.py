@@ -1,4 +1,4 @@
-"""The catalogue: every effect by its identifier, and the columns of those that a robot file lists."""
+"""The columns of the effects that a robot file lists."""
 
 from __future__ import annotations
 
@@ -8,47 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynid.errors import WrongRobotFile
-from dynid.model.effects import friction, position, sensor, whole_arm
-from dynid.model.effects.formula import Formula
+from dynid.model.effects.formula import FORMULA, Formula
 from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints
+from dynid.model.effects.table import CATALOGUE as CATALOGUE
 from dynid.model.parameters import Parameter
 from dynid.options import LONGEST_DELAY
 from dynid.robot import EffectSpec, Robot
-
-#: In the order in which equally good effects are preferred and the reference page lists them.
-_ALL: tuple[Effect, ...] = (
-    sensor.TorqueOffset(),
-    friction.ViscousFriction(),
-    friction.CoulombFriction(),
-    friction.AsymmetricViscous(),
-    friction.Stribeck(),
-    friction.NonlinearViscous(),
-    friction.LoadFriction(),
-    sensor.TorqueGain(),
-    sensor.TorqueConstant(),
-    friction.WarmupFriction(),
-    sensor.TorqueDrift(),
-    friction.PositionFriction(),
-    friction.GearFriction(),
-    position.TorqueRipple(),
-    position.Spring(),
-    position.Counterbalance(),
-    position.EndStop(),
-    whole_arm.MotorInertia(),
-    friction.JointCoupling(),
-    sensor.TorqueCrosstalk(),
-    whole_arm.JointElasticity(),
-    whole_arm.Backlash(),
-    sensor.EncoderOffset(),
-    friction.PreslidingHysteresis(),
-    whole_arm.BaseTilt(),
-    sensor.TorqueDelay(),
-    whole_arm.ToolForce(),
-    whole_arm.Payload(),
-    friction.CoulombChange(),
-    friction.ViscousChange(),
-)
-CATALOGUE: dict[str, Effect] = {effect.name: effect for effect in _ALL}
 
 
 @dataclass(frozen=True)
@@ -141,7 +106,7 @@ def checked(spec: EffectSpec, robot: Robot) -> Effect:
         WrongRobotFile: there is no such effect, or a number that gives it its shape is missing.
     """
     where = str(robot.path or robot.name)
-    if spec.effect == Formula.name:
+    if spec.effect == FORMULA:
         return _formula(spec, robot, where)
     effect = CATALOGUE.get(spec.effect)
     if effect is None:

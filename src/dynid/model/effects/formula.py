@@ -1,19 +1,19 @@
-"""A torque in words of its own: ``effect: formula``, a sum of products over the motion, read by a parser of its own.
+"""A torque in words of its own: ``effect: formula``, a sum of products over the motion.
 
-    formula  = [-] term {(+ | -) term}
-    term     = factor {[* | /] factor}
-    factor   = atom [^ number]
-    atom     = number | name | function ( formula {, number} ) | ( formula ) | "|" formula "|"
+The text is brought into Python's notation (``a cos(2 q4) |qd4|`` becomes ``a*cos(2*q4)*abs(qd4)``),
+read by ``ast`` and made of a few kinds of nodes; anything else is refused and nothing is executed.
 
 A name is a signal (``q4``, ``qd4``, ``qdd4``, ``tau4`` of joint 4, without a number of the joint that it acts on, and
-``t``) or an amplitude, which is identified. Every term of the sum has one amplitude; nothing in the text is executed.
+``t``) or an amplitude, which is identified. Every term of the sum has one amplitude.
 """
 
 from __future__ import annotations
 
+import ast
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import NoReturn
 
 import numpy as np
@@ -22,22 +22,15 @@ from dynid.errors import WrongRobotFile
 from dynid.model.effects.friction import sign_of
 from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints, Shape
 
+FORMULA = "formula"
 #: Longest text, and deepest nesting: a formula that people read is shorter.
 LONGEST, DEEPEST = 1000, 20
 FUNCTIONS: dict[str, Callable[[Floats], Floats]] = {
-    "sin": np.sin,
-    "cos": np.cos,
-    "tanh": np.tanh,
-    "exp": np.exp,
-    "sqrt": np.sqrt,
-    "abs": np.abs,
-    "sign": np.sign,
+    name: getattr(np, name) for name in ("sin", "cos", "tanh", "exp", "sqrt", "abs", "sign")
 }
 FIX = "a sum of products such as 'a cos(2 q4) |qd4| + b tau4 qd4', see the reference of effects"
-_TOKEN = re.compile(
-    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[A-Za-z_]\w*)|(?P<sign>[-+*/^(),|]))"
-)
-_SIGNAL = re.compile(r"(tau|qdd|qd|q)(\d*)")
+_TOKEN = re.compile(r"\s*((?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[A-Za-z_]\w*|[-+*/^(),|])")
+_SIGNAL = re.compile(r"(tau|qdd|qd|q)([1-9]\d*)?")
 
 
 @dataclass(frozen=True)
@@ -58,15 +51,9 @@ class Node:
     text: str = ""
     joint: int = 0
 
-    def names(self) -> list[str]:
-        """Return the amplitudes in it, one for each place."""
-        found = [self.text] if self.head == "name" else []
-        return found + [name for part in self.parts for name in part.names()]
-
-    def signals(self) -> set[tuple[str, int]]:
-        """Return the signals in it, (kind, joint from 1)."""
-        found = {(self.text, self.joint)} if self.head == "signal" else set()
-        return found.union(*(part.signals() for part in self.parts))
+    def within(self) -> list[Node]:
+        """Return it and all nodes in it."""
+        return [self, *(node for part in self.parts for node in part.within())]
 
 
 class Formula(Effect):
@@ -81,27 +68,25 @@ class Formula(Effect):
         WrongRobotFile: it is no formula, or of another arm.
     """
 
-    name = "formula"
-    title = "formula, not in the catalogue"
-    equation = "a sum of products of signals"
-    signature = "what the formula says"
-    separate = "motion in which its factors vary one by one"
-    needs_model = True
-
     def __init__(self, text: str, revolute: Sequence[bool], joint: int = 0) -> None:
+        super().__init__(
+            name=FORMULA,
+            title="formula, not in the catalogue",
+            equation="a sum of products of signals",
+            signature="what the formula says",
+            separate="motion in which its factors vary one by one",
+            law=self._values,
+            needs_model=True,
+        )
         self.text, self.revolute, self.joint = " ".join(text.split()), tuple(revolute), joint
-        self.terms = tuple(_term(node, self.text) for node in _summands(_Parser(self.text).whole()))
-        names = [name for name, _ in self.terms]
-        if len(set(names)) < len(names):
+        whole = _read(self.text)
+        parts = whole.parts if whole.head == "+" else (whole,)
+        self.terms = tuple(_term(part, self.text) for part in parts)
+        if len({name for name, _ in self.terms}) < len(self.terms):
             _refuse(self.text, "two terms have the same amplitude")
-        beyond = [
-            joint
-            for _, node in self.terms
-            for _, joint in node.signals()
-            if joint > len(self.revolute)
-        ]
-        if beyond:
-            _refuse(self.text, f"the arm has no joint {beyond[0]}")
+        last = max(node.joint for node in whole.within())
+        if last > len(self.revolute):
+            _refuse(self.text, f"the arm has no joint {last}")
 
     def amplitudes(self, shape: Shape) -> dict[str, str]:
         """Return names and units of the amplitudes."""
@@ -111,18 +96,15 @@ class Formula(Effect):
             for name, node in self.terms
         }
 
-    def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
-        """Return its columns in its rows, (amplitudes, rows, N)."""
+    def _values(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         with np.errstate(all="ignore"):
-            values = np.array(
-                [
-                    np.broadcast_to(_value(node, motion, joints[0]), len(motion))
-                    for _, node in self.terms
-                ]
-            )
-        if not np.all(np.isfinite(values)):
+            found = [
+                np.broadcast_to(_value(node, motion, joints[0]), len(motion))
+                for _, node in self.terms
+            ]
+        if not np.all(np.isfinite(found)):
             _refuse(self.text, "it is not finite along this motion")
-        return values[:, None]
+        return np.array(found)
 
 
 def formula_text(terms: Sequence[str]) -> str:
@@ -137,121 +119,91 @@ def _refuse(text: str, what: str) -> NoReturn:
 
 
 # ---------------------------------------------------------------- reading
-class _Parser:
-    """Reads one formula by recursive descent."""
-
-    def __init__(self, text: str) -> None:
-        self.text, self.at, self.depth = text, 0, 0
-        if len(text) > LONGEST:
-            _refuse(text, f"it is longer than {LONGEST} characters")
-        self.tokens: list[tuple[str, str]] = []
-        place = 0
-        while place < len(text.rstrip()):
-            found = _TOKEN.match(text, place)
-            if found is None:
-                _refuse(text, f"'{text[place:].strip()[:1]}' is not understood")
-            self.tokens.append((str(found.lastgroup), found[str(found.lastgroup)]))
-            place = found.end()
-
-    def whole(self) -> Node:
-        """Return the formula."""
-        node = self._sum(bars=False)
-        if self.at < len(self.tokens):
-            _refuse(self.text, f"'{self.tokens[self.at][1]}' is not expected")
-        return node
-
-    def _next(self) -> str:
-        return self.tokens[self.at][1] if self.at < len(self.tokens) else ""
-
-    def _take(self, wanted: str) -> bool:
-        found = self._next() == wanted
-        self.at += found
-        return found
-
-    def _demand(self, wanted: str) -> None:
-        if not self._take(wanted):
-            _refuse(self.text, f"'{wanted}' is missing before '{self._next() or 'the end'}'")
-
-    def _sum(self, *, bars: bool) -> Node:
-        self.depth += 1
-        if self.depth > DEEPEST:
-            _refuse(self.text, f"it is nested deeper than {DEEPEST}")
-        parts = [self._signed(self._take("-"), bars=bars)]
-        while self._next() in ("+", "-"):
-            negative = self._take("-")
-            self.at += not negative
-            parts.append(self._signed(negative, bars=bars))
-        self.depth -= 1
-        return parts[0] if len(parts) == 1 else Node("+", tuple(parts))
-
-    def _signed(self, negative: bool, *, bars: bool) -> Node:
-        node = self._product(bars=bars)
-        return Node("*", (Node("number", value=-1.0), node)) if negative else node
-
-    def _product(self, *, bars: bool) -> Node:
-        parts = [self._factor(bars=bars)]
-        while self._next() not in ("", "+", "-", ")", ",") and not (bars and self._next() == "|"):
-            over = self._take("/")
-            self.at += not over and self._next() == "*"
-            factor = self._factor(bars=bars)
-            parts.append(Node("^", (factor,), -1.0) if over else factor)
-        return parts[0] if len(parts) == 1 else Node("*", tuple(parts))
-
-    def _factor(self, *, bars: bool) -> Node:
-        node = self._atom(bars=bars)
-        if not self._take("^"):
-            return node
-        negative = self._take("-")
-        return Node("^", (node,), -self._number() if negative else self._number())
-
-    def _number(self) -> float:
-        kind, text = self.tokens[self.at] if self.at < len(self.tokens) else ("", "the end")
-        if kind != "number":
-            _refuse(self.text, f"a number is missing before '{text}'")
-        self.at += 1
-        return float(text)
-
-    def _atom(self, *, bars: bool) -> Node:
-        kind, text = self.tokens[self.at] if self.at < len(self.tokens) else ("", "the end")
-        if kind == "number":
-            return Node("number", value=self._number())
-        self.at += 1
-        if kind == "name":
-            return self._named(text)
-        if text == "(":
-            node = self._sum(bars=False)
-            self._demand(")")
-            return node
-        if text == "|" and not bars:
-            node = Node("abs", (self._sum(bars=True),))
-            self._demand("|")
-            return node
-        return _refuse(self.text, f"'{text}' is not expected")
-
-    def _named(self, text: str) -> Node:
-        if text in FUNCTIONS or text == "clip":
-            self._demand("(")
-            inner, limit = self._sum(bars=False), 0.0
-            if text == "clip":
-                self._demand(",")
-                limit = self._number()
-            self._demand(")")
-            return Node(text, (inner,), limit)
-        signal = _SIGNAL.fullmatch(text)
-        if signal and signal[2] != "0":
-            return Node("signal", text=signal[1], joint=int(signal[2] or 0))
-        return Node("t") if text == "t" else Node("name", text=text)
+def _read(text: str) -> Node:
+    """Return the node of a formula."""
+    if len(text) > LONGEST:
+        _refuse(text, f"it is longer than {LONGEST} characters")
+    try:
+        return _node(ast.parse(_python(text), mode="eval").body, text)
+    except (SyntaxError, RecursionError, MemoryError):
+        _refuse(text, "it is not complete, or nested too deep")
 
 
-def _summands(node: Node) -> tuple[Node, ...]:
-    return node.parts if node.head == "+" else (node,)
+def _python(text: str) -> str:
+    """Return a formula in Python's notation: products, powers and absolute values written out."""
+    words, place, ended, bars, depth = list[str](), 0, False, 0, 0
+    while place < len(text):
+        found = _TOKEN.match(text, place)
+        if found is None:
+            _refuse(text, f"'{text[place:].strip()[:1]}' is not understood")
+        word, place = found[1], found.end()
+        opens = word == "(" or (word == "|" and not (bars and ended))
+        if word == "|":
+            bars += 1 if opens else -1
+        starts = opens or word[0].isalnum() or word[0] in "._"
+        function = word == "(" and bool(words) and words[-1] in {*FUNCTIONS, "clip"}
+        if ended and starts and not function:
+            words.append("*")
+        depth += opens - (word == ")" or (word == "|" and not opens))
+        if depth > DEEPEST:
+            _refuse(text, f"it is nested deeper than {DEEPEST}")
+        words.append({"^": "**", "|": "abs(" if opens else ")"}.get(word, word))
+        ended = not opens and word not in "+-*/^,"
+    return " ".join(words)
+
+
+def _node(tree: ast.expr, text: str) -> Node:
+    """Return the node of a Python expression, if it is one of the few that a formula may hold."""
+    minus = Node("number", value=-1.0)
+    match tree:
+        case ast.Constant(value=int() | float() as value):
+            return Node("number", value=float(value))
+        case ast.Name(id="t"):
+            return Node("t")
+        case ast.Name(id=name) if name not in {*FUNCTIONS, "clip"}:
+            signal = _SIGNAL.fullmatch(name)
+            if signal:
+                return Node("signal", text=signal[1], joint=int(signal[2] or 0))
+            return Node("name", text=name)
+        case ast.UnaryOp(op=ast.USub(), operand=inner):
+            return Node("*", (minus, _node(inner, text)))
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            return Node("^", (_node(left, text),), _number(right, text))
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in _JOINED:
+            head, made = _JOINED[type(op)]
+            first, second = _node(left, text), made(_node(right, text))
+            flat = first.parts if first.head == head else (first,)
+            return Node(head, (*flat, second))
+        case ast.Call(func=ast.Name(id="clip"), args=[inner, limit]):
+            return Node("clip", (_node(inner, text),), _number(limit, text))
+        case ast.Call(func=ast.Name(id=name), args=[inner]) if name in FUNCTIONS:
+            return Node(name, (_node(inner, text),))
+    return _refuse(text, f"'{ast.unparse(tree)}' is not expected")
+
+
+#: Operators as sums and products: a difference adds the negative, a quotient multiplies the inverse.
+_JOINED: dict[type[ast.operator], tuple[str, Callable[[Node], Node]]] = {
+    ast.Add: ("+", lambda node: node),
+    ast.Sub: ("+", lambda node: Node("*", (Node("number", value=-1.0), node))),
+    ast.Mult: ("*", lambda node: node),
+    ast.Div: ("*", lambda node: Node("^", (node,), -1.0)),
+}
+
+
+def _number(tree: ast.expr, text: str) -> float:
+    match tree:
+        case ast.Constant(value=int() | float() as value):
+            return float(value)
+        case ast.UnaryOp(op=ast.USub(), operand=inner):
+            return -_number(inner, text)
+    return _refuse(text, f"a number is missing instead of '{ast.unparse(tree)}'")
 
 
 def _term(node: Node, text: str) -> tuple[str, Node]:
     """Return the amplitude of a term and what it multiplies."""
     factors = _factors(node)
     names = [one.text for one in factors if one.head == "name"]
-    if len(names) != 1 or len(node.names()) != 1:
+    if len(names) != 1 or sum(one.head == "name" for one in node.within()) != 1:
         _refuse(text, "each term of the sum needs one amplitude, a name such as a, as a factor")
     rest = tuple(one for one in factors if one.head != "name")
     return names[0], Node("*", rest) if rest else Node("number", value=1.0)
@@ -277,20 +229,13 @@ def _value(node: Node, motion: ArmMotion, own: int) -> Floats:
     if node.head == "sign" and inner.head == "signal" and inner.text == "qd":
         return sign_of(motion, inner.joint - 1 if inner.joint else own)
     parts = [_value(part, motion, own) for part in node.parts]
-    if node.head == "+":
-        return np.asarray(sum(parts))
-    if node.head == "*":
-        product = parts[0]
-        for part in parts[1:]:
-            product = product * part
-        return product
     if node.head == "^":
         return np.asarray(parts[0] ** node.value)
-    return (
-        np.clip(parts[0], -node.value, node.value)
-        if node.head == "clip"
-        else FUNCTIONS[node.head](parts[0])
-    )
+    if node.head == "clip":
+        return np.clip(parts[0], -node.value, node.value)
+    if node.head in FUNCTIONS:
+        return FUNCTIONS[node.head](parts[0])
+    return np.asarray(reduce(np.add if node.head == "+" else np.multiply, parts))
 
 
 #: Exponents of N m (or N), rad (or m) and s.

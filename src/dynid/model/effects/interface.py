@@ -6,11 +6,10 @@ torque. The friction of the robot file, which one sample is enough for, is in ``
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import ClassVar, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,7 +85,12 @@ class ArmMotion:
         return self.reference.total(self.q, self.qd, self.qdd)
 
 
-class Effect(ABC):
+#: Columns of an effect over a motion: (amplitudes, N) on its first joint, or (amplitudes, rows, N).
+Law = Callable[[ArmMotion, Joints, Shape], Floats | list[Floats]]
+
+
+@dataclass(eq=False, kw_only=True)
+class Effect:
     """One effect of the catalogue.
 
     Attributes:
@@ -95,66 +99,91 @@ class Effect(ABC):
         equation: torque that it adds at joint j.
         signature: how it shows in the residual, for people.
         separate: the motion that tells it from what looks like it.
+        law: its columns; a shape may hold ``at``, the size at which they are to be exact.
+        many: the columns of several shapes at once, where that is faster.
         family: effects that describe the same physics on one joint.
         scope: ``"joint"``, ``"pair"`` (joint and the other one it depends on) or ``"arm"``.
+        neighbours: whether a pair is of joints that follow each other.
+        spreads: whether one joint's effect changes the torques of all.
         uses: ``"refit"`` when no re-identification can absorb it, ``"frozen"`` when it can be a change of the arm,
             ``"arm"`` when only links that no arm has absorb it.
         positive: whether its only amplitude must be positive.
         needs_model: whether its columns change with the model.
         units: unit of each amplitude, a parameter that enters linearly, where they do not depend on the shape.
+        units_of: the same by shape.
         shape_units: unit of each shape parameter.
         shapes: the shapes that are tried, where they do not depend on the motion.
+        shapes_of: the same by motion and joint.
         steps: how a shape parameter is refined: ``"times"`` or ``"plus"``, and the first step.
         trials: so many times more often than another it fits by accident: a frequency that is free.
         nulls: value of a shape parameter at which the effect is part of the model; 0 of a ``"times"`` one not listed.
         simple: value that a shape parameter is held at where the logs do not determine it.
+        sized: the amplitude whose size its columns depend on, "" where none does.
+        at: that size, at which its columns are exact; 0 for the slope there.
     """
 
-    name: ClassVar[str]
-    title: ClassVar[str]
-    equation: ClassVar[str]
-    signature: ClassVar[str]
-    separate: ClassVar[str]
-    family: ClassVar[str] = ""
-    scope: ClassVar[str] = "joint"
-    uses: ClassVar[tuple[str, ...]] = ("refit", "frozen")
-    positive: ClassVar[bool] = False
-    needs_model: ClassVar[bool] = False
-    units: ClassVar[dict[str, str]] = {}
-    shape_units: ClassVar[dict[str, str]] = {}
-    shapes: ClassVar[tuple[dict[str, float], ...]] = ({},)
-    steps: ClassVar[dict[str, tuple[str, float]]] = {}
-    trials: ClassVar[int] = 1
-    nulls: ClassVar[dict[str, float]] = {}
-    simple: ClassVar[dict[str, float]] = {}
+    name: str
+    title: str
+    equation: str
+    signature: str
+    separate: str
+    law: Law | None = None
+    many: Callable[[ArmMotion, Joints, Sequence[Shape]], list[Floats]] | None = None
+    family: str = ""
+    scope: Literal["joint", "pair", "arm"] = "joint"
+    neighbours: bool = False
+    spreads: bool = False
+    uses: tuple[str, ...] = ("refit", "frozen")
+    positive: bool = False
+    needs_model: bool = False
+    units: Mapping[str, str] = field(default_factory=dict)
+    units_of: Callable[[Shape], dict[str, str]] | None = None
+    shape_units: Mapping[str, str] = field(default_factory=dict)
+    shapes: Sequence[dict[str, float]] = ({},)
+    shapes_of: Callable[[ArmMotion, int], list[dict[str, float]]] | None = None
+    steps: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+    trials: int = 1
+    nulls: Mapping[str, float] = field(default_factory=dict)
+    simple: Mapping[str, float] = field(default_factory=dict)
+    sized: str = ""
+    at: float = 0.0
 
     def candidate_joints(self, n: int) -> list[Joints]:
         """Return where it may sit on an arm of n joints."""
+        if self.scope == "pair":
+            pairs = [(j, k) for j in range(n) for k in range(n) if j != k]
+            return [(j, k) for j, k in pairs if abs(j - k) == 1 or not self.neighbours]
         return [(j,) for j in range(n)] if self.scope == "joint" else [()]
 
     def rows(self, joints: Joints, n: int) -> tuple[int, ...]:
         """Return the joints whose torque it changes."""
-        return joints[:1] if joints else tuple(range(n))
+        return joints[:1] if joints and not self.spreads else tuple(range(n))
 
     def grid(self, motion: ArmMotion, joints: Joints) -> list[dict[str, float]]:
         """Return the shapes that are tried; one empty shape when it is linear."""
+        if self.shapes_of is not None:
+            return self.shapes_of(motion, joints[0])
         return [dict(shape) for shape in self.shapes]
-
-    def tried(self, motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
-        """Return the columns of several shapes, each (amplitudes, rows, N) [N m or N per unit]."""
-        return [self.columns(motion, joints, shape) for shape in shapes]
 
     def amplitudes(self, shape: Shape) -> dict[str, str]:
         """Return names and units of the parameters that enter linearly."""
-        return dict(self.units)
+        return dict(self.units) if self.units_of is None else self.units_of(shape)
 
     def at_size(self, sizes: Shape) -> Effect:
         """Return the effect with columns that are exact at one size, by name of its parameters; itself where all are.
 
         A torque that is not in proportion to its amplitude is, near a size, that of the size times amplitude over size.
         """
-        return self
+        return replace(self, at=float(sizes[self.sized])) if self.sized else self
 
-    @abstractmethod
+    def tried(self, motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
+        """Return the columns of several shapes, each (amplitudes, rows, N) [N m or N per unit]."""
+        if self.many is not None:
+            return self.many(motion, joints, shapes)
+        assert self.law is not None
+        found = [np.asarray(self.law(motion, joints, {"at": self.at, **shape})) for shape in shapes]
+        return [columns[:, None] if columns.ndim == 2 else columns for columns in found]
+
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N) [N m or N per unit]."""
+        return self.tried(motion, joints, [shape])[0]

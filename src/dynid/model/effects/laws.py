@@ -1,0 +1,249 @@
+"""The laws behind the catalogue: columns of the effects whose torque is more than a line, and their shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.model import tuning
+from dynid.model.effects.friction import sign_of
+from dynid.model.effects.interface import ArmMotion, Floats, Joints, Shape
+from dynid.robot import LINK_PARAMETERS
+
+Ints = NDArray[np.int64]
+
+#: Smallest step of a difference: of an angle [rad], and of a compliance [rad/N m], a hundredth of the softest gear.
+ANGLE_STEP, COMPLIANCE_STEP = 1e-5, 1e-6
+#: Turns of the load that are looked at together.
+TOGETHER = 1024
+
+
+# ---------------------------------------------------------------- friction
+def stribeck(motion: ArmMotion, joints: Joints, shape: Shape) -> list[Floats]:
+    """Return the hump at low speed."""
+    speed = np.abs(motion.qd[:, joints[0]])
+    with np.errstate(over="ignore"):
+        hump = np.exp(-((speed / shape["vs"]) ** shape["d"]))
+    return [hump * sign_of(motion, joints[0])]
+
+
+def nonlinear_viscous(motion: ArmMotion, joints: Joints, shape: Shape) -> list[Floats]:
+    """Return a power of the speed with its sign."""
+    speed = motion.qd[:, joints[0]]
+    return [np.sign(speed) * np.abs(speed) ** shape["p"]]
+
+
+def warmup(motion: ArmMotion, joints: Joints, shape: Shape) -> list[Floats]:
+    """Return friction that fades with time."""
+    cold = np.exp(-motion.t / shape["tw"])
+    return [cold * sign_of(motion, joints[0]), cold * motion.qd[:, joints[0]]]
+
+
+def position_friction(motion: ArmMotion, joints: Joints, shape: Shape) -> list[Floats]:
+    """Return friction that waves over the position."""
+    angle, sign = shape["h"] * motion.q[:, joints[0]], sign_of(motion, joints[0])
+    return [np.cos(angle) * sign, np.sin(angle) * sign]
+
+
+def gear_frictions(motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
+    """Return friction that waves with a wheel, for several wave numbers."""
+    sign = sign_of(motion, joints[0])
+    return [(wave * sign)[:, None] for wave in waves(motion.q[:, joints[0]], shapes)]
+
+
+def gear_shapes(motion: ArmMotion, joint: int) -> list[dict[str, float]]:
+    """Return the wave numbers of friction that are tried."""
+    return wave_shapes(
+        motion, joint, tuning.FRICTION_WAVE_SPACING_RAD, tuning.FASTEST_FRICTION_WAVE
+    )
+
+
+def presliding(q: Floats, delta: float) -> Floats:
+    """Return the bristle's state over a motion, exact in the position, (N,).
+
+    Between reversals z = sigma + (z0 - sigma) exp(-|q - q0| / delta); it starts slack at 0.
+    """
+    step = np.diff(q, prepend=q[:1])
+    direction = np.sign(step)
+    turns = np.flatnonzero(np.diff(direction) != 0) + 1
+    z = np.zeros_like(q)
+    last, origin = 0.0, q[0]
+    for run in np.split(np.arange(len(q)), turns):
+        sigma = direction[run[0]]
+        z[run] = (
+            sigma + (last - sigma) * np.exp(-np.abs(q[run] - origin) / delta) if sigma else last
+        )
+        last, origin = z[run[-1]], q[run[-1]]
+    return z
+
+
+# ---------------------------------------------------------------- position
+#: Evenly spaced shapes from which turning one wave into the next is worth its rounding.
+MANY = 8
+
+
+def wave_shapes(
+    motion: ArmMotion,
+    joint: int,
+    spacing: float = tuning.WAVE_SPACING_RAD,
+    highest: float = tuning.FASTEST_WAVE,
+) -> list[dict[str, float]]:
+    """Return the frequencies of waves over one joint's position that its travel tells apart.
+
+    Args:
+        motion: the motion.
+        joint: 0-based joint.
+        spacing: phase over the travel between neighbours [rad].
+        highest: fastest wave [1/rad].
+    """
+    travel = float(np.ptp(motion.q[:, joint]))
+    if travel < tuning.STILL_JOINT_RAD:
+        return []
+    return [
+        {"k": float(k)}
+        for k in np.arange(tuning.SLOWEST_WAVE_PHASE_RAD / travel, highest, spacing / travel)
+    ]
+
+
+def waves(q: Floats, shapes: Sequence[Shape]) -> list[Floats]:
+    """Return cos(k q) and sin(k q) of several shapes, each (2, N); of evenly spaced ones each turns the one before."""
+    k = np.array([shape["k"] for shape in shapes])
+    steps = np.diff(k)
+    # Why not always: of what is not evenly spaced each needs its own, and of few each is more exact.
+    if len(k) < MANY or not np.allclose(steps, steps[0], rtol=1e-9, atol=0.0):
+        return [np.array([np.cos(one * q), np.sin(one * q)]) for one in k]
+    wave, turn = np.exp(1j * k[0] * q), np.exp(1j * (k[1] - k[0]) * q)
+    found = []
+    for _ in k:
+        found.append(np.stack([wave.real, wave.imag]))
+        wave = wave * turn
+    return found
+
+
+def ripples(motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
+    """Return waves over the position, for several wave numbers."""
+    return [wave[:, None] for wave in waves(motion.q[:, joints[0]], shapes)]
+
+
+def spring(motion: ArmMotion, joints: Joints, shape: Shape) -> list[Floats]:
+    """Return powers of the position, and a constant."""
+    q = motion.q[:, joints[0]]
+    powers = [q**i for i in range(1, round(shape["order"]) + 1)]
+    return [*powers, *([np.ones_like(q)] if shape["constant"] else [])]
+
+
+def spring_units(shape: Shape) -> dict[str, str]:
+    """Return names and units of a spring's amplitudes."""
+    powers = range(1, round(shape["order"]) + 1)
+    found = {f"k{i}": f"N m/rad^{i}" if i > 1 else "N m/rad" for i in powers}
+    return found | ({"c": "N m"} if shape["constant"] else {})
+
+
+def spring_shapes(motion: ArmMotion, joint: int) -> list[dict[str, float]]:
+    """Return the orders that are tried; the constant only where the joint has no offset of its own."""
+    constant = 0.0 if "offset" in motion.robot.joints[joint].friction else 1.0
+    return [{"order": order, "constant": constant} for order in (1.0, 3.0)]
+
+
+def end_shapes(motion: ArmMotion, joint: int) -> list[dict[str, float]]:
+    """Return sides and places of an end stop that are tried."""
+    points = np.quantile(motion.q[:, joint], np.linspace(0.15, 0.85, 9))
+    return [{"side": side, "q1": float(q1)} for side in (-1.0, 1.0) for q1 in points]
+
+
+# ---------------------------------------------------------------- the whole arm
+def encoder_offset(motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
+    """Return the change of torque by an encoder's zero, per radian."""
+    step = shape["at"] if abs(shape["at"]) > ANGLE_STEP else ANGLE_STEP
+    moved = motion.q.copy()
+    moved[:, joints[0]] -= step
+    there = motion.reference.rigid(moved, motion.qd, motion.qdd)
+    return ((there - motion.rigid) / step).T[None]
+
+
+def elasticity(motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
+    """Return the change of torque by a gear that bends under it, per unit of compliance."""
+    exact = shape["at"] > COMPLIANCE_STEP
+    step = shape["at"] if exact else COMPLIANCE_STEP
+    there = motion.rigid
+    for _ in range(1 + tuning.BEND_ITERATIONS * exact):
+        bend = motion.smooth(there[:, joints[0]])
+        speed = np.gradient(bend, motion.t)
+        state = [x.copy() for x in (motion.q, motion.qd, motion.qdd)]
+        for x, shift in zip(state, (bend, speed, np.gradient(speed, motion.t)), strict=True):
+            x[:, joints[0]] -= step * shift
+        there = motion.reference.rigid(*state)
+    return ((there - motion.rigid) / step).T[None]
+
+
+def backlashes(motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
+    """Return the torque that a link lacks and lands with, for several gaps."""
+    j, pushed = joints[0], motion.qdd.copy()
+    pushed[:, j] += 1.0
+    inertia = motion.reference.rigid(motion.q, motion.qd, pushed) - motion.rigid
+    own = inertia[:, j]
+    push = np.where(own > 0, motion.rigid[:, j] / np.where(own > 0, own, 1.0), 0.0)
+    gaps = [2 * shape["b"] for shape in shapes]
+    return [(inertia.T * one)[None] for one in crossings(motion.t, push, gaps)]
+
+
+def crossings(t: Floats, push: Floats, gaps: Sequence[float]) -> list[Floats]:
+    """Return the acceleration that a link has relative to its motor while it crosses a gap, (N,) each [rad/s^2].
+
+    A link that is held by one flank is left alone when its load changes the sign, falls behind by as much as the load
+    would accelerate it, and is caught by the other flank without a bounce.
+
+    Args:
+        t: times, (N,) [s].
+        push: the load over the inertia that it accelerates, (N,) [rad/s^2].
+        gaps: widths, G of them [rad].
+    """
+    turns = np.flatnonzero(np.diff(np.sign(push)) != 0) + 1
+    step = np.diff(t, append=2 * t[-1] - t[-2])
+    found, free = [np.zeros_like(push) for _ in gaps], [0] * len(gaps)
+    # Why in parts: so many turns times as many samples are 3 MB, however long the motion is.
+    for part in np.array_split(turns, max(1, -(-len(turns) // TOGETHER))):
+        for g, (lands, speed) in enumerate(zip(*_landings(push, step, part, gaps), strict=True)):
+            for k, land, fast in zip(part.tolist(), lands.tolist(), speed.tolist(), strict=True):
+                if k >= free[g] and land < min(tuning.LONGEST_FLIGHT_SAMPLES, len(push) - k):
+                    end = free[g] = k + land
+                    found[g][k:end] = -push[k:end]
+                    found[g][end] = fast / step[end] - push[end]
+    return found
+
+
+def _landings(
+    push: Floats, step: Floats, turns: Ints, gaps: Sequence[float]
+) -> tuple[Ints, Floats]:
+    """Return after how many samples from each turn of the load a link has crossed each gap, and how fast, (G, T)."""
+    rows = turns[:, None] + np.arange(tuning.LONGEST_FLIGHT_SAMPLES)
+    lasts = np.where(rows < len(push), step[np.minimum(rows, len(push) - 1)], 0.0)
+    speed = np.cumsum(push[np.minimum(rows, len(push) - 1)] * lasts, axis=1)
+    way = np.maximum.accumulate(np.abs(np.cumsum(speed * lasts, axis=1)), axis=1)
+    lands = np.array([np.sum(way < gap, axis=1) for gap in gaps])
+    return lands, np.take_along_axis(
+        speed, np.minimum(lands, tuning.LONGEST_FLIGHT_SAMPLES - 1).T, axis=1
+    ).T
+
+
+def base_tilt(motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
+    """Return the torques of gravity turned about two axes, and the weight that the first joint then feels."""
+    columns = np.zeros((4, motion.n, len(motion)))
+    for axis in (0, 1):
+        columns[axis] = motion.reference.gravity_tilt(motion.q, axis).T
+    columns[2, 0], columns[3, 0] = np.cos(motion.q[:, 0]), np.sin(motion.q[:, 0])
+    return columns
+
+
+def payload(motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
+    """Return the columns of a body on the last link."""
+    columns = motion.reference.tip_columns(motion.q, motion.qd, motion.qdd)
+    return columns[: round(shape["form"])].transpose(0, 2, 1)
+
+
+def payload_units(shape: Shape) -> dict[str, str]:
+    """Return names and units of the first parameters of a body."""
+    units = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
+    return dict(list(zip(LINK_PARAMETERS, units, strict=False))[: round(shape["form"])])
