@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,6 @@ from numpy.typing import NDArray
 from dynid.model import tuning
 from dynid.model.kinematics import link_frames
 from dynid.robot import LINK_PARAMETERS, Body, Cylinders, Robot
-
-if TYPE_CHECKING:
-    from dynid.model.base_model import Reduction
-    from dynid.model.regressor import Model
 
 Floats = NDArray[np.float64]
 
@@ -164,7 +160,7 @@ def prior_parameters(robot: Robot) -> Floats:
     return np.concatenate([body.parameters() for body in prior_bodies(robot)])
 
 
-def prior_vector(model: Model) -> Floats:
+def prior_vector(model: Any) -> Floats:  # noqa: ANN401 - a Model, which is above
     """Return the prior gamma of all parameters of a model in the order of its columns, (c,), in their units.
 
     Nothing is known beforehand about rotor inertias, friction and added effects; they count as zero.
@@ -180,7 +176,12 @@ def prior_vector(model: Model) -> Floats:
     )
 
 
-def prior_base_parameters(model: Model, reduction: Reduction, *, unknown: float = np.nan) -> Floats:
+def prior_base_parameters(
+    model: Any,  # noqa: ANN401
+    reduction: Any,  # noqa: ANN401
+    *,
+    unknown: float = np.nan,
+) -> Floats:
     """Return the prior of the base parameters, K gamma, (p,), in their units.
 
     Args:

@@ -3,21 +3,20 @@
 Slots are numbered: first the inputs, then the integer constants, then one slot an operation. An operation reads two
 earlier slots. Each non-zero entry of the regressor names its row, its column and the slot that holds it.
 
-For evaluation a program is bound to a robot's geometry, constants are folded, registers are reused as soon as their
-value is dead, and the list of array operations is run on blocks of samples that stay in the processor's cache.
+For evaluation a program is bound to a robot's geometry, constants are folded, and the list of array operations is
+run on blocks of samples that stay in the processor's cache.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model import tuning
 from dynid.model.kinematics import geometry
 from dynid.robot import Robot
 
@@ -133,8 +132,6 @@ def _within(values: Ints, limit: int | NDArray[np.intp]) -> bool:
 # ---------------------------------------------------------------- evaluation
 #: Operation, slots of both operands, slot of the result.
 Step = tuple[int, int, int, int]
-#: (q, qd, qdd) of at most ``tuning.BLOCK_SAMPLES`` samples -> entries (E, B), which the next call overwrites.
-Evaluator = Callable[[Floats, Floats, Floats], Floats]
 
 
 def bound(
@@ -175,83 +172,40 @@ def input_of(name: str) -> tuple[str, int]:
     return kind, int(name[len(kind) :]) - 1
 
 
-def evaluator(program: Program, robot: Robot) -> Evaluator:
-    """Return a function that evaluates the entries of a program's matrix for one robot.
+class Evaluator:
+    """A program bound to one robot and a number of samples; it keeps every intermediate value.
 
-    The rows that operations work on are registers, then the entries themselves, then constants: an entry is the row
-    that its slot is computed in, and is copied only where a slot serves twice, is an input or does not move.
+    Args:
+        program: the straight-line program.
+        robot: the robot whose geometry is used.
+        samples: most samples of a run.
     """
-    value, moving, steps = bound(program, robot)
-    wanted = program.outputs.tolist()
-    computed = [
-        (slot, e) for e, slot in enumerate(wanted) if slot >= program.first and value[slot] is None
-    ]
-    entry = dict(reversed(computed))
-    copied = [slot for e, slot in enumerate(wanted) if entry.get(slot) != e]
-    register, size = _registers(steps, [slot for slot, _ in moving], entry, copied)
-    edge, constants = size + len(wanted), dict[float, int]()
 
-    def row(slot: int) -> int:
-        number = value[slot]
-        if number is not None:
-            return edge + constants.setdefault(number, len(constants))
-        return size + entry[slot] if slot in entry else register[slot]
+    def __init__(self, program: Program, robot: Robot, samples: int) -> None:
+        self._robot = robot
+        self._value, self._moving, self._steps = bound(program, robot)
+        moving = [slot for slot, _ in self._moving] + [step[3] for step in self._steps]
+        self._row = {slot: row for row, slot in enumerate(moving)}
+        self._values = np.zeros((len(moving), samples))
+        self._outputs = program.outputs.tolist()
+        self._entries = np.empty((len(self._outputs), samples))
+        self._calls = [
+            (np.multiply, self._at(lhs), -1.0, self._at(out))
+            if op == NEG
+            else (UFUNC[op], self._at(lhs), self._at(rhs), self._at(out))
+            for op, lhs, rhs, out in self._steps
+        ]
 
-    calls = [
-        (op, row(lhs), row(lhs if op == NEG else rhs), row(out)) for op, lhs, rhs, out in steps
-    ]
-    outputs = [row(slot) for slot in wanted]
-    registers, entries = (
-        np.empty((size, tuning.BLOCK_SAMPLES)),
-        np.empty((len(wanted), tuning.BLOCK_SAMPLES)),
-    )
-    rows: list[Any] = [*registers, *entries, *constants]
-    operations = [_array_operation(call, rows) for call in calls]
-    copies = [(entries[e], rows[k]) for e, k in enumerate(outputs) if k != size + e]
-    loads = [(registers[register[slot]], name) for slot, name in moving]
+    def _at(self, slot: int) -> Any:  # noqa: ANN401 - a number or a row
+        return self._values[self._row[slot]] if self._value[slot] is None else self._value[slot]
 
-    def run(q: Floats, qd: Floats, qdd: Floats) -> Floats:
+    def run(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """Return the entries of the matrix, (E, N); overwritten by the next call."""
         count = len(q)
-        for target, name in loads:
-            target[:count] = moving_input(name, robot, q, qd, qdd)
-            target[count:] = 0.0
-        for ufunc, a, b, out in operations:
+        for row, (_, name) in zip(self._values, self._moving, strict=False):
+            row[:count] = moving_input(name, self._robot, q, qd, qdd)
+        for ufunc, a, b, out in self._calls:
             ufunc(a, b, out)
-        for target, source in copies:
-            target[:] = source
-        return entries[:, :count]
-
-    return run
-
-
-def _array_operation(call: Step, rows: Sequence[Any]) -> tuple[Any, Any, Any, Any]:
-    op, a, b, out = call
-    return (
-        (np.multiply, rows[a], -1.0, rows[out])
-        if op == NEG
-        else (UFUNC[op], rows[a], rows[b], rows[out])
-    )
-
-
-def _registers(
-    steps: Sequence[Step], inputs: Sequence[int], entry: dict[int, int], copied: Sequence[int]
-) -> tuple[dict[int, int], int]:
-    """Return the register of each slot that is no entry, and how many there are; dead ones are reused."""
-    last = {
-        slot: k
-        for k, (op, lhs, rhs, _) in enumerate(steps)
-        for slot in ((lhs,) if op == NEG else (lhs, rhs))
-    }
-    last |= dict.fromkeys(copied, len(steps))
-    register = {slot: r for r, slot in enumerate(inputs)}
-    free: list[int] = []
-    size = len(register)
-    for k, (op, lhs, rhs, out) in enumerate(steps):
-        read = {lhs} if op == NEG else {lhs, rhs}
-        free += [register[slot] for slot in read if last[slot] == k and slot in register]
-        if out not in entry:
-            if not free:
-                free.append(size)
-                size += 1
-            register[out] = free.pop()
-    return register, size
+        for entry, slot in zip(self._entries, self._outputs, strict=True):
+            entry[:] = self._at(slot)
+        return self._entries[:, :count]

@@ -23,7 +23,7 @@ from dynid.model.effects.friction import friction_entries, friction_parameters, 
 from dynid.model.effects.interface import ArmMotion
 from dynid.model.kinematics import LinkFrames, link_frames
 from dynid.model.parameters import Parameter, columns_of, link_parameters, prior_vector
-from dynid.model.program import Program, evaluator
+from dynid.model.program import Evaluator, Program
 from dynid.robot import Robot
 from dynid.units import ampere_unit
 
@@ -147,7 +147,8 @@ class Observer:
         links, robot = model.link_columns, model.robot
         rigid, plain = columns < len(links), columns < model.plain_size
         program = model.rigid.restricted(links[columns[rigid]])
-        self._robot, self._rigid = robot, evaluator(program, robot)
+        self._robot = robot
+        self._rigid = Evaluator(program, robot, tuning.BLOCK_SAMPLES)
         self._friction = [model.friction[k - len(links)] for k in columns[plain & ~rigid]]
         joints = [friction_rows(parameter) for parameter in self._friction]
         places = [
@@ -190,7 +191,7 @@ class Observer:
         """
         for start in range(0, len(q), tuning.BLOCK_SAMPLES):
             part = slice(start, min(start + tuning.BLOCK_SAMPLES, len(q)))
-            rigid = self._rigid(q[part], qd[part], qdd[part])
+            rigid = self._rigid.run(q[part], qd[part], qdd[part])
             friction = self._friction_entries(
                 qd[part], qdd[part], None if coulomb_sign is None else coulomb_sign[part]
             )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.model.effects.friction import add_friction_gradient, friction_entries, friction_rows
-from dynid.model.program import MUL, NEG, SUB, UFUNC, Program, Step, bound, input_of, moving_input
+from dynid.model.program import MUL, NEG, SUB, Evaluator, Program, input_of
 from dynid.model.regressor import Model
 from dynid.robot import Robot
 
@@ -21,54 +21,23 @@ Floats = NDArray[np.float64]
 Gradient = tuple[Floats, Floats, Floats]
 
 
-class Tape:
-    """A program bound to one robot and a number of samples, that keeps every intermediate value.
-
-    Args:
-        program: the straight-line program.
-        robot: the robot whose geometry is used.
-        samples: number of samples of every run.
-    """
+class Tape(Evaluator):
+    """A program whose values at the last run serve for its gradient."""
 
     def __init__(self, program: Program, robot: Robot, samples: int) -> None:
-        self._robot = robot
-        value, moving, steps = bound(program, robot)
-        self._rows = {
-            slot: row
-            for row, slot in enumerate([s for s, _ in moving] + [step[3] for step in steps])
-        }
-        self._values, self._slopes = np.zeros((2, len(self._rows), samples))
-        self._spare = np.empty(samples)
-        self._value: list[Any] = value
-        self._loads = [(self._values[self._rows[slot]], name) for slot, name in moving]
-        self._inputs = [(self._slopes[self._rows[slot]], name) for slot, name in moving]
-        self._outputs = [(e, slot) for e, slot in enumerate(program.outputs.tolist())]
-        self._forward = self._forward_calls(steps)
-        self._backward = self._backward_calls(steps)
-        self._entries = np.empty((len(self._outputs), samples))
+        super().__init__(program, robot, samples)
+        self._slopes, self._spare = np.zeros_like(self._values), np.empty(samples)
+        self._backward = self._backward_calls()
 
-    def _at(self, slot: int) -> Any:  # noqa: ANN401 - a number or a row
-        return self._values[self._rows[slot]] if self._value[slot] is None else self._value[slot]
-
-    def _forward_calls(self, steps: list[Step]) -> list[tuple[Any, Any, Any, Any]]:
-        calls = []
-        for op, lhs, rhs, out in steps:
-            target = self._values[self._rows[out]]
-            negated = (np.multiply, self._at(lhs), -1.0, target)
-            calls.append(
-                negated if op == NEG else (UFUNC[op], self._at(lhs), self._at(rhs), target)
-            )
-        return calls
-
-    def _backward_calls(self, steps: list[Step]) -> list[tuple[Any, Any, Any, Any]]:
+    def _backward_calls(self) -> list[tuple[Any, Any, Any, Any]]:
         """List the array operations of the reverse sweep; a first contribution is written, others added."""
-        seen = {slot for _, slot in self._outputs}
+        seen = set(self._outputs)
         calls: list[tuple[Any, Any, Any, Any]] = []
 
         def give(slot: int, slope: Floats, factor: Any) -> None:  # noqa: ANN401
             if self._value[slot] is not None:
                 return
-            target = self._slopes[self._rows[slot]]
+            target = self._slopes[self._row[slot]]
             if slot not in seen:
                 seen.add(slot)
                 calls.append((np.multiply, slope, factor, target))
@@ -78,37 +47,26 @@ class Tape:
                 calls.append((np.multiply, slope, factor, self._spare))
                 calls.append((np.add, target, self._spare, target))
 
-        for op, lhs, rhs, out in reversed(steps):
-            slope = self._slopes[self._rows[out]]
+        for op, lhs, rhs, out in reversed(self._steps):
+            slope = self._slopes[self._row[out]]
             give(lhs, slope, self._at(rhs) if op == MUL else -1.0 if op == NEG else 1.0)
             if op != NEG:
                 give(rhs, slope, self._at(lhs) if op == MUL else -1.0 if op == SUB else 1.0)
         return calls
 
-    def run(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        """Return the entries of the matrix, (E, samples); overwritten by the next call."""
-        self._q = q
-        for target, name in self._loads:
-            target[:] = moving_input(name, self._robot, q, qd, qdd)
-        for ufunc, a, b, out in self._forward:
-            ufunc(a, b, out)
-        for e, slot in self._outputs:
-            self._entries[e] = self._at(slot)
-        return self._entries
-
-    def add_gradient(self, weights: Floats, gradient: Gradient) -> None:
-        """Add the gradient of sum(weights * entries) at the last run to ``gradient``; weights are (E, samples)."""
+    def add_gradient(self, q: Floats, weights: Floats, gradient: Gradient) -> None:
+        """Add the gradient of sum(weights * entries) at q, the last run, to ``gradient``; weights (E, samples)."""
         self._slopes.fill(0.0)
-        for e, slot in self._outputs:
+        for e, slot in enumerate(self._outputs):
             if self._value[slot] is None:
-                self._slopes[self._rows[slot]] += weights[e]
+                self._slopes[self._row[slot]] += weights[e]
         for ufunc, a, b, out in self._backward:
             ufunc(a, b, out)
         by_q, by_qd, by_qdd = gradient
-        for slope, name in self._inputs:
+        for slope, (_, name) in zip(self._slopes, self._moving, strict=False):
             kind, j = input_of(name)
             if kind in ("c", "s"):
-                angle = self._q[:, j] + self._robot.joints[j].theta_offset
+                angle = q[:, j] + self._robot.joints[j].theta_offset
                 by_q[:, j] += slope * (-np.sin(angle) if kind == "c" else np.cos(angle))
             else:
                 (by_q if kind == "q" else by_qd if kind == "qd" else by_qdd)[:, j] += slope
@@ -150,7 +108,7 @@ class RegressorGradient:
 
     def dense(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the chosen columns at the samples, (N, n, p), and remember the samples for ``gradient``."""
-        self._qd = qd
+        self._q, self._qd = q, qd
         friction = [
             np.array(friction_entries(parameter, self._robot, qd, qdd))
             for parameter in self._friction
@@ -164,7 +122,7 @@ class RegressorGradient:
         by_q, by_qd, by_qdd = (np.zeros_like(self._qd) for _ in range(3))
         entries = np.ascontiguousarray(weights[:, self.rows, self.cols].T)
         start = len(entries) - sum(len(friction_rows(parameter)) for parameter in self._friction)
-        self._tape.add_gradient(entries[:start], (by_q, by_qd, by_qdd))
+        self._tape.add_gradient(self._q, entries[:start], (by_q, by_qd, by_qdd))
         for parameter in self._friction:
             stop = start + len(friction_rows(parameter))
             add_friction_gradient(

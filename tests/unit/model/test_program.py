@@ -8,7 +8,7 @@ from dynid.model import build_model, tuning
 from dynid.model.dynamics import Builder
 from dynid.model.kinematics import geometry
 from dynid.model.printing import as_latex, as_python
-from dynid.model.program import ADD, MUL, NEG, SUB, evaluator
+from dynid.model.program import ADD, MUL, NEG, SUB, Evaluator
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def test_the_interpreter_computes_what_the_operations_say(model):
     n = model.robot.n
     q, qd, qdd = rng.normal(size=(3, 5, n))
     program = model.rigid
-    entries = evaluator(program, model.robot)(q, qd, qdd).copy()
+    entries = Evaluator(program, model.robot, len(q)).run(q, qd, qdd)
     for k in range(5):
         values = geometry(model.robot)
         for i, joint in enumerate(model.robot.joints, start=1):
@@ -63,7 +63,9 @@ def test_a_restricted_program_gives_the_same_columns_with_fewer_operations(model
     states = rng.normal(size=(3, 3, model.robot.n))
     dense, got = (np.zeros((3, *program.shape)) for program in (model.rigid, part))
     for program, matrix in ((model.rigid, dense), (part, got)):
-        matrix[:, program.rows, program.cols] = evaluator(program, model.robot)(*states).T
+        matrix[:, program.rows, program.cols] = (
+            Evaluator(program, model.robot, len(states[0])).run(*states).T
+        )
     assert got == pytest.approx(dense[:, :, columns], abs=1e-14)
 
 
@@ -81,7 +83,7 @@ def test_the_printed_function_computes_the_regressor(model):
     printed = space["regressor"](q.T, qd.T, qdd.T)
     program = model.rigid
     dense = np.zeros((4, *program.shape))
-    dense[:, program.rows, program.cols] = evaluator(program, model.robot)(q, qd, qdd).T
+    dense[:, program.rows, program.cols] = Evaluator(program, model.robot, len(q)).run(q, qd, qdd).T
     assert np.moveaxis(printed, -1, 0) == pytest.approx(dense, abs=1e-13)
 
 
