@@ -7,37 +7,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BPoly, PPoly
 from scipy.linalg import null_space
 
 from dynid.trajectory import tuning
 
 Floats = NDArray[np.float64]
-
-#: Value, first and second derivative of (s^5, s^4, s^3, s^2, s, 1) at s = 0 and at s = 1 (Paper Eq. 18).
-_ENDS = np.array(
-    [
-        [0, 0, 0, 0, 0, 1],
-        [0, 0, 0, 0, 1, 0],
-        [0, 0, 0, 2, 0, 0],
-        [1, 1, 1, 1, 1, 1],
-        [5, 4, 3, 2, 1, 0],
-        [20, 12, 6, 2, 0, 0],
-    ],
-    dtype=float,
-)
-#: Coefficients of the six polynomials that have one of those numbers 1 and the others 0, (6 powers, 6).
-HERMITE = np.linalg.inv(_ENDS)
-
-
-def _falling(order: int) -> Floats:
-    """Return the factors that differentiation of (s^5 ... 1) brings, (6,)."""
-    powers = np.arange(5, -1, -1)
-    return np.array([np.prod([float(p - k) for k in range(order)]) for p in powers])
 
 
 @dataclass(frozen=True)
@@ -79,23 +58,19 @@ class Quintic:
         return free
 
     @cached_property
+    def _nodes(self) -> BPoly:
+        """The motions of which one node value is 1, (3 K,)."""
+        size = 3 * len(self.knots)
+        return BPoly.from_derivatives(self.knots, np.eye(size).reshape(-1, 3, size))
+
+    @cached_property
     def _jumps(self) -> Floats:
         """Jumps of the third and fourth derivative at the inner waypoints, as functions of the node values."""
         rows = []
-        for j, (before, after) in enumerate(pairwise(np.diff(self.knots))):
-            for order in (3, 4):
-                row = np.zeros(3 * len(self.knots))
-                for segment, length, s, sign in ((j, before, 1.0, 1), (j + 1, after, 0.0, -1)):
-                    values = (
-                        _powers(np.array([s]), order)[0]
-                        @ HERMITE
-                        * np.tile([1, length, length**2], 2)
-                    )
-                    row[3 * segment : 3 * segment + 6] += (
-                        sign * values * (self._unit / length) ** order
-                    )
-                rows.append(row)
-        return np.array(rows).reshape(-1, 3 * len(self.knots))
+        for order in (3, 4):
+            ends = self._nodes.derivative(order).c
+            rows.append((ends[-1, :-1] - ends[0, 1:]) * self._unit**order)
+        return np.stack(rows, axis=1).reshape(-1, 3 * len(self.knots))
 
     @property
     def size(self) -> int:
@@ -118,40 +93,13 @@ class Quintic:
 
         Source: Paper Eqs. 17-18; the boundary rates have to be multiplied by T and T^2, the length of the segment.
         """
-        segment, s, length = self._locate(t)
-        values = (_powers(s, order) @ HERMITE) / length[:, None] ** order
-        scaled = values * np.stack([np.ones_like(length), length, length**2] * 2, axis=1)
-        nodes = np.zeros((len(t), 3 * len(self.knots)))
-        nodes[np.arange(len(t))[:, None], 3 * segment[:, None] + np.arange(6)] = scaled
-        return nodes @ self._free
-
-    def _locate(self, t: Floats) -> tuple[NDArray[np.intp], Floats, Floats]:
-        """Return segment, place within it (0 to 1) and the segment's length for each time."""
-        knots = np.array(self.knots)
-        segment = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2)
-        length = np.diff(knots)[segment]
-        return segment, (t - knots[segment]) / length, length
+        return np.asarray(self._nodes.derivative(order)(t) @ self._free)
 
     def stationary(self, c: Floats, order: int = 0) -> list[Floats]:
         """Return the knots and all roots of the next derivative, joint by joint, (times,) [s], from c, (size, n)."""
-        knots = np.array(self.knots)
-        nodes = (self._free @ c).reshape(len(knots), 3, -1)
-        lengths = np.diff(knots)[:, None, None] ** np.arange(3)[None, :, None]
-        # The segments' polynomials in s = 0 ... 1, highest power first, (segments, 6, n).
-        polynomials = HERMITE @ np.concatenate([nodes[:-1] * lengths, nodes[1:] * lengths], axis=1)
-        slopes = (polynomials * _falling(order + 1)[None, :, None])[:, : 5 - order]
-        found = []
-        for j in range(c.shape[1]):
-            times = [knots]
-            for start, length, polynomial in zip(
-                knots, np.diff(knots), slopes[:, :, j], strict=False
-            ):
-                roots = np.roots(polynomial)
-                # Why: a double root comes out as a pair with small imaginary parts; a spare time does no harm.
-                s = np.clip(roots.real[np.abs(roots.imag) < 1e-3], 0.0, 1.0)
-                times.append(start + length * s)
-            found.append(np.concatenate(times))
-        return found
+        slopes = BPoly(self._nodes.c @ self._free @ c, self.knots).derivative(order + 1)
+        roots = PPoly.from_bernstein_basis(slopes).roots(discontinuity=False, extrapolate=False)
+        return [np.concatenate([self.knots, each[np.isfinite(each)]]) for each in roots]
 
 
 @dataclass(frozen=True)
@@ -199,10 +147,3 @@ def basis_from(facts: dict[str, Any]) -> Quintic:
     if not (1 < len(knots) < tuning.MOST_KNOTS and np.all(apart) and np.all(short)):
         raise ValueError("its knots do not increase, or are too close together")
     return Quintic(tuple(knots.tolist()), facts["kind"] == "spline")
-
-
-def _powers(s: Floats, order: int) -> Floats:
-    """Return the derivative of an order of (s^5 ... 1), (N, 6)."""
-    exponents = np.maximum(np.arange(5, -1, -1) - order, 0)
-    found: Floats = s[:, None] ** exponents * _falling(order)
-    return found

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynid.trajectory.basis import HERMITE, Quintic, basis_from
+from dynid.trajectory.basis import Quintic, basis_from
 
 FAMILIES = {
     "quintic": Quintic((0.0, 1.3, 2.0, 4.5, 5.0)),
@@ -18,11 +18,6 @@ def family(request):
 
 def coefficients(family, n=3):
     return np.random.default_rng(4).standard_normal((family.size, n))
-
-
-def test_segment_matrix_is_the_inverse_that_the_textbook_prints():
-    s5_of_q0_to_q1 = HERMITE @ [0, 0, 0, 1, 0, 0]
-    assert np.allclose(s5_of_q0_to_q1, [6, -15, 10, 0, 0, 0])
 
 
 def test_motion_rests_at_both_ends(family):
