@@ -1,19 +1,13 @@
-"""One simulated arm that is stepped by joint torques, with friction and rotors that the physics engines do not know.
+"""One simulated arm that is stepped by joint torques, with friction and rotors that the physics engine does not know.
 
-The engine is PyBullet, or MuJoCo where PyBullet is missing or refuses the arm; both sit behind ``Engine``. Nothing here
-uses dynid's own equations of motion. Damping of the engines is off and inertias are the given ones.
+The engine is MuJoCo. Nothing here uses dynid's own equations of motion. Damping of the engine is off and
+inertias are the given ones.
 """
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from types import TracebackType
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +17,9 @@ from dynid.model.parameters import prior_bodies
 from dynid.motion import Motion
 from dynid.robot import Body, Robot, rotation_rpy
 from dynid.sim import tuning
-from dynid.sim.urdf import urdf_text, without_stops, write_urdf
+from dynid.sim.urdf import urdf_text, without_stops
 
 Floats = NDArray[np.float64]
-
-#: How an engine is installed: PyBullet has wheels up to Python 3.11.
-GET_ENGINE = "pip install mujoco, or pybullet up to Python 3.11"
 
 
 @dataclass(frozen=True)
@@ -69,110 +60,8 @@ class Friction:
         )
 
 
-class Engine(Protocol):
-    """The rigid bodies of an arm in a physics engine, without friction, rotors and stops."""
-
-    name: str
-
-    def reset(self, q: Floats, qd: Floats) -> None:
-        """Put the arm at positions (n,) [rad or m] and velocities (n,) [rad/s or m/s]."""
-
-    def state(self) -> tuple[Floats, Floats]:
-        """Return joint positions [rad or m] and velocities [rad/s or m/s], (n,) each."""
-
-    def inverse_dynamics(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        """Return the torques of a motion, (n,) [N m or N]."""
-
-    def mass_matrix(self, q: Floats) -> Floats:
-        """Return the mass matrix, (n, n) [kg m^2 or kg]."""
-
-    def step(self, tau: Floats) -> None:
-        """Apply torques, (n,) [N m or N], for one step of the physics."""
-
-    def close(self) -> None:
-        """Free what it holds."""
-
-
-class BulletEngine:
-    """An arm in a physics server of PyBullet.
-
-    Args:
-        robot: geometry and gravity.
-        bodies: body of each link in its DH frame.
-        dt: step of the physics [s].
-
-    Raises:
-        PackageMissing: PyBullet is not installed, or refuses the bodies.
-    """
-
-    name = "PyBullet"
-
-    def __init__(self, robot: Robot, bodies: Sequence[Body], dt: float) -> None:
-        self._bullet = bullet = _bullet()
-        self._server = {"physicsClientId": bullet.connect(bullet.DIRECT)}
-        self._scale, self._joints = _scale(bodies), list(range(robot.n))
-        # Why: without this flag Bullet replaces the inertias by those of the shapes, 0.4 N m on this kind of arm.
-        flags = bullet.URDF_USE_INERTIA_FROM_FILE
-        with TemporaryDirectory() as folder:
-            path = Path(folder) / "arm.urdf"
-            write_urdf(without_stops(robot), [_lighter(body, self._scale) for body in bodies], path)
-            self._body = bullet.loadURDF(str(path), useFixedBase=True, flags=flags, **self._server)
-        bullet.setGravity(*_world_gravity(robot).tolist(), **self._server)
-        bullet.setPhysicsEngineParameter(fixedTimeStep=dt, numSubSteps=0, **self._server)
-        for link in (-1, *self._joints):
-            free = {"linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0}
-            bullet.changeDynamics(self._body, link, **free, **self._server)
-        # Why: Bullet holds every joint with a motor of its own until told otherwise.
-        idle = {"controlMode": bullet.VELOCITY_CONTROL, "forces": [0.0] * robot.n}
-        bullet.setJointMotorControlArray(self._body, self._joints, **idle, **self._server)
-        try:
-            self.inverse_dynamics(*np.zeros((3, robot.n)))
-        except SystemError as error:
-            # Why: links whose inertia is small beside their mass, such as a heavy point, are too much for it.
-            self.close()
-            raise PackageMissing("PyBullet refuses the bodies of the arm") from error
-
-    def close(self) -> None:
-        """Close the physics server."""
-        self._bullet.disconnect(**self._server)
-
-    def reset(self, q: Floats, qd: Floats) -> None:
-        """Put the arm at positions (n,) [rad or m] and velocities (n,) [rad/s or m/s]."""
-        for joint, position, speed in zip(self._joints, q, qd, strict=True):
-            self._bullet.resetJointState(
-                self._body, joint, float(position), float(speed), **self._server
-            )
-
-    def state(self) -> tuple[Floats, Floats]:
-        """Return joint positions [rad or m] and velocities [rad/s or m/s], (n,) each."""
-        rows = self._bullet.getJointStates(self._body, self._joints, **self._server)
-        return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
-
-    def inverse_dynamics(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        """Return the torques of a motion, (n,) [N m or N]."""
-        torques = self._bullet.calculateInverseDynamics(
-            self._body, q.tolist(), qd.tolist(), qdd.tolist(), **self._server
-        )
-        return self._scale * np.array(torques)
-
-    def mass_matrix(self, q: Floats) -> Floats:
-        """Return the mass matrix, (n, n) [kg m^2 or kg]."""
-        return self._scale * np.array(
-            self._bullet.calculateMassMatrix(self._body, q.tolist(), **self._server)
-        )
-
-    def step(self, tau: Floats) -> None:
-        """Apply torques, (n,) [N m or N], for one step of the physics."""
-        forces = {
-            "controlMode": self._bullet.TORQUE_CONTROL,
-            "forces": (tau / self._scale).tolist(),
-        }
-        self._bullet.setJointMotorControlArray(self._body, self._joints, **forces, **self._server)
-        self._bullet.stepSimulation(**self._server)
-
-
-class MujocoEngine:
-    """An arm in MuJoCo.
+class Engine:
+    """The rigid bodies of an arm in MuJoCo, without friction, rotors and stops.
 
     Args:
         robot: geometry and gravity.
@@ -189,9 +78,7 @@ class MujocoEngine:
         try:
             import mujoco
         except ImportError as error:
-            raise PackageMissing(
-                "neither PyBullet nor MuJoCo is installed", fix=GET_ENGINE
-            ) from error
+            raise PackageMissing("MuJoCo is not installed", fix="pip install mujoco") from error
         try:
             self._arm = mujoco.MjModel.from_xml_string(urdf_text(without_stops(robot), bodies))
         except ValueError as error:
@@ -204,9 +91,6 @@ class MujocoEngine:
         self._data, self._still = mujoco.MjData(self._arm), np.zeros(robot.n)
         #: Why another: questions about other states must not disturb the motion.
         self._asked = mujoco.MjData(self._arm)
-
-    def close(self) -> None:
-        """Do nothing: MuJoCo has no server."""
 
     def reset(self, q: Floats, qd: Floats) -> None:
         """Put the arm at positions (n,) [rad or m] and velocities (n,) [rad/s or m/s]."""
@@ -235,18 +119,6 @@ class MujocoEngine:
         self._mujoco.mj_step(self._arm, self._data)
 
 
-def engine_of(robot: Robot, bodies: Sequence[Body], dt: float) -> Engine:
-    """Return the arm in PyBullet, else in MuJoCo.
-
-    Raises:
-        PackageMissing: neither is installed, or the last one refuses the bodies.
-    """
-    try:
-        return BulletEngine(robot, bodies, dt)
-    except PackageMissing:
-        return MujocoEngine(robot, bodies, dt)
-
-
 class SimulatedArm:
     """A simulated arm; ``step`` moves it, ``state`` reads it.
 
@@ -262,7 +134,7 @@ class SimulatedArm:
         engine: the rigid bodies.
 
     Raises:
-        PackageMissing: there is no physics engine.
+        PackageMissing: MuJoCo is not installed, or refuses the bodies.
     """
 
     def __init__(
@@ -280,21 +152,15 @@ class SimulatedArm:
             np.zeros(robot.n) if rotor_inertia is None else np.array(rotor_inertia, dtype=float)
         )
         self.dt, self.time, self.extra = dt, 0.0, extra
-        self.engine = engine_of(robot, prior_bodies(robot) if bodies is None else bodies, dt)
+        self.engine = Engine(robot, prior_bodies(robot) if bodies is None else bodies, dt)
         self.state, self.inverse_dynamics = self.engine.state, self.engine.inverse_dynamics
 
     def __enter__(self) -> SimulatedArm:
         """Return itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Free what the engine holds."""
-        self.engine.close()
+    def __exit__(self, *error: object) -> None:
+        """Do nothing: MuJoCo holds no process and no window."""
 
     def reset(self, q: Floats, qd: Floats | None = None) -> None:
         """Put the arm at positions (n,) [rad or m] and velocities (n,) [rad/s or m/s], at rest when None."""
@@ -303,7 +169,7 @@ class SimulatedArm:
     def step(self, tau: Floats) -> None:
         """Apply drive torques for one step of the physics.
 
-        An engine knows neither rotors nor our friction, so it gets the torque that is left for the links:
+        MuJoCo knows neither rotors nor our friction, so it gets the torque that is left for the links:
         tau - friction - Im qdd, with qdd from (M + Im + dt dF/dqd) qdd = tau - friction - h. The last term on the left
         takes friction at the end of the step, which keeps the steep Coulomb part stable on light links.
 
@@ -325,41 +191,6 @@ class SimulatedArm:
 
 def _world_gravity(robot: Robot) -> Floats:
     return np.asarray(rotation_rpy(robot.base_rpy) @ np.array(robot.gravity))
-
-
-def _scale(bodies: Sequence[Body]) -> float:
-    """Return by how much bodies are too heavy for Bullet, a power of two.
-
-    It refuses inertias that are not symmetric to 1e-15 kg m^2, which those of an industrial arm are not after their
-    rounding. An arm whose masses and torques are all a power of two smaller moves alike, to the last digit.
-    """
-    largest = max((float(np.abs(body.tensor).max()) for body in bodies), default=0.0)
-    beyond = largest / tuning.LARGEST_BULLET_INERTIA
-    return float(2.0 ** np.ceil(np.log2(beyond))) if beyond > 1.0 else 1.0
-
-
-def _lighter(body: Body, scale: float) -> Body:
-    xx, xy, xz, yy, yz, zz = (value / scale for value in body.inertia_com)
-    return Body(body.mass / scale, body.com, (xx, xy, xz, yy, yz, zz))
-
-
-def _bullet() -> Any:  # noqa: ANN401 - the module has no types
-    if "pybullet" in sys.modules:
-        return sys.modules["pybullet"]
-    # Why: the module prints its build time when it is loaded, on streams where answers and messages go.
-    kept, nowhere = [os.dup(k) for k in (1, 2)], os.open(os.devnull, os.O_WRONLY)
-    for k in (1, 2):
-        os.dup2(nowhere, k)
-    try:
-        import pybullet
-    except ImportError as error:
-        raise PackageMissing("pybullet is not installed", fix=GET_ENGINE) from error
-    finally:
-        for k, stream in zip((1, 2), kept, strict=True):
-            os.dup2(stream, k)
-            os.close(stream)
-        os.close(nowhere)
-    return pybullet
 
 
 # ---------------------------------------------------------------- the closed loop

@@ -3,9 +3,6 @@
 # ---------------------------------------------------------------- physics
 #: Step of the physics where none is given [s]. evidence: none yet.
 PHYSICS_STEP_S = 5e-4
-#: Largest moment of inertia that Bullet is given [kg m^2]: it refuses inertias that are not symmetric to 1e-15 kg m^2.
-#: evidence: none yet.
-LARGEST_BULLET_INERTIA = 0.5
 #: Natural frequency of the error of the simulated joint controllers [Hz]. evidence: none yet.
 CONTROLLER_FREQUENCY_HZ = 15.0
 #: Longest step of the physics behind a driver [s]; there is at least one between two samples. evidence: none yet.
@@ -41,7 +38,7 @@ FREE_TURN_RAD, FREE_SLIDE_M = 3.141592653589793, 0.3
 #: Random motions of which one must stay above the floor. evidence: none yet.
 RANDOM_MOTIONS = 300
 #: Step of the physics [s] under hidden torques, and steps a sample of the log.
-#: evidence: with steps of 2.5 ms Bullet's own error passes the noise of the sensors.
+#: evidence: with steps of 2.5 ms the integrator's error passes the noise of the sensors.
 HIDDEN_STEP_S, HIDDEN_STEPS_A_SAMPLE = 1.25e-3, 4
 
 # ---------------------------------------------------------------- exported files along a recording

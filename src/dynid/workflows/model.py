@@ -289,4 +289,6 @@ def relations(model: Model, form: str, *, at_rest: bool = False) -> tuple[dict[s
     facts |= made_of.relations_json(model, groups)
     if form == "text":
         return facts, made_of.relations_text(groups, alone=True)
-    return facts, made_of.relations_latex(groups) if form == "latex" else json.dumps(facts, indent=2)
+    return facts, made_of.relations_latex(groups) if form == "latex" else json.dumps(
+        facts, indent=2
+    )

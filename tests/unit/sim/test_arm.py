@@ -7,7 +7,7 @@ from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.motion import Motion
 from dynid.robot import Body, Joint, Limits, Robot
-from dynid.sim.arm import BulletEngine, Friction, MujocoEngine, SimulatedArm, SimulatedRun, track
+from dynid.sim.arm import Friction, SimulatedArm, SimulatedRun, track
 from dynid.sim.plant import Sensors
 from dynid.sim.sines import SineSpec, lowest_point, sines
 
@@ -21,12 +21,6 @@ def slider(gravity=(0.0, 0.0, 0.0)):
 
 def pendulum():
     return Robot("pendulum", "standard", (Joint("p", a=0.5),), gravity=(9.81, 0.0, 0.0))
-
-
-@pytest.fixture(autouse=True, params=[BulletEngine, MujocoEngine])
-def engine(request, monkeypatch):
-    """Every test is asked of both physics engines."""
-    monkeypatch.setattr("dynid.sim.arm.engine_of", request.param)
 
 
 def run(arm, steps, tau=0.0):
