@@ -32,8 +32,8 @@ from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
-from dynid.model.base_model import BaseModel
-from dynid.model.parameters import BODY_PARAMETERS, body_of, prior_base_parameters
+from dynid.model.base_model import BaseModel, prior_base_parameters
+from dynid.model.parameters import BODY_PARAMETERS, body_of
 from dynid.model.reduce import reduce
 from dynid.robot import Body, Joint, Limits, Prior, Robot
 from dynid.signals.conditioned_log import ConditionedLog, condition

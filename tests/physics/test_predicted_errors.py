@@ -13,8 +13,7 @@ from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.loading import load_log
-from dynid.model.base_model import BaseModel
-from dynid.model.parameters import prior_base_parameters
+from dynid.model.base_model import BaseModel, prior_base_parameters
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 from dynid.options import LogOptions

@@ -36,8 +36,7 @@ from dynid.estimation.posterior import (
 from dynid.estimation.residual_model import ModelError, squares
 from dynid.estimation.result import SAME_MOTION, Identification, JointQuality, Quality
 from dynid.estimation.stack import Earlier, Stack
-from dynid.model.base_model import BaseModel
-from dynid.model.parameters import prior_base_parameters
+from dynid.model.base_model import BaseModel, prior_base_parameters
 from dynid.model.regressor import Observer, indefinite_share, random_poses
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.filters import decimate

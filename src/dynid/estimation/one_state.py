@@ -18,9 +18,8 @@ from dynid.estimation import tuning
 from dynid.estimation.residual_model import ModelError
 from dynid.model.base_model import BaseModel
 from dynid.model.kinematics import geometry
-from dynid.model.parameters import prior_vector
 from dynid.model.program import FOLD, NEG, Program
-from dynid.model.regressor import Model
+from dynid.model.regressor import Model, prior_vector
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]

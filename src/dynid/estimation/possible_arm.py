@@ -42,7 +42,8 @@ from dynid.estimation.possible_set import (
     smallest_eigenvalues,
 )
 from dynid.model.base_model import BaseModel
-from dynid.model.parameters import cylinder_body, cylinders_of, link_cylinders, prior_vector
+from dynid.model.parameters import cylinder_body, cylinders_of, link_cylinders
+from dynid.model.regressor import prior_vector
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]

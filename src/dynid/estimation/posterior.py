@@ -44,8 +44,7 @@ from dynid.estimation.residual_model import (
     whitened_rows,
 )
 from dynid.estimation.stack import Stack
-from dynid.model.base_model import BaseModel
-from dynid.model.parameters import prior_base_parameters
+from dynid.model.base_model import BaseModel, prior_base_parameters
 from dynid.model.regressor import Observer
 from dynid.robot import Known
 

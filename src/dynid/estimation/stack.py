@@ -29,8 +29,8 @@ from dynid.estimation.least_squares import (
     with_columns,
 )
 from dynid.estimation.rows import ObservationRows, fold, rows_of
-from dynid.model.base_model import BaseModel
-from dynid.model.regressor import Observer, model_torques
+from dynid.model.base_model import BaseModel, model_torques
+from dynid.model.regressor import Observer
 from dynid.progress import SILENT, Progress
 from dynid.signals.conditioned_log import (
     ConditionedLog,

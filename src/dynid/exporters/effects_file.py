@@ -18,8 +18,8 @@ from dynid.exporters.interface import Format, IdentifiedArm, Loaded
 from dynid.exporters.languages import PYTHON, STEP_S, effect_entries, imported
 from dynid.exporters.simulated import Simulated, simulated
 from dynid.exporters.user_urdf import attached
+from dynid.model.base_model import model_torques
 from dynid.model.kinematics import fixed_poses
-from dynid.model.regressor import model_torques
 from dynid.robot import JointMap
 from dynid.text import code, xml
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from dynid.exporters import closed_forms
 from dynid.exporters.code import Language, source_code
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
+from dynid.model.base_model import model_torques
 from dynid.model.effects.interface import ArmMotion, ReferenceTorques
-from dynid.model.regressor import model_torques
 from dynid.text import identifier
 
 Floats = NDArray[np.float64]

@@ -46,9 +46,8 @@ from dynid.gap.verdict import (
     unrepeatable,
 )
 from dynid.gap.whitened_regression import WhitenedRegression
-from dynid.model.base_model import BaseModel
+from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.effects.interface import Floats
-from dynid.model.regressor import model_torques
 from dynid.progress import SILENT, Progress
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.sim.replay import Replay

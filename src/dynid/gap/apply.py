@@ -14,11 +14,11 @@ from dynid.estimation.stack import Stack, settled, stack_logs
 from dynid.files.robotfile import text_of
 from dynid.gap.record import GapEffect
 from dynid.gap.selected_effects import SelectedEffect
-from dynid.model.base_model import BaseModel
+from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.effects.formula import Formula
 from dynid.model.effects.interface import Floats
 from dynid.model.reduce import with_added
-from dynid.model.regressor import Model, model_torques
+from dynid.model.regressor import Model
 from dynid.robot import EffectSpec, Robot
 from dynid.signals.conditioned_log import ConditionedLog, segment_without_delay, with_effects
 from dynid.text import yaml_text

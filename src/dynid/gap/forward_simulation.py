@@ -14,10 +14,9 @@ from dynid.estimation.possible_arm import constraints_of, fit_pooled
 from dynid.gap.problem import GapProblem, information_root
 from dynid.gap.selected_effects import SelectedEffect, effect_torque
 from dynid.gap.whitened_regression import WhitenedRegression
-from dynid.model.base_model import BaseModel
+from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.effects.interface import ArmMotion, Floats
 from dynid.model.parameters import BODY_PARAMETERS, body_columns
-from dynid.model.regressor import model_torques
 from dynid.robot import Body
 from dynid.signals.conditioned_log import arm_motion
 from dynid.sim.replay import Replay, replay

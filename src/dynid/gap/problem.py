@@ -30,9 +30,8 @@ from dynid.gap.whitened_regression import (
     torque_residuals,
     whitened_regression,
 )
-from dynid.model.base_model import BaseModel
+from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.effects.interface import Floats
-from dynid.model.regressor import model_torques
 from dynid.signals.conditioned_log import ConditionedLog, with_effects
 
 #: Share of each log that is held out where there are fewer than three motions, as ``dynid identify`` does.

@@ -20,7 +20,7 @@ from dynid.errors import NotAnArtifact
 from dynid.files.artifact import read_artifact, read_header, reading
 from dynid.model.kinematics import geometry
 from dynid.model.program import Program
-from dynid.model.regressor import Model, Observer, build_model
+from dynid.model.regressor import Model, ModelTorques, Observer, build_model, prior_vector
 from dynid.npz import write_artifact
 from dynid.robot import FRICTION_PARAMETERS, LINK_PARAMETERS, Robot
 from dynid.table import Table
@@ -236,6 +236,30 @@ def in_memory(robot: Robot, samples: int = 200, tolerance: float | None = None) 
         if found.robot is robot
         else BaseModel(Model(robot, found.model.rigid), found.reduction)
     )
+
+
+def prior_base_parameters(model: Model, reduction: Reduction, *, unknown: float = np.nan) -> Floats:
+    """Return the prior of the base parameters, K gamma, (p,), in their units.
+
+    Args:
+        model: the model.
+        reduction: its base parameters.
+        unknown: what stands where the prior says nothing: for friction, for added effects, and for a rotor inertia
+            alone; in a combination a rotor inertia counts as zero.
+    """
+    table = [model.parameters[k] for k in reduction.base]
+    combined = np.count_nonzero(reduction.K, axis=1) > 1
+    known = [
+        p.of_body or (p.kind == "Im" and mixed) for p, mixed in zip(table, combined, strict=True)
+    ]
+    return np.where(known, reduction.K @ prior_vector(model), unknown)
+
+
+def model_torques(model: Model, reduction: Reduction, theta: Floats) -> ModelTorques:
+    """Return the torques of base parameters: their representatives carry them, all other parameters are zero."""
+    values = np.zeros(model.size)
+    values[reduction.base] = theta
+    return ModelTorques(model, values)
 
 
 # ---------------------------------------------------------------- on disk

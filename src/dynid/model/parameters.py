@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,44 +157,6 @@ def prior_bodies(robot: Robot) -> tuple[Body, ...]:
 def prior_parameters(robot: Robot) -> Floats:
     """Return the first ten parameters of Table 5 of each link's prior body, (10 n,) [kg, kg m, kg m^2]."""
     return np.concatenate([body.parameters() for body in prior_bodies(robot)])
-
-
-def prior_vector(model: Any) -> Floats:  # noqa: ANN401 - a Model, which is above
-    """Return the prior gamma of all parameters of a model in the order of its columns, (c,), in their units.
-
-    Nothing is known beforehand about rotor inertias, friction and added effects; they count as zero.
-    """
-    bodies = prior_parameters(model.robot).reshape(-1, len(BODY_PARAMETERS))
-    return np.array(
-        [
-            bodies[parameter.number - 1, BODY_PARAMETERS.index(parameter.kind)]
-            if parameter.of_body
-            else 0.0
-            for parameter in model.parameters
-        ]
-    )
-
-
-def prior_base_parameters(
-    model: Any,  # noqa: ANN401
-    reduction: Any,  # noqa: ANN401
-    *,
-    unknown: float = np.nan,
-) -> Floats:
-    """Return the prior of the base parameters, K gamma, (p,), in their units.
-
-    Args:
-        model: the model.
-        reduction: its base parameters.
-        unknown: what stands where the prior says nothing: for friction, for added effects, and for a rotor inertia
-            alone; in a combination a rotor inertia counts as zero.
-    """
-    table = [model.parameters[k] for k in reduction.base]
-    combined = np.count_nonzero(reduction.K, axis=1) > 1
-    known = [
-        p.of_body or (p.kind == "Im" and mixed) for p, mixed in zip(table, combined, strict=True)
-    ]
-    return np.where(known, reduction.K @ prior_vector(model), unknown)
 
 
 def joined(first: Body, second: Body) -> Body:

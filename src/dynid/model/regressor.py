@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +22,16 @@ from dynid.model.effects.catalogue import Added, added_effects
 from dynid.model.effects.friction import friction_entries, friction_parameters, friction_rows
 from dynid.model.effects.interface import ArmMotion
 from dynid.model.kinematics import LinkFrames, link_frames
-from dynid.model.parameters import Parameter, columns_of, link_parameters, prior_vector
+from dynid.model.parameters import (
+    BODY_PARAMETERS,
+    Parameter,
+    columns_of,
+    link_parameters,
+    prior_parameters,
+)
 from dynid.model.program import Evaluator, Program
 from dynid.robot import Robot
 from dynid.units import ampere_unit
-
-if TYPE_CHECKING:
-    from dynid.model.base_model import Reduction
 
 Floats = NDArray[np.float64]
 
@@ -328,11 +331,20 @@ class ModelTorques:
         )
 
 
-def model_torques(model: Model, reduction: Reduction, theta: Floats) -> ModelTorques:
-    """Return the torques of base parameters: their representatives carry them, all other parameters are zero."""
-    values = np.zeros(model.size)
-    values[reduction.base] = theta
-    return ModelTorques(model, values)
+def prior_vector(model: Model) -> Floats:
+    """Return the prior gamma of all parameters of a model in the order of its columns, (c,), in their units.
+
+    Nothing is known beforehand about rotor inertias, friction and added effects; they count as zero.
+    """
+    bodies = prior_parameters(model.robot).reshape(-1, len(BODY_PARAMETERS))
+    return np.array(
+        [
+            bodies[parameter.number - 1, BODY_PARAMETERS.index(parameter.kind)]
+            if parameter.of_body
+            else 0.0
+            for parameter in model.parameters
+        ]
+    )
 
 
 def prior_torques(model: Model) -> ModelTorques:

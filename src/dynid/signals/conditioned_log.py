@@ -21,8 +21,7 @@ from dynid.log import Log
 from dynid.model.effects.catalogue import delay_of
 from dynid.model.effects.friction import coulomb_sign
 from dynid.model.effects.interface import ArmMotion, ReferenceTorques
-from dynid.model.parameters import prior_vector
-from dynid.model.regressor import Model, prior_torques
+from dynid.model.regressor import Model, prior_torques, prior_vector
 from dynid.progress import SILENT, Progress
 from dynid.robot import Coulomb
 from dynid.signals import tuning

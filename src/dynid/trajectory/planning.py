@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Collision, DynidError, Finding, LimitBroken, PackageMissing
-from dynid.model.base_model import BaseModel
-from dynid.model.parameters import DEFAULT_CYLINDERS, prior_base_parameters
+from dynid.model.base_model import BaseModel, prior_base_parameters
+from dynid.model.parameters import DEFAULT_CYLINDERS
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot

@@ -14,10 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model.base_model import BaseModel
+from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.effects.friction import coulomb_sign
 from dynid.model.effects.interface import ArmMotion, Effect, Joints, Shape
-from dynid.model.regressor import model_torques
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.trajectory import tuning

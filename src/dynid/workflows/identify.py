@@ -48,8 +48,8 @@ from dynid.loading import (
     load_log,
 )
 from dynid.log import Log
-from dynid.model.base_model import BaseModel, in_memory
-from dynid.model.parameters import expected_torque, prior_base_parameters
+from dynid.model.base_model import BaseModel, in_memory, prior_base_parameters
+from dynid.model.parameters import expected_torque
 from dynid.options import LogOptions
 from dynid.progress import SILENT, Progress
 from dynid.robot import Known, Prior, Robot

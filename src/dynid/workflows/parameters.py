@@ -20,8 +20,7 @@ from dynid.estimation.stack import stack_logs as folded
 from dynid.files.artifact import read_artifact, read_header, reading
 from dynid.loading import LogsLike, RobotLike, as_base_model, as_logs, as_robot, checked_log
 from dynid.log import Log
-from dynid.model.base_model import BaseModel, in_memory
-from dynid.model.parameters import prior_base_parameters
+from dynid.model.base_model import BaseModel, in_memory, prior_base_parameters
 from dynid.options import LogOptions
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot, coulomb_of

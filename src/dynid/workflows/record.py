@@ -19,7 +19,7 @@ from dynid.errors import Declined, DynidError, LimitsAssumed, NotReviewed, Start
 from dynid.estimation.result import Identification
 from dynid.files.logs import read_log
 from dynid.files.trajectoryfile import StoredTrajectory
-from dynid.model.parameters import prior_base_parameters
+from dynid.model.base_model import prior_base_parameters
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.record import manifest, motion_checks, playing, preflight, session

@@ -18,8 +18,8 @@ from dynid.log import Log
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE, checked, joints_of
 from dynid.model.effects.interface import ArmMotion
-from dynid.model.parameters import prior_bodies, prior_vector
-from dynid.model.regressor import Model, ModelTorques
+from dynid.model.parameters import prior_bodies
+from dynid.model.regressor import Model, ModelTorques, prior_vector
 from dynid.motion import Motion
 from dynid.progress import Progress
 from dynid.robot import Body, EffectSpec, Robot

@@ -21,7 +21,7 @@ from dynid.estimation.possible_set import (
 )
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
-from dynid.model.parameters import prior_vector
+from dynid.model.regressor import prior_vector
 
 
 @pytest.fixture(scope="module")

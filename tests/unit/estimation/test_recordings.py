@@ -13,8 +13,7 @@ from dynid.estimation.posterior import _as_rows_say
 from dynid.estimation.recordings import Part, changes, disagreement, parts_of
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
-from dynid.model.base_model import BaseModel
-from dynid.model.parameters import prior_base_parameters
+from dynid.model.base_model import BaseModel, prior_base_parameters
 from dynid.model.reduce import reduce
 
 

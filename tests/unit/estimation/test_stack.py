@@ -13,8 +13,8 @@ from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
-from dynid.model.base_model import BaseModel
-from dynid.model.parameters import prior_base_parameters, prior_parameters
+from dynid.model.base_model import BaseModel, prior_base_parameters
+from dynid.model.parameters import prior_parameters
 from dynid.model.reduce import reduce
 from dynid.signals.conditioned_log import ConditionedLog, condition, without_known
 from dynid.signals.filters import choose_filter

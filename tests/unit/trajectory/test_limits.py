@@ -91,7 +91,7 @@ def test_plans_that_pass_or_break_a_torque_limit_do_so_in_pinocchio_at_10_khz(
     arm, request, tmp_path
 ):
     pin = pytest.importorskip("pinocchio")
-    from dynid.model.parameters import prior_base_parameters
+    from dynid.model.base_model import prior_base_parameters
     from dynid.sim.urdf import write_urdf
 
     base = request.getfixturevalue(arm)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.model.parameters import prior_base_parameters
+from dynid.model.base_model import prior_base_parameters
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.cost import Cost

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from randomplans import random_trajectory
 
-from dynid.model.parameters import prior_base_parameters
+from dynid.model.base_model import prior_base_parameters
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import bounds, coefficients, random_variables
