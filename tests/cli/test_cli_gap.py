@@ -201,9 +201,9 @@ def test_demo_finds_the_effect_that_it_hid(dynid):
 
 
 def test_demo_names_what_can_be_hidden(dynid):
-    ended = dynid("demo", "--effect", "striebeck")
+    ended = dynid("demo", "--effect", "sprng")
     assert ended.status == 2
-    assert "did you mean 'stribeck'" in ended.err
+    assert "did you mean 'spring'" in ended.err
 
 
 def test_the_copy_of_a_robot_that_comes_with_dynid_is_not_hidden_among_installed_files(

@@ -23,7 +23,7 @@ LOGS = (
 ONE = {"OPENBLAS_CORETYPE": "Haswell", "OPENBLAS_NUM_THREADS": "1"}
 OTHER = {"OPENBLAS_CORETYPE": "Prescott", "OPENBLAS_NUM_THREADS": "2"}
 #: Members of an answer that say when and where, not what.
-ELSEWHERE = {"seconds", "folder", "wrote", "reused", "name"}
+ELSEWHERE = {"seconds", "folder", "wrote", "reused", "name", "command"}
 
 
 def batch(path, logs, **more):

@@ -226,7 +226,7 @@ def test_intervals_of_two_runs_agree(results_of_the_lwr):
     """Those that both logs determine are no closer to each other than chance makes them; the prior is common to all."""
     one, two = results_of_the_lwr[(1,)], results_of_the_lwr[(3,)]
     z = np.abs(one.theta - two.theta) / np.sqrt(np.diag(one.covariance) + np.diag(two.covariance))
-    assert 0.9 <= np.mean(z < 1.96) <= 0.99
+    assert np.mean(z < 1.96) >= 0.9
     determined = np.ones(len(z), dtype=bool)
     for found in (one, two):
         full = found.physical
@@ -235,8 +235,9 @@ def test_intervals_of_two_runs_agree(results_of_the_lwr):
         )
         determined &= np.diag(found.covariance) < 0.1 * prior
     assert 20 <= determined.sum() <= 35
+    # Why no upper end for the share: all of 26 lie inside in one of four draws; the median tells what is too wide.
     assert 0.4 < np.median(z[determined]) < 0.9
-    assert 0.9 <= np.mean(z[determined] < 1.96) <= 0.98
+    assert np.mean(z[determined] < 1.96) >= 0.9
 
 
 @pytest.mark.slow

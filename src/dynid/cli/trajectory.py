@@ -252,7 +252,20 @@ def show(common: Common, found: Plan) -> None:
         common.terminal.stage(label, text)
     for picture in found.clearance.pictures:
         common.terminal.stage("preview", str(picture))
-    common.terminal.show(found.table())
+    rows = [
+        (
+            p.joint,
+            f"{p.position:.3f}",
+            f"{p.velocity:.3f}",
+            f"{p.acceleration:.3f}",
+            "-" if p.torque is None else f"{p.torque:.2f}",
+            f"{100 * p.share:.0f} %",
+        )
+        for p in found.check.peaks
+    ]
+    names = ("position", "velocity", "accel.", "torque")
+    heads = [f"{name} {unit}" for name, unit in zip(names, found.units, strict=True)]
+    common.terminal.table(("joint", *heads, "of limit"), rows)
 
 
 def accepted(common: Common, found: Plan | Reviewed, look: View, *, accept: bool) -> Answer:

@@ -128,7 +128,16 @@ def run_validate(
 def show(common: Common, found: Validation) -> None:
     """Print the answer, why, and the table of joints."""
     show_judgement(common, found.judgement)
-    common.terminal.show(found.table())
+    rows = []
+    for quality, joint in zip(found.joints, found.robot.joints, strict=True):
+        unit = joint.torque_unit
+        errors = (
+            f"{quality.rms:.3g} {unit}",
+            f"{quality.torque_rms:.3g} {unit}",
+            f"{quality.relative_percent:.1f} %",
+        )
+        rows.append([quality.joint, *errors, f"{quality.baseline_rms:.3g} {unit}"])
+    common.terminal.table(["joint", "rms error", "torque rms", "unexplained", "baseline"], rows)
     common.terminal.sentence(
         f"total relative error {found.relative_error_percent:.2f} %; baseline: {found.baseline}"
     )

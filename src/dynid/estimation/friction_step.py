@@ -140,7 +140,9 @@ def _width(logs: Floats, left: Floats) -> Floats:
     from scipy.interpolate import CubicSpline
 
     squares, order = np.sum(left**2, axis=0), np.argsort(logs)
-    gain = -0.5 * _independent(left[:, int(np.argmin(squares))]) * np.log(squares)
+    gain = (
+        -0.5 * _independent(left[:, int(np.argmin(squares))]) * np.log(np.maximum(squares, 1e-300))
+    )
     fine = np.linspace(logs.min(), logs.max(), 4000)
     density = CubicSpline(logs[order], gain[order])(fine) - 0.5 * (fine / np.log(3.0)) ** 2
     share = np.exp(density - density.max())

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import weakref
-from collections.abc import Callable, Sequence
-from functools import wraps
-from typing import TypeVar
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,25 +14,6 @@ from dynid.signals import tuning
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-T = TypeVar("T")
-
-
-def once(function: Callable[[Log, Robot], T]) -> Callable[[Log, Robot], T]:
-    """Return a function of how a log moves that looks at the same columns only once: checks ask it again and again."""
-    known: list[tuple[weakref.ref[Floats], weakref.ref[Floats], bytes, T]] = []
-
-    @wraps(function)
-    def asked(log: Log, robot: Robot) -> T:
-        least = per_joint(tuning.MOVING_SPEED, robot).tobytes()
-        known[:] = [each for each in known if each[0]() is not None]
-        for q, t, same, found in known:
-            if q() is log.q and t() is log.t and same == least:
-                return found
-        found = function(log, robot)
-        known[:] = [*known[-1:], (weakref.ref(log.q), weakref.ref(log.t), least, found)]
-        return found
-
-    return asked
 
 
 def per_joint(pair: tuple[float, float], robot: Robot) -> Floats:
@@ -56,12 +34,9 @@ def moving(log: Log, robot: Robot) -> Flags:
     return np.asarray(np.abs(speed(log)) > per_joint(tuning.MOVING_SPEED, robot))
 
 
-@once
 def any_moves(log: Log, robot: Robot) -> Flags:
     """Return at which samples a joint moves, (N,)."""
-    found = np.asarray(moving(log, robot).any(axis=1))
-    found.setflags(write=False)
-    return found
+    return np.asarray(moving(log, robot).any(axis=1))
 
 
 def runs(flags: Flags, least: int = 1) -> list[slice]:
@@ -75,7 +50,6 @@ def runs(flags: Flags, least: int = 1) -> list[slice]:
     return [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= least]
 
 
-@once
 def rest_slices(log: Log, robot: Robot) -> list[slice]:
     """Return the samples in which no joint moves, without the first and last tenth of a second of each rest."""
     slow = per_joint(tuning.REST_SPEED, robot)
@@ -89,7 +63,6 @@ def rest_slices(log: Log, robot: Robot) -> list[slice]:
     ]
 
 
-@once
 def bandwidth(log: Log, robot: Robot) -> float:
     """Return the frequency below which nearly all of every moving joint's velocity lies [Hz]."""
     v, least = speed(log), per_joint(tuning.MOVING_SPEED, robot)
