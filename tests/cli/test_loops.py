@@ -380,7 +380,7 @@ def test_ctrl_c_at_any_moment_ends_within_a_second_with_130(arm):
         process.send_signal(signal.SIGINT)
         sent = time.monotonic()
         _, err = process.communicate(timeout=30)
-        assert process.returncode in (0, 130)
+        assert process.returncode in (0, 130, -signal.SIGINT)
         stopped += process.returncode == 130
         # Why: on a machine that was busier during the first run, the others are over before their moment.
         slower *= 0.7 if process.returncode == 0 else 1.0
