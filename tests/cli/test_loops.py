@@ -380,11 +380,13 @@ def test_ctrl_c_at_any_moment_ends_within_a_second_with_130(arm):
         process.send_signal(signal.SIGINT)
         sent = time.monotonic()
         _, err = process.communicate(timeout=30)
-        assert process.returncode in (0, 130, -signal.SIGINT)
-        stopped += process.returncode == 130
+        # Why minus: Python may end itself by the signal that was handled, which a shell calls 130.
+        status = 130 if process.returncode == -signal.SIGINT else process.returncode
+        assert status in (0, 130)
+        stopped += status == 130
         # Why: on a machine that was busier during the first run, the others are over before their moment.
-        slower *= 0.7 if process.returncode == 0 else 1.0
-        if process.returncode == 130:
+        slower *= 0.7 if status == 0 else 1.0
+        if status == 130:
             assert time.monotonic() - sent < 1.0 * max(1.0, os.getloadavg()[0] / 2)
             assert err.splitlines()[-1] == b"interrupted"
             assert b"Traceback" not in err

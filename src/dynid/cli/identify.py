@@ -270,7 +270,11 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     known = "masses are unknown without motor gains" if torque.relative else f"{mass:.3g} kg in all"
     terminal.fact("physical", f"links with mass, centre and inertia in parameters.npz, {known}")
     terminal.answer()
-    terminal.show(found.table())
+    from dynid.reports.tables import parameter_rows  # here: help must be fast
+
+    heads = ("name", "value", "error", "unit", "class", "known", "prior")
+    rows = [[row[head] or "-" for head in heads] for row in parameter_rows(found)]
+    terminal.table(["parameter", "value", "std error", *heads[3:]], rows)
 
 
 LIMIT = re.compile(r"\s*([a-z_]+)\s*(<=|>=|<|>)\s*([-+0-9.eE]+)\s*")

@@ -183,6 +183,25 @@ def automatic_lags(series: Sequence[Floats]) -> int:
     return int(min(np.ceil(bandwidth), max(1, length // 4)))
 
 
+def autocorrelation_time(parts: Sequence[Floats]) -> float:
+    """Return the integrated autocorrelation time in rows: how many rows tell as much as one independent one.
+
+    The sum of autocorrelations ends at their first zero.
+
+    Source: Geyer 1992, "Practical Markov chain Monte Carlo", for where to stop.
+    """
+    longest = max(len(x) for x in parts)
+    size = 1 << (2 * longest).bit_length()
+    power = sum(np.abs(np.fft.rfft(x, size)) ** 2 for x in parts)
+    covariance = np.fft.irfft(np.asarray(power), size)[:longest]
+    if covariance[0] <= 0:
+        return 1.0
+    ends = np.flatnonzero(covariance <= 0)
+    return float(
+        max(1.0, 2 * covariance[: ends[0] if len(ends) else longest].sum() / covariance[0] - 1)
+    )
+
+
 # ---------------------------------------------------------------- short logs
 def short_log_factor(
     segments: Sequence[ObservationRows],

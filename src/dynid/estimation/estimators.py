@@ -197,9 +197,8 @@ def wls(stack: Stack, prior: Floats, *, corrected: bool = True) -> Fit:
 
 def irls(stack: Stack, prior: Floats, *, corrected: bool = True) -> Fit:
     """Least squares in which spikes have little weight (Huber)."""
-    rows = stack
     return _with_covariance(
-        stack, huber(rows, stack.first_fit), rows, robust=True, corrected=corrected
+        stack, huber(stack, stack.first_fit), stack, robust=True, corrected=corrected
     )
 
 

@@ -17,6 +17,7 @@ from dynid.estimation.covariance import KNOWN_WELL, NEGLIGIBLE, NOT_DETERMINED
 from dynid.estimation.least_squares import relative_error
 from dynid.estimation.result import SAME_MOTION
 from dynid.files import typed
+from dynid.files.artifact import read_artifact, read_header, reading
 from dynid.judgement.evidence import (
     EffectEvidence,
     Event,
@@ -220,7 +221,6 @@ def _with_files(evidence: Evidence, result: Identification) -> Evidence:
 def _replay(path: Path, result: Identification) -> Unseen | None:
     """Return a replay; None where it was made with other parameters."""
     from dynid.estimation import prediction
-    from dynid.files.artifact import read_header
 
     if (read_header(path) or {}).get("of") != fingerprint(result):
         return None
@@ -249,8 +249,6 @@ def _replay(path: Path, result: Identification) -> Unseen | None:
 
 def _gap(path: Path, result: Identification) -> GapEvidence | None:
     """Return what a search found; None where it asked about other parameters."""
-    from dynid.files.artifact import read_artifact, read_header, reading
-
     header = read_header(path) or {}
     if dict(header.get("record") or {}).get("of") != fingerprint(result):
         return None

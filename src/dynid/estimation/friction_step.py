@@ -1,7 +1,8 @@
 """How wide the step of Coulomb friction is at a reversal: one velocity for each joint, from its own rows.
 
-A step that is narrower or wider than the model's leaves pulses at every reversal. Of each width the rows of the joint
-alone are fitted again, all its columns free; the evidence of a width is N_eff / 2 times the logarithm of what is left.
+A step that is narrower or wider than the model's leaves pulses in the residual at every reversal. The rows of each
+joint alone are fitted once for each width; the log evidence of a width is -N_eff / 2 times the logarithm of the
+squared residual.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
+from dynid.estimation.covariance import autocorrelation_time
 from dynid.estimation.rows import ObservationRows, joined, rows_of
 from dynid.estimation.stack import Stack, settled, stack_logs
 from dynid.log import Log
@@ -28,18 +30,18 @@ Floats = NDArray[np.float64]
 #: many between the neighbours of the best.
 WIDTHS = np.geomspace(0.03, 3.0, 9)
 
-#: Makes the signs of some shapes, one after the other, at the instants of the rows, (M, n, shapes).
+#: Makes the signs of some shapes in each segment of each log, (N, n, shapes).
 Signs: TypeAlias = Callable[[Sequence[Coulomb]], list[list[Floats]]]
 
 
 def with_coulomb(base: BaseModel, coulomb: Coulomb | None) -> BaseModel:
-    """Return a model whose Coulomb sign has a shape that logs told."""
+    """Return a model with the Coulomb shape that was estimated from logs; None for none."""
     robot = replace(base.robot, estimated_coulomb=coulomb)
     return replace(base, model=replace(base.model, robot=robot))
 
 
 def with_estimated_step(stack: Stack, logs: Sequence[Log], *, measured_velocity: bool) -> Stack:
-    """Return a stack whose columns of Coulomb friction have the widths that its logs say.
+    """Return a stack whose Coulomb columns have the widths that are estimated from its logs.
 
     Args:
         stack: the rows of all logs, with the usual widths.
@@ -87,7 +89,7 @@ def _estimated(stack: Stack, signs: Signs, usual: Coulomb) -> Coulomb | None:
             _width(np.log(widths[:, j] / usual.velocity[j]), left[:, :, j])
         )
         interval[j] = float(low), float(high)
-        # What the logs do not contradict stays: small changes of it would only move other decisions.
+        # The usual width stays where the interval holds it: small changes would only move other decisions.
         velocity[j] = velocity[j] if low < velocity[j] < high else float(mean)
     return Coulomb("smooth", tuple(velocity), tuple(interval))
 
@@ -95,7 +97,7 @@ def _estimated(stack: Stack, signs: Signs, usual: Coulomb) -> Coulomb | None:
 def _left_by(
     stack: Stack, rows: ObservationRows, columns: dict[int, int], signs: Signs, widths: Floats
 ) -> Floats:
-    """Return what widths, (K, n), leave of the torques of each joint, (M, K, n); nothing where rows do not count."""
+    """Return the residual of each joint with each of its widths, (K, n), as (M, K, n); zero where rows do not count."""
     tried = signs([Coulomb("smooth", tuple(each)) for each in widths.tolist()])
     of_rows = np.concatenate(
         [
@@ -115,12 +117,13 @@ def _left_by(
 
 def _of_rows(signs: Floats, kernel: Floats, step: int) -> Floats:
     """Return signs at the instants of the rows, (M, n, shapes)."""
-    flat = np.ascontiguousarray(signs.reshape(len(signs), -1).T)
-    return np.asarray(decimate(flat, kernel, step)[0].T.reshape(-1, *signs.shape[1:]))
+    # Why one shape at a time: a filter takes several times the memory of what it is given.
+    shapes = (np.ascontiguousarray(each) for each in signs.transpose(2, 1, 0))
+    return np.stack([decimate(each, kernel, step)[0].T for each in shapes], axis=2)
 
 
 def _left(others: Floats, tau: Floats, signs: Floats) -> Floats:
-    """Return what each width leaves of the torques of a joint, (M, shapes)."""
+    """Return the residual of a joint's torques with each of the signs, (M, shapes)."""
     targets = np.column_stack([tau, signs])
     length = np.linalg.norm(others, axis=0)
     A = others / np.where(length > 0.0, length, 1.0)
@@ -135,28 +138,16 @@ def _width(logs: Floats, left: Floats) -> Floats:
 
     Args:
         logs: what was tried, over the usual width, (K,).
-        left: what each leaves, (M, K).
+        left: the residual with each, (M, K).
     """
     from scipy.interpolate import CubicSpline
 
     squares, order = np.sum(left**2, axis=0), np.argsort(logs)
-    gain = (
-        -0.5 * _independent(left[:, int(np.argmin(squares))]) * np.log(np.maximum(squares, 1e-300))
-    )
+    rows = len(left) / autocorrelation_time([left[:, int(np.argmin(squares))]])
+    gain = -0.5 * rows * np.log(np.maximum(squares, 1e-300))
     fine = np.linspace(logs.min(), logs.max(), 4000)
     density = CubicSpline(logs[order], gain[order])(fine) - 0.5 * (fine / np.log(3.0)) ** 2
     share = np.exp(density - density.max())
     share /= share.sum()
     low, high = np.interp([0.025, 0.975], np.cumsum(share), fine)
     return np.array([low, share @ fine, high])
-
-
-def _independent(x: Floats) -> float:
-    """Return how many independent numbers tell as much as those of a series, (M,)."""
-    power = np.abs(np.fft.rfft(x, 2 * len(x))) ** 2
-    memory = np.fft.irfft(power)[: len(x)]
-    if memory[0] <= 0.0:
-        return float(len(x))
-    ends = np.flatnonzero(memory <= 0.0)
-    positive = memory[1 : ends[0] if len(ends) else len(x)]
-    return float(len(x) / (1.0 + 2.0 * np.sum(positive) / memory[0]))

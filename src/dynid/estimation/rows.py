@@ -5,12 +5,9 @@
 They are evaluated from conditioned logs block by block and filtered like the torques. Estimators that need residual
 series walk over them; everything else needs only the triangular factors of ``dynid.estimation.stack``.
 
-Rows around velocity reversals are trusted less. A joint that reverses creeps and sticks for some milliseconds, at
-velocities below the encoder's noise. The Coulomb column is wrong there, each time in the same way, and friction and
-inertia pay for it. The filter over the rows is much longer than a reversal: what is left of it in the rows is, to
-second order, the filter's kernel at that time and the kernel's slope, of unknown sizes. These are random effects:
-their variance is found from the residuals, and rows are weighted by the inverse of the covariance that they make.
-Source: Harville 1977 (variance components).
+Rows at velocity reversals are not fitted. A joint that reverses creeps and sticks for some milliseconds, at
+velocities below the encoder's noise. The Coulomb column is wrong there, each time in the same way, and biases
+friction and inertia.
 """
 
 from __future__ import annotations
@@ -307,7 +304,7 @@ def _entries(
 
 
 def _far(t: Floats, times: Floats, cutoff: float) -> Mask:
-    """Return which rows are no reversal of a joint's: what friction does there no column has, (M,)."""
+    """Return which rows are far from all reversals of a joint, (M,)."""
     ends = np.concatenate([[-np.inf], times, [np.inf]])
     after = np.searchsorted(times, t)
     nearest = np.minimum(t - ends[after], ends[after + 1] - t)

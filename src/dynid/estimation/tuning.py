@@ -17,7 +17,7 @@ ROWS_EVALUATED = 4096
 SCALED_ROUNDS = 3
 
 # ---------------------------------------------------------------- velocity reversals
-#: Rows so near a reversal of their joint are not fitted [periods of the cut-off]. Evidence: real_arms.md.
+#: Rows so near a reversal of their joint are not fitted [periods of the cut-off]. Evidence: choices.md.
 REVERSAL = 0.15
 
 # ---------------------------------------------------------------- delay of the torques

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynid.errors import LogTooShort
+from dynid.estimation.covariance import autocorrelation_time
 from dynid.gap import tuning
 from dynid.gap.segments import Mask, SegmentRows
 from dynid.model.effects.interface import Floats
@@ -366,25 +367,6 @@ def with_misfit(
         floor=np.where(more, level, noise.floor),
         misfit=tuple(np.flatnonzero(more).tolist()),
         count=count,
-    )
-
-
-def autocorrelation_time(parts: Sequence[Floats]) -> float:
-    """Return the integrated autocorrelation time in rows: how many rows tell as much as one independent one.
-
-    The sum of autocorrelations ends at their first zero.
-
-    Source: Geyer 1992, "Practical Markov chain Monte Carlo", for where to stop.
-    """
-    longest = max(len(x) for x in parts)
-    size = 1 << (2 * longest).bit_length()
-    power = sum(np.abs(np.fft.rfft(x, size)) ** 2 for x in parts)
-    covariance = np.fft.irfft(np.asarray(power), size)[:longest]
-    if covariance[0] <= 0:
-        return 1.0
-    ends = np.flatnonzero(covariance <= 0)
-    return float(
-        max(1.0, 2 * covariance[: ends[0] if len(ends) else longest].sum() / covariance[0] - 1)
     )
 
 

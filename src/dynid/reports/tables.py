@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dynid.estimation.result import Identification
+from dynid.table import ROUNDING, with_error
 from dynid.text import csv_row, latex, xml
 
 
@@ -116,3 +117,26 @@ def _cell(run: Identification, name: str) -> str:
         return f"${value:.6g}$"
     places = max(0, 1 - int(np.floor(np.log10(error))))
     return rf"${value:.{places}f} \pm {error:.{places}f}$"
+
+
+def parameter_rows(found: Identification) -> list[dict[str, str]]:
+    """Return one row per base parameter as text, with the digits that its standard error leaves."""
+    rows = []
+    for row in found.parameter_rows():
+        error, prior, terms = row["std_error"], row["prior"], row["terms"]
+        combination = row["formula"] or " ".join(
+            f"{factor:+.3g} {x}" for x, factor in terms.items()
+        )
+        rows.append(
+            {
+                "name": row["name"],
+                "value": with_error(row["value"], error),
+                "error": "not determined" if error is None else f"{error:.2g}",
+                "unit": row["unit"],
+                "class": row["class"],
+                "known": row["known"],
+                "prior": "" if prior is None else f"{prior:.4g}" if abs(prior) > ROUNDING else "0",
+                "formula": combination.split(" = ", 1)[-1] if len(terms) > 1 else "",
+            }
+        )
+    return rows

@@ -531,8 +531,8 @@ def slopes(log: Log, robot: Robot) -> Floats:
         return np.full(robot.n, np.nan)
     v = speed(log)
     alive = np.abs(v) > per_joint(tuning.MOVING_SPEED, robot)
-    v = np.where(alive, v, 0.0)
-    both, own = np.sum(v * log.qd, axis=0), np.sum(v * v, axis=0)
+    v[~alive] = 0.0
+    both, own = (np.einsum("ij,ij->j", v, x) for x in (log.qd, v))
     enough = alive.sum(axis=0) >= tuning.LEAST_SAMPLES
     return np.where(enough, both / np.where(own > 0.0, own, 1.0), np.nan)
 
@@ -574,8 +574,10 @@ def check_order(log: Log, robot: Robot) -> None:
 def _correlation(log: Log, joints: NDArray[np.intp]) -> Floats:
     """Return how the change of position of each joint correlates with the measured velocity of each, (k, k)."""
     assert log.qd is not None
-    k = len(joints)
-    return np.corrcoef(speed(log)[:, joints].T, log.qd[:, joints].T)[:k, k:]
+    v, qd = speed(log), log.qd
+    covariance = v.T @ qd / len(log) - np.outer(v.mean(axis=0), qd.mean(axis=0))
+    size = np.outer(v.std(axis=0)[joints], qd.std(axis=0)[joints])
+    return np.asarray(covariance[np.ix_(joints, joints)] / size)
 
 
 def check_slopes(log: Log, robot: Robot) -> tuple[Finding, ...]:

@@ -100,7 +100,7 @@ def condition(
         chosen: the filters.
         coulomb: shape of the Coulomb sign, whose column then gets the filter that the torques get; None to leave the
             sign to those who evaluate the columns.
-        sharp: shape whose width the noise of the velocity, whose sign is taken, has to be small against.
+        sharp: shape whose width is large against the noise of the velocity whose sign is taken; ``coulomb`` when None.
         rest_speed: speed below which the friction of a joint is undetermined, 0 where that does not matter, (n,)
             [rad/s or m/s]; samples of a joint that stays slower for ``tuning.FRICTION_REST_S`` are not usable.
         measured_velocity: take the velocity that the driver measured, and differentiate only that, where there is one.
@@ -297,8 +297,9 @@ def _coulomb_sign(
 ) -> Floats:
     """Return the Coulomb sign of each joint under the position filter in each shape, (M, n, shapes)."""
     kernels, shapes = signs
-    start = max(0, wanted.start - max(map(len, kernels)) // 2)
-    around = on_grid(_moved(log, measured), slice(start, wanted.stop + wanted.start - start))
+    margin = max(map(len, kernels)) // 2
+    start = max(0, wanted.start - margin)
+    around = on_grid(_moved(log, measured), slice(start, wanted.stop + margin))
     v = velocities(around, kernels)[wanted.start - start :][: wanted.stop - wanted.start]
     found = [coulomb_sign(v[:, j], shape, j) for j in range(log.n) for shape in shapes]
     smooth = decimate(np.array(found), chosen.first_kernels[:1], chosen.first_step)[0]

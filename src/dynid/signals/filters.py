@@ -142,31 +142,29 @@ def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
         or (2 * tuning.SPIKE_REACH + 1) * cutoff > tuning.SPIKE_OF_PERIOD * log.rate
     ):
         return log, ()
-    medians = _medians(log.tau)
-    away = np.abs(log.tau - medians)
-    least = np.maximum(
-        tuning.SPIKE_DEVIATIONS * 1.4826 * np.median(away, axis=0),
-        tuning.SPIKE_OF_RANGE * np.ptp(log.tau, axis=0),
-    )
-    row, joint = np.nonzero(away > least)
-    count = np.bincount(joint, minlength=log.n)
-    count[count > tuning.SPIKE_MOST * len(log)] = 0
-    if not count.any():
+    found = [_spikes(x) for x in log.tau.T]
+    count = [len(rows) if len(rows) <= tuning.SPIKE_MOST * len(log) else 0 for rows, _ in found]
+    if not any(count):
         return log, ()
-    tau, kept = log.tau.copy(), count[joint] > 0
-    tau[row[kept], joint[kept]] = medians[row[kept], joint[kept]]
+    tau = log.tau.copy()
+    for j, (rows, usual) in enumerate(found):
+        tau[rows[: count[j]], j] = usual[: count[j]]
     counts = ", ".join(f"{name} {n}" for name, n in zip(log.names, count, strict=True) if n)
     text = f"{log.name}: torque spikes were replaced by the median of their neighbours: {counts} of {len(log)} samples"
-    return replace(log, tau=tau), (Finding("W324", "warning", text, {"samples": count.tolist()}),)
+    return replace(log, tau=tau), (Finding("W324", "warning", text, {"samples": count}),)
 
 
-def _medians(x: Floats) -> Floats:
-    """Return the median of each sample of x and its neighbours, (N, n)."""
-    width = 2 * tuning.SPIKE_REACH + 1
-    found = np.empty_like(x)
-    for j, padded in enumerate(np.pad(x.T, ((0, 0), 2 * [tuning.SPIKE_REACH]), mode="edge")):
-        found[:, j] = np.median(sliding_window_view(padded, width), axis=1)
-    return found
+def _spikes(x: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """Return the samples of a torque, (N,), that are spikes, and the medians of their neighbours, (k,) each."""
+    padded = np.pad(x, tuning.SPIKE_REACH, mode="edge")
+    medians = np.median(sliding_window_view(padded, 2 * tuning.SPIKE_REACH + 1), axis=1)
+    away = np.abs(x - medians)
+    least = max(
+        tuning.SPIKE_DEVIATIONS * 1.4826 * float(np.median(away)),
+        tuning.SPIKE_OF_RANGE * float(np.ptp(x)),
+    )
+    rows = np.flatnonzero(away > least)
+    return rows, medians[rows]
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,10 @@ def per_joint(pair: tuple[float, float], robot: Robot) -> Floats:
 def speed(log: Log) -> Floats:
     """Return the change of position over a short window, (N, n) [rad/s or m/s]; needs increasing time."""
     half = min(max(1, round(tuning.SPEED_WINDOW_S * log.rate)), max(1, (len(log) - 1) // 2))
-    index = np.arange(len(log))
-    after, before = np.minimum(index + half, len(log) - 1), np.maximum(index - half, 0)
-    return np.asarray((log.q[after] - log.q[before]) / (log.t[after] - log.t[before])[:, None])
+    q, t = np.pad(log.q, (2 * [half], 2 * [0]), mode="edge"), np.pad(log.t, half, mode="edge")
+    change = q[2 * half :] - q[: -2 * half]
+    change /= (t[2 * half :] - t[: -2 * half])[:, None]
+    return np.asarray(change)
 
 
 def moving(log: Log, robot: Robot) -> Flags:

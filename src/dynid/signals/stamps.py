@@ -145,8 +145,12 @@ def _samples_between(step: Floats) -> NDArray[Any] | None:
     away = np.cumsum(step) / usual
     number = np.arange(len(step))
     slope, start = _line(number, away)
-    blocks = np.array_split(away - (start + slope * number), max(4, len(step) // 25))
-    if float(np.ptp([np.median(block) for block in blocks])) < tuning.UNCLEAR_STEP:
+    left = away - (start + slope * number)
+    short, longer = divmod(len(left), max(4, len(step) // 25))
+    ends = longer * (short + 1)
+    blocks = left[:ends].reshape(longer, short + 1), left[ends:].reshape(-1, short)
+    medians = np.concatenate([np.median(each, axis=1) for each in blocks])
+    if float(np.ptp(medians)) < tuning.UNCLEAR_STEP:
         return np.ones(len(step), dtype=np.int8)  # none is lost, however late single ones are
     count = np.round(step / usual)
     unclear = np.abs(step / usual - count) > tuning.UNCLEAR_STEP

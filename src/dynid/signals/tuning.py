@@ -196,7 +196,7 @@ KEPT_SAMPLES = 20_000
 EFFECT_SMOOTHING_HZ = 4.0
 
 # Speed and memory: no result depends on them, but for the last digits.
-#: Samples of which noise, spikes and speeds are estimated; longer logs are thinned for it. Evidence: none yet.
+#: Samples at the beginning of a log of which noise and steps of torque are estimated. Evidence: none yet.
 ENOUGH_SAMPLES = 1 << 18
 #: Outputs computed together as one matrix product; measured best for 50 to 500 taps.
 OUTPUTS_TOGETHER = 20

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from dynid.errors import LogTooShort
+from dynid.estimation.covariance import autocorrelation_time
 from dynid.gap.noise import (
     NoiseModel,
     RepeatPair,
-    autocorrelation_time,
     find_repeats,
     measure_noise,
     whitened,

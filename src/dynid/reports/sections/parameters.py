@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
 from dynid.reports.gathered import Gathered
 from dynid.reports.section_figures import error_figure
 from dynid.reports.svg import Picture, drawn
+from dynid.reports.tables import parameter_rows
 from dynid.robot import LINK_PARAMETERS
-from dynid.table import ROUNDING, with_error
 
 #: Letter of each class in the grid: colour never says it alone.
 LETTERS = {"alone": "A", "combined": "C", "none": "–"}
@@ -38,7 +36,7 @@ def parameters(gathered: Gathered) -> dict[str, Any]:
         "grid": grid,
         "counts": {kind: len(getattr(reduction, kind)) for kind in LETTERS},
         "letters": LETTERS,
-        "rows": rows(gathered),
+        "rows": parameter_rows(gathered.result),
         "pictures": [errors],
     }
 
@@ -51,35 +49,3 @@ def _cell(
         return "absent", "", f"{name}: not a parameter of this model"
     kind = class_of(name)
     return kind, LETTERS[kind], f"{name}: {kind}"
-
-
-def rows(gathered: Gathered) -> list[dict[str, Any]]:
-    """Return one row per base parameter."""
-    found, reduction, units = (
-        gathered.result,
-        gathered.result.reduction,
-        gathered.result.base.model.units,
-    )
-    table = []
-    for i, name in enumerate(found.names):
-        error, value, prior = (float(x[i]) for x in (found.std_error, found.theta, found.prior))
-        terms = [f"{factor:+.3g} {term}" for term, factor in reduction.terms(i).items()]
-        formula = (
-            reduction.formulas[i].split(" = ", 1)[-1] if reduction.formulas else " ".join(terms)
-        )
-        table.append(
-            {
-                "name": name,
-                "value": with_error(value, error),
-                "error": f"{error:.2g}" if np.isfinite(error) else "not determined",
-                "unit": units[reduction.names[reduction.base[i]]],
-                "known": found.knowledge[i],
-                "prior": ""
-                if np.isnan(prior)
-                else f"{prior:.4g}"
-                if abs(prior) > ROUNDING
-                else "0",
-                "formula": formula if len(terms) > 1 else "",
-            }
-        )
-    return table
