@@ -829,7 +829,7 @@ ROBOT = (
     Key(
         "coulomb",
         mapping(COULOMB, lambda velocity, shape="smooth": Coulomb(shape, velocity)),
-        "`smooth`, estimated from logs",
+        "`smooth`, 0.01 rad/s or 1 mm/s until it is estimated from logs",
         "Shape of the sign of Coulomb friction.",
     ),
     Key(
