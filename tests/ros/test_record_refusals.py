@@ -61,7 +61,7 @@ def test_nothing_moves_unless_a_person_or_the_option_names_the_robot(lab, plan):
 
 def test_a_file_of_the_folder_answers_nothing_and_moves_nothing(lab, plan):
     trajectory = plan(KINOVA)
-    keys = ("accept_unreviewed: true", "max_deviation: 90", "speed: 100%")
+    keys = ("accept_unreviewed: true", "max_deviation: 90", "zero_torques: true")
     for text in ("yes: true", *(f"record: {{{key}}}" for key in keys)):
         (lab.folder / "dynid.yaml").write_text(f"{text}\n")
         done = lab.record(KINOVA, trajectory)

@@ -43,7 +43,7 @@ _KEYS = ("dynid", "command", "arguments", "inputs")
 
 
 #: Options that overwrite, answer or move the arm: no variable and no file gives them.
-TYPED = ("force", "yes", "move", "accept_unreviewed")
+TYPED = ("force", "yes", "move")
 
 
 def key_of(option: click.Option) -> str:
@@ -53,7 +53,7 @@ def key_of(option: click.Option) -> str:
 
 def is_typed(param: click.Parameter) -> bool:
     """Return whether a parameter is an option that stands on the command line alone."""
-    return isinstance(param, click.Option) and key_of(param) in TYPED
+    return isinstance(param, click.Option) and not param.allow_from_autoenv
 
 
 def arguments_of(ctx: click.Context) -> list[str]:

@@ -520,6 +520,7 @@ class RecordOptions(Options):
         metavar="DISTANCE",
         shown="",
         read=_quantity("rad", 1e3),
+        deliberate=True,
     )
     master: str | None = option(
         None, "Address of the ROS master (default: ROS_MASTER_URI).", metavar="URI"
