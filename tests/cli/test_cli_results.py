@@ -79,10 +79,10 @@ def test_the_physical_set_is_accepted_by_every_simulator_and_the_plain_one_refus
         file["format"]: [check["engine"].split()[0] for check in file["checks"]]
         for file in answer["files"]
     } == {
-        "urdf": ["Pinocchio", "PyBullet"],
-        "mjcf": ["MuJoCo", "Pinocchio"],
+        "urdf": ["MuJoCo"],
+        "mjcf": ["MuJoCo"],
         "yaml": ["dynid"],
-        "effects": ["MuJoCo", "PyBullet"],
+        "effects": ["MuJoCo"],
         "c": ["cc"],
         "python": ["NumPy"],
         "matlab": ["Octave"] if shutil.which("octave-cli") else [],

@@ -1,15 +1,11 @@
-"""The regressor times the parameters against three inverse dynamics that other people wrote."""
+"""The regressor times the parameters against two inverse dynamics that other people wrote."""
 
-import xml.etree.ElementTree as ET
-
-import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
 from arms import (
     pinocchio_model,
     pinocchio_torques,
-    placements,
     random_bodies,
     random_robot,
     random_states,
@@ -58,7 +54,7 @@ def test_any_arm_has_the_torques_of_pinocchio(seed):
 
 
 @pytest.mark.parametrize("seed", range(300, 312))
-def test_any_arm_has_the_torques_of_pybullet(seed):
+def test_any_arm_has_the_torques_of_mujoco(seed):
     """Through the URDF: geometry, base pose, gravity in the world and inertias in other frames; 1e-6 relative."""
     rng = np.random.default_rng(seed)
     robot = random_robot(rng)
@@ -72,55 +68,3 @@ def test_any_arm_has_the_torques_of_pybullet(seed):
             [arm.inverse_dynamics(*state) for state in zip(q, qd, qdd, strict=True)]
         )
     assert relative_error(tau, expected) < 1e-6
-
-
-@pytest.mark.parametrize("seed", range(400, 406))
-def test_any_arm_has_the_torques_of_mujoco(seed):
-    """Rotor inertia is MuJoCo's armature and viscous friction its damping; its dry friction is soft and stays off."""
-    rng = np.random.default_rng(seed)
-    robot = random_robot(rng)
-    bodies, (rotors, friction) = random_bodies(rng, robot.n), random_drives(rng, robot.n)
-    friction |= {"fc": np.zeros(robot.n), "fo": np.zeros(robot.n)}
-    q, qd, qdd = random_states(rng, robot.n, 5)
-    model = build_model(robot)
-    tau = model.regressor(q, qd, qdd) @ parameters(model, bodies, rotors, friction)
-    engine = mujoco.MjModel.from_xml_string(mjcf(robot, bodies, rotors, friction["fv"]))
-    data, expected = mujoco.MjData(engine), []
-    for state in zip(q, qd, qdd, strict=True):
-        data.qpos, data.qvel, data.qacc = state
-        mujoco.mj_inverse(engine, data)
-        expected.append(data.qfrc_inverse.copy())
-    assert relative_error(tau, np.array(expected)) < 1e-9
-
-
-def mjcf(robot, bodies, rotors, viscous):
-    """Return the arm in MuJoCo's own format, frame 0 at its origin."""
-    root = ET.Element("mujoco")
-    ET.SubElement(root, "compiler", angle="radian", balanceinertia="false")
-    ET.SubElement(root, "option", gravity=words(robot.gravity))
-    parent = ET.SubElement(root, "worldbody")
-    for i, (place, to_dh) in enumerate(placements(robot)):
-        quaternion = pin.Quaternion(place.rotation)
-        xyzw = quaternion.coeffs()
-        parent = ET.SubElement(
-            parent, "body", pos=words(place.translation), quat=words(np.roll(xyzw, 1))
-        )
-        drive = {"armature": repr(float(rotors[i])), "damping": repr(float(viscous[i]))}
-        ET.SubElement(
-            parent,
-            "joint",
-            type="hinge" if robot.joints[i].revolute else "slide",
-            axis="0 0 1",
-            **drive,
-        )
-        com = to_dh * np.array(bodies[i].com)
-        t = to_dh.rotation @ tensor_of(bodies[i]) @ to_dh.rotation.T
-        six = (t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2])
-        ET.SubElement(
-            parent, "inertial", pos=words(com), mass=repr(bodies[i].mass), fullinertia=words(six)
-        )
-    return ET.tostring(root, encoding="unicode")
-
-
-def words(numbers):
-    return " ".join(repr(float(number)) for number in numbers)

@@ -3,6 +3,7 @@
 ``parameters.npz -> arm.urdf, arm.xml, arm.yaml, arm.c, arm.py, arm.m``
 """
 
+from dynid.exporters.code import MATLAB, PYTHON, C
 from dynid.exporters.effects_file import EFFECTS
 from dynid.exporters.full_model import FullModel, full_model
 from dynid.exporters.interface import (
@@ -13,13 +14,12 @@ from dynid.exporters.interface import (
     NotTried,
     Provenance,
 )
-from dynid.exporters.languages import C_FORMAT, MATLAB_FORMAT, PYTHON_FORMAT
 from dynid.exporters.mjcf import MJCF
 from dynid.exporters.urdf import URDF
 from dynid.exporters.yaml import YAML
 
 #: The formats by name.
-FORMATS = {each.name: each for each in (URDF, MJCF, YAML, C_FORMAT, PYTHON_FORMAT, MATLAB_FORMAT)}
+FORMATS = {each.name: each for each in (URDF, MJCF, YAML, C, PYTHON, MATLAB)}
 
 __all__ = [
     "EFFECTS",

@@ -10,20 +10,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.errors import NotSimulated, PackageMissing
 from dynid.exporters import effects_file, mjcf, urdf
+from dynid.exporters.code import imported
 from dynid.exporters.engines import bullet_body, module, silent
 from dynid.exporters.full_model import world_gravity
-from dynid.exporters.interface import IdentifiedArm
-from dynid.exporters.languages import imported
+from dynid.exporters.interface import Floats, IdentifiedArm
 from dynid.sim import tuning
 
-Floats = NDArray[np.float64]
+#: What `why` says of an arm that no simulator moves.
+FAR = "its parameters are far from those of the real arm"
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Driven:
     added: Floats
 
 
-#: Puts an arm at a state; then returns its state after a step with torques of the drives.
+#: Applies torques of the drives for a step, and returns positions and velocities behind it.
 Step = Callable[[Floats], tuple[Floats, Floats]]
 
 
@@ -59,54 +60,56 @@ def drive(
 
     Raises:
         PackageMissing: the engine is not installed.
-        NotSimulated: the arm flies apart.
+        NotSimulated: the engine refuses the arm, or the arm flies apart.
     """
     t, q, qd, tau = recorded
+    simulator = module(engine)
+    if simulator is None:
+        fix = "pip install pybullet, up to Python 3.11" if engine == "pybullet" else None
+        raise PackageMissing(f"{engine} is not installed", fix=fix or f"pip install {engine}")
     dt = float(t[1] - t[0])
     steps = max(1, round(dt / tuning.PHYSICS_STEP_S / 2))
-    h = dt / steps
     omega = 2.0 * np.pi * tuning.SOFT_FREQUENCY_HZ
     stiffness = np.maximum(inertia * omega**2, np.std(tau, axis=0) / tuning.SOFT_DEFLECTION)
     damping = 2.0 * np.sqrt(stiffness * inertia)
-    with TemporaryDirectory() as folder:
+    with TemporaryDirectory() as folder, silent():
         path = Path(folder) / effects_file.NAME
         path.write_text(effects_file.text(arm), encoding="utf-8")
-        effects = imported(path)
-        with silent():
-            step, close = _ENGINES[engine](arm, effects, h, q[0], qd[0])
-        found, added = np.empty_like(q), np.empty_like(q)
-        here = q[0], qd[0]
+        load = _mujoco if engine == "mujoco" else _pybullet
         try:
-            for k in range(len(t)):
-                found[k] = here[0]
-                last = min(k + 1, len(t) - 1)
-                for part in range(steps):
-                    share = part / steps
-                    goal, speed, push = ((1 - share) * x[k] + share * x[last] for x in (q, qd, tau))
-                    more = stiffness * (goal - here[0]) + damping * (speed - here[1])
-                    if part == 0:
-                        added[k] = more
-                    here = step(push + more)
-        finally:
-            close()
+            step, close = load(arm, simulator, imported(path), dt / steps, q[0], qd[0])
+        except ValueError as error:
+            raise NotSimulated(f"{engine} refuses the arm: {error}", why=FAR) from error
+    found, added = np.empty_like(q), np.empty_like(q)
+    here = q[0], qd[0]
+    try:
+        for k in range(len(t)):
+            found[k] = here[0]
+            last = min(k + 1, len(t) - 1)
+            for part in range(steps):
+                share = part / steps
+                goal, speed, push = ((1 - share) * x[k] + share * x[last] for x in (q, qd, tau))
+                more = stiffness * (goal - here[0]) + damping * (speed - here[1])
+                if part == 0:
+                    added[k] = more
+                here = step(push + more)
+    finally:
+        close()
     if not np.all(np.isfinite(found)):
-        why = "its parameters are far from those of the real arm"
-        raise NotSimulated(
-            f"in {engine} the arm flies apart", why=why, fix="identify it with --feasible"
-        )
+        fix = "identify it with --feasible"
+        raise NotSimulated(f"in {engine} the arm flies apart", why=FAR, fix=fix)
     return Driven(found, added)
 
 
 def _mujoco(
     arm: IdentifiedArm,
-    effects: Any,  # noqa: ANN401
+    engine: Any,  # noqa: ANN401
+    effects: ModuleType,
     h: float,
     q: Floats,
     qd: Floats,
 ) -> tuple[Step, Callable[[], None]]:
-    engine = module("mujoco")
-    if engine is None:
-        raise PackageMissing("MuJoCo is not installed", fix="pip install mujoco")
+    """Put the arm at a state in MuJoCo; return its step of h seconds, and what ends it."""
     model = engine.MjModel.from_xml_string(mjcf.text(arm))
     model.opt.timestep = h
     # Why no stops: a recording ends before them, and a model that is wrong must not lean on them.
@@ -114,33 +117,29 @@ def _mujoco(
     off = engine.mjtDisableBit
     model.opt.disableflags |= off.mjDSBL_LIMIT | off.mjDSBL_CONTACT | off.mjDSBL_AUTORESET
     model.jnt_actfrclimited[:] = 0
-    data, found = engine.MjData(model), effects.Mujoco(model)
-    joints = [model.joint(name) for name in effects.JOINTS]
-    places = np.array([joint.qposadr[0] for joint in joints])
-    dofs = np.array([joint.dofadr[0] for joint in joints])
+    data, joints = engine.MjData(model), [model.joint(name) for name in effects.JOINTS]
+    places = [joint.qposadr[0] for joint in joints]
+    dofs = [joint.dofadr[0] for joint in joints]
     data.qpos[places], data.qvel[dofs] = q, qd
-    engine.set_mjcb_passive(found.passive)
+    engine.set_mjcb_passive(effects.Mujoco(model).passive)
 
     def step(torque: Floats) -> tuple[Floats, Floats]:
         data.qfrc_applied[dofs] = torque
         engine.mj_step(model, data)
-        return data.qpos[places].copy(), data.qvel[dofs].copy()
+        return data.qpos[places], data.qvel[dofs]
 
     return step, lambda: engine.set_mjcb_passive(None)
 
 
 def _pybullet(
     arm: IdentifiedArm,
-    effects: Any,  # noqa: ANN401
+    engine: Any,  # noqa: ANN401
+    effects: ModuleType,
     h: float,
     q: Floats,
     qd: Floats,
 ) -> tuple[Step, Callable[[], None]]:
-    engine = module("pybullet")
-    if engine is None:
-        raise PackageMissing(
-            "pybullet is not installed", fix="pip install pybullet, up to Python 3.11"
-        )
+    """Do the same in PyBullet."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
         path.write_text(urdf.text(arm), encoding="utf-8")
@@ -148,7 +147,6 @@ def _pybullet(
     server = {"physicsClientId": client}
     engine.setPhysicsEngineParameter(fixedTimeStep=h, numSubSteps=0, **server)
     for joint in range(-1, engine.getNumJoints(body, **server)):
-        # Why wide: stops of the file are no part of what is compared.
         engine.changeDynamics(body, joint, linearDamping=0.0, angularDamping=0.0, **server)
     found = effects.Bullet(body, client)
     for joint, position, speed in zip(found.joints, q, qd, strict=True):
@@ -164,6 +162,3 @@ def _pybullet(
         return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
 
     return step, lambda: engine.disconnect(**server)
-
-
-_ENGINES = {"mujoco": _mujoco, "pybullet": _pybullet}

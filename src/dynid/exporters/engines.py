@@ -1,7 +1,4 @@
-"""Inverse dynamics of written files in Pinocchio, PyBullet and MuJoCo, where installed, and dynid's own by parts.
-
-Positions are those of the robot file; ``JointMap`` says how the file's own joint values follow from them.
-"""
+"""Written files in MuJoCo, which computes their inverse dynamics, and in PyBullet; and dynid's own torques beside."""
 
 from __future__ import annotations
 
@@ -10,7 +7,7 @@ import importlib.util
 import os
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -20,25 +17,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.exporters.full_model import FullModel
+from dynid.exporters.interface import IdentifiedArm, Torques, with_effects
 from dynid.model.regressor import Model
-from dynid.robot import JointMap
 
 Floats = NDArray[np.float64]
-#: Torques (N, n) [N m or N] of positions, velocities and accelerations, each (N, n) [rad or m, and per s and s^2].
-Torques = Callable[[Floats, Floats, Floats], Floats]
-
-#: The parameters of bodies.
-RIGID = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 
 
-def part(model: Model, full: FullModel, *, rotors: bool = False, viscous: bool = False) -> Torques:
-    """Return dynid's own torques of the bodies, and where wanted of rotors and viscous friction."""
-    whole = Model(replace(model.robot, links=(), effects=()), model.rigid)
-    wanted = whole.columns_of(*RIGID)
-    observer, chosen = whole.observer(wanted), full.values(whole.parameter_names)[wanted]
-    inertia, slope = np.array(full.rotor_inertia) * rotors, full.joint_friction("fv") * viscous
-    return lambda q, qd, qdd: observer.torque(chosen, q, qd, qdd) + inertia * qdd + slope * qd
+def own_torques(arm: IdentifiedArm, values: Mapping[str, float]) -> Torques:
+    """Return dynid's torques of parameters by name, those of bodies that were not identified too; others are zero."""
+    model = Model(replace(arm.robot, links=()), arm.base.model.rigid)
+    gamma = np.array([values.get(name, 0.0) for name in model.parameter_names])
+    every = np.arange(model.size)
+    return lambda q, qd, qdd: np.asarray(with_effects(arm, model, every, (q, qd, qdd)) @ gamma)
 
 
 def module(name: str) -> Any | None:  # noqa: ANN401 - engines have no types
@@ -66,73 +56,46 @@ def silent() -> Iterator[None]:
         os.close(nowhere)
 
 
-def mapped(torques: Torques, mapping: JointMap) -> Torques:
-    """Return torques as a function of the robot file's joint values."""
-    sign, offset = np.array(mapping.sign), np.array(mapping.offset)
+def bare_urdf(path: Path) -> str:
+    """Return a URDF without shapes and friction: meshes may be anywhere, and torques of bodies need neither."""
+    root = ET.parse(path).getroot()
+    for parent in [*root.iter("link"), *root.iter("joint")]:
+        for tag in ("visual", "collision", "dynamics"):
+            for part in parent.findall(tag):
+                parent.remove(part)
+    # Why: MuJoCo refuses fingers without a mass.
+    least = {"boundmass": "1e-14", "boundinertia": "1e-14"}
+    ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", least)
+    return ET.tostring(root, encoding="unicode")
 
-    def run(q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        return np.asarray(sign * torques(sign * (q - offset), sign * qd, sign * qdd))
 
-    return run
+def mujoco(text: str, names: Sequence[str], gravity: Floats) -> tuple[str, Torques] | None:
+    """Load an MJCF or a bare URDF in MuJoCo; None where that is not installed.
 
-
-def pinocchio(
-    path: Path, names: Sequence[str], gravity: Floats, *, mjcf: bool = False
-) -> tuple[str, Torques] | None:
-    """Load a URDF or MJCF in Pinocchio; other joints than the named ones stay at zero."""
-    pin = module("pinocchio")
-    if pin is None:
+    Dry friction is left out: there it is a soft constraint, not a torque. Joints without a name here stay at zero.
+    """
+    engine = module("mujoco")
+    if engine is None:
         return None
     with silent():
-        full = pin.buildModelFromMJCF(str(path)) if mjcf else pin.buildModelFromUrdf(str(path))
-    others = [i for i, name in enumerate(full.names) if i and name not in names]
-    model = pin.buildReducedModel(full, others, pin.neutral(full)) if others else full
-    model.gravity.linear = gravity
-    data, joints = model.createData(), [model.joints[model.getJointId(name)] for name in names]
+        model = engine.MjModel.from_xml_string(text)
+    model.opt.gravity[:] = gravity
+    model.opt.disableflags |= engine.mjtDisableBit.mjDSBL_CONSTRAINT
+    data, joints = engine.MjData(model), [model.joint(name) for name in names]
+    places = [joint.qposadr[0] for joint in joints]
+    dofs = [joint.dofadr[0] for joint in joints]
 
     def run(q: Floats, qd: Floats, qdd: Floats) -> Floats:
         tau = np.empty_like(q)
-        own, speed, rate = np.zeros(model.nq), np.zeros(model.nv), np.zeros(model.nv)
         for k in range(len(q)):
-            for j, joint in enumerate(joints):
-                value = q[k, j]
-                own[joint.idx_q : joint.idx_q + joint.nq] = (
-                    value if joint.nq == 1 else (np.cos(value), np.sin(value))
-                )
-                speed[joint.idx_v], rate[joint.idx_v] = qd[k, j], qdd[k, j]
-            result = pin.rnea(model, data, own, speed, rate)
-            tau[k] = [result[joint.idx_v] for joint in joints]
+            data.qpos[places], data.qvel[dofs], data.qacc[dofs] = q[k], qd[k], qdd[k]
+            engine.mj_inverse(model, data)
+            # Passive motors, such as cogging, act by themselves: a drive gives the rest.
+            engine.mj_fwdActuation(model, data)
+            tau[k] = (data.qfrc_inverse - data.qfrc_actuator)[dofs]
         return tau
 
-    return f"Pinocchio {pin.__version__}", run
-
-
-def bullet(path: Path, names: Sequence[str], gravity: Floats) -> tuple[str, Torques] | None:
-    """Load a URDF in PyBullet; other joints than the named ones stay at zero."""
-    engine = module("pybullet")
-    if engine is None:
-        return None
-    client, body = bullet_body(path, gravity)
-    count = engine.getNumJoints(body, physicsClientId=client)
-    every = [engine.getJointInfo(body, j, physicsClientId=client) for j in range(count)]
-    moving = [info[1].decode() for info in every if info[2] != engine.JOINT_FIXED]
-    place = [moving.index(name) for name in names]
-
-    def run(q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        tau, spread = np.empty_like(q), np.zeros((3, len(q), len(moving)))
-        spread[:, :, place] = q, qd, qdd
-        try:
-            with silent():
-                for k in range(len(q)):
-                    inputs = (row.tolist() for row in spread[:, k])
-                    tau[k] = np.array(
-                        engine.calculateInverseDynamics(body, *inputs, physicsClientId=client)
-                    )[place]
-        except (engine.error, SystemError) as error:
-            raise ValueError("PyBullet: inverse dynamics failed") from error
-        return tau
-
-    return "PyBullet", run
+    return f"MuJoCo {engine.__version__}", run
 
 
 def bullet_body(path: Path, gravity: Floats) -> tuple[int, int]:
@@ -141,59 +104,22 @@ def bullet_body(path: Path, gravity: Floats) -> tuple[int, int]:
     Args:
         path: the file.
         gravity: in the world frame, (3,) [m/s^2].
+
+    Raises:
+        ValueError: PyBullet refuses the file.
     """
     engine = module("pybullet")
     assert engine is not None
-    with silent():
+    with silent(), TemporaryDirectory() as folder:
+        bare = Path(folder) / "bare.urdf"
+        bare.write_text(bare_urdf(path), encoding="utf-8")
         client = engine.connect(engine.DIRECT)
+        flags = engine.URDF_USE_INERTIA_FROM_FILE
         try:
-            body = _bullet_urdf(engine, client, path)
+            body = engine.loadURDF(
+                str(bare), useFixedBase=True, flags=flags, physicsClientId=client
+            )
         except engine.error as error:
             raise ValueError(f"PyBullet: {error}") from error
     engine.setGravity(*gravity.tolist(), physicsClientId=client)
     return client, body
-
-
-def _bullet_urdf(engine: Any, client: int, path: Path) -> int:  # noqa: ANN401
-    """Load a URDF without its shapes: their meshes may be anywhere, and dynamics do not need them."""
-    root = ET.parse(path).getroot()
-    for link in root.iter("link"):
-        for shape in [*link.findall("visual"), *link.findall("collision")]:
-            link.remove(shape)
-    with TemporaryDirectory() as folder:
-        bare = Path(folder) / "bare.urdf"
-        ET.ElementTree(root).write(bare)
-        flags = engine.URDF_USE_INERTIA_FROM_FILE
-        return int(
-            engine.loadURDF(str(bare), useFixedBase=True, flags=flags, physicsClientId=client)
-        )
-
-
-def mujoco(path: Path, names: Sequence[str], gravity: Floats) -> tuple[str, Torques] | None:
-    """Load an MJCF in MuJoCo; dry friction is left out: there it is a soft constraint, not a torque."""
-    engine = module("mujoco")
-    if engine is None:
-        return None
-    with silent():
-        model = engine.MjModel.from_xml_path(str(path))
-    model.opt.gravity[:] = gravity
-    model.opt.disableflags |= engine.mjtDisableBit.mjDSBL_CONSTRAINT
-    data = engine.MjData(model)
-    joints = [model.joint(name) for name in names]
-
-    def run(q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        tau = np.empty_like(q)
-        for k in range(len(q)):
-            for j, joint in enumerate(joints):
-                data.qpos[joint.qposadr[0]], data.qvel[joint.dofadr[0]] = q[k, j], qd[k, j]
-                data.qacc[joint.dofadr[0]] = qdd[k, j]
-            engine.mj_inverse(model, data)
-            # Passive motors, such as cogging, act by themselves: a drive gives the rest.
-            engine.mj_fwdActuation(model, data)
-            tau[k] = [
-                data.qfrc_inverse[joint.dofadr[0]] - data.qfrc_actuator[joint.dofadr[0]]
-                for joint in joints
-            ]
-        return tau
-
-    return f"MuJoCo {engine.__version__}", run

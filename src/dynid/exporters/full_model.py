@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.possible_arm import PhysicalParameters
-from dynid.estimation.possible_set import smallest_eigenvalues
+from dynid.estimation.possible_set import body_parameters, pseudo_inertia, smallest_eigenvalues
 from dynid.model.base_model import BaseModel
 from dynid.model.kinematics import base_pose, fixed_poses
 from dynid.model.parameters import body_of, moved, prior_bodies
@@ -26,6 +26,9 @@ _SIZE = {
     **dict.fromkeys(("mcx", "mcy", "mcz"), 0.1),
     **dict.fromkeys(("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "Im"), 0.01),
 }
+#: Eigenvalues of a body's pseudo-inertia are at least this share of the largest one, and a body that lacks more than
+#: this counts as impossible: MuJoCo refuses what is positive by less than rounding.
+MARGIN = 1e-10
 
 
 @dataclass(frozen=True)
@@ -46,14 +49,19 @@ class FullModel:
     friction: Mapping[str, float]
     origin: Mapping[str, str]
 
-    def values(self, names: Sequence[str]) -> Floats:
-        """Return the parameters of the given names."""
-        known = dict(self.friction)
-        for i, (body, rotor) in enumerate(
-            zip(self.bodies, self.rotor_inertia, strict=True), start=1
-        ):
+    @property
+    def by_name(self) -> dict[str, float]:
+        """Every parameter by its name."""
+        found = dict(self.friction)
+        links = zip(self.bodies, self.rotor_inertia, strict=True)
+        for i, (body, rotor) in enumerate(links, start=1):
             row = (*body.parameters().tolist(), rotor)
-            known |= {f"{name}{i}": value for name, value in zip(LINK_PARAMETERS, row, strict=True)}
+            found |= {f"{name}{i}": value for name, value in zip(LINK_PARAMETERS, row, strict=True)}
+        return found
+
+    def values(self, names: Sequence[str]) -> Floats:
+        """Return the parameters of the given names, zero where there is none."""
+        known = self.by_name
         return np.array([known.get(name, 0.0) for name in names])
 
     def joint_friction(self, prefix: str) -> Floats:
@@ -63,7 +71,9 @@ class FullModel:
     def impossible_links(self) -> tuple[int, ...]:
         """Return the numbers of the links whose numbers no body has, 1-based."""
         return tuple(
-            i for i, body in enumerate(self.bodies, start=1) if smallest_eigenvalue(body) <= 0.0
+            i
+            for i, body in enumerate(self.bodies, start=1)
+            if smallest_eigenvalues(body.parameters()) <= 0.0
         )
 
     def origin_of_link(self, link: int) -> str:
@@ -76,9 +86,13 @@ class FullModel:
         )
 
 
-def smallest_eigenvalue(body: Body) -> float:
-    """Return the smallest eigenvalue of a body's pseudo-inertia; a body that can exist has a positive one."""
-    return float(smallest_eigenvalues(body.parameters()))
+def lifted(parameters: Floats) -> Floats:
+    """Return the parameters of a body, (10,), with a margin where it is possible up to rounding."""
+    values, vectors = np.linalg.eigh(pseudo_inertia(parameters))
+    least = MARGIN * values[-1]
+    if not -least <= values[0] < least:
+        return parameters
+    return body_parameters(vectors * np.maximum(values, least) @ vectors.T)
 
 
 def full_model(base: BaseModel, physical: PhysicalParameters, theta: Floats) -> FullModel:
@@ -113,9 +127,8 @@ def model_of(
     values = dict(zip(names, gamma.tolist(), strict=True))
     bodies = list(prior_bodies(robot))
     for link in robot.identified_links:
-        bodies[link - 1] = body_of(
-            np.array([values[f"{name}{link}"] for name in LINK_PARAMETERS[:10]])
-        )
+        ten = np.array([values[f"{name}{link}"] for name in LINK_PARAMETERS[:10]])
+        bodies[link - 1] = body_of(lifted(ten))
     return FullModel(
         robot=robot,
         bodies=tuple(bodies),

@@ -1,10 +1,10 @@
-"""What a format takes and gives: the text of a file, what the format has no place for, and a check by loading it."""
+"""What is exported, and a format: the text of a file, what it has no place for, and a proof by loading it again."""
 
 from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,15 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.residual_model import ModelError
-from dynid.exporters.engines import Torques
 from dynid.exporters.full_model import FullModel
-from dynid.model.base_model import BaseModel
+from dynid.model.base_model import BaseModel, model_torques
+from dynid.model.effects.interface import ArmMotion
 from dynid.model.reduce import random_states
+from dynid.model.regressor import Model
 from dynid.robot import Robot
 from dynid.text import file_name
 
+Floats = NDArray[np.float64]
+#: Torques (N, n) [N m or N] of positions, velocities and accelerations, each (N, n) [rad or m, and per s and s^2].
+Torques = Callable[[Floats, Floats, Floats], Floats]
+
 #: Number of random states that a written file is compared on.
 STATES = 1000
+#: Time between two of them [s]; effects of the time and of bristles are compared along them.
+STEP_S = 0.01
 
 
 @dataclass(frozen=True)
@@ -61,7 +68,7 @@ class IdentifiedArm:
     """
 
     base: BaseModel
-    theta: NDArray[np.float64]
+    theta: Floats
     known: tuple[str, ...]
     full: FullModel
     provenance: Provenance
@@ -92,9 +99,14 @@ class IdentifiedArm:
             escape: function of ``dynid.text`` for the place where the line is written.
             whole: whether the format can hold the residual model.
         """
-        residual = "; the parameters alone, without the result's residual model"
-        if self.model_error is None or (whole and self.residual_model):
-            residual = "" if self.model_error is None else "; with its residual model"
+        residual = ""
+        if self.model_error is not None:
+            held = whole and self.residual_model
+            residual = (
+                "; with its residual model"
+                if held
+                else "; the parameters alone, without the result's residual model"
+            )
         made = self.provenance
         hashes = ", ".join(escape(sha[:12]) for sha in made.log_sha256)
         return (
@@ -102,6 +114,23 @@ class IdentifiedArm:
             f"{escape(made.parameter_set)} set, relative error {made.relative_error_percent:.3g} %) "
             f"from logs with sha256 {hashes}{residual}{f'; WARNING: {escape(self.warning)}' if self.warning else ''}"
         )
+
+
+def with_effects(
+    arm: IdentifiedArm,
+    model: Model,
+    columns: NDArray[np.intp],
+    states: tuple[Floats, Floats, Floats],
+) -> Floats:
+    """Return columns of a model, those of added effects too, along states STEP_S apart, (N, n, c)."""
+    observer, t = model.observer(columns), STEP_S * np.arange(len(states[0]), dtype=np.float64)
+    reference = model_torques(arm.base.model, arm.base.reduction, arm.theta)
+    motion = ArmMotion(t, *states, arm.robot, reference, lambda x: x)
+    W, count = observer.dense(*states), len(observer.added_entries)
+    if count:
+        entries = model.added_entries(motion)[observer.added_entries]
+        W[:, observer.rows[-count:], observer.cols[-count:]] = entries.T
+    return W
 
 
 @dataclass(frozen=True)
@@ -134,7 +163,7 @@ class NotTried(Exception):
 
 
 class Loaded(NamedTuple):
-    """A file in one engine: the engine, what is compared, its torques and dynid's own."""
+    """A file in an engine: the engine, what is compared, its torques and dynid's own."""
 
     engine: str
     what: str
@@ -151,7 +180,7 @@ class Format:
         suffix: suffix of its files.
         text: returns the text of the file.
         leaves_out: returns what the format has no place for, one phrase each.
-        loaded: loads a file with that text in each engine that is installed.
+        loaded: loads a file with that text; None where no program here can.
         needs_bodies: whether it holds one body per link, so that the parameters must be physically possible.
         tolerance: largest difference of a torque that counts as agreement, relative to the torques' root mean square.
     """
@@ -160,12 +189,12 @@ class Format:
     suffix: str
     text: Callable[[IdentifiedArm], str]
     leaves_out: Callable[[IdentifiedArm], tuple[str, ...]]
-    loaded: Callable[[Path, IdentifiedArm], Iterator[Loaded]]
+    loaded: Callable[[Path, IdentifiedArm], Loaded | None]
     needs_bodies: bool = True
     tolerance: float = 1e-6
 
     def check(self, text: str, arm: IdentifiedArm, seed: int = 0) -> list[Agreement]:
-        """Compare the torques of a file's text with dynid's on random states.
+        """Compare the torques of a file's text with dynid's on random states; nothing where it cannot be loaded.
 
         The text is loaded from a private folder: what lies in the folder of the results is never run.
 
@@ -178,27 +207,25 @@ class Format:
             LoadingFailed: a program refused the file.
             NotTried: the machine does not let it be loaded.
         """
-        q, qd, qdd = random_states(arm.robot, STATES, seed)
-        found = []
+        states = random_states(arm.robot, STATES, seed)
         with TemporaryDirectory() as folder:
             path = Path(folder) / f"arm{self.suffix}"
             path.write_text(text, encoding="utf-8")
             try:
-                for engine, what, theirs, ours in self.loaded(path, arm):
-                    expected = ours(q, qd, qdd)
-                    difference = float(np.abs(theirs(q, qd, qdd) - expected).max())
-                    largest = difference if np.isfinite(difference) else np.inf
-                    size = float(np.sqrt(np.mean(expected**2)))
-                    agrees = largest <= self.tolerance * max(1.0, size)
-                    found.append(Agreement(engine, largest, size, STATES, what, agrees))
+                found = self.loaded(path, arm)
+                if found is None:
+                    return []
+                expected, theirs = found.ours(*states), found.theirs(*states)
             except (ValueError, RuntimeError, SystemError, subprocess.CalledProcessError) as error:
                 raise LoadingFailed(" ".join(str(error).split())) from error
             except subprocess.TimeoutExpired as error:
-                raise NotTried(
-                    f"{Path(error.cmd[0]).name} took longer than {error.timeout:.0f} s"
-                ) from error
+                name = Path(error.cmd[0]).name
+                raise NotTried(f"{name} took longer than {error.timeout:.0f} s") from error
             except OSError as error:
-                raise NotTried(
-                    " ".join(str(error).replace(f"{folder}{os.sep}", "").split())
-                ) from error
-        return found
+                said = str(error).replace(f"{folder}{os.sep}", "")
+                raise NotTried(" ".join(said.split())) from error
+        difference = float(np.abs(theirs - expected).max())
+        largest = difference if np.isfinite(difference) else np.inf
+        size = float(np.sqrt(np.mean(expected**2)))
+        agrees = largest <= self.tolerance * max(1.0, size)
+        return [Agreement(found.engine, largest, size, STATES, found.what, agrees)]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
 from pathlib import Path
 
-from dynid.exporters.engines import bullet, mapped, part, pinocchio
+import numpy as np
+
+from dynid.exporters.engines import bare_urdf, mujoco, own_torques
 from dynid.exporters.full_model import world_gravity
-from dynid.exporters.interface import Format, IdentifiedArm, Loaded
-from dynid.exporters.simulated import simulated
+from dynid.exporters.interface import Floats, Format, IdentifiedArm, Loaded
+from dynid.exporters.simulated import numbers_of, simulated
 from dynid.exporters.user_urdf import attached, rewritten
 from dynid.robot import JointMap
 from dynid.sim.urdf import urdf_text
@@ -25,9 +26,8 @@ def text(arm: IdentifiedArm) -> str:
     friction = zip(full.joint_friction("fv"), full.joint_friction("fc"), strict=True)
     for joint, (fv, fc) in zip(root.findall("joint"), friction, strict=True):
         ET.SubElement(joint, "dynamics", damping=repr(float(fv)), friction=repr(float(fc)))
-    for i, link in enumerate(root.findall("link")):
-        if i:
-            link.insert(0, ET.Comment(xml_comment(full.origin_of_link(i))))
+    for i, link in enumerate(root.findall("link")[1:], start=1):
+        link.insert(0, ET.Comment(xml_comment(full.origin_of_link(i))))
     root.insert(0, ET.Comment(xml_comment(arm.head(str))))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
@@ -47,47 +47,52 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
         gone.append("friction: your file's <dynamics> stay as they are")
     elif any(full.joint_friction("fc")):
         gone.append("the smooth start of Coulomb friction: <dynamics friction> has only its size")
-    return (*gone, *beyond_joints(arm))
+    return (*gone, *beyond_joints(arm, mjcf=False))
 
 
-def loaded(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
-    """Load it in Pinocchio and PyBullet; rigid body only, they leave the rest out of inverse dynamics."""
+def loaded(path: Path, arm: IdentifiedArm) -> Loaded | None:
+    """Load the bodies in MuJoCo; None where they cannot exist, which it refuses and a URDF may hold."""
+    if arm.full.impossible_links():
+        return None
+    names, mapping = joints_of(arm)
+    found = mujoco(bare_urdf(path), names, world_gravity(arm.robot))
+    if found is None:
+        return None
+    engine, torques = found
+    sign, offset = np.array(mapping.sign), np.array(mapping.offset)
+
+    def theirs(q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        return np.asarray(sign * torques(sign * (q - offset), sign * qd, sign * qdd))
+
+    return Loaded(engine, "rigid body", theirs, own_torques(arm, numbers_of(arm)))
+
+
+def joints_of(arm: IdentifiedArm) -> tuple[tuple[str, ...], JointMap]:
+    """Return names of the joints in the URDF, and how its joint values follow from the robot file's."""
     robot = arm.robot
-    names, mapping = (
-        tuple(map(xml, robot.joint_names)),
-        JointMap((1.0,) * robot.n, (0.0,) * robot.n),
-    )
     if arm.urdf is not None:
         place = attached(arm.urdf, robot)
-        names, mapping = place.names, place.mapping
-    ours = part(arm.base.model, simulated(arm).full)
-    for engine in (pinocchio, bullet):
-        found = engine(path, names, world_gravity(robot))
-        if found:
-            yield Loaded(found[0], "rigid body", mapped(found[1], mapping), ours)
+        return tuple(map(xml, place.names)), place.mapping
+    return tuple(map(xml, robot.joint_names)), JointMap((1.0,) * robot.n, (0.0,) * robot.n)
 
 
-def beyond_joints(arm: IdentifiedArm, *, mjcf: bool = False) -> tuple[str, ...]:
+def beyond_joints(arm: IdentifiedArm, *, mjcf: bool) -> tuple[str, ...]:
     """Return what a simulator's format does not hold: coupled motors and effects of the catalogue."""
-    found, names = simulated(arm), arm.robot.joint_names
-    beside = [f"effect {phrase}" for phrase in found.effects_beside(mjcf=mjcf, names=names)]
+    found = simulated(arm)
+    beside = [f"effect {phrase}" for phrase in found.effects_beside(mjcf=mjcf)]
     return (*coupled_left_out(arm), *beside, *found.left, *residual_left_out(arm))
 
 
 def coupled_left_out(arm: IdentifiedArm) -> tuple[str, ...]:
     """Return the parameters of motors that drive several joints, for which no simulator has a place."""
-    return tuple(
-        f"coupled motors' {name}" for name in arm.full.friction if name[:3] in ("Imc", "fvc", "fcc")
-    )
+    names = (name for name in arm.full.friction if name[:3] in ("Imc", "fvc", "fcc"))
+    return tuple(f"coupled motors' {name}" for name in names)
 
 
 def residual_left_out(arm: IdentifiedArm) -> tuple[str, ...]:
     """Return the residual model where the result has one."""
-    return (
-        ()
-        if arm.model_error is None
-        else ("the residual model: the file predicts by the parameters alone",)
-    )
+    said = "the residual model: the file predicts by the parameters alone"
+    return () if arm.model_error is None else (said,)
 
 
 URDF = Format("urdf", ".urdf", text, leaves_out, loaded)

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotPhysical, WrongUrdf
-from dynid.exporters.full_model import FullModel, numbers, smallest_eigenvalue
+from dynid.estimation.possible_set import smallest_eigenvalues
+from dynid.exporters.full_model import FullModel, numbers
 from dynid.files.urdffile import Urdf, UrdfJoint, read_urdf
 from dynid.model.kinematics import link_frames
 from dynid.model.parameters import body_of, moved
@@ -56,17 +57,21 @@ class Attached:
         known = {joint.name: joint for joint in self.urdf.joints}
         return tuple(known[name] for name in self.names)
 
+    def hanging(self, link: str) -> dict[str, Floats]:
+        """Return the parameters, in a link's frame, of the bodies that hang on it up to the next joint, by link."""
+        return {
+            joint.child: moved(body, pose).parameters()
+            for joint, pose in self.urdf.behind(link, self.names)
+            if (body := self.urdf.bodies[joint.child])
+        }
+
     def prior(self) -> Prior:
         """Return the file's bodies in the DH frames: each link with all that hangs on it up to the next joint."""
         bodies = []
         for joint, to_dh in zip(self.joints, self.to_dh, strict=True):
-            parts = [
-                (joint.child, np.eye(4)),
-                *((o.child, p) for o, p in self.urdf.behind(joint.child, self.names)),
-            ]
-            there = [moved(body, pose) for link, pose in parts if (body := self.urdf.bodies[link])]
-            whole = body_of(sum((body.parameters() for body in there), np.zeros(10)))
-            bodies.append(moved(whole, np.linalg.inv(to_dh).astype(np.float64)))
+            own = self.urdf.bodies[joint.child] or Body(0.0)
+            whole = body_of(sum(self.hanging(joint.child).values(), own.parameters()))
+            bodies.append(moved(whole, np.asarray(np.linalg.inv(to_dh))))
         return Prior(links=tuple(bodies))
 
 
@@ -87,10 +92,12 @@ def attached(path: Path, robot: Robot) -> Attached:
             where=str(path),
         )
     misses = []
-    for mapping in _maps(robot):
+    same = JointMap((1.0,) * robot.n, (0.0,) * robot.n)
+    maps = (same, robot.simulator, robot.driver.map if robot.driver else None)
+    for mapping in filter(None, maps):
         to_dh, miss = _compared(chain, robot, mapping)
         if miss.max() < SAME_ARM:
-            return Attached(urdf, names, mapping, to_dh)
+            return Attached(urdf, names, mapping, tuple(to_dh))
         misses.append(miss)
     best = min(misses, key=lambda miss: float(miss.max()))
     worst = int(np.argmax(best > SAME_ARM))
@@ -114,29 +121,23 @@ def _names(urdf: Urdf, robot: Robot) -> tuple[str, ...]:
     )
 
 
-def _maps(robot: Robot) -> list[JointMap]:
-    same = JointMap((1.0,) * robot.n, (0.0,) * robot.n)
-    return [same, *(each for each in (robot.simulator, robot.driver and robot.driver.map) if each)]
-
-
 def _compared(
     chain: tuple[UrdfJoint, ...], robot: Robot, mapping: JointMap
-) -> tuple[tuple[Floats, ...], Floats]:
+) -> tuple[Floats, Floats]:
     """Return the DH frames in the links' frames, and by how much each moves there, which it must not, (n,)."""
-    rng = np.random.default_rng(0)
-    seen: list[list[Floats]] = [[] for _ in range(robot.n)]
-    for q in [np.zeros(robot.n), *rng.uniform(-1.5, 1.5, (3, robot.n))]:
-        dh = link_frames(
-            robot, np.array(mapping.sign) * q + np.array(mapping.offset), world=True
-        ).poses
+    q = np.random.default_rng(0).uniform(-1.5, 1.5, (4, robot.n))
+    q[0] = 0.0
+    links = np.empty((*q.shape, 4, 4))
+    for row, found in zip(q, links, strict=True):
         pose, j = np.eye(4), 0
         for joint in chain:
-            pose = pose @ joint.transform(float(q[j]) if joint.moves else 0.0)
+            pose = pose @ joint.transform(float(row[j]) if joint.moves else 0.0)
             if joint.moves:
-                seen[j].append(np.linalg.inv(pose) @ dh[j])
+                found[j] = pose
                 j += 1
-    miss = np.array([max(float(np.abs(other - own[0]).max()) for other in own[1:]) for own in seen])
-    return tuple(own[0] for own in seen), miss
+    there = np.array(mapping.sign) * q + np.array(mapping.offset)
+    to_dh = np.linalg.inv(links) @ link_frames(robot, there, world=True).poses
+    return np.asarray(to_dh[0]), np.asarray(np.abs(to_dh - to_dh[0]).max(axis=(0, 2, 3)))
 
 
 def rewritten(path: Path, arm: IdentifiedArm, full: FullModel) -> str:
@@ -148,97 +149,78 @@ def rewritten(path: Path, arm: IdentifiedArm, full: FullModel) -> str:
         full: its bodies.
     """
     place = attached(path, arm.robot)
+    moving = [joint.name for joint in place.urdf.joints if joint.moves]
     new: dict[str, tuple[Body, str]] = {}
     for i, (joint, body) in enumerate(zip(place.joints, full.bodies, strict=True), start=1):
         own, emptied = _own_share(place, joint.child, moved(body, place.to_dh[i - 1]))
         new[joint.child] = (own, full.origin_of_link(i))
-        for link in emptied:
-            new[link] = (
-                Body(0.0),
-                f"its mass is in {joint.child}: link {i} was identified as one body",
-            )
-        for link in _empty_frames(place, joint.child):
-            new[link] = (Body(0.0), "an empty frame: without this block PyBullet gives it 1 kg")
+        note = f"its mass is in {joint.child}: link {i} was identified as one body"
+        new |= dict.fromkeys(emptied, (Body(0.0), note))
+        for fixed, _ in place.urdf.behind(joint.child, moving):
+            if place.urdf.bodies[fixed.child] is None:
+                note = "an empty frame: without this block PyBullet gives it 1 kg"
+                new[fixed.child] = (Body(0.0), note)
     return _replaced(path, new, arm.head(str))
-
-
-def _empty_frames(place: Attached, link: str) -> list[str]:
-    """Return the links without a body that are fixed to a link."""
-    urdf, stop = place.urdf, [joint.name for joint in place.urdf.joints if joint.moves]
-    return [joint.child for joint, _ in urdf.behind(link, stop) if urdf.bodies[joint.child] is None]
 
 
 def _own_share(place: Attached, link: str, body: Body) -> tuple[Body, list[str]]:
     """Return a link's body without what hangs on it, and the links that had to be emptied."""
-    urdf = place.urdf
-    behind = urdf.behind(link, stop=place.names)
-    parts = [
-        (joint.child, moved(part, pose), joint)
-        for joint, pose in behind
-        if (part := urdf.bodies[joint.child])
-    ]
-    rest = body_of(
-        body.parameters() - sum((part.parameters() for _, part, _ in parts), np.zeros(10))
-    )
-    if not parts or smallest_eigenvalue(rest) > -NOTHING or smallest_eigenvalue(body) <= 0:
-        return rest, []
+    behind, parts = place.urdf.behind(link, place.names), place.hanging(link)
+    whole = body.parameters()
+    rest = whole - sum(parts.values())
+    if not parts or smallest_eigenvalues(rest) > -NOTHING or smallest_eigenvalues(whole) <= 0:
+        return body_of(rest), []
     own_joint = {joint.child for joint, _ in behind if joint.moves}
     free = {joint.child for joint, _ in behind if joint.parent in own_joint} | own_joint
-    kept = [part for name, part, _ in parts if name in free]
-    rest = body_of(body.parameters() - sum((part.parameters() for part in kept), np.zeros(10)))
-    if smallest_eigenvalue(rest) <= -NOTHING:
+    rest = whole - sum(part for name, part in parts.items() if name in free)
+    if smallest_eigenvalues(rest) <= -NOTHING:
         raise NotPhysical(
             f"what moves on link '{link}' by itself ({', '.join(sorted(free))}) is heavier than the identified body"
         )
-    return rest, [name for name, _, _ in parts if name not in free]
+    return body_of(rest), [name for name in parts if name not in free]
 
 
 def _replaced(path: Path, new: dict[str, tuple[Body, str]], head: str) -> str:
     """Splice new inertial blocks into the text; offsets come from the XML parser, so that nothing else is touched."""
     raw = path.read_bytes()
-    cuts = _places(raw)
-    pieces: list[tuple[int, int, bytes]] = []
-    for link, (body, note) in new.items():
-        start, end, indent = cuts[link]
-        text = _inertial(body, note, indent)
-        if start == end:
-            opening = raw[:start]
-            if opening.endswith(b"/>"):
-                start, text = start - 2, f">{text}\n{indent[:-2]}</link>"
-            pieces.append((start, end, text.encode()))
-        else:
-            pieces.append((start, end, text.strip().encode()))
+    places = _places(raw)
     first = re.search(rb"<robot\b", raw)
     assert first is not None
-    names = ", ".join(new)
-    comment = f"<!--{xml_comment(f'inertial blocks of {names} by dynid: {head}')}-->\n"
-    pieces.append((first.start(), first.start(), comment.encode()))
-    for start, end, text_bytes in sorted(pieces, reverse=True):
-        raw = raw[:start] + text_bytes + raw[end:]
+    comment = xml_comment(f"inertial blocks of {', '.join(new)} by dynid: {head}")
+    pieces = [(first.start(), first.start(), f"<!--{comment}-->\n")]
+    for link, (body, note) in new.items():
+        start, end, indent, around = places[link]
+        block = f"\n{indent}".join(_inertial(body, note))
+        pieces.append((start, end, around.format(block)))
+    for start, end, text in sorted(pieces, reverse=True):
+        raw = raw[:start] + text.encode() + raw[end:]
     return raw.decode("utf-8")
 
 
-def _places(raw: bytes) -> dict[str, tuple[int, int, str]]:
-    """Return for each link the bytes of its inertial block, or the place for one, and its indentation."""
+def _places(raw: bytes) -> dict[str, tuple[int, int, str, str]]:
+    """Return for each link the bytes that its inertial block replaces, its indentation, and what goes around it."""
     parser = expat.ParserCreate()
     stack: list[str] = []
-    found: dict[str, tuple[int, int, str]] = {}
-    open_link, start = "", 0
+    found: dict[str, tuple[int, int, str, str]] = {}
+    link, start = "", 0
 
     def begin(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal open_link, start
+        nonlocal link, start
         stack.append(tag)
         if stack == ["robot", "link"]:
-            open_link = attributes["name"]
-            end = raw.index(b">", parser.CurrentByteIndex) + 1
-            found[open_link] = (end, end, _indent(raw, parser.CurrentByteIndex) + "  ")
+            link, end = attributes["name"], raw.index(b">", parser.CurrentByteIndex) + 1
+            outer = _indent(raw, parser.CurrentByteIndex)
+            around = f"\n{outer}  {{}}"
+            if closed := raw[:end].endswith(b"/>"):
+                around = f">{around}\n{outer}</link>"
+            found[link] = (end - 2 * closed, end, f"{outer}  ", around)
         elif stack == ["robot", "link", "inertial"]:
             start = parser.CurrentByteIndex
 
     def finish(tag: str) -> None:
         if stack == ["robot", "link", "inertial"]:
             end = raw.index(b">", parser.CurrentByteIndex) + 1
-            found[open_link] = (start, end, _indent(raw, start))
+            found[link] = (start, end, _indent(raw, start), "{}")
         stack.pop()
 
     parser.StartElementHandler, parser.EndElementHandler = begin, finish
@@ -251,13 +233,12 @@ def _indent(raw: bytes, at: int) -> str:
     return line.decode() if not line.strip() else "    "
 
 
-def _inertial(body: Body, note: str, indent: str) -> str:
+def _inertial(body: Body, note: str) -> tuple[str, ...]:
+    """Return the lines of an inertial block."""
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    tensor = " ".join(
-        f'{name}="{value!r}"'
-        for name, value in zip(names, map(float, body.inertia_com), strict=True)
-    )
-    lines = (
+    values = zip(names, map(float, body.inertia_com), strict=True)
+    tensor = " ".join(f'{name}="{value!r}"' for name, value in values)
+    return (
         "<inertial>",
         f"  <!--{xml_comment(note)}-->",
         f'  <origin xyz="{numbers(body.com)}" rpy="0 0 0"/>',
@@ -265,4 +246,3 @@ def _inertial(body: Body, note: str, indent: str) -> str:
         f"  <inertia {tensor}/>",
         "</inertial>",
     )
-    return "\n" + "\n".join(indent + line for line in lines)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
 from dynid.exporters.urdf import residual_left_out
 from dynid.robot import LINK_PARAMETERS
 from dynid.text import yaml_text
 
-Floats = NDArray[np.float64]
+#: What a table of links holds of a joint, and of a body's inertia.
+DH = ("type", "a", "twist", "d", "theta_offset")
+TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def text(arm: IdentifiedArm) -> str:
@@ -23,37 +23,26 @@ def text(arm: IdentifiedArm) -> str:
 
 
 def _document(arm: IdentifiedArm) -> dict[str, Any]:
-    full, robot = arm.full, arm.robot
+    full, robot, known = arm.full, arm.robot, arm.full.by_name
     links = []
     for i, (joint, body) in enumerate(zip(robot.joints, full.bodies, strict=True), start=1):
         names = [f"{name}{i}" for name in LINK_PARAMETERS]
-        tensor = dict(
-            zip(
-                ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
-                map(float, body.inertia_com),
-                strict=True,
-            )
-        )
+        tensor = zip(TENSOR, map(float, body.inertia_com), strict=True)
         links.append(
             {
                 "joint": joint.name,
-                "dh": {
-                    "type": joint.type,
-                    "a": joint.a,
-                    "twist": joint.twist,
-                    "d": joint.d,
-                    "theta_offset": joint.theta_offset,
-                },
+                "dh": {key: getattr(joint, key) for key in DH},
                 "mass_kg": body.mass,
                 "com_m": [float(value) for value in body.com],
-                "inertia_com_kg_m2": tensor,
+                "inertia_com_kg_m2": dict(tensor),
                 "rotor_inertia": full.rotor_inertia[i - 1],
-                "parameters": dict(zip(names, full.values(names).tolist(), strict=True)),
+                "parameters": {name: known[name] for name in names},
                 "origin": {name: full.origin.get(name, "prior") for name in names},
                 "possible": i not in full.impossible_links(),
             }
         )
     shape = robot.coulomb_shape
+    base = zip(arm.base.reduction.base_names, arm.theta.tolist(), strict=True)
     return {
         "schema": "dynid/full/1",
         "robot": robot.name,
@@ -63,9 +52,7 @@ def _document(arm: IdentifiedArm) -> dict[str, Any]:
         "links": links,
         "coulomb": {"shape": shape.shape, "velocity": list(shape.velocity)},
         "friction": {name: float(value) for name, value in full.friction.items()},
-        "base_parameters": dict(
-            zip(arm.base.reduction.base_names, arm.theta.tolist(), strict=True)
-        ),
+        "base_parameters": dict(base),
     }
 
 
@@ -77,7 +64,7 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     return (*effects, *residual_left_out(arm))
 
 
-def loaded(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
+def loaded(path: Path, arm: IdentifiedArm) -> Loaded:
     """Read the numbers back and evaluate dynid's full regressor with them."""
     import yaml
 
@@ -88,7 +75,7 @@ def loaded(path: Path, arm: IdentifiedArm) -> Iterator[Loaded]:
     base, model = arm.base, arm.base.model
     gamma = np.array([values[name] for name in model.parameter_names])
     full, minimal = model.observer(), model.observer(base.reduction.base)
-    yield Loaded(
+    return Loaded(
         "dynid", "all", lambda *s: full.torque(gamma, *s), lambda *s: minimal.torque(arm.theta, *s)
     )
 

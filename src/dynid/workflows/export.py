@@ -46,7 +46,7 @@ class ExportedFile:
         path: the file.
         text: its text.
         leaves_out: what the format has no place for, one phrase each.
-        agreements: comparisons with dynid's torques, one per engine that is installed.
+        agreements: comparison with dynid's torques, none where nothing here loads the file.
         refused: what the engine said that refused the file, empty when none did.
         elements: effects that it has elements for, one phrase each.
         beside: what ``effects.py`` beside it adds, one phrase each.
@@ -180,7 +180,7 @@ def export(
     progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> ExportedModel:
-    """Write an identified model, load each file in every engine that is installed, and compare torques.
+    """Write an identified model, load each file again, and compare torques.
 
     Args:
         result: identified parameters, their folder or their file.
@@ -436,6 +436,6 @@ def proved(name: str, path: Path, text: str, arm: IdentifiedArm, seed: int = 0) 
     if name not in HOSTS:
         return found
     where = simulated(arm)
-    beside = tuple(where.in_effects_file(mjcf=name == "mjcf", names=arm.robot.joint_names))
+    beside = tuple(where.in_effects_file(mjcf=name == "mjcf"))
     elements = where.numbers + (where.elements if name == "mjcf" else ())
     return replace(found, elements=elements, beside=beside)

@@ -3,14 +3,22 @@
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
+import pybullet
 from arms import random_bodies, random_robot
 
 from dynid.estimation.residual_model import GROUPS, ModelError
-from dynid.exporters import FullModel, IdentifiedArm, Provenance
+from dynid.exporters import FORMATS, FullModel, IdentifiedArm, Provenance
+from dynid.exporters.code import imported
+from dynid.exporters.effects_file import EFFECTS, own_values, stepped
+from dynid.exporters.engines import bullet_body, own_torques
+from dynid.exporters.full_model import world_gravity
+from dynid.exporters.simulated import numbers_of
+from dynid.exporters.urdf import joints_of
 from dynid.files.robotfile import load_robot
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.reduce import reduce
+from dynid.model.reduce import random_states, reduce
 from dynid.model.regressor import build_model
 from dynid.robot import EffectSpec
 
@@ -70,7 +78,7 @@ def random_model_error(arm, seed=0):
 
 
 #: Numbers of each effect of the catalogue, of a size that arms have.
-EFFECTS = {
+SIZES = {
     "torque_offset": {"c": 0.7},
     "viscous": {"fv": 1.3},
     "coulomb": {"fc": 0.8},
@@ -121,7 +129,7 @@ def with_effect(name, robot="kuka_lwr4plus", seed=1):
     arm = load_robot(robot)
     effect = CATALOGUE[name]
     joints = {"joint": (arm.joint_names[2],), "pair": arm.joint_names[2:4], "arm": ()}[effect.scope]
-    arm = replace(arm, effects=(EffectSpec(name, joints, EFFECTS[name]),))
+    arm = replace(arm, effects=(EffectSpec(name, joints, SIZES[name]),))
     made_of = made(arm, seed)
     sizes = {
         column.parameter.name: column.value
@@ -131,3 +139,49 @@ def with_effect(name, robot="kuka_lwr4plus", seed=1):
     full = replace(made_of.full, friction=made_of.full.friction | sizes)
     theta = made_of.base.reduction.K @ full.values(made_of.base.model.parameter_names)
     return replace(made_of, full=full, theta=theta)
+
+
+# ---------------------------------------------------------------- other people's engines
+def written(source, name, folder):
+    path = folder / f"arm{FORMATS[name].suffix}"
+    path.write_text(FORMATS[name].text(source), encoding="utf-8")
+    return path
+
+
+def off_in_pinocchio(source, path):
+    """Largest difference of torques on 1000 states [N m or N]: bodies, and rotors of an MJCF."""
+    mjcf = path.suffix == ".xml"
+    names, mapping = joints_of(source)
+    build = pin.buildModelFromMJCF if mjcf else pin.buildModelFromUrdf
+    full = build(str(path))
+    others = [i for i, name in enumerate(full.names) if i and name not in names]
+    model = pin.buildReducedModel(full, others, pin.neutral(full))
+    model.gravity.linear = world_gravity(source.robot)
+    data, joints = model.createData(), [model.joints[model.getJointId(name)] for name in names]
+    sign, offset = np.array(mapping.sign), np.array(mapping.offset)
+    ours = own_torques(source, numbers_of(source, *["Im"] * mjcf))
+    states = random_states(source.robot, 1000, 0)
+    worst = 0.0
+    for q, qd, qdd, expected in zip(*states, ours(*states), strict=True):
+        place, speed, rate = np.zeros(model.nq), np.zeros(model.nv), np.zeros(model.nv)
+        for joint, x, v, a in zip(joints, sign * (q - offset), sign * qd, sign * qdd, strict=True):
+            place[joint.idx_q : joint.idx_q + joint.nq] = (
+                x if joint.nq == 1 else (np.cos(x), np.sin(x))
+            )
+            speed[joint.idx_v], rate[joint.idx_v] = v, a
+        tau = pin.rnea(model, data, place, speed, rate)
+        found = sign * np.array([tau[joint.idx_v] for joint in joints])
+        worst = max(worst, np.abs(found - expected).max())
+    return worst
+
+
+def off_in_pybullet(source, path):
+    """Largest difference of all torques on 1000 states [N m or N], of a URDF with its effects.py."""
+    client, body = bullet_body(path, world_gravity(source.robot))
+    beside = path.parent / "effects.py"
+    beside.write_text(EFFECTS.text(source), encoding="utf-8")
+    theirs = stepped(imported(beside).Bullet(body, client))
+    states = random_states(source.robot, 1000, 0)
+    difference = theirs(*states) - own_torques(source, own_values(source))(*states)
+    pybullet.disconnect(client)
+    return np.abs(difference).max()

@@ -10,20 +10,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from arms import pinocchio_model
-from export_cases import SHIPPED, made, random, random_model_error, shipped, with_effect
+from export_cases import SHIPPED, made, random, random_model_error, shipped, with_effect, written
 
 from dynid.exporters import FORMATS
-from dynid.exporters.languages import compiled, imported, pointer
+from dynid.exporters.code import compiled, imported, pointer
 from dynid.files.robotfile import load_robot
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.reduce import random_states
 from dynid.robot import Coulomb, EffectSpec
-
-
-def written(source, name, folder):
-    path = folder / f"arm{FORMATS[name].suffix}"
-    path.write_text(FORMATS[name].text(source), encoding="utf-8")
-    return path
 
 
 @pytest.mark.parametrize("format", ["c", "python"])
@@ -64,13 +58,10 @@ def test_code_predicts_with_the_residual_model(robot, format, tmp_path):
     error = random_model_error(alone)
     source = replace(alone, model_error=error)
     q, qd, qdd = random_states(source.robot, 20, 3)
-    for engine, _, theirs, ours in FORMATS[format].loaded(
-        written(source, format, tmp_path), source
-    ):
-        expected = by_hand(source, error, q, qd, qdd)
-        assert engine
-        np.testing.assert_allclose(theirs(q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(ours(q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
+    found = FORMATS[format].loaded(written(source, format, tmp_path), source)
+    expected = by_hand(source, error, q, qd, qdd)
+    np.testing.assert_allclose(found.theirs(q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found.ours(q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
 
 
 def test_files_say_whether_they_have_the_residual_model():
@@ -189,16 +180,12 @@ def test_a_formula_is_part_of_the_code(format, tmp_path):
     q, qd, qdd = random_states(robot, 20, 3)
     law = 0.7 * np.cos(2 * q[:, 1]) * np.abs(qd[:, 2]) * qd[:, 3] ** 3 / (2 + np.sin(q[:, 0]) ** 2)
     law -= 0.3 * qdd[:, 0] * source.base.model.observer().coulomb_sign(qd)[:, 1]
-    (theirs,) = [
-        one.theirs for one in FORMATS[format].loaded(written(source, format, tmp_path), source)
-    ]
     (tmp_path / "bare").mkdir()
-    (alone,) = [
-        one.theirs for one in FORMATS[format].loaded(written(bare, format, tmp_path / "bare"), bare)
-    ]
-    expected = alone(q, qd, qdd)
+    form = FORMATS[format]
+    expected = form.loaded(written(bare, format, tmp_path / "bare"), bare).theirs(q, qd, qdd)
     expected[:, 1] += law
-    np.testing.assert_allclose(theirs(q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
+    found = form.loaded(written(source, format, tmp_path), source).theirs(q, qd, qdd)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
     assert FORMATS[format].leaves_out(source) == (
         f"effect formula on {names[3]}: it depends on what was before, and code keeps no state",
     )

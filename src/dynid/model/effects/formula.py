@@ -79,7 +79,7 @@ class Formula(Effect):
             needs_model=True,
         )
         self.text, self.revolute, self.joint = " ".join(text.split()), tuple(revolute), joint
-        whole = _read(self.text)
+        whole = read(self.text)
         parts = whole.parts if whole.head == "+" else (whole,)
         self.terms = tuple(_term(part, self.text) for part in parts)
         if len({name for name, _ in self.terms}) < len(self.terms):
@@ -119,7 +119,7 @@ def _refuse(text: str, what: str) -> NoReturn:
 
 
 # ---------------------------------------------------------------- reading
-def _read(text: str) -> Node:
+def read(text: str) -> Node:
     """Return the node of a formula."""
     if len(text) > LONGEST:
         _refuse(text, f"it is longer than {LONGEST} characters")

@@ -1,0 +1,192 @@
+"""Effects of the catalogue as formulas: one table for every language and simulator.
+
+A formula is a ``Node`` of ``dynid.model.effects.formula`` with two more signals: ``total``, the torque with friction,
+and ``z``, the deflection of a bristle before it slides. It is written in NumPy's spelling with elements ``q[0]``.
+Effects without such a formula are listed in ``WHOLE_ARM`` and ``REASONS``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from dynid.model.effects.catalogue import Added
+from dynid.model.effects.formula import Formula, Node, read
+from dynid.robot import Robot
+
+#: Effects that turn the torque of the whole arm: at a moved position, under another gravity, with another body.
+WHOLE_ARM = ("encoder_offset", "base_tilt", "tool_force", "payload")
+_JOINT_MORE = "a link that moves against its motor is one more joint of a simulator"
+#: Why there is no formula.
+REASONS = {
+    "joint_elasticity": _JOINT_MORE,
+    "backlash": _JOINT_MORE,
+    "torque_delay": "it is a delay of the log, not a torque of the arm",
+}
+#: The columns of each effect in the words of ``effect: formula``; its shape parameters stand in braces.
+_COLUMNS = {
+    "torque_offset": ("1",),
+    "viscous": ("qd",),
+    "viscous_change": ("qd",),
+    "coulomb": ("sign(qd)",),
+    "coulomb_change": ("sign(qd)",),
+    "asymmetric_viscous": ("|qd|",),
+    "load_friction": ("|tau| sign(qd)",),
+    "torque_gain": ("total",),
+    "torque_constant": ("|qd| total",),
+    "torque_crosstalk": ("tau",),
+    "motor_inertia": ("qdd",),
+    "presliding_hysteresis": ("z - sign(qd)",),
+    "joint_coupling": ("qd", "sign(qd)"),
+    "counterbalance": ("sin(q)", "cos(q)"),
+    "torque_ripple": ("cos({k} q)", "sin({k} q)"),
+    "gear_friction": ("cos({k} q) sign(qd)", "sin({k} q) sign(qd)"),
+    "position_friction": ("cos({h} q) sign(qd)", "sin({h} q) sign(qd)"),
+    "stribeck": ("exp(-(|qd| / {vs})^{d}) sign(qd)",),
+    "nonlinear_viscous": ("sign(1 qd) |qd|^{p}",),
+    "warmup_friction": ("exp(-t / {tw}) sign(qd)", "exp(-t / {tw}) qd"),
+    "torque_drift": ("{tc} (1 - exp(-t / {tc}))",),
+    # Why so: it is max(0, x) without another function.
+    "end_stop": ("0.5 (({side}) (q - ({q1})) + |({side}) (q - ({q1}))|)",),
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of an effect on one joint.
+
+    Attributes:
+        added: the effect.
+        name: its parameter, such as ``stribeck4_a``.
+        joint: the joint that it acts on, 0-based.
+        node: torque per unit of the parameter; its signals say their joints, from 1.
+    """
+
+    added: Added
+    name: str
+    joint: int
+    node: Node
+
+    @property
+    def signals(self) -> set[str]:
+        """Kinds of the signals in the formula, with ``t``."""
+        return {node.text or node.head for node in self.node.within()}
+
+    @property
+    def remembers(self) -> bool:
+        """Whether it needs the time or a bristle, which have to be kept from step to step."""
+        return bool(self.signals & {"t", "z"})
+
+    @property
+    def dry_size(self) -> Node | None:
+        """What multiplies the Coulomb sign of its own joint, None where it is no dry friction."""
+        factors = _factors(self.node)
+        rest = [one for one in factors if coulomb_joint(one) != self.joint + 1]
+        if len(rest) != len(factors) - 1:
+            return None
+        return Node("*", (Node("number", value=1.0), *rest))
+
+
+def columns_of(added: Added) -> list[Column]:
+    """Return the columns of an effect as formulas, none where it has no formula."""
+    effect = added.effect
+    if isinstance(effect, Formula):
+        nodes = [node for _, node in effect.terms]
+    else:
+        texts = _COLUMNS.get(effect.name, ())
+        if effect.name == "spring":
+            powers = [f"q^{k}" for k in range(1, round(added.shape["order"]) + 1)]
+            texts = (*powers, *["1"] * bool(added.shape["constant"]))
+        shape = {name: f"{value:.17g}" for name, value in added.shape.items()}
+        nodes = [read(text.format(**shape)) for text in texts]
+    # Signals of a pair belong to the neighbour, or to the joint that the torque leaks from.
+    return [
+        Column(added, column.parameter.name, added.joints[0], _placed(node, added.joints[-1] + 1))
+        for column, node in zip(added.columns, nodes, strict=False)
+    ]
+
+
+def _placed(node: Node, joint: int) -> Node:
+    """Return a formula whose signals all say their joint, from 1."""
+    parts = tuple(_placed(part, joint) for part in node.parts)
+    if node.head not in ("signal", "name"):
+        return replace(node, parts=parts)
+    return Node("signal", text=node.text, joint=node.joint or joint)
+
+
+def _factors(node: Node) -> list[Node]:
+    return [one for part in node.parts for one in _factors(part)] if node.head == "*" else [node]
+
+
+def coulomb_joint(node: Node) -> int:
+    """Return the joint, from 1, of a node that is a Coulomb sign, else 0."""
+    speed = node.head == "sign" and node.parts[0].text == "qd"
+    return node.parts[0].joint if speed else 0
+
+
+# ---------------------------------------------------------------- spelling
+def number(value: float) -> str:
+    """Return a number with all its digits, in brackets where it is negative."""
+    return repr(float(value)) if value >= 0 else f"({float(value)!r})"
+
+
+def coulomb(robot: Robot, joint: int, speed: str) -> str:
+    """Return the Coulomb sign of a joint, 0-based, as an expression."""
+    shape = robot.coulomb_shape
+    limit = number(shape.velocity[joint])
+    if shape.shape == "smooth":
+        return f"tanh({speed} / {limit})"
+    return f"(abs({speed}) >= {limit}) * sign({speed})"
+
+
+def written(node: Node, robot: Robot, bristle: int = 0) -> str:
+    """Return a formula whose signals say their joints as an expression, in brackets where it is made of several.
+
+    Args:
+        node: the formula.
+        robot: the arm, for the shape of its Coulomb signs.
+        bristle: number of its bristle, where it has one.
+    """
+    if joint := coulomb_joint(node):
+        return f"({coulomb(robot, joint - 1, f'qd[{joint - 1}]')})"
+    parts = [written(part, robot, bristle) for part in node.parts]
+    match node.head:
+        case "number":
+            return number(node.value)
+        case "t":
+            return "t"
+        case "signal":
+            return f"{node.text}[{bristle if node.text == 'z' else node.joint - 1}]"
+        case "+" | "*":
+            return f"({f' {node.head} '.join(parts)})"
+        case "^":
+            return f"pow({parts[0]}, {node.value!r})"
+        case "clip":
+            limit = number(node.value)
+            return f"(0.5 * (abs({parts[0]} + {limit}) - abs({parts[0]} - {limit})))"
+    return f"{node.head}({parts[0]})"
+
+
+# ---------------------------------------------------------------- words
+def phrase(added: Added, names: Sequence[str]) -> str:
+    """Return an effect and its joints in words, such as ``spring on A4``."""
+    joints = " and ".join(names[j] for j in added.joints)
+    return f"{added.effect.name} on {joints}" if joints else added.effect.name
+
+
+def without_torque(robot: Robot) -> tuple[str, ...]:
+    """Return the effects of a robot file that are no torque of states, one phrase each with the reason."""
+    return tuple(
+        f"effect {spec.effect}{f' on {joints}' if (joints := ', '.join(spec.joints)) else ''}: {REASONS[spec.effect]}"
+        for spec in robot.effects
+        if spec.effect in REASONS
+    )
+
+
+def why_not_code(added: Added) -> str:
+    """Return why exported code leaves out the torque of an effect, "" where it holds it."""
+    if any(column.remembers for column in columns_of(added)):
+        return "it depends on what was before, and code keeps no state"
+    if added.effect.name in WHOLE_ARM and added.effect.name != "payload":
+        return "it turns the torque of the whole arm"
+    return REASONS.get(added.effect.name, "")
