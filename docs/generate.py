@@ -6,7 +6,8 @@ They stand in their pages between two comments; ``make docs`` writes them anew, 
 from pathlib import Path
 
 from dynid.codes import codes, page
-from dynid.files.robotkeys import ROBOT, Key
+from dynid.files.robotkeys import ROBOT
+from dynid.files.yamlfile import Key
 from dynid.model.effects.catalogue import CATALOGUE
 
 BEGIN, END = "<!-- made by docs/generate.py -->\n", "\n<!-- end -->"

@@ -64,9 +64,6 @@ def reading(path: Path) -> Iterator[None]:
         ) from error
 
 
-# ---------------------------------------------------------------- results
-
-
 def read_artifact(
     path: Path, schema: str = "", shapes: Mapping[str, str] = MappingProxyType({})
 ) -> Artifact:
@@ -92,7 +89,7 @@ def read_artifact(
             f"{path} is not a dynid result, or is damaged: {error}", where=str(path)
         ) from error
     if schema:
-        _require_schema(path, header, schema)
+        require_schema(path, header, schema)
     sizes: dict[str, int] = {}
     with reading(path):
         for name, shape in shapes.items():
@@ -106,8 +103,14 @@ def read_artifact(
     return Artifact(found, header, arrays)
 
 
-def _require_schema(path: Path, header: Mapping[str, Any], schema: str) -> None:
-    found = str(header["schema"])
+def require_schema(path: Path, header: Mapping[str, Any], schema: str) -> None:
+    """Check what a file holds by its header.
+
+    Raises:
+        NotAnArtifact: something else.
+        NewerSchema: written by a newer dynid.
+    """
+    found = str(header.get("schema"))
     kind, _, number = found.rpartition("/")
     wanted, _, known = schema.rpartition("/")
     if kind == wanted and whole_number(number) > int(known):

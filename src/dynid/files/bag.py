@@ -17,14 +17,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from dynid.errors import BagTruncated, LogNotFound
-from dynid.files.messages import (
-    Broken,
-    Connection,
-    Message,
-    Topic,
-    nothing_readable,
-    topics_of,
-)
+from dynid.files.messages import Broken, Message, Topic, nothing_readable, topics_of
 from dynid.npz import bounded
 from dynid.text import shell
 
@@ -33,7 +26,7 @@ MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _BAG, _CHUNK, _CHUNK_INFO, _CONNECTION = (bytes([code]) for code in (2, 3, 5, 6, 7))
 #: A record header holds a few short fields; a larger number is debris [byte].
 _LARGEST_HEADER = 1 << 20
-_TIME, _STAMP = b"\r\0\0\0time=", struct.Struct("<II")
+_TIME = b"\r\0\0\0time="
 Fields = dict[bytes, bytes]
 
 
@@ -44,27 +37,26 @@ def list_topics(path: Path) -> dict[str, Topic]:
         BagTruncated: nothing is readable.
         LogNotFound: not a bag.
     """
-    known: dict[int, Connection] = {}
-    counts: list[tuple[int, int]] = []
-    try:
-        with path.open("rb") as stream:
-            stream.seek(_index(stream, path))
-            for fields, data in _records(stream):
-                if fields.get(b"op") == _CONNECTION:
-                    _remember(fields, data, known)
-                elif fields.get(b"op") == _CHUNK_INFO:
-                    counts += struct.iter_unpack("<II", data[: len(data) // 8 * 8])
-        return topics_of(
-            [(known[number], count) for number, count in [*((each, 0) for each in known), *counts]]
-        )
-    except (Broken, KeyError) as error:
-        reason = str(error)
-    found: list[tuple[Connection, int]] = []
-    with suppress(Broken):
-        found += ((connection, 1) for connection, _, _ in scan(path))
-    if not found:
-        raise nothing_readable(path, reason)
-    return topics_of(found)
+    known: dict[bytes, Topic] = {}
+    counts: list[tuple[Topic, int]] = []
+    damage: list[str] = []
+    with path.open("rb") as stream:
+        stream.seek(_index(stream, path, damage))
+        for fields, data in _records(stream, damage):
+            if fields.get(b"op") == _CONNECTION:
+                counts.append((_remembered(fields, known), 0))
+            elif fields.get(b"op") == _CHUNK_INFO:
+                pairs = struct.iter_unpack("<4sI", data[: len(data) // 8 * 8])
+                found = [(known.get(number), count) for number, count in pairs]
+                counts += [(topic, count) for topic, count in found if topic]
+                damage += ["its index is damaged"] * any(topic is None for topic, _ in found)
+    if damage:
+        counts = []
+        with suppress(Broken):
+            counts += ((topic, 1) for topic, _, _ in scan(path))
+        if not counts:
+            raise nothing_readable(path, damage[0])
+    return topics_of(counts)
 
 
 def parts_of(path: Path) -> list[Path]:
@@ -79,41 +71,30 @@ def scan(path: Path, topics: Collection[str] | None = None) -> Iterator[Message]
         Broken: after the last readable message, where there were others: a record or a chunk is damaged.
         TooLarge: a chunk unpacks like a bomb.
     """
-    known: dict[int, Connection] = {}
+    known: dict[bytes, Topic] = {}
     damage: list[str] = []
     with path.open("rb") as stream:
-        try:
-            _index(stream, path)
-        except Broken as error:
-            damage.append(str(error))
+        _index(stream, path, damage)
         stream.seek(len(MAGIC))
-        try:
-            for fields, data in _records(stream):
-                if fields.get(b"op") == _CHUNK:
-                    inner = _records(io.BytesIO(_unpacked(fields, data, stream, path, damage)))
-                else:
-                    inner = iter([(fields, data)])
-                try:
-                    for each, content in inner:
-                        if (message := _message(each, content, known)) and (
-                            topics is None or message[0].topic in topics
-                        ):
-                            yield message
-                except Broken as error:
-                    damage.append(str(error))
-        except Broken as error:
-            damage.append(str(error))
+        for fields, data in _records(stream, damage, chunks_of=path):
+            if fields.get(b"op") == _CONNECTION:
+                _remembered(fields, known)
+            elif fields.get(b"op") == _MESSAGE and len(time := fields.get(b"time", b"")) == 8:
+                topic = known.get(fields.get(b"conn", b""))
+                if topic is None or (topics is not None and topic.name not in topics):
+                    continue
+                seconds, nanoseconds = struct.unpack("<II", time)
+                yield topic, seconds * 10**9 + nanoseconds, data
     if damage:
         raise Broken(damage[0])
 
 
-def _index(stream: IO[bytes], path: Path) -> int:
-    """Return where the index of a bag begins."""
+def _index(stream: IO[bytes], path: Path, damage: list[str]) -> int:
+    """Return where the index of a bag begins; note that there is none."""
     start = stream.read(len(MAGIC))
     if not start:
-        raise BagTruncated(
-            f"{path.name} is empty: nothing was recorded", where=str(path), fix="record again"
-        )
+        text = f"{path.name} is empty: nothing was recorded"
+        raise BagTruncated(text, where=str(path), fix="record again")
     if not start.startswith(b"#ROSBAG V"):
         fix = f"see what it is: {shell('file', path)}; a bag begins with #ROSBAG V2.0"
         raise LogNotFound(f"{path.name} is not a ROS 1 bag", where=str(path), fix=fix)
@@ -121,42 +102,55 @@ def _index(stream: IO[bytes], path: Path) -> int:
         version = start.decode("latin-1").strip()
         text = f"{path.name} has the format {version}; dynid reads V2.0"
         raise LogNotFound(text, where=str(path), fix="convert it with: rosbag fix")
-    opening = next(_records(stream), ({}, b""))[0]
+    opening, _ = next(_records(stream, damage), ({}, b""))
     place = int.from_bytes(opening.get(b"index_pos", b"")[:8], "little")
     if not place:
-        raise Broken("it was never closed: there is no index")
-    if place >= path.stat().st_size:
-        raise Broken("it ends before its index")
+        damage.append("it was never closed: there is no index")
+    elif place >= path.stat().st_size:
+        damage.append("it ends before its index")
     return place
 
 
-def _records(stream: IO[bytes]) -> Iterator[tuple[Fields, bytes]]:
-    """Yield header and data of each record; of a chunk that is cut the data that is there.
+def _records(
+    stream: IO[bytes], damage: list[str], chunks_of: Path | None = None
+) -> Iterator[tuple[Fields, bytes]]:
+    """Yield header and data of each record, in the place of a chunk of a file those in it; note what is damaged.
 
-    Raises:
-        Broken: a record is damaged or cut.
+    Of a connection the facts in its data are with those in its header.
     """
     # Why: headers of messages differ in the time alone.
     known: dict[bytes, Fields] = {}
-    while head := stream.read(4):
-        length = int.from_bytes(head, "little")
-        if length > _LARGEST_HEADER:
-            raise Broken("a record header is damaged")
-        header = stream.read(length)
-        time = header.find(_TIME) + len(_TIME)
-        key = header[:time] + header[time + 8 :]
-        if key not in known:
-            known[key] = _fields(header)
-        fields = known[key]
-        if time >= len(_TIME):
-            fields = {**fields, b"time": header[time : time + 8]}
-        size = int.from_bytes(stream.read(4), "little")
-        data = stream.read(size)
-        if len(data) < size and fields.get(b"op") != _CHUNK:
-            raise Broken("it ends in the middle of a record")
-        yield fields, data
-        if len(data) < size:
-            raise Broken("its last chunk is cut")
+    try:
+        while head := stream.read(4):
+            length = int.from_bytes(head, "little")
+            if length > _LARGEST_HEADER:
+                raise Broken("a record header is damaged")
+            header = stream.read(length)
+            time = header.find(_TIME) + len(_TIME)
+            key = header[:time] + header[time + 8 :]
+            if key not in known:
+                known[key] = _fields(header)
+            fields = known[key]
+            if time >= len(_TIME):
+                fields = {**fields, b"time": header[time : time + 8]}
+            size = int.from_bytes(stream.read(4), "little")
+            data = stream.read(size)
+            if fields.get(b"op") == _CHUNK and chunks_of:
+                plain = fields.get(b"compression") == b"none"
+                inside = (
+                    data if plain else _unpacked(fields, data or stream.read(), chunks_of, damage)
+                )
+                yield from _records(io.BytesIO(inside), damage)
+                if len(data) < size:
+                    raise Broken("its last chunk is cut")
+            elif len(data) < size:
+                raise Broken("it ends in the middle of a record")
+            elif fields.get(b"op") == _CONNECTION:
+                yield {**_fields(data), **fields}, data
+            else:
+                yield fields, data
+    except Broken as error:
+        damage.append(str(error))
 
 
 def _fields(header: bytes) -> Fields:
@@ -174,47 +168,28 @@ def _fields(header: bytes) -> Fields:
     return found
 
 
-def _message(fields: Fields, data: bytes, known: dict[int, Connection]) -> Message | None:
-    """Return the message of a record, or remember the connection that it describes."""
-    op = fields.get(b"op")
-    if op == _CONNECTION:
-        _remember(fields, data, known)
-    if op != _MESSAGE or len(fields.get(b"time", b"")) != 8:
-        return None
-    connection = known.get(int.from_bytes(fields.get(b"conn", b""), "little"))
-    seconds, nanoseconds = _STAMP.unpack(fields[b"time"])
-    return (connection, seconds * 10**9 + nanoseconds, data) if connection else None
-
-
-def _remember(fields: Fields, data: bytes, known: dict[int, Connection]) -> None:
-    facts = _fields(data)
-    topic, kind, md5 = (
-        words.get(key, b"").decode("utf-8", "replace")
-        for words, key in ((fields, b"topic"), (facts, b"type"), (facts, b"md5sum"))
+def _remembered(fields: Fields, known: dict[bytes, Topic]) -> Topic:
+    """Return the topic of a connection; messages name it by its number."""
+    name, kind, md5 = (
+        fields.get(key, b"").decode("utf-8", "replace") for key in (b"topic", b"type", b"md5sum")
     )
-    topic = "/" * topic.startswith("/") + "/".join(filter(None, topic.split("/")))
-    known[int.from_bytes(fields.get(b"conn", b""), "little")] = Connection(topic, kind, False, md5)
+    name = "/" * name.startswith("/") + "/".join(filter(None, name.split("/")))
+    topic = known[fields.get(b"conn", b"")] = Topic(name, kind, md5=md5)
+    return topic
 
 
-def _unpacked(
-    fields: Fields, data: bytes, stream: IO[bytes], path: Path, damage: list[str]
-) -> bytes:
-    """Return the records in a chunk, of one that is cut those before the cut; note what is wrong with it.
+def _unpacked(fields: Fields, data: bytes, path: Path, damage: list[str]) -> bytes:
+    """Return the records in a compressed chunk, of one that is cut those before the cut; note what is wrong with it.
 
     Why: a chunk is given its size when it is closed; an open one reaches to the end of the file, and the messages of
     an uncompressed one simply follow.
     """
-    compression = fields.get(b"compression", b"")
-    if compression == b"none":
-        return data
     size = int.from_bytes(fields.get(b"size", b""), "little")
-    if not data:
-        data = stream.read()
     bounded(len(data), size, path)
     machine: Any
-    if compression == b"bz2":
+    if fields.get(b"compression") == b"bz2":
         machine = bz2.BZ2Decompressor()
-    elif compression == b"lz4":
+    elif fields.get(b"compression") == b"lz4":
         from lz4.frame import LZ4FrameDecompressor
 
         machine = LZ4FrameDecompressor()

@@ -7,25 +7,12 @@ baseline, tolerance. ``defaults`` at the top holds the same keys for all jobs. P
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from dynid.errors import WrongRobotFile
-from dynid.files.yamlfile import Value, read_yaml
-
-_JOB = (
-    "name",
-    "robot",
-    "logs",
-    "options",
-    "validate",
-    "max_unexplained",
-    "fail_if",
-    "baseline",
-    "tolerance",
-)
+from dynid.files.yamlfile import TEXT, Key, Kind, Value, read_yaml
 
 
 @dataclass(frozen=True)
@@ -55,6 +42,43 @@ class Job:
     tolerance: str = ""
 
 
+def _listed(value: Value) -> tuple[str, ...]:
+    return tuple(item.text() for item in value.items()) if value.is_list else (value.text(),)
+
+
+def _path(value: Value) -> Path:
+    return value.file.parent / value.text()
+
+
+def _paths(value: Value) -> tuple[Path, ...]:
+    found = tuple(value.file.parent / text for text in _listed(value))
+    if not found:
+        raise value.wrong(" is empty")
+    return found
+
+
+def _robot(value: Value) -> str:
+    text = value.text()
+    return str(_path(value)) if text.endswith((".yaml", ".yml")) else text
+
+
+def _options(value: Value) -> dict[str, str]:
+    return {key: item.text() for key, item in (value.entries() or value.mapping(())).items()}
+
+
+_KEYS = (
+    Key("name", TEXT),
+    Key("robot", Kind("name or path", _robot)),
+    Key("logs", Kind("path or list of paths", _paths)),
+    Key("options", Kind("mapping", _options)),
+    Key("validate", Kind("path or list of paths", _paths)),
+    Key("max_unexplained", TEXT),
+    Key("fail_if", Kind("text or list of texts", _listed)),
+    Key("baseline", Kind("path", _path)),
+    Key("tolerance", TEXT),
+)
+
+
 def read_batch(path: Path) -> tuple[Job, ...]:
     """Read a batch file.
 
@@ -63,68 +87,29 @@ def read_batch(path: Path) -> tuple[Job, ...]:
     """
     try:
         top = read_yaml(path).mapping(("defaults", "jobs"), required=("jobs",))
-        shared = top["defaults"].mapping(_JOB) if "defaults" in top else {}
-        jobs = tuple(_job(value, shared, path.parent) for value in top["jobs"].items())
+        shared = top["defaults"].read(_KEYS) if "defaults" in top else {}
+        jobs = tuple(_job(value, {**shared, **value.read(_KEYS)}) for value in top["jobs"].items())
         if not jobs:
-            raise WrongRobotFile(f"{top['jobs'].where}: jobs is empty", where=top["jobs"].where)
-        _unique(jobs, top["jobs"])
+            raise top["jobs"].wrong(" is empty")
+        count = Counter(map(folder_name, jobs))
+        for job in jobs:
+            if count[folder := folder_name(job)] > 1:
+                raise top["jobs"].wrong(
+                    f": two jobs would write to the folder '{folder}' ('{job.name}'); give each a name"
+                )
     except WrongRobotFile as error:
-        error.why, error.fix = (
-            "the job could not be run",
-            "`dynid explain ci-regression` shows a batch file",
-        )
+        error.why = "the job could not be run"
+        error.fix = "`dynid explain ci-regression` shows a batch file"
         raise
     return jobs
 
 
-def _job(value: Value, shared: dict[str, Value], folder: Path) -> Job:
-    keys = {**shared, **value.mapping(_JOB)}
+def _job(value: Value, given: dict[str, Any]) -> Job:
     for key in ("robot", "logs"):
-        if key not in keys:
-            raise WrongRobotFile(
-                f"{value.where}: {value.path} lacks the key '{key}'", where=value.where
-            )
-    logs = _paths(keys["logs"], folder)
-    robot = keys["robot"].text()
-    robot = str(folder / robot) if robot.endswith((".yaml", ".yml")) else robot
-    text: dict[str, Any] = {
-        key: keys[key].text() for key in ("max_unexplained", "tolerance") if key in keys
-    }
-    return Job(
-        name=keys["name"].text() if "name" in keys else f"{Path(robot).stem}-{Path(logs[0]).stem}",
-        robot=robot,
-        logs=logs,
-        options=_options(keys["options"]) if "options" in keys else {},
-        validate=_paths(keys["validate"], folder) if "validate" in keys else (),
-        fail_if=_list(keys["fail_if"], Value.text) if "fail_if" in keys else (),
-        baseline=folder / keys["baseline"].text() if "baseline" in keys else None,
-        **text,
-    )
-
-
-def _list(value: Value, read: Callable[[Value], str]) -> tuple[str, ...]:
-    return tuple(read(item) for item in value.items()) if value.is_list else (read(value),)
-
-
-def _paths(value: Value, folder: Path) -> tuple[Path, ...]:
-    found = tuple(folder / text for text in _list(value, Value.text))
-    if not found:
-        raise WrongRobotFile(f"{value.where}: {value.path} is empty", where=value.where)
-    return found
-
-
-def _options(value: Value) -> dict[str, str]:
-    keys = [str(key.value) for key, _ in value.node.value] if value.is_mapping else []
-    return {key: item.text() for key, item in value.mapping(keys).items()}
-
-
-def _unique(jobs: tuple[Job, ...], value: Value) -> None:
-    folders = [folder_name(job) for job in jobs]
-    count = Counter(folders)
-    for job, folder in zip(jobs, folders, strict=True):
-        if count[folder] > 1:
-            what = f"{value.where}: two jobs would write to the folder '{folder}' ('{job.name}'); give each a name"
-            raise WrongRobotFile(what, where=value.where)
+        if key not in given:
+            raise value.wrong(f" lacks the key '{key}'")
+    name = f"{Path(given['robot']).stem}-{given['logs'][0].stem}"
+    return Job(**{"name": name, **given})
 
 
 def folder_name(job: Job) -> str:

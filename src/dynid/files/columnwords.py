@@ -7,22 +7,8 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import takewhile
 
-#: Names of a column that is time, in small letters and without their unit.
-_TIMES = frozenset(
-    [
-        "t",
-        "time",
-        "stamp",
-        "timestamp",
-        "seconds",
-        "duration",
-        "elapsed",
-        "clock",
-        "zeit",
-        "temps",
-        "tiempo",
-    ]
-)
+from dynid.units import FACTORS
+
 #: A unit at the end of the name of a time column: time_ms, t[us], stamp (ns), Time [s].
 _TIME_UNIT = re.compile(
     r"(?:^|[_\s\[(./]+)(s|secs?|seconds|ms|msec|us|usec|µs|ns|nsec|nanosec)[\])]?$"
@@ -41,34 +27,22 @@ _WORDS = {
 _KINDS = {word: kind for kind, words in reversed(_WORDS.items()) for word in words.split()}
 _CURRENT = frozenset(_WORDS["effort"].partition("load ")[2].split())
 #: Words of what was commanded and of what was measured, and of columns that are no joint's: tools and hands, estimates
-#: of what touches the arm, statistics.
+#: of what touches the arm, statistics; names of a column that is time, without their unit.
 _QUALIFIED = {
     "commanded": "ref reference target cmd command commanded des desired goal set setpoint d",
     "measured": "actual measured meas msr act state",
     "other": "tcp tool flange ee cart cartesian gripper finger ext external contact temp temperature voltage window "
     "error err std var dtau offset limit",
+    "time": "t time stamp timestamp seconds duration elapsed clock zeit temps tiempo",
 }
-_COMMANDED, _MEASURED, _OTHER = (frozenset(words.split()) for words in _QUALIFIED.values())
-_UNITS = {
-    "rad": "rad",
-    "deg": "deg",
+_COMMANDED, _MEASURED, _OTHER, _TIMES = (frozenset(words.split()) for words in _QUALIFIED.values())
+#: Units as headers spell them, in small letters.
+_UNITS = {unit.lower(): unit for units in FACTORS.values() for unit in units} | {
     "degrees": "deg",
     "°": "deg",
-    "m": "m",
-    "mm": "mm",
-    "rad/s": "rad/s",
-    "deg/s": "deg/s",
     "°/s": "deg/s",
-    "rpm": "rpm",
-    "m/s": "m/s",
-    "mm/s": "mm/s",
-    "nm": "Nm",
     "n m": "Nm",
     "n*m": "Nm",
-    "mnm": "mNm",
-    "n": "N",
-    "a": "A",
-    "ma": "mA",
 }
 
 

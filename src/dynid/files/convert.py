@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,32 +48,21 @@ def write_log(log: Log, path: Path) -> Path:
     return path
 
 
-def _names(log: Log) -> list[str]:
-    return list(log.names) or [f"joint_{k + 1}" for k in range(log.n)]
-
-
 def _columns(log: Log) -> dict[str, Any]:
     """Return the columns of a table by name; those that are not a number throughout were never recorded."""
-    word = {"tau": "i"} if log.tau_unit == "A" else {}
-    found = {"t": log.t} | {
-        f"{word.get(kind, kind)}_{name}": values[:, k]
+    joints = list(log.names) or [f"joint_{k + 1}" for k in range(log.n)]
+    words = {"tau": "i" if log.tau_unit == "A" else "tau"}
+    tables = {
+        words.get(kind, kind): values
         for kind, values in log.columns.items()
         if COLUMNS[kind] and np.isfinite(values).any()
-        for k, name in enumerate(_names(log))
     }
-    for key, values in log.further().items():
+    found = {"t": log.t}
+    for key, values in (tables | log.further()).items():
         table = values.reshape(len(log), -1)
-        names = (
-            [key]
-            if values.ndim == 1
-            else _names(log)
-            if values.shape == log.q.shape
-            else range(table.shape[1])
-        )
-        found |= {
-            key if values.ndim == 1 else f"{key}_{name}": table[:, k]
-            for k, name in enumerate(names)
-        }
+        names = joints if values.shape == log.q.shape else range(table.shape[1])
+        for k, name in enumerate(names):
+            found[key if values.ndim == 1 else f"{key}_{name}"] = table[:, k]
     return found
 
 
@@ -94,8 +82,7 @@ WRITERS: dict[str, Callable[[Log, Path], object]] = {
 
 
 # ---------------------------------------------------------------- a replay
-@dataclass(frozen=True)
-class JointStates:
+class JointStates(NamedTuple):
     """Motion and torques at some instants.
 
     Attributes:
@@ -107,11 +94,6 @@ class JointStates:
     q: Floats
     qd: Floats
     tau: Floats
-
-    @property
-    def rows(self) -> list[Floats]:
-        """The three arrays, in memory as messages are made from them."""
-        return [np.ascontiguousarray(part) for part in (self.q, self.qd, self.tau)]
 
 
 def write_replay(
@@ -159,7 +141,10 @@ def write_replay(
         writer.add_attachment(first, first, "robot.urdf", "application/xml", urdf.encode())
         description = bytes(store.serialize_cdr(store.types[TEXT](urdf), TEXT))
         writer.add_message(channel("/robot_description", TEXT, LATCHED), first, description, first)
-        rows = [(channel(topic, STATE), states.rows) for topic, states in topics.items()]
+        rows = [
+            (channel(topic, STATE), [np.ascontiguousarray(part) for part in states])
+            for topic, states in topics.items()
+        ]
         for i, stamp in enumerate(times):
             header = Header(Time(*divmod(stamp, 10**9)), "")
             for number, columns in rows:

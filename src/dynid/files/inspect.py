@@ -19,8 +19,8 @@ from dynid.files.columnwords import (
     template,
     usual_joints,
 )
-from dynid.files.dialect import dialect_of
 from dynid.files.messages import KINOVA_TYPES, MULTI_ARRAY, Topic
+from dynid.files.texttable import text_table
 from dynid.log import Log
 from dynid.text import yaml_word
 
@@ -147,7 +147,7 @@ def inspect(path: Path, rate: float | None = None) -> Inspected:
 
 
 def _table(path: Path, rate: float | None) -> Inspected:
-    columns = dialect_of(path).names
+    columns = text_table(path).names
     patterns: dict[str, str] = {}
     names: list[str] = []
     if not usual_joints(columns) and (patterns := suggested(columns)):

@@ -9,13 +9,12 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.disk import sha256
 from dynid.drivers.interface import JOINT_STATE, driver_of
@@ -24,17 +23,16 @@ from dynid.errors import (
     JointNamesDiffer,
     LogLayout,
     LogNotFound,
-    NewerSchema,
+    NotAnArtifact,
     WrongMessageType,
 )
 from dynid.files import bag, rosbag2, tables, tuning
+from dynid.files.artifact import require_schema
 from dynid.files.messages import KINOVA_TYPES, MULTI_ARRAY, Message, Topic, collected
-from dynid.log import COLUMNS, SCHEMA, Log, has_rows
+from dynid.log import ARRAYS, COLUMNS, SCHEMA, Log, has_rows
 from dynid.npz import HEADER, read_npz
 from dynid.robot import Robot
-from dynid.text import whole_number
 from dynid.units import POSITION
-from dynid.version import __version__
 
 #: Format of each suffix, and of the first bytes of a file that has none of these.
 FORMATS = {
@@ -192,23 +190,30 @@ def read_npz_log(path: Path) -> Log:
     """
     try:
         arrays = read_npz(path)
-        header: dict[str, Any] = (
-            dict(json.loads(str(arrays.pop(HEADER)))) if HEADER in arrays else {}
-        )
+        header = dict(json.loads(str(arrays.pop(HEADER)))) if HEADER in arrays else {}
         units = {str(key): str(unit) for key, unit in dict(header.get("units") or {}).items()}
-        names = tuple(str(name) for name in header.get("joint_names") or ())
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise LogNotFound(
-            f"{path.name} is not an .npz log, or is damaged: {error}", where=str(path)
-        ) from error
-    if header:
-        _check_schema(path, header)
-    motor, own = "q_motor" in arrays, ("t", "q", "qd", "tau", "q_motor", "tau_motor")
+        names = tuple(header.get("joint_names") or ())
+        if header:
+            require_schema(path, header, SCHEMA)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        text = f"{path.name} is not an .npz log, or is damaged: {error}"
+        raise LogNotFound(text, where=str(path)) from error
+    except NotAnArtifact as error:
+        holds = header.get("schema") or "something else"
+        raise LogNotFound(f"{path.name} holds {holds}, not a log", where=str(path)) from error
+    motor = "q_motor" in arrays
     position, torque = ("q_motor", "tau_motor") if motor else ("q", "tau")
     for key in ("t", position, torque):
         if key not in arrays:
             have = ", ".join(sorted(arrays)) or "no arrays"
             raise LogLayout(f"{path.name} has no array '{key}'; it has {have}", where=str(path))
+    extra = {
+        key: values
+        for key, values in arrays.items()
+        if key not in (*ARRAYS, "q", "qd", "tau")
+        and (COLUMNS[key] if key in COLUMNS else has_rows(values, arrays["t"].size))
+    }
+    effort = units.get("effort")
     log = Log(
         t=arrays["t"],
         q=arrays[position],
@@ -217,39 +222,15 @@ def read_npz_log(path: Path) -> Log:
         qd=arrays.get("qd"),
         source=path,
         topic=str(header.get("topic", "")),
-        tau_unit="" if "effort" not in units else "A" if units["effort"] in ("A", "mA") else "Nm",
+        tau_unit="A" if effort in ("A", "mA") else "Nm" if effort else "",
         units=units,
-        motor_side=motor or bool(header.get("motor_side", False)),
-        dh=bool(header.get("dh", False)),
-        extra={
-            key: x
-            for key, x in arrays.items()
-            if key not in own and _kept(key, x, arrays["t"].size)
-        },
+        motor_side=motor or bool(header.get("motor_side")),
+        dh=bool(header.get("dh")),
+        extra=extra,
     )
     if not log.q.size:
         raise LogLayout(f"{path.name}: array 'q' holds no numbers", where=str(path))
     return log
-
-
-def _kept(key: str, array: NDArray[Any], samples: int) -> bool:
-    """Return whether an array of a file is a column of joints, or anything else with a row per sample."""
-    return bool(COLUMNS[key]) if key in COLUMNS else has_rows(array, samples)
-
-
-def _check_schema(path: Path, header: dict[str, Any]) -> None:
-    schema = str(header.get("schema", ""))
-    kind, _, number = schema.rpartition("/")
-    if kind == "dynid/log" and whole_number(number) > 1:
-        writer = header.get("dynid", "?")
-        raise NewerSchema(
-            f"{path.name} was written by dynid {writer} (schema {number}); this is {__version__}; upgrade",
-            where=str(path),
-        )
-    if schema != SCHEMA:
-        raise LogNotFound(
-            f"{path.name} holds {schema or 'something else'}, not a log", where=str(path)
-        )
 
 
 # ---------------------------------------------------------------- joint states of bags
@@ -269,85 +250,42 @@ def _read_joint_states(path: Path, robot: Robot, topic: str | None, container: C
         BagTruncated: nothing is readable.
     """
     topics = {name: found.type for name, found in container.list_topics(path).items()}
-    driver = driver_of(robot)
-    if JOINT_STATE not in topics.values() and (pair := _kinova_pair(topics, topic)):
-        return _read_kinova_pair(path, robot, *pair, container)
-    chosen = driver.choose_topic(topics, topic, robot, path.name)
     apart = robot.driver.effort_topic if robot.driver else None
-    if apart is not None and topics.get(apart) not in (JOINT_STATE, MULTI_ARRAY):
-        found = f"is {topics[apart]}" if apart in topics else "is not there"
-        text = (
-            f"the topic of the torques, {apart}, {found}; {JOINT_STATE} or {MULTI_ARRAY} is needed"
-        )
-        raise WrongMessageType(
-            text, where=path.name, fix="correct `effort_topic:` under `driver:` in the robot file"
-        )
-    wanted = [chosen] if apart is None else [chosen, apart]
-    groups, findings = read_topics(path, wanted, container)
-    log = _of_robot(groups.get(chosen, []), robot, chosen)
-    if apart is not None:
-        log = _with_effort(log, groups.get(apart, []), robot, apart)
-    for key in ("position", "effort"):
-        if key in log.extra["absent"]:
+    pair = _kinova_pair(topics, topic) if JOINT_STATE not in topics.values() else None
+    if pair:
+        chosen, apart = pair
+    else:
+        chosen = driver_of(robot).choose_topic(topics, topic, robot, path.name)
+        if apart is not None and topics.get(apart) not in (JOINT_STATE, MULTI_ARRAY):
+            found = f"is {topics[apart]}" if apart in topics else "is not there"
             raise WrongMessageType(
-                f"{chosen} has no {key} in any of its {len(log)} messages", where=path.name
+                f"the topic of the torques, {apart}, {found}; {JOINT_STATE} or {MULTI_ARRAY} is needed",
+                where=path.name,
+                fix="correct `effort_topic:` under `driver:` in the robot file",
             )
-    if log.extra["clock"] == "arrival":
-        findings = (*findings, _arrival(chosen))
-    return replace(log, source=path, findings=findings)
-
-
-def _with_effort(log: Log, groups: Sequence[Log], robot: Robot, topic: str) -> Log:
-    """Return a log with the torques of another topic, each position with the torque at its time.
-
-    Raises:
-        WrongMessageType: the topic has other joints, or no time in common with the positions.
-    """
-    if not groups:
-        raise WrongMessageType(f"{topic} has no messages", where=topic)
-    one = next((group for group in groups if set(robot.log_names) <= set(group.names)), groups[0])
-    torque = one.q if "effort" in one.extra["absent"] else one.tau
-    joints = list(one.names) or [*robot.log_names[: one.n]]
-    if torque.shape[1] < robot.n or not set(joints) <= {*log.names, *one.names}:
-        raise WrongMessageType(
-            f"{topic} has {torque.shape[1]} torques, {robot.name} has {robot.n} joints", where=topic
-        )
-    # Unit: both clocks count from their own first message; stamps of headers only compare with each other.
-    both = log.extra["clock"] == one.extra["clock"]
-    first = (
-        (one.extra["start_ns"] - log.extra["start_ns"])
-        if both
-        else (one.extra["arrival_ns"][0] - log.extra["arrival_ns"][0])
-    )
-    clock = one.t + first * 1e-9
-    shared = (log.t >= clock[0]) & (log.t <= clock[-1])
-    if not shared.any():
-        raise WrongMessageType(f"{log.topic} and {topic} share no time", where=topic)
-    tau = np.full((int(shared.sum()), log.n), np.nan)
-    for k, name in enumerate(log.names):
-        if name in joints:
-            tau[:, k] = np.interp(log.t[shared], clock, torque[:, joints.index(name)])
-    extra = {**log.extra, "absent": tuple(key for key in log.extra["absent"] if key != "effort")}
-    t, qd = log.t[shared], log.qd[shared] if log.qd is not None else None
-    extra["start_ns"] += round(1e9 * float(t[0]))
-    return replace(log, t=t - t[0], q=log.q[shared], tau=tau, qd=qd, extra=extra)
-
-
-def _of_robot(groups: Sequence[Log], robot: Robot, topic: str) -> Log:
-    """Return the log whose names cover the robot's; other nodes may publish on the same topic."""
-    for names in (robot.log_names, robot.joint_names):
-        for log in groups:
-            if set(names) <= set(log.names):
-                return log
-    if not groups:
-        raise WrongMessageType(f"{topic} has no messages", where=topic)
-    if not groups[0].names:
+    groups, findings = read_topics(path, {chosen, apart or chosen}, container)
+    log = _of_robot(groups, robot, chosen)
+    if pair:
+        log = _in_degrees(log, robot)
+    elif not log.names:
         raise JointNamesDiffer(
-            f"the messages of {topic} name no joints",
-            where=topic,
+            f"the messages of {chosen} name no joints",
+            where=chosen,
             fix="make the driver fill the names of its JointState",
         )
-    return groups[0]
+    if apart is not None:
+        log = _with_effort(log, _of_robot(groups, robot, apart), robot)
+    for key in ("position", "effort"):
+        if key in log.extra["absent"]:
+            text = f"{chosen} has no {key} in any of its {len(log)} messages"
+            raise WrongMessageType(text, where=path.name)
+    if log.extra["clock"] == "arrival":
+        text = (
+            f"{' and '.join(pair or [chosen])} has no usable time stamps: "
+            "the time of arrival in the bag is used, which jitters more"
+        )
+        findings = (*findings, Finding("W304", "warning", text))
+    return replace(log, source=path, findings=findings)
 
 
 def _kinova_pair(topics: dict[str, str], asked: str | None) -> tuple[str, str] | None:
@@ -355,43 +293,60 @@ def _kinova_pair(topics: dict[str, str], asked: str | None) -> tuple[str, str] |
     own = [name for name, kind in topics.items() if kind in KINOVA_TYPES]
     angles = [name for name in own if name.endswith("joint_angles")]
     torques = [name for name in own if name.endswith("joint_torques")]
-    if not angles or not torques or (asked is not None and asked not in (angles[0], torques[0])):
+    if not angles or not torques or asked not in (None, angles[0], torques[0]):
         return None
     return angles[0], torques[0]
 
 
-def _read_kinova_pair(
-    path: Path, robot: Robot, angles: str, torques: str, container: Container
-) -> Log:
-    """Read angles and torques from two topics; each angle gets the torque at its time of arrival."""
-    groups, findings = read_topics(path, [angles, torques], container)
-    if angles not in groups or torques not in groups:
-        raise WrongMessageType(
-            f"{path.name} needs messages on both {angles} and {torques}", where=path.name
-        )
-    position, torque = groups[angles][0], groups[torques][0]
-    # Unit: these messages have no stamps, so that both logs count from the arrival of their own first message.
-    grid = torque.t + (torque.extra["arrival_ns"][0] - position.extra["arrival_ns"][0]) * 1e-9
-    both = (position.t >= grid[0]) & (position.t <= grid[-1])
-    if not both.any():
-        raise WrongMessageType(f"{angles} and {torques} share no time", where=path.name)
-    t, n = position.t[both], min(robot.n, 7)
-    unit = robot.driver.units["position"] if robot.driver else "rad"
-    # Unit: these messages are in degrees by definition; the log is handed over in the unit that the robot file expects.
-    q = position.q[both, :n] * POSITION["deg"] / POSITION[unit]
-    tau = np.column_stack([np.interp(t, grid, torque.q[:, j]) for j in range(n)])
-    return Log(
-        t - t[0],
-        q,
-        tau,
-        robot.log_names[:n],
-        source=path,
-        topic=angles,
-        findings=(*findings, _arrival(f"{angles} and {torques}")),
-        extra={"clock": "arrival"},
+def _of_robot(groups: Mapping[str, Sequence[Log]], robot: Robot, topic: str) -> Log:
+    """Return the log of a topic whose names cover the robot's; other nodes may publish on the same topic."""
+    logs = groups.get(topic, ())
+    if not logs:
+        raise WrongMessageType(f"{topic} has no messages", where=topic)
+    covering = (
+        log
+        for names in (robot.log_names, robot.joint_names)
+        for log in logs
+        if set(names) <= set(log.names)
     )
+    return next(covering, logs[0])
 
 
-def _arrival(topic: str) -> Finding:
-    text = f"{topic} has no usable time stamps: the time of arrival in the bag is used, which jitters more"
-    return Finding("W304", "warning", text)
+def _in_degrees(log: Log, robot: Robot) -> Log:
+    """Return angles of Kinova's own messages, which are degrees by definition, in the unit of the robot file."""
+    unit = robot.driver.units["position"] if robot.driver else "rad"
+    n = min(robot.n, log.n)
+    q = log.q[:, :n] * POSITION["deg"] / POSITION[unit]
+    return replace(log, q=q, tau=log.tau[:, :n], names=robot.log_names[:n])
+
+
+def _with_effort(log: Log, one: Log, robot: Robot) -> Log:
+    """Return a log with the torques of another topic, each position with the torque at its time.
+
+    Raises:
+        WrongMessageType: the topic has other joints, or no time in common with the positions.
+    """
+    torque = one.q if "effort" in one.extra["absent"] else one.tau
+    joints = list(one.names) or [*robot.log_names[: one.n]]
+    if torque.shape[1] < robot.n or not set(joints) <= {*log.names, *one.names}:
+        text = f"{one.topic} has {torque.shape[1]} torques, {robot.name} has {robot.n} joints"
+        raise WrongMessageType(text, where=one.topic)
+    # Unit: both clocks count from their own first message; stamps of headers only compare with each other.
+    both = log.extra["clock"] == one.extra["clock"]
+    first = (
+        one.extra["start_ns"] - log.extra["start_ns"]
+        if both
+        else one.extra["arrival_ns"][0] - log.extra["arrival_ns"][0]
+    )
+    clock = one.t + first * 1e-9
+    shared = (log.t >= clock[0]) & (log.t <= clock[-1])
+    if not shared.any():
+        raise WrongMessageType(f"{log.topic} and {one.topic} share no time", where=one.topic)
+    t, tau = log.t[shared], np.full((int(shared.sum()), log.n), np.nan)
+    for k, name in enumerate(log.names):
+        if name in joints:
+            tau[:, k] = np.interp(t, clock, torque[:, joints.index(name)])
+    extra = {**log.extra, "absent": tuple(key for key in log.extra["absent"] if key != "effort")}
+    extra["start_ns"] += round(1e9 * float(t[0]))
+    qd = log.qd[shared] if log.qd is not None else None
+    return replace(log, t=t - t[0], q=log.q[shared], tau=tau, qd=qd, extra=extra)

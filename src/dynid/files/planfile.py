@@ -7,7 +7,7 @@ Waypoints are in DH angles; a CSV has one row per waypoint, one column per joint
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from dynid.errors import (
     JointCountDiffers,
     LogLayout,
-    LogNotFound,
     PositionInDegrees,
     TimeNotIncreasing,
 )
 from dynid.files import tuning
-from dynid.files.yamlfile import LARGEST, Value, read_yaml
+from dynid.files.robotkeys import COORDINATE, VECTOR, choice, per_joint, several
+from dynid.files.texttable import COMMENT, lines_of, text_table
+from dynid.files.yamlfile import LARGEST, NUMBER, REQUIRED, Context, Key, Kind, Value, read_yaml
 from dynid.robot import Robot
 from dynid.units import ANGLE
 
@@ -45,7 +46,6 @@ OPTIONS = (
     "floor",
     "rate",
 )
-_KEYS = (*OPTIONS, "angle_unit", "waypoints", "times", "obstacles", "workspace")
 
 
 @dataclass(frozen=True)
@@ -80,48 +80,46 @@ class PlanFile:
     workspace: Corners | None = None
 
 
+def _corners(value: Value) -> Corners:
+    lower, upper = value.read(_BOX).values()
+    (a, b, c), (d, e, f) = np.minimum(lower, upper).tolist(), np.maximum(lower, upper).tolist()
+    return (a, b, c), (d, e, f)
+
+
+_BOX = (Key("lower", VECTOR, default=REQUIRED), Key("upper", VECTOR, default=REQUIRED))
+_OPTION = Kind("text", lambda value: (value.text(), value.where))
+_KEYS = (
+    *(Key(name, _OPTION, nullable=True) for name in OPTIONS),
+    Key("angle_unit", choice(*ANGLE)),
+    Key("waypoints", several(per_joint(COORDINATE))),
+    Key("times", several(NUMBER)),
+    Key("obstacles", several(Kind("box", _corners))),
+    Key("workspace", Kind("box", _corners)),
+)
+
+
 def read_plan(path: Path, robot: Robot) -> PlanFile:
     """Read a plan file."""
-    keys = read_yaml(path).mapping(_KEYS)
+    root = read_yaml(path)
+    keys = root.mapping([key.name for key in _KEYS])
     unit = keys["angle_unit"].choice(tuple(ANGLE)) if "angle_unit" in keys else "rad"
-    given = {name: value for name, value in keys.items() if name in OPTIONS and not value.is_null}
+    given = replace(root, context=Context(unit, robot.joints)).read(_KEYS)
+    waypoints = None
+    if "waypoints" in given:
+        q = np.array(given["waypoints"]).reshape(-1, robot.n)
+        if "times" in keys:
+            keys["times"].items(len(q))
+        times = np.array(given["times"]) if "times" in given else None
+        fix = f"write `angle_unit: {'deg' if unit == 'rad' else 'rad'}`"
+        waypoints = _checked(Waypoints(q, times), robot, path, fix)
+    options = {name: given[name] for name in OPTIONS if name in given}
     return PlanFile(
-        options={name: value.text() for name, value in given.items()},
-        places={name: value.where for name, value in given.items()},
-        waypoints=_waypoints(keys, robot, unit, path) if "waypoints" in keys else None,
-        obstacles=_boxes(keys["obstacles"]) if "obstacles" in keys else (),
-        workspace=_box(keys["workspace"]) if "workspace" in keys else None,
+        options={name: text for name, (text, _) in options.items()},
+        places={name: where for name, (_, where) in options.items()},
+        waypoints=waypoints,
+        obstacles=given.get("obstacles", ()),
+        workspace=given.get("workspace"),
     )
-
-
-def _boxes(value: Value) -> tuple[Corners, ...]:
-    return tuple(_box(box) for box in value.items())
-
-
-def _waypoints(keys: dict[str, Value], robot: Robot, unit: str, path: Path) -> Waypoints:
-    rows = keys["waypoints"].items()
-    factor = [ANGLE[unit] if joint.revolute else 1.0 for joint in robot.joints]
-    q = np.array([[item.number() for item in row.items(robot.n)] for row in rows]) * factor
-    times = (
-        np.array([value.number() for value in keys["times"].items(len(rows))])
-        if "times" in keys
-        else None
-    )
-    other = "deg" if unit == "rad" else "rad"
-    return _checked(
-        Waypoints(q.reshape(len(rows), robot.n), times),
-        robot,
-        str(path),
-        f"write `angle_unit: {other}`",
-    )
-
-
-def _box(value: Value) -> Corners:
-    corners = value.mapping(("lower", "upper"), required=("lower", "upper"))
-    (a, b, c), (d, e, f) = (
-        [item.number() for item in corners[name].items(3)] for name in ("lower", "upper")
-    )
-    return (min(a, d), min(b, e), min(c, f)), (max(a, d), max(b, e), max(c, f))
 
 
 def read_waypoints(path: Path, robot: Robot) -> Waypoints:
@@ -135,74 +133,48 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
         PositionInDegrees: angles beyond two turns.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise LogNotFound(f"cannot read waypoints from {path}: {error}", where=str(path)) from None
-    lines = [line for line in text.splitlines() if line.strip() and line[0] != "#"]
-    cells = [[cell.strip() for cell in line.replace(";", ",").split(",")] for line in lines]
-    header = cells.pop(0) if cells and any(not _is_number(cell) for cell in cells[0]) else None
-    rows = _numbers(cells, path, 1 + (header is not None))
+        table = text_table(path)
+        rows = table.read(range(table.width))
+    except LogLayout as error:
+        raise LogLayout(error.what, where=error.where, **_LAYOUT) from error
+    for k in np.flatnonzero(~np.all(np.abs(rows) <= LARGEST, axis=1)):
+        text = f"{path}: row {k + 1} is not {table.width} numbers up to {LARGEST:g}"
+        raise LogLayout(text, where=str(path), **_LAYOUT)
+    names = [name.removeprefix("q_") for name in table.names]
     times: Floats | None = None
-    if header is not None:
-        names = [name.removeprefix("q_") for name in header]
-        if len(names) != rows.shape[1]:
-            what = f"{path} has {len(names)} headings over {rows.shape[1]} columns"
-            raise LogLayout(what, where=str(path), **_LAYOUT)
+    # Why: the last line of comments, as wide as the rows, may be anything.
+    if any(line[0] not in COMMENT for number, line in lines_of(path) if number < table.start):
         times = rows[:, names.index("t")] if "t" in names else None
         missing = [name for name in robot.joint_names if name not in names]
         if missing:
-            what = f"{path} has no column {missing[0]}; it has {', '.join(names)}"
-            raise LogLayout(what, where=str(path), **_LAYOUT)
+            text = f"{path} has no column {missing[0]}; it has {', '.join(names)}"
+            raise LogLayout(text, where=str(path), **_LAYOUT)
         rows = rows[:, [names.index(name) for name in robot.joint_names]]
     elif rows.shape[1] == robot.n + 1:
         times, rows = rows[:, 0], rows[:, 1:]
     if rows.shape[1] != robot.n:
-        raise JointCountDiffers(
-            f"{path} has {rows.shape[1]} columns, {robot.name} {robot.n} joints", where=str(path)
-        )
+        text = f"{path} has {rows.shape[1]} columns, {robot.name} {robot.n} joints"
+        raise JointCountDiffers(text, where=str(path))
     fix = "write them into PLAN.yaml under `waypoints:` with `angle_unit: deg`, or divide them by 57.29578"
-    return _checked(Waypoints(rows, times), robot, str(path), fix)
+    return _checked(Waypoints(rows, times), robot, path, fix)
 
 
-def _checked(waypoints: Waypoints, robot: Robot, where: str, fix: str) -> Waypoints:
-    if len(waypoints.q) < 2:
-        raise LogLayout(
-            f"{where} has {len(waypoints.q)} waypoints; a motion needs at least 2",
-            where=where,
-            **_LAYOUT,
-        )
+def _checked(waypoints: Waypoints, robot: Robot, path: Path, fix: str) -> Waypoints:
+    where, q = str(path), waypoints.q
+    if len(q) < 2:
+        text = f"{path} has {len(q)} waypoints; a motion needs at least 2"
+        raise LogLayout(text, where=where, **_LAYOUT)
     if waypoints.times is not None:
-        falling = np.flatnonzero(np.diff(waypoints.times) < tuning.LEAST_WAYPOINT_STEP_S)
-        if len(falling):
-            row = int(falling[0]) + 1
-            what = f"waypoint {row + 1} must be at least {tuning.LEAST_WAYPOINT_STEP_S:g} s later than waypoint {row}"
-            raise TimeNotIncreasing(what, where=where)
-    far = np.abs(waypoints.q) * [joint.revolute for joint in robot.joints]
+        for k in np.flatnonzero(np.diff(waypoints.times) < tuning.LEAST_WAYPOINT_STEP_S):
+            least = f"{tuning.LEAST_WAYPOINT_STEP_S:g} s later than waypoint {k + 1}"
+            raise TimeNotIncreasing(f"waypoint {k + 2} must be at least {least}", where=where)
+    far = np.abs(q) * [joint.revolute for joint in robot.joints]
     if far.max() > tuning.MOST_WAYPOINT_RAD:
         k, j = np.unravel_index(far.argmax(), far.shape)
         raise PositionInDegrees(
-            f"{where}: {robot.joint_names[j]} is {waypoints.q[k, j]:g} rad at waypoint {k + 1}",
+            f"{path}: {robot.joint_names[j]} is {q[k, j]:g} rad at waypoint {k + 1}",
             where=where,
             why="that is more than two turns: probably another unit is meant",
             fix=fix,
         )
     return waypoints
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _numbers(cells: list[list[str]], path: Path, first: int) -> Floats:
-    width = len(cells[0]) if cells else 0
-    for k, row in enumerate(cells):
-        if len(row) != width or not all(
-            _is_number(cell) and abs(float(cell)) <= LARGEST for cell in row
-        ):
-            what = f"{path}: row {first + k} is not {width} numbers up to {LARGEST:g}: {','.join(row)[:60]}"
-            raise LogLayout(what, where=str(path), **_LAYOUT)
-    return np.array(cells, dtype=float).reshape(len(cells), width)

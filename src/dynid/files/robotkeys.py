@@ -7,8 +7,8 @@ docs/reference/robot-file.md. What has to fit together across keys is checked in
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,9 +16,10 @@ import numpy as np
 from dynid.drivers.interface import DRIVERS
 from dynid.errors import AngleTooLarge, Finding, WrongRobotFile
 from dynid.files import tuning
-from dynid.files.yamlfile import Value
+from dynid.files.yamlfile import ANGLE_, FLAG, NUMBER, REQUIRED, TEXT, Key, Kind, Value
 from dynid.robot import (
     FRICTION_PARAMETERS,
+    MOST_JOINTS,
     Body,
     Coulomb,
     Coupling,
@@ -45,173 +46,93 @@ LONGEST_NAME = 100
 
 TORQUE_SOURCES = ("joint_sensor", "motor_torque", "motor_current", "gravity_free", "unknown")
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-REQUIRED = "required"
+#: Other usual names of keys of the DH table.
+USUAL_KEYS = {"alpha": "twist", "theta": "theta_offset", "offset": "theta_offset"}
 
 
-@dataclass(frozen=True)
-class Context:
-    """What the meaning of a value depends on besides the value.
-
-    Attributes:
-        angle_unit: unit of plain numbers that are angles.
-        joints: joints of the arm, () while they are read.
-        revolute: whether the joint at hand is revolute.
-        findings: what was noticed; reading appends to it.
-    """
-
-    angle_unit: str = "rad"
-    joints: tuple[Joint, ...] = ()
-    revolute: bool = True
-    findings: list[Finding] = field(default_factory=list)
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return len(self.joints)
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A type of value.
-
-    Attributes:
-        words: its name in the reference.
-        read: makes the value from what stands in the file.
-        keys: the keys inside, where it is a mapping.
-    """
-
-    words: str
-    read: Callable[[Value, Context], Any]
-    keys: tuple[Key, ...] = ()
-
-
-@dataclass(frozen=True)
-class Key:
-    """One key.
-
-    Attributes:
-        name: the key.
-        kind: type of its value.
-        default: what holds without it, as the reference shows it; ``"required"`` where it must be there.
-        help: what it is, in one or two sentences.
-        unit: unit of the value; "" for none.
-        nullable: whether ``null`` means that it is left out.
-    """
-
-    name: str
-    kind: Kind
-    default: str
-    help: str
-    unit: str = ""
-    nullable: bool = False
-
-
-def read_keys(value: Value, keys: Sequence[Key], context: Context) -> dict[str, Any]:
-    """Return the values of a mapping by key, without those that are left out.
-
-    Raises:
-        UnknownKey: a key is not among ``keys``.
-        WrongRobotFile: a required key is missing.
-    """
-    found = value.mapping(
-        [key.name for key in keys], [key.name for key in keys if key.default == REQUIRED]
-    )
-    return read_found(found, keys, context)
-
-
-def read_found(found: dict[str, Value], keys: Sequence[Key], context: Context) -> dict[str, Any]:
-    """Return the values of keys that were found in a mapping."""
-    given = [
-        key for key in keys if key.name in found and not (key.nullable and found[key.name].is_null)
-    ]
-    return {key.name: key.kind.read(found[key.name], context) for key in given}
+def snapped(angle: float) -> float:
+    """Return an angle [rad], a multiple of 15 degrees where it nearly is one, such as 1.5708."""
+    nearest = round(angle / SNAP_STEP) * SNAP_STEP
+    return nearest if abs(angle - nearest) < tuning.SNAP_RAD else angle
 
 
 # ---------------------------------------------------------------- types of values
-def _name(value: Value, context: Context) -> str:
+def _name(value: Value) -> str:
     """Return a name that a page can show and a simulator can hold: PyBullet ends the process on others."""
     name = value.text()
     if not 1 <= len(name) <= LONGEST_NAME:
-        what = f"{value.where}: {value.path} has {len(name)} characters; a name has 1 to {LONGEST_NAME}"
-        raise WrongRobotFile(what, where=value.where)
+        raise value.wrong(f" has {len(name)} characters; a name has 1 to {LONGEST_NAME}")
     return name
 
 
-def _dh_angle(value: Value, context: Context) -> float:
+def _dh_angle(value: Value) -> float:
     """Read a DH angle; refuse more than a full turn, snap near-misses such as 1.5708 and say so."""
-    angle, unit = value.angle(context.angle_unit), context.angle_unit
+    angle = value.angle()
+    given = f" = {value.text()}"
     if abs(angle) > 2 * math.pi + 1e-9:
-        what = f"{value.where}: {value.path} = {value.text()} {unit} is more than a full turn"
-        raise AngleTooLarge(what, where=value.where)
-    nearest = round(angle / SNAP_STEP) * SNAP_STEP
-    miss, degrees = abs(angle - nearest), f"{math.degrees(nearest):g} deg"
-    if 1e-9 < miss < tuning.SNAP_RAD:
+        text = f"{given} {value.context.angle_unit} is more than a full turn"
+        raise value.wrong(text, kind=AngleTooLarge)
+    used = snapped(angle)
+    degrees = f"{math.degrees(used):g} deg"
+    if abs(angle - used) > 1e-9:
         text = (
-            f"{value.where}: {value.path} = {value.text()} is {miss:.1e} rad from {degrees}; "
+            f"{value.where}: {value.path}{given} is {abs(angle - used):.1e} rad from {degrees}; "
             f"{degrees} is used (write `{degrees}` to silence this)"
         )
-        context.findings.append(
-            Finding("W202", "warning", text, {"given_rad": angle, "used_rad": nearest})
-        )
-    return nearest if miss < tuning.SNAP_RAD else angle
+        facts = {"given_rad": angle, "used_rad": used}
+        value.context.findings.append(Finding("W202", "warning", text, facts))
+    return used
 
 
-def _wrong(value: Value, text: str, fix: str = "") -> WrongRobotFile:
-    return WrongRobotFile(f"{value.where}: {value.path}{text}", where=value.where, fix=fix)
+def _coordinate(value: Value) -> float:
+    return value.angle() if value.context.revolute else value.number()
 
 
-TEXT = Kind("text", lambda value, _: value.text())
 NAME = Kind("text", _name)
-FLAG = Kind("true or false", lambda value, _: value.flag())
-NUMBER = Kind("number", lambda value, _: value.number())
-ANGLE_ = Kind("angle", lambda value, context: value.angle(context.angle_unit))
 DH_ANGLE = Kind("angle", _dh_angle)
-#: A position of the joint at hand, or what is measured like one.
-COORDINATE = Kind(
-    "angle or length",
-    lambda v, context: v.angle(context.angle_unit) if context.revolute else v.number(),
-)
-#: The same per second.
-RATE = Kind("number", COORDINATE.read)
+#: A position of the joint at hand, or what is measured like one; and the same per second.
+COORDINATE, RATE = Kind("angle or length", _coordinate), Kind("number", _coordinate)
 
 
 def choice(*words: str) -> Kind:
     """Return the type of one of a few words."""
-    return Kind(" or ".join(f"`{word}`" for word in words), lambda value, _: value.choice(words))
+    return Kind(" or ".join(f"`{word}`" for word in words), lambda value: value.choice(words))
 
 
 def positive(kind: Kind, fix: str = "") -> Kind:
     """Return a type without zero and below."""
 
-    def read(value: Value, context: Context) -> float:
-        found: float = kind.read(value, context)
+    def read(value: Value) -> float:
+        found: float = kind.read(value)
         if found < LEAST:
-            raise _wrong(
-                value, f" = {found:g} must be positive" + f", at least {LEAST:g}" * (found > 0), fix
-            )
+            least = f", at least {LEAST:g}" if found > 0 else ""
+            raise value.wrong(f" = {found:g} must be positive{least}", fix)
         return found
 
     return Kind(f"{kind.words} above 0", read)
 
 
-def not_negative(kind: Kind, unit: str = "") -> Kind:
-    """Return a type without numbers below zero."""
-
-    def read(value: Value, context: Context) -> float:
-        found: float = kind.read(value, context)
-        if found < 0:
-            raise _wrong(value, f" = {found:g}{unit} is negative")
-        return found
-
-    return Kind(f"{kind.words} from 0", read)
-
-
-def several(kind: Kind, count: int) -> Kind:
-    """Return the type of a list of a fixed length."""
-    words = f"list of {count} {kind.words}s"
+def several(kind: Kind, count: int | None = None) -> Kind:
+    """Return the type of a list, of any length or a fixed one."""
+    plain = count is None and kind.words != "mapping"
+    number = "" if count is None else f"{count} "
     return Kind(
-        words, lambda value, context: tuple(kind.read(item, context) for item in value.items(count))
+        f"list of {number}{kind.words}{'' if plain else 's'}",
+        lambda value: tuple(kind.read(item) for item in value.items(count)),
+        kind.keys,
     )
+
+
+def rising(kind: Kind, words: str, wrong: str) -> Kind:
+    """Return the type of a list of two values, of which the first is lower; ``wrong`` says what others are."""
+
+    def read(value: Value) -> tuple[Any, Any]:
+        low, high = (kind.read(item) for item in value.items(2))
+        if not np.all(np.less(low, high)):
+            raise value.wrong(wrong.format(low, high))
+        return low, high
+
+    return Kind(words, read)
 
 
 def per_joint(kind: Kind, *, shared: bool = False, nullable: bool = False) -> Kind:
@@ -223,13 +144,15 @@ def per_joint(kind: Kind, *, shared: bool = False, nullable: bool = False) -> Ki
         nullable: whether ``null`` stands for a value that is not known.
     """
 
-    def read(value: Value, context: Context) -> tuple[Any, ...]:
-        items = [value] * context.n if shared and not value.is_list else value.items(context.n)
+    def read(value: Value) -> tuple[Any, ...]:
+        joints = value.context.joints
+        single = shared and not value.is_list
+        items = [value] * len(joints) if single else value.items(len(joints))
         return tuple(
             None
             if nullable and item.is_null
-            else kind.read(item, replace(context, revolute=joint.revolute))
-            for item, joint in zip(items, context.joints, strict=True)
+            else kind.read(replace(item, context=replace(item.context, revolute=joint.revolute)))
+            for item, joint in zip(items, joints, strict=True)
         )
 
     return Kind(
@@ -239,196 +162,161 @@ def per_joint(kind: Kind, *, shared: bool = False, nullable: bool = False) -> Ki
 
 def mapping(keys: tuple[Key, ...], make: Callable[..., Any]) -> Kind:
     """Return the type of a mapping; ``make`` takes its values by key."""
-    return Kind("mapping", lambda value, context: make(**read_keys(value, keys, context)), keys)
-
-
-def list_of(kind: Kind) -> Kind:
-    """Return the type of a list of any length."""
-    words = f"list of {kind.words}s" if kind.words == "mapping" else f"list of {kind.words}"
-    return Kind(
-        words,
-        lambda value, context: tuple(kind.read(item, context) for item in value.items()),
-        kind.keys,
-    )
+    return Kind("mapping", lambda value: make(**value.read(keys)), keys)
 
 
 def by_link(kind: Kind) -> Kind:
     """Return the type of a mapping from link numbers."""
 
-    def read(value: Value, context: Context) -> tuple[tuple[int, Any], ...]:
-        found = value.mapping([str(k) for k in range(1, context.n + 1)])
-        return tuple((int(k), kind.read(item, context)) for k, item in found.items())
+    def read(value: Value) -> tuple[tuple[int, Any], ...]:
+        numbers = range(1, len(value.context.joints) + 1)
+        found = value.mapping([str(number) for number in numbers])
+        return tuple((int(number), kind.read(item)) for number, item in found.items())
 
     return Kind(f"link number: {kind.words}", read)
 
 
-def _range(value: Value, context: Context) -> tuple[float, float]:
-    lower, upper = (COORDINATE.read(item, context) for item in value.items(2))
-    if lower >= upper:
-        raise _wrong(value, f": lower limit {lower:g} is not below upper {upper:g}")
-    return lower, upper
+# ---------------------------------------------------------------- types of single keys
+def read_joints(value: Value) -> tuple[Joint, ...]:
+    """Return the joints of a robot file."""
+    items = value.items()
+    if len(items) > MOST_JOINTS:
+        raise value.wrong(f": {len(items)} joints; a robot has at most {MOST_JOINTS}")
+    if not items:
+        raise value.wrong(" is empty")
+    joints: list[Joint] = []
+    for number, item in enumerate(items, start=1):
+        kind = item.entries().get("type")
+        context = replace(item.context, revolute=kind is None or kind.text() != "prismatic")
+        keys = replace(item, context=context).read(JOINT, USUAL_KEYS)
+        joints.append(Joint(**{"name": f"joint_{number}", **keys}))
+        if joints[-1].name in [joint.name for joint in joints[:-1]]:
+            raise value.wrong(f": two joints are called '{joints[-1].name}'")
+    return tuple(joints)
 
 
-def _masses(value: Value, context: Context) -> tuple[float, float]:
-    low, high = (item.number() for item in value.items(2))
-    if not 0 <= low < high:
-        raise _wrong(value, f": {low:g}, {high:g} is not a range of masses")
-    return low, high
-
-
-def _box(value: Value, context: Context) -> tuple[Any, Any]:
-    low, high = (VECTOR.read(item, context) for item in value.items(2))
-    if not all(a < b for a, b in zip(low, high, strict=True)):
-        raise _wrong(value, ": the first corner must be the lower one")
-    return low, high
-
-
-def _sign(value: Value, context: Context) -> float:
+def _mass(value: Value) -> float:
     found = value.number()
-    if found not in (1.0, -1.0):
-        name = value.path.partition("[")[0]
-        raise WrongRobotFile(
-            f"{value.where}: {name} entries are 1 or -1, not {found:g}", where=value.where
-        )
+    if found < 0:
+        raise value.wrong(f" = {found:g} kg is negative")
     return found
 
 
-def _links(value: Value, context: Context) -> tuple[int, ...]:
+def _sign(value: Value) -> float:
+    found = value.number()
+    if found not in (1.0, -1.0):
+        whole = replace(value, path=value.path.partition("[")[0])
+        raise whole.wrong(f" entries are 1 or -1, not {found:g}")
+    return found
+
+
+def _links(value: Value) -> tuple[int, ...]:
     if not value.is_list and value.text() == "all":
         return ()
-    numbers = tuple(item.integer() for item in value.items())
+    numbers, n = {item.integer() for item in value.items()}, len(value.context.joints)
     for number in numbers:
-        if not 1 <= number <= context.n:
-            what = f"{value.where}: links: there is no link {number}, the arm has {context.n}"
-            raise WrongRobotFile(what, where=value.where)
-    return tuple(sorted(set(numbers)))
+        if not 1 <= number <= n:
+            raise value.wrong(f": there is no link {number}, the arm has {n}")
+    return tuple(sorted(numbers))
 
 
-def _share(value: Value, _: Context) -> float:
+def _share(value: Value) -> float:
     text = value.text().strip()
     try:
         found = float(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
     except ValueError:
         found = -1.0
     if not 0.0 <= found < 1.0:
-        raise _wrong(value, f" = {text} must be a share from 0 to below 100 %", "such as 5%")
+        raise value.wrong(f" = {text} must be a share from 0 to below 100 %", "such as 5%")
     return found
 
 
-def _torque(value: Value, context: Context) -> TorqueSource:
+def _torque(value: Value) -> TorqueSource:
     if not value.is_mapping:
         return TorqueSource(value.choice(TORQUE_SOURCES))
-    return TorqueSource(**read_keys(value, TORQUE, context))
+    return TorqueSource(**value.read(TORQUE))
 
 
-def _noise(value: Value, context: Context) -> tuple[float, ...]:
-    found: tuple[float | None, ...] = _NOISE.read(value, context)
+def _noise(value: Value) -> tuple[float, ...]:
+    found: tuple[float, ...] = _NOISE.read(value)
     if None in found:
-        raise WrongRobotFile(
-            f"{value.where}: {value.path}: it is missing for a joint", where=value.where
-        )
-    return tuple(each for each in found if each is not None)
+        raise value.wrong(": it is missing for a joint")
+    return found
 
 
-def _units(value: Value, context: Context) -> dict[str, str]:
-    return {"position": "rad", "velocity": "rad/s", "effort": "Nm"} | read_keys(
-        value, UNITS, context
-    )
+def _joint_map(value: Value, keys: tuple[Key, ...]) -> tuple[JointMap, dict[str, Any]]:
+    """Return signs and offsets of all joints, and the other keys."""
+    n, given = len(value.context.joints), value.read(keys)
+    sign, offset = given.pop("sign", (1.0,) * n), given.pop("offset", (0.0,) * n)
+    return JointMap(sign, offset, given.pop("torque_sign", ())), given
 
 
-def _joint_map(given: dict[str, Any], context: Context) -> JointMap:
-    ones = (1.0,) * context.n
-    return JointMap(
-        given.pop("sign", ones),
-        given.pop("offset", (0.0,) * context.n),
-        given.pop("torque_sign", ()),
-    )
-
-
-def _simulator(value: Value, context: Context) -> JointMap:
-    return _joint_map(read_keys(value, SIMULATOR, context), context)
-
-
-def _driver(value: Value, context: Context) -> DriverSpec:
-    given = read_keys(value, DRIVER, context)
+def _driver(value: Value) -> DriverSpec:
+    joint_map, given = _joint_map(value, DRIVER)
     for key, pattern in given.get("columns", {}).items():
-        if key != "time" and "{name}" not in pattern and "{i}" not in pattern and context.n > 1:
-            raise WrongRobotFile(
-                f"{value.where}: columns.{key} = '{pattern}' needs {{i}} or {{name}}",
-                where=value.where,
-            )
-    return DriverSpec(
-        **{"topic": None, "joint_names": (), "map": _joint_map(given, context), **given}
-    )
+        one = "{name}" in pattern or "{i}" in pattern or len(value.context.joints) == 1
+        if key != "time" and not one:
+            text = f"{value.where}: columns.{key} = '{pattern}' needs {{i}} or {{name}}"
+            raise WrongRobotFile(text, where=value.where)
+    return DriverSpec(**{"topic": None, "joint_names": (), "map": joint_map, **given})
 
 
-def _cylinders(value: Value, context: Context) -> Cylinders:
-    given = read_keys(value, CYLINDERS, context)
-    if ("density" in given) == ("mass" in given):
-        raise WrongRobotFile(
-            f"{value.where}: prior.cylinders needs one of density, mass", where=value.where
-        )
-    return Cylinders(**given)
+def one_of(keys: tuple[Key, ...], make: Callable[..., Any], *either: str) -> Kind:
+    """Return the type of a mapping that has one of some keys."""
+
+    def read(value: Value) -> object:
+        given = value.read(keys)
+        if sum(key in given for key in either) != 1:
+            raise value.wrong(f" needs one of {', '.join(either)}")
+        return make(**given)
+
+    return Kind("mapping", read, keys)
 
 
-def read_prior(value: Value, context: Context) -> Prior:
-    """Read what is known before measuring."""
-    given = read_keys(value, PRIOR, context)
-    if len(given) != 1:
-        raise WrongRobotFile(
-            f"{value.where}: prior needs one of cylinders, links", where=value.where
-        )
-    return Prior(**given)
-
-
-def _coupling(value: Value, context: Context) -> Coupling:
+def _coupling(value: Value) -> Coupling:
     """Read reductions and a coupling matrix; a matrix whose diagonal is the reductions holds them already."""
-    given, n = read_keys(value, COUPLING, context), context.n
-    reduction, matrix = (
-        np.array(given.get("reduction", np.ones(n))),
-        np.array(given.get("matrix", np.eye(n))),
-    )
-    if "reduction" in given and not np.allclose(np.diag(matrix), reduction):
+    given, n = value.read(COUPLING), len(value.context.joints)
+    matrix = np.array(given.get("matrix", np.eye(n)))
+    reduction = np.array(given.get("reduction", np.diag(matrix)))
+    if not np.allclose(np.diag(matrix), reduction):
         matrix = reduction[:, None] * matrix
     if abs(np.linalg.det(matrix / np.abs(matrix).max())) < 1e-12:
         raise WrongRobotFile(
             f"{value.where}: the coupling matrix cannot be inverted", where=value.where
         )
-    return Coupling(tuple(tuple(row) for row in matrix.tolist()))
+    return Coupling(tuple(map(tuple, matrix.tolist())))
 
 
-def _matrix(value: Value, context: Context) -> tuple[Any, ...]:
+def _acting(value: Value) -> tuple[str, ...]:
     return tuple(
-        tuple(item.number() for item in row.items(context.n)) for row in value.items(context.n)
+        item.choice([joint.name for joint in value.context.joints]) for item in value.items()
     )
 
 
-def _acting(value: Value, context: Context) -> tuple[str, ...]:
-    return tuple(item.choice([joint.name for joint in context.joints]) for item in value.items())
-
-
-def _numbers(value: Value, context: Context) -> dict[str, float]:
+def _numbers(value: Value) -> dict[str, float]:
     return {name: item.number() for name, item in value.entries().items()}
 
 
-def _inertia(value: Value, context: Context) -> tuple[float, ...]:
+def _inertia(value: Value) -> tuple[float, ...]:
     found = value.mapping(INERTIA)
     return tuple(found[name].number() if name in found else 0.0 for name in INERTIA)
 
 
-def _body(value: Value, context: Context) -> Body:
+def _body(value: Value) -> Body:
     """Read a body; say so where its inertia is one that no distribution of mass has (W207)."""
-    found = Body(**read_keys(value, BODY, context))
+    found = Body(**value.read(BODY))
     size = float(np.abs(found.inertia_com).max())
     moments = np.linalg.eigvalsh(found.tensor / (size or 1.0))
     if moments[0] + moments[1] - moments[2] < -tuning.ROUNDED_INERTIA:
         shown = [float(f"{size * moment:.3g}") for moment in moments]
-        moments_text = ", ".join(f"{moment:g}" for moment in shown)
         text = (
-            f"{value.where}: no body has this inertia_com: its principal moments are {moments_text} kg m^2, "
+            f"{value.where}: no body has this inertia_com: its principal moments are "
+            f"{', '.join(f'{moment:g}' for moment in shown)} kg m^2, "
             "and the largest is more than the other two together"
         )
-        context.findings.append(Finding("W207", "warning", text, {"principal_moments": shown}))
+        value.context.findings.append(
+            Finding("W207", "warning", text, {"principal_moments": shown})
+        )
     return found
 
 
@@ -436,9 +324,10 @@ VECTOR = several(NUMBER, 3)
 _NOISE = per_joint(
     positive(NUMBER, "it is a standard deviation in N m"), shared=True, nullable=True
 )
-_GAIN = per_joint(
-    positive(NUMBER, "reverse a current with `sign:` under `driver:`"), shared=True, nullable=True
+_MASSES = rising(
+    Kind("mass", _mass), "list of least and greatest mass", ": {:g}, {:g} is not a range of masses"
 )
+_SIGN = per_joint(Kind("1 or -1", _sign))
 
 # ---------------------------------------------------------------- the keys
 _ANGLE_UNIT, _JOINT_UNIT, _RATE_UNIT = "`angle_unit`", "`angle_unit` or m", "`angle_unit`/s or m/s"
@@ -446,95 +335,100 @@ _ANGLE_UNIT, _JOINT_UNIT, _RATE_UNIT = "`angle_unit`", "`angle_unit` or m", "`an
 LIMITS = (
     Key(
         "position",
-        Kind("list of lower and upper limit", _range),
-        "none",
+        rising(
+            COORDINATE,
+            "list of lower and upper limit",
+            ": lower limit {:g} is not below upper {:g}",
+        ),
         "Range of the joint; null for a joint that turns without end.",
-        _JOINT_UNIT,
+        unit=_JOINT_UNIT,
         nullable=True,
     ),
-    Key("velocity", positive(RATE), "none", "Largest speed.", _RATE_UNIT, nullable=True),
+    Key("velocity", positive(RATE), "Largest speed.", unit=_RATE_UNIT, nullable=True),
     Key(
         "acceleration",
         positive(RATE),
-        "none",
         "Largest acceleration.",
-        "`angle_unit`/s^2 or m/s^2",
+        unit="`angle_unit`/s^2 or m/s^2",
         nullable=True,
     ),
-    Key("torque", positive(NUMBER), "none", "Rated torque or force.", "N m or N", nullable=True),
+    Key("torque", positive(NUMBER), "Rated torque or force.", unit="N m or N", nullable=True),
 )
 
 JOINT = (
-    Key("name", NAME, "`joint_1`, ...", "Name of the joint, also that of its column in logs."),
+    Key("name", NAME, "Name of the joint, also that of its column in logs.", "`joint_1`, ..."),
     Key(
-        "type", choice("revolute", "prismatic"), "`revolute`", "Whether the joint turns or slides."
+        "type", choice("revolute", "prismatic"), "Whether the joint turns or slides.", "`revolute`"
     ),
-    Key("a", NUMBER, "0", "DH length along the common normal of two axes.", "m"),
+    Key("a", NUMBER, "DH length along the common normal of two axes.", "0", "m"),
     Key(
         "twist",
         DH_ANGLE,
-        "0",
         "DH angle alpha between two axes; the word alpha means the safety factor of the paper.",
+        "0",
         _ANGLE_UNIT,
     ),
-    Key("d", NUMBER, "0", "DH offset along the axis; it is added to q for a prismatic joint.", "m"),
+    Key("d", NUMBER, "DH offset along the axis; it is added to q for a prismatic joint.", "0", "m"),
     Key(
         "theta_offset",
         DH_ANGLE,
-        "0",
         "Revolute joint: theta = q + theta_offset. Prismatic joint: theta itself.",
+        "0",
         _ANGLE_UNIT,
     ),
-    Key("limits", mapping(LIMITS, Limits), "none", "Limits of the joint."),
-    Key("motor_inertia", FLAG, "`true`", "Keep the column of the rotor inertia Im of this joint."),
+    Key("limits", mapping(LIMITS, Limits), "Limits of the joint."),
+    Key("motor_inertia", FLAG, "Keep the column of the rotor inertia Im of this joint.", "`true`"),
     Key(
         "friction",
-        list_of(choice(*FRICTION_PARAMETERS)),
-        "`[viscous, coulomb, offset]`",
+        several(choice(*FRICTION_PARAMETERS)),
         "Friction columns of this joint.",
+        "`[viscous, coulomb, offset]`",
     ),
 )
 
 BASE = (
-    Key("xyz", VECTOR, "`[0, 0, 0]`", "Position of frame 0 in the world.", "m"),
+    Key("xyz", VECTOR, "Position of frame 0 in the world.", "`[0, 0, 0]`", "m"),
     Key(
         "rpy",
         several(ANGLE_, 3),
-        "`[0, 0, 0]`",
         "Roll, pitch and yaw of frame 0 about the fixed axes of the world.",
+        "`[0, 0, 0]`",
         _ANGLE_UNIT,
     ),
 )
 
 TORQUE = (
-    Key("source", choice(*TORQUE_SOURCES), "`unknown`", "What the effort column of a log is."),
+    Key("source", choice(*TORQUE_SOURCES), "What the effort column of a log is.", "`unknown`"),
     Key(
         "gain",
-        Kind(_GAIN.words, _GAIN.read),
-        "none",
+        per_joint(
+            positive(NUMBER, "reverse a current with `sign:` under `driver:`"),
+            shared=True,
+            nullable=True,
+        ),
         "Torque per motor current; null where it is not known.",
-        "N m per A",
+        unit="N m per A",
         nullable=True,
     ),
     Key(
         "relative",
         FLAG,
-        "`false`",
         "Whether only the ratios of the gains are known; torques are then counted as "
         "amperes (see [estimators](../explanation/estimators.md)).",
+        "`false`",
     ),
     Key(
         "noise",
         Kind(_NOISE.words, _noise),
-        "0.3 % of the rating, 0.1 N m for a joint without one",
         "Standard deviation of the torque, used to plan motions and to predict errors before anything is measured.",
+        "0.3 % of the rating, 0.1 N m for a joint without one",
         "N m or N",
     ),
     Key(
         "gain_error",
         Kind("share", _share),
-        "5 % of motor currents, 0 of other sources",
         "Standard deviation of the torque's scale, such as `5%`; a load's mass and inertia are as uncertain.",
+        "5 % of motor currents, 0 of other sources",
     ),
 )
 
@@ -542,94 +436,94 @@ UNITS = (
     Key(
         "position",
         choice(*FACTORS["position"]),
-        "`rad`",
         "Unit of the positions; m and mm are those of a sliding joint.",
+        "`rad`",
     ),
-    Key("velocity", choice(*FACTORS["velocity"]), "`rad/s`", "Unit of the velocities."),
-    Key("effort", choice(*FACTORS["effort"]), "`Nm`", "Unit of the torques, forces or currents."),
+    Key("velocity", choice(*FACTORS["velocity"]), "Unit of the velocities.", "`rad/s`"),
+    Key("effort", choice(*FACTORS["effort"]), "Unit of the torques, forces or currents.", "`Nm`"),
 )
 
 SIMULATOR = (
     Key(
         "sign",
-        per_joint(Kind("1 or -1", _sign)),
-        "1",
+        _SIGN,
         "Direction of each joint: q_dh = sign * q + offset.",
+        "1",
     ),
     Key(
         "offset",
         per_joint(COORDINATE),
-        "0",
         "Offset of each joint: q_dh = sign * q + offset.",
+        "0",
         _JOINT_UNIT,
     ),
 )
 
 COLUMNS = (
-    Key("time", TEXT, "`t`, `time`, ...", "Name of the column of time stamps."),
+    Key("time", TEXT, "Name of the column of time stamps.", "`t`, `time`, ..."),
     Key(
         "name",
         TEXT,
-        "none",
         "Pattern of columns that hold the names of the joints, such as those of `rostopic echo -p`; "
         "their order is then that of the others.",
     ),
     Key(
         "position",
         TEXT,
-        "`q_{name}`",
         "Pattern of the columns of positions: `{name}` stands for a name of "
         "`joint_names`, `{i}` for the number of the joint, counted from 0 or 1.",
+        "`q_{name}`",
     ),
-    Key("velocity", TEXT, "`qd_{name}`", "Pattern of the columns of velocities."),
+    Key("velocity", TEXT, "Pattern of the columns of velocities.", "`qd_{name}`"),
     Key(
         "effort",
         TEXT,
-        "`tau_{name}` or `i_{name}`",
         "Pattern of the columns of torques or currents.",
+        "`tau_{name}` or `i_{name}`",
     ),
-    Key("reference", TEXT, "`q_ref_{name}`", "Pattern of the columns of commanded positions."),
+    Key("reference", TEXT, "Pattern of the columns of commanded positions.", "`q_ref_{name}`"),
 )
 
 DRIVER = (
-    Key("kind", choice(*DRIVERS), REQUIRED, "The driver that made the log."),
-    Key("topic", TEXT, "that of the driver", "ROS topic of the joint states.", nullable=True),
+    Key("kind", choice(*DRIVERS), "The driver that made the log.", REQUIRED),
+    Key("topic", TEXT, "ROS topic of the joint states.", "that of the driver", nullable=True),
     Key(
         "joint_names",
         per_joint(TEXT),
-        "names of the joints",
         "Names of the log's columns in chain order.",
+        "names of the joints",
     ),
     Key(
         "sign",
-        SIMULATOR[0].kind,
-        "1",
+        _SIGN,
         "Direction of each joint: q_dh = sign * q_log + offset, tau_dh = sign * tau_log.",
+        "1",
     ),
     Key(
         "torque_sign",
-        SIMULATOR[0].kind,
-        "1",
+        _SIGN,
         "Direction of the torque against that of the position, -1 such as for "
         "torques that the arm feels instead of those it makes: tau_dh = sign * torque_sign * tau_log.",
+        "1",
     ),
     Key(
         "offset",
-        SIMULATOR[1].kind,
-        "0",
+        per_joint(COORDINATE),
         "Offset of each joint: q_dh = sign * q_log + offset.",
+        "0",
         _JOINT_UNIT,
     ),
     Key(
         "units",
-        Kind("mapping", _units, UNITS),
-        "rad, rad/s, Nm",
+        mapping(
+            UNITS, lambda **given: {"position": "rad", "velocity": "rad/s", "effort": "Nm"} | given
+        ),
         "Units of the log's columns; those that a log itself declares go before them.",
+        "rad, rad/s, Nm",
     ),
     Key(
         "effort_topic",
         TEXT,
-        "none",
         "Topic of the torques where they are published apart from the positions: "
         "`sensor_msgs/JointState` or `std_msgs/Float64MultiArray`.",
         nullable=True,
@@ -637,20 +531,20 @@ DRIVER = (
     Key(
         "columns",
         mapping(COLUMNS, dict),
-        "see [logs](log-format.md)",
         "Names of the columns of CSV and TSV files.",
+        "see [logs](log-format.md)",
     ),
 )
 
 BODY = (
-    Key("mass", not_negative(NUMBER, " kg"), REQUIRED, "Mass.", "kg"),
-    Key("com", VECTOR, "`[0, 0, 0]`", "Centre of mass in the DH frame of the link.", "m"),
+    Key("mass", Kind("number from 0", _mass), "Mass.", REQUIRED, "kg"),
+    Key("com", VECTOR, "Centre of mass in the DH frame of the link.", "`[0, 0, 0]`", "m"),
     Key(
         "inertia_com",
         Kind(f"mapping: {', '.join(INERTIA)}", _inertia),
-        "0",
         "Inertia about the centre of mass, axes of the DH frame of the link. Before it is fitted, a link without width "
         "(a point, a thin rod) is spread as a cylinder along its DH offset.",
+        "0",
         "kg m^2",
     ),
 )
@@ -658,33 +552,34 @@ BODY = (
 A_BODY = Kind("mapping", _body, BODY)
 
 CYLINDERS = (
-    Key("density", positive(NUMBER), "none", "Density of the cylinders; this or `mass`.", "kg/m^3"),
-    Key("radius", positive(NUMBER), "0.06", "Radius of the cylinders.", "m"),
-    Key("mass", positive(NUMBER), "none", "Mass of all links together; this or `density`.", "kg"),
+    Key("density", positive(NUMBER), "Density of the cylinders; this or `mass`.", unit="kg/m^3"),
+    Key("radius", positive(NUMBER), "Radius of the cylinders.", "0.06", "m"),
+    Key("mass", positive(NUMBER), "Mass of all links together; this or `density`.", unit="kg"),
 )
 
 PRIOR = (
     Key(
         "cylinders",
-        Kind("mapping", _cylinders, CYLINDERS),
-        "none",
+        one_of(CYLINDERS, Cylinders, "density", "mass"),
         "Uniform cylinders along the DH offsets (Paper Eq. 9); this or `links`.",
     ),
     Key(
         "links",
         Kind("list with one body per link", per_joint(A_BODY).read, BODY),
-        "none",
         "Bodies with numbers; this or `cylinders`.",
     ),
 )
 
+#: What is known before measuring.
+A_PRIOR = one_of(PRIOR, Prior, "cylinders", "links")
+
 COUPLING = (
-    Key("reduction", per_joint(NUMBER), "1", "Gear ratio of each joint."),
+    Key("reduction", per_joint(NUMBER), "Gear ratio of each joint.", "1"),
     Key(
         "matrix",
-        Kind("n rows of n numbers", _matrix),
-        "identity",
+        Kind("n rows of n numbers", per_joint(per_joint(NUMBER)).read),
         "Motor positions per joint position: q_motor = matrix * q, tau_joint = matrix^T * tau_motor.",
+        "identity",
     ),
 )
 
@@ -692,47 +587,46 @@ COULOMB = (
     Key(
         "shape",
         choice("smooth", "threshold"),
-        "`smooth`",
         "tanh(qd / velocity), or zero below the velocity (Paper Eq. 7).",
+        "`smooth`",
     ),
     Key(
         "velocity",
         per_joint(positive(RATE), shared=True),
-        REQUIRED,
         "Velocity at which the sign changes.",
+        REQUIRED,
         _RATE_UNIT,
     ),
 )
 
 EFFECT = (
-    Key("effect", TEXT, REQUIRED, "Identifier of the effect, see [effects](effects.md)."),
-    Key("joints", Kind("list of joint names", _acting), REQUIRED, "Joints that it acts on."),
-    Key("parameters", Kind("name: number", _numbers), "none", "Values of its parameters."),
-    Key("std_error", Kind("name: number", _numbers), "none", "Their standard errors."),
-    Key("formula", TEXT, "none", "The torque of `effect: formula`, such as `a cos(2 q4) |qd4|`."),
+    Key("effect", TEXT, "Identifier of the effect, see [effects](effects.md).", REQUIRED),
+    Key("joints", Kind("list of joint names", _acting), "Joints that it acts on.", REQUIRED),
+    Key("parameters", Kind("name: number", _numbers), "Values of its parameters."),
+    Key("std_error", Kind("name: number", _numbers), "Their standard errors."),
+    Key("formula", TEXT, "The torque of `effect: formula`, such as `a cos(2 q4) |qd4|`."),
 )
 
 KNOWN = (
     Key(
         "total_mass",
-        Kind("list of least and greatest mass", _masses),
-        "none",
+        _MASSES,
         "Range of the mass of all identified links.",
-        "kg",
+        unit="kg",
     ),
     Key(
         "link_mass",
-        by_link(Kind("list of least and greatest mass", _masses)),
-        "none",
+        by_link(_MASSES),
         "Range of the mass of links.",
-        "kg",
+        unit="kg",
     ),
     Key(
         "com_box",
-        by_link(Kind("lower and upper corner", _box)),
-        "none",
+        by_link(
+            rising(VECTOR, "lower and upper corner", ": the first corner must be the lower one")
+        ),
         "Box around the centre of mass of links, in their DH frames.",
-        "m",
+        unit="m",
     ),
 )
 
@@ -741,101 +635,95 @@ ROBOT = (
     Key(
         "name",
         NAME,
-        REQUIRED,
         "Name for people; the folder of the results has the name of the file.",
+        REQUIRED,
     ),
     Key(
         "convention",
         choice("standard", "modified"),
-        REQUIRED,
         "Which DH convention: distal or proximal frames.",
+        REQUIRED,
     ),
     Key(
         "angle_unit",
         choice(*ANGLE),
-        "`rad`",
         "Unit of plain numbers that are angles; a single angle may say its own: `90 deg`, `pi/2`.",
+        "`rad`",
     ),
     Key(
         "gravity",
         VECTOR,
-        "`[0, 0, -9.81]`",
         "Gravity in frame 0, where the DH chain starts.",
+        "`[0, 0, -9.81]`",
         "m/s^2",
     ),
     Key(
         "mount",
         choice("floor", "wall", "ceiling"),
-        "`floor`",
         "Where the arm is fixed: `ceiling` turns the default "
         "gravity over; a gravity that points up brings a warning unless this says `wall` or `ceiling`.",
+        "`floor`",
     ),
     Key(
         "base",
         mapping(BASE, dict),
-        "zero",
         "Pose of frame 0 in the world, for pictures and URDF; gravity is in frame 0 already.",
+        "zero",
     ),
     Key(
         "joints",
-        Kind("list of mappings", lambda value, context: context.joints, JOINT),
-        REQUIRED,
+        Kind("list of mappings", lambda value: value.context.joints, JOINT),
         "The joints from base to tip, one row of the DH table each.",
+        REQUIRED,
     ),
     Key(
         "links",
         Kind("`all` or list of link numbers", _links),
-        "`all`",
         "Links to identify; the others keep the values of the prior.",
+        "`all`",
     ),
     Key(
         "torque",
         Kind("word or mapping", _torque, TORQUE),
-        "`unknown`",
         "What the effort column of a log is; a word stands for `source`.",
+        "`unknown`",
     ),
     Key(
         "driver",
         Kind("mapping", _driver, DRIVER),
-        "none",
         "How the columns of a log become DH quantities.",
     ),
     Key(
         "simulator",
-        Kind("mapping", _simulator, SIMULATOR),
-        "none",
+        Kind("mapping", lambda value: _joint_map(value, SIMULATOR)[0], SIMULATOR),
         "How the joint angles of a simulator become DH quantities.",
     ),
     Key(
         "prior",
-        Kind("mapping", read_prior, PRIOR),
-        "none",
+        A_PRIOR,
         "What is known of the links before measuring.",
     ),
-    Key("tool", A_BODY, "none", "A body fixed to the last link.", nullable=True),
+    Key("tool", A_BODY, "A body fixed to the last link.", nullable=True),
     Key(
         "known",
         mapping(KNOWN, Known),
-        "none",
         "Bounds that the full set keeps (see [consistency](../explanation/consistency.md)).",
     ),
     Key(
         "coupling",
         Kind("mapping", _coupling, COUPLING),
-        "none",
         "Gears and coupled joints of motor-side logs.",
         nullable=True,
     ),
     Key(
         "coulomb",
         mapping(COULOMB, lambda velocity, shape="smooth": Coulomb(shape, velocity)),
-        "`smooth`, 0.01 rad/s or 1 mm/s until it is estimated from logs",
         "Shape of the sign of Coulomb friction.",
+        "`smooth`, 0.01 rad/s or 1 mm/s until it is estimated from logs",
     ),
     Key(
         "effects",
-        list_of(mapping(EFFECT, EffectSpec)),
-        "none",
+        several(mapping(EFFECT, EffectSpec)),
         "Torque effects added to the model.",
     ),
 )

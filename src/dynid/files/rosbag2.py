@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import BagTruncated, DynidError, LogNotFound
-from dynid.files.messages import Broken, Connection, Message, Topic, nothing_readable, topics_of
+from dynid.files.messages import Broken, Message, Topic, nothing_readable, topics_of
 from dynid.npz import bounded
 from dynid.text import shell
 
@@ -26,11 +26,11 @@ def list_topics(path: Path) -> dict[str, Topic]:
         BagTruncated: a file is cut.
         LogNotFound: not a recording.
     """
-    counts: list[tuple[Connection, int]] = []
+    counts: list[tuple[Topic, int]] = []
     for part in parts_of(path):
         try:
             with _opened(part) as reader:
-                counts += ((_connection(each), each.msgcount) for each in reader.connections)
+                counts += ((_topic(each), each.msgcount) for each in reader.connections)
         except Broken as error:
             raise nothing_readable(part, str(error)) from None
     if not counts:
@@ -72,13 +72,13 @@ def scan(part: Path, topics: Collection[str]) -> Iterator[Message]:
     """
     with _opened(part) as reader:
         wanted = [each for each in reader.connections if each.topic in topics]
-        known = {each.id: _connection(each) for each in wanted}
+        known = {each.id: _topic(each) for each in wanted}
         for each, arrival, raw in reader.messages(wanted) if wanted else ():
             yield known[each.id], arrival, raw
 
 
-def _connection(each: Any) -> Connection:  # noqa: ANN401
-    return Connection(each.topic, each.msgtype.replace("/msg/", "/"), True)
+def _topic(each: Any) -> Topic:  # noqa: ANN401
+    return Topic(each.topic, each.msgtype.replace("/msg/", "/"), True)
 
 
 @contextmanager

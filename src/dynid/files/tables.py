@@ -6,7 +6,6 @@ Columns are found by the patterns of the robot file. Stamps in ms, us and ns are
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +23,8 @@ from dynid.files.columnwords import (
     unit_of,
     usual_joints,
 )
-from dynid.files.dialect import Dialect, dialect_of
-from dynid.log import COLUMNS, Log
+from dynid.files.texttable import TextTable, text_table
+from dynid.log import Log
 from dynid.units import FACTORS
 
 Floats = NDArray[np.float64]
@@ -36,6 +35,7 @@ USUAL = {
     "velocity": ("qd_{name}",),
     "effort": ("tau_{name}", "i_{name}"),
     "reference": ("q_ref_{name}",),
+    "qd_reported": ("qd_reported_{name}",),
 }
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _LONG = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
@@ -59,51 +59,44 @@ def read_table(
         LogNotFound: it cannot be read.
         LogLayout: columns are missing, or a cell is not a number.
     """
-    dialect, patterns = dialect_of(path), patterns or {}
-    names = dialect.names
+    table, patterns = text_table(path), patterns or {}
+    names = table.names
     if not names:
-        raise LogLayout(
-            f"{path.name}: no header; expected t, q_<joint>, tau_<joint>", where=f"{path}:1"
-        )
+        raise table.wrong("no header; expected t, q_<joint>, tau_<joint>")
     if "position" not in patterns:
         joints = usual_joints(names) or joints
     if "name" in patterns:
-        joints = _names_in_rows(path, dialect, patterns["name"])
-    columns = _columns(path, names, joints, patterns)
-    time = _time_column(path, names, patterns.get("time"), rate)
-    chosen = [*([time] if time else []), *(name for each in columns.values() for name in each)]
-    values = dialect.read(path, [names.index(name) for name in chosen])
+        joints = _names_in_rows(table, patterns["name"])
+    columns = _columns(table, joints, patterns)
+    time = _time_column(table, patterns.get("time"), rate)
+    chosen = [name for each in columns.values() for name in each]
+    values = table.read([names.index(name) for name in [*filter(None, [time]), *chosen]])
     findings: tuple[Finding, ...] = ()
     # Why: a table of several topics has a row for each message of any.
-    empty = np.isnan(values[:, 1 if time else 0 :]).all(axis=1)
+    empty = np.isnan(values[:, -len(chosen) :]).all(axis=1)
     if 0 < (rows := int(np.count_nonzero(empty))) < len(values):
         text = (
             f"{path.name}: {rows} of {len(values)} rows have no value of any joint and are left out"
         )
         findings = (Finding("W331", "info", text, {"rows": rows}),)
         values = values[~empty]
+    t = np.arange(len(values)) / (rate or 1.0)
     if time:
         t, noticed = in_seconds(values[:, 0], time, path.name)
-        values, findings = values[:, 1:], (*findings, *noticed)
-    else:
-        t = np.arange(len(values)) / positive_rate(rate)
-    arrays = dict(zip(columns, np.split(values, len(columns), axis=1), strict=True))
+        findings += noticed
+    arrays = dict(zip(columns, np.split(values[:, -len(chosen) :], len(columns), 1), strict=True))
     current = columns["effort"] == matched("i_{name}", names, joints)
     return Log(
         t,
-        arrays["position"],
-        arrays["effort"],
+        arrays.pop("position"),
+        arrays.pop("effort"),
         tuple(joints),
-        arrays.get("velocity"),
+        arrays.pop("velocity", None),
         source=path,
         tau_unit="A" if current else "",
-        units=_declared(columns, dialect),
+        units=_declared(columns, table),
         findings=findings,
-        extra={
-            "q_ref" if key == "reference" else key: x
-            for key, x in arrays.items()
-            if key not in FACTORS
-        },
+        extra={"q_ref" if key == "reference" else key: x for key, x in arrays.items()},
     )
 
 
@@ -119,116 +112,101 @@ def in_seconds(t: Floats, name: str, where: str) -> tuple[Floats, tuple[Finding,
     steps = np.diff(known)
     usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
     start, end = (float(known[0]), float(known[-1])) if len(known) else (0.0, 0.0)
-    named = time_unit(name)[1] in _LONG
-    unit = time_unit(name)[1] if named else _unit_of(start, len(known), usual)
+    unit = time_unit(name)[1]
+    if unit in _LONG:
+        level, said = "info", f"as the name of {name} says"
+    else:
+        unit = _unit_of(start, len(known), usual)
+        level, said = "warning", f"a step of {usual:.4g} in {name} can be nothing else"
     if unit == "s":
         return t, ()
-    # Why subtracted first: stamps of the calendar have more digits in ns than a number holds after the product.
     factor = SECONDS[unit]
-    offset = 0.0 if abs(start) * factor > tuning.CALENDAR_FROM_S else start * factor
-    span = (end - start) * factor
+    span, offset = (end - start) * factor, start * factor
     rate = f" at {1 / (usual * factor):.4g} Hz" if usual else ""
-    said = (
-        f"as the name of {name} says"
-        if named
-        else f"a step of {usual:.4g} in {name} can be nothing else"
-    )
     text = f"{where}: the stamps are {_LONG[unit]} ({span:.1f} s{rate}), {said}"
-    level = "info" if named else "warning"
     noticed = Finding("W328", level, text, {"unit": unit, "seconds": span})
-    return (t - start) * factor + offset, (noticed,)
+    # Why subtracted first: stamps of the calendar have more digits in ns than a number holds after the product.
+    far = abs(offset) > tuning.CALENDAR_FROM_S
+    return (t - start) * factor + (0.0 if far else offset), (noticed,)
 
 
 def _unit_of(start: float, count: int, step: float) -> str:
     """Return the unit of stamps that name none: from the calendar where they count from 1970, else from their step."""
-    for unit, factor in SECONDS.items():
-        if tuning.CALENDAR_S[0] < start * factor < tuning.CALENDAR_S[1]:
-            return unit
-    told = next((unit for unit, (low, high) in tuning.STEPS.items() if low <= step < high), "s")
-    return told if count >= tuning.LEAST_STAMPS else "s"
+    first, last = tuning.CALENDAR_S
+    told = [unit for unit, factor in SECONDS.items() if first < start * factor < last]
+    if count >= tuning.LEAST_STAMPS:
+        told += [unit for unit, (low, high) in tuning.STEPS.items() if low <= step < high]
+    return told[0] if told else "s"
 
 
 # ---------------------------------------------------------------- which columns
 def _columns(
-    path: Path, names: Sequence[str], joints: Sequence[str], patterns: Mapping[str, str]
+    table: TextTable, joints: Sequence[str], patterns: Mapping[str, str]
 ) -> dict[str, list[str]]:
     """Return for each quantity that is there one column a joint.
 
     Raises:
         LogLayout: positions, torques or what the robot file names are not there.
     """
-    further = {
-        key: (f"{key}_{{name}}",)
-        for key in COLUMNS
-        if COLUMNS[key] and key not in ("q", "qd", "tau", "q_ref")
-    }
     columns = {}
-    for key, usual in (USUAL | further).items():
+    for key, usual in USUAL.items():
         tried = (patterns[key],) if key in patterns else usual
-        found = next(filter(None, (matched(pattern, names, joints) for pattern in tried)), None)
-        if found:
-            columns[key] = found
+        found = [matched(pattern, table.names, joints) for pattern in tried]
+        if any(found):
+            columns[key] = next(filter(None, found))
         elif key in patterns or key in ("position", "effort"):
-            raise _missing(path, names, tried, joints, key)
+            raise _missing(table, tried, joints, key)
     return columns
 
 
-def _missing(
-    path: Path, names: Sequence[str], tried: Sequence[str], joints: Sequence[str], key: str
-) -> LogLayout:
+def _missing(table: TextTable, tried: Sequence[str], joints: Sequence[str], key: str) -> LogLayout:
+    names = table.names
     fix = f"under `driver:` in the robot file: {snippet(suggested(names) or template(names))}"
-    wanted = [tried[0].replace("{name}", joint) for joint in joints]
+    wanted = [tried[0].replace("{name}", joint) for joint in joints or ["<joint>"]]
     lost = next((name for name in wanted if name not in names), tried[0])
     starts = tuple(filter(None, (pattern.split("{")[0] for pattern in tried)))
-    if key == "effort" and wanted and any(name.startswith(starts) for name in names):
+    if key == "effort" and joints and any(name.startswith(starts) for name in names):
         joint = lost.removeprefix("tau_")
-        text = f"joint '{joint}' has q_{joint} but no {lost}"
-    else:
-        shown = lost if joints else lost.replace("{name}", "<joint>")
-        text = f"no column {shown}; it has {_listed(names)}"
-    return LogLayout(f"{path.name}:1: {text}", where=f"{path}:1", fix=fix)
+        return table.wrong(f"joint '{joint}' has q_{joint} but no {lost}", fix)
+    return _absent(table, lost, fix)
 
 
-def _time_column(
-    path: Path, names: Sequence[str], given: str | None, rate: float | None
-) -> str | None:
+def _absent(table: TextTable, name: str, fix: str = "") -> LogLayout:
+    """Return the mistake of a column that is not there."""
+    more = len(table.names) - 12
+    have = ", ".join(table.names[:12]) + (f" and {more} more" if more > 0 else "")
+    return table.wrong(f"no column {name}; it has {have}", fix)
+
+
+def _time_column(table: TextTable, given: str | None, rate: float | None) -> str | None:
     """Return the column of the stamps; None where there is none but a rate.
 
     Raises:
         LogLayout: there is none, and no rate.
     """
-    found = given or next(filter(is_time, names), None)
-    if found in names or (rate is not None and not given):
+    found = given or next(filter(is_time, table.names), None)
+    if found in table.names or (rate is not None and not given):
         return found
-    guess = suggested(names)
-    fix = "add the column t, or give --rate"
-    if "time" in guess:
-        fix = f"under `driver:` in the robot file: columns: {{time: {guess['time']}}}"
-    raise LogLayout(
-        f"{path.name}:1: no column '{given or 't'}'; it has {_listed(names)}",
-        where=f"{path}:1",
-        fix=fix,
-    )
+    guess = suggested(table.names).get("time")
+    fix = f"under `driver:` in the robot file: columns: {{time: {guess}}}" if guess else ""
+    raise _absent(table, f"'{given or 't'}'", fix or "add the column t, or give --rate")
 
 
-def _names_in_rows(path: Path, dialect: Dialect, pattern: str) -> tuple[str, ...]:
+def _names_in_rows(table: TextTable, pattern: str) -> tuple[str, ...]:
     """Return the names of the joints that stand in columns of their own, as in what ROS writes of joint states.
 
     Raises:
         LogLayout: there are no such columns.
     """
-    names = dialect.names
-    chosen = next(filter(None, (matched(pattern, names, [""] * k) for k in range(32, 0, -1))), None)
-    if not chosen:
-        raise LogLayout(
-            f"{path.name}:1: no column {pattern}; it has {_listed(names)}", where=f"{path}:1"
-        )
-    return tuple(dialect.first[names.index(name)] for name in chosen if dialect.first)
+    for count in range(32, 0, -1):
+        if chosen := matched(pattern, table.names, [""] * count):
+            return tuple(table.first[table.names.index(name)] for name in chosen if table.first)
+    raise _absent(table, pattern)
 
 
-def _declared(columns: Mapping[str, Sequence[str]], dialect: Dialect) -> dict[str, str]:
+def _declared(columns: Mapping[str, Sequence[str]], table: TextTable) -> dict[str, str]:
     """Return the units that the header gives for all columns of a quantity."""
-    below = dict(zip(dialect.names, dialect.units, strict=False))
+    below = dict(zip(table.names, table.units, strict=False))
     found = {}
     for key in FACTORS:
         units = {unit_of(name, below.get(name, "")) for name in columns.get(key, ())}
@@ -237,34 +215,13 @@ def _declared(columns: Mapping[str, Sequence[str]], dialect: Dialect) -> dict[st
     return found
 
 
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
-
-
 # ---------------------------------------------------------------- a folder of texts
-@dataclass(frozen=True)
-class _Text:
-    """One text file of a folder: its path, names of its columns (() without a header) and values, (N, columns)."""
-
-    path: Path
-    names: tuple[str, ...]
-    values: Floats
-
-    @property
-    def has_time(self) -> bool:
-        """Whether the first column is time."""
-        return bool(self.names) and is_time(self.names[0])
-
-    def without_time(self) -> _Text:
-        """Return the columns besides time."""
-        return _Text(self.path, self.names[1:], self.values[:, 1:]) if self.has_time else self
-
-
 def read_folder(path: Path, rate: float | None = None) -> Log:
     """Read the paper's text files from a folder: one row per sample, one column per joint.
 
     Args:
-        path: folder with position.txt, torque.txt and, if recorded, velocity.txt and time.txt.
+        path: folder with position.txt, torque.txt and, if recorded, velocity.txt and time.txt. A file may have a line
+            of names, of which the first may be that of a column of time.
         rate: samples per second where no file has the time [Hz].
 
     Raises:
@@ -272,70 +229,45 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
         LogLayout: rows or columns do not agree.
         WrongUsage: no file has the time, and no rate is given.
     """
-    for name in ("position.txt", "torque.txt"):
-        if not (path / name).is_file():
-            holds = ", ".join(sorted(each.name for each in path.iterdir())[:5]) or "nothing"
-            raise LogNotFound(
-                f"the folder {path} is no log: it holds {holds}",
-                where=str(path),
-                fix="give the folder with metadata.yaml of rosbag2, or with position.txt and torque.txt",
-            )
-    texts = {
-        key: _read_text(path / f"{key}.txt")
-        for key in ("position", "velocity", "torque", "time")
-        if (path / f"{key}.txt").is_file()
-    }
-    position = texts["position"]
-    for text in texts.values():
-        if len(text.values) != len(position.values):
-            what = f"{text.path.name} has {len(text.values)} rows, expected {len(position.values)}"
-            raise LogLayout(what, where=str(text.path))
-    if "time" in texts or position.has_time:
-        t = texts.pop("time", position).values[:, 0]
-    elif rate is None:
+    if not all((path / name).is_file() for name in ("position.txt", "torque.txt")):
+        holds = ", ".join(sorted(each.name for each in path.iterdir())[:5]) or "nothing"
+        raise LogNotFound(
+            f"the folder {path} is no log: it holds {holds}",
+            where=str(path),
+            fix="give the folder with metadata.yaml of rosbag2, or with position.txt and torque.txt",
+        )
+    names: tuple[str, ...] = ()
+    t: Floats | None = None
+    arrays: dict[str, Floats] = {}
+    for key in ("position", "velocity", "torque", "time"):
+        file = path / f"{key}.txt"
+        if not file.is_file():
+            continue
+        table = text_table(file)
+        heads, values = table.names, table.read(range(table.width))
+        if key == "time" or (heads and is_time(heads[0])):
+            t = values[:, 0] if key in ("position", "time") else t
+            heads, values = heads[1:], values[:, 1:]
+        rows, width = arrays.setdefault("position", values).shape
+        if len(values) != rows:
+            raise LogLayout(f"{file.name} has {len(values)} rows, expected {rows}", where=str(file))
+        if key == "time":
+            break
+        if values.shape[1] != width:
+            text = f"{file.name} has {values.shape[1]} columns, position.txt {width}"
+            raise LogLayout(text, where=str(file))
+        names = names or heads
+        if missing := [name for name in names if heads and name not in heads]:
+            raise table.wrong(f"no column '{missing[0]}'")
+        # A file without names has the order of the others.
+        order = [heads.index(name) for name in names] if heads else slice(None)
+        arrays[key] = values[:, order]
+    if t is None and rate is None:
         raise WrongUsage(
             f"{path} has no time.txt and position.txt no time column",
             where=str(path),
             why="derivatives need the time of each sample",
             fix="give the sample rate: --rate 100",
         )
-    else:
-        t = np.arange(len(position.values)) / positive_rate(rate)
-    texts = {key: text.without_time() for key, text in texts.items()}
-    names = next((text.names for text in texts.values() if text.names), ())
-    arrays = {
-        key: _in_order(text, names, texts["position"].values.shape[1])
-        for key, text in texts.items()
-    }
+    t = np.arange(len(arrays["position"])) / (rate or 1.0) if t is None else t
     return Log(t, arrays["position"], arrays["torque"], names, arrays.get("velocity"), source=path)
-
-
-def _read_text(path: Path) -> _Text:
-    dialect = dialect_of(path)
-    return _Text(path, dialect.names, dialect.read(path, range(dialect.width)))
-
-
-def _in_order(text: _Text, names: Sequence[str], width: int) -> Floats:
-    """Return the columns in the order of ``names``; a file without header has the order of the others."""
-    if text.values.shape[1] != width:
-        what = f"{text.path.name} has {text.values.shape[1]} columns, position.txt {width}"
-        raise LogLayout(what, where=str(text.path))
-    if not text.names or tuple(text.names) == tuple(names):
-        return text.values
-    missing = [name for name in names if name not in text.names]
-    if missing:
-        raise LogLayout(f"{text.path.name}:1: no column '{missing[0]}'", where=f"{text.path}:1")
-    return text.values[:, [text.names.index(name) for name in names]]
-
-
-def positive_rate(rate: float | None) -> float:
-    """Return the sample rate that the user gave [Hz].
-
-    Raises:
-        WrongUsage: it is none.
-    """
-    if rate is None or not np.isfinite(rate) or rate <= 0:
-        raise WrongUsage(
-            f"--rate {rate} is not a sample rate", fix="give samples per second, such as --rate 100"
-        )
-    return rate

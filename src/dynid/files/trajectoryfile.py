@@ -176,12 +176,10 @@ def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
 def write_csv(path: Path, joints: tuple[str, ...], motion: Motion) -> None:
     """Write a motion as CSV in DH quantities, with the columns of a CSV log and ``qdd_<name>``."""
     header = ["t", *(column(f"{kind}_{name}") for kind in ("q", "qd", "qdd") for name in joints)]
+    table = np.column_stack([motion.t, motion.q, motion.qd, motion.qdd])
     with written_whole(path) as stream:
         stream.write((",".join(header) + "\n").encode())
-        for t, *values in zip(motion.t, motion.q, motion.qd, motion.qdd, strict=True):
-            stream.write(
-                (",".join(f"{value:.9g}" for value in (t, *np.concatenate(values))) + "\n").encode()
-            )
+        np.savetxt(stream, table, fmt="%.9g", delimiter=",")
 
 
 #: How ROS 1 and ROS 2 spell the head of a message and a duration.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import WrongUrdf
 from dynid.files import tuning
-from dynid.files.robotkeys import SNAP_STEP
+from dynid.files.robotkeys import INERTIA, snapped
 from dynid.files.yamlfile import LARGEST
 from dynid.robot import Body, Limits, rotation_rpy
 from dynid.text import closest, shell
@@ -98,9 +98,7 @@ class Urdf:
         link = tip
         while link != base:
             if link not in carrier:
-                raise WrongUrdf(
-                    f"{self.path}: link '{tip}' is not connected to '{base}'", where=str(self.path)
-                )
+                raise _wrong(self.path, f": link '{tip}' is not connected to '{base}'")
             joints.append(carrier[link])
             link = carrier[link].parent
         return tuple(reversed(joints))
@@ -125,13 +123,13 @@ class Urdf:
     def known_link(self, name: str) -> str:
         """Return the name of a link after checking that it exists."""
         if name not in self.bodies:
-            hint = closest(name, self.bodies)
-            raise WrongUrdf(
-                f"{self.path} has no link '{name}'{hint}",
-                where=str(self.path),
-                fix=f"links: {', '.join(self.bodies)}",
-            )
+            text = f" has no link '{name}'{closest(name, self.bodies)}"
+            raise _wrong(self.path, text, f"links: {', '.join(self.bodies)}")
         return name
+
+
+def _wrong(path: Path, text: str, fix: str = "") -> WrongUrdf:
+    return WrongUrdf(f"{path}{text}", where=str(path), fix=fix)
 
 
 def read_urdf(path: Path, *, exact: bool = False) -> Urdf:
@@ -144,57 +142,43 @@ def read_urdf(path: Path, *, exact: bool = False) -> Urdf:
     Raises:
         WrongUrdf: it cannot be read or is no tree of links.
     """
-    where = str(path)
     try:
         top = ET.fromstring(path.read_bytes())
     except OSError as error:
-        raise WrongUrdf(f"cannot read {path}: {error.strerror}", where=where) from error
+        text = f"cannot read {path}: {error.strerror}"
+        raise WrongUrdf(text, where=str(path)) from error
     except ET.ParseError as error:
-        raise WrongUrdf(
-            f"{path} is not XML: {error}", where=f"{path}:{error.position[0]}"
-        ) from error
+        line = f"{path}:{error.position[0]}"
+        raise WrongUrdf(f"{path} is not XML: {error}", where=line) from error
     except (LookupError, ValueError) as error:
-        raise WrongUrdf(f"{path} is not XML in a known encoding: {error}", where=where) from error
+        raise _wrong(path, f" is not XML in a known encoding: {error}") from error
     if top.tag != "robot":
-        raise WrongUrdf(f"{path} holds <{top.tag}>, not <robot>: it is not a URDF", where=where)
+        raise _wrong(path, f" holds <{top.tag}>, not <robot>: it is not a URDF")
     if any("ros.org/wiki/xacro" in element.tag for element in top.iter()):
-        raise WrongUrdf(f"{path} is a xacro", where=where, fix=f"{shell('xacro', path)} > arm.urdf")
+        raise _wrong(path, " is a xacro", f"{shell('xacro', path)} > arm.urdf")
     try:
         bodies = {link.attrib["name"]: _body(link) for link in top.findall("link")}
         joints = tuple(_joint(joint, exact) for joint in top.findall("joint"))
-    except (KeyError, ValueError, AttributeError) as error:
-        raise WrongUrdf(
-            f"{path}: a link or joint lacks something or has a value that is not a number: {error}",
-            where=where,
-        ) from error
-    _check_tree(path, bodies, joints)
-    return Urdf(top.get("name", path.stem), bodies, joints, path)
+    except (KeyError, ValueError) as error:
+        text = f": a link or joint lacks something or has a value that is not a number: {error}"
+        raise _wrong(path, text) from error
+    urdf = Urdf(top.get("name", path.stem), bodies, joints, path)
+    _check_tree(urdf)
+    return urdf
 
 
-def _check_tree(path: Path, bodies: Mapping[str, Body | None], joints: Sequence[UrdfJoint]) -> None:
-    children = [joint.child for joint in joints]
-    for joint in joints:
-        for link in (joint.parent, joint.child):
-            if link not in bodies:
-                raise WrongUrdf(
-                    f"{path}: joint '{joint.name}' names link '{link}', which is not there",
-                    where=str(path),
-                )
-    if len(set(children)) != len(children) or len(children) != len(bodies) - 1:
-        raise WrongUrdf(
-            f"{path} is not one tree: {len(bodies)} links, {len(children)} joints", where=str(path)
-        )
-    parents = {joint.child: joint.parent for joint in joints}
-    reached = {link for link in bodies if link not in parents}
-    for link in bodies:
-        before = [link]
-        while before[-1] not in reached:
-            before.append(parents[before[-1]])
-            if len(before) > len(bodies):
-                raise WrongUrdf(
-                    f"{path} is not one tree: link '{link}' is its own parent", where=str(path)
-                )
-        reached.update(before)
+def _check_tree(urdf: Urdf) -> None:
+    for joint in urdf.joints:
+        for link in {joint.parent, joint.child} - urdf.bodies.keys():
+            text = f": joint '{joint.name}' names link '{link}', which is not there"
+            raise _wrong(urdf.path, text)
+    links, joints = len(urdf.bodies), len(urdf.joints)
+    if not len({joint.child for joint in urdf.joints}) == joints == links - 1:
+        raise _wrong(urdf.path, f" is not one tree: {links} links, {joints} joints")
+    reached = {urdf.root, *(joint.child for joint, _ in urdf.behind(urdf.root))}
+    for link in urdf.bodies:
+        if link not in reached:
+            raise _wrong(urdf.path, f" is not one tree: link '{link}' is its own parent")
 
 
 def _numbers(text: str, count: int) -> Floats:
@@ -210,12 +194,17 @@ def _number(element: ET.Element | None, key: str) -> float:
     return float(_numbers(element.get(key, "0"), 1)[0]) if element is not None else 0.0
 
 
-def _pose(element: ET.Element | None, clean: Callable[[float], float]) -> Floats:
+def _inside(element: ET.Element, tag: str, key: str, default: str) -> str:
+    """Return an attribute of an element inside another, which may be missing but not without it."""
+    found = element.find(tag)
+    return found.attrib[key] if found is not None else default
+
+
+def _pose(element: ET.Element | None, exact: bool) -> Floats:
     pose = np.eye(4)
     if element is not None:
-        roll, pitch, yaw = (
-            clean(angle) for angle in _numbers(element.get("rpy", "0 0 0"), 3).tolist()
-        )
+        angles = _numbers(element.get("rpy", "0 0 0"), 3).tolist()
+        roll, pitch, yaw = angles if exact else map(snapped, angles)
         R = rotation_rpy((roll, pitch, yaw))
         # Why: cos(pi/2) is 6e-17; exact zeros keep axes that are parallel exactly parallel.
         pose[:3, :3] = np.where(np.abs(R - np.round(R)) < 1e-15, np.round(R), R)
@@ -223,52 +212,38 @@ def _pose(element: ET.Element | None, clean: Callable[[float], float]) -> Floats
     return pose
 
 
-def _snapped(angle: float) -> float:
-    nearest = round(angle / SNAP_STEP) * SNAP_STEP
-    return nearest if abs(angle - nearest) < tuning.SNAP_RAD else angle
-
-
 def _body(link: ET.Element) -> Body | None:
     inertial = link.find("inertial")
     if inertial is None:
         return None
-    pose = _pose(inertial.find("origin"), lambda angle: angle)
-    mass = inertial.find("mass")
-    entries = inertial.find("inertia")
-    m = float(_numbers(mass.attrib["value"], 1)[0]) if mass is not None else 0.0
+    pose, entries = _pose(inertial.find("origin"), exact=True), inertial.find("inertia")
     tensor = np.zeros((3, 3))
-    if entries is not None:
-        for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
-            i, j = "xyz".index(name[1]), "xyz".index(name[2])
-            tensor[i, j] = tensor[j, i] = _number(entries, name)
-    return Body.of(m, pose[:3, 3], pose[:3, :3] @ tensor @ pose[:3, :3].T)
+    for name, i, j in zip(INERTIA, *np.triu_indices(3), strict=True):
+        tensor[i, j] = tensor[j, i] = _number(entries, name)
+    mass = float(_numbers(_inside(inertial, "mass", "value", "0"), 1)[0])
+    return Body.of(mass, pose[:3, 3], pose[:3, :3] @ tensor @ pose[:3, :3].T)
 
 
 def _joint(joint: ET.Element, exact: bool) -> UrdfJoint:
-    kind = joint.attrib["type"]
-    axis_element = joint.find("axis")
-    axis = (
-        _numbers(axis_element.attrib["xyz"], 3)
-        if axis_element is not None
-        else np.array([1.0, 0.0, 0.0])
-    )
+    name, kind = joint.attrib["name"], joint.attrib["type"]
+    axis = _numbers(_inside(joint, "axis", "xyz", "1 0 0"), 3)
     if kind in MOVING and not np.linalg.norm(axis):
-        raise ValueError(f"the axis of joint {joint.attrib['name']} is zero")
+        raise ValueError(f"the axis of joint {name} is zero")
     axis = axis / (np.linalg.norm(axis) or 1.0)
     if not exact:
         # Why: an axis such as (0, 1, 2e-5) would give common normals kilometres away.
         axis = np.where(np.abs(axis) < tuning.SNAP_RAD, 0.0, axis)
         axis = axis / (np.linalg.norm(axis) or 1.0)
+    parent, child = (_inside(joint, tag, "link", "") for tag in ("parent", "child"))
+    if not parent or not child:
+        raise ValueError(f"joint {name} has no parent or child")
     dynamics = joint.find("dynamics")
-    parent, child = joint.find("parent"), joint.find("child")
-    if parent is None or child is None:
-        raise ValueError(f"joint {joint.attrib['name']} has no parent or child")
     return UrdfJoint(
-        name=joint.attrib["name"],
+        name=name,
         type=kind,
-        parent=parent.attrib["link"],
-        child=child.attrib["link"],
-        origin=_pose(joint.find("origin"), (lambda angle: angle) if exact else _snapped),
+        parent=parent,
+        child=child,
+        origin=_pose(joint.find("origin"), exact),
         axis=axis,
         limits=_limits(joint.find("limit"), kind),
         damping=_number(dynamics, "damping"),
@@ -279,11 +254,13 @@ def _joint(joint: ET.Element, exact: bool) -> UrdfJoint:
 def _limits(element: ET.Element | None, kind: str) -> Limits:
     if element is None:
         return Limits()
-    lower, upper = (float(element.get(key, "0")) for key in ("lower", "upper"))
-    velocity, effort = (float(element.get(key, "0")) for key in ("velocity", "effort"))
-    # Why: some files write an infinite or huge number for a joint without a limit.
-    position = (
-        (lower, upper) if kind != "continuous" and -LARGEST < lower < upper < LARGEST else None
+    lower, upper, velocity, effort = (
+        float(element.get(key, "0")) for key in ("lower", "upper", "velocity", "effort")
     )
-    most = (value if 0 < value < LARGEST else None for value in (velocity, effort))
-    return Limits(position, next(most), None, next(most))
+    # Why: some files write an infinite or huge number for a joint without a limit.
+    limited = kind != "continuous" and -LARGEST < lower < upper < LARGEST
+    return Limits(
+        position=(lower, upper) if limited else None,
+        velocity=velocity if 0 < velocity < LARGEST else None,
+        torque=effort if 0 < effort < LARGEST else None,
+    )

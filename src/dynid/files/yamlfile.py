@@ -1,20 +1,23 @@
 """YAML with line numbers: every value knows where it stands, every mistake says so.
 
 Reads one file into a tree of ``Value``; unknown and duplicate keys, text in the place of a number and missing keys
-raise the errors of the catalogue with ``file:line``.
+raise the errors of the catalogue with ``file:line``. What a mapping may hold is declared by ``Key``.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import yaml
 
-from dynid.errors import DynidError, NotANumber, NotYaml, UnknownKey, WrongRobotFile
+from dynid.errors import DynidError, Finding, NotANumber, NotYaml, UnknownKey, WrongRobotFile
+from dynid.robot import Joint
 from dynid.text import closest
 from dynid.units import ANGLE
 
@@ -27,6 +30,60 @@ _OCTAL = re.compile(r"[-+]?0\d+")
 _PI = re.compile(
     r"(?P<sign>[-+]?)\s*(?:(?P<factor>\d+(?:\.\d*)?)\s*\*\s*)?pi\s*(?:/\s*(?P<divisor>\d+(?:\.\d*)?))?"
 )
+REQUIRED = "required"
+
+
+@dataclass(frozen=True)
+class Context:
+    """What the meaning of a value depends on besides the value.
+
+    Attributes:
+        angle_unit: unit of plain numbers that are angles.
+        joints: joints of the arm, () while they are read.
+        revolute: whether the joint at hand is revolute.
+        findings: what was noticed; reading appends to it.
+    """
+
+    angle_unit: str = "rad"
+    joints: tuple[Joint, ...] = ()
+    revolute: bool = True
+    findings: list[Finding] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A type of value.
+
+    Attributes:
+        words: its name in the reference.
+        read: makes the value from what stands in the file.
+        keys: the keys inside, where it is a mapping.
+    """
+
+    words: str
+    read: Callable[[Value], Any]
+    keys: tuple[Key, ...] = ()
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key.
+
+    Attributes:
+        name: the key.
+        kind: type of its value.
+        help: what it is, in one or two sentences.
+        default: what holds without it, as the reference shows it; ``"required"`` where it must be there.
+        unit: unit of the value; "" for none.
+        nullable: whether ``null`` means that it is left out.
+    """
+
+    name: str
+    kind: Kind
+    help: str = ""
+    default: str = "none"
+    unit: str = ""
+    nullable: bool = False
 
 
 @dataclass(frozen=True)
@@ -37,11 +94,13 @@ class Value:
         node: node of the parsed file.
         file: the file's path, for messages.
         path: place in the tree, such as ``joints[2].d``.
+        context: what its meaning depends on.
     """
 
     node: yaml.Node
     file: Path
-    path: str
+    path: str = ""
+    context: Context = field(default_factory=Context)
 
     @property
     def where(self) -> str:
@@ -63,132 +122,145 @@ class Value:
         """Whether the value has keys."""
         return isinstance(self.node, yaml.MappingNode)
 
-    def mapping(self, known: Sequence[str], required: Sequence[str] = ()) -> dict[str, Value]:
-        """Return the values by key, after checking that all keys are known, once given, and the required ones there."""
+    def wrong(
+        self, text: str, fix: str = "", kind: type[DynidError] = WrongRobotFile, **more: str
+    ) -> DynidError:
+        """Return the mistake that a value is, named by file, line and place."""
+        what = f"{self.where}: {self.path or 'the file'}{text}"
+        return kind(what, where=self.where, fix=fix, **more)
+
+    def mapping(
+        self,
+        known: Sequence[str],
+        required: Sequence[str] = (),
+        usual: Mapping[str, str] = MappingProxyType({}),
+    ) -> dict[str, Value]:
+        """Return the values by key, after checking that all keys are known, once given, and the required ones there.
+
+        Args:
+            known: the keys that it may have.
+            required: those that it must have.
+            usual: other names of keys, which are understood and noted (W203).
+        """
         if not isinstance(self.node, yaml.MappingNode):
-            raise WrongRobotFile(
-                f"{self.path or 'the file'} must have keys ({', '.join(known)})", where=self.where
-            )
+            text = f"{self.path or 'the file'} must have keys ({', '.join(known)})"
+            raise WrongRobotFile(text, where=self.where)
         found: dict[str, Value] = {}
-        for key_node, value_node in self.node.value:
-            key, line = str(key_node.value), f"{self.file}:{key_node.start_mark.line + 1}"
+        for key_node, node in self.node.value:
+            given, line = str(key_node.value), f"{self.file}:{key_node.start_mark.line + 1}"
+            key = usual.get(given, given)
+            if key != given:
+                text = f"{line}: `{given}:` is read as `{key}:`, its name in dynid"
+                noticed = Finding("W203", "info", text, {"given": given, "used": key})
+                self.context.findings.append(noticed)
             if key in found:
                 raise NotYaml(f"{line}: key '{key}' is given twice", where=line)
             if key not in known:
                 fix = f"rename or remove it; {self.path or 'the file'} may have: {', '.join(known)}"
-                raise UnknownKey(
-                    f"{line}: unknown key '{key}'{closest(key, known)}", where=line, fix=fix
-                )
-            found[key] = Value(value_node, self.file, f"{self.path}.{key}" if self.path else key)
+                text = f"{line}: unknown key '{key}'{closest(key, known)}"
+                raise UnknownKey(text, where=line, fix=fix)
+            found[key] = replace(self, node=node, path=f"{self.path}.{key}".lstrip("."))
         for key in required:
             if key not in found:
-                raise WrongRobotFile(
-                    f"{self.where}: {self.path or 'the file'} lacks the key '{key}'",
-                    where=self.where,
-                )
+                raise self.wrong(f" lacks the key '{key}'")
         return found
+
+    def read(
+        self, keys: Sequence[Key], usual: Mapping[str, str] = MappingProxyType({})
+    ) -> dict[str, Any]:
+        """Return the values of a mapping by key, without those that are left out.
+
+        Raises:
+            UnknownKey: a key is not among ``keys``.
+            WrongRobotFile: a required key is missing.
+        """
+        required = [key.name for key in keys if key.default == REQUIRED]
+        found = self.mapping([key.name for key in keys], required, usual)
+        return {
+            key.name: key.kind.read(found[key.name])
+            for key in keys
+            if key.name in found and not (key.nullable and found[key.name].is_null)
+        }
 
     def entries(self) -> dict[str, Value]:
         """Return the values of a mapping by key, whatever the keys are, each once; {} for anything else."""
-        return (
-            self.mapping([str(key.value) for key, _ in self.node.value]) if self.is_mapping else {}
-        )
+        keys = [str(key.value) for key, _ in self.node.value] if self.is_mapping else []
+        return self.mapping(keys) if keys else {}
 
     def items(self, length: int | None = None) -> list[Value]:
         """Return the values of a list, after checking its length."""
         if not isinstance(self.node, yaml.SequenceNode):
-            raise WrongRobotFile(f"{self.where}: {self.path} must be a list", where=self.where)
-        values = [
-            Value(node, self.file, f"{self.path}[{i}]") for i, node in enumerate(self.node.value)
-        ]
-        if length is not None and len(values) != length:
-            raise WrongRobotFile(
-                f"{self.where}: {self.path} has {len(values)} entries, expected {length}",
-                where=self.where,
-            )
-        return values
+            raise self.wrong(" must be a list")
+        nodes = self.node.value
+        if length is not None and len(nodes) != length:
+            raise self.wrong(f" has {len(nodes)} entries, expected {length}")
+        return [replace(self, node=node, path=f"{self.path}[{i}]") for i, node in enumerate(nodes)]
 
     def text(self) -> str:
         """Return a text value."""
         if not isinstance(self.node, yaml.ScalarNode) or self.is_null:
-            raise WrongRobotFile(f"{self.where}: {self.path} must be a word", where=self.where)
+            raise self.wrong(" must be a word")
         found = str(self.node.value)
         # Why: no name of a file holds them, and what writes or opens one raises what nobody expects.
         if _NOT_TEXT.search(found):
-            raise WrongRobotFile(
-                f"{self.where}: {self.path} contains an invalid character", where=self.where
-            )
+            raise self.wrong(" contains an invalid character")
         return found
 
     def choice(self, known: Sequence[str]) -> str:
         """Return a text value out of a few."""
         word = self.text()
         if word not in known:
-            raise WrongRobotFile(
-                f"{self.where}: {self.path} = '{word}' is none of {', '.join(known)}{closest(word, known)}",
-                where=self.where,
-            )
+            raise self.wrong(f" = '{word}' is none of {', '.join(known)}{closest(word, known)}")
         return word
 
     def flag(self) -> bool:
         """Return true or false."""
-        if isinstance(self.node, yaml.ScalarNode) and self.node.tag == "tag:yaml.org,2002:bool":
-            return str(self.node.value).lower() in ("true", "yes", "on")
-        raise WrongRobotFile(f"{self.where}: {self.path} must be true or false", where=self.where)
+        if self.node.tag != "tag:yaml.org,2002:bool":
+            raise self.wrong(" must be true or false")
+        return self.text().lower() in ("true", "yes", "on")
 
-    def number(self) -> float:
-        """Return a finite number."""
-        return self._checked(self._plain(), self._raw())
+    def number(self, factor: float = 1.0) -> float:
+        """Return a finite number, times a factor."""
+        raw = self._raw()
+        text = self.node.tag == "tag:yaml.org,2002:str"
+        if text or _OCTAL.fullmatch(raw) or not _NUMBER.fullmatch(raw):
+            raise self.wrong(f" = '{raw}' {_number_advice(raw)}", kind=NotANumber)
+        return self._checked(float(raw) * factor)
 
     def integer(self) -> int:
         """Return a whole number."""
         value = self.number()
         if value != int(value):
-            raise NotANumber(
-                f"{self.where}: {self.path} = {value} must be a whole number", where=self.where
-            )
+            raise self.wrong(f" = {value} must be a whole number", kind=NotANumber)
         return int(value)
 
-    def angle(self, unit: str) -> float:
-        """Return an angle in rad; plain numbers are in ``unit``, ``pi/2`` and ``90 deg`` are understood as they say."""
-        raw = self._raw()
-        match = _PI.fullmatch(raw.strip())
-        if match:
+    def angle(self) -> float:
+        """Return an angle in rad; plain numbers are in the file's unit, ``pi/2`` and ``90 deg`` mean what they say."""
+        raw = self._raw().strip()
+        if match := _PI.fullmatch(raw):
             divisor = float(match["divisor"] or 1)
             value = math.pi * float(match["factor"] or 1) / divisor if divisor else math.inf
-            return self._checked(-value if match["sign"] == "-" else value, raw)
+            return self._checked(-value if match["sign"] == "-" else value)
         for tag, factor in ANGLE.items():
-            number = raw.strip().removesuffix(tag).strip()
-            if raw.strip().endswith(tag) and _NUMBER.fullmatch(number):
-                return self._checked(float(number) * factor, raw)
-        return self._checked(self._plain() * ANGLE[unit], raw)
+            number = raw.removesuffix(tag).strip()
+            if raw.endswith(tag) and _NUMBER.fullmatch(number):
+                return self._checked(float(number) * factor)
+        return self.number(ANGLE[self.context.angle_unit])
 
     def _raw(self) -> str:
         if not isinstance(self.node, yaml.ScalarNode):
-            raise NotANumber(f"{self.where}: {self.path} must be one number", where=self.where)
+            raise self.wrong(" must be one number", kind=NotANumber)
         return str(self.node.value)
 
-    def _plain(self) -> float:
-        raw = self._raw()
-        if (
-            _OCTAL.fullmatch(raw)
-            or not _NUMBER.fullmatch(raw)
-            or self.node.tag == "tag:yaml.org,2002:str"
-        ):
-            raise NotANumber(
-                f"{self.where}: {self.path} = '{raw}' {_number_advice(raw)}", where=self.where
-            )
-        return float(raw)
-
-    def _checked(self, value: float, raw: str) -> float:
+    def _checked(self, value: float) -> float:
         if not math.isfinite(value):
-            raise NotANumber(f"{self.where}: {self.path} = '{raw}' is not finite", where=self.where)
+            raise self.wrong(f" = '{self._raw()}' is not finite", kind=NotANumber)
         if value and not SMALLEST <= abs(value) <= LARGEST:
-            raise NotANumber(
-                f"{self.where}: {self.path} = '{raw[:40]}' is beyond what can be measured",
-                where=self.where,
+            raise self.wrong(
+                f" = '{self._raw()[:40]}' is beyond what can be measured",
+                "write 0, or correct the number",
+                NotANumber,
                 why=f"numbers other than 0 must lie between {SMALLEST:g} and {LARGEST:g}",
-                fix="write 0, or correct the number",
             )
         return value
 
@@ -209,15 +281,17 @@ def _number_advice(raw: str) -> str:
     return "is not a number"
 
 
+#: Types of plain values.
+TEXT, FLAG = Kind("text", Value.text), Kind("true or false", Value.flag)
+NUMBER, ANGLE_ = Kind("number", Value.number), Kind("angle", Value.angle)
+
+
 def read_yaml(path: Path) -> Value:
     """Read a YAML file.
 
-    Args:
-        path: the file.
-
     Raises:
         NotYaml: it is not valid YAML or not text.
-        DynidError: it cannot be opened.
+        OSError: it cannot be opened.
     """
     return parse_yaml(read_text(path), path)
 
@@ -237,20 +311,17 @@ def read_text(path: Path) -> str:
 
 def parse_yaml(text: str, path: Path) -> Value:
     """Parse YAML text that came from ``path``."""
+    where, problem = str(path), " is empty"
+    node: yaml.Node | None = None
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
     except RecursionError:
-        raise NotYaml(f"{path}: lists and keys are nested too deep", where=str(path)) from None
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        line = f"{path}:{mark.line + 1}" if mark else str(path)
-        hint = "; a tab is not allowed, indent with spaces" if "'\\t'" in str(error) else ""
-        raise NotYaml(f"{line}: not YAML: {error.problem}{hint}", where=line) from error
+        problem = ": lists and keys are nested too deep"
     except yaml.YAMLError as error:
-        raise NotYaml(f"{path}: not YAML: {error}", where=str(path)) from error
+        if mark := getattr(error, "problem_mark", None):
+            where = f"{path}:{mark.line + 1}"
+        hint = "; a tab is not allowed, indent with spaces" if "'\\t'" in str(error) else ""
+        problem = f": not YAML: {getattr(error, 'problem', error)}{hint}"
     if node is None:
-        raise NotYaml(f"{path} is empty", where=str(path))
-    return Value(node, path, "")
-
-
-__all__ = ["DynidError", "Value", "parse_yaml", "read_yaml"]
+        raise NotYaml(f"{where}{problem}", where=where)
+    return Value(node, path)

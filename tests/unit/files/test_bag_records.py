@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 
 from dynid.errors import BagTruncated
-from dynid.files import bag, logs
+from dynid.files import bag
 from dynid.files.bag import list_topics, scan
+from dynid.files.logs import read_topics
 from makelogs import state_messages, write_bag
 
 NAMES = tuple(f"joint_{i}" for i in range(1, 8))
 TOPIC = "/joint_states"
-
-
-def read_topics(path, names):
-    return logs.read_topics(path, names, bag)
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +27,7 @@ def bags(tmp_path_factory):
 
 
 def read(path):
-    groups, findings = read_topics(path, [TOPIC])
+    groups, findings = read_topics(path, [TOPIC], bag)
     return groups[TOPIC][0], findings
 
 

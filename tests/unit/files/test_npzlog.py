@@ -14,6 +14,16 @@ from dynid.signals.checks import prepare
 from makelogs import lwr, lwr_log, shared_data
 
 
+def saved(folder, header=None, **arrays):
+    """Return a file of somebody else: arrays, and maybe a header."""
+    facts = {} if header is None else {"header": np.array(json.dumps(header))}
+    np.savez(folder / "log.npz", **facts, **arrays)
+    return folder / "log.npz"
+
+
+LOG = {"t": np.arange(3.0), "q": np.ones((3, 2)), "tau": np.ones((3, 2))}
+
+
 def test_a_log_comes_back_as_it_was_written(tmp_path):
     log = replace(lwr_log(), tau_unit="Nm", dh=True, extra={"q_ref": lwr_log().q + 1})
     log.save(tmp_path / "log.npz")
@@ -32,16 +42,9 @@ def test_units_declared_by_the_file_go_before_those_of_the_robot_file(tmp_path):
 
 
 def test_a_unit_that_is_not_known_is_refused_with_those_that_are(tmp_path):
-    header = np.array(json.dumps({"schema": "dynid/log/1", "units": {"position": "gon"}}))
-    np.savez(
-        tmp_path / "log.npz",
-        t=np.arange(3.0),
-        q=np.ones((3, 2)),
-        tau=np.ones((3, 2)),
-        header=header,
-    )
+    path = saved(tmp_path, {"schema": "dynid/log/1", "units": {"position": "gon"}}, **LOG)
     with pytest.raises(LogLayout, match=r"units\.position = gon is not known; known: rad, deg"):
-        read_npz_log(tmp_path / "log.npz")
+        read_npz_log(path)
 
 
 def test_the_same_log_gives_the_same_bytes(tmp_path):
@@ -58,54 +61,40 @@ def test_a_plain_file_has_its_order_assumed_and_says_so(tmp_path):
 
 
 def test_motor_columns_are_known_by_their_names(tmp_path):
-    np.savez(
-        tmp_path / "log.npz", t=np.arange(3.0), q_motor=np.ones((3, 2)), tau_motor=np.ones((3, 2))
-    )
-    assert read_npz_log(tmp_path / "log.npz").motor_side
+    assert read_npz_log(
+        saved(tmp_path, t=LOG["t"], q_motor=LOG["q"], tau_motor=LOG["tau"])
+    ).motor_side
 
 
 def test_a_log_of_a_newer_dynid_asks_to_upgrade(tmp_path):
-    header = np.array(json.dumps({"schema": "dynid/log/2", "dynid": "9.9"}))
-    np.savez(
-        tmp_path / "log.npz",
-        t=np.arange(3.0),
-        q=np.ones((3, 2)),
-        tau=np.ones((3, 2)),
-        header=header,
-    )
+    path = saved(tmp_path, {"schema": "dynid/log/2", "dynid": "9.9"}, **LOG)
     with pytest.raises(NewerSchema, match=r"written by dynid 9\.9"):
-        read_npz_log(tmp_path / "log.npz")
+        read_npz_log(path)
 
 
 def test_another_result_is_not_a_log(tmp_path):
-    np.savez(tmp_path / "log.npz", header=np.array(json.dumps({"schema": "dynid/regressor/1"})))
     with pytest.raises(LogNotFound, match="dynid/regressor/1, not a log"):
-        read_npz_log(tmp_path / "log.npz")
-
-
-def test_a_missing_array_is_named(tmp_path):
-    np.savez(tmp_path / "log.npz", t=np.arange(3.0), q=np.ones((3, 2)))
-    with pytest.raises(LogLayout, match="no array 'tau'; it has q, t"):
-        read_npz_log(tmp_path / "log.npz")
+        read_npz_log(saved(tmp_path, {"schema": "dynid/regressor/1"}))
 
 
 def test_pickled_objects_are_never_loaded(tmp_path):
-    np.savez(tmp_path / "log.npz", t=np.array([{"a": 1}], dtype=object))
     with pytest.raises(LogNotFound):
-        read_npz_log(tmp_path / "log.npz")
+        read_npz_log(saved(tmp_path, t=np.array([{"a": 1}], dtype=object)))
 
 
-def test_arrays_of_different_size_are_refused(tmp_path):
-    np.savez(tmp_path / "log.npz", t=np.arange(3.0), q=np.ones((3, 2)), tau=np.ones((3, 3)))
-    with pytest.raises(LogLayout, match="'tau'"):
-        read_npz_log(tmp_path / "log.npz")
-
-
-@pytest.mark.parametrize("t", [5.0, np.ones((4, 2))])
-def test_odd_shapes_of_time_are_refused(tmp_path, t):
-    np.savez(tmp_path / "log.npz", t=t, q=np.ones((4, 2)), tau=np.ones((4, 2)))
-    with pytest.raises(LogLayout):
-        read_npz_log(tmp_path / "log.npz")
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"tau": None}, "no array 'tau'; it has q, t"),
+        ({"tau": np.ones((3, 3))}, "'tau'"),
+        ({"t": 5.0}, "'q'"),
+        ({"t": np.ones((4, 2))}, "'q'"),
+    ],
+)
+def test_missing_arrays_and_odd_shapes_are_refused(tmp_path, change, words):
+    arrays = {key: x for key, x in (LOG | change).items() if x is not None}
+    with pytest.raises(LogLayout, match=words):
+        read_npz_log(saved(tmp_path, **arrays))
 
 
 def test_a_truncated_file_is_no_log(tmp_path):

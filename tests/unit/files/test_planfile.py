@@ -61,7 +61,7 @@ def test_a_csv_without_header_has_the_joints_in_order_and_maybe_the_time_before_
         (
             "1,2,3,4,5,6,x\n1,2,3,4,5,6,7\n1,2,3,4,5,6,y\n",
             "E322",
-            "headings|not 7 numbers|no column",
+            "w.csv:1: 'x' is not a number",
         ),
         ("1,2,3,4,5,6,7\n1,2,3,4,5,6,nan\n", "E322", "row 2"),
         ("1,1,2,3,4,5,6,7\n1,0,0,0,0,0,0,0\n", "E311", "waypoint 2"),

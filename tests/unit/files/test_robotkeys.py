@@ -8,7 +8,8 @@ import pytest
 
 from dynid.errors import NotANumber, UnknownKey, WrongRobotFile
 from dynid.files.robotfile import parse_robot
-from dynid.files.robotkeys import JOINT, ROBOT, Key
+from dynid.files.robotkeys import JOINT, ROBOT
+from dynid.files.yamlfile import Key
 from dynid.robot import Joint, Robot
 
 LEAST = (

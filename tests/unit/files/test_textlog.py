@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import dynid
 from dynid.errors import LogLayout, LogNotFound, WrongUsage
 from dynid.files.tables import read_folder
 
@@ -70,8 +71,8 @@ def test_the_rate_gives_the_time(tmp_path):
 
 @pytest.mark.parametrize("rate", [0.0, -5.0, float("nan")])
 def test_a_rate_that_is_none_is_refused(tmp_path, rate):
-    with pytest.raises(WrongUsage, match="sample rate"):
-        read_folder(folder(tmp_path), rate=rate)
+    with pytest.raises(WrongUsage, match="--rate"):
+        dynid.load_log(folder(tmp_path), "kuka_lwr4plus", rate=rate)
 
 
 def test_a_folder_without_torque_is_no_log(tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,18 +15,23 @@ from dynid.errors import LogLayout, LogNotFound
 from dynid.files import tuning
 
 Floats = NDArray[np.float64]
+Words = tuple[str, ...]
 
 DELIMITERS = (";", "\t", ",")
+#: What lines that hold no numbers begin with, of which the last may be the header.
+COMMENT = "#%"
 #: Cells that say that there is no number, beside nan.
 NONE = ("", "na", "n/a", "null", "none")
 _WITH_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
+_NUMBER = re.compile(r"[+-]?\.?\d|nan\b", re.IGNORECASE | re.ASCII)
 
 
 @dataclass(frozen=True)
-class Dialect:
-    """How a text table is written.
+class TextTable:
+    """A text table, and how it is written.
 
     Attributes:
+        path: the file.
         delimiter: between cells; None for white space.
         comma: whether numbers have decimal commas.
         names: words of the header, () where there is none.
@@ -35,30 +40,35 @@ class Dialect:
         first: cells of the first row.
     """
 
+    path: Path
     delimiter: str | None
     comma: bool
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    names: Words
+    units: Words
     start: int
-    first: tuple[str, ...]
+    first: Words
 
     @property
     def width(self) -> int:
         """Cells of a row; a delimiter at its end begins none."""
         return len(self.names) or len(self.first)
 
-    def read(self, path: Path, places: Sequence[int]) -> Floats:
-        """Return some columns of a text, (N, k): at once where all cells are plain numbers.
+    def wrong(self, text: str, fix: str = "", line: int = 1) -> LogLayout:
+        """Return a mistake in a line of the table."""
+        return LogLayout(f"{self.path.name}:{line}: {text}", where=f"{self.path}:{line}", fix=fix)
+
+    def read(self, places: Sequence[int]) -> Floats:
+        """Return some columns, (N, k): at once where all cells are plain numbers.
 
         Raises:
             LogNotFound: it is no text.
             LogLayout: a cell is not a number, a row has another number of cells, or there is none.
         """
         if not self.first:
-            raise LogLayout(f"{path.name} has no samples", where=str(path))
+            raise LogLayout(f"{self.path.name} has no samples", where=str(self.path))
         try:
             return np.loadtxt(
-                self._plain(path),
+                self._plain(),
                 delimiter=self.delimiter,
                 comments=None,
                 quotechar='"',
@@ -66,46 +76,40 @@ class Dialect:
                 usecols=places,
             )
         except ValueError:
-            rows = self._lines(path)
-            return np.array([self._row(f"{path.name}:{k}", path, x, places) for k, x in rows])
+            return np.array([self._row(number, line, places) for number, line in self._lines()])
 
-    def _lines(self, path: Path) -> Iterator[tuple[int, str]]:
+    def _lines(self) -> Iterator[tuple[int, str]]:
         """Yield the lines of numbers."""
-        for number, line in lines_of(path):
-            if number >= self.start and line[0] not in "#%":
+        for number, line in lines_of(self.path):
+            if number >= self.start and line[0] not in COMMENT:
                 yield number, line
 
-    def _plain(self, path: Path) -> Iterator[str]:
+    def _plain(self) -> Iterator[str]:
         """Yield the lines of numbers with decimal points; ``ValueError`` where one needs a look at its cells."""
-        for _, line in self._lines(path):
+        for _, line in self._lines():
             # Points beside decimal commas group thousands: 1.234 must not be read.
             grouped = self.comma and "." in line
             if grouped or (self.delimiter and line.count(self.delimiter) != len(self.first) - 1):
                 raise ValueError
             yield line.replace(",", ".") if self.comma else line
 
-    def _row(self, place: str, path: Path, line: str, places: Sequence[int]) -> list[float]:
+    def _row(self, number: int, line: str, places: Sequence[int]) -> list[float]:
         """Return the numbers of one row; an empty cell is not a number, words are named."""
         cells = cells_of(line, self.delimiter)
-        where = f"{path.parent / place}"
         if len(cells) != self.width and not (len(cells) == self.width + 1 and not cells[-1]):
-            raise LogLayout(f"{place}: {len(cells)} numbers, expected {self.width}", where=where)
-        try:
-            return [self._number(cell) for cell in map(cells.__getitem__, places)]
-        except ValueError as error:
-            raise LogLayout(f"{place}: {error}", where=where) from error
-
-    def _number(self, cell: str) -> float:
-        if cell.lower() in NONE:
-            return float("nan")
-        try:
-            return float(cell.replace(".", "?").replace(",", ".") if self.comma else cell)
-        except ValueError as error:
-            raise ValueError(f"'{cell[:40]}' is not a number") from error
+            raise self.wrong(f"{len(cells)} numbers, expected {self.width}", line=number)
+        row = []
+        for cell in map(cells.__getitem__, places):
+            try:
+                plain = cell.replace(".", "?").replace(",", ".") if self.comma else cell
+                row.append(float("nan" if cell.lower() in NONE else plain))
+            except ValueError as error:
+                raise self.wrong(f"'{cell[:40]}' is not a number", line=number) from error
+        return row
 
 
-def dialect_of(path: Path) -> Dialect:
-    """Tell the dialect of a text from its first lines.
+def text_table(path: Path) -> TextTable:
+    """Tell how a text is written from its first lines.
 
     Why not csv.Sniffer: it takes a decimal comma for a delimiter.
 
@@ -117,14 +121,14 @@ def dialect_of(path: Path) -> Dialect:
     rows: list[str] = []
     start = 0
     for number, line in lines_of(path):
-        if line[0] not in "#%" and (rows or _is_data(line)):
+        if line[0] not in COMMENT and (rows or _is_data(line)):
             start = start or number
             rows.append(line)
         elif not rows:
             head.append((number, line))
         if len(rows) >= tuning.FIRST_ROWS or number >= tuning.FIRST_LINES:
             break
-    plain = [line for _, line in head if line[0] not in "#%"]
+    plain = [line for _, line in head if line[0] not in COMMENT]
     model = (rows or plain[-1:] or [""])[0]
     delimiter = next((sign for sign in DELIMITERS if sign in model.strip()), None)
     if delimiter == "," and len(model.split()) > 1 and plain and "," not in "".join(plain):
@@ -134,39 +138,39 @@ def dialect_of(path: Path) -> Dialect:
     commas = sum(bool(_WITH_COMMA.fullmatch(cell)) for cell in cells)
     comma = delimiter != "," and commas > sum("." in cell for cell in cells)
     first = tuple(cells_of(model, delimiter))
-    names, units = _header(path, head, delimiter, first)
-    return Dialect(delimiter, comma, names, units, start, first if rows else ())
+    table = TextTable(path, delimiter, comma, (), (), start, first)
+    names, units = _header(table, head)
+    return replace(table, names=names, units=units, first=first if rows else ())
 
 
-def _header(
-    path: Path, head: Sequence[tuple[int, str]], delimiter: str | None, first: Sequence[str]
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _header(table: TextTable, head: Sequence[tuple[int, str]]) -> tuple[Words, Words]:
     """Return the names of the columns, and the words of a line of units below them.
 
     Raises:
         LogLayout: there are names, but not as many as cells.
     """
-    fits = {len(first), len(first) - (len(first) > 1 and not first[-1])}
-    plain: list[tuple[str, ...]] = []
-    told: list[tuple[str, ...]] = []
-    wrong = None
+    n = len(table.first)
+    fits = {n, n - (n > 1 and not table.first[-1])}
+    plain: list[Words] = []
+    comments: list[Words] = [()]
+    wrong: list[tuple[int, int]] = []
     for number, line in head:
-        words = cells_of(line.lstrip("#% "), delimiter)
+        words = tuple(cells_of(line.lstrip("#% "), table.delimiter))
         if len(words) - 1 in fits and not words[-1]:
             words = words[:-1]
         if len(words) in fits:
-            (told if line[0] in "#%" else plain).append(tuple(words))
-        elif line[0] not in "#%" and len(words) > 1:
-            wrong = number, len(words)
+            (comments if line[0] in COMMENT else plain).append(words)
+        elif line[0] not in COMMENT and len(words) > 1:
+            wrong.append((number, len(words)))
     if not plain and wrong:
-        text = f"{path.name}:{wrong[0]}: {wrong[1]} names, but the rows have {len(first)} numbers"
-        raise LogLayout(text, where=f"{path}:{wrong[0]}")
+        number, count = wrong[-1]
+        raise table.wrong(f"{count} names, but the rows have {n} numbers", line=number)
     if not plain:
-        return (told[-1] if told else ()), ()
+        return comments[-1], ()
     # Why the most words: a spreadsheet fills a title with empty cells.
     at = max(range(len(plain)), key=lambda k: len(set(plain[k]) - {""}))
-    below = plain[at + 1 :]
-    return plain[at], below[0] if below and len(below[0]) == len(plain[at]) else ()
+    below = next(iter(plain[at + 1 :]), ())
+    return plain[at], below if len(below) == len(plain[at]) else ()
 
 
 def cells_of(line: str, delimiter: str | None) -> list[str]:
@@ -183,8 +187,7 @@ def cells_of(line: str, delimiter: str | None) -> list[str]:
 def _is_data(line: str) -> bool:
     """Return whether most words of a line begin like numbers."""
     words = [word for word in re.split(r'[;,\s"]+', line) if word]
-    numbers = [re.match(r"[+-]?\.?\d|nan\b", word, re.IGNORECASE | re.ASCII) for word in words]
-    return 2 * sum(map(bool, numbers)) > len(words)
+    return 2 * sum(bool(_NUMBER.match(word)) for word in words) > len(words)
 
 
 def lines_of(path: Path) -> Iterator[tuple[int, str]]:
@@ -204,6 +207,5 @@ def lines_of(path: Path) -> Iterator[tuple[int, str]]:
     except OSError as error:
         raise LogNotFound(f"cannot read {path}: {error.strerror}", where=str(path)) from error
     except UnicodeDecodeError as error:
-        raise LogNotFound(
-            f"{path.name} is not a text file", where=str(path), fix="save it as UTF-8"
-        ) from error
+        text = f"{path.name} is not a text file"
+        raise LogNotFound(text, where=str(path), fix="save it as UTF-8") from error
