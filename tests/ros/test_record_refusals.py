@@ -22,12 +22,8 @@ def test_nothing_moves_unless_a_person_or_the_option_names_the_robot(lab, plan):
     trajectory = plan(KINOVA)
     driver = lab.driver(KINOVA, "--pose", trajectory)
     words = ("record", KINOVA, trajectory)
-    typing = threading.Thread(
-        target=lambda: typed_yes.extend(typed(lab, trajectory, b"\ny\nyes\n", "--yes"))
-    )
-    typed_yes = []
-    typing.start()
-    runs = [lab.start(*words, "--yes"), lab.start(*words)]
+    typed_yes = typed(lab, trajectory, b"\ny\nyes\n", "--yes")
+    runs = [lab.start(*words, "--yes").end(), lab.start(*words).end()]
     closed = subprocess.Popen(
         [sys.executable, "-m", "dynid", *map(str, words)],
         cwd=lab.folder,
@@ -37,23 +33,22 @@ def test_nothing_moves_unless_a_person_or_the_option_names_the_robot(lab, plan):
         text=True,
         preexec_fn=lambda: os.close(0),
     )
+    out, err = closed.communicate(timeout=LIMIT)
     yes = subprocess.Popen(["yes", KINOVA], stdout=subprocess.PIPE)
-    runs.append(lab.start(*words, "--yes", stdin=yes.stdout))
+    runs.append(lab.start(*words, "--yes", stdin=yes.stdout).end())
+    yes.kill()
+    yes.communicate()
     lab.env |= {
         "DYNID_MOVE": KINOVA,
         "DYNID_RECORD_MOVE": KINOVA,
         "DYNID_YES": "1",
         "DYNID_NO_INPUT": "0",
     }
-    runs.append(lab.start(*words))
-    out, err = closed.communicate(timeout=LIMIT)
-    for done in [*(run.end() for run in runs), Ended(closed.returncode, out, err)]:
+    runs.append(lab.start(*words).end())
+    for done in [*runs, Ended(closed.returncode, out, err)]:
         assert (done.status, done.out) == (7, ""), done.err
         assert "error[E703]" in done.err
         assert f"--move {KINOVA}" in done.err
-    yes.kill()
-    yes.communicate()
-    typing.join()
     assert typed_yes[0] == 7, "not even a person's yes on a terminal stands for the name"
     assert "error[E704]" in typed_yes[1]
     assert lab.finish(driver)["commands"] == 0
