@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
+from itertools import chain
 from typing import TypeAlias
 
 import numpy as np
@@ -21,14 +23,21 @@ from dynid.estimation.stack import Stack, settled, stack_logs
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
 from dynid.robot import Coulomb
-from dynid.signals.conditioned_log import signs_of_shapes, with_effects
-from dynid.signals.filters import decimate
+from dynid.signals.conditioned_log import (
+    ConditionedLog,
+    Segment,
+    signs_of_shapes,
+    with_effects,
+)
+from dynid.signals.filters import Filter, decimate
 
 Floats = NDArray[np.float64]
 
 #: Widths that are tried, in usual widths; the narrowest is a step for what logs can tell, 0.3 to 30 mrad/s. Then as
 #: many between the neighbours of the best.
 WIDTHS = np.geomspace(0.03, 3.0, 9)
+#: Of each part of a log without gaps this much is looked at [s]: hundreds of reversals tell a width.
+LOOKED_AT_S = 600.0
 
 #: Makes the signs of some shapes in each segment of each log, (N, n, shapes).
 Signs: TypeAlias = Callable[[Sequence[Coulomb]], list[list[Floats]]]
@@ -50,18 +59,25 @@ def with_estimated_step(stack: Stack, logs: Sequence[Log], *, measured_velocity:
     """
     usual = stack.base.robot.usual_coulomb
 
-    def signs(shapes: Sequence[Coulomb]) -> list[list[Floats]]:
+    def signs(shapes: Sequence[Coulomb], seconds: float = np.inf) -> list[list[Floats]]:
         return [
             signs_of_shapes(
-                log, conditioned.filter, usual, shapes, measured_velocity=measured_velocity
+                log,
+                conditioned.filter,
+                usual,
+                shapes,
+                measured_velocity=measured_velocity,
+                seconds=seconds,
             )
             for log, conditioned in zip(logs, stack.logs, strict=True)
         ]
 
-    found = _estimated(stack, signs, usual)
+    found = _estimated(stack, partial(signs, seconds=LOOKED_AT_S), usual)
     if found is None:
         return stack
     base, logs_then = with_coulomb(stack.base, found), []
+    if found.velocity == usual.velocity:
+        return replace(stack, base=base)
     for log, own in zip(stack.logs, signs([found]), strict=True):
         pairs = zip(log.segments, own, strict=True)
         segments = [replace(segment, coulomb_sign=sign[..., 0]) for segment, sign in pairs]
@@ -75,7 +91,8 @@ def _estimated(stack: Stack, signs: Signs, usual: Coulomb) -> Coulomb | None:
     columns = {j: names.index(f"fc{j + 1}") for j in range(n) if f"fc{j + 1}" in names}
     if not columns:
         return None
-    rows = joined([part for log in stack.logs for part in rows_of(log, stack.observer)])
+    parts = (rows_of(_beginning(log), stack.observer) for log in stack.logs)
+    rows = joined(list(chain.from_iterable(parts)))
     near = WIDTHS[:, None] * usual.velocity
     velocity, interval = list(usual.velocity), list(zip(*near[[0, -1]], strict=True))
     widths, left = near, _left_by(stack, rows, columns, signs, near)
@@ -94,6 +111,18 @@ def _estimated(stack: Stack, signs: Signs, usual: Coulomb) -> Coulomb | None:
     return Coulomb("smooth", tuple(velocity), tuple(interval))
 
 
+def _beginning(log: ConditionedLog) -> ConditionedLog:
+    """Return a log of whose segments only what is looked at is left."""
+    count = _looked_at(log.filter)
+    segments = [Segment(**{name: x[:count] for name, x in vars(s).items()}) for s in log.segments]
+    return replace(log, segments=segments)
+
+
+def _looked_at(chosen: Filter) -> int:
+    """Return how many samples of a segment are looked at."""
+    return round(LOOKED_AT_S * chosen.rate / chosen.first_step)
+
+
 def _left_by(
     stack: Stack, rows: ObservationRows, columns: dict[int, int], signs: Signs, widths: Floats
 ) -> Floats:
@@ -101,7 +130,9 @@ def _left_by(
     tried = signs([Coulomb("smooth", tuple(each)) for each in widths.tolist()])
     of_rows = np.concatenate(
         [
-            _of_rows(each, log.filter.second_kernel, log.filter.second_step)
+            _of_rows(
+                each[: _looked_at(log.filter)], log.filter.second_kernel, log.filter.second_step
+            )
             for log, some in zip(stack.logs, tried, strict=True)
             for each in some
         ]

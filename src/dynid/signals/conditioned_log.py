@@ -219,6 +219,7 @@ def signs_of_shapes(
     shapes: Sequence[Coulomb],
     *,
     measured_velocity: bool = False,
+    seconds: float = np.inf,
 ) -> list[Floats]:
     """Return the Coulomb signs of several shapes under the filter of the torques, (N, n, shapes) for each segment.
 
@@ -228,12 +229,13 @@ def signs_of_shapes(
         sharp: as for ``condition``.
         shapes: of the sign.
         measured_velocity: as for ``condition``.
+        seconds: how much of the beginning of each segment is wanted [s]; whole blocks of the filter come.
     """
     measured, found = measured_velocity and log.qd is not None, []
     for part in _parts(log, chosen):
         on_grid, times = _on_grid(log, part, chosen)
         signs = _sign_kernels(log, on_grid, sharp, chosen, measured), shapes
-        blocks = _blocks(len(times), chosen)
+        blocks = [b for b in _blocks(len(times), chosen) if b.start < seconds * chosen.rate]
         found.append(
             np.concatenate(
                 [_coulomb_sign(on_grid, log, measured, each, chosen, signs) for each in blocks]
