@@ -2,18 +2,16 @@
 
 Textbook errors assume white residuals; those of a robot are coloured by friction and filters, and textbook 95 %
 intervals then cover 47 to 69 %. Here the spread of the scores (the gradient that each instant's residual contributes)
-is summed over the lags that their memory asks for. In a log of seconds even that is too small, by a factor that is
-found by simulation on the log's own rows.
+is summed over the lags that their memory asks for. In a log of seconds even that is too small, by a factor that
+follows from how many rows are independent.
 
-Source: Newey, West 1987; Andrews 1991 (lag length); Bell, McCaffrey 2002 (correction under a working model, Student's t
-with Satterthwaite's degrees of freedom).
+Source: Newey, West 1987; Andrews 1991 (lag length).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from statistics import NormalDist
 
 import numpy as np
@@ -21,8 +19,7 @@ from numpy.typing import NDArray
 
 from dynid.estimation import tuning
 from dynid.estimation.least_squares import symmetric_root
-from dynid.estimation.rows import ObservationRows, joined, runs
-from dynid.signals.filters import decimate, pulse, pulse_width
+from dynid.estimation.rows import ObservationRows, runs
 
 Floats = NDArray[np.float64]
 
@@ -39,7 +36,7 @@ KNOWN_WELL, NEGLIGIBLE, KNOWN_ROUGHLY, NOT_DETERMINED = (
 WORDS = (KNOWN_WELL, NEGLIGIBLE, KNOWN_ROUGHLY, NOT_DETERMINED)
 
 
-def hac_covariances(
+def hac_covariance(
     rows: Iterable[ObservationRows],
     theta: Floats,
     noise: Floats,
@@ -48,9 +45,8 @@ def hac_covariances(
     bread: Floats | None = None,
     basis: Floats | None = None,
     of: Sequence[int] | None = None,
-    corrected: bool = True,
-) -> tuple[Floats, Floats]:
-    """Return the covariance of an estimate, allowing for coloured residuals, and without correction for short logs.
+) -> Floats:
+    """Return the covariance of an estimate, allowing for coloured residuals, (p, p).
 
     Args:
         rows: observation rows; instruments are used where they come with them.
@@ -60,13 +56,10 @@ def hac_covariances(
         bread: sensitivity of the estimate to the scores, (p, p), where it was made from more than these rows.
         basis: what the columns of the rows are combined to before, (columns, p); None to take them as they are.
         of: numbers of the parameters whose covariance is wanted, k of them instead of p; None for all.
-        corrected: whether the correction is wanted at all; without, the first covariance is the second.
     """
     given = theta if basis is None else basis @ theta
     sensitivity = np.zeros((len(given), len(given)))
     growing: list[list[Floats]] = []
-    short: list[ObservationRows] = []
-    instants = 0
     for part in rows:
         residual = part.residual(given)
         inside = part.mask & (np.abs(residual) <= tuning.HUBER * noise) if robust else part.mask
@@ -79,28 +72,40 @@ def hac_covariances(
         if bread is None:
             _add_sensitivity(part, inside / noise**2, sensitivity)
         growing[-1].append(scores.T if basis is None else scores.T @ basis)
-        instants += len(residual)
-        short = (
-            [*short, replace(part, usable=inside)] if instants <= tuning.SHORT_LOG_INSTANTS else []
-        )
     if basis is not None:
-        sensitivity, short = (
-            basis.T @ sensitivity @ basis,
-            [part.with_arrays(part.W @ basis, part.tau) for part in short],
-        )
+        sensitivity = basis.T @ sensitivity @ basis
     series = [np.concatenate(each) for each in growing]
-    lags = automatic_lags(series)
     if bread is None:
         scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
         bread = scale[:, None] * np.linalg.inv(scale[:, None] * sensitivity * scale) * scale
     wanted = bread if of is None else bread[of]
     # Why by a root: of parameters that the log hardly tells the product of three would be no covariance, by rounding.
-    spread = wanted @ symmetric_root(long_run_variance(series, lags))
-    covariance = uncorrected = np.asarray(spread @ spread.T)
-    if corrected and instants <= tuning.SHORT_LOG_INSTANTS:
-        factor = short_log_factor([joined(run) for run in runs(short)], bread, noise, lags, of)
-        covariance = covariance * np.outer(factor, factor)
-    return covariance, uncorrected
+    spread = wanted @ symmetric_root(long_run_variance(series, automatic_lags(series)))
+    return np.asarray(spread @ spread.T)
+
+
+def short_log_factor(rows: Iterable[ObservationRows], theta: Floats) -> float:
+    """Return the factor on standard errors after which 1.96 of them are a 95 % interval.
+
+    A fit takes as many waves from the residuals as it has parameters, and what is left is a variance that is itself
+    uncertain: N / (N - p) of N independent rows, and a quantile of Student's t.
+
+    Args:
+        rows: observation rows.
+        theta: the estimate, (p,).
+    """
+    from scipy.special import (
+        stdtrit,
+    )  # here: its import takes as long as an estimate from a long log
+
+    series = [np.concatenate([each.residual(theta) for each in run]) for run in runs(rows)]
+    independent = sum(
+        sum(map(len, each)) / autocorrelation_time(each)
+        for each in ([x[:, j] for x in series] for j in range(series[0].shape[1]))
+    )
+    freedom = max(independent - len(theta), tuning.LEAST_FREEDOM)
+    quantile = float(stdtrit(freedom, 0.975)) / normal_quantile(0.975)
+    return quantile * math.sqrt(max(1.0, independent / freedom))
 
 
 def _scores(rows: ObservationRows, weighted: Floats) -> Floats:
@@ -200,116 +205,6 @@ def autocorrelation_time(parts: Sequence[Floats]) -> float:
     return float(
         max(1.0, 2 * covariance[: ends[0] if len(ends) else longest].sum() / covariance[0] - 1)
     )
-
-
-# ---------------------------------------------------------------- short logs
-def short_log_factor(
-    segments: Sequence[ObservationRows],
-    bread: Floats,
-    noise: Floats,
-    lags: int,
-    of: Sequence[int] | None = None,
-) -> Floats:
-    """Return the factor on each standard error after which 1.96 of them are a 95 % interval, (p,).
-
-    A fit takes from the residuals just what the covariance asks them for: errors as slow as the columns. In 10 s of a
-    seven-joint arm little is left of those, and a variance that is estimated from few slow waves is itself uncertain.
-    For noise that passed the filter of the rows both effects are known: such noise is drawn, fitted and judged like the
-    residuals, and what comes out is compared with the true variance of its errors.
-
-    Args:
-        segments: rows of each run without gaps; ``usable`` says which weigh in the estimate.
-        bread: sensitivity of the estimate to the scores, (p, p).
-        noise: standard deviation of each joint that the estimator divided by, (n,) [N m or N].
-        lags: memory that the covariance allows for, in samples.
-        of: numbers of the parameters whose factors are wanted; None for all.
-    """
-    instants = sum(len(rows.tau) for rows in segments)
-    draws = int(
-        np.clip(tuning.SHORT_LOG_WORK // max(instants, 1), tuning.LEAST_DRAWS, tuning.MOST_DRAWS)
-    )
-    rng = np.random.default_rng(0)
-    whitened = [_whitened(rows, noise) for rows in segments]
-    kernels = [_kernel(rows) for rows in segments]
-    drawn = [
-        _filtered(rng, (draws, len(noise), len(rows.tau)), kernel) * rows.mask[:, :, None]
-        for rows, kernel in zip(segments, kernels, strict=True)
-    ]
-    scores = np.sum(
-        [np.tensordot(Z, e, ((0, 1), (0, 1))) for Z, e in zip(whitened, drawn, strict=True)], axis=0
-    )
-    error, wanted = bread @ scores, bread if of is None else bread[of]
-    true, judged = np.zeros(len(wanted)), np.zeros((draws, len(wanted)))
-    for rows, Z, kernel, e in zip(segments, whitened, kernels, drawn, strict=True):
-        influence = np.tensordot(Z, wanted.T, 1)
-        true += _variance(influence, kernel)
-        left = (e - np.tensordot(rows.W, error, 1) / noise[:, None]) * rows.mask[:, :, None]
-        judged += _judged(influence, left, min(lags + 1, len(left)))
-    return _factor(true, judged.T)
-
-
-def _judged(influence: Floats, left: Floats, width: int) -> Floats:
-    """Return the variance that residuals let expect of each parameter, (draws, p).
-
-    Args:
-        influence: what a residual of one standard deviation does to the parameters, (M, n, p).
-        left: residuals of each draw, (M, n, draws).
-        width: samples of a window.
-    """
-    (M, _, p), draws = influence.shape, left.shape[2]
-    found = np.empty((draws, p))
-    # Why some parameters at a time: the sums of all of them would leave the cache.
-    some = max(1, tuning.SCORES_CACHED // (M * draws))
-    for first in range(0, p, some):
-        scores = left.swapaxes(1, 2) @ influence[:, :, first : first + some]
-        sums = _moving_sums(scores.reshape(M, -1), width)
-        found[:, first : first + some] = (
-            np.einsum("tk,tk->k", sums, sums).reshape(draws, -1) / width
-        )
-    return found
-
-
-def _factor(true: Floats, judged: Floats) -> Floats:
-    from scipy.special import (
-        stdtrit,
-    )  # here: its import takes as long as an estimate from a long log
-
-    mean = np.maximum(judged.mean(axis=1), np.finfo(float).tiny)
-    freedom = 2.0 * mean**2 / np.maximum(judged.var(axis=1, ddof=1), np.finfo(float).tiny)
-    quantile = stdtrit(np.maximum(freedom, tuning.LEAST_FREEDOM), 0.975) / normal_quantile(0.975)
-    return np.asarray(np.sqrt(true / mean) * quantile)
-
-
-def _whitened(rows: ObservationRows, noise: Floats) -> Floats:
-    """Return the regressor, or the instruments where there are any, divided by the noise, (M, n, p)."""
-    return (rows.W if rows.Z is None else rows.Z) * (rows.mask / noise)[:, :, None]
-
-
-def _kernel(rows: ObservationRows) -> Floats:
-    """Return what made the noise in the rows as coloured as it is, (K,), of unit length."""
-    if rows.cutoff == 0.0 or len(rows.t) < 2:
-        return np.ones(1)
-    step = float(np.median(np.diff(rows.t)))
-    half = int(pulse_width(rows.cutoff) / step)
-    kernel = pulse(step * np.arange(-half, half + 1.0), rows.cutoff)
-    return np.asarray(kernel / np.linalg.norm(kernel))
-
-
-def _filtered(rng: np.random.Generator, shape: tuple[int, int, int], kernel: Floats) -> Floats:
-    """Return coloured noise for draws, joints and instants, (M, n, draws)."""
-    white = rng.standard_normal((*shape[:2], shape[2] + len(kernel) - 1))
-    windows = np.lib.stride_tricks.sliding_window_view(white, len(kernel), axis=2)
-    return np.ascontiguousarray((windows @ kernel).transpose(2, 1, 0))
-
-
-def _variance(influence: Floats, kernel: Floats) -> Floats:
-    """Return the variance that coloured noise gives the parameters, (p,)."""
-    M, n, p = influence.shape
-    ends = len(kernel) - 1
-    (spread,) = decimate(
-        np.pad(influence.reshape(M, n * p).T, ((0, 0), (ends, ends))), kernel[None], 1
-    )
-    return np.asarray(np.einsum("jpt,jpt->p", *2 * (spread.reshape(n, p, -1),)))
 
 
 # ---------------------------------------------------------------- words

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import RankDeficient, WrongUsage
 from dynid.estimation import tuning
-from dynid.estimation.covariance import hac_covariances
+from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.payload import friction, last_link
 from dynid.estimation.rows import ObservationRows
 from dynid.estimation.stack import Stack
@@ -250,7 +250,7 @@ def _variances(
     reduced = [
         part.with_arrays(part.W @ columns, part.residual(x)) for part in _linearised(problem, x, h)
     ]
-    inner = hac_covariances(reduced, np.zeros(columns.shape[1]), sigma)[0]
+    inner = hac_covariance(reduced, np.zeros(columns.shape[1]), sigma)
     spread = columns[len(x) - count :]
     if relative:
         spread = spread - spread.mean(axis=0)

@@ -175,7 +175,7 @@ def estimate(
     def refit(part: Stack) -> Fit:
         # Why also where one was asked for: joints that are left out leave parameters open.
         chosen = choose(part)[0] if method == "auto" or part.first_fit.leaves_open else method
-        return METHODS[chosen](part, prior, corrected=False)
+        return METHODS[chosen](part, prior)
 
     post = physical_posterior(
         base, plain, stack, refit=refit, residual_model=residual_model, size=size
@@ -289,7 +289,7 @@ def _held_out(
         like: model error whose sizes and joints apart are taken; None for none.
     """
     train, test, _ = holdout
-    fit = METHODS[method](train, prior, corrected=False)
+    fit = METHODS[method](train, prior)
     if not physical:
         return _of_squares(test, squares(test, fit.theta, None))
     again = physical_posterior(

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import RankDeficient, WrongUsage
 from dynid.estimation import tuning
-from dynid.estimation.covariance import hac_covariances
+from dynid.estimation.covariance import hac_covariance, short_log_factor
 from dynid.estimation.least_squares import Fit, merge, ordinary, ridge, solve, weighted
 from dynid.estimation.rows import (
     ObservationRows,
@@ -130,9 +130,14 @@ def instrumental(rows: Iterable[ObservationRows], plain: Fit, max_rounds: int = 
         if weigh and np.all(np.abs(noise - before) <= 1e-4 * before):
             break
         weigh = True
-    covariance, uncorrected = hac_covariances(rows, theta, noise, robust=True)
+    covariance = hac_covariance(rows, theta, noise, robust=True)
     return replace(
-        plain, method="iv", theta=theta, noise=noise, covariance=covariance, uncorrected=uncorrected
+        plain,
+        method="iv",
+        theta=theta,
+        noise=noise,
+        covariance=covariance * short_log_factor(rows, theta) ** 2,
+        uncorrected=covariance,
     )
 
 
@@ -173,36 +178,33 @@ def _weights(rows: ObservationRows, noise: Floats, theta: Floats | None) -> Floa
 class Estimator(Protocol):
     """From rows to parameters with error bars."""
 
-    def __call__(self, stack: Stack, prior: Floats, *, corrected: bool = True) -> Fit:
+    def __call__(self, stack: Stack, prior: Floats) -> Fit:
         """Return the fit.
 
         Args:
             stack: the stacked logs.
             prior: the prior's base parameters, (p,), NaN where it says nothing.
-            corrected: whether anybody asks for error bars that hold in a short log.
         """
 
 
-def ols(stack: Stack, prior: Floats, *, corrected: bool = True) -> Fit:
+def ols(stack: Stack, prior: Floats) -> Fit:
     """Ordinary least squares, the paper's choice (Eq. 24)."""
-    return _with_covariance(stack, ordinary(*stack.whole), stack, corrected=corrected)
+    return _with_covariance(stack, ordinary(*stack.whole), stack)
 
 
-def wls(stack: Stack, prior: Floats, *, corrected: bool = True) -> Fit:
+def wls(stack: Stack, prior: Floats) -> Fit:
     """Least squares with one noise level per joint."""
     factors, counts = stack.whole
     fit = weighted(factors, counts)
-    return _with_covariance(stack, fit, stack, corrected=corrected)
+    return _with_covariance(stack, fit, stack)
 
 
-def irls(stack: Stack, prior: Floats, *, corrected: bool = True) -> Fit:
+def irls(stack: Stack, prior: Floats) -> Fit:
     """Least squares in which spikes have little weight (Huber)."""
-    return _with_covariance(
-        stack, huber(stack, stack.first_fit), stack, robust=True, corrected=corrected
-    )
+    return _with_covariance(stack, huber(stack, stack.first_fit), stack, robust=True)
 
 
-def iv(stack: Stack, prior: Floats, *, corrected: bool = True) -> Fit:
+def iv(stack: Stack, prior: Floats) -> Fit:
     """Instrumental variables from the commanded motion, which knows nothing of the encoders' noise."""
     if not stack.commanded:
         raise WrongUsage(
@@ -212,7 +214,7 @@ def iv(stack: Stack, prior: Floats, *, corrected: bool = True) -> Fit:
     return instrumental(stack.instrumented, stack.first_fit)
 
 
-def ridge_to_prior(stack: Stack, prior: Floats, *, corrected: bool = True) -> Fit:
+def ridge_to_prior(stack: Stack, prior: Floats) -> Fit:
     """Weighted pseudo-inverse with prior data, in base parameters (the paper's last remark on estimation)."""
     known = np.nan_to_num(prior)
     spread = np.maximum(
@@ -251,7 +253,6 @@ def _with_covariance(
     rows: Iterable[ObservationRows],
     *,
     robust: bool = False,
-    corrected: bool = True,
 ) -> Fit:
     """Return a fit with the factors of all rows as they are, and a covariance that allows for coloured residuals."""
     factors, counts = stack.whole
@@ -261,13 +262,12 @@ def _with_covariance(
     # Why a pseudo-inverse where the rank is short: what coloured residuals are worth shows in the other directions.
     same = rows is stack and not robust
     bread = fit.solution.inverse if fit.leaves_open or same else None
-    covariance, uncorrected = hac_covariances(
-        rows, fit.theta, fit.noise, robust=robust, bread=bread, corrected=corrected
-    )
+    covariance = hac_covariance(rows, fit.theta, fit.noise, robust=robust, bread=bread)
+    wider = covariance * short_log_factor(rows, fit.theta) ** 2
     return replace(
         fit,
-        covariance=fit.solution.inverse if fit.leaves_open else covariance,
-        uncorrected=uncorrected,
+        covariance=fit.solution.inverse if fit.leaves_open else wider,
+        uncorrected=covariance,
     )
 
 
@@ -278,5 +278,5 @@ def _with_earlier(stack: Stack, earlier: Earlier, fit: Fit) -> Floats:
     sensitivity = bread @ old.T @ old
     if not stack.logs:
         return np.asarray(sensitivity @ earlier.covariance @ sensitivity.T)
-    new = hac_covariances(stack, fit.theta, fit.noise, bread=bread)[0]
+    new = hac_covariance(stack, fit.theta, fit.noise, bread=bread)
     return np.asarray(sensitivity @ earlier.covariance @ sensitivity.T + new)

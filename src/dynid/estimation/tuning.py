@@ -49,13 +49,6 @@ LEAST_ROWS_LEFT = 1.0
 COLOUR_UNSEEN, LARGEST_INFLATION = 2.0, 60.0
 
 # ---------------------------------------------------------------- covariance
-#: Instants beyond which a log is not short, and instants times draws that are worked on.
-#: evidence: none yet.
-SHORT_LOG_INSTANTS, SHORT_LOG_WORK = 4096, 16384
-#: Fewest and most draws: the longer the log, the less a draw differs from the next. evidence: none yet.
-LEAST_DRAWS, MOST_DRAWS = 8, 48
-#: Scores that are added up together. evidence: none yet.
-SCORES_CACHED = 1 << 16
 #: Two degrees of freedom have no variance; nothing is said about fewer. evidence: law of Student's t.
 LEAST_FREEDOM = 2.5
 #: Relative standard error up to which a parameter is known well, and up to which roughly. evidence: a convention.

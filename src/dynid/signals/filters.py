@@ -53,18 +53,6 @@ def pulse_width(cutoff: float) -> float:
     return 0.5 * tuning.KAISER_TAPS / cutoff
 
 
-def pulse(lag: Floats, cutoff: float) -> Floats:
-    """Return the low-pass kernel at any time: what the filter makes of an impulse, but for its size.
-
-    Args:
-        lag: time since the impulse, of any shape [s].
-        cutoff: [Hz].
-    """
-    times = np.linspace(-0.5 * tuning.KAISER_TAPS, 0.5 * tuning.KAISER_TAPS, 4001)
-    values = np.sinc(2 * times) * np.kaiser(len(times), tuning.KAISER_BETA)
-    return np.interp(lag * cutoff, times, values, 0.0, 0.0)
-
-
 def derivative_kernels(kernel: Floats, rate: float) -> Floats:
     """Return the kernels that filter, filter and differentiate once, and twice, (3, taps + 4) [1, 1/s, 1/s^2].
 

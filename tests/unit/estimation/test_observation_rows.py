@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.estimation.covariance import hac_covariances
+from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.rows import (
     ObservationRows,
     dense_rows,
@@ -76,10 +76,10 @@ def test_scores_of_sparse_rows_have_the_covariance_of_the_whole_matrix():
     basis = np.random.default_rng(8).standard_normal((4, 3))
     W = rows.with_arrays(rows.W, rows.tau, rows.Z)
     for robust in (False, True):
-        one, two = (hac_covariances([each], theta, noise, robust=robust) for each in (rows, W))
+        one, two = (hac_covariance([each], theta, noise, robust=robust) for each in (rows, W))
         np.testing.assert_allclose(one, two, rtol=1e-10, atol=1e-14)
     mixed = rows.with_arrays(rows.W @ basis, rows.tau)
-    one = hac_covariances([replace(rows, command=None)], theta[:3], noise, basis=basis)
+    one = hac_covariance([replace(rows, command=None)], theta[:3], noise, basis=basis)
     np.testing.assert_allclose(
-        one, hac_covariances([mixed], theta[:3], noise), rtol=1e-9, atol=1e-14
+        one, hac_covariance([mixed], theta[:3], noise), rtol=1e-9, atol=1e-14
     )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynid.estimation.covariance import hac_covariances
+from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.estimators import huber, look_for_spikes
 from dynid.estimation.least_squares import weighted
 from dynid.estimation.rows import ObservationRows, dense_rows, joint_factors
@@ -79,6 +79,6 @@ def test_robust_errors_of_the_robust_fit_cover():
     for seed in range(100):
         segment = recording(0.01, seed, 400)
         _, robust = fits(segment)
-        covariance = hac_covariances([segment], robust.theta, robust.noise, robust=True)[0]
+        covariance = hac_covariance([segment], robust.theta, robust.noise, robust=True)
         inside.append(np.abs(robust.theta - TRUTH) <= 1.96 * np.sqrt(np.diagonal(covariance)))
     assert 0.90 <= np.mean(inside) <= 0.99
