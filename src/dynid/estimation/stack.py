@@ -308,9 +308,13 @@ def scaled(logs: Sequence[ConditionedLog], base: BaseModel, theta: Floats) -> li
 REACH = 2
 
 
-def is_clear(delay: float, std_error: float) -> bool:
-    """Return whether a delay of torques is large enough and certain enough to be corrected [s]."""
-    return abs(delay) >= tuning.DELAY_LEAST_S and abs(delay) > tuning.DELAY_CLEAR_ERRORS * std_error
+def is_clear(delay: float, std_error: float, reach: float) -> bool:
+    """Return whether a delay of torques is large enough and certain enough to be corrected [s].
+
+    Beyond ``reach``, the time between two rows [s], a slope is no shift any more, and its error is not to be trusted.
+    """
+    least = max(tuning.DELAY_LEAST_S, tuning.DELAY_CLEAR_ERRORS * std_error)
+    return least < abs(delay) < reach
 
 
 def estimate_delay(stack: Stack) -> tuple[float, float]:
@@ -399,9 +403,9 @@ def _slope(t: Floats, tau: Floats) -> Floats:
     return np.asarray(slope)
 
 
-def delay_findings(delay: float, std_error: float, applied: float) -> list[Finding]:
+def delay_findings(delay: float, std_error: float, applied: float, reach: float) -> list[Finding]:
     """Say that the torques are late, when they are by more than a few milliseconds [s]."""
-    if abs(delay) < tuning.DELAY_NOTABLE_S or not is_clear(delay, std_error):
+    if abs(delay) < tuning.DELAY_NOTABLE_S or not is_clear(delay, std_error, reach):
         return []
     word = "later" if delay > 0 else "earlier"
     size = f"{1e3 * abs(delay):.1f} +- {1e3 * std_error:.1f} ms"
@@ -423,8 +427,9 @@ def on_time(
         The stack, in whose logs stands by how much they were moved; the delay with its error [s]; the findings.
     """
     base, logs = stack.base, stack.logs
+    reach = 1.0 / logs[0].filter.kept_rate
     (delay, std_error), applied = estimate_delay(stack), 0.0
-    for _ in range(tuning.DELAY_ROUNDS if is_clear(delay, std_error) else 0):
+    for _ in range(tuning.DELAY_ROUNDS if is_clear(delay, std_error, reach) else 0):
         applied = delay
         stack = stack_logs(
             settled([torques_moved_back(log, base.model, applied) for log in logs], base), base
@@ -437,6 +442,6 @@ def on_time(
     progress.stage(
         "delay", f"{size}; {f'corrected by {1e3 * applied:.1f} ms' if applied else 'left as it is'}"
     )
-    late = tuple(delay_findings(delay, std_error, applied))
+    late = tuple(delay_findings(delay, std_error, applied, reach))
     progress.findings(late)
     return stack, (delay, std_error), late
