@@ -192,13 +192,6 @@ def show(common: Common, gap: Gap) -> None:
     """Print the answer, why, and the table of joints; with -v what was asked, tried and left."""
     terminal = common.terminal
     show_answer(common, gap.judgement)
-    for one in gap.formulas:
-        add = f"--apply formula@{one.indices[0] + 1} adds it"
-        terminal.fact("formula", f"{one.formula} on {one.where} (not in the catalogue); {add}")
-        terminal.fact(
-            "",
-            f"{', '.join(one.texts())}; held-out error {one.rms_before:.3g} -> {one.rms_after:.3g} {one.unit}",
-        )
     improvement_table(common, gap)
     terminal.stage("noise", f"{gap.noise_text}; held out: {gap.heldout}")
     if common.verbose:

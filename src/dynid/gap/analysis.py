@@ -10,7 +10,6 @@ import numpy as np
 from dynid.errors import PackageMissing
 from dynid.estimation.least_squares import solvable
 from dynid.gap import refusals
-from dynid.gap.formulas import FormulaResults, advice_on_formulas, find_formulas
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.problem import (
@@ -43,7 +42,6 @@ from dynid.gap.verdict import (
     GapVerdict,
     judge,
     refusal,
-    unrepeatable,
 )
 from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.base_model import BaseModel, model_torques
@@ -76,7 +74,6 @@ class GapAnalysis:
             cannot be run.
         verdict: the verdict.
         invisible: effects and joints that these logs cannot show.
-        formula_results: what is left, put into words.
     """
 
     logs: tuple[ConditionedLog, ...]
@@ -88,7 +85,6 @@ class GapAnalysis:
     simulation: tuple[Floats, Floats] | None
     verdict: GapVerdict
     invisible: dict[str, list[int]]
-    formula_results: FormulaResults
 
 
 @solvable()
@@ -103,7 +99,6 @@ def analyse_gap(
     earlier: Sequence[ConditionedLog] = (),
     arm: bool = False,
     possible: bool = False,
-    words: bool = True,
 ) -> GapAnalysis:
     """Search conditioned logs for what a model lacks, and prove it on the rows that are held out.
 
@@ -117,7 +112,6 @@ def analyse_gap(
         earlier: conditioned logs that a kept model was identified from, where they are at hand.
         arm: whether to find what only an implausible arm would absorb too.
         possible: whether the physically possible set is in force, and judges what is named.
-        words: whether what is left is put into words at once; ``in_words`` does so later.
     """
     logs = on_one_clock(logs)
     earlier = on_one_clock(earlier) if earlier else ()
@@ -136,7 +130,7 @@ def analyse_gap(
         if share < HIDDEN:
             invisible.setdefault(name, []).extend(where[:1])
     logs = tuple(logs)
-    analysis = GapAnalysis(
+    return GapAnalysis(
         logs,
         problem,
         found.search,
@@ -146,25 +140,7 @@ def analyse_gap(
         simulation,
         verdict,
         invisible,
-        FormulaResults(),
     )
-    return fit_formulas(analysis, progress) if words else analysis
-
-
-def fit_formulas(analysis: GapAnalysis, progress: Progress = SILENT) -> GapAnalysis:
-    """Return an analysis with what is left of its joints put into words."""
-    search = analysis.search
-    # Why not of a change: a formula of what has changed is no property of the arm.
-    wordless = (
-        ()
-        if analysis.problem.since
-        else dict.fromkeys((*analysis.verdict.remainder, *unrepeatable(search)))
-    )
-    formula_results, verdict = find_formulas(search, tuple(wordless), progress), analysis.verdict
-    if verdict.word == "unexplained" and formula_results.formulas:
-        names = analysis.problem.base.robot.joint_names
-        verdict = replace(verdict, advice=advice_on_formulas(formula_results, names))
-    return replace(analysis, formula_results=formula_results, verdict=verdict)
 
 
 @dataclass(frozen=True)

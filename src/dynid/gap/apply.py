@@ -15,7 +15,6 @@ from dynid.files.robotfile import text_of
 from dynid.gap.record import GapEffect
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.base_model import BaseModel, model_torques
-from dynid.model.effects.formula import Formula
 from dynid.model.effects.interface import Floats
 from dynid.model.reduce import with_added
 from dynid.model.regressor import Model
@@ -51,7 +50,6 @@ def specs_of(effects: Sequence[SelectedEffect], robot: Robot) -> list[EffectSpec
                 for name, value in one.std_errors.items()
                 if np.isfinite(value)
             },
-            one.effect.text if isinstance(one.effect, Formula) else None,
         )
         for one in effects
     ]

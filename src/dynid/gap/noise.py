@@ -76,16 +76,6 @@ class NoiseModel:
         """Rows at the beginning of each segment that whitening takes."""
         return int(self.ar.shape[1])
 
-    def with_joint(self, joint: int, other: NoiseModel) -> NoiseModel:
-        """Return the noise with that of one joint from elsewhere."""
-        ar, sigma, floor = self.ar.copy(), self.sigma.copy(), self.floor.copy()
-        ar[joint], sigma[joint], floor[joint] = (
-            other.ar[joint],
-            other.sigma[joint],
-            other.floor[joint],
-        )
-        return replace(self, ar=ar, sigma=sigma, floor=floor)
-
     @property
     def unrepeatable(self) -> list[int]:
         """Joints with disturbances that do not repeat."""

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from dynid.gap.analysis import GapAnalysis
-    from dynid.gap.formulas import HeldOutEffect
+    from dynid.gap.held_out import HeldOutEffect
     from dynid.gap.localisation import JointGap
     from dynid.gap.refit import HeldOutImprovement
     from dynid.gap.selected_effects import SelectedEffect
@@ -44,7 +44,6 @@ class GapEffect:
         unit: unit of these torques.
         why_not: why it is not named; "" when it is.
         rivals: other effects and joints that explain as much, in words.
-        formula: the torque of ``effect: formula``.
         rival_keys: the same rivals as identifiers and 0-based joints.
         share: share of its joint's gap that is explained where that is a part; None where it is most, or not named.
         probability: posterior probability of the name, against what has no name and against other names; None where
@@ -65,7 +64,6 @@ class GapEffect:
     unit: str
     why_not: str = ""
     rivals: tuple[str, ...] = ()
-    formula: str = ""
     rival_keys: tuple[tuple[str, Joints], ...] = ()
     share: float | None = None
     probability: float | None = 1.0
@@ -73,8 +71,8 @@ class GapEffect:
     @property
     def message(self) -> str:
         """What is said of it: that it is named, as a part of its joint's gap or whole, or why not."""
-        if self.why_not or self.formula:
-            return self.why_not or "formula, not in the catalogue"
+        if self.why_not:
+            return self.why_not
         if self.share is None:
             return "named"
         return f"named; explains {100 * self.share:.0f} % of the gap of {self.joint}, the rest is unexplained"
@@ -97,7 +95,6 @@ class GapEffect:
             "heldout_rms_before_nm": self.rms_before,
             "heldout_rms_after_nm": self.rms_after,
             **({"why_not": self.why_not} if self.why_not else {}),
-            **({"formula": self.formula} if self.formula else {}),
             **({} if self.share is None else {"share_of_gap": self.share}),
         }
 
@@ -144,11 +141,10 @@ class GapRecord:
         cannot_judge: effects that these logs cannot show, with the 0-based joints; () for the whole arm.
         logs: where the logs came from.
         made_from: the result that was searched; "" for one that is in no file.
-        formulas: what no effect of the catalogue explains, as formulas.
-        clues: what is known of joints for which there is none, in words.
+        clues: what is known of joints that no effect explains, in words.
         question: ``"numbers"``, ``"arm"`` or ``"changed"``; "" where it was not stored.
         asked: which questions were asked, what they brought, and why, in words.
-        curves: each effect that is named, then each formula, on held-out rows of the joint that shows it most.
+        curves: each effect that is named, on held-out rows of the joint that shows it most.
         of: tells the parameters that were searched from others.
         repeats: seconds of repeated motion that the noise comes from; 0 for a lower bound.
         more: names of joints with more left than noise.
@@ -177,7 +173,6 @@ class GapRecord:
     cannot_judge: Mapping[str, tuple[int, ...]]
     logs: tuple[str, ...]
     made_from: str
-    formulas: tuple[GapEffect, ...] = ()
     clues: tuple[str, ...] = ()
     question: str = ""
     asked: str = ""
@@ -191,8 +186,8 @@ class GapRecord:
     events: tuple[dict[str, Any], ...] = ()
 
     def drawn(self) -> list[tuple[GapEffect, HeldOutEffect]]:
-        """Return the named effects and formulas that have a torque of their own, each with its curve."""
-        effects = [one for one in (*self.named, *self.formulas) if one.effect != "torque_delay"]
+        """Return the named effects that have a torque of their own, each with its curve."""
+        effects = [one for one in self.named if one.effect != "torque_delay"]
         return list(zip(effects, self.curves, strict=False))
 
 
@@ -210,10 +205,11 @@ def record_of(
     """
     import numpy as np
 
-    from dynid.gap.formulas import clue_text
+    from dynid.gap.held_out import clue
     from dynid.gap.verdict import LIKELY, unrepeatable
 
     verdict, names = analysis.verdict, robot.joint_names
+    silent = unrepeatable(analysis.search)
     noise_from, noise_note = _noise_texts(analysis, names)
     simulation = (
         np.zeros((0, robot.n)) if analysis.simulation is None else np.array(analysis.simulation)
@@ -244,12 +240,14 @@ def record_of(
         heldout=analysis.problem.held_text,
         noise_from=noise_from,
         noise_note=noise_note,
-        not_repeatable=tuple(names[j] for j in unrepeatable(analysis.search)),
+        not_repeatable=tuple(names[j] for j in silent),
         cannot_judge={name: tuple(joints) for name, joints in analysis.invisible.items()},
         logs=tuple(log.path for log in analysis.logs),
         made_from=made_from,
-        formulas=tuple(_formulas(analysis, robot)),
-        clues=tuple(clue_text(clue, names) for clue in analysis.formula_results.clues),
+        # Why not of a change: what is left of it is no property of the arm.
+        clues=()
+        if analysis.problem.since
+        else tuple(clue(analysis.search, j) for j in dict.fromkeys((*verdict.remainder, *silent))),
         question=question,
         asked=asked,
         curves=tuple(_curves(analysis)),
@@ -276,8 +274,8 @@ def _events(analysis: GapAnalysis, robot: Robot) -> list[dict[str, Any]]:
 
 
 def _curves(analysis: GapAnalysis) -> list[HeldOutEffect]:
-    """Return what is named and what is put into words on held-out rows, the worst of them where they are many."""
-    from dynid.gap.formulas import held_out_effect
+    """Return what is named on held-out rows, the worst of them where they are many."""
+    from dynid.gap.held_out import held_out_effect
     from dynid.gap.refit import with_columns
 
     effects, problem = with_columns(analysis.effects), analysis.search.problem
@@ -288,7 +286,7 @@ def _curves(analysis: GapAnalysis) -> list[HeldOutEffect]:
         for one in effects
         if one in analysis.verdict.named
     ]
-    return [_worst_rows(curve) for curve in (*shown, *analysis.formula_results.proofs)]
+    return [_worst_rows(curve) for curve in shown]
 
 
 def _worst_rows(curve: HeldOutEffect) -> HeldOutEffect:
@@ -303,21 +301,8 @@ def _worst_rows(curve: HeldOutEffect) -> HeldOutEffect:
     return replace(curve, **{name: getattr(curve, name)[part] for name in _CURVE})
 
 
-def _formulas(analysis: GapAnalysis, robot: Robot) -> list[GapEffect]:
-    import numpy as np
-
-    found = []
-    for one, proof in zip(
-        analysis.formula_results.formulas, analysis.formula_results.proofs, strict=True
-    ):
-        before, after = (float(np.sqrt(np.mean(x**2))) for x in (proof.residual, proof.left))
-        found.append(replace(_effect(one, analysis, robot), rms_before=before, rms_after=after))
-    return found
-
-
 def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffect:
     from dynid.gap.verdict import explained_share, joints_text, labels
-    from dynid.model.effects.formula import Formula
 
     names, j = robot.joint_names, one.test.joint
     partly = None
@@ -341,7 +326,6 @@ def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffe
         rms_after=float(analysis.improvement.after[j]),
         unit=robot.joints[j].torque_unit,
         rivals=tuple(labels(one, names)[1:]),
-        formula=one.effect.text if isinstance(one.effect, Formula) else "",
         share=partly,
         rival_keys=one.rivals,
         probability=one.probability,
@@ -369,7 +353,7 @@ def _noise_texts(analysis: GapAnalysis, names: Sequence[str]) -> tuple[str, str]
 #: What of an effect is a mapping: stored as pairs, because a header is sorted.
 _MAPPINGS = ("values", "std_errors", "units")
 #: What of a record is a list of effects, and of words.
-_EFFECTS = ("named", "closest", "formulas")
+_EFFECTS = ("named", "closest")
 _WORDS = (
     "joint_names",
     "torque_units",
@@ -418,7 +402,7 @@ def read_record(path: Path) -> GapRecord:
         NotAnArtifact: it is damaged, or of another kind.
     """
     from dynid.files.artifact import read_artifact, reading
-    from dynid.gap.formulas import HeldOutEffect
+    from dynid.gap.held_out import HeldOutEffect
     from dynid.gap.localisation import JointGap, ResidualRegion
     from dynid.gap.refit import HeldOutImprovement
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.gap.formulas import HeldOutEffect
+from dynid.gap.held_out import HeldOutEffect
 from dynid.gap.localisation import JointGap
 from dynid.gap.record import GapEffect
 from dynid.gap.refit import HeldOutImprovement
@@ -105,7 +105,7 @@ def effect_figure(one: GapEffect, curve: HeldOutEffect, title: str) -> Figure:
     """Draw an effect on held-out rows: the error over the worst stretch without and with it, and its curve in the data.
 
     Args:
-        one: the effect or formula.
+        one: the effect.
         curve: its torque and what the model leaves for it.
         title: of the figure, before the name of the effect; "" for none.
     """
@@ -135,8 +135,7 @@ def effect_figure(one: GapEffect, curve: HeldOutEffect, title: str) -> Figure:
         axis.legend(fontsize=TEXT - 1, frameon=False)
         plain(axis)
     if title:
-        name = f"{one.formula} (not in the catalogue)" if one.formula else one.effect
-        words = label(f"{title}: {name} on {one.where}", TITLE_LENGTH)
+        words = label(f"{title}: {one.effect} on {one.where}", TITLE_LENGTH)
         figure.suptitle(words, fontsize=TEXT + 1, wrap=True)
     return figure
 

@@ -160,7 +160,6 @@ class _Search:
         why: str,
         also: tuple[Key, ...] = (),
         conditioned: list[ConditionedLog] | None = None,
-        words: bool = True,
     ) -> Gap:
         """Ask one question of checked logs.
 
@@ -171,7 +170,6 @@ class _Search:
             why: why this is asked, in words.
             also: effects that are tried whatever is asked.
             conditioned: the recordings as ``conditioned`` returns them for this question, where they are at hand.
-            words: whether what is left is put into words.
         """
         from dynid.estimation.evidence import fingerprint
         from dynid.gap.analysis import analyse_gap, relative_error
@@ -195,7 +193,6 @@ class _Search:
             earlier=before,
             arm=arm,
             possible=possible,
-            words=words,
         )
         if question == "changed":
             now = relative_error(conditioned, self.base, self.result.theta)
@@ -285,7 +282,6 @@ class _Search:
             ),
             alternatives=(),
             advice="",
-            formulas=(),
             curves=(),
             improvement=unchanged,
             simulation=gap.simulation[[0, 0]] if len(gap.simulation) else gap.simulation,
@@ -318,19 +314,13 @@ class _Search:
             np.sqrt(np.sum(counts * squares, axis=0) / np.maximum(1, counts.sum(axis=0)))
         )
 
-    def _with_formulas(self, gap: Gap) -> Gap:
-        """Return an answer with what is left put into words; not of links that are not there."""
-        if self.of_another_arm:
-            return gap
-        from dynid.gap.analysis import fit_formulas
+    def _recorded(self, gap: Gap, analysis: GapAnalysis) -> Gap:
+        """Return an answer with another analysis."""
         from dynid.gap.record import record_of
 
-        assert gap.analysis is not None
-        analysis = fit_formulas(gap.analysis, self.progress)
         record = record_of(analysis, self.base.robot, gap.question, gap.asked, gap.made_from)
-        record = replace(record, of=gap.of)
         more = {key: getattr(gap, key) for key in ("searched", "recordings", "before", "signals")}
-        return with_methods(record, analysis=analysis, **more)
+        return with_methods(replace(record, of=gap.of), analysis=analysis, **more)
 
     def _with_reestimated_payload(self, analysis: GapAnalysis, logs: Sequence[Log]) -> GapAnalysis:
         """Return an analysis whose load, if it names one, is as heavy as ``dynid identify --payload-from`` says."""
@@ -379,10 +369,7 @@ class _Search:
 
         # Why once: both questions filter the same logs alike.
         conditioned = self.conditioned(logs, signals_of(self.result, self.options, "numbers"))
-        # Why without words at first: of two answers one is given, and words take as long as all else.
-        found = self.ask(
-            "numbers", logs, (), f"{why}: {ASKED['numbers']}", (), conditioned, words=False
-        )
+        found = self.ask("numbers", logs, (), f"{why}: {ASKED['numbers']}", (), conditioned)
         analysis = found.analysis
         suspected = (
             [] if analysis is None else suspicions(analysis.problem, analysis.search.selected)
@@ -396,13 +383,13 @@ class _Search:
         ]
         names = self.base.robot.joint_names
         if not any(one.searched for one in suspected):
-            return _with_likely(self._with_formulas(found), suspected, names)
+            return _with_likely(found, suspected, names)
         suspected = [one for one in suspected if one.searched]
         why = f"{found.asked} {_suspected(suspected, names)}: {ASKED['arm']}"
         places = [(one.joint,) for one in suspected]
         named = [(one.effect, one.indices) for one in found.named]
         also = tuple(key for key in named if key[1] not in places or key[0] not in LOOKALIKES)
-        odd = self.ask("arm", logs, (), why, also, conditioned, words=False)
+        odd = self.ask("arm", logs, (), why, also, conditioned)
         if any(one.effect == COUNTERBALANCE for one in odd.named):
             assert odd.analysis is not None
             equal = {
@@ -410,8 +397,8 @@ class _Search:
                 for one in suspected
                 if one.instead is not None and not one.beaten
             }
-            return self._with_formulas(replace(odd, analysis=with_rivals(odd.analysis, equal)))
-        found = replace(self._with_formulas(found), asked=f"{why} {_not_told(suspected, odd)}")
+            return self._recorded(odd, with_rivals(odd.analysis, equal))
+        found = replace(found, asked=f"{why} {_not_told(suspected, odd)}")
         return _with_likely(found, suspected, names)
 
 

@@ -49,7 +49,7 @@ def question_of(record: GapRecord, base: BaseModel, theta: NDArray[np.float64]) 
         for key, text in zip(one.rival_keys, one.rivals, strict=True)
     )
     unexplained: tuple[int, ...] = ()
-    if record.verdict == "unexplained" and not record.formulas:
+    if record.verdict == "unexplained":
         unexplained = tuple(sorted(one.joint for one in record.joints if one.chi > LOUD))
     if not rivalries and not unexplained:
         raise WrongUsage(

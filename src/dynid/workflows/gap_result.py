@@ -119,7 +119,7 @@ class Gap(GapRecord):
         """Return one row per candidate: size, held-out rms of its joint before and, if it is named, after, p-value."""
         rows = [
             {
-                "effect": one.formula or one.effect,
+                "effect": one.effect,
                 "where": one.where,
                 "size": ", ".join(one.texts()),
                 "rms before": one.rms_before,
@@ -128,7 +128,7 @@ class Gap(GapRecord):
                 "p-value": one.p_value,
                 "result": one.message,
             }
-            for one in (*self.named, *self.closest, *self.formulas)
+            for one in (*self.named, *self.closest)
         ]
         return Table(
             rows, f"{self.robot}: {self.verdict_text}", (f"where: {self.where_text}", self.advice)
@@ -157,9 +157,6 @@ class Gap(GapRecord):
         """Return the verdict, the sizes of what is named, where the gap is, the noise and the advice, line by line."""
         judged = self.judgement
         sizes = [f"{one.effect} on {one.where}: {', '.join(one.texts())}" for one in self.named]
-        sizes += [
-            f"{one.formula} on {one.where}: {', '.join(one.texts())}" for one in self.formulas
-        ]
         lines = [
             judged.sentence,
             *judged.reasons,
@@ -208,7 +205,7 @@ class Gap(GapRecord):
             "named": [one.facts() for one in self.named],
             "alternatives": [list(group) for group in self.alternatives],
             "closest": [one.facts() for one in self.closest],
-            "formulas": [one.facts() for one in self.formulas],
+            "formulas": [],
             "clues": list(self.clues),
             "gap": {
                 "joints": list(self.joint_names),
@@ -261,13 +258,13 @@ class Gap(GapRecord):
         return improvement_figure(self.improvement, self.joint_names, self.torque_units, title)
 
     def plot_effects(self) -> list[Figure]:
-        """Return a figure of each named effect and formula: unseen data without and with it, its curve in the data."""
+        """Return a figure of each named effect: unseen data without and with it, its curve in the data."""
         from dynid.reports.gap_figures import effect_figure
 
         return [effect_figure(one, curve, self.robot) for one, curve in self.drawn()]
 
     def write_figures(self, folder: Path) -> list[Path]:
-        """Write the figures as PNG: where.png, shrink.png, and one of each named effect and formula."""
+        """Write the figures as PNG: where.png, shrink.png, and one of each named effect."""
         from dynid.reports.figures import write_figure
 
         figures = {"where": self.plot_residual(), "shrink": self.plot_improvement()}
@@ -307,8 +304,8 @@ class Gap(GapRecord):
         return tuple(found)
 
     def _selected(self) -> list[GapEffect]:
-        """Return all effects that were found, named or not, and formulas."""
-        return [*self.named, *self.closest, *self.formulas]
+        """Return all effects that were found, named or not."""
+        return [*self.named, *self.closest]
 
     def apply(
         self, effects: str | Sequence[GapEffect] = "best", *, robot_file: Path | str | None = None
@@ -336,11 +333,7 @@ class Gap(GapRecord):
             (one.effect, one.indices)
             for one in (self.chosen(effects) if isinstance(effects, str) else effects)
         }
-        every = (
-            *analysis.verdict.named,
-            *(one for one, _ in analysis.verdict.closest),
-            *analysis.formula_results.formulas,
-        )
+        every = (*analysis.verdict.named, *(one for one, _ in analysis.verdict.closest))
         chosen = [one for one in every if (one.name, one.joints) in wanted]
         if not chosen:
             raise WrongUsage(

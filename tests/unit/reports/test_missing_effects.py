@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import NotAnArtifact
-from dynid.gap.formulas import HeldOutEffect
+from dynid.gap.held_out import HeldOutEffect
 from dynid.gap.localisation import JointGap, ResidualRegion
 from dynid.gap.record import SCHEMA, GapEffect, GapRecord, read_record, write_record
 from dynid.gap.refit import HeldOutImprovement

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from dynid.gap.formulas import HeldOutEffect
+from dynid.gap.held_out import HeldOutEffect
 from dynid.gap.record import GapEffect, GapRecord
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.reports.gap_figures import (
@@ -34,7 +34,7 @@ def gap(gathered: Gathered) -> dict[str, Any]:
     return {
         "gap": record,
         "verdict": VERDICTS.get(record.verdict, record.verdict),
-        "rows": [_row(one) for one in (*record.named, *record.closest, *record.formulas)],
+        "rows": [_row(one) for one in (*record.named, *record.closest)],
         "alternatives": [" or ".join(group) for group in record.alternatives],
         "pictures": [*_pictures(record), *_driven(gathered)],
     }
@@ -61,8 +61,7 @@ def _row(one: GapEffect) -> dict[str, Any]:
     if before and after is not None:
         change = f"{before:.3g} → {after:.3g} {one.unit}, {100 * (after / before - 1):+.0f} %"
     return {
-        "effect": one.formula
-        or (CATALOGUE[one.effect].title if one.effect in CATALOGUE else one.effect),
+        "effect": CATALOGUE[one.effect].title if one.effect in CATALOGUE else one.effect,
         "joints": ", ".join(one.joints),
         "change": change.replace("-", "\N{MINUS SIGN}"),
         "chance": "< 0.1 %" if one.p_value < 1e-3 else f"{100 * one.p_value:.1f} %",
@@ -97,13 +96,13 @@ def _pictures(record: GapRecord) -> list[Picture]:
 
 
 def _effect(one: GapEffect, curve: HeldOutEffect) -> Picture:
-    """Return the picture of a named effect or formula."""
+    """Return the picture of a named effect."""
     return Picture(
         drawn(
             lambda: effect_figure(one, curve, ""),
-            f"unseen data without and with {one.formula or one.effect} on {one.where}, and its curve",
+            f"unseen data without and with {one.effect} on {one.where}, and its curve",
         ),
-        f"{one.formula or CATALOGUE[one.effect].title} on {one.where}. Above: the error on unseen data "
+        f"{CATALOGUE[one.effect].title} on {one.where}. Above: the error on unseen data "
         "without and with the effect. Below: the torque that is left for it, and its curve.",
         "A curve that misses the dots: the effect may be right, but its shape is not.",
     )
