@@ -26,7 +26,7 @@ from dynid.trajectory.limits import (
     raise_worst,
     torque_violations,
 )
-from dynid.trajectory.preview import capsule_distances, measure_poses, require_clear, urdf_of
+from dynid.trajectory.preview import measure_poses, require_clear
 from dynid.trajectory.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -245,12 +245,11 @@ def check_clearance(
     """
     motion = played.motion
     few = np.unique(np.linspace(0, len(motion) - 1, tuning.CLEARANCE_POSES).astype(int))
-    some = Motion(motion.t[few], motion.q[few], motion.qd[few], motion.qdd[few])
+    t, q = motion.t[few], motion.q[few]
     try:
-        with urdf_of(robot, urdf) as shapes:
-            found = measure_poses(some.t, some.q, robot, shapes, scene, guessed=urdf is None)
+        found = measure_poses(t, q, robot, urdf, scene)
     except PackageMissing:
-        found = capsule_distances(Capsules(robot, scene), some)
+        found = Capsules(robot, scene).distances(q, t)
     everything = (*found.least, *found.usual)
     require_clear(
         (d for d in everything if d.time < played.approach),

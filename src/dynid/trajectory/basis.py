@@ -95,11 +95,19 @@ class Quintic:
         """
         return np.asarray(self._nodes.derivative(order)(t) @ self._free)
 
-    def stationary(self, c: Floats, order: int = 0) -> list[Floats]:
-        """Return the knots and all roots of the next derivative, joint by joint, (times,) [s], from c, (size, n)."""
+    def stationary(self, c: Floats, order: int = 0) -> list[tuple[Floats, Floats]]:
+        """Return where a derivative of each joint may be extreme, (times,) [s], and its values there.
+
+        These are the knots and all roots of the next derivative.
+
+        Args:
+            c: coefficients, (size, n) [rad or m].
+            order: of the derivative.
+        """
         slopes = BPoly(self._nodes.c @ self._free @ c, self.knots).derivative(order + 1)
         roots = PPoly.from_bernstein_basis(slopes).roots(discontinuity=False, extrapolate=False)
-        return [np.concatenate([self.knots, each[np.isfinite(each)]]) for each in roots]
+        times = [np.concatenate([self.knots, each[np.isfinite(each)]]) for each in roots]
+        return [(t, self.matrix(t, order) @ own) for t, own in zip(times, c.T, strict=True)]
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ A capsule holds the cylinder that PyBullet judges the final motion with
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +17,7 @@ from dynid.model.parameters import cylinders_of, link_cylinders
 from dynid.robot import Robot
 from dynid.trajectory import tuning
 from dynid.trajectory.feasible import position_range
-from dynid.trajectory.scene import Box, Scene, nearest_of_segments, segment_to_box
+from dynid.trajectory.scene import Scene, nearest_of_segments, segment_to_box
 
 Floats = NDArray[np.float64]
 
@@ -50,6 +51,57 @@ class Distance:
     wanted: float
 
 
+@dataclass(frozen=True)
+class Distances:
+    """What was measured along a motion.
+
+    Attributes:
+        least: least distance of every pair that can keep clear, the closest pair first.
+        usual: the same of links that are near in usual poses; wanted is not to come nearer than there.
+    """
+
+    least: tuple[Distance, ...]
+    usual: tuple[Distance, ...] = ()
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Names of the pairs of links that cannot keep clear."""
+        return tuple(sorted(distance.pair for distance in self.usual))
+
+
+@dataclass(frozen=True)
+class Near:
+    """Distances of one kind at many poses, and what would make them larger.
+
+    Attributes:
+        distance: (N, k) [m].
+        wanted: (k,) [m].
+        names: of the k pairs.
+        pushes: links, (k,), points of them, (N, k, 3) [m], and directions away, (N, k, 3).
+        length: of those directions, (N, k, 1).
+        spare: what the search keeps more than is wanted, (k,) [m].
+        alone: which pairs are told of one by one rather than by their least distance, (k,).
+    """
+
+    distance: Floats
+    wanted: Floats
+    names: Sequence[str]
+    pushes: Sequence[tuple[NDArray[np.intp], Floats, Floats]]
+    length: Floats | float = 1.0
+    spare: Floats | float = tuning.SPARE_DISTANCE_M
+    alone: NDArray[np.bool_] | bool = False
+
+    def least(self) -> Iterator[tuple[int, int]]:
+        """Yield sample and pair of the distances that are told of."""
+        alone = np.broadcast_to(self.alone, self.wanted.shape)
+        groups = [*np.flatnonzero(alone)[:, None], np.flatnonzero(~alone)]
+        for pairs in groups:
+            lack = self.distance[:, pairs] - self.wanted[pairs]
+            if len(pairs):
+                sample, k = np.unravel_index(lack.argmin(), lack.shape)
+                yield int(sample), int(pairs[k])
+
+
 @dataclass
 class Capsules:
     """The arm as one capsule a link, for one scene.
@@ -64,34 +116,36 @@ class Capsules:
 
     def __post_init__(self) -> None:
         """Place the capsules and learn which of them always touch."""
+        n, scene = self.robot.n, self.scene
         self._ends = link_cylinders(self.robot)
-        self.radii = np.full(self.robot.n, cylinders_of(self.robot).radius)
-        self._first, self._second = np.triu_indices(self.robot.n, 2)
-        points = self.ends(self._random_poses())[0]
+        self.radii = np.full(n, cylinders_of(self.robot).radius)
+        self._first, self._second = np.triu_indices(n, 2)
+        pairs = zip(self._first + 1, self._second + 1, strict=True)
+        self._names = [f"link {a} - link {b}" for a, b in pairs]
+        lower, upper = position_range(self.robot)
+        rng = np.random.default_rng(0)
+        points = self.ends(rng.uniform(lower, upper, (tuning.CAPSULE_LEARNING_POSES, n)))[0]
         distance = self._pairs(points)[0]
-        near = (distance < self.scene.self_distance).mean(axis=0) >= tuning.USUALLY_NEAR_SHARE
+        near = (distance < scene.self_distance).mean(axis=0) >= tuning.USUALLY_NEAR_SHARE
         rounded = distance - tuning.CAPSULE_ROUNDING_M
         usual, least = np.quantile(rounded, tuning.DEEPEST_POSES_SHARE, axis=0), rounded.min(axis=0)
         # Why: links that pass each other closely in some poses and touch in none are harmless as they are built.
         wanted = np.where(near, usual, np.where(least > 0, least, np.inf))
         #: Distance that each pair of links is wanted to keep [m].
-        self._wanted = np.minimum(wanted, tuning.CAPSULE_DISTANCE_SHARE * self.scene.self_distance)
+        self._wanted = np.minimum(wanted, tuning.CAPSULE_DISTANCE_SHARE * scene.self_distance)
         #: Whether a pair is near in usual poses.
         self._usual = near
         #: Pairs of links that are near in usual poses as capsules of the guessed thickness.
-        self.left_out = tuple(self._pair(k) for k in np.flatnonzero(near).tolist())
-        floor = -np.inf if self.scene.floor is None else self.scene.floor
+        self.left_out = tuple(self._names[k] for k in np.flatnonzero(near))
+        floor = -np.inf if scene.floor is None else scene.floor
         height = points[..., 2] - self.radii[:, None]
-        low = (height - floor < self.scene.distance).mean(axis=0) >= tuning.USUALLY_NEAR_SHARE
+        low = (height - floor < scene.distance).mean(axis=0) >= tuning.USUALLY_NEAR_SHARE
         # Why: the arm stands on the floor, but only its first link may; the others must not count as built low.
-        self._lifted = ~(low & (np.arange(self.robot.n) == 0)[:, None])
+        self._lifted = ~(low & (np.arange(n) == 0)[:, None])
         # Why: a shoulder may be built lower than the wanted distance; no motion lifts it.
         self._above_floor = np.minimum(
-            self.scene.distance, height.max(axis=0) - floor - tuning.BUILT_LOW_M
+            scene.distance, height.max(axis=0) - floor - tuning.BUILT_LOW_M
         )
-
-    def _pair(self, k: int) -> str:
-        return f"link {self._first[k] + 1} - link {self._second[k] + 1}"
 
     def room(self) -> list[float | None]:
         """Return the distance to the floor that each link is wanted to keep as it is built [m]; None without a say."""
@@ -101,12 +155,6 @@ class Capsules:
             float(wanted[lifted].min()) if lifted.any() else None
             for wanted, lifted in zip(self._above_floor, self._lifted, strict=True)
         ]
-
-    def _random_poses(self) -> Floats:
-        lower, upper = position_range(self.robot)
-        return np.random.default_rng(0).uniform(
-            lower, upper, (tuning.CAPSULE_LEARNING_POSES, self.robot.n)
-        )
 
     def ends(self, q: Floats) -> tuple[Floats, LinkFrames]:
         """Return both ends of all capsules in the world, (N, n, 2, 3) [m], and the frames of the links there."""
@@ -123,127 +171,95 @@ class Capsules:
         apart = np.linalg.norm(here - there, axis=2)
         return apart - self.radii[self._first] - self.radii[self._second], here, there
 
-    def _heights(self, points: Floats) -> Floats:
-        """Return how high the ends are above what the floor leaves them, (N, n, 2) [m]; infinity where they may be."""
-        assert self.scene.floor is not None
-        height = points[..., 2] - self.radii[:, None] - self.scene.floor
-        return np.where(self._lifted, height, np.inf)
-
-    def _to_box(self, points: Floats, box: Box) -> tuple[Floats, Floats, Floats]:
-        """Return distances of links to a box, (N, n), where they are nearest and the ways out, (N, n, 3) each."""
-        p, d = points[:, :, 0], points[:, :, 1] - points[:, :, 0]
-        distance, near, direction = segment_to_box(p, d, box)
-        return distance - self.radii, near, direction
+    def _near(self, points: Floats, frames: LinkFrames) -> Iterator[Near]:
+        """Yield what the arm may come near: itself, the floor, the obstacles, the edge of the workspace."""
+        scene, links = self.scene, np.arange(self.robot.n)
+        distance, here, there = self._pairs(points)
+        apart = here - there
+        yield Near(
+            distance,
+            self._wanted,
+            self._names,
+            [(self._first, here, apart), (self._second, there, -apart)],
+            np.maximum(np.linalg.norm(apart, axis=2), 1e-9)[..., None],
+            np.where(self._usual, 0.0, tuning.SPARE_DISTANCE_M),
+            # Why: links that always overlap are watched too, but the closest pair is that of the others.
+            self._usual,
+        )
+        if scene.floor is not None and self._lifted.any():
+            height = points[..., 2] - self.radii[:, None] - scene.floor
+            ends, up = points.reshape(len(points), -1, 3), np.array([0.0, 0.0, 1.0])
+            both = np.repeat(links, 2)
+            yield Near(
+                np.where(self._lifted, height, np.inf).reshape(len(points), -1),
+                self._above_floor.ravel(),
+                [f"link {i + 1} - floor" for i in both],
+                [(both, ends, up)],
+            )
+        for number, box in enumerate(scene.obstacles, start=1):
+            p, d = points[:, :, 0], points[:, :, 1] - points[:, :, 0]
+            distance, nearest, direction = segment_to_box(p, d, box)
+            yield Near(
+                distance - self.radii,
+                np.full(len(links), scene.distance),
+                [f"link {i + 1} - obstacle {number}" for i in links],
+                [(links, nearest, direction)],
+            )
+        if scene.workspace is not None:
+            tool, inside = frames.p[:, -1], scene.workspace
+            inwards = np.vstack([np.eye(3), -np.eye(3)])
+            yield Near(
+                np.hstack([tool - inside.lower, inside.upper - tool]),
+                np.zeros(6),
+                ["tool - edge of the workspace"] * 6,
+                [(np.repeat(links[-1:], 6), np.repeat(tool[:, None], 6, axis=1), inwards)],
+            )
 
     def value(self, q: Floats) -> tuple[float, Floats]:
         """Return the penalty of positions, (N, n) [rad or m], and its gradient by them, (N, n) [1/rad or 1/m]."""
         points, frames = self.ends(q)
-        scene, n = self.scene, self.robot.n
-        force, moment = np.zeros((2, len(q), n, 3))
-        tool_force = np.zeros((len(q), 3))
-
-        def push(link: NDArray[np.intp], where: Floats, by: Floats) -> None:
-            for k, i in enumerate(link):
-                force[:, i] += by[:, k]
-                moment[:, i] += np.cross(where[:, k], by[:, k])
-
-        distance, here, there = self._pairs(points)
-        total, slope = _charge(
-            distance, np.where(self._usual, self._wanted, self._wanted + tuning.SPARE_DISTANCE_M)
-        )
-        apart = here - there
-        way = slope[..., None] * apart / np.maximum(np.linalg.norm(apart, axis=2), 1e-9)[..., None]
-        push(self._first, here, way)
-        push(self._second, there, -way)
-        every = np.arange(n)
-        if scene.floor is not None:
-            extra, slope = _charge(
-                self._heights(points), self._above_floor + tuning.SPARE_DISTANCE_M
-            )
-            total += extra
-            for end in range(2):
-                push(every, points[:, :, end], slope[:, :, end, None] * np.array([0.0, 0.0, 1.0]))
-        for box in scene.obstacles:
-            distance, near, direction = self._to_box(points, box)
-            extra, slope = _charge(distance, scene.distance + tuning.SPARE_DISTANCE_M)
-            total += extra
-            push(every, near, slope[..., None] * direction)
-        if scene.workspace is not None:
-            tool = frames.p[:, -1]
-            for sign, edge in ((1.0, scene.workspace.lower), (-1.0, scene.workspace.upper)):
-                extra, slope = _charge(sign * (tool - edge), tuning.SPARE_DISTANCE_M)
-                total, tool_force = total + extra, tool_force + sign * slope
-            force[:, -1] += tool_force
-            moment[:, -1] += np.cross(tool, tool_force)
-        return total, self._to_joints(frames, force, moment)
-
-    def _to_joints(self, frames: LinkFrames, force: Floats, moment: Floats) -> Floats:
-        """Turn forces on links and their moments about the origin into joint efforts: a joint carries what follows."""
+        force, moment = np.zeros((2, len(q), self.robot.n, 3))
+        total = 0.0
+        for near in self._near(points, frames):
+            lack = np.maximum(near.wanted + near.spare - near.distance, 0) / tuning.CONTACT_SCALE_M
+            weight = tuning.PENALTY_WEIGHT / len(q)
+            total += weight * float(np.sum(lack**2))
+            slope = -2 * weight / tuning.CONTACT_SCALE_M * lack
+            for links, where, way in near.pushes:
+                by = slope[..., None] * way / near.length
+                for k, i in enumerate(links):
+                    force[:, i] += by[:, k]
+                    moment[:, i] += np.cross(where[:, k], by[:, k])
+        # A joint carries all forces on what follows it.
         force, moment = (np.cumsum(x[:, ::-1], axis=1)[:, ::-1] for x in (force, moment))
         turning = np.array([joint.revolute for joint in self.robot.joints])[None, :, None]
-        effort: Floats = np.sum(
-            frames.axis * np.where(turning, moment - np.cross(frames.point, force), force), axis=2
-        )
-        return effort
+        effort = np.where(turning, moment - np.cross(frames.point, force), force)
+        return total, np.sum(frames.axis * effort, axis=2)
 
     def keeps_clear(self, q: Floats) -> NDArray[np.bool_]:
         """Return at which poses, (N, n) [rad or m], everything keeps its wanted distance, (N,)."""
-        points, frames = self.ends(q)
-        clear = np.all(self._pairs(points)[0] >= self._wanted, axis=1)
-        if self.scene.floor is not None:
-            clear &= np.all(self._heights(points) >= self._above_floor, axis=(1, 2))
-        for box in self.scene.obstacles:
-            clear &= np.all(self._to_box(points, box)[0] >= self.scene.distance, axis=1)
-        if self.scene.workspace is not None:
-            tool, inside = frames.p[:, -1], self.scene.workspace
-            clear &= np.all((tool >= inside.lower) & (tool <= inside.upper), axis=1)
-        return np.asarray(clear)
+        return self.margin(q) >= 0
 
-    def contacts(self, q: Floats, t: Floats | None = None) -> list[Distance]:
+    def margin(self, q: Floats) -> Floats:
+        """Return by how much everything keeps more than its wanted distance at poses, (N, n) [rad or m]; (N,) [m]."""
+        lacks = [(near.distance - near.wanted).T for near in self._near(*self.ends(q))]
+        return np.asarray(np.vstack(lacks).min(axis=0, initial=np.inf))
+
+    def distances(self, q: Floats, t: Floats | None = None) -> Distances:
         """Return the least clearance between links, to floor and obstacles, and of the tool to its workspace.
 
-        Pairs of links that always overlap come one by one.
+        Pairs of links that are near in usual poses come one by one.
 
         Args:
             q: joint positions, (N, n) [rad or m].
             t: their times, (N,) [s]; 0 when None.
         """
-        points, frames = self.ends(q)
         times = np.zeros(len(q)) if t is None else t
-        found: list[Distance] = []
-
-        def note(pair: str, distance: Floats, wanted: float, sample: int) -> None:
-            found.append(Distance(pair, float(distance), float(times[sample]), wanted))
-
-        distance, usual = self._pairs(points)[0], self._usual
-        # Why: links that always overlap are watched too, but the closest pair is that of the others.
-        groups = [[k] for k in np.flatnonzero(usual)] + (
-            [np.flatnonzero(~usual)] if not usual.all() else []
-        )
-        for pairs in groups:
-            lack = distance[:, pairs] - self._wanted[pairs]
-            k, i = np.unravel_index(lack.argmin(), lack.shape)
-            pair = int(pairs[i])
-            note(self._pair(pair), distance[k, pair], float(self._wanted[pair]), int(k))
-        if self.scene.floor is not None and self._lifted.any():
-            height = self._heights(points)
-            k, i, end = np.unravel_index((height - self._above_floor).argmin(), height.shape)
-            note(
-                f"link {i + 1} - floor", height[k, i, end], float(self._above_floor[i, end]), int(k)
-            )
-        for number, box in enumerate(self.scene.obstacles, start=1):
-            distance = self._to_box(points, box)[0]
-            k, i = np.unravel_index(distance.argmin(), distance.shape)
-            note(f"link {i + 1} - obstacle {number}", distance[k, i], self.scene.distance, int(k))
-        if self.scene.workspace is not None:
-            tool, workspace = frames.p[:, -1], self.scene.workspace
-            room = np.minimum(tool - workspace.lower, np.array(workspace.upper) - tool).min(axis=1)
-            note("tool - edge of the workspace", room.min(), 0.0, int(room.argmin()))
-        return found
-
-
-def _charge(distance: Floats, wanted: float | Floats) -> tuple[float, Floats]:
-    """Return the penalty on distances below the wanted ones, (N, ...), and its gradient."""
-    lack = np.maximum(wanted - distance, 0.0) / tuning.CONTACT_SCALE_M
-    weight = tuning.PENALTY_WEIGHT / len(distance)
-    return weight * float(np.sum(lack**2)), -2 * weight / tuning.CONTACT_SCALE_M * lack
+        found = []
+        for near in self._near(*self.ends(q)):
+            for sample, k in near.least():
+                distance, wanted = float(near.distance[sample, k]), float(near.wanted[k])
+                found.append(Distance(near.names[k], distance, float(times[sample]), wanted))
+        found.sort(key=lambda one: one.distance)
+        usual = tuple(one for one in found if one.pair in self.left_out)
+        return Distances(tuple(one for one in found if one not in usual), usual)

@@ -2,106 +2,82 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+import io
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.disk import written_whole
-
 if TYPE_CHECKING:
-    from PIL import Image
+    from PIL.Image import Image
 
 Floats = NDArray[np.float64]
+#: Time [s] and pixels of a pose, (height, width, 3).
 Picture = tuple[float, NDArray[np.uint8]]
-#: Labels, times, positions (N, n) and the limits of the joints.
-Traces = tuple[list[str], Floats, Floats, list[float], list[float]]
+#: Names of the joints, times, (N,) [s], and positions as shares of the joints' ranges, (N, n).
+Traces = tuple[tuple[str, ...], Floats, Floats]
 
 #: Colours that colour-blind people tell apart (Okabe and Ito); repeated for arms of more joints.
 COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#000000", "#9a8a00")
-#: Height of the traces and width of their labels [pixels].
-TRACES, MARGIN = 230, 150
-#: Length of the animation [ms].
-SHOWN = 6000
-_TITLE = 26
-#: Space between the poses of a still [pixels].
-_GAP = 4
+#: Heights of the title and of the traces, and space between poses [pixels].
+TITLE, TRACES, GAP = 26, 230, 4
+#: Space around the traces: left, top, right, bottom [pixels].
+BORDER = 46, 10, 150, 34
+#: Poses beside each other in a still, and length of the animation [ms].
+COLUMNS, SHOWN = 3, 6000
 
 
-def still(path: Path, pictures: list[Picture], traces: Traces, title: str) -> None:
-    """Write poses of a motion, in reading order, above the joints' traces."""
+def still(pictures: list[Picture], traces: Traces, title: str) -> bytes:
+    """Return a PNG file of poses of a motion, in reading order, above the joints' traces."""
+    stream = io.BytesIO()
+    _sheet(pictures, traces, title).save(stream, "PNG", optimize=True)
+    return stream.getvalue()
+
+
+def animation(pictures: list[Picture], traces: Traces, title: str) -> bytes:
+    """Return a GIF file of a motion with a line that moves along the joints' traces."""
+    stream = io.BytesIO()
+    first, *others = (_sheet([each], traces, title).quantize(64) for each in pictures)
+    each = SHOWN // len(pictures)
+    first.save(stream, "GIF", save_all=True, append_images=others, duration=each, loop=0)
+    return stream.getvalue()
+
+
+def _sheet(pictures: list[Picture], traces: Traces, title: str) -> Image:
+    """Draw poses, and every joint's position in its range with a line at the time of each pose."""
     from PIL import Image, ImageDraw
 
-    columns = 3
-    height, width = pictures[0][1].shape[:2]
-    rows = -(-len(pictures) // columns)
-    across, down = width + _GAP, height + _GAP
-    sheet = Image.new("RGB", (columns * across - _GAP, _TITLE + rows * down + TRACES), "white")
+    columns = min(COLUMNS, len(pictures))
+    down, across = np.add(pictures[0][1].shape[:2], GAP).tolist()
+    below = TITLE + -(-len(pictures) // columns) * down
+    sheet = Image.new("RGB", (columns * across - GAP, below + TRACES), "white")
     draw = ImageDraw.Draw(sheet)
-    draw.text((8, 3), title, "black", font_size=16)
+    draw.text((8, 4), title, "black", font_size=14)
     for k, (time, picture) in enumerate(pictures):
-        corner = (k % columns * across, _TITLE + k // columns * down)
-        sheet.paste(Image.fromarray(picture), corner)
-        draw.text((corner[0] + 8, corner[1] + 6), f"t = {time:.1f} s", "black", font_size=16)
-    box = (0, _TITLE + rows * down, sheet.width, sheet.height)
-    _traces(draw, box, traces, [time for time, _ in pictures])
-    _save(sheet, path)
-
-
-def animation(path: Path, pictures: list[Picture], traces: Traces, title: str) -> None:
-    """Write an animated picture of a motion with a line that moves along the joints' traces."""
-    from PIL import Image, ImageDraw
-
-    frames = []
-    height, width = pictures[0][1].shape[:2]
-    for time, picture in pictures:
-        frame = Image.new("RGB", (width, _TITLE + height + TRACES), "white")
-        draw = ImageDraw.Draw(frame)
-        draw.text((8, 4), f"{title}   t = {time:.1f} s", "black", font_size=13)
-        frame.paste(Image.fromarray(picture), (0, _TITLE))
-        _traces(draw, (0, _TITLE + height, width, frame.height), traces, [time])
-        frames.append(frame.quantize(64))
-    with written_whole(path) as stream:
-        frames[0].save(
-            stream,
-            "GIF",
-            save_all=True,
-            append_images=frames[1:],
-            duration=SHOWN // len(frames),
-            loop=0,
-        )
-
-
-def _save(sheet: Image.Image, path: Path) -> None:
-    with written_whole(path) as stream:
-        sheet.save(stream, "PNG", optimize=True)
-
-
-def _traces(draw: Any, box: tuple[int, int, int, int], traces: Traces, marks: list[float]) -> None:  # noqa: ANN401
-    """Draw every joint's position as a share of its range, 0 at the lower and 1 at the upper limit."""
-    labels, t, q, lower, upper = traces
-    left, top, right, bottom = box[0] + 46, box[1] + 10, box[2] - MARGIN, box[3] - 34
+        x, y = k % columns * across, TITLE + k // columns * down
+        sheet.paste(Image.fromarray(picture), (x, y))
+        draw.text((x + 8, y + 6), f"t = {time:.1f} s", "black", font_size=16)
+    names, times, shares = traces
+    left, top = BORDER[0], below + BORDER[1]
+    width, height = sheet.width - left - BORDER[2], TRACES - BORDER[1] - BORDER[3]
+    right, bottom = left + width, top + height
     draw.rectangle((left, top, right, bottom), outline="#999999")
-    for share, text in ((0.0, "lower"), (0.5, "middle"), (1.0, "upper")):
-        y = bottom - share * (bottom - top)
-        draw.line((left, y, right, y), "#dddddd" if share == 0.5 else "#999999")
-        draw.text((box[0] + 4, y - 7), text, "#555555", font_size=11)
-    for mark in marks:
-        at = left + mark / float(t[-1]) * (right - left)
-        draw.line((at, top, at, bottom), "#bbbbbb" if len(marks) > 1 else "#333333", width=2)
-    step = max(1, len(t) // 600)
-    across = left + t[::step] / t[-1] * (right - left)
-    for j, label in enumerate(labels):
-        height = bottom - (q[::step, j] - lower[j]) / (upper[j] - lower[j]) * (bottom - top)
+    draw.line((left, top + height / 2, right, top + height / 2), "#dddddd")
+    for time, _ in pictures:
+        x = left + time / times[-1] * width
+        draw.line((x, top, x, bottom), "#bbbbbb" if len(pictures) > 1 else "#333333", width=2)
+    words: list[tuple[float, float, str]]
+    words = [(4, bottom - 7, "lower"), (4, top + height / 2 - 7, "middle"), (4, top - 7, "upper")]
+    words += [(left, bottom + 6, "0 s"), (right - 40, bottom + 6, f"{times[-1]:.1f} s")]
+    words += [(left + width / 2 - 80, bottom + 6, "position in the joint's range")]
+    for x, y, word in words:
+        draw.text((x, y), word, "#555555", font_size=12)
+    some = slice(None, None, max(1, len(times) // 600))
+    for j, name in enumerate(names):
         color = COLORS[j % len(COLORS)]
-        draw.line(list(zip(across.tolist(), height.tolist(), strict=True)), color, width=2)
-        draw.text((right + 8, top + 2 + j * 22), label[-22:], color, font_size=12)
-    draw.text((left, bottom + 6), "0 s", "#555555", font_size=12)
-    draw.text((right - 40, bottom + 6), f"{t[-1]:.1f} s", "#555555", font_size=12)
-    draw.text(
-        ((left + right) / 2 - 80, bottom + 6),
-        "position in the joint's range",
-        "#555555",
-        font_size=12,
-    )
+        points = np.stack(
+            [left + times / times[-1] * width, bottom - shares[:, j] * height], axis=1
+        )
+        draw.line(points[some].ravel().tolist(), color, width=2)
+        draw.text((right + 8, top + 2 + j * 22), name[-22:], color, font_size=12)
+    return sheet

@@ -40,17 +40,20 @@ class Bounds:
 
 def assumed_limits(robot: Robot) -> tuple[str, ...]:
     """Say which limits the robot file leaves out and what a plan takes in their place, one sentence for each kind."""
-    endless = [
-        joint.name for joint in robot.joints if joint.revolute and joint.limits.position is None
-    ]
-    slides = [
-        joint.name for joint in robot.joints if not joint.revolute and joint.limits.position is None
-    ]
+    free = {joint.name: joint.revolute for joint in robot.joints if not joint.limits.position}
     slow = [joint.name for joint in robot.joints if joint.limits.velocity is None]
     soft = [joint.name for joint in robot.joints if joint.limits.acceleration is None]
     kinds = (
-        ("position", endless, "turning without end, two turns each way"),
-        ("travel", slides, f"{tuning.SLIDE_RANGE_M[1]:g} m each way"),
+        (
+            "position",
+            [name for name in free if free[name]],
+            "turning without end, two turns each way",
+        ),
+        (
+            "travel",
+            [name for name in free if not free[name]],
+            f"{tuning.SLIDE_RANGE_M[1]:g} m each way",
+        ),
         ("velocity", slow, f"{tuning.DEFAULT_VELOCITY:g} rad/s or m/s"),
         ("acceleration", soft, f"{tuning.DEFAULT_ACCELERATION:g} rad/s^2 or m/s^2"),
     )
@@ -123,38 +126,19 @@ class Shaping:
         Args:
             x: free variables, (size,).
         """
-        c, offset = _split(x, self._n)
-        columns = np.arange(self._n)
+        c, self._offset = _split(x, self._n)
         U, Ud, Udd = (phi @ c for phi in self._fine)
-        high, low = U.argmax(axis=0), U.argmin(axis=0)
-        span = np.maximum(U[high, columns] - U[low, columns], 1e-12)
-        fast, hard = np.abs(Ud).argmax(axis=0), np.abs(Udd).argmax(axis=0)
-        reach = self._limits.upper - self._limits.lower
-        candidates = np.stack(
-            [
-                reach / span,
-                self._limits.velocity / np.maximum(np.abs(Ud[fast, columns]), 1e-12),
-                self._limits.acceleration / np.maximum(np.abs(Udd[hard, columns]), 1e-12),
-            ]
+        self._at = U.argmax(0), U.argmin(0), np.abs(Ud).argmax(0), np.abs(Udd).argmax(0)
+        high, low, fast, hard = (
+            values[at, np.arange(self._n)]
+            for values, at in zip((U, U, Ud, Udd), self._at, strict=True)
         )
-        active = candidates.argmin(axis=0)
-        scale = candidates[active, columns]
-        middle = (U[high, columns] + U[low, columns]) / 2
-        room = np.maximum(reach - scale * span, 0.0) / 2
-        self._seen = (
-            c,
-            offset,
-            scale,
-            span,
-            middle,
-            room,
-            active,
-            (high, low, fast, hard),
-            (Ud, Udd),
-        )
-        centre = (self._limits.upper + self._limits.lower) / 2 + room * offset - scale * middle
-        u, ud, udd = (phi @ c for phi in self._wanted)
-        return scale * u + centre, scale * ud, scale * udd
+        self._peaks = fast, hard
+        self._fit = fitted(self._limits, low, high, np.abs(fast), np.abs(hard), self._offset)
+        self._path = [phi @ c for phi in self._wanted]
+        u, ud, udd = self._path
+        scale = self._fit.scale
+        return scale * u + self._fit.shift, scale * ud, scale * udd
 
     def gradient(self, gq: Floats, gqd: Floats, gqdd: Floats) -> Floats:
         """Return a cost's gradient by the free variables of the last motion, (size,), from that by its samples.
@@ -164,29 +148,72 @@ class Shaping:
             gqd: by the velocities, (N, n) [s/rad or s/m].
             gqdd: by the accelerations, (N, n) [s^2/rad or s^2/m].
         """
-        c, offset, scale, span, middle, room, active, (high, low, fast, hard), (Ud, Udd) = (
-            self._seen
-        )
-        columns = np.arange(self._n)
-        u, ud, udd = (phi @ c for phi in self._wanted)
+        fit, offset, scale = self._fit, self._offset, self._fit.scale
+        u, ud, udd = self._path
         total = gq.sum(axis=0)
-        d_room = total * offset * (room > 0)
-        d_scale = np.sum(gq * (u - middle) + gqd * ud + gqdd * udd, axis=0) - d_room * span / 2
-        d_span = -d_room * scale / 2 - np.where(active == 0, d_scale * scale / span, 0.0)
+        d_room = total * offset * (fit.room > 0)
+        d_scale = (
+            np.sum(gq * (u - fit.middle) + gqd * ud + gqdd * udd, axis=0) - d_room * fit.span / 2
+        )
+        d_span = -d_room * scale / 2 - np.where(fit.active == 0, d_scale * scale / fit.span, 0.0)
         d_middle = -scale * total
         gradient = sum(
             phi.T @ (g * scale) for phi, g in zip(self._wanted, (gq, gqd, gqdd), strict=True)
         )
+        high, low, *rates = self._at
         gradient += self._fine[0][high].T * (d_span + d_middle / 2) + self._fine[0][low].T * (
             d_middle / 2 - d_span
         )
-        for kind, phi, peak, values in (
-            (1, self._fine[1], fast, Ud),
-            (2, self._fine[2], hard, Udd),
-        ):
-            slope = np.where(active == kind, -d_scale * scale / values[peak, columns], 0.0)
-            gradient += phi[peak].T * slope
-        return np.concatenate([gradient.ravel(), total * room * (1 - offset**2)])
+        for order, at, peak in zip((1, 2), rates, self._peaks, strict=True):
+            slope = np.where(fit.active == order, -d_scale * scale / peak, 0.0)
+            gradient += self._fine[order][at].T * slope
+        return np.concatenate([gradient.ravel(), total * fit.room * (1 - offset**2)])
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How a motion of any size is fitted into the limits, joint by joint, (n,) each.
+
+    Attributes:
+        scale: factor on the motion.
+        shift: what is added to it then [rad or m].
+        span: of its positions before [rad or m].
+        middle: of these [rad or m].
+        room: what is left on each side of the limits [rad or m].
+        active: derivative whose limit the motion reaches.
+    """
+
+    scale: Floats
+    shift: Floats
+    span: Floats
+    middle: Floats
+    room: Floats
+    active: NDArray[np.intp]
+
+
+def fitted(
+    limits: Bounds,
+    low: Floats,
+    high: Floats,
+    fast: Floats,
+    hard: Floats,
+    offset: Floats,
+    share: float = 1.0,
+) -> Fit:
+    """Fit a motion with these extrema, (n,) each, into a share of the limits, at a place of -1 to 1 in the range."""
+    reach, span = limits.upper - limits.lower, np.maximum(high - low, 1e-12)
+    candidates = np.stack(
+        [
+            reach / span,
+            limits.velocity / np.maximum(fast, 1e-12),
+            limits.acceleration / np.maximum(hard, 1e-12),
+        ]
+    )
+    active = candidates.argmin(axis=0)
+    scale, middle = share * candidates.min(axis=0), (high + low) / 2
+    room = np.maximum(reach - scale * span, 0.0) / 2
+    shift = (limits.upper + limits.lower) / 2 + room * offset - scale * middle
+    return Fit(scale, shift, span, middle, room, active)
 
 
 def _split(x: Floats, n: int) -> tuple[Floats, Floats]:
@@ -204,25 +231,14 @@ def coefficients(basis: Quintic, limits: Bounds, x: Floats) -> Floats:
     """
     c, offset = _split(x, len(limits.lower))
     low, high = extrema(basis, c, 0)
-    rates = [np.abs(extrema(basis, c, order)).max(axis=0) for order in (1, 2)]
-    reach = limits.upper - limits.lower
-    span = np.maximum(high - low, 1e-12)
+    fast, hard = (np.abs(extrema(basis, c, order)).max(axis=0) for order in (1, 2))
     # Why: a relative margin of rounding size, so that the limit itself is never exceeded.
-    scale = (1 - 1e-9) * np.minimum.reduce(
-        [
-            reach / span,
-            limits.velocity / np.maximum(rates[0], 1e-12),
-            limits.acceleration / np.maximum(rates[1], 1e-12),
-        ]
-    )
-    room = np.maximum(reach - scale * span, 0.0) / 2
-    centre = (limits.upper + limits.lower) / 2 + room * offset - scale * (high + low) / 2
-    found: Floats = scale * c + np.outer(basis.constant, centre)
+    fit = fitted(limits, low, high, fast, hard, offset, 1 - 1e-9)
+    found: Floats = fit.scale * c + np.outer(basis.constant, fit.shift)
     return found
 
 
 def extrema(basis: Quintic, c: Floats, order: int) -> Floats:
     """Return the exact extrema of a derivative of every joint, (2, n) [rad/s^order], for c, (size, n) [rad]."""
-    times = basis.stationary(c, order)
-    values = [basis.matrix(t, order) @ c[:, j] for j, t in enumerate(times)]
+    values = [values for _, values in basis.stationary(c, order)]
     return np.array([[v.min() for v in values], [v.max() for v in values]])

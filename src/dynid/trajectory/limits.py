@@ -99,19 +99,55 @@ def check_trajectory(
         torque: predicted torques of a motion, (N, n); None to leave torques out.
         speed: largest speed of the tool [m/s]; None for any.
     """
-    motion = trajectory.sampled(tuning.CHECK_RATE_HZ * trajectory.alpha)
-    tau = None if torque is None else torque(motion)
-    violations = [v for order in range(3) for v in _rates(trajectory, robot, limits, order)]
-    if tau is not None and torque is not None:
-        violations += _torques(trajectory, robot, limits, torque, tau, motion.t)
+    alpha, middle = trajectory.alpha, (limits.upper + limits.lower) / 2
+    motion = trajectory.sampled(tuning.CHECK_RATE_HZ * alpha)
+    peaks, violations = np.empty((3, robot.n)), []
+    for order, (quantity, lower, upper) in enumerate(_ranges(limits)):
+        for j, (when, values) in enumerate(trajectory.stationary(order)):
+            low, high = values.min(), values.max()
+            nearest = high if high - middle[j] > middle[j] - low else low
+            peaks[order, j] = max(abs(low), abs(high)) if order else nearest
+            worst = int(np.maximum(values - upper[j], lower[j] - values).argmax())
+            value = float(values[worst])
+            limit = float(upper[j] if value > upper[j] else lower[j])
+            beyond = (value - limit) * (1 if value > upper[j] else -1)
+            if beyond > tuning.LIMIT_ROUNDING_SHARE * max(1.0, upper[j] - lower[j]):
+                slower = alpha * abs(limit / value) ** (1 / order) if order else None
+                value, limit = (abs(value), abs(limit)) if order else (value, limit)
+                joint, time = robot.joints[j], float(when[worst])
+                violations.append(
+                    Violation(joint.name, quantity, value, limit, time, slower, joint.revolute)
+                )
+    shares = [
+        np.abs(peaks[0] - middle) / ((limits.upper - limits.lower) / 2),
+        peaks[1] / limits.velocity,
+        peaks[2] / limits.acceleration,
+    ]
+    largest: list[float | None] = [None] * robot.n
+    if torque is not None:
+        tau, slower = torque(motion), None
+        if np.any(np.abs(tau) > limits.torque * (1 + tuning.LIMIT_ROUNDING_SHARE)):
+            path = trajectory.slowed(1.0).sampled(tuning.CHECK_RATE_HZ / 10)
+            slower = fitting_alpha(path, limits.torque, torque, alpha)
+        violations += torque_violations(robot, limits.torque, tau, motion.t, slower)
+        shares.append(np.abs(tau).max(axis=0) / limits.torque)
+        largest = np.abs(tau).max(axis=0).tolist()
     moving = tool_speed(robot, motion.q, motion.qd)
-    fastest = float(moving.max())
+    fastest, time = float(moving.max()), float(motion.t[moving.argmax()])
     if speed is not None and fastest > speed * (1 + tuning.LIMIT_ROUNDING_SHARE):
-        when = float(motion.t[moving.argmax()])
-        violations.append(
-            Violation("tool", "speed", fastest, speed, when, trajectory.alpha * speed / fastest)
-        )
-    return LimitCheck(_peaks(trajectory, robot, limits, tau), tuple(violations), fastest)
+        violations.append(Violation("tool", "speed", fastest, speed, time, alpha * speed / fastest))
+    columns = (robot.joint_names, *peaks.tolist(), largest, np.max(shares, axis=0).tolist())
+    found = tuple(Peak(*row) for row in zip(*columns, strict=True))
+    return LimitCheck(found, tuple(violations), fastest)
+
+
+def _ranges(limits: Bounds) -> tuple[tuple[str, Floats, Floats], ...]:
+    """Return names and limits of positions and their derivatives."""
+    return (
+        ("position", limits.lower, limits.upper),
+        ("velocity", -limits.velocity, limits.velocity),
+        ("acceleration", -limits.acceleration, limits.acceleration),
+    )
 
 
 def require_within_limits(found: LimitCheck, margin: float = 0.0) -> None:
@@ -140,11 +176,11 @@ def raise_worst(
         return
     worst = max(violations, key=lambda v: v.value / v.limit if v.limit else np.inf)
     others = len(violations) - 1
-    more = f"; {others} more limit{'s are' if others > 1 else ' is'} broken" if others else ""
+    more = f"; {others} more limit{'s are' if others > 1 else ' is'} broken" * bool(others)
     kept = f" with {100 * margin:g} % margin" if margin else ""
-    helps = [v.alpha for v in violations]
-    if all(alpha is not None for alpha in helps):
-        fix = slower(min(alpha for alpha in helps if alpha is not None))
+    helps = [v.alpha for v in violations if v.alpha is not None]
+    if len(helps) == len(violations):
+        fix = slower(min(helps))
     elif worst.quantity == "torque":
         fix = "slower does not help: this pose is too heavy for the joint; use waypoints nearer to the base"
     else:
@@ -169,54 +205,6 @@ def floor2(value: float) -> float:
     # Why not a power of ten: of the least numbers that there are, it is none any more.
     digits, _, exponent = f"{value * (1 + 1e-10):.17e}".partition("e")
     return float(f"{digits[:3]}e{exponent}")
-
-
-def _rates(trajectory: Trajectory, robot: Robot, limits: Bounds, order: int) -> list[Violation]:
-    """Return broken limits of one derivative."""
-    lower, upper = _range(limits, order)
-    quantity = ("position", "velocity", "acceleration")[order]
-    found = []
-    times = trajectory.basis.stationary(trajectory.coefficients, order)
-    for j, when in enumerate(times):
-        values = (
-            trajectory.basis.matrix(when, order)
-            @ trajectory.coefficients[:, j]
-            * trajectory.alpha**order
-        )
-        beyond = np.maximum(values - upper[j], lower[j] - values)
-        worst = int(beyond.argmax())
-        if beyond[worst] > tuning.LIMIT_ROUNDING_SHARE * max(1.0, upper[j] - lower[j]):
-            value, limit = (
-                float(values[worst]),
-                float(upper[j] if values[worst] > upper[j] else lower[j]),
-            )
-            alpha = trajectory.alpha * abs(limit / value) ** (1 / order) if order else None
-            shown = (abs(value), abs(limit)) if order else (value, limit)
-            time = float(when[worst]) / trajectory.alpha
-            found.append(
-                Violation(
-                    robot.joint_names[j], quantity, *shown, time, alpha, robot.joints[j].revolute
-                )
-            )
-    return found
-
-
-def _range(limits: Bounds, order: int) -> tuple[Floats, Floats]:
-    if order == 0:
-        return limits.lower, limits.upper
-    rate = (limits.velocity, limits.acceleration)[order - 1]
-    return -rate, rate
-
-
-def _torques(
-    trajectory: Trajectory, robot: Robot, limits: Bounds, torque: Torque, tau: Floats, t: Floats
-) -> list[Violation]:
-    """Return broken torque limits, with the speed factor that keeps all of them."""
-    alpha = None
-    if np.any(np.abs(tau) > limits.torque * (1 + tuning.LIMIT_ROUNDING_SHARE)):
-        path = trajectory.slowed(1.0).sampled(tuning.CHECK_RATE_HZ / 10)
-        alpha = fitting_alpha(path, limits.torque, torque, trajectory.alpha)
-    return torque_violations(robot, limits.torque, tau, t, alpha)
 
 
 def torque_violations(
@@ -263,32 +251,3 @@ def fitting_alpha(path: Motion, limit: Floats, torque: Torque, high: float = 1.0
         middle = np.sqrt(low * high)
         low, high = (middle, high) if fits(middle) else (low, middle)
     return float(low)
-
-
-def _peaks(
-    trajectory: Trajectory, robot: Robot, limits: Bounds, tau: Floats | None
-) -> tuple[Peak, ...]:
-    low, high = trajectory.extrema(0)
-    rates = [np.abs(trajectory.extrema(order)).max(axis=0) for order in (1, 2)]
-    middle, half = (limits.upper + limits.lower) / 2, (limits.upper - limits.lower) / 2
-    position = np.where(high - middle > middle - low, high, low)
-    torque = None if tau is None else np.abs(tau).max(axis=0)
-    shares = [
-        np.abs(position - middle) / half,
-        rates[0] / limits.velocity,
-        rates[1] / limits.acceleration,
-    ]
-    if torque is not None:
-        shares.append(torque / limits.torque)
-    share = np.max(shares, axis=0)
-    return tuple(
-        Peak(
-            name,
-            float(position[j]),
-            float(rates[0][j]),
-            float(rates[1][j]),
-            None if torque is None else float(torque[j]),
-            float(share[j]),
-        )
-        for j, name in enumerate(robot.joint_names)
-    )

@@ -15,9 +15,10 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
+from threading import Thread
 from typing import Any, Literal
 
 import numpy as np
@@ -34,8 +35,6 @@ Floats = NDArray[np.float64]
 End = Literal["all starts", "time", "interrupt"]
 #: The least cost with penalties that a start has met, and its free variables, (size,).
 Best = tuple[float, Floats]
-#: Sends a start's number with the best so far, or with None when the start is through.
-Send = Callable[[tuple[int, Best | None]], None]
 
 
 @dataclass(frozen=True)
@@ -68,12 +67,12 @@ def optimise(
         KeyboardInterrupt: interrupted before anything was found.
     """
     best: dict[int, Best] = {}
-    finished: set[int] = set()
+    finished = 0
     ended: End = "all starts"
     begin = time.monotonic()
-    with _processes(problem, search) as (reports, calls):
+    with _processes(problem, search) as (reports, running):
         try:
-            while not all(call.done() for call in calls) or not reports.empty():
+            while running:
                 left = begin + limit - time.monotonic()
                 # Why: in the first seconds of a very short search there may be nothing yet to keep.
                 if left <= 0 and best:
@@ -83,11 +82,11 @@ def optimise(
                     report = reports.get(timeout=min(max(left, 0.1), 0.5))
                     if isinstance(report, Exception):
                         raise report
-                    start, met = report
-                    if met is None:
-                        finished.add(start)
+                    if report is None:
+                        running -= 1
                     else:
-                        best[start] = met
+                        start, best[start], through = report
+                        finished += through
                 if best:
                     least = min(value for value, _ in best.values())
                     done = min(time.monotonic() - begin, limit)
@@ -100,7 +99,7 @@ def optimise(
         coefficients(problem.basis, problem.of_start(start).limits, best[start][1])
         for start in sorted(best, key=lambda start: (best[start][0], start))
     )
-    return SearchOutcome(found, len(finished), ended)
+    return SearchOutcome(found, finished, ended)
 
 
 def describe(problem: PlanProblem, value: float) -> str:
@@ -118,8 +117,8 @@ def describe(problem: PlanProblem, value: float) -> str:
 @contextmanager
 def _processes(
     problem: PlanProblem, search: PlanOptions
-) -> Iterator[tuple[queue.SimpleQueue[Any], list[Future[None]]]]:
-    """Run the search in processes that end with the block; yield their reports, and what is done when they end.
+) -> Iterator[tuple[queue.SimpleQueue[Any], int]]:
+    """Run the search in processes that end with the block; yield their reports, None when one ends, and their number.
 
     Not by multiprocessing: it runs the script that called dynid once more in each process, so that every script would
     have to guard itself by ``if __name__ == "__main__"``.
@@ -129,43 +128,46 @@ def _processes(
     # Matrices are small: threads of linear algebra would fight for the cores.
     modest = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     running: list[subprocess.Popen[bytes]] = []
-    calls: list[Future[None]] = []
-    with ThreadPoolExecutor(count) as pool:
-        try:
-            for k in range(count):
-                # A session of its own: Ctrl-C reaches every process of the terminal.
-                process = subprocess.Popen(
-                    children.python("from dynid.trajectory.optimise import serve; serve()"),
-                    stdin=subprocess.PIPE,
-                    stdout=subprocess.PIPE,
-                    env=os.environ | modest,
-                    start_new_session=True,
-                )
-                running.append(process)
-                task = (problem, search.seed, range(k, search.restarts, count))
-                calls.append(pool.submit(_follow, process, task, reports))
-            yield reports, calls
-        finally:
-            for process in running:
-                process.kill()
+    try:
+        for k in range(count):
+            # A session of its own: Ctrl-C reaches every process of the terminal.
+            process = subprocess.Popen(
+                children.python("from dynid.trajectory.optimise import serve; serve()"),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env=os.environ | modest,
+                start_new_session=True,
+            )
+            running.append(process)
+            task = (problem, search.seed, range(k, search.restarts, count))
+            Thread(target=_follow, args=(process, task, reports), daemon=True).start()
+        yield reports, count
+    finally:
+        for process in running:
+            process.kill()
+            process.wait()
 
 
 def _follow(
     process: subprocess.Popen[bytes], task: object, reports: queue.SimpleQueue[Any]
 ) -> None:
-    """Give a process its task and pass on what it reports, until it ends."""
+    """Give a process its task and pass on what it reports, and None when it ends."""
     assert process.stdin is not None
     assert process.stdout is not None
     # A process that is killed leaves half an object, or a pipe that nobody reads.
-    with suppress(OSError, EOFError, pickle.UnpicklingError), process:
+    with suppress(OSError, EOFError, pickle.UnpicklingError), process.stdout as answers:
         with process.stdin as stream:
             pickle.dump(task, stream)
         while True:
-            reports.put(pickle.load(process.stdout))  # noqa: S301 - from a process of our own
+            reports.put(pickle.load(answers))  # noqa: S301 - from a process of our own
+    reports.put(None)
 
 
 def serve() -> None:
-    """Do the task on standard input and send reports to standard output; a failure is a ``RuntimeError``."""
+    """Do the task on standard input and send reports to standard output; a failure is a ``RuntimeError``.
+
+    A report is the number of a start, the best that it has met, and whether it is through.
+    """
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     # A word that a library prints would be taken for a report.
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
@@ -174,42 +176,31 @@ def serve() -> None:
         pickle.dump(report, answers)
         answers.flush()
 
+    def tell(start: int, met: Best, *, through: bool = False) -> None:
+        send((start, met, through))
+
     try:
         problem, seed, starts = pickle.load(sys.stdin.buffer)  # noqa: S301 - from our own process
-        _search(problem, seed, starts, send)
+        for start in starts:
+            here = problem.of_start(start)
+            x = random_variables(here.basis, here.limits, np.random.default_rng((seed, start)))
+            found = descend(ExcitationObjective(here), x, partial(tell, start))
+            tell(start, found, through=True)
     except BrokenPipeError:  # nobody reads reports any more
         os._exit(1)
     except Exception:  # noqa: BLE001 - work that failed would look like work that found nothing
         send(RuntimeError(traceback.format_exc()))
 
 
-def _search(problem: PlanProblem, seed: int, starts: range, send: Send) -> None:
-    """Search from some starts and send the best so far of each, None when one is through."""
-    for start in starts:
-        here = problem.of_start(start)
-        x = random_variables(here.basis, here.limits, np.random.default_rng((seed, start)))
-        told, sent = np.inf, -np.inf
-
-        def report(met: Best, *, last: bool, start: int = start) -> None:
-            nonlocal told, sent
-            now = time.monotonic()
-            if met[0] < told and (last or now - sent > tuning.REPORT_INTERVAL_S):
-                told, sent = met[0], now
-                send((start, met))
-
-        descend(ExcitationObjective(here), x, report)
-        send((start, None))
-
-
 def descend(
-    objective: ExcitationObjective, x: Floats, report: Callable[..., None] | None = None
+    objective: ExcitationObjective, x: Floats, report: Callable[[Best], None] = lambda _: None
 ) -> Best:
     """Go down from one start through the stages.
 
     Args:
         objective: what is made small.
         x: free variables of the start, (size,).
-        report: called with the best so far, and with whether a stage ends, at each evaluation of the cost itself.
+        report: called with the best so far every now and then.
 
     Returns:
         The least cost met, and its free variables.
@@ -217,17 +208,17 @@ def descend(
     from scipy.optimize import minimize
 
     seen: Best = (np.inf, x)
+    told = -np.inf
 
-    def measured(
-        x: Floats, power: float, ease: float, *, last: bool = False
-    ) -> tuple[float, Floats]:
-        nonlocal seen
+    def measured(x: Floats, power: float, ease: float) -> tuple[float, Floats]:
+        nonlocal seen, told
         found = objective(x, power, ease)
         if np.isinf(power):
             if found.full < seen[0]:
                 seen = (found.full, x.copy())
-            if report is not None:
-                report(seen, last=last)
+            if time.monotonic() - told > tuning.REPORT_INTERVAL_S:
+                told = time.monotonic()
+                report(seen)
         return found.value, found.gradient
 
     smooth = objective.problem.cost.kind in ("d", "i")
@@ -236,5 +227,5 @@ def descend(
         x = minimize(
             measured, x, args=(power, ease), jac=True, method="L-BFGS-B", options=options
         ).x
-        measured(x, np.inf, ease, last=True)
+        measured(x, np.inf, ease)
     return seen

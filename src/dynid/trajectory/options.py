@@ -17,15 +17,18 @@ COSTS = ("i", "d", "condition", "paper")
 PAPER_WEIGHTS = (1.0, 100.0)
 
 
-def numbers(value: Any, count: int, name: str) -> list[float]:  # noqa: ANN401
-    """Return ``count`` numbers, written with commas or given as a sequence."""
+def _floats(value: Any) -> tuple[float, ...]:  # noqa: ANN401
+    """Return numbers, written with commas or given as a sequence; () for anything else."""
     try:
-        found = [
-            float(part)
-            for part in (str(value).split(",") if isinstance(value, (str, float, int)) else value)
-        ]
+        parts = str(value).split(",") if isinstance(value, (str, float, int)) else value
+        return tuple(float(part) for part in parts)
     except (TypeError, ValueError):
-        found = []
+        return ()
+
+
+def numbers(value: Any, count: int, name: str) -> tuple[float, ...]:  # noqa: ANN401
+    """Return ``count`` numbers, written with commas or given as a sequence."""
+    found = _floats(value)
     if len(found) != count or not all(abs(x) <= MOST for x in found):
         what = f"{name} '{value}' is not {count} number{'s' * (count > 1)}"
         raise WrongUsage(what, fix=f"such as {name} {','.join(['0'] * count)}")
@@ -58,8 +61,9 @@ def _box(value: Any, name: str) -> Box | None:  # noqa: ANN401
     if value is None or isinstance(value, Box):
         return value
     text = value.removeprefix("box").strip(":, ") if isinstance(value, str) else value
-    a, b, c, d, e, f = numbers(text, 6, name)
-    return Box((min(a, d), min(b, e), min(c, f)), (max(a, d), max(b, e), max(c, f)))
+    found = numbers(text, 6, name)
+    x, y, z = zip(found[:3], found[3:], strict=True)
+    return Box((min(x), min(y), min(z)), (max(x), max(y), max(z)))
 
 
 def _boxes(value: Any, name: str) -> tuple[Box, ...]:  # noqa: ANN401
@@ -69,11 +73,7 @@ def _boxes(value: Any, name: str) -> tuple[Box, ...]:  # noqa: ANN401
 def _noise(value: Any, name: str) -> tuple[float, ...] | None:  # noqa: ANN401
     if value is None:
         return None
-    parts = str(value).split(",") if isinstance(value, (str, float, int)) else value
-    try:
-        found = tuple(float(part) for part in parts)
-    except (TypeError, ValueError):
-        found = ()
+    found = _floats(value)
     if not found or not all(LEAST <= sigma <= MOST for sigma in found):
         what = f"{name} '{value}' must be one positive number, or one per joint"
         raise WrongUsage(what, fix=f"such as {name} 0.1")

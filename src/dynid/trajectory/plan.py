@@ -11,7 +11,7 @@ from dynid.errors import WrongUsage
 from dynid.motion import Motion
 from dynid.trajectory import tuning
 from dynid.trajectory.basis import Quintic
-from dynid.trajectory.feasible import Bounds, extrema
+from dynid.trajectory.feasible import Bounds
 
 Floats = NDArray[np.float64]
 
@@ -68,9 +68,10 @@ class Trajectory:
         """Return the motion from its beginning to its end at a sample rate [Hz]."""
         return self.motion(np.arange(int(np.ceil(self.duration * rate - 1e-9)) + 1) / rate)
 
-    def extrema(self, order: int) -> Floats:
-        """Return the exact extrema of q (0), qd (1) or qdd (2) of every joint, (2, n) [rad, rad/s or rad/s^2]."""
-        return extrema(self.basis, self.coefficients, order) * self.alpha**order
+    def stationary(self, order: int) -> list[tuple[Floats, Floats]]:
+        """Return when q (0), qd (1) or qdd (2) of each joint may be extreme, times [s], and its values then."""
+        found = self.basis.stationary(self.coefficients, order)
+        return [(t / self.alpha, values * self.alpha**order) for t, values in found]
 
 
 def through_waypoints(waypoints: Floats, limits: Bounds, times: Floats | None = None) -> Trajectory:
@@ -93,7 +94,7 @@ def through_waypoints(waypoints: Floats, limits: Bounds, times: Floats | None = 
     best = np.full(len(lengths), np.inf)
     for _ in range(tuning.STRETCH_ROUNDS):
         trajectory = _spline(waypoints, lengths)
-        stretch = _needed(trajectory, limits, lengths)
+        stretch = _needed(trajectory, limits)
         if stretch.max() <= 1:
             return trajectory
         # All intervals alike make every rate fit: the motion need not become longer than that.
@@ -111,18 +112,14 @@ def _spline(waypoints: Floats, lengths: Floats) -> Trajectory:
     return Trajectory(basis, np.linalg.solve(basis.matrix(knots), waypoints).astype(np.float64))
 
 
-def _needed(trajectory: Trajectory, limits: Bounds, lengths: Floats) -> Floats:
+def _needed(trajectory: Trajectory, limits: Bounds) -> Floats:
     """Return the factor by which each interval has to grow for its peak rates, (K - 1,); at most 1 when fine."""
-    knots = np.concatenate([[0.0], np.cumsum(lengths)])
-    factor = np.zeros(len(lengths))
+    knots = trajectory.basis.knots
+    factor = np.zeros(len(knots) - 1)
     for order, limit in ((1, limits.velocity), (2, limits.acceleration)):
-        for j, times in enumerate(trajectory.basis.stationary(trajectory.coefficients, order)):
-            values = (
-                np.abs(trajectory.basis.matrix(times, order) @ trajectory.coefficients[:, j])
-                / limit[j]
-            )
+        for j, (times, values) in enumerate(trajectory.stationary(order)):
             # Why: a peak at a waypoint belongs to both of its intervals.
             for side in ("left", "right"):
-                segment = np.clip(np.searchsorted(knots, times, side=side) - 1, 0, len(lengths) - 1)
-                np.maximum.at(factor, segment, values ** (1 / order))
+                segment = np.clip(np.searchsorted(knots, times, side=side) - 1, 0, len(knots) - 2)
+                np.maximum.at(factor, segment, (np.abs(values) / limit[j]) ** (1 / order))
     return factor

@@ -24,7 +24,7 @@ from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.trajectory import tuning
 from dynid.trajectory.basis import Quintic
-from dynid.trajectory.clearance import Capsules, Distance
+from dynid.trajectory.clearance import Capsules, Distance, Distances
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import Bounds, bounds, coefficients, random_variables
 from dynid.trajectory.limits import LimitCheck, check_trajectory, require_within_limits
@@ -34,13 +34,10 @@ from dynid.trajectory.options import PAPER_WEIGHTS, PlanOptions
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.predict import default_noise, held_out
 from dynid.trajectory.preview import (
-    Distances,
     Drawing,
-    capsule_distances,
     draw_trajectory,
     measure_trajectory,
     require_clear,
-    urdf_of,
 )
 
 Floats = NDArray[np.float64]
@@ -129,80 +126,63 @@ def plan_problem(context: PlanningContext) -> PlanProblem:
     """Return the search problem of what is wanted."""
     options = context.options
     kind = "paper" if options.weights else options.cost
-    cost = Cost(
-        kind,
-        options.normalise,
-        options.weights or PAPER_WEIGHTS,
-        context.other if kind == "i" else None,
-    )
+    other = context.other if kind == "i" else None
+    wide, passable = search_ranges(context.limits, context.capsules)
     return PlanProblem(
         context.base.model,
         context.base.reduction.base,
         basis_of(options),
-        collision_free_range(context),
-        cost,
+        wide,
+        Cost(kind, options.normalise, options.weights or PAPER_WEIGHTS, other),
         noise=context.noise if kind in ("i", "d") or context.known is not None else None,
         known=context.known,
         rate=options.rate,
         torque=context.theta if bool(np.isfinite(context.limits.torque).any()) else None,
         penalties=(context.capsules,),
         samples=max(tuning.LEAST_SAMPLES, tuning.SAMPLES_A_SEGMENT * options.segments),
-        narrow=collision_free_range(context, passable=True),
+        narrow=passable,
     )
 
 
-def collision_free_range(context: PlanningContext, *, passable: bool = False) -> Bounds:
-    """Return the limits for a start of the search, narrowed to where the arm is often clear.
-
-    Args:
-        context: the arm and what is wanted.
-        passable: whether to narrow further, until every value of a joint can be passed; such a range is safe, and a
-            wider one may hold a better motion that never reaches its ends.
+def search_ranges(limits: Bounds, capsules: Capsules) -> tuple[Bounds, Bounds]:
+    """Return the limits for starts of the search: narrowed to where the arm is often clear, and further to be passable.
 
     Every motion of the search reaches a limit of each joint. An arm whose joints all turn twice would sweep through
     itself and the floor all the time; so the range of the joint that helps most is narrowed until half the poses are
-    clear.
+    clear. It also passes all values between, through an elbow folded onto itself: a range without a value at which the
+    arm is hardly ever clear is safe, and a wider one may hold a better motion that never reaches its ends.
     """
-    limits, capsules = context.limits, context.capsules
     rng = np.random.default_rng(0)
     unit = rng.uniform(-1, 1, (tuning.RANGE_POSES, len(limits.lower)))
+
+    def clear(middle: Floats, half: Floats) -> float:
+        return float(capsules.keeps_clear(middle + unit * half).mean())
+
+    def around(half: Floats) -> Bounds:
+        lower = np.maximum(middle - half, limits.lower)
+        return replace(limits, lower=lower, upper=np.minimum(middle + half, limits.upper))
+
     middle, half = (limits.upper + limits.lower) / 2, (limits.upper - limits.lower) / 2
-    share = float(capsules.keeps_clear(middle + unit * half).mean())
-    if share >= tuning.CLEAR_POSES_SHARE and half.max() <= np.pi and not passable:
-        return limits
-    if share >= tuning.CLEAR_POSES_SHARE and half.max() <= np.pi:
-        return _around(limits, middle, _passable(capsules, middle, half))
+    if clear(middle, half) >= tuning.CLEAR_POSES_SHARE and half.max() <= np.pi:
+        return limits, around(_passable(capsules, middle, half))
     half = np.minimum(half, np.pi)
-    around = unit * np.minimum(half, tuning.RANGE_MIDDLE_REACH_RAD)
+    near = np.minimum(half, tuning.RANGE_MIDDLE_REACH_RAD)
     lower, upper = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
     middles = rng.uniform(lower, upper, (tuning.RANGE_MIDDLES, len(half)))
-    middle = middles[
-        int(np.argmax([capsules.keeps_clear(pose + around).mean() for pose in middles]))
-    ]
-    share = float(capsules.keeps_clear(middle + unit * half).mean())
+    middle = middles[int(np.argmax([clear(pose, near) for pose in middles]))]
+    share = clear(middle, half)
     while share < tuning.CLEAR_POSES_SHARE and half.max() > tuning.NARROWEST_HALF_RANGE:
         tried = []
         for j in np.flatnonzero(half > tuning.NARROWEST_HALF_RANGE):
             less = np.where(np.arange(len(half)) == j, 0.8 * half, half)
-            tried.append((float(capsules.keeps_clear(middle + unit * less).mean()), j))
+            tried.append((clear(middle, less), j))
         share, j = max(tried)
         half[j] *= 0.8
-    return _around(limits, middle, _passable(capsules, middle, half) if passable else half)
-
-
-def _around(limits: Bounds, middle: Floats, half: Floats) -> Bounds:
-    return replace(
-        limits,
-        lower=np.maximum(middle - half, limits.lower),
-        upper=np.minimum(middle + half, limits.upper),
-    )
+    return around(half), around(_passable(capsules, middle, half))
 
 
 def _passable(capsules: Capsules, middle: Floats, half: Floats) -> Floats:
-    """Return half ranges, (n,), in which no joint has to pass a value at which the arm is hardly ever clear.
-
-    A motion that reaches both ends of a joint's range passes all values between: through an elbow folded onto itself.
-    """
+    """Return half ranges, (n,), in which no joint has to pass a value at which the arm is hardly ever clear."""
     unit = np.random.default_rng(1).uniform(-1, 1, (tuning.SLICED_POSES, len(half)))
     slices = np.minimum(((unit + 1) / 2 * tuning.RANGE_SLICES).astype(int), tuning.RANGE_SLICES - 1)
     half = half.copy()
@@ -241,10 +221,15 @@ def proposals(context: PlanningContext, found: SearchOutcome | None) -> Iterator
 
     Args:
         context: the arm and what is wanted.
-        found: what the search found; None for random motions.
+        found: what the search found; None for random motions of the seed.
     """
-    options, basis = context.options, basis_of(context.options)
-    candidates = _random(context, basis) if found is None else found.candidates
+    options, basis, limits = context.options, basis_of(context.options), context.limits
+    draws = (np.random.default_rng((options.seed, k)) for k in range(tuning.RANDOM_MOTIONS))
+    candidates = (
+        found.candidates
+        if found
+        else [coefficients(basis, limits, random_variables(basis, limits, rng)) for rng in draws]
+    )
     home = once_more(lambda: clear_pose(context))
     for share in tuning.SHRINK_SHARES:
         for one in candidates:
@@ -252,25 +237,13 @@ def proposals(context: PlanningContext, found: SearchOutcome | None) -> Iterator
             yield Proposal(Trajectory(basis, drawn, options.alpha), share)
 
 
-def _random(context: PlanningContext, basis: Quintic) -> tuple[Floats, ...]:
-    """Return the coefficients of motions of the seed, (k, n) each."""
-    draws = (np.random.default_rng((context.options.seed, k)) for k in range(tuning.RANDOM_MOTIONS))
-    return tuple(
-        coefficients(basis, context.limits, random_variables(basis, context.limits, rng))
-        for rng in draws
-    )
-
-
 def clear_pose(context: PlanningContext) -> Floats:
     """Return a pose inside the limits with much room around the arm, (n,) [rad or m]."""
-    rng = np.random.default_rng(0)
     lower, upper = np.maximum(context.limits.lower, -np.pi), np.minimum(context.limits.upper, np.pi)
-    q = rng.uniform(lower, upper, (tuning.CLEAR_POSES, len(lower)))
-    room = [
-        min((c.distance - c.wanted for c in context.capsules.contacts(pose[None])), default=0.0)
-        for pose in q
-    ]
-    return np.asarray(q[int(np.argmax(room))])
+    q = np.random.default_rng(0).uniform(lower, upper, (tuning.CLEAR_POSES, len(lower)))
+    # One by one: where the nearest link is one that no joint lifts, rounding chooses, and many at once round otherwise.
+    margins = [context.capsules.margin(pose[None])[0] for pose in q]
+    return np.asarray(q[np.argmax(margins)])
 
 
 def require_safe(context: PlanningContext, trajectory: Trajectory) -> LimitCheck:
@@ -285,21 +258,14 @@ def require_safe(context: PlanningContext, trajectory: Trajectory) -> LimitCheck
     """
     found = context.check(trajectory)
     require_within_limits(found, context.options.margin)
-    _capsules_clear(context, trajectory)
+    near = _capsule_distances(context, trajectory)
+    require_clear((*near.least, *near.usual), fix=clearance_fix(context.robot, guessed=True))
     return found
 
 
-def _capsules_clear(context: PlanningContext, trajectory: Trajectory) -> Distances:
-    """Return the distances of the arm's capsules; refuse a motion that comes too near to something.
-
-    Raises:
-        Collision: contact of the arm's capsules.
-    """
-    found = capsule_distances(
-        context.capsules, trajectory.sampled(tuning.CONTACT_RATE_HZ * trajectory.alpha)
-    )
-    require_clear((*found.least, *found.usual), fix=clearance_fix(context.robot, guessed=True))
-    return found
+def _capsule_distances(context: PlanningContext, trajectory: Trajectory) -> Distances:
+    motion = trajectory.sampled(tuning.CONTACT_RATE_HZ * trajectory.alpha)
+    return context.capsules.distances(motion.q, motion.t)
 
 
 @dataclass(frozen=True)
@@ -344,72 +310,64 @@ def require_clear_motion(
         Collision: something comes too near.
         PackageMissing: PyBullet is missing and was asked for.
     """
+    robot, scene = context.robot, context.options.scene
+    finding = ""
     try:
-        with urdf_of(context.robot, urdf) as shapes:
-            return _judged_by_bullet(
-                context, trajectory, shapes, drawing, progress, given=given, guessed=urdf is None
-            )
+        found = measure_trajectory(trajectory, robot, urdf, scene)
     except PackageMissing:
         if drawing.needed:
             raise
+        found = _capsule_distances(context, trajectory)
+        finding = "W605"
+        drawing = replace(
+            drawing, animation=None, picture=drawing.picture if drawing.sketch else None
+        )
     except KeyboardInterrupt:
-        found = once_more(lambda: _capsules_clear(context, trajectory))
-        text = "interrupted: distances were measured on capsules along the links only, and nothing was drawn"
-        return Clearance(found.least, found.left_out, findings=(Finding("W607", "warning", text),))
-    found = _capsules_clear(context, trajectory)
-    pictures: tuple[Path, ...] = ()
-    if (path := drawing.picture) is not None and (sketch := drawing.sketch) is not None:
-        still = replace(drawing, animation=None)
-        pictures = _drawn(
-            still,
-            lambda: sketch(path, trajectory, context.capsules, found.least, drawing.title),
-            progress,
-        )
-    what = "the picture is a drawing" if pictures else "nothing was drawn"
-    text = f"PyBullet is missing: distances are those of capsules along the links, {what}"
-    return Clearance(found.least, found.left_out, pictures, (Finding("W605", "warning", text),))
+        found = once_more(lambda: _capsule_distances(context, trajectory))
+        finding = "W607"
+        drawing = Drawing()
 
+    def draw() -> None:
+        if not finding:
+            draw_trajectory(trajectory, robot, urdf, scene, drawing)
+        elif drawing.sketch is not None and drawing.picture is not None:
+            near = found.least
+            drawing.sketch(drawing.picture, trajectory, context.capsules, near, drawing.title)
 
-def _judged_by_bullet(
-    context: PlanningContext,
-    trajectory: Trajectory,
-    shapes: Path,
-    drawing: Drawing,
-    progress: Progress,
-    *,
-    given: bool,
-    guessed: bool,
-) -> Clearance:
-    """Return what PyBullet measures, with pictures, which take seconds, of a motion that keeps clear or was given."""
-    robot, scene = context.robot, context.options.scene
-    found = measure_trajectory(trajectory, robot, shapes, scene, guessed=guessed)
-
-    def pictures() -> tuple[Path, ...]:
-        return _drawn(
-            drawing, lambda: draw_trajectory(trajectory, robot, shapes, scene, drawing), progress
-        )
-
+    fix = clearance_fix(robot, guessed=urdf is None or bool(finding))
     try:
-        picture = drawing.picture if given else None
-        require_clear((*found.least, *found.usual), picture, clearance_fix(robot, guessed=guessed))
+        require_clear((*found.least, *found.usual), drawing.picture if given else None, fix)
     except Collision:
         if given:
-            pictures()
+            _drawn(drawing, draw, progress)
         raise
-    return Clearance(found.least, found.left_out, pictures())
+    pictures = _drawn(drawing, draw, progress)
+    if not finding:
+        return Clearance(found.least, found.left_out, pictures)
+    what = "the picture is a drawing" if pictures else "nothing was drawn"
+    said = Finding(finding, "warning", f"{_WITHOUT_BULLET[finding]} {what}")
+    return Clearance(found.least, found.left_out, pictures, (said,))
 
 
-def _drawn(drawing: Drawing, work: Callable[[], None], progress: Progress) -> tuple[Path, ...]:
+#: What is said of a motion that PyBullet did not measure, by the code of the finding.
+_WITHOUT_BULLET = {
+    "W605": "PyBullet is missing: distances are those of capsules along the links,",
+    "W607": "interrupted: distances were measured on capsules along the links only, and",
+}
+
+
+def _drawn(drawing: Drawing, draw: Callable[[], None], progress: Progress) -> tuple[Path, ...]:
     """Draw, and return which files there are; none when the person does not wait for them."""
-    if not drawing.wanted:
+    paths = tuple(path for path in (drawing.picture, drawing.animation) if path is not None)
+    if not paths:
         return ()
     progress.stage("draw")
     try:
-        work()
+        draw()
     except KeyboardInterrupt:
         progress.stage("interrupt", "the motion is kept, but no picture was drawn")
         return ()
-    return tuple(path for path in (drawing.picture, drawing.animation) if path is not None)
+    return paths
 
 
 def once_more(work: Callable[[], Result]) -> Result:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,8 +29,7 @@ from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.planning import Clearance, thickness
 from dynid.trajectory.predict import AlphaRow, Prediction
-from dynid.trajectory.preview import urdf_of, window
-from dynid.trajectory.scene import Scene
+from dynid.trajectory.preview import window
 from dynid.units import joint_unit
 
 Floats = NDArray[np.float64]
@@ -361,7 +360,7 @@ class Plan(Answer):
         Raises:
             NoDisplay: there is no display.
         """
-        return show_in_window(self.robot, self.trajectory, self.options.scene, self.urdf)
+        return window(self.trajectory, self.robot, self.urdf, self.options.scene)
 
 
 def plan_sentence(robot: Robot, facts: Mapping[str, Any]) -> str:
@@ -376,15 +375,6 @@ def plan_sentence(robot: Robot, facts: Mapping[str, Any]) -> str:
         f"This motion of {facts['duration_s']:.1f} s keeps all limits of {robot.name}. With a recording of it the "
         f"model should predict other motions to {facts['expected_torque_error_nm']:.2g} {units}."
     )
-
-
-@contextmanager
-def show_in_window(
-    robot: Robot, trajectory: Trajectory, scene: Scene, urdf: Path | None
-) -> Iterator[None]:
-    """Show a motion in PyBullet's window for the length of the block."""
-    with urdf_of(robot, urdf) as shapes, window(trajectory, robot, shapes, scene):
-        yield
 
 
 def scene_facts(options: PlanOptions, urdf: Path | None) -> dict[str, Any]:

@@ -48,7 +48,7 @@ from dynid.trajectory.planning import (
     search_time,
 )
 from dynid.trajectory.predict import alpha_table, predict
-from dynid.trajectory.preview import Drawing
+from dynid.trajectory.preview import Drawing, window
 from dynid.workflows.earlier_information import (
     Earlier,
     believed,
@@ -60,7 +60,7 @@ from dynid.workflows.earlier_information import (
 )
 from dynid.workflows.gap_experiment import GapExperiment
 from dynid.workflows.model import base_model
-from dynid.workflows.plan import Plan, SearchRecord, scene_facts, show_in_window
+from dynid.workflows.plan import Plan, SearchRecord, scene_facts
 
 if TYPE_CHECKING:
     from typing import TypeAlias
@@ -337,7 +337,7 @@ class Reviewed:
 
     def window(self) -> AbstractContextManager[None]:
         """Show the motion in PyBullet's window; see ``Plan.window``."""
-        return show_in_window(self.robot, trajectory_of(self.stored), self.options.scene, self.urdf)
+        return window(trajectory_of(self.stored), self.robot, self.urdf, self.options.scene)
 
 
 def review_trajectory(

@@ -62,8 +62,7 @@ def test_b_spline_spans_what_scipy_spans():
 def test_no_sample_of_a_fine_grid_exceeds_the_exact_extrema(family, order):
     c = coefficients(family)
     fine = family.matrix(np.linspace(0, family.duration, 70001), order) @ c
-    for j, times in enumerate(family.stationary(c, order)):
-        exact = family.matrix(times, order) @ c[:, j]
+    for j, (_, exact) in enumerate(family.stationary(c, order)):
         size = np.ptp(exact)
         assert -1e-6 * size < exact.max() - fine[:, j].max() + 1e-9 * size < 1e-4 * size
         assert -1e-6 * size < fine[:, j].min() - exact.min() + 1e-9 * size < 1e-4 * size

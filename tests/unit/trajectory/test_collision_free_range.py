@@ -13,7 +13,7 @@ from dynid.robot import Limits
 from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.feasible import assumed_limits, position_range, unsafe_to_play
 from dynid.trajectory.options import PlanOptions
-from dynid.trajectory.planning import collision_free_range, planning_context, thickness
+from dynid.trajectory.planning import planning_context, search_ranges, thickness
 from dynid.workflows.model import base_model
 from dynid.workflows.options import RecordOptions
 from dynid.workflows.record import require_usable
@@ -64,7 +64,8 @@ def test_links_of_the_wrist_that_are_near_as_thick_cylinders_are_left_out_and_na
 def test_clear_poses_are_those_without_a_contact_below_the_wanted_distance():
     capsules = Capsules(load_robot("ur5e"))
     q = np.random.default_rng(1).uniform(-np.pi, np.pi, (60, 6))
-    one_by_one = [all(c.distance >= c.wanted for c in capsules.contacts(pose[None])) for pose in q]
+    each = [capsules.distances(pose[None]) for pose in q]
+    one_by_one = [all(c.distance >= c.wanted for c in (*d.least, *d.usual)) for d in each]
     assert capsules.keeps_clear(q).tolist() == one_by_one
     assert 0 < sum(one_by_one) < 60
 
@@ -75,12 +76,7 @@ def test_links_left_out_are_still_watched_for_contact_deeper_than_in_usual_poses
     assert "link 5 - link 7" in capsules.left_out
     lower, upper = position_range(robot)
     q = np.random.default_rng(3).uniform(lower, upper, (400, 7))
-    lack = [
-        min(
-            c.distance - c.wanted for c in capsules.contacts(p[None]) if c.pair in capsules.left_out
-        )
-        for p in q
-    ]
+    lack = [min(c.distance - c.wanted for c in capsules.distances(p[None]).usual) for p in q]
     assert 0 < np.mean(np.array(lack) < 0) < 0.2
 
 
@@ -100,7 +96,7 @@ def test_a_slide_without_travel_is_assumed_short_and_its_plan_is_not_played():
 def test_an_arm_of_joints_without_end_is_searched_within_a_turn_where_half_the_poses_are_clear():
     robot = load_robot("kinova_gen3")
     context = planning_context(base_model(robot), PlanOptions())
-    limits = collision_free_range(context)
+    limits, _ = search_ranges(context.limits, context.capsules)
     assert np.all(limits.upper - limits.lower <= 2 * np.pi + 1e-9)
     poses = np.random.default_rng(9).uniform(limits.lower, limits.upper, (300, 7))
     assert context.capsules.keeps_clear(poses).mean() > 0.4

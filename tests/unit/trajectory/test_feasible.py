@@ -7,6 +7,7 @@ from scipy.interpolate import BPoly
 
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.feasible import Shaping, bounds
+from dynid.trajectory.limits import check_trajectory
 
 
 @pytest.mark.slow
@@ -29,15 +30,8 @@ def test_none_of_100_random_plans_breaks_a_limit_at_10_khz_in_other_code(arm, re
 
 @pytest.mark.parametrize("basis", [Quintic.even(4.0, 6), Quintic.even(4.0, 7, smooth=True)])
 def test_every_joint_uses_one_of_its_limits_to_the_full(lwr, basis):
-    limit = bounds(lwr.robot, 0.05, 0.0)
-    trajectory = random_trajectory(lwr.robot, 3, basis)
-    low, high = trajectory.extrema(0)
-    shares = [
-        (high - low) / (bounds(lwr.robot).upper - bounds(lwr.robot).lower),
-        np.abs(trajectory.extrema(1)).max(axis=0) / limit.velocity,
-        np.abs(trajectory.extrema(2)).max(axis=0) / limit.acceleration,
-    ]
-    assert np.allclose(np.max(shares, axis=0), 1.0, atol=1e-6)
+    found = check_trajectory(random_trajectory(lwr.robot, 3, basis), lwr.robot, bounds(lwr.robot))
+    assert np.allclose([peak.share for peak in found.peaks], 1.0, atol=1e-6)
 
 
 def test_gradient_of_the_scaled_motion_is_that_of_differences(lwr):

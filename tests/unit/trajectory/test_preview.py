@@ -13,7 +13,6 @@ import pytest
 import dynid
 from dynid.errors import Collision, NoDisplay, WrongRobotFile
 from dynid.files.robotfile import load_robot
-from dynid.motion import Motion
 from dynid.robot import Joint, JointMap
 from dynid.sim.urdf import write_urdf
 from dynid.trajectory.clearance import Capsules
@@ -21,7 +20,6 @@ from dynid.trajectory.feasible import bounds, position_range
 from dynid.trajectory.plan import through_waypoints
 from dynid.trajectory.preview import (
     Drawing,
-    capsule_distances,
     draw_trajectory,
     measure_poses,
     measure_trajectory,
@@ -208,16 +206,14 @@ with window(plan, robot, Path("arm.urdf"), Scene()):
 
 
 @pytest.mark.parametrize("name", ["ur5e", "franka_panda"])
-def test_capsules_are_no_farther_than_the_cylinders_that_pybullet_measures(name, tmp_path):
+def test_capsules_are_no_farther_than_the_cylinders_that_pybullet_measures(name):
     """A capsule holds its cylinder, so a motion that keeps clear in the search does so for PyBullet."""
     robot = load_robot(name)
-    write_urdf(robot, None, tmp_path / "arm.urdf")
     lower, upper = position_range(robot)
     q = np.random.default_rng(4).uniform(lower, upper, (40, robot.n))
     t = np.arange(40.0)
-    still = Motion(t, q, 0 * q, 0 * q)
-    near = capsule_distances(Capsules(robot), still)
-    there = measure_poses(t, q, robot, tmp_path / "arm.urdf", Scene(), guessed=True)
+    near = Capsules(robot).distances(q, t)
+    there = measure_poses(t, q, robot, None, Scene())
     for kind in (True, False):
         capsules, cylinders = (
             min(d.distance for d in found.least if d.pair.endswith("floor") is kind)
