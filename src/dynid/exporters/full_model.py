@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.possible_set import body_parameters, pseudo_inertia, smallest_eigenvalues
 from dynid.model.base_model import BaseModel
-from dynid.model.kinematics import base_pose, fixed_poses
-from dynid.model.parameters import body_of, moved, prior_bodies
-from dynid.robot import LINK_PARAMETERS, Body, Robot, rotation_rpy
+from dynid.model.parameters import BODY_PARAMETERS, body_of, prior_bodies
+from dynid.robot import Body, Robot, rotation_rpy
 
 Floats = NDArray[np.float64]
 
@@ -38,25 +37,22 @@ class FullModel:
     Attributes:
         robot: the arm.
         bodies: one per link in its DH frame, n.
-        rotor_inertia: seen from the joint side, (n,) [kg m^2 or kg].
-        friction: parameters beyond the links' and rotors', by name.
+        drives: parameters that are none of bodies, by name: rotors, friction, effects.
         origin: ``"data"`` or ``"prior"`` by parameter name.
     """
 
     robot: Robot
     bodies: tuple[Body, ...]
-    rotor_inertia: tuple[float, ...]
-    friction: Mapping[str, float]
+    drives: Mapping[str, float]
     origin: Mapping[str, str]
 
     @property
     def by_name(self) -> dict[str, float]:
         """Every parameter by its name."""
-        found = dict(self.friction)
-        links = zip(self.bodies, self.rotor_inertia, strict=True)
-        for i, (body, rotor) in enumerate(links, start=1):
-            row = (*body.parameters().tolist(), rotor)
-            found |= {f"{name}{i}": value for name, value in zip(LINK_PARAMETERS, row, strict=True)}
+        found = dict(self.drives)
+        for i, body in enumerate(self.bodies, start=1):
+            row = zip(BODY_PARAMETERS, body.parameters().tolist(), strict=True)
+            found |= {f"{name}{i}": value for name, value in row}
         return found
 
     def values(self, names: Sequence[str]) -> Floats:
@@ -64,9 +60,9 @@ class FullModel:
         known = self.by_name
         return np.array([known.get(name, 0.0) for name in names])
 
-    def joint_friction(self, prefix: str) -> Floats:
-        """Return one kind of friction of all joints, such as ``fv``, zero where a joint has none, (n,)."""
-        return np.array([self.friction.get(f"{prefix}{i + 1}", 0.0) for i in range(self.robot.n)])
+    def of_joints(self, kind: str) -> Floats:
+        """Return a number of all joints, such as ``Im`` or ``fv``, zero where a joint has none, (n,)."""
+        return self.values([f"{kind}{i + 1}" for i in range(self.robot.n)])
 
     def impossible_links(self) -> tuple[int, ...]:
         """Return the numbers of the links whose numbers no body has, 1-based."""
@@ -79,11 +75,10 @@ class FullModel:
     def origin_of_link(self, link: int) -> str:
         """Return in a few words which of a link's ten parameters were measured."""
         kinds: dict[str, list[str]] = {"data": [], "prior": []}
-        for name in LINK_PARAMETERS[:10]:
+        for name in BODY_PARAMETERS:
             kinds[self.origin.get(f"{name}{link}", "prior")].append(f"{name}{link}")
-        return "; ".join(
-            f"from {kind}: {', '.join(names)}" for kind, names in kinds.items() if names
-        )
+        said = (f"from {kind}: {', '.join(names)}" for kind, names in kinds.items() if names)
+        return "; ".join(said)
 
 
 def lifted(parameters: Floats) -> Floats:
@@ -127,37 +122,14 @@ def model_of(
     values = dict(zip(names, gamma.tolist(), strict=True))
     bodies = list(prior_bodies(robot))
     for link in robot.identified_links:
-        ten = np.array([values[f"{name}{link}"] for name in LINK_PARAMETERS[:10]])
+        ten = np.array([values.pop(f"{name}{link}") for name in BODY_PARAMETERS])
         bodies[link - 1] = body_of(lifted(ten))
-    return FullModel(
-        robot=robot,
-        bodies=tuple(bodies),
-        rotor_inertia=tuple(values.get(f"Im{i + 1}", 0.0) for i in range(robot.n)),
-        friction={name: values[name] for name in names[len(base.model.link_columns) :]},
-        origin=origin,
-    )
+    return FullModel(robot=robot, bodies=tuple(bodies), drives=values, origin=origin)
 
 
-# ---------------------------------------------------------------- frames of simulators
 def world_gravity(robot: Robot) -> Floats:
     """Return gravity in the world frame, (3,)."""
     return np.asarray(rotation_rpy(robot.base_rpy) @ np.array(robot.gravity))
-
-
-def joint_poses(robot: Robot) -> tuple[Floats, ...]:
-    """Return each joint's pose at q = 0 in the frame of the joint before, in the world for the first, n of (4, 4)."""
-    previous, poses = base_pose(robot), []
-    for joint in robot.joints:
-        before, after = fixed_poses(joint, robot.convention)
-        poses.append(previous @ before)
-        previous = after
-    return tuple(poses)
-
-
-def moving_bodies(robot: Robot, bodies: tuple[Body, ...]) -> tuple[Body, ...]:
-    """Return the bodies in the moving frames of their joints instead of the DH frames."""
-    joints = zip(bodies, robot.joints, strict=True)
-    return tuple(moved(body, fixed_poses(joint, robot.convention)[1]) for body, joint in joints)
 
 
 def numbers(values: object) -> str:

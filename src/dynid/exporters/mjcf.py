@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from dynid.exporters.engines import mujoco, own_torques
-from dynid.exporters.full_model import joint_poses, moving_bodies, numbers, world_gravity
+from dynid.exporters.full_model import numbers, world_gravity
 from dynid.exporters.interface import Floats, Format, IdentifiedArm, Loaded
 from dynid.exporters.simulated import Simulated, numbers_of, simulated
 from dynid.exporters.urdf import beyond_joints
-from dynid.model.kinematics import fixed_poses
-from dynid.model.parameters import cylinders_of, link_cylinders
+from dynid.model.kinematics import base_pose, fixed_poses
+from dynid.model.parameters import cylinders_of, link_cylinders, moved
 from dynid.robot import Joint
 from dynid.text import xml, xml_comment
 
@@ -35,20 +35,21 @@ def text(arm: IdentifiedArm) -> str:
     # Why no body for the base: Pinocchio's reader loses the pose of a body without a joint.
     parent, drive = ET.SubElement(root, "worldbody"), _drive(found)
     radius, shapes = repr(cylinders_of(robot).radius), link_cylinders(robot)
-    poses, bodies = joint_poses(robot), moving_bodies(robot, found.full.bodies)
-    for i, (joint, pose, body) in enumerate(zip(robot.joints, poses, bodies, strict=True)):
+    previous = base_pose(robot)
+    for i, (joint, own_body) in enumerate(zip(robot.joints, found.full.bodies, strict=True)):
+        before, to_dh = fixed_poses(joint, robot.convention)
+        pose, body, previous = previous @ before, moved(own_body, to_dh), to_dh
         parent.append(ET.Comment(xml_comment(f"link {i + 1}: {found.full.origin_of_link(i + 1)}")))
         place = {"pos": numbers(pose[:3, 3]), "xyaxes": numbers(pose[:3, :2].T)}
         parent = ET.SubElement(parent, "body", {"name": f"link_{i + 1}", **place})
         xx, xy, xz, yy, yz, zz = body.inertia_com
         inertia = {"mass": repr(float(body.mass)), "fullinertia": numbers([xx, yy, zz, xy, xz, yz])}
         ET.SubElement(parent, "inertial", {"pos": numbers(body.com), **inertia})
-        own = {name: repr(float(max(0.0, row[i]))) for name, row in drive.items()}
+        own = {DRIVE[kind]: repr(float(max(0.0, row[i]))) for kind, row in drive.items()}
         springs = [
             one.attributes for one in found.native if (one.effect, one.joint) == ("spring", i)
         ]
         ET.SubElement(parent, "joint", _joint(joint) | own | dict(*springs))
-        to_dh = fixed_poses(joint, robot.convention)[1]
         ends = numbers(shapes[i] @ to_dh[:3, :3].T + to_dh[:3, 3])
         ET.SubElement(parent, "geom", {"type": "cylinder", "size": radius, "fromto": ends, **LOOK})
     motors = [one for one in found.native if one.effect != "spring"]
@@ -61,12 +62,11 @@ def text(arm: IdentifiedArm) -> str:
 
 
 def _drive(found: Simulated) -> dict[str, Floats]:
-    """Return rotor inertia and friction of all joints as MuJoCo calls them, (n,) each."""
-    loss = found.full.joint_friction("fc")
+    """Return rotor inertia and friction of all joints, (n,) each."""
+    drive = {kind: found.full.of_joints(kind) for kind in DRIVE}
     for one in found.native:
-        loss[one.joint] -= one.loss
-    rotors, damping = np.array(found.full.rotor_inertia), found.full.joint_friction("fv")
-    return dict(zip(DRIVE.values(), (rotors, damping, loss), strict=True))
+        drive["fc"][one.joint] -= one.loss
+    return drive
 
 
 def _joint(joint: Joint) -> dict[str, str]:
@@ -85,9 +85,9 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     """Return what an MJCF has no place for."""
     full = simulated(arm).full
     gone = []
-    if any(full.joint_friction("fo")):
+    if any(full.of_joints("fo")):
         gone.append("torque offsets fo")
-    if any(full.joint_friction("fc")):
+    if any(full.of_joints("fc")):
         gone.append(
             "the smooth start of Coulomb friction: frictionloss has only its size and is a soft constraint"
         )
@@ -98,13 +98,8 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
 
 def negative_numbers(arm: IdentifiedArm) -> list[str]:
     """Return the names of numbers that MuJoCo refuses, and that were written as zero."""
-    drive = _drive(simulated(arm)).values()
-    return [
-        f"{kind}{i}"
-        for kind, row in zip(DRIVE, drive, strict=True)
-        for i, value in enumerate(row, start=1)
-        if value < 0
-    ]
+    drive = _drive(simulated(arm))
+    return [f"{kind}{i + 1}" for kind, row in drive.items() for i in np.flatnonzero(row < 0)]
 
 
 def loaded(path: Path, arm: IdentifiedArm) -> Loaded | None:

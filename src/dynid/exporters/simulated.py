@@ -99,8 +99,8 @@ class Simulated:
 
     def in_effects_file(self, *, mjcf: bool) -> list[str]:
         """Return all that effects.py adds to an MJCF, or to a URDF, one phrase each."""
-        offsets = ["torque offsets fo"] * any(self.full.joint_friction("fo"))
-        rotors = ["rotor inertia"] * (not mjcf and any(self.full.rotor_inertia))
+        offsets = ["torque offsets fo"] * any(self.full.of_joints("fo"))
+        rotors = ["rotor inertia"] * (not mjcf and any(self.full.of_joints("Im")))
         return [*self.effects_beside(mjcf=mjcf), *offsets, *rotors]
 
 
@@ -127,20 +127,17 @@ def simulated(arm: IdentifiedArm) -> Simulated:
 
 def _with_numbers(arm: IdentifiedArm) -> FullModel:
     """Return bodies, rotors and friction with the effects that are more of them."""
-    bodies, rotors = list(arm.full.bodies), list(arm.full.rotor_inertia)
-    friction = dict(arm.full.friction)
+    bodies, drives = list(arm.full.bodies), dict(arm.full.drives)
     for added in arm.base.model.added:
         target, _ = NUMBERS.get(added.effect.name, (None, ""))
-        sizes = [friction.get(column.parameter.name, 0.0) for column in added.columns]
+        sizes = arm.full.values([column.parameter.name for column in added.columns])
         if target == "":
             more = np.pad(sizes, (0, 10 - len(sizes)))
             bodies[-1] = body_of(lifted(bodies[-1].parameters() + more))
-        elif target == "Im":
-            rotors[added.joints[0]] += sizes[0]
         elif target:
             key = f"{target}{added.joints[0] + 1}"
-            friction[key] = friction.get(key, 0.0) + sizes[0]
-    return replace(arm.full, bodies=tuple(bodies), rotor_inertia=tuple(rotors), friction=friction)
+            drives[key] = drives.get(key, 0.0) + float(sizes[0])
+    return replace(arm.full, bodies=tuple(bodies), drives=drives)
 
 
 def numbers_of(arm: IdentifiedArm, *kinds: str) -> dict[str, float]:
@@ -166,7 +163,7 @@ def _element(added: Added, sizes: list[float], found: Simulated) -> Element | No
         return _wave(added, sizes)
     if name == "presliding_hysteresis" and not taken:
         size = sizes[0]
-        if 0.0 < size <= found.full.joint_friction("fc")[joint]:
+        if 0.0 < size <= found.full.of_joints("fc")[joint]:
             lugre = numbers([size / added.shape["delta"], 0.0, size, size, 1.0])
             where = "lugre of a passive dcmotor, and as much less frictionloss"
             return Element(name, joint, where, {"lugre": lugre}, size)

@@ -23,7 +23,7 @@ def text(arm: IdentifiedArm) -> str:
     if arm.urdf is not None:
         return rewritten(arm.urdf, arm, full)
     root = ET.fromstring(urdf_text(robot, full.bodies))
-    friction = zip(full.joint_friction("fv"), full.joint_friction("fc"), strict=True)
+    friction = zip(full.of_joints("fv"), full.of_joints("fc"), strict=True)
     for joint, (fv, fc) in zip(root.findall("joint"), friction, strict=True):
         ET.SubElement(joint, "dynamics", damping=repr(float(fv)), friction=repr(float(fc)))
     for i, link in enumerate(root.findall("link")[1:], start=1):
@@ -37,15 +37,15 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     """Return what a URDF has no place for."""
     full = simulated(arm).full
     gone = []
-    if any(full.rotor_inertia):
+    if any(full.of_joints("Im")):
         gone.append(
             "rotor inertia: add it to the simulator (armature in MuJoCo, rotorInertia in Pinocchio)"
         )
-    if any(full.joint_friction("fo")):
+    if any(full.of_joints("fo")):
         gone.append("torque offsets fo")
-    if arm.urdf is not None and (any(full.joint_friction("fv")) or any(full.joint_friction("fc"))):
+    if arm.urdf is not None and (any(full.of_joints("fv")) or any(full.of_joints("fc"))):
         gone.append("friction: your file's <dynamics> stay as they are")
-    elif any(full.joint_friction("fc")):
+    elif any(full.of_joints("fc")):
         gone.append("the smooth start of Coulomb friction: <dynamics friction> has only its size")
     return (*gone, *beyond_joints(arm, mjcf=False))
 
@@ -85,7 +85,7 @@ def beyond_joints(arm: IdentifiedArm, *, mjcf: bool) -> tuple[str, ...]:
 
 def coupled_left_out(arm: IdentifiedArm) -> tuple[str, ...]:
     """Return the parameters of motors that drive several joints, for which no simulator has a place."""
-    names = (name for name in arm.full.friction if name[:3] in ("Imc", "fvc", "fcc"))
+    names = (name for name in arm.full.drives if name[:3] in ("Imc", "fvc", "fcc"))
     return tuple(f"coupled motors' {name}" for name in names)
 
 

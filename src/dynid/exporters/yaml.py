@@ -24,9 +24,10 @@ def text(arm: IdentifiedArm) -> str:
 
 def _document(arm: IdentifiedArm) -> dict[str, Any]:
     full, robot, known = arm.full, arm.robot, arm.full.by_name
-    links = []
+    links, of_links = [], set[str]()
     for i, (joint, body) in enumerate(zip(robot.joints, full.bodies, strict=True), start=1):
         names = [f"{name}{i}" for name in LINK_PARAMETERS]
+        of_links.update(names)
         tensor = zip(TENSOR, map(float, body.inertia_com), strict=True)
         links.append(
             {
@@ -35,8 +36,8 @@ def _document(arm: IdentifiedArm) -> dict[str, Any]:
                 "mass_kg": body.mass,
                 "com_m": [float(value) for value in body.com],
                 "inertia_com_kg_m2": dict(tensor),
-                "rotor_inertia": full.rotor_inertia[i - 1],
-                "parameters": {name: known[name] for name in names},
+                "rotor_inertia": known.get(f"Im{i}", 0.0),
+                "parameters": {name: known.get(name, 0.0) for name in names},
                 "origin": {name: full.origin.get(name, "prior") for name in names},
                 "possible": i not in full.impossible_links(),
             }
@@ -51,7 +52,7 @@ def _document(arm: IdentifiedArm) -> dict[str, Any]:
         "gravity_frame_0": list(robot.gravity),
         "links": links,
         "coulomb": {"shape": shape.shape, "velocity": list(shape.velocity)},
-        "friction": {name: float(value) for name, value in full.friction.items()},
+        "friction": {name: value for name, value in full.drives.items() if name not in of_links},
         "base_parameters": dict(base),
     }
 

@@ -31,13 +31,15 @@ def made(robot, seed=1, bodies=None, urdf=None):
     model = build_model(robot)
     reduction = reduce(model)
     rotors = rng.uniform(0.01, 0.2, robot.n)
+    drives = {
+        f"Im{i}": float(x)
+        for i, (x, joint) in enumerate(zip(rotors, robot.joints, strict=True), start=1)
+        if joint.motor_inertia
+    }
     full = FullModel(
         robot=robot,
         bodies=bodies or random_bodies(rng, robot.n),
-        rotor_inertia=tuple(
-            float(x) if j.motor_inertia else 0.0 for x, j in zip(rotors, robot.joints, strict=True)
-        ),
-        friction={one.name: float(rng.uniform(0.1, 1.0)) for one in model.friction},
+        drives=drives | {one.name: float(rng.uniform(0.1, 1.0)) for one in model.friction},
         origin=dict.fromkeys(model.parameter_names, "data"),
     )
     theta = reduction.K @ full.values(model.parameter_names)
@@ -136,7 +138,7 @@ def with_effect(name, robot="kuka_lwr4plus", seed=1):
         for added in made_of.base.model.added
         for column in added.columns
     }
-    full = replace(made_of.full, friction=made_of.full.friction | sizes)
+    full = replace(made_of.full, drives=made_of.full.drives | sizes)
     theta = made_of.base.reduction.K @ full.values(made_of.base.model.parameter_names)
     return replace(made_of, full=full, theta=theta)
 

@@ -73,7 +73,7 @@ def test_the_bristle_of_mujoco_bends_as_the_formula_says():
     model.opt.timestep = 1e-3
     data, (bristle,) = mujoco.MjData(model), simulated(source).native
     dof = model.joint(source.robot.joint_names[bristle.joint]).dofadr[0]
-    assert model.dof_frictionloss[dof] == pytest.approx(source.full.friction["fc3"] - bristle.loss)
+    assert model.dof_frictionloss[dof] == pytest.approx(source.full.drives["fc3"] - bristle.loss)
     t = np.arange(3000) * 1e-3
     q, qd, force = 0.3 * np.sin(3 * t), 0.9 * np.cos(3 * t), np.empty_like(t)
     for k in range(len(t)):
@@ -92,14 +92,14 @@ def test_dry_friction_beyond_the_file_holds_an_arm_at_rest(effects_of):
     model.opt.timestep = 1e-3
     effects = effects_of(source).Mujoco(model)
     dof = model.joint(source.robot.joint_names[2]).dofadr[0]
-    most = source.full.friction["fc3"] + 1.1
+    most = source.full.drives["fc3"] + 1.1
     moved = []
     try:
         mujoco.set_mjcb_passive(effects.passive)
         for push in (0.9 * most, 1.2 * most):
             data = mujoco.MjData(model)
             for _ in range(200):
-                data.qfrc_applied[:] = source.full.joint_friction("fo") + push * np.eye(7)[dof]
+                data.qfrc_applied[:] = source.full.of_joints("fo") + push * np.eye(7)[dof]
                 mujoco.mj_step(model, data)
             moved.append(abs(data.qpos[dof]))
     finally:

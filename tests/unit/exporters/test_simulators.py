@@ -53,12 +53,12 @@ def test_mujoco_gets_rotors_and_friction_and_the_urdf_friction(tmp_path):
     """Armature, damping and friction loss of each joint are the identified numbers."""
     source = shipped("kuka_lwr4plus")
     model = mujoco.MjModel.from_xml_path(str(written(source, "mjcf", tmp_path)))
-    np.testing.assert_allclose(model.dof_armature, source.full.rotor_inertia)
-    np.testing.assert_allclose(model.dof_damping.ravel()[:7], source.full.joint_friction("fv"))
-    np.testing.assert_allclose(model.dof_frictionloss, source.full.joint_friction("fc"))
+    np.testing.assert_allclose(model.dof_armature, source.full.of_joints("Im"))
+    np.testing.assert_allclose(model.dof_damping.ravel()[:7], source.full.of_joints("fv"))
+    np.testing.assert_allclose(model.dof_frictionloss, source.full.of_joints("fc"))
     root = ET.parse(written(source, "urdf", tmp_path)).getroot()
     damping = [float(joint.find("dynamics").get("damping")) for joint in root.findall("joint")]
-    np.testing.assert_allclose(damping, source.full.joint_friction("fv"))
+    np.testing.assert_allclose(damping, source.full.of_joints("fv"))
 
 
 def test_what_a_format_cannot_hold_is_said():
@@ -90,7 +90,7 @@ def test_bodies_that_cannot_exist_are_found():
         Body(1.0, inertia_com=(-0.1, 0.0, 0.0, 0.1, 0.0, 0.1)),
         Body(1.0, inertia_com=(0.1, 0.0, 0.0, 0.1, 0.0, 0.3)),
     )
-    full = type(source.full)(source.full.robot, (good, *bad, good, good, good), (0.0,) * 7, {}, {})
+    full = type(source.full)(source.full.robot, (good, *bad, good, good, good), {}, {})
     assert full.impossible_links() == (2, 3, 4)
 
 
