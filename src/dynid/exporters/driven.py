@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from dynid.errors import NotSimulated, PackageMissing
 from dynid.exporters import effects_file, mjcf, urdf
@@ -80,25 +81,23 @@ def drive(
             step, close = load(arm, simulator, imported(path), dt / steps, q[0], qd[0])
         except ValueError as error:
             raise NotSimulated(f"{engine} refuses the arm: {error}", why=FAR) from error
-    found, added = np.empty_like(q), np.empty_like(q)
-    here = q[0], qd[0]
+    fine = np.minimum(t[0] + dt / steps * np.arange(steps * len(t)), t[-1])
+    wanted = make_interp_spline(t, np.hstack([q, qd, tau]), k=1)(fine)
+    found, added, here = list[Floats](), list[Floats](), (q[0], qd[0])
     try:
-        for k in range(len(t)):
-            found[k] = here[0]
-            last = min(k + 1, len(t) - 1)
-            for part in range(steps):
-                share = part / steps
-                goal, speed, push = ((1 - share) * x[k] + share * x[last] for x in (q, qd, tau))
-                more = stiffness * (goal - here[0]) + damping * (speed - here[1])
-                if part == 0:
-                    added[k] = more
-                here = step(push + more)
+        for k, row in enumerate(wanted):
+            goal, speed, push = np.split(row, 3)
+            more = stiffness * (goal - here[0]) + damping * (speed - here[1])
+            if k % steps == 0:
+                found.append(here[0])
+                added.append(more)
+            here = step(push + more)
     finally:
         close()
     if not np.all(np.isfinite(found)):
         fix = "identify it with --feasible"
         raise NotSimulated(f"in {engine} the arm flies apart", why=FAR, fix=fix)
-    return Driven(found, added)
+    return Driven(np.array(found), np.array(added))
 
 
 def _mujoco(

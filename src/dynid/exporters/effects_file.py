@@ -26,7 +26,7 @@ HOSTS = ("urdf", "mjcf")
 def text(arm: IdentifiedArm) -> str:
     """Return the file."""
     found, robot = simulated(arm), arm.robot
-    full, (names, mapping) = found.full, urdf.joints_of(arm)
+    names, mapping = urdf.joints_of(arm)
     beside = {mjcf: found.in_effects_file(mjcf=mjcf) for mjcf in (True, False)}
     always, in_urdf, bristles = list[str](), list[str](), list[Column]()
     for column, size, native in found.columns:
@@ -45,23 +45,16 @@ def text(arm: IdentifiedArm) -> str:
         head=arm.head(code),
         beside={side: code(", ".join(held)) for side, held in beside.items()},
         joints=ascii(list(map(xml, robot.joint_names))),
-        n=robot.n,
-        rotors=_row(full.of_joints("Im")),
-        viscous=_row(full.of_joints("fv")),
-        coulomb=_row(full.of_joints("fc")),
-        offset=_row(full.of_joints("fo")),
-        width=_row(robot.coulomb_shape.velocity),
+        full=found.full,
+        coulomb=robot.coulomb_shape,
         bends=[(one.joint, one.added.shape["delta"]) for one in bristles],
         urdf_joints=ascii(list(names)),
-        sign=_row(mapping.sign),
-        zero=_row(mapping.offset),
-        smooth=robot.coulomb_shape.shape == "smooth",
+        mapping=mapping,
         always=[*always, *_whole_arm(arm, found)],
         in_urdf=in_urdf,
         loads=any(column.signals & {"tau", "total"} for column, _, _ in found.columns),
         holding=any(one.effect.name in ("tool_force", "base_tilt") for one in found.whole_arm),
         poses=poses,
-        turning=[int(joint.revolute) for joint in robot.joints],
     )
 
 

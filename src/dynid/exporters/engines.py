@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import os
 import sys
 import xml.etree.ElementTree as ET
@@ -33,10 +32,11 @@ def own_torques(arm: IdentifiedArm, values: Mapping[str, float]) -> Torques:
 
 def module(name: str) -> Any | None:  # noqa: ANN401 - engines have no types
     """Return a module if it is installed."""
-    if importlib.util.find_spec(name) is None:
+    try:
+        with silent():
+            return importlib.import_module(name)
+    except ImportError:
         return None
-    with silent():
-        return importlib.import_module(name)
 
 
 @contextmanager

@@ -83,17 +83,14 @@ def _joint(joint: Joint) -> dict[str, str]:
 
 def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     """Return what an MJCF has no place for."""
-    full = simulated(arm).full
-    gone = []
-    if any(full.of_joints("fo")):
-        gone.append("torque offsets fo")
-    if any(full.of_joints("fc")):
-        gone.append(
-            "the smooth start of Coulomb friction: frictionloss has only its size and is a soft constraint"
-        )
-    if negative := negative_numbers(arm):
-        gone.append(f"{', '.join(negative)}: negative, which MuJoCo refuses; written as zero")
-    return (*gone, *beyond_joints(arm, mjcf=True))
+    full, negative = simulated(arm).full, negative_numbers(arm)
+    soft = "frictionloss has only its size and is a soft constraint"
+    gone = {
+        "torque offsets fo": any(full.of_joints("fo")),
+        f"the smooth start of Coulomb friction: {soft}": any(full.of_joints("fc")),
+        f"{', '.join(negative)}: negative, which MuJoCo refuses; written as zero": negative,
+    }
+    return (*filter(gone.get, gone), *beyond_joints(arm, mjcf=True))
 
 
 def negative_numbers(arm: IdentifiedArm) -> list[str]:

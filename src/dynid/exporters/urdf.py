@@ -35,19 +35,16 @@ def text(arm: IdentifiedArm) -> str:
 
 def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     """Return what a URDF has no place for."""
-    full = simulated(arm).full
-    gone = []
-    if any(full.of_joints("Im")):
-        gone.append(
-            "rotor inertia: add it to the simulator (armature in MuJoCo, rotorInertia in Pinocchio)"
-        )
-    if any(full.of_joints("fo")):
-        gone.append("torque offsets fo")
-    if arm.urdf is not None and (any(full.of_joints("fv")) or any(full.of_joints("fc"))):
-        gone.append("friction: your file's <dynamics> stay as they are")
-    elif any(full.of_joints("fc")):
-        gone.append("the smooth start of Coulomb friction: <dynamics friction> has only its size")
-    return (*gone, *beyond_joints(arm, mjcf=False))
+    Im, fv, fc, fo = (any(simulated(arm).full.of_joints(kind)) for kind in ("Im", "fv", "fc", "fo"))
+    own = arm.urdf is not None
+    gone = {
+        "rotor inertia: add it to the simulator (armature in MuJoCo, rotorInertia in Pinocchio)": Im,
+        "torque offsets fo": fo,
+        "friction: your file's <dynamics> stay as they are": own and (fv or fc),
+        "the smooth start of Coulomb friction: <dynamics friction> has only its size": fc
+        and not own,
+    }
+    return (*filter(gone.get, gone), *beyond_joints(arm, mjcf=False))
 
 
 def loaded(path: Path, arm: IdentifiedArm) -> Loaded | None:
