@@ -176,7 +176,7 @@ def motion_figure(
         f"{label(robot.joints[j].name)} [{unit}]" for j, unit in zip(numbers, units, strict=True)
     ]
     what = f"residual {quantity.title}" if residual_only else quantity.title
-    words = f"{label(title, TITLE_LENGTH)}: {what}" if title else ""
+    words = f"{label(title, TITLE_LENGTH)}: {what}" * bool(title)
     figure, axes = joint_panels(titles, 0.85, ["time [s]"], over_time=True, title=words)
     for axis, j in zip(axes[:, 0], numbers, strict=True):
         curves = _shown(motion, quantity, j)
@@ -204,9 +204,9 @@ def _shown(
     measured = getattr(motion, f"{quantity.key}_measured")[:, j]
     estimated = getattr(motion, f"{quantity.key}_estimated")[:, j]
     both = {"measured": (measured, MEASURED, 2.2), "estimated": (estimated, ESTIMATED, 0.9)}
-    return both | (
-        {"residual": (measured - estimated, RESIDUAL, 0.7)} if quantity is TORQUE else {}
-    )
+    if quantity is TORQUE:
+        both["residual"] = (measured - estimated, RESIDUAL, 0.7)
+    return both
 
 
 def _draw_curves(axis: Axes, t: Floats, curves: Mapping[str, tuple[Floats, str, float]]) -> None:

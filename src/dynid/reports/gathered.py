@@ -76,8 +76,6 @@ def gather(result: Identification) -> Gathered:
         JointCountDiffers: a file beside it is of another arm.
         NotAnArtifact: one is damaged.
     """
-    # Why here: most results have no gap beside them.
-
     if not result.path.name:
         if result.stack is None:
             return Gathered(result, result.judgement)
@@ -132,9 +130,8 @@ def relative_percent(motion: EstimatedMotion) -> tuple[float, Floats]:
     residual = np.where(motion.usable, motion.tau_measured - motion.tau_estimated, 0.0)
     torque = np.where(motion.usable, motion.tau_measured, 0.0)
     each = np.linalg.norm(residual, axis=0) / np.maximum(np.linalg.norm(torque, axis=0), 1e-12)
-    return 100 * float(np.linalg.norm(residual)) / max(
-        float(np.linalg.norm(torque)), 1e-12
-    ), 100 * each
+    whole = float(np.linalg.norm(residual)) / max(float(np.linalg.norm(torque)), 1e-12)
+    return 100 * whole, 100 * each
 
 
 def _unseen(path: Path, robot: Robot) -> Unseen:

@@ -70,9 +70,8 @@ def _arm(axes: Any, ends: Floats, capsules: Capsules, everywhere: Floats) -> Non
         points = np.vstack([points, [*points[0, :2], scene.floor]])
     points = np.vstack([points, *([box.lower, box.upper] for box in scene.obstacles)])
     middle, half = (points.max(axis=0) + points.min(axis=0)) / 2, np.ptp(points, axis=0).max() / 2
-    for setter, at in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, strict=True):
-        setter(at - half, at + half)
-    axes.set_box_aspect((1, 1, 1))
+    limits = zip(("xlim", "ylim", "zlim"), middle - half, middle + half, strict=True)
+    axes.set(**{name: ends for name, *ends in limits}, box_aspect=(1, 1, 1))
     axes.view_init(ELEVATION, AZIMUTH)
     axes.tick_params(labelsize=6)
     width = POINTS * SIZE * 0.6 / (2 * half)

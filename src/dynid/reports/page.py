@@ -1,72 +1,92 @@
-"""report.html: all sections in one file that needs no network, and the summary for a pull request."""
+"""report.html: all sections in one file that needs no network, and the summary for a pull request.
+
+Templates hold the words of a section and call the functions that draw its figures, which take the page's text colour
+and font, in the light and in the dark.
+"""
 
 from __future__ import annotations
 
+import io
+import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from dynid.estimation.covariance import KNOWN_WELL, NEGLIGIBLE, NOT_DETERMINED
+from dynid.estimation.residual_model import GROUP_NAMES
+from dynid.model.effects.catalogue import CATALOGUE
+from dynid.reports import figures, gap_figures, section_figures
 from dynid.reports.gathered import Gathered
-from dynid.reports.sections.gap import gap
-from dynid.reports.sections.motion import excitation, residual, torque, unseen
-from dynid.reports.sections.parameters import parameters
-from dynid.reports.sections.physics import physics
-from dynid.reports.sections.verdict import limits, next_steps, quality, run, sentences, verdict
-from dynid.text import markdown, printable
+from dynid.reports.tables import parameter_rows
+from dynid.robot import LINK_PARAMETERS
+from dynid.text import html, markdown, printable, shell
 
 if TYPE_CHECKING:
     from jinja2 import Environment
+    from markupsafe import Markup
+    from matplotlib.figure import Figure
 
-
-@dataclass(frozen=True)
-class Section:
-    """One section of the report.
-
-    Attributes:
-        title: heading.
-        anchor: name in links, and of the template ``templates/<anchor>.html``.
-        context: returns the values of the template.
-    """
-
-    title: str
-    anchor: str
-    context: Callable[[Gathered], dict[str, Any]]
-
-
-#: In the order of the page.
-SECTIONS = (
-    Section("Verdict", "verdict", verdict),
-    Section("What to do next", "next", next_steps),
-    Section("What was run", "run", run),
-    Section("Data quality", "quality", quality),
-    Section("Excitation", "excitation", excitation),
-    Section("Parameters", "parameters", parameters),
-    Section("Measured and predicted torque", "torque", torque),
-    Section("Unseen log", "unseen", unseen),
-    Section("Where the residual is", "residual", residual),
-    Section("Missing effects", "gap", gap),
-    Section("Physical possibility", "physics", physics),
-    Section("Limits of this result", "limits", limits),
-)
+#: Headings in the order of the page, by name in links, which is that of the template too.
+SECTIONS = {
+    "verdict": "Verdict",
+    "next": "What to do next",
+    "run": "What was run",
+    "quality": "Data quality",
+    "excitation": "Excitation",
+    "parameters": "Parameters",
+    "torque": "Measured and predicted torque",
+    "unseen": "Unseen log",
+    "residual": "Where the residual is",
+    "gap": "Missing effects",
+    "physics": "Physical possibility",
+    "limits": "Limits of this result",
+}
+#: What predictions use.
+USED = {"physical": "physical parameters", "plain": "plain estimate"}
+#: Stands for the page's text colour until the figure is written.
+INK = "#010203"
+#: What the page shows for the colours of figures; the style sheet has lighter ones for the dark.
+_SHOWN = {
+    INK: "currentColor",
+    figures.GRID: "var(--faint)",
+    figures.MEASURED: "var(--measured)",
+    figures.ESTIMATED: "var(--estimated)",
+    figures.RESIDUAL: "var(--residual)",
+}
+_OF_TEXT = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color")
+_OF_PAPER = ("figure.facecolor", "axes.facecolor", "savefig.facecolor", "legend.facecolor")
 
 
 def page(gathered: Gathered) -> str:
     """Return the page of what was gathered."""
-    from markupsafe import Markup
+    return _rendered("page.html", gathered)
 
-    environment = templates()
-    parts = []
-    for number, section in enumerate(SECTIONS, start=1):
-        body = environment.get_template(f"{section.anchor}.html").render(section.context(gathered))
-        parts.append(
-            {
-                "number": number,
-                "title": section.title,
-                "anchor": section.anchor,
-                "body": Markup(body),
-            }
-        )
-    return environment.get_template("page.html").render(robot=gathered.robot.name, parts=parts)
+
+def summary(gathered: Gathered) -> str:
+    """Return a compact Markdown summary for a pull request."""
+    return _rendered("summary.md", gathered)
+
+
+def _rendered(name: str, gathered: Gathered) -> str:
+    facts = {"found": gathered.result, "robot": gathered.robot, "sections": SECTIONS}
+    return templates().get_template(name).render(facts, gathered=gathered)
+
+
+def sentences(gathered: Gathered) -> list[str]:
+    """Return the verdict: the answer, why, what to beware of, and how well the parameters are known."""
+    found, judged = gathered.result, gathered.judgement
+    worst = max(found.joints, key=lambda joint: joint.relative_percent)
+    fitted = (
+        f"On the fitted logs {found.relative_error_percent:.2g} % of the torque is unexplained; {worst.joint} is the "
+        f"weakest joint with {worst.relative_percent:.2g} %."
+    )
+    known = sum(word in (KNOWN_WELL, NEGLIGIBLE) for word in found.knowledge)
+    open_ = found.knowledge.count(NOT_DETERMINED)
+    rest = f", {open_} are not determined by the logs" if open_ else ""
+    parameters = (
+        f"{known} of {len(found.names)} base parameters are known as well as the torques need{rest}. "
+        f"Predictions use the {USED[found.in_force]}."
+    )
+    return [judged.sentence, *judged.reasons, *judged.warnings, fitted, parameters]
 
 
 def templates() -> Environment:
@@ -82,8 +102,22 @@ def templates() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["drawing"] = Markup
-    environment.globals["style"] = Markup(environment.get_template("style.css").render())
+    environment.filters |= {"markdown": markdown, "short": "{:.3g}".format}
+    environment.globals |= {
+        "zip": zip,
+        "shell": shell,
+        "drawn": drawn,
+        "figures": figures,
+        "section_figures": section_figures,
+        "gap_figures": gap_figures,
+        "sentences": sentences,
+        "parameter_rows": parameter_rows,
+        "catalogue": CATALOGUE,
+        "groups": GROUP_NAMES,
+        "kinds": LINK_PARAMETERS,
+        "used": USED,
+        "style": Markup(environment.get_template("style.css").render()),
+    }
     return environment
 
 
@@ -92,24 +126,34 @@ def _shown(value: Any) -> Any:  # noqa: ANN401
     return printable(value) if isinstance(value, str) and not hasattr(value, "__html__") else value
 
 
-def summary(gathered: Gathered) -> str:
-    """Return a compact Markdown summary for a pull request."""
-    marks = {"good": "🟢", "fair": "🟡", "bad": "🔴", "open": "⚪"}
-    lines = [
-        f"### {markdown(gathered.robot.name)}",
-        "",
-        *(markdown(text) for text in sentences(gathered)),
-        "",
-    ]
-    lines += ["| | | |", "| --- | --- | --- |"]
-    lines += [
-        f"| {marks[light.state]} {light.shown} | {light.title} | {markdown(light.text)} |"
-        for light in gathered.judgement.lights
-    ]
-    lines += ["", "| joint | rms error | unexplained | held out |", "| --- | ---: | ---: | ---: |"]
-    for joint, row in zip(gathered.robot.joints, gathered.result.joints, strict=True):
-        held = "-" if row.heldout_rms is None else f"{row.heldout_rms:.3g} {joint.torque_unit}"
-        lines.append(
-            f"| {markdown(row.joint)} | {row.rms:.3g} {joint.torque_unit} | {row.relative_percent:.1f} % | {held} |"
-        )
-    return "\n".join([*lines, ""])
+def drawn(label: str, draw: Callable[..., Figure], *what: Any) -> Markup:  # noqa: ANN401
+    """Return a figure as an SVG element that fills the width it is given.
+
+    Args:
+        label: what it shows, for those who cannot see it; no other figure of the page has the same.
+        draw: draws it.
+        what: its arguments.
+    """
+    from markupsafe import Markup
+    from matplotlib import rc_context
+
+    stream = io.StringIO()
+    style = dict.fromkeys(_OF_TEXT, INK) | dict.fromkeys(_OF_PAPER, "none")
+    with rc_context(style):  # type: ignore[arg-type]
+        figures.save(draw(*what), stream, "svg", salt=label)
+    text = stream.getvalue()
+    head, rest = text[text.index("<svg") :].split(">", 1)
+    box = re.search(r'viewBox="[^"]*"', head)
+    assert box is not None
+    used = set(re.findall(r'(?:url\(|href=")#([^)"]+)', rest))
+    # Why: names of groups are the same in every figure, and ids must be unique on a page.
+    rest = re.sub(r' id="([^"]+)"', lambda match: match[0] if match[1] in used else "", rest)
+    for color, shown in _SHOWN.items():
+        rest = rest.replace(color, shown)
+    # A hundredth of a point is finer than a screen.
+    rest = re.sub(r"(\.\d\d)\d{3,}", r"\1", rest)
+    rest = re.sub(r"font: ([0-9.]+)px [^;\"]*", r"font-size: \1px; font-family: inherit", rest)
+    return Markup(
+        f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
+        f'{box[0]} role="img" aria-label="{html(label)}">{rest}'
+    )

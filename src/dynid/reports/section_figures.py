@@ -220,6 +220,11 @@ def body_outline(
     return np.asarray(centre + (vectors @ ring).T)
 
 
+def principal_moments(link: dict[str, Any]) -> Floats:
+    """Return the principal moments of inertia of a link, the smallest first, (3,) [kg m^2]."""
+    return np.asarray(np.linalg.eigvalsh(inertia_tensor(link)))
+
+
 def inertia_tensor(link: dict[str, Any]) -> Floats:
     """Return the inertia about the centre of mass, (3, 3) [kg m^2]."""
     full = np.zeros((3, 3))

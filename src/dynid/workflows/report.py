@@ -13,8 +13,7 @@ from dynid.judgement.judge import Judgement
 from dynid.loading import ResultLike, as_result
 from dynid.progress import Progress
 from dynid.reports.gathered import gather
-from dynid.reports.page import page, summary
-from dynid.reports.sections.verdict import sentences
+from dynid.reports.page import page, sentences, summary
 from dynid.text import html
 
 
