@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from dynid.diagnose.gravity import check_gravity
 from dynid.diagnose.mistakes import (
     OF_ALL,
     Edit,
+    edited,
     edits_of,
     pasted,
     said,
@@ -99,64 +99,49 @@ class _Search:
     """
 
     def __init__(self, judge: Judge, names: Sequence[str]) -> None:
-        self.judge, self.names = judge, names
         self.single = tuple(edits_of(judge, names))
         self.depth = 0
         self.price = max(tuning.CLEAR, tuning.FREE_NUMBERS / judge.independent)
-        self._begin()
+        self._begin(judge)
         beyond = self._beyond()
         if any(beyond) and not all(beyond):
-            self.judge = replace(judge, beyond=beyond)
-            self._begin()
+            self._begin(replace(judge, beyond=beyond))
 
-    def _begin(self) -> None:
+    def _begin(self, judge: Judge) -> None:
+        self.judge = judge
         self.bounds: dict[tuple[Edit, ...], Hypothesis] = {}
         self.found: dict[tuple[Edit, ...], Hypothesis] = {}
-        self.least_error = np.full(self.judge.robot.n, np.inf)
+        self.least_error = np.full(judge.robot.n, np.inf)
         self.given = self.fit(())
+        #: How well each joint's torque can be known, whatever the robot file is, (n,) [N m or N].
+        self.noise = noise_of(judge.robot, self.given.floor)
+        #: Whether the robot file explains so much that it has no two mistakes that hide each other.
+        self.well = self.given.misfit(self.noise) < tuning.WELL_EXPLAINED
 
     def _beyond(self) -> tuple[bool, ...]:
         """Return which joints no robot file explains: whatever their signs are, their friction would not brake.
 
         No edit of a file but those of a joint's signs changes what its friction has to be.
         """
-        noise, found = noise_of(self.judge.robot, self.given.floor), []
+        judge, found = self.judge, []
         for j, suspect in enumerate(self.given.left > self.given.floor):
-            kinds = OF_ALL.values() if suspect and self.judge.mapped else ()
-            signs = [(), *((Edit(kind, (float(j),)),) for kind in kinds)] if suspect else []
-            files = [with_edits(self.judge.robot, edits) for edits in signs]
-            left = np.array(
-                [np.hypot(self.judge.alone(file, j), noise[j]) for file in files] or [[1.0, 1.0]]
+            kinds = OF_ALL.values() if suspect and judge.mapped else ()
+            files = [judge.robot, *(edited(judge.robot, Edit(kind, (float(j),))) for kind in kinds)]
+            left = [np.hypot(judge.alone(file, j), self.noise[j]) for file in files if suspect]
+            found.append(
+                bool(left) and min(each[1] for each in left) > tuning.NOT_BRAKING * left[0][0]
             )
-            found.append(bool(left[:, 1].min() > tuning.NOT_BRAKING * left[0, 0]))
-        return tuple(found)
-
-    @property
-    def noise(self) -> Floats:
-        """How well each joint's torque can be known, as far as it was found out, (n,) [N m or N]."""
-        return np.asarray(np.hypot(noise_of(self.judge.robot, self.given.floor), self.least_error))
+        return tuple(map(bool, found))
 
     def fit(self, edits: tuple[Edit, ...]) -> Hypothesis:
         """Return a hypothesis fitted with bodies that can exist."""
         if edits not in self.found:
-            edited = with_edits(self.judge.robot, edits)
-            found = Hypothesis(edits, *self.judge.possible(edited), self.judge.outside(edited))
-            self.least_error = np.minimum(
-                self.least_error, usual_error(self.judge.robot, found.left)
-            )
+            robot = with_edits(self.judge.robot, edits)
+            found = Hypothesis(edits, *self.judge.possible(robot), self.judge.outside(robot))
+            error = usual_error(self.judge.robot, found.left)
+            self.least_error = np.minimum(self.least_error, error)
             self.found[edits] = found
         return self.found[edits]
-
-    def bound(self, edits: tuple[Edit, ...]) -> float:
-        """Return a promise that a hypothesis cannot be better than."""
-        return self.promise(self.bounds[edits])
-
-    def find_bounds(self, several: Iterable[tuple[Edit, ...]]) -> None:
-        """Find out what hypotheses leave at least, together, for their columns are much the same."""
-        new = [edits for edits in several if edits not in self.bounds]
-        files = [with_edits(self.judge.robot, edits) for edits in new]
-        for edits, file, least in zip(new, files, self.judge.least(files), strict=True):
-            self.bounds[edits] = Hypothesis(edits, *least, self.judge.outside(file))
 
     def same(self, one: Hypothesis, other: Hypothesis) -> bool:
         """Return whether two hypotheses make the same torques whatever the arm does."""
@@ -164,49 +149,34 @@ class _Search:
 
     def promise(self, hypothesis: Hypothesis) -> float:
         """Return what hypotheses are taken further by, lower is better: as ``rank``, but small errors count as well."""
-        return self._rank(hypothesis, noise_of(self.judge.robot, self.given.floor))
+        return hypothesis.misfit(self.noise) + self._cost(hypothesis)
 
     def rank(self, hypothesis: Hypothesis) -> float:
         """Return what hypotheses are ordered by in the end, lower is better: fit, likelihood and number of edits."""
-        return self._rank(hypothesis, self.noise)
-
-    def _rank(self, hypothesis: Hypothesis, noise: Floats) -> float:
+        noise = np.asarray(np.hypot(self.noise, self.least_error))
         return hypothesis.misfit(noise) + self._cost(hypothesis)
 
     def _cost(self, hypothesis: Hypothesis) -> float:
         """Return what has to be gained by a hypothesis before it is the best, whatever it explains."""
-        unlikely = tuning.CLEAR * (
-            sum(map(unlikeliness, hypothesis.edits))
-            + tuning.OUT_OF_RANGE * min(hypothesis.outside, tuning.MOST_OUTSIDE)
-        )
-        return unlikely + self.price * len(hypothesis.edits)
-
-    @cached_property
-    def _noises(self) -> tuple[Floats, Floats]:
-        """How well each joint's torque can be known at best and at worst, whatever else is found out, (n,) each."""
-        least = noise_of(self.judge.robot, self.given.floor)
-        return least, np.asarray(np.hypot(least, usual_error(self.judge.robot, self.given.left)))
-
-    def beaten(self, edits: tuple[Edit, ...]) -> bool:
-        """Return whether edits, by what they leave at least, stay behind the robot file."""
-        bound, given = self.bounds[edits], self.given
-        # Why the ends: a ratio comes nearer to one, and never crosses it, as the noise grows.
-        left, floor = (
-            np.minimum(*(np.log(np.hypot(a, noise) / np.hypot(b, noise)) for noise in self._noises))
-            for a, b in ((bound.left, given.left), (given.floor, bound.floor))
-        )
-        return float(np.mean(left + floor)) + self._cost(bound) > self._cost(given)
-
-    @property
-    def well(self) -> bool:
-        """Whether the robot file explains so much that it has no two mistakes that hide each other."""
-        return (
-            self.given.misfit(noise_of(self.judge.robot, self.given.floor)) < tuning.WELL_EXPLAINED
-        )
+        unlikely = sum(map(unlikeliness, hypothesis.edits))
+        unlikely += tuning.OUT_OF_RANGE * min(hypothesis.outside, tuning.MOST_OUTSIDE)
+        return tuning.CLEAR * unlikely + self.price * len(hypothesis.edits)
 
     def unrivalled(self) -> bool:
         """Return whether the robot file explains the log well, and all single edits stay behind it."""
-        return self.well and all(self.beaten(edits) for edits in self.more([()]))
+        return self.well and all(self._beaten(self.bounds[edits]) for edits in self.more([()]))
+
+    def _beaten(self, bound: Hypothesis) -> bool:
+        """Return whether a hypothesis, by what it leaves at least, stays behind the robot file."""
+        given = self.given
+        # How well torques are known at best and at worst, whatever else is found out. Why the ends: a ratio comes
+        # nearer to one, and never crosses it, as the noise grows.
+        worst = np.hypot(self.noise, usual_error(self.judge.robot, given.left))
+        left, floor = (
+            np.minimum(*(np.log(np.hypot(a, x) / np.hypot(b, x)) for x in (self.noise, worst)))
+            for a, b in ((bound.left, given.left), (given.floor, bound.floor))
+        )
+        return float(np.mean(left + floor)) + self._cost(bound) > self._cost(given)
 
     def ranked(self) -> list[Hypothesis]:
         """Return what was fitted, the best first."""
@@ -218,33 +188,30 @@ class _Search:
         Two mistakes can hide each other: where little is explained, many are taken further by what they leave at least.
         """
         lost = not self.well and self.depth == 1
-        values = [*(self.bounds if lost else self.found).values()]
-        places = sorted(values, key=self.promise)[: tuning.BEAM_LOST if lost else tuning.BEAM]
-        return [
-            each.edits
-            for each in places
-            if self.promise(each) < self.promise(places[0]) + tuning.NEAR_BEST
-        ]
+        values = sorted((self.bounds if lost else self.found).values(), key=self.promise)
+        most = self.promise(values[0]) + tuning.NEAR_BEST
+        places = values[: tuning.BEAM_LOST if lost else tuning.BEAM]
+        return [each.edits for each in places if self.promise(each) < most]
 
     def more(self, starts: Iterable[tuple[Edit, ...]]) -> list[tuple[Edit, ...]]:
         """Return what has one edit more than a start and is not fitted yet, with what it leaves at least found out."""
-        tried = (
-            more
-            for start in starts
-            for edit in self.single
-            if (more := with_one_more(start, edit)) is not None
-        )
+        tried = (with_one_more(start, edit) for start in starts for edit in self.single)
         # Why in this order: equally good ones are tried as they were written, in every run.
-        new = [edits for edits in dict.fromkeys(tried) if edits not in self.found]
-        self.find_bounds(new)
-        return new
+        more = [edits for edits in dict.fromkeys(tried) if edits and edits not in self.found]
+        new = [edits for edits in more if edits not in self.bounds]
+        # Why together: their columns are much the same.
+        files = [with_edits(self.judge.robot, edits) for edits in new]
+        for edits, file, least in zip(new, files, self.judge.least(files), strict=True):
+            self.bounds[edits] = Hypothesis(edits, *least, self.judge.outside(file))
+        return more
 
     def widen(self, starts: Iterable[tuple[Edit, ...]]) -> None:
         """Add one edit to each start, and fit those that can be among the best."""
         self.depth += 1
-        for edits in sorted(self.more(starts), key=self.bound):
+        bounds = {edits: self.promise(self.bounds[edits]) for edits in self.more(starts)}
+        for edits in sorted(bounds, key=bounds.__getitem__):
             places = sorted(map(self.promise, self.found.values()))[: tuning.BEAM]
-            if len(places) == tuning.BEAM and self.bound(edits) > places[-1]:
+            if len(places) == tuning.BEAM and bounds[edits] > places[-1]:
                 break
             self.fit(edits)
 
@@ -263,36 +230,29 @@ def find_mistake(
     judge = judge_of(log, robot, mapped=mapped)
     if judge is None:
         return None
-    names = names or robot.log_names
-    search = _Search(judge, names)
-    beyond = tuple(np.flatnonzero(search.judge.beyond).tolist())
+    search = _Search(judge, names or robot.log_names)
+    given, beyond = search.given, tuple(np.flatnonzero(search.judge.beyond).tolist())
     if search.unrivalled():
-        return Diagnosis(search.given, (search.given,), (), (), False, beyond)
+        return Diagnosis(given, (given,), (), (), False, beyond)
     search.widen([()])
     for _ in range(2):
         before = search.ranked()[0]
-        if before is search.given and search.well:
+        if before is given and search.well:
             break
         search.widen(search.promising())
         if search.ranked()[0] is before:
             break
-    ranked = search.ranked()
-    best = ranked[0]
-    wrong = best is not search.given
-    alike = (
-        [each for each in ranked[1:] if len(each.edits) <= len(best.edits) and each.alike(best)]
-        if wrong
-        else []
-    )
-    same = [each for each in alike if search.same(each, best)]
-    others = [each for each in ranked[1:] if each not in same]
-    few = (
-        [each for each in others if len(each.edits) <= len(best.edits) and each is not search.given]
-        if wrong
-        else []
-    )
-    tied = [each for each in few if search.rank(each) < search.rank(best) + tuning.TIED]
-    return Diagnosis(search.given, (best, *others[:4]), tuple(same), tuple(tied[:2]), wrong, beyond)
+    best, *others = search.ranked()
+    if best is given:
+        return Diagnosis(given, (best, *others[:4]), (), (), False, beyond)
+    near = [each for each in others if len(each.edits) <= len(best.edits)]
+    same = [each for each in near if each.alike(best) and search.same(each, best)]
+    others = [each for each in others if each not in same]
+    most = search.rank(best) + tuning.TIED
+    tied = [
+        each for each in near if each not in same and each is not given and search.rank(each) < most
+    ]
+    return Diagnosis(given, (best, *others[:4]), tuple(same), tuple(tied[:2]), True, beyond)
 
 
 def noise_of(robot: Robot, floor: Floats) -> Floats:
@@ -331,17 +291,11 @@ def driver_columns(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
     names = tuple(log.extra.get("driver_columns", ()))
     if robot.driver is None or "driver_columns" not in log.extra:
         return log, names
-    map_ = robot.driver.map
-    to_q, to_tau = (
-        np.diag(np.asarray(map_.sign, dtype=float)),
-        np.diag(np.multiply(map_.sign, map_.torque_signs) * 1.0),
-    )
+    map_, matrix = robot.driver.map, np.eye(robot.n)
     if robot.coupling is not None:
         matrix = np.array(robot.coupling.matrix)
-        to_q, to_tau = to_q @ matrix.T, to_tau @ np.linalg.inv(matrix)
-    # Why piece by piece: a log of hours lives in a file.
-    q = (log.q - np.array(map_.offset)) @ to_q
-    tau = log.tau @ to_tau
+    q = ((log.q - np.array(map_.offset)) * map_.sign) @ matrix.T
+    tau = (log.tau * np.multiply(map_.sign, map_.torque_signs)) @ np.linalg.inv(matrix)
     return replace(log, q=q, tau=tau, qd=None), names
 
 
@@ -380,28 +334,32 @@ def _explained(
     """
     columns, names = driver_columns(log, robot)
     found = find_mistake(columns, robot, names, mapped="driver_columns" in log.extra)
-    beyond = () if found is None else _unexplained(found, robot)
-    if (
-        found is None
-        or not found.wrong
-        or found.given.unexplained < least_gain * found.best[0].unexplained
-    ):
+    if found is None:
+        return ()
+    beyond, best = _unexplained(found, robot), found.best[0]
+    if not found.wrong or found.given.unexplained < least_gain * best.unexplained:
         return beyond
-    best = found.best[0]
     what = f"{_improvement(found.given, best, robot)} with {said(best.edits, robot)}"
-    if found.same:
-        what += f" (the same torques result with {' or '.join(said(e.edits, robot) for e in found.same)})"
-    if found.tied:
-        what += (
-            f" (this log fits as well with {' or '.join(said(e.edits, robot) for e in found.tied)})"
-        )
-    evidence = {
-        "unexplained": found.given.unexplained,
-        "hypotheses": [_evidence(each, robot) for each in found.best],
-        "same": [_evidence(each, robot) for each in found.same],
-        "tied": [_evidence(each, robot) for each in found.tied],
-    }
+    for words, alike in (
+        ("the same torques result with", found.same),
+        ("this log fits as well with", found.tied),
+    ):
+        if alike:
+            what += f" ({words} {' or '.join(said(each.edits, robot) for each in alike)})"
     if anyway:
+        evidence: dict[str, object] = {"unexplained": found.given.unexplained}
+        for key, several in (
+            ("hypotheses", found.best),
+            ("same", found.same),
+            ("tied", found.tied),
+        ):
+            evidence[key] = [
+                {
+                    "edits": [said([edit], robot) for edit in each.edits],
+                    "unexplained": each.unexplained,
+                }
+                for each in several
+            ]
         return (Finding("W329", "warning", what, evidence), *beyond)
     next_best = [each for each in found.best[1:3] if each.edits and each not in found.tied]
     others = [f"{said(each.edits, robot)} ({100 * each.unexplained:.0f} %)" for each in next_best]
@@ -432,19 +390,10 @@ def _improvement(given: Hypothesis, best: Hypothesis, robot: Robot) -> str:
     """Return what the robot file leaves unexplained and what would be left, of all joints or of the one that gains."""
     before, after, whose = given.unexplained, best.unexplained, "the torques"
     if before < 2 * after:
-        shares = given.left / given.floor, best.left / best.floor
-        j = int(np.argmax(shares[0] / np.maximum(shares[1], 1e-3)))
-        before, after, whose = (
-            float(shares[0][j]),
-            float(shares[1][j]),
-            f"the torque of {robot.joint_names[j]}",
-        )
+        had, has = given.left / given.floor, best.left / best.floor
+        j = int(np.argmax(had / np.maximum(has, 1e-3)))
+        before, after, whose = had[j], has[j], f"the torque of {robot.joint_names[j]}"
     return (
         f"with this robot file, {100 * before:.0f} % of {whose} beyond friction is unexplained; "
         f"it would be {100 * after:.0f} %"
     )
-
-
-def _evidence(hypothesis: Hypothesis, robot: Robot) -> dict[str, object]:
-    edits = [said([edit], robot) for edit in hypothesis.edits]
-    return {"edits": edits, "unexplained": hypothesis.unexplained}

@@ -81,14 +81,13 @@ class Columns:
             says: which joints have a say about the bodies, (M, n).
             apart: whether each joint may have bodies of its own.
         """
-        if apart:
-            joints = range(tau.shape[2])
-            both = (np.concatenate([self.own[of, j], self.of_joint(j)[of]], axis=2) for j in joints)
-            return np.stack(
-                [_left(columns, tau[:, :, j]) for j, columns in zip(joints, both, strict=True)],
-                axis=1,
-            )
-        return _shared(self, of, tau, says)
+        if not apart:
+            return _shared(self, of, tau, says)
+        parts = [
+            _left(np.concatenate([self.own[of, j], self.of_joint(j)[of]], axis=2), tau[:, :, j])
+            for j in range(tau.shape[2])
+        ]
+        return np.stack(parts, axis=1)
 
     def floor(self, of: Sequence[int], tau: Floats) -> Floats:
         """Return what a constant, friction and rotor inertia alone leave of each joint's torque, (M, n) [N m or N]."""
@@ -128,36 +127,31 @@ class Judge:
         Returns:
             Root mean squares, (n,) each [N m or N]; the second is what a constant, friction and rotor inertia leave.
         """
-        tables: dict[str, dict[tuple[object, ...], list[int]]] = {}
         moved = [self._dh(robot) for robot in robots]
+        tables: dict[str, dict[tuple[object, ...], list[int]]] = {}
         for k, (robot, (x, _)) in enumerate(zip(robots, moved, strict=True)):
             alike = tables.setdefault(robot.convention, {})
             alike.setdefault((robot.gravity, x.tobytes()), []).append(k)
         found: dict[int, tuple[Floats, Floats]] = {}
         together = max(1, TOGETHER // len(self.tau))
         for files in (list(alike.values()) for alike in tables.values()):
-            for some in (
-                files[start : start + together] for start in range(0, len(files), together)
-            ):
+            for start in range(0, len(files), together):
+                some = files[start : start + together]
                 columns = self._columns([(robots[same[0]], moved[same[0]][0]) for same in some])
-                several = [(number, k) for number, same in enumerate(some) for k in same]
-                of, tau = (
-                    [number for number, _ in several],
-                    np.stack([moved[k][1] for _, k in several]),
-                )
-                says = np.stack([self.says(robots[k]) for _, k in several])
-                left, floor = columns.left(of, tau, says, apart=self.apart), columns.floor(of, tau)
-                left = np.where(says, left, floor)
-                found |= {k: (left[m], floor[m]) for m, (_, k) in enumerate(several)}
+                numbers = [k for same in some for k in same]
+                of = [number for number, same in enumerate(some) for _ in same]
+                tau = np.stack([moved[k][1] for k in numbers])
+                says = np.stack([self.says(robots[k]) for k in numbers])
+                floor = columns.floor(of, tau)
+                left = np.where(says, columns.left(of, tau, says, apart=self.apart), floor)
+                found |= dict(zip(numbers, zip(left, floor, strict=True), strict=True))
         return [found[k] for k in range(len(robots))]
 
     def possible(self, robot: Robot) -> tuple[Floats, Floats]:
         """Return what bodies that can exist leave of each joint's torque, and what friction alone leaves, (n,) each."""
         x, tau = self._dh(robot)
         columns, says = self._columns([(robot, x)]), self.says(robot)
-        parts = [
-            _reduced(columns, tau, j, signed=self._signed) for j in np.flatnonzero(says).tolist()
-        ]
+        parts = [_reduced(columns, tau, j, self._signed) for j in np.flatnonzero(says).tolist()]
         bodies = _corners(robot.convention, robot.joints, prior_bodies(robot))
         (floor,) = columns.floor([0], tau[None])
         found = floor.copy()
@@ -179,11 +173,9 @@ class Judge:
             Root mean squares [N m or N] when its friction may have any sign, and when it has to brake.
         """
         x, tau = self._dh(robot)
-        columns, bodies = (
-            self._columns([(robot, x)]),
-            _corners(robot.convention, robot.joints, prior_bodies(robot)),
-        )
-        parts = [_reduced(columns, tau, joint, signed=signed) for signed in ((), self._signed)]
+        columns = self._columns([(robot, x)])
+        bodies = _corners(robot.convention, robot.joints, prior_bodies(robot))
+        parts = [_reduced(columns, tau, joint, signed) for signed in ((), self._signed)]
         free, braking = (float(_cone([part], bodies, np.ones(1))[0]) for part in parts)
         return free, braking
 
@@ -214,23 +206,20 @@ class Judge:
         rng = np.random.default_rng(0)
         x = rng.uniform(-2.0, 2.0, (3, RANDOM, self.robot.n))
         drawn = replace(self, x=x, tau=np.zeros_like(x[0]), apart=False)
-        spans = [drawn._span(robot) for robot in (one, other)]
-        bases = [np.linalg.svd(span, full_matrices=False)[:2] for span in spans]
-        kept = [u[:, s > SPAN * s[0]] for u, s in bases]
-        if kept[0].shape != kept[1].shape:
-            return False
-        return bool(np.linalg.norm(kept[0] - kept[1] @ (kept[1].T @ kept[0])) < np.sqrt(SPAN))
+        bases = [np.linalg.svd(drawn._span(each), full_matrices=False)[:2] for each in (one, other)]
+        a, b = (u[:, s > SPAN * s[0]] for u, s in bases)
+        return a.shape == b.shape and bool(np.linalg.norm(a - b @ (b.T @ a)) < np.sqrt(SPAN))
 
     def _span(self, robot: Robot) -> Floats:
         """Return all columns of an edited file in rows of the log's columns, (n N, 14 n)."""
         N, n = self.x.shape[1:]
-        columns = self._columns([(robot, self._dh(robot)[0])])
-        map_ = robot.driver.map if robot.driver is not None and self.mapped else None
-        sign = np.array(map_.sign) * np.array(map_.torque_signs) if map_ is not None else np.ones(n)
-        p = 10 * n
+        columns, p = self._columns([(robot, self._dh(robot)[0])]), 10 * n
+        sign = np.ones(n)
+        if self.mapped and robot.driver is not None:
+            sign = np.multiply(robot.driver.map.sign, robot.driver.map.torque_signs)
+        rows = self._order(robot) if self.mapped else range(n)
         found = np.zeros((n, N, p + OWN * n))
-        for j in range(n):
-            row = self.robot.log_names.index(robot.log_names[j]) if self.mapped else j
+        for j, row in enumerate(rows):
             found[row, :, 10 * j : p] = sign[j] * columns.of_joint(j)[0]
             found[row, :, p + OWN * j : p + OWN * (j + 1)] = columns.own[0, j]
         return found.reshape(n * N, -1)
@@ -238,12 +227,9 @@ class Judge:
     def _columns(self, moved: Sequence[tuple[Robot, Floats]]) -> Columns:
         """Return the columns of edited files of one convention on motions in DH quantities, (3, N, n) each."""
         robot, motions = moved[0][0], [x for _, x in moved]
-        slow, free = (
-            per_joint(signal_tuning.MOVING_SPEED, robot),
-            robot.torque.source == "gravity_free",
-        )
-        gravity = np.array([(0.0, 0.0, 0.0) if free else each.gravity for each, _ in moved])
-        gravity = np.repeat(gravity, len(self.tau), axis=0)
+        slow = per_joint(signal_tuning.MOVING_SPEED, robot)
+        weight = 0.0 if robot.torque.source == "gravity_free" else 1.0
+        gravity = weight * np.repeat([each.gravity for each, _ in moved], len(self.tau), axis=0)
         q, qd, qdd = np.concatenate(motions, axis=1)
         bodies = body_regressor(robot, q, qd, qdd, gravity).transpose(1, 2, 0)
         v, a = (np.stack([x[k].T for x in motions]) for k in (1, 2))
@@ -252,28 +238,23 @@ class Judge:
 
     def _dh(self, robot: Robot) -> tuple[Floats, Floats]:
         """Return position, velocity, acceleration (3, N, n), and torques (N, n), in DH quantities of an edited file."""
-        x, tau = self.x, self.tau
-        if not self.mapped or robot.driver is None:
-            return self._joint_side(x, tau)
-        order = self._order(robot)
+        x, tau, mapped = self.x, self.tau, self.mapped and robot.driver is not None
+        if mapped:
+            x, tau = x[:, :, self._order(robot)], tau[:, self._order(robot)]
+        if self.robot.coupling is not None and self.mapped:
+            matrix = np.array(self.robot.coupling.matrix)
+            x, tau = x @ np.linalg.inv(matrix).T, tau @ matrix
+        if not mapped or robot.driver is None:
+            return x, tau
+        map_, units = robot.driver.map, robot.driver.units["position"]
         before = self.robot.driver.units["position"] if self.robot.driver is not None else "rad"
-        x, tau = self._joint_side(x[:, :, order], tau[:, order])
-        map_ = robot.driver.map
-        sign = np.array(map_.sign)
-        x = x * (sign * POSITION[robot.driver.units["position"]] / POSITION[before])
+        x = x * (np.array(map_.sign) * POSITION[units] / POSITION[before])
         x[0] += np.array(map_.offset)
-        return x, tau * sign * np.array(map_.torque_signs)
+        return x, tau * np.array(map_.sign) * np.array(map_.torque_signs)
 
     def _order(self, robot: Robot) -> list[int]:
         """Return which column of the log belongs to each joint of an edited file."""
         return [self.robot.log_names.index(name) for name in robot.log_names]
-
-    def _joint_side(self, x: Floats, tau: Floats) -> tuple[Floats, Floats]:
-        """Return motion and torques of motors as those of joints."""
-        if self.robot.coupling is None or not self.mapped:
-            return x, tau
-        matrix = np.array(self.robot.coupling.matrix)
-        return x @ np.linalg.inv(matrix).T, tau @ matrix
 
 
 def judge_of(log: Log, robot: Robot, *, mapped: bool = True) -> Judge | None:
@@ -290,48 +271,35 @@ def judge_of(log: Log, robot: Robot, *, mapped: bool = True) -> Judge | None:
     part = slice(first, first + tuning.MIDDLE_SAMPLES)
     t, q, tau = log.t[part], log.q[part], log.tau[part]
     usual = float(np.median(np.diff(t)))
-    fastest = bandwidth(log, robot)
-    width = max(3, round(min(tuning.SMOOTHING_S, 0.33 / max(fastest, 0.1)) / usual))
+    period = 0.33 / max(bandwidth(log, robot), 0.1)
+    width = max(3, round(min(tuning.SMOOTHING_S, period) / usual))
     if len(t) < 6 * width + 20:
         return None
     kernel = np.hanning(width + 2) / np.hanning(width + 2).sum()
     turning = np.array([joint.revolute for joint in robot.joints])
-    q = np.where(turning, np.unwrap(q, axis=0), q)
 
     def smooth(x: Floats) -> Floats:
         return np.apply_along_axis(np.convolve, 0, x, kernel, "valid")
 
-    def slope(x: Floats) -> Floats:
-        return np.asarray(np.gradient(x, clock, axis=0))
-
-    clock = np.convolve(t, kernel, "valid")
-    x0 = smooth(q)
-    x1 = smooth(slope(x0))
-    clock = np.convolve(clock, kernel, "valid")
-    x2 = smooth(slope(x1))
-    smoothed = smooth(smooth(smooth(tau)))
-    count = len(x2)
-    edge = (len(x0) - count) // 2, (len(x1) - count) // 2
-    position, velocity = x0[edge[0] : edge[0] + count], x1[edge[1] : edge[1] + count]
-    span = len(kernel)
-    reach = t[3 * (span - 1) :][:count] - t[:count]
-    whole = reach < 1.5 * 3 * (span - 1) * usual + 3 * usual
+    # Each is smoothed once more than the one before it, and so is shorter at both ends.
+    position = smooth(np.where(turning, np.unwrap(q, axis=0), q))
+    velocity = smooth(np.gradient(position, clock := smooth(t), axis=0))
+    acceleration = smooth(np.gradient(velocity, smooth(clock), axis=0))
+    torque, count = smooth(smooth(smooth(tau))), len(acceleration)
+    position, velocity = (x[(len(x) - count) // 2 :][:count] for x in (position, velocity))
+    span = 3 * (len(kernel) - 1)
+    whole = t[span:][:count] - t[:count] < 1.5 * span * usual + 3 * usual
     # Why: a log in rad that the robot file takes for degrees seems to stand still.
     unit = POSITION[robot.driver.units["position"]] if robot.driver is not None else 1.0
-    alive = (
-        np.any(np.abs(velocity) > unit * per_joint(signal_tuning.MOVING_SPEED, robot), axis=1)
-        & whole
-    )
-    rows = np.flatnonzero(alive)
+    slow = unit * per_joint(signal_tuning.MOVING_SPEED, robot)
+    rows = np.flatnonzero(np.any(np.abs(velocity) > slow, axis=1) & whole)
     if len(rows) < 50:
         return None
     independent = len(rows) / width
     rows = rows[:: max(1, len(rows) // tuning.SAMPLES)]
-    unknown = log.tau_unit == "A" and (
-        robot.torque.gain is None or any(g is None for g in robot.torque.gain)
-    )
-    motion = np.stack([position[rows], velocity[rows], x2[rows]])
-    return Judge(robot, motion, smoothed[:count][rows], unknown, mapped, independent)
+    motion = np.stack([position, velocity, acceleration])[:, rows]
+    unknown = log.tau_unit == "A" and not robot.torque.complete
+    return Judge(robot, motion, torque[rows], unknown, mapped, independent)
 
 
 def _left(columns: Floats, tau: Floats) -> Floats:
@@ -393,7 +361,7 @@ def _solved(G: Floats, side: Floats) -> Floats:
 
 
 def _reduced(
-    columns: Columns, torques: Floats, joint: int, *, signed: Sequence[int]
+    columns: Columns, torques: Floats, joint: int, signed: Sequence[int]
 ) -> tuple[Floats, Floats, Floats]:
     """Return columns of bodies, (N, 10 n), those of the joint's own that must not be negative, (N, m), and the torque.
 
@@ -424,28 +392,19 @@ def _cone(
         bodies: corners of the cone of each link's parameters, n of (10, points).
         weights: of the joints, (m,).
     """
-    from scipy.optimize import (
-        nnls,
-    )  # here: few logs come so far, and its import takes as long as they do
+    # Here: help must be fast.
+    from scipy.linalg import block_diag
+    from scipy.optimize import nnls
 
-    count = sum(part[1].shape[1] for part in parts)
-    rows, seen = [], 0
-    for (columns, friction, tau), weight in zip(parts, weights, strict=True):
-        wide = np.zeros((len(tau), count))
-        wide[:, seen : seen + friction.shape[1]] = friction
-        seen += friction.shape[1]
-        rows.append(weight * np.hstack([columns, wide, tau[:, None]]))
-    stacked = np.concatenate(rows)
+    columns, friction, tau = zip(*parts, strict=True)
+    stacked = np.column_stack([np.concatenate(columns), block_diag(*friction), np.concatenate(tau)])
+    stacked *= np.repeat(weights, len(tau[0]))[:, None]
     R = np.asarray(np.linalg.qr(stacked, mode="r"))
-    p = 10 * len(bodies)
-    corners = np.hstack(
-        [R[:, 10 * i : 10 * i + 10] @ each for i, each in enumerate(bodies)] + [R[:, p:-1]]
-    )
+    cone = block_diag(*bodies, np.eye(stacked.shape[1] - 1 - 10 * len(bodies)))
+    corners = R[:, :-1] @ cone
     scale = np.maximum(np.linalg.norm(corners, axis=0), 1e-12)
     found = nnls(corners / scale, R[:, -1], maxiter=10 * corners.shape[1])[0] / scale
-    edges = np.cumsum([0, *(each.shape[1] for each in bodies)])
-    theta = [each @ found[a:b] for each, a, b in zip(bodies, edges[:-1], edges[1:], strict=True)]
-    left = stacked[:, -1] - stacked[:, :-1] @ np.concatenate([*theta, found[edges[-1] :]])
+    left = stacked[:, -1] - stacked[:, :-1] @ (cone @ found)
     return np.asarray(np.sqrt(np.mean(left.reshape(len(parts), -1) ** 2, axis=1)) / weights)
 
 
@@ -468,12 +427,11 @@ def _corners(
         ends = (p[i : i + 3] - p[i + 1]) @ R[i]
         reach = tuning.BOX_MARGIN_M + tuning.BOX_MARGIN_SHARE * np.abs(ends).max()
         axes = [
-            np.array(sorted({*np.linspace(low, high, tuning.BOX_POINTS).tolist(), 0.0}))
+            np.unique([*np.linspace(low, high, tuning.BOX_POINTS), 0.0])
             for low, high in zip(ends.min(axis=0) - reach, ends.max(axis=0) + reach, strict=True)
         ]
-        x, y, z = np.hstack(
-            [np.stack(np.meshgrid(*axes, indexing="ij")).reshape(3, -1), _points(prior[i]).T]
-        )
+        grid = np.stack(np.meshgrid(*axes, indexing="ij")).reshape(3, -1)
+        x, y, z = np.hstack([grid, _points(prior[i]).T])
         tensor = [y**2 + z**2, -x * y, -x * z, x**2 + z**2, -y * z, x**2 + y**2]
         found.append(np.stack([np.ones_like(x), x, y, z, *tensor]))
     return tuple(found)

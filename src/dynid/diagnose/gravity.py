@@ -28,48 +28,50 @@ def check_gravity(log: Log, robot: Robot) -> None:
     poses = rest_slices(log, robot)
     at_rest = len(poses) >= tuning.LEAST_POSES
     if at_rest:
-        q, tau = (
-            np.array([np.mean(values[part], axis=0) for part in poses])
-            for values in (log.q, log.tau)
-        )
+        q, tau = (np.array([np.mean(x[part], axis=0) for part in poses]) for x in (log.q, log.tau))
         besides: list[Floats] = []
     elif any_moves(log, robot).any():
         q, tau, besides = _in_motion(log, robot)
     else:
         return
     load = expected_torque(q, robot)
-    change = np.ptp(load, axis=0)
-    known = robot.prior is not None
+    change, known = np.ptp(load, axis=0), robot.prior is not None
     carries = (change > tuning.SIGNIFICANT_LOAD * change.max()) & (change > tuning.LEAST_LOAD_NM)
     if known:
         carries |= change > max(tuning.LIGHTER_JOINT * change.max(), tuning.LIGHTER_LOAD_NM)
-    loaded = np.flatnonzero(carries)
     alike = 1.0 if at_rest else tuning.SAMPLES_ALIKE
-    asked = (_share(load[:, j], tau[:, j], [part[:, j] for part in besides], alike) for j in loaded)
-    shares = [each for each in asked if each is not None]
-    heaviest = int(loaded[np.argmax(change[loaded])]) if len(loaded) else 0
+    asked = (
+        _share(load[:, j], tau[:, j], [part[:, j] for part in besides], alike)
+        for j in np.flatnonzero(carries)
+    )
+    shares = list(filter(None, asked))
     largest = tuning.WEIGHT_SHARE_KNOWN if known else tuning.WEIGHT_SHARE_UNKNOWN
-    missing = bool(shares) and max(share for share, _ in shares) < largest
-    # Why: friction and noise of a motion that hardly lifts the arm hide its weight, whatever came out.
-    if (
-        missing
-        and min(share + 2.0 * error for share, error in shares) < tuning.LEAST_WEIGHT * largest
-    ):
-        beside = [part[:, heaviest] for part in besides]
-        if _likeness(load[:, heaviest], tau[:, heaviest], beside) > tuning.ALIKE:
-            raise GravityRemoved(
-                f"torques follow the weight at {100 * max(shares)[0]:.2g} % of its size: their scale is unknown",
-                where=log.topic,
-                why="readings of motors come in units of their maker, such as parts of the rated current",
-                fix="`torque: {source: motor_current, relative: true}`, or the unit under `driver: {units: ...}`",
-            )
-        seen = f"torques {'at rest ' if at_rest else ''}do not follow the pose: gravity was already removed"
+    # Why the errors: friction and noise of a motion that hardly lifts the arm hide its weight, whatever came out.
+    most = [(share + 2.0 * error) / tuning.LEAST_WEIGHT for share, error in shares]
+    if not shares or max(shares)[0] >= largest or min(most) >= largest:
+        return
+    heaviest = int(np.argmax(np.where(carries, change, -np.inf)))
+    own, seen = (
+        _without(x[:, heaviest], [part[:, heaviest] for part in besides]) for x in (load, tau)
+    )
+    # How alike torque and load change, 0 to 1, whatever the scale of the torque.
+    likeness = abs(float(own @ seen)) / max(
+        float(np.linalg.norm(own) * np.linalg.norm(seen)), 1e-300
+    )
+    if likeness > tuning.ALIKE:
         raise GravityRemoved(
-            f"{seen} ({robot.joint_names[heaviest]} changes by {np.ptp(tau[:, heaviest]):.2g} Nm, "
-            f"about {change[heaviest]:.0f} Nm expected)",
+            f"torques follow the weight at {100 * max(shares)[0]:.2g} % of its size: their scale is unknown",
             where=log.topic,
-            fix=driver_of(robot).gravity_fix,
+            why="readings of motors come in units of their maker, such as parts of the rated current",
+            fix="`torque: {source: motor_current, relative: true}`, or the unit under `driver: {units: ...}`",
         )
+    raise GravityRemoved(
+        f"torques {'at rest ' if at_rest else ''}do not follow the pose: gravity was already removed "
+        f"({robot.joint_names[heaviest]} changes by {np.ptp(tau[:, heaviest]):.2g} Nm, "
+        f"about {change[heaviest]:.0f} Nm expected)",
+        where=log.topic,
+        fix=driver_of(robot).gravity_fix,
+    )
 
 
 def _in_motion(log: Log, robot: Robot) -> tuple[Floats, Floats, list[Floats]]:
@@ -77,16 +79,13 @@ def _in_motion(log: Log, robot: Robot) -> tuple[Floats, Floats, list[Floats]]:
     first = max(0, (len(log) - tuning.MIDDLE_SAMPLES) // 2)
     part = slice(first, first + tuning.MIDDLE_SAMPLES)
     # Why at most: a log so short has fewer samples than the smoothing would take.
-    width = min(
-        max(3, round(tuning.SMOOTHING_S * (len(log) - 1) / float(np.ptp(log.t)))),
-        max(3, len(log.t[part]) // 3),
-    )
+    width = round(tuning.SMOOTHING_S * (len(log) - 1) / float(np.ptp(log.t)))
+    width = max(3, min(width, len(log.t[part]) // 3))
     kernel = np.hanning(width + 2) / np.hanning(width + 2).sum()
-    q, tau = (
-        np.apply_along_axis(np.convolve, 0, x, kernel, "valid")
-        for x in (log.q[part], log.tau[part])
+    t, q, tau = (
+        np.apply_along_axis(np.convolve, 0, x[part], kernel, "valid")
+        for x in (log.t, log.q, log.tau)
     )
-    t = np.convolve(log.t[part], kernel, "valid")
 
     def slope(x: Floats) -> Floats:
         return np.asarray(np.gradient(x, t, axis=0))
@@ -104,12 +103,6 @@ def _without(values: Floats, besides: list[Floats]) -> Floats:
     rest = np.column_stack([np.ones(len(values)), *besides])
     rest = rest / np.maximum(np.linalg.norm(rest, axis=0), 1e-12)
     return np.asarray(values - rest @ np.linalg.lstsq(rest, values, rcond=1e-9)[0])
-
-
-def _likeness(load: Floats, tau: Floats, besides: list[Floats]) -> float:
-    """Return how alike torque and load change, 0 to 1, whatever the scale of the torque."""
-    own, seen = _without(load, besides), _without(tau, besides)
-    return abs(float(own @ seen)) / max(float(np.linalg.norm(own) * np.linalg.norm(seen)), 1e-300)
 
 
 def _share(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from dynid.text import yaml_word
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class Edit:
     """One edit of a robot file.
 
@@ -46,32 +46,29 @@ def edited(robot: Robot, edit: Edit) -> Robot:
         )
     if edit.kind == "gravity":
         return replace(robot, gravity=edit.value)  # type: ignore[arg-type]
-    n = robot.n
-    driver = robot.driver or DriverSpec(
-        "generic", None, robot.joint_names, JointMap((1.0,) * n, (0.0,) * n)
-    )
+    driver = robot.driver or DriverSpec("generic", None, robot.joint_names, _plain(robot.n))
     if edit.kind == "order":
-        names = robot.log_names
-        return replace(
-            robot, driver=replace(driver, joint_names=tuple(names[int(k)] for k in edit.value))
-        )
+        names = tuple(robot.log_names[int(k)] for k in edit.value)
+        return replace(robot, driver=replace(driver, joint_names=names))
     if edit.kind == "unit":
         unit = "deg" if driver.units["position"] == "rad" else "rad"
         return replace(robot, driver=replace(driver, units={**driver.units, "position": unit}))
-    sign, offset, torque = (
-        list(driver.map.sign),
-        list(driver.map.offset),
-        list(driver.map.torque_signs),
-    )
+    given = driver.map
+    sign, offset, torque = list(given.sign), list(given.offset), list(given.torque_signs)
     if edit.kind == "offset":
-        j = int(edit.value[0])
-        offset[j] = math.remainder(offset[j] + edit.value[1] * math.pi / 2, 2 * math.pi)
+        j, quarters = int(edit.value[0]), edit.value[1]
+        offset[j] = math.remainder(offset[j] + quarters * math.pi / 2, 2 * math.pi)
     else:
-        for j in range(n) if edit.kind in OF_ALL else (int(edit.value[0]),):
-            sign[j] *= 1 if edit.kind in ("torque", "torques") else -1
-            torque[j] *= 1 if edit.kind in ("sign", "signs") else -1
-    given = tuple(torque) if any(each < 0 for each in torque) else ()
-    return replace(robot, driver=replace(driver, map=JointMap(tuple(sign), tuple(offset), given)))
+        kind = OF_ALL.get(edit.kind, edit.kind)
+        for j in map(int, edit.value or range(robot.n)):
+            sign[j] *= 1 if kind == "torque" else -1
+            torque[j] *= 1 if kind == "sign" else -1
+    torques = tuple(torque) if min(torque) < 0 else ()
+    return replace(robot, driver=replace(driver, map=JointMap(tuple(sign), tuple(offset), torques)))
+
+
+def _plain(n: int) -> JointMap:
+    return JointMap((1.0,) * n, (0.0,) * n)
 
 
 def with_edits(robot: Robot, edits: Sequence[Edit]) -> Robot:
@@ -81,36 +78,37 @@ def with_edits(robot: Robot, edits: Sequence[Edit]) -> Robot:
     return robot
 
 
-def said(edits: Sequence[Edit], robot: Robot) -> str:
-    """Return edits in words."""
-    return " and ".join(_said(edit, robot) for edit in edits)
-
-
-def _said(edit: Edit, robot: Robot) -> str:
-    if edit.kind in _WORDS:
-        return _WORDS[edit.kind]
-    if edit.kind == "gravity":
-        return f"gravity along {'-' if sum(edit.value) < 0 else '+'}{'xyz'[int(np.argmax(np.abs(edit.value)))]}"
-    if edit.kind == "order":
-        moved = [robot.joint_names[k] for k, source in enumerate(edit.value) if source != k]
-        if len(moved) == 2:
-            return f"the columns of {' and '.join(moved)} exchanged"
-        return f"the columns in the order {', '.join(robot.log_names[int(k)] for k in edit.value)}"
-    name = robot.joint_names[int(edit.value[0])]
-    if edit.kind == "offset":
-        return f"{name} offset by {90 * edit.value[1]:+.0f} deg"
-    return {"sign": f"{name} reversed", "position": f"the position of {name} reversed"}.get(
-        edit.kind, f"the torque of {name} reversed"
-    )
-
-
+#: Edits in words; of a joint with its name.
 _WORDS = {
     "convention": "the other DH convention",
     "unit": "positions in the other unit",
     "signs": "all joints reversed",
     "positions": "all positions reversed",
     "torques": "all torques reversed",
+    "sign": "{} reversed",
+    "position": "the position of {} reversed",
+    "torque": "the torque of {} reversed",
 }
+
+
+def said(edits: Sequence[Edit], robot: Robot) -> str:
+    """Return edits in words."""
+    return " and ".join(_said(edit, robot) for edit in edits)
+
+
+def _said(edit: Edit, robot: Robot) -> str:
+    if edit.kind == "gravity":
+        axis = "xyz"[int(np.argmax(np.abs(edit.value)))]
+        return f"gravity along {'-' if sum(edit.value) < 0 else '+'}{axis}"
+    if edit.kind == "order":
+        moved = [robot.joint_names[k] for k, source in enumerate(edit.value) if source != k]
+        if len(moved) == 2:
+            return f"the columns of {' and '.join(moved)} exchanged"
+        return f"the columns in the order {', '.join(robot.log_names[int(k)] for k in edit.value)}"
+    name = robot.joint_names[int(edit.value[0])] if edit.value else ""
+    if edit.kind == "offset":
+        return f"{name} offset by {90 * edit.value[1]:+.0f} deg"
+    return _WORDS[edit.kind].format(name)
 
 
 def pasted(edits: Sequence[Edit], robot: Robot, named: bool = True) -> str:
@@ -128,27 +126,22 @@ def pasted(edits: Sequence[Edit], robot: Robot, named: bool = True) -> str:
         lines.append(f"`convention: {changed.convention}`")
     if "gravity" in kinds:
         lines.append(f"`gravity: [{', '.join(f'{g:g}' for g in changed.gravity)}]`")
-    spec, before = changed.driver, robot.driver
-    if spec is None or not kinds - {"convention", "gravity"}:
-        return " and ".join(lines)
-    if "order" in kinds and not named:
-        lines.append(f"put the columns of the log in the order {', '.join(spec.joint_names)}")
-    plain = JointMap((1.0,) * robot.n, (0.0,) * robot.n)
-    was = before.map if before is not None else plain
-    keys = {
-        f"joint_names: [{', '.join(map(yaml_word, spec.joint_names))}]": "order" in kinds and named,
-        f"sign: {_signs(spec.map.sign)}": spec.map.sign != was.sign,
-        f"torque_sign: {_signs(spec.map.torque_signs)}": spec.map.torque_signs != was.torque_signs,
-        f"offset: [{', '.join(map(_angle, spec.map.offset))}]": spec.map.offset != was.offset,
-        f"units: {{position: {spec.units['position']}}}": "unit" in kinds,
-    }
-    inside = ", ".join(text for text, needed in keys.items() if needed)
-    if inside:
-        lines.append(
-            f"under `driver:` `{inside}`"
-            if before is not None
-            else f"`driver: {{kind: generic, {inside}}}`"
-        )
+    spec = changed.driver
+    if spec is not None and kinds - {"convention", "gravity"}:
+        if "order" in kinds and not named:
+            lines.append(f"put the columns of the log in the order {', '.join(spec.joint_names)}")
+        was, now = robot.driver.map if robot.driver else _plain(robot.n), spec.map
+        names = ", ".join(map(yaml_word, spec.joint_names))
+        keys = {
+            f"joint_names: [{names}]": "order" in kinds and named,
+            f"sign: {_signs(now.sign)}": now.sign != was.sign,
+            f"torque_sign: {_signs(now.torque_signs)}": now.torque_signs != was.torque_signs,
+            f"offset: [{', '.join(map(_angle, now.offset))}]": now.offset != was.offset,
+            f"units: {{position: {spec.units['position']}}}": "unit" in kinds,
+        }
+        if inside := ", ".join(text for text, needed in keys.items() if needed):
+            new = f"`driver: {{kind: generic, {inside}}}`"
+            lines.append(f"under `driver:` `{inside}`" if robot.driver else new)
     return " and ".join(lines)
 
 
@@ -192,25 +185,16 @@ def _orders(judge: Judge, names: Sequence[str]) -> Iterator[Edit]:
     """Yield orders of the columns: every exchange of two, and whole ones that recorders and people make."""
     n = judge.robot.n
     same = list(range(n))
-    seen = {tuple(same)}
+    orders = []
+    for a, b in combinations(same, 2):
+        orders.append(list(same))
+        orders[-1][a], orders[-1][b] = b, a
     by_name = sorted(same, key=lambda k: names[k])
-    whole = [
-        same[::-1],
-        [*same[1:], 0],
-        [n - 1, *same[:-1]],
-        by_name,
-        [by_name.index(k) for k in same],
-        _by_size(judge),
-    ]
-    swaps = [
-        [b if k == a else a if k == b else k for k in same]
-        for a in range(n)
-        for b in range(a + 1, n)
-    ]
-    for order in [*swaps, *whole]:
-        if sorted(order) == same and tuple(order) not in seen:
-            seen.add(tuple(order))
-            yield Edit("order", tuple(float(k) for k in order))
+    back = [by_name.index(k) for k in same]
+    orders += [same[::-1], [*same[1:], 0], [n - 1, *same[:-1]], by_name, back, _by_size(judge)]
+    for order in dict.fromkeys(map(tuple, orders)):
+        if order != tuple(same):
+            yield Edit("order", tuple(map(float, order)))
 
 
 def _by_size(judge: Judge) -> list[int]:
@@ -222,93 +206,38 @@ def _by_size(judge: Judge) -> list[int]:
     wanted = size if np.isfinite(size).all() else carried
     cost = np.abs(np.log(have / have.mean())[None, :] - np.log(wanted / wanted.mean())[:, None])
     for j, joint in enumerate(robot.joints):
-        if (
-            joint.limits.position is not None
-            and robot.coupling is None
-            and robot.driver is not None
-        ):
+        if joint.limits.position and robot.coupling is None and robot.driver is not None:
             map_ = robot.driver.map
             low, high = sorted((np.array(joint.limits.position) - map_.offset[j]) * map_.sign[j])
             outside = np.maximum(0, x[0].max(axis=0) - high) + np.maximum(0, low - x[0].min(axis=0))
             cost[j] += 3.0 * outside
-    return assignment(cost)
+    from scipy.optimize import linear_sum_assignment  # here: help must be fast
+
+    columns: list[int] = linear_sum_assignment(cost)[1].tolist()
+    return columns
 
 
 def unlikeliness(edit: Edit) -> float:
     """Return how much less likely a mistake is than the likeliest one, in units of ``tuning.CLEAR``."""
-    moved = (
-        sum(int(source) != k for k, source in enumerate(edit.value)) if edit.kind == "order" else 0
-    )
-    odd = tuning.COLUMN_MOVED * max(0, moved - 2)
-    return tuning.UNLIKELY[edit.kind] + (
-        min(odd, tuning.REGULAR_ORDER) if _regular(edit.value) else odd
-    )
-
-
-def _regular(order: Sequence[float]) -> bool:
-    """Return whether an order is the reversed one, or the whole chain shifted."""
-    steps = {(b - a) % len(order) for a, b in pairwise(order)} if len(order) > 1 else set()
-    return steps in ({1.0}, {len(order) - 1.0})
+    found = tuning.UNLIKELY[edit.kind]
+    if edit.kind == "order":
+        n = len(edit.value)
+        odd = tuning.COLUMN_MOVED * max(0, sum(k != at for at, k in enumerate(edit.value)) - 2)
+        # The reversed order, or the whole chain shifted.
+        steps = {(b - a) % n for a, b in pairwise(edit.value)}
+        found += min(odd, tuning.REGULAR_ORDER) if steps in ({1.0}, {n - 1.0}) else odd
+    return found
 
 
 def with_one_more(edits: tuple[Edit, ...], edit: Edit) -> tuple[Edit, ...] | None:
     """Return edits with one more, None where that says nothing new."""
-    for before in edits:
-        if (
-            before.kind == edit.kind
-            and edit.kind != "order"
-            and (not edit.value or before.value[0] == edit.value[0])
-        ):
+    alike = [before for before in edits if before.kind == edit.kind]
+    if edit.kind == "order" and alike:
+        edits = tuple(before for before in edits if before not in alike)
+        order = tuple(alike[0].value[int(k)] for k in edit.value)
+        if order == tuple(sorted(order)):
             return None
-        if before.kind == edit.kind == "gravity":
-            return None
-    if edit.kind == "order":
-        own = next((before for before in edits if before.kind == "order"), None)
-        if own is not None:
-            order = tuple(own.value[int(k)] for k in edit.value)
-            if order == tuple(float(k) for k in range(len(order))):
-                return None
-            rest = tuple(before for before in edits if before is not own)
-            return tuple(sorted((*rest, Edit("order", order)), key=_place))
-    return tuple(sorted((*edits, edit), key=_place))
-
-
-def _place(edit: Edit) -> tuple[str, tuple[float, ...]]:
-    return edit.kind, edit.value
-
-
-def assignment(cost: Floats) -> list[int]:
-    """Return the column of each row such that the costs of all add up to the least.
-
-    Source: Kuhn 1955; shortest augmenting paths as in Jonker, Volgenant 1987.
-
-    Args:
-        cost: of every row with every column, (n, n), in any unit.
-    """
-    n = len(cost)
-    row_price, price = np.zeros(n), np.zeros(n)
-    row_of = np.full(n, -1)
-    for start in range(n):
-        distance, before, done = np.full(n, np.inf), np.full(n, -1), np.zeros(n, dtype=bool)
-        row, column = start, -1
-        while True:
-            if column >= 0:
-                done[column] = True
-            reduced = (
-                cost[row] - row_price[row] - price + (distance[column] if column >= 0 else 0.0)
-            )
-            shorter = ~done & (reduced < distance)
-            distance[shorter], before[shorter] = reduced[shorter], column
-            column = int(np.argmin(np.where(done, np.inf, distance)))
-            if row_of[column] < 0:
-                break
-            row = int(row_of[column])
-        row_price[start] += distance[column]
-        for other in np.flatnonzero(done):
-            row_price[row_of[other]] += distance[column] - distance[other]
-            price[other] -= distance[column] - distance[other]
-        while column >= 0:
-            last = int(before[column])
-            row_of[column] = start if last < 0 else row_of[last]
-            column = last
-    return [int(k) for k in np.argsort(row_of)]
+        edit = Edit("order", order)
+    elif any(edit.kind == "gravity" or edit.value[:1] == before.value[:1] for before in alike):
+        return None
+    return tuple(sorted((*edits, edit)))
