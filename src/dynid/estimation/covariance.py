@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
-from dynid.estimation.least_squares import symmetric_root
+from dynid.estimation.least_squares import Fit, merge, symmetric_root
 from dynid.estimation.rows import ObservationRows, runs
 
 Floats = NDArray[np.float64]
@@ -44,7 +44,6 @@ def hac_covariance(
     robust: bool = False,
     bread: Floats | None = None,
     basis: Floats | None = None,
-    of: Sequence[int] | None = None,
 ) -> Floats:
     """Return the covariance of an estimate, allowing for coloured residuals, (p, p).
 
@@ -55,7 +54,6 @@ def hac_covariance(
         robust: whether the estimate had Huber weights.
         bread: sensitivity of the estimate to the scores, (p, p), where it was made from more than these rows.
         basis: what the columns of the rows are combined to before, (columns, p); None to take them as they are.
-        of: numbers of the parameters whose covariance is wanted, k of them instead of p; None for all.
     """
     given = theta if basis is None else basis @ theta
     sensitivity = np.zeros((len(given), len(given)))
@@ -78,34 +76,39 @@ def hac_covariance(
     if bread is None:
         scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
         bread = scale[:, None] * np.linalg.inv(scale[:, None] * sensitivity * scale) * scale
-    wanted = bread if of is None else bread[of]
     # Why by a root: of parameters that the log hardly tells the product of three would be no covariance, by rounding.
-    spread = wanted @ symmetric_root(long_run_variance(series, automatic_lags(series)))
+    spread = bread @ symmetric_root(long_run_variance(series, automatic_lags(series)))
     return np.asarray(spread @ spread.T)
 
 
-def short_log_factor(rows: Iterable[ObservationRows], theta: Floats) -> float:
-    """Return the factor on standard errors after which 1.96 of them are a 95 % interval.
+def widened(rows: Iterable[ObservationRows], theta: Floats, fit: Fit, covariance: Floats) -> Floats:
+    """Return a covariance after which 1.96 standard errors are a 95 % interval in a short log, too, (p, p).
 
-    A fit takes as many waves from the residuals as it has parameters, and what is left is a variance that is itself
-    uncertain: N / (N - p) of N independent rows, and a quantile of Student's t.
+    A fit takes from the residuals just what the covariance asks them for: errors as slow as the columns. The variance
+    is at least that of noise which is as strong at the columns' frequencies as its own memory says; and a quantile of
+    Student's t allows for few independent rows.
 
     Args:
         rows: observation rows.
-        theta: the estimate, (p,).
+        theta: what their residual is taken with, (columns,).
+        fit: the estimate, of p parameters.
+        covariance: its covariance without this correction, (p, p).
     """
     from scipy.special import (
         stdtrit,
     )  # here: its import takes as long as an estimate from a long log
 
     series = [np.concatenate([each.residual(theta) for each in run]) for run in runs(rows)]
-    independent = sum(
-        sum(map(len, each)) / autocorrelation_time(each)
-        for each in ([x[:, j] for x in series] for j in range(series[0].shape[1]))
+    memory = np.array(
+        [autocorrelation_time([x[:, j] for x in series]) for j in range(len(fit.noise))]
     )
-    freedom = max(independent - len(theta), tuning.LEAST_FREEDOM)
+    independent = sum(map(len, series)) * float(np.sum(1.0 / memory))
+    freedom = max(independent - len(fit.theta), tuning.LEAST_FREEDOM)
     quantile = float(stdtrit(freedom, 0.975)) / normal_quantile(0.975)
-    return quantile * math.sqrt(max(1.0, independent / freedom))
+    slow = merge(fit.factors, np.sqrt(memory) / fit.noise)[:-1, :-1] @ fit.solution.inverse
+    least = np.sum(slow**2, axis=0) / np.maximum(np.diagonal(covariance), np.finfo(float).tiny)
+    factor = quantile * np.sqrt(np.maximum(1.0, least))
+    return np.asarray(covariance * np.outer(factor, factor))
 
 
 def _scores(rows: ObservationRows, weighted: Floats) -> Floats:

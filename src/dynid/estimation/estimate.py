@@ -54,8 +54,8 @@ UPDATABLE = ("wls", "ols", "ridge")
 HoldOut: TypeAlias = tuple[Stack, Stack, str]
 
 
-def last_share(stack: Stack, share: float) -> HoldOut:
-    """Hold out the last share of each log, in whole blocks of time.
+def last_share(stack: Stack, share: float) -> HoldOut | None:
+    """Hold out the last share of each log, in whole blocks of time; None where no log has two.
 
     Args:
         stack: the stacked logs.
@@ -64,12 +64,11 @@ def last_share(stack: Stack, share: float) -> HoldOut:
     train, judged = np.zeros(stack.blocks, dtype=bool), np.zeros(stack.blocks, dtype=bool)
     for log in sorted(set(stack.log_of_block.tolist())):
         blocks = np.flatnonzero(stack.log_of_block == log)
-        if log < 0:
-            train[blocks] = True
-            continue
-        cut = len(blocks) - max(1, round(share * len(blocks)))
-        train[blocks[: max(1, cut)]] = True
-        judged[blocks[cut:]] = True
+        held = 0 if log < 0 else max(1, round(share * len(blocks)))
+        cut = max(1, len(blocks) - held)
+        train[blocks[:cut]], judged[blocks[cut:]] = True, True
+    if not judged.any():
+        return None
     return (
         stack.select(train),
         stack.select(judged),
@@ -77,7 +76,7 @@ def last_share(stack: Stack, share: float) -> HoldOut:
     )
 
 
-def last_motion(stack: Stack, share: float) -> HoldOut:
+def last_motion(stack: Stack, share: float) -> HoldOut | None:
     """Hold out all logs of the last motion, or the last share of each log where all are of one motion.
 
     Args:

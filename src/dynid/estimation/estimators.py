@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import RankDeficient, WrongUsage
 from dynid.estimation import tuning
-from dynid.estimation.covariance import hac_covariance, short_log_factor
+from dynid.estimation.covariance import hac_covariance, widened
 from dynid.estimation.least_squares import Fit, merge, ordinary, ridge, solve, weighted
 from dynid.estimation.rows import (
     ObservationRows,
@@ -136,7 +136,7 @@ def instrumental(rows: Iterable[ObservationRows], plain: Fit, max_rounds: int = 
         method="iv",
         theta=theta,
         noise=noise,
-        covariance=covariance * short_log_factor(rows, theta) ** 2,
+        covariance=widened(rows, theta, plain, covariance),
         uncorrected=covariance,
     )
 
@@ -263,10 +263,11 @@ def _with_covariance(
     same = rows is stack and not robust
     bread = fit.solution.inverse if fit.leaves_open or same else None
     covariance = hac_covariance(rows, fit.theta, fit.noise, robust=robust, bread=bread)
-    wider = covariance * short_log_factor(rows, fit.theta) ** 2
     return replace(
         fit,
-        covariance=fit.solution.inverse if fit.leaves_open else wider,
+        covariance=fit.solution.inverse
+        if fit.leaves_open
+        else widened(rows, fit.theta, fit, covariance),
         uncorrected=covariance,
     )
 

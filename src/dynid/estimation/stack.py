@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding
 from dynid.estimation import tuning
-from dynid.estimation.covariance import hac_covariance, short_log_factor
+from dynid.estimation.covariance import hac_covariance, widened
 from dynid.estimation.least_squares import (
     Fit,
     merge,
@@ -343,11 +343,9 @@ def estimate_delay(stack: Stack) -> tuple[float, float]:
     found = weighted(
         np.array([triangle(R @ block_diag(basis, np.eye(1))) for R in factors]), counts
     )
-    variance = hac_covariance(
-        rows, found.theta, found.noise, bread=found.covariance, basis=basis, of=[-1]
-    )[0, 0]
-    error = np.sqrt(max(0.0, variance)) * short_log_factor(stack, fit.theta)
-    return float(found.theta[-1]), float(error)
+    covariance = hac_covariance(rows, found.theta, found.noise, bread=found.covariance, basis=basis)
+    variance = widened(stack, fit.theta, found, covariance)[-1, -1]
+    return float(found.theta[-1]), float(np.sqrt(variance))
 
 
 def _products(stack: Stack, slopes: Sequence[Floats]) -> tuple[Floats, Floats]:

@@ -24,10 +24,8 @@ from dynid.gap.refit import (
     GROWN_ARM,
     HeldOutImprovement,
     fitted_with,
-    held_out_given_others,
     held_out_improvement,
     lead_over_always,
-    ratio_interval,
     refit,
     unsure_of_reversals,
     with_columns,
@@ -54,9 +52,6 @@ from dynid.sim.replay import Replay
 CUTOFF = 10.0
 #: Visible share below which these logs cannot show an effect, so that its absence means nothing.
 HIDDEN = 0.01
-#: A joint's simulated motion is worse when its error is surely larger and so many times as large: half a second of
-#: integration turns a percent of torque into tens of percent of position.
-REPLAY_GROWN = 1.5
 
 
 @dataclass(frozen=True)
@@ -174,7 +169,7 @@ def proved(
 
     What fails there is withdrawn first and the rest proved again, because a wrong effect spoils the prediction that
     others are judged by; then all others that are refused go, and what is left has to pass without them. Last, nothing
-    may make any joint worse, neither its held-out torque nor its replay.
+    may make the held-out torque of any joint worse.
 
     Args:
         problem: what was searched, before anything was found.
@@ -194,17 +189,9 @@ def proved(
         failing = (
             failing or [(one, why) for one, why in said if why] or not_new(effects, regression)
         )
-        failing = (
-            failing
-            or redundant_effects(search, effects)
-            or spoiling(problem, search, effects, improvement)
-        )
-        simulation = None
-        if not failing and simulate:
-            simulation = replays(problem, search, effects, regression)
-            # Why not against implausible links: no arm moves as these do.
-            failing = spoiling_replay(search, effects, simulation) if problem.arm is None else []
+        failing = failing or spoiling(problem, search, effects, improvement)
         if not failing:
+            simulation = replays(problem, search, effects, regression) if simulate else None
             # Why only now: what is named is decided by what the rows tell; what it measures depends on more than that.
             sized = unsure_of_reversals(search, effects)
             return Proof(search, sized, refused, improvement, regression, simulation)
@@ -256,27 +243,6 @@ def noise_units(improvement: HeldOutImprovement, *, after: bool = True) -> float
     return float(np.sqrt(np.mean((left / improvement.floor) ** 2)))
 
 
-def redundant_effects(
-    search: EffectSearch, effects: Sequence[SelectedEffect]
-) -> list[tuple[SelectedEffect, str]]:
-    """Return the weakest effect that does not reduce what the others leave of held-out rows, with the reason.
-
-    Why: next to a large effect anything is better than nothing; what is left of it has to become smaller.
-    """
-    columns = with_columns(effects)
-    for one in sorted(columns, key=lambda one: one.score) if len(columns) > 1 else ():
-        low, high = held_out_given_others(search, effects, one)
-        if high >= 1.0:
-            change = f"{100 * (low - 1):+.0f} to {100 * (high - 1):+.0f} %"
-            return [
-                (
-                    one,
-                    f"next to the other effects it does not reduce the error on unseen data ({change})",
-                )
-            ]
-    return []
-
-
 def not_new(
     effects: Sequence[SelectedEffect], regression: WhitenedRegression
 ) -> list[tuple[SelectedEffect, str]]:
@@ -325,31 +291,6 @@ def spoiling(
     change = f"{improvement.before[j]:.3g} -> {improvement.after[j]:.3g} {joint.torque_unit}"
     limit = f"limit +{100 * (near[j] - 1):.0f} %"
     return [(culprit, f"it increases the error of {joint.name} on unseen data ({change}, {limit})")]
-
-
-def spoiling_replay(
-    search: EffectSearch,
-    effects: Sequence[SelectedEffect],
-    simulation: tuple[Replay, Replay] | None,
-) -> list[tuple[SelectedEffect, str]]:
-    """Return the weakest effect on a joint whose simulated motion has become worse beyond noise, with the reason."""
-    if simulation is None or not effects:
-        return []
-    before, after = simulation
-    powers = np.array([x.windows**2 for x in simulation])
-    worse = []
-    for j in np.flatnonzero(after.rms > REPLAY_GROWN * before.rms).tolist():
-        if ratio_interval(powers[0, :, j], powers[1, :, j], j)[0] > 1:
-            worse.append(j)
-    if not worse:
-        return []
-    j = max(worse, key=lambda j: after.rms[j] / before.rms[j])
-    joint, n = search.problem.base.robot.joints[j], len(before.rms)
-    there = [one for one in effects if j in one.effect.rows(one.joints, n)]
-    unit, scale = ("mrad", 1e3) if joint.revolute else ("mm", 1e3)
-    change = f"{scale * before.rms[j]:.3g} -> {scale * after.rms[j]:.3g} {unit}"
-    why = f"it increases the error of the simulated motion of {joint.name} ({change}, limit {REPLAY_GROWN:g} times)"
-    return [(min(there or effects, key=lambda one: one.score), why)]
 
 
 def replays(

@@ -465,25 +465,6 @@ def chance_of_growth(before: HeldOutRows, after: HeldOutRows) -> float:
     return float(special.stdtr(len(names) - 1, -float(more.mean()) / error))
 
 
-def held_out_given_others(
-    search: EffectSearch, effects: Sequence[SelectedEffect], one: SelectedEffect
-) -> Floats:
-    """Return the 95 % interval of the held-out error with all effects over that without one, on its joint, (2,).
-
-    Args:
-        search: the search.
-        effects: what it found.
-        one: one of these.
-    """
-    j = one.test.joint
-    rest = [other for other in effects if other is not one]
-    without, with_it = (
-        _held_residuals(search.problem, with_columns(some), search.problem.in_force)[j]
-        for some in (rest, effects)
-    )
-    return _ratio(without, with_it, j, few=search.problem.since)
-
-
 def fitted_with(problem: GapProblem, selected: Sequence[SelectedEffect]) -> WhitenedRegression:
     """Fit model and effects together to the training rows, without what is not judged.
 

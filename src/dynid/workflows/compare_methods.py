@@ -200,4 +200,5 @@ def compare_methods(
     )
     alarm = tuple(biased(found["wls"][0], found["iv"][0])) if {"wls", "iv"} <= set(found) else None
     delay = {key: header[key] for key in ("delay_s", "delay_std_error_s", "delay_applied_s")}
-    return MethodComparison(robot, seen.logs, chosen, why, holdout[2], delay, rows, alarm)
+    text = "nothing held out" if holdout is None else holdout[2]
+    return MethodComparison(robot, seen.logs, chosen, why, text, delay, rows, alarm)

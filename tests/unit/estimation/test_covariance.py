@@ -7,7 +7,7 @@ from dynid.estimation.covariance import (
     hac_covariance,
     judge,
     long_run_variance,
-    short_log_factor,
+    widened,
 )
 from dynid.estimation.least_squares import weighted
 from dynid.estimation.rows import dense_rows, joint_factors
@@ -92,9 +92,7 @@ def test_intervals_of_a_short_log_cover_what_they_say():
     for seed in range(100):
         theta, rows = slow_log(seed)
         fit = weighted(*joint_factors([rows]))
-        covariance = (
-            hac_covariance([rows], fit.theta, fit.noise) * short_log_factor([rows], fit.theta) ** 2
-        )
+        covariance = widened([rows], fit.theta, fit, hac_covariance([rows], fit.theta, fit.noise))
         inside.append(np.abs(fit.theta - theta) <= 1.96 * np.sqrt(np.diagonal(covariance)))
     assert 0.92 <= np.mean(inside) <= 0.98
 
@@ -104,7 +102,10 @@ def test_intervals_of_a_short_log_cover_what_they_say():
 )
 def test_a_long_log_needs_no_widening_and_a_short_one_does(instants, columns, bounds):
     rows = slow_log(0, instants, columns)[1]
-    factor = short_log_factor([rows], weighted(*joint_factors([rows])).theta)
+    fit = weighted(*joint_factors([rows]))
+    plain = hac_covariance([rows], fit.theta, fit.noise)
+    wide = widened([rows], fit.theta, fit, plain)
+    factor = np.median(np.sqrt(np.diagonal(wide) / np.diagonal(plain)))
     assert bounds[0] < factor < bounds[1]
 
 

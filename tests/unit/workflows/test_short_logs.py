@@ -42,8 +42,10 @@ def test_one_alone_is_answered_with_wide_intervals_and_a_moment_is_refused(arm, 
     for name, true in friction.items():
         assert abs(values[name] - true) < 3 * errors[name]
     part = pieces[0]
+    short = [Log(part.t[:n], part.q[:n], part.tau[:n], part.names) for n in (40, 160)]
     with pytest.raises(LogTooShort):
-        identify(arm, Log(part.t[:40], part.q[:40], part.tau[:40], part.names))
+        identify(arm, short[0])
+    assert identify(arm, short[1]).heldout_relative_error_percent is None, "nothing to hold out"
 
 
 def test_together_they_are_enough_and_a_short_one_can_be_held_out(arm, pieces):
