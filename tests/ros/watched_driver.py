@@ -126,11 +126,11 @@ def look(method, driver):
 
 
 # ---------------------------------------------------------------- stops
-@wraps(ros_drivers.SimulatedKinova, "_stop")
-def stop_service(method, driver, request):
-    if WATCH.has("stop-fails"):
+@wraps(ros_drivers.SimulatedKinova, "_serve")
+def service(method, driver, kind, *rest):
+    if kind == "Stop" and WATCH.has("stop-fails"):
         raise driver.node.rospy.ServiceException("no connection to the arm")
-    return method(driver, request)
+    return method(driver, kind, *rest)
 
 
 @wraps(ros_drivers.SimulatedLwr, "_stop")

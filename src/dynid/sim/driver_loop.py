@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.robot import Robot
 from dynid.sim import tuning
-from dynid.sim.arm import ComputedTorque, SimulatedArm
+from dynid.sim.arm import SimulatedArm
 from dynid.sim.follow import Follower
+from dynid.sim.plant import stepped
 
 Floats = NDArray[np.float64]
 
@@ -68,42 +67,41 @@ class Measured:
     tau: Floats
 
 
-@dataclass
 class DriverLoop:
     """The simulation, advanced to the present again and again.
 
     Args:
-        arm: the physics.
+        arm: the physics; it is placed where its controller holds it.
         follower: the arm's controller.
         rate: of the joint states [Hz].
         imperfections: of sensors and network.
         rng: source of all noise.
+
+    Attributes:
+        published: number of samples that were sent.
+        dropped: number of those that were lost on purpose.
+        largest_delay: how far the simulation fell behind real time at worst [s].
     """
 
-    arm: SimulatedArm
-    follower: Follower[Any]
-    rate: float
-    imperfections: Imperfections
-    rng: np.random.Generator
-    published: int = 0
-    dropped: int = 0
-    largest_delay: float = 0.0
-    _steps: int = 0
-    _zero: Floats = field(default_factory=lambda: np.zeros(0))
-
-    def __post_init__(self) -> None:
-        """Place the arm where its controller holds it."""
-        self.robot: Robot = self.arm.robot
-        n = self.robot.n
-        self.every = max(1, round(1 / (self.rate * self.arm.dt)))
-        self._skew = min(round(self.imperfections.skew / self.arm.dt), self.every - 1)
-        self._polled = (0.0, self.follower.goal)
-        self.controller = ComputedTorque()
-        self.arm.reset(self.follower.goal)
-        self._offset = np.array(self.imperfections.torque_offset or (0.0,) * n)
-        self._zero = np.zeros(n)
-        self._true = np.zeros(n)
-        self._rating = np.array([joint.limits.torque or np.inf for joint in self.robot.joints])
+    def __init__(
+        self,
+        arm: SimulatedArm,
+        follower: Follower,
+        rate: float,
+        imperfections: Imperfections,
+        rng: np.random.Generator,
+    ) -> None:
+        self.arm, self.robot, self.follower, self.rate = arm, arm.robot, follower, rate
+        self.imperfections, self.rng = imperfections, rng
+        self.published, self.dropped, self.largest_delay = 0, 0, 0.0
+        n, self._steps = self.robot.n, 0
+        self.every = max(1, round(1 / (rate * arm.dt)))
+        self._skew = min(round(imperfections.skew / arm.dt), self.every - 1)
+        self._polled = (0.0, follower.goal)
+        arm.reset(follower.goal)
+        self._offset = np.array(imperfections.torque_offset or (0.0,) * n)
+        self._true = self._zero = np.zeros(n)
+        self._rating = self._limits("torque")
         self._waiting: list[tuple[float, Measured]] = []
 
     @property
@@ -113,16 +111,15 @@ class DriverLoop:
 
     def reference_shares(self) -> dict[str, float]:
         """Return what the arm's own reference used of its limits: along commands, and while braking after a stop."""
-        velocity, acceleration = (
-            np.array([getattr(joint.limits, key) or np.inf for joint in self.robot.joints])
-            for key in ("velocity", "acceleration")
-        )
-        follower = self.follower
-        return {
-            "reference_velocity_share": float(np.max(follower.fastest / velocity)),
-            "reference_acceleration_share": float(np.max(follower.hardest / acceleration)),
-            "stop_acceleration_share": float(np.max(follower.hardest_stop / acceleration)),
+        used = {
+            "reference_velocity_share": (self.follower.fastest, "velocity"),
+            "reference_acceleration_share": (self.follower.hardest, "acceleration"),
+            "stop_acceleration_share": (self.follower.hardest_stop, "acceleration"),
         }
+        return {name: float(np.max(x / self._limits(of))) for name, (x, of) in used.items()}
+
+    def _limits(self, of: str) -> Floats:
+        return np.array([getattr(joint.limits, of) or np.inf for joint in self.robot.joints])
 
     def zero_torques(self) -> None:
         """Make the sensors read zero where the arm stands."""
@@ -144,11 +141,8 @@ class DriverLoop:
 
     def _step(self) -> None:
         q, qd = self.arm.state()
-        tau = np.clip(
-            self.controller.torque(self.arm, q, qd, self.follower.step()),
-            -self._rating,
-            self._rating,
-        )
+        wanted = self.arm.computed_torque(self.follower.step())
+        tau = np.clip(wanted, -self._rating, self._rating)
         if self._steps % self.every == 0:
             self._polled = (self.now, q)
         if self._steps % self.every == self._skew:
@@ -163,30 +157,18 @@ class DriverLoop:
             self.dropped += 1
             return
         self._true = tau
-        reading = (
-            tau
-            + self._offset
-            - self._zero
-            + self.rng.normal(0.0, 1.0, len(tau)) * np.array(wrong.torque_noise)
-        )
-        delay = (
-            wrong.latency + abs(self.rng.normal(0.0, wrong.jitter))
-            if wrong.jitter
-            else wrong.latency
-        )
+        noise = self.rng.normal(0.0, 1.0, len(tau)) * np.array(wrong.torque_noise)
+        reading = tau + self._offset - self._zero + noise
+        delay = wrong.latency
+        if wrong.jitter:
+            delay += abs(self.rng.normal(0.0, wrong.jitter))
         due = max(self.now + delay, self._waiting[-1][0] if self._waiting else 0.0)
         speed = qd + self.rng.normal(0.0, 1.0, len(qd)) * wrong.velocity_noise
-        measured = Measured(
-            elapsed, _stepped(q, wrong.position_step), speed, _stepped(reading, wrong.torque_step)
-        )
-        self._waiting.append((due, measured))
+        q, reading = stepped(q, wrong.position_step), stepped(reading, wrong.torque_step)
+        self._waiting.append((due, Measured(elapsed, q, speed, reading)))
 
     def _send(self, present: float, publish: Callable[[Measured], None]) -> None:
         while self._waiting and self._waiting[0][0] <= present:
             _, measured = self._waiting.pop(0)
             publish(measured)
             self.published += 1
-
-
-def _stepped(values: Floats, step: float) -> Floats:
-    return np.round(values / step) * step if step else values

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Iterable
-from typing import Generic, TypeVar
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 
 from dynid.sim import tuning
 
 Floats = NDArray[np.float64]
-T = TypeVar("T")
+#: Position and velocity, (n,) each [rad or m, and per s], and time from now [s].
+Point = tuple[Floats, Floats, float]
 
 
-class Follower(ABC, Generic[T]):
+class Follower(ABC):
     """Turns received commands into the reference of the joint controllers.
-
-    Commands wait in a queue and are taken one per period of 10 ms, in whatever rhythm they came. One that is late is
-    bridged, and when it comes one of those that wait is dropped, so that the arm does not fall behind for good.
 
     A critically damped second-order filter stands for the firmware's smoothing: it follows ramps without lag and turns
     the steps of the commands into accelerations that drives can give.
@@ -28,61 +27,40 @@ class Follower(ABC, Generic[T]):
     Args:
         q: where the arm stands, (n,) [rad or m].
         dt: step of the physics [s].
-        frequency: of the smoothing [Hz].
 
     Attributes:
         goal: where the commands have led, (n,).
         speed: its velocity, (n,).
+        stopped: whether commands are ignored.
+        longest: largest number of commands that waited.
         fastest: largest speed of the reference, (n,).
         hardest: largest acceleration of the reference while it followed commands, (n,).
         hardest_stop: ... while it braked after a stop, (n,).
     """
 
-    def __init__(
-        self, q: Floats, dt: float, frequency: float = tuning.SMOOTHING_FREQUENCY_HZ
-    ) -> None:
-        self.dt = dt
+    def __init__(self, q: Floats, dt: float) -> None:
+        self.dt, self.stopped, self.longest = dt, False, 0
         self.goal, self.speed = q.copy(), np.zeros_like(q)
-        self.stopped = False
-        self.longest = 0
-        self._q, self._qd = q.copy(), np.zeros_like(q)
-        self._omega = 2 * np.pi * frequency
-        self._queue: deque[T] = deque(maxlen=tuning.QUEUE_LENGTH)
-        self._every = max(1, round(tuning.COMMAND_PERIOD_S / dt))
-        self._count = 0
-        self._bridged = 0
-        self._braking = 0
+        self._q, self._qd, self._braking = q.copy(), np.zeros_like(q), 0
         self.fastest, self.hardest, self.hardest_stop = (np.zeros_like(q) for _ in range(3))
 
     @abstractmethod
-    def take(self, command: T) -> None:
-        """Obey a command from now on."""
-
-    @abstractmethod
-    def bridge(self, periods: int) -> None:
-        """Do without a command for so many periods already."""
+    def push(self, command: Any) -> None:  # noqa: ANN401
+        """Receive a command; a stopped arm ignores it."""
 
     @abstractmethod
     def move(self) -> None:
         """Move ``goal`` and ``speed`` on by one step."""
 
-    def push(self, command: T) -> None:
-        """Receive a command; a stopped arm ignores it."""
-        if not self.stopped:
-            self._queue.append(command)
-            self.longest = max(self.longest, len(self._queue))
-
-    def stop(self) -> None:
-        """Erase the queue, brake, and ignore commands until started."""
-        self.stopped = True
-        self.hold()
-
     def hold(self) -> None:
-        """Erase the queue and stay here."""
-        self._queue.clear()
-        self._bridged = 0
+        """Forget all commands and stay here."""
         self._braking = round(tuning.BRAKING_S / self.dt)
         self.speed = np.zeros_like(self.goal)
+
+    def stop(self) -> None:
+        """Brake, and ignore commands until started."""
+        self.stopped = True
+        self.hold()
 
     def start(self) -> None:
         """Listen again."""
@@ -90,149 +68,116 @@ class Follower(ABC, Generic[T]):
 
     def step(self) -> tuple[Floats, Floats, Floats]:
         """Return the reference of this step: position, velocity, acceleration, (n,) each [rad, rad/s, rad/s^2]."""
-        if self._count % self._every == 0:
-            self._next()
-        self._count += 1
         if not self.stopped:
             self.move()
-        acceleration = self._omega**2 * (self.goal - self._q) + 2 * self._omega * (
-            self.speed - self._qd
-        )
-        found = self._q.copy(), self._qd.copy(), acceleration
-        self._note(acceleration)
+        omega = 2 * np.pi * tuning.SMOOTHING_FREQUENCY_HZ
+        acceleration = omega**2 * (self.goal - self._q) + 2 * omega * (self.speed - self._qd)
+        found = self._q, self._qd, acceleration
+        self.fastest = np.maximum(self.fastest, np.abs(self._qd))
+        kept = self.hardest_stop if self._braking else self.hardest
+        np.maximum(kept, np.abs(acceleration), out=kept)
+        self._braking = max(0, self._braking - 1)
         self._qd = self._qd + self.dt * acceleration
         self._q = self._q + self.dt * self._qd
         return found
 
-    def _note(self, acceleration: Floats) -> None:
-        """Remember the extremes of the reference."""
-        np.maximum(self.fastest, np.abs(self._qd), out=self.fastest)
-        kept = self.hardest_stop if self._braking else self.hardest
-        np.maximum(kept, np.abs(acceleration), out=kept)
-        self._braking = max(0, self._braking - 1)
+
+class VelocityFollower(Follower):
+    """Kinova's firmware: velocities [rad/s], one every 10 ms from a queue of 2000, in whatever rhythm they came.
+
+    One that is late is bridged, and when it comes one of those that wait is dropped, so that the arm does not fall
+    behind for good. Faster publishing fills the queue, and the arm moves on after the stream has ended.
+    """
+
+    def __init__(self, q: Floats, dt: float) -> None:
+        super().__init__(q, dt)
+        self._queue: deque[Floats] = deque(maxlen=tuning.QUEUE_LENGTH)
+        self._every = max(1, round(tuning.COMMAND_PERIOD_S / dt))
+        self._count = self._bridged = 0
+        self._wanted = np.zeros_like(q)
+
+    def push(self, command: Floats) -> None:
+        """Receive a velocity, (n,) [rad/s]; a stopped arm ignores it."""
+        if not self.stopped:
+            self._queue.append(command)
+            self.longest = max(self.longest, len(self._queue))
+
+    def hold(self) -> None:
+        """Erase the queue and stay here."""
+        super().hold()
+        self._queue.clear()
+        self._bridged = 0
+        self._wanted = np.zeros_like(self.goal)
+
+    def move(self) -> None:
+        """Go over to the wanted velocity within the period, and integrate it.
+
+        Why: a step at each period would be an acceleration at 100 Hz, which samples at 100 Hz always catch at its peak.
+        """
+        phase = self._count % self._every
+        if phase == 0:
+            self._next()
+        self._count += 1
+        self.speed = self.speed + (self._wanted - self.speed) / (self._every - phase)
+        self.goal = self.goal + self.dt * self.speed
 
     def _next(self) -> None:
+        """Take the next velocity; without one keep the last for a short while: silence is the usual end of a motion."""
         if not self._queue:
             self._bridged += 1
-            self.bridge(self._bridged)
+            if self._bridged > tuning.VELOCITY_HELD_PERIODS:
+                self._wanted = np.zeros_like(self.goal)
+                self._bridged = 0
             return
         while self._bridged > 0 and len(self._queue) > 1:
             self._queue.popleft()
             self._bridged -= 1
-        self.take(self._queue.popleft())
+        self._wanted = self._queue.popleft()
 
 
-class VelocityFollower(Follower[Floats]):
-    """Kinova's firmware: velocities [rad/s], one every 10 ms from a queue of 2000.
+class PointFollower(Follower):
+    """A joint_trajectory_controller: cubics from where it is through the points of a trajectory, or to a single one.
 
-    Faster publishing fills the queue, and the arm moves on after the stream has ended.
+    It has no queue: new points replace the last ones at once.
     """
 
-    def __init__(
-        self, q: Floats, dt: float, frequency: float = tuning.SMOOTHING_FREQUENCY_HZ
-    ) -> None:
-        super().__init__(q, dt, frequency)
-        self._wanted = np.zeros_like(q)
-
-    def take(self, command: Floats) -> None:
-        """Go over to a velocity, (n,) [rad/s], within the period.
-
-        Why: a step at each period would be an acceleration at 100 Hz, which samples at 100 Hz always catch at its peak.
-        """
-        self._wanted = command
-
-    def hold(self) -> None:
-        """Erase the queue and stay here."""
-        super().hold()
-        self._wanted = np.zeros_like(self.goal)
-
-    def bridge(self, periods: int) -> None:
-        """Keep the velocity for a short while, then stop: silence is the usual end of a motion."""
-        if periods > tuning.VELOCITY_HELD_PERIODS:
-            self._wanted = np.zeros_like(self.goal)
-            self._bridged = 0
-
-    def move(self) -> None:
-        """Go over to the wanted velocity, and integrate it."""
-        left = self._every - (self._count - 1) % self._every
-        self.speed = self.speed + (self._wanted - self.speed) / left
-        self.goal = self.goal + self.dt * self.speed
-
-
-class PointFollower(Follower[tuple[Floats, Floats, float]]):
-    """A joint_trajectory_controller: a cubic from where it is to a point, or through all points of a trajectory.
-
-    It has no queue: a new point replaces the last one at once.
-    """
-
-    def __init__(
-        self, q: Floats, dt: float, frequency: float = tuning.SMOOTHING_FREQUENCY_HZ
-    ) -> None:
-        super().__init__(q, dt, frequency)
-        self._from = self._to = (q.copy(), np.zeros_like(q))
-        self._length = self._elapsed = dt
-        self._path: deque[tuple[Floats, Floats, float]] = deque()
-        self._newest: tuple[Floats, Floats, float] | None = None
-
-    def push(self, command: tuple[Floats, Floats, float]) -> None:
-        """Receive a point: position and velocity, (n,) each [rad, rad/s], and time [s]; a stopped arm ignores it."""
-        if not self.stopped:
-            self._newest = command
+    def __init__(self, q: Floats, dt: float) -> None:
+        super().__init__(q, dt)
+        self._path: CubicHermiteSpline | None = None
+        self._elapsed = 0.0
+        self._newest: Sequence[Point] = ()
 
     @property
     def following(self) -> bool:
         """Whether it is on its way through a trajectory."""
-        return bool(self._path) or self._elapsed < self._length
+        return bool(self._newest) or self._path is not None
 
-    def take(self, command: tuple[Floats, Floats, float]) -> None:
-        """Go to a position with a velocity, (n,) each [rad, rad/s], within a time [s]."""
-        q, qd, after = command
-        self._path.clear()
-        self._from, self._to = (self.goal.copy(), self.speed.copy()), (q, qd)
-        self._length, self._elapsed = max(after, self.dt), 0.0
+    def push(self, command: Point) -> None:
+        """Receive a point; a stopped arm ignores it."""
+        self.play([command])
 
-    def play(self, points: Iterable[tuple[Floats, Floats, float]]) -> None:
-        """Go through points, each with its velocity, (n,) each [rad, rad/s], and its time from now [s]."""
-        if self.stopped:
-            return
-        begin, path = 0.0, []
-        for q, qd, when in points:
-            path.append((q, qd, when - begin))
-            begin = when
-        self._queue.clear()
-        self.take(path[0])
-        self._path.extend(path[1:])
-
-    def bridge(self, periods: int) -> None:
-        """Go on to the last point and stay there."""
+    def play(self, points: Sequence[Point]) -> None:
+        """Go through points; a stopped arm ignores them."""
+        if not self.stopped:
+            self._newest = points
 
     def hold(self) -> None:
-        """Erase the queue and stay here."""
+        """Forget the points and stay here."""
         super().hold()
-        self._newest = None
-        self._path.clear()
-        self._from = self._to = (self.goal.copy(), np.zeros_like(self.goal))
-        self._elapsed = self._length
+        self._newest, self._path = (), None
 
     def move(self) -> None:
         """Go on along the cubics; hold at their end."""
-        newest, self._newest = self._newest, None
-        if newest is not None:
-            self.take(newest)
-        self._elapsed += self.dt
-        while self._path and self._elapsed >= self._length:
-            self._elapsed -= self._length
-            q, qd, self._length = self._path.popleft()
-            self._from, self._to = self._to, (q, qd)
-        self._elapsed = min(self._elapsed, self._length)
-        s, h = self._elapsed / self._length, self._length
-        (a, u), (b, v) = self._from, self._to
-        if s >= 1.0:
-            self.goal, self.speed = b.copy(), np.zeros_like(b)
+        # Why at the next step: points come in threads of their own.
+        newest, self._newest = self._newest, ()
+        if newest:
+            q, qd, times = zip(*newest, strict=True)
+            later = np.maximum(times, self.dt * np.arange(1, len(times) + 1))
+            places, speeds = (self.goal, *q), (self.speed, *qd)
+            self._path, self._elapsed = CubicHermiteSpline([0.0, *later], places, speeds), 0.0
+        if self._path is None:
             return
-        self.goal = (
-            (1 + 2 * s) * (1 - s) ** 2 * a
-            + s**2 * (3 - 2 * s) * b
-            + h * s * (1 - s) * ((1 - s) * u - s * v)
-        )
-        self.speed = 6 * s * (1 - s) * (b - a) / h + (1 - s) * (1 - 3 * s) * u + s * (3 * s - 2) * v
+        self._elapsed = min(self._elapsed + self.dt, self._path.x[-1])
+        self.goal, self.speed = self._path(self._elapsed), self._path(self._elapsed, 1)
+        if self._elapsed == self._path.x[-1]:
+            self.speed, self._path = np.zeros_like(self.goal), None

@@ -11,18 +11,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.log import Log
-from dynid.motion import Motion
 from dynid.robot import Robot
 from dynid.sim import tuning
-from dynid.sim.arm import SimulatedArm, SimulatedRun, track
+from dynid.sim.arm import SimulatedRun, track
 from dynid.sim.plant import Plant
 from dynid.sim.sines import SineSpec, sines
 
-Floats = NDArray[np.float64]
-Law = Callable[[float, Floats, Floats], float]
+Law = Callable[[float, float], float]
 
 #: Laws that are in no catalogue.
 OUTSIDE = ("knock",)
@@ -54,29 +51,28 @@ CASES = (
 PASSED_OVER = 15
 
 
-def law_of(hidden: Hidden) -> Law | None:
-    """Return the further torque at the joint by time, positions and velocities; None for sensor faults."""
-    j, a = hidden.joint, hidden.size
-    laws: dict[str, Law] = {
-        "spring": lambda t, q, v: a * q[j] + 0.1 * a * q[j] ** 3,
-        "knock": _Ringing(hidden),
-    }
-    return laws.get(hidden.name)
+def _law(hidden: Hidden) -> Law:
+    """Return the further torque at the joint by its position and velocity, step by step; none for sensor faults."""
+    size = hidden.size
+    if hidden.name == "spring":
+        return lambda q, v: size * q + 0.1 * size * q**3
+    return _ringing(size) if hidden.name == "knock" else lambda q, v: 0.0
 
 
-class _Ringing:
-    """Ringing after each reversal, as of play in a gear."""
+def _ringing(size: float) -> Law:
+    """Return ringing after each reversal, as of play in a gear."""
+    elapsed, before = math.inf, 0.0
 
-    def __init__(self, hidden: Hidden) -> None:
-        self._j, self._a, self._elapsed, self._sign = hidden.joint, hidden.size, math.inf, 0.0
-
-    def __call__(self, t: float, q: Floats, v: Floats) -> float:
-        sign = math.copysign(1.0, float(v[self._j]))
-        self._elapsed = 0.0 if sign != self._sign else self._elapsed + tuning.HIDDEN_STEP_S
-        self._sign = sign
-        if self._elapsed >= 2:
+    def torque(q: float, v: float) -> float:
+        nonlocal elapsed, before
+        sign = math.copysign(1.0, v)
+        elapsed = 0.0 if sign != before else elapsed + tuning.HIDDEN_STEP_S
+        before = sign
+        if elapsed >= 2:
             return 0.0
-        return self._a * sign * math.exp(-self._elapsed / 0.15) * math.sin(34.0 * self._elapsed)
+        return size * sign * math.exp(-elapsed / 0.15) * math.sin(34.0 * elapsed)
+
+    return torque
 
 
 def hidden_logs(
@@ -102,47 +98,25 @@ def hidden_logs(
     """
     spec = SineSpec(seconds, seconds, 0.5, 0.6, 0.4, 0.05)
     logs: list[Log] = []
-    with SimulatedArm(
-        robot, plant.bodies, plant.friction, plant.rotor_inertia, dt=tuning.HIDDEN_STEP_S
-    ) as arm:
-        law = law_of(hidden)
+    with plant.arm(robot, tuning.HIDDEN_STEP_S) as arm:
+        law, only = _law(hidden), np.eye(robot.n)[hidden.joint]
         rng.bit_generator.advance(PASSED_OVER)  # type: ignore[attr-defined]
-        if law is not None:
-
-            def extra(t: float, q: Floats, v: Floats) -> Floats:
-                tau = np.zeros(robot.n)
-                tau[hidden.joint] = law(t, q, v)
-                return tau
-
-            arm.extra = extra
+        arm.extra = lambda t, q, v: only * law(float(q[hidden.joint]), float(v[hidden.joint]))
         for _ in range(motions):
             motion = sines(robot, spec, tuning.HIDDEN_STEP_S, rng)
             for _ in range(repeats):
-                logs.append(_log(arm, motion, hidden, plant, rng, len(logs) * (seconds + 1.0)))
+                truth = _truth(track(arm, motion), hidden, len(logs) * (seconds + 1.0))
+                log = plant.sensors.measure(truth, arm.robot.joint_names, rng)
+                logs.append(replace(log, dh=True))
     return logs
 
 
-def _log(
-    arm: SimulatedArm,
-    motion: Motion,
-    hidden: Hidden,
-    plant: Plant,
-    rng: np.random.Generator,
-    start: float,
-) -> Log:
-    done = track(arm, motion)
+def _truth(done: SimulatedRun, hidden: Hidden, start: float) -> SimulatedRun:
+    """Return what sensors measure of a run that begins at a time [s]."""
     # Why: a torque acts from its sample to the next, so the mean of two belongs to the sample between them.
     tau = done.tau.copy()
     tau[1:] = 0.5 * (done.tau[1:] + done.tau[:-1])
-    j = hidden.joint
     if hidden.name == "torque_gain":
-        tau[:, j] *= 1 + hidden.size
-    every = tuning.HIDDEN_STEPS_A_SAMPLE
-    truth = SimulatedRun(
-        done.t[::every] + start,
-        done.q[::every],
-        done.qd[::every],
-        tau[::every],
-        done.q_ref[::every],
-    )
-    return replace(plant.sensors.measure(truth, arm.robot.joint_names, rng), dh=True)
+        tau[:, hidden.joint] *= 1 + hidden.size
+    columns = (done.t + start, done.q, done.qd, tau, done.q_ref)
+    return SimulatedRun(*(x[:: tuning.HIDDEN_STEPS_A_SAMPLE] for x in columns))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.files import packaged
 from dynid.files.yamlfile import Value, read_yaml
@@ -17,6 +18,8 @@ from dynid.model.parameters import prior_bodies
 from dynid.robot import LINK_PARAMETERS, Body, Robot
 from dynid.sim import tuning
 from dynid.sim.arm import Friction, SimulatedArm, SimulatedRun
+
+Floats = NDArray[np.float64]
 
 _TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _PLANT = ("robot", "links", "rotor_inertia", "friction", "sensors")
@@ -53,21 +56,18 @@ class Sensors:
             rng: source of the noise.
         """
         period = float(truth.t[1] - truth.t[0])
-        jitter = np.clip(
-            rng.normal(0.0, self.stamp_jitter, len(truth.t)), -0.45 * period, 0.45 * period
-        )
-        q = (
-            np.round(truth.q / self.position_step) * self.position_step
-            if self.position_step
-            else truth.q
-        )
+        late = rng.normal(0.0, self.stamp_jitter, len(truth.t))
+        jitter = np.clip(late, -0.45 * period, 0.45 * period)
+        q, qd = stepped(truth.q, self.position_step), None
         tau = truth.tau + rng.normal(0.0, 1.0, truth.tau.shape) * np.array(self.torque_noise)
-        qd = (
-            None
-            if self.velocity_noise is None
-            else truth.qd + rng.normal(0.0, self.velocity_noise, truth.qd.shape)
-        )
+        if self.velocity_noise is not None:
+            qd = truth.qd + rng.normal(0.0, self.velocity_noise, truth.qd.shape)
         return Log(truth.t + jitter, q, tau, names, qd, tau_unit="Nm", extra={"q_ref": truth.q_ref})
+
+
+def stepped(values: Floats, step: float) -> Floats:
+    """Return values at a resolution, as they are for a step of zero."""
+    return np.round(values / step) * step if step else values
 
 
 @dataclass(frozen=True)
@@ -94,22 +94,11 @@ class Plant:
 
     def parameters(self) -> dict[str, float]:
         """Return the true parameters by name: m1, mcx1, ... Izz1, Im1 of each link and fv1, fc1, fo1 of each joint."""
-        found: dict[str, float] = {}
-        for i, (body, rotor) in enumerate(
-            zip(self.bodies, self.rotor_inertia, strict=True), start=1
-        ):
-            values = [*body.parameters().tolist(), rotor]
-            found |= {
-                f"{name}{i}": value for name, value in zip(LINK_PARAMETERS, values, strict=True)
-            }
-        parts = {
-            "fv": self.friction.viscous,
-            "fc": self.friction.coulomb,
-            "fo": self.friction.offset,
-        }
-        for prefix, each in parts.items():
-            found |= {f"{prefix}{i}": value for i, value in enumerate(each, start=1)}
-        return found
+        kinds, of = (*LINK_PARAMETERS, "fv", "fc", "fo"), self.friction
+        bodies = [body.parameters() for body in self.bodies]
+        drives = np.transpose([self.rotor_inertia, of.viscous, of.coulomb, of.offset])
+        rows = enumerate(np.hstack([bodies, drives]).tolist(), start=1)
+        return {f"{kind}{i}": x for i, row in rows for kind, x in zip(kinds, row, strict=True)}
 
 
 def plant_of(robot: Robot) -> Plant:
@@ -118,10 +107,8 @@ def plant_of(robot: Robot) -> Plant:
         plant = read_plant(path)
         if plant.robot == robot.slug:
             return plant
-    n = robot.n
-    return Plant(
-        robot.slug, tuple(prior_bodies(robot)), (0.0,) * n, Friction.none(n), Sensors.perfect(n)
-    )
+    n, bodies = robot.n, prior_bodies(robot)
+    return Plant(robot.slug, bodies, (0.0,) * n, Friction.none(n), Sensors.perfect(n))
 
 
 def read_plant(path: Path) -> Plant:
@@ -133,6 +120,7 @@ def read_plant(path: Path) -> Plant:
     friction = top["friction"].mapping(parts, required=parts)
     sensing = ("torque_noise", "position_step", "velocity_noise", "stamp_jitter")
     sensors = top["sensors"].mapping(sensing, required=sensing)
+    speed = sensors["velocity_noise"]
     return Plant(
         robot=top["robot"].text(),
         bodies=bodies,
@@ -141,9 +129,7 @@ def read_plant(path: Path) -> Plant:
         sensors=Sensors(
             torque_noise=_numbers(sensors["torque_noise"], n),
             position_step=sensors["position_step"].number(),
-            velocity_noise=None
-            if sensors["velocity_noise"].is_null
-            else sensors["velocity_noise"].number(),
+            velocity_noise=None if speed.is_null else speed.number(),
             stamp_jitter=sensors["stamp_jitter"].number(),
         ),
     )
@@ -154,9 +140,8 @@ def _numbers(value: Value, n: int) -> tuple[float, ...]:
 
 
 def _body(value: Value) -> Body:
-    keys = value.mapping(
-        ("name", "mass", "com", "inertia_com"), required=("mass", "com", "inertia_com")
-    )
+    needed = ("mass", "com", "inertia_com")
+    keys = value.mapping(("name", *needed), required=needed)
     x, y, z = _numbers(keys["com"], 3)
     tensor = keys["inertia_com"].mapping(_TENSOR, required=_TENSOR)
     xx, xy, xz, yy, yz, zz = (tensor[name].number() for name in _TENSOR)

@@ -8,7 +8,9 @@ from __future__ import annotations
 import threading
 import time
 from abc import ABC, abstractmethod
-from typing import Any
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +28,9 @@ from dynid.drivers.follow_joint_trajectory import (
 from dynid.drivers.joint_state import Columns
 from dynid.drivers.kinova_gen2 import kinova_message, kinova_service
 from dynid.drivers.ros import Node, import_ros
-from dynid.robot import Robot
 from dynid.sim import tuning
 from dynid.sim.driver_loop import DriverLoop, Measured
-from dynid.sim.follow import PointFollower, VelocityFollower
+from dynid.sim.follow import Point
 
 Floats = NDArray[np.float64]
 
@@ -45,7 +46,7 @@ class SimulatedDriver(ABC):
 
     def __init__(self, node: Node, loop: DriverLoop, topic: str) -> None:
         self.node, self.loop, self.topic = node, loop, topic
-        self.robot: Robot = loop.robot
+        self.robot, self.follower = loop.robot, cast(Any, loop.follower)
         self.columns = Columns(self.robot)
         self._state = import_ros("sensor_msgs.msg").JointState
         self._began = time.time_ns()
@@ -68,23 +69,20 @@ class SimulatedDriver(ABC):
     def state(self, measured: Measured) -> Any:  # noqa: ANN401
         """Return the joint state of a sample."""
 
-    def _joint_state(self, names: list[str], stamp: int, q: Floats, qd: Floats, tau: Floats) -> Any:  # noqa: ANN401
+    def _joint_state(self, names: Sequence[str], stamp: int, *values: Floats) -> Any:  # noqa: ANN401
+        """Return the message of positions, velocities and efforts at a time [ns]."""
         found = self._state()
         found.header.stamp.secs, found.header.stamp.nsecs = divmod(stamp, 10**9)
-        found.name = names
+        found.name = list(names)
         # Unit: both arms send 32-bit numbers.
         found.position, found.velocity, found.effort = (
-            values.astype(np.float32).astype(float).tolist() for values in (q, qd, tau)
+            part.astype(np.float32).astype(float).tolist() for part in values
         )
         return found
 
     def _driver_values(self, measured: Measured) -> tuple[Floats, Floats, Floats]:
-        columns = self.columns
-        return (
-            columns.positions(measured.q),
-            columns.velocities(measured.qd),
-            columns.efforts(measured.tau),
-        )
+        of = self.columns
+        return of.positions(measured.q), of.velocities(measured.qd), of.efforts(measured.tau)
 
 
 class SimulatedKinova(SimulatedDriver):
@@ -108,14 +106,15 @@ class SimulatedKinova(SimulatedDriver):
         self.subscribe(
             f"{self.namespace}/in/joint_velocity", kinova_message("JointVelocity"), self._velocity
         )
-        services = {
-            "start": ("Start", self._start),
-            "stop": ("Stop", self._stop),
-            "set_zero_torques": ("ZeroTorques", self._zero),
+        services: dict[str, tuple[Any, ...]] = {
+            "start": ("Start", self.follower.start, "Arm started"),
+            "stop": ("Stop", self.follower.stop, "Arm stopped"),
+            "set_zero_torques": ("ZeroTorques", loop.zero_torques),
+            "set_torque_control_mode": ("SetTorqueControlMode", lambda: None),
         }
-        services["set_torque_control_mode"] = ("SetTorqueControlMode", self._mode)
-        for name, (kind, callback) in services.items():
-            node.rospy.Service(f"{self.namespace}/in/{name}", kinova_service(kind), callback)
+        for name, (kind, *what) in services.items():
+            answer = partial(self._serve, kind, *what)
+            node.rospy.Service(f"{self.namespace}/in/{name}", kinova_service(kind), answer)
 
     def state(self, measured: Measured) -> Any:  # noqa: ANN401
         """Return the joint state with fingers; its stamp is wall time, taken before torques are polled."""
@@ -130,29 +129,18 @@ class SimulatedKinova(SimulatedDriver):
         for publisher, values in (
             (self._angles, np.degrees(self.columns.positions(measured.q))),
             (self._torques, self.columns.efforts(measured.tau)),
-            (self._command, np.degrees(self.columns.positions(self.loop.follower.goal))),
+            (self._command, np.degrees(self.columns.positions(self.follower.goal))),
         ):
             publisher.publish(self._angles_type(*values.tolist(), *[0.0] * (7 - len(values))))
 
     def _velocity(self, command: Any) -> None:  # noqa: ANN401
         values = np.array([getattr(command, f"joint{i}") for i in range(1, self.robot.n + 1)])
-        assert isinstance(self.loop.follower, VelocityFollower)
-        self.loop.follower.push(np.radians(values) * self.columns.sign)
+        self.follower.push(np.radians(values) * self.columns.sign)
 
-    def _stop(self, request: Any) -> Any:  # noqa: ANN401
-        self.loop.follower.stop()
-        return kinova_service("Stop")._response_class("Arm stopped")
-
-    def _start(self, request: Any) -> Any:  # noqa: ANN401
-        self.loop.follower.start()
-        return kinova_service("Start")._response_class("Arm started")
-
-    def _zero(self, request: Any) -> Any:  # noqa: ANN401
-        self.loop.zero_torques()
-        return kinova_service("ZeroTorques")._response_class()
-
-    def _mode(self, request: Any) -> Any:  # noqa: ANN401
-        return kinova_service("SetTorqueControlMode")._response_class()
+    def _serve(self, kind: str, do: Callable[[], None], *said: Any) -> Any:  # noqa: ANN401
+        """Do what a service is for; the request is the last argument."""
+        do()
+        return kinova_service(kind)._response_class(*said[:-1])
 
 
 def doubled(qd: Floats) -> Floats:
@@ -172,18 +160,12 @@ class SimulatedController(SimulatedDriver):
             f"{self.namespace}/joint_trajectory_controller/command", trajectory, self._trajectory
         )
 
-    @property
-    def follower(self) -> PointFollower:
-        """The controller."""
-        assert isinstance(self.loop.follower, PointFollower)
-        return self.loop.follower
-
     def state(self, measured: Measured) -> Any:  # noqa: ANN401
         """Return the joint state in chain order with wall time."""
         stamp = self._began + round(measured.elapsed * 1e9)
-        return self._joint_state(list(self.columns.names), stamp, *self._driver_values(measured))
+        return self._joint_state(self.columns.names, stamp, *self._driver_values(measured))
 
-    def points(self, trajectory: Any) -> list[tuple[Floats, Floats, float]]:  # noqa: ANN401
+    def points(self, trajectory: Any) -> list[Point]:  # noqa: ANN401
         """Return DH position and velocity of each point, (n,) each, and its time from the start [s]."""
         where = [trajectory.joint_names.index(name) for name in self.columns.names]
         return [
@@ -196,10 +178,10 @@ class SimulatedController(SimulatedDriver):
         ]
 
     def _trajectory(self, command: Any) -> None:  # noqa: ANN401
-        if not command.points:
+        if command.points:
+            self.follower.push(self.points(command)[-1])
+        else:
             self.follower.hold()
-            return
-        self.follower.push(self.points(command)[-1])
 
 
 class SimulatedActionServer(SimulatedController):
@@ -293,18 +275,12 @@ class SimulatedLwr(SimulatedController):
             self._before = (elapsed, q, np.zeros_like(q))
         then, old, speed = self._before
         if elapsed > then:
-            speed = (
-                tuning.FRI_SMOOTHING * (q - old) / (elapsed - then)
-                + (1 - tuning.FRI_SMOOTHING) * speed
-            )
+            speed = speed + tuning.FRI_SMOOTHING * ((q - old) / (elapsed - then) - speed)
         self._before = (elapsed, q, speed)
         return speed
 
     def _stop(self, pressed: Any) -> None:  # noqa: ANN401
-        if pressed.data:
-            self.loop.follower.stop()
-        else:
-            self.loop.follower.start()
+        (self.follower.stop if pressed.data else self.follower.start)()
 
 
 def simulated_driver(node: Node, loop: DriverLoop, topic: str) -> SimulatedDriver:

@@ -66,13 +66,9 @@ def urdf_text(robot: Robot, bodies: Sequence[Body] | None = None) -> str:
 
 def _joint(root: ET.Element, joint: Joint, i: int, origin: Floats) -> None:
     limits = joint.limits
-    kind = (
-        "prismatic"
-        if not joint.revolute
-        else "continuous"
-        if limits.position is None
-        else "revolute"
-    )
+    kind = "prismatic"
+    if joint.revolute:
+        kind = "revolute" if limits.position else "continuous"
     element = ET.SubElement(root, "joint", name=xml(joint.name), type=kind)
     ET.SubElement(element, "parent", link=f"link_{i}" if i else "base")
     ET.SubElement(element, "child", link=f"link_{i + 1}")

@@ -82,9 +82,7 @@ def simulate_driver(
             kind = VelocityFollower if is_kinova(robot) else PointFollower
             follower = kind(start_pose(robot, options.pose), arm.dt)
             rng = np.random.default_rng(options.seed)
-            loop: DriverLoop = DriverLoop(
-                arm, follower, options.rate, _imperfections(plant, options), rng
-            )
+            loop = DriverLoop(arm, follower, options.rate, _imperfections(plant, options), rng)
             driver = simulated_driver(node, loop, topic)
             if started is not None:
                 started(topic, node.uri)

@@ -139,9 +139,7 @@ def _rigid_torque(
     progress.stage("simulate")
     with suppress(PackageMissing), SimulatedArm(robot, prior_bodies(robot)) as arm:
         rows = zip(motion.q, motion.qd, motion.qdd, strict=True)
-        return np.array(
-            [arm.inverse_dynamics(*row) for row in rows]
-        ), f"{arm.engine.name}'s inverse dynamics"
+        return np.array([arm.inverse_dynamics(*row) for row in rows]), "MuJoCo's inverse dynamics"
     return _reference(robot, base, progress)(motion.q, motion.qd, motion.qdd), "dynid's own model"
 
 

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
-from export_cases import off_in_pinocchio, off_in_pybullet, random, shipped, with_effect, written
+from export_cases import off_in_pinocchio, off_in_pybullet, shipped, with_effect, written
 
 from dynid.exporters import EFFECTS, FORMATS
 from dynid.exporters.code import imported
@@ -138,10 +138,3 @@ def test_pybullet_moves_as_the_model_says(effects_of, tmp_path):
         [row[0] for row in pybullet.getJointStates(body, effects.joints, physicsClientId=client)]
     )
     np.testing.assert_allclose(q, size * np.sin(2 * 500 * dt), atol=5e-3)
-
-
-def test_an_arm_of_any_geometry_has_its_effects_file():
-    """Prismatic joints, both conventions, offsets and rotors."""
-    for seed in range(3):
-        source = random(seed)
-        assert all(each.largest < 1e-8 for each in EFFECTS.check(EFFECTS.text(source), source))

@@ -10,7 +10,7 @@ import pytest
 from arms import pinocchio_model, random_states
 from export_cases import SHIPPED, off_in_pinocchio, off_in_pybullet, random, shipped, written
 
-from dynid.exporters import FORMATS
+from dynid.exporters import EFFECTS, FORMATS
 from dynid.exporters.full_model import model_of
 from dynid.robot import Body
 
@@ -31,6 +31,7 @@ def test_a_written_file_gives_dynids_torques_in_every_engine(case, format, tmp_p
     assert off_in_pinocchio(source, path) < least
     if format == "urdf":
         assert off_in_pybullet(source, path) < 1e-8
+        assert EFFECTS.check(EFFECTS.text(source), source)[0].largest < 1e-8
 
 
 def test_dynids_side_of_the_comparison_is_the_arm_built_by_hand():
