@@ -66,7 +66,7 @@ def test_pybullet_mujoco_and_the_own_model_agree(name, without):
         t, middle + size * np.sin(angle), size * w * np.cos(angle), -size * w**2 * np.sin(angle)
     )
     found = [simulate(robot, path, BARE)]
-    without("dynid.sim.arm.Engine")
+    without("dynid.workflows.simulate.SimulatedArm")
     found.append(simulate(robot, path, BARE))
     assert [each.source.split("'")[0] for each in found] == ["MuJoCo", "dynid"]
     for each in found[1:]:
