@@ -29,12 +29,10 @@ from dynid.gap.selection import EvidenceSelection
 from dynid.gap.significance import (
     Key,
     SignificanceTest,
-    candidates_at,
-    score_candidate,
     significance_test,
     whitened_columns,
 )
-from dynid.gap.stepwise_selection import SelectionOptions, StepwiseSelection, wanted_effects
+from dynid.gap.stepwise_selection import SelectionOptions, StepwiseSelection
 from dynid.gap.strays import Stray, find_strays
 from dynid.gap.whitened_regression import WhitenedRegression, torque_residuals
 from dynid.model.base_model import BaseModel
@@ -105,15 +103,10 @@ def search_effects(
         options: what is searched.
         progress: told how far the work is.
         first: the problem of these logs, when it is there already.
-        earlier: conditioned logs that a kept model was identified from: what a candidate explains there was missing
-            already, and is no evidence for a change.
+        earlier: conditioned logs that a kept model was identified from.
     """
     delay, delay_test, settled = 0.0, None, False
     first = problem = first or make_problem(logs, base, kept, earlier)
-    before: dict[Key, float] = {}
-    if earlier and not problem.matched:
-        then = earlier_rows(problem) if problem.pooled else make_problem(earlier, base, kept)
-        before = explained_gains(then, options, sum(int(rows.sum()) for rows in problem.train))
     # Why not otherwise: a model that is fitted to late torques alone bends to them, and another delay does as well.
     guess = late_torques(problem) if problem.since else None
     for _ in range(MOST_SELECTIONS):
@@ -122,7 +115,7 @@ def search_effects(
         if by_evidence(problem):
             stepwise = EvidenceSelection(problem, options, progress, delay=more, late=guess)
         else:
-            stepwise = StepwiseSelection(problem, options, progress, before, delay=more, late=guess)
+            stepwise = StepwiseSelection(problem, options, progress, delay=more, late=guess)
         late, guess = stepwise.run(), None
         if late is None and delay_test is not None and not settled and not problem.since:
             # Why although it is no effect any more: the rest is small compared with the noise, not with its own error.
@@ -197,34 +190,10 @@ def rest_of_delay(regression: WhitenedRegression) -> SignificanceTest:
     return significance_test(regression, {j: C[0] for j, C in columns.items()})
 
 
-def earlier_rows(problem: GapProblem) -> GapProblem:
-    """Return the earlier logs of a search for changes alone, as noisy as there, for what acts in them already."""
-    old = [k for k, s in enumerate(problem.segments) if not s.is_new]
-    return replace(
-        problem,
-        segments=[replace(problem.segments[k], is_new=True) for k in old],
-        train=[problem.train[k] for k in old],
-        held=[problem.held[k] for k in old],
-        pooled=False,
-    )
-
-
 def chi_squares(regression: WhitenedRegression) -> tuple[Floats, Floats]:
     """Return the reduced chi-square of each joint, and the one between reversals where that is less, (n,) each."""
     chi = regression.reduced_chi_square()
     return chi, np.minimum(chi, chi_square_between_reversals(regression))
-
-
-def explained_gains(earlier: GapProblem, options: SelectionOptions, rows: int) -> dict[Key, float]:
-    """Return the gain of each candidate in the logs that a kept model was identified from, as if of so many rows."""
-    regression = earlier.regression()
-    share = rows / max(1, sum(int(one.sum()) for one in earlier.train))
-    found: dict[Key, float] = {}
-    for effect, joints in wanted_effects(earlier, options):
-        for candidate in candidates_at(regression, effect, joints):
-            gain = share * score_candidate(regression, candidate).gain
-            found[candidate.key] = max(gain, found.get(candidate.key, 0.0))
-    return found
 
 
 def without(first: GapProblem, search: EffectSearch, dropped: SelectedEffect) -> EffectSearch:

@@ -1,8 +1,8 @@
-"""Stepwise selection: add the candidate with the most evidence, see whether another explains it better, and so on."""
+"""Stepwise selection: add the candidate with the most evidence, drop what it makes superfluous, and so on."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -78,13 +78,12 @@ class SelectionOptions:
 
 
 class StepwiseSelection:
-    """Greedy addition with swaps and backward elimination on one problem.
+    """Greedy addition with backward elimination on one problem.
 
     Args:
         problem: what is searched.
         options: which effects are tried, and how sure they must be.
         progress: told how far the work is.
-        explained_before: gain of each candidate in earlier logs, which is no evidence for a change.
         delay: whether a delay is tried.
         late: a delay that was found by moving the torques, where that is of use.
     """
@@ -94,13 +93,11 @@ class StepwiseSelection:
         problem: GapProblem,
         options: SelectionOptions,
         progress: Progress,
-        explained_before: Mapping[Key, float],
         *,
         delay: bool,
         late: SelectedEffect | None = None,
     ) -> None:
         self.problem, self.options, self.progress = problem, options, progress
-        self.explained_before = explained_before
         self.wanted = wanted_effects(problem, options, delay=delay)
         self.late = (
             late if any(effect.name == "torque_delay" for effect, _ in self.wanted) else None
@@ -146,7 +143,6 @@ class StepwiseSelection:
             if best.effect.name == "torque_delay":
                 return best.test
             self._select([*self.selected, best])
-            self._swap()
             self._eliminate()
             self._relinearise()
         self._note_rivals()
@@ -158,9 +154,7 @@ class StepwiseSelection:
         found: Ranking = []
         for candidate in self.candidates:
             if candidate.key not in taken:
-                score = score_candidate(regression, candidate)
-                penalty = score.penalty + self.explained_before.get(candidate.key, 0.0)
-                found.append((replace(score, penalty=penalty), candidate))
+                found.append((score_candidate(regression, candidate), candidate))
         return sorted(found, key=lambda pair: -pair[0].score)
 
     def _best(self) -> SelectedEffect | None:
@@ -280,28 +274,6 @@ class StepwiseSelection:
     def _select(self, selected: Sequence[SelectedEffect]) -> None:
         self.selected = list(selected)
         self.regression = self._with(self.selected)
-
-    def _swap(self) -> None:
-        """Replace a selected effect when another one explains more in its stead."""
-        for k, old in enumerate(list(self.selected)):
-            if len(self.selected) == 1:
-                return
-            if self._exact(old):
-                continue
-            rest = [one for one in self.selected if one is not old]
-            regression = self._with(rest)
-            ranked = [
-                pair
-                for pair in self._ranked(regression, rest)
-                if pair[1].effect.name != "torque_delay"
-            ]
-            leading = [self._refined(regression, score, c) for score, c in ranked[:RIVALS]]
-            best = max(leading, key=lambda one: one.score)
-            again = next((one for one in leading if one.key == old.key), None)
-            if again is None or clearly_better(best, again):
-                self.barred.add(old.key)
-                again = best
-            self._select([*rest[:k], again, *rest[k:]])
 
     def _eliminate(self) -> None:
         """Drop what is no longer needed; a dropped name is barred, otherwise the search need not end."""

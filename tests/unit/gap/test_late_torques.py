@@ -57,7 +57,7 @@ def test_a_delay_that_explains_less_than_what_is_found_is_not_asked_again_beside
     )
     options = SelectionOptions(effects=("torque_delay", "coulomb_change"))
     stepwise = StepwiseSelection(
-        problem, options, SILENT, {}, delay=True, late=replace(late, score=10.0)
+        problem, options, SILENT, delay=True, late=replace(late, score=10.0)
     )
     assert stepwise.run() is None
     assert [one.key for one in stepwise.selected] == [("coulomb_change", (1,))]

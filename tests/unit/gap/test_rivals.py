@@ -23,7 +23,7 @@ def test_the_proof_decides_between_equals(twolinks, on_joint):
     near = [np.abs(s.q[:, 1] - 0.6) < 0.4 for s in problem.segments]
     poor = replace(problem, train=near, held=[~rows for rows in near])
     options = SelectionOptions(effects=NAMES, joints=(1,))
-    stepwise = StepwiseSelection(poor, options, SILENT, {}, delay=False)
+    stepwise = StepwiseSelection(poor, options, SILENT, delay=False)
     stepwise.run()
     (one,) = stepwise.selected
     told = replace(one, rivals=tuple((name, (1,)) for name in NAMES if name != one.name))
