@@ -157,17 +157,13 @@ class BaseModel:
 
     def class_table(self) -> Table:
         """Return the paper's Table 8: one row per joint, one column per kind of parameter, the class in each cell."""
-        known = set(self.reduction.names)
+        symbols = {name: SYMBOLS[self.reduction.class_of(name)] for name in self.reduction.names}
         numbers = range(1, self.robot.n + 1)
         kinds = [*LINK_PARAMETERS, *FRICTION_PARAMETERS.values()]
-        kinds = [kind for kind in kinds if any(f"{kind}{j}" in known for j in numbers)]
+        kinds = [kind for kind in kinds if any(f"{kind}{j}" in symbols for j in numbers)]
         rows = []
         for j, joint in zip(numbers, self.robot.joints, strict=True):
-            names = {kind: f"{kind}{j}" for kind in kinds}
-            classes = {
-                kind: self.reduction.class_of(name) for kind, name in names.items() if name in known
-            }
-            cells = {kind: SYMBOLS[classes.get(kind, "absent")] for kind in kinds}
+            cells = {kind: symbols.get(f"{kind}{j}", "") for kind in kinds}
             rows.append({"joint": f"{j} {joint.name}", **cells})
         return Table(rows, self._title(), (self.legend,))
 
@@ -269,6 +265,7 @@ _PROGRAM = dict.fromkeys(("op", "lhs", "rhs"), "M") | dict.fromkeys(
 )
 #: What any file has that holds base parameters.
 REDUCTION_SHAPES = {"base": "p", "K": "p c", "singular_values": "_"}
+_LISTS = ("alone", "none", "combined", "formulas")
 #: Raised when the derivation or the layout of its arrays changes, so that older caches are rebuilt.
 DERIVATION = 2
 
@@ -305,14 +302,6 @@ def _header(robot: Robot, **facts: object) -> dict[str, Any]:
 def save_model(path: Path, model: Model) -> None:
     """Write regressor.npz."""
     p = model.rigid
-    arrays = {
-        "op": p.op,
-        "lhs": p.lhs,
-        "rhs": p.rhs,
-        "rows": p.rows,
-        "cols": p.cols,
-        "outputs": p.outputs,
-    }
     header = _header(
         model.robot,
         program_inputs=list(p.inputs),
@@ -321,24 +310,20 @@ def save_model(path: Path, model: Model) -> None:
         parameters=list(model.parameter_names),
         operations=p.flops,
     )
-    write_artifact(path, REGRESSOR, header, arrays)
+    write_artifact(path, REGRESSOR, header, {name: getattr(p, name) for name in _PROGRAM})
 
 
 def load_model(path: Path, robot: Robot) -> Model:
     """Read regressor.npz of a robot."""
     artifact = read_artifact(path, REGRESSOR, _PROGRAM)
-    h, a = artifact.header, artifact.arrays
+    h = artifact.header
     with reading(path):
+        rows, cols = map(int, h["shape"])
         program = Program(
-            tuple(h["program_inputs"]),
-            tuple(map(int, h["constants"])),
-            a["op"],
-            a["lhs"],
-            a["rhs"],
-            a["rows"],
-            a["cols"],
-            a["outputs"],
-            (int(h["shape"][0]), int(h["shape"][1])),
+            inputs=tuple(h["program_inputs"]),
+            constants=tuple(map(int, h["constants"])),
+            shape=(rows, cols),
+            **{name: artifact.arrays[name] for name in _PROGRAM},
         )
     if program.shape != (robot.n, 11 * robot.n) or program.joints > robot.n:
         raise NotAnArtifact(
@@ -366,17 +351,10 @@ def reduction_facts(reduction: Reduction) -> tuple[dict[str, Any], dict[str, NDA
         "parameters": list(reduction.names),
         "base": list(reduction.base_names),
         "rank": reduction.rank,
-        "alone": list(reduction.alone),
-        "none": list(reduction.none),
-        "combined": list(reduction.combined),
         "gap": reduction.gap if np.isfinite(reduction.gap) else None,
-        "formulas": list(reduction.formulas),
+        **{key: list(getattr(reduction, key)) for key in _LISTS},
     }
-    return facts, {
-        "base": reduction.base,
-        "K": reduction.K,
-        "singular_values": reduction.singular_values,
-    }
+    return facts, {key: getattr(reduction, key) for key in REDUCTION_SHAPES}
 
 
 def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Reduction:
@@ -393,12 +371,9 @@ def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]])
         names=tuple(facts["parameters"]),
         base=arrays["base"].astype(np.intp),
         K=arrays["K"],
-        alone=tuple(facts["alone"]),
-        none=tuple(facts["none"]),
-        combined=tuple(facts["combined"]),
         singular_values=arrays["singular_values"],
         gap=np.inf if facts["gap"] is None else facts["gap"],
-        formulas=tuple(facts["formulas"]),
+        **{key: tuple(facts[key]) for key in _LISTS},
     )
     p, c = found.K.shape
     known = set(found.names)

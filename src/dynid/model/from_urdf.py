@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import Finding, WrongUrdf
 from dynid.files.robotkeys import SNAP_STEP
-from dynid.files.urdffile import Urdf, UrdfJoint
+from dynid.files.urdffile import MOVING, Urdf, UrdfJoint
 from dynid.model import tuning
 from dynid.model.kinematics import link_frames
 from dynid.model.parameters import body_of, inertia_of, moved, second_moments
@@ -59,8 +59,9 @@ def ends_of(urdf: Urdf, base: str | None, tip: str | None) -> tuple[str, str]:
             break
         link, count = ahead[0].child, count + 1
     # Why: what hangs on an arm is a hand of short fingers; branches longer than the way to them are arms of their own.
-    if not count or any(_longest(urdf, joint) > count for joint in ahead):
-        tips = ", ".join(end for joint in ahead for end in _tips(urdf, joint))
+    branches = [_chains(urdf, joint) for joint in ahead]
+    if not count or any(longest > count for longest, _ in branches):
+        tips = ", ".join(end for _, ends in branches for end in ends)
         raise WrongUrdf(
             f"{urdf.path}: the joints fork at link '{link}'; the arm may end at {tips or 'no link: no joint moves'}",
             where=str(urdf.path),
@@ -75,23 +76,14 @@ def ends_of(urdf: Urdf, base: str | None, tip: str | None) -> tuple[str, str]:
     return start, link
 
 
-def _tips(urdf: Urdf, joint: UrdfJoint) -> list[str]:
-    """Return the last moving link of every chain that begins with a joint."""
-    found, waiting = [], [joint]
-    while waiting:
-        each = waiting.pop()
-        ahead = _next_moving(urdf, each.child)
-        waiting += reversed(ahead)
-        found += [] if ahead else [each.child]
-    return found
-
-
-def _longest(urdf: Urdf, joint: UrdfJoint) -> int:
-    """Return the number of moving joints in the longest chain that begins with one."""
-    count, layer = 0, [joint]
+def _chains(urdf: Urdf, joint: UrdfJoint) -> tuple[int, list[str]]:
+    """Return the number of moving joints in the longest chain that begins with one, and the last links of all."""
+    count, layer, tips = 0, [joint], list[str]()
     while layer:
-        count, layer = count + 1, [each for one in layer for each in _next_moving(urdf, one.child)]
-    return count
+        ahead = [(one.child, _next_moving(urdf, one.child)) for one in layer]
+        tips += [link for link, more in ahead if not more]
+        count, layer = count + 1, [each for _, more in ahead for each in more]
+    return count, tips
 
 
 def _next_moving(urdf: Urdf, link: str) -> list[UrdfJoint]:
@@ -128,17 +120,12 @@ def import_arm(
         WrongUrdf: there is no such chain, or it has joints that a DH table cannot describe, or too many.
     """
     start, end = ends_of(urdf, base, tip)
-    chain = urdf.chain(start, end)
-    moving = [joint for joint in chain if joint.moves]
-    _refuse_others(urdf, chain, moving)
-    root = np.eye(4)
-    for joint in urdf.chain(urdf.root, start):
-        root = root @ joint.origin
-    poses = _link_poses(chain, root)
+    moving = _moving(urdf, urdf.chain(start, end))
+    poses = _link_poses(urdf, start, end, np.zeros(len(moving)))
     axes = [
         (poses[joint.child][:3, 3], poses[joint.child][:3, :3] @ joint.axis) for joint in moving
     ]
-    frame0, rows = dh_rows(axes, root, poses[end])
+    frame0, rows = dh_rows(axes, poses[start], poses[end])
     joints = tuple(_joint(joint, rows, i, convention) for i, joint in enumerate(moving))
     R0 = frame0[:3, :3]
     gx, gy, gz = (_clean(value) for value in (R0.T @ [0.0, 0.0, -_GRAVITY]).tolist())
@@ -146,15 +133,19 @@ def import_arm(
     robot = Robot(
         name or urdf.name, convention, joints, (gx, gy, gz), (x, y, z), roll_pitch_yaw(R0)
     )
-    bodies, findings = _bodies(
-        urdf, moving, frame0, link_frames(robot, np.zeros(robot.n)).poses, poses
-    )
-    robot = (
-        replace(robot, prior=Prior(links=bodies)) if any(body.mass for body in bodies) else robot
-    )
-    tip_pose = np.linalg.inv(frame0 @ link_frames(robot, np.zeros(robot.n)).poses[-1]) @ poses[end]
+    dh = frame0 @ link_frames(robot, np.zeros(robot.n)).poses
+    bodies, findings = _bodies(urdf, moving, dh, poses)
+    if any(body.mass for body in bodies):
+        robot = replace(robot, prior=Prior(links=bodies))
+    tip_pose = np.linalg.inv(dh[-1]) @ poses[end]
+    configurations = np.random.default_rng(0).uniform(-3.0, 3.0, (100, robot.n))
+    configurations = np.vstack([np.zeros(robot.n), configurations])
+    tips = frame0 @ link_frames(robot, configurations).poses[:, -1] @ tip_pose
     own, written = (
-        _largest_miss(source, robot, start, end, frame0, tip_pose) for source in (urdf, raw)
+        float(
+            np.abs(tips - [_link_poses(source, start, end, q)[end] for q in configurations]).max()
+        )
+        for source in (urdf, raw)
     )
     if own > tuning.SAME_POSE:
         raise WrongUrdf(
@@ -167,26 +158,35 @@ def import_arm(
     return Imported(robot, start, end, tip_pose, written, tuple(findings))
 
 
-def _refuse_others(urdf: Urdf, chain: Sequence[UrdfJoint], moving: Sequence[UrdfJoint]) -> None:
-    where = str(urdf.path)
-    for joint in chain:
-        if joint.type not in ("revolute", "continuous", "prismatic", "fixed"):
-            raise WrongUrdf(
-                f"{urdf.path}: joint '{joint.name}' is {joint.type}; a DH table has turning and sliding joints",
-                where=where,
-            )
-    if not moving:
-        raise WrongUrdf(f"{urdf.path}: no joint moves between the ends of the chain", where=where)
+def _moving(urdf: Urdf, chain: Sequence[UrdfJoint]) -> list[UrdfJoint]:
+    """Return the joints of a chain that move.
+
+    Raises:
+        WrongUrdf: one is of another kind, none moves, or too many do.
+    """
+    path, moving = urdf.path, [joint for joint in chain if joint.moves]
+    what = fix = ""
+    if other := next((joint for joint in chain if joint.type not in (*MOVING, "fixed")), None):
+        what = f"joint '{other.name}' is {other.type}; a DH table has turning and sliding joints"
+    elif not moving:
+        what = "no joint moves between the ends of the chain"
     # Why here: a robot file with more joints would be written, and be refused by the next command.
-    if len(moving) > MOST_JOINTS:
-        what = f"{urdf.path}: {len(moving)} joints move; a robot has at most {MOST_JOINTS}"
-        raise WrongUrdf(what, where=where, fix="choose a part of the chain with --base and --tip")
+    elif len(moving) > MOST_JOINTS:
+        what = f"{len(moving)} joints move; a robot has at most {MOST_JOINTS}"
+        fix = "choose a part of the chain with --base and --tip"
+    if what:
+        raise WrongUrdf(f"{path}: {what}", where=str(path), fix=fix)
+    return moving
 
 
-def _link_poses(chain: Sequence[UrdfJoint], root: Floats) -> dict[str, Floats]:
-    pose, poses = root, {}
-    for joint in chain:
+def _link_poses(urdf: Urdf, start: str, end: str, q: Floats) -> dict[str, Floats]:
+    """Return the poses of the first link of a chain and of all after it, (4, 4) each, at values of its joints, (n,)."""
+    pose, values = np.eye(4), iter(q.tolist())
+    for joint in urdf.chain(urdf.root, start):
         pose = pose @ joint.origin
+    poses = {start: pose}
+    for joint in urdf.chain(start, end):
+        pose = pose @ joint.transform(next(values) if joint.moves else 0.0)
         poses[joint.child] = pose
     return poses
 
@@ -205,8 +205,7 @@ def dh_rows(
     """
     (point, z) = axes[0]
     origin = point + z * (z @ (base[:3, 3] - point))
-    x = _across(base[:3, 0], z) if _across(base[:3, 0], z) is not None else _across(base[:3, 1], z)
-    assert x is not None
+    x = next(part for part in (_across(base[:3, k], z) for k in (0, 1)) if part is not None)
     frame0 = _frame(x, z, origin)
     rows = []
     for next_point, next_z in axes[1:]:
@@ -282,37 +281,32 @@ def _joint(
 
 
 def _bodies(
-    urdf: Urdf, moving: Sequence[UrdfJoint], frame0: Floats, dh: Floats, poses: dict[str, Floats]
+    urdf: Urdf, moving: Sequence[UrdfJoint], dh: Floats, poses: dict[str, Floats]
 ) -> tuple[tuple[Body, ...], list[Finding]]:
     """Return one body a link in its DH frame: the link's own and all that hangs on it up to the next joint."""
     names = [joint.name for joint in moving]
-    bodies, findings = [], []
-    for i, joint in enumerate(moving):
-        to_dh = np.linalg.inv(frame0 @ dh[i]) @ poses[joint.child]
-        parts = [(np.eye(4), joint.child)]
+    bodies, findings, changed, empty = list[Body](), list[Finding](), list[str](), list[str]()
+    for i, joint in enumerate(moving, start=1):
+        to_dh = np.linalg.inv(dh[i - 1]) @ poses[joint.child]
         behind = urdf.behind(joint.child, stop=names)
-        parts += [(pose, other.child) for other, pose in behind]
         loose = [other.name for other, _ in behind if other.moves]
         if loose:
-            text = f"link {i + 1} carries joints of its own ({', '.join(loose)}): its prior holds with them at zero"
-            findings.append(Finding("W210", "info", text, {"link": i + 1, "joints": loose}))
+            text = f"link {i} carries joints of its own ({', '.join(loose)}): its prior holds with them at zero"
+            findings.append(Finding("W210", "info", text, {"link": i, "joints": loose}))
         total = np.zeros(10)
-        for pose, link in parts:
-            body = urdf.bodies[link]
-            if body is not None:
-                total += moved(body, to_dh @ pose).parameters()
-        bodies.append(body_of(total))
-    near = [possible_body(body) if body.mass else body for body in bodies]
-    if moved_to := [
-        str(i) for i, (a, b) in enumerate(zip(bodies, near, strict=True), start=1) if a != b
-    ]:
+        for link, pose in [(joint.child, np.eye(4)), *((one.child, pose) for one, pose in behind)]:
+            if (part := urdf.bodies[link]) is not None:
+                total += moved(part, to_dh @ pose).parameters()
+        body = body_of(total)
+        bodies.append(possible_body(body) if body.mass else body)
+        changed += [str(i)] * (bodies[-1] != body)
+        empty += [str(i)] * (not body.mass)
+    if changed:
         text = (
-            f"the URDF's inertia of link {', '.join(moved_to)} is physically impossible (a principal moment exceeds "
+            f"the URDF's inertia of link {', '.join(changed)} is physically impossible (a principal moment exceeds "
             "the sum of the other two): the prior takes the nearest possible one"
         )
-        findings.append(Finding("W210", "warning", text, {"links": moved_to}))
-    bodies = near
-    empty = [str(i) for i, body in enumerate(bodies, start=1) if not body.mass]
+        findings.append(Finding("W210", "warning", text, {"links": changed}))
     if empty:
         text = (
             f"the URDF has no mass for link {', '.join(empty)}: dynid starts from a light cylinder there; "
@@ -332,22 +326,3 @@ def possible_body(body: Body) -> Body:
         return body
     moments = axes * np.maximum(values, tuning.THINNEST_BODY_SHARE * values[-1]) @ axes.T
     return Body.of(body.mass, np.array(body.com), inertia_of(moments))
-
-
-def _largest_miss(
-    urdf: Urdf, robot: Robot, base: str, tip: str, frame0: Floats, tip_pose: Floats
-) -> float:
-    """Return the largest difference of the tip's pose between table and URDF at random configurations."""
-    rng = np.random.default_rng(0)
-    largest = 0.0
-    for q in [np.zeros(robot.n), *rng.uniform(-3.0, 3.0, (100, robot.n))]:
-        pose = np.eye(4)
-        for joint in urdf.chain(urdf.root, base):
-            pose = pose @ joint.origin
-        values = iter(q.tolist())
-        for joint in urdf.chain(base, tip):
-            pose = pose @ joint.transform(next(values) if joint.moves else 0.0)
-        largest = max(
-            largest, float(np.abs(frame0 @ link_frames(robot, q).poses[-1] @ tip_pose - pose).max())
-        )
-    return largest

@@ -232,20 +232,12 @@ def carried(
 
 def _masses(robot: Robot) -> tuple[list[float], list[Floats | None]]:
     """Return a mass for each link, and its centre in the link frame where the robot file gives it."""
-    if robot.prior is not None and robot.prior.links:
-        return [body.mass for body in robot.prior.links], [
-            np.array(body.com) for body in robot.prior.links
-        ]
-    cylinders = robot.prior.cylinders if robot.prior is not None else None
-    total = tuning.UNKNOWN_LINK_MASS_KG * robot.n
+    prior, total = robot.prior, tuning.UNKNOWN_LINK_MASS_KG * robot.n
+    if prior and prior.links:
+        return [body.mass for body in prior.links], [np.array(body.com) for body in prior.links]
     lengths = np.array([np.hypot(joint.a, joint.d) for joint in robot.joints])
-    if cylinders is not None and cylinders.mass is not None:
-        total = cylinders.mass
-    elif cylinders is not None and cylinders.density is not None:
-        total = cylinders.density * np.pi * cylinders.radius**2 * float(lengths.sum())
-    share = (
-        (lengths + 0.1 * lengths.sum()) / np.sum(lengths + 0.1 * lengths.sum())
-        if lengths.any()
-        else lengths
-    )
-    return list(total * share), [None] * robot.n
+    if prior and (spec := prior.cylinders):
+        volume = np.pi * spec.radius**2 * float(lengths.sum())
+        total = (spec.density or 0.0) * volume if spec.mass is None else spec.mass
+    share = lengths + 0.1 * lengths.sum()
+    return list(total * share / (share.sum() or 1.0)), [None] * robot.n

@@ -137,6 +137,8 @@ class Observer:
     Args:
         model: the model.
         columns: indices of the columns, in the order wanted.
+        samples: of a block.
+        evaluator: what evaluates the rigid-body columns.
 
     Attributes:
         rows: joint of each non-zero entry of P, (E,); entries of added effects come last.
@@ -145,35 +147,29 @@ class Observer:
         added_entries: which entries of ``Model.added_entries`` follow those of ``blocks``.
     """
 
-    def __init__(self, model: Model, columns: NDArray[np.intp]) -> None:
+    def __init__(
+        self,
+        model: Model,
+        columns: NDArray[np.intp],
+        samples: int = tuning.BLOCK_SAMPLES,
+        evaluator: type[Evaluator] = Evaluator,
+    ) -> None:
         self._made_of = model, columns
         links, robot = model.link_columns, model.robot
         rigid, plain = columns < len(links), columns < model.plain_size
         program = model.rigid.restricted(links[columns[rigid]])
-        self._robot = robot
-        self._rigid = Evaluator(program, robot, tuning.BLOCK_SAMPLES)
-        self._friction = [model.friction[k - len(links)] for k in columns[plain & ~rigid]]
-        joints = [friction_rows(parameter) for parameter in self._friction]
-        places = [
-            np.full(len(at), k)
-            for k, at in zip(np.flatnonzero(plain & ~rigid), joints, strict=True)
-        ]
-        added = [
-            rows for effect in model.added for rows in (column.rows for column in effect.columns)
-        ]
+        self._robot, self._samples = robot, samples
+        self._rigid = evaluator(program, robot, samples)
+        own, last = np.flatnonzero(plain & ~rigid), np.flatnonzero(~plain)
+        self._friction = [model.friction[k - len(links)] for k in columns[own]]
+        added = [column.rows for effect in model.added for column in effect.columns]
         edges = np.cumsum([0, *map(len, added)])
-        wanted = [
-            (k, int(c) - model.plain_size) for k, c in enumerate(columns) if c >= model.plain_size
-        ]
-        self.added_entries = _joined([np.arange(edges[c], edges[c + 1]) for _, c in wanted])
-        self.rows = _joined([program.rows, *joints, *(added[c] for _, c in wanted)])
-        self.cols = _joined(
-            [
-                np.flatnonzero(rigid)[program.cols],
-                *places,
-                *([k] * len(added[c]) for k, c in wanted),
-            ]
-        )
+        wanted = columns[last] - model.plain_size
+        self.added_entries = _joined([np.arange(edges[c], edges[c + 1]) for c in wanted])
+        rows = [*map(friction_rows, self._friction), *(added[c] for c in wanted)]
+        places = (np.full(len(at), k) for k, at in zip((*own, *last), rows, strict=True))
+        self.rows = _joined([program.rows, *rows])
+        self.cols = _joined([np.flatnonzero(rigid)[program.cols], *places])
         self.shape = (robot.n, len(columns))
         self._plain = len(self.rows) - len(self.added_entries)
 
@@ -192,8 +188,8 @@ class Observer:
             qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
             coulomb_sign: signs of the velocities where a log carries them, (N, n); those of ``qd`` when None.
         """
-        for start in range(0, len(q), tuning.BLOCK_SAMPLES):
-            part = slice(start, min(start + tuning.BLOCK_SAMPLES, len(q)))
+        for start in range(0, len(q), self._samples):
+            part = slice(start, min(start + self._samples, len(q)))
             rigid = self._rigid.run(q[part], qd[part], qdd[part])
             friction = self._friction_entries(
                 qd[part], qdd[part], None if coulomb_sign is None else coulomb_sign[part]
@@ -283,25 +279,23 @@ class ModelTorques:
 
     def __init__(self, model: Model, values: Floats) -> None:
         self._model, self._values = model, values
-        self._rigid = np.flatnonzero(values[: len(model.link_columns)])
-        self._total = np.flatnonzero(values[: model.plain_size])
-
-    # Why later: many are made whose torques nobody asks for.
-    @cached_property
-    def _rigid_observer(self) -> Observer:
-        return self._model.observer(self._rigid)
-
-    @cached_property
-    def _total_observer(self) -> Observer:
-        return self._model.observer(self._total)
+        # Made when they are needed: many are made whose torques nobody asks for.
+        self._observers: dict[int, Observer] = {}
 
     def rigid(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return rigid-body torques, (N, n) [N m or N]."""
-        return self._rigid_observer.torque(self._values[self._rigid], q, qd, qdd)
+        return self._of_first(len(self._model.link_columns), q, qd, qdd)
 
     def total(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return rigid-body and friction torques, (N, n) [N m or N]."""
-        return self._total_observer.torque(self._values[self._total], q, qd, qdd)
+        return self._of_first(self._model.plain_size, q, qd, qdd)
+
+    def _of_first(self, size: int, *motion: Floats) -> Floats:
+        """Return the torques of the first parameters, (N, n) [N m or N]."""
+        columns = np.flatnonzero(self._values[:size])
+        if size not in self._observers:
+            self._observers[size] = self._model.observer(columns)
+        return self._observers[size].torque(self._values[columns], *motion)
 
     def gravity_tilt(self, q: Floats, axis: int) -> Floats:
         """Return the change of torque by a turn of gravity towards an axis of frame 0, (N, n) [N m/rad]."""

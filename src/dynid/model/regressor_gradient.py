@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.model.effects.friction import add_friction_gradient, friction_entries, friction_rows
+from dynid.model.effects.friction import add_friction_gradient, friction_rows
 from dynid.model.program import MUL, NEG, SUB, Evaluator, Program, input_of
-from dynid.model.regressor import Model
+from dynid.model.regressor import Model, Observer
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -72,61 +72,31 @@ class Tape(Evaluator):
                 (by_q if kind == "q" else by_qd if kind == "qd" else by_qdd)[:, j] += slope
 
 
-class RegressorGradient:
+class RegressorGradient(Observer):
     """Chosen columns of a model with their gradient.
 
     Args:
         model: the model.
-        columns: indices of the columns, in the order wanted.
-        samples: number of samples of every call.
-
-    Attributes:
-        rows: joint of each non-zero entry, (E,).
-        cols: column of each entry among the chosen ones, (E,).
-        shape: joints and chosen columns.
+        columns: indices of the columns, none of added effects, in the order wanted.
+        samples: most samples of a call.
     """
 
     def __init__(self, model: Model, columns: NDArray[np.intp], samples: int) -> None:
-        links = model.link_columns
-        rigid = columns < len(links)
-        program = model.rigid.restricted(links[columns[rigid]])
-        self._tape = Tape(program, model.robot, samples)
-        self._robot = model.robot
-        self._friction = [model.friction[k - len(links)] for k in columns[~rigid]]
-        place, other = np.flatnonzero(rigid), np.flatnonzero(~rigid)
-        joints = [friction_rows(parameter) for parameter in self._friction]
-        rows = [program.rows, *(np.array(at) for at in joints)]
-        cols = [
-            place[program.cols],
-            *(np.full(len(at), k) for k, at in zip(other, joints, strict=True)),
-        ]
-        self.rows, self.cols = (
-            np.concatenate(rows).astype(np.intp),
-            np.concatenate(cols).astype(np.intp),
-        )
-        self.shape = (model.robot.n, len(columns))
+        super().__init__(model, columns, samples, Tape)
 
     def dense(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the chosen columns at the samples, (N, n, p), and remember the samples for ``gradient``."""
         self._q, self._qd = q, qd
-        friction = [
-            np.array(friction_entries(parameter, self._robot, qd, qdd))
-            for parameter in self._friction
-        ]
-        full = np.zeros((len(q), *self.shape))
-        full[:, self.rows, self.cols] = np.concatenate([self._tape.run(q, qd, qdd), *friction]).T
-        return full
+        return super().dense(q, qd, qdd)
 
     def gradient(self, weights: Floats) -> Gradient:
         """Return the gradient of sum(weights * P) by q, qd and qdd at the last samples; weights are (N, n, p)."""
+        assert isinstance(self._rigid, Tape)
         by_q, by_qd, by_qdd = (np.zeros_like(self._qd) for _ in range(3))
         entries = np.ascontiguousarray(weights[:, self.rows, self.cols].T)
-        start = len(entries) - sum(len(friction_rows(parameter)) for parameter in self._friction)
-        self._tape.add_gradient(self._q, entries[:start], (by_q, by_qd, by_qdd))
-        for parameter in self._friction:
-            stop = start + len(friction_rows(parameter))
-            add_friction_gradient(
-                parameter, self._robot, self._qd, list(entries[start:stop]), by_qd, by_qdd
-            )
-            start = stop
+        stops = np.cumsum([len(friction_rows(parameter)) for parameter in self._friction[::-1]])
+        rigid, *friction = np.split(entries, len(entries) - stops[::-1])
+        self._rigid.add_gradient(self._q, rigid, (by_q, by_qd, by_qdd))
+        for parameter, own in zip(self._friction, friction, strict=True):
+            add_friction_gradient(parameter, self._robot, self._qd, list(own), by_qd, by_qdd)
         return by_q, by_qd, by_qdd

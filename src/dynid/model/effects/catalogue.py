@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 
@@ -59,15 +60,14 @@ class Added:
                 ", ".join(f"{name} = {value:g}" for name, value in self.shape.items())
                 or "its formula"
             )
-            what = f"effects: {self.effect.name} {_place(self.joints, motion.robot)}: {shown} gives no finite torque"
-            raise WrongRobotFile(what, where=str(motion.robot.path or motion.robot.name))
+            place = _place(self.joints, motion.robot)
+            _refuse(motion.robot, f"{self.effect.name} {place}: {shown} gives no finite torque")
         return found
 
 
 def added_effects(robot: Robot) -> tuple[Added, ...]:
     """Return the effects of a robot file, joint by joint; a torque delay has no column (``delay_of``)."""
     found: list[Added] = []
-    where = str(robot.path or robot.name)
     for spec in robot.effects:
         effect = checked(spec, robot)
         if effect.name == "torque_delay":
@@ -76,9 +76,7 @@ def added_effects(robot: Robot) -> tuple[Added, ...]:
         for joints in joints_of(spec, effect, robot):
             alike = [one for one in found if (one.effect.name, one.joints) == (effect.name, joints)]
             if any(one.shape == shape for one in alike):
-                raise WrongRobotFile(
-                    f"effects: {effect.name} is given twice {_place(joints, robot)}", where=where
-                )
+                _refuse(robot, f"{effect.name} is given twice {_place(joints, robot)}")
             rows = effect.rows(joints, robot.n)
             label = f"{effect.name}{'_'.join(str(j + 1) for j in joints)}"
             # Why: two waves on one joint are two effects, and every column needs a name of its own.
@@ -105,78 +103,58 @@ def checked(spec: EffectSpec, robot: Robot) -> Effect:
     Raises:
         WrongRobotFile: there is no such effect, or a number that gives it its shape is missing.
     """
-    where = str(robot.path or robot.name)
     if spec.effect == FORMULA:
-        return _formula(spec, robot, where)
+        return _formula(spec, robot)
     effect = CATALOGUE.get(spec.effect)
     if effect is None:
         near = difflib.get_close_matches(spec.effect, CATALOGUE, 1)
         hint = f"; did you mean '{near[0]}'?" if near else ""
-        raise WrongRobotFile(
-            f"effects: no effect '{spec.effect}'{hint}",
-            where=where,
-            fix=f"formula, or one of {', '.join(CATALOGUE)}",
-        )
+        fix = f"formula, or one of {', '.join(CATALOGUE)}"
+        _refuse(robot, f"no effect '{spec.effect}'{hint}", fix)
+    delay = spec.parameters.get("delay", 0.0) if effect.name == "torque_delay" else 0.0
     needed = [*effect.shape_units, *(["delay"] if effect.name == "torque_delay" else [])]
     missing = [name for name in needed if name not in spec.parameters]
     if missing:
-        raise WrongRobotFile(
-            f"effects: {spec.effect} needs parameters {', '.join(missing)}", where=where
-        )
+        _refuse(robot, f"{spec.effect} needs parameters {', '.join(missing)}")
     if effect.scope == "joint" and not spec.joints:
-        raise WrongRobotFile(
-            f"effects: {spec.effect} acts on no joint", where=where, fix="joints: [NAME]"
-        )
-    if abs(spec.parameters.get("delay", 0.0)) > LONGEST_DELAY and effect.name == "torque_delay":
-        what = (
-            f"effects: a delay of {spec.parameters['delay']:g} s is longer than {LONGEST_DELAY:g} s"
-        )
-        raise WrongRobotFile(what, where=where)
+        _refuse(robot, f"{spec.effect} acts on no joint", "joints: [NAME]")
+    if abs(delay) > LONGEST_DELAY:
+        _refuse(robot, f"a delay of {delay:g} s is longer than {LONGEST_DELAY:g} s")
     if effect.scope == "pair" and len(set(spec.joints)) != 2:
-        raise WrongRobotFile(
-            f"effects: {spec.effect} needs two joints: the one it acts on and the other",
-            where=where,
-        )
+        _refuse(robot, f"{spec.effect} needs two joints: the one it acts on and the other")
     return effect.at_size({name: spec.parameters.get(name, 0.0) for name in effect.units})
 
 
-def _formula(spec: EffectSpec, robot: Robot, where: str) -> Effect:
+def _refuse(robot: Robot, what: str, fix: str = "") -> NoReturn:
+    raise WrongRobotFile(f"effects: {what}", where=str(robot.path or robot.name), fix=fix)
+
+
+def _formula(spec: EffectSpec, robot: Robot) -> Effect:
     """Return the effect of a formula of the robot file."""
     if not spec.formula:
-        raise WrongRobotFile(
-            "effects: formula needs the key formula", where=where, fix="formula: a cos(2 q4) |qd4|"
-        )
+        _refuse(robot, "formula needs the key formula", "formula: a cos(2 q4) |qd4|")
     if not spec.joints:
-        raise WrongRobotFile("effects: formula acts on no joint", where=where, fix="joints: [NAME]")
-    made = Formula(
-        spec.formula,
-        [one.revolute for one in robot.joints],
-        robot.joint_names.index(spec.joints[0]),
-    )
+        _refuse(robot, "formula acts on no joint", "joints: [NAME]")
+    turning = [one.revolute for one in robot.joints]
+    made = Formula(spec.formula, turning, robot.joint_names.index(spec.joints[0]))
     joints = [name for one in robot.effects if one.effect == spec.effect for name in one.joints]
     twice = [name for name in spec.joints if joints.count(name) > 1]
     if twice:
-        raise WrongRobotFile(
-            f"effects: two formulas on {twice[0]}", where=where, fix="join them by +"
-        )
+        _refuse(robot, f"two formulas on {twice[0]}", "join them by +")
     names = made.amplitudes({})
     unknown = [name for name in spec.parameters if name not in names]
     if unknown:
-        raise WrongRobotFile(
-            f"effects: formula '{made.text}' has no amplitude '{unknown[0]}'",
-            where=where,
-            fix=f"{', '.join(names)}",
-        )
+        what = f"formula '{made.text}' has no amplitude '{unknown[0]}'"
+        _refuse(robot, what, f"{', '.join(names)}")
     return made
 
 
 def joints_of(spec: EffectSpec, effect: Effect, robot: Robot) -> list[Joints]:
     """Return the joints that a listed effect belongs to: each joint alone, the pair, or () for the whole arm."""
     index = [robot.joint_names.index(name) for name in spec.joints]
-    scope = effect.scope
-    return (
-        [(j,) for j in index] if scope == "joint" else [tuple(index)] if scope == "pair" else [()]
-    )
+    if effect.scope == "joint":
+        return [(j,) for j in index]
+    return [tuple(index) if effect.scope == "pair" else ()]
 
 
 def delay_of(robot: Robot) -> float:
