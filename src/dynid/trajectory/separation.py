@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.model.base_model import BaseModel, model_torques
-from dynid.model.effects.friction import coulomb_sign
 from dynid.model.effects.interface import ArmMotion, Effect, Joints, Shape
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
@@ -85,11 +84,9 @@ class Separation:
     @property
     def value(self) -> float:
         """What the search makes large."""
-        parts = [float(np.log1p(lead)) for lead in self.leads] + (
-            [] if self.spread is None else [self.spread]
-        )
+        parts = np.log1p(self.leads).tolist() + [self.spread] * (self.spread is not None)
         # Why the least: a motion that answers one question well leaves the other open.
-        return min(parts) + 0.1 * sum(parts)
+        return float(min(parts) + 0.1 * sum(parts))
 
 
 def separation(base: BaseModel, question: GapQuestion, motion: Motion) -> Separation:
@@ -103,14 +100,8 @@ def separation(base: BaseModel, question: GapQuestion, motion: Motion) -> Separa
     seconds = float(motion.t[-1] - motion.t[0])
     weight = np.sqrt(tuning.INDEPENDENT_ROWS_A_SECOND * seconds / len(motion.t)) / question.noise
     reference = model_torques(base.model, base.reduction, question.theta)
-    shape = base.robot.coulomb_shape
-    sign = np.stack([coulomb_sign(motion.qd[:, j], shape, j) for j in range(base.robot.n)], axis=1)
-    arm = ArmMotion(
-        motion.t, motion.q, motion.qd, motion.qdd, base.robot, reference, lambda x: x, sign
-    )
-    W = base.model.observer(base.reduction.base).dense(motion.q, motion.qd, motion.qdd)
-    rows = (W * weight[None, :, None]).reshape(-1, W.shape[2])
-    Q = _basis(rows)
+    arm = ArmMotion(motion.t, motion.q, motion.qd, motion.qdd, base.robot, reference, lambda x: x)
+    Q = _basis(_weighted(base.observer.dense(motion.q, motion.qd, motion.qdd), weight))
     leads = tuple(_lead(arm, pair, weight, Q) for pair in question.rivalries)
     return Separation(leads, _spread(arm, question, weight, Q))
 
@@ -135,9 +126,13 @@ def _rows(arm: ArmMotion, effect: Effect, joints: Joints, shape: Shape, weight: 
     """Return the columns of an effect over the noise, sample by sample and joint by joint, (N n, k)."""
     columns = effect.columns(arm, joints, shape)
     found = np.zeros((len(arm), arm.n, len(columns)))
-    rows = list(effect.rows(joints, arm.n))
-    found[:, rows] = columns.transpose(2, 1, 0)
-    return (found * weight[None, :, None]).reshape(-1, len(columns))
+    found[:, list(effect.rows(joints, arm.n))] = columns.transpose(2, 1, 0)
+    return _weighted(found, weight)
+
+
+def _weighted(columns: Floats, weight: Floats) -> Floats:
+    """Return columns over the noise, (N, n, k), as rows, (N n, k)."""
+    return (columns * weight[None, :, None]).reshape(-1, columns.shape[2])
 
 
 def _spread(arm: ArmMotion, question: GapQuestion, weight: Floats, Q: Floats) -> float | None:
@@ -151,7 +146,7 @@ def _spread(arm: ArmMotion, question: GapQuestion, weight: Floats, Q: Floats) ->
         # Why: each column as large as the noise on usual motion, so that none counts for its unit.
         size = usual_sizes(arm, j)
         columns[:, j] = (made / np.where(size > 0, size, 1.0)[:, None] * question.noise[j]).T
-        C = (columns * weight[None, :, None]).reshape(-1, len(made))
+        C = _weighted(columns, weight)
         C = C - Q @ (Q.T @ C)
         values.append(float(np.mean(np.log1p(np.maximum(np.linalg.eigvalsh(C.T @ C), 0.0)))))
     return min(values)
@@ -175,10 +170,8 @@ def usual_sizes(arm: ArmMotion, joint: int) -> Floats:
         q=q,
         qd=qd,
         qdd=qdd,
-        coulomb_sign=np.sign(qd),
     )
-    found: Floats = np.sqrt(np.mean(general_columns(usual, joint) ** 2, axis=1))
-    return found
+    return np.asarray(np.sqrt(np.mean(general_columns(usual, joint) ** 2, axis=1)))
 
 
 def general_columns(arm: ArmMotion, joint: int) -> Floats:
@@ -212,11 +205,8 @@ def _basis(A: Floats) -> Floats:
     kept = size > 0
     scaled = A[:, kept] / size[kept]
     values, V = np.linalg.eigh(scaled.T @ scaled)
-    strong = values > tuning.WEAK_DIRECTION_SHARE * max(
-        float(values[-1]) if len(values) else 0.0, 1e-300
-    )
-    found: Floats = scaled @ (V[:, strong] / np.sqrt(values[strong]))
-    return found
+    strong = values > tuning.WEAK_DIRECTION_SHARE * values.max(initial=1e-300)
+    return np.asarray(scaled @ (V[:, strong] / np.sqrt(values[strong])))
 
 
 # ---------------------------------------------------------------- search
@@ -250,9 +240,8 @@ def separate(
         run = Motion(t / search.alpha, q, search.alpha * qd, search.alpha**2 * qdd)
         return float(penalty) - separation(base, question, run).value
 
-    def climb(start: int) -> tuple[float, Floats]:
+    def climb(rng: np.random.Generator) -> tuple[float, Floats]:
         """Return the best of so many trials, each near the best before it."""
-        rng = np.random.default_rng((search.seed, start))
         best = random_variables(problem.basis, problem.limits, rng)
         least, step = cost(best), tuning.FIRST_STEP
         for _ in range(tuning.TRIALS_A_START - 1):
@@ -271,13 +260,13 @@ def separate(
     ended: End = "all starts"
     finished = 0
     try:
-        for start in range(search.restarts):
-            found.append(climb(start))
+        while finished < search.restarts and ended == "all starts":
+            found.append(climb(np.random.default_rng((search.seed, finished))))
             if time.monotonic() > end:
                 ended = "time"
-                break
-            finished += 1
-            progress.advance(finished, search.restarts, f"start {start + 1}")
+            else:
+                finished += 1
+                progress.advance(finished, search.restarts, f"start {finished}")
     except KeyboardInterrupt:
         if not found:
             raise
