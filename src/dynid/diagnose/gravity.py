@@ -9,7 +9,7 @@ from dynid.diagnose import tuning
 from dynid.drivers.interface import driver_of
 from dynid.errors import GravityRemoved
 from dynid.log import Log
-from dynid.model.parameters import carried, expected_torque
+from dynid.model.numeric_regressor import expected_torque
 from dynid.robot import Robot
 from dynid.signals import tuning as signal_tuning
 from dynid.signals.motion import any_moves, per_joint, rest_slices
@@ -93,7 +93,8 @@ def _in_motion(log: Log, robot: Robot) -> tuple[Floats, Floats, list[Floats]]:
     v, a = slope(q), slope(slope(q))
     # Why: a long log says it no better than a thousand samples of it do; the ends have no second derivative.
     some = slice(2, -2, max(1, len(q) // 1000))
-    inertia = carried(q, robot, lambda points: slope(slope(points)), some)
+    weightless = np.zeros((len(q[some]), 3))
+    inertia = expected_torque(q[some], robot, v[some], a[some], weightless)
     friction = np.tanh(v / per_joint(signal_tuning.MOVING_SPEED, robot))
     return q[some], tau[some], [v[some], friction[some], a[some], inertia]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dynid.diagnose import tuning
 from dynid.diagnose.fit import Judge
-from dynid.model.parameters import expected_torque
+from dynid.model.numeric_regressor import expected_torque
 from dynid.robot import DriverSpec, JointMap, Robot
 from dynid.text import yaml_word
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.model import tuning
 from dynid.model.kinematics import link_frames
+from dynid.model.parameters import prior_parameters
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -67,6 +69,26 @@ def body_regressor(
             P[: i + 1, 10 * i : 10 * i + 10], _turned(R[i], along), _turned(R[i], about), a, w, dw
         )
     return np.moveaxis(P, 2, 0)
+
+
+def expected_torque(
+    q: Floats,
+    robot: Robot,
+    qd: Floats | None = None,
+    qdd: Floats | None = None,
+    gravity: Floats | None = None,
+) -> Floats:
+    """Return the torques of the prior bodies without friction, (N, n) [N m or N]; at rest where no motion is given.
+
+    Of bodies about which the robot file says nothing only the pattern over the poses means something.
+    """
+    still, bodies = np.zeros_like(q), prior_parameters(robot)
+    if not (robot.prior and (robot.prior.links or robot.prior.cylinders)):
+        bodies *= tuning.UNKNOWN_LINK_MASS_KG * robot.n / bodies[::10].sum()
+    P = body_regressor(
+        robot, q, still if qd is None else qd, still if qdd is None else qdd, gravity
+    )
+    return np.asarray(P @ bodies)
 
 
 def _columns(found: Floats, f: Floats, m: Floats, a: Floats, w: Floats, dw: Floats) -> None:

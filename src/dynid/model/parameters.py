@@ -1,21 +1,19 @@
 """What each column of the regressor stands for, and what is known of it before measuring: the prior.
 
 The prior is one rigid body per link, explicit or from uniform cylinders (Paper Eq. 9), in the DH frames; its parameters
-have the order of Table 5. ``expected_torque`` only has to know which joint carries weight in which pose: point masses
-half-way between the DH frames where the robot file gives no bodies.
+have the order of Table 5.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.model import tuning
-from dynid.model.kinematics import link_frames
 from dynid.robot import LINK_PARAMETERS, Body, Cylinders, Robot
 
 Floats = NDArray[np.float64]
@@ -192,52 +190,3 @@ def moved(body: Body, pose: Floats) -> Body:
     """Return a body in another frame, in which its own frame has this pose, (4, 4)."""
     R = pose[:3, :3]
     return Body.of(body.mass, R @ np.array(body.com) + pose[:3, 3], R @ body.tensor @ R.T)
-
-
-# ---------------------------------------------------------------- rough torques of the prior
-def expected_torque(q: Floats, robot: Robot) -> Floats:
-    """Return roughly the torques that hold the arm against gravity, (N, n) [N m or N].
-
-    Args:
-        q: joint positions, (N, n) [rad or m].
-        robot: the arm.
-    """
-    return carried(q, robot, lambda points: -np.broadcast_to(np.array(robot.gravity), points.shape))
-
-
-def carried(
-    q: Floats, robot: Robot, accelerations: Callable[[Floats], Floats], some: slice = slice(None)
-) -> Floats:
-    """Return the torques that accelerate point masses, (N, n), from a function of their places, (N, n, 3).
-
-    Only those at some of the samples are worked out.
-    """
-    frames = link_frames(robot, q)
-    masses, offsets = _masses(robot)
-    before = np.concatenate([np.zeros((len(q), 1, 3)), frames.p[:, :-1]], axis=1)
-    points = 0.5 * (before + frames.p)
-    for k, offset in enumerate(offsets):
-        if offset is not None:
-            points[:, k] = frames.p[:, k] + frames.R[:, k] @ offset
-    pushed, points = accelerations(points)[some], points[some]
-    axes, places = frames.axis[some], frames.point[some]
-    torque = np.zeros(points.shape[:2])
-    for i, joint in enumerate(robot.joints):
-        for k in range(i, robot.n):
-            axis, lever = axes[:, i], points[:, k] - places[:, i]
-            velocity = np.cross(axis, lever) if joint.revolute else axis
-            torque[:, i] += masses[k] * np.sum(velocity * pushed[:, k], axis=1)
-    return torque
-
-
-def _masses(robot: Robot) -> tuple[list[float], list[Floats | None]]:
-    """Return a mass for each link, and its centre in the link frame where the robot file gives it."""
-    prior, total = robot.prior, tuning.UNKNOWN_LINK_MASS_KG * robot.n
-    if prior and prior.links:
-        return [body.mass for body in prior.links], [np.array(body.com) for body in prior.links]
-    lengths = np.array([np.hypot(joint.a, joint.d) for joint in robot.joints])
-    if prior and (spec := prior.cylinders):
-        volume = np.pi * spec.radius**2 * float(lengths.sum())
-        total = (spec.density or 0.0) * volume if spec.mass is None else spec.mass
-    share = lengths + 0.1 * lengths.sum()
-    return list(total * share / (share.sum() or 1.0)), [None] * robot.n

@@ -49,7 +49,7 @@ from dynid.loading import (
 )
 from dynid.log import Log
 from dynid.model.base_model import BaseModel, in_memory, prior_base_parameters
-from dynid.model.parameters import expected_torque
+from dynid.model.numeric_regressor import expected_torque
 from dynid.options import LogOptions
 from dynid.progress import SILENT, Progress
 from dynid.robot import Known, Prior, Robot
