@@ -90,13 +90,11 @@ def _in_motion(log: Log, robot: Robot) -> tuple[Floats, Floats, list[Floats]]:
     def slope(x: Floats) -> Floats:
         return np.asarray(np.gradient(x, t, axis=0))
 
-    v, a = slope(q), slope(slope(q))
     # Why: a long log says it no better than a thousand samples of it do; the ends have no second derivative.
     some = slice(2, -2, max(1, len(q) // 1000))
-    weightless = np.zeros((len(q[some]), 3))
-    inertia = expected_torque(q[some], robot, v[some], a[some], weightless)
-    friction = np.tanh(v / per_joint(signal_tuning.MOVING_SPEED, robot))
-    return q[some], tau[some], [v[some], friction[some], a[some], inertia]
+    q, tau, v, a = (x[some] for x in (q, tau, slope(q), slope(slope(q))))
+    inertia = expected_torque(q, robot, v, a, np.zeros(3))
+    return q, tau, [v, np.tanh(v / per_joint(signal_tuning.MOVING_SPEED, robot)), a, inertia]
 
 
 def _without(values: Floats, besides: list[Floats]) -> Floats:
