@@ -65,7 +65,13 @@ class Common:
     @cached_property
     def terminal(self) -> Terminal:
         """The two consoles of this run."""
-        return Terminal(self)
+        return Terminal(
+            json=self.json,
+            quiet=self.quiet,
+            verbose=self.verbose,
+            color=self.color,
+            log_file=self.log_file,
+        )
 
     def folder(self, slug: str) -> Path:
         """Return the folder of the results of a robot."""

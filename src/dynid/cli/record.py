@@ -20,7 +20,7 @@ from dynid.text import shell
 from dynid.workflows.options import RecordOptions
 
 if TYPE_CHECKING:
-    from dynid.cli.progress_bar import Bar
+    from dynid.cli.terminal import Bar
     from dynid.record.session import Outcome
     from dynid.robot import Robot
     from dynid.workflows.record import Recording

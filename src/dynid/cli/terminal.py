@@ -11,23 +11,27 @@ import os
 import shutil
 import sys
 import textwrap
+import threading
+import time
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from enum import Enum
 from math import isfinite
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from dynid.cli.failure import is_terminal, silence_streams, use_color
-from dynid.cli.progress_bar import Bar
 from dynid.errors import CannotWrite, Finding
 from dynid.table import cell_text
 from dynid.text import shell, visible, whole_number
+
+if TYPE_CHECKING:
+    import rich.progress
 
 #: Width of the first column of stage lines.
 LABEL = 11
@@ -40,32 +44,11 @@ GAPS = (2, 1)
 #: Width of tables that go to a file or a pipe: nothing is folded there.
 UNLIMITED = 400
 
+#: Work shorter than this is not worth a bar [s].
+PATIENCE = 0.5
+
 #: A cell is text, or text with a rich style; the style must not be the only thing that says it.
 Cell = str | tuple[str, str]
-
-
-class OutputOptions(Protocol):
-    """Those of the common options that are about the terminal."""
-
-    @property
-    def json(self) -> bool:
-        """Whether one JSON object is printed on stdout instead of tables."""
-
-    @property
-    def quiet(self) -> bool:
-        """Whether stages and progress are left out."""
-
-    @property
-    def verbose(self) -> int:
-        """How much detail is wanted: 0, 1 or 2."""
-
-    @property
-    def color(self) -> str:
-        """``"auto"``, ``"always"`` or ``"never"``."""
-
-    @property
-    def log_file(self) -> Path | None:
-        """File that gets a copy of everything said on stderr."""
 
 
 class QuietConsole(Console):
@@ -80,27 +63,33 @@ class Terminal:
     """Both streams of one run, as the common options want them.
 
     Args:
-        common: the common options.
+        json: whether one JSON object is printed on stdout instead of tables; nobody waits for progress then.
+        quiet: whether stages and progress are left out.
+        verbose: how much detail is wanted: 0, 1 or 2.
+        color: ``"auto"``, ``"always"`` or ``"never"``.
+        log_file: file that gets a copy of everything said on stderr.
     """
 
-    def __init__(self, common: OutputOptions) -> None:
-        self.common = common
-        self.out = _console(sys.stdout, common.color)
-        self.err = _console(sys.stderr, common.color)
+    def __init__(
+        self, *, json: bool, quiet: bool, verbose: int, color: str, log_file: Path | None
+    ) -> None:
+        self.json, self.quiet, self.verbose = json, quiet, verbose
+        self.out = _console(sys.stdout, color)
+        self.err = _console(sys.stderr, color)
         self._copy: TextIO | None = None
-        if common.log_file is not None:
+        if log_file is not None:
             try:
-                common.log_file.parent.mkdir(parents=True, exist_ok=True)
-                self._copy = _opened(common.log_file)
+                log_file.parent.mkdir(parents=True, exist_ok=True)
+                self._copy = _opened(log_file)
             except OSError as error:
                 nobody = (
                     "it is a pipe that nobody reads"
                     if error.errno == errno.ENXIO
                     else error.strerror
                 )
-                what = f"cannot write {common.log_file}: {nobody}"
+                what = f"cannot write {log_file}: {nobody}"
                 raise CannotWrite(
-                    what, where=str(common.log_file), fix="give another --log-file"
+                    what, where=str(log_file), fix="give another --log-file"
                 ) from error
 
     def __enter__(self) -> Terminal:
@@ -119,16 +108,6 @@ class Terminal:
                 self._copied(visible(f"{getattr(error, 'code', type(error).__name__)} {error}"))
             self._copy.close()
 
-    @property
-    def quiet(self) -> bool:
-        """Whether nothing but the answer, warnings and errors is wanted."""
-        return self.common.quiet
-
-    @property
-    def unwatched(self) -> bool:
-        """Whether a program waits for the answer, and nobody for its progress."""
-        return self.common.json
-
     # ------------------------------------------------------------ stderr
     def say(self, text: str, style: str = "", indent: int | None = None) -> None:
         """Say a line on stderr; with an indent it is folded at words where the terminal ends."""
@@ -140,14 +119,14 @@ class Terminal:
     def stage(self, name: str, text: str) -> None:
         """Say what a stage found: a short label and a sentence; not with --quiet."""
         line = f"{name:<{LABEL}}{text}"
-        if self.common.quiet:
+        if self.quiet:
             self._copied(visible(line))
         else:
             self.say(line, indent=None if name in COPYABLE else LABEL)
 
     def detail(self, name: str, text: str, level: int = 1) -> None:
         """Say a stage only with -v (level 1) or -vv (level 2); it always reaches --log-file."""
-        if self.common.verbose >= level:
+        if self.verbose >= level:
             self.stage(name, text)
         else:
             self._copied(visible(f"{name:<{LABEL}}{text}"))
@@ -163,13 +142,13 @@ class Terminal:
             "next",
             program() + command.removeprefix("dynid") if command.startswith("dynid ") else command,
         )
-        if why and not self.common.quiet:
+        if why and not self.quiet:
             self.say(f"{'':<{LABEL}}{why}", indent=LABEL)
 
     def finding(self, finding: Finding) -> None:
         """Say a warning, or with -v an information."""
         line = visible(f"{finding.level}[{finding.code}] {finding.text}")
-        if finding.level == "info" and not self.common.verbose:
+        if finding.level == "info" and not self.verbose:
             self._copied(line)
             return
         self._copied(line)
@@ -197,7 +176,7 @@ class Terminal:
     # ------------------------------------------------------------ stdout
     def answer(self, text: str = "", style: str = "", indent: int | None = None) -> None:
         """Print lines of the answer on stdout, with an indent folded as ``say`` does; nothing with --json."""
-        if not self.common.json:
+        if not self.json:
             for line in text.split("\n"):
                 for part in folded(visible(line), self.out, indent):
                     self.out.print(Text(part, style=style), soft_wrap=True)
@@ -206,7 +185,7 @@ class Terminal:
         """Print a page of the documentation, laid out on a terminal and as it is elsewhere; nothing with --json."""
         from rich.markdown import Markdown
 
-        if not self.common.json:
+        if not self.json:
             self.out.print(
                 Markdown(markdown) if is_terminal(self.out.file) else Text(markdown),
                 soft_wrap=False,
@@ -230,7 +209,7 @@ class Terminal:
             rows: cells, each text or (text, style).
             numbers: whether the columns after the first are aligned on the right.
         """
-        if self.common.json:
+        if self.json:
             return
         for gap in GAPS:
             table = Table(box=None, pad_edge=False, padding=(0, gap, 0, 0), header_style="bold")
@@ -276,13 +255,123 @@ class Terminal:
 
     def emit_json(self, answer: Mapping[str, Any]) -> None:
         """Print the one JSON object on stdout; nothing without --json."""
-        if self.common.json:
+        if self.json:
             self.out.out(json.dumps(plain(answer), indent=2, allow_nan=False), highlight=False)
 
     def emit_json_line(self, answer: Mapping[str, Any]) -> None:
         """Print a JSON object on one line of stdout at once, for a program that follows the work."""
         self.out.out(json.dumps(plain(answer), allow_nan=False), highlight=False)
         self.out.file.flush()
+
+
+class Bar:
+    """A ``dynid.progress.Progress`` for one command; use it in a ``with`` block.
+
+    Nothing is shown for half a second, then a bar on a terminal; one line a stage everywhere else.
+
+    Args:
+        terminal: where to say it.
+    """
+
+    def __init__(self, terminal: Terminal) -> None:
+        self._terminal = terminal
+        self._name = ""
+        self._began = time.monotonic()
+        self._said = False
+        self._told: set[tuple[str, ...]] = set()
+        self._lock = threading.RLock()
+        self._timer: threading.Timer | None = None
+        self._bar: rich.progress.Progress | None = None
+        # Why: a bar moves the cursor; where colour is off no escape codes may appear at all.
+        self._lively = (
+            terminal.err.is_terminal
+            and terminal.err.color_system is not None
+            and not terminal.quiet
+        )
+
+    def __enter__(self) -> Bar:
+        """Begin."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Take the bar away, also after an error."""
+        self._end_stage()
+
+    def stage(self, name: str, text: str = "") -> None:
+        """Say a line when there is something to say; otherwise a stage begins that may get a bar."""
+        self._end_stage()
+        # Why once: a log that several steps of one command read is one log to its reader.
+        if text and self._new(name, text):
+            self._terminal.stage(name, text)
+        with self._lock:
+            self._name, self._began, self._said = name, time.monotonic(), bool(text)
+            if self._lively:
+                self._timer = threading.Timer(PATIENCE, self._show)
+                self._timer.daemon = True
+                self._timer.start()
+
+    def advance(self, done: float, total: float, text: str = "") -> None:
+        """Move the bar; without one, name a silent stage once it takes long."""
+        with self._lock:
+            if self._bar is not None:
+                task = self._bar.task_ids[0]
+                self._bar.update(
+                    task,
+                    completed=done,
+                    total=total or None,
+                    description=visible(f"{self._name}  {text}"),
+                )
+            # Why not with --json: what a program reads would depend on how busy the machine is.
+            elif self._slow() and not self._terminal.json:
+                self._terminal.stage(self._name, text or "...")
+                self._said = True
+
+    def findings(self, findings: Sequence[Finding]) -> None:
+        """Say warnings below the stage that they belong to."""
+        self._end_stage()
+        self._terminal.findings([each for each in findings if self._new(each.code, each.text)])
+
+    def pause(self) -> None:
+        """Take the bar away until the next stage begins, so that a question can be asked."""
+        self._end_stage()
+
+    def _new(self, *words: str) -> bool:
+        """Return whether something is said for the first time, and keep it."""
+        new = words not in self._told
+        self._told.add(words)
+        return new
+
+    def _slow(self) -> bool:
+        return not self._lively and not self._said and time.monotonic() - self._began > PATIENCE
+
+    def _show(self) -> None:
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        with self._lock:
+            if self._timer is None or self._bar is not None:
+                return
+            columns = (
+                TextColumn("{task.description}", markup=False),
+                BarColumn(),
+                TimeElapsedColumn(),
+            )
+            self._bar = Progress(*columns, console=self._terminal.err, transient=True)
+            self._bar.add_task(visible(self._name), total=None)
+            self._bar.start()
+
+    def _end_stage(self) -> None:
+        with self._lock:
+            if self._timer is not None:
+                self._timer.cancel()
+                self._timer = None
+            if self._bar is not None:
+                self._bar.stop()
+                self._bar = None
 
 
 def folded(line: str, console: Console, indent: int | None) -> list[str]:
