@@ -204,6 +204,7 @@ def _made(robot, masses, length, rotor, viscous, coulomb, gains, rate, smooth, h
         _plant(robot, values),
         viscous,
         coulomb,
+        gains,
         rate,
         smooth,
         harmonics,

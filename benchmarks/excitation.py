@@ -145,7 +145,7 @@ def search_motions(b: Bench, basis: Quintic, cost: str, seconds: float) -> dict[
     objective = ExcitationObjective(PlanProblem(b.model, columns, basis, b.limits, function))
     best, kept, start = np.inf, None, 0
 
-    def note(met, *, last: bool) -> None:
+    def note(met) -> None:
         nonlocal best, kept
         if met[0] < best:
             best, kept = met

@@ -12,14 +12,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
 from dynid.errors import DynidError, Finding, NotANumber, NotYaml, UnknownKey, WrongRobotFile
-from dynid.robot import Joint
 from dynid.text import closest
 from dynid.units import ANGLE
+
+if TYPE_CHECKING:
+    from dynid.robot import Joint  # with NumPy: help takes a tenth of a second without it
 
 #: Sizes of numbers other than 0, in whatever unit. Large ones are multiplied and squared many times in a model; small
 #: ones are added, and CAD programs round to them.
