@@ -72,8 +72,8 @@ class DynidError(Exception):
     why: str = ""
     fix: str = ""
 
-    def __init__(self, what: str, *, where: str = "", why: str = "", fix: str = "") -> None:
-        self.what, self.where = bounded(what), bounded(where)
+    def __init__(self, what: str, *, where: object = "", why: str = "", fix: str = "") -> None:
+        self.what, self.where = bounded(what), bounded(str(where))
         self.why, self.fix = bounded(why or type(self).why), bounded(fix or type(self).fix)
         super().__init__(self.what)
         # Why: a notebook shows a traceback, whose last lines these are.

@@ -130,7 +130,7 @@ class Log:
 
     def _wrong(self, text: str) -> LogLayout:
         between = " " if text.startswith("names") else ": "
-        return LogLayout(f"{self.name}{between}{text}", where=str(self.source or ""))
+        return LogLayout(f"{self.name}{between}{text}", where=self.source or "")
 
     def _floats(self, key: str, values: ArrayLike) -> Floats:
         try:

@@ -362,7 +362,7 @@ class Robot:
         if tuple(names) != self.joint_names:
             found, expected = ", ".join(names), ", ".join(self.joint_names)
             raise JointCountDiffers(
-                f"{where} has the joints {found}, the robot {expected}", where=str(where)
+                f"{where} has the joints {found}, the robot {expected}", where=where
             )
 
     def joint_name(self, joint: int | str) -> str:

@@ -7,7 +7,7 @@ non-negative least squares over the corners of that cone leaves more where a rob
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Literal
@@ -257,6 +257,19 @@ class Judge:
         return [self.robot.log_names.index(name) for name in robot.log_names]
 
 
+def middle(log: Log) -> tuple[Floats, Floats, Floats]:
+    """Return time (N,), positions and torques (N, n) from the middle of a log."""
+    first = max(0, (len(log) - tuning.MIDDLE_SAMPLES) // 2)
+    part = slice(first, first + tuning.MIDDLE_SAMPLES)
+    return log.t[part], log.q[part], log.tau[part]
+
+
+def smoother(width: int) -> Callable[[Floats], Floats]:
+    """Return what smooths columns over so many samples and takes as many, and one more, off their ends."""
+    kernel = np.hanning(width + 2) / np.hanning(width + 2).sum()
+    return lambda x: np.apply_along_axis(np.convolve, 0, x, kernel, "valid")
+
+
 def judge_of(log: Log, robot: Robot, *, mapped: bool = True) -> Judge | None:
     """Smooth, differentiate and thin a log for fits of robot files; None where it hardly moves.
 
@@ -267,27 +280,20 @@ def judge_of(log: Log, robot: Robot, *, mapped: bool = True) -> Judge | None:
     """
     if len(log) < 50:
         return None
-    first = max(0, (len(log) - tuning.MIDDLE_SAMPLES) // 2)
-    part = slice(first, first + tuning.MIDDLE_SAMPLES)
-    t, q, tau = log.t[part], log.q[part], log.tau[part]
+    t, q, tau = middle(log)
     usual = float(np.median(np.diff(t)))
     period = 0.33 / max(bandwidth(log, robot), 0.1)
     width = max(3, round(min(tuning.SMOOTHING_S, period) / usual))
     if len(t) < 6 * width + 20:
         return None
-    kernel = np.hanning(width + 2) / np.hanning(width + 2).sum()
+    smooth, span = smoother(width), 3 * (width + 1)
     turning = np.array([joint.revolute for joint in robot.joints])
-
-    def smooth(x: Floats) -> Floats:
-        return np.apply_along_axis(np.convolve, 0, x, kernel, "valid")
-
     # Each is smoothed once more than the one before it, and so is shorter at both ends.
     position = smooth(np.where(turning, np.unwrap(q, axis=0), q))
     velocity = smooth(np.gradient(position, clock := smooth(t), axis=0))
     acceleration = smooth(np.gradient(velocity, smooth(clock), axis=0))
     torque, count = smooth(smooth(smooth(tau))), len(acceleration)
     position, velocity = (x[(len(x) - count) // 2 :][:count] for x in (position, velocity))
-    span = 3 * (len(kernel) - 1)
     whole = t[span:][:count] - t[:count] < 1.5 * span * usual + 3 * usual
     # Why: a log in rad that the robot file takes for degrees seems to stand still.
     unit = POSITION[robot.driver.units["position"]] if robot.driver is not None else 1.0

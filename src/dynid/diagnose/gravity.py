@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.diagnose import tuning
+from dynid.diagnose.fit import middle, smoother
 from dynid.drivers.interface import driver_of
 from dynid.errors import GravityRemoved
 from dynid.log import Log
@@ -76,16 +77,10 @@ def check_gravity(log: Log, robot: Robot) -> None:
 
 def _in_motion(log: Log, robot: Robot) -> tuple[Floats, Floats, list[Floats]]:
     """Return positions, torques and what else makes torque, (N, n) each, at some thousand instants of a motion."""
-    first = max(0, (len(log) - tuning.MIDDLE_SAMPLES) // 2)
-    part = slice(first, first + tuning.MIDDLE_SAMPLES)
+    raw = middle(log)
     # Why at most: a log so short has fewer samples than the smoothing would take.
     width = round(tuning.SMOOTHING_S * (len(log) - 1) / float(np.ptp(log.t)))
-    width = max(3, min(width, len(log.t[part]) // 3))
-    kernel = np.hanning(width + 2) / np.hanning(width + 2).sum()
-    t, q, tau = (
-        np.apply_along_axis(np.convolve, 0, x[part], kernel, "valid")
-        for x in (log.t, log.q, log.tau)
-    )
+    t, q, tau = map(smoother(max(3, min(width, len(raw[0]) // 3))), raw)
 
     def slope(x: Floats) -> Floats:
         return np.asarray(np.gradient(x, t, axis=0))

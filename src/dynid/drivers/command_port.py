@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynid.drivers.joint_state import Columns
 from dynid.drivers.ros import Node, within
-from dynid.errors import ServiceMissing, TopicSilent
+from dynid.errors import DynidError, ServiceMissing, TopicSilent
 from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -85,7 +85,7 @@ class CommandPort(ABC):
 
     @abstractmethod
     def message(self, target: Target, measured: Floats) -> Any:  # noqa: ANN401
-        """Return the one command of this period.
+        """Return the one command of this period; None where there is none.
 
         Args:
             target: where the arm shall be ``lead`` seconds from now.
@@ -118,12 +118,14 @@ class CommandPort(ABC):
             TopicSilent: nobody listens to the commands.
             ServiceMissing: the stop does not answer.
         """
-        # Why: without a queue a command leaves when it is published, or not at all; none waits for the next.
-        publisher = self.node.rospy.Publisher(
-            self.command_topic, self.command_type(), queue_size=None, tcp_nodelay=True
+        silent = TopicSilent(
+            f"nobody listens to {self.command_topic}",
+            where=self.command_topic,
+            why="commands would go nowhere",
+            fix="is the driver's controller for that topic running?",
         )
-        self.publisher = publisher
-        self.wait_for_listener(publisher, self.command_topic)
+        # Why: without a queue a command leaves when it is published, or not at all; none waits for the next.
+        self.publisher = self.connected(self.command_topic, self.command_type(), silent, None)
 
     def endpoints(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Return the topics the driver must listen to and the services it must have, to be moved and stopped."""
@@ -138,23 +140,43 @@ class CommandPort(ABC):
             f"service {name}" for name in services if name not in known[1]
         ]
 
-    def wait_for_listener(self, publisher: Any, topic: str) -> None:  # noqa: ANN401
-        """Wait until a subscriber is connected."""
+    def connected(
+        self,
+        topic: str,
+        kind: Any,  # noqa: ANN401
+        failure: DynidError | None = None,
+        queue_size: int | None = 10,
+    ) -> Any:  # noqa: ANN401
+        """Return a publisher that somebody listens to.
+
+        Args:
+            topic: where it publishes.
+            kind: class of its messages.
+            failure: raised where nobody does; ``ServiceMissing`` when None.
+            queue_size: of the publisher.
+        """
+        publisher = self.node.rospy.Publisher(topic, kind, queue_size=queue_size, tcp_nodelay=True)
         end = time.monotonic() + CONNECT_PATIENCE
         while publisher.get_num_connections() == 0:
             if time.monotonic() > end:
-                raise TopicSilent(
-                    f"nobody listens to {topic}",
-                    where=topic,
-                    why="commands would go nowhere",
-                    fix="is the driver's controller for that topic running?",
-                )
+                raise failure or ServiceMissing(f"nobody listens to {topic}", where=topic)
             time.sleep(0.02)
+        return publisher
+
+    def require_listener(self, publisher: Any, topic: str) -> None:  # noqa: ANN401
+        """Raise when nobody listens any more to what stops the arm.
+
+        Raises:
+            ServiceMissing: the connection is gone.
+        """
+        if publisher.get_num_connections() == 0:
+            raise ServiceMissing(f"nobody listens to {topic} any more", where=topic)
 
     def send(self, target: Target, measured: Floats) -> Any:  # noqa: ANN401
         """Publish the command of this period and return it; ``measured`` is the last seen pose, (n,) [rad or m]."""
         message = self.message(target, measured)
-        self.publisher.publish(message)
+        if message is not None:
+            self.publisher.publish(message)
         return message
 
     def begin(self, at: Callable[[float], Target], duration: float) -> tuple[float, Any]:
@@ -189,12 +211,10 @@ class CommandPort(ABC):
             fix="zero them by hand",
         )
 
-    def call(self, proxy: Any, name: str, request: Any = None) -> Any:  # noqa: ANN401
+    def call(self, proxy: Any, name: str, *request: Any) -> Any:  # noqa: ANN401
         """Call a service within a limit."""
-        service_error = self.node.rospy.ServiceException
+        rospy = self.node.rospy
         try:
-            return within(
-                SERVICE_PATIENCE, lambda: proxy(request) if request is not None else proxy()
-            )
-        except (service_error, OSError, self.node.rospy.ROSException) as error:
+            return within(SERVICE_PATIENCE, lambda: proxy(*request))
+        except (rospy.ServiceException, OSError, rospy.ROSException) as error:
             raise ServiceMissing(f"{name} did not answer ({error})", where=name) from error

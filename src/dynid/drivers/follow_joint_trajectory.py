@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.drivers.command_port import CONNECT_PATIENCE, SERVICE_PATIENCE, CommandPort, Target
+from dynid.drivers.joint_trajectory import point_of
 from dynid.drivers.ros import import_ros, message_classes
 from dynid.errors import GoalRefused, ServiceMissing, TopicMissing, TopicSilent
 from dynid.text import shell
@@ -148,21 +149,12 @@ class FollowJointTrajectoryPort(CommandPort):
         """Connect to goal and cancel, and wait for the server's status, which it publishes without a goal too."""
         rospy = self.node.rospy
         super().ready()
-        self._cancel = rospy.Publisher(
-            self._topic("cancel"), action_message(CANCEL), queue_size=10, tcp_nodelay=True
-        )
-        rospy.Subscriber(
-            self._topic("status"), action_message(STATUS), self._status, tcp_nodelay=True
-        )
-        rospy.Subscriber(
-            self._topic("result"), action_message(RESULT), self._result, tcp_nodelay=True
-        )
-        try:
-            self.wait_for_listener(self._cancel, self._topic("cancel"))
-        except TopicSilent as error:
-            raise ServiceMissing(
-                f"nobody listens to {self._topic('cancel')}", where=self._topic("cancel")
-            ) from error
+        for name, kind, heard in (
+            ("status", STATUS, self._status),
+            ("result", RESULT, self._result),
+        ):
+            rospy.Subscriber(self._topic(name), action_message(kind), heard, tcp_nodelay=True)
+        self._cancel = self.connected(self._topic("cancel"), action_message(CANCEL))
         if not self._alive.wait(CONNECT_PATIENCE):
             raise TopicSilent(
                 f"{self._topic('status')} is silent for {CONNECT_PATIENCE:g} s",
@@ -176,10 +168,6 @@ class FollowJointTrajectoryPort(CommandPort):
             GoalRefused: the controller gave it up.
         """
         self._judge()
-
-    def send(self, target: Target, measured: Floats) -> Any:  # noqa: ANN401
-        """Send nothing, but see whether the goal is still followed."""
-        return self.message(target, measured)
 
     def begin(self, at: Callable[[float], Target], duration: float) -> tuple[float, Any]:
         """Send the goal and wait until it is accepted; return when that was, and the goal.
@@ -204,21 +192,14 @@ class FollowJointTrajectoryPort(CommandPort):
         """Return the goal: joints by name, all fields of full length, no point at time 0 where the arm stands."""
         genpy = import_ros("genpy")
         count = max(1, int(np.ceil(duration * POINT_RATE)))
-        points = []
-        for when in np.linspace(0.0, duration, count + 1)[1:].tolist():
-            target, point = at(when), action_message("trajectory_msgs/JointTrajectoryPoint")()
-            point.positions = self.columns.positions(target.q).tolist()
-            point.velocities = self.columns.velocities(target.qd).tolist()
-            point.accelerations = self.columns.velocities(target.qdd).tolist()
-            point.time_from_start = genpy.Duration.from_sec(when)
-            points.append(point)
         goal = self.command_type()()
         goal.goal_id.stamp = genpy.Time(*divmod(time.time_ns(), 10**9))
         goal.goal_id.id = f"{self.node.rospy.get_name()}-{time.time_ns()}"
-        goal.goal.trajectory.joint_names, goal.goal.trajectory.points = (
-            list(self.columns.names),
-            points,
-        )
+        goal.goal.trajectory.joint_names = list(self.columns.names)
+        goal.goal.trajectory.points = [
+            point_of(self.columns, at(when), when)
+            for when in np.linspace(0.0, duration, count + 1)[1:].tolist()
+        ]
         return goal
 
     def finish(self) -> None:

@@ -23,6 +23,7 @@ class Driver:
 
     Attributes:
         kind: its name in the robot file.
+        port: what commands it; None where the controller that listens has to be found.
         default_topics: endings of the topics it publishes joint states on, the best first.
         velocity_trusted: whether the reported velocity is what the joint does.
         velocity_note: why not.
@@ -31,6 +32,7 @@ class Driver:
     """
 
     kind: ClassVar[str] = "generic"
+    port: ClassVar[type[CommandPort] | None] = None
     default_topics: ClassVar[tuple[str, ...]] = ("joint_states", "joint_state")
     velocity_trusted: ClassVar[bool] = True
     velocity_note: ClassVar[str] = ""
@@ -48,7 +50,7 @@ class Driver:
         *,
         moving: bool = True,
     ) -> CommandPort:
-        """Return the port through which the arm is commanded: of the controller that listens, points or an action.
+        """Return the port through which the arm is commanded: the driver's, or that of the controller that listens.
 
         Args:
             node: this process in the ROS graph.
@@ -60,6 +62,8 @@ class Driver:
         Raises:
             TopicMissing: several topics could be meant.
         """
+        if self.port is not None:
+            return self.port(node, robot, state_topic, command_topic)
         streamed = JointTrajectoryPort(node, robot, state_topic)
         if not moving:
             return streamed
@@ -150,6 +154,7 @@ class Lwr4Plus(Driver):
     """
 
     kind: ClassVar[str] = "lwr4plus"
+    port: ClassVar[type[CommandPort] | None] = Lwr4PlusPort
     default_topics: ClassVar[tuple[str, ...]] = ("lwr/joint_states", "joint_states")
     velocity_trusted: ClassVar[bool] = False
     velocity_note: ClassVar[str] = "FRI sends none; the driver differentiates with a lag"
@@ -157,18 +162,6 @@ class Lwr4Plus(Driver):
         "log the measured torque (FRI msrJntTrq; port JointTorqueAct of rtt_lwr), not the estimated external one, "
         "or say `torque: {source: gravity_free}` in the robot file"
     )
-
-    def open_port(
-        self,
-        node: Node,
-        robot: Robot,
-        state_topic: str,
-        command_topic: str | None = None,
-        *,
-        moving: bool = True,
-    ) -> CommandPort:
-        """Return the port of the position controller."""
-        return Lwr4PlusPort(node, robot, state_topic, command_topic)
 
 
 class KinovaGen2(Driver):
@@ -179,6 +172,7 @@ class KinovaGen2(Driver):
     """
 
     kind: ClassVar[str] = "kinova_gen2"
+    port: ClassVar[type[CommandPort] | None] = KinovaGen2Port
     default_topics: ClassVar[tuple[str, ...]] = ("out/joint_state", "out/joint_states")
     velocity_trusted: ClassVar[bool] = False
     velocity_note: ClassVar[str] = "the Kinova driver doubles and wraps it"
@@ -204,18 +198,6 @@ class KinovaGen2(Driver):
             if kind.startswith("kinova_msgs/")
             else ""
         )
-
-    def open_port(
-        self,
-        node: Node,
-        robot: Robot,
-        state_topic: str,
-        command_topic: str | None = None,
-        *,
-        moving: bool = True,
-    ) -> CommandPort:
-        """Return the port of the velocity topic."""
-        return KinovaGen2Port(node, robot, state_topic, command_topic)
 
 
 DRIVERS: dict[str, Driver] = {

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.drivers.command_port import CommandPort, Target
+from dynid.drivers.joint_state import Columns
 from dynid.drivers.ros import import_ros
-from dynid.errors import ServiceMissing
 
 Floats = NDArray[np.float64]
 
@@ -40,25 +40,25 @@ class JointTrajectoryPort(CommandPort):
 
         Why: a point without velocities is indexed unchecked by some drivers.
         """
-        point = import_ros("trajectory_msgs.msg").JointTrajectoryPoint()
-        point.positions = self.columns.positions(target.q).tolist()
-        point.velocities = self.columns.velocities(target.qd).tolist()
-        point.accelerations = self.columns.velocities(target.qdd).tolist()
-        point.time_from_start = import_ros("genpy").Duration.from_sec(self.lead)
         found = self.command_type()()
-        found.joint_names, found.points = list(self.columns.names), [point]
+        found.joint_names = list(self.columns.names)
+        found.points = [point_of(self.columns, target, self.lead)]
         return found
 
     def stop(self) -> str:
         """Send an empty trajectory, which makes the controller hold where it is."""
         empty = self.command_type()()
         empty.joint_names = list(self.columns.names)
-        self._require_listener()
+        self.require_listener(self.publisher, self.command_topic)
         self.publisher.publish(empty)
         return "empty trajectory sent"
 
-    def _require_listener(self) -> None:
-        if self.publisher.get_num_connections() == 0:
-            raise ServiceMissing(
-                f"nobody listens to {self.command_topic} any more", where=self.command_topic
-            )
+
+def point_of(columns: Columns, target: Target, seconds: float) -> Any:  # noqa: ANN401
+    """Return a point of a trajectory, so many seconds after its start, in the driver's columns."""
+    point = import_ros("trajectory_msgs.msg").JointTrajectoryPoint()
+    point.positions = columns.positions(target.q).tolist()
+    point.velocities = columns.velocities(target.qd).tolist()
+    point.accelerations = columns.velocities(target.qdd).tolist()
+    point.time_from_start = import_ros("genpy").Duration.from_sec(seconds)
+    return point

@@ -27,7 +27,6 @@ DRIFT_GAIN = 1.0
 SLEW_SHARE = 0.999
 _GRAVITY = "torque_parameters/publish_torque_with_gravity_compensation"
 _SEVEN = "\n".join(f"float32 joint{i}" for i in range(1, 8)) + "\n"
-_MESSAGES = {"JointAngles": _SEVEN, "JointVelocity": _SEVEN, "JointTorque": _SEVEN}
 _SERVICES = {
     "Stop": "---\nstring stop_result\n",
     "Start": "---\nstring start_result\n",
@@ -121,7 +120,7 @@ class KinovaGen2Port(CommandPort):
 def kinova_message(name: str) -> Any:  # noqa: ANN401 - a generated class
     """Return the class of a message, such as ``"JointVelocity"``."""
     kind = f"kinova_msgs/{name}"
-    return message_classes(kind, _MESSAGES[name])[kind]
+    return message_classes(kind, _SEVEN)[kind]
 
 
 @cache

@@ -10,7 +10,6 @@ from typing import ClassVar
 
 from dynid.drivers.joint_trajectory import JointTrajectoryPort
 from dynid.drivers.ros import import_ros
-from dynid.errors import ServiceMissing, TopicSilent
 
 
 class Lwr4PlusPort(JointTrajectoryPort):
@@ -31,32 +30,18 @@ class Lwr4PlusPort(JointTrajectoryPort):
         """Connect to the controller and to the stop, and release a stop that is still pressed."""
         super().ready()
         self._bool = import_ros("std_msgs.msg").Bool
-        self._stop = self.node.rospy.Publisher(
-            self.stop_topic, self._bool, queue_size=10, tcp_nodelay=True
-        )
-        try:
-            self.wait_for_listener(self._stop, self.stop_topic)
-        except TopicSilent as error:
-            raise ServiceMissing(
-                f"nobody listens to {self.stop_topic}", where=self.stop_topic
-            ) from error
+        self._stop = self.connected(self.stop_topic, self._bool)
         self._stop.publish(self._bool(False))
         time.sleep(0.1)
 
     def stop(self) -> str:
         """Press the software stop: the controllers are reset and the arm holds until it is released."""
-        if self._stop.get_num_connections() == 0:
-            raise ServiceMissing(
-                f"nobody listens to {self.stop_topic} any more", where=self.stop_topic
-            )
+        self.require_listener(self._stop, self.stop_topic)
         for _ in range(3):
             self._stop.publish(self._bool(True))
             time.sleep(0.02)
         # Why: a topic is not answered; that the connection outlived three messages is all that can be known.
-        if self._stop.get_num_connections() == 0:
-            raise ServiceMissing(
-                f"the driver's connection on {self.stop_topic} is gone", where=self.stop_topic
-            )
+        self.require_listener(self._stop, self.stop_topic)
         return (
             "emergency_stop is pressed; release it with: rostopic pub -1 "
             + f"{self.stop_topic} std_msgs/Bool false"

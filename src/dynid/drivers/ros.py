@@ -13,6 +13,8 @@ import shutil
 import sys
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future, wait
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -112,23 +114,18 @@ def within(seconds: float, function: Callable[[], T]) -> T:
     Raises:
         TimeoutError: it did not return in time; its thread is left behind.
     """
-    results: list[T] = []
-    errors: list[BaseException] = []
+    answer: Future[T] = Future()
 
     def work() -> None:
         try:
-            results.append(function())
+            answer.set_result(function())
         except BaseException as error:  # noqa: BLE001 - handed to the caller
-            errors.append(error)
+            answer.set_exception(error)
 
-    thread = threading.Thread(target=work, daemon=True)
-    thread.start()
-    thread.join(seconds)
-    if errors:
-        raise errors[0]
-    if not results:
+    threading.Thread(target=work, daemon=True).start()
+    if not wait([answer], seconds).done:
         raise TimeoutError(f"no answer within {seconds:g} s")
-    return results[0]
+    return answer.result()
 
 
 def ping_master(uri: str, patience: float = PATIENCE) -> str:
@@ -161,41 +158,34 @@ class Node:
     Attributes:
         rospy: the module.
         uri: address of the master.
-        address: this machine's address on the way to the master.
     """
 
     rospy: Any
     uri: str
-    address: str
 
-    def master(self, patience: float = PATIENCE) -> Any:  # noqa: ANN401
+    def master(self) -> Any:  # noqa: ANN401
         """Return a master proxy whose every call has a limit."""
-        return _Limited(import_ros("rosgraph").Master(self.rospy.get_name()), patience, self.uri)
+        return _Limited(import_ros("rosgraph").Master(self.rospy.get_name()), self.uri)
 
     def close(self) -> None:
         """Leave the graph; a master that died meanwhile is not waited for."""
-        try:
+        with suppress(TimeoutError):
             within(PATIENCE, lambda: self.rospy.signal_shutdown("done"))
-        except TimeoutError:
-            return
 
 
 class _Limited:
     """A proxy whose calls end within a limit and raise an error of the catalogue."""
 
-    def __init__(self, inner: Any, patience: float, uri: str) -> None:  # noqa: ANN401
-        self._inner, self._patience, self._uri = inner, patience, uri
+    def __init__(self, inner: Any, uri: str) -> None:  # noqa: ANN401
+        self._inner, self._uri = inner, uri
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
-        function = getattr(self._inner, name)
-
         def call(*args: Any) -> Any:  # noqa: ANN401
             try:
-                return within(self._patience, lambda: function(*args))
+                return within(PATIENCE, lambda: getattr(self._inner, name)(*args))
             except OSError as error:
-                raise MasterSilent(
-                    f"the ROS master at {self._uri} no longer answers ({error})"
-                ) from error
+                text = f"the ROS master at {self._uri} no longer answers ({error})"
+                raise MasterSilent(text) from error
 
         return call
 
@@ -222,24 +212,14 @@ def connect(name: str, given: str | None = None, patience: float = PATIENCE) -> 
         raise MasterSilent(f"no ROS master at {uri} ({reason.lower()})", where=uri) from error
     _environment(uri, address)
     rospy = import_ros("rospy")
+    plain = dict.fromkeys(("disable_signals", "disable_rosout", "disable_rostime"), True)
     try:
-        within(
-            5 * patience,
-            lambda: rospy.init_node(
-                name,
-                argv=[],
-                anonymous=True,
-                disable_signals=True,
-                disable_rosout=True,
-                disable_rostime=True,
-            ),
-        )
+        within(5 * patience, lambda: rospy.init_node(name, argv=[], anonymous=True, **plain))
     except (OSError, rospy.ROSException) as error:
-        raise MasterSilent(
-            f"the master at {uri} did not take this node ({error})", where=uri
-        ) from error
+        text = f"the master at {uri} did not take this node ({error})"
+        raise MasterSilent(text, where=uri) from error
     _silence()
-    return Node(rospy, uri, address)
+    return Node(rospy, uri)
 
 
 def _environment(uri: str, address: str) -> None:
@@ -267,14 +247,10 @@ def raise_priority() -> str:
 
     Why: a late command jerks the arm, a late reader loses its state.
     """
-    try:
+    with suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(REAL_TIME))
-    except (OSError, AttributeError):
-        pass
-    else:
         return "real time"
-    try:
+    with suppress(OSError, AttributeError):
         os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
-    except (OSError, AttributeError):
-        return "usual"
-    return f"nice {NICENESS}"
+        return f"nice {NICENESS}"
+    return "usual"

@@ -60,7 +60,7 @@ def reading(path: Path) -> Iterator[None]:
         yield
     except _DAMAGE as error:
         raise NotAnArtifact(
-            f"{path} is damaged: {type(error).__name__}: {error}", where=str(path)
+            f"{path} is damaged: {type(error).__name__}: {error}", where=path
         ) from error
 
 
@@ -83,10 +83,10 @@ def read_artifact(
         header = json.loads(str(arrays.pop(HEADER)))
         found = str(header["schema"])
     except FileNotFoundError as error:
-        raise NotAnArtifact(f"no such file: {path}", where=str(path)) from error
+        raise NotAnArtifact(f"no such file: {path}", where=path) from error
     except (OSError, *_DAMAGE) as error:
         raise NotAnArtifact(
-            f"{path} is not a dynid result, or is damaged: {error}", where=str(path)
+            f"{path} is not a dynid result, or is damaged: {error}", where=path
         ) from error
     if schema:
         require_schema(path, header, schema)
@@ -116,10 +116,10 @@ def require_schema(path: Path, header: Mapping[str, Any], schema: str) -> None:
     if kind == wanted and whole_number(number) > int(known):
         raise NewerSchema(
             f"{path} was written by dynid {header.get('dynid', '?')} (schema {number}); this is {__version__}",
-            where=str(path),
+            where=path,
         )
     if found != schema:
-        raise NotAnArtifact(f"{path} holds {found}, expected {schema}", where=str(path))
+        raise NotAnArtifact(f"{path} holds {found}, expected {schema}", where=path)
 
 
 def read_header(path: Path) -> dict[str, Any] | None:

@@ -42,14 +42,15 @@ def list_topics(path: Path) -> dict[str, Topic]:
     damage: list[str] = []
     with path.open("rb") as stream:
         stream.seek(_index(stream, path, damage))
-        for fields, data in _records(stream, damage):
-            if fields.get(b"op") == _CONNECTION:
-                counts.append((_remembered(fields, known), 0))
-            elif fields.get(b"op") == _CHUNK_INFO:
-                pairs = struct.iter_unpack("<4sI", data[: len(data) // 8 * 8])
-                found = [(known.get(number), count) for number, count in pairs]
-                counts += [(topic, count) for topic, count in found if topic]
-                damage += ["its index is damaged"] * any(topic is None for topic, _ in found)
+        try:
+            for fields, data in _records(stream, damage):
+                if fields.get(b"op") == _CONNECTION:
+                    counts.append((_remembered(fields, known), 0))
+                elif fields.get(b"op") == _CHUNK_INFO:
+                    pairs = struct.iter_unpack("<4sI", data[: len(data) // 8 * 8])
+                    counts += [(known[number], count) for number, count in pairs]
+        except KeyError:
+            damage.append("its index is damaged")
     if damage:
         counts = []
         with suppress(Broken):
@@ -57,11 +58,6 @@ def list_topics(path: Path) -> dict[str, Topic]:
         if not counts:
             raise nothing_readable(path, damage[0])
     return topics_of(counts)
-
-
-def parts_of(path: Path) -> list[Path]:
-    """Return the files of a recording: one."""
-    return [path]
 
 
 def scan(path: Path, topics: Collection[str] | None = None) -> Iterator[Message]:
@@ -94,14 +90,14 @@ def _index(stream: IO[bytes], path: Path, damage: list[str]) -> int:
     start = stream.read(len(MAGIC))
     if not start:
         text = f"{path.name} is empty: nothing was recorded"
-        raise BagTruncated(text, where=str(path), fix="record again")
+        raise BagTruncated(text, where=path, fix="record again")
     if not start.startswith(b"#ROSBAG V"):
         fix = f"see what it is: {shell('file', path)}; a bag begins with #ROSBAG V2.0"
-        raise LogNotFound(f"{path.name} is not a ROS 1 bag", where=str(path), fix=fix)
+        raise LogNotFound(f"{path.name} is not a ROS 1 bag", where=path, fix=fix)
     if start != MAGIC:
         version = start.decode("latin-1").strip()
         text = f"{path.name} has the format {version}; dynid reads V2.0"
-        raise LogNotFound(text, where=str(path), fix="convert it with: rosbag fix")
+        raise LogNotFound(text, where=path, fix="convert it with: rosbag fix")
     opening, _ = next(_records(stream, damage), ({}, b""))
     place = int.from_bytes(opening.get(b"index_pos", b"")[:8], "little")
     if not place:

@@ -53,9 +53,6 @@ class Container(Protocol):
     def list_topics(self, path: Path) -> dict[str, Topic]:
         """Return the topics of a bag by name."""
 
-    def parts_of(self, path: Path) -> list[Path]:
-        """Return the files of a bag in the order of time."""
-
     def scan(self, part: Path, topics: Collection[str]) -> Iterator[Message]:
         """Yield the messages of some topics in a file."""
 
@@ -74,7 +71,7 @@ def read_topics(
         BagTruncated: nothing of these topics is readable.
         WrongMessageType: the layout of the messages is not the known one of their type.
     """
-    return collected(path, container.parts_of(path), lambda part: container.scan(part, names))
+    return collected(path, rosbag2.parts_of(path), lambda part: container.scan(part, names))
 
 
 def format_of(path: Path) -> str:
@@ -84,25 +81,25 @@ def format_of(path: Path) -> str:
         LogNotFound: no such file, or not a log.
     """
     if not path.exists():
-        raise LogNotFound(f"no such file {path}{_nearby(path)}", where=str(path))
+        raise LogNotFound(f"no such file {path}{_nearby(path)}", where=path)
     if path.is_dir():
         inside = (FORMATS.get(part.suffix) == "rosbag2" for part in path.iterdir())
         return "rosbag2" if (path / "metadata.yaml").is_file() or any(inside) else "folder"
     if not path.is_file():
-        raise LogNotFound(f"cannot read {path}: it is no regular file", where=str(path))
+        raise LogNotFound(f"cannot read {path}: it is no regular file", where=path)
     if path.suffix in FORMATS:
         return FORMATS[path.suffix]
     try:
         with path.open("rb") as stream:
             start = stream.read(max(map(len, STARTS)))
     except OSError as error:
-        raise LogNotFound(f"cannot read {path}: {error.strerror}", where=str(path)) from error
+        raise LogNotFound(f"cannot read {path}: {error.strerror}", where=path) from error
     for known, kind in STARTS.items():
         if start.startswith(known):
             return kind
     raise LogNotFound(
         f"{path} is not a log",
-        where=str(path),
+        where=path,
         fix=f"give a {', '.join(FORMATS)} file, or a folder of rosbag2 or with position.txt and torque.txt",
     )
 
@@ -129,13 +126,11 @@ def read_log(
     kind = format_of(path)
     if kind == "npz":
         log = read_npz_log(path)
-    elif kind in ("table", "folder"):
+    elif kind == "folder":
+        log = tables.read_folder(path, rate)
+    elif kind == "table":
         columns = robot.driver.columns if robot.driver else None
-        log = (
-            tables.read_folder(path, rate)
-            if kind == "folder"
-            else (tables.read_table(path, robot.log_names, columns, rate))
-        )
+        log = tables.read_table(path, robot.log_names, columns, rate)
     else:
         log = _read_joint_states(path, robot, topic, container_of(kind))
     log = replace(log, sha256=hash_of(path))
@@ -151,13 +146,8 @@ def hash_of(path: Path) -> str:
     """Return the SHA-256 of a file; of a folder of rosbag2 that of its recordings, one after the other."""
     if not path.is_dir() or format_of(path) != "rosbag2":
         return sha256(path)
-
-    parts = rosbag2.parts_of(path)
-    return (
-        sha256(parts[0])
-        if len(parts) == 1
-        else hashlib.sha256("".join(map(sha256, parts)).encode()).hexdigest()
-    )
+    first, *more = map(sha256, rosbag2.parts_of(path))
+    return hashlib.sha256("".join([first, *more]).encode()).hexdigest() if more else first
 
 
 def _nearby(path: Path) -> str:
@@ -165,12 +155,8 @@ def _nearby(path: Path) -> str:
     folder = path.parent
     if not folder.is_dir():
         return f"; there is no folder {folder}"
-    logs = [
-        entry.name
-        for entry in sorted(folder.iterdir())
-        if entry.suffix in FORMATS or entry.is_dir()
-    ]
-    alike = difflib.get_close_matches(path.name, logs, n=3, cutoff=0.5)
+    logs = [each.name for each in folder.iterdir() if each.suffix in FORMATS or each.is_dir()]
+    alike = difflib.get_close_matches(path.name, sorted(logs), n=3, cutoff=0.5)
     return f"; nearby: {', '.join(alike)}" if alike else ""
 
 
@@ -197,16 +183,16 @@ def read_npz_log(path: Path) -> Log:
             require_schema(path, header, SCHEMA)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         text = f"{path.name} is not an .npz log, or is damaged: {error}"
-        raise LogNotFound(text, where=str(path)) from error
+        raise LogNotFound(text, where=path) from error
     except NotAnArtifact as error:
         holds = header.get("schema") or "something else"
-        raise LogNotFound(f"{path.name} holds {holds}, not a log", where=str(path)) from error
+        raise LogNotFound(f"{path.name} holds {holds}, not a log", where=path) from error
     motor = "q_motor" in arrays
     position, torque = ("q_motor", "tau_motor") if motor else ("q", "tau")
     for key in ("t", position, torque):
         if key not in arrays:
             have = ", ".join(sorted(arrays)) or "no arrays"
-            raise LogLayout(f"{path.name} has no array '{key}'; it has {have}", where=str(path))
+            raise LogLayout(f"{path.name} has no array '{key}'; it has {have}", where=path)
     extra = {
         key: values
         for key, values in arrays.items()
@@ -229,7 +215,7 @@ def read_npz_log(path: Path) -> Log:
         extra=extra,
     )
     if not log.q.size:
-        raise LogLayout(f"{path.name}: array 'q' holds no numbers", where=str(path))
+        raise LogLayout(f"{path.name}: array 'q' holds no numbers", where=path)
     return log
 
 

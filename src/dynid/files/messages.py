@@ -131,7 +131,7 @@ def nothing_readable(path: Path, reason: str) -> BagTruncated:
     """Return the mistake of a recording without one readable message."""
     if path.suffix in (".bag", ".active"):
         text = f"{path.name} ends early (recorder killed?); 0 s are readable"
-        return BagTruncated(text, where=str(path))
+        return BagTruncated(text, where=path)
     better = path.with_name(f"{path.stem}_recovered{path.suffix}")
     fixes = {
         ".mcap": shell("mcap", "recover", path, "-o", better),
@@ -139,7 +139,7 @@ def nothing_readable(path: Path, reason: str) -> BagTruncated:
     }
     text = f"{path.name} was cut or not closed: {reason.rstrip('.')}"
     fix = fixes.get(path.suffix, shell("ros2", "bag", "reindex", path))
-    return BagTruncated(text, where=str(path), fix=fix)
+    return BagTruncated(text, where=path, fix=fix)
 
 
 # ---------------------------------------------------------------- messages to columns

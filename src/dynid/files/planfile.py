@@ -139,7 +139,7 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
         raise LogLayout(error.what, where=error.where, **_LAYOUT) from error
     for k in np.flatnonzero(~np.all(np.abs(rows) <= LARGEST, axis=1)):
         text = f"{path}: row {k + 1} is not {table.width} numbers up to {LARGEST:g}"
-        raise LogLayout(text, where=str(path), **_LAYOUT)
+        raise LogLayout(text, where=path, **_LAYOUT)
     names = [name.removeprefix("q_") for name in table.names]
     times: Floats | None = None
     # Why: the last line of comments, as wide as the rows, may be anything.
@@ -148,32 +148,32 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
         missing = [name for name in robot.joint_names if name not in names]
         if missing:
             text = f"{path} has no column {missing[0]}; it has {', '.join(names)}"
-            raise LogLayout(text, where=str(path), **_LAYOUT)
+            raise LogLayout(text, where=path, **_LAYOUT)
         rows = rows[:, [names.index(name) for name in robot.joint_names]]
     elif rows.shape[1] == robot.n + 1:
         times, rows = rows[:, 0], rows[:, 1:]
     if rows.shape[1] != robot.n:
         text = f"{path} has {rows.shape[1]} columns, {robot.name} {robot.n} joints"
-        raise JointCountDiffers(text, where=str(path))
+        raise JointCountDiffers(text, where=path)
     fix = "write them into PLAN.yaml under `waypoints:` with `angle_unit: deg`, or divide them by 57.29578"
     return _checked(Waypoints(rows, times), robot, path, fix)
 
 
 def _checked(waypoints: Waypoints, robot: Robot, path: Path, fix: str) -> Waypoints:
-    where, q = str(path), waypoints.q
+    q = waypoints.q
     if len(q) < 2:
         text = f"{path} has {len(q)} waypoints; a motion needs at least 2"
-        raise LogLayout(text, where=where, **_LAYOUT)
+        raise LogLayout(text, where=path, **_LAYOUT)
     if waypoints.times is not None:
         for k in np.flatnonzero(np.diff(waypoints.times) < tuning.LEAST_WAYPOINT_STEP_S):
             least = f"{tuning.LEAST_WAYPOINT_STEP_S:g} s later than waypoint {k + 1}"
-            raise TimeNotIncreasing(f"waypoint {k + 2} must be at least {least}", where=where)
+            raise TimeNotIncreasing(f"waypoint {k + 2} must be at least {least}", where=path)
     far = np.abs(q) * [joint.revolute for joint in robot.joints]
     if far.max() > tuning.MOST_WAYPOINT_RAD:
         k, j = np.unravel_index(far.argmax(), far.shape)
         raise PositionInDegrees(
             f"{path}: {robot.joint_names[j]} is {q[k, j]:g} rad at waypoint {k + 1}",
-            where=where,
+            where=path,
             why="that is more than two turns: probably another unit is meant",
             fix=fix,
         )

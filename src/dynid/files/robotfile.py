@@ -110,12 +110,12 @@ def _parsed(text: str, path: Path) -> Robot:
     """Read a robot once for each text and path."""
     root = parse_yaml(text, path)
     if not root.is_mapping:
-        raise NotYaml(f"{path} has no keys; it is not a robot file", where=str(path))
+        raise NotYaml(f"{path} has no keys; it is not a robot file", where=path)
     found = root.mapping([key.name for key in ROBOT], required=("name", "joints"))
     if "convention" not in found:
         raise MissingConvention(
             f"{path}: say which DH convention: standard or modified; they give different robots",
-            where=str(path),
+            where=path,
         )
     # Why first: all other keys depend on the number of joints and on which of them are revolute.
     unit = found["angle_unit"].choice(tuple(ANGLE)) if "angle_unit" in found else "rad"

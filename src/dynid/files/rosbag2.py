@@ -54,7 +54,7 @@ def parts_of(path: Path) -> list[Path]:
             if packed
             else "check the path"
         )
-        raise LogNotFound(f"{path} has no .db3 or .mcap file", where=str(path), fix=fix)
+        raise LogNotFound(f"{path} has no .db3 or .mcap file", where=path, fix=fix)
 
     def place(part: Path) -> tuple[list[int], str]:
         # Why: rosbag2 numbers the parts of a recording at the end of their names, 9 before 10.
@@ -92,13 +92,13 @@ def _opened(part: Path) -> Iterator[Reader]:
 
     if not part.stat().st_size:
         raise BagTruncated(
-            f"{part.name} is empty: nothing was recorded", where=str(part), fix="record again"
+            f"{part.name} is empty: nothing was recorded", where=part, fix="record again"
         )
     journal = part.with_name(f"{part.name}-wal")
     if journal.is_file() and journal.stat().st_size:
         raise BagTruncated(
             f"{part.name} was not closed: messages wait in {journal.name}",
-            where=str(part),
+            where=part,
             fix=shell("sqlite3", part, "PRAGMA wal_checkpoint(TRUNCATE)"),
         )
     try:

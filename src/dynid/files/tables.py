@@ -233,7 +233,7 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
         holds = ", ".join(sorted(each.name for each in path.iterdir())[:5]) or "nothing"
         raise LogNotFound(
             f"the folder {path} is no log: it holds {holds}",
-            where=str(path),
+            where=path,
             fix="give the folder with metadata.yaml of rosbag2, or with position.txt and torque.txt",
         )
     names: tuple[str, ...] = ()
@@ -250,12 +250,12 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
             heads, values = heads[1:], values[:, 1:]
         rows, width = arrays.setdefault("position", values).shape
         if len(values) != rows:
-            raise LogLayout(f"{file.name} has {len(values)} rows, expected {rows}", where=str(file))
+            raise LogLayout(f"{file.name} has {len(values)} rows, expected {rows}", where=file)
         if key == "time":
             break
         if values.shape[1] != width:
             text = f"{file.name} has {values.shape[1]} columns, position.txt {width}"
-            raise LogLayout(text, where=str(file))
+            raise LogLayout(text, where=file)
         names = names or heads
         if missing := [name for name in names if heads and name not in heads]:
             raise table.wrong(f"no column '{missing[0]}'")
@@ -265,7 +265,7 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
     if t is None and rate is None:
         raise WrongUsage(
             f"{path} has no time.txt and position.txt no time column",
-            where=str(path),
+            where=path,
             why="derivatives need the time of each sample",
             fix="give the sample rate: --rate 100",
         )

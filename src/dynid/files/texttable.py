@@ -65,7 +65,7 @@ class TextTable:
             LogLayout: a cell is not a number, a row has another number of cells, or there is none.
         """
         if not self.first:
-            raise LogLayout(f"{self.path.name} has no samples", where=str(self.path))
+            raise LogLayout(f"{self.path.name} has no samples", where=self.path)
         try:
             return np.loadtxt(
                 self._plain(),
@@ -205,7 +205,7 @@ def lines_of(path: Path) -> Iterator[tuple[int, str]]:
                 if line.strip(';,\t" '):
                     yield number, line
     except OSError as error:
-        raise LogNotFound(f"cannot read {path}: {error.strerror}", where=str(path)) from error
+        raise LogNotFound(f"cannot read {path}: {error.strerror}", where=path) from error
     except UnicodeDecodeError as error:
         text = f"{path.name} is not a text file"
-        raise LogNotFound(text, where=str(path), fix="save it as UTF-8") from error
+        raise LogNotFound(text, where=path, fix="save it as UTF-8") from error

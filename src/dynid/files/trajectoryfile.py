@@ -112,26 +112,19 @@ def motion_hash(motion: Motion) -> str:
 
 def write_trajectory(path: Path, stored: StoredTrajectory) -> None:
     """Write trajectory.npz."""
-    review = stored.review
+    review, motion = stored.review, stored.motion
     header = {
         **stored.facts,
         "robot": stored.robot,
         "joints": list(stored.joints),
         "alpha": stored.alpha,
         "basis": dict(stored.basis),
-        "duration_s": float(stored.motion.t[-1]),
-        "motion_sha256": motion_hash(stored.motion),
+        "duration_s": float(motion.t[-1]),
+        "motion_sha256": motion_hash(motion),
         "reviewed": review is not None,
         "review": None if review is None else asdict(review),
     }
-    motion = stored.motion
-    arrays: dict[str, NDArray[Any]] = {
-        "t": motion.t,
-        "q": motion.q,
-        "qd": motion.qd,
-        "qdd": motion.qdd,
-        "coefficients": stored.coefficients,
-    }
+    arrays = {**vars(motion), "coefficients": stored.coefficients}
     write_artifact(path, SCHEMA, header, arrays)
 
 
@@ -163,11 +156,9 @@ def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
             source=path,
         )
     if len(motion.t) < 2:
-        raise NotAnArtifact(
-            f"{path}: {len(motion.t)} samples are too few for a motion", where=str(path)
-        )
+        raise NotAnArtifact(f"{path}: {len(motion.t)} samples are too few for a motion", where=path)
     if header["motion_sha256"] != motion_hash(motion):
-        raise NotAnArtifact(f"{path}: the samples were changed after planning", where=str(path))
+        raise NotAnArtifact(f"{path}: the samples were changed after planning", where=path)
     if robot is not None:
         robot.require_joints(stored.joints, path)
     return stored

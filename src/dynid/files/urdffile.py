@@ -129,7 +129,7 @@ class Urdf:
 
 
 def _wrong(path: Path, text: str, fix: str = "") -> WrongUrdf:
-    return WrongUrdf(f"{path}{text}", where=str(path), fix=fix)
+    return WrongUrdf(f"{path}{text}", where=path, fix=fix)
 
 
 def read_urdf(path: Path, *, exact: bool = False) -> Urdf:
@@ -146,7 +146,7 @@ def read_urdf(path: Path, *, exact: bool = False) -> Urdf:
         top = ET.fromstring(path.read_bytes())
     except OSError as error:
         text = f"cannot read {path}: {error.strerror}"
-        raise WrongUrdf(text, where=str(path)) from error
+        raise WrongUrdf(text, where=path) from error
     except ET.ParseError as error:
         line = f"{path}:{error.position[0]}"
         raise WrongUrdf(f"{path} is not XML: {error}", where=line) from error

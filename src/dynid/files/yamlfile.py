@@ -308,7 +308,7 @@ def read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise NotYaml(f"{path} is not a text file", where=str(path)) from error
+        raise NotYaml(f"{path} is not a text file", where=path) from error
 
 
 def parse_yaml(text: str, path: Path) -> Value:

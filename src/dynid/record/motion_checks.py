@@ -114,17 +114,15 @@ def forecast(
         Collision: links, floor or obstacles come too near (E502).
     """
     joint, speed = check_limits(robot, played)
-    progress.stage(
-        "limits", "position, velocity and acceleration of every sample are inside the limits"
-    )
+    text = "position, velocity and acceleration of every sample are inside the limits"
+    progress.stage("limits", text)
     near = check_clearance(robot, played, scene, urdf)
-    tool = fastest_tool(robot, played.motion)
-    closest = (
-        f"closest {near[0].pair}, {1e3 * near[0].distance:.0f} mm at t = {near[0].time:.1f} s; "
-        if near
-        else ""
-    )
-    progress.stage("clearance", f"{closest}tool up to {tool:.2f} m/s")
+    tool = float(tool_speed(robot, played.motion.q, played.motion.qd).max())
+    text = f"tool up to {tool:.2f} m/s"
+    if near:
+        where = f"{near[0].pair}, {1e3 * near[0].distance:.0f} mm at t = {near[0].time:.1f} s"
+        text = f"closest {where}; {text}"
+    progress.stage("clearance", text)
     return Forecast(
         seconds=float(played.motion.t[-1]),
         approach_seconds=played.approach,
@@ -171,35 +169,27 @@ def _violations(robot: Robot, played: PlayedMotion) -> list[Violation]:
     for j, joint in enumerate(robot.joints):
         limits = joint.limits
         lower, upper = limits.position or (-np.inf, np.inf)
-        q = motion.q[:, j]
-        beyond = np.maximum(q - upper, lower - q)
-        k = int(beyond.argmax())
-        if beyond[k] > 1e-6 * max(1.0, abs(upper)):
-            value, limit = float(q[k]), float(upper if q[k] > upper else lower)
-            found.append(
-                Violation(
-                    joint.name, "position", value, limit, float(motion.t[k]), None, joint.revolute
+        ranges = (
+            ("position", motion.q, lower, upper, 1e-6 * max(1.0, abs(upper))),
+            *(
+                (quantity, values, -most, most, 1e-6 * most)
+                for quantity, values, most in (
+                    ("velocity", motion.qd, limits.velocity or np.inf),
+                    ("acceleration", motion.qdd, limits.acceleration or np.inf),
                 )
-            )
-        rates = (
-            (motion.qd, limits.velocity, "velocity", 1),
-            (motion.qdd, limits.acceleration, "acceleration", 2),
+            ),
         )
-        for values, allowed, quantity, order in rates:
-            k = int(np.abs(values[:, j]).argmax())
-            value = abs(float(values[k, j]))
-            if allowed and value > allowed * (1 + 1e-6):
-                alpha = played.speed * (allowed / value) ** (1 / order)
+        for order, (quantity, values, low, high, rounding) in enumerate(ranges):
+            beyond = np.maximum(values[:, j] - high, low - values[:, j])
+            k = int(beyond.argmax())
+            value = float(values[k, j])
+            if beyond[k] > rounding:
+                limit = float(high if value > high else low)
+                alpha = played.speed * (limit / value) ** (1 / order) if order else None
+                value, limit = (abs(value), abs(limit)) if order else (value, limit)
+                time = float(motion.t[k])
                 found.append(
-                    Violation(
-                        joint.name,
-                        quantity,
-                        value,
-                        allowed,
-                        float(motion.t[k]),
-                        alpha,
-                        joint.revolute,
-                    )
+                    Violation(joint.name, quantity, value, limit, time, alpha, joint.revolute)
                 )
     return found
 
@@ -258,11 +248,6 @@ def check_clearance(
     )
     require_clear(everything, slack=tuning.CLEARANCE_SLACK_M)
     return found.least
-
-
-def fastest_tool(robot: Robot, motion: Motion) -> float:
-    """Return the largest speed of the last frame [m/s]."""
-    return float(tool_speed(robot, motion.q, motion.qd).max())
 
 
 def check_torque(robot: Robot, played: PlayedMotion, torque: Torque) -> PeakTorque | None:

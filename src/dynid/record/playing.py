@@ -42,16 +42,13 @@ def at_speed(motion: Motion, speed: float) -> Motion:
 def approach(robot: Robot, start: Floats, end: Floats) -> Motion:
     """Return a slow quintic from rest to rest between two poses, (n,) each [rad or m]."""
     distance = np.abs(end - start)
-    velocity, acceleration = (
-        np.array([getattr(joint.limits, key) or usual for joint in robot.joints])
-        * tuning.APPROACH_SHARE
-        for key, usual in (
-            ("velocity", tuning.APPROACH_VELOCITY),
-            ("acceleration", tuning.APPROACH_ACCELERATION),
-        )
-    )
+    limits = [joint.limits for joint in robot.joints]
+    velocity = np.array([each.velocity or tuning.APPROACH_VELOCITY for each in limits])
+    acceleration = np.array([each.acceleration or tuning.APPROACH_ACCELERATION for each in limits])
+    share = tuning.APPROACH_SHARE
     needed = np.maximum(
-        _SPEED * distance / velocity, np.sqrt(_ACCELERATION * distance / acceleration)
+        _SPEED * distance / (share * velocity),
+        np.sqrt(_ACCELERATION * distance / (share * acceleration)),
     )
     duration = max(tuning.SHORTEST_APPROACH_S, float(needed.max()))
     t = np.linspace(0.0, duration, round(duration * tuning.APPROACH_RATE_HZ) + 1)
@@ -69,16 +66,9 @@ def joined(motions: Sequence[Motion]) -> Motion:
     """Return motions one after the other; each begins at rest where the last one ended."""
     parts, begin = [], 0.0
     for k, motion in enumerate(motions):
-        keep = slice(1 if k else 0, None)
-        parts.append(
-            (
-                motion.t[keep] - motion.t[0] + begin,
-                motion.q[keep],
-                motion.qd[keep],
-                motion.qdd[keep],
-            )
-        )
-        begin += float(motion.t[-1] - motion.t[0])
+        t = motion.t - motion.t[0] + begin
+        parts.append([x[min(k, 1) :] for x in (t, motion.q, motion.qd, motion.qdd)])
+        begin = float(t[-1])
     t, q, qd, qdd = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     return Motion(t, q, qd, qdd)
 

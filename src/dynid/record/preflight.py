@@ -36,6 +36,9 @@ from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
 
+#: The small state topics that drivers have beside their joint states.
+STATE_TOPICS = ("joint_angles", "joint_torques", "joint_command", "FRI_data", "j_ext_ft")
+
 
 @dataclass(frozen=True)
 class ObservedState:
@@ -63,17 +66,11 @@ def find_topic(node: Node, robot: Robot, asked: str | None) -> str:
         TopicSilent: nobody publishes joint states.
         TopicMissing: the topic that was asked for is not there.
     """
-    topics = {
-        name: kind
-        for name, kind in node.master().getPublishedTopics("")
-        if not name.startswith("/rosout")
-    }
+    published = node.master().getPublishedTopics("")
+    topics = {name: kind for name, kind in published if not name.startswith("/rosout")}
     if not topics:
-        raise TopicSilent(
-            f"no node publishes anything at {node.uri}",
-            where=node.uri,
-            fix="start the arm's driver",
-        )
+        text = f"no node publishes anything at {node.uri}"
+        raise TopicSilent(text, where=node.uri, fix="start the arm's driver")
     return driver_of(robot).choose_topic(topics, asked, robot, f"the ROS graph at {node.uri}")
 
 
@@ -169,10 +166,8 @@ def check_zero(seen: ObservedState, robot: Robot) -> tuple[Finding, ...]:
 
 def at_candle(seen: ObservedState) -> bool:
     """Return whether a Kinova Gen2 points straight up."""
-    return bool(
-        np.abs(np.angle(np.exp(1j * (seen.q - tuning.CANDLE_POSE_RAD)))).max()
-        < tuning.CANDLE_TOLERANCE_RAD
-    )
+    away = np.angle(np.exp(1j * (seen.q - tuning.CANDLE_POSE_RAD)))
+    return bool(np.abs(away).max() < tuning.CANDLE_TOLERANCE_RAD)
 
 
 def check_gravity(seen: ObservedState, robot: Robot, port: CommandPort) -> bool | None:
@@ -294,17 +289,7 @@ def check_endpoints(port: CommandPort) -> None:
 
 def listener_of(node: Node, robot: Robot, topic: str) -> Listener:
     """Return a listener on the joint states and on the driver's other topics that belong to the record."""
-    extra = [name for name, _ in node.master().getPublishedTopics("") if _belongs(name, topic)]
+    published = {name for name, _ in node.master().getPublishedTopics("")}
+    beside = [f"{topic.rsplit('/', 1)[0]}/{name}" for name in STATE_TOPICS]
+    extra = [name for name in beside if name in published and name != topic]
     return Listener(node, Columns(robot), topic, extra)
-
-
-def _belongs(name: str, topic: str) -> bool:
-    """Return whether a topic is one of the driver's small state topics."""
-    neighbour = name.rsplit("/", 1)[0] == topic.rsplit("/", 1)[0] and name != topic
-    return neighbour and name.rsplit("/", 1)[1] in (
-        "joint_angles",
-        "joint_torques",
-        "joint_command",
-        "FRI_data",
-        "j_ext_ft",
-    )

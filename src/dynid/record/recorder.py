@@ -6,7 +6,6 @@ uncompressed and flushed fifty times a second, so that a killed recorder leaves 
 
 from __future__ import annotations
 
-import contextlib
 import threading
 import time
 from collections.abc import Iterable
@@ -84,18 +83,14 @@ class Listener:
         self.tally = Tally()
         self.names: tuple[str, ...] = ()
         self.latest: Sample | None = None
-        self.message: Any = None
         self._keep: Queue | None = None
         self._lock = threading.Lock()
         self._state = import_ros("sensor_msgs.msg").JointState
         options = {"queue_size": None, "tcp_nodelay": True, "buff_size": 1 << 20}
-        any_message = node.rospy.AnyMsg
+        heard = [(topic, self._joint_state), *((other, self._other) for other in others)]
         self._subscribers = [
-            node.rospy.Subscriber(topic, any_message, self._joint_state, **options)
-        ]
-        self._subscribers += [
-            node.rospy.Subscriber(other, any_message, self._other, callback_args=other, **options)
-            for other in others
+            node.rospy.Subscriber(name, node.rospy.AnyMsg, callback, name, **options)
+            for name, callback in heard
         ]
 
     def begin(self, queue: Queue) -> None:
@@ -114,7 +109,7 @@ class Listener:
         for subscriber in self._subscribers:
             subscriber.unregister()
 
-    def _joint_state(self, raw: Any) -> None:  # noqa: ANN401
+    def _joint_state(self, raw: Any, topic: str) -> None:  # noqa: ANN401
         wall, arrival = time.time_ns(), time.monotonic()
         message = self._state()
         message.deserialize(raw._buff)
@@ -124,12 +119,10 @@ class Listener:
         self.names = tuple(message.name)
         with self._lock:
             if sample is not None:
-                self.message, self.latest = message, sample
-                self.tally.add(
-                    arrival, message.header.seq, raw._connection_header.get("callerid", "")
-                )
+                self.latest, publisher = sample, raw._connection_header.get("callerid", "")
+                self.tally.add(arrival, message.header.seq, publisher)
             if self._keep is not None:
-                self._keep.put((self.topic, wall, raw._buff, raw._connection_header, message))
+                self._keep.put((topic, wall, raw._buff, raw._connection_header, message))
 
     def _other(self, raw: Any, topic: str) -> None:  # noqa: ANN401
         with self._lock:
@@ -146,11 +139,8 @@ class LogRecorder:
     """
 
     def __init__(self, listener: Listener, folder: Path) -> None:
-        self.listener, self.bag_path, self.text_folder = (
-            listener,
-            folder / "log.bag",
-            folder / "log",
-        )
+        self.listener = listener
+        self.bag_path, self.text_folder = folder / "log.bag", folder / "log"
         self.failure: OSError | None = None
         self.written = 0
         self._queue: Queue = SimpleQueue()
@@ -175,9 +165,8 @@ class LogRecorder:
             self._texts["time"].write("t\n")
             self._bag = import_ros("rosbag").Bag(self._file, "w")
         except OSError as error:
-            raise CannotWrite(
-                f"cannot write {self.bag_path}: {error.strerror}", where=str(self.bag_path)
-            ) from error
+            text = f"cannot write {self.bag_path}: {error.strerror}"
+            raise CannotWrite(text, where=self.bag_path) from error
         self._time = import_ros("genpy").Time
         self.listener.begin(self._queue)
         self._thread.start()
@@ -191,18 +180,12 @@ class LogRecorder:
         tally = self.listener.end()
         self._end.set()
         self._thread.join(10.0)
-        closing = [
-            self._bag.close,
-            self._file.close,
-            *(text.close for text in self._texts.values()),
-        ]
-        for close in closing:
+        # Why the file twice: a close that could not write what was left closes it the second time.
+        for each in (self._bag, self._file, *self._texts.values(), self._file):
             try:
-                close()
+                each.close()
             except OSError as error:
                 self.failure = self.failure or error
-        with contextlib.suppress(OSError):
-            self._file.close()
         return tally
 
     def _write_all(self) -> None:
@@ -220,11 +203,8 @@ class LogRecorder:
                 topic, wall, raw, header, message = self._queue.get_nowait()
             except Empty:
                 break
-            stamp = self._time(*divmod(wall, 10**9))
-            if raw:
-                self._bag.write(topic, _raw(raw, header), stamp, raw=True)
-            else:
-                self._bag.write(topic, message, stamp)
+            content = _raw(raw, header) if raw else message
+            self._bag.write(topic, content, self._time(*divmod(wall, 10**9)), raw=bool(raw))
             if raw and message is not None:
                 self._write_texts(message)
                 self.written += 1

@@ -104,15 +104,10 @@ def play(
         outcome.failure = stream.failure
         if outcome.failure is not None:
             _stop(port, listener, outcome)
-    outcome.seconds, outcome.commands, outcome.skipped = (
-        stream.time,
-        stream.commands,
-        stream.skipped,
-    )
-    outcome.largest_lateness, outcome.largest_deviation = (
-        monitor.largest_lateness,
-        monitor.largest_deviation,
-    )
+    outcome.seconds, outcome.commands = stream.time, stream.commands
+    outcome.skipped = stream.skipped
+    outcome.largest_lateness = monitor.largest_lateness
+    outcome.largest_deviation = monitor.largest_deviation
     outcome.largest_torque_share = monitor.largest_torque_share
     if outcome.failure is None:
         time.sleep(tuning.TAIL_S)
@@ -138,10 +133,8 @@ def _signals(halt: Callable[[], None]) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    previous = {
-        number: signal.signal(number, lambda *_: halt())
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    previous = {number: signal.signal(number, lambda *_: halt()) for number in numbers}
     try:
         yield
     finally:
@@ -160,41 +153,27 @@ def listen_only(
         stale: silence after which it ends [s].
         poll: called about twenty times a second; True ends it.
     """
-    ended = threading.Event()
-    outcome = Outcome()
-    begin = time.monotonic()
+    ended, outcome, begin = threading.Event(), Outcome(), time.monotonic()
+
+    def silence() -> float:
+        latest = recorder.listener.latest
+        return time.monotonic() - latest.arrival if latest is not None else 0.0
+
     with _signals(ended.set):
         try:
-            _wait_for_end(recorder, ended, seconds, stale, poll)
+            while not ended.wait(tuning.GLANCE_S):
+                passed = time.monotonic() - begin
+                over = seconds is not None and passed >= seconds
+                if over or poll(passed) or silence() > stale:
+                    break
+                if recorder.failure is not None:
+                    raise disk_error(recorder)
         except BaseException as error:  # noqa: BLE001 - files are closed by the caller
             outcome.failure = error
     outcome.seconds = time.monotonic() - begin
-    latest = recorder.listener.latest
-    if latest is not None and time.monotonic() - latest.arrival > stale:
-        outcome.notes.append(
-            f"joint states ended {time.monotonic() - latest.arrival:.1f} s before the recording"
-        )
+    if (silent := silence()) > stale:
+        outcome.notes.append(f"joint states ended {silent:.1f} s before the recording")
     return outcome
-
-
-def _wait_for_end(
-    recorder: LogRecorder,
-    ended: threading.Event,
-    seconds: float | None,
-    stale: float,
-    poll: Callable[[float], bool],
-) -> None:
-    """Wait until told to end, the time is over, or nothing comes any more."""
-    begin = time.monotonic()
-    while not ended.wait(tuning.GLANCE_S):
-        now = time.monotonic()
-        latest = recorder.listener.latest
-        if (seconds is not None and now - begin >= seconds) or poll(now - begin):
-            return
-        if recorder.failure is not None:
-            raise disk_error(recorder)
-        if latest is not None and now - latest.arrival > stale:
-            return
 
 
 def disk_error(recorder: LogRecorder) -> CannotWrite:
@@ -253,13 +232,8 @@ class Stream(threading.Thread):
         sent: Callable[[str, Any], None],
     ) -> None:
         super().__init__(name="stream", daemon=True)
-        self.port, self.reference, self.monitor, self.latest, self.sent = (
-            port,
-            reference,
-            monitor,
-            latest,
-            sent,
-        )
+        self.port, self.reference, self.monitor = port, reference, monitor
+        self.latest, self.sent = latest, sent
         self.failure: BaseException | None = None
         self.commands = 0
         self.skipped = 0
@@ -304,10 +278,8 @@ class Stream(threading.Thread):
         self.monitor.state(sample, planned.q, now, now - start)
         # Why: a driver that plays one command per period is told what that period needs, however late it is; others are
         # told what comes after now.
-        target = self.reference.at(
-            (self.time if self.port.slotted else now - start) + self.port.lead
-        )
-        self._keep(self.port.send(target, sample.q))
+        when = self.time if self.port.slotted else now - start
+        self._keep(self.port.send(self.reference.at(when + self.port.lead), sample.q))
 
     def _rest(self, start: float, k: int, period: float) -> None:
         """End with commands that keep the arm where the motion ends."""
@@ -357,12 +329,8 @@ class MasterMonitor(threading.Thread):
             except OSError:
                 missed += 1
             if missed == 2:
-                self._halt(
-                    MasterSilent(
-                        f"the ROS master at {self._node.uri} died while the arm moved: stopped, log kept"
-                    )
-                )
-                return
+                text = f"the ROS master at {self._node.uri} died while the arm moved: stopped, log kept"
+                return self._halt(MasterSilent(text))
 
 
 def facts(outcome: Outcome) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import pytest
 from dynid.errors import Collision, LimitBroken
 from dynid.files.robotfile import load_robot
 from dynid.motion import Motion
-from dynid.record.motion_checks import check_clearance, check_limits, check_torque, fastest_tool
+from dynid.record.motion_checks import check_clearance, check_limits, check_torque
 from dynid.record.playing import PlayedMotion, approach, at_speed, joined
 from dynid.sim.arm import SimulatedArm
 from dynid.trajectory.scene import Box, Scene, scene_from
@@ -115,15 +115,3 @@ def test_a_scene_survives_its_facts():
         None, (Box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),), Box((-1.0, -1.0, 0.0), (1.0, 1.0, 2.0))
     )
     assert scene_from(scene.facts) == scene
-
-
-def test_the_tool_speed_of_one_joint_is_its_speed_times_the_lever():
-    stretched = np.array([0.0, np.pi / 2, 0.0, 0.0, 0.0, 0.0, 0.0])
-    motion = Motion(
-        np.array([0.0, 1.0]),
-        np.tile(stretched, (2, 1)),
-        np.tile(only(1, 0.5), (2, 1)),
-        np.zeros((2, 7)),
-    )
-    lever = 0.40 + 0.39 + 0.078
-    assert fastest_tool(LWR, motion) == pytest.approx(0.5 * lever, rel=1e-3)
