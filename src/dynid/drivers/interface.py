@@ -97,24 +97,16 @@ class Driver:
         states = [name for name, kind in topics.items() if kind == JOINT_STATE]
         if wanted is None:
             return self._default_topic(states, topics, bag)
+        better = shell("--topic", states[0]) if states else "record the driver's joint state topic"
         if wanted not in topics:
-            better = (
-                shell("--topic", states[0]) if len(states) == 1 else "name one of them with --topic"
-            )
-            raise TopicMissing(
-                f"topic '{wanted}' is not in {bag}; it has {_listed(topics)}", where=bag, fix=better
-            )
+            text = f"topic '{wanted}' is not in {bag}; it has {_listed(topics)}"
+            fix = better if len(states) == 1 else "name one of them with --topic"
+            raise TopicMissing(text, where=bag, fix=fix)
         if topics[wanted] != JOINT_STATE:
-            self.refuse_type(wanted, topics, bag)
+            instead = f"use {states[0]}" if states else f"{bag} has no {JOINT_STATE} topic"
+            text = f"{wanted} is {topics[wanted]}{self.type_note(topics[wanted])}; {instead}"
+            raise WrongMessageType(text, where=bag, fix=better)
         return wanted
-
-    def refuse_type(self, topic: str, topics: Mapping[str, str], bag: str) -> None:
-        """Raise when the topic's messages cannot be used, naming the topic that can."""
-        states = [name for name, kind in topics.items() if kind == JOINT_STATE]
-        note = self.type_note(topics[topic])
-        instead = f"; use {states[0]}" if states else f"; {bag} has no {JOINT_STATE} topic"
-        fix = shell("--topic", states[0]) if states else "record the driver's joint state topic"
-        raise WrongMessageType(f"{topic} is {topics[topic]}{note}{instead}", where=bag, fix=fix)
 
     def type_note(self, kind: str) -> str:
         """Return what is wrong with a message type, in brackets, or an empty text."""
@@ -125,16 +117,11 @@ class Driver:
         if len(states) == 1 or len(set(known)) == 1:
             return known[0] if known else states[0]
         if not states:
-            raise TopicMissing(
-                f"{bag} has no {JOINT_STATE} topic; it has {_listed(topics)}",
-                where=bag,
-                fix="record the driver's joint state topic",
-            )
-        raise TopicMissing(
-            f"{bag} has several joint state topics: {', '.join(states)}",
-            where=bag,
-            fix=f"name one of them: {shell('--topic', states[0])}",
-        )
+            text = f"{bag} has no {JOINT_STATE} topic; it has {_listed(topics)}"
+            raise TopicMissing(text, where=bag, fix="record the driver's joint state topic")
+        text = f"{bag} has several joint state topics: {', '.join(states)}"
+        fix = f"name one of them: {shell('--topic', states[0])}"
+        raise TopicMissing(text, where=bag, fix=fix)
 
 
 def _listed(topics: Mapping[str, str]) -> str:
@@ -191,13 +178,9 @@ class KinovaGen2(Driver):
 
     def type_note(self, kind: str) -> str:
         """Return what is wrong with the driver's own messages."""
-        return (
-            " (degrees, no time stamp)"
-            if kind == "kinova_msgs/JointAngles"
-            else " (no positions, no time stamp)"
-            if kind.startswith("kinova_msgs/")
-            else ""
-        )
+        if kind == "kinova_msgs/JointAngles":
+            return " (degrees, no time stamp)"
+        return " (no positions, no time stamp)" * kind.startswith("kinova_msgs/")
 
 
 DRIVERS: dict[str, Driver] = {

@@ -84,6 +84,11 @@ def matched(pattern: str, names: Sequence[str], joints: Sequence[str]) -> list[s
     return []
 
 
+def numbered(pattern: str, names: Sequence[str]) -> list[str]:
+    """Return the columns of a pattern with numbers, as many as there are."""
+    return max((matched(pattern, names, [""] * k) for k in range(1, 33)), key=len)
+
+
 def usual_joints(names: Sequence[str]) -> tuple[str, ...]:
     """Return the joints of columns with the usual names; () where no position has a torque or a current beside it."""
     own = [name[2:] for name in names if name.startswith("q_") and not name.startswith("q_ref_")]
@@ -115,21 +120,23 @@ def snippet(patterns: Mapping[str, str]) -> str:
 
 def suggested(names: Sequence[str]) -> dict[str, str]:
     """Return patterns for ``driver: columns:`` that would find columns of these names; {} where none can be told."""
-    found = _paired(_numbered(names)) or _paired(_named(names))
+    found = _paired(_numbers(names)) or _paired(_named(names))
     like = [name for name in names if re.search(r"time|stamp", name.lower())]
     time = next((name for name in [*filter(is_time, names), *like]), "") if found else ""
     return ({"time": time} if time else {}) | found
 
 
-def _paired(families: Mapping[str, frozenset[str]]) -> dict[str, str]:
-    """Return the best families of positions and torques that have the same members, and what goes with them."""
+def _paired(members: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """Return the best patterns of positions and torques that have the same members, and what goes with them."""
+    families: dict[str, set[str]] = {}
+    for pattern, member in members:
+        families.setdefault(pattern, set()).add(member)
     # Why the best of each first: names full of numbers have thousands of families, and pairs without end.
     best: dict[tuple[str, frozenset[str]], tuple[int, str]] = {}
-    for pattern, each in families.items():
-        kind, doubt = _meaning(pattern)
-        if kind and len(each) > 1:
-            new = doubt, pattern
-            best[kind, each] = min(best.get((kind, each), new), new, key=lambda one: one[0])
+    for pattern, family in families.items():
+        (kind, doubt), each = _meaning(pattern), frozenset(family)
+        if kind and len(each) > 1 and ((kind, each) not in best or doubt < best[kind, each][0]):
+            best[kind, each] = doubt, pattern
     pairs = [
         (doubt + best["effort", each][0], each)
         for (kind, each), (doubt, _) in best.items()
@@ -174,42 +181,26 @@ def _words(pattern: str) -> set[str]:
     return {part.lower() for part in re.findall(r"[A-Za-z]+", plain)}
 
 
-def _numbered(names: Sequence[str]) -> dict[str, frozenset[str]]:
-    """Return families of names that differ in one number, by pattern."""
-    return _families(
-        (f"{name[: number.start()]}{{i}}{name[number.end() :]}", number.group())
-        for name in names
-        for number in re.finditer(r"\d+", name)
-    )
+def _numbers(names: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield patterns of names that differ in one number, each with the number."""
+    for name in names:
+        for number in re.finditer(r"\d+", name):
+            yield f"{name[: number.start()]}{{i}}{name[number.end() :]}", number.group()
 
 
-def _named(names: Sequence[str]) -> dict[str, frozenset[str]]:
-    """Return families of names that differ in the name of the joint, before or behind what they are."""
-
-    def split() -> Iterator[tuple[str, str]]:
-        for kind in ("position", "velocity", "effort"):
-            some = [
-                name
-                for name in names
-                if not is_time(name) and _meaning(name) in [(kind, doubt) for doubt in range(4)]
-            ]
-            start = _shared_start(some)
-            rest = [name[len(start) :] for name in some]
-            end = _shared_start([name[::-1] for name in rest])[::-1]
-            for name in rest if len(some) > 1 else ():
-                yield f"{start}{{name}}{end}", name[: len(name) - len(end)]
-
-    return _families(split())
+def _named(names: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield patterns of names that differ in the name of the joint, before or behind what they are, with that name."""
+    for kind in ("position", "velocity", "effort"):
+        meanings = [(kind, doubt) for doubt in range(4)]
+        some = [name for name in names if not is_time(name) and _meaning(name) in meanings]
+        start = _shared_start(some)
+        rest = [name[len(start) :] for name in some]
+        end = _shared_start([name[::-1] for name in rest])[::-1]
+        for name in rest if len(some) > 1 else ():
+            yield f"{start}{{name}}{end}", name[: len(name) - len(end)]
 
 
 def _shared_start(words: Sequence[str]) -> str:
     """Return the letters that all words begin with."""
     pairs = zip(min(words, default=""), max(words, default=""), strict=False)
     return "".join(a for a, _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
-
-
-def _families(members: Iterable[tuple[str, str]]) -> dict[str, frozenset[str]]:
-    found: dict[str, set[str]] = {}
-    for pattern, member in members:
-        found.setdefault(pattern, set()).add(member)
-    return {pattern: frozenset(each) for pattern, each in found.items()}

@@ -12,8 +12,8 @@ from dynid.errors import Finding, LogLayout
 from dynid.files import logs, tables, tuning
 from dynid.files.columnwords import (
     in_amperes,
-    matched,
     members,
+    numbered,
     snippet,
     suggested,
     template,
@@ -148,16 +148,11 @@ def inspect(path: Path, rate: float | None = None) -> Inspected:
 
 def _table(path: Path, rate: float | None) -> Inspected:
     columns = text_table(path).names
-    patterns: dict[str, str] = {}
-    names: list[str] = []
-    if not usual_joints(columns) and (patterns := suggested(columns)):
-        position = patterns["position"]
-        n = max(len(matched(position, columns, [""] * k)) for k in range(1, 33))
-        names = (
-            members(position, columns)
-            if "{name}" in position
-            else [f"joint_{k + 1}" for k in range(n)]
-        )
+    patterns = {} if usual_joints(columns) else suggested(columns)
+    position = patterns.get("position", "")
+    names = members(position, columns) if "{name}" in position else []
+    if "{i}" in position:
+        names = [f"joint_{k + 1}" for k in range(len(numbered(position, columns)))]
     try:
         log = tables.read_table(path, names, patterns, rate)
     except LogLayout:

@@ -313,18 +313,16 @@ def _with_effort(log: Log, one: Log, robot: Robot) -> Log:
         WrongMessageType: the topic has other joints, or no time in common with the positions.
     """
     torque = one.q if "effort" in one.extra["absent"] else one.tau
-    joints = list(one.names) or [*robot.log_names[: one.n]]
+    joints = one.names or robot.log_names[: one.n]
     if torque.shape[1] < robot.n or not set(joints) <= {*log.names, *one.names}:
         text = f"{one.topic} has {torque.shape[1]} torques, {robot.name} has {robot.n} joints"
         raise WrongMessageType(text, where=one.topic)
     # Unit: both clocks count from their own first message; stamps of headers only compare with each other.
     both = log.extra["clock"] == one.extra["clock"]
-    first = (
-        one.extra["start_ns"] - log.extra["start_ns"]
-        if both
-        else one.extra["arrival_ns"][0] - log.extra["arrival_ns"][0]
+    start, other = (
+        each.extra["start_ns"] if both else each.extra["arrival_ns"][0] for each in (log, one)
     )
-    clock = one.t + first * 1e-9
+    clock = one.t + (other - start) * 1e-9
     shared = (log.t >= clock[0]) & (log.t <= clock[-1])
     if not shared.any():
         raise WrongMessageType(f"{log.topic} and {one.topic} share no time", where=one.topic)

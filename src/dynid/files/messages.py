@@ -302,15 +302,13 @@ def _log(names: tuple[str, ...], n: int, blocks: list[Columns], topic: str) -> L
     """
     sizes = [len(block["arrival"]) for block in blocks]
     found: Columns = {}
-    for key in {key: None for block in blocks for key in block}:
+    for key in dict.fromkeys(key for block in blocks for key in block):
         # Why popped: the blocks of a column are not needed when it is whole.
-        parts = [block.pop(key, None) for block in blocks]
-        found[key] = np.concatenate(
-            [
-                np.full((size, n), np.nan) if part is None else part
-                for part, size in zip(parts, sizes, strict=True)
-            ]
-        )
+        parts = [
+            block.pop(key) if key in block else np.full((size, n), np.nan)
+            for block, size in zip(blocks, sizes, strict=True)
+        ]
+        found[key] = np.concatenate(parts)
     if np.any(np.diff(found["arrival"]) < 0):
         order = np.argsort(found["arrival"], kind="stable")
         found = {key: values[order] for key, values in found.items()}

@@ -16,6 +16,7 @@ from dynid.files import tuning
 from dynid.files.columnwords import (
     is_time,
     matched,
+    numbered,
     snippet,
     suggested,
     template,
@@ -198,10 +199,9 @@ def _names_in_rows(table: TextTable, pattern: str) -> tuple[str, ...]:
     Raises:
         LogLayout: there are no such columns.
     """
-    for count in range(32, 0, -1):
-        if chosen := matched(pattern, table.names, [""] * count):
-            return tuple(table.first[table.names.index(name)] for name in chosen if table.first)
-    raise _absent(table, pattern)
+    if not (chosen := numbered(pattern, table.names)):
+        raise _absent(table, pattern)
+    return tuple(table.first[table.names.index(name)] for name in chosen if table.first)
 
 
 def _declared(columns: Mapping[str, Sequence[str]], table: TextTable) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import platform
 import socket
 from collections.abc import Mapping
@@ -21,7 +22,8 @@ SCHEMA = "dynid/manifest/1"
 
 def write_manifest(path: Path, facts: Mapping[str, Any]) -> None:
     """Write facts as YAML, whole or not at all."""
-    write_text(path, yaml_text(_plain(facts), width=110, default_flow_style=False))
+    plain = json.dumps(facts, default=lambda x: x.tolist() if hasattr(x, "tolist") else str(x))
+    write_text(path, yaml_text(json.loads(plain), width=110, default_flow_style=False))
 
 
 def beginning(robot: Robot, node: Node, command: str) -> dict[str, Any]:
@@ -56,16 +58,3 @@ def now() -> str:
 def _parameter(node: Node, name: str) -> str | None:
     master = node.master()
     return str(master.getParam(name)).strip() if master.hasParam(name) else None
-
-
-def _plain(value: Any) -> Any:  # noqa: ANN401
-    """Return a value as YAML knows it."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value
-    return str(value)
