@@ -26,7 +26,7 @@ def name(page):
 
 
 #: Pages whose commands ``make test`` runs; the others are slow.
-FIRST = {ROOT / "README.md", ROOT / "docs/tutorial/first-identification.md"}
+FIRST = {ROOT / "README.md"}
 
 
 def marks(page):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.data
+pytestmark = [pytest.mark.data, pytest.mark.slow]
 SHIPPED = Path(__file__).parents[2] / "trajectories"
 #: Job, robot, log, and which of its joints (from 0) gets a torque column that is 2 % too large.
 LOGS = (

@@ -37,6 +37,7 @@ def files(folder):
     }
 
 
+@pytest.mark.slow
 def test_jobs_side_by_side_and_on_dask_give_the_same_bytes_and_the_failed_one_is_named(batch):
     """Its message and status stand in the table, and its status is that of the command."""
     from distributed import LocalCluster
