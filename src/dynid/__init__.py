@@ -30,13 +30,12 @@ if TYPE_CHECKING:
     from dynid.robot import Robot
     from dynid.trajectory.options import PlanOptions
     from dynid.workflows.compare import compare
-    from dynid.workflows.compare_methods import compare_methods
     from dynid.workflows.drive_gains import find_drive_gains
     from dynid.workflows.export import ExportedModel, export
     from dynid.workflows.gap import earlier_logs, find_gap
     from dynid.workflows.gap_options import GapOptions
     from dynid.workflows.gap_result import Gap
-    from dynid.workflows.identify import find_payload, identify, sensitivity
+    from dynid.workflows.identify import find_payload, identify
     from dynid.workflows.model import base_model
     from dynid.workflows.options import (
         ExportOptions,
@@ -80,7 +79,6 @@ _HOMES = {
     "base_model": "dynid.workflows.model",
     "compare": "dynid.workflows.compare",
     "compare_in_simulator": "dynid.workflows.simulator_gap",
-    "compare_methods": "dynid.workflows.compare_methods",
     "earlier_logs": "dynid.workflows.gap",
     "export": "dynid.workflows.export",
     "find_drive_gains": "dynid.workflows.drive_gains",
@@ -93,7 +91,6 @@ _HOMES = {
     "observe": "dynid.workflows.parameters",
     "plan_trajectory": "dynid.workflows.trajectory",
     "report": "dynid.workflows.report",
-    "sensitivity": "dynid.workflows.identify",
     "simulate": "dynid.workflows.simulate",
     "validate": "dynid.workflows.validate",
 }
@@ -123,7 +120,6 @@ __all__ = [
     "base_model",
     "compare",
     "compare_in_simulator",
-    "compare_methods",
     "earlier_logs",
     "export",
     "find_drive_gains",
@@ -136,7 +132,6 @@ __all__ = [
     "observe",
     "plan_trajectory",
     "report",
-    "sensitivity",
     "simulate",
     "validate",
 ]

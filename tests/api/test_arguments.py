@@ -57,7 +57,6 @@ def right(here, name):
         "base_model": {"robot": arm},
         "compare": {"results": [result]},
         "compare_in_simulator": {"results": [result], "log": here.unseen},
-        "compare_methods": {"robot": arm, "logs": log},
         "earlier_logs": {"result": result, "logs": here.unseen},
         "export": {"result": result, "path": here.folder / "arm.xml"},
         "find_drive_gains": {"robot": arm, "logs": log},
@@ -70,7 +69,6 @@ def right(here, name):
         "observe": {"robot": arm, "logs": log},
         "plan_trajectory": {"robot": arm, **QUICK},
         "report": {"result": result},
-        "sensitivity": {"result": result, "logs": log},
         "simulate": {"robot": arm, "motion": here.motion},
         "validate": {"result": result, "log": here.unseen},
     }[name]

@@ -167,11 +167,10 @@ ANSWERS = {
         gap {result} {unseen} --json -o gaps
         gap {result} {unseen} --ask changed --json --no-plot --joints 2 -o changed
         compare {run} --json --csv runs.csv --latex runs.tex --junit runs.xml
-        compare --methods {arm} {log} --json
         check {arm} {log} {result} --json --strict
     """,
     "more of identify": """
-        identify {arm} {log} --no-report --json --explain
+        identify {arm} {log} --no-report --json
         identify {arm} {unseen} --no-report --json --update {result} -o updated
         identify {arm} {unseen} --no-report --json --payload-from {result} -o payload
         identify {arm} {log} --no-report --json --feasible --residual-model -o feasible

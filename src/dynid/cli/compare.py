@@ -12,7 +12,7 @@ from dynid import workflows
 from dynid.cli.judged import show_answer
 from dynid.cli.options import Common, dynid_command
 from dynid.disk import write_text
-from dynid.errors import ExitStatus, WrongUsage
+from dynid.errors import ExitStatus
 
 if TYPE_CHECKING:
     from dynid.workflows.compare import ComparedRun, RunComparison
@@ -28,7 +28,6 @@ SHOWN = 12
         "dynid compare out/a out/b out/c                              one table",
         "dynid compare out/now --baseline out/january                 exit 1 when parameters changed significantly",
         "dynid compare out/now --baseline expected --tolerance 1%     exit 1 when a number moved by more: for CI",
-        "dynid compare --methods kuka_lwr4plus run.bag                all estimators on the same log",
     ),
 )
 @click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN...")
@@ -43,11 +42,6 @@ SHOWN = 12
     metavar="SHARE",
     help="Largest change of any number against the baseline; without it the noise is the measure.",
 )
-@click.option(
-    "--methods",
-    is_flag=True,
-    help="Run all estimators on the same logs instead: --methods ROBOT LOG...",
-)
 @click.option("--csv", type=_FILE, metavar="FILE", help="Write one row per run as CSV.")
 @click.option("--latex", type=_FILE, metavar="FILE", help="Write a LaTeX table.")
 @click.option("--junit", type=_FILE, metavar="FILE", help="Write a JUnit XML report.")
@@ -56,12 +50,9 @@ def command(
     runs: tuple[Path, ...],
     baseline: Path | None,
     tolerance: str | None,
-    methods: bool,
     **files: Path | None,
 ) -> ExitStatus:
     """Compare identification results: one table, drift of an arm, regression against a baseline."""
-    if methods:
-        return compare_estimators(common, runs)
     found = workflows.compare.compare(
         [dynid.loading.load_run(run) for run in runs],
         baseline=None if baseline is None else dynid.loading.load_run(baseline),
@@ -108,22 +99,3 @@ def show_changes(common: Common, run: ComparedRun) -> None:
         common.terminal.answer()
     if len(table) > most:
         common.terminal.answer(f"and {len(table) - most} more; all with -v or --json")
-
-
-def compare_estimators(common: Common, words: tuple[Path, ...]) -> ExitStatus:
-    """Run all estimators on the same logs and print one row per estimator."""
-    if len(words) < 2:
-        raise WrongUsage(
-            "--methods needs a robot and a log", fix="dynid compare --methods ROBOT LOG..."
-        )
-    robot = dynid.load_robot(words[0])
-    with common.terminal.progress() as progress:
-        base = workflows.model.base_model(robot, common.folder(robot.slug), progress)
-        found = workflows.compare_methods.compare_methods(
-            robot, words[1:], base=base, progress=progress
-        )
-    common.terminal.show(found.table())
-    if found.alarm():
-        common.terminal.answer(found.alarm())
-    common.terminal.emit_json(found.facts())
-    return ExitStatus.DONE

@@ -46,12 +46,6 @@ if TYPE_CHECKING:
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="[LOG...]")
 @options_from(IdentifyOptions)
 @click.option(
-    "--explain",
-    "explained",
-    is_flag=True,
-    help="Show how the parameters change with the cut-off and the delay; needs a LOG.",
-)
-@click.option(
     "--payload-from",
     type=click.Path(path_type=Path),
     metavar="RESULT",
@@ -163,8 +157,6 @@ def run_identify(
         show_result(common, run.base, run.result)
     if run.payload is not None:
         show_payload(common, run.payload)
-    if run.explained is not None:
-        show_sensitivity(common, run.explained, len(run.base.reduction.base_names))
     if show and final:
         terminal.emit_json(workflows.drive_gains.in_amperes(facts, run.base.robot))
         show_next(common, run.result.judgement)
@@ -214,24 +206,6 @@ def show_gains(common: Common, robot: Robot, found: Gains) -> None:
         common.terminal.say(
             f"uncertain  the gain of {robot.joint_names[worst]} is known to {percent:.0f} % only"
         )
-
-
-def show_sensitivity(common: Common, answer: list[dict[str, Any]], count: int) -> None:
-    """Print how far the parameters move with other cut-offs and another delay."""
-    rows = [
-        [
-            row["variant"],
-            f"{row['relative_error_percent']:.2f} %",
-            f"{row['heldout_relative_error_percent']:.2f} %",
-            f"{row['beyond_two_std_errors']} of {count}",
-            f"{row['most_changed']} {row['before']:.3g} -> {row['after']:.3g} ({row['std_errors']:+.1f} std errors)",
-        ]
-        for row in answer
-    ]
-    common.terminal.answer()
-    common.terminal.table(
-        ["variant", "unexplained", "held out", "moved over 2 std errors", "most changed"], rows
-    )
 
 
 def show_result(common: Common, base: BaseModel, found: Identification) -> None:

@@ -123,42 +123,6 @@ def compare(baseline: Identification, other: Identification) -> Comparison:
     return Comparison(changes, _figures(baseline, other), smallest)
 
 
-def differing(one: Identification, other: Identification) -> list[str]:
-    """Return the parameters that two estimates from the same rows put further apart than their errors, worst first."""
-    return _beyond(
-        one,
-        one.plain - other.plain,
-        np.sqrt(np.maximum(np.diag(one.plain_covariance), np.diag(other.plain_covariance))),
-        tuning.ESTIMATES_APART_ERRORS,
-    )
-
-
-def biased(least_squares: Identification, instruments: Identification) -> list[str]:
-    """Return the parameters in which least squares differ from instruments by more than noise explains, worst first.
-
-    Source: Hausman 1978, "Specification tests in econometrics".
-    """
-    variances = [np.diagonal(each.plain_covariance) for each in (instruments, least_squares)]
-    error = np.sqrt(
-        np.maximum(variances[0] - variances[1], tuning.HAUSMAN_LEAST_VARIANCE * variances[0])
-    )
-    known = np.isfinite(instruments.std_error) & (instruments.std_error > 0)
-    return _beyond(
-        instruments,
-        least_squares.plain - instruments.plain,
-        np.where(known, error, np.inf),
-        tuning.HAUSMAN_ERRORS,
-    )
-
-
-def _beyond(result: Identification, difference: Floats, error: Floats, limit: float) -> list[str]:
-    """Return the names of the differences that are more errors than a limit, largest first."""
-    known = np.isfinite(error) & (error > 0)
-    z = np.zeros(len(error))
-    z[known] = np.abs(difference)[known] / error[known]
-    return [result.names[k] for k in np.argsort(-z) if z[k] > limit]
-
-
 def _determined(result: Identification) -> NDArray[np.bool_]:
     known = np.array([known != NOT_DETERMINED for known in result.knowledge])
     return known & np.isfinite(result.std_error)

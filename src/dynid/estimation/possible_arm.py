@@ -223,20 +223,6 @@ def friction_ratings(robot: Robot) -> dict[str, float]:
     }
 
 
-def is_possible(base: BaseModel, theta: Floats, covariance: Floats) -> bool:
-    """Return whether some possible arm has exactly these base parameters.
-
-    Args:
-        base: model and base parameters.
-        theta: base parameters, (p,), each in its unit.
-        covariance: of them, which says what exactly means, (p, p).
-    """
-    return (
-        exact_parameters(base.reduction.K, theta, covariance, constraints_of(base))[1]
-        <= tuning.REPRODUCED_SHARE
-    )
-
-
 # ---------------------------------------------------------------- fits
 def fit_physical(R: Floats, r: Floats, constraints: PhysicalConstraints) -> PhysicalParameters:
     """Fit physical parameters with the entropic divergence from the prior as penalty.

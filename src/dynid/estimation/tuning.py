@@ -245,14 +245,6 @@ CHANGE_FALSE_ALARM = 0.01
 #: A parameter's change is measured against its value, or against this many standard errors where that is more:
 #: a parameter that is known to 10 % or better is measured against itself. evidence: none yet.
 CHANGE_FLOOR_ERRORS = 10.0
-#: Two estimates from the same rows differ when they are this many of the larger standard error apart.
-#: evidence: none yet.
-ESTIMATES_APART_ERRORS = 2.0
-#: Least squares and instruments from the same rows differ by the difference of their variances (Hausman 1978), at least
-#: by this share of the instruments'. Without encoder noise simulated logs stay below 1.4 such errors, with 0.09 deg
-#: they reach 7.7 to 9.6.
-#: evidence: those figures.
-HAUSMAN_LEAST_VARIANCE, HAUSMAN_ERRORS = 0.25, 4.0
 
 # ---------------------------------------------------------------- payload
 #: Radius of the ball that stands for a load's shape before measuring, such as a hand's or a tool's [m].

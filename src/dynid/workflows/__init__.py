@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from dynid.workflows import (
         check,
         compare,
-        compare_methods,
         convert,
         demo,
         doctor,
@@ -43,7 +42,6 @@ if TYPE_CHECKING:
 __all__ = [
     "check",
     "compare",
-    "compare_methods",
     "convert",
     "demo",
     "doctor",

@@ -56,8 +56,8 @@ from dynid.robot import Known, Prior, Robot
 from dynid.signals.conditioned_log import condition_logs as filtered
 from dynid.workflows.logs import condition_logs, diagnose_logs
 from dynid.workflows.options import IdentifyOptions, PriorOptions
-from dynid.workflows.parameters import Observations, observe, observed, stack_logs
-from dynid.workflows.results import base_model_of, torque_figure
+from dynid.workflows.parameters import Observations, observe
+from dynid.workflows.results import torque_figure
 
 #: What the estimators are, for people.
 METHOD_TEXT = {
@@ -69,10 +69,6 @@ METHOD_TEXT = {
 }
 #: Share of each log that is held out where all logs are of one motion.
 AUTO_SHARE = 0.2
-#: Cut-offs that ``sensitivity`` tries, times the chosen one.
-CUTOFFS = (0.5, 2.0)
-#: A change by more standard errors than this is more than noise explains.
-BEYOND = 2.0
 
 
 # ---------------------------------------------------------------- what is known besides the logs
@@ -366,95 +362,6 @@ def find_payload(loaded: ResultLike, unloaded: ResultLike) -> IdentifiedPayload:
         dynid.find_payload("out/loaded", "out/empty")
     """
     return payload.find_payload(as_result(loaded, "loaded"), as_result(unloaded, "unloaded"))
-
-
-@public
-def sensitivity(
-    result: ResultLike,
-    logs: LogsLike,
-    options: IdentifyOptions | None = None,
-    *,
-    base: BaseModel | None = None,
-    progress: Progress | None = None,
-    **changes: Any,  # noqa: ANN401
-) -> list[dict[str, Any]]:
-    """Identify again with other cut-offs and another delay, and return how far the parameters move.
-
-    Args:
-        result: what is compared with, its folder or its file.
-        logs: the logs it was made from, or their paths.
-        options: those of the result.
-        base: its base model, where it is there already.
-        progress: reports which variants are not possible.
-        changes: single options by name, such as ``exclude="3.2-3.4"``.
-
-    Raises:
-        WrongUsage: an argument or option is something else than what is wanted (E101).
-
-    Example:
-        dynid.sensitivity("out/kuka_lwr4plus", "run1.bag")
-    """
-    import numpy as np
-
-    options, progress = (
-        arguments.options(IdentifyOptions, options, changes),
-        arguments.progress(progress),
-    )
-    result = as_result(result)
-    base = as_base_model(base) or base_model_of(result)
-    checked = [checked_log(log, base.robot, options) for log in as_logs(logs, base.robot, options)]
-    sure = np.isfinite(result.std_error) & (result.std_error > 0)
-    rows: list[dict[str, Any]] = []
-    for name, cutoff, delay in _variants(result):
-        try:
-            again = replace(options, cutoff=cutoff, delay=delay)
-            stack = observed(stack_logs(checked, base, again), again).stack
-            feasible, error = result.in_force == "physical", result.model_error is not None
-            other = estimate(
-                stack,
-                base,
-                method=result.method,
-                holdout=last_share(stack, 0.2),
-                drop_weak=True,
-                feasible=feasible,
-                residual_model=error,
-            )
-        except DynidError as error:
-            progress.stage("explain", f"{name}: {error}")
-            continue
-        change = np.zeros(len(result.names))
-        change[sure] = (other.theta - result.theta)[sure] / result.std_error[sure]
-        worst = int(np.argmax(np.abs(change)))
-        rows.append(
-            {
-                "variant": name,
-                "cutoff_hz": cutoff,
-                "delay_s": delay,
-                "relative_error_percent": other.relative_error_percent,
-                "heldout_relative_error_percent": other.heldout_relative_error_percent,
-                "beyond_two_std_errors": int(np.sum(np.abs(change) > BEYOND)),
-                "most_changed": result.names[worst],
-                "before": float(result.theta[worst]),
-                "after": float(other.theta[worst]),
-                "std_errors": float(change[worst]),
-            }
-        )
-    return rows
-
-
-def _variants(result: Identification) -> list[tuple[str, float, float]]:
-    """Return what is tried: its name, cut-off [Hz], delay [s]."""
-    applied = result.delay
-    other = 0.0 if applied else float(result.header.get("delay_s") or 0.0)
-    tried = [
-        (f"cut-off {factor * result.cutoff:.3g} Hz", factor * result.cutoff, applied)
-        for factor in CUTOFFS
-    ]
-    return (
-        tried
-        if other == applied
-        else [*tried, (f"delay {1e3 * other:.1f} ms", result.cutoff, other)]
-    )
 
 
 def identified(

@@ -1,4 +1,4 @@
-"""All that ``dynid identify`` does in a folder: gains, a result or the one that is there, load, sensitivity."""
+"""All that ``dynid identify`` does in a folder: gains, a result or the one that is there, load."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from dynid.workflows.drive_gains import (
     needs_gains,
     write_robot,
 )
-from dynid.workflows.identify import find_payload, identify, resolved, sensitivity
+from dynid.workflows.identify import find_payload, identify, resolved
 from dynid.workflows.inputs import identify_inputs, of_observations
 from dynid.workflows.model import base_model
 from dynid.workflows.options import Extras, IdentifyOptions
@@ -44,7 +44,6 @@ class IdentifyRun:
         beside: other files.
         gains: gains of the drives, where the logs hold currents and not all were known.
         payload: the load, where a result without it was given; payload.yaml is the last of ``beside`` then.
-        explained: how the parameters change with cut-off and delay, where that was asked.
     """
 
     result: Identification
@@ -54,7 +53,6 @@ class IdentifyRun:
     beside: tuple[Path, ...]
     gains: Gains | None = None
     payload: IdentifiedPayload | None = None
-    explained: list[dict[str, Any]] | None = None
 
     @property
     def folder(self) -> Path:
@@ -76,8 +74,6 @@ class IdentifyRun:
             facts["wrote"].append(self.beside[-1])
             facts["payload"] = self.payload.facts()
             facts["findings"] += map(asdict, self.payload.findings())
-        if self.explained is not None:
-            facts["explain"] = self.explained
         return facts
 
 
@@ -127,9 +123,6 @@ def identify_run(
         WrongUsage: an option needs a log, or a load is given for logs that need none.
         DynidError: a log is unfit, or determines fewer parameters than the arm has.
     """
-    if extras.explained and not paths:
-        fix = f"dynid identify {robot.word} LOG --explain"
-        raise WrongUsage("--explain needs the log", fix=fix)
     both = (extras.payload_from, extras.update)
     unloaded, earlier = (load_run(path) if path else None for path in both)
     robot, options = resolved(robot, options, unloaded or earlier)
@@ -160,11 +153,7 @@ def identify_run(
     if unloaded is not None:
         payload = find_payload(_with_rows(result, base, logs), unloaded)
         beside.append(_write_payload(folder / "payload.yaml", payload))
-    explained = None
-    if extras.explained:
-        progress.stage("explain")
-        explained = sensitivity(result, logs.read(), options, base=base, progress=progress)
-    return IdentifyRun(result, base, inputs, tuple(wrote), tuple(beside), gains, payload, explained)
+    return IdentifyRun(result, base, inputs, tuple(wrote), tuple(beside), gains, payload)
 
 
 def _stored(path: Path, base: BaseModel, progress: Progress) -> Identification:

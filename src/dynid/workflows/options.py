@@ -566,11 +566,9 @@ class Extras:
         load_mass: that mass [kg].
         payload_from: result without a load; the load is found.
         update: result that the logs are added to.
-        explained: whether to identify again with other cut-offs and another delay.
     """
 
     loaded: Path | None = None
     load_mass: float | None = None
     payload_from: Path | None = None
     update: Path | None = None
-    explained: bool = False

@@ -3,14 +3,10 @@
 import builtins
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from two_link_logs import log
 
-from dynid import compare, compare_methods
+from dynid import compare
 from dynid.errors import PackageMissing, WrongUsage
-from dynid.estimation import tuning
-from dynid.estimation.compare import biased, differing
 
 
 def test_two_motions_of_one_arm_have_not_drifted(result, other):
@@ -91,42 +87,3 @@ def test_without_pandas_the_package_is_named(result, monkeypatch):
     monkeypatch.setattr(builtins, "__import__", missing)
     with pytest.raises(PackageMissing, match="pandas"):
         compare([result]).to_dataframe()
-
-
-def test_every_estimator_is_tried_on_the_same_log(arm):
-    """The chosen one comes first; without commanded motion or controller the instruments are not possible."""
-    found = compare_methods(arm, log(1))
-    assert found.rows[0].method == found.chosen == "wls"
-    assert {row.method for row in found.rows} == {"wls", "ols", "irls", "ridge"}
-    assert found.biased is None
-    assert found.alarm() == ""
-    assert found.rows[0].differs == ()
-    assert found.rows[0].result.heldout_relative_error_percent == pytest.approx(
-        found.rows[0].result.relative_error_percent, rel=0.3
-    )
-    answer = found.facts()
-    assert (answer["auto"], answer["bias_alarm"], answer["heldout"]) == ("wls", None, found.heldout)
-
-
-def identification(result, shift, error):
-    """The result's numbers with all estimates moved by a number of errors of a given size."""
-    size = np.full(len(result.names), error)
-    fit = replace(result.fit, theta=result.plain + shift * error, covariance=np.diag(size**2))
-    return replace(result, fit=fit, std_error=size)
-
-
-def test_estimates_further_apart_than_their_errors_differ(result):
-    one, near, far = (identification(result, shift, 0.1) for shift in (0.0, 1.9, 2.1))
-    assert differing(one, near) == []
-    assert set(differing(one, far)) == set(result.names)
-
-
-def test_least_squares_are_biased_beyond_the_difference_of_the_variances(result):
-    """Errors of 0.05 and 0.1: the difference has the error sqrt(0.01 - 0.0025) = 0.0866, four of which are 0.3464."""
-    instruments, error = identification(result, 0.0, 0.1), np.sqrt(0.1**2 - 0.05**2)
-    near, far = (
-        identification(result, factor * tuning.HAUSMAN_ERRORS * error / 0.05, 0.05)
-        for factor in (0.99, 1.01)
-    )
-    assert biased(near, instruments) == []
-    assert set(biased(far, instruments)) == set(result.names)
