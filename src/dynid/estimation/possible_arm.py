@@ -32,7 +32,6 @@ from dynid.estimation import tuning
 from dynid.estimation.possible_set import (
     Objective,
     PhysicalConstraints,
-    Point,
     basis,
     body_parameters,
     hessian_at,
@@ -315,8 +314,8 @@ def _honest(
     places = columns[:, :, None], columns[:, None, :]
     change[places] = curvature(constraints, fit.x) - logs[places]
     prior = tuning.PRIOR_COUNTED * (entropic + change - data)
-    covariance = _inverse(data + prior, None)
-    open_ = np.diagonal(_inverse(tuning.PRIOR_COUNTED * (logs + change), None))
+    covariance = _inverse(data + prior)
+    open_ = np.diagonal(_inverse(tuning.PRIOR_COUNTED * (logs + change)))
     return replace(
         fit,
         hessian=data + prior,
@@ -393,44 +392,6 @@ def _with_spread(R: Floats, r: Floats, constraints: PhysicalConstraints) -> tupl
     held = np.flatnonzero(np.isfinite(constraints.spread))
     rows = np.eye(R.shape[1])[held] * (tuning.PRIOR_WEIGHT**0.5 / constraints.spread[held])[:, None]
     return np.vstack([R, rows]), np.append(r, np.zeros(len(held)))
-
-
-def exact_parameters(
-    K: Floats,
-    beta: Floats,
-    covariance: Floats,
-    constraints: PhysicalConstraints,
-) -> tuple[PhysicalParameters, float]:
-    """Find link parameters that keep every base parameter; what these leave open comes from the prior.
-
-    Args:
-        K: base parameters as combinations of all parameters, beta = K x, (p, c), full row rank.
-        beta: base parameters, (p,), each in its unit.
-        covariance: their covariance, (p, p); HAC where residuals are coloured.
-        constraints: bounds and prior.
-
-    Returns:
-        The parameters, and the largest difference |K x - beta| of any base parameter in its standard deviations; where
-        it stays above ``tuning.REPRODUCED_SHARE``, no possible body has these base parameters.
-    """
-    p, c = K.shape
-    _, _, Vt = np.linalg.svd(K)
-    # Why new coordinates (base parameters, rest): a stiff fit in x would drown the prior's 1e0 in rounding of 1e12.
-    T = np.hstack([np.linalg.pinv(K), Vt[p:].T])
-    sigma = np.sqrt(np.diagonal(covariance))
-    whiten = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(sigma, sigma))) / sigma
-    x = feasible_start(constraints)
-    here: Floats | Point = np.concatenate([K @ x, Vt[p:] @ x])
-    worst = np.inf
-    for tolerance in tuning.COMPLETION_STEPS:
-        R = np.hstack([whiten, np.zeros((p, c - p))]) / tolerance
-        objective = replace(_objective(R, whiten @ beta / tolerance, constraints), T=T)
-        here = minimise(objective, here)
-        before, worst = worst, float(np.abs((here[0][:p] - beta) / sigma).max())
-        # Why: where a body exists, ten times the stiffness leaves a hundredth of the miss; where none does, nothing.
-        if worst < 1e-3 * tuning.REPRODUCED_SHARE or worst > 0.5 * before:
-            break
-    return _report(objective, here[0], constraints)[0], worst
 
 
 def require_possible_prior(constraints: PhysicalConstraints) -> None:
@@ -521,11 +482,11 @@ def _report(
     """Return the parameters at a minimum, and the curvature of the prior there, (c, c)."""
     hessian, logs = hessian_at(objective, y)
     residual = objective.R @ y - objective.r
-    covariance = _inverse(hessian, objective.T)
-    after, before = np.maximum(np.diagonal(covariance), 0.0), np.diagonal(_inverse(logs, None))
+    covariance = _inverse(hessian)
+    after, before = np.maximum(np.diagonal(covariance), 0.0), np.diagonal(_inverse(logs))
     found = PhysicalParameters(
         names=tuple(parameter.name for parameter in constraints.parameters),
-        x=objective.to_x(y),
+        x=y,
         cost=float(0.5 * residual @ residual),
         objective=objective.value(y),
         data_share=_share(after, before),
@@ -578,12 +539,12 @@ def with_changes(fit: PhysicalParameters, changes: Floats) -> PhysicalParameters
         changes: A with A A^T the covariance that other recordings add, (c, k).
     """
     covariance = fit.covariance + changes @ changes.T
-    return _with_errors(fit, _inverse(covariance, None), covariance)
+    return _with_errors(fit, _inverse(covariance), covariance)
 
 
 def _with_hessian(fit: PhysicalParameters, hessian: Floats) -> PhysicalParameters:
     """Return a fit with the error bars of another Hessian, (c, c)."""
-    return _with_errors(fit, hessian, _inverse(hessian, None))
+    return _with_errors(fit, hessian, _inverse(hessian))
 
 
 def _with_errors(
@@ -609,12 +570,12 @@ def _share(after: Floats, before: Floats) -> Floats:
     )
 
 
-def _inverse(H: Floats, T: Floats | None) -> Floats:
-    """Return T H^-1 T^T, (c, c); 0 for parameters that H does not see at all."""
+def _inverse(H: Floats) -> Floats:
+    """Return H^-1, (c, c); 0 for parameters that H does not see at all."""
     seen = np.diagonal(H) > 0.0
     scale = 1.0 / np.sqrt(np.diagonal(H)[seen])
     inverse = np.zeros_like(H)
     scaled = scale[:, None] * H[np.ix_(seen, seen)] * scale
     # Why a pseudo-inverse: noise-free rows next to a wide prior make the matrix singular in double precision.
     inverse[np.ix_(seen, seen)] = scale[:, None] * np.linalg.pinv(scaled, hermitian=True) * scale
-    return inverse if T is None else np.asarray(T @ inverse @ T.T)
+    return inverse

@@ -1,6 +1,6 @@
 """The set of possible arms (pseudo-inertias, bounds, signs), and least squares inside it.
 
-    f(y) = 1/2 |R y - r|^2 + g.x - sum_i gamma_i logdet P_i(x) - sum_k mu_k log(G x - h)_k,   x = T y
+    f(x) = 1/2 |R x - r|^2 + g.x - sum_i gamma_i logdet P_i(x) - sum_k mu_k log(G x - h)_k
 
 A damped primal-dual Newton method minimises f. At the minimum each P_i has a multiplier Z_i with P_i Z_i = gamma_i 1
 (each bound one with slack * z = mu). The method solves these conditions together, in the scaling of Nesterov and Todd;
@@ -185,7 +185,7 @@ class Objective:
     """The function to minimise; see the module's head.
 
     Attributes:
-        R: rows of the least squares, (rows, d).
+        R: rows of the least squares, (rows, c).
         r: right side, (rows,).
         bodies: positions in x of the ten parameters of each link, (L, 10).
         gamma: weight of each link's log-determinant, (L,); positive.
@@ -193,7 +193,6 @@ class Objective:
         G: rows of the bounds, (k, c).
         h: right side of the bounds, (k,).
         mu: weight of each bound's logarithm, (k,); positive.
-        T: x = T y, (c, d); None for the identity.
     """
 
     R: Floats
@@ -204,24 +203,18 @@ class Objective:
     G: Floats
     h: Floats
     mu: Floats
-    T: Floats | None = None
 
-    def to_x(self, y: Floats) -> Floats:
-        """Return x = T y, (d,) -> (c,)."""
-        return y if self.T is None else self.T @ y
-
-    def value(self, y: Floats) -> float:
-        """Return f(y) of y, (d,), a pure number; infinite outside the set."""
-        x = self.to_x(y)
+    def value(self, x: Floats) -> float:
+        """Return f(x) of x, (c,), a pure number; infinite outside the set."""
         P, slack = pseudo_inertia(x[self.bodies]), self.G @ x - self.h
         if np.any(slack <= 0.0) or np.any(np.linalg.eigvalsh(P) <= 0.0):
             return float("inf")
-        residual = self.R @ y - self.r
+        residual = self.R @ x - self.r
         barrier = self.gamma @ np.linalg.slogdet(P)[1] + self.mu @ np.log(slack)
         return float(0.5 * residual @ residual + self.linear @ x - barrier)
 
 
-#: Where the method is: y, (d,); multipliers of the pseudo-inertias, (L, 4, 4); multipliers of the bounds, (k,).
+#: Where the method is: x, (c,); multipliers of the pseudo-inertias, (L, 4, 4); multipliers of the bounds, (k,).
 Point: TypeAlias = tuple[Floats, Floats, Floats]
 
 
@@ -232,7 +225,7 @@ def minimise(
 
     Args:
         objective: the function.
-        start: a point where f is finite, (d,), or where the method came to with a similar objective.
+        start: a point where f is finite, (c,), or where the method came to with a similar objective.
         tolerance: relative error of the optimality conditions at which the method stops.
 
     Returns:
@@ -255,29 +248,28 @@ def minimise(
     return here
 
 
-def hessian_at(objective: Objective, y: Floats) -> tuple[Floats, Floats]:
-    """Return the Hessian of f at a point (d,), (d, d), and the part of it from the logarithms, in x, (c, c)."""
-    P, slack = _primal(objective, y)
+def hessian_at(objective: Objective, x: Floats) -> tuple[Floats, Floats]:
+    """Return the Hessian of f at a point (c,), (c, c), and the part of it from the logarithms, (c, c)."""
+    P, slack = _primal(objective, x)
     back = np.linalg.inv(np.linalg.cholesky(P))
     logs = _curvature(
         objective, objective.gamma[:, None, None] ** 0.25 * back, objective.mu / slack**2
     )
-    return objective.R.T @ objective.R + _in_y(objective, logs), logs
+    return objective.R.T @ objective.R + logs, logs
 
 
-def _primal(objective: Objective, y: Floats) -> tuple[Floats, Floats]:
+def _primal(objective: Objective, x: Floats) -> tuple[Floats, Floats]:
     """Return the pseudo-inertias at a point, (L, 4, 4), and how far the bounds are kept, (k,)."""
-    x = objective.to_x(y)
     return pseudo_inertia(x[objective.bodies]), objective.G @ x - objective.h
 
 
-def _cold(objective: Objective, y: Floats) -> Point:
-    P, slack = _primal(objective, y)
-    residual = objective.R @ y - objective.r
+def _cold(objective: Objective, x: Floats) -> Point:
+    P, slack = _primal(objective, x)
+    residual = objective.R @ x - objective.r
     # Why: multipliers of the size of the force that they have to hold start near the central path.
     pressure = float(residual @ residual) / (4 * len(P) + len(slack))
     gamma, mu = np.maximum(objective.gamma, pressure), np.maximum(objective.mu, pressure)
-    return np.array(y, dtype=float), gamma[:, None, None] * np.linalg.inv(P), mu / slack
+    return np.array(x, dtype=float), gamma[:, None, None] * np.linalg.inv(P), mu / slack
 
 
 def _error(objective: Objective, here: Point, P: Floats, slack: Floats) -> float:
@@ -293,12 +285,12 @@ def _step(
     objective: Objective, RtR: Floats, here: Point, P: Floats, slack: Floats
 ) -> tuple[Point, float]:
     """Take one Newton step, aiming straight at the optimum or, where that is blocked, back to the central path."""
-    y, Z, z = here
+    x, Z, z = here
     back, v, inverse = _nesterov_todd(P, Z)
     ratio = z / slack
-    hessian = RtR + _in_y(objective, _curvature(objective, back, ratio))
+    hessian = RtR + _curvature(objective, back, ratio)
     gradients = (
-        _gradient(objective, y, inverse, slack),
+        _gradient(objective, x, inverse, slack),
         _barrier_gradient(
             objective, inverse, slack, np.ones_like(objective.gamma), np.ones_like(objective.mu)
         ),
@@ -307,8 +299,7 @@ def _step(
     straight, centring = -solve_scaled(hessian, np.stack(gradients, axis=1)).T
 
     def towards(aim: float) -> tuple[float, Point]:
-        dy = straight + aim * centring
-        dx = objective.to_x(dy)
+        dx = straight + aim * centring
         ds = objective.G @ dx
         # In scaled coordinates P and Z are the same diagonal matrix, v.
         dP = back @ pseudo_inertia(dx[objective.bodies]) @ back.swapaxes(-1, -2)
@@ -322,16 +313,16 @@ def _step(
             float(np.linalg.eigvalsh(relative).min(initial=0.0)),
             float(np.concatenate([ds / slack, dz / z]).min(initial=0.0)),
         )
-        return min(1.0, tuning.INTERIOR_REACH / -fall if fall < 0.0 else 1.0), (dy, dZ, dz)
+        return min(1.0, tuning.INTERIOR_REACH / -fall if fall < 0.0 else 1.0), (dx, dZ, dz)
 
     weights = 4 * float(objective.gamma.sum()) + float(objective.mu.sum())
     # What is zero in the limit: each matrix and slack times its multiplier.
     excess = (float(np.sum(P * Z)) + float(slack @ z) - weights) / (4 * len(Z) + len(z))
-    step, (dy, dZ, dz) = towards(0.0)
+    step, (dx, dZ, dz) = towards(0.0)
     if step < tuning.INTERIOR_REACH and excess > 0.0:
-        step, (dy, dZ, dz) = towards(excess * (1.0 - step))
+        step, (dx, dZ, dz) = towards(excess * (1.0 - step))
     Z = Z + step * back.swapaxes(-1, -2) @ dZ @ back
-    return (y + step * dy, 0.5 * (Z + Z.swapaxes(-1, -2)), z + step * dz), step
+    return (x + step * dx, 0.5 * (Z + Z.swapaxes(-1, -2)), z + step * dz), step
 
 
 def _barrier_gradient(
@@ -341,15 +332,14 @@ def _barrier_gradient(
     gradient[objective.bodies] -= gamma[:, None] * (
         inverse.reshape(-1, 16) @ basis().reshape(10, 16).T
     )
-    return gradient if objective.T is None else objective.T.T @ gradient
+    return gradient
 
 
-def _gradient(objective: Objective, y: Floats, inverse: Floats, slack: Floats) -> Floats:
-    linear = objective.linear if objective.T is None else objective.T.T @ objective.linear
-    squares = objective.R.T @ (objective.R @ y - objective.r)
+def _gradient(objective: Objective, x: Floats, inverse: Floats, slack: Floats) -> Floats:
+    squares = objective.R.T @ (objective.R @ x - objective.r)
     return (
         squares
-        + linear
+        + objective.linear
         + _barrier_gradient(objective, inverse, slack, objective.gamma, objective.mu)
     )
 
@@ -362,10 +352,6 @@ def _curvature(objective: Objective, back: Floats, ratio: Floats) -> Floats:
         scaled @ scaled.swapaxes(-1, -2)
     )
     return curvature
-
-
-def _in_y(objective: Objective, hessian: Floats) -> Floats:
-    return hessian if objective.T is None else objective.T.T @ hessian @ objective.T
 
 
 def _nesterov_todd(P: Floats, Z: Floats) -> tuple[Floats, Floats, Floats]:

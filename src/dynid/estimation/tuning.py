@@ -117,13 +117,9 @@ SIZE_ROUNDS, SIZE_SETTLED = 8, 0.02
 #: Fall of 1/2 chi-square that another size of the bodies has to bring: what no torque shows, such as the mass of the
 #: first links, comes from the prior as it is, unless the data contradict its size. evidence: none yet.
 SIZE_GAIN = 30.0
-#: Share of a standard deviation within which base parameters are kept, on the way to "exactly". evidence: none yet.
-COMPLETION_STEPS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
 #: A parameter comes from the data when these take away at least this share of what the prior left open.
 #: evidence: none yet.
 FROM_DATA_SHARE = 0.5
-#: A base parameter counts as reproduced when it is kept to this share of its standard deviation. evidence: none yet.
-REPRODUCED_SHARE = 1e-2
 
 # ---------------------------------------------------------------- residual model: columns
 #: Highest harmonics of the position, alone and times the Coulomb sign. evidence: none yet.

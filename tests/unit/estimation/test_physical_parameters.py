@@ -8,7 +8,6 @@ from synthetic_arm import arm_with_measured_friction, holds
 from dynid.errors import NotPhysical
 from dynid.estimation import tuning
 from dynid.estimation.possible_arm import (
-    exact_parameters,
     feasible_start,
     fit_physical,
     fit_pooled,
@@ -76,28 +75,6 @@ def base(arm):
     )
     _, S, Vt = np.linalg.svd(W)
     return Vt[: int((1e-9 * S[0] < S).sum())]
-
-
-def test_exact_parameters_keep_every_base_parameter(arm, base):
-    R, _ = arm.whitened()
-    covariance = np.linalg.inv((whitened := R @ base.T).T @ whitened)
-    beta = base @ arm.truth
-    found, worst = exact_parameters(base, beta, covariance, arm.constraints)
-    assert len(base) == 62
-    assert np.abs((base @ found.x - beta) / beta).max() < 1e-5
-    assert worst < 1e-4
-    assert holds(arm.constraints, found.x)
-    assert found.data_share[found.names.index("fc1")] > 0.99
-    assert np.all(found.data_share[arm.constraints.bodies[0, :4]] < 0.01)
-
-
-def test_base_parameters_of_no_body_are_called_so(arm, base):
-    R, _ = arm.whitened()
-    covariance = np.linalg.inv((whitened := R @ base.T).T @ whitened)
-    beta = base @ arm.truth * (1 + 0.2 * np.random.default_rng(6).standard_normal(62))
-    found, worst = exact_parameters(base, beta, covariance, arm.constraints)
-    assert worst > 1
-    assert holds(arm.constraints, found.x)
 
 
 def heldout(arm, x):
