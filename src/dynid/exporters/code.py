@@ -9,10 +9,10 @@ from __future__ import annotations
 import ctypes
 import re
 import shutil
-import subprocess
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from subprocess import run
 from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any
@@ -32,11 +32,12 @@ from dynid.exporters.formulas import (
     without_torque,
     written,
 )
+from dynid.exporters.full_model import numbers
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded, with_effects
 from dynid.model.parameters import Parameter
 from dynid.model.program import ADD, MUL, NEG, SUB, bound, input_of
 from dynid.robot import LINK_PARAMETERS, Robot
-from dynid.text import code, identifier
+from dynid.text import code, identifier, xml, xml_comment
 
 Floats = NDArray[np.float64]
 #: An entry of the regressor: row, column and value.
@@ -58,6 +59,7 @@ PATIENCE_S = 60.0
 def rendered(template: str, spelled: Callable[[str], str] = str, /, **facts: Any) -> str:  # noqa: ANN401
     """Return a file of ``templates/`` with facts put in; ``|spelled`` is a filter for expressions there."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import Markup
 
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
@@ -65,8 +67,11 @@ def rendered(template: str, spelled: Callable[[str], str] = str, /, **facts: Any
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
+        autoescape=template.endswith(".xml"),
     )
-    environment.filters["spelled"] = spelled
+    environment.filters |= {"spelled": spelled, "code": code, "name": identifier, "ascii": ascii}
+    environment.filters |= {"row": numbers, "xml": xml, "comment": lambda x: Markup(xml_comment(x))}
+    environment.globals |= {"zip": zip, "code": code}
     return environment.get_template(template).render(facts)
 
 
@@ -83,17 +88,13 @@ def source_code(arm: IdentifiedArm, language: str) -> str:
     columns = [
         column for added in model.added if not why_not_code(added) for column in columns_of(added)
     ]
-    names = [code(name) for name in reduction.base_names]
     return rendered(
         f"{language}.txt",
         SPELLED[language],
-        head=arm.head(code, whole=True),
-        file=code(arm.file_stem),
-        name=identifier(arm.file_stem),
-        table=parameter_lines(arm),
+        arm=arm,
         n=arm.robot.n,
-        p=len(names),
-        names=tuple(names),
+        p=len(arm.theta),
+        names=tuple(map(code, reduction.base_names)),
         theta=arm.theta.tolist(),
         moving=moving,
         inertial=inertial,
@@ -107,22 +108,6 @@ def source_code(arm: IdentifiedArm, language: str) -> str:
         plain=int(np.sum(reduction.base < model.plain_size)),
         residual=None if error is None else _residual(arm, error),
     )
-
-
-def parameter_lines(arm: IdentifiedArm) -> list[str]:
-    """Return one line of a comment per base parameter: value, how well it is known, what it is made of."""
-    reduction = arm.base.reduction
-    lines = []
-    for row, (name, value, known) in enumerate(
-        zip(reduction.base_names, arm.theta, arm.known, strict=True)
-    ):
-        terms = [f"{factor:+.6g} {code(term)}" for term, factor in reduction.terms(row).items()]
-        formula = f"  = {' '.join(terms)}" if len(terms) > 1 else ""
-        origin = f"from the data, known {code(known)}"
-        if known == "not determined":
-            origin = "not determined by the data"
-        lines.append(f"{code(name):<7} {float(value): .6e}  {origin}{formula}")
-    return lines
 
 
 def _inertial(arm: IdentifiedArm) -> tuple[list[tuple[str, str]], list[Entry]]:
@@ -203,7 +188,7 @@ def _residual(arm: IdentifiedArm, error: ModelError) -> dict[str, Any]:
 
 
 # ---------------------------------------------------------------- loading it again
-def _loaded(path: Path, arm: IdentifiedArm, engine: str, theirs: Any) -> Loaded:  # noqa: ANN401
+def _loaded(arm: IdentifiedArm, engine: str, theirs: Any) -> Loaded:  # noqa: ANN401
     model, base, error = arm.base.model, arm.base.reduction.base, arm.predicted_error
     gone = {c.parameter.name for a in model.added if why_not_code(a) for c in a.columns}
     held = np.array([name not in gone for name in arm.base.reduction.base_names])
@@ -218,18 +203,18 @@ def _loaded(path: Path, arm: IdentifiedArm, engine: str, theirs: Any) -> Loaded:
     return Loaded(engine, "all", theirs, ours)
 
 
-def compiled(path: Path, compiler: str = "cc") -> ctypes.CDLL:
-    """Compile a C file to a shared library beside it and load it.
+def compiled(text: str, compiler: str = "cc") -> ctypes.CDLL:
+    """Compile C to a shared library and load it.
 
     Raises:
-        OSError: the compiler made nothing, or programs may not be run from that folder.
+        OSError: the compiler made nothing, or programs may not be run from the folder of temporary files.
         subprocess.SubprocessError: it failed, or took too long.
     """
-    path = path.resolve()
-    library = path.with_suffix(".so")
-    words = [compiler, "-O1", "-std=c99", "-shared", "-fPIC", str(path), "-o", str(library), "-lm"]
-    subprocess.run(words, cwd=path.parent, capture_output=True, check=True, timeout=PATIENCE_S)
-    return ctypes.CDLL(str(library))
+    with TemporaryDirectory() as folder:
+        library = Path(folder) / "arm.so"
+        words = f"{compiler} -O1 -std=c99 -shared -fPIC -x c - -o {library} -lm".split()
+        run(words, input=text.encode(), capture_output=True, check=True, timeout=PATIENCE_S)
+        return ctypes.CDLL(str(library))
 
 
 def pointer(row: Floats) -> object:
@@ -237,11 +222,11 @@ def pointer(row: Floats) -> object:
     return row.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
 
 
-def _in_c(path: Path, arm: IdentifiedArm) -> Loaded | None:
+def _in_c(text: str, arm: IdentifiedArm) -> Loaded | None:
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         return None
-    library = compiled(path, compiler)
+    library = compiled(text, compiler)
 
     def theirs(*states: Floats) -> Floats:
         tau = np.empty_like(states[0])
@@ -249,22 +234,22 @@ def _in_c(path: Path, arm: IdentifiedArm) -> Loaded | None:
             library.dynid_inverse_dynamics(*map(pointer, rows))
         return tau
 
-    found = _loaded(path, arm, Path(compiler).name, theirs)
+    found = _loaded(arm, Path(compiler).name, theirs)
     return found._replace(what=f"all, {arm.robot.n} joints")
 
 
-def imported(path: Path) -> ModuleType:
-    """Return a module from its file, without a cache beside it."""
+def imported(text: str) -> ModuleType:
+    """Return a module from its text."""
     module = ModuleType("dynid_exported")
-    exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), module.__dict__)
+    exec(compile(text, "exported.py", "exec"), module.__dict__)
     return module
 
 
-def _in_python(path: Path, arm: IdentifiedArm) -> Loaded:
-    return _loaded(path, arm, "NumPy", imported(path).inverse_dynamics)
+def _in_python(text: str, arm: IdentifiedArm) -> Loaded:
+    return _loaded(arm, "NumPy", imported(text).inverse_dynamics)
 
 
-def _in_octave(path: Path, arm: IdentifiedArm) -> Loaded | None:
+def _in_octave(text: str, arm: IdentifiedArm) -> Loaded | None:
     octave, name = shutil.which("octave-cli"), identifier(arm.file_stem)
     if octave is None:
         return None
@@ -278,13 +263,13 @@ def _in_octave(path: Path, arm: IdentifiedArm) -> Loaded | None:
             "save('-ascii', '-double', 'tau.txt', 't');"
         )
         with TemporaryDirectory() as folder:
-            shutil.copy(path, Path(folder) / f"{name}.m")
+            (Path(folder) / f"{name}.m").write_text(text, encoding="utf-8")
             np.savetxt(Path(folder) / "states.txt", np.hstack(states))
             words = [octave, "--norc", "--quiet", "--eval", script]
-            subprocess.run(words, cwd=folder, capture_output=True, check=True, timeout=PATIENCE_S)
+            run(words, cwd=folder, capture_output=True, check=True, timeout=PATIENCE_S)
             return np.loadtxt(Path(folder) / "tau.txt", ndmin=2)
 
-    return _loaded(path, arm, "Octave", theirs)
+    return _loaded(arm, "Octave", theirs)
 
 
 def _leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
@@ -304,7 +289,7 @@ def _matlab_leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
 def _format(
     name: str,
     suffix: str,
-    loaded: Callable[[Path, IdentifiedArm], Loaded | None],
+    loaded: Callable[[str, IdentifiedArm], Loaded | None],
     leaves_out: Callable[[IdentifiedArm], tuple[str, ...]] = _leaves_out,
 ) -> Format:
     text = partial(source_code, language=name)

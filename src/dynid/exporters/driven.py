@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any
 
@@ -73,14 +71,12 @@ def drive(
     omega = 2.0 * np.pi * tuning.SOFT_FREQUENCY_HZ
     stiffness = np.maximum(inertia * omega**2, np.std(tau, axis=0) / tuning.SOFT_DEFLECTION)
     damping = 2.0 * np.sqrt(stiffness * inertia)
-    with TemporaryDirectory() as folder, silent():
-        path = Path(folder) / effects_file.NAME
-        path.write_text(effects_file.text(arm), encoding="utf-8")
-        load = _mujoco if engine == "mujoco" else _pybullet
-        try:
-            step, close = load(arm, simulator, imported(path), dt / steps, q[0], qd[0])
-        except ValueError as error:
-            raise NotSimulated(f"{engine} refuses the arm: {error}", why=FAR) from error
+    effects, load = imported(effects_file.text(arm)), {"mujoco": _mujoco, "pybullet": _pybullet}
+    try:
+        with silent():
+            step, close = load[engine](arm, simulator, effects, dt / steps, q[0], qd[0])
+    except ValueError as error:
+        raise NotSimulated(f"{engine} refuses the arm: {error}", why=FAR) from error
     fine = np.minimum(t[0] + dt / steps * np.arange(steps * len(t)), t[-1])
     wanted = make_interp_spline(t, np.hstack([q, qd, tau]), k=1)(fine)
     found, added, here = list[Floats](), list[Floats](), (q[0], qd[0])
@@ -139,10 +135,7 @@ def _pybullet(
     qd: Floats,
 ) -> tuple[Step, Callable[[], None]]:
     """Do the same in PyBullet."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "arm.urdf"
-        path.write_text(urdf.text(arm), encoding="utf-8")
-        client, body = bullet_body(path, world_gravity(arm.robot))
+    client, body = bullet_body(urdf.text(arm), world_gravity(arm.robot))
     server = {"physicsClientId": client}
     engine.setPhysicsEngineParameter(fixedTimeStep=h, numSubSteps=0, **server)
     for joint in range(-1, engine.getNumJoints(body, **server)):

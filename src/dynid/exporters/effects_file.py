@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,81 +9,47 @@ import numpy as np
 from dynid.exporters import mjcf, urdf
 from dynid.exporters.code import imported, rendered
 from dynid.exporters.engines import module, own_torques, silent
-from dynid.exporters.formulas import Column, written
+from dynid.exporters.formulas import written
 from dynid.exporters.interface import STEP_S, Floats, Format, IdentifiedArm, Loaded
-from dynid.exporters.simulated import Simulated, numbers_of, simulated
+from dynid.exporters.simulated import numbers_of, simulated
 from dynid.model.effects.laws import ANGLE_STEP
 from dynid.model.kinematics import fixed_poses
-from dynid.text import code, xml
+from dynid.text import xml
 
-#: Name of the file.
-NAME = "effects.py"
 #: Formats that it stands beside.
 HOSTS = ("urdf", "mjcf")
 
 
 def text(arm: IdentifiedArm) -> str:
     """Return the file."""
-    found, robot = simulated(arm), arm.robot
-    names, mapping = urdf.joints_of(arm)
-    beside = {mjcf: found.in_effects_file(mjcf=mjcf) for mjcf in (True, False)}
-    always, in_urdf, bristles = list[str](), list[str](), list[Column]()
-    for column, size, native in found.columns:
-        dry = column.dry_size
-        value = written(dry or column.node, robot, len(bristles))
-        bristles += [column] * ("z" in column.signals)
-        target = f"{'dry' if dry else 'torque'}[{column.joint}]"
-        line = f"{target} += {size!r} * {value}  # {code(column.name)}"
-        (in_urdf if native else always).append(line)
-    poses = [
-        _row([part for x in pair for part in (*x[:3, :3].ravel(), *x[:3, 3])])
-        for pair in (fixed_poses(joint, robot.convention) for joint in robot.joints)
-    ]
+    found, (names, mapping) = simulated(arm), urdf.joints_of(arm)
+    pairs = [fixed_poses(joint, arm.robot.convention) for joint in arm.robot.joints]
     return rendered(
         "effects.txt",
-        head=arm.head(code),
-        beside={side: code(", ".join(held)) for side, held in beside.items()},
-        joints=ascii(list(map(xml, robot.joint_names))),
+        arm=arm,
+        found=found,
         full=found.full,
-        coulomb=robot.coulomb_shape,
-        bends=[(one.joint, one.added.shape["delta"]) for one in bristles],
-        urdf_joints=ascii(list(names)),
+        joints=list(map(xml, arm.robot.joint_names)),
+        urdf_joints=names,
         mapping=mapping,
-        always=[*always, *_whole_arm(arm, found)],
-        in_urdf=in_urdf,
+        shape=arm.robot.coulomb_shape,
+        bristles=[column for column, _, _ in found.columns if "z" in column.signals],
         loads=any(column.signals & {"tau", "total"} for column, _, _ in found.columns),
-        holding=any(one.effect.name in ("tool_force", "base_tilt") for one in found.whole_arm),
-        poses=poses,
+        whole_arm=[one.effect.name for one in found.whole_arm],
+        written=written,
+        angle_step=ANGLE_STEP,
+        gravity=float(np.linalg.norm(arm.robot.gravity)),
+        links=_carried(arm).tolist(),
+        poses=[np.hstack([(*x[:3, :3].ravel(), *x[:3, 3]) for x in pair]) for pair in pairs],
     )
 
 
-def _row(values: Any) -> str:  # noqa: ANN401 - any sequence of numbers
-    return repr([float(value) for value in np.ravel(values)])
-
-
-def _whole_arm(arm: IdentifiedArm, found: Simulated) -> list[str]:
-    """Return the statements of effects that turn the torque of the whole arm."""
-    lines, n, base = [], arm.robot.n, arm.base
-    for added in found.whole_arm:
-        sizes = arm.full.values([column.parameter.name for column in added.columns])
-        if added.effect.name == "encoder_offset":
-            step = max(added.effect.at, ANGLE_STEP, key=abs)
-            there = f"rigid(q - {step!r} * np.eye(N)[{added.joints[0]}], qd, qdd)"
-            lines.append(f"torque += {float(sizes[0]) / step!r} * ({there} - rigid(q, qd, qdd))")
-        elif added.effect.name == "tool_force":
-            mass, moment = _row(np.eye(n)[-1]), _row(np.zeros(3 * n))
-            lines.append(f"torque += _holding(q, {mass}, {moment}, {_row(sizes)})")
-        else:
-            # Links whose base parameters are carried by their representatives.
-            rigid = base.reduction.base < len(base.model.link_columns)
-            links = np.zeros((n, 11))
-            links.flat[base.model.link_columns[base.reduction.base[rigid]]] = arm.theta[rigid]
-            gravity = np.linalg.norm(arm.robot.gravity) * np.array([*sizes[:2], 0.0])
-            held = f"{_row(links[:, 0])}, {_row(links[:, 1:4])}, {_row(gravity)}"
-            lines.append(f"torque += _holding(q, {held})")
-            c, s = sizes[2:].tolist()
-            lines.append(f"torque[0] += {c!r} * cos(q[0]) + {s!r} * sin(q[0])")
-    return lines
+def _carried(arm: IdentifiedArm) -> Floats:
+    """Return masses and first moments of links that carry the base parameters as their representatives, (4, n)."""
+    model, base = arm.base.model, arm.base.reduction.base
+    rigid, links = base < len(model.link_columns), np.zeros((arm.robot.n, 11))
+    links.flat[model.link_columns[base[rigid]]] = arm.theta[rigid]
+    return links[:, :4].T
 
 
 def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
@@ -98,7 +63,7 @@ def wanted(arm: IdentifiedArm, formats: tuple[str, ...]) -> bool:
     return any(found.in_effects_file(mjcf=name == "mjcf") for name in formats if name in HOSTS)
 
 
-def loaded(path: Path, arm: IdentifiedArm) -> Loaded | None:
+def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
     """Load it with an MJCF in MuJoCo; what remembers is compared along the states."""
     found, engine = simulated(arm), module("mujoco")
     if engine is None or mjcf.negative_numbers(arm):
@@ -108,7 +73,7 @@ def loaded(path: Path, arm: IdentifiedArm) -> Loaded | None:
     bristles = {one.joint: one.loss for one in found.native if one.loss}
     what = "all that is not left out" if found.left else "all"
     what += ", without the bristle of the file" * bool(bristles)
-    theirs = stepped(imported(path).Mujoco(model))
+    theirs = stepped(imported(text).Mujoco(model))
     values = own_values(arm)
     for column, _, native in found.columns:
         if native and "z" in column.signals:

@@ -56,9 +56,9 @@ def silent() -> Iterator[None]:
         os.close(nowhere)
 
 
-def bare_urdf(path: Path) -> str:
+def bare_urdf(text: str) -> str:
     """Return a URDF without shapes and friction: meshes may be anywhere, and torques of bodies need neither."""
-    root = ET.parse(path).getroot()
+    root = ET.fromstring(text)
     for parent in [*root.iter("link"), *root.iter("joint")]:
         for tag in ("visual", "collision", "dynamics"):
             for part in parent.findall(tag):
@@ -98,11 +98,11 @@ def mujoco(text: str, names: Sequence[str], gravity: Floats) -> tuple[str, Torqu
     return f"MuJoCo {engine.__version__}", run
 
 
-def bullet_body(path: Path, gravity: Floats) -> tuple[int, int]:
+def bullet_body(text: str, gravity: Floats) -> tuple[int, int]:
     """Load a URDF in a physics server of PyBullet, which must be installed; return server and body.
 
     Args:
-        path: the file.
+        text: of the file.
         gravity: in the world frame, (3,) [m/s^2].
 
     Raises:
@@ -112,7 +112,7 @@ def bullet_body(path: Path, gravity: Floats) -> tuple[int, int]:
     assert engine is not None
     with silent(), TemporaryDirectory() as folder:
         bare = Path(folder) / "bare.urdf"
-        bare.write_text(bare_urdf(path), encoding="utf-8")
+        bare.write_text(bare_urdf(text), encoding="utf-8")
         client = engine.connect(engine.DIRECT)
         flags = engine.URDF_USE_INERTIA_FROM_FILE
         try:

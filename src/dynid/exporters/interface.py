@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
@@ -180,7 +178,7 @@ class Format:
         suffix: suffix of its files.
         text: returns the text of the file.
         leaves_out: returns what the format has no place for, one phrase each.
-        loaded: loads a file with that text; None where no program here can.
+        loaded: loads such a text; None where no program here can.
         needs_bodies: whether it holds one body per link, so that the parameters must be physically possible.
         tolerance: largest difference of a torque that counts as agreement, relative to the torques' root mean square.
     """
@@ -189,14 +187,14 @@ class Format:
     suffix: str
     text: Callable[[IdentifiedArm], str]
     leaves_out: Callable[[IdentifiedArm], tuple[str, ...]]
-    loaded: Callable[[Path, IdentifiedArm], Loaded | None]
+    loaded: Callable[[str, IdentifiedArm], Loaded | None]
     needs_bodies: bool = True
     tolerance: float = 1e-6
 
     def check(self, text: str, arm: IdentifiedArm, seed: int = 0) -> list[Agreement]:
         """Compare the torques of a file's text with dynid's on random states; nothing where it cannot be loaded.
 
-        The text is loaded from a private folder: what lies in the folder of the results is never run.
+        The text is loaded, never what lies in the folder of the results.
 
         Args:
             text: the file's text, as ``Format.text`` made it.
@@ -208,22 +206,18 @@ class Format:
             NotTried: the machine does not let it be loaded.
         """
         states = random_states(arm.robot, STATES, seed)
-        with TemporaryDirectory() as folder:
-            path = Path(folder) / f"arm{self.suffix}"
-            path.write_text(text, encoding="utf-8")
-            try:
-                found = self.loaded(path, arm)
-                if found is None:
-                    return []
-                expected, theirs = found.ours(*states), found.theirs(*states)
-            except (ValueError, RuntimeError, SystemError, subprocess.CalledProcessError) as error:
-                raise LoadingFailed(" ".join(str(error).split())) from error
-            except subprocess.TimeoutExpired as error:
-                name = Path(error.cmd[0]).name
-                raise NotTried(f"{name} took longer than {error.timeout:.0f} s") from error
-            except OSError as error:
-                said = str(error).replace(f"{folder}{os.sep}", "")
-                raise NotTried(" ".join(said.split())) from error
+        try:
+            found = self.loaded(text, arm)
+            if found is None:
+                return []
+            expected, theirs = found.ours(*states), found.theirs(*states)
+        except (ValueError, RuntimeError, SystemError, subprocess.CalledProcessError) as error:
+            raise LoadingFailed(" ".join(str(error).split())) from error
+        except subprocess.TimeoutExpired as error:
+            name = Path(error.cmd[0]).name
+            raise NotTried(f"{name} took longer than {error.timeout:.0f} s") from error
+        except OSError as error:
+            raise NotTried(" ".join(str(error).split())) from error
         difference = float(np.abs(theirs - expected).max())
         largest = difference if np.isfinite(difference) else np.inf
         size = float(np.sqrt(np.mean(expected**2)))

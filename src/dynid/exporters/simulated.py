@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
 
 import numpy as np
 
@@ -29,22 +28,12 @@ NUMBERS = {
 }
 #: A wave whose number over a turn is nearer to a whole one than this is one.
 WHOLE = 1e-9
-#: An MJCF that only a MuJoCo with polynomial springs and passive motors reads.
-_NEWEST = (
-    '<mujoco><worldbody><body><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
-    '<joint name="j" stiffness="1 1 1"/></body></worldbody><actuator><dcmotor joint="j" input="none" resistance="1" '
-    'motorconst="1e-9" cogging="1 1 0" lugre="1 0 1 1 1"/></actuator></mujoco>'
-)
 
 
-@cache
 def newest_elements() -> bool:
     """Return whether the installed MuJoCo has springs of third order and passive motors with LuGre friction."""
     engine = module("mujoco")
-    try:
-        return engine is not None and bool(engine.MjModel.from_xml_string(_NEWEST))
-    except ValueError:
-        return False
+    return engine is not None and int(engine.__version__.split(".")[0]) >= 4
 
 
 @dataclass(frozen=True)
@@ -109,7 +98,7 @@ def simulated(arm: IdentifiedArm) -> Simulated:
     found, names = Simulated(_with_numbers(arm), without_torque(arm.robot)), arm.robot.joint_names
     for added in arm.base.model.added:
         said, forms = phrase(added, names), columns_of(added)
-        sizes = arm.full.values([column.parameter.name for column in added.columns]).tolist()
+        sizes = arm.full.sizes(added)
         if added.effect.name in NUMBERS:
             found.numbers += (f"{said}: {NUMBERS[added.effect.name][1]}",)
         elif forms:
@@ -130,13 +119,13 @@ def _with_numbers(arm: IdentifiedArm) -> FullModel:
     bodies, drives = list(arm.full.bodies), dict(arm.full.drives)
     for added in arm.base.model.added:
         target, _ = NUMBERS.get(added.effect.name, (None, ""))
-        sizes = arm.full.values([column.parameter.name for column in added.columns])
+        sizes = arm.full.sizes(added)
         if target == "":
             more = np.pad(sizes, (0, 10 - len(sizes)))
             bodies[-1] = body_of(lifted(bodies[-1].parameters() + more))
         elif target:
             key = f"{target}{added.joints[0] + 1}"
-            drives[key] = drives.get(key, 0.0) + float(sizes[0])
+            drives[key] = drives.get(key, 0.0) + sizes[0]
     return replace(arm.full, bodies=tuple(bodies), drives=drives)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from pathlib import Path
 
 import numpy as np
 
@@ -47,12 +46,12 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     return (*filter(gone.get, gone), *beyond_joints(arm, mjcf=False))
 
 
-def loaded(path: Path, arm: IdentifiedArm) -> Loaded | None:
+def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
     """Load the bodies in MuJoCo; None where they cannot exist, which it refuses and a URDF may hold."""
     if arm.full.impossible_links():
         return None
     names, mapping = joints_of(arm)
-    found = mujoco(bare_urdf(path), names, world_gravity(arm.robot))
+    found = mujoco(bare_urdf(text), names, world_gravity(arm.robot))
     if found is None:
         return None
     engine, torques = found

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from dynid.errors import NotPhysical, WrongUrdf
 from dynid.estimation.possible_set import smallest_eigenvalues
-from dynid.exporters.full_model import FullModel, numbers
+from dynid.exporters.code import rendered
+from dynid.exporters.full_model import FullModel
 from dynid.files.urdffile import Urdf, UrdfJoint, read_urdf
 from dynid.model.kinematics import link_frames
 from dynid.model.parameters import body_of, moved
@@ -190,7 +191,7 @@ def _replaced(path: Path, new: dict[str, tuple[Body, str]], head: str) -> str:
     pieces = [(first.start(), first.start(), f"<!--{comment}-->\n")]
     for link, (body, note) in new.items():
         start, end, indent, around = places[link]
-        block = f"\n{indent}".join(_inertial(body, note))
+        block = rendered("inertial.xml", body=body, note=note).strip().replace("\n", f"\n{indent}")
         pieces.append((start, end, around.format(block)))
     for start, end, text in sorted(pieces, reverse=True):
         raw = raw[:start] + text.encode() + raw[end:]
@@ -231,18 +232,3 @@ def _places(raw: bytes) -> dict[str, tuple[int, int, str, str]]:
 def _indent(raw: bytes, at: int) -> str:
     line = raw[raw.rfind(b"\n", 0, at) + 1 : at]
     return line.decode() if not line.strip() else "    "
-
-
-def _inertial(body: Body, note: str) -> tuple[str, ...]:
-    """Return the lines of an inertial block."""
-    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    values = zip(names, map(float, body.inertia_com), strict=True)
-    tensor = " ".join(f'{name}="{value!r}"' for name, value in values)
-    return (
-        "<inertial>",
-        f"  <!--{xml_comment(note)}-->",
-        f'  <origin xyz="{numbers(body.com)}" rpy="0 0 0"/>',
-        f'  <mass value="{float(body.mass)!r}"/>',
-        f"  <inertia {tensor}/>",
-        "</inertial>",
-    )

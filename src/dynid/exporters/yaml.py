@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -65,11 +64,11 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     return (*effects, *residual_left_out(arm))
 
 
-def loaded(path: Path, arm: IdentifiedArm) -> Loaded:
+def loaded(text: str, arm: IdentifiedArm) -> Loaded:
     """Read the numbers back and evaluate dynid's full regressor with them."""
     import yaml
 
-    document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    document = yaml.safe_load(text)
     values = dict(document["friction"])
     for link in document["links"]:
         values |= link["parameters"]

@@ -179,10 +179,8 @@ def off_in_pinocchio(source, path):
 
 def off_in_pybullet(source, path):
     """Largest difference of all torques on 1000 states [N m or N], of a URDF with its effects.py."""
-    client, body = bullet_body(path, world_gravity(source.robot))
-    beside = path.parent / "effects.py"
-    beside.write_text(EFFECTS.text(source), encoding="utf-8")
-    theirs = stepped(imported(beside).Bullet(body, client))
+    client, body = bullet_body(path.read_text(), world_gravity(source.robot))
+    theirs = stepped(imported(EFFECTS.text(source)).Bullet(body, client))
     states = random_states(source.robot, 1000, 0)
     difference = theirs(*states) - own_torques(source, own_values(source))(*states)
     pybullet.disconnect(client)

@@ -53,12 +53,12 @@ def by_hand(arm, error, q, qd, qdd):
 
 @pytest.mark.parametrize("format", ["c", "python"])
 @pytest.mark.parametrize("robot", ["scara", "staubli_tx40"])
-def test_code_predicts_with_the_residual_model(robot, format, tmp_path):
+def test_code_predicts_with_the_residual_model(robot, format):
     alone = shipped(robot)
     error = random_model_error(alone)
     source = replace(alone, model_error=error)
     q, qd, qdd = random_states(source.robot, 20, 3)
-    found = FORMATS[format].loaded(written(source, format, tmp_path), source)
+    found = FORMATS[format].loaded(FORMATS[format].text(source), source)
     expected = by_hand(source, error, q, qd, qdd)
     np.testing.assert_allclose(found.theirs(q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(found.ours(q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
@@ -87,11 +87,11 @@ def test_the_matlab_file_gives_dynids_torques_in_octave(robot):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_mass_matrix_gravity_and_coriolis_are_pinocchios(seed, tmp_path):
+def test_mass_matrix_gravity_and_coriolis_are_pinocchios(seed):
     """The parts of the module equal those of the arm built by hand, rotors on the diagonal."""
     source = random(seed)
     full, robot = source.full, source.full.robot
-    module = imported(written(source, "python", tmp_path))
+    module = imported(FORMATS["python"].text(source))
     model = pinocchio_model(robot, full.bodies)
     data = model.createData()
     for q, qd, _ in zip(*random_states(robot, 10, seed), strict=True):
@@ -108,9 +108,9 @@ def test_mass_matrix_gravity_and_coriolis_are_pinocchios(seed, tmp_path):
         np.testing.assert_allclose(module.coriolis_matrix(q, qd) @ qd, coriolis, atol=1e-9)
 
 
-def test_the_coriolis_matrix_is_that_of_the_christoffel_symbols(tmp_path):
+def test_the_coriolis_matrix_is_that_of_the_christoffel_symbols():
     """dM/dt - 2 C is skew-symmetric."""
-    module = imported(written(shipped("kinova_gen2"), "python", tmp_path))
+    module = imported(FORMATS["python"].text(shipped("kinova_gen2")))
     rng = np.random.default_rng(3)
     q, qd, h = rng.uniform(-2, 2, 7), rng.normal(size=7), 1e-5
     rate = (module.mass_matrix(q + h * qd) - module.mass_matrix(q - h * qd)) / (2 * h)
@@ -119,11 +119,11 @@ def test_the_coriolis_matrix_is_that_of_the_christoffel_symbols(tmp_path):
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
-def test_the_c_functions_are_those_of_the_python_module(tmp_path):
+def test_the_c_functions_are_those_of_the_python_module():
     """Regressor, gravity, friction, mass matrix, Coriolis torques and matrix."""
     source = shipped("kuka_lwr4plus")
-    module = imported(written(source, "python", tmp_path))
-    library = compiled(written(source, "c", tmp_path))
+    module = imported(FORMATS["python"].text(source))
+    library = compiled(FORMATS["c"].text(source))
     q, qd, qdd = (row[0] for row in random_states(source.base.robot, 1, 5))
 
     def called(name, shape, *inputs):
@@ -165,7 +165,7 @@ def test_parameters_that_the_data_did_not_determine_are_marked():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("format", ["c", "python"])
-def test_a_formula_is_part_of_the_code(format, tmp_path):
+def test_a_formula_is_part_of_the_code(format):
     """The torque by hand, joint 2 of the arm without any effect beside it."""
     robot, names = load_robot("kuka_lwr4plus"), load_robot("kuka_lwr4plus").joint_names
     said = "a cos(2 q2) |qd3| qd4^3 / (2 + sin(q1)^2) + b qdd1 sign(qd2)"
@@ -180,11 +180,10 @@ def test_a_formula_is_part_of_the_code(format, tmp_path):
     q, qd, qdd = random_states(robot, 20, 3)
     law = 0.7 * np.cos(2 * q[:, 1]) * np.abs(qd[:, 2]) * qd[:, 3] ** 3 / (2 + np.sin(q[:, 0]) ** 2)
     law -= 0.3 * qdd[:, 0] * source.base.model.observer().coulomb_sign(qd)[:, 1]
-    (tmp_path / "bare").mkdir()
     form = FORMATS[format]
-    expected = form.loaded(written(bare, format, tmp_path / "bare"), bare).theirs(q, qd, qdd)
+    expected = form.loaded(form.text(bare), bare).theirs(q, qd, qdd)
     expected[:, 1] += law
-    found = form.loaded(written(source, format, tmp_path), source).theirs(q, qd, qdd)
+    found = form.loaded(form.text(source), source).theirs(q, qd, qdd)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
     assert FORMATS[format].leaves_out(source) == (
         f"effect formula on {names[3]}: it depends on what was before, and code keeps no state",

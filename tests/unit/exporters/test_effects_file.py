@@ -26,16 +26,6 @@ NUMBERS = (
 LEFT = ("joint_elasticity", "backlash", "torque_delay")
 
 
-@pytest.fixture
-def effects_of(tmp_path):
-    def load(source):
-        path = tmp_path / "effects.py"
-        path.write_text(EFFECTS.text(source), encoding="utf-8")
-        return imported(path)
-
-    return load
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_every_effect_acts_in_mujoco_and_pybullet_as_in_dynid_or_has_a_reason(name, tmp_path):
@@ -84,13 +74,13 @@ def test_the_bristle_of_mujoco_bends_as_the_formula_says():
     np.testing.assert_allclose(force, bristle.loss * presliding(q, 0.05), atol=0.01 * bristle.loss)
 
 
-def test_dry_friction_beyond_the_file_holds_an_arm_at_rest(effects_of):
+def test_dry_friction_beyond_the_file_holds_an_arm_at_rest():
     """A push below Coulomb plus Stribeck friction does not move the joint, one above it does."""
     source = with_effect("stribeck")
     model = mujoco.MjModel.from_xml_string(FORMATS["mjcf"].text(source))
     model.opt.gravity[:] = 0.0
     model.opt.timestep = 1e-3
-    effects = effects_of(source).Mujoco(model)
+    effects = imported(EFFECTS.text(source)).Mujoco(model)
     dof = model.joint(source.robot.joint_names[2]).dofadr[0]
     most = source.full.drives["fc3"] + 1.1
     moved = []
@@ -108,15 +98,13 @@ def test_dry_friction_beyond_the_file_holds_an_arm_at_rest(effects_of):
     assert moved[1] > 10 * moved[0]
 
 
-def test_pybullet_moves_as_the_model_says(effects_of, tmp_path):
+def test_pybullet_moves_as_the_model_says():
     """Forward: torques of a slow motion by the model keep the arm on it, with rotors and friction, on a random arm."""
     import pybullet
 
     source = shipped("kuka_lwr4plus")
-    path = tmp_path / "arm.urdf"
-    path.write_text(FORMATS["urdf"].text(source), encoding="utf-8")
-    client, body = bullet_body(path, world_gravity(source.robot))
-    effects = effects_of(source).Bullet(body, client)
+    client, body = bullet_body(FORMATS["urdf"].text(source), world_gravity(source.robot))
+    effects = imported(EFFECTS.text(source)).Bullet(body, client)
     dt, n = 1e-3, source.robot.n
     pybullet.setPhysicsEngineParameter(fixedTimeStep=dt, numSubSteps=0, physicsClientId=client)
     size = np.linspace(0.1, 0.3, n)
