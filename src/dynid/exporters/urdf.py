@@ -8,7 +8,7 @@ import numpy as np
 
 from dynid.exporters.engines import bare_urdf, mujoco, own_torques
 from dynid.exporters.full_model import world_gravity
-from dynid.exporters.interface import Floats, Format, IdentifiedArm, Loaded
+from dynid.exporters.interface import Floats, Format, IdentifiedArm, Loaded, NotTried
 from dynid.exporters.simulated import numbers_of, simulated
 from dynid.exporters.user_urdf import attached, rewritten
 from dynid.robot import JointMap
@@ -47,11 +47,18 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
 
 
 def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
-    """Load the bodies in MuJoCo; None where they cannot exist, which it refuses and a URDF may hold."""
-    if arm.full.impossible_links():
+    """Load the bodies in MuJoCo; None where they cannot exist, which it refuses and a URDF may hold.
+
+    Raises:
+        NotTried: MuJoCo refuses the user's own file, such as for what hangs on the arm.
+    """
+    if simulated(arm).full.impossible_links():
         return None
     names, mapping = joints_of(arm)
-    found = mujoco(bare_urdf(text), names, world_gravity(arm.robot))
+    try:
+        found = mujoco(bare_urdf(text), names, world_gravity(arm.robot))
+    except ValueError as error:
+        raise (error if arm.urdf is None else NotTried(f"MuJoCo: {error}")) from error
     if found is None:
         return None
     engine, torques = found
