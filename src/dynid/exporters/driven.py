@@ -64,8 +64,8 @@ def drive(
     t, q, qd, tau = recorded
     simulator = module(engine)
     if simulator is None:
-        fix = "pip install pybullet, up to Python 3.11" if engine == "pybullet" else None
-        raise PackageMissing(f"{engine} is not installed", fix=fix or f"pip install {engine}")
+        until = ", up to Python 3.11" * (engine == "pybullet")
+        raise PackageMissing(f"{engine} is not installed", fix=f"pip install {engine}{until}")
     dt = float(t[1] - t[0])
     steps = max(1, round(dt / tuning.PHYSICS_STEP_S / 2))
     omega = 2.0 * np.pi * tuning.SOFT_FREQUENCY_HZ
@@ -112,11 +112,10 @@ def _mujoco(
     off = engine.mjtDisableBit
     model.opt.disableflags |= off.mjDSBL_LIMIT | off.mjDSBL_CONTACT | off.mjDSBL_AUTORESET
     model.jnt_actfrclimited[:] = 0
-    data, joints = engine.MjData(model), [model.joint(name) for name in effects.JOINTS]
-    places = [joint.qposadr[0] for joint in joints]
-    dofs = [joint.dofadr[0] for joint in joints]
+    data, found = engine.MjData(model), effects.Mujoco(model)
+    places, dofs = found.places, found.dofs
     data.qpos[places], data.qvel[dofs] = q, qd
-    engine.set_mjcb_passive(effects.Mujoco(model).passive)
+    engine.set_mjcb_passive(found.passive)
 
     def step(torque: Floats) -> tuple[Floats, Floats]:
         data.qfrc_applied[dofs] = torque

@@ -106,9 +106,8 @@ def simulated(arm: IdentifiedArm) -> Simulated:
             if element is not None:
                 found.native.append(element)
                 found.elements += (f"{said}: {element.where}",)
-            found.columns += [
-                (form, size, element is not None) for form, size in zip(forms, sizes, strict=True)
-            ]
+            native = element is not None
+            found.columns += [(*each, native) for each in zip(forms, sizes, strict=True)]
         elif added.effect.name in WHOLE_ARM:
             found.whole_arm.append(added)
     return found

@@ -72,9 +72,8 @@ def loaded(text: str, arm: IdentifiedArm) -> Loaded:
     values = dict(document["friction"])
     for link in document["links"]:
         values |= link["parameters"]
-    base, model = arm.base, arm.base.model
-    gamma = np.array([values[name] for name in model.parameter_names])
-    full, minimal = model.observer(), model.observer(base.reduction.base)
+    model, minimal = arm.base.model, arm.base.observer
+    gamma, full = np.array([values[name] for name in model.parameter_names]), model.observer()
     return Loaded(
         "dynid", "all", lambda *s: full.torque(gamma, *s), lambda *s: minimal.torque(arm.theta, *s)
     )

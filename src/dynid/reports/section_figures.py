@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,6 +39,8 @@ WEAK_DIRECTION = 1e-3
 LEAST_ERROR, MOST_ERROR = 0.05, 300.0
 #: Colours of the groups of the residual model, and of what it leaves.
 GROUP_COLORS = (ESTIMATED, "#009e73", "#cc79a7", RESIDUAL)
+#: The look of a line at a threshold.
+DASHED: dict[str, Any] = {"color": RESIDUAL, "lw": 1.0, "ls": "--"}
 #: Bins of the residual's mean and spread.
 BINS = 24
 #: What the residual is drawn over, with the units of turning and sliding joints.
@@ -58,7 +60,7 @@ def spectrum_figure(singular_values: Floats) -> Figure:
     axis = figure.subplots()
     axis.semilogy(np.arange(1, len(share) + 1), share, "o-", color=ESTIMATED, ms=2.5, lw=0.8)
     _plain_decades(axis.yaxis)
-    _threshold(axis.axhline, WEAK_DIRECTION)
+    axis.axhline(WEAK_DIRECTION, **DASHED)
     axis.set_xlabel("direction in the space of base parameters", fontsize=TEXT)
     axis.set_ylabel("singular value / largest", fontsize=TEXT)
     plain(axis)
@@ -112,7 +114,7 @@ def error_figure(found: Identification) -> Figure:
     axis.set_xscale("log")
     _plain_decades(axis.xaxis)
     axis.set_xlim(LEAST_ERROR, MOST_ERROR)
-    _threshold(axis.axvline, 10.0)
+    axis.axvline(10.0, **DASHED)
     axis.set_xlabel("error / value [%]", fontsize=TEXT)
     plain(axis)
     name_rows(axis, found.names)
@@ -251,8 +253,3 @@ def _plain_decades(axis: Axis) -> None:
     """Write the decades of a logarithmic axis as numbers: formulas take longer than the figure."""
     axis.set_major_formatter("{x:g}")
     axis.minorticks_off()
-
-
-def _threshold(line: Callable[..., Any], value: float) -> None:
-    """Draw a dashed line at a value with ``axhline`` or ``axvline`` of an axis."""
-    line(value, color=RESIDUAL, lw=1.0, ls="--")
