@@ -119,20 +119,11 @@ def with_added(plain: Reduction, model: Model) -> Reduction:
 def _regroup(W: Floats, present: NDArray[np.bool_], tolerance: float) -> tuple[Ints, Floats]:
     """Return the leftmost independent columns and how the others are made of them, for normalised columns.
 
-    Gram-Schmidt from left to right, twice each: the second pass removes what rounding left of the first.
+    Source: Gautier 1991; a column that is made of those before it leaves nothing on the diagonal of R.
     """
     R: Floats = np.asarray(np.linalg.qr(W, mode="r"))
-    Q = np.empty((R.shape[0], 0))
-    base: list[int] = []
-    for k in np.flatnonzero(present):
-        rest = R[:, k] - Q @ (Q.T @ R[:, k])
-        rest -= Q @ (Q.T @ rest)
-        size = np.linalg.norm(rest)
-        if size > tolerance:
-            base.append(int(k))
-            Q = np.column_stack([Q, rest / size])
-    chosen = np.array(base, dtype=np.intp)
-    K: Floats = np.asarray(np.linalg.lstsq(R[:, chosen], R, rcond=None)[0], dtype=np.float64)
-    K[:, chosen] = np.eye(len(chosen))
+    base = np.flatnonzero(np.abs(np.diag(R)) > tolerance)
+    K: Floats = np.asarray(np.linalg.lstsq(R[:, base], R, rcond=None)[0], dtype=np.float64)
+    K[:, base] = np.eye(len(base))
     K[:, ~present] = 0.0
-    return chosen, K
+    return base, K
