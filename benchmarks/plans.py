@@ -54,7 +54,7 @@ def unhindered(robot: Robot, options: PlanOptions) -> float:
     """Return the expected torque error of a plan for an arm that nothing can collide with [N m]."""
     base = base_model(robot)
     context = planning_context(base, options)
-    free = replace(plan_problem(context), penalties=(), narrow=None)
+    free = replace(plan_problem(context), capsules=None, narrow=None)
     # Why: torque limits hold for both; where the penalty on torques was not quite obeyed the motion is drawn in a little,
     # and where that does not help, because the pose it is drawn to is heavy to hold, the search gets less torque.
     for share in TORQUES:

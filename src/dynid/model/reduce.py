@@ -36,14 +36,9 @@ def regressor_at(model: Model, samples: int = 200, seed: int = 0, *, still: bool
     return model.regressor(q, qd * (not still), qdd * (not still)).reshape(-1, model.plain_size)
 
 
-def reduce(
-    model: Model, *, samples: int = 200, seed: int = 0, tolerance: float | None = None
-) -> Reduction:
-    """Find the base parameters of a model by singular values on random states, and those of added effects.
-
-    Args: as for ``reduce_plain``.
-    """
-    return with_added(reduce_plain(model, samples=samples, seed=seed, tolerance=tolerance), model)
+def reduce(model: Model, *, seed: int = 0) -> Reduction:
+    """Find the base parameters of a model by singular values on random states, and those of added effects."""
+    return with_added(reduce_plain(model, seed=seed), model)
 
 
 def reduce_plain(

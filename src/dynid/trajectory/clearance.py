@@ -77,8 +77,9 @@ class Near:
         distance: (N, k) [m].
         wanted: (k,) [m].
         names: of the k pairs.
-        pushes: links, (k,), points of them, (N, k, 3) [m], and directions away, (N, k, 3).
-        length: of those directions, (N, k, 1).
+        way: which way leads away, (N, k, 3).
+        pushes: links, (k,), points of them, (N, k, 3) [m], and 1 for those that go that way, -1 for the others.
+        length: of the ways, (N, k, 1).
         spare: what the search keeps more than is wanted, (k,) [m].
         alone: which pairs are told of one by one rather than by their least distance, (k,).
     """
@@ -86,7 +87,8 @@ class Near:
     distance: Floats
     wanted: Floats
     names: Sequence[str]
-    pushes: Sequence[tuple[NDArray[np.intp], Floats, Floats]]
+    way: Floats
+    pushes: Sequence[tuple[NDArray[np.intp], Floats, int]]
     length: Floats | float = 1.0
     spare: Floats | float = tuning.SPARE_DISTANCE_M
     alone: NDArray[np.bool_] | bool = False
@@ -180,7 +182,8 @@ class Capsules:
             distance,
             self._wanted,
             self._names,
-            [(self._first, here, apart), (self._second, there, -apart)],
+            apart,
+            [(self._first, here, 1), (self._second, there, -1)],
             np.maximum(np.linalg.norm(apart, axis=2), 1e-9)[..., None],
             np.where(self._usual, 0.0, tuning.SPARE_DISTANCE_M),
             # Why: links that always overlap are watched too, but the closest pair is that of the others.
@@ -188,13 +191,13 @@ class Capsules:
         )
         if scene.floor is not None and self._lifted.any():
             height = points[..., 2] - self.radii[:, None] - scene.floor
-            ends, up = points.reshape(len(points), -1, 3), np.array([0.0, 0.0, 1.0])
             both = np.repeat(links, 2)
             yield Near(
                 np.where(self._lifted, height, np.inf).reshape(len(points), -1),
                 self._above_floor.ravel(),
                 [f"link {i + 1} - floor" for i in both],
-                [(both, ends, up)],
+                np.array([0.0, 0.0, 1.0]),
+                [(both, points.reshape(len(points), -1, 3), 1)],
             )
         for number, box in enumerate(scene.obstacles, start=1):
             p, d = points[:, :, 0], points[:, :, 1] - points[:, :, 0]
@@ -203,16 +206,17 @@ class Capsules:
                 distance - self.radii,
                 np.full(len(links), scene.distance),
                 [f"link {i + 1} - obstacle {number}" for i in links],
-                [(links, nearest, direction)],
+                direction,
+                [(links, nearest, 1)],
             )
         if scene.workspace is not None:
             tool, inside = frames.p[:, -1], scene.workspace
-            inwards = np.vstack([np.eye(3), -np.eye(3)])
             yield Near(
                 np.hstack([tool - inside.lower, inside.upper - tool]),
                 np.zeros(6),
                 ["tool - edge of the workspace"] * 6,
-                [(np.repeat(links[-1:], 6), np.repeat(tool[:, None], 6, axis=1), inwards)],
+                np.vstack([np.eye(3), -np.eye(3)]),
+                [(np.repeat(links[-1:], 6), np.repeat(tool[:, None], 6, axis=1), 1)],
             )
 
     def value(self, q: Floats) -> tuple[float, Floats]:
@@ -225,11 +229,13 @@ class Capsules:
             weight = tuning.PENALTY_WEIGHT / len(q)
             total += weight * float(np.sum(lack**2))
             slope = -2 * weight / tuning.CONTACT_SCALE_M * lack
-            for links, where, way in near.pushes:
-                by = slope[..., None] * way / near.length
+            away = slope[..., None] * near.way / near.length
+            for links, where, sign in near.pushes:
+                by = sign * away
+                turn = np.cross(where, by)
                 for k, i in enumerate(links):
                     force[:, i] += by[:, k]
-                    moment[:, i] += np.cross(where[:, k], by[:, k])
+                    moment[:, i] += turn[:, k]
         # A joint carries all forces on what follows it.
         force, moment = (np.cumsum(x[:, ::-1], axis=1)[:, ::-1] for x in (force, moment))
         turning = np.array([joint.revolute for joint in self.robot.joints])[None, :, None]

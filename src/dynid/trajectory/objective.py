@@ -6,9 +6,7 @@ the motion that joins them (docs/explanation/paper-map.md, Eq. 14).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,17 +15,11 @@ from dynid.model.regressor import Model
 from dynid.model.regressor_gradient import RegressorGradient
 from dynid.trajectory import tuning
 from dynid.trajectory.basis import Quintic
+from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import Bounds, Shaping
 
 Floats = NDArray[np.float64]
-
-
-class Penalty(Protocol):
-    """Something a motion should keep away from."""
-
-    def value(self, q: Floats) -> tuple[float, Floats]:
-        """Return the penalty of positions, (N, n) [rad or m], and its gradient by them, (N, n)."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +36,7 @@ class PlanProblem:
         known: information matrix of earlier logs, in the same noise and for ``rate``, (p, p); None without any.
         rate: sample rate of the coming log [Hz].
         torque: prior values of ``columns``, for the torque limits, (p,); None to leave torques out.
-        penalties: obstacles.
+        capsules: the arm and what it keeps away from; None for nothing.
         samples: samples along the path.
         narrow: limits of every other start, from the second on; those of the first when None.
     """
@@ -58,9 +50,14 @@ class PlanProblem:
     known: Floats | None = None
     rate: float = 100.0
     torque: Floats | None = None
-    penalties: Sequence[Penalty] = ()
+    capsules: Capsules | None = None
     samples: int = 200
     narrow: Bounds | None = None
+
+    @property
+    def weights(self) -> Floats:
+        """Weights of the joints' torques, (n,)."""
+        return np.ones(self.model.robot.n) if self.noise is None else 1 / self.noise
 
     def of_start(self, start: int) -> PlanProblem:
         """Return the problem as a start of the search sees it."""
@@ -74,8 +71,7 @@ def information(problem: PlanProblem, W: Floats) -> Floats:
         problem: what is planned.
         W: the regressor at evenly spaced samples of the motion, (N, n, p) [N m per unit of each parameter].
     """
-    weights = np.ones(W.shape[1]) if problem.noise is None else 1 / problem.noise
-    rows = (W * weights[None, :, None]).reshape(-1, W.shape[2])
+    rows = (W * problem.weights[None, :, None]).reshape(-1, W.shape[2])
     G = rows.T @ rows * (problem.basis.duration * problem.rate / len(W))
     return G if problem.known is None else G + problem.known
 
@@ -109,8 +105,9 @@ class ExcitationObjective:
         t = problem.basis.duration * (np.arange(fine) + 0.5) / fine
         self.shaping = Shaping(problem.basis, problem.limits, t, refinement=2)
         self._regressor = RegressorGradient(problem.model, problem.columns, problem.samples)
-        weights = np.ones(problem.model.robot.n) if problem.noise is None else 1 / problem.noise
-        self._weights = weights**2 * (problem.basis.duration * problem.rate / problem.samples)
+        self._weights = problem.weights**2 * (
+            problem.basis.duration * problem.rate / problem.samples
+        )
 
     def __call__(self, x: Floats, power: float = np.inf, ease: float = 1.0) -> Evaluation:
         """Return cost and penalties of a motion.
@@ -133,8 +130,8 @@ class ExcitationObjective:
         by_motion = np.zeros((3, *motion[0].shape))
         by_motion[:, coarse] = self._regressor.gradient(gW)
         # Why: between two samples of the regressor an arm moves far enough to pass through its own wrist.
-        for one in problem.penalties:
-            extra, by_q = one.value(motion[0])
+        if problem.capsules is not None:
+            extra, by_q = problem.capsules.value(motion[0])
             penalty += extra
             by_motion[0] += ease * by_q
         return Evaluation(cost + ease * penalty, self.shaping.gradient(*by_motion), cost + penalty)

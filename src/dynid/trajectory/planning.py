@@ -138,7 +138,7 @@ def plan_problem(context: PlanningContext) -> PlanProblem:
         known=context.known,
         rate=options.rate,
         torque=context.theta if bool(np.isfinite(context.limits.torque).any()) else None,
-        penalties=(context.capsules,),
+        capsules=context.capsules,
         samples=max(tuning.LEAST_SAMPLES, tuning.SAMPLES_A_SEGMENT * options.segments),
         narrow=passable,
     )

@@ -221,7 +221,7 @@ def separate(
     """Search for the motion that answers a gap search best; equal seeds give equal motions when it is not cut short.
 
     Args:
-        problem: family of motions, limits, penalties.
+        problem: family of motions, limits, surroundings.
         base: model and base parameters.
         question: what is open.
         search: restarts, seed, speed factor.
@@ -236,9 +236,9 @@ def separate(
 
     def cost(x: Floats) -> float:
         q, qd, qdd = shaping.motion(x)
-        penalty = sum(one.value(q)[0] for one in problem.penalties)
+        penalty = 0.0 if problem.capsules is None else problem.capsules.value(q)[0]
         run = Motion(t / search.alpha, q, search.alpha * qd, search.alpha**2 * qdd)
-        return float(penalty) - separation(base, question, run).value
+        return penalty - separation(base, question, run).value
 
     def climb(rng: np.random.Generator) -> tuple[float, Floats]:
         """Return the best of so many trials, each near the best before it."""

@@ -49,7 +49,7 @@ def test_gradient_with_floor_boxes_torque_and_earlier_logs_is_that_of_difference
     changes = {
         "basis": Quintic.even(5.0, 3, smooth=True),
         "cost": Cost("i", V=np.eye(p)),
-        "penalties": (Capsules(gen2.robot, scene),),
+        "capsules": Capsules(gen2.robot, scene),
         "torque": prior_base_parameters(gen2.model, gen2.reduction, unknown=0.0),
         "limits": replace(bounds(gen2.robot), torque=tight.torque),
         "known": 10 * np.eye(p),
