@@ -23,16 +23,6 @@ def require_file(path: Path) -> None:
         )
 
 
-def put_in_place(temporary: Path, path: Path) -> None:
-    """Give a temporary file the name of a result, which it replaces.
-
-    Raises:
-        OSError: it cannot be renamed, or something else than a file is there.
-    """
-    require_file(path)
-    temporary.replace(path)
-
-
 @contextmanager
 def written_whole(path: Path | str) -> Iterator[IO[bytes]]:
     """Open a temporary file beside ``path`` that takes its name only when the block ends without an error."""
@@ -53,7 +43,8 @@ def written_whole(path: Path | str) -> Iterator[IO[bytes]]:
         mask = os.umask(0)
         os.umask(mask)
         temporary.chmod(0o666 & ~mask)
-        put_in_place(temporary, path)
+        require_file(path)
+        temporary.replace(path)
     except OSError as error:
         raise CannotWrite(f"cannot write {path}: {error.strerror}", where=str(path)) from error
     finally:

@@ -219,7 +219,7 @@ class Log:
         except ImportError as error:
             raise PackageMissing("to_dataframe() needs pandas", fix="pip install pandas") from error
         names = self.names or tuple(f"joint_{k + 1}" for k in range(self.n))
-        kinds = {"q": self.q, **({"qd": self.qd} if self.qd is not None else {}), "tau": self.tau}
+        kinds = {key: x for key, x in self.columns.items() if key in ("q", "qd", "tau")}
         columns = [f"{kind}_{name}" for kind in kinds for name in names]
         return pd.DataFrame(
             np.hstack(list(kinds.values())), index=pd.Index(self.t, name="t"), columns=columns

@@ -109,9 +109,7 @@ def read_npz(path: Path, only: str | None = None) -> dict[str, NDArray[Any]]:
 
 def _plain(value: object) -> object:
     """Make numpy scalars, arrays and paths JSON-able."""
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, np.ndarray):
+    if isinstance(value, (np.generic, np.ndarray)):
         return value.tolist()
     if isinstance(value, Path):
         return str(value)

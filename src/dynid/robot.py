@@ -381,11 +381,16 @@ class Robot:
         return names[joint - 1]
 
     @property
+    def columns(self) -> DriverSpec:
+        """How the columns of a log become DH quantities: the file's driver, else columns that are DH quantities."""
+        return self.driver or DriverSpec(
+            "generic", None, (), JointMap((1.0,) * self.n, (0.0,) * self.n)
+        )
+
+    @property
     def log_names(self) -> tuple[str, ...]:
         """Names of a log's columns in chain order."""
-        return (
-            self.driver.joint_names if self.driver and self.driver.joint_names else self.joint_names
-        )
+        return self.columns.joint_names or self.joint_names
 
     @property
     def slug(self) -> str:

@@ -289,9 +289,9 @@ def usual_error(robot: Robot, left: Floats) -> Floats:
 def driver_columns(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
     """Return a checked log as ``find_mistake`` takes it, before the driver's map, and the names of its columns."""
     names = tuple(log.extra.get("driver_columns", ()))
-    if robot.driver is None or "driver_columns" not in log.extra:
+    if "driver_columns" not in log.extra:
         return log, names
-    map_, matrix = robot.driver.map, np.eye(robot.n)
+    map_, matrix = robot.columns.map, np.eye(robot.n)
     if robot.coupling is not None:
         matrix = np.array(robot.coupling.matrix)
     q = ((log.q - np.array(map_.offset)) * map_.sign) @ matrix.T

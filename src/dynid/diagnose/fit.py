@@ -182,7 +182,7 @@ class Judge:
     def says(self, robot: Robot) -> NDArray[np.bool_]:
         """Return which joints of an edited file have a say, (n,)."""
         beyond = np.array(self.beyond or (False,) * robot.n)
-        return ~(beyond[self._order(robot)] if self.mapped and robot.driver is not None else beyond)
+        return ~(beyond[self._order(robot)] if self.mapped else beyond)
 
     @property
     def _signed(self) -> tuple[int, ...]:
@@ -214,10 +214,9 @@ class Judge:
         """Return all columns of an edited file in rows of the log's columns, (n N, 14 n)."""
         N, n = self.x.shape[1:]
         columns, p = self._columns([(robot, self._dh(robot)[0])]), 10 * n
-        sign = np.ones(n)
-        if self.mapped and robot.driver is not None:
-            sign = np.multiply(robot.driver.map.sign, robot.driver.map.torque_signs)
-        rows = self._order(robot) if self.mapped else range(n)
+        map_, rows, sign = robot.columns.map, list(range(n)), np.ones(n)
+        if self.mapped:
+            rows, sign = self._order(robot), np.multiply(map_.sign, map_.torque_signs)
         found = np.zeros((n, N, p + OWN * n))
         for j, row in enumerate(rows):
             found[row, :, 10 * j : p] = sign[j] * columns.of_joint(j)[0]
@@ -238,17 +237,15 @@ class Judge:
 
     def _dh(self, robot: Robot) -> tuple[Floats, Floats]:
         """Return position, velocity, acceleration (3, N, n), and torques (N, n), in DH quantities of an edited file."""
-        x, tau, mapped = self.x, self.tau, self.mapped and robot.driver is not None
-        if mapped:
-            x, tau = x[:, :, self._order(robot)], tau[:, self._order(robot)]
-        if self.robot.coupling is not None and self.mapped:
+        if not self.mapped:
+            return self.x, self.tau
+        order, map_ = self._order(robot), robot.columns.map
+        x, tau = self.x[:, :, order], self.tau[:, order]
+        if self.robot.coupling is not None:
             matrix = np.array(self.robot.coupling.matrix)
             x, tau = x @ np.linalg.inv(matrix).T, tau @ matrix
-        if not mapped or robot.driver is None:
-            return x, tau
-        map_, units = robot.driver.map, robot.driver.units["position"]
-        before = self.robot.driver.units["position"] if self.robot.driver is not None else "rad"
-        x = x * (np.array(map_.sign) * POSITION[units] / POSITION[before])
+        unit, before = (POSITION[arm.columns.units["position"]] for arm in (robot, self.robot))
+        x = x * (np.array(map_.sign) * unit / before)
         x[0] += np.array(map_.offset)
         return x, tau * np.array(map_.sign) * np.array(map_.torque_signs)
 
@@ -296,7 +293,7 @@ def judge_of(log: Log, robot: Robot, *, mapped: bool = True) -> Judge | None:
     position, velocity = (x[(len(x) - count) // 2 :][:count] for x in (position, velocity))
     whole = t[span:][:count] - t[:count] < 1.5 * span * usual + 3 * usual
     # Why: a log in rad that the robot file takes for degrees seems to stand still.
-    unit = POSITION[robot.driver.units["position"]] if robot.driver is not None else 1.0
+    unit = POSITION[robot.columns.units["position"]]
     slow = unit * per_joint(signal_tuning.MOVING_SPEED, robot)
     rows = np.flatnonzero(np.any(np.abs(velocity) > slow, axis=1) & whole)
     if len(rows) < 50:

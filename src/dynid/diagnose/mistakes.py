@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynid.diagnose import tuning
 from dynid.diagnose.fit import Judge
 from dynid.model.numeric_regressor import expected_torque
-from dynid.robot import DriverSpec, JointMap, Robot
+from dynid.robot import JointMap, Robot
 from dynid.text import yaml_word
 
 Floats = NDArray[np.float64]
@@ -46,7 +46,7 @@ def edited(robot: Robot, edit: Edit) -> Robot:
         )
     if edit.kind == "gravity":
         return replace(robot, gravity=edit.value)  # type: ignore[arg-type]
-    driver = robot.driver or DriverSpec("generic", None, robot.joint_names, _plain(robot.n))
+    driver = robot.columns
     if edit.kind == "order":
         names = tuple(robot.log_names[int(k)] for k in edit.value)
         return replace(robot, driver=replace(driver, joint_names=names))
@@ -65,10 +65,6 @@ def edited(robot: Robot, edit: Edit) -> Robot:
             torque[j] *= 1 if kind == "sign" else -1
     torques = tuple(torque) if min(torque) < 0 else ()
     return replace(robot, driver=replace(driver, map=JointMap(tuple(sign), tuple(offset), torques)))
-
-
-def _plain(n: int) -> JointMap:
-    return JointMap((1.0,) * n, (0.0,) * n)
 
 
 def with_edits(robot: Robot, edits: Sequence[Edit]) -> Robot:
@@ -130,7 +126,7 @@ def pasted(edits: Sequence[Edit], robot: Robot, named: bool = True) -> str:
     if spec is not None and kinds - {"convention", "gravity"}:
         if "order" in kinds and not named:
             lines.append(f"put the columns of the log in the order {', '.join(spec.joint_names)}")
-        was, now = robot.driver.map if robot.driver else _plain(robot.n), spec.map
+        was, now = robot.columns.map, spec.map
         names = ", ".join(map(yaml_word, spec.joint_names))
         keys = {
             f"joint_names: [{names}]": "order" in kinds and named,

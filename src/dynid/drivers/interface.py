@@ -93,7 +93,7 @@ class Driver:
             TopicMissing: the topic is not there, or several could be meant.
             WrongMessageType: the topic does not hold joint states.
         """
-        wanted = asked or (robot.driver.topic if robot.driver else None)
+        wanted = asked or robot.columns.topic
         states = [name for name, kind in topics.items() if kind == JOINT_STATE]
         if wanted is None:
             return self._default_topic(states, topics, bag)
@@ -190,4 +190,4 @@ DRIVERS: dict[str, Driver] = {
 
 def driver_of(robot: Robot) -> Driver:
     """Return the driver that the robot file names, the generic one when it names none."""
-    return DRIVERS[robot.driver.kind if robot.driver else "generic"]
+    return DRIVERS[robot.columns.kind]

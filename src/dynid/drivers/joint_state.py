@@ -53,9 +53,7 @@ class Columns:
             )
         self.names = robot.log_names
         self._known: dict[tuple[str, ...], list[int] | None] = {}
-        units = {"position": "rad", "velocity": "rad/s", "effort": "Nm"} | (
-            robot.driver.units if robot.driver else {}
-        )
+        map_, units = robot.columns.map, robot.columns.units
         turning = np.array([joint.revolute for joint in robot.joints])
         # Why: one unit is given for all joints; `deg` says nothing about a sliding joint, which is then in metres.
         self._position, self._velocity = (
@@ -63,11 +61,8 @@ class Columns:
             for key, table in (("position", POSITION), ("velocity", VELOCITY))
         )
         self._effort = EFFORT[units["effort"]]
-        self.sign = np.array(robot.driver.map.sign) if robot.driver else np.ones(robot.n)
-        self._offset = np.array(robot.driver.map.offset) if robot.driver else np.zeros(robot.n)
-        self._torque_sign = (
-            self.sign * np.array(robot.driver.map.torque_signs) if robot.driver else self.sign
-        )
+        self.sign, self._offset = np.array(map_.sign), np.array(map_.offset)
+        self._torque_sign = self.sign * np.array(map_.torque_signs)
 
     def indices(self, names: Sequence[str]) -> list[int] | None:
         """Return where the robot's joints stand in a message; None when one is missing."""

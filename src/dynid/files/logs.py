@@ -129,8 +129,7 @@ def read_log(
     elif kind == "folder":
         log = tables.read_folder(path, rate)
     elif kind == "table":
-        columns = robot.driver.columns if robot.driver else None
-        log = tables.read_table(path, robot.log_names, columns, rate)
+        log = tables.read_table(path, robot.log_names, robot.columns.columns, rate)
     else:
         log = _read_joint_states(path, robot, topic, container_of(kind))
     log = replace(log, sha256=hash_of(path))
@@ -236,7 +235,7 @@ def _read_joint_states(path: Path, robot: Robot, topic: str | None, container: C
         BagTruncated: nothing is readable.
     """
     topics = {name: found.type for name, found in container.list_topics(path).items()}
-    apart = robot.driver.effort_topic if robot.driver else None
+    apart = robot.columns.effort_topic
     pair = _kinova_pair(topics, topic) if JOINT_STATE not in topics.values() else None
     if pair:
         chosen, apart = pair
@@ -300,9 +299,8 @@ def _of_robot(groups: Mapping[str, Sequence[Log]], robot: Robot, topic: str) -> 
 
 def _in_degrees(log: Log, robot: Robot) -> Log:
     """Return angles of Kinova's own messages, which are degrees by definition, in the unit of the robot file."""
-    unit = robot.driver.units["position"] if robot.driver else "rad"
     n = min(robot.n, log.n)
-    q = log.q[:, :n] * POSITION["deg"] / POSITION[unit]
+    q = log.q[:, :n] * POSITION["deg"] / POSITION[robot.columns.units["position"]]
     return replace(log, q=q, tau=log.tau[:, :n], names=robot.log_names[:n])
 
 

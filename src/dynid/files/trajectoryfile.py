@@ -194,9 +194,7 @@ def write_joint_trajectory(
         ros: 1 or 2, which spell times differently.
         goal: whether it is the goal of a ``FollowJointTrajectory`` action, with the controller's own tolerances.
     """
-    sign, offset = np.ones(robot.n), np.zeros(robot.n)
-    if robot.driver is not None:
-        sign, offset = np.array(robot.driver.map.sign), np.array(robot.driver.map.offset)
+    sign, offset = np.array(robot.columns.map.sign), np.array(robot.columns.map.offset)
     names = ", ".join(map(yaml_word, robot.log_names))
     header, duration = _SPELT[ros]
     head = [header, f"joint_names: [{names}]", "points:"]
