@@ -59,10 +59,9 @@ def link_parameters(robot: Robot) -> tuple[Parameter, ...]:
     found = []
     for link, joint in enumerate(robot.joints, start=1):
         for kind in LINK_PARAMETERS:
-            unit = "kg" if kind == "m" else "kg m" if kind.startswith("mc") else "kg m^2"
-            found.append(
-                numbered(kind, link, "kg" if kind == "Im" and not joint.revolute else unit)
-            )
+            mass = kind == "m" or (kind == "Im" and not joint.revolute)
+            unit = "kg" if mass else "kg m" if kind.startswith("mc") else "kg m^2"
+            found.append(numbered(kind, link, unit))
     return tuple(found)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dynid.model.kinematics import geometry
 from dynid.model.parameters import link_parameters
-from dynid.model.program import ADD, MUL, NEG, SUB, Program
+from dynid.model.program import ADD, MUL, NEG, SUB, Program, input_of
 from dynid.model.regressor import Model
 from dynid.text import code
 
@@ -35,8 +35,7 @@ def as_python(model: Model) -> str:
         if entry in fixed:
             lines.append(f"    {entry} = {fixed[entry]!r}")
             continue
-        kind = entry.rstrip("0123456789")
-        i = int(entry[len(kind) :]) - 1
+        kind, i = input_of(entry)
         offset = robot.joints[i].theta_offset
         angle = f"q[{i}]" if not offset else f"q[{i}] + {offset!r}"
         value = {"c": f"np.cos({angle})", "s": f"np.sin({angle})"}.get(kind, f"{kind}[{i}]")

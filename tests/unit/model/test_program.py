@@ -5,7 +5,6 @@ import pytest
 
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model, tuning
-from dynid.model.dynamics import Builder
 from dynid.model.kinematics import geometry
 from dynid.model.printing import as_latex, as_python
 from dynid.model.program import ADD, MUL, NEG, SUB, Evaluator
@@ -67,12 +66,6 @@ def test_a_restricted_program_gives_the_same_columns_with_fewer_operations(model
             Evaluator(program, model.robot, len(states[0])).run(*states).T
         )
     assert got == pytest.approx(dense[:, :, columns], abs=1e-14)
-
-
-def test_equal_operations_share_a_slot():
-    builder = Builder(("x", "y"), (0, 1))
-    assert builder.slot(ADD, 0, 1) == builder.slot(ADD, 1, 0)
-    assert builder.slot(SUB, 0, 1) != builder.slot(SUB, 1, 0)
 
 
 def test_the_printed_function_computes_the_regressor(model):

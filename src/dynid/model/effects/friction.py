@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -49,17 +48,14 @@ def friction_parameters(robot: Robot) -> tuple[Parameter, ...]:
     for j, joint in enumerate(robot.joints, start=1):
         slope = f"{joint.torque_unit} s/{'rad' if joint.revolute else 'm'}"
         for kind in joint.friction:
-            found.append(
-                numbered(
-                    FRICTION_PARAMETERS[kind], j, slope if kind == "viscous" else joint.torque_unit
-                )
-            )
+            unit = slope if kind == "viscous" else joint.torque_unit
+            found.append(numbered(FRICTION_PARAMETERS[kind], j, unit))
     for k, row in enumerate(np.array(robot.coupling.matrix) if robot.coupling else ()):
         share = row / row[k] if row[k] else row
         if np.count_nonzero(share) > 1:
             units = {"Imc": "kg m^2", "fvc": "N m s/rad", "fcc": "N m"}
             found += [
-                replace(numbered(kind, k + 1, unit), share=tuple(share.tolist()))
+                Parameter(kind, k + 1, unit, f"{kind}{k + 1}", tuple(share.tolist()))
                 for kind, unit in units.items()
             ]
     return tuple(found)
