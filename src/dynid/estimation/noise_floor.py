@@ -93,12 +93,12 @@ def _difference(
     """Yield what two runs of one motion do not have in common, over the root of two, and the rows that count."""
     shortest = round(tuning.SHORTEST_REPEAT_S * chosen.kept_rate)
     (q, left, use), (other_q, other_left, other_use) = one, other
-    lag = _lag(q, other_q, shortest, shortest if one is other else None)
+    lag = lag_of(q, other_q, shortest, shortest if one is other else None)
     if lag is None:
         return
     whole = int(np.floor(lag))
     start, end = max(0, -whole), min(len(q), len(other_q) - whole)
-    moved = _shifted(other_left, lag - whole)[start + whole : end + whole]
+    moved = shifted(other_left, lag - whole)[start + whole : end + whole]
     e = (left[start:end] - moved) / np.sqrt(2.0)
     both = use[start:end] & other_use[start + whole : end + whole]
     edge = np.zeros(len(e), dtype=bool)
@@ -107,8 +107,15 @@ def _difference(
     yield e - line @ np.linalg.lstsq(line, e, rcond=None)[0], both & edge[:, None]
 
 
-def _lag(one: Floats, other: Floats, shortest: int, least: int | None) -> float | None:
-    """Return the lag at which two motions agree, in rows; None where they are not the same."""
+def lag_of(one: Floats, other: Floats, shortest: int, least: int | None) -> float | None:
+    """Return the lag at which two motions agree, in rows; None where they are not the same.
+
+    Args:
+        one: positions, (M, n) [rad or m].
+        other: positions at the same rate, (N, n) [rad or m].
+        shortest: rows that have to overlap.
+        least: smallest lag, within one motion; None for any.
+    """
     scale = one.std(axis=0)
     moves = scale > tuning.STILL_RAD
     if not moves.any() or min(len(one), len(other)) < shortest:
@@ -132,11 +139,14 @@ def _lag(one: Floats, other: Floats, shortest: int, least: int | None) -> float 
         return None
     left, middle, right = apart[best - 1 : best + 2]
     bend = left - 2.0 * middle + right
-    return float(lags[best] + (0.5 * (left - right) / bend if bend > 0.0 else 0.0))
+    part = 0.5 * (left - right) / bend if bend > 0.0 else 0.0
+    return float(lags[best] + (part if abs(part) > tuning.SAME_GRID else 0.0))
 
 
-def _shifted(x: Floats, rows: float) -> Floats:
+def shifted(x: Floats, rows: float) -> Floats:
     """Return x(k + rows) of a signal without what is faster than half its rate, (M, n)."""
+    if rows == 0.0:
+        return x
     k = np.arange(-8, 9)
     kernel = np.sinc(k - rows) * np.kaiser(17, 5.0)
     return np.stack(

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynid.gap.noise import lag_of, shifted
+from dynid.estimation.noise_floor import lag_of, shifted
+from dynid.estimation.tuning import SHORTEST_REPEAT_S
 from dynid.gap.segments import SegmentRows
 from dynid.model.effects.interface import Floats
 
@@ -47,7 +48,7 @@ def subtract_matched_motion(
 
 def _add(now: SegmentRows, then: SegmentRows, left: Floats, total: Floats, matched: Floats) -> None:
     """Add what was left then to the rows of the same motion now; row k now is row k + lag then."""
-    lag = lag_of(now, then, 0.0)
+    lag = lag_of(now.q, then.q, round(SHORTEST_REPEAT_S * now.rate), None)
     if lag is None:
         return
     whole = int(np.floor(lag))

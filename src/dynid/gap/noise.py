@@ -13,6 +13,8 @@ import numpy as np
 
 from dynid.errors import LogTooShort
 from dynid.estimation.covariance import autocorrelation_time
+from dynid.estimation.noise_floor import lag_of, shifted
+from dynid.estimation.tuning import SHORTEST_REPEAT_S
 from dynid.gap import tuning
 from dynid.gap.segments import Mask, SegmentRows
 from dynid.model.effects.interface import Floats
@@ -22,14 +24,6 @@ from dynid.signals.filters import Filter
 ORDER = 4
 #: Rows of a part of a log that has a spectrum.
 SHORTEST = 16
-#: Two segments are repeats when their positions differ by less than this share of their spread; repeats of real and of
-#: simulated arms differ by 0.003 to 0.006, other motion by about 1.
-ALIKE = 0.03
-#: Shortest overlap of two segments, and shortest period within one, that counts as a repeat [s]: long enough that
-#: different motions do not agree by chance.
-SHORTEST_REPEAT = 4.0
-#: Repeats whose rows are closer than this share of a step count as on the same grid; interpolation costs noise.
-SAME_GRID = 0.1
 #: Highest power of a block of 1 s over the median one, and power below 0.8 Hz over that from 4 to 8 Hz, that repeats of
 #: an undisturbed arm have; a random contact gives 12 and more, a drifting sensor 27 and more.
 BURST, DRIFT = 6.0, 14.0
@@ -109,8 +103,9 @@ def find_repeats(segments: Sequence[SegmentRows]) -> list[RepeatPair]:
     """Find segments, and periods within a segment, that hold the same motion."""
     pairs = []
     for a, one in enumerate(segments):
+        shortest = round(SHORTEST_REPEAT_S * one.rate)
         for b in range(a, len(segments)):
-            lag = lag_of(one, segments[b], SHORTEST_REPEAT if a == b else 0.0)
+            lag = lag_of(one.q, segments[b].q, shortest, shortest if a == b else None)
             if lag is not None:
                 pairs.append(RepeatPair(a, b, lag))
     return pairs
@@ -122,34 +117,6 @@ def motions_of(count: int, pairs: Sequence[RepeatPair]) -> list[int]:
     for pair in pairs:
         motion[pair.second] = min(motion[pair.second], motion[pair.first])
     return motion
-
-
-def lag_of(one: SegmentRows, other: SegmentRows, least: float) -> float | None:
-    """Return the lag at which two motions agree, in rows; None when they do not."""
-    scale = one.q.std(axis=0)
-    moves = scale > 1e-3
-    if not moves.any():
-        return None
-    centre = one.q.mean(axis=0)
-    x, y = ((s.q - centre)[:, moves] / scale[moves] for s in (one, other))
-    size = 1 << (len(x) + len(y)).bit_length()
-    spectrum = np.conj(np.fft.rfft(x, size, axis=0)) * np.fft.rfft(y, size, axis=0)
-    cross = np.fft.irfft(spectrum.sum(axis=1), size)
-    lags = np.arange(-len(x) + 1, len(y))
-    product = cross[lags]
-    px, py = (np.concatenate([[0.0], np.cumsum((z**2).sum(axis=1))]) for z in (x, y))
-    start, end = np.maximum(0, -lags), np.minimum(len(x), len(y) - lags)
-    overlap = end - start
-    difference = (px[end] - px[start]) + (py[end + lags] - py[start + lags]) - 2 * product
-    wrong = (overlap < SHORTEST_REPEAT * one.rate) | (lags < least * one.rate if least else False)
-    mean = np.where(wrong, np.inf, difference / np.maximum(overlap, 1) / moves.sum())
-    best = int(np.argmin(mean))
-    if mean[best] > ALIKE**2 or not 0 < best < len(lags) - 1:
-        return None
-    left, middle, right = difference[best - 1 : best + 2]
-    bend = left - 2 * middle + right
-    fraction = 0.5 * (left - right) / bend if bend > 0 else 0.0
-    return float(lags[best] + (fraction if abs(fraction) > SAME_GRID else 0.0))
 
 
 def measure_noise(
@@ -171,7 +138,7 @@ def measure_noise(
     """
     parts = [_difference(segments, residuals, pair) for pair in pairs]
     seconds = sum(len(e) for e, _ in parts) / segments[0].rate
-    if seconds >= SHORTEST_REPEAT:
+    if seconds >= SHORTEST_REPEAT_S:
         several = len(set(motions_of(len(segments), pairs))) > 1
         return _from_repeats(parts, segments[0].rate, seconds, tuning.STOP_BAND if several else 0.0)
     parts = [(r[rows], s.use[rows]) for s, r, rows in zip(segments, residuals, train, strict=True)]
@@ -226,16 +193,6 @@ def _difference(
             )
             e[:, j] -= A @ np.linalg.lstsq(A[use[:, j]], e[use[:, j], j], rcond=None)[0]
     return e, use
-
-
-def shifted(x: Floats, fraction: float) -> Floats:
-    """Return x(k + fraction) by a windowed sinc, (M, n)."""
-    if abs(fraction) < 1e-3:
-        return x
-    k = np.arange(-8, 9)
-    kernel = np.sinc(k - fraction) * np.kaiser(17, 5.0)
-    kernel /= kernel.sum()
-    return np.stack([np.convolve(column, kernel[::-1], "same") for column in x.T], axis=1)
 
 
 def _from_repeats(

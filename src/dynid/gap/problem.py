@@ -10,11 +10,11 @@ import numpy as np
 
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import scale_with_model, settled, stack_logs
+from dynid.estimation.tuning import REPEATED
 from dynid.gap.change import with_always_missing
 from dynid.gap.known_errors import reversal_columns, with_reversals
 from dynid.gap.matched_motion import subtract_matched_motion
 from dynid.gap.noise import (
-    ALIKE,
     NoiseModel,
     RepeatPair,
     find_repeats,
@@ -227,7 +227,7 @@ def make_problem(
             return _problem_since(before, segments, base, kept)
         segments, matched = compared
         # Why: what its parameters are off by is in both, but for what the motions differ.
-        kept = replace(kept, covariance=ALIKE**2 * kept.covariance)
+        kept = replace(kept, covariance=REPEATED**2 * kept.covariance)
     repeats = find_repeats(segments)
     train, held, text = split(segments, repeats, HELD_OUT if kept is None else HELD_OUT_KEPT)
     first = unwhitened_fit(segments, train, kept, nuisance=False)[0] if kept is None else kept.theta
