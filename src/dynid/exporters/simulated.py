@@ -141,12 +141,12 @@ def numbers_of(arm: IdentifiedArm, *kinds: str) -> dict[str, float]:
 # ---------------------------------------------------------------- elements of MuJoCo
 def _element(added: Added, sizes: list[float], found: Simulated) -> Element | None:
     """Return what MuJoCo has for an effect; None where it has nothing, or the joint has another one already."""
-    name, joint, newest = added.effect.name, added.joints[0], newest_elements()
-    if name != "spring" and not newest:
-        return None
+    name, joint = added.effect.name, added.joints[0]
     taken = any((one.effect, one.joint) == (name, joint) for one in found.native)
     if name == "spring" and not taken:
-        return _spring(added, sizes, newest=newest)
+        return _spring(added, sizes)
+    if not newest_elements():
+        return None
     if name in ("torque_ripple", "counterbalance"):
         return _wave(added, sizes)
     if name == "presliding_hysteresis" and not taken:
@@ -158,9 +158,9 @@ def _element(added: Added, sizes: list[float], found: Simulated) -> Element | No
     return None
 
 
-def _spring(added: Added, sizes: list[float], *, newest: bool) -> Element | None:
+def _spring(added: Added, sizes: list[float]) -> Element | None:
     """Return a spring k1 (q - s) + k2 (q - s)^2 + k3 (q - s)^3; None where no s is slack."""
-    order = round(added.shape["order"])
+    order, newest = round(added.shape["order"]), newest_elements()
     constant = sizes[order] if added.shape["constant"] else 0.0
     torque = np.polynomial.Polynomial([constant, *sizes[:order]])
     roots = [float(root.real) for root in torque.roots() if abs(root.imag) < 1e-12]

@@ -154,10 +154,10 @@ def plain(axis: Axes) -> None:
 def motion_figure(
     motion: EstimatedMotion,
     robot: Robot,
-    quantity: Quantity,
-    title: str,
-    *,
     joints: tuple[str, ...] = (),
+    title: str = "",
+    quantity: Quantity = TORQUE,
+    *,
     residual_only: bool = False,
 ) -> Figure:
     """Draw measured and estimated motion, one panel per joint; of torques also the residual, on the same scale.
@@ -165,9 +165,9 @@ def motion_figure(
     Args:
         motion: measured and estimated motion.
         robot: the arm.
-        quantity: what is drawn.
-        title: above the figure; "" for none.
         joints: names of the joints that are drawn, all without.
+        title: above the figure; "" for none.
+        quantity: what is drawn.
         residual_only: draw what is left of the measured values alone, so that it fills the panel.
     """
     numbers = [robot.joint_names.index(name) for name in joints] or list(range(robot.n))
@@ -183,18 +183,6 @@ def motion_figure(
         _draw_curves(axis, motion.t, {"residual": curves["residual"]} if residual_only else curves)
     joint_legend(figure, axes)
     return figure
-
-
-def torque_figure(
-    motion: EstimatedMotion,
-    robot: Robot,
-    joints: tuple[str, ...],
-    title: str,
-    *,
-    residual_only: bool = False,
-) -> Figure:
-    """Draw measured, estimated and residual torque of some joints, or the residual alone."""
-    return motion_figure(motion, robot, TORQUE, title, joints=joints, residual_only=residual_only)
 
 
 def _shown(
@@ -298,7 +286,7 @@ def write_motion_figures(
     """Write position, velocity, acceleration and torque as PNG and SVG, and return the paths of the PNGs."""
     paths = []
     for quantity in QUANTITIES:
-        figure = motion_figure(motion, robot, quantity, title)
+        figure = motion_figure(motion, robot, (), title, quantity)
         write_figure(figure, folder / f"{quantity.title}.svg")
         paths.append(write_figure(figure, folder / f"{quantity.title}.png"))
     return paths

@@ -48,7 +48,7 @@ def torque_figure(result: Identification, joints: tuple[str, ...], residual_only
     assert stack is not None, "only new results have a drawing"
     motions = prediction.predict_logs(stack, result.theta, result.model_error)
     title = f"{result.robot.name}, fitted logs"
-    return figures.torque_figure(
+    return figures.motion_figure(
         prediction.joined(motions), result.robot, joints, title, residual_only=residual_only
     )
 

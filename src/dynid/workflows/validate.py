@@ -26,7 +26,7 @@ from dynid.loading import LogLike, ResultLike, as_base_model, as_log, as_result,
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
 from dynid.progress import Progress
-from dynid.reports.figures import torque_figure, write_motion_figures
+from dynid.reports.figures import motion_figure, write_motion_figures
 from dynid.robot import Robot
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.motion import same_motion
@@ -140,7 +140,7 @@ class Validation(Judged):
     def _figure(self, joints: tuple[str, ...], *, residual_only: bool = False) -> Figure:
 
         title = f"{self.robot.name}, {Path(self.log).name}"
-        return torque_figure(self.motion, self.robot, joints, title, residual_only=residual_only)
+        return motion_figure(self.motion, self.robot, joints, title, residual_only=residual_only)
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid validate`` says."""

@@ -8,7 +8,6 @@ from dynid.reports.figures import (
     QUANTITIES,
     motion_figure,
     thinned,
-    torque_figure,
     write_motion_figures,
 )
 
@@ -27,7 +26,7 @@ def panels(figure):
 
 @pytest.mark.parametrize("quantity", QUANTITIES, ids=lambda each: each.key)
 def test_each_panel_shows_measured_and_estimated_of_its_joint(motion, robot, quantity):
-    figure = motion_figure(motion, robot, quantity, "run")
+    figure = motion_figure(motion, robot, quantity=quantity)
     assert len(panels(figure)) == robot.n
     for j, axis in enumerate(panels(figure)):
         joint = robot.joints[j]
@@ -45,7 +44,7 @@ def test_each_panel_shows_measured_and_estimated_of_its_joint(motion, robot, qua
 
 def test_the_residual_is_measured_minus_estimated_torque(motion, robot):
     for only in (False, True):
-        (axis,) = panels(torque_figure(motion, robot, ("slide",), "run", residual_only=only))
+        (axis,) = panels(motion_figure(motion, robot, joints=("slide",), residual_only=only))
         found = curves(axis)
         j = robot.joint_names.index("slide")
         np.testing.assert_array_equal(
@@ -57,7 +56,7 @@ def test_the_residual_is_measured_minus_estimated_torque(motion, robot):
 
 def test_no_line_crosses_a_gap_in_time(motion, robot):
     """Nobody measured there: the curve has one break, at 5 s."""
-    (axis,) = panels(torque_figure(motion, robot, ("slide",), "run", residual_only=True))
+    (axis,) = panels(motion_figure(motion, robot, joints=("slide",), residual_only=True))
     x = np.asarray(axis.get_lines()[0].get_xdata())
     assert np.flatnonzero(np.isnan(x)).tolist() == [500]
     assert np.nanmax(np.diff(x)) < 0.011
