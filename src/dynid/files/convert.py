@@ -51,9 +51,8 @@ def write_log(log: Log, path: Path) -> Path:
 def _columns(log: Log) -> dict[str, Any]:
     """Return the columns of a table by name; those that are not a number throughout were never recorded."""
     joints = list(log.names) or [f"joint_{k + 1}" for k in range(log.n)]
-    words = {"tau": "i" if log.tau_unit == "A" else "tau"}
     tables = {
-        words.get(kind, kind): values
+        "i" if kind == "tau" and log.tau_unit == "A" else kind: values
         for kind, values in log.columns.items()
         if COLUMNS[kind] and np.isfinite(values).any()
     }

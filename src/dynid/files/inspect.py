@@ -101,12 +101,11 @@ class Inspected:
             and in_amperes(self.patterns["effort"])
         ):
             units["effort"] = "A"
-        velocity = chosen.log.qd is not None and bool(np.isfinite(chosen.log.qd).any())
-        shown = units | {"velocity": f"{units['position']}/s"} if velocity else units
+        if chosen.log.qd is not None and np.isfinite(chosen.log.qd).any():
+            units["velocity"] = f"{units['position']}/s"
         order = ("position", "velocity", "effort")
-        lines.append(
-            f"  units: {{{', '.join(f'{key}: {shown[key]}' for key in order if key in shown)}}}"
-        )
+        inside = ", ".join(f"{key}: {units[key]}" for key in order if key in units)
+        lines.append(f"  units: {{{inside}}}")
         return "\n".join(lines)
 
 

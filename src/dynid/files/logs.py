@@ -278,9 +278,8 @@ def _kinova_pair(topics: dict[str, str], asked: str | None) -> tuple[str, str] |
     own = [name for name, kind in topics.items() if kind in KINOVA_TYPES]
     angles = [name for name in own if name.endswith("joint_angles")]
     torques = [name for name in own if name.endswith("joint_torques")]
-    if not angles or not torques or asked not in (None, angles[0], torques[0]):
-        return None
-    return angles[0], torques[0]
+    pair = next(zip(angles, torques, strict=False), None)
+    return pair if pair and asked in (None, *pair) else None
 
 
 def _of_robot(groups: Mapping[str, Sequence[Log]], robot: Robot, topic: str) -> Log:

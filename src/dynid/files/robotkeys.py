@@ -311,7 +311,7 @@ def _body(value: Value) -> Body:
         shown = [float(f"{size * moment:.3g}") for moment in moments]
         text = (
             f"{value.where}: no body has this inertia_com: its principal moments are "
-            f"{', '.join(f'{moment:g}' for moment in shown)} kg m^2, "
+            f"{', '.join(map('{:g}'.format, shown))} kg m^2, "
             "and the largest is more than the other two together"
         )
         value.context.findings.append(

@@ -48,12 +48,9 @@ def parts_of(path: Path) -> list[Path]:
         return [path]
     parts = [part for part in path.iterdir() if part.suffix in SUFFIXES and part.is_file()]
     if not parts:
-        packed = [part.name for part in path.iterdir() if part.name.endswith(".zstd")]
-        fix = (
-            f"unpack it with: {shell('zstd', '-d', path / packed[0])}"
-            if packed
-            else "check the path"
-        )
+        fix = "check the path"
+        for packed in path.glob("*.zstd"):
+            fix = f"unpack it with: {shell('zstd', '-d', packed)}"
         raise LogNotFound(f"{path} has no .db3 or .mcap file", where=path, fix=fix)
 
     def place(part: Path) -> tuple[list[int], str]:
@@ -91,9 +88,8 @@ def _opened(part: Path) -> Iterator[Reader]:
     from rosbags.rosbag2 import Reader
 
     if not part.stat().st_size:
-        raise BagTruncated(
-            f"{part.name} is empty: nothing was recorded", where=part, fix="record again"
-        )
+        text = f"{part.name} is empty: nothing was recorded"
+        raise BagTruncated(text, where=part, fix="record again")
     journal = part.with_name(f"{part.name}-wal")
     if journal.is_file() and journal.stat().st_size:
         raise BagTruncated(

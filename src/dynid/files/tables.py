@@ -25,19 +25,18 @@ from dynid.files.columnwords import (
     usual_joints,
 )
 from dynid.files.texttable import TextTable, text_table
-from dynid.log import Log
+from dynid.log import COLUMNS, Log
 from dynid.units import FACTORS
 
 Floats = NDArray[np.float64]
 
+#: What a robot file calls columns of joints; others have their own name there.
+WORDS = {"q": "position", "qd": "velocity", "tau": "effort", "q_ref": "reference"}
 #: Patterns that are tried where the robot file gives none.
-USUAL = {
-    "position": ("q_{name}",),
-    "velocity": ("qd_{name}",),
-    "effort": ("tau_{name}", "i_{name}"),
-    "reference": ("q_ref_{name}",),
-    "qd_reported": ("qd_reported_{name}",),
+USUAL: dict[str, tuple[str, ...]] = {
+    WORDS.get(key, key): (f"{key}_{{name}}",) for key, kind in COLUMNS.items() if kind
 }
+USUAL["effort"] += ("i_{name}",)
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _LONG = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 

@@ -112,7 +112,7 @@ class Value:
     @property
     def is_null(self) -> bool:
         """Whether the value is empty or ``null``."""
-        return isinstance(self.node, yaml.ScalarNode) and self.node.tag == "tag:yaml.org,2002:null"
+        return bool(self.node.tag == "tag:yaml.org,2002:null")
 
     @property
     def is_list(self) -> bool:
