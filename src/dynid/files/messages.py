@@ -119,8 +119,8 @@ def collected(
     count, reason = sum(map(len, logs)), "; ".join(reasons[:3])
     seconds = max(float(np.ptp(log.extra["arrival_ns"])) for log in logs) * 1e-9
     text = (
-        f"{path.name} was cut or not closed (recorder killed?): {count} messages, {seconds:.1f} s, are readable and used; "
-        f"reported by the reader: {reason.rstrip('.')}"
+        f"{path.name} was cut or not closed (recorder killed?): {count} messages, {seconds:.1f} s, are readable "
+        f"and used; reported by the reader: {reason.rstrip('.')}"
     )
     evidence = {"messages": count, "seconds": seconds, "reason": reason}
     return groups, (Finding("W305", "warning", text, evidence),)
