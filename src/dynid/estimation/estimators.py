@@ -12,9 +12,9 @@ instrumental variable approach for industrial robot identification" (IV).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,16 +175,8 @@ def _weights(rows: ObservationRows, noise: Floats, theta: Floats | None) -> Floa
 
 
 # ---------------------------------------------------------------- the estimators
-class Estimator(Protocol):
-    """From rows to parameters with error bars."""
-
-    def __call__(self, stack: Stack, prior: Floats) -> Fit:
-        """Return the fit.
-
-        Args:
-            stack: the stacked logs.
-            prior: the prior's base parameters, (p,), NaN where it says nothing.
-        """
+#: From stacked logs and the prior's base parameters, (p,), NaN where it says nothing, to parameters with error bars.
+Estimator: TypeAlias = Callable[[Stack, Floats], Fit]
 
 
 def ols(stack: Stack, prior: Floats) -> Fit:
