@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
-from dynid.estimation.least_squares import Fit, merge, symmetric_root
-from dynid.estimation.rows import ObservationRows, runs
+from dynid.estimation.least_squares import Fit, symmetric_root
+from dynid.estimation.rows import ObservationRows
+from dynid.signals.filters import lowpass_kernel
 
 Floats = NDArray[np.float64]
 
@@ -81,16 +82,15 @@ def hac_covariance(
     return np.asarray(spread @ spread.T)
 
 
-def widened(rows: Iterable[ObservationRows], theta: Floats, fit: Fit, covariance: Floats) -> Floats:
+def widened(rows: Iterable[ObservationRows], fit: Fit, covariance: Floats) -> Floats:
     """Return a covariance after which 1.96 standard errors are a 95 % interval in a short log, too, (p, p).
 
     A fit takes from the residuals just what the covariance asks them for: errors as slow as the columns. The variance
-    is at least that of noise which is as strong at the columns' frequencies as its own memory says; and a quantile of
-    Student's t allows for few independent rows.
+    is at least that of white noise behind the filter of the rows; and a quantile of Student's t allows for few
+    independent rows.
 
     Args:
         rows: observation rows.
-        theta: what their residual is taken with, (columns,).
         fit: the estimate, of p parameters.
         covariance: its covariance without this correction, (p, p).
     """
@@ -98,17 +98,23 @@ def widened(rows: Iterable[ObservationRows], theta: Floats, fit: Fit, covariance
         stdtrit,
     )  # here: its import takes as long as an estimate from a long log
 
-    series = [np.concatenate([each.residual(theta) for each in run]) for run in runs(rows)]
-    memory = np.array(
-        [autocorrelation_time([x[:, j] for x in series]) for j in range(len(fit.noise))]
-    )
-    independent = sum(map(len, series)) * float(np.sum(1.0 / memory))
+    parts = list(rows)
+    memory = _memory(max(parts, key=lambda part: len(part.t)))
+    independent = sum(int(part.mask.sum()) for part in parts) / memory
     freedom = max(independent - len(fit.theta), tuning.LEAST_FREEDOM)
     quantile = float(stdtrit(freedom, 0.975)) / normal_quantile(0.975)
-    slow = merge(fit.factors, np.sqrt(memory) / fit.noise)[:-1, :-1] @ fit.solution.inverse
-    least = np.sum(slow**2, axis=0) / np.maximum(np.diagonal(covariance), np.finfo(float).tiny)
+    least = memory * np.diagonal(fit.solution.inverse)
+    least = least / np.maximum(np.diagonal(covariance), np.finfo(float).tiny)
     factor = quantile * np.sqrt(np.maximum(1.0, least))
     return np.asarray(covariance * np.outer(factor, factor))
+
+
+def _memory(rows: ObservationRows) -> float:
+    """Return how many rows tell as much as one independent one of noise that was white before their filter."""
+    if rows.cutoff == 0.0 or len(rows.t) < 2:
+        return 1.0
+    kernel = lowpass_kernel(rows.cutoff, (len(rows.t) - 1) / float(rows.t[-1] - rows.t[0]))
+    return 1.0 / float(np.sum(kernel**2))
 
 
 def _scores(rows: ObservationRows, weighted: Floats) -> Floats:

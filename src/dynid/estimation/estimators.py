@@ -136,7 +136,7 @@ def instrumental(rows: Iterable[ObservationRows], plain: Fit, max_rounds: int = 
         method="iv",
         theta=theta,
         noise=noise,
-        covariance=widened(rows, theta, plain, covariance),
+        covariance=widened(rows, plain, covariance),
         uncorrected=covariance,
     )
 
@@ -257,9 +257,7 @@ def _with_covariance(
     covariance = hac_covariance(rows, fit.theta, fit.noise, robust=robust, bread=bread)
     return replace(
         fit,
-        covariance=fit.solution.inverse
-        if fit.leaves_open
-        else widened(rows, fit.theta, fit, covariance),
+        covariance=fit.solution.inverse if fit.leaves_open else widened(rows, fit, covariance),
         uncorrected=covariance,
     )
 

@@ -344,7 +344,7 @@ def estimate_delay(stack: Stack) -> tuple[float, float]:
         np.array([triangle(R @ block_diag(basis, np.eye(1))) for R in factors]), counts
     )
     covariance = hac_covariance(rows, found.theta, found.noise, bread=found.covariance, basis=basis)
-    variance = widened(stack, fit.theta, found, covariance)[-1, -1]
+    variance = widened(stack, found, covariance)[-1, -1]
     return float(found.theta[-1]), float(np.sqrt(variance))
 
 

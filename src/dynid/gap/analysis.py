@@ -46,7 +46,6 @@ from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.effects.interface import Floats
 from dynid.progress import SILENT, Progress
 from dynid.signals.conditioned_log import ConditionedLog
-from dynid.sim.replay import Replay
 
 #: Cut-off of the search [Hz]: below, what happens at reversals is gone; above, noise of the positions comes in.
 CUTOFF = 10.0
@@ -117,9 +116,6 @@ def analyse_gap(
     found = proved(problem, search, simulate=simulate)
     verdict = judge(found.search, found.effects, found.refused, base.robot.joint_names)
     joints = localise_residual(replace(problem, noise=search.problem.noise).regression())
-    simulation = (
-        None if found.simulation is None else (found.simulation[0].rms, found.simulation[1].rms)
-    )
     invisible: dict[str, list[int]] = {}
     for (name, where), share in search.visibility.items():
         if share < HIDDEN:
@@ -132,7 +128,7 @@ def analyse_gap(
         tuple(found.effects),
         tuple(joints),
         found.improvement,
-        simulation,
+        found.simulation,
         verdict,
         invisible,
     )
@@ -156,7 +152,7 @@ class Proof:
     refused: list[tuple[SelectedEffect, str]]
     improvement: HeldOutImprovement
     regression: WhitenedRegression
-    simulation: tuple[Replay, Replay] | None
+    simulation: tuple[Floats, Floats] | None
 
 
 def proved(
@@ -298,7 +294,7 @@ def replays(
     search: EffectSearch,
     effects: Sequence[SelectedEffect],
     regression: WhitenedRegression,
-) -> tuple[Replay, Replay] | None:
+) -> tuple[Floats, Floats] | None:
     """Return the replay of the held-out motion before and after; None where it cannot be run.
 
     Args:

@@ -19,7 +19,7 @@ from dynid.model.effects.interface import ArmMotion, Floats
 from dynid.model.parameters import BODY_PARAMETERS, body_columns
 from dynid.robot import Body
 from dynid.signals.conditioned_log import arm_motion
-from dynid.sim.replay import Replay, replay
+from dynid.sim.replay import replay
 
 #: Smallest inertia that an arm must have in all directions to be replayed [kg m^2]; below, small errors of torque
 #: become hundreds of rad/s^2.
@@ -30,8 +30,8 @@ CHECKED = 200
 
 def simulate_held_out(
     problem: GapProblem, regression: WhitenedRegression, selected: Sequence[SelectedEffect]
-) -> Replay | None:
-    """Replay the longest held-out segment through a model.
+) -> Floats | None:
+    """Replay the longest held-out segment through a model; return the errors of the positions, (n,) [rad or m].
 
     Args:
         problem: the problem.
@@ -39,7 +39,7 @@ def simulate_held_out(
         selected: these effects.
 
     Returns:
-        The replay; None when little is held out, or when the arm is too light somewhere to be replayed.
+        The errors; None when little is held out, or when the arm is too light somewhere to be replayed.
     """
     count, k = max((int(rows.sum()), k) for k, rows in enumerate(problem.held))
     rows, base = problem.segments[k], problem.base

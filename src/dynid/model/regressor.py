@@ -25,7 +25,6 @@ from dynid.model.kinematics import LinkFrames, link_frames
 from dynid.model.parameters import (
     BODY_PARAMETERS,
     Parameter,
-    columns_of,
     link_parameters,
     prior_parameters,
 )
@@ -91,10 +90,6 @@ class Model:
         if self.robot.torque.relative:
             return {parameter.name: ampere_unit(parameter.unit) for parameter in self.parameters}
         return {parameter.name: parameter.unit for parameter in self.parameters}
-
-    def columns_of(self, *kinds: str) -> NDArray[np.intp]:
-        """Return the columns whose parameters are of one of these kinds, such as ``"fc"``, (k,)."""
-        return columns_of(self.parameters, *kinds)
 
     @property
     def size(self) -> int:

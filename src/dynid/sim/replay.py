@@ -8,7 +8,6 @@ torques that make it accelerate as the identified model does.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,19 +19,6 @@ from dynid.sim.arm import SimulatedArm
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Replay:
-    """What came out.
-
-    Attributes:
-        rms: position error at each joint over all windows, (n,) [rad or m].
-        windows: root mean square of each window, (W, n).
-    """
-
-    rms: Floats
-    windows: Floats
-
-
 def replay(
     robot: Robot,
     acceleration: Callable[[Floats, Floats, Floats, Floats], Floats],
@@ -42,8 +28,8 @@ def replay(
     tau: Floats,
     *,
     windows: int = 24,
-) -> Replay:
-    """Replay measured torques through a model.
+) -> Floats:
+    """Replay measured torques through a model; return the rms error of each position over all windows, (n,) [rad or m].
 
     Args:
         robot: the arm.
@@ -71,5 +57,4 @@ def replay(
                 arm.step(arm.inverse_dynamics(x[w], v[w], a[w]))
                 x[w], v[w] = arm.state()
             errors += (x - q[at + 1]) ** 2
-    each = np.sqrt(errors / length)
-    return Replay(np.sqrt(np.mean(each**2, axis=0)), each)
+    return np.asarray(np.sqrt(np.mean(errors / length, axis=0)))

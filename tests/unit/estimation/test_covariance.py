@@ -92,7 +92,7 @@ def test_intervals_of_a_short_log_cover_what_they_say():
     for seed in range(100):
         theta, rows = slow_log(seed)
         fit = weighted(*joint_factors([rows]))
-        covariance = widened([rows], fit.theta, fit, hac_covariance([rows], fit.theta, fit.noise))
+        covariance = widened([rows], fit, hac_covariance([rows], fit.theta, fit.noise))
         inside.append(np.abs(fit.theta - theta) <= 1.96 * np.sqrt(np.diagonal(covariance)))
     assert 0.92 <= np.mean(inside) <= 0.98
 
@@ -104,7 +104,7 @@ def test_a_long_log_needs_no_widening_and_a_short_one_does(instants, columns, bo
     rows = slow_log(0, instants, columns)[1]
     fit = weighted(*joint_factors([rows]))
     plain = hac_covariance([rows], fit.theta, fit.noise)
-    wide = widened([rows], fit.theta, fit, plain)
+    wide = widened([rows], fit, plain)
     factor = np.median(np.sqrt(np.diagonal(wide) / np.diagonal(plain)))
     assert bounds[0] < factor < bounds[1]
 

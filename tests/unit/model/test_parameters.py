@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
-from dynid.model.parameters import body_columns, link_parameters, numbered
+from dynid.model.parameters import body_columns, columns_of, link_parameters, numbered
 from dynid.robot import LINK_PARAMETERS, EffectSpec
 
 
@@ -26,12 +26,18 @@ def test_every_column_of_a_model_has_its_kind_and_joint():
     spec = EffectSpec("stribeck", (robot.joint_names[2],), {"vs": 0.1, "d": 1.0, "a": 0.2})
     model = build_model(replace(robot, links=(1, 2, 3, 5, 6), effects=(spec,)))
     for kind in ("m", "Izz", "Im", "fv", "fc", "fo", "Imc", "fvc", "fcc"):
-        columns = model.columns_of(kind)
+        columns = columns_of(model.parameters, kind)
         numbers = [int(model.parameter_names[k][len(kind) :]) for k in columns]
         assert [model.parameters[k].number for k in columns] == numbers
-    assert [model.parameters[k].number for k in model.columns_of("m")] == [1, 2, 3, 5, 6]
-    assert model.columns_of("Imc").size == 1
-    (added,) = model.columns_of("stribeck")
+    assert [model.parameters[k].number for k in columns_of(model.parameters, "m")] == [
+        1,
+        2,
+        3,
+        5,
+        6,
+    ]
+    assert columns_of(model.parameters, "Imc").size == 1
+    (added,) = columns_of(model.parameters, "stribeck")
     assert (model.parameters[added].name, model.parameters[added].number) == ("stribeck3_a", 3)
 
 

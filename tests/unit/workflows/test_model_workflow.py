@@ -9,6 +9,7 @@ import pytest
 from dynid.errors import PackageMissing
 from dynid.files.robotfile import load_robot
 from dynid.model.base_model import key_of, paths, stored_key
+from dynid.model.parameters import columns_of
 from dynid.workflows.model import (
     adapted,
     base_model,
@@ -88,7 +89,7 @@ def test_options_change_the_arm_as_text_and_as_values():
         == adapted(robot, ModelOptions(links=(1, 2, 4))).identified_links
         == (1, 2, 4)
     )
-    assert base_model(bare).model.columns_of("fv", "fc", "fo", "Im").size == 0
+    assert columns_of(base_model(bare).model.parameters, "fv", "fc", "fo", "Im").size == 0
     on_wall = base_model(robot, options=ModelOptions(gravity=(9.81, 0, 0)))
     assert on_wall.rank > base_model(robot).rank
 
