@@ -85,8 +85,8 @@ def _short(names: Sequence[str]) -> str:
 def units(log: Log, robot: Robot) -> dict[str, str]:
     """Return the units of the log's columns: its own, else the robot file's; SI for a log in DH quantities."""
     found = {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
-    if robot.driver and not log.dh:
-        found |= robot.driver.units
+    if not log.dh:
+        found |= robot.columns.units
     found |= log.units
     if log.tau_unit == "A" and found["effort"] not in ("A", "mA"):
         found["effort"] = "A"
@@ -181,9 +181,7 @@ def joint_of_motor(robot: Robot) -> NDArray[np.bool_]:
 
 
 def _map(robot: Robot) -> tuple[Floats, Floats, Floats]:
-    if robot.driver is None:
-        return np.ones(robot.n), np.zeros(robot.n), np.ones(robot.n)
-    map_ = robot.driver.map
+    map_ = robot.columns.map
     return np.array(map_.sign), np.array(map_.offset), np.array(map_.torque_signs)
 
 

@@ -285,7 +285,7 @@ class SimulatedLwr(SimulatedController):
 
 def simulated_driver(node: Node, loop: DriverLoop, topic: str) -> SimulatedDriver:
     """Return the simulation of the driver that the robot file names."""
-    kind = loop.robot.driver.kind if loop.robot.driver else "generic"
+    kind = loop.robot.columns.kind
     drivers: dict[str, type[SimulatedDriver]] = {
         "kinova_gen2": SimulatedKinova,
         "lwr4plus": SimulatedLwr,

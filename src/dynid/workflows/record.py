@@ -410,7 +410,7 @@ def _beginning(run: _Session, port: CommandPort, forecast: Forecast | None) -> d
     """Return what the manifest says before the first motion."""
     facts = manifest.beginning(run.robot, run.node, run.command)
     facts["driver"] = {
-        "kind": port.robot.driver.kind if port.robot.driver else "generic",
+        "kind": port.robot.columns.kind,
         "state_topic": port.state_topic,
         "command_topic": None if run.options.listen_only else port.command_topic,
         "parameters": port.parameters(),

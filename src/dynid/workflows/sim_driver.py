@@ -74,7 +74,7 @@ def simulate_driver(
     """
     import time
 
-    topic = options.topic or (robot.driver.topic if robot.driver else None) or "/joint_states"
+    topic = options.topic or robot.columns.topic or "/joint_states"
     node = connect("dynid_sim_driver", options.master)
     try:
         plant = plant_of(robot) if options.truth is None else read_plant(options.truth)
