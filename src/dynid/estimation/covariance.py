@@ -2,8 +2,8 @@
 
 Textbook errors assume white residuals; those of a robot are coloured by friction and filters, and textbook 95 %
 intervals then cover 47 to 69 %. Here the spread of the scores (the gradient that each instant's residual contributes)
-is summed over the lags that their memory asks for. In a log of seconds even that is too small, by a factor that
-follows from how many rows are independent.
+is summed over the lags that their memory asks for. In a log of seconds even that is too small: ``widened`` has a floor,
+and Student's t.
 
 Source: Newey, West 1987; Andrews 1991 (lag length).
 """
@@ -94,9 +94,7 @@ def widened(rows: Iterable[ObservationRows], fit: Fit, covariance: Floats) -> Fl
         fit: the estimate, of p parameters.
         covariance: its covariance without this correction, (p, p).
     """
-    from scipy.special import (
-        stdtrit,
-    )  # here: its import takes as long as an estimate from a long log
+    from scipy.special import stdtrit  # here: its import takes as long as a fit
 
     parts = list(rows)
     memory = _memory(max(parts, key=lambda part: len(part.t)))
