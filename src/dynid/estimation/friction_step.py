@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import chain
 from typing import TypeAlias
 
@@ -59,7 +58,7 @@ def with_estimated_step(stack: Stack, logs: Sequence[Log], *, measured_velocity:
     """
     usual = stack.base.robot.usual_coulomb
 
-    def signs(shapes: Sequence[Coulomb], seconds: float = np.inf) -> list[list[Floats]]:
+    def signs(shapes: Sequence[Coulomb], *, whole: bool = False) -> list[list[Floats]]:
         return [
             signs_of_shapes(
                 log,
@@ -67,18 +66,18 @@ def with_estimated_step(stack: Stack, logs: Sequence[Log], *, measured_velocity:
                 usual,
                 shapes,
                 measured_velocity=measured_velocity,
-                seconds=seconds,
+                most=None if whole else _looked_at(conditioned.filter),
             )
             for log, conditioned in zip(logs, stack.logs, strict=True)
         ]
 
-    found = _estimated(stack, partial(signs, seconds=LOOKED_AT_S), usual)
+    found = _estimated(stack, signs, usual)
     if found is None:
         return stack
     base, logs_then = with_coulomb(stack.base, found), []
     if found.velocity == usual.velocity:
         return replace(stack, base=base)
-    for log, own in zip(stack.logs, signs([found]), strict=True):
+    for log, own in zip(stack.logs, signs([found], whole=True), strict=True):
         pairs = zip(log.segments, own, strict=True)
         segments = [replace(segment, coulomb_sign=sign[..., 0]) for segment, sign in pairs]
         logs_then.append(with_effects(replace(log, segments=segments), base.model))
@@ -130,9 +129,7 @@ def _left_by(
     tried = signs([Coulomb("smooth", tuple(each)) for each in widths.tolist()])
     of_rows = np.concatenate(
         [
-            _of_rows(
-                each[: _looked_at(log.filter)], log.filter.second_kernel, log.filter.second_step
-            )
+            _of_rows(each, log.filter.second_kernel, log.filter.second_step)
             for log, some in zip(stack.logs, tried, strict=True)
             for each in some
         ]

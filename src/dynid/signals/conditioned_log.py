@@ -219,7 +219,7 @@ def signs_of_shapes(
     shapes: Sequence[Coulomb],
     *,
     measured_velocity: bool = False,
-    seconds: float = np.inf,
+    most: int | None = None,
 ) -> list[Floats]:
     """Return the Coulomb signs of several shapes under the filter of the torques, (N, n, shapes) for each segment.
 
@@ -229,18 +229,18 @@ def signs_of_shapes(
         sharp: as for ``condition``.
         shapes: of the sign.
         measured_velocity: as for ``condition``.
-        seconds: how much of the beginning of each segment is wanted [s]; whole blocks of the filter come.
+        most: samples of the beginning of each segment that are wanted; None for all.
     """
     measured, found = measured_velocity and log.qd is not None, []
     for part in _parts(log, chosen):
         on_grid, times = _on_grid(log, part, chosen)
         signs = _sign_kernels(log, on_grid, sharp, chosen, measured), shapes
-        blocks = [b for b in _blocks(len(times), chosen) if b.start < seconds * chosen.rate]
-        found.append(
-            np.concatenate(
-                [_coulomb_sign(on_grid, log, measured, each, chosen, signs) for each in blocks]
-            )
-        )
+        made = [
+            _coulomb_sign(on_grid, log, measured, each, chosen, signs)
+            for each in _blocks(len(times), chosen)
+            if most is None or each.start < most * chosen.first_step
+        ]
+        found.append(np.concatenate(made)[:most])
     return found
 
 
