@@ -4,6 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from dynid.files.robotfile import parse_robot
+from dynid.log import Log
+
 ROBOT = """\
 name: arm
 convention: standard
@@ -17,6 +20,10 @@ MASS, COM, INERTIA = (3.0, 2.0), (0.2, 0.15), (0.05, 0.03)
 VISCOUS, COULOMB = (0.8, 0.5), (0.6, 0.3)
 #: Speed below which friction changes its sign smoothly [rad/s], as in the robot file.
 SMOOTH = 0.01
+
+
+def robot():
+    return parse_robot(ROBOT, Path("arm.yaml"))
 
 
 def torque(q, qd, qdd):
@@ -54,6 +61,14 @@ def motion(seed, seconds=20.0, rate=100.0):
             qd[:, j] += amplitude * w * np.cos(w * t + phase)
             qdd[:, j] -= amplitude * w**2 * np.sin(w * t + phase)
     return t, q, qd, qdd
+
+
+def log(seed, noise=0.02, scale=(1.0, 1.0), draw=None):
+    """A log of the motion of a seed: ``scale`` is that of each joint's torque, ``draw`` the seed of the noise."""
+    t, q, qd, qdd = motion(seed)
+    random = np.random.default_rng(seed + 100 if draw is None else draw)
+    tau = (torque(q, qd, qdd) + noise * random.standard_normal(q.shape)) * np.array(scale)
+    return Log(t=t, q=q, tau=tau, names=("shoulder", "elbow"))
 
 
 def write_log(path, seed, change=None, **options):

@@ -6,7 +6,7 @@ Rows of motions and of the arm itself stand with the commands that can make them
 import re
 import shutil
 import struct
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,8 @@ from makelogs import kinova, state_messages, write_bag
 ROOT = Path(__file__).parents[2]
 BAG = ROOT / "trajectories/lwr4plus_validate.bag"
 CHECK = ("check", "arm.yaml", "log.csv")
+ROBOT = ("check", "arm.yaml")
+IDENTIFY = ("identify", "arm.yaml", "log.csv")
 DRIVER = "driver: {kind: generic, units: {%s}}\n"
 
 
@@ -28,9 +30,9 @@ class Mistake:
 
     Attributes:
         code: of the error.
-        status: of the exit.
-        words: command line.
         says: pattern that the first line matches.
+        words: command line.
+        status: of the exit.
         robot: (old, new) text of arm.yaml that spoils it.
         log: spoils the columns of log.csv.
         fix: what the printed advice comes to: (old, new) text of arm.yaml, or words to add; None when only a new
@@ -39,14 +41,13 @@ class Mistake:
     """
 
     code: str
-    status: int
-    words: tuple[str, ...]
     says: str
+    words: tuple[str, ...] = CHECK
+    status: int = 3
     robot: tuple[str, str] | None = None
     log: object = None
     fix: tuple[str, ...] | None = None
     advice: str = "."
-    options: dict = field(default_factory=dict)
 
 
 def spoil(key, change):
@@ -110,62 +111,58 @@ def poses(gravity=1.0, zero=0.0):
 ROBOT_FILE = [
     Mistake(
         "E201",
-        3,
-        ("check", "arm.yaml"),
         r"arm.yaml:2: unknown key 'convetion'; did you mean 'convention'\?",
+        words=ROBOT,
         robot=("convention", "convetion"),
         fix=("convetion", "convention"),
     ),
     Mistake(
         "E202",
-        3,
-        ("check", "arm.yaml"),
         r"arm.yaml:\d+: joints\[0\].twist = 90 rad is more than a full turn",
+        words=ROBOT,
         robot=("shoulder, a: 0.4", "shoulder, twist: 90, a: 0.4"),
         fix=("convention:", "angle_unit: deg\nconvention:"),
         advice="angle_unit: deg",
     ),
     Mistake(
         "E203",
-        3,
-        ("check", "arm.yaml"),
         r"joints\[1\].a = '3e-1' is text in YAML; write 3.0e-1",
+        words=ROBOT,
         robot=("a: 0.3", "a: 3e-1"),
         fix=("3e-1", "3.0e-1"),
     ),
     Mistake(
         "E203",
-        3,
-        ("check", "arm.yaml"),
         r"joints\[1\].a",
+        words=ROBOT,
         robot=("a: 0.3", "a: 0x"),
         fix=("0x", "0.3"),
     ),
     Mistake(
         "E204",
-        3,
-        ("check", "arm.yaml"),
         "standard or modified",
+        words=ROBOT,
         robot=("convention: standard\n", ""),
         fix=("name: arm", "name: arm\nconvention: standard"),
         advice="convention: standard",
     ),
     Mistake(
-        "E205", 2, ("model", "kinova_gen"), r"no robot 'kinova_gen'; did you mean 'kinova_gen2'\?"
+        "E205",
+        r"no robot 'kinova_gen'; did you mean 'kinova_gen2'\?",
+        words=("model", "kinova_gen"),
+        status=2,
     ),
     Mistake(
         "E206",
-        3,
-        ("check", "arm.yaml"),
         r"981 m/s\^2",
+        words=ROBOT,
         robot=("-9.81", "-981"),
         fix=("-981", "-9.81"),
     ),
     Mistake(
         "E207",
-        3,
-        ("check", "arm.yaml"),
         "arm.yaml:2: key 'name' is given twice",
+        words=ROBOT,
         robot=("name: arm\n", "name: arm\nname: arm\n"),
         fix=("name: arm\nname: arm\n", "name: arm\n"),
     ),
@@ -173,15 +170,15 @@ ROBOT_FILE = [
 
 LOGS = [
     Mistake(
-        "E301", 3, ("check", "arm.yaml", "logg.csv"), r"no such file logg.csv; nearby: log.csv"
+        "E301", r"no such file logg.csv; nearby: log.csv", words=("check", "arm.yaml", "logg.csv")
     ),
     Mistake(
-        "E301", 3, ("identify", "arm.yaml", "logg.csv"), r"no such file logg.csv; nearby: log.csv"
+        "E301",
+        r"no such file logg.csv; nearby: log.csv",
+        words=("identify", "arm.yaml", "logg.csv"),
     ),
     Mistake(
         "E306",
-        3,
-        CHECK,
         r"elbow torque is not a number in 12 samples, first at t = 3.000 s \(row 301\)",
         log=spoil("tau", put(slice(300, 312), 1, np.nan)),
         fix=("--exclude", "2.999-3.111"),
@@ -189,8 +186,6 @@ LOGS = [
     ),
     Mistake(
         "E307",
-        3,
-        CHECK,
         r"position spans .*degrees\? limits are \+-3.00 rad",
         log=lambda c: {**c, "q": np.degrees(c["q"]), "qd": np.degrees(c["qd"])},
         fix=("joints:", DRIVER % "position: deg, velocity: deg/s" + "joints:"),
@@ -198,8 +193,6 @@ LOGS = [
     ),
     Mistake(
         "E308",
-        3,
-        CHECK,
         r"shoulder velocity is 57.\d x the change of position: deg/s",
         log=spoil("qd", np.degrees),
         fix=("joints:", DRIVER % "velocity: deg/s" + "joints:"),
@@ -207,17 +200,14 @@ LOGS = [
     ),
     Mistake(
         "E308",
-        3,
-        ("identify", "arm.yaml", "log.csv"),
         "elbow velocity has the opposite sign",
+        words=IDENTIFY,
         log=spoil("qd", scaled(1, -1)),
         fix=("--velocity", "derived"),
         advice="--velocity derived",
     ),
     Mistake(
         "E309",
-        3,
-        CHECK,
         "log.csv names shoulder, elbow; the robot file expects schulter, elbow",
         robot=("name: shoulder", "name: schulter"),
         fix=("joints:", "driver: {kind: generic, joint_names: [shoulder, elbow]}\njoints:"),
@@ -225,17 +215,14 @@ LOGS = [
     ),
     Mistake(
         "E309",
-        3,
-        ("identify", "arm.yaml", "log.csv"),
         r"shoulder and elbow look swapped \(correlation",
+        words=IDENTIFY,
         log=spoil("qd", lambda v: v[:, ::-1]),
         fix=("--velocity", "derived"),
         advice="--velocity derived",
     ),
     Mistake(
         "E311",
-        3,
-        CHECK,
         r"time goes back 4.99 s at row 1501 \(t = 14.99 s\): two recordings joined\?",
         log=spoil("t", jump_back),
         fix=("--exclude", "10.000-14.990"),
@@ -243,26 +230,21 @@ LOGS = [
     ),
     Mistake(
         "E312",
-        3,
-        CHECK,
         r"\d+ % of the samples are missing \(9 gaps",
         log=keep(np.flatnonzero(np.arange(2000) % 200 < 180)),
     ),
     Mistake(
-        "E313", 4, CHECK, "s of motion; about 18 parameters need about", log=keep(slice(0, 60))
+        "E313", "s of motion; about 18 parameters need about", status=4, log=keep(slice(0, 60))
     ),
     Mistake(
         "E314",
-        4,
-        CHECK,
         r"joint states arrive at 5.0 Hz",
+        status=4,
         log=keep(slice(None, None, 20)),
         advice="rate",
     ),
     Mistake(
         "E317",
-        3,
-        CHECK,
         "gravity was already removed",
         log=poses(gravity=0),
         fix=("joints:", "torque: {source: gravity_free}\njoints:"),
@@ -270,8 +252,6 @@ LOGS = [
     ),
     Mistake(
         "E318",
-        3,
-        CHECK,
         r"torque reaches .*: mNm\? rating 60 Nm",
         log=spoil("tau", lambda v: 1000 * v),
         fix=("joints:", DRIVER % "effort: mNm" + "joints:"),
@@ -279,9 +259,8 @@ LOGS = [
     ),
     Mistake(
         "E401",
-        4,
-        CHECK,
         "elbow moves 0 rad: its 4 own parameters cannot be found",
+        status=4,
         log=lambda c: {
             **c,
             "q": put(slice(None), 1, 0.3)(c["q"]),
@@ -296,14 +275,13 @@ def names(row):
 
 
 @pytest.mark.parametrize("row", ROBOT_FILE + LOGS, ids=names)
-def test_a_mistake_gives_its_code_its_status_and_advice_that_works(dynid, row):
-    twolink.write_arm(dynid.folder)
-    file = dynid.folder / "arm.yaml"
+def test_a_mistake_gives_its_code_its_status_and_advice_that_works(arm, row):
+    file = arm.folder / "arm.yaml"
     if row.robot:
         file.write_text(file.read_text().replace(*row.robot, 1))
     if row.log:
-        twolink.write_log(dynid.folder / "log.csv", 1, row.log)
-    refused(dynid(*row.words), row.code, row.status, row.says, row.advice)
+        twolink.write_log(arm.folder / "log.csv", 1, row.log)
+    refused(arm(*row.words), row.code, row.status, row.says, row.advice)
     if row.fix is None:
         return
     words = row.words
@@ -311,7 +289,7 @@ def test_a_mistake_gives_its_code_its_status_and_advice_that_works(dynid, row):
         words = (*words, *row.fix)
     else:
         file.write_text(file.read_text().replace(*row.fix, 1))
-    again = dynid(*words)
+    again = arm(*words)
     assert f"error[{row.code}]" not in again.err
     assert again.status == 0, again.err
 
@@ -344,48 +322,44 @@ WARNINGS = [
 
 
 @pytest.mark.parametrize(("code", "change", "says"), WARNINGS, ids=lambda v: str(v)[:4])
-def test_a_warning_is_said_and_the_log_is_used(dynid, code, change, says):
-    twolink.write_arm(dynid.folder)
-    twolink.write_log(dynid.folder / "log.csv", 1, change)
-    run = dynid(*CHECK)
+def test_a_warning_is_said_and_the_log_is_used(arm, code, change, says):
+    twolink.write_log(arm.folder / "log.csv", 1, change)
+    run = arm(*CHECK)
     assert run.status == 0
     assert re.search(rf"warning\[{code}\] {says}", run.err), run.err
-    assert dynid(*CHECK, "--strict").status == 1
+    assert arm(*CHECK, "--strict").status == 1
 
 
-def test_a_jump_by_a_full_turn_is_unwrapped(dynid):
-    twolink.write_arm(dynid.folder)
+def test_a_jump_by_a_full_turn_is_unwrapped(arm):
 
     def turn(columns):
         columns["q"][1500:, 1] += 2 * np.pi
 
-    twolink.write_log(dynid.folder / "log.csv", 1, turn)
+    twolink.write_log(arm.folder / "log.csv", 1, turn)
     assert re.search(
-        r"warning\[W315\] elbow jumps by 6.\d+ rad at 15.00 s; unwrapped", dynid(*CHECK).err
+        r"warning\[W315\] elbow jumps by 6.\d+ rad at 15.00 s; unwrapped", arm(*CHECK).err
     )
 
 
-def test_gravity_that_points_up_is_a_warning_when_the_mount_is_not_said(dynid):
-    twolink.write_arm(dynid.folder)
-    file = dynid.folder / "arm.yaml"
+def test_gravity_that_points_up_is_a_warning_when_the_mount_is_not_said(arm):
+    file = arm.folder / "arm.yaml"
     file.write_text(file.read_text().replace("[0, -9.81, 0]", "[0, 0, 9.81]"))
-    run = dynid("check", "arm.yaml")
+    run = arm("check", "arm.yaml")
     assert run.status == 0
     assert "warning[W206]" in run.err
     file.write_text(file.read_text() + "mount: ceiling\n")
-    assert "W206" not in dynid("check", "arm.yaml").err
+    assert "W206" not in arm("check", "arm.yaml").err
 
 
-def test_an_inertia_that_no_body_has_is_said_before_a_log_is_recorded(dynid):
-    twolink.write_arm(dynid.folder)
-    file = dynid.folder / "arm.yaml"
+def test_an_inertia_that_no_body_has_is_said_before_a_log_is_recorded(arm):
+    file = arm.folder / "arm.yaml"
     text = re.sub(r"\nprior:.*", "", file.read_text(), flags=re.DOTALL)
     bodies = [
         "{mass: 3, com: [-0.2, 0, 0]}",
         "{mass: 2, com: [-0.1, 0, 0], inertia_com: {ixx: 0.01, iyy: 0.01, izz: 0.05}}",
     ]
     file.write_text(f"{text}\nprior:\n  links:\n" + "".join(f"    - {body}\n" for body in bodies))
-    run = dynid("check", "arm.yaml")
+    run = arm("check", "arm.yaml")
     assert run.status == 0
     assert "warning[W207]" in run.err
     assert "0.01, 0.01, 0.05 kg m^2" in run.err
@@ -393,15 +367,14 @@ def test_an_inertia_that_no_body_has_is_said_before_a_log_is_recorded(dynid):
 
 
 @pytest.mark.slow
-def test_masses_and_centres_alone_are_a_prior(dynid):
-    twolink.write_arm(dynid.folder)
-    twolink.write_log(dynid.folder / "log.csv", 1)
-    file = dynid.folder / "arm.yaml"
+def test_masses_and_centres_alone_are_a_prior(arm):
+    twolink.write_log(arm.folder / "log.csv", 1)
+    file = arm.folder / "arm.yaml"
     text = re.sub(r"\nprior:.*", "", file.read_text(), flags=re.DOTALL)
     file.write_text(
         f"{text}\nprior:\n  links:\n" + "    - {mass: 3, com: [-0.2, 0, 0]}\n    - {mass: 0}\n"
     )
-    run = dynid("identify", "arm.yaml", "log.csv", "--no-input", "--json")
+    run = arm("identify", "arm.yaml", "log.csv", "--no-input", "--json")
     assert run.status == 0
     assert "E404" not in run.err
 
@@ -468,12 +441,11 @@ def test_a_torque_at_rest_where_nothing_weighs_is_worth_zeroing(dynid):
 
 # ---------------------------------------------------------------- what the data can tell
 @pytest.mark.slow
-def test_joints_that_hardly_move_apart_are_refused_until_they_are_dropped(dynid):
+def test_joints_that_hardly_move_apart_are_refused_until_they_are_dropped(arm):
     """The elbow follows the shoulder but for a millirad: all parameters show, most of them in noise.
 
     Without noise the same motion, of the same condition number, tells them all.
     """
-    twolink.write_arm(dynid.folder)
 
     def nearly(columns, noise=1.0):
         t = columns["t"]
@@ -487,27 +459,26 @@ def test_joints_that_hardly_move_apart_are_refused_until_they_are_dropped(dynid)
         columns["tau"] += noise * np.random.default_rng(1).normal(size=columns["tau"].shape)
         return columns
 
-    twolink.write_log(dynid.folder / "clean.csv", 1, lambda columns: nearly(columns, 1e-6))
-    run = dynid("identify", "arm.yaml", "clean.csv", "-q", "--no-feasible", "-o", "clean")
+    twolink.write_log(arm.folder / "clean.csv", 1, lambda columns: nearly(columns, 1e-6))
+    run = arm("identify", "arm.yaml", "clean.csv", "-q", "--no-feasible", "-o", "clean")
     assert run.status == 0, run.err
-    twolink.write_log(dynid.folder / "log.csv", 1, nearly)
+    twolink.write_log(arm.folder / "log.csv", 1, nearly)
     refused(
-        dynid("identify", "arm.yaml", "log.csv", "-q", "--no-feasible"),
+        arm("identify", "arm.yaml", "log.csv", "-q", "--no-feasible"),
         "E402",
         4,
         r"condition number \d+ \(good: below 100\)",
         "dynid trajectory",
     )
     for more in (("--no-feasible", "--drop-weak"), ("--force",)):
-        run = dynid("identify", "arm.yaml", "log.csv", *more)
+        run = arm("identify", "arm.yaml", "log.csv", *more)
         assert run.status == 0, run.err
         assert "W402" in run.err
 
 
 @pytest.mark.slow
-def test_joints_that_move_together_leave_parameters_open_until_they_are_dropped(dynid):
+def test_joints_that_move_together_leave_parameters_open_until_they_are_dropped(arm):
     """Both joints follow one sine: accelerations, speeds and poses are tied to each other."""
-    twolink.write_arm(dynid.folder)
 
     def together(columns):
         t = columns["t"]
@@ -520,30 +491,28 @@ def test_joints_that_move_together_leave_parameters_open_until_they_are_dropped(
         columns["tau"] = twolink.torque(columns["q"], columns["qd"], columns.pop("qdd"))
         return columns
 
-    twolink.write_log(dynid.folder / "log.csv", 1, together)
-    run = dynid("identify", "arm.yaml", "log.csv")
+    twolink.write_log(arm.folder / "log.csv", 1, together)
+    run = arm("identify", "arm.yaml", "log.csv")
     assert run.status in (0, 4)
     assert re.search(r"error\[E40[23]\]|warning\[W40[236]\]", run.err), run.err
 
 
 @pytest.mark.slow
-def test_the_training_log_is_no_validation_log(dynid):
-    twolink.write_arm(dynid.folder)
-    assert dynid("identify", "arm.yaml", "log.csv").status == 0
+def test_the_training_log_is_no_validation_log(arm):
+    assert arm("identify", "arm.yaml", "log.csv").status == 0
     words = ("validate", "out/arm/parameters.npz", "log.csv", "--no-plot")
-    refused(dynid(*words), "E405", 2, "log.csv was used to identify", "--allow-training-data")
-    shutil.copy(dynid.folder / "log.csv", dynid.folder / "copy.csv")
-    refused(dynid(*words[:2], "copy.csv"), "E405", 2)
-    assert dynid(*words, "--allow-training-data").status == 0
-    assert dynid(*words[:2], "unseen.csv", "--no-plot").status == 0
+    refused(arm(*words), "E405", 2, "log.csv was used to identify", "--allow-training-data")
+    shutil.copy(arm.folder / "log.csv", arm.folder / "copy.csv")
+    refused(arm(*words[:2], "copy.csv"), "E405", 2)
+    assert arm(*words, "--allow-training-data").status == 0
+    assert arm(*words[:2], "unseen.csv", "--no-plot").status == 0
 
 
 # ---------------------------------------------------------------- decisions and versions
-def test_a_result_of_a_newer_dynid_is_not_guessed_at(dynid):
-    twolink.write_arm(dynid.folder)
-    write_artifact(dynid.folder / "p.npz", "dynid/identification/99", {"dynid": "9.9"}, {})
+def test_a_result_of_a_newer_arm_is_not_guessed_at(arm):
+    write_artifact(arm.folder / "p.npz", "dynid/identification/99", {"dynid": "9.9"}, {})
     refused(
-        dynid("validate", "p.npz", "unseen.csv"),
+        arm("validate", "p.npz", "unseen.csv"),
         "E320",
         3,
         r"written by dynid 9.9 \(schema 99\); this is",
@@ -551,46 +520,16 @@ def test_a_result_of_a_newer_dynid_is_not_guessed_at(dynid):
     )
 
 
-def test_a_result_that_is_none_is_refused(dynid):
-    twolink.write_arm(dynid.folder)
-    (dynid.folder / "p.npz").write_bytes(struct.pack("64x"))
-    refused(dynid("validate", "p.npz", "unseen.csv"), "E321", 3)
-    refused(dynid("validate", "nowhere.npz", "unseen.csv"), "E321", 3, "no such file")
-
-
-def test_a_stored_model_of_another_robot_file_is_not_used_when_frozen(dynid):
-    twolink.write_arm(dynid.folder)
-    assert dynid("model", "arm.yaml").status == 0
-    file = dynid.folder / "arm.yaml"
-    file.write_text(file.read_text().replace("a: 0.3", "a: 0.31"))
-    refused(
-        dynid("model", "arm.yaml", "--frozen", "-q"),
-        "E701",
-        7,
-        r"joints\[1\].a 0.3 -> 0.31",
-        "drop --frozen",
-    )
-    assert dynid("model", "arm.yaml").status == 0
-
-
-def test_results_are_not_overwritten_and_the_advice_works(dynid):
-    twolink.write_arm(dynid.folder)
-    assert dynid("identify", "arm.yaml", "log.csv").status == 0
-    refused(
-        dynid("identify", "arm.yaml", "unseen.csv"),
-        "E702",
-        7,
-        r"log 1 sha \w{4} -> \w{4}",
-        "--force",
-    )
-    assert dynid("identify", "arm.yaml", "unseen.csv", "--force").status == 0
+def test_a_result_that_is_none_is_refused(arm):
+    (arm.folder / "p.npz").write_bytes(struct.pack("64x"))
+    refused(arm("validate", "p.npz", "unseen.csv"), "E321", 3)
+    refused(arm("validate", "nowhere.npz", "unseen.csv"), "E321", 3, "no such file")
 
 
 @pytest.mark.parametrize("word", ["", " ", "[", "x" * 300, "\x00"[:0] + "ä/../ö"])
 @pytest.mark.parametrize("words", [("model",), ("identify", "arm.yaml"), ("validate",), ("check",)])
-def test_no_word_makes_a_traceback(dynid, words, word):
-    twolink.write_arm(dynid.folder)
-    run = dynid(*words, word, *(("log.csv",) if words == ("validate",) else ()))
+def test_no_word_makes_a_traceback(arm, words, word):
+    run = arm(*words, word, *(("log.csv",) if words == ("validate",) else ()))
     assert run.status in (2, 3, 6)
     assert "error[" in run.err
     assert len(run.err.splitlines()) <= 6

@@ -164,10 +164,12 @@ ANSWERS = {
         report {run} --json
         validate {result} {unseen} --json
         validate {result} {unseen} --json --mcap replay.mcap --no-plot
-        gap {result} {unseen} --json -o gaps
-        gap {result} {unseen} --ask changed --json --no-plot --joints 2 -o changed
         compare {run} --json --csv runs.csv --latex runs.tex --junit runs.xml
         check {arm} {log} {result} --json --strict
+    """,
+    "searches": """
+        gap {result} {unseen} --json -o gaps
+        gap {result} {unseen} --ask changed --json --no-plot --joints 2 -o changed
     """,
     "more of identify": """
         identify {arm} {log} --no-report --json
@@ -312,6 +314,7 @@ def lines(text: str) -> list[str]:
 CHAPTERS: dict[str, list[str]] = {name: lines(text) for name, text in (ANSWERS | MISTAKES).items()}
 #: What a chapter needs that other command lines make, without an entry in the table.
 BEFORE = {
+    "searches": lines("identify {arm} {log}"),
     "more of identify": lines("identify {arm} {log} --no-report"),
     "wrong logs": lines("convert {log} -o log.csv"),
     "limits and decisions": lines("convert {log} -o log.csv"),

@@ -4,14 +4,12 @@ from dataclasses import replace
 from functools import cache
 
 import hidden_effects as hidden
+import models
 from dynid.estimation.estimate import estimate
 from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.gap.problem import kept_model
 from dynid.log import Log
-from dynid.model.base_model import BaseModel
-from dynid.model.reduce import reduce
-from dynid.model.regressor import build_model
 from dynid.robot import Coulomb
 from dynid.signals.conditioned_log import condition_log
 from dynid.signals.stamps import with_even_clock
@@ -26,8 +24,7 @@ def model_of(name):
     )
     # The truth is tanh(v / 0.003); 0.005 leaves a difference that the search must not take for an effect.
     coulomb = Coulomb("smooth", (0.005,) * robot.n)
-    model = build_model(replace(robot, joints=tuple(joints), coulomb=coulomb))
-    return BaseModel(model, reduce(model))
+    return models.base_of(replace(robot, joints=tuple(joints), coulomb=coulomb))
 
 
 def sources_of(logs, model):

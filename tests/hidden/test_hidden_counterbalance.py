@@ -8,6 +8,7 @@ import pytest
 import yaml
 from logs_of_arms import sources_of
 
+import models
 from dynid.diagnose.gravity import check_gravity
 from dynid.errors import GravityRemoved
 from dynid.files.robotfile import load_robot
@@ -15,9 +16,6 @@ from dynid.gap.analysis import on_one_clock
 from dynid.gap.counterbalance import suspicions
 from dynid.gap.problem import make_problem
 from dynid.log import Log
-from dynid.model.base_model import BaseModel
-from dynid.model.reduce import reduce
-from dynid.model.regressor import build_model
 from dynid.robot import Body, Prior
 
 pytestmark = pytest.mark.slow
@@ -27,10 +25,9 @@ def suspected(tmp_path, seed, with_counterbalance):
     drawn = heavy.draw(seed, with_counterbalance)
     path = tmp_path / "heavy.yaml"
     path.write_text(yaml.safe_dump(heavy.robot_table(drawn)))
-    model = build_model(load_robot(path))
-    base = BaseModel(model, reduce(model))
+    base = models.base_of(load_robot(path))
     logs = heavy.simulate(drawn, seed)
-    return suspicions(make_problem(on_one_clock(sources_of(logs, model)), base, None), [])
+    return suspicions(make_problem(on_one_clock(sources_of(logs, base.model)), base, None), [])
 
 
 @pytest.mark.parametrize(("seed", "sure"), [(15, True), (13, False)])

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pinocchio as pin
-from arms import pinocchio_model
 
+from arms import pinocchio_model
 from dynid.log import Log
 
 #: Midpoint steps of the physics within one sample of the controller.

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import models
 from dynid import IdentifyOptions, Log, identify
 from dynid.estimation.least_squares import weighted
 from dynid.estimation.posterior import prior_information
@@ -13,9 +14,7 @@ from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.loading import load_log
-from dynid.model.base_model import BaseModel, prior_base_parameters
-from dynid.model.reduce import reduce
-from dynid.model.regressor import build_model
+from dynid.model.base_model import prior_base_parameters
 from dynid.options import LogOptions
 from dynid.sim.arm import track
 from dynid.sim.plant import Sensors, read_plant
@@ -34,8 +33,8 @@ def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_i
     from dynid.sim.arm import SimulatedArm
 
     robot = load_robot("kinova_gen2")
-    model = build_model(robot)
-    reduction = reduce(model)
+    base = models.shipped("kinova_gen2")
+    model, reduction = base.model, base.reduction
     stored = read_trajectory(SHIPPED, robot)
     plan = Trajectory(basis_from(dict(stored.basis)), stored.coefficients)
     noise, other = default_noise(robot), held_out(model, reduction.base, bounds(robot))
@@ -53,7 +52,7 @@ def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_i
         sources = condition_logs(
             [load_log(tmp_path / "log.npz", robot, identify=False)], model, LogOptions()
         )
-        stacked = stack_logs(sources, BaseModel(model, reduction))
+        stacked = stack_logs(sources, base)
         draws.append(weighted(*stacked.whole).theta)
     misses = np.array(draws) - prior_base_parameters(model, reduction, unknown=0.0)
 
@@ -70,8 +69,8 @@ def test_expected_torque_errors_come_true_of_what_is_identified_by_default_from_
     """Torques of PyBullet for the LWR4+ of trajectories/lwr4plus_truth.yaml; the prior knows none of its bodies."""
     pytest.importorskip("pybullet")
     robot, plant = load_robot("kuka_lwr4plus"), read_plant(SHIPPED.with_name("lwr4plus_truth.yaml"))
-    model = build_model(robot)
-    base = BaseModel(model, reduce(model))
+    base = models.shipped("kuka_lwr4plus")
+    model = base.model
     columns, noise = base.reduction.base, default_noise(robot)
     other, prior = held_out(model, columns, bounds(robot)), prior_information(base)
     ratio = []

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from arms import pinocchio_model, pinocchio_torques
 from rosbags.highlevel import AnyReader
 from scipy.signal import butter, sosfiltfilt
 
+from arms import pinocchio_model, pinocchio_torques
 from dynid.files.robotfile import load_robot
 from dynid.model.parameters import prior_bodies
 from dynid.model.regressor import build_model

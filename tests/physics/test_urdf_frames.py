@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+
 from arms import (
+    configuration,
     pinocchio_model,
     pinocchio_torques,
     placements,
@@ -15,19 +17,9 @@ from arms import (
     random_robot,
     random_states,
 )
-
 from dynid.model.kinematics import fixed_poses
 from dynid.robot import Body, Joint, Limits, Robot, roll_pitch_yaw, rotation_rpy
 from dynid.sim.urdf import urdf_text, write_urdf
-
-
-def configuration(robot, q):
-    """Return q as Pinocchio wants it from a URDF: cosine and sine of each joint without limits."""
-    pairs = [
-        [math.cos(v), math.sin(v)] if j.revolute else [v]
-        for j, v in zip(robot.joints, q, strict=True)
-    ]
-    return np.concatenate(pairs)
 
 
 def dh_product(robot, q):
@@ -54,7 +46,7 @@ def test_links_stand_where_the_dh_product_says(seed):
     robot = random_robot(rng)
     model = pin.buildModelFromXML(urdf_text(robot))
     data, q = model.createData(), rng.uniform(-3, 3, robot.n)
-    pin.framesForwardKinematics(model, data, configuration(robot, q))
+    pin.framesForwardKinematics(model, data, configuration(model, q))
     for i, (joint, expected) in enumerate(
         zip(robot.joints, dh_product(robot, q), strict=True), start=1
     ):
@@ -74,7 +66,7 @@ def test_bodies_keep_their_dynamics_in_the_frames_of_the_urdf(seed):
     q, qd, qdd = random_states(rng, robot.n, 4)
     model = pin.buildModelFromXML(urdf_text(robot, bodies))
     model.gravity.linear = np.array(robot.gravity)
-    found = pinocchio_torques(model, [configuration(robot, row) for row in q], qd, qdd)
+    found = pinocchio_torques(model, q, qd, qdd)
     expected = pinocchio_torques(pinocchio_model(robot, bodies), q, qd, qdd)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 

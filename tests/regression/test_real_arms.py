@@ -35,6 +35,7 @@ def answer(run):
     return json.loads(run.out)
 
 
+@pytest.mark.slow
 def test_lwr_run_1_predicts_run_2_within_2_2_percent(dynid, recordings):
     folder = recordings / "kuka_lwr4plus"
     fitted = answer(dynid("identify", "kuka_lwr4plus", str(folder / "run1.bag"), "--json"))
@@ -176,6 +177,7 @@ def test_the_expected_error_is_right(unseen_of_the_lwr):
     assert np.all((found > 0.5) & (found < 1.5))
     assert np.count_nonzero((found < 1 / 1.5) | (found > 1.5)) <= 1
     assert 0.75 < np.median(found) < 1.3
+    assert unseen_of_the_lwr[(1,), 2].relative_error_percent <= 2.2
 
 
 @pytest.mark.slow

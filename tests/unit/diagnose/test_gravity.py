@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from arms import pinocchio_model, pinocchio_torques, random_bodies, random_robot
 from dynid.diagnose.diagnosis import diagnose
 from dynid.diagnose.gravity import check_gravity
 from dynid.errors import GravityRemoved
@@ -16,7 +17,7 @@ from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model.numeric_regressor import expected_torque
-from dynid.robot import Body, Joint, Prior, Robot, TorqueSource
+from dynid.robot import Prior, TorqueSource
 from dynid.signals.checks import check_zero, prepare
 from dynid.sim.urdf import urdf_text
 from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
@@ -24,43 +25,14 @@ from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
 NOISE = np.random.default_rng(1).normal(0, 0.3, lwr_log().tau.shape)
 
 
-def random_arm(rng, convention):
-    kinds = ["revolute", "prismatic", "revolute", "revolute"]
-    joints = tuple(Joint(f"j{i}", k, *rng.uniform(-1, 1, 4)) for i, k in enumerate(kinds))
-    bodies = tuple(
-        Body(float(rng.uniform(0.5, 3)), tuple(rng.uniform(-0.2, 0.2, 3))) for _ in kinds
-    )
-    return Robot("arm", convention, joints, gravity=(1.0, -2.0, -9.5), prior=Prior(links=bodies))
-
-
-def pinocchio_model(robot):
-    """The same arm in Pinocchio, whose joints turn about or slide along z of the frame before the joint."""
-    model, parent, before = pin.Model(), 0, pin.SE3.Identity()
-
-    for joint, body in zip(robot.joints, robot.prior.links, strict=True):
-        x = pin.SE3(pin.utils.rotate("x", joint.twist), np.array([joint.a, 0.0, 0.0]))
-        z = pin.SE3(pin.utils.rotate("z", joint.theta_offset), np.array([0.0, 0.0, joint.d]))
-        modified = robot.convention == "modified"
-        kind = pin.JointModelRZ() if joint.revolute else pin.JointModelPZ()
-        parent = model.addJoint(
-            parent, kind, before * x * z if modified else before * z, joint.name
-        )
-        before = pin.SE3.Identity() if modified else x
-        model.appendBodyToJoint(
-            parent, pin.Inertia(body.mass, np.array(body.com), np.eye(3) * 1e-3), before
-        )
-    model.gravity.linear = np.array(robot.gravity)
-    return model
-
-
 @pytest.mark.parametrize("convention", ["standard", "modified"])
 def test_the_expected_torque_of_known_bodies_is_pinocchios(convention):
     rng = np.random.default_rng(0)
-    robot = random_arm(rng, convention)
-    model = pinocchio_model(robot)
-    q = rng.uniform(-1, 1, (20, 4))
-    expected = [pin.computeGeneralizedGravity(model, model.createData(), row) for row in q]
-    np.testing.assert_allclose(expected_torque(q, robot), expected, atol=1e-10)
+    robot, bodies = random_robot(rng, 6, convention), random_bodies(rng, 6)
+    q = rng.uniform(-1, 1, (20, 6))
+    expected = pinocchio_torques(pinocchio_model(robot, bodies), q, 0 * q, 0 * q)
+    found = expected_torque(q, replace(robot, prior=Prior(links=bodies)))
+    np.testing.assert_allclose(found, expected, atol=1e-10)
 
 
 @pytest.mark.slow
@@ -180,13 +152,7 @@ def test_a_log_that_never_rests_shows_whether_gravity_was_removed(name, seed):
     logs = []
     for gravity in (np.array(robot.gravity), np.zeros(3)):
         model.gravity.linear = gravity
-        data = model.createData()
-        tau = np.array(
-            [
-                pin.rnea(model, data, _turned(model, x), y, z)
-                for x, y, z in zip(q, qd, qdd, strict=True)
-            ]
-        )
+        tau = pinocchio_torques(model, q, qd, qdd)
         tau += 0.5 * np.tanh(qd / 0.02) + 0.3 * qd + rng.normal(0, 0.1, q.shape)
         shown = q + rng.normal(0, 1e-4, q.shape)
         logs.append(
@@ -195,15 +161,6 @@ def test_a_log_that_never_rests_shows_whether_gravity_was_removed(name, seed):
     check_gravity(logs[0], robot)
     with pytest.raises(GravityRemoved):
         check_gravity(logs[1], robot)
-
-
-def _turned(model, q):
-    """Return a configuration as Pinocchio wants it: cosine and sine where a joint turns without end."""
-    parts = [
-        [np.cos(x), np.sin(x)] if joint.nq == 2 else [x]
-        for joint, x in zip(list(model.joints)[1:], q, strict=True)
-    ]
-    return np.concatenate(parts)
 
 
 @pytest.mark.parametrize("scale", [0.02, -0.001])

@@ -2,29 +2,19 @@
 
 import numpy as np
 import pytest
-from test_stack import motion, truth
+from test_stack import motion, stacked, truth
 
 import dynid
+import models
 from dynid.estimation.least_squares import relative_error, weighted
-from dynid.estimation.stack import estimate_delay, is_clear, on_time, stack_logs
-from dynid.files.robotfile import load_robot
+from dynid.estimation.stack import estimate_delay, is_clear, on_time
 from dynid.log import Log
-from dynid.model import build_model
-from dynid.model.base_model import BaseModel
-from dynid.model.reduce import reduce
-from dynid.signals.conditioned_log import ConditionedLog, condition, without_delay
-from dynid.signals.filters import choose_filter
+from dynid.signals.conditioned_log import without_delay
 
 
 @pytest.fixture(scope="module")
 def base():
-    model = build_model(load_robot("scara"))
-    return BaseModel(model, reduce(model))
-
-
-def stacked(base, log):
-    chosen = choose_filter(log, base.robot)
-    return stack_logs([ConditionedLog(condition(log, chosen), chosen, "log")], base)
+    return models.shipped("scara")
 
 
 def late(base, delay, seconds=30.0):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from test_stack import simulated, stacked, truth
 
+import models
 from dynid.estimation import tuning
 from dynid.estimation.estimators import irls, wls
 from dynid.estimation.posterior import physical_posterior, prior_covariance
@@ -17,10 +18,7 @@ from dynid.estimation.residual_model import (
     squares,
     whitened_rows,
 )
-from dynid.files.robotfile import load_robot
-from dynid.model import build_model
-from dynid.model.base_model import BaseModel, prior_base_parameters
-from dynid.model.reduce import reduce
+from dynid.model.base_model import prior_base_parameters
 
 
 def again(base):
@@ -30,8 +28,7 @@ def again(base):
 
 @pytest.fixture(scope="module")
 def base():
-    model = build_model(load_robot("scara"))
-    return BaseModel(model, reduce(model))
+    return models.shipped("scara")
 
 
 def hidden(base, seed, noise=0.05):
@@ -40,51 +37,62 @@ def hidden(base, seed, noise=0.05):
     qd = np.gradient(log.q[:, 0], log.t)
     tau = log.tau.copy()
     tau[:, 0] += 0.5 * np.tanh(qd / 0.01) * np.sin(2 * log.q[:, 0])
-    return type(log)(log.t, log.q, tau, log.names, dh=True)
+    return replace(log, tau=tau)
 
 
 @pytest.fixture(scope="module")
-def found(base):
+def fitted(base):
+    """The rows of a log with something hidden, their estimate, and both for the residual model."""
     stack = stacked(base, hidden(base, 0))
-    estimate = wls(stack, prior_base_parameters(base.model, base.reduction))
-    return (
-        stack,
-        estimate,
-        physical_posterior(base, estimate, stack, refit=again(base), residual_model=None),
-    )
+    estimate = again(base)(stack)
+    C = prior_covariance(base)
+    return stack, estimate, whitened_rows(stack, base, estimate.theta, estimate.noise, 4.0, C)
 
 
-def test_eliminating_the_columns_is_the_joint_solution_of_all_unknowns(base, found):
-    stack, estimate, _ = found
-    rows = whitened_rows(stack, base, estimate.theta, estimate.noise, 4.0, prior_covariance(base))
+def posterior(base, stack, estimate):
+    return physical_posterior(base, estimate, stack, refit=again(base), residual_model=None)
+
+
+def test_eliminating_columns_and_what_a_joint_has_of_its_own_is_the_joint_solution_of_all_unknowns(
+    base, fitted
+):
+    stack, estimate, rows = fitted
+    C = prior_covariance(base)
+    rows = replace(rows, apart=np.r_[0.0, 0.3, np.zeros(len(estimate.noise) - 2)])
     size = np.array([0.1, 0.2, 0.3])
     left, heads = rows.eliminated(size)
     theta = np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=None)[0]
     error = model_error(rows, size, 0.0, heads, theta, stack.whole[1])
     n, k, p = len(stack.joints), rows.k, len(theta)
-    H, g = np.zeros((n * k + p, n * k + p)), np.zeros(n * k + p)
+    # Unknown: the columns of each joint, what joint 2 has of its own in units of C's root, the parameters of the arm.
+    L, total = np.linalg.cholesky(C + 1e-14 * np.diag(np.diag(C))), n * k + 2 * p
+    H, g = np.zeros((total, total)), np.zeros(total)
     for j, F in enumerate(rows.factors):
-        where = np.concatenate([j * k + np.arange(k), n * k + np.arange(p)])
-        H[np.ix_(where, where)] += F[:, :-1].T @ F[:, :-1]
-        g[where] += F[:, :-1].T @ F[:, -1]
-        H[where[:k], where[:k]] += 1 / (size[GROUPS] * estimate.noise[j] ** 2)
+        A = np.zeros((len(F), total))
+        A[:, j * k : (j + 1) * k], A[:, -p:] = F[:, :k], F[:, k:-1]
+        if j == 1:
+            A[:, n * k : n * k + p] = F[:, k:-1] @ L
+        H, g = H + A.T @ A, g + A.T @ F[:, -1]
+        H[range(j * k, (j + 1) * k), range(j * k, (j + 1) * k)] += 1 / (
+            size[GROUPS] * estimate.noise[j] ** 2
+        )
+    H[range(n * k, n * k + p), range(n * k, n * k + p)] += 1 / 0.3
     whole = np.linalg.solve(H, g)
-    assert theta == pytest.approx(whole[n * k :], rel=1e-6, abs=1e-8)
-    assert error.mean.ravel() == pytest.approx(whole[: n * k], rel=1e-6, abs=1e-8)
-    covariance = np.linalg.inv(H)
+    assert theta == pytest.approx(whole[-p:], rel=1e-5, abs=1e-7)
+    assert error.own[1] == pytest.approx(L @ whole[n * k : n * k + p], rel=1e-4, abs=1e-6)
+    assert error.mean.ravel() == pytest.approx(whole[: n * k], rel=1e-4, abs=1e-6)
     W, Z = (
         np.random.default_rng(0).normal(size=(5, n, p)),
         np.random.default_rng(1).normal(size=(5, n, k)),
     )
-    variance = error.variance(W, Z, covariance[n * k :, n * k :])
-    row = np.zeros(n * k + p)
-    row[:k], row[n * k :] = Z[0, 0], W[0, 0]
-    assert variance[0, 0] == pytest.approx(row @ covariance @ row, rel=1e-6)
+    covariance = np.linalg.inv(H)
+    row = np.concatenate([np.zeros(k), Z[0, 1], np.zeros((n - 2) * k), W[0, 1] @ L, W[0, 1]])
+    variance = error.variance(W, Z, covariance[-p:, -p:])
+    assert variance[0, 1] == pytest.approx(row @ covariance @ row, rel=1e-4)
 
 
-def test_the_evidence_is_that_of_the_normal_distribution_of_all_rows(base, found):
-    stack, estimate, _ = found
-    rows = whitened_rows(stack, base, estimate.theta, estimate.noise, 4.0, prior_covariance(base))
+def test_the_evidence_is_that_of_the_normal_distribution_of_all_rows(fitted):
+    _, estimate, rows = fitted
     p = len(estimate.theta)
     prior = np.diag(1 / (1.0 + np.abs(estimate.theta)) ** 2)
     size = best_size(rows, np.eye(p), np.zeros(p), prior)
@@ -117,8 +125,8 @@ def test_the_evidence_is_that_of_the_normal_distribution_of_all_rows(base, found
             )
 
 
-def test_a_hidden_friction_is_found_and_predicted_on_another_motion(base, found):
-    _, _, post = found
+def test_a_hidden_friction_is_found_and_predicted_on_another_motion(base, fitted):
+    post = posterior(base, *fitted[:2])
     other = stacked(base, hidden(base, 7))
     assert post.error is not None
     without = squares(other, post.alone, None)[0]
@@ -128,18 +136,16 @@ def test_a_hidden_friction_is_found_and_predicted_on_another_motion(base, found)
 
 def test_an_arm_with_a_complete_model_has_no_model_error(base):
     stack = stacked(base, simulated(base, noise=0.05), cutoff=15.0)
-    estimate = wls(stack, prior_base_parameters(base.model, base.reduction))
-    post = physical_posterior(base, estimate, stack, refit=again(base), residual_model=None)
+    post = posterior(base, stack, again(base)(stack))
     assert post.error is None
     true = base.reduction.K @ truth(base)
     z = np.abs(post.theta - true) / np.sqrt(np.diag(post.covariance))
     assert np.mean(z < 1.96) >= 0.85
 
 
-def test_without_model_error_the_rows_give_the_estimate_that_they_are_centred_on(base, found):
+def test_without_model_error_the_rows_give_the_estimate_that_they_are_centred_on(fitted):
     """Instruments find other parameters than least squares of the same rows."""
-    stack, estimate, _ = found
-    rows = whitened_rows(stack, base, estimate.theta, estimate.noise, 4.0, prior_covariance(base))
+    _, estimate, rows = fitted
     other = estimate.theta * (1.0 + 0.01 * np.arange(len(estimate.theta)))
     left, _ = rows.centred(other).eliminated(np.full(3, 1e-9))
     assert np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=None)[0] == pytest.approx(
@@ -158,7 +164,4 @@ def test_spikes_are_not_taken_for_friction(base):
         cutoff=15.0,
     )
     estimate = irls(spiky, prior_base_parameters(base.model, base.reduction))
-    assert (
-        physical_posterior(base, estimate, spiky, refit=again(base), residual_model=None).error
-        is None
-    )
+    assert posterior(base, spiky, estimate).error is None

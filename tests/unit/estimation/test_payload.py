@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from loaded_arm import LOAD, recorded
 
+import models
 from dynid.estimation.estimate import estimate
 from dynid.estimation.payload import find_payload
 from dynid.estimation.possible_set import smallest_eigenvalues
 from dynid.estimation.stack import stack_logs
-from dynid.model import build_model
-from dynid.model.base_model import BaseModel
-from dynid.model.reduce import reduce
 from dynid.signals.conditioned_log import ConditionedLog, condition
 from dynid.signals.filters import choose_filter
 
@@ -21,8 +19,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def base():
-    model = build_model(recorded(1, seconds=6.0)[0])
-    return BaseModel(model, reduce(model))
+    return models.shipped("kuka_lwr4plus")
 
 
 def identified(base, log, method="wls"):

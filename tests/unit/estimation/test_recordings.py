@@ -6,21 +6,18 @@ import numpy as np
 import pytest
 from test_stack import simulated, stacked
 
+import models
 from dynid.estimation import tuning
 from dynid.estimation.estimators import wls
 from dynid.estimation.possible_arm import with_wider_errors
 from dynid.estimation.posterior import _as_rows_say
 from dynid.estimation.recordings import Part, changes, disagreement, parts_of
-from dynid.files.robotfile import load_robot
-from dynid.model import build_model
-from dynid.model.base_model import BaseModel, prior_base_parameters
-from dynid.model.reduce import reduce
+from dynid.model.base_model import prior_base_parameters
 
 
 @pytest.fixture(scope="module")
 def scara():
-    model = build_model(load_robot("scara"))
-    return BaseModel(model, reduce(model))
+    return models.shipped("scara")
 
 
 def fitted(base, log):

@@ -8,21 +8,16 @@ import numpy as np
 import pytest
 from test_stack import motion, simulated, stacked, truth
 
+import models
 from dynid.errors import Finding, WrongUsage
 from dynid.estimation.estimate import estimate, last_share
 from dynid.estimation.result_files import load
-from dynid.files.robotfile import load_robot
-from dynid.model import build_model
-from dynid.model.base_model import BaseModel
-from dynid.model.parameters import prior_parameters
-from dynid.model.reduce import reduce
 from dynid.robot import EffectSpec
 
 
 @pytest.fixture(scope="module")
 def base():
-    model = build_model(load_robot("scara"))
-    return BaseModel(model, reduce(model))
+    return models.shipped("scara")
 
 
 @pytest.fixture(scope="module")
@@ -39,37 +34,12 @@ def test_its_torques_are_those_of_the_arm_that_was_simulated(base, result):
     assert result.regressor(q, qd, qdd) @ result.theta == pytest.approx(tau, abs=1e-9)
 
 
-def test_links_that_keep_their_prior_are_part_of_its_torques(base):
-    robot = replace(base.robot, links=(3, 4))
-    model = build_model(robot)
-    part = BaseModel(model, reduce(model))
-    gamma, names, links = (
-        truth(base),
-        base.model.parameter_names,
-        prior_parameters(robot).reshape(-1, 10),
-    )
-    for j in (1, 2):
-        first = names.index(f"m{j}")
-        gamma[first : first + 11] = [*links[j - 1], 0.0]
-    found = estimate(
-        stacked(part, simulated(base, gamma=gamma), cutoff=15.0), part, method="wls", holdout=None
-    )
-    _, q, qd, qdd = motion(robot, 5.0, 7)
-    true = base.model.regressor(q, qd, qdd) @ gamma
-    assert np.sqrt(np.mean((found.inverse_dynamics(q, qd, qdd) - true) ** 2)) < 0.02 * np.sqrt(
-        np.mean(true**2)
-    )
-
-
 def test_effects_of_the_robot_file_need_the_time_of_the_samples(base, result):
     """An offset that the sensor warms up to is a torque of time alone."""
     spec = EffectSpec("torque_drift", (base.robot.joint_names[0],), {"tc": 2.0, "amplitude": 3.0})
     robot = replace(base.robot, effects=(spec,))
-    model = build_model(robot)
-    reduction = reduce(model)
-    added = replace(
-        result, robot=robot, reduction=reduction, rigid=None, theta=np.append(result.theta, 3.0)
-    )
+    reduction, theta = models.base_of(robot).reduction, np.append(result.theta, 3.0)
+    added = replace(result, robot=robot, reduction=reduction, rigid=None, theta=theta)
     t, q, qd, qdd = motion(robot, 2.0, 7)
     with pytest.raises(WrongUsage, match="order of the samples"):
         added.inverse_dynamics(q, qd, qdd)
@@ -96,25 +66,15 @@ def test_what_is_saved_is_loaded(result, tmp_path):
     noted = replace(
         result,
         findings=(Finding("W402", "warning", "text", {"a": 1}),),
-        header={**result.header, "logs": ["run.bag"]},
+        header={**result.header, "logs": ["run.bag"], "log_sha256": ["ab"]},
     )
     stored = load(noted.save(tmp_path / "parameters.npz", {"command": "dynid identify"}))
     for key in ("theta", "plain", "covariance", "std_error", "prior", "noise", "factors", "counts"):
         assert np.array_equal(getattr(stored, key), getattr(noted, key), equal_nan=True)
-    same = (
-        "robot",
-        "names",
-        "method",
-        "why",
-        "knowledge",
-        "joints",
-        "findings",
-        "cutoff",
-    )
-    for key in same:
+    for key in ("robot", "names", "method", "why", "knowledge", "joints", "findings", "cutoff"):
         assert getattr(stored, key) == getattr(noted, key), key
     assert stored.header["command"] == "dynid identify"
-    assert stored.header["logs"] == ["run.bag"]
+    assert (stored.header["logs"], stored.log_sha256) == (["run.bag"], ("ab",))
     _, q, qd, qdd = motion(result.robot, 1.0, 7)
     assert np.array_equal(stored.inverse_dynamics(q, qd, qdd), noted.inverse_dynamics(q, qd, qdd))
     again = load(stored.save(tmp_path / "again.npz"))
@@ -125,9 +85,7 @@ def test_what_is_saved_is_loaded(result, tmp_path):
 def described(request, base, result):
     """Results whose torques are made of all that they can be made of."""
     if request.param == "some links":
-        robot = replace(base.robot, links=(3, 4))
-        model = build_model(robot)
-        part = BaseModel(model, reduce(model))
+        part = models.base_of(replace(base.robot, links=(3, 4)))
         return estimate(stacked(part, simulated(base, noise=0.1)), part, method="wls", holdout=None)
     if request.param == "residual model":
         rows = stacked(base, simulated(base, noise=0.1))

@@ -5,17 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import models
 from dynid.errors import RankDeficient
 from dynid.estimation import observation_files
 from dynid.estimation.estimate import estimate, last_share
-from dynid.estimation.result_files import load
 from dynid.estimation.stack import stack_logs
-from dynid.files.robotfile import load_robot
 from dynid.log import Log
-from dynid.model import build_model
-from dynid.model.base_model import BaseModel, prior_base_parameters
-from dynid.model.parameters import prior_parameters
-from dynid.model.reduce import reduce
+from dynid.model.base_model import prior_base_parameters
+from dynid.model.parameters import columns_of
+from dynid.model.regressor import prior_vector
 from dynid.signals.conditioned_log import ConditionedLog, condition, without_known
 from dynid.signals.filters import choose_filter
 
@@ -24,9 +22,7 @@ RATE = 100.0
 
 @pytest.fixture(scope="module")
 def base():
-    robot = load_robot("scara")
-    model = build_model(robot)
-    return BaseModel(model, reduce(model))
+    return models.shipped("scara")
 
 
 def motion(robot, seconds, seed):
@@ -53,15 +49,10 @@ def simulated(base, seconds=30.0, seed=0, noise=0.0, gamma=None):
 
 
 def truth(base):
-    links = prior_parameters(base.robot).reshape(-1, 10)
-    values = {}
-    for j in range(base.robot.n):
-        for p, kind in enumerate(
-            ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
-        ):
-            values[f"{kind}{j + 1}"] = 1.1 * links[j, p]
-        values |= {f"Im{j + 1}": 0.05, f"fv{j + 1}": 0.4, f"fc{j + 1}": 0.6, f"fo{j + 1}": 0.1}
-    return np.array([values[name] for name in base.model.parameter_names])
+    gamma = 1.1 * prior_vector(base.model)
+    for kind, value in {"Im": 0.05, "fv": 0.4, "fc": 0.6, "fo": 0.1}.items():
+        gamma[columns_of(base.model.parameters, kind)] = value
+    return gamma
 
 
 def stacked(base, *logs, cutoff=None):
@@ -188,29 +179,21 @@ def test_clipped_samples_do_not_count(base):
     assert one.plain == pytest.approx(other.plain, abs=1e-3)
 
 
-def test_links_that_are_not_identified_keep_the_prior():
-    robot = replace(load_robot("scara"), links=(3, 4))
-    model = build_model(robot)
-    part = BaseModel(model, reduce(model))
+def test_links_that_are_not_identified_keep_the_prior_and_are_part_of_the_torques(base):
+    part = models.base_of(replace(base.robot, links=(3, 4)))
     assert not {"m1", "Izz2"} & set(part.reduction.names)
-    whole_model = build_model(load_robot("scara"))
-    whole = BaseModel(whole_model, reduce(whole_model))
-    gamma = truth(whole)
-    names = whole_model.parameter_names
-    links = prior_parameters(robot).reshape(-1, 10)
-    gamma[[names.index(f"{k}{j}") for j in (1, 2) for k in ("Im",)]] = 0.0
-    for j in (1, 2):
-        for p, kind in enumerate(
-            ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
-        ):
-            gamma[names.index(f"{kind}{j}")] = links[j - 1, p]
-    found = estimate(
-        stacked(part, simulated(whole, gamma=gamma), cutoff=15.0), part, method="wls", holdout=None
-    )
+    names, gamma = base.model.parameter_names, truth(base)
+    rest = [k for k, p in enumerate(base.model.parameters) if p.number < 3 and p.kind[0] in "mI"]
+    gamma[rest] = prior_vector(base.model)[rest]
+    log = simulated(base, gamma=gamma)
+    found = estimate(stacked(part, log, cutoff=15.0), part, method="wls", holdout=None)
     true = dict(zip(names, gamma, strict=True))
     expected = part.reduction.K @ [true[name] for name in part.reduction.names]
     assert found.theta == pytest.approx(expected, abs=1e-6)
     assert found.relative_error_percent < 1e-6
+    state = motion(base.robot, 5.0, 7)[1:]
+    true = base.model.regressor(*state) @ gamma
+    assert found.inverse_dynamics(*state) == pytest.approx(true, abs=1e-4)
 
 
 def test_the_numeric_regressor_is_read_back_as_the_same_stack(base, tmp_path):
@@ -222,30 +205,23 @@ def test_the_numeric_regressor_is_read_back_as_the_same_stack(base, tmp_path):
     assert header["robot"] == "x"
 
 
-def test_a_result_is_read_back_with_its_robot(base, tmp_path):
-    result = estimate(stacked(base, simulated(base)), base, method="wls", holdout=None)
-    stored = load(
-        replace(result, header={**result.header, "log_sha256": ["ab"]}).save(
-            tmp_path / "parameters.npz"
-        )
-    )
-    assert stored.theta == pytest.approx(result.theta, abs=0)
-    assert stored.robot.joint_names == base.robot.joint_names
-    assert stored.robot.model_key == base.robot.model_key
-    assert stored.log_sha256 == ("ab",)
-
-
 def test_the_prior_of_a_base_parameter_is_the_sum_of_its_terms(base):
     values = prior_base_parameters(base.model, base.reduction)
-    names = base.reduction.base_names
-    kinds = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
-    labels = [f"{kind}{j}" for j in range(1, base.robot.n + 1) for kind in kinds]
-    links = dict(zip(labels, prior_parameters(base.robot), strict=True))
-    combined = [k for k, name in enumerate(names) if name.endswith("R")]
+    links = dict(zip(base.model.parameter_names, prior_vector(base.model), strict=True))
+    combined = [k for k, name in enumerate(base.names) if name.endswith("R")]
     assert combined
     for k in combined:
         terms = base.reduction.terms(k)
-        assert values[k] == pytest.approx(
-            sum(factor * links.get(name, 0.0) for name, factor in terms.items())
-        )
-    assert np.isnan(values[names.index("fv1")])
+        assert values[k] == pytest.approx(sum(x * links[name] for name, x in terms.items()))
+    assert np.isnan(values[base.names.index("fv1")])
+
+
+def test_a_stack_without_a_joint_is_that_of_the_rows_of_the_others(base):
+    stack = stacked(base, simulated(base, seed=0, noise=0.05))
+    part = stack.without(np.array([1]))
+    kept = [0, 2, 3]
+    assert part.whole[1][1] == 0
+    assert all(not rows.mask[:, 1].any() and rows.mask[:, kept].all() for rows in part)
+    others = np.concatenate([rows.W[:, kept].reshape(-1, len(stack.names)) for rows in stack])
+    R = part.whole[0][kept].reshape(-1, len(stack.names) + 1)[:, :-1]
+    assert pytest.approx(others.T @ others, rel=1e-9, abs=1e-9) == R.T @ R

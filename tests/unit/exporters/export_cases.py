@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pybullet
-from arms import random_bodies, random_robot
 
+import models
+from arms import pinocchio_torques, random_bodies, random_robot
 from dynid.estimation.residual_model import GROUPS, ModelError
 from dynid.exporters import FORMATS, FullModel, IdentifiedArm, Provenance
 from dynid.exporters.code import imported
@@ -16,10 +17,8 @@ from dynid.exporters.full_model import world_gravity
 from dynid.exporters.simulated import numbers_of
 from dynid.exporters.urdf import joints_of
 from dynid.files.robotfile import load_robot
-from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.reduce import random_states, reduce
-from dynid.model.regressor import build_model
+from dynid.model.reduce import random_states
 from dynid.robot import EffectSpec
 
 SHIPPED = ("kuka_lwr4plus", "kinova_gen2", "scara", "staubli_tx40", "franka_panda")
@@ -28,8 +27,8 @@ SHIPPED = ("kuka_lwr4plus", "kinova_gen2", "scara", "staubli_tx40", "franka_pand
 def made(robot, seed=1, bodies=None, urdf=None):
     """An identified arm whose parameters are random but possible."""
     rng = np.random.default_rng(seed)
-    model = build_model(robot)
-    reduction = reduce(model)
+    base = models.base_of(robot)
+    model = base.model
     rotors = rng.uniform(0.01, 0.2, robot.n)
     drives = {
         f"Im{i}": float(x)
@@ -42,11 +41,9 @@ def made(robot, seed=1, bodies=None, urdf=None):
         drives=drives | {one.name: float(rng.uniform(0.1, 1.0)) for one in model.friction},
         origin=dict.fromkeys(model.parameter_names, "data"),
     )
-    theta = reduction.K @ full.values(model.parameter_names)
+    theta = base.reduction.K @ full.values(model.parameter_names)
     provenance = Provenance("0.1.0", "wls", "physical", 1.5, ("ab" * 32,))
-    return IdentifiedArm(
-        BaseModel(model, reduction), theta, ("well",) * len(theta), full, provenance, urdf
-    )
+    return IdentifiedArm(base, theta, ("well",) * len(theta), full, provenance, urdf)
 
 
 def shipped(name):
@@ -159,22 +156,12 @@ def off_in_pinocchio(source, path):
     others = [i for i, name in enumerate(full.names) if i and name not in names]
     model = pin.buildReducedModel(full, others, pin.neutral(full))
     model.gravity.linear = world_gravity(source.robot)
-    data, joints = model.createData(), [model.joints[model.getJointId(name)] for name in names]
-    sign, offset = np.array(mapping.sign), np.array(mapping.offset)
+    assert list(model.names)[1:] == list(names)
+    sign = np.array(mapping.sign)
     ours = own_torques(source, numbers_of(source, *["Im"] * mjcf))
-    states = random_states(source.robot, 1000, 0)
-    worst = 0.0
-    for q, qd, qdd, expected in zip(*states, ours(*states), strict=True):
-        place, speed, rate = np.zeros(model.nq), np.zeros(model.nv), np.zeros(model.nv)
-        for joint, x, v, a in zip(joints, sign * (q - offset), sign * qd, sign * qdd, strict=True):
-            place[joint.idx_q : joint.idx_q + joint.nq] = (
-                x if joint.nq == 1 else (np.cos(x), np.sin(x))
-            )
-            speed[joint.idx_v], rate[joint.idx_v] = v, a
-        tau = pin.rnea(model, data, place, speed, rate)
-        found = sign * np.array([tau[joint.idx_v] for joint in joints])
-        worst = max(worst, np.abs(found - expected).max())
-    return worst
+    q, qd, qdd = states = random_states(source.robot, 1000, 0)
+    found = pinocchio_torques(model, sign * (q - mapping.offset), sign * qd, sign * qdd)
+    return np.abs(sign * found - ours(*states)).max()
 
 
 def off_in_pybullet(source, path):

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from arms import pinocchio_model
 from export_cases import SHIPPED, made, random, random_model_error, shipped, with_effect, written
 
+from arms import pinocchio_model
 from dynid.exporters import FORMATS
 from dynid.exporters.code import compiled, imported, pointer
 from dynid.files.robotfile import load_robot

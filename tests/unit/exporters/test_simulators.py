@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from arms import pinocchio_model, random_states
 from export_cases import SHIPPED, off_in_pinocchio, off_in_pybullet, random, shipped, written
 
+from arms import pinocchio_model, random_states
 from dynid.exporters import EFFECTS, FORMATS
 from dynid.exporters.full_model import model_of
 from dynid.robot import Body

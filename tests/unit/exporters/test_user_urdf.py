@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import random_bodies
 from export_cases import made, off_in_pinocchio, off_in_pybullet, written
 
+from arms import random_bodies
 from dynid.errors import NotPhysical, WrongUrdf
 from dynid.exporters import FORMATS
 from dynid.files.urdffile import read_urdf

@@ -5,15 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+import models
 import twolink
 from dynid.estimation.estimate import estimate
 from dynid.estimation.stack import stack_logs
-from dynid.files.robotfile import load_robot
 from dynid.gap.problem import kept_model, make_problem
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
-from dynid.model.reduce import reduce
-from dynid.model.regressor import build_model
 from dynid.signals.conditioned_log import condition_log
 
 #: Standard deviation of the torque noise before the filter [N m].
@@ -53,17 +51,19 @@ class TwoLinkLogs:
                 )
         return made
 
+    def kept(self, logs):
+        """Return the model that logs give, to be kept."""
+        stack = stack_logs(logs, self.base)
+        return kept_model(estimate(stack, self.base, method="wls", holdout=None))
+
     def problem(self, added=None, kept=None, **options):
         """Return the problem of such logs."""
         return make_problem(self.logs(added, **options), self.base, kept)
 
 
 @pytest.fixture(scope="session")
-def twolinks(tmp_path_factory):
-    path = tmp_path_factory.mktemp("twolink") / "arm.yaml"
-    path.write_text(twolink.ROBOT)
-    model = build_model(load_robot(str(path)))
-    return TwoLinkLogs(BaseModel(model, reduce(model)))
+def twolinks():
+    return TwoLinkLogs(models.two_links())
 
 
 @pytest.fixture(scope="session")
@@ -97,6 +97,4 @@ def old(twolinks):
 @pytest.fixture(scope="session")
 def kept(twolinks, old):
     """The model that was identified from the earlier logs."""
-    return kept_model(
-        estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None)
-    )
+    return twolinks.kept(old)

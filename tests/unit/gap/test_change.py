@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.estimation.estimate import estimate
-from dynid.estimation.stack import stack_logs
 from dynid.gap.analysis import analyse_gap
 from dynid.gap.change import change_test
-from dynid.gap.problem import kept_model, make_problem, nuisance_columns
+from dynid.gap.problem import make_problem, nuisance_columns
 from dynid.gap.refit import chance_of_growth
 from dynid.gap.stepwise_selection import SelectionOptions
 
@@ -59,9 +57,7 @@ def test_what_was_always_there_is_no_change(twolinks, on_joint):
     """A spring that the model lacks, in old and new logs alike."""
     spring = lambda t, q, qd, qdd: on_joint(1, 2.0 * q[:, 1])  # noqa: E731
     old = twolinks.logs(spring, plans=(1, 2))
-    kept = kept_model(
-        estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None)
-    )
+    kept = twolinks.kept(old)
     new = twolinks.logs(spring, plans=(5, 6), first=20)
     seen = analyse_gap(new, twolinks.base, kept, SelectionOptions(), simulate=False, earlier=old)
     assert seen.verdict.named == ()
@@ -81,9 +77,7 @@ def test_what_a_model_lacks_on_another_motion_is_no_change(
     """Torques ten times the noise and more that no column says, in old and new logs alike, which move elsewhere."""
     there = lambda t, q, qd, qdd: on_joint(1, lacking(q, qd))  # noqa: E731
     old = twolinks.logs(there, plans=before, repeats=repeats)
-    kept = kept_model(
-        estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None)
-    )
+    kept = twolinks.kept(old)
     problem = make_problem(
         twolinks.logs(there, plans=now, repeats=repeats, first=20), twolinks.base, kept, old
     )
@@ -111,9 +105,7 @@ def test_rows_of_like_speed_tell_whether_new_logs_leave_more(twolinks, on_joint,
         )
 
     old = twolinks.logs(rings(0.0), plans=(1, 2))
-    kept = kept_model(
-        estimate(stack_logs(old, twolinks.base), twolinks.base, method="wls", holdout=None)
-    )
+    kept = twolinks.kept(old)
     problem = make_problem(
         twolinks.logs(rings(shaken), plans=(5, 6), first=20), twolinks.base, kept, old
     )

@@ -3,27 +3,22 @@
 import numpy as np
 import pytest
 
+import models
 import twolink
-from dynid.files.robotfile import load_robot
 from dynid.gap.forward_simulation import least_inertia, load_parameters, nearest_possible
 from dynid.gap.selected_effects import SelectedEffect
-from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.parameters import prior_parameters
-from dynid.model.reduce import reduce
-from dynid.model.regressor import build_model
+from dynid.model.parameters import columns_of
+from dynid.model.regressor import prior_vector
 
 
 @pytest.fixture(scope="module")
 def arm():
     """Return the model, and base parameters of an arm that is heavier than its prior says."""
-    model = build_model(load_robot("kuka_lwr4plus"))
-    base = BaseModel(model, reduce(model))
-    links = 1.3 * prior_parameters(model.robot).reshape(-1, 10)
-    x = np.ones(len(base.reduction.names))
-    for k, column in enumerate(base.model.link_columns):
-        link, p = divmod(int(column), 11)
-        x[k] = links[link, p] if p < 10 else 0.05
+    base = models.shipped("kuka_lwr4plus")
+    x, parameters = 1.3 * prior_vector(base.model), base.model.parameters
+    x[columns_of(parameters, "Im")] = 0.05
+    x[columns_of(parameters, "fv", "fc", "fo")] = 1.0
     return base, base.reduction.K @ x
 
 

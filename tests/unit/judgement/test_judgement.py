@@ -21,6 +21,8 @@ from dynid.judgement.judge import Judgement, judge
 RANK = {"good": 0, "open": 1, "fair": 2, "bad": 3}
 SEEDS = range(400)
 NAMES = ("shoulder", "elbow", "wrist")
+#: Joints that a model predicts nearly to their noise.
+JOINTS = tuple(JointEvidence(name, "N m", 10.0, 0.05, 0.04) for name in NAMES)
 
 
 def every_seed(test):
@@ -300,10 +302,9 @@ def test_no_two_statements_contradict_each_other(seed):
 
 def held_out_beside(replays):
     """Return what is said of a model whose half missed much of another motion, after replays of the whole model."""
-    joints = tuple(JointEvidence(name, "N m", 10.0, 0.05, 0.04) for name in NAMES)
     held = Unseen("b.csv (held out, another motion)", 39.0, (3.9, 3.9, 3.9))
     return judge(
-        Evidence(joints=joints, fitted=0.5, unseen=(held, *replays), known=0.9, physical=True)
+        Evidence(joints=JOINTS, fitted=0.5, unseen=(held, *replays), known=0.9, physical=True)
     )
 
 
@@ -320,10 +321,9 @@ def test_what_the_model_in_force_predicts_counts_more_than_what_a_model_of_half_
 
 
 def test_torques_that_are_proved_are_not_bad_because_no_arm_weighs_so_much():
-    joints = tuple(JointEvidence(name, "N m", 10.0, 0.05, 0.04) for name in NAMES)
     right = Unseen("c.csv", 0.5, (0.05, 0.05, 0.05), replayed=True, log="c.csv")
     known = Evidence(
-        joints=joints, fitted=0.5, unseen=(right,), known=0.9, physical=True, mass=3080.0, reach=1.3
+        joints=JOINTS, fitted=0.5, unseen=(right,), known=0.9, physical=True, mass=3080.0, reach=1.3
     )
     judged = judge(known)
     assert judged.light("physics").state == "bad"
@@ -340,12 +340,11 @@ def test_what_was_not_looked_at_is_not_good():
 
 
 def test_a_short_log_with_a_third_held_out_is_not_good():
-    joints = tuple(JointEvidence(name, "N m", 10.0, 0.05, 0.04) for name in NAMES)
     held = Unseen(
         "the last 20 % of each log, the same motion (held out)", 32.0, (3.0, 3.0, 3.0), True
     )
     judged = judge(
-        Evidence(joints=joints, fitted=0.47, unseen=(held,), seconds=3.0, known=0.9, physical=True)
+        Evidence(joints=JOINTS, fitted=0.47, unseen=(held,), seconds=3.0, known=0.9, physical=True)
     )
     assert judged.light("unseen motion").state == "bad"
     assert judged.state == "bad"
@@ -353,13 +352,12 @@ def test_a_short_log_with_a_third_held_out_is_not_good():
 
 
 def test_a_replay_of_the_fitted_motion_that_is_far_off_is_a_change_and_no_noise_floor():
-    joints = tuple(JointEvidence(name, "N m", 10.0, 0.05, 0.04) for name in NAMES)
     replayed = Unseen("new.bag", 14.7, (1.5, 1.5, 1.5), True, 0.32, True, "new.bag")
     judged = judge(
         Evidence(
             asked="replay",
             result="out/arm/parameters.npz",
-            joints=joints,
+            joints=JOINTS,
             fitted=0.5,
             unseen=(replayed,),
         )

@@ -10,28 +10,18 @@ SITUATIONS = (("nothing", True, 15.0), ("payload", False, 15.0), ("drift", True,
 
 @pytest.fixture(scope="module")
 def rows():
+    names = ("hidden", "always", "seconds")
+    same = {"arm": "scara", "noise": 0.01}
     return [
-        run(
-            case_of(k)
-            | {
-                "arm": "scara",
-                "hidden": hidden,
-                "always": always,
-                "seconds": seconds,
-                "noise": 0.01,
-            }
-        )
-        for k, (hidden, always, seconds) in enumerate(SITUATIONS)
+        run(case_of(k) | same | dict(zip(names, situation, strict=True)))
+        for k, situation in enumerate(SITUATIONS)
     ]
 
 
 @pytest.mark.slow
-def test_no_two_commands_contradict_each_other(rows):
+def test_no_two_commands_contradict_each_other_and_good_and_bad_are_right(rows):
     assert [row["contradictions"] for row in rows] == [[], [], []]
     assert all({"identify", "validate", "gap", "report"} <= set(row["sentences"]) for row in rows)
-
-
-def test_good_and_bad_are_right(rows):
     good, right, _, wrong = calibration(rows)
     assert (good, wrong) == (right, 0)
 

@@ -1,13 +1,12 @@
 """DH tables found in URDFs give the URDF's poses and torques, both of Pinocchio."""
 
-import importlib.util
-import sys
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from arms import configuration, example_robots, pinocchio_torques, relative_error
 from dynid.diagnose.diagnosis import find_mistake
 from dynid.errors import WrongUrdf
 from dynid.files.robotfile import parse_robot, robot_text
@@ -15,9 +14,8 @@ from dynid.files.urdffile import read_urdf
 from dynid.log import Log
 from dynid.model.from_urdf import import_arm, possible_body
 from dynid.model.kinematics import tool_pose
-from dynid.model.parameters import prior_parameters
 from dynid.model.reduce import random_states, reduce
-from dynid.model.regressor import build_model
+from dynid.model.regressor import build_model, prior_vector
 from dynid.robot import Body
 
 #: Arms of the package example-robot-data: file, first and last link (None: found by itself).
@@ -123,14 +121,8 @@ def in_pinocchio(path, names):
     return pin.buildReducedModel(model, others, zero) if others else model
 
 
-def configuration(model, names, q):
-    own = np.zeros(model.nq)
-    for name, value in zip(names, q, strict=True):
-        joint = model.joints[model.getJointId(name)]
-        own[joint.idx_q : joint.idx_q + joint.nq] = (
-            value if joint.nq == 1 else (np.cos(value), np.sin(value))
-        )
-    return own
+def urdf_torques(path, robot, *states):
+    return pinocchio_torques(in_pinocchio(path, robot.joint_names), *states)
 
 
 def pose_difference(path, found, robot, count=100):
@@ -138,7 +130,7 @@ def pose_difference(path, found, robot, count=100):
     data, rng, largest = model.createData(), np.random.default_rng(1), 0.0
     for _ in range(count):
         q = rng.uniform(-3, 3, robot.n)
-        pin.framesForwardKinematics(model, data, configuration(model, robot.joint_names, q))
+        pin.framesForwardKinematics(model, data, configuration(model, q))
         expected = data.oMf[model.getFrameId(found.tip)].homogeneous
         largest = max(largest, np.abs(tool_pose(robot, q) @ found.tip_pose - expected).max())
     return largest
@@ -146,33 +138,14 @@ def pose_difference(path, found, robot, count=100):
 
 def torque_difference(path, robot, count=50):
     """Return how far the regressor times the prior is from Pinocchio's torques, over their size."""
-    model = in_pinocchio(path, robot.joint_names)
-    data = model.createData()
-    q, qd, qdd = random_states(robot, count, 2)
-    rotors_and_friction = build_model(robot)
-    gamma = np.zeros(rotors_and_friction.size)
-    for k, column in enumerate(rotors_and_friction.link_columns):
-        link, p = divmod(int(column), 11)
-        gamma[k] = prior_parameters(robot)[10 * link + p] if p < 10 else 0.0
-    found = rotors_and_friction.observer().torque(gamma, q, qd, qdd)
-    expected = [
-        pin.rnea(model, data, configuration(model, robot.joint_names, a), b, c)
-        for a, b, c in zip(q, qd, qdd, strict=True)
-    ]
-    return np.abs(found - np.array(expected)).max() / np.abs(expected).max()
+    states, model = random_states(robot, count, 2), build_model(robot)
+    found = model.observer().torque(prior_vector(model), *states)
+    return relative_error(found, urdf_torques(path, robot, *states))
 
 
 @pytest.fixture(scope="session")
 def robots():
-    """The folder of URDFs of example-robot-data."""
-    spec = importlib.util.find_spec("pinocchio")
-    folder = Path(spec.origin).parents[4] / "share" / "example-robot-data" / "robots"
-    folder = (
-        folder if folder.is_dir() else Path(sys.prefix) / "share" / "example-robot-data" / "robots"
-    )
-    if not folder.is_dir():
-        pytest.skip("the package example-robot-data is not installed")
-    return folder
+    return example_robots()
 
 
 @pytest.mark.slow
@@ -194,8 +167,7 @@ def test_logs_of_the_urdfs_own_bodies_do_not_accuse_its_table(name, robots):
     """Public URDFs have inertias of bodies as large as the arm: the wrist of the UR5 has 1.2 kg, 0.42 m out."""
     file, base, tip = ARMS[name]
     _, robot = imported(robots / file, base=base, tip=tip)
-    model = in_pinocchio(robots / file, robot.joint_names)
-    data, rng = model.createData(), np.random.default_rng(3)
+    rng = np.random.default_rng(3)
     t = np.arange(0, 12.0, 0.005)
     rate, phase = (
         2 * np.pi * rng.uniform(0.05, 0.4, (2, robot.n, 1)),
@@ -204,13 +176,7 @@ def test_logs_of_the_urdfs_own_bodies_do_not_accuse_its_table(name, robots):
     q = np.sin(rate * t + phase).sum(axis=0).T
     qd = (rate * np.cos(rate * t + phase)).sum(axis=0).T
     qdd = (-(rate**2) * np.sin(rate * t + phase)).sum(axis=0).T
-    states = zip(q, qd, qdd, strict=True)
-    tau = np.array(
-        [
-            pin.rnea(model, data, configuration(model, robot.joint_names, a), b, c)
-            for a, b, c in states
-        ]
-    )
+    tau = urdf_torques(robots / file, robot, q, qd, qdd)
     tau += 0.1 * np.tanh(qd / 0.01) + 0.02 * rng.standard_normal(tau.shape)
     found = find_mistake(Log(t, q, tau), robot)
     assert found is not None
@@ -218,7 +184,7 @@ def test_logs_of_the_urdfs_own_bodies_do_not_accuse_its_table(name, robots):
 
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])
-@pytest.mark.parametrize("seed", range(25))
+@pytest.mark.parametrize("seed", range(12))
 def test_any_chain_gets_a_table_with_the_urdfs_kinematics_and_torques(seed, convention, tmp_path):
     """Random chains of 2 to 7 joints of all kinds, with fixed links between them that are merged."""
     rng = np.random.default_rng(seed)
@@ -239,22 +205,11 @@ def test_simulated_torques_give_the_base_parameters_of_the_urdfs_inertias(seed, 
     _, robot = imported(path)
     model = build_model(robot)
     reduction = reduce(model)
-    engine = in_pinocchio(path, robot.joint_names)
-    data = engine.createData()
-    q, qd, qdd = random_states(robot, 200, 3)
-    tau = np.array(
-        [
-            pin.rnea(engine, data, configuration(engine, robot.joint_names, a), b, c)
-            for a, b, c in zip(q, qd, qdd, strict=True)
-        ]
-    )
-    W = model.observer(reduction.base).dense(q, qd, qdd).reshape(-1, reduction.rank)
+    states = random_states(robot, 200, 3)
+    tau = urdf_torques(path, robot, *states)
+    W = model.observer(reduction.base).dense(*states).reshape(-1, reduction.rank)
     theta = np.linalg.lstsq(W, tau.ravel(), rcond=None)[0]
-    values = dict.fromkeys(model.parameter_names, 0.0)
-    for k, column in enumerate(model.link_columns):
-        link, p = divmod(int(column), 11)
-        values[model.parameter_names[k]] = prior_parameters(robot)[10 * link + p] if p < 10 else 0.0
-    np.testing.assert_allclose(theta, reduction.K @ np.array(list(values.values())), atol=1e-8)
+    np.testing.assert_allclose(theta, reduction.K @ prior_vector(model), atol=1e-8)
 
 
 def test_the_iiwas_table_has_the_makers_lengths(tmp_path):

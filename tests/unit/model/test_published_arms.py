@@ -1,29 +1,27 @@
 """The DH tables in robots/ put the flange where public descriptions of the same arms put it."""
 
-import importlib.util
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from arms import example_robots
 from dynid.files.robotfile import load_robot
 from dynid.files.urdffile import UrdfJoint, read_urdf
 from dynid.model.kinematics import tool_pose
 from dynid.robot import Limits, rotation_rpy
 
-PI, HALF = np.pi, np.pi / 2
+PI, HALF, Z = np.pi, np.pi / 2, (0, 0, 1)
 
 
-def _from_example_robot_data(*inside: str) -> Path:
-    """Return a URDF of the package example-robot-data, which lies beside that of pinocchio."""
-    spec = importlib.util.find_spec("pinocchio")
-    if spec is None or spec.origin is None:
-        pytest.skip("the package example-robot-data is not installed")
-    path = Path(spec.origin).parents[4].joinpath("share", "example-robot-data", "robots", *inside)
-    if not path.is_file():
-        pytest.skip("the package example-robot-data is not installed")
-    return path
+def _bullet(*inside):
+    return Path(pytest.importorskip("pybullet_data").getDataPath(), *inside)
+
+
+def _public(*inside):
+    return Path(example_robots(), *inside)
 
 
 def _largest_wobble(robot, chain, base=np.eye(4)):  # noqa: B008
@@ -68,18 +66,43 @@ def _ur(d1, a2, a3, d4, d5, d6):
     )
 
 
-@pytest.mark.parametrize(
-    ("name", "numbers"),
-    [
-        ("ur3e", (0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921)),
-        ("ur5e", (0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996)),
-        ("ur10e", (0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655)),
-    ],
-)
-def test_e_series_follows_the_chain_of_the_makers_description(name, numbers):
-    wobble, fixed = _largest_wobble(load_robot(name), _ur(*numbers))
+#: Chains of makers' descriptions, and where the last link lies in their last frame.
+CHAINS = {
+    "ur3e": (_ur(0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921), (0, 0, 0)),
+    "ur5e": (_ur(0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996), (0, 0, 0)),
+    "ur10e": (_ur(0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655), (0, 0, 0)),
+    "kuka_iiwa7": (
+        _chain(
+            (0, 0, 0.15, 0, 0, 0),
+            (0, 0, 0.19, HALF, 0, PI),
+            (0, 0.21, 0, HALF, 0, PI),
+            (0, 0, 0.19, HALF, 0, 0),
+            (0, 0.21, 0, -HALF, PI, 0),
+            (0, 0.06070, 0.19, HALF, 0, 0),
+            (0, 0.081, 0.06070, -HALF, PI, 0),
+        ),
+        (0, 0, 0.045),
+    ),
+    "kuka_lwr4plus": (
+        [
+            replace(joint, axis=np.array(axis, dtype=float))
+            for joint, axis in zip(
+                _chain(*((0, 0, z, 0, 0, 0) for z in (0.11, 0.2005, 0.2, 0.2, 0.2, 0.19, 0.078))),
+                (Z, (0, -1, 0), Z, (0, 1, 0), Z, (0, -1, 0), Z),
+                strict=True,
+            )
+        ],
+        (0, 0, 0),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_table_follows_the_chain_of_the_makers_description(name):
+    chain, last = CHAINS[name]
+    wobble, fixed = _largest_wobble(load_robot(name), chain)
     assert wobble < 1e-12
-    assert np.abs(fixed[:3, 3]).max() < 1e-12
+    np.testing.assert_allclose(fixed[:3, 3], last, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -88,90 +111,40 @@ def test_e_series_follows_the_chain_of_the_makers_description(name, numbers):
         ("ur3e", (-0.45675, -0.22315, 0.0665)),
         ("ur5e", (-0.8172, -0.2329, 0.0628)),
         ("ur10e", (-1.18425, -0.2907, 0.06085)),
+        ("kuka_iiwa7", (0, 0, 1.266)),
+        ("kuka_iiwa14", (0, 0, 1.306)),
     ],
 )
-def test_e_series_flange_at_zero_is_where_links_and_offsets_add_up_to(name, pose):
+def test_flange_at_zero_is_where_the_makers_drawing_has_it(name, pose):
     robot = load_robot(name)
-    np.testing.assert_allclose(tool_pose(robot, np.zeros(6))[:3, 3], pose, atol=1e-9)
+    np.testing.assert_allclose(tool_pose(robot, np.zeros(robot.n))[:3, 3], pose, atol=1e-9)
 
 
-def test_iiwa14_follows_the_urdf_of_pybullet():
-    data = pytest.importorskip("pybullet_data")
-    urdf = read_urdf(Path(data.getDataPath()) / "kuka_iiwa" / "model.urdf")
-    wobble, fixed = _largest_wobble(
-        load_robot("kuka_iiwa14"), urdf.chain(urdf.root, "lbr_iiwa_link_7")
-    )
-    assert wobble < 1e-9
-    np.testing.assert_allclose(fixed[:3, 3], (0, 0, 0.045), atol=1e-9)
-
-
-def test_iiwa7_follows_the_chain_of_iiwa_description():
-    chain = _chain(
-        (0, 0, 0.15, 0, 0, 0),
-        (0, 0, 0.19, HALF, 0, PI),
-        (0, 0.21, 0, HALF, 0, PI),
-        (0, 0, 0.19, HALF, 0, 0),
-        (0, 0.21, 0, -HALF, PI, 0),
-        (0, 0.06070, 0.19, HALF, 0, 0),
-        (0, 0.081, 0.06070, -HALF, PI, 0),
-    )
-    wobble, fixed = _largest_wobble(load_robot("kuka_iiwa7"), chain)
-    assert wobble < 1e-12
-    np.testing.assert_allclose(fixed[:3, 3], (0, 0, 0.045), atol=1e-12)
-
-
-@pytest.mark.parametrize(("name", "height"), [("kuka_iiwa7", 1.266), ("kuka_iiwa14", 1.306)])
-def test_iiwa_flange_of_the_upright_arm_is_as_high_as_the_makers_drawing_says(name, height):
-    np.testing.assert_allclose(
-        tool_pose(load_robot(name), np.zeros(7))[:3, 3], (0, 0, height), atol=1e-12
-    )
-
-
-def test_xarm7_follows_the_urdf_of_its_maker():
-    urdf = read_urdf(_from_example_robot_data("xarm_description", "urdf", "xarm7.urdf"))
-    wobble, fixed = _largest_wobble(load_robot("xarm7"), urdf.chain(urdf.root, "link7"))
-    assert wobble < 1e-9
-    np.testing.assert_allclose(fixed, np.eye(4), atol=1e-9)
-
-
-PANDAS = {
-    "example-robot-data": lambda: _from_example_robot_data(
-        "panda_description", "urdf", "panda.urdf"
+#: Public URDFs: where the file is, the arm, its last link, and where that lies in the last frame of the table.
+URDFS = [
+    (partial(_bullet, "kuka_iiwa/model.urdf"), "kuka_iiwa14", "lbr_iiwa_link_7", (0, 0, 0.045)),
+    (partial(_public, "xarm_description/urdf/xarm7.urdf"), "xarm7", "link7", (0, 0, 0)),
+    (
+        partial(_public, "panda_description/urdf/panda.urdf"),
+        "franka_panda",
+        "panda_link7",
+        (0, 0, 0),
     ),
-    "pybullet": lambda: (
-        Path(pytest.importorskip("pybullet_data").getDataPath()) / "franka_panda" / "panda.urdf"
-    ),
-}
+    (partial(_bullet, "franka_panda/panda.urdf"), "franka_panda", "panda_link7", (0, 0, 0)),
+    (partial(_public, "ur_description/urdf/ur10_robot.urdf"), "ur10", "tool0", (0, 0, 0)),
+]
 
 
-@pytest.mark.parametrize("source", PANDAS)
-def test_panda_follows_two_public_urdfs(source):
-    urdf = read_urdf(PANDAS[source]())
-    wobble, fixed = _largest_wobble(
-        load_robot("franka_panda"), urdf.chain(urdf.root, "panda_link7")
-    )
+@pytest.mark.parametrize(("file", "name", "link", "last"), URDFS)
+def test_table_follows_the_public_urdf(file, name, link, last):
+    urdf = read_urdf(file())
+    # Why turned: the base link of ur_description looks backwards.
+    base = np.diag([-1.0, -1.0, 1.0, 1.0]) if name == "ur10" else np.eye(4)
+    wobble, fixed = _largest_wobble(load_robot(name), urdf.chain(urdf.root, link), base)
     assert wobble < 1e-9
-    np.testing.assert_allclose(fixed, np.eye(4), atol=1e-9)
-
-
-def test_ur10_follows_the_urdf_of_ur_description_whose_base_link_is_turned_half_about():
-    urdf = read_urdf(_from_example_robot_data("ur_description", "urdf", "ur10_robot.urdf"))
-    half = np.diag([-1.0, -1.0, 1.0, 1.0])
-    wobble, fixed = _largest_wobble(load_robot("ur10"), urdf.chain(urdf.root, "tool0"), half)
-    assert wobble < 1e-9
-    np.testing.assert_allclose(fixed[:3, 3], 0, atol=1e-9)
-
-
-def test_lwr4plus_follows_the_chain_of_lwr_description():
-    heights = (0.11, 0.2005, 0.2, 0.2, 0.2, 0.19, 0.078)
-    axes = ((0, 0, 1), (0, -1, 0), (0, 0, 1), (0, 1, 0), (0, 0, 1), (0, -1, 0), (0, 0, 1))
-    chain = [
-        replace(joint, axis=np.array(axis, dtype=float))
-        for joint, axis in zip(_chain(*((0, 0, z, 0, 0, 0) for z in heights)), axes, strict=True)
-    ]
-    wobble, fixed = _largest_wobble(load_robot("kuka_lwr4plus"), chain)
-    assert wobble < 1e-12
-    np.testing.assert_allclose(fixed[:3, 3], 0, atol=1e-12)
+    np.testing.assert_allclose(fixed[:3, 3], last, atol=1e-9)
+    if name in ("xarm7", "franka_panda"):
+        np.testing.assert_allclose(fixed, np.eye(4), atol=1e-9)
 
 
 def test_gen2_has_the_axes_of_kinova_description_and_its_tool_within_the_urdfs_own_offsets():

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import models
 from dynid.errors import Finding
 from dynid.estimation.evidence import evidence_of
 from dynid.estimation.least_squares import Fit
@@ -14,9 +15,8 @@ from dynid.estimation.result import Identification, JointQuality, Quality
 from dynid.files.robotfile import load_robot
 from dynid.judgement import evidence
 from dynid.judgement.judge import judge
-from dynid.model.parameters import prior_parameters
-from dynid.model.reduce import reduce
-from dynid.model.regressor import build_model
+from dynid.model.parameters import columns_of
+from dynid.model.regressor import prior_vector
 from dynid.reports.gathered import Gathered, Unseen, relative_percent
 
 NASTY = '<b>x & "y"</b>'
@@ -48,13 +48,11 @@ def gathered(tmp_path_factory):
     robot = replace(
         robot, name=NASTY, joints=(replace(robot.joints[0], name=NASTY), *robot.joints[1:])
     )
-    model = build_model(robot)
-    reduction = reduce(model)
+    base = models.base_of(robot)
+    model, reduction = base.model, base.reduction
     p, c = reduction.rank, len(reduction.names)
-    x = np.zeros(c)
-    for k, column in enumerate(model.link_columns):
-        link, row = divmod(int(column), 11)
-        x[k] = prior_parameters(robot)[10 * link + row] if row < 10 else 0.05
+    x = prior_vector(model)
+    x[columns_of(model.parameters, "Im")] = 0.05
     theta = reduction.K @ x
     physical = PhysicalParameters(
         reduction.names,

@@ -1,15 +1,10 @@
 """The motion that answers a gap search, judged by least squares of its own and by what is plain to see."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from dynid.files.robotfile import load_robot
-from dynid.model.base_model import BaseModel
+import models
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.reduce import reduce
-from dynid.model.regressor import build_model
 from dynid.motion import Motion
 from dynid.trajectory import tuning
 from dynid.trajectory.feasible import coefficients, random_variables
@@ -18,22 +13,10 @@ from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.planning import plan_problem, planning_context
 from dynid.trajectory.separation import GapQuestion, Rivalry, run_of, separate, separation
 
-TWO = """
-name: two links
-convention: standard
-joints:
-  - {name: a, a: 0.4, twist: 0, d: 0, limits: {position: [-2, 2], velocity: 2, acceleration: 8}}
-  - {name: b, a: 0.3, twist: 0, d: 0, limits: {position: [-2, 2], velocity: 2, acceleration: 8}}
-gravity: [0, -9.81, 0]
-"""
 
-
-@pytest.fixture(scope="module")
-def base(tmp_path_factory):
-    path = Path(tmp_path_factory.mktemp("two") / "arm.yaml")
-    path.write_text(TWO)
-    model = build_model(load_robot(str(path)))
-    return BaseModel(model, reduce(model))
+@pytest.fixture
+def base():
+    return models.two_links()
 
 
 def rivals(first, amplitudes, second, joint=1, **shape):

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from two_link_logs import log
 
 from dynid import LogOptions
 from dynid.errors import NotFinite, WrongUsage
 from dynid.loading import checked_log
 from dynid.workflows.check import check
 from dynid.workflows.doctor import Check, Diagnosis, version_of
+from twolink import log
 
 
 def test_a_log_without_a_robot_is_described(tmp_path):

@@ -5,26 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import twolink
+import models
 from dynid.errors import WrongUsage
-from dynid.files.robotfile import load_robot
 from dynid.gap.localisation import JointGap
 from dynid.gap.record import GapEffect, GapRecord, read_record, write_record
 from dynid.gap.refit import HeldOutImprovement
-from dynid.model.base_model import BaseModel
-from dynid.model.reduce import reduce
-from dynid.model.regressor import build_model
 from dynid.trajectory.options import PlanOptions
 from dynid.workflows.gap_experiment import question_of
 from dynid.workflows.trajectory import plan_trajectory
 
 
-@pytest.fixture(scope="module")
-def base(tmp_path_factory):
-    path = tmp_path_factory.mktemp("twolink") / "arm.yaml"
-    path.write_text(twolink.ROBOT)
-    model = build_model(load_robot(str(path)))
-    return BaseModel(model, reduce(model))
+@pytest.fixture
+def base():
+    return models.two_links()
 
 
 def record_of(base, named=(), verdict="ambiguous", chi=(1.0, 3.0), **more):

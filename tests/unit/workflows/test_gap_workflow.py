@@ -10,7 +10,6 @@ import twolink
 from dynid import (
     GapOptions,
     IdentifyOptions,
-    Log,
     earlier_logs,
     find_gap,
     identify,
@@ -31,10 +30,16 @@ STIFFNESS = 2.0
 
 def log(plan, noise, spring=0.0):
     """A log of the two-link arm with a spring at its elbow [N m/rad]."""
-    t, q, qd, qdd = twolink.motion(plan)
-    tau = twolink.torque(q, qd, qdd) + 0.05 * np.random.default_rng(noise).standard_normal(q.shape)
-    tau[:, 1] += spring * q[:, 1]
-    return Log(t=t, q=q, tau=tau, names=("shoulder", "elbow"))
+    made = twolink.log(plan, 0.05, draw=noise)
+    made.tau[:, 1] += spring * made.q[:, 1]
+    return made
+
+
+def rubbing(one, plan, friction):
+    """The log with more Coulomb friction at the elbow."""
+    _, _, qd, _ = twolink.motion(plan)
+    more = np.stack([np.zeros(len(qd)), friction * np.tanh(qd[:, 1] / 0.01)], axis=1)
+    return replace(one, tau=one.tau + more)
 
 
 @pytest.fixture(scope="module")
@@ -125,12 +130,7 @@ def test_nothing_can_be_applied_where_nothing_is_named(result):
 def test_a_kept_model_is_compared_with_the_same_motion_before(arm, springy):
     """The arm had a spring that its model lacks; now its elbow has more friction, and that alone is new."""
     logs, result = springy
-    new = []
-    for k, plan in enumerate((1, 2)):
-        t, _, qd, _ = twolink.motion(plan)
-        one = log(plan, 50 + k, STIFFNESS)
-        more = np.stack([np.zeros(len(t)), 0.4 * np.tanh(qd[:, 1] / 0.01)], axis=1)
-        new.append(replace(one, tau=one.tau + more))
+    new = [rubbing(log(plan, 49 + plan, STIFFNESS), plan, 0.4) for plan in (1, 2)]
     found = find_gap(result, new, GapOptions(mode="frozen"), earlier=logs[::2])
     assert [(one.effect, one.indices) for one in found.named] == [("coulomb_change", (1,))]
     assert found.named[0].values["c"] == pytest.approx(0.4, rel=0.1)
@@ -164,13 +164,6 @@ def test_joints_are_names_numbers_and_ranges():
     for wrong in ("0", "5", "3-1", "d"):
         with pytest.raises(WrongUsage, match="--joints: no joint"):
             joint_indices(names, wrong, "--joints")
-
-
-def rubbing(one, plan, friction):
-    """The log with more Coulomb friction at the elbow."""
-    _, _, qd, _ = twolink.motion(plan)
-    more = np.stack([np.zeros(len(qd)), friction * np.tanh(qd[:, 1] / 0.01)], axis=1)
-    return replace(one, tau=one.tau + more)
 
 
 @pytest.fixture(scope="module")
@@ -312,24 +305,19 @@ HIDDEN = {
 }
 
 
-@pytest.mark.parametrize("effect", HIDDEN)
+@pytest.mark.parametrize(
+    "effect",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name != "load_friction")) for name in HIDDEN],
+)
 def test_the_error_after_is_that_of_apply_and_then_validate_on_the_log_held_out(arm, effect):
     logs = []
     for plan in (1, 2, 3):
+        _, q, qd, qdd = twolink.motion(plan)
+        added = HIDDEN[effect](q, qd, twolink.torque(q, qd, qdd))
         for k in range(2):
-            t, q, qd, qdd = twolink.motion(plan)
-            tau = twolink.torque(q, qd, qdd)
-            tau[:, 1] += HIDDEN[effect](q, qd, tau)
-            noise = 0.05 * np.random.default_rng(10 * plan + k).standard_normal(q.shape)
-            logs.append(
-                Log(
-                    t=t,
-                    q=q,
-                    tau=tau + noise,
-                    names=("shoulder", "elbow"),
-                    source=Path(f"run{plan}{k}.csv"),
-                )
-            )
+            one = log(plan, 10 * plan + k)
+            one.tau[:, 1] += added
+            logs.append(replace(one, source=Path(f"run{plan}{k}.csv")))
     found = find_gap(identify(arm, logs[:4], feasible=False), logs, effects=effect)
     assert [one.effect for one in found.named] == [effect]
     assert len(found.unseen_logs) == 2

@@ -9,9 +9,6 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 import twolink
-from dynid.files.logs import read_log
-from dynid.files.robotfile import load_robot
-from dynid.workflows.identify import identify
 from dynid.workflows.results import base_model_of
 from dynid.workflows.validate import urdf_of, validate
 
@@ -19,13 +16,10 @@ KINDS = ("measured", "predicted", "residual")
 
 
 @pytest.fixture(scope="module")
-def replay(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("arm")
-    twolink.write_arm(folder)
-    arm = load_robot(folder / "arm.yaml")
-    result = identify(arm, read_log(folder / "log.csv", robot=arm))
-    found = validate(result, read_log(folder / "unseen.csv", robot=arm))
-    return found, found.save_mcap(folder / "replay.mcap", urdf_of(result, base_model_of(result)))
+def replay(result, tmp_path_factory):
+    found = validate(result, twolink.log(2))
+    path = tmp_path_factory.mktemp("replay") / "replay.mcap"
+    return found, found.save_mcap(path, urdf_of(result, base_model_of(result)))
 
 
 def test_mcap_reads_the_topics_and_the_attached_urdf(replay):

@@ -6,11 +6,11 @@ import json
 from pathlib import Path
 
 import pytest
-from two_link_logs import ROBOT, log
 
 from dynid.errors import PackageMissing, SchedulerSilent, WrongRobotFile, WrongUsage
 from dynid.workflows import run as module
 from dynid.workflows.run import RunOptions, run
+from twolink import ROBOT, log
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """Several recordings, each too short for itself, count together; so does a short one that is held out."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,27 +8,17 @@ import pytest
 
 import twolink
 from dynid.errors import LogTooShort
-from dynid.files.robotfile import load_robot
-from dynid.log import Log
+from dynid.signals.columns import take_samples
 from dynid.workflows.identify import identify
 from dynid.workflows.options import IdentifyOptions
 
 
 @pytest.fixture(scope="module")
-def arm(tmp_path_factory):
-    path = tmp_path_factory.mktemp("arm") / "arm.yaml"
-    path.write_text(twolink.ROBOT)
-    return load_robot(path)
-
-
-@pytest.fixture(scope="module")
 def pieces():
-    t, q, qd, qdd = twolink.motion(1)
-    tau = twolink.torque(q, qd, qdd) + 0.02 * np.random.default_rng(3).standard_normal(q.shape)
-    parts = [slice(k, k + 250) for k in range(0, 2000, 250)]
+    whole = twolink.log(1, draw=3)
+    parts = [take_samples(whole, np.arange(k, k + 250)) for k in range(0, 2000, 250)]
     return [
-        Log(t[p] - t[p.start], q[p], tau[p], ("shoulder", "elbow"), source=Path(f"part{k}"))
-        for k, p in enumerate(parts)
+        replace(part, t=part.t - part.t[0], source=Path(f"part{k}")) for k, part in enumerate(parts)
     ]
 
 
@@ -41,8 +32,7 @@ def test_one_alone_is_answered_with_wide_intervals_and_a_moment_is_refused(arm, 
     values = dict(zip(found.names, found.theta, strict=True))
     for name, true in friction.items():
         assert abs(values[name] - true) < 3 * errors[name]
-    part = pieces[0]
-    short = [Log(part.t[:n], part.q[:n], part.tau[:n], part.names) for n in (40, 160)]
+    short = [take_samples(pieces[0], np.arange(n)) for n in (40, 160)]
     with pytest.raises(LogTooShort):
         identify(arm, short[0])
     assert identify(arm, short[1]).heldout_relative_error_percent is None, "nothing to hold out"

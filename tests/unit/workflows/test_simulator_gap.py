@@ -31,7 +31,7 @@ def results():
     return [dynid.identify(each, logs[:2]) for each in arms], logs[2]
 
 
-@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+@pytest.mark.parametrize("engine", ["mujoco", pytest.param("pybullet", marks=pytest.mark.slow)])
 def test_the_gap_shrinks_in_the_simulator_when_the_effect_is_added(results, engine, tmp_path):
     """The physics of the log is PyBullet's with a spring by hand; what is loaded are the exported files."""
     found = dynid.compare_in_simulator(*results, engine=engine)

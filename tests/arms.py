@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
+import pytest
 
 from dynid.robot import Body, Joint, Robot
 
@@ -51,6 +54,14 @@ def random_bodies(rng, n):
     return tuple(bodies)
 
 
+def example_robots():
+    """Return the folder of URDFs of example-robot-data, which lies beside pinocchio."""
+    folder = Path(pin.__file__).parents[4] / "share" / "example-robot-data" / "robots"
+    if not folder.is_dir():
+        pytest.skip("the package example-robot-data is not installed")
+    return folder
+
+
 def random_states(rng, n, count):
     return tuple(rng.uniform(-size, size, (count, n)) for size in (3.0, 2.0, 5.0))
 
@@ -91,9 +102,16 @@ def pinocchio_model(robot, bodies, rotor_inertia=None):
     return model
 
 
+def configuration(model, q):
+    """Return positions as Pinocchio wants them: cosine and sine where a joint turns without end."""
+    pairs = zip(list(model.joints)[1:], q, strict=True)
+    return np.concatenate([[x] if joint.nq == 1 else [np.cos(x), np.sin(x)] for joint, x in pairs])
+
+
 def pinocchio_torques(model, q, qd, qdd):
     data = model.createData()
-    return np.array([pin.rnea(model, data, *state) for state in zip(q, qd, qdd, strict=True)])
+    states = zip(q, qd, qdd, strict=True)
+    return np.array([pin.rnea(model, data, configuration(model, x), v, a) for x, v, a in states])
 
 
 def relative_error(found, expected):

@@ -1,0 +1,24 @@
+"""Models of arms with their base parameters, each derived once for all tests of a process."""
+
+from functools import cache
+
+import twolink
+from dynid.files.robotfile import load_robot
+from dynid.model.base_model import BaseModel
+from dynid.model.reduce import reduce
+from dynid.model.regressor import build_model
+
+
+def base_of(robot):
+    model = build_model(robot)
+    return BaseModel(model, reduce(model))
+
+
+@cache
+def shipped(name):
+    return base_of(load_robot(name))
+
+
+@cache
+def two_links():
+    return base_of(twolink.robot())
