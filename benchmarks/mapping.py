@@ -28,7 +28,7 @@ from dynid.signals.checks import check_ranges, unwrapped
 from dynid.signals.columns import in_si, matching_columns, robot_columns, to_dh
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tests" / "physics"))
+sys.path.insert(0, str(ROOT / "tests"))
 import arms  # noqa: E402
 
 RATE, SECONDS, HARMONICS, BASE = 200, 20, 5, 0.1

@@ -30,11 +30,11 @@ from dynid.log import Log
 from dynid.model import build_model
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT / "tests" / "physics"), str(ROOT / "tests" / "unit" / "estimation")]
-from arms import pinocchio_model, random_bodies  # noqa: E402
+sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "unit" / "estimation")]
 from conic import clarabel_optimum  # noqa: E402
 from synthetic_arm import seven_joint_arm  # noqa: E402
 
+from arms import pinocchio_model, random_bodies  # noqa: E402
 from dynid.estimation.possible_arm import fit_physical, fit_pooled  # noqa: E402
 
 ROBOT = "kuka_lwr4plus"

@@ -25,26 +25,30 @@ def name(page):
     return str(page.relative_to(ROOT))
 
 
-#: Pages whose commands ``make test`` runs; the others are slow.
-FIRST = {ROOT / "README.md"}
+#: Commands that search for what a model lacks.
+SEARCH = re.compile("dynid (gap|demo)")
 
 
-def marks(page):
-    return [
-        mark
-        for mark, on in ((pytest.mark.data, page in REAL), (pytest.mark.slow, page not in FIRST))
-        if on
-    ]
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "page", [pytest.param(page, marks=marks(page)) for page in WITH_COMMANDS], ids=name
+    "page",
+    [pytest.param(page, marks=[pytest.mark.data] * (page in REAL)) for page in WITH_COMMANDS],
+    ids=name,
 )
 def test_every_command_of_a_page_prints_what_the_page_shows(page, tmp_path):
     if page in REAL and not RECORDINGS.is_dir():
         pytest.skip("the recordings (../shared/data) are not here")
-    folder = folder_for(tmp_path, forkserver.program())
-    for command in commands(page.read_text()):
+    prints(commands(page.read_text()), tmp_path)
+
+
+def test_commands_of_the_readme_but_for_searches_print_what_it_shows(tmp_path):
+    shown = commands((ROOT / "README.md").read_text())
+    prints([command for command in shown if not SEARCH.match(command.line)], tmp_path)
+
+
+def prints(shown, place):
+    folder = folder_for(place, forkserver.program())
+    for command in shown:
         status, output = run(command.line, folder)
         assert "Traceback" not in output
         assert (status != 0) is bool(MISTAKE.search(command.output)), f"$ {command.line}\n{output}"

@@ -12,7 +12,6 @@ from dynid.workflows.model import base_model
 
 #: What ``make test`` runs of them: each driver plays and stops, what goes wrong on the way, what is refused before.
 QUICK = (
-    "test_a_fault_of_the_driver_stops_the_arm_and_keeps_the_log[kinova_gen2-deaf",
     "test_a_fault_of_the_driver_stops_the_arm_and_keeps_the_log[kinova_gen2-silent",
     "test_a_fault_of_the_driver_stops_the_arm_and_keeps_the_log[kinova_gen2-torque",
     "test_a_fault_of_the_driver_stops_the_arm_and_keeps_the_log[kuka_lwr4plus-deaf",

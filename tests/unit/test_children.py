@@ -37,7 +37,8 @@ def test_a_process_imports_nothing_from_the_folder_it_runs_in(tmp_path):
             "import pathlib; pathlib.Path('EXECUTED').write_text('')\n"
         )
     code = "import random, json, numpy; from dynid.__main__ import main; main()"
-    words = ["trajectory", "kuka_lwr4plus", "--seconds", "1", "--no-input"]
+    words = ["trajectory", "scara", "--duration", "6", "--segments", "4", "--seconds", "1"]
+    words += ["--preview", "none"]
     done = subprocess.run(children.python(code, *words), cwd=tmp_path, capture_output=True)
     assert done.returncode in (0, 5), done.stderr
     assert not (tmp_path / "EXECUTED").exists()

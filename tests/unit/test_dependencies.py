@@ -80,6 +80,7 @@ for name in sys.argv[1:]:
 """
 
 
+@pytest.mark.slow
 def test_every_command_and_workflow_can_be_imported_first():
     """In a new interpreter: the commands of the tests run where everything was imported before."""
     folders = [Path(dynid.__file__).parent / name for name in ("cli", "workflows")]

@@ -51,6 +51,6 @@ def test_what_is_told_on_the_way_is_told_with_one_thread(two_threads):
         def stage(self, name, text=""):
             seen.append(threads())
 
-    dynid.base_model(dynid.load_robot("kuka_lwr4plus"), progress=Probe())
+    dynid.base_model(dynid.load_robot("scara"), progress=Probe())
     assert seen
     assert all(one == {1} for one in seen)

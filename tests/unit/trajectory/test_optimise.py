@@ -1,7 +1,5 @@
 """The search gets better than where it starts, is repeatable, and keeps the best when it is interrupted."""
 
-import time
-
 import numpy as np
 import pytest
 
@@ -58,11 +56,10 @@ def test_equal_seeds_give_equal_plans_and_other_seeds_others(lwr):
 
 
 @pytest.mark.slow
-def test_time_limit_is_kept_to_about_a_second(lwr):
-    begin = time.monotonic()
+def test_time_limit_ends_the_search_long_before_its_last_start(lwr):
     found = optimise(problem(lwr), PlanOptions(restarts=10_000, processes=1), 6.0)
     assert (found.ended, len(found.candidates) > 0) == ("time", True)
-    assert time.monotonic() - begin < 12
+    assert found.finished < 1000
 
 
 class Impatient(Silent):
