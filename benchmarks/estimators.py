@@ -27,7 +27,7 @@ from dynid.estimation.estimators import METHODS, choose
 from dynid.estimation.least_squares import ordinary, relative_error
 from dynid.estimation.possible_set import body_parameters, pseudo_inertia
 from dynid.estimation.posterior import physical_posterior
-from dynid.estimation.rows import dense_rows, joint_factors
+from dynid.estimation.rows import Rows
 from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
@@ -368,9 +368,9 @@ def butterworth(arm: Arm, log: Log) -> list[float]:
     qdd = np.gradient(qd, 1 / LOGGED, axis=0)
     inside = slice(50, -50)
     W = arm.base.model.observer(arm.base.reduction.base).dense(q[inside], qd[inside], qdd[inside])
-    factors = joint_factors([dense_rows(W, log.tau[inside])])
-    fit = ordinary(*factors)
-    seconds, fitted = time.perf_counter() - start, relative_error(factors[0], fit.theta)
+    rows = Rows.of(W, log.tau[inside])
+    fit = ordinary(rows.factors(), rows.counts)
+    seconds, fitted = time.perf_counter() - start, relative_error(fit.factors, fit.theta)
     return figures(arm, fit.theta, fit.covariance, fitted, seconds, fit.theta)
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from dynid.estimation import tuning
 from dynid.estimation.least_squares import Fit, symmetric_root
-from dynid.estimation.rows import ObservationRows
+from dynid.estimation.rows import Rows
 from dynid.signals.filters import lowpass_kernel
 
 Floats = NDArray[np.float64]
@@ -38,7 +38,7 @@ WORDS = (KNOWN_WELL, NEGLIGIBLE, KNOWN_ROUGHLY, NOT_DETERMINED)
 
 
 def hac_covariance(
-    rows: Iterable[ObservationRows],
+    rows: Rows,
     theta: Floats,
     noise: Floats,
     *,
@@ -56,24 +56,19 @@ def hac_covariance(
         bread: sensitivity of the estimate to the scores, (p, p), where it was made from more than these rows.
         basis: what the columns of the rows are combined to before, (columns, p); None to take them as they are.
     """
-    given = theta if basis is None else basis @ theta
-    sensitivity = np.zeros((len(given), len(given)))
-    growing: list[list[Floats]] = []
-    for part in rows:
-        residual = part.residual(given)
-        inside = part.mask & (np.abs(residual) <= tuning.HUBER * noise) if robust else part.mask
-        if not (part.follows and growing):
-            growing.append([])
-        bounded = (
-            np.clip(residual, -tuning.HUBER * noise, tuning.HUBER * noise) if robust else residual
-        )
-        scores = _scores(part, bounded / noise**2)
+    residual = rows.residual(theta if basis is None else basis @ theta)
+    limit = tuning.HUBER * noise if robust else np.full(len(noise), np.inf)
+    weight = (rows.use & (np.abs(residual) <= limit)) / noise**2
+    bounded = np.clip(residual, -limit, limit) / noise**2
+    scores, sensitivity = np.zeros((len(residual), rows.size)), np.zeros((rows.size, rows.size))
+    for j in range(len(noise)):
+        Z = rows.instruments(j)
+        scores += Z * bounded[:, [j]]
         if bread is None:
-            _add_sensitivity(part, inside / noise**2, sensitivity)
-        growing[-1].append(scores.T if basis is None else scores.T @ basis)
+            sensitivity += (Z * weight[:, [j]]).T @ rows.of_joint(j)
     if basis is not None:
-        sensitivity = basis.T @ sensitivity @ basis
-    series = [np.concatenate(each) for each in growing]
+        scores, sensitivity = scores @ basis, basis.T @ sensitivity @ basis
+    series = [scores[run] for run in rows.runs]
     if bread is None:
         scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))
         bread = scale[:, None] * np.linalg.inv(scale[:, None] * sensitivity * scale) * scale
@@ -82,7 +77,7 @@ def hac_covariance(
     return np.asarray(spread @ spread.T)
 
 
-def widened(rows: Iterable[ObservationRows], fit: Fit, covariance: Floats) -> Floats:
+def widened(rows: Rows, fit: Fit, covariance: Floats) -> Floats:
     """Return a covariance after which 1.96 standard errors are a 95 % interval in a short log, too, (p, p).
 
     A fit takes from the residuals just what the covariance asks them for: errors as slow as the columns. The variance
@@ -96,9 +91,8 @@ def widened(rows: Iterable[ObservationRows], fit: Fit, covariance: Floats) -> Fl
     """
     from scipy.special import stdtrit  # here: its import takes as long as a fit
 
-    parts = list(rows)
-    memory = _memory(max(parts, key=lambda part: len(part.t)))
-    independent = sum(int(part.mask.sum()) for part in parts) / memory
+    memory = _memory(rows)
+    independent = int(rows.use.sum()) / memory
     freedom = max(independent - len(fit.theta), tuning.LEAST_FREEDOM)
     quantile = float(stdtrit(freedom, 0.975)) / normal_quantile(0.975)
     least = memory * np.diagonal(fit.solution.inverse)
@@ -107,39 +101,13 @@ def widened(rows: Iterable[ObservationRows], fit: Fit, covariance: Floats) -> Fl
     return np.asarray(covariance * np.outer(factor, factor))
 
 
-def _memory(rows: ObservationRows) -> float:
+def _memory(rows: Rows) -> float:
     """Return how many rows tell as much as one independent one of noise that was white before their filter."""
-    if rows.cutoff == 0.0 or len(rows.t) < 2:
+    t = max((rows.t[run] for run in rows.runs), key=len)
+    if rows.cutoff == 0.0 or len(t) < 2:
         return 1.0
-    kernel = lowpass_kernel(rows.cutoff, (len(rows.t) - 1) / float(rows.t[-1] - rows.t[0]))
+    kernel = lowpass_kernel(rows.cutoff, (len(t) - 1) / float(t[-1] - t[0]))
     return 1.0 / float(np.sum(kernel**2))
-
-
-def _scores(rows: ObservationRows, weighted: Floats) -> Floats:
-    """Return the score of each instant, (p, M): Z^T S residual, summed over joints, whose residuals are correlated.
-
-    Z is the regressor, or the instruments where there are any.
-
-    Args:
-        rows: observation rows.
-        weighted: residuals over noise^2, (M, n) [1 / (N m)].
-    """
-    scores, Z = (
-        np.zeros((rows.size, len(weighted))),
-        rows if rows.command is None else rows.instruments,
-    )
-    for j, one in enumerate(np.ascontiguousarray(weighted.T)):
-        columns, entries = Z.of_joint(j)
-        scores[columns] += entries * one
-    return scores
-
-
-def _add_sensitivity(rows: ObservationRows, weight: Floats, sensitivity: Floats) -> None:
-    """Add Z^T S W of rows to a sum, (p, p), in place; weight is 1 / noise^2 of the rows that weigh, (M, n)."""
-    for j in range(weight.shape[1]):
-        columns, W = rows.of_joint(j)
-        Z = W if rows.command is None else rows.instruments.of_joint(j)[1]
-        sensitivity[np.ix_(columns, columns)] += (Z * weight[:, j]) @ W.T
 
 
 def long_run_variance(series: Iterable[Floats], lags: int) -> Floats:

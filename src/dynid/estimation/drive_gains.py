@@ -10,8 +10,7 @@ a known load); here solved by Gauss-Newton on triangular factors, friction free 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from dynid.errors import RankDeficient, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.payload import friction, last_link
-from dynid.estimation.rows import ObservationRows
+from dynid.estimation.rows import Rows, joined
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 
@@ -215,28 +214,27 @@ def _solve(problem: _GainProblem, x: Floats, known: Floats) -> tuple[Floats, Flo
     return x, sigma
 
 
-def _linearised(problem: _GainProblem, x: Floats, h: Floats) -> Iterator[ObservationRows]:
-    """Yield the rows of all logs about a solution, for the covariance."""
+def _linearised(problem: _GainProblem, x: Floats, h: Floats) -> Rows:
+    """Return the rows of all logs about a solution, for the covariance."""
+    found = []
     for log, stack in enumerate(problem.stacks):
-        theta = problem.theta(x, log)
-        for rows in stack:
-            J = np.stack(
-                [problem.jacobian(rows.W[:, j], h_j, j, x, log) for j, h_j in enumerate(h)], axis=1
-            )
-            yield rows.with_arrays(J, rows.tau - h * (rows.W @ theta) + J @ x)
+        rows, theta = stack.rows, problem.theta(x, log)
+        each = [problem.jacobian(rows.W[:, j], h_j, j, x, log) for j, h_j in enumerate(h)]
+        J = np.stack(each, axis=1)
+        found.append(replace(rows, columns=(J,), tau=rows.tau - h * (rows.W @ theta) + J @ x))
+    return joined(found)
 
 
 def _variances(
     problem: _GainProblem, x: Floats, h: Floats, sigma: Floats, relative: bool
 ) -> Floats:
     """Return the variance of log h, allowing for coloured residuals, of each unknown gain, (count,)."""
-    information: Floats | float = 0.0
-    for part in _linearised(problem, x, h):
-        J = (part.W * (part.mask / sigma)[:, :, None]).reshape(-1, len(x))
-        information = information + J.T @ J
-    length = np.sqrt(np.diagonal(np.asarray(information)))
+    rows = _linearised(problem, x, h)
+    J = (rows.W * (rows.use / sigma)[:, :, None]).reshape(-1, len(x))
+    information = J.T @ J
+    length = np.sqrt(np.diagonal(information))
     length = np.where(length > 0.0, length, 1.0)
-    values, axes = np.linalg.eigh(np.asarray(information) / np.outer(length, length))
+    values, axes = np.linalg.eigh(information / np.outer(length, length))
     kept = values > tuning.GAINS_RANK * values[-1]
     count = len(problem.unknown)
     lost = np.abs(axes[len(x) - count :, ~kept]).max(axis=1, initial=0.0) > 1e-3
@@ -247,9 +245,7 @@ def _variances(
             fix="move more joints at once and faster, or use a heavier load",
         )
     columns = axes[:, kept] / length[:, None]
-    reduced = [
-        part.with_arrays(part.W @ columns, part.residual(x)) for part in _linearised(problem, x, h)
-    ]
+    reduced = replace(rows, columns=(rows.W @ columns,), tau=rows.residual(x))
     inner = hac_covariance(reduced, np.zeros(columns.shape[1]), sigma)
     spread = columns[len(x) - count :]
     if relative:

@@ -35,6 +35,7 @@ from dynid.estimation.posterior import (
 )
 from dynid.estimation.residual_model import ModelError, squares
 from dynid.estimation.result import SAME_MOTION, Identification, JointQuality, Quality
+from dynid.estimation.rows import Rows
 from dynid.estimation.stack import Earlier, Stack
 from dynid.model.base_model import BaseModel, prior_base_parameters
 from dynid.model.regressor import Observer, indefinite_share, random_poses
@@ -61,7 +62,7 @@ def last_share(stack: Stack, share: float) -> HoldOut | None:
         stack: the stacked logs.
         share: between 0 and 1.
     """
-    train, judged = np.zeros(stack.blocks, dtype=bool), np.zeros(stack.blocks, dtype=bool)
+    train, judged = np.zeros((2, len(stack.factors)), dtype=bool)
     for log in sorted(set(stack.log_of_block.tolist())):
         blocks = np.flatnonzero(stack.log_of_block == log)
         held = 0 if log < 0 else max(1, round(share * len(blocks)))
@@ -122,13 +123,14 @@ def stack_of_result(earlier: Identification, base: BaseModel) -> Stack:
         raise WrongUsage(
             f"{earlier.label} holds no triangular factors", fix="identify the earlier log again"
         )
+    n, p = base.robot.n, len(base.names)
     return Stack(
         base=base,
+        logs=(),
+        rows=Rows.of(np.zeros((0, n, p)), np.zeros((0, n))),
         factors=earlier.factors[None],
         counts=earlier.counts[None],
         log_of_block=np.full(1, -1),
-        block=np.zeros(1, dtype=np.int64),
-        rows=(),
         earlier=Earlier(earlier.factors, earlier.noise, earlier.plain_covariance),
     )
 

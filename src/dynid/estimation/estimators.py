@@ -12,7 +12,7 @@ instrumental variable approach for industrial robot identification" (IV).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -23,18 +23,14 @@ from dynid.errors import RankDeficient, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance, widened
 from dynid.estimation.least_squares import Fit, merge, ordinary, ridge, solve, weighted
-from dynid.estimation.rows import (
-    ObservationRows,
-    joint_factors,
-    robust_noise,
-)
+from dynid.estimation.rows import Rows, robust_noise
 from dynid.estimation.stack import Earlier, Stack
 
 Floats = NDArray[np.float64]
 
 
 # ---------------------------------------------------------------- spikes
-def look_for_spikes(rows: Iterable[ObservationRows], theta: Floats) -> tuple[Floats, bool]:
+def look_for_spikes(rows: Rows, theta: Floats) -> tuple[Floats, bool]:
     """Look at the residuals of a first fit.
 
     Args:
@@ -45,32 +41,20 @@ def look_for_spikes(rows: Iterable[ObservationRows], theta: Floats) -> tuple[Flo
         Share of spikes of each joint, (n,), and whether the robust fit is worth its small loss of efficiency: many
         spikes and heavy tails at a joint.
     """
-    noise, count = robust_noise(rows, theta), 0
-    moments = np.zeros((5, len(noise)))
-    for part in rows:
-        scaled = np.ascontiguousarray(part.residual(theta).T) / noise[:, None]
-        square = scaled * scaled
-        powers = (
-            scaled,
-            square,
-            square * scaled,
-            square * square,
-            np.abs(scaled) > tuning.SPIKE_ERRORS,
-        )
-        moments += [np.sum(each, axis=1) for each in powers]
-        count = count + part.mask.sum(axis=0)
-    one, two, three, four, beyond = moments / np.maximum(count, 1)
-    variance = np.maximum(two - one**2, 1e-150)
-    fourth = four - 4 * one * three + 6 * one**2 * two - 3 * one**4
-    found = (beyond > tuning.SPIKE_SHARE) & (fourth / variance**2 > tuning.SPIKE_KURTOSIS)
+    left, count = rows.residual(theta) / robust_noise(rows, theta), np.maximum(rows.counts, 1)
+    beyond = np.sum(np.abs(left) > tuning.SPIKE_ERRORS, axis=0) / count
+    left = np.where(rows.use, left - left.sum(axis=0) / count, 0.0)
+    square, fourth = (np.sum(left**power, axis=0) / count for power in (2, 4))
+    tails = fourth / np.maximum(square**2, 1e-300)
+    found = (beyond > tuning.SPIKE_SHARE) & (tails > tuning.SPIKE_KURTOSIS)
     return beyond, bool(np.any(found))
 
 
-def huber(rows: Iterable[ObservationRows], start: Fit, max_rounds: int = 50) -> Fit:
+def huber(rows: Rows, start: Fit, max_rounds: int = 50) -> Fit:
     """Fit with weights min(1, 1.345 sigma / |residual|), iterated (Huber 1981).
 
     Args:
-        rows: observation rows; walked twice per round.
+        rows: observation rows.
         start: plain fit of the same rows.
         max_rounds: limit of the iteration.
 
@@ -82,7 +66,7 @@ def huber(rows: Iterable[ObservationRows], start: Fit, max_rounds: int = 50) -> 
         noise = np.where(
             start.counts < tuning.NOISE_LEAST_ROWS, start.noise, robust_noise(rows, theta)
         )
-        factors, _ = joint_factors(_weighted(rows, theta, noise))
+        factors = rows.factors(np.sqrt(huber_weight(rows.residual(theta), noise)))
         R = merge(factors, 1.0 / noise)
         solution = solve(R)
         change, theta, rounds = solution.theta - theta, solution.theta, rounds + 1
@@ -94,25 +78,17 @@ def huber(rows: Iterable[ObservationRows], start: Fit, max_rounds: int = 50) -> 
             )
 
 
-def _weighted(
-    rows: Iterable[ObservationRows], theta: Floats, noise: Floats
-) -> Iterator[ObservationRows]:
-    for part in rows:
-        root = np.sqrt(huber_weight(part.residual(theta), noise))
-        yield replace(part, entries=part.entries * root.T[part.joints], tau=part.tau * root)
-
-
 def huber_weight(residual: Floats, noise: Floats) -> Floats:
     """Return min(1, 1.345 sigma / |residual|), (M, n), for residuals (M, n) and noise (n,) in the same unit."""
     return np.minimum(1.0, tuning.HUBER / np.maximum(np.abs(residual / noise), 1e-12))
 
 
 # ---------------------------------------------------------------- instruments
-def instrumental(rows: Iterable[ObservationRows], plain: Fit, max_rounds: int = 50) -> Fit:
+def instrumental(rows: Rows, plain: Fit, max_rounds: int = 50) -> Fit:
     """Estimate with the instruments that come with the rows, with little weight for spikes (Huber).
 
     Args:
-        rows: observation rows with instruments; walked twice per round.
+        rows: observation rows with instruments.
         plain: plain fit of the same rows, whose factors the result keeps.
         max_rounds: limit of the iteration for noise and weights.
 
@@ -122,14 +98,13 @@ def instrumental(rows: Iterable[ObservationRows], plain: Fit, max_rounds: int = 
     Raises:
         RankDeficient: the instruments do not move with the regressor.
     """
-    noise, theta, weigh = np.ones(len(plain.noise)), np.zeros(0), False
-    for _ in range(max_rounds):
-        bread, right = _normal_equations(rows, noise, theta if weigh else None)
-        before, theta = noise, bread @ right
-        noise = robust_noise(rows, theta)
-        if weigh and np.all(np.abs(noise - before) <= 1e-4 * before):
+    noise, theta, weight = np.ones(len(plain.noise)), np.zeros(0), rows.use * 1.0
+    for k in range(max_rounds):
+        theta = _solved(rows, weight / noise**2)
+        before, noise = noise, robust_noise(rows, theta)
+        if k and np.all(np.abs(noise - before) <= 1e-4 * before):
             break
-        weigh = True
+        weight = rows.use * huber_weight(rows.residual(theta), noise)
     covariance = hac_covariance(rows, theta, noise, robust=True)
     return replace(
         plain,
@@ -141,20 +116,13 @@ def instrumental(rows: Iterable[ObservationRows], plain: Fit, max_rounds: int = 
     )
 
 
-def _normal_equations(
-    rows: Iterable[ObservationRows], noise: Floats, theta: Floats | None
-) -> tuple[Floats, Floats]:
-    """Return (Z^T S W)^-1, (p, p), and Z^T S tau, (p,); Huber weights where theta is given."""
-    left, right = np.zeros((0, 0)), np.zeros(0)
-    for part in rows:
-        left, right = (
-            (left, right) if left.size else (np.zeros((part.size, part.size)), np.zeros(part.size))
-        )
-        weight = _weights(part, noise, theta)
-        for j in range(len(noise)):
-            (columns, W), (_, Z) = part.of_joint(j), part.instruments.of_joint(j)
-            left[np.ix_(columns, columns)] += (Z * weight[:, j]) @ W.T
-            right[columns] += (Z * weight[:, j]) @ part.tau[:, j]
+def _solved(rows: Rows, weight: Floats) -> Floats:
+    """Return (Z^T S W)^-1 Z^T S tau, (p,), with weights of the rows, (M, n)."""
+    left, right = np.zeros((rows.size, rows.size)), np.zeros(rows.size)
+    for j in range(weight.shape[1]):
+        Z = rows.instruments(j) * weight[:, [j]]
+        left += Z.T @ rows.of_joint(j)
+        right += Z.T @ rows.tau[:, j]
     scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(left)), np.finfo(float).tiny))
     scaled = scale[:, None] * left * scale
     condition = float(np.linalg.cond(scaled))
@@ -163,15 +131,7 @@ def _normal_equations(
             f"the commanded motion does not follow the measured one: condition number {condition:.1e}",
             fix="use --method wls, or check that the log's commanded positions belong to this recording",
         )
-    return scale[:, None] * np.linalg.inv(scaled) * scale, right
-
-
-def _weights(rows: ObservationRows, noise: Floats, theta: Floats | None) -> Floats:
-    """Return the weight of each row, (M, n)."""
-    weight = rows.mask / noise**2
-    if theta is not None:
-        weight = weight * huber_weight(rows.residual(theta), noise)
-    return weight
+    return np.asarray(scale * np.linalg.solve(scaled, scale * right))
 
 
 # ---------------------------------------------------------------- the estimators
@@ -181,19 +141,17 @@ Estimator: TypeAlias = Callable[[Stack, Floats], Fit]
 
 def ols(stack: Stack, prior: Floats) -> Fit:
     """Ordinary least squares, the paper's choice (Eq. 24)."""
-    return _with_covariance(stack, ordinary(*stack.whole), stack)
+    return _with_covariance(stack, ordinary(*stack.whole))
 
 
 def wls(stack: Stack, prior: Floats) -> Fit:
     """Least squares with one noise level per joint."""
-    factors, counts = stack.whole
-    fit = weighted(factors, counts)
-    return _with_covariance(stack, fit, stack)
+    return _with_covariance(stack, weighted(*stack.whole))
 
 
 def irls(stack: Stack, prior: Floats) -> Fit:
     """Least squares in which spikes have little weight (Huber)."""
-    return _with_covariance(stack, huber(stack, stack.first_fit), stack, robust=True)
+    return _with_covariance(stack, huber(stack.rows, stack.first_fit), robust=True)
 
 
 def iv(stack: Stack, prior: Floats) -> Fit:
@@ -232,28 +190,22 @@ def choose(stack: Stack) -> tuple[str, str]:
     """Return the name of the estimator that the residuals ask for, and why."""
     if stack.earlier is not None:
         return "wls", "the earlier result that is updated keeps triangular factors, not single rows"
-    shares, spiky = look_for_spikes(stack, stack.first_fit.theta)
+    shares, spiky = look_for_spikes(stack.rows, stack.first_fit.theta)
     if spiky:
         share = f"up to {100 * float(np.max(shares)):.1f} % of a joint's samples"
         return "irls", f"the residual has spikes ({share}), which get little weight"
     return "wls", "no spikes in the residual"
 
 
-def _with_covariance(
-    stack: Stack,
-    fit: Fit,
-    rows: Iterable[ObservationRows],
-    *,
-    robust: bool = False,
-) -> Fit:
+def _with_covariance(stack: Stack, fit: Fit, *, robust: bool = False) -> Fit:
     """Return a fit with the factors of all rows as they are, and a covariance that allows for coloured residuals."""
     factors, counts = stack.whole
     fit = replace(fit, factors=factors, counts=counts)
     if stack.earlier is not None:
         return replace(fit, covariance=_with_earlier(stack, stack.earlier, fit))
     # Why a pseudo-inverse where the rank is short: what coloured residuals are worth shows in the other directions.
-    same = rows is stack and not robust
-    bread = fit.solution.inverse if fit.leaves_open or same else None
+    bread = None if robust and not fit.leaves_open else fit.solution.inverse
+    rows = stack.rows
     covariance = hac_covariance(rows, fit.theta, fit.noise, robust=robust, bread=bread)
     return replace(
         fit,
@@ -269,5 +221,5 @@ def _with_earlier(stack: Stack, earlier: Earlier, fit: Fit) -> Floats:
     sensitivity = bread @ old.T @ old
     if not stack.logs:
         return np.asarray(sensitivity @ earlier.covariance @ sensitivity.T)
-    new = hac_covariance(stack, fit.theta, fit.noise, bread=bread)
+    new = hac_covariance(stack.rows, fit.theta, fit.noise, bread=bread)
     return np.asarray(sensitivity @ earlier.covariance @ sensitivity.T + new)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import chain
 from typing import TypeAlias
 
 import numpy as np
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from dynid.estimation import tuning
 from dynid.estimation.covariance import autocorrelation_time
-from dynid.estimation.rows import ObservationRows, joined, rows_of
+from dynid.estimation.rows import Rows, joined, parallel_filtered, rows_of
 from dynid.estimation.stack import Stack, settled, stack_logs
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
@@ -28,7 +27,7 @@ from dynid.signals.conditioned_log import (
     signs_of_shapes,
     with_effects,
 )
-from dynid.signals.filters import Filter, decimate
+from dynid.signals.filters import Filter
 
 Floats = NDArray[np.float64]
 
@@ -90,8 +89,7 @@ def _estimated(stack: Stack, signs: Signs, usual: Coulomb) -> Coulomb | None:
     columns = {j: names.index(f"fc{j + 1}") for j in range(n) if f"fc{j + 1}" in names}
     if not columns:
         return None
-    parts = (rows_of(_beginning(log), stack.observer) for log in stack.logs)
-    rows = joined(list(chain.from_iterable(parts)))
+    rows = joined([rows_of(_beginning(log), stack.observer) for log in stack.logs])
     near = WIDTHS[:, None] * usual.velocity
     velocity, interval = list(usual.velocity), list(zip(*near[[0, -1]], strict=True))
     widths, left = near, _left_by(stack, rows, columns, signs, near)
@@ -123,31 +121,29 @@ def _looked_at(chosen: Filter) -> int:
 
 
 def _left_by(
-    stack: Stack, rows: ObservationRows, columns: dict[int, int], signs: Signs, widths: Floats
+    stack: Stack, rows: Rows, columns: dict[int, int], signs: Signs, widths: Floats
 ) -> Floats:
     """Return the residual of each joint with each of its widths, (K, n), as (M, K, n); zero where rows do not count."""
     tried = signs([Coulomb("smooth", tuple(each)) for each in widths.tolist()])
     of_rows = np.concatenate(
         [
-            _of_rows(each, log.filter.second_kernel, log.filter.second_step)
+            _of_rows(each, log.filter)
             for log, some in zip(stack.logs, tried, strict=True)
             for each in some
         ]
     )
     found = np.zeros((len(of_rows), *widths.shape))
     for j, column in columns.items():
-        own, entries = rows.of_joint(j)
-        good = rows.mask[:, j]
-        others = entries[own != column].T[good]
+        good, others = rows.use[:, j], rows.seen[j] & (np.arange(rows.size) != column)
+        others = rows.of_joint(j)[np.ix_(good, others)]
         found[good, :, j] = _left(others, rows.tau[good, j], of_rows[good, j])
     return found
 
 
-def _of_rows(signs: Floats, kernel: Floats, step: int) -> Floats:
+def _of_rows(signs: Floats, chosen: Filter) -> Floats:
     """Return signs at the instants of the rows, (M, n, shapes)."""
     # Why one shape at a time: a filter takes several times the memory of what it is given.
-    shapes = (np.ascontiguousarray(each) for each in signs.transpose(2, 1, 0))
-    return np.stack([decimate(each, kernel, step)[0].T for each in shapes], axis=2)
+    return np.stack([parallel_filtered(x, chosen).T for x in signs.transpose(2, 1, 0)], axis=2)
 
 
 def _left(others: Floats, tau: Floats, signs: Floats) -> Floats:

@@ -27,8 +27,6 @@ Ints = NDArray[np.int64]
 
 #: Length of a column, relative to the longest, that is nothing but rounding.
 ROUNDING = 1e-15
-#: Singular value, relative to the largest of columns of unit length, below which rows hold rounding in a direction.
-NO_DIRECTION = 1e-12
 
 
 @contextmanager
@@ -94,34 +92,6 @@ def merge(factors: Floats, weights: Floats | None = None) -> Floats:
     # Why: a joint has no rows for the links before it, which are nearly half of all.
     rows = rows[np.any(rows, axis=1)]
     return triangle(np.vstack([rows, np.zeros((max(0, size - len(rows)), size))]))
-
-
-def with_columns(R: Floats, across: Floats, squares: Floats, at: int = 0) -> Floats:
-    """Return the factor of rows that have further columns, of what those have in common with the others alone.
-
-    What is left of the new columns beside the others comes from a difference of squares, which costs them digits where
-    they are nearly combinations of the others; the factor of the others is as it was. One product of a row and a column
-    takes the place of a triangular factor of all.
-
-    Args:
-        R: factor of the rows X, (m, c), in their units.
-        across: X^T D with the further columns D, (c, k).
-        squares: D^T D, (k, k).
-        at: number of the column that the new ones stand before.
-
-    Returns:
-        Factor of the rows [X D], columns in that order, (c + k, c + k) or fewer rows.
-    """
-    length, wide = np.linalg.norm(R, axis=0), np.sqrt(np.diagonal(squares))
-    length, wide = (np.where(size > 0.0, size, 1.0) for size in (length, wide))
-    U, sigma, Vt = np.linalg.svd(R / length, full_matrices=False)
-    kept = sigma > NO_DIRECTION * sigma.max(initial=0.0)
-    along = U[:, kept] @ ((Vt[kept] @ (across / np.outer(length, wide))) / sigma[kept, None])
-    value, vector = np.linalg.eigh(squares / np.outer(wide, wide) - along.T @ along)
-    rest = np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T
-    both = np.block([[along * wide, R], [rest * wide, np.zeros((len(rest), R.shape[1]))]])
-    order = np.arange(R.shape[1]) + len(wide)
-    return triangle(both[:, [*order[:at], *range(len(wide)), *order[at:]]])
 
 
 def triangle(rows: Floats) -> Floats:

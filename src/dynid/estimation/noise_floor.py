@@ -47,7 +47,7 @@ def noise_floor(stack: Stack, theta: Floats, error: ModelError | None = None) ->
     if not stack.logs:
         return None
     chosen = stack.logs[0].filter
-    parts = [part for k in range(len(stack.logs)) for part in _parts(stack, k, theta, error)]
+    parts = list(_parts(stack, theta, error))
     pairs = [(one, other) for a, one in enumerate(parts) for other in parts[a:]]
     differences = [found for one, other in pairs for found in _difference(one, other, chosen)]
     seconds = sum(len(left) for left, _ in differences) / chosen.kept_rate
@@ -57,34 +57,20 @@ def noise_floor(stack: Stack, theta: Floats, error: ModelError | None = None) ->
     return NoiseFloor(_from_spectrum(left, chosen), 0.0) if left else None
 
 
-def _parts(stack: Stack, number: int, theta: Floats, error: ModelError | None) -> Iterator[Part]:
-    """Yield the parts of a log without gaps, no more than a few minutes: these say what hours do."""
-    log = stack.logs[number]
-    t, q = (np.concatenate([getattr(s, name) for s in log.segments]) for name in ("t", "q"))
-    last: float | None = None
-    held: list[tuple[Floats, Floats, NDArray[np.bool_]]] = []
-    begun = None
-    for rows in stack.rows_of_log(number):
-        if last is not None and not 0 < rows.t[0] - last < 1.5 / log.filter.kept_rate:
-            yield _joined(held, t, q)
-            held = []
-        begun = rows.t[0] if begun is None else begun
-        if rows.t[0] - begun > tuning.NOISE_SECONDS:
-            break
-        left = (
-            rows.tau
-            - rows.torque(theta)
-            - (0.0 if error is None else error.torque(rows, log, stack.observer))
-        )
-        held.append((rows.t, left, rows.mask))
-        last = float(rows.t[-1])
-    if held:
-        yield _joined(held, t, q)
-
-
-def _joined(held: Sequence[tuple[Floats, Floats, NDArray[np.bool_]]], t: Floats, q: Floats) -> Part:
-    at, left, use = (np.concatenate(column) for column in zip(*held, strict=True))
-    return np.stack([np.interp(at, t, column) for column in q.T], axis=1), left, use
+def _parts(stack: Stack, theta: Floats, error: ModelError | None) -> Iterator[Part]:
+    """Yield the parts of the logs without gaps, no more than a few minutes of each: these say what hours do."""
+    rows, left = stack.rows, stack.rows.tau - stack.rows.torque(theta)
+    if error is not None:
+        shapes = stack.along(lambda log: error.shapes(log, stack.observer))
+        left = left - error.torque(rows, shapes)
+    for k, log in enumerate(stack.logs):
+        t, q = (np.concatenate([getattr(s, name) for s in log.segments]) for name in ("t", "q"))
+        own = np.flatnonzero(rows.log == k)
+        own = own[rows.t[own] <= rows.t[own[:1]] + tuning.NOISE_SECONDS]
+        gaps = np.flatnonzero(np.diff(rows.t[own]) >= 1.5 / log.filter.kept_rate) + 1
+        for at in np.split(own, gaps) if len(own) else ():
+            place = np.stack([np.interp(rows.t[at], t, column) for column in q.T], axis=1)
+            yield place, left[at], rows.use[at]
 
 
 def _difference(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.residual_model import ModelError
-from dynid.estimation.rows import ObservationRows
+from dynid.estimation.rows import Rows, parallel_filtered
 from dynid.estimation.stack import Stack
 from dynid.files.artifact import read_artifact
 from dynid.model.regressor import Observer
 from dynid.npz import write_artifact
 from dynid.signals.conditioned_log import ConditionedLog, Segment
-from dynid.signals.filters import Filter, decimate
+from dynid.signals.filters import Filter
 
 Floats = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ SHAPES = {each.name: "N n" for each in fields(EstimatedMotion)} | {"t": "N", "lo
 
 def predict(
     log: ConditionedLog,
-    rows: Iterable[ObservationRows],
+    rows: Rows,
     theta: Floats,
     error: ModelError | None = None,
     observer: Observer | None = None,
@@ -68,56 +68,38 @@ def predict(
 
     Args:
         log: the conditioned log.
-        rows: its rows, from ``rows_of`` or a stack; walked once.
+        rows: all its rows.
         theta: base parameters, (p,), each in its unit.
         error: the model error whose mean is part of the prediction; None without.
         observer: evaluator of the base columns, which the model error needs.
     """
-
-    def torque(part: ObservationRows) -> Floats:
-        tau = part.torque(theta)
-        return tau if error is None or observer is None else tau + error.torque(part, log, observer)
-
-    t, measured, estimated, usable = _columns(
-        (part.t, part.tau, torque(part), part.mask) for part in rows
-    )
-    pieces = (piece for segment in log.segments for piece in _pieces(segment, log.filter))
-    q, qd, qdd, raw_q, raw_qd, raw_qdd = _columns(pieces)
-    return EstimatedMotion(t, raw_q, q, raw_qd, qd, raw_qdd, qdd, measured, estimated, usable)
-
-
-def _columns(pieces: Iterable[tuple[NDArray[Any], ...]]) -> Iterator[NDArray[Any]]:
-    """Yield the columns of pieces that follow each other."""
-    return map(np.concatenate, zip(*pieces, strict=True))
+    tau = rows.torque(theta)
+    if error is not None and observer is not None:
+        tau = tau + error.torque(rows, error.shapes(log, observer))
+    pieces = zip(*(_pieces(segment, log.filter) for segment in log.segments), strict=True)
+    q, qd, qdd, raw_q, raw_qd, raw_qdd = map(np.concatenate, pieces)
+    return EstimatedMotion(rows.t, raw_q, q, raw_qd, qd, raw_qdd, qdd, rows.tau, tau, rows.use)
 
 
 def predict_logs(
     stack: Stack, theta: Floats, error: ModelError | None = None
 ) -> list[EstimatedMotion]:
     """Predict the torques of all logs of a stack from base parameters, (p,), each in its unit, and the model error."""
+    rows = stack.rows
     return [
-        predict(log, stack.rows_of_log(k), theta, error, stack.observer)
+        predict(log, rows.take(rows.log == k), theta, error, stack.observer)
         for k, log in enumerate(stack.logs)
     ]
 
 
-def _pieces(segment: Segment, chosen: Filter) -> Iterator[tuple[Floats, ...]]:
-    """Yield filtered q, qd, qdd and raw q, qd, qdd at the kept instants, a piece at a time."""
-    kernel, step = chosen.second_kernel, chosen.second_step
-    taps = kernel.shape[1]
-    count = max(0, (len(segment) - taps) // step + 1)
-    if count:
-        part = slice(0, (count - 1) * step + taps)
-        centres = slice((taps - 1) // 2, (taps - 1) // 2 + (count - 1) * step + 1, step)
-        motion = (segment.q, segment.qd, segment.qdd)
-        filtered = (decimate(np.ascontiguousarray(x[part].T), kernel, step)[0].T for x in motion)
-        raw_q, t = segment.raw_q[part], segment.t[part]
-        raw_qdd = (
-            np.gradient(np.gradient(raw_q, t, axis=0), t, axis=0)
-            if len(t) > 1
-            else np.zeros_like(raw_q)
-        )
-        yield (*filtered, raw_q[centres], segment.raw_qd[part][centres], raw_qdd[centres])
+def _pieces(segment: Segment, chosen: Filter) -> tuple[Floats, ...]:
+    """Return filtered q, qd, qdd and raw q, qd, qdd of a segment at the instants of its rows."""
+    half = (chosen.second_kernel.shape[1] - 1) // 2
+    filtered = (parallel_filtered(x.T, chosen).T for x in (segment.q, segment.qd, segment.qdd))
+    q, qd, t = segment.raw_q, segment.raw_qd, segment.t
+    raw = (q, qd, np.gradient(np.gradient(q, t, axis=0), t, axis=0) if len(t) > 1 else 0.0 * q)
+    centres = slice(half, max(half, len(t) - half), chosen.second_step)
+    return (*filtered, *(x[centres] for x in raw))
 
 
 def joined(motions: Sequence[EstimatedMotion]) -> EstimatedMotion:

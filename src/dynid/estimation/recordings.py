@@ -65,7 +65,7 @@ def parts_of(
             np.flatnonzero(stack.log_of_block == log), tuning.PARTS_OF_LOG
         ):
             if len(blocks):
-                part = stack.select(np.isin(np.arange(stack.blocks), blocks))
+                part = stack.select(np.isin(np.arange(len(stack.factors)), blocks))
                 found.append(Part(log, _grams(part, theta, error, noise, worth, robust)))
     return found
 

@@ -20,21 +20,21 @@ and with a large lambda_j it has no say in theta. The evidence decides which joi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
 from dynid.estimation.least_squares import symmetric_root, triangle
-from dynid.estimation.rows import ObservationRows, fold, joined
+from dynid.estimation.rows import Rows, parallel_filtered, pieces, row_times
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
 from dynid.robot import Robot
 from dynid.signals.conditioned_log import ConditionedLog
-from dynid.signals.filters import decimate
 
 Floats = NDArray[np.float64]
 
@@ -61,53 +61,37 @@ def shapes_of(q: Floats, qd: Floats, sign: Floats, speed: Floats) -> Floats:
 
 def _shapes(q: Floats, qd: Floats, sign: Floats, speed: Floats) -> Floats:
     """Return the columns as ``shapes_of`` does, (n, k, N)."""
-    found = np.empty((q.shape[1], len(GROUPS), len(q)))
     q, share, sign = (np.ascontiguousarray(x.T) for x in (q, np.abs(qd) / speed, sign))
-    sine, cosine = found[:, 0], found[:, 1]
-    np.sin(q, out=sine)
-    np.cos(q, out=cosine)
-    # Why not of each multiple: sums of angles take a tenth of the time of a sine.
-    for k in range(2, 2 * tuning.POSITION_HARMONICS, 2):
-        found[:, k] = found[:, k - 2] * cosine + found[:, k - 1] * sine
-        found[:, k + 1] = found[:, k - 1] * cosine - found[:, k - 2] * sine
-    place = 2 * tuning.POSITION_HARMONICS
-    for k in range(2 * tuning.FRICTION_HARMONICS):
-        np.multiply(sign, found[:, k], out=found[:, place + k])
-    place += 2 * tuning.FRICTION_HARMONICS
-    for k, least in enumerate(tuning.FRICTION_SPEEDS):
-        np.multiply(sign, np.exp(share / -least), out=found[:, place + k])
-    found[:, -1] = sign
+    # Why products and not a sine of each multiple: they take a tenth of its time.
+    turns = list(accumulate([np.exp(1j * q)] * tuning.POSITION_HARMONICS, np.multiply))
+    waves = [wave for turn in turns for wave in (turn.imag, turn.real)]
+    slow = [np.exp(share / -least) for least in tuning.FRICTION_SPEEDS]
+    friction = [sign * x for x in (*waves[: 2 * tuning.FRICTION_HARMONICS], *slow)]
+    return np.stack([*waves, *friction, sign], axis=1)
+
+
+def loaded(shapes: Floats, torque: Floats) -> Floats:
+    """Return columns (M, n, k) with the one of the load times the size of a torque, (M, n)."""
+    D = shapes.copy()
+    D[:, :, -1] *= np.abs(torque)
+    return D
+
+
+def shapes_in(log: ConditionedLog, observer: Observer, speed: Floats) -> Floats:
+    """Return the columns of ``shapes_of`` at the rows of a log and under their filter, (M, n, k)."""
+    found = np.empty((len(row_times(log)), len(speed), len(GROUPS)))
+    for at, part in pieces(log):
+        sign = part.coulomb_sign if part.coulomb_sign.size else observer.coulomb_sign(part.qd)
+        shapes = _shapes(part.q, part.qd, sign, speed)
+        kept = parallel_filtered(shapes.reshape(-1, len(part)), log.filter)
+        found[at] = kept.reshape(*shapes.shape[:2], -1).transpose(2, 0, 1)
     return found
 
 
-def filtered_shapes(
-    rows: ObservationRows, log: ConditionedLog, observer: Observer, speed: Floats
-) -> Floats:
-    """Return the columns of ``shapes_of`` under the filter of some rows of a log, (n, k, M)."""
-    kernel, step = log.filter.second_kernel, log.filter.second_step
-    taps, count = kernel.shape[1], len(rows.t)
-    middle = (taps - 1) // 2
-    for segment in log.segments:
-        if segment.t[0] <= rows.t[0] <= segment.t[-1]:
-            break
-    after = min(max(1, int(np.searchsorted(segment.t, rows.t[0]))), len(segment) - 1)
-    first = after - int(rows.t[0] - segment.t[after - 1] <= segment.t[after] - rows.t[0]) - middle
-    part = slice(first, first + (count - 1) * step + taps)
-    q, qd = segment.q[part], segment.qd[part]
-    sign = segment.coulomb_sign[part] if segment.coulomb_sign.size else observer.coulomb_sign(qd)
-    shapes = _shapes(q, qd, sign, speed)
-    return np.asarray(
-        decimate(shapes.reshape(-1, len(q)), kernel, step)[0].reshape(*shapes.shape[:2], count)
-    )
-
-
-def columns_of(
-    rows: ObservationRows, log: ConditionedLog, observer: Observer, speed: Floats, reference: Floats
-) -> Floats:
-    """Return D in some rows of a log, (n, k, M); arguments as for ``folded``."""
-    D = filtered_shapes(rows, log, observer, speed)
-    D[:, -1] *= np.abs(rows.torque(reference)).T
-    return D
+def columns_of(stack: Stack, speed: Floats, reference: Floats) -> Floats:
+    """Return D at the rows of a stack, (M, n, k); arguments as for ``folded``."""
+    shapes = stack.along(lambda log: shapes_in(log, stack.observer, speed))
+    return loaded(shapes, stack.rows.torque(reference))
 
 
 def rms_speed(logs: Iterable[ConditionedLog], n: int) -> Floats:
@@ -132,52 +116,12 @@ def folded(
         noise: sigma of each joint, (n,) [N m or N].
         robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
     """
-    n, p, k = len(stack.joints), len(stack.names), len(GROUPS)
-    factors = np.zeros((n, k + p + 1, k + p + 1))
-    walk = rows_with_columns(stack, speed, reference)
-    for rows in _together(walk):
-        weight = np.ones_like(rows.tau)
-        if robust is not None:
-            left = np.abs(rows.tau - rows.torque(np.concatenate([np.zeros(k), robust]))) / noise
-            weight = tuning.RESIDUAL_FAR / np.maximum(left, tuning.RESIDUAL_FAR)
-        for j, F in enumerate(factors):
-            fold(F, rows, j, weight[:, j])
-    return factors
-
-
-def _rows_and_columns(
-    stack: Stack, speed: Floats, reference: Floats
-) -> Iterator[tuple[ObservationRows, Floats]]:
-    """Yield the rows of a stack, and D in them, (n, k, M)."""
-    for number, log in enumerate(stack.logs):
-        for rows in stack.rows_of_log(number):
-            yield rows, columns_of(rows, log, stack.observer, speed, reference)
-
-
-def rows_with_columns(stack: Stack, speed: Floats, reference: Floats) -> Iterator[ObservationRows]:
-    """Yield the rows of a stack with [D W] in place of W; arguments as for ``folded``."""
-    n, k = len(stack.joints), len(GROUPS)
-    joints, columns = np.divmod(np.arange(n * k), k)
-    for rows, D in _rows_and_columns(stack, speed, reference):
-        yield replace(
-            rows,
-            entries=np.concatenate([D.reshape(n * k, -1), rows.entries]),
-            joints=np.concatenate([joints, rows.joints]),
-            columns=np.concatenate([columns, k + rows.columns]),
-            size=k + rows.size,
-        )
-
-
-def _together(rows: Iterable[ObservationRows]) -> Iterator[ObservationRows]:
-    """Yield rows that are enough to be folded at once."""
-    held: list[ObservationRows] = []
-    for each in rows:
-        held.append(each)
-        if sum(len(one.tau) for one in held) >= tuning.ROWS_FOLDED:
-            yield joined(held)
-            held = []
-    if held:
-        yield joined(held)
+    rows, weight = stack.rows, None
+    if robust is not None:
+        left = np.abs(rows.tau - rows.torque(robust)) / noise
+        weight = tuning.RESIDUAL_FAR / np.maximum(left, tuning.RESIDUAL_FAR)
+    D = columns_of(stack, speed, reference)
+    return replace(rows, columns=(D, *rows.columns)).factors(weight)
 
 
 # ---------------------------------------------------------------- random effects
@@ -237,24 +181,19 @@ class ModelError:
         """Numbers of the joints with a large torque of the position that no possible arm has."""
         return np.flatnonzero(~np.any(self.projection[:, :, FREE], axis=(1, 2)))
 
-    def columns(self, rows: ObservationRows, log: ConditionedLog, observer: Observer) -> Floats:
-        """Return Z for rows of a log, (M, n, k), filtered like them.
+    def shapes(self, log: ConditionedLog, observer: Observer) -> Floats:
+        """Return the columns at the rows of a log, (M, n, k), without the torque of the load."""
+        return shapes_in(log, observer, self.speed)
 
-        Args:
-            rows: rows of one interval of time.
-            log: the log that they belong to.
-            observer: evaluator of the base columns.
-        """
-        shapes = filtered_shapes(rows, log, observer, self.speed).transpose(2, 0, 1)
+    def columns(self, rows: Rows, shapes: Floats) -> Floats:
+        """Return Z for rows and the shapes there, (M, n, k)."""
         return orthogonal(shapes, rows.W, self.reference, self.scale, self.projection)
 
-    def torque(self, rows: ObservationRows, log: ConditionedLog, observer: Observer) -> Floats:
-        """Return the mean torque of the model error in rows of a log, (M, n) [N m or N]."""
-        D = columns_of(rows, log, observer, self.speed, self.reference)
+    def torque(self, rows: Rows, shapes: Floats) -> Floats:
+        """Return the mean torque of the model error for rows and the shapes there, (M, n) [N m or N]."""
+        D = loaded(shapes, rows.torque(self.reference))
         by_column, by_parameter = self.mean_by_rows
-        return np.asarray(
-            np.einsum("jkm,jk->mj", D, by_column, optimize=True) + rows.torque(by_parameter)
-        )
+        return np.asarray(np.einsum("mjk,jk->mj", D, by_column) + rows.torque(by_parameter))
 
     @property
     def joints_apart(self) -> NDArray[np.intp]:
@@ -277,8 +216,7 @@ class ModelError:
             sign: Coulomb signs of the velocities, (N, n).
             W: base regressor, (N, n, p).
         """
-        D = shapes_of(q, qd, sign, self.speed)
-        D[:, :, -1] *= np.abs(W @ self.reference)
+        D = loaded(shapes_of(q, qd, sign, self.speed), W @ self.reference)
         by_column, by_parameter = self.mean_by_rows
         return np.asarray(
             np.einsum("mjk,jk->mj", D, by_column) + np.einsum("mjp,jp->mj", W, by_parameter)
@@ -327,8 +265,7 @@ def orthogonal(
         scale: rms of each column, (n, k).
         projection: B, (n, p, k).
     """
-    D = shapes.copy()
-    D[:, :, -1] *= np.abs(W @ reference)
+    D = loaded(shapes, W @ reference)
     return np.asarray(D / scale - np.einsum("mjp,jpk->mjk", W, projection, optimize=True))
 
 
@@ -588,11 +525,9 @@ def squares(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
     """
     if error is None:
         return np.asarray(np.sum((stack.whole[0] @ np.append(theta, -1.0)) ** 2, axis=1))
-    found = np.zeros(len(stack.joints))
-    by_column, by_parameter = error.mean_by_rows
-    for rows in rows_with_columns(stack, error.speed, error.reference):
-        found += np.sum(rows.residual(np.hstack([by_column, theta + by_parameter])) ** 2, axis=0)
-    return found
+    shapes = stack.along(lambda log: error.shapes(log, stack.observer))
+    left = stack.rows.residual(theta) - error.torque(stack.rows, shapes)
+    return np.asarray(np.sum(np.where(stack.rows.use, left, 0.0) ** 2, axis=0))
 
 
 def _changed(factors: Floats, scale: Floats, projection: Floats) -> Floats:
@@ -616,8 +551,7 @@ def _projection(
     """
     q, qd, qdd = random_states(base.robot, np.maximum(speed, exciting_speed(base.robot)))
     W = observer.dense(q, qd, qdd)
-    D = shapes_of(q, qd, observer.coulomb_sign(qd), speed)
-    D[:, :, -1] *= np.abs(W @ reference)
+    D = loaded(shapes_of(q, qd, observer.coulomb_sign(qd), speed), W @ reference)
     found = np.zeros((W.shape[1], W.shape[2], D.shape[2]))
     for j in range(W.shape[1]):
         seen = np.any(W[:, j] != 0.0, axis=0)

@@ -1,9 +1,9 @@
-"""Rows of the observation matrix in time order: what a filtered log says about the parameters (Paper Eq. 23).
+"""Rows of the observation matrix in time order: what filtered logs say about the parameters (Paper Eq. 23).
 
     tau = W theta + noise
 
-They are evaluated from conditioned logs block by block and filtered like the torques. Estimators that need residual
-series walk over them; everything else needs only the triangular factors of ``dynid.estimation.stack``.
+They are evaluated from conditioned logs and filtered like the torques. Least squares needs only their triangular
+factors; estimators that look at residuals have the rows themselves.
 
 Rows at velocity reversals are not fitted. A joint that reverses creeps and sticks for some milliseconds, at
 velocities below the encoder's noise. The Coulomb column is wrong there, each time in the same way, and biases
@@ -12,10 +12,9 @@ friction and inertia.
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -26,7 +25,7 @@ from dynid.estimation import tuning
 from dynid.estimation.least_squares import accumulate
 from dynid.model.regressor import Observer
 from dynid.signals.conditioned_log import ConditionedLog, Segment
-from dynid.signals.filters import decimate
+from dynid.signals.filters import Filter, decimate
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -34,273 +33,247 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class ObservationRows:
-    """Rows of one interval of time: M instants, n joints, p columns. Pass them as a list, or anything walked anew.
+class Rows:
+    """Rows in order of time: M instants of one log after the other, n joints, p columns.
 
     Attributes:
-        entries: of W that are not zero by structure, (E, M).
-        joints: joint of each entry, (E,).
-        columns: column of each entry, (E,).
-        size: number of columns p.
+        columns: of the regressor after the parallel filter, block by block, (M, n, p_b) each [N m or N per unit].
         tau: torques after the parallel filter, (M, n) [N m or N].
-        command: the entries on the commanded motion, which knows no measurement noise, (E, M); None where nobody asked.
-        usable: rows that count, (M, n); None for all.
-        follows: whether its first row follows the last row of the rows before it without a gap.
+        use: rows that count, (M, n).
         t: time, (M,) [s].
-        block: number of the block of time within its log.
-        cutoff: cut-off frequency of the parallel filter [Hz].
+        log: number of the log, (M,).
+        block: number of the block of time, (M,).
+        begins: whether there is a gap before, (M,).
+        cutoff: cut-off frequency of the parallel filter [Hz]; 0 for none.
+        Z: instruments, (M, n, p): the regressor on the commanded motion, which knows no measurement noise.
     """
 
-    entries: NDArray[Any]
-    joints: NDArray[np.intp]
-    columns: NDArray[np.intp]
-    size: int
+    columns: tuple[Floats, ...]
     tau: Floats
-    command: NDArray[Any] | None = None
-    usable: Mask | None = None
-    follows: bool = False
-    t: Floats = field(default_factory=lambda: np.zeros(0))
-    block: int = 0
+    use: Mask
+    t: Floats
+    log: Ints
+    block: Ints
+    begins: Mask
     cutoff: float = 0.0
+    Z: Floats | None = None
 
-    @cached_property
-    def W(self) -> Floats:
-        """Base regressor after the parallel filter, (M, n, p) [N m or N per unit of each parameter]."""
-        return self._dense(self.entries)
-
-    @cached_property
-    def Z(self) -> Floats | None:
-        """Instruments, (M, n, p): the regressor on the commanded motion, in its units; None without them."""
-        return None if self.command is None else self._dense(self.command)
-
-    @cached_property
-    def _whole(self) -> bool:
-        """Whether the entries are those of a whole matrix in its order."""
-        n = self.tau.shape[1]
-        return len(self.joints) == n * self.size and np.array_equal(
-            self.joints * self.size + self.columns, np.arange(n * self.size)
-        )
-
-    @cached_property
-    def instruments(self) -> ObservationRows:
-        """The rows on the commanded motion, of rows that were made with it."""
-        assert self.command is not None, "only rows that were made with commands have instruments"
-        return replace(self, entries=self.command, command=None)
-
-    def _dense(self, entries: NDArray[Any]) -> Floats:
-        M, n = self.tau.shape
-        if self._whole:
-            return np.asarray(entries.T.reshape(M, n, self.size), dtype=float)
-        full = np.zeros((M, n, self.size))
-        full[:, self.joints, self.columns] = entries.T
-        return full
+    @classmethod
+    def of(cls, W: Floats, tau: Floats, t: Floats | None = None) -> Rows:
+        """Return the rows of one run without gaps, W (M, n, p) and tau (M, n), at times t, (M,) [s]."""
+        t = np.arange(len(tau), dtype=float) if t is None else t
+        zero, use = np.zeros(len(tau), dtype=np.int64), np.ones(tau.shape, dtype=bool)
+        return cls((W,), tau, use, t, zero, zero, np.arange(len(tau)) == 0)
 
     @property
-    def mask(self) -> Mask:
-        """Rows that count, (M, n)."""
-        return np.ones(self.tau.shape, dtype=bool) if self.usable is None else self.usable
+    def W(self) -> Floats:
+        """Base regressor after the parallel filter, (M, n, p) [N m or N per unit of each parameter]."""
+        return self.columns[0] if len(self.columns) == 1 else np.concatenate(self.columns, axis=2)
 
-    def of_joint(self, joint: int) -> tuple[NDArray[np.intp], NDArray[Any]]:
-        """Return the columns that a joint's rows have at all, (k,), rising, and their entries, (k, M)."""
-        if self._whole:
-            return np.arange(self.size), self.entries[joint * self.size : (joint + 1) * self.size]
-        own, columns = _of_joint(joint, self.joints.tobytes(), self.columns.tobytes())
-        return columns, self.entries[own]
+    @property
+    def size(self) -> int:
+        """Number of columns p."""
+        return sum(each.shape[2] for each in self.columns)
+
+    @cached_property
+    def seen(self) -> Mask:
+        """Columns that the rows of a joint have at all, (n, p): the links before it do not load it."""
+        return np.concatenate([each.any(axis=0) for each in self.columns], axis=1)
+
+    @property
+    def runs(self) -> list[slice]:
+        """The runs of rows without gaps."""
+        edges = np.append(np.flatnonzero(self.begins), len(self.t)).tolist()
+        return [slice(*ends) for ends in pairwise(edges)]
+
+    def of_joint(self, joint: int) -> Floats:
+        """Return the regressor of one joint, (M, p)."""
+        parts = [each[:, joint] for each in self.columns]
+        return parts[0] if len(parts) == 1 else np.hstack(parts)
+
+    def instruments(self, joint: int) -> Floats:
+        """Return the instruments of one joint, (M, p); its regressor where there are none."""
+        return self.of_joint(joint) if self.Z is None else self.Z[:, joint]
 
     def torque(self, theta: Floats) -> Floats:
-        """Return W theta, (M, n) [N m or N], without making W.
-
-        Args:
-            theta: parameters, (p,), or of each joint its own, (n, p).
-        """
+        """Return W theta, (M, n) [N m or N], of parameters (p,), or of each joint its own, (n, p)."""
         n = self.tau.shape[1]
-        spread = np.zeros((n, len(self.joints)))
-        spread[self.joints, np.arange(len(self.joints))] = np.broadcast_to(theta, (n, self.size))[
-            self.joints, self.columns
-        ]
-        return np.asarray((spread @ self.entries).T)
+        each = np.broadcast_to(theta, (n, self.size))
+        return np.stack([self.of_joint(j) @ each[j] for j in range(n)], axis=1)
 
     def residual(self, theta: Floats) -> Floats:
         """Return tau - W theta, (M, n) [N m or N]; zero where rows do not count."""
-        return np.where(self.mask, self.tau - self.torque(theta), 0.0)
+        return np.where(self.use, self.tau - self.torque(theta), 0.0)
 
-    def part(self, start: int, end: int, *, follows: bool, block: int) -> ObservationRows:
-        """Return some of the rows, copied so that they keep nothing else alive; all of them as they are."""
-        if end - start == len(self.tau):
-            return replace(self, follows=follows, block=block)
+    def take(self, chosen: Mask) -> Rows:
+        """Return some of the rows, (M,); views of them where they follow each other."""
+        k = np.flatnonzero(chosen)
+        whole = len(k) and k[-1] - k[0] == len(k) - 1
+        at = slice(int(k[0]), int(k[-1]) + 1) if whole else k
         return replace(
             self,
-            entries=self.entries[:, start:end].copy(),
-            command=None if self.command is None else self.command[:, start:end].copy(),
-            tau=self.tau[start:end].copy(),
-            usable=self.mask[start:end].copy(),
-            t=self.t[start:end].copy(),
-            follows=follows,
-            block=block,
+            columns=tuple(each[at] for each in self.columns),
+            Z=None if self.Z is None else self.Z[at],
+            begins=self.begins[at] | (np.diff(k, prepend=-2) != 1),
+            **{name: getattr(self, name)[at] for name in ("tau", "use", "t", "log", "block")},
         )
 
-    def with_arrays(self, W: Floats, tau: Floats, Z: Floats | None = None) -> ObservationRows:
-        """Return rows of the same instants made of other arrays.
+    def factor(self, joint: int, weight: Floats | None = None) -> Floats:
+        """Return the triangular factor of [W tau] of one joint, (p + 1, p + 1) [N m or N].
 
         Args:
-            W: regressor, (M, n, p) [N m or N per unit of each parameter]; p may differ.
-            tau: torques, (M, n) [N m or N].
-            Z: instruments, (M, n, p), or None.
+            joint: its number.
+            weight: factor on each row, (M,); None for ones.
         """
-        return dense_rows(
-            W,
-            tau,
-            Z,
-            usable=self.usable,
-            follows=self.follows,
-            t=self.t,
-            block=self.block,
-            cutoff=self.cutoff,
-        )
+        use, seen, found = self.use[:, joint], self.seen[joint], np.zeros((self.size + 1,) * 2)
+        W, tau = self.of_joint(joint)[np.ix_(use, seen)], self.tau[use, joint]
+        if weight is not None:
+            W, tau = W * weight[use, None], tau * weight[use]
+        place = np.append(np.flatnonzero(seen), self.size)
+        found[np.ix_(place, place)] = accumulate(None, W, tau)
+        return found
+
+    def factors(self, weight: Floats | None = None) -> Floats:
+        """Return the factor of each joint, (n, p + 1, p + 1) [N m or N]; weight (M, n), None for ones."""
+        joints = range(self.tau.shape[1])
+        return np.array([self.factor(j, None if weight is None else weight[:, j]) for j in joints])
+
+    @property
+    def counts(self) -> Ints:
+        """Number of rows of each joint, (n,)."""
+        return np.asarray(self.use.sum(axis=0))
 
 
-@lru_cache(maxsize=256)
-def _of_joint(
-    joint: int, joints: bytes, columns: bytes
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return which entries are those of a joint, by rising column, and their columns."""
-    every = np.frombuffer(columns, np.intp)
-    own = np.flatnonzero(np.frombuffer(joints, np.intp) == joint)
-    own = own[np.argsort(every[own], kind="stable")]
-    return own, every[own]
-
-
-def dense_rows(W: Floats, tau: Floats, Z: Floats | None = None, **facts: Any) -> ObservationRows:  # noqa: ANN401
-    """Return rows made of whole arrays.
-
-    Args:
-        W: regressor, (M, n, p) [N m or N per unit of each parameter].
-        tau: torques, (M, n) [N m or N].
-        Z: instruments, (M, n, p), or None.
-        facts: further attributes of ``ObservationRows``.
-    """
-    M, n, p = W.shape
-    joints, columns = np.divmod(np.arange(n * p), p)
-    entries, command = (
-        None if x is None else np.asarray(x, dtype=float).reshape(M, n * p).T for x in (W, Z)
+def joined(parts: Sequence[Rows]) -> Rows:
+    """Return the rows of several, one after the other, logs and blocks as they are numbered."""
+    parts = [each for each in parts if len(each.t)] or parts[:1]
+    if len(parts) == 1:
+        return parts[0]
+    names = ("tau", "use", "t", "log", "block", "begins")
+    arrays: dict[str, Any] = {k: np.concatenate([getattr(x, k) for x in parts]) for k in names}
+    instruments = [each.Z for each in parts if each.Z is not None]
+    return replace(
+        parts[0],
+        columns=tuple(map(np.concatenate, zip(*(each.columns for each in parts), strict=True))),
+        Z=np.concatenate(instruments) if instruments else None,
+        **arrays,
     )
-    assert entries is not None
-    return ObservationRows(entries, joints, columns, p, tau, command, **facts)
 
 
 # ---------------------------------------------------------------- evaluation
-def rows_of(
-    log: ConditionedLog, observer: Observer, *, commanded: bool = False, whole: bool = True
-) -> Iterator[ObservationRows]:
-    """Yield the filtered rows of one log, block of time by block of time.
+def rows_of(log: ConditionedLog, observer: Observer, *, whole: bool = True) -> Rows:
+    """Return the filtered rows of one log.
 
     Args:
         log: the conditioned log.
         observer: the columns to evaluate.
-        commanded: evaluate them on the commanded motion as well.
         whole: count rows at velocity reversals, too.
     """
-    chosen = log.filter
-    kernel, step = chosen.second_kernel, chosen.second_step
-    taps = kernel.shape[1]
-    outputs = [max(0, (len(s) - taps) // step + 1) for s in log.segments]
-    per_block = max(
-        1, round(chosen.kept_rate * tuning.BLOCK_SECONDS), -(-sum(outputs) // tuning.MOST_BLOCKS)
+    chosen, n = log.filter, observer.shape[0]
+    counts = _counts(log)
+    t, tau = np.empty(sum(counts)), np.empty((sum(counts), n))
+    use = np.empty(tau.shape, dtype=bool)
+    for at, part in pieces(log):
+        t[at] = _centres(part.t, chosen)
+        tau[at] = parallel_filtered(part.tau.T, chosen).T
+        unusable = np.ascontiguousarray(~part.usable.T, dtype=float)
+        window = np.ones_like(chosen.second_kernel)
+        use[at] = decimate(unusable, window, chosen.second_step)[0].T < 0.5
+    first, begins = 0, np.zeros(len(t), dtype=bool)
+    for segment, count in zip(log.segments, counts, strict=True):
+        at = slice(first, first + count)
+        begins[at][:1], first = True, first + count
+        if not whole and segment.coulomb_sign.size:
+            times = reversal_times(segment, chosen.position_cutoff)
+            use[at] &= np.array([_far(t[at], each, chosen.cutoff) for each in times]).T
+    return Rows(
+        columns=(regressor_of(log, observer),),
+        tau=tau,
+        use=use,
+        t=t,
+        log=np.zeros(len(t), dtype=np.int64),
+        block=_blocks(counts, chosen),
+        begins=begins,
+        cutoff=chosen.cutoff,
     )
-    together = max(1, tuning.ROWS_EVALUATED // step)
-    block = 0
-    for segment, count in zip(log.segments, outputs, strict=True):
-        blocks = max(1, round(count / per_block)) if count else 0
-        reversals = () if whole else reversal_times(segment, chosen.position_cutoff)
-        edges = np.linspace(0, count, blocks + 1).astype(int).tolist()
-        command = _command(segment) if commanded and count else None
-        for first, last in pairwise(_stops(edges, together)):
-            rows = replace(
-                _evaluated(segment, observer, kernel, step, first, last, command),
-                cutoff=chosen.cutoff,
-            )
-            if reversals:
-                far = [_far(rows.t, times, chosen.cutoff) for times in reversals]
-                rows = replace(rows, usable=rows.mask & np.array(far).T)
-            cuts = [first, *(edge for edge in edges if first < edge < last), last]
-            for start, end in pairwise(cuts):
-                number = block + bisect_right(edges, start) - 1
-                yield rows.part(start - first, end - first, follows=start > 0, block=number)
-        block += blocks
 
 
-def _stops(edges: Sequence[int], together: int) -> list[int]:
-    """Return where evaluation stops: after several short blocks of time, or within a long one, at even parts of it.
+def regressor_of(log: ConditionedLog, observer: Observer) -> Floats:
+    """Return the regressor at the rows of a log, (M, n, p).
 
-    Args:
-        edges: where blocks begin and end.
-        together: rows that are evaluated at once.
+    Added effects come with the log, and so do Coulomb signs where it has them: filtered as the torques were.
     """
-    found = [edges[0]]
-    for start, end in pairwise(edges):
-        if len(found) > 1 and end - found[-2] <= together:
-            found[-1] = end
-        elif end > start:
-            parts = -(-(end - start) // together)
-            found += [start + (end - start) * k // parts for k in range(1, parts + 1)]
+    found = np.zeros((sum(_counts(log)), *observer.shape))
+    for at, part in pieces(log):
+        sign = part.coulomb_sign if part.coulomb_sign.size else None
+        entries = observer.entries(part.q, part.qd, part.qdd, sign)
+        entries = np.vstack([entries, part.effects.T[observer.added_entries]])
+        found[at, observer.rows, observer.cols] = parallel_filtered(entries, log.filter).T
     return found
 
 
-def _command(segment: Segment) -> tuple[Floats, ...]:
-    """Return commanded positions, velocities and accelerations of a segment, (N, n) each."""
-    qd = np.gradient(segment.command_q, segment.t, axis=0)
-    return segment.command_q, qd, np.gradient(qd, segment.t, axis=0)
+def on_command(log: ConditionedLog) -> ConditionedLog:
+    """Return a log that moved as it was commanded."""
+
+    def moved(segment: Segment) -> Segment:
+        q, t = segment.command_q, segment.t
+        qd = np.gradient(q, t, axis=0)
+        qdd, none = np.gradient(qd, t, axis=0), np.empty((len(t), 0))
+        return replace(segment, q=q, qd=qd, qdd=qdd, coulomb_sign=none)
+
+    return replace(log, segments=[moved(segment) for segment in log.segments])
 
 
-def _evaluated(
-    segment: Segment,
-    observer: Observer,
-    kernel: Floats,
-    step: int,
-    first: int,
-    last: int,
-    command: tuple[Floats, ...] | None,
-) -> ObservationRows:
-    part = slice(first * step, (last - 1) * step + kernel.shape[1])
-    tau = decimate(np.ascontiguousarray(segment.tau[part].T), kernel, step)[0]
-    usable = np.ones((last - first, observer.shape[0]), dtype=bool)
-    if not segment.usable[part].all():
-        invalid = (~segment.usable[part]).T.astype(float)
-        usable = decimate(np.ascontiguousarray(invalid), np.ones_like(kernel), step)[0].T < 0.5
-    effects, sign = segment.effects[part], segment.coulomb_sign[part]
-    motion = (segment.q[part], segment.qd[part], segment.qdd[part])
-    return ObservationRows(
-        entries=_entries(motion, sign if sign.size else None, effects, observer, kernel, step),
-        joints=observer.rows,
-        columns=observer.cols,
-        size=observer.shape[1],
-        tau=np.ascontiguousarray(tau.T),
-        command=None
-        if command is None
-        else _entries(tuple(x[part] for x in command), None, effects, observer, kernel, step),
-        usable=usable,
-        t=segment.t[part.start + (kernel.shape[1] - 1) // 2 :: step][: last - first].copy(),
+def row_times(log: ConditionedLog) -> Floats:
+    """Return the times of the rows of a log, (M,) [s]."""
+    return np.concatenate(
+        [_centres(part.t, log.filter) for _, part in pieces(log)] or [np.zeros(0)]
     )
 
 
-def _entries(
-    motion: tuple[Floats, ...],
-    sign: Floats | None,
-    effects: Floats,
-    observer: Observer,
-    kernel: Floats,
-    step: int,
-) -> Floats:
-    """Return the base regressor's entries after the parallel filter, (E, M).
+def pieces(log: ConditionedLog) -> Iterator[tuple[slice, Segment]]:
+    """Yield the segments of a log in pieces that are evaluated at once, and which rows each makes."""
+    step, taps = log.filter.second_step, log.filter.second_kernel.shape[1]
+    together, first = max(1, tuning.ROWS_EVALUATED // step), 0
+    for segment, count in zip(log.segments, _counts(log), strict=True):
+        for start in range(0, count, together):
+            rows = min(together, count - start)
+            part = slice(start * step, (start + rows - 1) * step + taps)
+            yield (
+                slice(first + start, first + start + rows),
+                Segment(**{name: x[part] for name, x in vars(segment).items()}),
+            )
+        first += count
 
-    Added effects come with the segment, and so do Coulomb signs where it has them: filtered as the torques were.
-    """
-    q, qd, qdd = motion
-    entries = observer.entries(q, qd, qdd, sign)
-    if len(observer.added_entries):
-        entries = np.vstack([entries, effects.T[observer.added_entries]])
-    kept: Floats = decimate(entries, kernel, step)[0]
-    return kept
+
+def parallel_filtered(signals: Floats, chosen: Filter) -> Floats:
+    """Return signals under the filter of the torques, (C, N) -> (C, M)."""
+    kernel, step = chosen.second_kernel, chosen.second_step
+    return np.asarray(decimate(np.ascontiguousarray(signals), kernel, step)[0])
+
+
+def _centres(t: Floats, chosen: Filter) -> Floats:
+    """Return the times of the rows of a segment with times t, (M,) [s]."""
+    half = (chosen.second_kernel.shape[1] - 1) // 2
+    return t[half : len(t) - half : chosen.second_step]
+
+
+def _counts(log: ConditionedLog) -> list[int]:
+    """Return how many rows each segment makes."""
+    taps, step = log.filter.second_kernel.shape[1], log.filter.second_step
+    return [max(0, (len(segment) - taps) // step + 1) for segment in log.segments]
+
+
+def _blocks(counts: Sequence[int], chosen: Filter) -> Ints:
+    """Return the number of the block of time of each row; blocks of a segment are as long as each other."""
+    seconds = round(chosen.kept_rate * tuning.BLOCK_SECONDS)
+    length = max(1, seconds, -(-sum(counts) // tuning.MOST_BLOCKS))
+    found, first = [np.zeros(0, dtype=np.int64)], 0
+    for count in filter(None, counts):
+        edges = np.linspace(0, count, max(1, round(count / length)) + 1).astype(int)
+        found.append(first + np.searchsorted(edges, np.arange(count), side="right") - 1)
+        first += len(edges) - 1
+    return np.concatenate(found)
 
 
 def _far(t: Floats, times: Floats, cutoff: float) -> Mask:
@@ -332,77 +305,11 @@ def reversal_times(segment: Segment, cutoff: float) -> tuple[Floats, ...]:
     return tuple(found)
 
 
-# ---------------------------------------------------------------- walks over rows
-def runs(segments: Iterable[ObservationRows]) -> Iterator[list[ObservationRows]]:
-    """Yield rows that follow each other together."""
-    run: list[ObservationRows] = []
-    for segment in segments:
-        if run and not segment.follows:
-            yield run
-            run = []
-        run.append(segment)
-    if run:
-        yield run
-
-
-def joined(run: Sequence[ObservationRows]) -> ObservationRows:
-    """Return rows that follow each other as one."""
-    first = run[0]
-    commands = [each.command for each in run if each.command is not None]
-    return replace(
-        first,
-        entries=np.concatenate([each.entries for each in run], axis=1),
-        command=np.concatenate(commands, axis=1) if commands else None,
-        tau=np.concatenate([each.tau for each in run]),
-        usable=np.concatenate([each.mask for each in run]),
-        t=np.concatenate([each.t for each in run]),
-    )
-
-
-def joint_factors(segments: Iterable[ObservationRows]) -> tuple[Floats, Ints]:
-    """Return the triangular factor of each joint's rows, (n, p + 1, p + 1) [N m or N], and their number, (n,)."""
-    factors, rows = np.zeros((0, 0, 0)), np.zeros(0, dtype=np.int64)
-    for segment in segments:
-        n = segment.tau.shape[1]
-        if not len(factors):
-            factors, rows = (
-                np.zeros((n, segment.size + 1, segment.size + 1)),
-                np.zeros(n, dtype=np.int64),
-            )
-        for j in range(n):
-            fold(factors[j], segment, j)
-        rows = rows + segment.mask.sum(axis=0)
-    return factors, rows
-
-
-def fold(R: Floats, rows: ObservationRows, joint: int, weight: Floats | None = None) -> int:
-    """Add the rows of one joint to its factor in place, and return how many they are.
-
-    Only the columns that this joint has are worked on: the links before it do not load it.
-
-    Args:
-        R: triangular factor of the rows so far, (p + 1, p + 1) [N m or N].
-        rows: further rows.
-        joint: number of the joint.
-        weight: factor on each row, (M,); None for ones.
-    """
-    good, (active, entries) = rows.mask[:, joint], rows.of_joint(joint)
-    place = np.ix_(*2 * [np.append(active, rows.size)])
-    tau = rows.tau[:, joint]
-    if weight is not None:
-        entries, tau = entries * weight, tau * weight
-    if not good.all():
-        entries, tau = entries[:, good], tau[good]
-    R[place] = accumulate(R[place], entries.T, tau)
-    return int(good.sum())
-
-
-def robust_noise(segments: Iterable[ObservationRows], theta: Floats) -> Floats:
+def robust_noise(rows: Rows, theta: Floats) -> Floats:
     """Return the standard deviation that the middle of each joint's residuals suggests, (n,) [N m or N]."""
-    both = [(np.abs(each.residual(theta)), each.mask) for each in segments]
-    size, mask = (np.concatenate(part) for part in zip(*both, strict=True))
+    size = np.abs(rows.residual(theta))
     spread = [
         1.4826 * float(np.median(x[good])) if good.any() else 0.0
-        for x, good in zip(size.T, mask.T, strict=True)
+        for x, good in zip(size.T, rows.use.T, strict=True)
     ]
     return np.maximum(spread, 1e-12 * max(float(size.max(initial=0.0)), 1e-18))

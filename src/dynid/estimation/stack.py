@@ -1,8 +1,6 @@
-"""Logs as stacks: the observation matrix as triangular factors, without ever storing it whole (Paper Eq. 23).
+"""Logs as stacks: their rows, and triangular factors of each block of time (Paper Eq. 23).
 
-Rows are made block by block and folded into one small triangular factor per joint and block of time. Everything linear
-(ordinary and weighted least squares, hold-out) needs only those; methods that look at single rows walk over them again,
-evaluated from the conditioned logs that a stack carries. Stacks are added.
+Everything linear (ordinary and weighted least squares, hold-out) needs only the factors. Stacks are added.
 
 How late the torques were stamped is found from a stack. A torque that is late by d is W theta at t - d, to first order
 W theta - d * (W theta)'. The slope of the fitted torques is one more column of the regression, and its coefficient is
@@ -11,7 +9,7 @@ the delay; what it shares with real parameters (viscous friction looks like late
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -21,14 +19,15 @@ from numpy.typing import NDArray
 from dynid.errors import Finding
 from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance, widened
-from dynid.estimation.least_squares import (
-    Fit,
-    merge,
-    triangle,
-    weighted,
-    with_columns,
+from dynid.estimation.least_squares import Fit, merge, triangle, weighted
+from dynid.estimation.rows import (
+    Rows,
+    joined,
+    on_command,
+    regressor_of,
+    row_times,
+    rows_of,
 )
-from dynid.estimation.rows import ObservationRows, fold, rows_of
 from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.regressor import Observer
 from dynid.progress import SILENT, Progress
@@ -41,38 +40,6 @@ from dynid.signals.conditioned_log import (
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-
-
-class LogRows:
-    """The rows of one conditioned log: evaluated at the first walk over them, and kept.
-
-    Args:
-        log: the conditioned log.
-        base: model and base parameters.
-        commanded: whether they come with the regressor on the commanded motion.
-        whole: whether rows at velocity reversals count.
-    """
-
-    def __init__(
-        self,
-        log: ConditionedLog,
-        base: BaseModel,
-        *,
-        commanded: bool = False,
-        whole: bool = False,
-    ) -> None:
-        self.log, self.base, self.commanded, self.whole = log, base, commanded, whole
-
-    @cached_property
-    def _kept(self) -> list[ObservationRows]:
-        return list(
-            rows_of(self.log, self.base.observer, commanded=self.commanded, whole=self.whole)
-        )
-
-    def __iter__(self) -> Iterator[ObservationRows]:
-        """Walk over the rows in order of time; may be done many times."""
-        # Why a copy: it makes W and Z anew, so that they do not stay in memory.
-        return map(replace, self._kept)
 
 
 @dataclass(frozen=True)
@@ -92,45 +59,29 @@ class Earlier:
 
 @dataclass(frozen=True)
 class Stack:
-    """The observation matrix of one or several logs as triangular factors; ``+`` puts the logs of two together.
+    """The rows of one or several logs, and their triangular factors; ``+`` puts the logs of two together.
 
     Attributes:
         base: model and base parameters whose columns the rows have.
+        logs: the conditioned logs.
+        rows: theirs; the block of each is a number among the factors.
         factors: factor of [W tau] for each block of time and joint, (B, n, p + 1, p + 1).
         counts: number of rows in each, (B, n).
-        log_of_block: number of the log of each block, (B,); -1 for an earlier result.
-        block: number of each block within its log, (B,).
-        rows: the single rows of each log.
-        earlier: the result that is updated, None otherwise; its rows are the first block.
-        silent: numbers of the joints whose rows do not count.
+        log_of_block: number of the log of each block, (B,); -1 for an earlier result, which has no rows.
+        earlier: the result that is updated, None otherwise; it is the first block.
     """
 
     base: BaseModel = field(repr=False, compare=False)
+    logs: tuple[ConditionedLog, ...]
+    rows: Rows = field(repr=False, compare=False)
     factors: Floats
     counts: Ints
     log_of_block: Ints
-    block: Ints
-    rows: tuple[LogRows, ...] = field(repr=False, compare=False)
     earlier: Earlier | None = field(default=None, repr=False, compare=False)
-    silent: tuple[int, ...] = ()
 
     def __add__(self, other: Stack) -> Stack:
-        """Return the stack of the logs of both."""
+        """Return the stack of the logs of both, which have the same base parameters and cut-off."""
         return added([self, other])
-
-    def __iter__(self) -> Iterator[ObservationRows]:
-        """Walk over the single rows in order of time; may be done many times."""
-        for number in range(len(self.rows)):
-            yield from self.rows_of_log(number)
-
-    def rows_of_log(self, number: int) -> Iterator[ObservationRows]:
-        """Yield the single rows of one log."""
-        chosen = set(self.block[self.log_of_block == number].tolist())
-        found = (rows for rows in self.rows[number] if rows.block in chosen)
-        if not self.silent:
-            return found
-        counts = ~np.isin(np.arange(len(self.joints)), self.silent)
-        return (replace(rows, usable=rows.mask & counts) for rows in found)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -148,19 +99,9 @@ class Stack:
         return self.base.observer
 
     @property
-    def logs(self) -> tuple[ConditionedLog, ...]:
-        """The conditioned logs."""
-        return tuple(each.log for each in self.rows)
-
-    @property
-    def blocks(self) -> int:
-        """Number of blocks of time."""
-        return len(self.factors)
-
-    @property
     def samples(self) -> int:
         """Number of instants in the stack."""
-        return int(self.counts.max(axis=1).sum()) if len(self.counts) else 0
+        return int(self.counts.max(axis=1, initial=0).sum())
 
     @property
     def commanded(self) -> bool:
@@ -170,9 +111,8 @@ class Stack:
     @cached_property
     def whole(self) -> tuple[Floats, Ints]:
         """One factor per joint over all blocks, (n, p + 1, p + 1) [N m or N], and its number of rows, (n,)."""
-        return np.array([merge(part) for part in self.factors.swapaxes(0, 1)]), self.counts.sum(
-            axis=0
-        )
+        factors = np.array([merge(part) for part in self.factors.swapaxes(0, 1)])
+        return factors, self.counts.sum(axis=0)
 
     @cached_property
     def first_fit(self) -> Fit:
@@ -183,53 +123,61 @@ class Stack:
         """Return some blocks of time, (B,), as a stack of their own."""
         if blocks.all():
             return self
+        rows, number = self.rows.take(blocks[self.rows.block]), np.cumsum(blocks) - 1
         return replace(
             self,
+            rows=replace(rows, block=number[rows.block]),
             factors=self.factors[blocks],
             counts=self.counts[blocks],
             log_of_block=self.log_of_block[blocks],
-            block=self.block[blocks],
         )
 
     def without(self, joints: Ints | NDArray[np.intp]) -> Stack:
         """Return the stack as if some joints, by number, had no torques."""
-        factors, counts = self.factors.copy(), self.counts.copy()
-        factors[:, joints], counts[:, joints] = 0.0, 0
-        return replace(self, factors=factors, counts=counts, silent=tuple(int(j) for j in joints))
+        factors, counts, use = self.factors.copy(), self.counts.copy(), self.rows.use.copy()
+        factors[:, joints], counts[:, joints], use[:, joints] = 0.0, 0, False
+        return replace(self, factors=factors, counts=counts, rows=replace(self.rows, use=use))
 
     @property
-    def instrumented(self) -> Stack:
-        """The stack with rows that come with the regressor on the commanded motion."""
-        rows = (LogRows(log, self.base, commanded=True) for log in self.logs)
-        return replace(self, rows=tuple(rows))
+    def instrumented(self) -> Rows:
+        """The rows with the regressor on the commanded motion as instruments."""
+        made = self.along(lambda log: regressor_of(on_command(log), self.observer))
+        return replace(self.rows, Z=made)
+
+    def along(self, made: Callable[[ConditionedLog], Floats]) -> Floats:
+        """Return at the rows of the stack, (M, ...), what is made of each log at all of its rows."""
+        of_logs = (self.rows.t[self.rows.log == k] for k in range(len(self.logs)))
+        return np.concatenate(
+            [
+                made(log)[np.searchsorted(row_times(log), t)]
+                for log, t in zip(self.logs, of_logs, strict=True)
+            ]
+        )
 
 
 def added(stacks: Sequence[Stack]) -> Stack:
-    """Return the stack of the logs of several, in their order; all have the same base parameters and cut-off."""
-    first, *others = stacks
-    if not others:
-        return first
-    shifts = np.cumsum([0, *(len(each.rows) for each in stacks[:-1])])
-    rows = tuple(one for each in stacks for one in each.rows)
-    places = [
-        np.where(s.log_of_block < 0, -1, s.log_of_block + k)
-        for s, k in zip(stacks, shifts, strict=True)
-    ]
-    return Stack(
-        base=first.base,
+    """Return the stack of the logs of several, in their order."""
+    logs = np.cumsum([0, *(len(each.logs) for each in stacks)])
+    blocks = np.cumsum([0, *(len(each.factors) for each in stacks)])
+    rows, places = [], []
+    for stack, log, block in zip(stacks, logs[:-1], blocks[:-1], strict=True):
+        own, place = stack.rows, stack.log_of_block
+        rows.append(replace(own, log=own.log + log, block=own.block + block))
+        places.append(np.where(place < 0, place, place + log))
+    return replace(
+        stacks[0],
+        logs=tuple(log for each in stacks for log in each.logs),
+        rows=joined(rows),
         factors=np.concatenate([each.factors for each in stacks]),
         counts=np.concatenate([each.counts for each in stacks]),
         log_of_block=np.concatenate(places),
-        block=np.concatenate([each.block for each in stacks]),
-        rows=rows,
-        earlier=next((each.earlier for each in stacks if each.earlier is not None), None),
     )
 
 
 def stack_logs(
     logs: Sequence[ConditionedLog], base: BaseModel, progress: Progress = SILENT
 ) -> Stack:
-    """Fold conditioned logs into triangular factors of a model's base columns.
+    """Fold the rows of conditioned logs into triangular factors of a model's base columns.
 
     Args:
         logs: conditioned logs, all under the same filter.
@@ -237,37 +185,27 @@ def stack_logs(
         progress: told how far the work is.
     """
     progress.stage("stack")
-    found = added([_of_log(log, base, progress, (k, len(logs))) for k, log in enumerate(logs)])
+    stacks = []
+    for k, log in enumerate(logs):
+        stacks.append(_of_log(log, base))
+        progress.advance(k + 1.0, len(logs), log.name)
+    found = added(stacks)
     rows = f"{found.samples} samples x {len(found.joints)} joints"
     progress.stage("stacked", f"{rows} -> W {int(found.counts.sum())} x {len(found.names)}")
     return found
 
 
-def _of_log(
-    log: ConditionedLog, base: BaseModel, progress: Progress, place: tuple[int, int]
-) -> Stack:
+def _of_log(log: ConditionedLog, base: BaseModel) -> Stack:
+    rows = rows_of(log, base.observer, whole=False)
     n, size = base.robot.n, len(base.names) + 1
-    factors: list[Floats] = []
-    counts: list[Ints] = []
-    blocks: list[int] = []
-    expected, done = sum(len(s) for s in log.segments), 0
-    found = LogRows(log, base)
-    for rows in found:
-        if rows.block not in blocks[-1:]:
-            factors.append(np.zeros((n, size, size)))
-            counts.append(np.zeros(n, dtype=np.int64))
-            blocks.append(rows.block)
-        for j in range(n):
-            counts[-1][j] += fold(factors[-1][j], rows, j)
-        done += len(rows.t) * log.filter.second_step
-        progress.advance(place[0] + min(1.0, done / expected), place[1], log.name)
+    blocks = [rows.take(rows.block == k) for k in range(int(rows.block.max(initial=-1)) + 1)]
     return Stack(
         base=base,
-        factors=np.array(factors).reshape(-1, n, size, size),
-        counts=np.array(counts, dtype=np.int64).reshape(-1, n),
+        logs=(log,),
+        rows=rows,
+        factors=np.array([each.factors() for each in blocks]).reshape(-1, n, size, size),
+        counts=np.array([each.counts for each in blocks], dtype=np.int64).reshape(-1, n),
         log_of_block=np.zeros(len(blocks), dtype=np.int64),
-        block=np.array(blocks, dtype=np.int64),
-        rows=(found,),
     )
 
 
@@ -327,68 +265,21 @@ def estimate_delay(stack: Stack) -> tuple[float, float]:
     """
     from scipy.linalg import block_diag
 
-    fit = stack.first_fit
+    fit, rows = stack.first_fit, stack.rows
     whitened = fit.whitened[:-1, :-1]
     length = np.linalg.norm(whitened, axis=0)
     length = np.where(length > 0.0, length, 1.0)
     _, sigma, Vt = np.linalg.svd(whitened / length)
-    columns = (Vt[sigma > tuning.RANK_TOLERANCE * sigma[0]] / length).T
-    slopes = _slopes(stack, fit.theta)
-    rows = (_with_slope(part, slope) for part, slope in zip(stack, slopes, strict=True))
     # Why a basis: directions that the log leaves open would have no covariance.
-    basis = block_diag(columns, np.eye(1))
-    factors, counts = stack.whole
-    seen = zip(factors, *_products(stack, slopes), strict=True)
-    factors = np.array([with_columns(R, across, square, at=-1) for R, across, square in seen])
-    found = weighted(
-        np.array([triangle(R @ block_diag(basis, np.eye(1))) for R in factors]), counts
-    )
+    basis = block_diag((Vt[sigma > tuning.RANK_TOLERANCE * sigma[0]] / length).T, np.eye(1))
+    tau = rows.torque(fit.theta)
+    slope = np.concatenate([_slope(rows.t[run], tau[run]) for run in rows.runs])
+    rows = replace(rows, columns=(*rows.columns, -slope[:, :, None]))
+    factors = [triangle(R @ block_diag(basis, np.eye(1))) for R in rows.factors()]
+    found = weighted(np.array(factors), rows.counts)
     covariance = hac_covariance(rows, found.theta, found.noise, bread=found.covariance, basis=basis)
-    variance = widened(stack, found, covariance)[-1, -1]
+    variance = widened(rows, found, covariance)[-1, -1]
     return float(found.theta[-1]), float(np.sqrt(variance))
-
-
-def _products(stack: Stack, slopes: Sequence[Floats]) -> tuple[Floats, Floats]:
-    """Return what the column of the delay has in common with [W tau] and with itself, (n, p + 1, 1), (n, 1, 1)."""
-    n, p = len(stack.joints), len(stack.names)
-    across, square = np.zeros((n, p + 1, 1)), np.zeros((n, 1, 1))
-    for part, slope in zip(stack, slopes, strict=True):
-        late = np.where(part.mask, -slope, 0.0)
-        square[:, 0, 0] += np.sum(late**2, axis=0)
-        across[:, -1, 0] += np.sum(np.where(part.mask, part.tau, 0.0) * late, axis=0)
-        for j in range(n):
-            columns, entries = part.of_joint(j)
-            across[j, columns, 0] += entries @ late[:, j]
-    return across, square
-
-
-def _with_slope(rows: ObservationRows, slope: Floats) -> ObservationRows:
-    """Return rows with one more column, which all joints share: what a delay changes, (M, n)."""
-    n = slope.shape[1]
-    return replace(
-        rows,
-        entries=np.concatenate([rows.entries, -slope.T]),
-        joints=np.concatenate([rows.joints, np.arange(n)]),
-        columns=np.concatenate([rows.columns, np.full(n, rows.size)]),
-        size=rows.size + 1,
-    )
-
-
-def _slopes(stack: Stack, theta: Floats) -> tuple[Floats, ...]:
-    """Return the time derivative of the fitted torques, one array for each piece of rows."""
-    segments: list[tuple[list[int], list[Floats], list[Floats]]] = []
-    for rows in stack:
-        if not (rows.follows and segments):
-            segments.append(([], [], []))
-        lengths, times, torques = segments[-1]
-        lengths.append(len(rows.t))
-        times.append(rows.t)
-        torques.append(rows.torque(theta))
-    slopes: list[Floats] = []
-    for lengths, times, torques in segments:
-        slope = _slope(np.concatenate(times), np.concatenate(torques))
-        slopes += np.split(slope, np.cumsum(lengths)[:-1])
-    return tuple(slopes)
 
 
 def _slope(t: Floats, tau: Floats) -> Floats:

@@ -137,17 +137,10 @@ def with_always_missing(
         use.sum(axis=0), 1
     )
     scale = np.where(power > 0.0, np.sqrt(power), 1.0)
-    joints, columns = np.divmod(np.arange(n * k), k)
     found = []
     for s, D in zip(segments, shapes, strict=True):
-        rows = replace(
-            s.rows,
-            entries=np.concatenate([s.rows.entries, (D / scale).reshape(len(s), -1).T]),
-            joints=np.concatenate([s.rows.joints, joints]),
-            columns=np.concatenate([s.rows.columns, p + k * joints + columns]),
-            size=p + n * k,
-        )
-        found.append(replace(s, rows=rows))
+        own = ((D / scale)[:, :, None] * np.eye(n)[:, :, None]).reshape(len(s), n, n * k)
+        found.append(replace(s, rows=replace(s.rows, columns=(*s.rows.columns, own))))
     prior = np.zeros((n * k, p + n * k + 1))
     prior[:, p:-1] = np.diag(
         1.0 / (level[:, None] * np.sqrt(tuning.RESIDUAL_LARGEST)[GROUPS]).ravel()

@@ -375,17 +375,9 @@ def _problem_since(
 
 def without_always_missing(problem: GapProblem) -> GapProblem:
     """Return a comparison with earlier logs with the base parameters of the arm alone."""
-    p, narrow = problem.base.reduction.rank, []
-    for s in problem.segments:
-        own = s.rows.columns < p
-        rows = replace(
-            s.rows,
-            entries=s.rows.entries[own],
-            joints=s.rows.joints[own],
-            columns=s.rows.columns[own],
-            size=p,
-        )
-        narrow.append(replace(s, rows=rows))
+    narrow = [
+        replace(s, rows=replace(s.rows, columns=s.rows.columns[:1])) for s in problem.segments
+    ]
     return replace(problem, segments=narrow, held_by=None)
 
 

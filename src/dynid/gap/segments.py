@@ -8,11 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.rows import ObservationRows, joined, rows_of
+from dynid.estimation.rows import Rows, parallel_filtered, rows_of
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.interface import ArmMotion, Floats, ReferenceTorques
 from dynid.signals.conditioned_log import ConditionedLog, arm_motion, with_effects
-from dynid.signals.filters import Filter, decimate
 
 Mask = NDArray[np.bool_]
 
@@ -41,7 +40,7 @@ class SegmentRows:
         reversal: speed within which nobody knows how friction turns, (n,) [rad/s or m/s].
     """
 
-    rows: ObservationRows
+    rows: Rows
     log: ConditionedLog
     number: int
     motion: ArmMotion
@@ -82,14 +81,6 @@ class SegmentRows:
         return parallel_filtered(signals, self.log.filter)
 
 
-def parallel_filtered(signals: Floats, chosen: Filter) -> Floats:
-    """Return signals under the filter of the torques, (C, N) -> (C, M)."""
-    kept: Floats = decimate(
-        np.ascontiguousarray(signals), chosen.second_kernel, chosen.second_step
-    )[0]
-    return kept
-
-
 def segments_of(
     logs: Sequence[ConditionedLog], base: BaseModel, reference: ReferenceTorques
 ) -> list[SegmentRows]:
@@ -105,11 +96,11 @@ def segments_of(
     for number, log in enumerate(with_effects(each, base.model, reference) for each in logs):
         for segment in log.segments:
             alone = replace(log, segments=[segment])
-            parts = list(rows_of(alone, observer))
-            if parts:
-                rows, motion = joined(parts), arm_motion(segment, log.filter, base.model, reference)
+            rows = rows_of(alone, observer)
+            if len(rows.t):
+                motion = arm_motion(segment, log.filter, base.model, reference)
                 q, qd = (parallel_filtered(x.T, log.filter).T for x in (motion.q, motion.qd))
-                use = rows.mask & moving(qd, log.filter.kept_rate)
+                use = rows.use & moving(qd, log.filter.kept_rate)
                 found.append(SegmentRows(rows, alone, number, motion, q, qd, use))
     return found
 

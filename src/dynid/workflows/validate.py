@@ -16,8 +16,8 @@ from dynid.estimation.evidence import evidence_of, fingerprint, here
 from dynid.estimation.prediction import EstimatedMotion, JointCheck
 from dynid.estimation.residual_model import ModelError
 from dynid.estimation.result import Identification
-from dynid.estimation.rows import ObservationRows
-from dynid.estimation.stack import LogRows, scaled
+from dynid.estimation.rows import Rows, rows_of
+from dynid.estimation.stack import scaled
 from dynid.exporters import FORMATS
 from dynid.files.artifact import read_header
 from dynid.files.convert import JointStates, write_replay
@@ -38,8 +38,6 @@ from dynid.workflows.options import ExportOptions, ValidateOptions
 from dynid.workflows.results import base_model_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     import numpy as np
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
@@ -292,7 +290,7 @@ def validate(
     replayed = scaled(condition_logs([checked], base.model, options, progress), base, theta)[0]
     progress.stage("replay")
     observer = base.model.observer(base.reduction.base)
-    rows = LogRows(replayed, base, whole=True)
+    rows = rows_of(replayed, observer)
     error = None if options.residual_model is False else result.model_error
     motion = prediction.predict(replayed, rows, theta, error, observer)
     again = any(same_motion(fitted, log_motion(replayed)) for fitted in result.motions)
@@ -339,7 +337,7 @@ def expected_on(
     result: Identification,
     error: ModelError | None,
     log: ConditionedLog,
-    rows: Iterable[ObservationRows],
+    rows: Rows,
     observer: Observer,
 ) -> float | None:
     """Return the relative error that the posterior expects on rows of a log [%]; None where it expects nothing."""
@@ -347,21 +345,22 @@ def expected_on(
 
     if result.expected is None or not np.isfinite(result.std_error).all():
         return None
-    variance, torque = 0.0, 0.0
-    for part in rows:
-        if error is None:
-            spread = np.einsum("mjp,pq,mjq->mj", part.W, result.covariance, part.W, optimize=True)
-        else:
-            spread = error.variance(part.W, error.columns(part, log, observer), result.covariance)
-        variance += float(np.sum((spread + result.expected.noise**2)[part.mask]))
-        torque += float(np.sum(part.tau[part.mask] ** 2))
+    covariance = result.covariance
+    if error is None:
+        spread = np.einsum("mjp,pq,mjq->mj", rows.W, covariance, rows.W, optimize=True)
+    else:
+        spread = error.variance(
+            rows.W, error.columns(rows, error.shapes(log, observer)), covariance
+        )
+    variance = float(np.sum((spread + result.expected.noise**2)[rows.use]))
+    torque = float(np.sum(rows.tau[rows.use] ** 2))
     return float(100.0 * np.sqrt(variance / torque)) if torque else None
 
 
 def baseline_torque(
     base: BaseModel,
     result: Identification,
-    rows: Iterable[ObservationRows],
+    rows: Rows,
     motion: EstimatedMotion,
 ) -> tuple[NDArray[np.float64], str]:
     """Return what a simpler model predicts, (M, n) [N m]: the prior of the robot file, else a constant torque."""
@@ -372,4 +371,4 @@ def baseline_torque(
             motion.tau_measured.mean(axis=0), motion.tau_measured.shape
         ), "a constant torque"
     prior = np.nan_to_num(result.prior)
-    return np.concatenate([part.W @ prior for part in rows]), "the prior of the robot file"
+    return rows.torque(prior), "the prior of the robot file"

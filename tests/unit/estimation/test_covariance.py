@@ -1,5 +1,7 @@
 """Error bars against hand formulas and against the spread over many simulated recordings."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from dynid.estimation.covariance import (
     widened,
 )
 from dynid.estimation.least_squares import weighted
-from dynid.estimation.rows import dense_rows, joint_factors
+from dynid.estimation.rows import Rows
 from dynid.signals.filters import lowpass_kernel
 
 TRUTH = np.array([2.0, -1.0, 0.5, 0.0])
@@ -31,12 +33,12 @@ def recording(seed, rho, samples=1000, joints=2):
     rng = np.random.default_rng(seed)
     W = ar1(rng, (samples, joints * 4), 0.95).reshape(samples, joints, 4)
     noise = ar1(rng, (samples, joints), rho) @ np.array([[1.0, 0.5], [0.0, 0.5]])
-    return dense_rows(W, W @ TRUTH + noise)
+    return Rows.of(W, W @ TRUTH + noise)
 
 
 def fitted(segment):
-    fit = weighted(*joint_factors([segment]))
-    return fit, hac_covariance([segment], fit.theta, fit.noise)
+    fit = weighted(segment.factors(), segment.counts)
+    return fit, hac_covariance(segment, fit.theta, fit.noise)
 
 
 @pytest.fixture(scope="module")
@@ -84,15 +86,15 @@ def slow_log(seed, instants=120, columns=24):
     white = np.random.default_rng(seed).standard_normal(instants + len(kernel) - 1)
     noise = np.convolve(white, kernel / np.linalg.norm(kernel), "valid")
     theta = np.linspace(-1, 1, columns)
-    return theta, dense_rows(W, W @ theta + 0.1 * noise[:, None], t=t, cutoff=CUTOFF)
+    return theta, replace(Rows.of(W, W @ theta + 0.1 * noise[:, None], t), cutoff=CUTOFF)
 
 
 def test_intervals_of_a_short_log_cover_what_they_say():
     inside = []
     for seed in range(100):
         theta, rows = slow_log(seed)
-        fit = weighted(*joint_factors([rows]))
-        covariance = widened([rows], fit, hac_covariance([rows], fit.theta, fit.noise))
+        fit = weighted(rows.factors(), rows.counts)
+        covariance = widened(rows, fit, hac_covariance(rows, fit.theta, fit.noise))
         inside.append(np.abs(fit.theta - theta) <= 1.96 * np.sqrt(np.diagonal(covariance)))
     assert 0.92 <= np.mean(inside) <= 0.98
 
@@ -102,9 +104,9 @@ def test_intervals_of_a_short_log_cover_what_they_say():
 )
 def test_a_long_log_needs_no_widening_and_a_short_one_does(instants, columns, bounds):
     rows = slow_log(0, instants, columns)[1]
-    fit = weighted(*joint_factors([rows]))
-    plain = hac_covariance([rows], fit.theta, fit.noise)
-    wide = widened([rows], fit, plain)
+    fit = weighted(rows.factors(), rows.counts)
+    plain = hac_covariance(rows, fit.theta, fit.noise)
+    wide = widened(rows, fit, plain)
     factor = np.median(np.sqrt(np.diagonal(wide) / np.diagonal(plain)))
     assert bounds[0] < factor < bounds[1]
 
@@ -127,8 +129,8 @@ def test_parameters_that_the_log_hardly_tells_have_a_covariance_all_the_same():
     rng = np.random.default_rng(5)
     W = ar1(rng, (400, 6), 0.95).reshape(400, 2, 3)
     nearly = W @ rng.standard_normal((3, 3)) + 1e-5 * rng.standard_normal((400, 2, 3))
-    segment = dense_rows(np.concatenate([W, nearly], axis=2), ar1(rng, (400, 2), 0.5))
-    covariance = hac_covariance([segment], np.zeros(6), np.ones(2))
+    segment = Rows.of(np.concatenate([W, nearly], axis=2), ar1(rng, (400, 2), 0.5))
+    covariance = hac_covariance(segment, np.zeros(6), np.ones(2))
     spread = np.sqrt(np.diagonal(covariance))
     assert np.array_equal(covariance, covariance.T)
     assert (np.abs(covariance) <= (1 + 1e-9) * np.outer(spread, spread)).all()

@@ -1,5 +1,7 @@
 """Least squares from triangular factors against the textbook formulas on all rows."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ from dynid.estimation.least_squares import (
     solve,
     weighted,
 )
-from dynid.estimation.rows import dense_rows, joint_factors
+from dynid.estimation.rows import Rows
 
 TRUTH = np.array([3.0, -1.0, 0.5, 2.0, 0.01])
 NOISE = np.array([0.1, 1.0, 10.0])
@@ -26,7 +28,8 @@ def rows(samples=400, noise=NOISE, seed=0):
 
 
 def factors(W, tau):
-    return joint_factors([dense_rows(W, tau)])
+    rows = Rows.of(W, tau)
+    return rows.factors(), rows.counts
 
 
 def test_ordinary_fit_is_that_of_all_rows():
@@ -135,7 +138,7 @@ def test_unusable_rows_do_not_count():
     usable = np.ones(tau.shape, dtype=bool)
     usable[::7, 1] = False
     spoilt = np.where(usable, tau, 1e6)
-    R, count = joint_factors([dense_rows(W, spoilt, usable=usable)])
+    R, count = replace(Rows.of(W, spoilt), use=usable).factors(), usable.sum(axis=0)
     assert list(count) == [400, usable[:, 1].sum(), 400]
     keep = usable.ravel()
     expected = np.linalg.lstsq(W.reshape(-1, 5)[keep], tau.ravel()[keep], rcond=None)[0]

@@ -6,30 +6,30 @@ import pytest
 from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.estimators import huber, look_for_spikes
 from dynid.estimation.least_squares import weighted
-from dynid.estimation.rows import ObservationRows, dense_rows, joint_factors
+from dynid.estimation.rows import Rows
 
 TRUTH = np.array([3.0, -1.0, 0.5])
 NOISE = np.array([0.1, 2.0])
 
 
-def recording(spikes: float, seed: int = 0, samples: int = 2000) -> ObservationRows:
+def recording(spikes: float, seed: int = 0, samples: int = 2000) -> Rows:
     rng = np.random.default_rng(seed)
     W = rng.standard_normal((samples, 2, 3))
     tau = W @ TRUTH + NOISE * rng.standard_normal((samples, 2))
-    return dense_rows(
+    return Rows.of(
         W, tau + NOISE * rng.uniform(20, 60, (samples, 2)) * (rng.random((samples, 2)) < spikes)
     )
 
 
 def fits(segment):
-    plain = weighted(*joint_factors([segment]))
-    return plain, huber([segment], plain)
+    plain = weighted(segment.factors(), segment.counts)
+    return plain, huber(segment, plain)
 
 
 def test_one_percent_of_spikes_is_noticed():
     for spikes in (0.0, 0.01):
         segment = recording(spikes)
-        shares, found = look_for_spikes([segment], fits(segment)[0].theta)
+        shares, found = look_for_spikes(segment, fits(segment)[0].theta)
         assert found == (spikes > 0)
         assert np.allclose(shares, spikes, atol=0.006)
 
@@ -42,8 +42,8 @@ def test_coloured_and_uniform_residuals_are_no_spikes():
         np.sign(np.sin(t / 80)),
         np.random.default_rng(1).laplace(size=(2000, 2)),
     ):
-        disturbed = dense_rows(segment.W, segment.W @ TRUTH + NOISE * shape)
-        assert not look_for_spikes([disturbed], TRUTH)[1]
+        disturbed = Rows.of(segment.W, segment.W @ TRUTH + NOISE * shape)
+        assert not look_for_spikes(disturbed, TRUTH)[1]
 
 
 def test_huber_removes_most_of_the_damage_of_spikes():
@@ -79,6 +79,6 @@ def test_robust_errors_of_the_robust_fit_cover():
     for seed in range(100):
         segment = recording(0.01, seed, 400)
         _, robust = fits(segment)
-        covariance = hac_covariance([segment], robust.theta, robust.noise, robust=True)
+        covariance = hac_covariance(segment, robust.theta, robust.noise, robust=True)
         inside.append(np.abs(robust.theta - TRUTH) <= 1.96 * np.sqrt(np.diagonal(covariance)))
     assert 0.90 <= np.mean(inside) <= 0.99

@@ -67,10 +67,9 @@ def stacked(base, *logs, cutoff=None):
 
 def test_factors_hold_the_same_normal_equations_as_all_rows(base):
     found = stacked(base, simulated(base), simulated(base, seed=3))
-    rows = [r for k in range(2) for r in found.rows_of_log(k)]
-    factors, counts = found.whole
+    rows, (factors, counts) = found.rows, found.whole
     for j in range(base.robot.n):
-        A = np.concatenate([np.column_stack([r.W[:, j], r.tau[:, j]]) for r in rows])
+        A = np.column_stack([rows.W[:, j], rows.tau[:, j]])
         assert factors[j].T @ factors[j] == pytest.approx(
             A.T @ A, rel=1e-9, abs=1e-9 * np.abs(A.T @ A).max()
         )
@@ -118,12 +117,9 @@ def test_the_covariance_is_that_of_estimates_over_many_draws_of_noise(base):
     assert np.sum(z**2) / freedom == pytest.approx(1.0, abs=3 * np.sqrt(2 / freedom))
 
 
-def usable(rows):
+def usable(stack):
     """Return all rows that count, as one matrix and one vector."""
-    parts = list(rows)
-    return np.concatenate([p.W[p.mask] for p in parts]), np.concatenate(
-        [p.tau[p.mask] for p in parts]
-    )
+    return stack.rows.W[stack.rows.use], stack.rows.tau[stack.rows.use]
 
 
 def test_held_out_rows_judge_a_fit_to_the_others(base):
@@ -131,9 +127,8 @@ def test_held_out_rows_judge_a_fit_to_the_others(base):
     found = stacked(base, simulated(base, noise=0.2))
     split = last_share(found, 0.2)
     train, test, _ = split
-    assert not set(train.block) & set(test.block)
-    assert test.blocks == round(0.2 * found.blocks)
-    assert min(rows.t[0] for rows in test) > max(rows.t[-1] for rows in train)
+    assert len(test.factors) == round(0.2 * len(found.factors))
+    assert test.rows.t[0] > train.rows.t[-1]
     result = estimate(found, base, method="ols", holdout=split, drop_weak=True)
     theta = np.linalg.lstsq(*usable(train), rcond=None)[0]
     W, tau = usable(test)
@@ -221,7 +216,8 @@ def test_a_stack_without_a_joint_is_that_of_the_rows_of_the_others(base):
     part = stack.without(np.array([1]))
     kept = [0, 2, 3]
     assert part.whole[1][1] == 0
-    assert all(not rows.mask[:, 1].any() and rows.mask[:, kept].all() for rows in part)
-    others = np.concatenate([rows.W[:, kept].reshape(-1, len(stack.names)) for rows in stack])
+    assert not part.rows.use[:, 1].any()
+    assert part.rows.use[:, kept].all()
+    others = stack.rows.W[:, kept].reshape(-1, len(stack.names))
     R = part.whole[0][kept].reshape(-1, len(stack.names) + 1)[:, :-1]
     assert pytest.approx(others.T @ others, rel=1e-9, abs=1e-9) == R.T @ R

@@ -44,7 +44,7 @@ def test_it_is_the_report_of_the_saved_result(result, tmp_path):
 
 
 def test_the_singular_values_are_those_of_the_stack_with_columns_of_unit_length(result):
-    rows = np.concatenate([part.W[part.mask] for part in result.stack])
+    rows = result.stack.rows.W[result.stack.rows.use]
     expected = np.linalg.svd(rows / np.linalg.norm(rows, axis=0), compute_uv=False)
     np.testing.assert_allclose(gather(result).singular_values, expected, rtol=1e-6)
 
