@@ -23,6 +23,8 @@ import numpy as np
 import pinocchio as pin
 from scipy import signal
 
+import of_tests  # noqa: F401
+from arms import cylinder, pinocchio_model
 from dynid.estimation.estimators import METHODS, choose
 from dynid.estimation.least_squares import ordinary, relative_error
 from dynid.estimation.possible_set import body_parameters, pseudo_inertia
@@ -31,13 +33,14 @@ from dynid.estimation.rows import Rows
 from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
-from dynid.model import build_model
 from dynid.model.base_model import BaseModel, prior_base_parameters
-from dynid.model.parameters import BODY_PARAMETERS, body_of
-from dynid.model.reduce import reduce
-from dynid.robot import Body, Joint, Limits, Prior, Robot
+from dynid.model.parameters import body_of, columns_of
+from dynid.model.regressor import prior_vector
+from dynid.robot import Joint, Limits, Prior, Robot
 from dynid.signals.conditioned_log import ConditionedLog, condition
 from dynid.signals.filters import choose_filter, despiked
+from models import base_of
+from motions import harmonics
 
 SECONDS, LOGGED = 10, 1000
 SLOPE = 0.01  # Coulomb friction is fc tanh(qd / SLOPE)
@@ -186,73 +189,30 @@ def _tx40() -> Arm:
 
 
 def _made(robot, masses, length, rotor, viscous, coulomb, gains, rate, smooth, harmonics) -> Arm:
-    rng, values, believed = np.random.default_rng(0), {}, []
-    for i, mass in enumerate(masses):
+    rng, true, believed = np.random.default_rng(0), [], []
+    for mass, long in zip(masses, length, strict=True):
         stretch = np.eye(4) + rng.standard_normal((4, 4)) * np.array(
             [[0.1, 0.1, 0.1, 0.02]] * 3 + [[0] * 4]
         )
-        true = body_parameters(stretch @ pseudo_inertia(_cylinder(mass, length[i])) @ stretch.T)
-        values |= {f"{p}{i + 1}": value for p, value in zip(BODY_PARAMETERS, true, strict=True)}
-        values |= {f"Im{i + 1}": rotor[i], f"fv{i + 1}": viscous[i], f"fc{i + 1}": coulomb[i]}
-        believed.append(body_of(_cylinder(mass * (1 + 0.2 * rng.standard_normal()), length[i])))
-    model = build_model(replace(robot, prior=Prior(links=tuple(believed))))
-    reduction = reduce(model)
-    beta = reduction.K @ np.array([values[name] for name in reduction.names])
-    return Arm(
-        BaseModel(model, reduction),
-        beta,
-        _plant(robot, values),
-        viscous,
-        coulomb,
-        gains,
-        rate,
-        smooth,
-        harmonics,
-    )
-
-
-def _cylinder(mass: float, length: float, radius: float = 0.06) -> np.ndarray:
-    across = mass * (3 * radius**2 + length**2) / 12
-    return Body(
-        mass, (0, 0, -length / 2), (across, 0, 0, across, 0, mass * radius**2 / 2)
-    ).parameters()
-
-
-def _plant(robot: Robot, values: dict[str, float]) -> pin.Model:
-    plant, before, parent = pin.Model(), pin.SE3.Identity(), 0
-    for i, joint in enumerate(robot.joints):
-        turn = pin.SE3(pin.utils.rotate("z", joint.theta_offset), np.array([0, 0, joint.d]))
-        bend = pin.SE3(pin.utils.rotate("x", joint.twist), np.array([joint.a, 0, 0]))
-        place, after = (
-            (before * turn, bend)
-            if robot.convention == "standard"
-            else (before * bend * turn, pin.SE3.Identity())
-        )
-        parent = plant.addJoint(parent, pin.JointModelRZ(), place, joint.name)
-        m, *rest = (values[f"{p}{i + 1}"] for p in BODY_PARAMETERS)
-        c, (xx, xy, xz, yy, yz, zz) = np.array(rest[:3]) / m, rest[3:]
-        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - m * (
-            c @ c * np.eye(3) - np.outer(c, c)
-        )
-        plant.appendBodyToJoint(parent, pin.Inertia(m, c, tensor), after)
-        before = after
-    plant.armature = np.array([values[f"Im{i + 1}"] for i in range(robot.n)])
-    return plant
+        bent = stretch @ pseudo_inertia(cylinder(mass, long)) @ stretch.T
+        true.append(body_of(body_parameters(bent)))
+        believed.append(body_of(cylinder(mass * (1 + 0.2 * rng.standard_normal()), long)))
+    base = base_of(replace(robot, prior=Prior(links=tuple(believed))))
+    known = replace(base.model, robot=replace(robot, prior=Prior(links=tuple(true))))
+    gamma = prior_vector(known)
+    for kind, drive in (("Im", rotor), ("fv", viscous), ("fc", coulomb)):
+        gamma[columns_of(known.parameters, kind)] = drive
+    beta, plant = base.reduction.K @ gamma, pinocchio_model(robot, true, rotor)
+    return Arm(base, beta, plant, viscous, coulomb, gains, rate, smooth, harmonics)
 
 
 def command(
     arm: Arm, t: np.ndarray, seed: int | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a random Fourier motion, scaled to the tightest limit of each joint."""
-    n, orders = arm.robot.n, np.arange(1, arm.harmonics + 1)
-    rng, w = np.random.default_rng(arm.seed if seed is None else seed), 0.2 * np.pi * orders
-    a, b = rng.standard_normal((2, arm.harmonics, n)) / orders[:, None]
-    sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
-    q, qd, qdd = (
-        sin @ a + cos @ b,
-        (cos * w) @ a - (sin * w) @ b,
-        -(sin * w**2) @ a - (cos * w**2) @ b,
-    )
+    rng, orders = np.random.default_rng(arm.seed if seed is None else seed), arm.harmonics
+    drawn = rng.standard_normal((2, orders, arm.robot.n)) / np.arange(1, orders + 1)[:, None]
+    q, qd, qdd = harmonics(t, *drawn)
     middle = (q.max(axis=0) + q.min(axis=0)) / 2
     limits = [
         (joint.limits.position[1], joint.limits.velocity, joint.limits.acceleration)

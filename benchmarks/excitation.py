@@ -23,9 +23,9 @@ from pathlib import Path
 
 import numpy as np
 
+import of_tests  # noqa: F401
 from dynid.files.robotfile import load_robot
-from dynid.model.reduce import reduce
-from dynid.model.regressor import Model, build_model
+from dynid.model.regressor import Model
 from dynid.model.regressor_gradient import RegressorGradient
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.cost import Cost, figures
@@ -34,6 +34,7 @@ from dynid.trajectory.objective import ExcitationObjective, PlanProblem
 from dynid.trajectory.optimise import descend
 from dynid.trajectory.plan import Trajectory, through_waypoints
 from dynid.trajectory.predict import held_out, predict
+from models import base_of
 
 HERE = Path(__file__).parent
 STORE, TABLE = HERE / "excitation.json", HERE / "excitation.md"
@@ -117,8 +118,8 @@ def bench(name: str) -> Bench:
     robot = replace(
         robot, joints=tuple(replace(j, friction=("viscous", "coulomb")) for j in robot.joints)
     )
-    model = build_model(robot)
-    base, names = reduce(model).base, model.parameter_names
+    found = base_of(robot)
+    model, base, names = found.model, found.reduction.base, found.model.parameter_names
     rigid = np.array([k for k in base if not names[k].startswith(("fv", "fc", "Im"))])
     limits = bounds(robot, 0.05, 0.0)
     costs = {

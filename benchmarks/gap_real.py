@@ -19,8 +19,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
+import of_tests  # noqa: F401
+from arms import pinocchio_model, pinocchio_torques
 from dynid.estimation.estimate import estimate, last_share
 from dynid.estimation.stack import stack_logs
 from dynid.files.logs import read_log
@@ -28,11 +29,11 @@ from dynid.files.robotfile import load_robot
 from dynid.gap.analysis import analyse_gap
 from dynid.gap.problem import kept_model, make_problem
 from dynid.gap.stepwise_selection import SelectionOptions
-from dynid.model.base_model import BaseModel
-from dynid.model.reduce import reduce
-from dynid.model.regressor import build_model
+from dynid.robot import Body
 from dynid.signals.checks import prepare
+from dynid.signals.columns import take_samples
 from dynid.signals.conditioned_log import condition_log
+from models import base_of
 
 CUTOFF = 10.0
 #: Size of what is put in, over the residual of the joint that shows it most.
@@ -80,22 +81,7 @@ def read(path, robot):
     if not part:
         return log
     a, b = (round(float(x) * len(log)) for x in part)
-    return cut(log, slice(a, b))
-
-
-def cut(log, rows):
-    extra = {
-        k: v[rows] if isinstance(v, np.ndarray) and v.shape[:1] == log.t.shape else v
-        for k, v in log.extra.items()
-    }
-    return replace(
-        log,
-        t=log.t[rows],
-        q=log.q[rows],
-        tau=log.tau[rows],
-        qd=None if log.qd is None else log.qd[rows],
-        extra=extra,
-    )
+    return take_samples(log, np.arange(a, b))
 
 
 def source_of(log, model, cutoff=CUTOFF):
@@ -107,28 +93,13 @@ def identified(sources, base):
     return estimate(stacked, base, method="wls", holdout=last_share(stacked, 0.2), drop_weak=True)
 
 
-def arm_of(robot):
-    """Return the kinematics of a robot file in Pinocchio, with bodies of no account."""
-    model = pin.Model()
-    parent, before = 0, pin.SE3.Identity()
-    for joint in robot.joints:
-        turn = pin.SE3(pin.utils.rotate("z", joint.theta_offset), np.zeros(3))
-        parent = model.addJoint(parent, pin.JointModelRZ(), before * turn, joint.name)
-        before = pin.SE3(pin.utils.rotate("x", joint.twist), np.array([joint.a, 0.0, joint.d]))
-        model.appendBodyToJoint(parent, pin.Inertia.Zero(), before)
-    model.gravity.linear = np.array(robot.gravity, float)
-    ball = pin.Inertia(1.0, np.array([0.01, 0.02, 0.04]), 1e-4 * np.eye(3))
-    model.appendBodyToJoint(parent, ball, before)
-    return model
-
-
 def ball_torque(robot, t, q):
     """Return torques of one kilogram at the last link, (N, n)."""
-    model = arm_of(robot)
-    data = model.createData()
     qd = smooth(np.gradient(q, t, axis=0), t)
     qdd = smooth(np.gradient(qd, t, axis=0), t)
-    return np.array([pin.rnea(model, data, *state) for state in zip(q, qd, qdd, strict=True)])
+    ball = Body(1.0, (0.01, 0.02, 0.04), (1e-4, 0, 0, 1e-4, 0, 1e-4))
+    model = pinocchio_model(robot, [*[Body(0.0)] * (robot.n - 1), ball])
+    return pinocchio_torques(model, q, qd, qdd)
 
 
 def smooth(x, t, seconds=0.1):
@@ -212,13 +183,12 @@ def known_of(arm, data, cache):
     if arm not in cache:
         file, first, second = ARMS[arm]
         robot = load_robot(file)
-        model = build_model(robot)
-        base = BaseModel(model, reduce(model))
-        source = source_of(read(data / first, robot), model)
+        base = base_of(robot)
+        source = source_of(read(data / first, robot), base.model)
         found = identified([source], base)
         log = read(data / second, robot)
         bare = look([log], base, found, source)
-        alone = make_problem([source_of(log, model)], base, kept_model(found)).segments
+        alone = make_problem([source_of(log, base.model)], base, kept_model(found)).segments
         left = np.concatenate([np.where(s.use, s.tau - s.W @ found.plain, np.nan) for s in alone])
         residual = np.sqrt(np.nanmean(left**2, axis=0))
 
@@ -277,9 +247,8 @@ def unchanged(data, draws, seed):
         file, logs = SAME_ARM[arm]
         first, second = drawn_pair(logs, rng)
         robot = load_robot(file)
-        model = build_model(robot)
-        base = BaseModel(model, reduce(model))
-        source = source_of(read(data / first, robot), model)
+        base = base_of(robot)
+        source = source_of(read(data / first, robot), base.model)
         verdict = look(
             [read(data / second, robot)], base, identified([source], base), source
         ).verdict
@@ -317,8 +286,7 @@ def as_they_are(data):
     for title, (file, logs) in AS_THEY_ARE.items():
         robot = load_robot(file)
         # The reader goes on taking the gears out; only the columns of the motor that turns with its neighbour are gone.
-        model = build_model(replace(robot, coupling=None) if "left out" in title else robot)
-        base = BaseModel(model, reduce(model))
+        base = base_of(replace(robot, coupling=None) if "left out" in title else robot)
         seen = look([read(data / log, robot) for log in logs], base, None)
         ratio = seen.improvement.after / np.maximum(seen.improvement.before, 1e-12)
         for f, why in [*((f, "named") for f in seen.verdict.named), *seen.verdict.closest]:

@@ -150,15 +150,17 @@ def logs_of(case):
     return own, fitted, replay, unseen
 
 
+def states_of(answer):
+    """Return the state of each light of an answer."""
+    return {light["name"]: light["state"] for light in answer["judgement"]["lights"]}
+
+
 def contradictions(answers):
     """Return pairs of statements of the answers of one situation that cannot both be true."""
     found = []
     for name, answer in answers.items():
         judged = answer["judgement"]
-        states, said = (
-            {light["name"]: light["state"] for light in judged["lights"]},
-            judged["sentence"],
-        )
+        states, said = states_of(answer), judged["sentence"]
         bad = "bad" in states.values()
         rules = {
             "a warning without a red light": said.startswith("Do not use") and not bad,
@@ -188,7 +190,7 @@ def contradictions(answers):
     if "gap" in answers:
         gap = answers["gap"]
         nothing = gap["verdict"].startswith("nothing")
-        states = {light["name"]: light["state"] for light in gap["judgement"]["lights"]}
+        states = states_of(gap)
         said = gap["judgement"]["sentence"]
         early = said.startswith(("These logs fit another arm", "The robot file does not"))
         corrected = said.endswith("Nothing else is missing.")
@@ -200,15 +202,12 @@ def contradictions(answers):
             found.append("gap: named, and no name")
     for one, other in (("validate", "after_validate"), ("gap", "report")):
         if one in answers and other in answers:
-            lights = [
-                {light["name"]: light["state"] for light in answers[key]["judgement"]["lights"]}
-                for key in (one, other)
-            ]
+            lights = [states_of(answers[key]) for key in (one, other)]
             if lights[0] != lights[1]:
                 found.append(f"{one} and the report: {lights[0]} and {lights[1]}")
     if "validate" in answers and "gap" in answers:
         replayed = answers["validate"]
-        states = {light["name"]: light["state"] for light in replayed["judgement"]["lights"]}
+        states = states_of(replayed)
         expected = replayed["expected_relative_error_percent"]
         far = (
             expected

@@ -15,6 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+import of_tests  # noqa: F401
+from arms import pinocchio_model, pinocchio_torques
 from dynid.diagnose import diagnosis as mapping
 from dynid.diagnose import tuning
 from dynid.diagnose.fit import Judge, judge_of
@@ -26,12 +28,11 @@ from dynid.model.kinematics import link_frames
 from dynid.robot import Body
 from dynid.signals.checks import check_ranges, unwrapped
 from dynid.signals.columns import in_si, matching_columns, robot_columns, to_dh
+from motions import harmonics
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
-import arms  # noqa: E402
 
-RATE, SECONDS, HARMONICS, BASE = 200, 20, 5, 0.1
+RATE, SECONDS, HARMONICS = 200, 20, 5
 SHARED = next(
     (f / "shared" / "data" for f in ROOT.parents if (f / "shared" / "data").is_dir()), ROOT
 )
@@ -92,9 +93,7 @@ def simulated(name, seed, speed=0.5):
     )
     t = np.arange(0, SECONDS, 1 / RATE)
     q, qd, qdd = motion_of(t, robot, rng, speed * fastest)
-    tau = arms.pinocchio_torques(
-        arms.pinocchio_model(robot, bodies_of(robot, rng), rotor), q, qd, qdd
-    )
+    tau = pinocchio_torques(pinocchio_model(robot, bodies_of(robot, rng), rotor), q, qd, qdd)
     viscous, coulomb = (0.02, 0.04) if motor else (0.004, 0.005)
     tau += viscous * rated / fastest * qd + coulomb * rated * np.tanh(qd / 0.02)
     size = np.sqrt(np.mean((tau - tau.mean(axis=0)) ** 2, axis=0))
@@ -111,15 +110,9 @@ def simulated(name, seed, speed=0.5):
 
 
 def motion_of(t, robot, rng, fastest):
-    n, w = robot.n, 2 * np.pi * BASE * np.arange(1, HARMONICS + 1)
     low, high = np.array([joint.limits.position or (-2.5, 2.5) for joint in robot.joints]).T
-    a, b = rng.standard_normal((2, HARMONICS, n)) / np.arange(1, HARMONICS + 1)[:, None]
-    sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
-    q, qd, qdd = (
-        sin @ a + cos @ b,
-        (cos * w) @ a - (sin * w) @ b,
-        -(sin * w**2) @ a - (cos * w**2) @ b,
-    )
+    a, b = rng.standard_normal((2, HARMONICS, robot.n)) / np.arange(1, HARMONICS + 1)[:, None]
+    q, qd, qdd = harmonics(t, a, b)
     middle = (q.max(axis=0) + q.min(axis=0)) / 2
     reach = 0.8 * np.minimum((high - low) / 2, 2.0)
     scale = np.minimum(reach / np.abs(q - middle).max(axis=0), fastest / np.abs(qd).max(axis=0))

@@ -16,10 +16,14 @@ import numpy as np
 import pinocchio as pin
 from scipy.signal import lfilter
 
+import of_tests  # noqa: F401
+from arms import pinocchio_model, pinocchio_torques
 from dynid import IdentifyOptions, Log, Robot, identify, load_robot, validate
 from dynid.errors import DynidError
 from dynid.model import build_model
 from dynid.model.parameters import BODY_PARAMETERS
+from dynid.robot import Body
+from motions import tones
 
 #: Robot files and the mass of such an arm [kg], about which the true one is drawn.
 ARMS = {
@@ -58,22 +62,13 @@ class Arm:
         rng, n = np.random.default_rng(self.seed), self.robot.n
         weight = np.exp(-0.25 * np.arange(n) + 0.5 * rng.normal(size=n))
         masses = self.mass * np.exp(0.3 * rng.normal()) * weight / weight.sum()
-        plant, values, before, parent = pin.Model(), {}, pin.SE3.Identity(), 0
-        for i, joint in enumerate(self.robot.joints):
-            turn = pin.SE3(pin.utils.rotate("z", joint.theta_offset), np.array([0, 0, joint.d]))
-            bend = pin.SE3(pin.utils.rotate("x", joint.twist), np.array([joint.a, 0, 0]))
-            standard = self.robot.convention == "standard"
-            place, frame = (before, turn * bend) if standard else (before * bend, turn)
-            parent = plant.addJoint(parent, pin.JointModelRZ(), place, joint.name)
-            before = frame
-            com, inertia = self.lumps(rng, i, masses[i])
-            plant.appendBodyToJoint(parent, pin.Inertia(masses[i], com, inertia), frame)
-            about = inertia + masses[i] * (com @ com * np.eye(3) - np.outer(com, com))
-            body = [masses[i], *(masses[i] * com), *about[np.triu_indices(3)]]
-            values |= {
-                f"{kind}{i + 1}": value for kind, value in zip(BODY_PARAMETERS, body, strict=True)
-            }
-        plant.gravity.linear = np.array(self.robot.gravity)
+        bodies = [self.lumps(rng, i, mass) for i, mass in enumerate(masses)]
+        values = {
+            f"{kind}{i}": value
+            for i, body in enumerate(bodies, start=1)
+            for kind, value in zip(BODY_PARAMETERS, body.parameters(), strict=True)
+        }
+        plant = pinocchio_model(self.robot, bodies)
         size = float(np.abs(np.diag(pin.crba(plant, plant.createData(), np.zeros(n)))).mean())
         plant.armature = 0.15 * size * np.exp(0.9 * rng.normal(size=n))
         rotors = zip(self.robot.joints, plant.armature, strict=True)
@@ -90,8 +85,8 @@ class Arm:
             f"{kind}{i + 1}": v[i] for kind, v in drawn.items() for i in range(n)
         }, plant
 
-    def lumps(self, rng: np.random.Generator, i: int, mass: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return centre of mass and inertia about it of 3 to 11 balls scattered around the link's axis."""
+    def lumps(self, rng: np.random.Generator, i: int, mass: float) -> Body:
+        """Return a body of 3 to 11 balls scattered around the link's axis."""
         joint, start, end = self.robot.joints[i], np.zeros(3), np.zeros(3)
         if self.robot.convention == "standard":
             start = -joint.d * np.array([0, np.sin(joint.twist), np.cos(joint.twist)]) - [
@@ -113,7 +108,7 @@ class Arm:
         inertia = 0.4 * rng.uniform(0.015, 0.05) ** 2 * mass * np.eye(3)
         for part, r in zip(parts, places - com, strict=True):
             inertia += part * (r @ r * np.eye(3) - np.outer(r, r))
-        return com, inertia
+        return Body(mass, tuple(com), tuple(inertia[np.triu_indices(3)]))
 
     @cached_property
     def rated(self) -> np.ndarray:
@@ -125,22 +120,17 @@ class Arm:
         self, t: np.ndarray, rng: np.random.Generator, share: float
     ) -> tuple[np.ndarray, ...]:
         """Return q, qd, qdd of five tones a joint inside the limits, (N, n) each."""
-        n = self.robot.n
-        q, qd, qdd = (np.zeros((len(t), n)) for _ in range(3))
-        for j, joint in enumerate(self.robot.joints):
+        found = []
+        for joint in self.robot.joints:
             low, high = joint.limits.position or (-2.5, 2.5)
             speed = min(joint.limits.velocity or 1.5, 3.0)
             f = np.sort(rng.uniform(0.06, 0.7, 5))
-            angle, w = 2 * np.pi * np.outer(t, f) + rng.uniform(0, 7, 5), 2 * np.pi * f
-            size = rng.uniform(0.4, 1, 5) / f**0.8
-            reach, fastest = (
-                np.abs(np.sin(angle) @ size).max(),
-                np.abs(np.cos(angle) @ (size * w)).max(),
-            )
-            size *= min(min(0.42 * (high - low), 1.7) / reach, share * speed / fastest)
-            q[:, j], qd[:, j] = np.sin(angle) @ size + (low + high) / 2, np.cos(angle) @ (size * w)
-            qdd[:, j] = -np.sin(angle) @ (size * w**2)
-        return q, qd, qdd
+            phase, size = rng.uniform(0, 7, 5), rng.uniform(0.4, 1, 5) / f**0.8
+            one = np.hstack(tones(t, size[:, None], 2 * np.pi * f[:, None], phase[:, None]))
+            reach, fastest, _ = np.abs(one).max(axis=0)
+            one *= min(min(0.42 * (high - low), 1.7) / reach, share * speed / fastest)
+            found.append(one + np.array([(low + high) / 2, 0.0, 0.0]))
+        return tuple(np.moveaxis(found, (2, 1), (0, 1)))
 
     def log(self, seed: int, seconds: float, share: float, hidden: tuple[str, ...] = ()) -> Log:
         """Record a motion with white and coloured torque noise; what is hidden belongs to the arm."""
@@ -154,10 +144,7 @@ class Arm:
             own.uniform(0, 7, (2, n)),
         )
         off = np.deg2rad(0.5) * offset if "angle" in hidden else 0.0
-        data = plant.createData()
-        rigid = np.array(
-            [pin.rnea(plant, data, *state) for state in zip(q + off, qd, qdd, strict=True)]
-        )
+        rigid = pinocchio_torques(plant, q + off, qd, qdd)
         fv, fc, fo = (
             np.array([values[f"{kind}{i + 1}"] for i in range(n)]) for kind in ("fv", "fc", "fo")
         )

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from dynid.errors import DynidError
 from dynid.estimation.least_squares import relative_error
 from dynid.estimation.result import Identification
 from dynid.robot import DriverSpec, JointMap
+from dynid.signals.columns import take_samples
 from dynid.workflows.options import ValidateOptions
 from dynid.workflows.parameters import observe
 
@@ -69,25 +70,14 @@ class Outcome:
 def part(log: Log, first: float, last: float) -> Log:
     """Return what a log holds between two times since its begin [s]."""
     inside = (log.t - log.t[0] >= first) & (log.t - log.t[0] < last)
-    extra = {
-        key: value[inside] if np.shape(value)[:1] == log.t.shape else value
-        for key, value in log.extra.items()
-    }
-    qd = None if log.qd is None else log.qd[inside]
-    return replace(
-        log, t=log.t[inside], q=log.q[inside], tau=log.tau[inside], qd=qd, extra=extra, sha256=""
-    )
+    return replace(take_samples(log, np.flatnonzero(inside)), sha256="")
 
 
 def pairs(data: Path) -> Iterator[Pair]:
     """Yield all pairs of the recordings."""
     arm = load_robot("kuka_lwr4plus")
     logs = {k: load_log(data / f"kuka_lwr4plus/run{k}.bag", arm) for k in (1, 2, 3)}
-    for runs in RUNS:
-        rest = tuple((f"run {k}", logs[k]) for k in logs if k not in runs)
-        yield Pair(
-            f"LWR4+ run {' and '.join(map(str, runs))}", arm, tuple(logs[k] for k in runs), rest
-        )
+    yield from several("LWR4+ run", arm, logs, RUNS)
     for robot, recording, seconds in PARTS:
         arm = load_robot(robot)
         log = load_log(data / recording, arm)
@@ -108,14 +98,7 @@ def pairs(data: Path) -> Iterator[Pair]:
     )
     arm = load_robot(data / "shanghai_cobot/shanghai.yaml")
     logs = {k: load_log(data / f"shanghai_cobot/traj{k}.csv", arm) for k in (1, 2, 3)}
-    for runs in ((2, 3), (1, 3), (1, 2), (1,), (2,), (3,)):
-        rest = tuple((f"motion {k}", logs[k]) for k in logs if k not in runs)
-        yield Pair(
-            f"Shanghai motion {' and '.join(map(str, runs))}",
-            arm,
-            tuple(logs[k] for k in runs),
-            rest,
-        )
+    yield from several("Shanghai motion", arm, logs, RUNS[::-1])
     arm = load_robot(data / "lbr_med7/med7.urdf")
     arm = replace(
         arm,
@@ -128,6 +111,16 @@ def pairs(data: Path) -> Iterator[Pair]:
     yield Pair(
         "LBR Med 7, first 10 s", arm, (part(log, 0.0, 10.0),), (("the rest", part(log, 10.0, 1e9)),)
     )
+
+
+def several(
+    title: str, arm: Robot, logs: dict[int, Log], chosen: Sequence[tuple[int, ...]]
+) -> Iterator[Pair]:
+    """Yield numbered recordings, some of which are fitted and the others predicted."""
+    for runs in chosen:
+        rest = tuple((f"{title.split()[1]} {k}", logs[k]) for k in logs if k not in runs)
+        fitted = tuple(logs[k] for k in runs)
+        yield Pair(f"{title} {' and '.join(map(str, runs))}", arm, fitted, rest)
 
 
 def both(arm: Robot, logs: dict[str, Log]) -> Iterator[Pair]:
@@ -196,14 +189,10 @@ def apart(
     data: Path, results: dict[str, Identification]
 ) -> Iterator[tuple[str, Identification, Identification]]:
     """Yield two results of one arm that were made from different rows."""
-    for one, two in itertools.combinations((1, 2, 3), 2):
-        yield f"LWR4+ {one}, {two}", results[f"LWR4+ run {one}"], results[f"LWR4+ run {two}"]
-    for one, two in itertools.combinations((1, 2, 3), 2):
-        yield (
-            f"Shanghai {one}, {two}",
-            results[f"Shanghai motion {one}"],
-            results[f"Shanghai motion {two}"],
-        )
+    for title in ("LWR4+ run", "Shanghai motion"):
+        for one, two in itertools.combinations((1, 2, 3), 2):
+            same = (results[f"{title} {k}"] for k in (one, two))
+            yield f"{title.split()[0]} {one}, {two}", *same
     rokae, airbot = (
         load_robot(data / name).name
         for name in ("rokae_xmate3/rokae.yaml", "airbot_play/airbot.urdf")

@@ -24,19 +24,18 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command does, befor
 import numpy as np
 import pinocchio as pin
 
+import of_tests  # noqa: F401
+from arms import pinocchio_model, random_bodies
+from conic import clarabel_optimum
 from dynid.estimation import tuning
+from dynid.estimation.possible_arm import fit_physical, fit_pooled
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
+from motions import tones
+from synthetic_arm import seven_joint_arm
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "unit" / "estimation")]
-from conic import clarabel_optimum  # noqa: E402
-from synthetic_arm import seven_joint_arm  # noqa: E402
-
-from arms import pinocchio_model, random_bodies  # noqa: E402
-from dynid.estimation.possible_arm import fit_physical, fit_pooled  # noqa: E402
-
 ROBOT = "kuka_lwr4plus"
 RATE = 200.0
 
@@ -84,17 +83,10 @@ def pinocchio_loop(robot, states):
 # ---------------------------------------------------------------- logs
 def sines(samples, n, seed=0):
     """Positions, velocities, accelerations of five sines a joint, all below 1 Hz."""
-    random = np.random.default_rng(seed)
-    t = np.arange(samples) / RATE
-    q, qd, qdd = (np.zeros((samples, n)) for _ in range(3))
-    for j in range(n):
-        for _ in range(5):
-            w, phase = 2 * np.pi * random.uniform(0.05, 0.8), random.uniform(0, 2 * np.pi)
-            a = random.uniform(0.4, 1.0) * min(0.25, 0.5 / w)
-            q[:, j] += a * np.sin(w * t + phase)
-            qd[:, j] += a * w * np.cos(w * t + phase)
-            qdd[:, j] -= a * w**2 * np.sin(w * t + phase)
-    return t, q, qd, qdd
+    t, random = np.arange(samples) / RATE, np.random.default_rng(seed)
+    hertz, phase, size = random.uniform((0.05, 0, 0.4), (0.8, 2 * np.pi, 1.0), (n, 5, 3)).T
+    w = 2 * np.pi * hertz
+    return t, *tones(t, size * np.minimum(0.25, 0.5 / w), w, phase)
 
 
 def make_log(path, model, samples):

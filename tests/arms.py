@@ -54,6 +54,13 @@ def random_bodies(rng, n):
     return tuple(bodies)
 
 
+def cylinder(mass, length, radius=0.06):
+    """Return the ten parameters of a cylinder that ends at its frame, along z."""
+    across = mass * (3 * radius**2 + length**2) / 12
+    tensor = (across, 0, 0, across, 0, mass * radius**2 / 2)
+    return Body(mass, (0, 0, -length / 2), tensor).parameters()
+
+
 def example_robots():
     """Return the folder of URDFs of example-robot-data, which lies beside pinocchio."""
     folder = Path(pin.__file__).parents[4] / "share" / "example-robot-data" / "robots"

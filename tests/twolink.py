@@ -6,6 +6,7 @@ import numpy as np
 
 from dynid.files.robotfile import parse_robot
 from dynid.log import Log
+from motions import tones
 
 ROBOT = """\
 name: arm
@@ -50,17 +51,9 @@ def torque(q, qd, qdd):
 
 def motion(seed, seconds=20.0, rate=100.0):
     """A motion of five sines a joint: t, q, qd, qdd."""
-    random = np.random.default_rng(seed)
-    t = np.arange(0, seconds, 1 / rate)
-    q, qd, qdd = (np.zeros((len(t), 2)) for _ in range(3))
-    for j in range(2):
-        for k in range(1, 6):
-            w = 0.12 * 2 * np.pi * k
-            amplitude, phase = random.uniform(0.5, 1) * 0.9 / k, random.uniform(0, 2 * np.pi)
-            q[:, j] += amplitude * np.sin(w * t + phase)
-            qd[:, j] += amplitude * w * np.cos(w * t + phase)
-            qdd[:, j] -= amplitude * w**2 * np.sin(w * t + phase)
-    return t, q, qd, qdd
+    t, k = np.arange(0, seconds, 1 / rate), np.arange(1, 6)[:, None]
+    size, phase = np.random.default_rng(seed).uniform((0.5, 0), (1, 2 * np.pi), (2, 5, 2)).T
+    return t, *tones(t, 0.9 * size / k, 0.24 * np.pi * k, phase)
 
 
 def log(seed, noise=0.02, scale=(1.0, 1.0), draw=None):

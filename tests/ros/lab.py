@@ -13,8 +13,8 @@ import numpy as np
 
 from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import Review, StoredTrajectory, motion_hash, write_trajectory
-from dynid.motion import Motion
 from forkserver import ROOT, Command, server
+from motions import there_and_back
 
 #: A process that has not ended by then hangs [s].
 LIMIT = 90
@@ -145,12 +145,8 @@ MIDDLE = {
 
 def swing(robot, seconds, size=0.15):
     """One slow swing of all joints, from rest to rest."""
-    t = np.arange(round(seconds * 100) + 1) / 100
-    w, far = np.pi / seconds, size * np.sqrt(np.arange(1, len(MIDDLE[robot]) + 1))
-    s, c = np.sin(w * t), np.cos(w * t)
-    shapes = s**4, 4 * w * s**3 * c, 4 * w**2 * (3 * s**2 * c**2 - s**4)
-    q, qd, qdd = (np.outer(shape, far) for shape in shapes)
-    return Motion(t, MIDDLE[robot] + q, qd, qdd)
+    t, far = np.arange(round(seconds * 100) + 1) / 100, np.arange(1, len(MIDDLE[robot]) + 1)
+    return there_and_back(t, size * np.sqrt(far), MIDDLE[robot])
 
 
 def store(path, robot, motion, reviewed=True):

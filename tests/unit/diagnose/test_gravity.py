@@ -21,6 +21,7 @@ from dynid.robot import Prior, TorqueSource
 from dynid.signals.checks import check_zero, prepare
 from dynid.sim.urdf import urdf_text
 from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
+from motions import harmonics
 
 NOISE = np.random.default_rng(1).normal(0, 0.3, lwr_log().tau.shape)
 
@@ -146,8 +147,7 @@ def test_a_log_that_never_rests_shows_whether_gravity_was_removed(name, seed):
     t = np.arange(0, 20, 0.02)
     w = 2 * np.pi / 20 * np.arange(1, 6)
     a, b = rng.normal(size=(2, 5, robot.n)) * rng.uniform(0.3, 1.0) / (w[:, None] * np.sqrt(5))
-    s, c = np.sin(t[:, None] * w), np.cos(t[:, None] * w)
-    q, qd, qdd = s @ a + c @ b, (c * w) @ a - (s * w) @ b, -(s * w**2) @ a - (c * w**2) @ b
+    q, qd, qdd = harmonics(t, a, b, base=1 / 20)
     q = q + rng.uniform(-0.7, 0.7, robot.n)
     logs = []
     for gravity in (np.array(robot.gravity), np.zeros(3)):

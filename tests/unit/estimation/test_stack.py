@@ -16,6 +16,7 @@ from dynid.model.parameters import columns_of
 from dynid.model.regressor import prior_vector
 from dynid.signals.conditioned_log import ConditionedLog, condition, without_known
 from dynid.signals.filters import choose_filter
+from motions import tones
 
 RATE = 100.0
 
@@ -35,8 +36,7 @@ def motion(robot, seconds, seed):
     )
     w = 2 * np.pi * f
     phase = rng.uniform(0, 6, (4, robot.n))
-    s, c = np.sin(w * t[:, None, None] + phase), np.cos(w * t[:, None, None] + phase)
-    return t, (a * s).sum(1), (a * w * c).sum(1), (-a * w**2 * s).sum(1)
+    return t, *tones(t, a, w, phase)
 
 
 def simulated(base, seconds=30.0, seed=0, noise=0.0, gamma=None):

@@ -17,6 +17,7 @@ from dynid.model.effects.laws import presliding
 from dynid.model.reduce import reduce
 from dynid.model.regressor import ModelTorques, build_model
 from dynid.robot import EffectSpec
+from motions import tones
 
 ROOT = Path(__file__).parents[3]
 
@@ -175,13 +176,10 @@ def low_passed(signal, rate):
 
 
 def sines(t):
-    parts = [(1.0, 0.35, 0.3), (0.4, 0.8, 1.0), (0.15, 1.7, 2.0)]
-    waves = [(a, 2 * np.pi * f, 2 * np.pi * f * t + p) for a, f, p in parts]
-    return (
-        sum(a * np.sin(x) for a, w, x in waves),
-        sum(a * w * np.cos(x) for a, w, x in waves),
-        sum(-a * w**2 * np.sin(x) for a, w, x in waves),
-    )
+    size, hertz, phase = np.array([(1.0, 0.35, 0.3), (0.4, 0.8, 1.0), (0.15, 1.7, 2.0)]).T[
+        ..., None
+    ]
+    return (x[:, 0] for x in tones(t, size, 2 * np.pi * hertz, phase))
 
 
 def test_backlash_is_a_link_that_falls_between_two_stiff_flanks():

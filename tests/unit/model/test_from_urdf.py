@@ -17,6 +17,7 @@ from dynid.model.kinematics import tool_pose
 from dynid.model.reduce import random_states, reduce
 from dynid.model.regressor import build_model, prior_vector
 from dynid.robot import Body
+from motions import tones
 
 #: Arms of the package example-robot-data: file, first and last link (None: found by itself).
 ARMS = {
@@ -169,13 +170,8 @@ def test_logs_of_the_urdfs_own_bodies_do_not_accuse_its_table(name, robots):
     _, robot = imported(robots / file, base=base, tip=tip)
     rng = np.random.default_rng(3)
     t = np.arange(0, 12.0, 0.005)
-    rate, phase = (
-        2 * np.pi * rng.uniform(0.05, 0.4, (2, robot.n, 1)),
-        rng.uniform(0, 2 * np.pi, (2, robot.n, 1)),
-    )
-    q = np.sin(rate * t + phase).sum(axis=0).T
-    qd = (rate * np.cos(rate * t + phase)).sum(axis=0).T
-    qdd = (-(rate**2) * np.sin(rate * t + phase)).sum(axis=0).T
+    rate, phase = rng.uniform(0.05, 0.4, (2, robot.n)), rng.uniform(0, 2 * np.pi, (2, robot.n))
+    q, qd, qdd = tones(t, 1.0, 2 * np.pi * rate, phase)
     tau = urdf_torques(robots / file, robot, q, qd, qdd)
     tau += 0.1 * np.tanh(qd / 0.01) + 0.02 * rng.standard_normal(tau.shape)
     found = find_mistake(Log(t, q, tau), robot)

@@ -10,18 +10,14 @@ from dynid.record.motion_checks import check_clearance, check_limits, check_torq
 from dynid.record.playing import PlayedMotion, approach, at_speed, joined
 from dynid.sim.arm import SimulatedArm
 from dynid.trajectory.scene import Box, Scene, scene_from
+from motions import there_and_back
 
 LWR = load_robot("kuka_lwr4plus")
 BENT = np.array([0.0, 0.5, 0.0, 0.9, 0.0, -0.7, 0.0])
 
 
 def swing(far, seconds=2.0):
-    t = np.linspace(0, seconds, 201)
-    w = np.pi / seconds
-    s, c = np.sin(w * t), np.cos(w * t)
-    shapes = s**4, 4 * w * s**3 * c, 4 * w**2 * (3 * s**2 * c**2 - s**4)
-    q, qd, qdd = (np.outer(shape, far) for shape in shapes)
-    return Motion(t, BENT + q, qd, qdd)
+    return there_and_back(np.linspace(0, seconds, 201), far, BENT)
 
 
 def only(joint, size):

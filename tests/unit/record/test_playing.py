@@ -4,16 +4,14 @@ import pytest
 from dynid.files.robotfile import load_robot
 from dynid.motion import Motion
 from dynid.record.playing import ReferenceMotion, approach, at_speed, joined, nearest_turn, repeated
+from motions import there_and_back
 
 ARM = load_robot("kinova_gen2")
 
 
 def sine(seconds=2.0, rate=100):
     t = np.arange(round(seconds * rate) + 1) / rate
-    w, far = np.pi / seconds, np.linspace(0.1, 0.3, 7)
-    s, c = np.sin(w * t), np.cos(w * t)
-    shapes = s**4, 4 * w * s**3 * c, 4 * w**2 * (3 * s**2 * c**2 - s**4)
-    return Motion(t, *(np.outer(shape, far) for shape in shapes))
+    return there_and_back(t, np.linspace(0.1, 0.3, 7))
 
 
 def test_between_samples_the_reference_is_the_motion_itself():

@@ -10,13 +10,14 @@ from dynid.errors import LogTooShort
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model import build_model
-from dynid.model.parameters import prior_parameters
+from dynid.model.regressor import prior_vector
 from dynid.signals.conditioned_log import (
     condition_log,
     condition_logs,
     known_torque,
     stretches,
 )
+from motions import tones
 
 RATE = 200.0
 
@@ -31,12 +32,8 @@ def log(model, frequency=0.5, seconds=12.0, seed=0):
     rng = np.random.default_rng(seed)
     t = np.arange(int(seconds * RATE)) / RATE
     w, phase = 2 * np.pi * frequency, rng.uniform(0, 6, model.robot.n)
-    q = 0.2 * np.sin(w * t[:, None] + phase)
-    gamma = np.zeros(model.size)
-    for j, body in enumerate(prior_parameters(model.robot).reshape(-1, 10)):
-        first = model.parameter_names.index(f"m{j + 1}")
-        gamma[first : first + 10] = body
-    tau = model.regressor(q, 0.2 * w * np.cos(w * t[:, None] + phase), -(w**2) * q) @ gamma
+    q, qd, qdd = tones(t, 0.2, w, phase)
+    tau = model.regressor(q, qd, qdd) @ prior_vector(model)
     return Log(t, q, tau, model.robot.joint_names, dh=True)
 
 

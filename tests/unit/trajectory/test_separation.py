@@ -12,6 +12,7 @@ from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.planning import plan_problem, planning_context
 from dynid.trajectory.separation import GapQuestion, Rivalry, run_of, separate, separation
+from motions import tones
 
 
 @pytest.fixture
@@ -39,15 +40,8 @@ def question(base, *pairs, unexplained=()):
 
 def swing(reach, speed=1.0, count=800):
     """Two sines on each joint: with one, a spring is the same as an inertia."""
-    t = np.linspace(0, 20, count)
-    q, qd, qdd = (np.zeros((count, 2)) for _ in range(3))
-    for j, size in enumerate((1.0, reach)):
-        for share, f in ((0.7, 0.7 + 0.3 * j), (0.3, 1.9 + 0.3 * j)):
-            w = f * speed
-            q[:, j] += size * share * np.sin(w * t)
-            qd[:, j] += size * share * w * np.cos(w * t)
-            qdd[:, j] -= size * share * w**2 * np.sin(w * t)
-    return Motion(t, q, qd, qdd)
+    t, w = np.linspace(0, 20, count), speed * np.array([[0.7, 1.0], [1.9, 2.2]])
+    return Motion(t, *tones(t, np.outer((0.7, 0.3), (1.0, reach)), w))
 
 
 def test_the_lead_is_what_least_squares_with_the_rival_leaves(base):

@@ -13,6 +13,7 @@ from dynid.robot import Body, Prior
 from dynid.workflows.model import base_model
 from dynid.workflows.options import SimulateOptions
 from dynid.workflows.simulate import simulate
+from motions import tones
 
 BARE = SimulateOptions(viscous=0.0, coulomb=0.0, noise=0.0, resolution=0.0)
 
@@ -31,15 +32,18 @@ def base(arm):
     return base_model(arm)
 
 
+def about_the_middle(robot, t, size, w, phase=0.0):
+    """One tone of each joint about the middle of its range."""
+    middle = np.array([np.mean(joint.limits.position or (0.0, 0.0)) for joint in robot.joints])
+    q, qd, qdd = tones(t, size, w, phase)
+    return Motion(t, middle + q, qd, qdd)
+
+
 @pytest.fixture(scope="module")
 def motion(arm):
     t = np.arange(0.0, 2.0, 0.01)
     w, size = np.array([1.0, 2.0, 3.0, 1.5]) * 2, np.array([0.5, 0.4, 0.05, 0.6])
-    phase = np.outer(t, w)
-    middle = np.array([np.mean(joint.limits.position or (0.0, 0.0)) for joint in arm.joints])
-    return Motion(
-        t, middle + size * np.sin(phase), size * w * np.cos(phase), -size * w**2 * np.sin(phase)
-    )
+    return about_the_middle(arm, t, size, w)
 
 
 @pytest.fixture
@@ -59,12 +63,8 @@ def test_pybullet_mujoco_and_the_own_model_agree(name, without):
     t = np.arange(0.0, 1.0, 0.02)
     rng = np.random.default_rng(3)
     w, phase = 4.0, rng.uniform(0.0, 6.0, robot.n)
-    middle = np.array([np.mean(joint.limits.position or (0.0, 0.0)) for joint in robot.joints])
     size = np.array([0.5 if joint.revolute else 0.05 for joint in robot.joints])
-    angle = w * t[:, None] + phase
-    path = Motion(
-        t, middle + size * np.sin(angle), size * w * np.cos(angle), -size * w**2 * np.sin(angle)
-    )
+    path = about_the_middle(robot, t, size, w, phase)
     found = [simulate(robot, path, BARE)]
     without("dynid.workflows.simulate.SimulatedArm")
     found.append(simulate(robot, path, BARE))

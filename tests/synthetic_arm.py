@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
+from arms import cylinder
 from dynid.estimation.possible_set import (
     PhysicalConstraints,
     body_parameters,
@@ -16,7 +17,8 @@ from dynid.estimation.possible_set import (
     smallest_eigenvalues,
 )
 from dynid.model.parameters import numbered
-from dynid.robot import LINK_PARAMETERS, Body
+from dynid.robot import LINK_PARAMETERS
+from motions import harmonics
 
 TWIST = np.deg2rad([90, -90, -90, 90, 90, -90, 0])
 OFFSET = np.array([0.31, 0, 0.4, 0, 0.39, 0, 0.078])
@@ -42,13 +44,6 @@ MEASURED_FRICTION = np.array(
 NOISE = np.array([0.5, 0.5, 0.3, 0.3, 0.15, 0.1, 0.06])
 
 
-def cylinder(mass: float, length: float, radius: float = 0.06) -> np.ndarray:
-    across = mass * (3 * radius**2 + length**2) / 12
-    return Body(
-        mass, (0, 0, -length / 2), (across, 0, 0, across, 0, mass * radius**2 / 2)
-    ).parameters()
-
-
 @dataclass(frozen=True)
 class Arm:
     """Regressor, truth and prior."""
@@ -63,28 +58,15 @@ class Arm:
     def motion(self, samples: int, alpha: float = 1.0, seed: int = 0):
         """Five harmonics of 0.1 Hz at 500 samples in 10 s, slowed down by alpha."""
         rng = np.random.default_rng(seed)
-        t, w = np.linspace(0, 10, samples), 0.2 * np.pi * np.arange(1, 6)
         a, b = rng.standard_normal((2, 5, 7)) / np.arange(1, 6)[:, None] ** 0.5
-        sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
-        q, qd, qdd = (
-            sin @ a + cos @ b,
-            (cos * w) @ a - (sin * w) @ b,
-            -(sin * w**2) @ a - (cos * w**2) @ b,
-        )
+        q, qd, qdd = harmonics(np.linspace(0, 10, samples), a, b)
         return q, alpha * qd, alpha**2 * qdd
 
     def within_limits(self, samples: int, alpha: float = 1.0, seed: int = 0):
         """The same kind of motion, each joint scaled to the tightest of its limits, then slowed down by alpha."""
         rng = np.random.default_rng(seed)
-        t, orders = np.linspace(0, 10, samples), np.arange(1, 6)
-        w = 0.2 * np.pi * orders
-        a, b = rng.standard_normal((2, 5, 7)) / orders[:, None]
-        sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
-        q, qd, qdd = (
-            sin @ a + cos @ b,
-            (cos * w) @ a - (sin * w) @ b,
-            -(sin * w**2) @ a - (cos * w**2) @ b,
-        )
+        a, b = rng.standard_normal((2, 5, 7)) / np.arange(1, 6)[:, None]
+        q, qd, qdd = harmonics(np.linspace(0, 10, samples), a, b)
         q -= (q.max(axis=0) + q.min(axis=0)) / 2
         scale = np.min(LIMITS / np.abs([q, qd, qdd]).max(axis=1), axis=0)
         return scale * q, alpha * scale * qd, alpha**2 * scale * qdd

@@ -1,0 +1,30 @@
+"""Motions with their exact derivatives: q, qd and qdd, (N, n) each."""
+
+import numpy as np
+
+from dynid.motion import Motion
+
+
+def tones(t, size, w, phase=0.0):
+    """Return sums of size sin(w t + phase); each is (k, n) or broadcasts to it."""
+    angle = w * np.asarray(t)[:, None, None] + phase
+    sin, cos = np.sin(angle), np.cos(angle)
+    return tuple(
+        (shape * wave).sum(1) for shape, wave in ((size, sin), (size * w, cos), (-size * w**2, sin))
+    )
+
+
+def harmonics(t, a, b, base=0.1):
+    """Return sums of a sin(k w t) + b cos(k w t), w that of ``base`` [Hz]; ``a`` and ``b`` are (orders, n)."""
+    w = 2 * np.pi * base * np.arange(1, len(a) + 1)
+    sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
+    return sin @ a + cos @ b, (cos * w) @ a - (sin * w) @ b, -(sin * w**2) @ a - (cos * w**2) @ b
+
+
+def there_and_back(t, far, middle=0.0):
+    """Return the motion from rest to rest that is ``far`` from the middle pose, (n,), half way."""
+    w = np.pi / t[-1]
+    s, c = np.sin(w * t), np.cos(w * t)
+    shapes = s**4, 4 * w * s**3 * c, 4 * w**2 * (3 * s**2 * c**2 - s**4)
+    q, qd, qdd = (np.outer(shape, far) for shape in shapes)
+    return Motion(t, middle + q, qd, qdd)
