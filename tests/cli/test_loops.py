@@ -101,15 +101,14 @@ def test_stdout_is_the_answer_and_stderr_the_rest(done, command):
 
 
 # ---------------------------------------------------------------- P1
-@pytest.mark.parametrize("words", [(), ("--no-input",), ("-y",)])
-def test_model_reduces_without_being_asked_and_says_so(arm, words):
-    run = arm("model", "arm.yaml", *words)
+def test_model_reduces_without_being_asked_and_says_so(arm):
+    run = arm("model", "arm.yaml")
     assert run.status == 0
     assert f"{P1} -> yes (not asked: " in run.err
     assert (arm.folder / OUT / "fullregressor.npz").is_file()
 
 
-@pytest.mark.parametrize(("key", "reduced"), [("\n", True), ("y\n", True), ("n\n", False)])
+@pytest.mark.parametrize(("key", "reduced"), [("\n", True), ("n\n", False)])
 def test_model_asks_on_a_terminal(arm, key, reduced):
     run = arm.typing("model", "arm.yaml", keys=[key])
     assert run.status == 0, run.err
@@ -200,11 +199,6 @@ def test_other_inputs_are_refused_and_named(done, words, named):
 @pytest.mark.parametrize("words", [("--force",), ("-f",), ("-y",), ("--out", "elsewhere")])
 def test_the_advice_of_e702_works(done, words):
     assert done("identify", "arm.yaml", "unseen.csv", *words).status == 0
-
-
-@pytest.mark.parametrize(("key", "status"), [("\n", 7), ("n\n", 7), ("y\n", 0)])
-def test_overwriting_is_asked_on_a_terminal(done, key, status):
-    assert done.typing("identify", "arm.yaml", "unseen.csv", keys=[key]).status == status
 
 
 # ---------------------------------------------------------------- P8

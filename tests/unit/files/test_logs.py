@@ -35,29 +35,11 @@ ALPHABETICAL = (
 )
 
 
-def test_a_missing_file_names_its_neighbours(tmp_path):
-    (tmp_path / "log2.bag").write_bytes(b"")
-    with pytest.raises(LogNotFound, match=r"no such file .*log\.bag; nearby: log2\.bag"):
-        read_log(tmp_path / "log.bag", robot=lwr())
-
-
 @pytest.mark.parametrize("name", ["log.txt", "log.bag", "log.npz"])
 def test_a_file_of_another_kind_is_no_log(tmp_path, name):
     (tmp_path / name).write_text("these are notes, not a recording")
     with pytest.raises(LogNotFound):
         read_log(tmp_path / name, robot=lwr())
-
-
-def test_a_missing_topic_lists_those_there_are(tmp_path):
-    path = write_bag(
-        tmp_path / "log.bag", state_messages(50, lwr().joint_names, "/arm/joint_states")
-    )
-    with pytest.raises(
-        TopicMissing, match=r"topic '/x' is not in log\.bag; it has /arm/joint_states"
-    ) as caught:
-        read_log(path, robot=lwr(), topic="/x")
-    assert caught.value.fix == "--topic /arm/joint_states"
-    assert len(read_log(path, robot=lwr(), topic="/arm/joint_states")) == 50
 
 
 def test_kinovas_angles_are_refused_where_joint_states_are_recorded(tmp_path):

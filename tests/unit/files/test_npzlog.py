@@ -47,12 +47,6 @@ def test_a_unit_that_is_not_known_is_refused_with_those_that_are(tmp_path):
         read_npz_log(path)
 
 
-def test_the_same_log_gives_the_same_bytes(tmp_path):
-    lwr_log().save(tmp_path / "a.npz")
-    lwr_log().save(tmp_path / "b.npz")
-    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
-
-
 def test_a_plain_file_has_its_order_assumed_and_says_so(tmp_path):
     np.savez(tmp_path / "log.npz", t=lwr_log().t, q=lwr_log().q, tau=lwr_log().tau)
     log = read_log(tmp_path / "log.npz", robot=lwr())

@@ -49,20 +49,6 @@ def test_base_parameters_are_read_back(robot, tmp_path):
         assert np.array_equal(getattr(first, name), getattr(second, name))
 
 
-def test_two_writes_give_equal_bytes(robot, tmp_path):
-    model = build_model(robot)
-    for name in ("a.npz", "b.npz"):
-        save_model(tmp_path / name, model)
-    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
-
-
-def test_pickled_arrays_are_refused(robot, tmp_path):
-    path = tmp_path / "regressor.npz"
-    np.savez(path, header=np.array([{"schema": "dynid/regressor/1"}], dtype=object))
-    with pytest.raises(NotAnArtifact):
-        load_model(path, robot)
-
-
 def test_a_program_with_operations_that_read_ahead_is_damaged(robot, tmp_path):
     path = tmp_path / "regressor.npz"
     save_model(path, build_model(robot))

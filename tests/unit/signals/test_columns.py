@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynid.diagnose.diagnosis import driver_columns
-from dynid.errors import JointCountDiffers, JointNamesDiffer, LogLayout
+from dynid.errors import JointNamesDiffer, LogLayout
 from dynid.files.convert import write_log
 from dynid.files.logs import read_log, read_npz_log
 from dynid.files.robotfile import load_robot
@@ -122,11 +122,6 @@ def test_a_converted_log_is_not_converted_twice(tmp_path):
     np.testing.assert_array_equal(once.q, twice.q)
     np.testing.assert_array_equal(once.tau, twice.tau)
     assert twice.names == robot.joint_names
-
-
-def test_a_log_with_fewer_joints_is_counted():
-    with pytest.raises(JointCountDiffers, match=r"the log has 6 joints, KUKA LWR4\+ has 7"):
-        matching_columns(Log(np.zeros(3), np.zeros((3, 6)), np.zeros((3, 6))), lwr())
 
 
 def test_other_names_are_listed_with_the_line_that_maps_them():

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.errors import JointStill, LogTooShort
+from dynid.errors import LogTooShort
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
@@ -48,16 +48,6 @@ def test_rests_are_the_stretches_in_which_nothing_moves():
     (rest,) = rest_slices(still, ONE)
     assert 4000 <= rest.start < rest.stop <= 4400
     assert rest.stop - rest.start > 300
-
-
-def test_a_joint_that_never_moves_is_named():
-    q = lwr_log().q.copy()
-    q[:, 4] = 0.3
-    with pytest.raises(
-        JointStill, match="lwr_4_joint moves 0 rad: its 5 own parameters cannot be found"
-    ):
-        prepare(replace(lwr_log(), q=q), lwr())
-    prepare(replace(lwr_log(), q=q), lwr(), identify=False)
 
 
 def test_a_short_stretch_of_motion_is_named():

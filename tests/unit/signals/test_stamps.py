@@ -16,24 +16,8 @@ from dynid.signals.stamps import with_even_clock
 from makelogs import gen2, gen2_log, lwr, lwr_log
 
 
-def excluded(fix):
-    return [(float(a), float(b)) for a, b in re.findall(r"--exclude ([\d.]+)-([\d.]+)", fix)]
-
-
 def codes(log):
     return [f.code for f in log.findings]
-
-
-def test_time_going_back_is_named_and_the_printed_exclude_mends_it():
-    log = lwr_log()
-    t = log.t.copy()
-    t[2000:] -= 0.8
-    broken = replace(log, t=t)
-    with pytest.raises(
-        TimeNotIncreasing, match=r"time goes back 0\.79\d s at row 2001 .*two recordings joined\?"
-    ) as caught:
-        prepare(broken, lwr())
-    assert len(prepare(broken, lwr(), exclude=excluded(caught.value.fix))) > 3600
 
 
 def test_shuffled_stamps_are_put_in_order_when_asked_to():

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.errors import NotFinite, PositionInDegrees, TorqueScale, WrongMessageType
+from dynid.errors import NotFinite, PositionInDegrees, WrongMessageType
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.signals.checks import prepare
@@ -24,22 +24,6 @@ def with_units(robot, fix):
     inner = re.search(r"units: \{([^}]*)\}", fix).group(1)
     units = dict(pair.split(": ") for pair in inner.split(", "))
     return replace(robot, driver=replace(robot.driver, units={**robot.driver.units, **units}))
-
-
-def test_values_that_are_not_numbers_are_named_and_the_printed_exclude_leaves_them_out():
-    tau = lwr_log().tau.copy()
-    tau[321:333, 3] = np.nan
-    broken = replace(lwr_log(), tau=tau)
-    with pytest.raises(
-        NotFinite,
-        match=r"lwr_3_joint torque is not a number in 12 samples, first at t = 1\.60\d s \(row 322\)",
-    ) as caught:
-        prepare(broken, lwr())
-    stretch = [
-        (float(a), float(b))
-        for a, b in re.findall(r"--exclude ([\d.]+)-([\d.]+)", caught.value.fix)
-    ]
-    assert len(prepare(broken, lwr(), exclude=stretch)) == len(broken) - 12
 
 
 def test_an_infinite_position_is_named():
@@ -62,17 +46,6 @@ def test_a_finger_that_is_no_number_does_not_matter():
     tau = gen2_log().tau.copy()
     tau[:, -1] = np.nan
     assert len(prepare(replace(gen2_log(), tau=tau), gen2())) == len(gen2_log())
-
-
-def test_positions_in_degrees_are_seen_at_the_limits_and_the_printed_unit_mends_them():
-    broken = replace(lwr_log(), q=np.degrees(lwr_log().q))
-    with pytest.raises(
-        PositionInDegrees,
-        match=r"lwr_0_joint position spans 109\.8: degrees\? limits are \+-2\.97 rad",
-    ) as caught:
-        prepare(broken, lwr())
-    mended = prepare(broken, with_units(lwr(), caught.value.fix))
-    np.testing.assert_allclose(mended.q, prepare(lwr_log(), lwr()).q, atol=1e-12)
 
 
 def test_degrees_of_joints_without_position_limits_are_seen_at_the_speed():
@@ -100,17 +73,6 @@ def test_a_jump_by_a_full_turn_is_taken_out():
     (finding,) = log.findings
     assert finding.code == "W315"
     assert re.match(r"lwr_6_joint jumps by -6\.2\d rad at 10\.00 s; unwrapped", finding.text)
-
-
-def test_torques_in_millinewtonmetres_are_seen_and_the_printed_unit_mends_them():
-    broken = replace(lwr_log(), tau=1000 * lwr_log().tau)
-    with pytest.raises(
-        TorqueScale, match=r"lwr_0_joint torque reaches \d ?\d{3}: mNm\? rating 176 Nm"
-    ) as caught:
-        prepare(broken, lwr())
-    np.testing.assert_allclose(
-        prepare(broken, with_units(lwr(), caught.value.fix)).tau, lwr_log().tau
-    )
 
 
 def test_one_spike_in_the_torque_is_not_another_unit():

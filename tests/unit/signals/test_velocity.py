@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from dynid.errors import JointNamesDiffer, VelocityInconsistent
+from dynid.errors import JointNamesDiffer
 from dynid.signals.checks import prepare
 from makelogs import gen2, gen2_log
 
@@ -16,29 +15,6 @@ from makelogs import gen2, gen2_log
 def generic():
     """The Gen2 behind a driver whose velocity is to be believed."""
     return replace(gen2(), driver=replace(gen2().driver, kind="generic"))
-
-
-def test_velocity_in_degrees_per_second_is_seen_and_the_printed_unit_mends_it():
-    broken = replace(gen2_log(), qd=np.degrees(gen2_log().qd))
-    with pytest.raises(
-        VelocityInconsistent, match=r"velocity is 57\.\d x the change of position: deg/s"
-    ) as caught:
-        prepare(broken, generic())
-    unit = re.search(r"velocity: (\S+)\}", caught.value.fix).group(1)
-    robot = generic()
-    robot = replace(
-        robot, driver=replace(robot.driver, units={**robot.driver.units, "velocity": unit})
-    )
-    np.testing.assert_allclose(prepare(broken, robot).qd, gen2_log().qd[:, :7])
-
-
-def test_one_velocity_of_opposite_sign_is_named():
-    qd = gen2_log().qd.copy()
-    qd[:, 2] *= -1
-    with pytest.raises(
-        VelocityInconsistent, match="j2s7s300_joint_3 velocity has the opposite sign"
-    ):
-        prepare(replace(gen2_log(), qd=qd), generic())
 
 
 def test_velocity_that_agrees_only_roughly_is_a_warning():
