@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from randomplans import random_trajectory
 
+from arms import pinocchio_model, pinocchio_torques
 from dynid.errors import LimitBroken
 from dynid.files.robotfile import load_robot
+from dynid.model.base_model import prior_base_parameters
+from dynid.model.parameters import prior_bodies
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.feasible import Bounds, bounds
 from dynid.trajectory.limits import check_trajectory, require_within_limits
@@ -89,18 +92,11 @@ def test_torque_limit_gives_an_alpha_that_keeps_it_or_says_the_pose_is_too_heavy
 
 @pytest.mark.slow
 @pytest.mark.parametrize("arm", ["lwr", "gen2"])
-def test_plans_that_pass_or_break_a_torque_limit_do_so_in_pinocchio_at_10_khz(
-    arm, request, tmp_path
-):
-    pin = pytest.importorskip("pinocchio")
-    from dynid.model.base_model import prior_base_parameters
-    from dynid.sim.urdf import write_urdf
-
+def test_plans_that_pass_or_break_a_torque_limit_do_so_in_pinocchio_at_10_khz(arm, request):
     base = request.getfixturevalue(arm)
-    write_urdf(base.robot, None, tmp_path / "arm.urdf")
-    other = pin.buildModelFromUrdf(str(tmp_path / "arm.urdf"))
+    other = pinocchio_model(base.robot, prior_bodies(base.robot))
     theta = prior_base_parameters(base.model, base.reduction, unknown=0.0)
-    data, observer = other.createData(), base.model.observer
+    observer = base.model.observer
     limit = replace(bounds(base.robot), torque=TORQUES[arm])
 
     def torque(motion):
@@ -110,11 +106,7 @@ def test_plans_that_pass_or_break_a_torque_limit_do_so_in_pinocchio_at_10_khz(
     for seed in range(20):
         plan = random_trajectory(base.robot, seed, Quintic.even(2.0, 3))
         fine = plan.sampled(10_000)
-        # Why: Pinocchio holds the angle of a joint without end as cosine and sine.
-        poses = [pin.integrate(other, pin.neutral(other), q) for q in fine.q]
-        tau = np.array(
-            [pin.rnea(other, data, *state) for state in zip(poses, fine.qd, fine.qdd, strict=True)]
-        )
+        tau = pinocchio_torques(other, fine.q, fine.qd, fine.qdd)
         found = check_trajectory(plan, base.robot, limit, torque)
         broken = {v.joint for v in found.violations if v.quantity == "torque"}
         share = np.abs(tau).max(axis=0) / limit.torque

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from randomplans import random_trajectory
 
+from arms import pinocchio_model, pinocchio_torques
 from dynid.model.base_model import prior_base_parameters
+from dynid.model.parameters import prior_bodies
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import bounds, coefficients, random_variables
@@ -102,46 +104,9 @@ def test_a_motion_planned_after_an_earlier_log_adds_more_than_one_planned_withou
     assert np.mean(aware) < 0.95 * np.mean(unaware)
 
 
-def test_believed_base_parameters_give_the_torques_of_pinocchio(lwr, tmp_path):
-    pin = pytest.importorskip("pinocchio")
-    from dynid.sim.urdf import write_urdf
-
-    write_urdf(lwr.robot, None, tmp_path / "arm.urdf")
-    arm = pin.buildModelFromUrdf(str(tmp_path / "arm.urdf"))
+def test_believed_base_parameters_give_the_torques_of_pinocchio(lwr):
+    arm = pinocchio_model(lwr.robot, prior_bodies(lwr.robot))
     motion = random_trajectory(lwr.robot, 6).sampled(5)
     theta = prior_base_parameters(lwr.model, lwr.reduction, unknown=0.0)
     tau = lwr.model.observer(lwr.reduction.base).torque(theta, motion.q, motion.qd, motion.qdd)
-    data = arm.createData()
-    for k in range(len(motion)):
-        assert np.allclose(
-            tau[k], pin.rnea(arm, data, motion.q[k], motion.qd[k], motion.qdd[k]), atol=1e-6
-        )
-
-
-def test_predicted_errors_are_those_of_identifying_pybullets_torques_over_20_noise_draws(gen2):
-    pytest.importorskip("pybullet")
-    from dynid.sim.arm import SimulatedArm
-
-    columns, noise = gen2.reduction.base, default_noise(gen2.robot)
-    motion = random_trajectory(gen2.robot, 7).sampled(100)
-    other = held_out(gen2.model, columns, bounds(gen2.robot))
-    found = predict(gen2.model, columns, motion, noise, other)
-    with SimulatedArm(gen2.robot) as arm:
-        tau = np.array(
-            [
-                arm.inverse_dynamics(*state)
-                for state in zip(motion.q, motion.qd, motion.qdd, strict=True)
-            ]
-        )
-    W = gen2.model.observer(columns).dense(motion.q, motion.qd, motion.qdd)
-    solver = np.linalg.pinv((W / noise[None, :, None]).reshape(-1, len(columns)))
-    rng = np.random.default_rng(8)
-    draws = np.array(
-        [solver @ (tau / noise + rng.standard_normal(tau.shape)).ravel() for _ in range(20)]
-    )
-    misses = draws - prior_base_parameters(gen2.model, gen2.reduction, unknown=0.0)
-    ratio = np.sqrt(np.mean(misses**2, axis=0)) / found.std_error
-    assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.1)
-    assert np.median(ratio) == pytest.approx(1.0, abs=0.1)
-    torque = np.sqrt(np.einsum("kp,pq,kq->k", misses, other, misses) / 7)
-    assert np.sqrt(np.mean(torque**2)) == pytest.approx(found.torque_error, rel=0.3)
+    assert np.allclose(tau, pinocchio_torques(arm, motion.q, motion.qd, motion.qdd), atol=1e-6)
