@@ -41,6 +41,7 @@ from dynid.signals.conditioned_log import ConditionedLog, condition
 from dynid.signals.filters import choose_filter, despiked
 from models import base_of
 from motions import harmonics
+from synthetic_arm import LIMITS, MASS, OFFSET, TWIST
 
 SECONDS, LOGGED = 10, 1000
 SLOPE = 0.01  # Coulomb friction is fc tanh(qd / SLOPE)
@@ -128,40 +129,23 @@ def arm_of(name: str) -> Arm:
 
 
 def _lwr() -> Arm:
-    twist = np.deg2rad([90, -90, -90, 90, 90, -90, 0])
-    d = [0.31, 0, 0.4, 0, 0.39, 0, 0.078]
-    reach = np.deg2rad([170, 120, 170, 120, 170, 120, 170]) * 0.95
-    speed, acceleration = (
-        np.deg2rad([110, 110, 128, 128, 204, 184, 184]),
-        [6.0, 6, 8, 8, 12, 12, 12],
-    )
+    rows = zip(TWIST, OFFSET, LIMITS.T, strict=True)
     joints = tuple(
         Joint(
-            f"joint{i + 1}",
-            twist=twist[i],
-            d=d[i],
+            f"joint{i}",
+            twist=twist,
+            d=d,
             friction=("viscous", "coulomb"),
-            limits=Limits((-reach[i], reach[i]), speed[i], acceleration[i]),
+            limits=Limits((-reach, reach), speed, acceleration),
         )
-        for i in range(7)
+        for i, (twist, d, (reach, speed, acceleration)) in enumerate(rows, start=1)
     )
     gains = np.array([[2000.0, 2000, 1500, 1500, 800, 500, 250], [100, 100, 60, 60, 25, 15, 8]])
     friction = np.array([3.0, 3, 2, 2, 1, 1, 0.5])
     length = [0.31, 0.2, 0.2, 0.2, 0.19, 0.1, 0.1]
     robot = Robot("LWR", "standard", joints)
     rotor = [0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05]
-    return _made(
-        robot,
-        [2.9, 3.1, 2.9, 2.0, 2.0, 1.7, 0.27],
-        length,
-        rotor,
-        friction,
-        friction,
-        gains,
-        1000,
-        60.0,
-        5,
-    )
+    return _made(robot, MASS, length, rotor, friction, friction, gains, 1000, 60.0, 5)
 
 
 def _tx40() -> Arm:

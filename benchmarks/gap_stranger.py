@@ -170,13 +170,6 @@ class Hidden:
 # --- the arm --------------------------------------------------------------------------------------
 
 
-def turn_x(angle):
-    """Return a rotation about x."""
-    return np.array(
-        [[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]]
-    )
-
-
 def draw_arm(rng):
     """Return a random arm with bodies plausible for its size."""
     n, reach = int(rng.integers(3, 8)), rng.uniform(0.6, 1.6)
@@ -208,12 +201,12 @@ def draw_arm(rng):
     for i in range(n):
         ai, twist, di, _ = rows[i]
         if not standard:  # a and twist belong to the axis before
-            put = pin.SE3(turn_x(twist), np.array([ai, 0, 0])) * pin.SE3(
+            put = pin.SE3(pin.utils.rotate("x", twist), np.array([ai, 0, 0])) * pin.SE3(
                 np.eye(3), np.array([0, 0, di])
             )
         parent = model.addJoint(parent, pin.JointModelRZ(), put, f"j{i + 1}")
         if standard:
-            put = pin.SE3(turn_x(twist), np.array([ai, 0, di]))
+            put = pin.SE3(pin.utils.rotate("x", twist), np.array([ai, 0, di]))
             reachto = np.array([ai, 0, di])
         else:
             after = rows[i + 1] if i + 1 < n else np.array([0, 0, length[i] / 2, 0])
