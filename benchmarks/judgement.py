@@ -275,26 +275,11 @@ def true_floor(case, result, unseen):
     """Return the rms that the noise put in has after the filter of a result, (n,) [N m]."""
     rng = np.random.default_rng([case["seed"], 5])
     arm, base = arm_of(case["arm"])
-    sigma = noise_of(case, arm, base)
+    sigma = case["noise"] * np.array([joint.limits.torque for joint in arm.joints])
     white = replace(unseen, tau=sigma * rng.standard_normal(unseen.tau.shape), sha256="white")
     logs = condition_logs([white], base.model, cutoff=result.cutoff)
     factors, counts = stack_logs(logs, base).whole
     return np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=1) / np.maximum(1, counts))
-
-
-def noise_of(case, robot, base):
-    """Return the standard deviation of the noise that ``simulate`` adds, (n,) [N m]."""
-    motion = sines(
-        robot,
-        SineSpec(3.0, 5.0, 0.7, 0.5, 0.5, -math.inf),
-        STEP,
-        np.random.default_rng([case["seed"], 2, 0]),
-    )
-    both = [
-        simulate(robot, motion, base=base, noise=noise, resolution=0.0)
-        for noise in (case["noise"], 0.0)
-    ]
-    return np.std(both[0].log.tau - both[1].log.tau, axis=0)
 
 
 # ---------------------------------------------------------------- recordings
