@@ -120,8 +120,7 @@ def inspect(path: Path, rate: float | None = None) -> Inspected:
         DynidError: it is no recording, or nothing of it can be read.
     """
     kind = logs.format_of(path)
-    if kind in ("bag", "rosbag2"):
-        container = logs.container_of(kind)
+    if container := logs.CONTAINERS.get(kind):
         topics = container.list_topics(path)
         wanted = [
             name for name, topic in topics.items() if topic.type == JOINT_STATE and topic.count

@@ -9,10 +9,10 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
+from types import ModuleType
 
 import numpy as np
 
@@ -28,7 +28,13 @@ from dynid.errors import (
 )
 from dynid.files import bag, rosbag2, tables, tuning
 from dynid.files.artifact import require_schema
-from dynid.files.messages import KINOVA_TYPES, MULTI_ARRAY, Message, Topic, collected
+from dynid.files.messages import (
+    KINOVA_TYPES,
+    MULTI_ARRAY,
+    Broken,
+    Collector,
+    nothing_readable,
+)
 from dynid.log import ARRAYS, COLUMNS, SCHEMA, Log, has_rows
 from dynid.npz import HEADER, read_npz
 from dynid.robot import Robot
@@ -47,31 +53,45 @@ FORMATS = {
 STARTS = {b"#ROSBAG": "bag", b"SQLite format 3\0": "rosbag2", b"\x89MCAP0\r\n": "rosbag2"}
 
 
-class Container(Protocol):
-    """What a kind of bag can do: the modules ``bag`` and ``rosbag2``."""
-
-    def list_topics(self, path: Path) -> dict[str, Topic]:
-        """Return the topics of a bag by name."""
-
-    def scan(self, part: Path, topics: Collection[str]) -> Iterator[Message]:
-        """Yield the messages of some topics in a file."""
-
-
-def container_of(kind: str) -> Container:
-    """Return what lists and reads the topics of bags of a kind, ``"bag"`` or ``"rosbag2"``."""
-    return bag if kind == "bag" else rosbag2
+#: What lists the topics of a bag and scans its messages, by its format.
+CONTAINERS: dict[str, ModuleType] = {"bag": bag, "rosbag2": rosbag2}
 
 
 def read_topics(
-    path: Path, names: Collection[str], container: Container
+    path: Path, names: Collection[str], container: ModuleType
 ) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
-    """Return for each of some topics its raw logs, one for each set of joint names, the largest first; and findings.
+    """Return the numbers of some topics, also of a recording that is damaged.
+
+    Returns:
+        for each topic its raw logs, one for each set of joint names, the largest first; and what was noticed.
 
     Raises:
         BagTruncated: nothing of these topics is readable.
         WrongMessageType: the layout of the messages is not the known one of their type.
     """
-    return collected(path, rosbag2.parts_of(path), lambda part: container.scan(part, names))
+    collectors: dict[str, Collector] = {}
+    reasons: list[str] = []
+    for part in rosbag2.parts_of(path):
+        try:
+            for some in container.scan(part, names):
+                collectors.setdefault(some.topic.name, Collector(some.topic)).add(some)
+        except Broken as error:
+            reasons.append(f"{part.name}: {error}" if part != path else str(error))
+    groups = {name: logs for name, one in collectors.items() if (logs := one.logs())}
+    reasons += [one.reason for one in collectors.values() if one.reason]
+    if not reasons:
+        return groups, ()
+    if not groups:
+        raise nothing_readable(path, reasons[0])
+    logs = [log for found in groups.values() for log in found]
+    count, reason = sum(map(len, logs)), "; ".join(reasons[:3])
+    seconds = max(float(np.ptp(log.extra["arrival_ns"])) for log in logs) * 1e-9
+    text = (
+        f"{path.name} was cut or not closed (recorder killed?): {count} messages, {seconds:.1f} s, are readable "
+        f"and used; reported by the reader: {reason.rstrip('.')}"
+    )
+    evidence = {"messages": count, "seconds": seconds, "reason": reason}
+    return groups, (Finding("W305", "warning", text, evidence),)
 
 
 def format_of(path: Path) -> str:
@@ -131,7 +151,7 @@ def read_log(
     elif kind == "table":
         log = tables.read_table(path, robot.log_names, robot.columns.columns, rate)
     else:
-        log = _read_joint_states(path, robot, topic, container_of(kind))
+        log = _read_joint_states(path, robot, topic, CONTAINERS[kind])
     log = replace(log, sha256=hash_of(path))
     if len(log) and np.isfinite(log.t[0]) and abs(log.t[0]) > tuning.CALENDAR_FROM_S:
         log = replace(log, t=log.t - log.t[0], extra={**log.extra, "t0": float(log.t[0])})
@@ -181,8 +201,9 @@ def read_npz_log(path: Path) -> Log:
         if header:
             require_schema(path, header, SCHEMA)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        text = f"{path.name} is not an .npz log, or is damaged: {error}"
-        raise LogNotFound(text, where=path) from error
+        raise LogNotFound(
+            f"{path.name} is not an .npz log, or is damaged: {error}", where=path
+        ) from error
     except NotAnArtifact as error:
         holds = header.get("schema") or "something else"
         raise LogNotFound(f"{path.name} holds {holds}, not a log", where=path) from error
@@ -219,7 +240,7 @@ def read_npz_log(path: Path) -> Log:
 
 
 # ---------------------------------------------------------------- joint states of bags
-def _read_joint_states(path: Path, robot: Robot, topic: str | None, container: Container) -> Log:
+def _read_joint_states(path: Path, robot: Robot, topic: str | None, container: ModuleType) -> Log:
     """Read the joint states of a robot from a bag.
 
     Args:
@@ -262,8 +283,9 @@ def _read_joint_states(path: Path, robot: Robot, topic: str | None, container: C
         log = _with_effort(log, _of_robot(groups, robot, apart), robot)
     for key in ("position", "effort"):
         if key in log.extra["absent"]:
-            text = f"{chosen} has no {key} in any of its {len(log)} messages"
-            raise WrongMessageType(text, where=path.name)
+            raise WrongMessageType(
+                f"{chosen} has no {key} in any of its {len(log)} messages", where=path.name
+            )
     if log.extra["clock"] == "arrival":
         text = (
             f"{' and '.join(pair or [chosen])} has no usable time stamps: "
@@ -312,8 +334,10 @@ def _with_effort(log: Log, one: Log, robot: Robot) -> Log:
     torque = one.q if "effort" in one.extra["absent"] else one.tau
     joints = one.names or robot.log_names[: one.n]
     if torque.shape[1] < robot.n or not set(joints) <= {*log.names, *one.names}:
-        text = f"{one.topic} has {torque.shape[1]} torques, {robot.name} has {robot.n} joints"
-        raise WrongMessageType(text, where=one.topic)
+        raise WrongMessageType(
+            f"{one.topic} has {torque.shape[1]} torques, {robot.name} has {robot.n} joints",
+            where=one.topic,
+        )
     # Unit: both clocks count from their own first message; stamps of headers only compare with each other.
     both = log.extra["clock"] == one.extra["clock"]
     start, other = (

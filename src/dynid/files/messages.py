@@ -1,33 +1,38 @@
 """Raw messages of ROS -> logs; messages that differ only in their numbers are decoded together.
 
-A container (``bag``, ``rosbag2``) hands over raw messages; ``Collector`` keeps their numbers, grouped by the joint
-names they carry (an arm and its gripper often share a topic). Only the layouts below are decoded: the definition that
-a recording carries is never interpreted. Source of CDR: OMG DDS-XTypes 1.3, section 7.4 (plain CDR, version 1).
+A container (``bag``, ``rosbag2``) says where messages stand in its bytes; ``Collector`` keeps their numbers, grouped by
+the joint names they carry (an arm and its gripper often share a topic). Only the layouts below are decoded: the
+definition that a recording carries is never interpreted. Source of CDR: OMG DDS-XTypes 1.3, section 7.4 (plain CDR,
+version 1).
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Sequence
+from collections import Counter
+from collections.abc import Collection
 from dataclasses import dataclass, replace
-from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from dynid.drivers.interface import JOINT_STATE
-from dynid.errors import BagTruncated, Finding, WrongMessageType
+from dynid.errors import BagTruncated, WrongMessageType
 from dynid.files import tuning
 from dynid.log import Log
 from dynid.text import shell
 
+Bytes = NDArray[np.uint8]
 Times = NDArray[np.int64]
 #: Arrays of some messages: ``arrival`` and ``stamp``, (N,) [ns], stamp 0 where a message has none; ``position``,
-#: ``velocity`` and ``effort``, (N, n), where messages have them.
+#: ``velocity`` and ``effort``, (N, n), NaN where messages have none.
 Columns = dict[str, NDArray[Any]]
 FIELDS = ("position", "velocity", "effort")
+#: Parts of a stamp of seconds and nanoseconds [ns].
+NANOSECONDS = np.array([10**9, 1])
 
 MULTI_ARRAY = "std_msgs/Float64MultiArray"
 KINOVA_TYPES = ("kinova_msgs/JointAngles", "kinova_msgs/JointTorque", "kinova_msgs/JointVelocity")
@@ -69,68 +74,35 @@ class Topic:
         return f"{self.name} ({self.type.split('/')[-1]}, {self.count})"
 
 
-#: Topic, time of arrival [ns] and bytes of a message.
-Message = tuple[Topic, int, bytes]
+class Messages(NamedTuple):
+    """Some messages of a topic.
 
-
-def topics_of(counts: Iterable[tuple[Topic, int]]) -> dict[str, Topic]:
-    """Return topics by name from numbers of messages, of which several may be of one topic."""
-    found: dict[str, Topic] = {}
-    for topic, count in counts:
-        before = found.get(topic.name, topic).count
-        found[topic.name] = replace(topic, count=before + count)
-    return found
-
-
-def collected(
-    path: Path, parts: Sequence[Path], scan: Callable[[Path], Iterable[Message]]
-) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
-    """Return the numbers of a recording, also of one that is damaged.
-
-    Args:
-        path: the recording.
-        parts: its files in the order of time.
-        scan: yields the readable messages of a file, and raises ``Broken`` when there were others.
-
-    Returns:
-        for each topic its raw logs, one for each set of joint names, the largest first; and what was noticed.
-
-    Raises:
-        BagTruncated: nothing is readable.
-        WrongMessageType: the layout of the messages is not the known one of their type.
+    Attributes:
+        topic: their topic.
+        arrival: times of arrival, (N,) [ns].
+        content: bytes in which they stand.
+        starts: where each begins in them, (N,).
+        ends: where each ends, (N,).
     """
-    collectors: dict[str, Collector] = {}
-    reasons: list[str] = []
-    for part in parts:
-        try:
-            for topic, arrival, raw in scan(part):
-                if topic.name not in collectors:
-                    collectors[topic.name] = Collector(topic)
-                collectors[topic.name].add(arrival, raw)
-        except Broken as error:
-            reasons.append(f"{part.name}: {error}" if part != path else str(error))
-    groups = {name: logs for name, one in collectors.items() if (logs := one.logs())}
-    reasons += [one.reason for one in collectors.values() if one.reason]
-    if not reasons:
-        return groups, ()
-    if not groups:
-        raise nothing_readable(path, reasons[0])
-    logs = [log for found in groups.values() for log in found]
-    count, reason = sum(map(len, logs)), "; ".join(reasons[:3])
-    seconds = max(float(np.ptp(log.extra["arrival_ns"])) for log in logs) * 1e-9
-    text = (
-        f"{path.name} was cut or not closed (recorder killed?): {count} messages, {seconds:.1f} s, are readable "
-        f"and used; reported by the reader: {reason.rstrip('.')}"
-    )
-    evidence = {"messages": count, "seconds": seconds, "reason": reason}
-    return groups, (Finding("W305", "warning", text, evidence),)
+
+    topic: Topic
+    arrival: Times
+    content: Bytes
+    starts: Times
+    ends: Times
+
+
+def topics_of(counts: Counter[Topic]) -> dict[str, Topic]:
+    """Return topics by name from their numbers of messages."""
+    return {topic.name: replace(topic, count=count) for topic, count in counts.items()}
 
 
 def nothing_readable(path: Path, reason: str) -> BagTruncated:
     """Return the mistake of a recording without one readable message."""
     if path.suffix in (".bag", ".active"):
-        text = f"{path.name} ends early (recorder killed?); 0 s are readable"
-        return BagTruncated(text, where=path)
+        return BagTruncated(
+            f"{path.name} ends early (recorder killed?); 0 s are readable", where=path
+        )
     better = path.with_name(f"{path.stem}_recovered{path.suffix}")
     fixes = {
         ".mcap": shell("mcap", "recover", path, "-o", better),
@@ -139,6 +111,11 @@ def nothing_readable(path: Path, reason: str) -> BagTruncated:
     text = f"{path.name} was cut or not closed: {reason.rstrip('.')}"
     fix = fixes.get(path.suffix, shell("ros2", "bag", "reindex", path))
     return BagTruncated(text, where=path, fix=fix)
+
+
+def taken(content: Bytes, starts: Times, count: int, kind: str = "u1") -> NDArray[Any]:
+    """Return so many numbers of a type, as NumPy writes it, from each place on, (N, count)."""
+    return sliding_window_view(content, count * np.dtype(kind).itemsize)[starts].view(kind)
 
 
 # ---------------------------------------------------------------- messages to columns
@@ -154,8 +131,9 @@ class Collector:
 
     def __init__(self, topic: Topic) -> None:
         if topic.type not in CHECKSUMS or (topic.cdr and topic.type in KINOVA_TYPES):
-            text = f"{topic.name} has messages of the type {topic.type}"
-            raise WrongMessageType(text, where=topic.name)
+            raise WrongMessageType(
+                f"{topic.name} has messages of the type {topic.type}", where=topic.name
+            )
         if not topic.cdr and topic.md5 != CHECKSUMS[topic.type]:
             raise WrongMessageType(
                 f"the {topic.type} of {topic.name} differs from the standard definition (md5 {topic.md5[:40]})",
@@ -165,62 +143,55 @@ class Collector:
             )
         self.reason = ""
         self._topic = topic
-        self._waiting: list[tuple[int, bytes]] = []
-        # By the joints that messages carry: names in the order of the first message, their number, blocks of numbers.
-        self._groups: dict[Any, tuple[tuple[str, ...], int, list[Columns]]] = {}
+        # By the joints that messages carry: names in the order of the first message, the numbers, fields with numbers.
+        self._groups: dict[Any, tuple[tuple[str, ...], Columns, set[str]]] = {}
 
-    def add(self, arrival: int, raw: bytes) -> None:
-        """Take a message; many are decoded together."""
-        self._waiting.append((arrival, raw))
-        if len(self._waiting) == tuning.MESSAGES:
-            self._decode()
-
-    def logs(self) -> list[Log]:
-        """Return one raw log for each set of joint names, the largest first."""
-        self._decode()
-        found = (_log(*group, self._topic.name) for group in self._groups.values())
-        return sorted(found, key=len, reverse=True)
-
-    def _decode(self) -> None:
-        """Decode the messages that wait, those of one length and layout in one go."""
-        self._waiting.sort(key=_length)
-        for length, same in groupby(self._waiting, _length):
-            times, raws = zip(*same, strict=True)
-            arrival = np.array(times)
-            table = np.frombuffer(b"".join(raws), np.uint8).reshape(len(raws), length)
-            while len(table):
+    def add(self, some: Messages) -> None:
+        """Take messages, those of one length and layout in one go."""
+        lengths = some.ends - some.starts
+        for length in sorted({*lengths.tolist()}):
+            rest = np.flatnonzero(lengths == length)
+            table = taken(some.content, some.starts[rest], length)
+            while len(rest):
                 try:
                     layout = _Layout(table[0].tobytes(), self._topic)
                     alike = np.all(table[:, layout.equal] == table[0, layout.equal], axis=1)
-                    self._keep(layout, arrival[alike], table[alike])
+                    which = rest[alike]
+                    self._keep(layout, some.arrival[which], some.content, some.starts[which])
                 except Broken as error:
                     self.reason = str(error)
                     alike = np.all(table == table[0], axis=1)
-                arrival, table = arrival[~alike], table[~alike]
-        self._waiting = []
+                rest, table = rest[~alike], table[~alike]
 
-    def _keep(self, layout: _Layout, arrival: Times, table: NDArray[np.uint8]) -> None:
-        stamp = np.zeros(len(table), np.int64)
-        if layout.stamped:
-            words = np.ascontiguousarray(table[:, 4:12]).view("<u4").astype(np.int64)
-            stamp = words[:, 0] * 10**9 + words[:, 1]
-        columns: Columns = {"arrival": arrival, "stamp": stamp}
+    def logs(self) -> list[Log]:
+        """Return one raw log for each set of joint names, the largest first."""
+        found = (_log(*group, self._topic.name) for group in self._groups.values())
+        return sorted(found, key=len, reverse=True)
+
+    def _keep(self, layout: _Layout, arrival: Times, content: Bytes, starts: Times) -> None:
+        stamp = np.zeros(len(starts), np.int64)
+        if self._topic.type == JOINT_STATE:
+            stamp = taken(content, starts + 4, 2, "<u4") @ NANOSECONDS
+        some: Columns = {"arrival": arrival, "stamp": stamp}
         names, width = layout.names, len(layout.names) or max(n for _, n in layout.fields)
-        first, _, blocks = self._groups.setdefault(frozenset(names) or width, (names, width, []))
+        first, columns, filled = self._groups.setdefault(
+            frozenset(names) or width, (names, {}, set())
+        )
         order = [names.index(name) for name in first]
-        for key, (start, count) in zip(FIELDS, layout.fields, strict=True):
-            if not count:
-                continue
-            part = table[:, start : start + count * int(layout.number[-1])]
-            values = np.ascontiguousarray(part).view(layout.number).astype(float)
-            # Why: a field shorter than the names cannot be assigned to joints; NaN lets the checks name the samples.
-            values = values if count == width else np.full((len(table), width), np.nan)
-            columns[key] = values if names == first else values[:, order]
-        blocks.append(columns)
-
-
-def _length(message: tuple[int, bytes]) -> int:
-    return len(message[1])
+        for key, (place, count) in zip(FIELDS, layout.fields, strict=True):
+            # Why: a short field cannot be assigned to joints; NaN lets the checks name the samples.
+            some[key] = np.full((len(starts), width), np.nan)
+            filled.update({key} if count else ())
+            if count == width:
+                kind = "<f4" if self._topic.type in KINOVA_TYPES else "<f8"
+                values = taken(content, starts + place, count, kind)
+                some[key] = values if names == first else values[:, order]
+        for key, values in some.items():
+            column = columns.setdefault(key, np.empty_like(values[:0]))
+            before = len(column)
+            # Why in place: blocks that are put together at the end leave their own memory in use beside the whole.
+            column.resize((before + len(values), *values.shape[1:]), refcheck=False)
+            column[before:] = values
 
 
 class _Layout:
@@ -230,8 +201,6 @@ class _Layout:
         names: of the joints; () where messages of this type have none.
         fields: start [byte] and count of the numbers of each of ``FIELDS``.
         equal: bytes in which messages of this layout agree, (length,).
-        number: type of the numbers, as NumPy writes it.
-        stamped: whether bytes 4 to 11 are a stamp.
 
     Raises:
         Broken: the bytes are not a message of this type.
@@ -250,9 +219,7 @@ class _Layout:
         self._raw, self._at, self._cdr = raw, 0, topic.cdr
         self.equal = np.zeros(len(raw), dtype=bool)
         self.names: tuple[str, ...] = ()
-        self.number, self.stamped = "<f8", topic.type == JOINT_STATE
         if topic.type in KINOVA_TYPES:
-            self.number = "<f4"
             self.fields = [(self._take(28), 7), (0, 0), (0, 0)]
         elif topic.type == MULTI_ARRAY:
             self._take(4 * topic.cdr)
@@ -293,21 +260,12 @@ class _Layout:
 
 
 # ---------------------------------------------------------------- columns to logs
-def _log(names: tuple[str, ...], n: int, blocks: list[Columns], topic: str) -> Log:
+def _log(names: tuple[str, ...], found: Columns, filled: Collection[str], topic: str) -> Log:
     """Return messages, put in the order of arrival, as a raw log.
 
     ``extra`` names the ``clock`` of its time and what it counts from, ``start_ns``, the first and last ``arrival_ns``,
     and as ``absent`` the fields that no message has; absent positions and efforts are NaN.
     """
-    sizes = [len(block["arrival"]) for block in blocks]
-    found: Columns = {}
-    for key in dict.fromkeys(key for block in blocks for key in block):
-        # Why popped: the blocks of a column are not needed when it is whole.
-        parts = [
-            block.pop(key) if key in block else np.full((size, n), np.nan)
-            for block, size in zip(blocks, sizes, strict=True)
-        ]
-        found[key] = np.concatenate(parts)
     if np.any(np.diff(found["arrival"]) < 0):
         order = np.argsort(found["arrival"], kind="stable")
         found = {key: values[order] for key, values in found.items()}
@@ -319,18 +277,17 @@ def _log(names: tuple[str, ...], n: int, blocks: list[Columns], topic: str) -> L
     ticking = rising or len(np.unique(stamp)) >= max(2, tuning.LEAST_DISTINCT * len(stamp))
     stamped = (rising and stamp[0] >= 0) or (ticking and bool(np.all(stamp > 0)))
     ns = stamp if stamped else arrival
-    nothing = np.broadcast_to(np.array(np.nan), (len(ns), n))
     return Log(
         t=(ns - ns[0]) * 1e-9,
-        q=found.get("position", nothing),
-        tau=found.get("effort", nothing),
+        q=found["position"],
+        tau=found["effort"],
         names=names,
-        qd=found.get("velocity"),
+        qd=found["velocity"] if "velocity" in filled else None,
         topic=topic,
         extra={
             "clock": "header" if stamped else "arrival",
             "start_ns": int(ns[0]),
             "arrival_ns": (int(arrival[0]), int(arrival[-1])),
-            "absent": tuple(key for key in FIELDS if key not in found),
+            "absent": tuple(key for key in FIELDS if key not in filled),
         },
     )

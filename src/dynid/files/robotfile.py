@@ -70,10 +70,14 @@ def find_robot(name: str) -> Path:
         return known[name]
     names = ", ".join(sorted(known))
     if name.endswith((".yaml", ".yml", ".urdf")) or "/" in name:
-        text = f"no robot file '{name}'{closest(name, known)}"
-        raise RobotNotFound(text, where=name, fix=f"known robots: {names}")
-    text = f"no robot '{name}'{suggestion(name, known)}"
-    raise RobotNotFound(text, fix=f"known: {names}; or give a path")
+        raise RobotNotFound(
+            f"no robot file '{name}'{closest(name, known)}",
+            where=name,
+            fix=f"known robots: {names}",
+        )
+    raise RobotNotFound(
+        f"no robot '{name}'{suggestion(name, known)}", fix=f"known: {names}; or give a path"
+    )
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:

@@ -160,9 +160,16 @@ def per_joint(kind: Kind, *, shared: bool = False, nullable: bool = False) -> Ki
     )
 
 
-def mapping(keys: tuple[Key, ...], make: Callable[..., Any]) -> Kind:
-    """Return the type of a mapping; ``make`` takes its values by key."""
-    return Kind("mapping", lambda value: make(**value.read(keys)), keys)
+def mapping(keys: tuple[Key, ...], make: Callable[..., Any], *either: str) -> Kind:
+    """Return the type of a mapping; ``make`` takes its values by key, of which one of ``either`` is there."""
+
+    def read(value: Value) -> object:
+        given = value.read(keys)
+        if either and sum(key in given for key in either) != 1:
+            raise value.wrong(f" needs one of {', '.join(either)}")
+        return make(**given)
+
+    return Kind("mapping", read, keys)
 
 
 def by_link(kind: Kind) -> Kind:
@@ -259,18 +266,6 @@ def _driver(value: Value) -> DriverSpec:
             text = f"{value.where}: columns.{key} = '{pattern}' needs {{i}} or {{name}}"
             raise WrongRobotFile(text, where=value.where)
     return DriverSpec(**{"topic": None, "joint_names": (), "map": joint_map, **given})
-
-
-def one_of(keys: tuple[Key, ...], make: Callable[..., Any], *either: str) -> Kind:
-    """Return the type of a mapping that has one of some keys."""
-
-    def read(value: Value) -> object:
-        given = value.read(keys)
-        if sum(key in given for key in either) != 1:
-            raise value.wrong(f" needs one of {', '.join(either)}")
-        return make(**given)
-
-    return Kind("mapping", read, keys)
 
 
 def _coupling(value: Value) -> Coupling:
@@ -560,7 +555,7 @@ CYLINDERS = (
 PRIOR = (
     Key(
         "cylinders",
-        one_of(CYLINDERS, Cylinders, "density", "mass"),
+        mapping(CYLINDERS, Cylinders, "density", "mass"),
         "Uniform cylinders along the DH offsets (Paper Eq. 9); this or `links`.",
     ),
     Key(
@@ -571,7 +566,7 @@ PRIOR = (
 )
 
 #: What is known before measuring.
-A_PRIOR = one_of(PRIOR, Prior, "cylinders", "links")
+A_PRIOR = mapping(PRIOR, Prior, "cylinders", "links")
 
 COUPLING = (
     Key("reduction", per_joint(NUMBER), "Gear ratio of each joint.", "1"),

@@ -1,15 +1,27 @@
-"""Recordings of ROS 2 by rosbags: folders of rosbag2, single .db3 and .mcap files."""
+"""Recordings of ROS 2 by rosbags, chunks of MCAP by mcap: folders of rosbag2, single .db3 and .mcap files."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
+import struct
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from dynid.errors import BagTruncated, DynidError, LogNotFound
-from dynid.files.messages import Broken, Message, Topic, nothing_readable, topics_of
+from dynid.files import tuning
+from dynid.files.messages import (
+    Broken,
+    Messages,
+    Topic,
+    nothing_readable,
+    topics_of,
+)
 from dynid.npz import bounded
 from dynid.text import shell
 
@@ -17,6 +29,8 @@ if TYPE_CHECKING:
     from rosbags.rosbag2 import Reader
 
 SUFFIXES = (".db3", ".mcap")
+#: Head of a record of MCAP, of a message with its channel, number and times; before its own bytes [byte].
+_HEAD, _BEFORE = struct.Struct("<BQHIQ").unpack_from, 31
 
 
 def list_topics(path: Path) -> dict[str, Topic]:
@@ -26,11 +40,12 @@ def list_topics(path: Path) -> dict[str, Topic]:
         BagTruncated: a file is cut.
         LogNotFound: not a recording.
     """
-    counts: list[tuple[Topic, int]] = []
+    counts = Counter[Topic]()
     for part in parts_of(path):
         try:
             with _opened(part) as reader:
-                counts += ((_topic(each), each.msgcount) for each in reader.connections)
+                for each in reader.connections:
+                    counts[_topic(each)] += each.msgcount
         except Broken as error:
             raise nothing_readable(part, str(error)) from None
     if not counts:
@@ -60,7 +75,7 @@ def parts_of(path: Path) -> list[Path]:
     return sorted(parts, key=place)
 
 
-def scan(part: Path, topics: Collection[str]) -> Iterator[Message]:
+def scan(part: Path, topics: Collection[str]) -> Iterator[Messages]:
     """Yield the messages of some topics.
 
     Raises:
@@ -69,9 +84,41 @@ def scan(part: Path, topics: Collection[str]) -> Iterator[Message]:
     """
     with _opened(part) as reader:
         wanted = [each for each in reader.connections if each.topic in topics]
-        known = {each.id: _topic(each) for each in wanted}
-        for each, arrival, raw in reader.messages(wanted) if wanted else ():
-            yield known[each.id], arrival, raw
+        if getattr(reader.storage, "chunks", None):
+            yield from _in_chunks(part, {each.id: _topic(each) for each in wanted})
+            return
+        for each in wanted:
+            messages = reader.messages([each])
+            while some := list(islice(messages, tuning.MESSAGES)):
+                _, arrival, raws = zip(*some, strict=True)
+                edges = np.cumsum([0, *map(len, raws)])
+                content = np.frombuffer(b"".join(raws), np.uint8)
+                yield Messages(_topic(each), np.array(arrival), content, edges[:-1], edges[1:])
+
+
+def _in_chunks(part: Path, known: Mapping[int, Topic]) -> Iterator[Messages]:
+    """Yield the messages in the chunks of an MCAP file, of topics by the number of their channel."""
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader, get_chunk_data_stream
+
+    with part.open("rb") as stream:
+        for chunk in StreamReader(stream, emit_chunks=True).records:
+            if not isinstance(chunk, Chunk):
+                continue
+            bounded(len(chunk.data), chunk.uncompressed_size, part)
+            inside, size = get_chunk_data_stream(chunk, validate_crc=True)
+            data, at = inside.read(size), 0
+            found = defaultdict[int, list[int]](list)
+            while at < size:
+                op, length, channel, _, arrival = _HEAD(data, at)
+                end = at + 9 + length
+                if op == 5 and channel in known:
+                    found[channel] += arrival, at + _BEFORE, end
+                at = end
+            content = np.frombuffer(data, np.uint8)
+            for channel, numbers in found.items():
+                arrivals, starts, ends = np.reshape(numbers, (-1, 3)).T
+                yield Messages(known[channel], arrivals, content, starts, ends)
 
 
 def _topic(each: Any) -> Topic:  # noqa: ANN401
@@ -88,8 +135,9 @@ def _opened(part: Path) -> Iterator[Reader]:
     from rosbags.rosbag2 import Reader
 
     if not part.stat().st_size:
-        text = f"{part.name} is empty: nothing was recorded"
-        raise BagTruncated(text, where=part, fix="record again")
+        raise BagTruncated(
+            f"{part.name} is empty: nothing was recorded", where=part, fix="record again"
+        )
     journal = part.with_name(f"{part.name}-wal")
     if journal.is_file() and journal.stat().st_size:
         raise BagTruncated(
@@ -99,8 +147,6 @@ def _opened(part: Path) -> Iterator[Reader]:
         )
     try:
         with Reader(part) as reader:
-            for chunk in getattr(reader.storage, "chunks", ()):
-                bounded(chunk.compressed_size, chunk.uncompressed_size, part)
             yield reader
     except (DynidError, PermissionError):
         raise

@@ -144,7 +144,7 @@ class Value:
             required: those that it must have.
             usual: other names of keys, which are understood and noted (W203).
         """
-        if not isinstance(self.node, yaml.MappingNode):
+        if not self.is_mapping:
             text = f"{self.path or 'the file'} must have keys ({', '.join(known)})"
             raise WrongRobotFile(text, where=self.where)
         found: dict[str, Value] = {}
@@ -191,7 +191,7 @@ class Value:
 
     def items(self, length: int | None = None) -> list[Value]:
         """Return the values of a list, after checking its length."""
-        if not isinstance(self.node, yaml.SequenceNode):
+        if not self.is_list:
             raise self.wrong(" must be a list")
         nodes = self.node.value
         if length is not None and len(nodes) != length:

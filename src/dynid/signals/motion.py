@@ -70,10 +70,11 @@ def bandwidth(log: Log, robot: Robot) -> float:
     alive = np.any(np.abs(v) > least, axis=0)
     if not alive.any():
         return 0.0
-    frequency, window = np.fft.rfftfreq(len(v), 1.0 / log.rate), np.hanning(len(v))
-    power = np.abs([np.fft.rfft(x * window) for x in v[:, alive].T]) ** 2
-    share = np.cumsum(power, axis=1) / np.sum(power, axis=1)[:, None]
-    return float(frequency[np.max(np.sum(share < tuning.POWER_SHARE, axis=1))])
+    frequency, window, last = np.fft.rfftfreq(len(v), 1.0 / log.rate), np.hanning(len(v)), 0
+    for x in v[:, alive].T:
+        power = np.abs(np.fft.rfft(x * window)) ** 2
+        last = max(last, int(np.sum(np.cumsum(power) / np.sum(power) < tuning.POWER_SHARE)))
+    return float(frequency[last])
 
 
 def swings(log: Log, robot: Robot) -> NDArray[np.int64]:

@@ -226,19 +226,14 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> tuple[Findin
         )
     if not len(gaps):
         return ()
+    evidence = {"gaps": len(gaps), "longest_s": float(step[longest]), "at_s": log.t[gaps].tolist()}
     if len(pauses) == len(gaps):
         places = ", ".join(f"{step[k]:.1f} s at {log.t[k]:.2f} s" for k in pauses[:5])
         more = f" and {len(pauses) - 5} more" if len(pauses) > 5 else ""
-        text = f"{log.name}: the recording pauses ({places}{more}): cut into {len(pauses) + 1} segments, not bridged"
-        evidence = {
-            "gaps": len(gaps),
-            "longest_s": float(step[longest]),
-            "at_s": log.t[gaps].tolist(),
-        }
-        return (Finding("W312", "warning", text, evidence),)
-    evidence = {"gaps": len(gaps), "longest_s": float(step[longest]), "at_s": log.t[gaps].tolist()}
-    text = f"{log.name}: {len(gaps)} {'gap' if len(gaps) == 1 else 'gaps'}, {where}: cut there, not bridged"
-    return (Finding("W312", "warning", text, evidence),)
+        text = f"the recording pauses ({places}{more}): cut into {len(pauses) + 1} segments"
+    else:
+        text = f"{len(gaps)} gap{'s' * (len(gaps) > 1)}, {where}: cut there"
+    return (Finding("W312", "warning", f"{log.name}: {text}, not bridged", evidence),)
 
 
 def check_rate(log: Log, robot: Robot) -> None:
@@ -370,5 +365,8 @@ def _keys(log: Log) -> NDArray[np.uint64]:
     factors = np.random.default_rng(0).integers(1, 2**63, 2 * log.n, dtype=np.uint64) * np.uint64(
         2
     ) + np.uint64(1)
-    rows = np.ascontiguousarray(np.hstack([log.q, log.tau]) + 0.0).view(np.uint64)
-    return np.asarray((rows ^ (rows >> np.uint64(29))) @ factors)
+    keys = np.zeros(len(log), dtype=np.uint64)
+    for x, factor in zip((*log.q.T, *log.tau.T), factors, strict=True):
+        bits = (x + 0.0).view(np.uint64)
+        keys += (bits ^ (bits >> np.uint64(29))) * factor
+    return keys
