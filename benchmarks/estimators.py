@@ -40,7 +40,7 @@ from dynid.robot import Joint, Limits, Prior, Robot
 from dynid.signals.conditioned_log import ConditionedLog, condition
 from dynid.signals.filters import choose_filter, despiked
 from models import base_of
-from motions import harmonics
+from motions import harmonics, inside
 from synthetic_arm import LIMITS, MASS, OFFSET, TWIST
 
 SECONDS, LOGGED = 10, 1000
@@ -196,15 +196,11 @@ def command(
     """Return a random Fourier motion, scaled to the tightest limit of each joint."""
     rng, orders = np.random.default_rng(arm.seed if seed is None else seed), arm.harmonics
     drawn = rng.standard_normal((2, orders, arm.robot.n)) / np.arange(1, orders + 1)[:, None]
-    q, qd, qdd = harmonics(t, *drawn)
-    middle = (q.max(axis=0) + q.min(axis=0)) / 2
     limits = [
         (joint.limits.position[1], joint.limits.velocity, joint.limits.acceleration)
         for joint in arm.robot.joints
     ]
-    sizes = zip((q - middle, qd, qdd), np.array(limits).T, strict=True)
-    scale = np.min([limit / np.abs(x).max(axis=0) for x, limit in sizes], axis=0)
-    return (q - middle) * scale, qd * scale, qdd * scale
+    return inside(*harmonics(t, *drawn), *np.array(limits).T)
 
 
 def recorded(name: str, regime: str, seed: int) -> Log:

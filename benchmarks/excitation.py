@@ -139,27 +139,36 @@ class _Over(Exception):
     """The processor time is spent."""
 
 
+class Best:
+    """The best variables that were met until the processor time is spent."""
+
+    def __init__(self, seconds: float) -> None:
+        self.end, self.value, self.kept = time.process_time() + seconds, np.inf, None
+
+    def note(self, value: float, x: np.ndarray) -> None:
+        """Keep what is better.
+
+        Raises:
+            _Over: the time is spent.
+        """
+        if value < self.value:
+            self.value, self.kept = value, x.copy()
+        if time.process_time() > self.end and self.kept is not None:
+            raise _Over
+
+
 def search_motions(b: Bench, basis: Quintic, cost: str, seconds: float) -> dict[str, float]:
     """Search as ``dynid trajectory`` does, in one process, and judge the best."""
     columns, function = b.costs[cost]
-    end = time.process_time() + seconds
     objective = ExcitationObjective(PlanProblem(b.model, columns, basis, b.limits, function))
-    best, kept, start = np.inf, None, 0
-
-    def note(met) -> None:
-        nonlocal best, kept
-        if met[0] < best:
-            best, kept = met
-        if time.process_time() > end and kept is not None:
-            raise _Over
-
+    best, start = Best(seconds), 0
     try:
         while True:
             x = random_variables(basis, b.limits, np.random.default_rng((0, start)))
-            descend(objective, x, note)
+            descend(objective, x, lambda met: best.note(*met))
             start += 1
     except _Over:
-        return b.row(Trajectory(basis, coefficients(basis, b.limits, kept)), start + 1)
+        return b.row(Trajectory(basis, coefficients(basis, b.limits, best.kept)), start + 1)
 
 
 def random_search(
@@ -193,8 +202,7 @@ def papers_recipe(b: Bench, points: int, seconds: float) -> tuple[Trajectory, fl
     """Choose free measurement points for Eq. 14, then join them by quintics as the paper does."""
     from scipy.optimize import minimize
 
-    end, count = time.process_time() + seconds, 0
-    n = b.model.robot.n
+    best, count, n = Best(seconds), 0, b.model.robot.n
     regressor, cost, rng = (
         RegressorGradient(b.model, b.base, points),
         Cost("paper"),
@@ -202,20 +210,15 @@ def papers_recipe(b: Bench, points: int, seconds: float) -> tuple[Trajectory, fl
     )
     half, middle = (b.limits.upper - b.limits.lower) / 2, (b.limits.upper + b.limits.lower) / 2
     scale = (half, b.limits.velocity, b.limits.acceleration)
-    best, kept = np.inf, np.zeros(0)
 
     def objective(x: np.ndarray, power: float) -> tuple[float, np.ndarray]:
-        nonlocal best, kept
-        if time.process_time() > end and kept.size:
-            raise _Over
         u = np.tanh(x.reshape(3, points, n))
         W = regressor.dense(middle + half * u[0], scale[1] * u[1], scale[2] * u[2])
         rows = W.reshape(-1, len(b.base))
         value, slope = cost.value(rows.T @ rows, power)
-        if np.isinf(power) and value < best:
-            best, kept = value, x.copy()
+        best.note(value if np.isinf(power) else np.inf, x)
         g = regressor.gradient(2 * (rows @ slope).reshape(W.shape))
-        pulled = np.stack([part * s for part, s in zip((g.q, g.qd, g.qdd), scale, strict=True)])
+        pulled = np.stack([part * s for part, s in zip(g, scale, strict=True)])
         return value, (pulled * (1 - u**2)).ravel()
 
     try:
@@ -228,7 +231,7 @@ def papers_recipe(b: Bench, points: int, seconds: float) -> tuple[Trajectory, fl
                 ).x
     except _Over:
         pass
-    u = np.tanh(kept.reshape(3, points, n))
+    u = np.tanh(best.kept.reshape(3, points, n))
     rates = [middle + half * u[0], scale[1] * u[1], scale[2] * u[2]]
     W = b.model.observer(b.base).dense(*rates).reshape(-1, len(b.base))
     for rate in rates[1:]:

@@ -114,56 +114,53 @@ def smooth(x, t, seconds=0.1):
     )
 
 
-def inject(name, joint, sign, log, robot, residual, torque_of):
-    """Return the log with something in it, and how large it is."""
-    t, q, tau = log.t, log.q.copy(), log.tau.copy()
-    qd = smooth(np.gradient(q, t, axis=0), t)
-    size = sign * size_of(name, joint, log, robot, residual, torque_of)
-    if name == "payload":
-        tau += abs(size) * ball_torque(robot, t, q)
-    elif name == "torque_offset":
-        tau[:, joint] += size
-    elif name == "coulomb_change":
-        tau[:, joint] += size * np.tanh(qd[:, joint] / 0.02)
-    elif name == "torque_delay":
-        tau = np.stack([np.interp(t - abs(size), t, column) for column in tau.T], axis=1)
-    elif name == "torque_gain":
-        tau[:, joint] *= 1 + size
-    elif name in NAMELESS:
-        tau[:, joint] += abs(size) * nameless(name, joint, t, q)
-    else:
-        q[:, joint] += size
-    return replace(log, q=q, tau=tau, qd=None), float(size)
-
-
-def nameless(name, joint, t, q):
-    """Return a torque of rms 1 that no effect of the catalogue is, (N,)."""
-    if name == "vibration":
-        rng = np.random.default_rng(len(t) + joint)
-        waves = [np.sin(2 * np.pi * f * t + p) for f, p in rng.uniform([1, 0], [4, 7], (12, 2))]
-        torque = np.sum(waves, axis=0)
-    else:
-        qd = smooth(np.gradient(q, t, axis=0), t)
-        torque = np.cos(q[:, joint] + 2 * q[:, (joint + 1) % q.shape[1]]) * qd[:, joint]
-    return torque / np.sqrt(np.mean(torque**2))
-
-
-def size_of(name, joint, log, robot, residual, torque_of):
-    """Return how large it has to be."""
+def unit_torque(name, joint, log, robot, torque_of):
+    """Return the torque of what is put in at size 1, (N, n)."""
     t, q, tau = log.t, log.q, log.tau
     if name == "payload":
-        return SIZE / np.max(np.sqrt(np.mean(ball_torque(robot, t, q) ** 2, axis=0)) / residual)
+        return ball_torque(robot, t, q)
     if name == "torque_delay":
-        rate = np.gradient(smooth(tau, t), t, axis=0)
-        return SIZE / np.max(np.sqrt(np.mean(rate**2, axis=0)) / residual)
-    if name == "torque_gain":
-        return SIZE * residual[joint] / np.sqrt(np.mean(tau[:, joint] ** 2))
+        return np.gradient(smooth(tau, t), t, axis=0)
     if name == "encoder_offset":
         away = q.copy()
         away[:, joint] += 1e-3
-        change = np.sqrt(np.mean((torque_of(away) - torque_of(q)) ** 2, axis=0)) / 1e-3
-        return SIZE / np.max(change / residual)
-    return SIZE * residual[joint]
+        return (torque_of(away) - torque_of(q)) / 1e-3
+    qd = smooth(np.gradient(q, t, axis=0), t)
+    rng = np.random.default_rng(len(t) + joint)
+    own = {
+        "torque_offset": lambda: 1.0,
+        "coulomb_change": lambda: np.tanh(qd[:, joint] / 0.02),
+        "torque_gain": lambda: tau[:, joint],
+        "vibration": lambda: sum(
+            np.sin(2 * np.pi * f * t + p) for f, p in rng.uniform([1, 0], [4, 7], (12, 2))
+        ),
+        "odd_cross": lambda: (
+            np.cos(q[:, joint] + 2 * q[:, (joint + 1) % q.shape[1]]) * qd[:, joint]
+        ),
+    }
+    found = np.zeros_like(q)
+    found[:, joint] = own[name]()
+    return found
+
+
+def size_of(torque, residual):
+    """Return how large it has to be."""
+    return SIZE / np.max(np.sqrt(np.mean(torque**2, axis=0)) / residual)
+
+
+def inject(name, joint, sign, log, robot, residual, torque_of):
+    """Return the log with something in it, and how large it is."""
+    t, q, tau = log.t, log.q.copy(), log.tau
+    torque = unit_torque(name, joint, log, robot, torque_of)
+    signed = name not in ("payload", "torque_delay", *NAMELESS)
+    size = (sign if signed else 1.0) * size_of(torque, residual)
+    if name == "torque_delay":
+        tau = np.stack([np.interp(t - size, t, column) for column in tau.T], axis=1)
+    elif name == "encoder_offset":
+        q[:, joint] += size
+    else:
+        tau = tau + size * torque
+    return replace(log, q=q, tau=tau, qd=None), float(size)
 
 
 def drawn(name, arm, data, cache, rng):
@@ -172,7 +169,7 @@ def drawn(name, arm, data, cache, rng):
     joints = [
         j
         for j in range(robot.n)
-        if size_of(name, j, log, robot, residual, gravity) <= LARGEST.get(name, np.inf)
+        if size_of(unit_torque(name, j, log, robot, gravity), residual) <= LARGEST.get(name, np.inf)
         and np.ptp(log.q[:, j]) > 0.1
     ]
     return int(rng.choice(joints)), float(rng.choice([-1.0, 1.0]))

@@ -17,6 +17,7 @@ import os
 import subprocess
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -405,7 +406,6 @@ def draw_hidden(name, joint, rng, arm, ref):
         shape = {
             "other": int(other),
             "ratio": rng.uniform(0, 1.5) * arm.speed[other],
-            "viscous": True,
         }
     elif name == "torque_crosstalk":
         shape = {"other": int(rng.choice([k for k in range(arm.n) if k != joint]))}
@@ -905,7 +905,8 @@ def make_case(folder, seed, k):
     """Make one case: robot file, logs and truth.json."""
     for attempt in range(10):
         try:
-            return _make_case(folder, seed, k, attempt)
+            _make_case(folder, seed, k, attempt)
+            return
         except RuntimeError:
             continue
     raise RuntimeError(f"seed {seed} case {k}: no arm could be driven")
@@ -922,8 +923,7 @@ def _make_case(folder, seed, k, attempt):
         *rng.choice(["harmonics", "harmonics", "harmonics", "moves", "chirp", "sweeps"], 2),
     ]
     references = [draw_reference(rng, arm, str(one), seconds) for one in kinds]
-    rigids = [smooth_states(ref, STEP) for ref in references]
-    nominal = [replace(s, t=s.t + 40.0 * i) for i, s in enumerate(rigids)]
+    nominal = [smooth_states(ref, STEP, 40.0 * i) for i, ref in enumerate(references)]
     recorder = draw_recorder(rng, arm.n)
     tau0 = torques(arm, nominal[0], [])[0]
     scale = np.sqrt(np.mean(tau0**2, axis=0)) + 0.02 * np.sqrt(np.mean(tau0**2))
@@ -959,15 +959,14 @@ def _make_case(folder, seed, k, attempt):
             raise RuntimeError("cannot be seen")
         hidden.append(best[0])
         left_out |= best[1]
+    own = {
+        "torque_offset": arm.offset,
+        "viscous": arm.viscous,
+        "coulomb": arm.coulomb,
+        "motor_inertia": arm.rotors,
+    }
     for name, j in left_out:  # what is left out of the model is the whole of that friction
-        for attribute, which in (
-            ("offset", "torque_offset"),
-            ("viscous", "viscous"),
-            ("coulomb", "coulomb"),
-            ("rotors", "motor_inertia"),
-        ):
-            if name == which:
-                getattr(arm, attribute)[j] = 0.0
+        own[name][j] = 0.0
     always = []
     if kind == "changed" and rng.random() < 0.25:  # a model that lacked something before, too
         one = draw_hidden("stribeck", int(rng.integers(arm.n)), rng, arm, nominal[0])
@@ -1026,31 +1025,14 @@ def _make_case(folder, seed, k, attempt):
         "seed": seed,
         "case": k,
         "set": kind if kind != "stribeck" else "single",
-        "effects": [
-            {
-                "name": one.name,
-                "joint": one.joint + 1,
-                "size": one.size,
-                "shape": one.shape,
-                "visible": one.visible,
-            }
-            for one in hidden
-        ],
-        "always": [{"name": one.name, "joint": one.joint + 1} for one in always],
-        "noise": noise.tolist(),
-        "joints": arm.n,
-        "motions": kinds,
-        "seconds": seconds,
-        "repeats": repeats,
-        "third": third,
+        "effects": [vars(one) | {"joint": one.joint + 1} for one in hidden],
+        "always": [vars(one) | {"joint": one.joint + 1} for one in always],
+        "noise": noise,
         "logs": logs,
-        "recorder": {
-            key: value.tolist() if isinstance(value, np.ndarray) else value
-            for key, value in recorder.items()
-        },
+        "recorder": recorder,
     }
-    (folder / "truth.json").write_text(json.dumps(truth, indent=1, default=float))
-    return truth
+    text = json.dumps(truth, indent=1, default=lambda value: np.asarray(value).tolist())
+    (folder / "truth.json").write_text(text)
 
 
 # --- what dynid says ------------------------------------------------------------------------------
@@ -1397,15 +1379,11 @@ def commit():
 
 def work(job):
     """Make a case if it is not there, run it, return its line."""
-    folder, seed, k, make_only = job
-    place = Path(folder) / f"{seed}" / f"{k:03d}"
-    there = place / "truth.json"
-    truth = (
-        json.loads(there.read_text())
-        if there.exists()
-        else json.loads(json.dumps(make_case(place, seed, k), default=float))
-    )
-    return None if make_only else run_case(place, truth)
+    folder, seed, k = job
+    place = folder / f"{seed}" / f"{k:03d}"
+    if not (place / "truth.json").exists():
+        make_case(place, seed, k)
+    return run_case(place, json.loads((place / "truth.json").read_text()))
 
 
 def main():
@@ -1417,67 +1395,41 @@ def main():
     parser.add_argument("--cases", default="0-59", help="numbers of cases, such as 0-59 or 12")
     parser.add_argument("--only", help="one set")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument(
-        "--folder",
-        type=Path,
-        default=Path(tempfile.gettempdir()) / "gap_stranger",
-        help="where cases are kept",
-    )
+    kept = Path(tempfile.gettempdir()) / "gap_stranger"
+    parser.add_argument("--folder", type=Path, default=kept, help="where cases are kept")
     parser.add_argument("--out", type=Path, default=Path("gap_stranger.jsonl"))
     parser.add_argument("--code", default=None, help="name of the code instead of its commit")
-    parser.add_argument("--make", action="store_true", help="make the cases and stop")
     parser.add_argument("--table", type=Path)
     args = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    cases = numbers(args.cases)
     code = args.code or commit()
-    rows = (
-        [json.loads(line) for line in args.out.read_text().splitlines()]
-        if args.out.exists()
-        else []
-    )
-    done = {(row["code"], row["seed"], row["case"]) for row in rows}
-    kinds = {
-        k: "single" if CYCLE[k % len(CYCLE)] == "stribeck" else CYCLE[k % len(CYCLE)] for k in cases
-    }
-    jobs = [
-        (str(args.folder), seed, k, args.make)
-        for seed in numbers(args.seeds)
-        for k in cases
-        if (code, seed, k) not in done and args.only in (None, kinds[k], CYCLE[k % len(CYCLE)])
+    wanted = {(seed, k) for seed in numbers(args.seeds) for k in numbers(args.cases)}
+    rows = map(json.loads, args.out.read_text().splitlines() if args.out.exists() else [])
+    rows = [
+        each for each in rows if each["code"] == code and (each["seed"], each["case"]) in wanted
     ]
-    print(
-        f"seeds {args.seeds}, cases {args.cases}, code {code}: {len(jobs)} to do, {len(done)} there",
-        flush=True,
-    )
-    if args.jobs > 1:
-        from multiprocessing import Pool
-
-        results = Pool(args.jobs).imap(work, jobs)
-    else:
-        results = map(work, jobs)
-    for row in results:
-        if row is None:
-            continue
-        row["code"] = code
-        rows.append(row)
-        with args.out.open("a") as file:
-            file.write(json.dumps(row, default=float) + "\n")
-        hidden = ", ".join(f"{n}@{j} {v:.2f}" for n, j, v in row["effects"]) or "-"
-        told = ", ".join(f"{n}@{'+'.join(j)}" for n, j, *_ in row.get("told", ())) or "-"
-        print(
-            f"{row['seed']}/{row['case']:02d} {row['set']:8} {row['kind']:15} {row['seconds']:5.1f} s  {hidden}  ->  {told}",
-            flush=True,
-        )
-    chosen = [
-        row
-        for row in rows
-        if row["code"] == code and row["seed"] in numbers(args.seeds) and row["case"] in cases
-    ]
-    if chosen:
-        print(table(chosen))
+    todo = sorted(wanted - {(row["seed"], row["case"]) for row in rows})
+    jobs = []
+    for seed, k in todo:
+        kind = CYCLE[k % len(CYCLE)]
+        if args.only in (None, kind, "single" if kind == "stribeck" else kind):
+            jobs.append((args.folder, seed, k))
+    print(f"seeds {args.seeds}, cases {args.cases}, code {code}: {len(jobs)} to do", flush=True)
+    with ProcessPoolExecutor(args.jobs) as pool:
+        for row in pool.map(work, jobs):
+            rows.append(row | {"code": code})
+            with args.out.open("a") as file:
+                file.write(json.dumps(rows[-1], default=float) + "\n")
+            hidden = ", ".join(f"{n}@{j} {v:.2f}" for n, j, v in row["effects"]) or "-"
+            told = ", ".join(f"{n}@{'+'.join(j)}" for n, j, *_ in row.get("told", ())) or "-"
+            print(
+                f"{row['seed']}/{row['case']:02d} {row['set']:8} {row['kind']:15} {row['seconds']:5.1f} s  {hidden}  ->  {told}",
+                flush=True,
+            )
+    if rows:
+        print(table(rows))
         if args.table:
-            args.table.write_text(table(chosen) + "\n")
+            args.table.write_text(table(rows) + "\n")
 
 
 if __name__ == "__main__":

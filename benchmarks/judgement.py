@@ -17,6 +17,7 @@ import math
 import tempfile
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -399,32 +400,21 @@ def main():
     rows = json.loads(given.out.read_text()) if given.out.exists() else []
     done, end = {row.get("name", row.get("seed")) for row in rows}, time.time() + 60 * given.minutes
     if given.kind == "recordings":
-        work = (
-            (name, lambda each=each: run_recording(*each))
-            for each in recordings(given.data)
-            for name in each[:1]
-        )
+        work = ((each[0], partial(run_recording, *each)) for each in recordings(given.data))
     else:
-        seeds = range(1000 * given.seed, 1000 * given.seed + given.cases)
         searched = given.kind == "situations"
-        cases = map(case_of if searched else light_case_of, seeds)
-        work = ((case["seed"], lambda case=case: run(case, searched)) for case in cases)
+        make = case_of if searched else light_case_of
+        seeds = range(1000 * given.seed, 1000 * given.seed + given.cases)
+        work = ((seed, partial(run, make(seed), searched)) for seed in seeds)
     for name, task in work:
         if name in done or time.time() > end:
             continue
         row = task()
         rows.append(row)
-        done.add(name)
         given.out.write_text(json.dumps(rows))
         state = list(row["states"].values())[-1] if "states" in row else row["refused"]
-        print(
-            name,
-            row.get("arm", ""),
-            row.get("hidden", ""),
-            state,
-            row["contradictions"],
-            flush=True,
-        )
+        what = (row.get("arm", ""), row.get("hidden", ""), state, row["contradictions"])
+        print(name, *what, flush=True)
     print(table(rows))
 
 

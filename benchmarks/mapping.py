@@ -28,7 +28,7 @@ from dynid.model.kinematics import link_frames
 from dynid.robot import Body
 from dynid.signals.checks import check_ranges, unwrapped
 from dynid.signals.columns import in_si, matching_columns, robot_columns, to_dh
-from motions import harmonics
+from motions import harmonics, inside
 
 ROOT = Path(__file__).parents[1]
 
@@ -112,11 +112,9 @@ def simulated(name, seed, speed=0.5):
 def motion_of(t, robot, rng, fastest):
     low, high = np.array([joint.limits.position or (-2.5, 2.5) for joint in robot.joints]).T
     a, b = rng.standard_normal((2, HARMONICS, robot.n)) / np.arange(1, HARMONICS + 1)[:, None]
-    q, qd, qdd = harmonics(t, a, b)
-    middle = (q.max(axis=0) + q.min(axis=0)) / 2
     reach = 0.8 * np.minimum((high - low) / 2, 2.0)
-    scale = np.minimum(reach / np.abs(q - middle).max(axis=0), fastest / np.abs(qd).max(axis=0))
-    return (q - middle) * scale + (low + high) / 2, qd * scale, qdd * scale
+    q, qd, qdd = inside(*harmonics(t, a, b), reach, fastest)
+    return q + (low + high) / 2, qd, qdd
 
 
 def bodies_of(robot, rng):

@@ -21,6 +21,14 @@ def harmonics(t, a, b, base=0.1):
     return sin @ a + cos @ b, (cos * w) @ a - (sin * w) @ b, -(sin * w**2) @ a - (cos * w**2) @ b
 
 
+def inside(q, qd, qdd, *limits):
+    """Return a motion about its middle, each joint scaled to the tightest of its limits: reach, speed, acceleration."""
+    q = q - (q.max(axis=0) + q.min(axis=0)) / 2
+    ratios = [limit / np.abs(x).max(axis=0) for limit, x in zip(limits, (q, qd, qdd), strict=False)]
+    scale = np.min(ratios, axis=0)
+    return scale * q, scale * qd, scale * qdd
+
+
 def there_and_back(t, far, middle=0.0):
     """Return the motion from rest to rest that is ``far`` from the middle pose, (n,), half way."""
     w = np.pi / t[-1]

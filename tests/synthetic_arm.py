@@ -18,7 +18,7 @@ from dynid.estimation.possible_set import (
 )
 from dynid.model.parameters import numbered
 from dynid.robot import LINK_PARAMETERS
-from motions import harmonics
+from motions import harmonics, inside
 
 TWIST = np.deg2rad([90, -90, -90, 90, 90, -90, 0])
 OFFSET = np.array([0.31, 0, 0.4, 0, 0.39, 0, 0.078])
@@ -66,10 +66,8 @@ class Arm:
         """The same kind of motion, each joint scaled to the tightest of its limits, then slowed down by alpha."""
         rng = np.random.default_rng(seed)
         a, b = rng.standard_normal((2, 5, 7)) / np.arange(1, 6)[:, None]
-        q, qd, qdd = harmonics(np.linspace(0, 10, samples), a, b)
-        q -= (q.max(axis=0) + q.min(axis=0)) / 2
-        scale = np.min(LIMITS / np.abs([q, qd, qdd]).max(axis=1), axis=0)
-        return scale * q, alpha * scale * qd, alpha**2 * scale * qdd
+        q, qd, qdd = inside(*harmonics(np.linspace(0, 10, samples), a, b), *LIMITS)
+        return q, alpha * qd, alpha**2 * qdd
 
     def whitened(self, samples=2000, alpha=1.0, noise=1.0, seed=1, motion=None):
         """Triangular factor (R, r) of noisy whitened rows."""
