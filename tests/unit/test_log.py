@@ -64,9 +64,9 @@ def test_a_table_has_one_column_for_each_quantity_of_each_joint():
 
 
 def test_what_is_saved_is_read_back(tmp_path):
-    made = Log(
-        T, np.ones((5, 2)), 2 * np.ones((5, 2)), ("a", "b"), units={"position": "deg"}, tau_unit="A"
-    )
+    ones = np.ones((5, 2))
+    made = Log(T, ones, 2 * ones, ("a", "b"), units={"position": "deg"}, tau_unit="A")
+    made = replace(made, extra={"q_ref": 3 * ones})
     for log in (made, prepare(lwr_log(), lwr())):
         again = read_log(log.save(tmp_path / "log.npz"), robot=lwr())
         for key in ("t", "q", "tau"):
@@ -77,7 +77,9 @@ def test_what_is_saved_is_read_back(tmp_path):
             log.dh,
             False,
         )
-        assert again.units["position"] == "deg" if log is made else True
+        if log is made:
+            np.testing.assert_array_equal(again.extra["q_ref"], 3 * ones)
+            assert (again.qd, again.units["position"]) == (None, "deg")
 
 
 def test_a_checked_log_that_was_saved_is_the_same_after_the_checks(tmp_path):

@@ -24,16 +24,6 @@ def saved(folder, header=None, **arrays):
 LOG = {"t": np.arange(3.0), "q": np.ones((3, 2)), "tau": np.ones((3, 2))}
 
 
-def test_a_log_comes_back_as_it_was_written(tmp_path):
-    log = replace(lwr_log(), tau_unit="Nm", dh=True, extra={"q_ref": lwr_log().q + 1})
-    log.save(tmp_path / "log.npz")
-    again = read_npz_log(tmp_path / "log.npz")
-    for key in ("t", "q", "tau"):
-        np.testing.assert_array_equal(getattr(again, key), getattr(log, key))
-    np.testing.assert_array_equal(again.extra["q_ref"], log.q + 1)
-    assert (again.names, again.tau_unit, again.dh, again.qd) == (log.names, "Nm", True, None)
-
-
 def test_units_declared_by_the_file_go_before_those_of_the_robot_file(tmp_path):
     log = replace(lwr_log(), q=np.degrees(lwr_log().q), units={"position": "deg"})
     log.save(tmp_path / "log.npz")
