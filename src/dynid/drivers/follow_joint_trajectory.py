@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Collection, Mapping
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dynid.drivers.command_port import CONNECT_PATIENCE, SERVICE_PATIENCE, CommandPort, Target
 from dynid.drivers.joint_trajectory import point_of
 from dynid.drivers.ros import import_ros, message_classes
-from dynid.errors import GoalRefused, ServiceMissing, TopicMissing, TopicSilent
+from dynid.errors import DynidError, GoalRefused, ServiceMissing, TopicMissing, TopicSilent
 from dynid.text import shell
 
 Floats = NDArray[np.float64]
@@ -123,7 +123,7 @@ def choose_commands(
 class FollowJointTrajectoryPort(CommandPort):
     """Any driver with a FollowJointTrajectory action server."""
 
-    stop_words: ClassVar[str] = "a cancelled goal stops the arm (it can only be tried on a goal)"
+    stop_words = "a cancelled goal stops the arm (it can only be tried on a goal)"
 
     def __init__(self, *words: Any) -> None:  # noqa: ANN401
         super().__init__(*words)
@@ -178,13 +178,13 @@ class FollowJointTrajectoryPort(CommandPort):
         goal = self._goal(at, duration)
         self._id = goal.goal_id.id
         self.publisher.publish(goal)
-        end = time.monotonic() + ACCEPT_PATIENCE
-        while self._state < 1:
-            if time.monotonic() > end:
-                raise GoalRefused(
-                    f"{self.command_topic} did not accept the motion within {ACCEPT_PATIENCE:g} s"
-                )
-            time.sleep(LOOK)
+        _wait(
+            lambda: self._state > 0,
+            ACCEPT_PATIENCE,
+            GoalRefused(
+                f"{self.command_topic} did not accept the motion within {ACCEPT_PATIENCE:g} s"
+            ),
+        )
         self._judge()
         return time.monotonic(), goal
 
@@ -208,14 +208,9 @@ class FollowJointTrajectoryPort(CommandPort):
         Raises:
             GoalRefused: it gave up, or does not say so.
         """
-        end = time.monotonic() + FINISH_PATIENCE
-        while self._state != SUCCEEDED:
-            self._judge()
-            if time.monotonic() > end:
-                raise GoalRefused(
-                    f"the controller did not reach the end within {FINISH_PATIENCE:g} s after it"
-                )
-            time.sleep(LOOK)
+        late = f"the controller did not reach the end within {FINISH_PATIENCE:g} s after it"
+        _wait(lambda: self._state in ENDED, FINISH_PATIENCE, GoalRefused(late))
+        self._judge()
 
     def stop(self) -> str:
         """Cancel the goal and wait until the controller confirms it."""
@@ -223,16 +218,11 @@ class FollowJointTrajectoryPort(CommandPort):
             return "no goal was sent"
         cancel = action_message(CANCEL)()
         cancel.id = self._id
-        end = time.monotonic() + SERVICE_PATIENCE
         if self._cancel.get_num_connections():
             self._cancel.publish(cancel)
-        while self._state not in ENDED:
-            if time.monotonic() > end:
-                where = self._topic("cancel")
-                raise ServiceMissing(
-                    f"{where} did not confirm within {SERVICE_PATIENCE:g} s", where=where
-                )
-            time.sleep(LOOK)
+        where = self._topic("cancel")
+        late = f"{where} did not confirm within {SERVICE_PATIENCE:g} s"
+        _wait(lambda: self._state in ENDED, SERVICE_PATIENCE, ServiceMissing(late, where=where))
         return f"goal {STATES[self._state]}"
 
     def _judge(self) -> None:
@@ -252,6 +242,15 @@ class FollowJointTrajectoryPort(CommandPort):
         if result.status.goal_id.id == self._id:
             self._text = result.result.error_string or result.status.text
             self._state = result.status.status
+
+
+def _wait(done: Callable[[], bool], patience: float, late: DynidError) -> None:
+    """Wait until something is done, and raise ``late`` after so long [s]."""
+    end = time.monotonic() + patience
+    while not done():
+        if time.monotonic() > end:
+            raise late
+        time.sleep(LOOK)
 
 
 @cache

@@ -104,8 +104,11 @@ class Driver:
             raise TopicMissing(text, where=bag, fix=fix)
         if topics[wanted] != JOINT_STATE:
             instead = f"use {states[0]}" if states else f"{bag} has no {JOINT_STATE} topic"
-            text = f"{wanted} is {topics[wanted]}{self.type_note(topics[wanted])}; {instead}"
-            raise WrongMessageType(text, where=bag, fix=better)
+            raise WrongMessageType(
+                f"{wanted} is {topics[wanted]}{self.type_note(topics[wanted])}; {instead}",
+                where=bag,
+                fix=better,
+            )
         return wanted
 
     def type_note(self, kind: str) -> str:
@@ -117,8 +120,11 @@ class Driver:
         if len(states) == 1 or len(set(known)) == 1:
             return known[0] if known else states[0]
         if not states:
-            text = f"{bag} has no {JOINT_STATE} topic; it has {_listed(topics)}"
-            raise TopicMissing(text, where=bag, fix="record the driver's joint state topic")
+            raise TopicMissing(
+                f"{bag} has no {JOINT_STATE} topic; it has {_listed(topics)}",
+                where=bag,
+                fix="record the driver's joint state topic",
+            )
         text = f"{bag} has several joint state topics: {', '.join(states)}"
         fix = f"name one of them: {shell('--topic', states[0])}"
         raise TopicMissing(text, where=bag, fix=fix)
@@ -140,12 +146,12 @@ class Lwr4Plus(Driver):
     alphabetical order, so the elbow e1 comes last although it is the third joint.
     """
 
-    kind: ClassVar[str] = "lwr4plus"
-    port: ClassVar[type[CommandPort] | None] = Lwr4PlusPort
-    default_topics: ClassVar[tuple[str, ...]] = ("lwr/joint_states", "joint_states")
-    velocity_trusted: ClassVar[bool] = False
-    velocity_note: ClassVar[str] = "FRI sends none; the driver differentiates with a lag"
-    gravity_fix: ClassVar[str] = (
+    kind = "lwr4plus"
+    port = Lwr4PlusPort
+    default_topics = ("lwr/joint_states", "joint_states")
+    velocity_trusted = False
+    velocity_note = "FRI sends none; the driver differentiates with a lag"
+    gravity_fix = (
         "log the measured torque (FRI msrJntTrq; port JointTorqueAct of rtt_lwr), not the estimated external one, "
         "or say `torque: {source: gravity_free}` in the robot file"
     )
@@ -158,16 +164,16 @@ class KinovaGen2(Driver):
     for. Finger joints share the message with the arm. Topics of type kinova_msgs carry degrees and no time stamp.
     """
 
-    kind: ClassVar[str] = "kinova_gen2"
-    port: ClassVar[type[CommandPort] | None] = KinovaGen2Port
-    default_topics: ClassVar[tuple[str, ...]] = ("out/joint_state", "out/joint_states")
-    velocity_trusted: ClassVar[bool] = False
-    velocity_note: ClassVar[str] = "the Kinova driver doubles and wraps it"
-    rate_fix: ClassVar[str] = (
+    kind = "kinova_gen2"
+    port = KinovaGen2Port
+    default_topics = ("out/joint_state", "out/joint_states")
+    velocity_trusted = False
+    velocity_note = "the Kinova driver doubles and wraps it"
+    rate_fix = (
         "relaunch: roslaunch kinova_bringup kinova_robot.launch feedback_publish_rate:=0.01 "
         "(an interval in s; USB reaches about 40-60 Hz, Ethernet 100 Hz)"
     )
-    gravity_fix: ClassVar[str] = (
+    gravity_fix = (
         "set the driver parameter publish_torque_with_gravity_compensation to false, "
         "or say `torque: {source: gravity_free}` in the robot file"
     )

@@ -6,7 +6,7 @@ Source: CentroEPiaggio/kuka-lwr, single_lwr_robot/config/controllers.yaml and lw
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +21,10 @@ Floats = NDArray[np.float64]
 class JointTrajectoryPort(CommandPort):
     """Any driver with a JointTrajectory topic beside its joint states."""
 
-    rate: ClassVar[float] = 100.0
     #: The controller interpolates to a point so far ahead, as a command may be late before the run is stopped: the way
     #: never ends in between [s].
-    lead: ClassVar[float] = 0.1
-    stop_words: ClassVar[str] = "an empty trajectory holds the arm (a topic gives no answer)"
+    lead = 0.1
+    stop_words = "an empty trajectory holds the arm (a topic gives no answer)"
 
     def default_command_topic(self) -> str:
         """Return the controller's command topic in the namespace of the joint states."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 from functools import cache
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +38,10 @@ _SERVICES = {
 class KinovaGen2Port(CommandPort):
     """kinova-ros through ``in/joint_velocity``."""
 
-    rate: ClassVar[float] = 100.0
     #: A velocity is held for a period, so it is that of the period's middle [s].
-    lead: ClassVar[float] = 0.005
-    slotted: ClassVar[bool] = True
-    stop_words: ClassVar[str] = "in/stop was tried and works"
+    lead = 0.005
+    slotted = True
+    stop_words = "in/stop was tried and works"
     _speed: Floats
 
     @property

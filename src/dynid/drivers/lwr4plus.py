@@ -6,7 +6,6 @@ Source: CentroEPiaggio/kuka-lwr, epfl-lasa/kuka-lwr-ros, kuka-isir/rtt_lwr, RCPR
 from __future__ import annotations
 
 import time
-from typing import ClassVar
 
 from dynid.drivers.joint_trajectory import JointTrajectoryPort
 from dynid.drivers.ros import import_ros
@@ -15,7 +14,7 @@ from dynid.drivers.ros import import_ros
 class Lwr4PlusPort(JointTrajectoryPort):
     """LWR4+ in joint position control; it is stopped through the driver's emergency_stop topic."""
 
-    stop_words: ClassVar[str] = "emergency_stop is connected (a topic gives no answer)"
+    stop_words = "emergency_stop is connected (a topic gives no answer)"
 
     @property
     def stop_topic(self) -> str:

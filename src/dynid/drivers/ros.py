@@ -184,8 +184,9 @@ class _Limited:
             try:
                 return within(PATIENCE, lambda: getattr(self._inner, name)(*args))
             except OSError as error:
-                text = f"the ROS master at {self._uri} no longer answers ({error})"
-                raise MasterSilent(text) from error
+                raise MasterSilent(
+                    f"the ROS master at {self._uri} no longer answers ({error})"
+                ) from error
 
         return call
 
@@ -216,8 +217,9 @@ def connect(name: str, given: str | None = None, patience: float = PATIENCE) -> 
     try:
         within(5 * patience, lambda: rospy.init_node(name, argv=[], anonymous=True, **plain))
     except (OSError, rospy.ROSException) as error:
-        text = f"the master at {uri} did not take this node ({error})"
-        raise MasterSilent(text, where=uri) from error
+        raise MasterSilent(
+            f"the master at {uri} did not take this node ({error})", where=uri
+        ) from error
     _silence()
     return Node(rospy, uri)
 

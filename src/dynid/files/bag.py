@@ -148,8 +148,11 @@ def _index(stream: IO[bytes], path: Path) -> int:
         raise LogNotFound(f"{path.name} is not a ROS 1 bag", where=path, fix=fix)
     if start != MAGIC:
         version = start.decode("latin-1").strip()
-        text = f"{path.name} has the format {version}; dynid reads V2.0"
-        raise LogNotFound(text, where=path, fix="convert it with: rosbag fix")
+        raise LogNotFound(
+            f"{path.name} has the format {version}; dynid reads V2.0",
+            where=path,
+            fix="convert it with: rosbag fix",
+        )
     _, opening, _ = next(_records(stream), (b"", Fields(bytes), b""))
     place = int.from_bytes(opening[b"index_pos"][:8], "little")
     if not place:

@@ -138,8 +138,11 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
     except LogLayout as error:
         raise LogLayout(error.what, where=error.where, **_LAYOUT) from error
     for k in np.flatnonzero(~np.all(np.abs(rows) <= LARGEST, axis=1)):
-        text = f"{path}: row {k + 1} is not {table.width} numbers up to {LARGEST:g}"
-        raise LogLayout(text, where=path, **_LAYOUT)
+        raise LogLayout(
+            f"{path}: row {k + 1} is not {table.width} numbers up to {LARGEST:g}",
+            where=path,
+            **_LAYOUT,
+        )
     names = [name.removeprefix("q_") for name in table.names]
     times: Floats | None = None
     # Why: the last line of comments, as wide as the rows, may be anything.
@@ -147,14 +150,18 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
         times = rows[:, names.index("t")] if "t" in names else None
         missing = [name for name in robot.joint_names if name not in names]
         if missing:
-            text = f"{path} has no column {missing[0]}; it has {', '.join(names)}"
-            raise LogLayout(text, where=path, **_LAYOUT)
+            raise LogLayout(
+                f"{path} has no column {missing[0]}; it has {', '.join(names)}",
+                where=path,
+                **_LAYOUT,
+            )
         rows = rows[:, [names.index(name) for name in robot.joint_names]]
     elif rows.shape[1] == robot.n + 1:
         times, rows = rows[:, 0], rows[:, 1:]
     if rows.shape[1] != robot.n:
-        text = f"{path} has {rows.shape[1]} columns, {robot.name} {robot.n} joints"
-        raise JointCountDiffers(text, where=path)
+        raise JointCountDiffers(
+            f"{path} has {rows.shape[1]} columns, {robot.name} {robot.n} joints", where=path
+        )
     fix = "write them into PLAN.yaml under `waypoints:` with `angle_unit: deg`, or divide them by 57.29578"
     return _checked(Waypoints(rows, times), robot, path, fix)
 
@@ -162,8 +169,9 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
 def _checked(waypoints: Waypoints, robot: Robot, path: Path, fix: str) -> Waypoints:
     q = waypoints.q
     if len(q) < 2:
-        text = f"{path} has {len(q)} waypoints; a motion needs at least 2"
-        raise LogLayout(text, where=path, **_LAYOUT)
+        raise LogLayout(
+            f"{path} has {len(q)} waypoints; a motion needs at least 2", where=path, **_LAYOUT
+        )
     if waypoints.times is not None:
         for k in np.flatnonzero(np.diff(waypoints.times) < tuning.LEAST_WAYPOINT_STEP_S):
             least = f"{tuning.LEAST_WAYPOINT_STEP_S:g} s later than waypoint {k + 1}"

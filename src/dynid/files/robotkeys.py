@@ -70,8 +70,9 @@ def _dh_angle(value: Value) -> float:
     angle = value.angle()
     given = f" = {value.text()}"
     if abs(angle) > 2 * math.pi + 1e-9:
-        text = f"{given} {value.context.angle_unit} is more than a full turn"
-        raise value.wrong(text, kind=AngleTooLarge)
+        raise value.wrong(
+            f"{given} {value.context.angle_unit} is more than a full turn", kind=AngleTooLarge
+        )
     used = snapped(angle)
     degrees = f"{math.degrees(used):g} deg"
     if abs(angle - used) > 1e-9:
@@ -263,8 +264,10 @@ def _driver(value: Value) -> DriverSpec:
     for key, pattern in given.get("columns", {}).items():
         one = "{name}" in pattern or "{i}" in pattern or len(value.context.joints) == 1
         if key != "time" and not one:
-            text = f"{value.where}: columns.{key} = '{pattern}' needs {{i}} or {{name}}"
-            raise WrongRobotFile(text, where=value.where)
+            raise WrongRobotFile(
+                f"{value.where}: columns.{key} = '{pattern}' needs {{i}} or {{name}}",
+                where=value.where,
+            )
     return DriverSpec(**{"topic": None, "joint_names": (), "map": joint_map, **given})
 
 

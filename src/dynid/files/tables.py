@@ -253,8 +253,9 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
         if key == "time":
             break
         if values.shape[1] != width:
-            text = f"{file.name} has {values.shape[1]} columns, position.txt {width}"
-            raise LogLayout(text, where=file)
+            raise LogLayout(
+                f"{file.name} has {values.shape[1]} columns, position.txt {width}", where=file
+            )
         names = names or heads
         if missing := [name for name in names if heads and name not in heads]:
             raise table.wrong(f"no column '{missing[0]}'")

@@ -207,5 +207,6 @@ def lines_of(path: Path) -> Iterator[tuple[int, str]]:
     except OSError as error:
         raise LogNotFound(f"cannot read {path}: {error.strerror}", where=path) from error
     except UnicodeDecodeError as error:
-        text = f"{path.name} is not a text file"
-        raise LogNotFound(text, where=path, fix="save it as UTF-8") from error
+        raise LogNotFound(
+            f"{path.name} is not a text file", where=path, fix="save it as UTF-8"
+        ) from error

@@ -145,8 +145,7 @@ def read_urdf(path: Path, *, exact: bool = False) -> Urdf:
     try:
         top = ET.fromstring(path.read_bytes())
     except OSError as error:
-        text = f"cannot read {path}: {error.strerror}"
-        raise WrongUrdf(text, where=path) from error
+        raise WrongUrdf(f"cannot read {path}: {error.strerror}", where=path) from error
     except ET.ParseError as error:
         line = f"{path}:{error.position[0]}"
         raise WrongUrdf(f"{path} is not XML: {error}", where=line) from error

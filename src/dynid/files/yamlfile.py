@@ -145,8 +145,9 @@ class Value:
             usual: other names of keys, which are understood and noted (W203).
         """
         if not self.is_mapping:
-            text = f"{self.path or 'the file'} must have keys ({', '.join(known)})"
-            raise WrongRobotFile(text, where=self.where)
+            raise WrongRobotFile(
+                f"{self.path or 'the file'} must have keys ({', '.join(known)})", where=self.where
+            )
         found: dict[str, Value] = {}
         for key_node, node in self.node.value:
             given, line = str(key_node.value), f"{self.file}:{key_node.start_mark.line + 1}"
@@ -159,8 +160,9 @@ class Value:
                 raise NotYaml(f"{line}: key '{key}' is given twice", where=line)
             if key not in known:
                 fix = f"rename or remove it; {self.path or 'the file'} may have: {', '.join(known)}"
-                text = f"{line}: unknown key '{key}'{closest(key, known)}"
-                raise UnknownKey(text, where=line, fix=fix)
+                raise UnknownKey(
+                    f"{line}: unknown key '{key}'{closest(key, known)}", where=line, fix=fix
+                )
             found[key] = replace(self, node=node, path=f"{self.path}.{key}".lstrip("."))
         for key in required:
             if key not in found:

@@ -162,31 +162,24 @@ def check_finite(log: Log, robot: Robot) -> None:
     Raises:
         NotFinite: names joint, quantity, count, first time and row.
     """
-    columns = {"position": log.q, "torque": log.tau} | (
-        {"velocity": log.qd} if log.qd is not None else {}
-    )
-    bad = np.zeros(len(log), dtype=bool)
-    first: tuple[int, str] | None = None
-    for quantity, values in columns.items():
-        wrong = ~measurable(values)
-        bad |= wrong.any(axis=1)
-        for j in np.flatnonzero(wrong.any(axis=0)):
-            row = int(np.flatnonzero(wrong[:, j])[0])
-            value = float(values[row, j])
-            kind = (
-                "not a number"
-                if np.isnan(value)
-                else "infinite"
-                if np.isinf(value)
-                else f"{value:.0e}, not measurable,"
-            )
-            count = int(wrong[:, j].sum())
-            text = f"{robot.joint_names[j]} {quantity} is {kind} in {count} samples"
-            if first is None or row < first[0]:
-                first = (row, text)
-    if first is None:
+    columns = {"position": log.q, "torque": log.tau}
+    columns |= {"velocity": log.qd} if log.qd is not None else {}
+    wrong = {quantity: ~measurable(x) for quantity, x in columns.items()}
+    bad = np.any([flags.any(axis=1) for flags in wrong.values()], axis=0)
+    if not bad.any():
         return
-    row, text = first
+    row = int(np.argmax(bad))
+    quantity, flags = next((key, flags) for key, flags in wrong.items() if flags[row].any())
+    j = int(np.argmax(flags[row]))
+    value = float(columns[quantity][row, j])
+    kind = (
+        "not a number"
+        if np.isnan(value)
+        else "infinite"
+        if np.isinf(value)
+        else f"{value:.0e}, not measurable,"
+    )
+    text = f"{robot.joint_names[j]} {quantity} is {kind} in {int(flags[:, j].sum())} samples"
     fix = (
         "record again: no sample is complete"
         if bad.all()
@@ -303,28 +296,22 @@ def unit_fix(robot: Robot, given: dict[str, str]) -> str:
 
 def unwrapped(log: Log, robot: Robot) -> Log:
     """Return the log without jumps by full turns (W315)."""
-    found = {}
-    for j, joint in enumerate(robot.joints):
-        where, turns = (
-            _full_turns(log.q[:, j]) if joint.revolute else (np.zeros(0, dtype=int), np.zeros(0))
-        )
-        if len(where):
-            found[j] = where, 2 * np.pi * np.cumsum(turns)
-    if not found:
-        return log
-    q, findings = log.q.copy(), []
-    for j, (where, back) in found.items():
-        # Unit: jumps before each sample.
-        count = np.searchsorted(where, np.arange(len(log)), "right")
-        q[:, j] -= np.concatenate([[0.0], back])[count]
+    q, findings = log.q, list[Finding]()
+    for j in (j for j, joint in enumerate(robot.joints) if joint.revolute):
+        where, turns = _full_turns(log.q[:, j])
+        if not len(where):
+            continue
+        q = q if findings else q.copy()
+        jumps = np.zeros(len(log))
+        jumps[where] = turns
+        q[:, j] -= 2 * np.pi * np.cumsum(jumps)
         name, row = robot.joint_names[j], int(where[0])
         more = f" and {len(where) - 1} times more" if len(where) > 1 else ""
         at, step = float(log.t[row]), float(log.q[row, j] - log.q[row - 1, j])
         text = f"{name} jumps by {step:.2f} rad at {at:.2f} s{more}; unwrapped"
-        findings.append(
-            Finding("W315", "warning", text, {"joint": name, "at_s": log.t[where].tolist()})
-        )
-    return with_findings(replace(log, q=q), *findings)
+        evidence = {"joint": name, "at_s": log.t[where].tolist()}
+        findings.append(Finding("W315", "warning", text, evidence))
+    return with_findings(replace(log, q=q), *findings) if findings else log
 
 
 def _full_turns(q: Floats) -> tuple[NDArray[np.intp], Floats]:
@@ -351,13 +338,7 @@ def check_torque_scale(log: Log, robot: Robot) -> None:
             fix="make the driver publish the joint torques",
         )
     moves = np.ptp(log.q, axis=0) > per_joint(tuning.STILL_SPAN, robot)
-    silent = [
-        joint.name
-        for joint, is_silent in zip(
-            robot.joints, moves & (largest < tuning.LEAST_TORQUE), strict=True
-        )
-        if is_silent
-    ]
+    silent = [robot.joint_names[j] for j in np.flatnonzero(moves & (largest < tuning.LEAST_TORQUE))]
     if silent:
         raise WrongMessageType(
             f"effort is 0 in every sample of {', '.join(silent)}, which moves",
@@ -381,8 +362,11 @@ def check_torque_scale(log: Log, robot: Robot) -> None:
             )
             if high / 1000 <= tuning.BEYOND_RATING * rating:
                 guess, fix = "mNm", unit_fix(robot, {"effort": "mNm"})
-            text = f"{joint.name} torque reaches {top}: {guess}? rating {rating:g} {unit}"
-            raise TorqueScale(text, where=log.topic, fix=fix)
+            raise TorqueScale(
+                f"{joint.name} torque reaches {top}: {guess}? rating {rating:g} {unit}",
+                where=log.topic,
+                fix=fix,
+            )
 
 
 def clipped_samples(log: Log, robot: Robot) -> tuple[Flags, tuple[Finding, ...]]:
@@ -391,40 +375,25 @@ def clipped_samples(log: Log, robot: Robot) -> tuple[Flags, tuple[Finding, ...]]
     They sit at their largest value, or stay at any value while their joint moves to and fro.
     """
     mask, alive, findings = np.zeros(log.tau.shape, bool), any_moves(log, robot), []
-    low, high = log.tau.min(axis=0), log.tau.max(axis=0)
     moved = per_joint(tuning.STILL_SPAN, robot)
     for j, joint in enumerate(robot.joints):
         x = log.tau[:, j]
-        above = _flat_top(x, 1.0, float(high[j]), float(low[j]), alive)
-        below = _flat_top(x, -1.0, float(-low[j]), float(-high[j]), alive)
-        top, clipped = (
-            max(high[j] if above.any() else 0.0, -low[j] if below.any() else 0.0),
-            above | below,
-        )
+        clipped = _flat_top(x, alive) | _flat_top(-x, alive)
         stuck = _stuck(x, log.q[:, j], float(moved[j]), round(tuning.STUCK_S * log.rate)) & ~clipped
         mask[:, j] = clipped | stuck
-        stays = (
-            "stays at",
-            float(x[int(np.argmax(stuck))]),
-            " while the joint moves to and fro: these",
-        )
-        for flags, (does, level, which) in (
-            (clipped, ("sits at", top, ": clipped")),
-            (stuck, stays),
+        unit = "A" if log.tau_unit == "A" else joint.torque_unit.replace(" ", "")
+        for flags, does, which in (
+            (clipped, "sits at", ": clipped"),
+            (stuck, "stays at", " while the joint moves to and fro: these"),
         ):
             if not flags.any():
                 continue
-            share, unit = (
-                float(np.mean(flags)),
-                "A" if log.tau_unit == "A" else joint.torque_unit.replace(" ", ""),
-            )
-            size = f"{level:.4g} {unit} for {np.sum(flags) / log.rate:.2g} s"
+            share, some = float(np.mean(flags)), x[flags]
+            level = float(some[0] if flags is stuck else np.abs(some).max())
+            size = f"{level:.4g} {unit} for {len(some) / log.rate:.2g} s"
             text = f"{joint.name} torque {does} {size}{which} samples are left out ({100 * share:.1f} %)"
-            findings.append(
-                Finding(
-                    "W319", "warning", text, {"joint": joint.name, "share": share, "level": level}
-                )
-            )
+            evidence = {"joint": joint.name, "share": share, "level": level}
+            findings.append(Finding("W319", "warning", text, evidence))
     return mask, tuple(findings)
 
 
@@ -449,33 +418,24 @@ def _stuck(x: Floats, q: Floats, moved: float, least: int) -> Flags:
     return np.zeros(len(x), dtype=bool) if coarse and not found.all() else found
 
 
-def _flat_top(x: Floats, sign: float, top: float, bottom: float, alive: Flags) -> Flags:
+def _flat_top(x: Floats, alive: Flags) -> Flags:
     """Return the samples of runs at the maximum while the arm moves, if there are suspiciously many.
 
     Args:
         x: torques of a joint, (N,).
-        sign: -1 to look at the other end.
-        top: largest of the values times the sign.
-        bottom: the smallest.
         alive: at which samples the arm moves, (N,).
     """
-    flat, least = np.zeros(len(x), dtype=bool), top - 1e-9 * abs(top)
-    if top <= 0:
-        return flat
-    at_top = (sign * x >= least) & alive
-    for run in runs(at_top, tuning.FLAT_RUN):
+    top, bottom, flat = float(x.max()), float(x.min()), np.zeros(len(x), dtype=bool)
+    least = top - 1e-9 * abs(top)
+    for run in runs((x >= least) & alive & (top > 0), tuning.FLAT_RUN):
         flat[run] = True
     if not flat.any():
         return flat
-    below = sign * x[sign * x < least]
+    below = x[x < least]
     near = int(np.sum(below > top - 0.01 * (top - bottom)))
     second = int(np.sum(below == below.max(initial=-np.inf)))
     count = int(flat.sum())
-    return (
-        flat
-        if count >= tuning.FLAT_SHARE * second and count >= near
-        else np.zeros(len(x), dtype=bool)
-    )
+    return flat & (count >= max(tuning.FLAT_SHARE * second, near))
 
 
 def check_repeats(log: Log, robot: Robot) -> tuple[Finding, ...]:
@@ -486,8 +446,14 @@ def check_repeats(log: Log, robot: Robot) -> tuple[Finding, ...]:
     if share < tuning.REPEAT_SHARE:
         return ()
     new = log.rate * (1 - share)
-    text = f"{100 * share:.0f} % of the samples in motion repeat old positions: new ones come at {new:.0f} Hz"
-    return (Finding("W314", "warning", text, {"share": share}),)
+    return (
+        Finding(
+            "W314",
+            "warning",
+            f"{100 * share:.0f} % of the samples in motion repeat old positions: new ones come at {new:.0f} Hz",
+            {"share": share},
+        ),
+    )
 
 
 def check_zero(log: Log, robot: Robot) -> tuple[Finding, ...]:

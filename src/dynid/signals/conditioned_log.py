@@ -25,6 +25,7 @@ from dynid.model.regressor import Model, prior_torques, prior_vector
 from dynid.progress import SILENT, Progress
 from dynid.robot import Coulomb
 from dynid.signals import tuning
+from dynid.signals.columns import take_samples
 from dynid.signals.filters import (
     Filter,
     choose_cutoff,
@@ -347,21 +348,12 @@ def without_delay(log: Log, delay: float) -> Log:
     # Why: a torque from the middle of a gap was never measured; its samples count as little as clipped ones.
     unknown = log.t[right] - log.t[right - 1] > (tuning.GAP_SAMPLES + 0.5) / log.rate
 
-    def kept(value: Any) -> Any:  # noqa: ANN401
-        return (
-            value[rows]
-            if isinstance(value, np.ndarray) and value.shape[:1] == log.t.shape
-            else value
-        )
-
-    extra = {key: kept(value) for key, value in log.extra.items()}
-    clipped = log.extra.get("clipped")
+    kept, clipped = take_samples(log, rows), log.extra.get("clipped")
     late = np.tile(unknown[:, None], log.n)
     if clipped is not None:
         late |= clipped[right] | clipped[right - 1]
-    extra["clipped"] = late
     tau = resampled(log.t, log.tau, wanted[rows])
-    return replace(log, t=log.t[rows], q=kept(log.q), qd=kept(log.qd), tau=tau, extra=extra)
+    return replace(kept, tau=tau, extra={**kept.extra, "clipped": late})
 
 
 def segment_without_delay(segment: Segment, delay: float) -> Segment:
@@ -587,8 +579,6 @@ def torques_moved_back(log: ConditionedLog, model: Model, delay: float) -> Condi
 
 def without_known(segments: Sequence[Segment], model: Model) -> list[Segment]:
     """Subtract the torques of links that keep their prior values, so that the rest fits the identified columns."""
-    if len(model.robot.identified_links) == model.robot.n:
-        return list(segments)
     return [replace(s, tau=s.tau - known_torque(model, s.q, s.qd, s.qdd)) for s in segments]
 
 

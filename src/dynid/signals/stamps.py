@@ -35,8 +35,11 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
     """
     bad = np.flatnonzero(~(np.abs(log.t) < tuning.LATEST_S))
     if len(bad):
-        text = f"the time is not a valid number in {len(bad)} samples, first in row {bad[0] + 1}"
-        raise NotFinite(text, where=log.topic, fix="remove these rows, or record again")
+        raise NotFinite(
+            f"the time is not a valid number in {len(bad)} samples, first in row {bad[0] + 1}",
+            where=log.topic,
+            fix="remove these rows, or record again",
+        )
     _check_length(log)
     if sort_time:
         log = take_samples(log, np.argsort(log.t, kind="stable"))
@@ -45,8 +48,11 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
     if np.any(step > 0):
         rate = 1.0 / float(np.median(step[step > 0]))
         if rate > tuning.FASTEST_HZ:
-            text = f"the samples are {1 / rate:.1e} s apart: is its time in seconds?"
-            raise TimeNotIncreasing(text, where=log.topic, fix="write the time in seconds")
+            raise TimeNotIncreasing(
+                f"the samples are {1 / rate:.1e} s apart: is its time in seconds?",
+                where=log.topic,
+                fix="write the time in seconds",
+            )
     later = np.concatenate([[True], step > 0])
     repeated = int(np.sum(~later))
     if not repeated:
@@ -242,11 +248,9 @@ def check_rate(log: Log, robot: Robot) -> None:
     Raises:
         RateTooLow: its fix says how the driver publishes faster.
     """
-    if not any_moves(log, robot).any():
-        return
     fastest = bandwidth(log, robot)
     needed = max(tuning.LEAST_RATE_HZ, tuning.SAMPLES_PER_PERIOD * fastest)
-    if log.rate < needed:
+    if fastest and log.rate < needed:
         raise RateTooLow(
             f"joint states arrive at {log.rate:.1f} Hz; "
             f"the fastest motion, {fastest:.1f} Hz, needs >= {max(tuning.GOOD_RATE_HZ, needed):.0f} Hz",
