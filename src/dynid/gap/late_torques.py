@@ -46,8 +46,9 @@ def late_torques(problem: GapProblem) -> SelectedEffect | None:
         np.square(y - (rows.A @ theta).T) for rows, y in zip(bare.joints, moved, strict=True)
     ]
     left = np.sum([x.sum(axis=1) for x in squares], axis=0)
-    best, still = int(np.argmin(left)), len(TRIED) // 2
-    if left[best] >= left[still]:
+    best, still = np.argmin(left), len(TRIED) // 2
+    # Why not zero: where no new row is left, all delays leave the same but for rounding.
+    if left[best] > left[still] - EQUAL:
         return None
     lost = [x[still] - x[best] for x in squares]
     # Why: all torques are late, or it is something else.
