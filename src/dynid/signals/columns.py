@@ -163,11 +163,12 @@ def to_dh(log: Log, robot: Robot) -> Log:
             where=log.name,
             fix="add `coupling: {reduction: [...]}` to the robot file",
         )
-    sign, offset, torque = _map(robot)
+    joint_map = robot.columns.map
+    sign = np.array(joint_map.sign)
     change: dict[str, tuple[Floats, Floats | float]] = {
-        "position": (sign, offset),
+        "position": (sign, np.array(joint_map.offset)),
         "velocity": (sign, 0.0),
-        "effort": (sign * torque, 0.0),
+        "effort": (sign * joint_map.torque_signs, 0.0),
     }
     columns = {key: _mapped(x, *change[COLUMNS[key]]) for key, x in columns.items()}
     return log.with_columns(columns, tau_unit=unit, units={}, motor_side=False, dh=True)
@@ -178,11 +179,6 @@ def joint_of_motor(robot: Robot) -> NDArray[np.bool_]:
     if robot.coupling is None:
         return np.eye(robot.n, dtype=bool)
     return np.asarray(np.array(robot.coupling.matrix) != 0.0, dtype=bool)
-
-
-def _map(robot: Robot) -> tuple[Floats, Floats, Floats]:
-    map_ = robot.columns.map
-    return np.array(map_.sign), np.array(map_.offset), np.array(map_.torque_signs)
 
 
 def _gain(log: Log, robot: Robot) -> tuple[Floats | None, str]:

@@ -24,10 +24,18 @@ def per_joint(pair: tuple[float, float], robot: Robot) -> Floats:
 def speed(log: Log) -> Floats:
     """Return the change of position over a short window, (N, n) [rad/s or m/s]; needs increasing time."""
     half = min(max(1, round(tuning.SPEED_WINDOW_S * log.rate)), max(1, (len(log) - 1) // 2))
-    q, t = np.pad(log.q, (2 * [half], 2 * [0]), mode="edge"), np.pad(log.t, half, mode="edge")
-    change = q[2 * half :] - q[: -2 * half]
-    change /= (t[2 * half :] - t[: -2 * half])[:, None]
-    return np.asarray(change)
+    change = _change(log.q, half)
+    change /= _change(log.t, half)[:, None]
+    return change
+
+
+def _change(x: Floats, half: int) -> Floats:
+    """Return how far x, (N, ...), goes over ``half`` samples back and ahead, at its ends over those that are there."""
+    found = np.empty_like(x)
+    np.subtract(x[2 * half :], x[: -2 * half], out=found[half:-half])
+    found[:half] = x[half : 2 * half] - x[0]
+    found[-half:] = x[-1] - x[-2 * half : -half]
+    return found
 
 
 def moving(log: Log, robot: Robot) -> Flags:
@@ -71,8 +79,8 @@ def bandwidth(log: Log, robot: Robot) -> float:
     if not alive.any():
         return 0.0
     frequency, window, last = np.fft.rfftfreq(len(v), 1.0 / log.rate), np.hanning(len(v)), 0
-    for x in v[:, alive].T:
-        power = np.abs(np.fft.rfft(x * window)) ** 2
+    for j in np.flatnonzero(alive):
+        power = np.abs(np.fft.rfft(v[:, j] * window)) ** 2
         last = max(last, int(np.sum(np.cumsum(power) / np.sum(power) < tuning.POWER_SHARE)))
     return float(frequency[last])
 

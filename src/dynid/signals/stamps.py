@@ -100,17 +100,12 @@ def _check_order(log: Log) -> None:
             where=log.topic,
             fix="--sort-time",
         )
-    overlap = " ".join(f"--exclude {_down(log.t[i + 1])}-{_up(log.t[i])}" for i in back)
+    overlap = " ".join(
+        f"--exclude {np.floor(1000 * log.t[i + 1]) / 1000:.3f}-{np.ceil(1000 * log.t[i]) / 1000:.3f}"
+        for i in back
+    )
     fix = f"leave the overlap out with {overlap}, or use --sort-time if stamps are just shuffled"
     raise TimeNotIncreasing(f"{text}: two recordings joined?", where=log.topic, fix=fix)
-
-
-def _down(t: float) -> str:
-    return f"{np.floor(t * 1000) / 1000:.3f}"
-
-
-def _up(t: float) -> str:
-    return f"{np.ceil(t * 1000) / 1000:.3f}"
 
 
 def with_even_clock(log: Log) -> Log:
@@ -175,8 +170,9 @@ def _line(x: NDArray[Any], y: Floats) -> tuple[float, float]:
 def _bend(t: Floats, q: Floats, close: NDArray[np.bool_]) -> Floats:
     """Return the mean square distance of samples from the line between their neighbours, (n,)."""
     share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
-    away = q[1:-1] - (1 - share) * q[:-2] - share * q[2:]
-    return np.asarray(np.sum(away[close] ** 2, axis=0) / max(1, int(close.sum())))
+    away = q[1:-1] - q[:-2]
+    away -= share * (q[2:] - q[:-2])
+    return np.asarray(np.einsum("i,ij,ij->j", close, away, away) / max(1, int(close.sum())))
 
 
 def without_intervals(log: Log, exclude: Sequence[tuple[float, float]]) -> Log:
