@@ -218,6 +218,9 @@ def show_result(common: Common, base: BaseModel, found: Identification) -> None:
     floors = found.header.get("noise_floor_nm") or (None,) * base.robot.n
     rows = []
     for quality, unit, size, floor in zip(found.joints, units, sizes, floors, strict=True):
+        if not quality.torque_rms:
+            rows.append([quality.joint, *"-----"])
+            continue
         errors = (quality.rms, floor, quality.torque_rms, quality.heldout_rms)
         rms, noise, whole, held = (
             "-" if x is None else f"{x / (size or 1.0):.3g} {unit}" for x in errors

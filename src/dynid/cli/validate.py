@@ -131,11 +131,11 @@ def show(common: Common, found: Validation) -> None:
     rows = []
     for quality, joint in zip(found.joints, found.robot.joints, strict=True):
         unit = joint.torque_unit
-        errors = (
-            f"{quality.rms:.3g} {unit}",
-            f"{quality.torque_rms:.3g} {unit}",
-            f"{quality.relative_percent:.1f} %",
-        )
+        if not quality.torque_rms:
+            rows.append([quality.joint, *"----"])
+            continue
+        percent = f"{quality.relative_percent:.1f} %"
+        errors = (f"{quality.rms:.3g} {unit}", f"{quality.torque_rms:.3g} {unit}", percent)
         rows.append([quality.joint, *errors, f"{quality.baseline_rms:.3g} {unit}"])
     common.terminal.table(["joint", "rms error", "torque rms", "unexplained", "baseline"], rows)
     common.terminal.sentence(

@@ -200,16 +200,14 @@ def judge(theta: Floats, std_error: Floats, effect: Floats) -> tuple[str, ...]:
         One of ``WORDS`` for each parameter.
     """
     harmless = (std_error * effect <= tuning.HARMLESS_TORQUE) & (effect > 0.0)
-    judgement = []
-    # Why no quotient: a parameter may be zero.
-    for error, size, small in zip(std_error, np.abs(theta), harmless, strict=True):
-        if error <= tuning.WELL_ERROR * size or small:
-            judgement.append(KNOWN_WELL if error <= ZERO_INSIDE * size else NEGLIGIBLE)
-        else:
-            judgement.append(
-                KNOWN_ROUGHLY if error <= tuning.ROUGH_ERROR * size else NOT_DETERMINED
-            )
-    return tuple(judgement)
+    size = np.abs(theta)
+    known = harmless | (std_error <= tuning.WELL_ERROR * size)
+    told = [
+        known & (std_error <= ZERO_INSIDE * size),
+        known,
+        std_error <= tuning.ROUGH_ERROR * size,
+    ]
+    return tuple(np.select(told, WORDS[:3], NOT_DETERMINED).tolist())
 
 
 def counted(knowledge: tuple[str, ...]) -> str:

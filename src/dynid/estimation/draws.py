@@ -18,7 +18,6 @@ from dynid.estimation import tuning
 from dynid.estimation.least_squares import symmetric_root
 from dynid.estimation.possible_arm import constraints_of
 from dynid.estimation.possible_set import PhysicalConstraints, pseudo_inertia
-from dynid.estimation.residual_model import orthogonal, shapes_of
 
 if TYPE_CHECKING:
     from dynid.estimation.result import Identification
@@ -74,8 +73,7 @@ class Draws:
         W = result.regressor(q, qd, qdd, t)
         tau = np.einsum("mjp,dp->dmj", W, self.theta, optimize=True)
         if error is not None:
-            shapes = shapes_of(q, qd, result.base.observer.coulomb_sign(qd), error.speed)
-            Z = orthogonal(shapes, W, error.reference, error.scale, error.projection)
+            Z = error.columns(W, error.shapes_at(q, qd, result.base.observer))
             tau += np.einsum("mjk,djk->dmj", Z, self.residual, optimize=True)
             tau[:, :, error.joints_apart] += np.einsum(
                 "map,dap->dma", W[:, error.joints_apart], self.own, optimize=True

@@ -38,7 +38,7 @@ from dynid.estimation.result import SAME_MOTION, Identification, JointQuality, Q
 from dynid.estimation.rows import Rows
 from dynid.estimation.stack import Earlier, Stack
 from dynid.model.base_model import BaseModel, prior_base_parameters
-from dynid.model.regressor import Observer, indefinite_share, random_poses
+from dynid.model.regressor import indefinite_share, random_poses
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.filters import decimate
 from dynid.signals.motion import motion_numbers, sampled
@@ -188,7 +188,7 @@ def estimate(
         else (plain.theta, plain.covariance, None, None)
     )
     # Why: where the prior carries what the rows leave open there is an answer, and the posterior says how little.
-    cost = uncertainty(base, stack.observer, plain.covariance, post.theta)
+    cost = uncertainty(base, plain.covariance, post.theta)
     excitation = excitation_findings(stack, plain, cost, drop_weak=drop_weak or physical)
     if physical:
         _require_change(prior, plain=plain.theta, physical=post.theta)
@@ -228,7 +228,6 @@ def estimate(
             *sensor_findings(base),
             *physics_findings(
                 base,
-                stack.observer,
                 plain,
                 joint_rms(*stack.whole, post.alone),
                 knowledge,
@@ -301,15 +300,14 @@ def _held_out(
 
 def _qualities(stack: Stack, rms: Floats, held: Floats | None) -> tuple[JointQuality, ...]:
     factors, counts = stack.whole
-    size = np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=1))
+    torque = np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=1) / np.maximum(counts, 1))
+    percent = 100.0 * rms / np.where(torque > 0.0, torque, np.inf)
     return tuple(
         JointQuality(
             joint=joint,
             rms=float(rms[j]),
-            relative_percent=float(100.0 * rms[j] * np.sqrt(counts[j]) / size[j])
-            if size[j]
-            else 0.0,
-            torque_rms=float(size[j] / np.sqrt(max(1, counts[j]))),
+            relative_percent=float(percent[j]),
+            torque_rms=float(torque[j]),
             heldout_rms=None if held is None else float(held[j]),
         )
         for j, joint in enumerate(stack.joints)
@@ -378,7 +376,7 @@ def weakly_excited(base: BaseModel, stack: Stack, prior: Floats) -> list[Finding
         prior: prior base parameters, NaN where nothing is known, (p,).
 
     Returns:
-        Findings W402, the worst first.
+        Finding W402, which names the worst.
     """
     fit = wls(stack, prior)
     error = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
@@ -390,37 +388,17 @@ def weakly_excited(base: BaseModel, stack: Stack, prior: Floats) -> list[Finding
         <= tuning.HARMLESS_TORQUE
     )
     relative = error / np.maximum(size, np.finfo(float).tiny)
-    weak = [
-        k for k in np.argsort(-relative) if relative[k] > tuning.ROUGH_ERROR and not harmless[k]
+    order = np.argsort(-relative).tolist()
+    weak = [k for k in order if relative[k] > tuning.ROUGH_ERROR and not harmless[k]]
+    if not weak:
+        return []
+    told = [
+        f"{stack.names[k]} (+-{100 * relative[k]:.0f} %: {_reason(base, stack, k)})"
+        for k in weak[: tuning.FINDINGS_WORDED]
     ]
-    findings = [
-        _finding(base, stack, int(k), float(relative[k])) for k in weak[: tuning.FINDINGS_WORDED]
-    ]
-    if len(weak) > tuning.FINDINGS_WORDED:
-        rest = ", ".join(stack.names[k] for k in weak[tuning.FINDINGS_WORDED :])
-        findings.append(
-            Finding(
-                "W402", "warning", f"also hardly excited: {rest}", {"parameters": rest.split(", ")}
-            )
-        )
-    return findings
-
-
-def _finding(base: BaseModel, stack: Stack, k: int, relative: float) -> Finding:
-    name = stack.names[k]
-    evidence = {"parameter": name, "relative_error": relative if np.isfinite(relative) else None}
-    if not np.isfinite(relative):
-        return Finding(
-            "W402",
-            "warning",
-            f"{name} leaves no trace in this log: {_reason(base, stack, k)}",
-            evidence,
-        )
-    factor = relative / tuning.WELL_ERROR
-    more = f"{factor:.0f} times more" if factor < tuning.MOST_SENSIBLE else "far more"
-    why = f"{name} hardly excited (error {100 * relative:.0f} %): {_reason(base, stack, k)}"
-    text = f"{why}; {more} would bring its error under 10 %"
-    return Finding("W402", "warning", text, {**evidence, "factor": factor})
+    names, more = [stack.names[k] for k in weak], len(weak) - len(told)
+    text = "hardly excited: " + ", ".join(told) + f" and {more} more" * (more > 0)
+    return [Finding("W402", "warning", text, {"parameters": names})]
 
 
 def _reason(base: BaseModel, stack: Stack, k: int) -> str:
@@ -498,19 +476,19 @@ def sensor_findings(base: BaseModel) -> list[Finding]:
         for name, k in zip(reduction.base_names, reduction.base, strict=True)
         if table[k].kind == "Im"
     ]
-    if base.robot.torque.source not in ("joint_sensor", "unknown") or not rotors:
+    source, named = base.robot.torque.source, ", ".join(rotors)
+    if source not in ("joint_sensor", "unknown") or not rotors:
         return []
-    if base.robot.torque.source == "unknown":
+    text = (
+        f"torques come from joint sensors after the gears: {named} and friction describe the link side of "
+        "the sensor only; rotor inertia and motor friction are largely invisible"
+    )
+    if source == "unknown":
         text = (
-            f"the robot file does not say what the effort column is: behind joint sensors, {', '.join(rotors)} and "
+            f"the robot file does not say what the effort column is: behind joint sensors, {named} and "
             "friction would describe the link side only; write `torque: {source: joint_sensor}`, motor_torque or "
             "motor_current"
         )
-        return [Finding("W410", "info", text, {"parameters": rotors})]
-    text = (
-        f"torques come from joint sensors after the gears: {', '.join(rotors)} and friction describe the link side of "
-        "the sensor only; rotor inertia and motor friction are largely invisible"
-    )
     return [Finding("W410", "info", text, {"parameters": rotors})]
 
 
@@ -575,7 +553,6 @@ def scale_of(
 
 def physics_findings(
     base: BaseModel,
-    observer: Observer,
     plain: Fit,
     rms: Floats,
     knowledge: tuple[str, ...],
@@ -587,7 +564,6 @@ def physics_findings(
 
     Args:
         base: model and base parameters.
-        observer: evaluator of the base columns.
         plain: the plain estimate.
         rms: residual of the physical set at each joint, (n,) [N m or N].
         knowledge: how well each parameter is known, (p,).
@@ -597,7 +573,9 @@ def physics_findings(
     found = []
     open_ = sum(word == NOT_DETERMINED for word in knowledge) / len(knowledge)
     poses = random_poses(base.robot, tuning.ALARM_POSES)
-    share = indefinite_share(lambda q, qd, qdd: observer.torque(plain.theta, q, qd, qdd), poses)
+    share = indefinite_share(
+        lambda q, qd, qdd: base.observer.torque(plain.theta, q, qd, qdd), poses
+    )
     if share:
         cause = (
             "too little motion, or a wrong sign or offset under `driver:`"

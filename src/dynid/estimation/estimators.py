@@ -156,7 +156,7 @@ def irls(stack: Stack, prior: Floats) -> Fit:
 
 def iv(stack: Stack, prior: Floats) -> Fit:
     """Instrumental variables from the commanded motion, which knows nothing of the encoders' noise."""
-    if not stack.commanded:
+    if not all(each.command_q.size for log in stack.logs for each in log.segments):
         raise WrongUsage(
             "--method iv needs the commanded motion, and the log has none (q_ref)",
             fix="use --method wls, or a log recorded by dynid record",

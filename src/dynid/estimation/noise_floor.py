@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
-from dynid.estimation.residual_model import ModelError
+from dynid.estimation.residual_model import ModelError, residuals
 from dynid.estimation.stack import Stack
 from dynid.signals.filters import Filter
 
@@ -59,16 +59,13 @@ def noise_floor(stack: Stack, theta: Floats, error: ModelError | None = None) ->
 
 def _parts(stack: Stack, theta: Floats, error: ModelError | None) -> Iterator[Part]:
     """Yield the parts of the logs without gaps, no more than a few minutes of each: these say what hours do."""
-    rows, left = stack.rows, stack.rows.tau - stack.rows.torque(theta)
-    if error is not None:
-        shapes = stack.along(lambda log: error.shapes(log, stack.observer))
-        left = left - error.torque(rows, shapes)
+    rows, left = stack.rows, residuals(stack, theta, error)
     for k, log in enumerate(stack.logs):
         t, q = (np.concatenate([getattr(s, name) for s in log.segments]) for name in ("t", "q"))
         own = np.flatnonzero(rows.log == k)
         own = own[rows.t[own] <= rows.t[own[:1]] + tuning.NOISE_SECONDS]
         gaps = np.flatnonzero(np.diff(rows.t[own]) >= 1.5 / log.filter.kept_rate) + 1
-        for at in np.split(own, gaps) if len(own) else ():
+        for at in filter(len, np.split(own, gaps)):
             place = np.stack([np.interp(rows.t[at], t, column) for column in q.T], axis=1)
             yield place, left[at], rows.use[at]
 

@@ -38,14 +38,12 @@ from dynid.estimation.residual_model import (
     exciting_speed,
     joints_apart,
     model_error,
-    orthogonal,
     random_states,
-    shapes_of,
+    torque_variance,
     whitened_rows,
 )
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel, prior_base_parameters
-from dynid.model.regressor import Observer
 from dynid.robot import Known
 
 if TYPE_CHECKING:
@@ -470,21 +468,12 @@ def expected_error(
     noise = np.sqrt(rms**2 + np.maximum(spread - other, 0.0)) * (
         1.0 if error is None else tuning.UNSEEN_RESIDUAL
     )
-    observer = stack.observer
     q, qd, qdd = exciting_states(base)
-    W = observer.dense(q, qd, qdd)
-    tau = W @ theta
-    if error is None:
-        variance = np.stack(
-            [np.sum((W[:, j] @ root) ** 2, axis=1) for j in range(W.shape[1])], axis=1
-        )
-    else:
-        sign = observer.coulomb_sign(qd)
-        Z = orthogonal(
-            shapes_of(q, qd, sign, error.speed), W, error.reference, error.scale, error.projection
-        )
-        variance = error.variance(W, Z, covariance)
-        tau = tau + np.einsum("mjk,jk->mj", Z, error.mean) + np.einsum("mjp,jp->mj", W, error.own)
+    W = base.observer.dense(q, qd, qdd)
+    tau, shapes = W @ theta, None if error is None else error.shapes_at(q, qd, base.observer)
+    variance = torque_variance(W, covariance, error, shapes)
+    if error is not None and shapes is not None:
+        tau = tau + error.torque(W, shapes)
     return ExpectedError(
         _percent(np.sum(noise**2 + spread), np.sum(size)),
         _percent(np.sum(np.mean(variance, axis=0) + noise**2), np.sum(np.mean(tau**2, axis=0))),
@@ -492,18 +481,15 @@ def expected_error(
     )
 
 
-def uncertainty(
-    base: BaseModel, observer: Observer, covariance: Floats, reference: Floats
-) -> float:
+def uncertainty(base: BaseModel, covariance: Floats, reference: Floats) -> float:
     """Return the torque error on an exciting motion that uncertain parameters cost [%], whatever the base columns are.
 
     Args:
         base: model and base parameters.
-        observer: evaluator of the base columns.
         covariance: of the parameters, (p, p).
         reference: possible parameters, whose torques on that motion are 100 %, (p,).
     """
-    W = observer.dense(*exciting_states(base, tuning.FEW_STATES))
+    W = base.observer.dense(*exciting_states(base, tuning.FEW_STATES))
     return _percent(np.sum((W @ symmetric_root(covariance)) ** 2), np.sum((W @ reference) ** 2))
 
 

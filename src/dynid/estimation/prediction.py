@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation.residual_model import ModelError
+from dynid.estimation.residual_model import ModelError, shapes_in
 from dynid.estimation.rows import Rows, parallel_filtered
 from dynid.estimation.stack import Stack
 from dynid.files.artifact import read_artifact
@@ -75,7 +75,7 @@ def predict(
     """
     tau = rows.torque(theta)
     if error is not None and observer is not None:
-        tau = tau + error.torque(rows, error.shapes(log, observer))
+        tau = tau + error.torque(rows.W, shapes_in(log, observer, error.speed))
     pieces = zip(*(_pieces(segment, log.filter) for segment in log.segments), strict=True)
     q, qd, qdd, raw_q, raw_qd, raw_qdd = map(np.concatenate, pieces)
     return EstimatedMotion(rows.t, raw_q, q, raw_qd, qd, raw_qdd, qdd, rows.tau, tau, rows.use)

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from dynid.estimation import tuning
 from dynid.estimation.least_squares import symmetric_root, triangle
-from dynid.estimation.rows import Rows, parallel_filtered, pieces, row_times
+from dynid.estimation.rows import parallel_filtered, pieces, row_times
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
@@ -88,12 +88,6 @@ def shapes_in(log: ConditionedLog, observer: Observer, speed: Floats) -> Floats:
     return found
 
 
-def columns_of(stack: Stack, speed: Floats, reference: Floats) -> Floats:
-    """Return D at the rows of a stack, (M, n, k); arguments as for ``folded``."""
-    shapes = stack.along(lambda log: shapes_in(log, stack.observer, speed))
-    return loaded(shapes, stack.rows.torque(reference))
-
-
 def rms_speed(logs: Iterable[ConditionedLog], n: int) -> Floats:
     """Return the rms speed of each joint, never quite zero, (n,) [rad/s or m/s]."""
     squares, count = np.zeros(n), 0
@@ -120,7 +114,8 @@ def folded(
     if robust is not None:
         left = np.abs(rows.tau - rows.torque(robust)) / noise
         weight = tuning.RESIDUAL_FAR / np.maximum(left, tuning.RESIDUAL_FAR)
-    D = columns_of(stack, speed, reference)
+    shapes = stack.along(lambda log: shapes_in(log, stack.observer, speed))
+    D = loaded(shapes, rows.torque(reference))
     return replace(rows, columns=(D, *rows.columns)).factors(weight)
 
 
@@ -181,19 +176,22 @@ class ModelError:
         """Numbers of the joints with a large torque of the position that no possible arm has."""
         return np.flatnonzero(~np.any(self.projection[:, :, FREE], axis=(1, 2)))
 
-    def shapes(self, log: ConditionedLog, observer: Observer) -> Floats:
-        """Return the columns at the rows of a log, (M, n, k), without the torque of the load."""
-        return shapes_in(log, observer, self.speed)
+    def shapes_at(self, q: Floats, qd: Floats, observer: Observer) -> Floats:
+        """Return ``shapes_of`` a motion without any filter, (N, n) each [rad or m, rad/s or m/s], (N, n, k)."""
+        return shapes_of(q, qd, observer.coulomb_sign(qd), self.speed)
 
-    def columns(self, rows: Rows, shapes: Floats) -> Floats:
-        """Return Z for rows and the shapes there, (M, n, k)."""
-        return orthogonal(shapes, rows.W, self.reference, self.scale, self.projection)
+    def columns(self, W: Floats, shapes: Floats) -> Floats:
+        """Return Z for a base regressor, (M, n, p), and the shapes there, (M, n, k)."""
+        D = loaded(shapes, W @ self.reference)
+        described = np.einsum("mjp,jpk->mjk", W, self.projection, optimize=True)
+        return np.asarray(D / self.scale - described)
 
-    def torque(self, rows: Rows, shapes: Floats) -> Floats:
-        """Return the mean torque of the model error for rows and the shapes there, (M, n) [N m or N]."""
-        D = loaded(shapes, rows.torque(self.reference))
-        by_column, by_parameter = self.mean_by_rows
-        return np.asarray(np.einsum("mjk,jk->mj", D, by_column) + rows.torque(by_parameter))
+    def torque(self, W: Floats, shapes: Floats) -> Floats:
+        """Return the mean torque of the model error for a base regressor and the shapes there, (M, n) [N m or N]."""
+        D, (by_column, by_parameter) = loaded(shapes, W @ self.reference), self.mean_by_rows
+        return np.asarray(
+            np.einsum("mjk,jk->mj", D, by_column) + np.einsum("mjp,jp->mj", W, by_parameter)
+        )
 
     @property
     def joints_apart(self) -> NDArray[np.intp]:
@@ -205,21 +203,6 @@ class ModelError:
         """The mean torque as a combination of D, (n, k), and of W, (n, p)."""
         return self.mean / self.scale, self.own - np.einsum(
             "jpk,jk->jp", self.projection, self.mean
-        )
-
-    def torque_of(self, q: Floats, qd: Floats, sign: Floats, W: Floats) -> Floats:
-        """Return the mean torque of the model error in a motion without any filter, (N, n) [N m or N].
-
-        Args:
-            q: positions, (N, n) [rad or m].
-            qd: velocities, (N, n) [rad/s or m/s].
-            sign: Coulomb signs of the velocities, (N, n).
-            W: base regressor, (N, n, p).
-        """
-        D = loaded(shapes_of(q, qd, sign, self.speed), W @ self.reference)
-        by_column, by_parameter = self.mean_by_rows
-        return np.asarray(
-            np.einsum("mjk,jk->mj", D, by_column) + np.einsum("mjp,jp->mj", W, by_parameter)
         )
 
     def spread(self, j: int, W: Floats, root: Floats) -> Floats:
@@ -234,41 +217,29 @@ class ModelError:
             return np.asarray(W @ root)
         return np.hstack([(W + W @ self.own_slope[j]) @ root, W @ self.own_root[j]])
 
-    def variance(self, W: Floats, Z: Floats, covariance: Floats) -> Floats:
-        """Return the variance of predicted torques, noise not included, (M, n) [N^2 m^2 or N^2].
 
-        Args:
-            W: base regressor, (M, n, p).
-            Z: columns of the model error, (M, n, k).
-            covariance: of the parameters, (p, p).
-        """
-        found = np.empty(W.shape[:2])
-        root = symmetric_root(covariance)
-        for j in range(W.shape[1]):
-            columns = W[:, j] + Z[:, j] @ self.slope[j]
-            found[:, j] = np.sum(self.spread(j, columns, root) ** 2, axis=1) + np.sum(
-                (Z[:, j] @ self.root[j]) ** 2, axis=1
-            )
-        return found
+def torque_variance(
+    W: Floats, covariance: Floats, error: ModelError | None, shapes: Floats | None
+) -> Floats:
+    """Return the variance of predicted torques, noise not included, (M, n) [N^2 m^2 or N^2].
+
+    Args:
+        W: base regressor, (M, n, p).
+        covariance: of the parameters, (p, p).
+        error: the model error; None without.
+        shapes: its columns there, (M, n, k).
+    """
+    root = symmetric_root(covariance)
+    if error is None or shapes is None:
+        return np.stack([np.sum((each @ root) ** 2, axis=1) for each in W.swapaxes(0, 1)], axis=1)
+    found, Z = np.empty(W.shape[:2]), error.columns(W, shapes)
+    for j in range(W.shape[1]):
+        spread = error.spread(j, W[:, j] + Z[:, j] @ error.slope[j], root)
+        found[:, j] = np.sum(spread**2, axis=1) + np.sum((Z[:, j] @ error.root[j]) ** 2, axis=1)
+    return found
 
 
 # ---------------------------------------------------------------- columns
-def orthogonal(
-    shapes: Floats, W: Floats, reference: Floats, scale: Floats, projection: Floats
-) -> Floats:
-    """Return Z = D / scale - W B, (M, n, k), for columns that still lack the torque of the load.
-
-    Args:
-        shapes: columns, (M, n, k).
-        W: base regressor, (M, n, p).
-        reference: base parameters that give the torque of the load, (p,).
-        scale: rms of each column, (n, k).
-        projection: B, (n, p, k).
-    """
-    D = loaded(shapes, W @ reference)
-    return np.asarray(D / scale - np.einsum("mjp,jpk->mjk", W, projection, optimize=True))
-
-
 def exciting_speed(robot: Robot) -> Floats:
     """Return the rms speed of an exciting motion inside the limits, (n,) [rad/s or m/s]."""
     limits = [(joint.limits.velocity, joint.revolute) for joint in robot.joints]
@@ -525,9 +496,17 @@ def squares(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
     """
     if error is None:
         return np.asarray(np.sum((stack.whole[0] @ np.append(theta, -1.0)) ** 2, axis=1))
-    shapes = stack.along(lambda log: error.shapes(log, stack.observer))
-    left = stack.rows.residual(theta) - error.torque(stack.rows, shapes)
-    return np.asarray(np.sum(np.where(stack.rows.use, left, 0.0) ** 2, axis=0))
+    left = np.where(stack.rows.use, residuals(stack, theta, error), 0.0)
+    return np.asarray(np.sum(left**2, axis=0))
+
+
+def residuals(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
+    """Return what parameters, (p,), and the mean of a model error leave of all rows, (M, n) [N m or N]."""
+    left = stack.rows.tau - stack.rows.torque(theta)
+    if error is None:
+        return left
+    shapes = stack.along(lambda log: shapes_in(log, stack.observer, error.speed))
+    return left - error.torque(stack.rows.W, shapes)
 
 
 def _changed(factors: Floats, scale: Floats, projection: Floats) -> Floats:

@@ -428,12 +428,9 @@ class Identification:
         error = self.model_error if residual_model else None
         if model.added or error is not None:
             W = self.regressor(q, qd, qdd, t)
-            extra = (
-                0.0
-                if error is None
-                else error.torque_of(q, qd, self.base.observer.coulomb_sign(qd), W)
-            )
-            return np.asarray(tau + W @ self.theta + extra)
+            if error is not None:
+                tau = tau + error.torque(W, error.shapes_at(q, qd, self.base.observer))
+            return np.asarray(tau + W @ self.theta)
         return tau + self.base.observer.torque(self.theta, q, qd, qdd)
 
     def regressor(self, q: Floats, qd: Floats, qdd: Floats, t: Floats | None = None) -> Floats:

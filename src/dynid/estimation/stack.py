@@ -103,11 +103,6 @@ class Stack:
         """Number of instants in the stack."""
         return int(self.counts.max(axis=1, initial=0).sum())
 
-    @property
-    def commanded(self) -> bool:
-        """Whether every log says what was commanded."""
-        return all(segment.command_q.size for log in self.logs for segment in log.segments)
-
     @cached_property
     def whole(self) -> tuple[Floats, Ints]:
         """One factor per joint over all blocks, (n, p + 1, p + 1) [N m or N], and its number of rows, (n,)."""
@@ -296,10 +291,11 @@ def delay_findings(delay: float, std_error: float, applied: float, reach: float)
     """Say that the torques are late, when they are by more than a few milliseconds [s]."""
     if abs(delay) < tuning.DELAY_NOTABLE_S or not is_clear(delay, std_error, reach):
         return []
-    word = "later" if delay > 0 else "earlier"
-    size = f"{1e3 * abs(delay):.1f} +- {1e3 * std_error:.1f} ms"
+    size = (
+        f"{1e3 * abs(delay):.1f} +- {1e3 * std_error:.1f} ms {'later' if delay > 0 else 'earlier'}"
+    )
     done = "corrected" if applied else "not corrected: --delay auto"
-    text = f"torques are stamped {size} {word} than positions; {done}"
+    text = f"torques are stamped {size} than positions; {done}"
     return [Finding("W321", "warning", text, {"delay_s": delay, "std_error_s": std_error})]
 
 

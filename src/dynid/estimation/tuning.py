@@ -229,10 +229,8 @@ SCALE_REST = 0.05
 MANY_OPEN = 0.2
 #: Poses in which the mass matrix is tested. evidence: none yet.
 ALARM_POSES = 500
-#: Findings that are worded one by one; the rest are listed. evidence: none yet.
-FINDINGS_WORDED = 8
-#: Beyond this factor a number would only pretend that faster motion of the same kind could help. evidence: none yet.
-MOST_SENSIBLE = 30.0
+#: Parameters that are named with the reason; the rest are counted. evidence: a convention.
+FINDINGS_WORDED = 3
 
 # ---------------------------------------------------------------- comparison of results
 #: Chance of naming any parameter when none has changed.

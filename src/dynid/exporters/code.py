@@ -198,7 +198,7 @@ def _loaded(arm: IdentifiedArm, engine: str, theirs: Any) -> Loaded:  # noqa: AN
         tau: Floats = W @ arm.theta
         if error is None:
             return tau
-        return tau + error.torque_of(q, qd, arm.base.observer.coulomb_sign(qd), W)
+        return tau + error.torque(W, error.shapes_at(q, qd, arm.base.observer))
 
     return Loaded(engine, "all", theirs, ours)
 

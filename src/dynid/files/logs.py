@@ -149,7 +149,8 @@ def read_log(
     elif kind == "folder":
         log = tables.read_folder(path, rate)
     elif kind == "table":
-        log = tables.read_table(path, robot.log_names, robot.columns.columns, rate)
+        sensors = robot.torque.source == "joint_sensor"
+        log = tables.read_table(path, robot.log_names, robot.columns.columns, rate, sensors=sensors)
     else:
         log = _read_joint_states(path, robot, topic, CONTAINERS[kind])
     log = replace(log, sha256=hash_of(path))

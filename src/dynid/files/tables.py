@@ -46,14 +46,17 @@ def read_table(
     joints: Sequence[str],
     patterns: Mapping[str, str] | None = None,
     rate: float | None = None,
+    *,
+    sensors: bool = False,
 ) -> Log:
-    """Read a table.
+    """Read a table; joints without a column of torques have NaN.
 
     Args:
         path: .csv or .tsv file.
         joints: names of the joints in chain order, () when they are to be taken from the columns ``q_<name>``.
         patterns: names of the columns by ``time``, ``name``, ``position``, ``velocity``, ``effort``, ``reference``.
         rate: samples per second where there is no time [Hz].
+        sensors: whether torques of some joints are meant rather than currents of all.
 
     Raises:
         LogNotFound: it cannot be read.
@@ -67,17 +70,17 @@ def read_table(
         joints = usual_joints(names) or joints
     if "name" in patterns:
         joints = _names_in_rows(table, patterns["name"])
-    columns = _columns(table, joints, patterns)
+    columns = _columns(table, joints, patterns, sensors=sensors)
     time = _time_column(table, patterns.get("time"), rate)
     chosen = [name for each in columns.values() for name in each]
-    values = table.read([names.index(name) for name in [*filter(None, [time]), *chosen]])
+    wanted = [*filter(None, [time]), *chosen]
+    values = table.read([names.index(name or names[0]) for name in wanted])
+    values[:, [k for k, name in enumerate(wanted) if not name]] = np.nan
     findings: tuple[Finding, ...] = ()
     # Why: a table of several topics has a row for each message of any.
     empty = np.isnan(values[:, -len(chosen) :]).all(axis=1)
     if 0 < (rows := int(np.count_nonzero(empty))) < len(values):
-        text = (
-            f"{path.name}: {rows} of {len(values)} rows have no value of any joint and are left out"
-        )
+        text = f"{path.name}: {rows} of {len(values)} rows have no value and are left out"
         findings = (Finding("W331", "info", text, {"rows": rows}),)
         values = values[~empty]
     t = np.arange(len(values)) / (rate or 1.0)
@@ -85,7 +88,10 @@ def read_table(
         t, noticed = in_seconds(values[:, 0], time, path.name)
         findings += noticed
     arrays = dict(zip(columns, np.split(values[:, -len(chosen) :], len(columns), 1), strict=True))
-    current = columns["effort"] == matched("i_{name}", names, joints)
+    currents = matched("i_{name}", names, joints)
+    if currents and "" in columns["effort"]:
+        text = f"{path.name}: currents ({', '.join(currents)}) are not read, torques are"
+        findings += (Finding("W335", "warning", text, {"columns": currents}),)
     return Log(
         t,
         arrays.pop("position"),
@@ -93,7 +99,7 @@ def read_table(
         tuple(joints),
         arrays.pop("velocity", None),
         source=path,
-        tau_unit="A" if current else "",
+        tau_unit="A" if columns["effort"] == currents else "",
         units=_declared(columns, table),
         findings=findings,
         extra={"q_ref" if key == "reference" else key: x for key, x in arrays.items()},
@@ -141,9 +147,9 @@ def _unit_of(start: float, count: int, step: float) -> str:
 
 # ---------------------------------------------------------------- which columns
 def _columns(
-    table: TextTable, joints: Sequence[str], patterns: Mapping[str, str]
+    table: TextTable, joints: Sequence[str], patterns: Mapping[str, str], *, sensors: bool
 ) -> dict[str, list[str]]:
-    """Return for each quantity that is there one column a joint.
+    """Return for each quantity that is there one column a joint; "" for a joint without torque.
 
     Raises:
         LogLayout: positions, torques or what the robot file names are not there.
@@ -152,22 +158,22 @@ def _columns(
     for key, usual in USUAL.items():
         tried = (patterns[key],) if key in patterns else usual
         found = [matched(pattern, table.names, joints) for pattern in tried]
+        if key == "effort":
+            named = [tried[0].replace("{name}", joint) for joint in joints]
+            some = [name if name in table.names else "" for name in named]
+            found.insert(1 if sensors else len(found), some * any(some))
         if any(found):
             columns[key] = next(filter(None, found))
         elif key in patterns or key in ("position", "effort"):
-            raise _missing(table, tried, joints, key)
+            raise _missing(table, tried, joints)
     return columns
 
 
-def _missing(table: TextTable, tried: Sequence[str], joints: Sequence[str], key: str) -> LogLayout:
+def _missing(table: TextTable, tried: Sequence[str], joints: Sequence[str]) -> LogLayout:
     names = table.names
     fix = f"under `driver:` in the robot file: {snippet(suggested(names) or template(names))}"
     wanted = [tried[0].replace("{name}", joint) for joint in joints or ["<joint>"]]
     lost = next((name for name in wanted if name not in names), tried[0])
-    starts = tuple(filter(None, (pattern.split("{")[0] for pattern in tried)))
-    if key == "effort" and joints and any(name.startswith(starts) for name in names):
-        joint = lost.removeprefix("tau_")
-        return table.wrong(f"joint '{joint}' has q_{joint} but no {lost}", fix)
     return _absent(table, lost, fix)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,17 +98,20 @@ def prepare(
     named = tuple(log.names[k] for k in matching_columns(log, robot)[0]) if log.names else ()
     in_dh = log.dh
     log = _usable_velocity(robot_columns(log, robot), robot)
+    gone = np.asarray(np.isnan(log.tau).all(axis=0))
+    if not gone.all():
+        log = replace(log, tau=np.where(gone, 0.0, log.tau))
     log = with_rising_time(log, sort_time=sort_time)
     check_finite(log, robot)
     findings = list(check_gaps(log, exclude))
     log = without_stale(in_si(log, robot), robot)
     check_degrees(log, robot)
-    flat, flat_findings = clipped_samples(log, robot)
+    flat, flat_findings = clipped_samples(log, robot, gone)
     log = with_even_clock(unwrapped(to_dh(log, robot), robot))
     check_order(log, robot)
     findings += check_slopes(log, robot)
     findings += check_ranges(log, robot)
-    check_torque_scale(log, robot)
+    check_torque_scale(log, robot, gone)
     check_rate(log, robot)
     findings += check_repeats(log, robot) + check_position_noise(log, robot)
     findings += check_zero(log, robot)
@@ -323,8 +327,8 @@ def _full_turns(q: Floats) -> tuple[NDArray[np.intp], Floats]:
     return where + 1, turns[where]
 
 
-def check_torque_scale(log: Log, robot: Robot) -> None:
-    """Raise when torques are no torques of this arm.
+def check_torque_scale(log: Log, robot: Robot, gone: Flags) -> None:
+    """Raise when torques are no torques of this arm; joints without any, (n,), are known.
 
     Raises:
         WrongMessageType: the effort of a joint that moves, or of all, is zero in every sample, or nearly.
@@ -338,10 +342,10 @@ def check_torque_scale(log: Log, robot: Robot) -> None:
             fix="make the driver publish the joint torques",
         )
     moves = np.ptp(log.q, axis=0) > per_joint(tuning.STILL_SPAN, robot)
-    silent = [robot.joint_names[j] for j in np.flatnonzero(moves & (largest < tuning.LEAST_TORQUE))]
-    if silent:
+    silent = compress(robot.joint_names, moves & ~gone & (largest < tuning.LEAST_TORQUE))
+    if names := ", ".join(silent):
         raise WrongMessageType(
-            f"effort is 0 in every sample of {', '.join(silent)}, which moves",
+            f"effort is 0 in every sample of {names}, which moves",
             where=log.topic,
             fix="make the driver publish the torques of all joints",
         )
@@ -369,15 +373,19 @@ def check_torque_scale(log: Log, robot: Robot) -> None:
             )
 
 
-def clipped_samples(log: Log, robot: Robot) -> tuple[Flags, tuple[Finding, ...]]:
+def clipped_samples(log: Log, robot: Robot, gone: Flags) -> tuple[Flags, tuple[Finding, ...]]:
     """Return which torques are none, (N, n), and findings W319; in the driver's columns.
 
-    They sit at their largest value, or stay at any value while their joint moves to and fro.
+    They sit at their largest value, or stay at any value while their joint moves to and fro, or nobody measured them
+    (``gone``, (n,)).
     """
-    mask, alive, findings = np.zeros(log.tau.shape, bool), any_moves(log, robot), []
+    mask, alive, findings = np.tile(gone, (len(log), 1)), any_moves(log, robot), []
+    if none := ", ".join(compress(robot.joint_names, gone)):
+        text = f"the log has no torque of {none}: what moves there is told by the other joints and the prior"
+        findings.append(Finding("W319", "warning", text, {"joint": none, "share": 1.0}))
     moved = per_joint(tuning.STILL_SPAN, robot)
-    for j, joint in enumerate(robot.joints):
-        x = log.tau[:, j]
+    for j in np.flatnonzero(~gone).tolist():
+        joint, x = robot.joints[j], log.tau[:, j]
         clipped = _flat_top(x, alive) | _flat_top(-x, alive)
         stuck = _stuck(x, log.q[:, j], float(moved[j]), round(tuning.STUCK_S * log.rate)) & ~clipped
         mask[:, j] = clipped | stuck

@@ -14,7 +14,7 @@ from dynid.estimation import prediction
 from dynid.estimation.estimate import log_motion
 from dynid.estimation.evidence import evidence_of, fingerprint, here
 from dynid.estimation.prediction import EstimatedMotion, JointCheck
-from dynid.estimation.residual_model import ModelError
+from dynid.estimation.residual_model import ModelError, shapes_in, torque_variance
 from dynid.estimation.result import Identification
 from dynid.estimation.rows import Rows, rows_of
 from dynid.estimation.stack import scaled
@@ -345,13 +345,8 @@ def expected_on(
 
     if result.expected is None or not np.isfinite(result.std_error).all():
         return None
-    covariance = result.covariance
-    if error is None:
-        spread = np.einsum("mjp,pq,mjq->mj", rows.W, covariance, rows.W, optimize=True)
-    else:
-        spread = error.variance(
-            rows.W, error.columns(rows, error.shapes(log, observer)), covariance
-        )
+    shapes = None if error is None else shapes_in(log, observer, error.speed)
+    spread = torque_variance(rows.W, result.covariance, error, shapes)
     variance = float(np.sum((spread + result.expected.noise**2)[rows.use]))
     torque = float(np.sum(rows.tau[rows.use] ** 2))
     return float(100.0 * np.sqrt(variance / torque)) if torque else None

@@ -16,6 +16,7 @@ from dynid.estimation.residual_model import (
     evidence_gain,
     model_error,
     squares,
+    torque_variance,
     whitened_rows,
 )
 from dynid.model.base_model import prior_base_parameters
@@ -81,13 +82,12 @@ def test_eliminating_columns_and_what_a_joint_has_of_its_own_is_the_joint_soluti
     assert theta == pytest.approx(whole[-p:], rel=1e-5, abs=1e-7)
     assert error.own[1] == pytest.approx(L @ whole[n * k : n * k + p], rel=1e-4, abs=1e-6)
     assert error.mean.ravel() == pytest.approx(whole[: n * k], rel=1e-4, abs=1e-6)
-    W, Z = (
-        np.random.default_rng(0).normal(size=(5, n, p)),
-        np.random.default_rng(1).normal(size=(5, n, k)),
-    )
+    rng = np.random.default_rng(0)
+    W, shapes = rng.normal(size=(5, n, p)), rng.normal(size=(5, n, k))
+    Z = error.columns(W, shapes)
     covariance = np.linalg.inv(H)
     row = np.concatenate([np.zeros(k), Z[0, 1], np.zeros((n - 2) * k), W[0, 1] @ L, W[0, 1]])
-    variance = error.variance(W, Z, covariance[-p:, -p:])
+    variance = torque_variance(W, covariance[-p:, -p:], error, shapes)
     assert variance[0, 1] == pytest.approx(row @ covariance @ row, rel=1e-4)
 
 

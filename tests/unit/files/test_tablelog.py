@@ -24,11 +24,13 @@ def test_currents_in_a_csv_are_amperes(tmp_path):
     assert log.qd is None
 
 
-def test_a_csv_joint_without_torque_is_named(tmp_path):
+def test_a_joint_without_torque_has_none_and_sensors_come_before_currents(tmp_path):
     path = tmp_path / "log.csv"
+    path.write_text("t,q_a,q_b,tau_a,i_a,i_b\n0,1,2,3,4,5\n")
+    np.testing.assert_array_equal(read_table(path, (), sensors=True).tau, [[3, np.nan]])
+    np.testing.assert_array_equal(read_table(path, ()).tau, [[4, 5]])
     path.write_text("t,q_a,q_b,tau_a\n0,1,2,3\n")
-    with pytest.raises(LogLayout, match="joint 'b' has q_b but no tau_b"):
-        read_table(path, ())
+    np.testing.assert_array_equal(read_table(path, ()).tau, [[3, np.nan]])
 
 
 def test_an_empty_cell_is_not_a_number(tmp_path):
