@@ -83,12 +83,14 @@ def bandwidth(log: Log, robot: Robot) -> float:
         return 0.0
     frequency, window, last = np.fft.rfftfreq(len(v), 1.0 / log.rate), np.hanning(len(v)), 0
     for j in np.flatnonzero(alive):
-        power, waves = (np.abs(np.fft.rfft(x[:, j] * window)) ** 2 for x in (v, log.q))
-        above = np.cumsum(waves[::-1])[::-1] * 2 / (len(v) * np.sum(window**2))
-        change = np.abs(np.diff(log.q[:, j]))
+        power = np.abs(np.fft.rfft(v[:, j] * window)) ** 2
         missing = np.cumsum(power) / np.sum(power) < tuning.POWER_SHARE
-        missing &= above > (np.min(change[change > 0.0]) / 2) ** 2
-        last = max(last, int(np.sum(missing)))
+        if np.sum(missing) > last:
+            waves = np.abs(np.fft.rfft(log.q[:, j] * window)) ** 2
+            above = np.cumsum(waves[::-1])[::-1] * 2 / (len(v) * np.sum(window**2))
+            change = np.abs(np.diff(log.q[:, j]))
+            missing &= above > (np.min(change[change > 0.0]) / 2) ** 2
+            last = max(last, int(np.sum(missing)))
     return float(frequency[last])
 
 
