@@ -9,7 +9,7 @@ Z = D - W B, where B is the regression of D on W over the workspace: theta stays
 motion, and b what is left on the motion that was recorded. The sizes lambda of the three groups maximise the evidence;
 without any evidence for them there is no model error.
 
-b is eliminated by one QR per joint, so that a fit of theta costs what it costs without it. Rows are walked over once.
+b is eliminated by one QR per joint, so that a fit of theta costs what it costs without it.
 docs/explanation/estimators.md says what was tried.
 
 A joint whose torque is scaled, reversed or only a part of all torque fits its own rows as well as any other, so that no
