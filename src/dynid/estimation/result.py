@@ -18,10 +18,11 @@ from dynid.estimation.least_squares import Fit, relative_error
 from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.posterior import ExpectedError
 from dynid.estimation.residual_model import GROUP_NAMES, ModelError
-from dynid.model.base_model import BaseModel, Reduction, model_torques
+from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.effects.interface import ArmMotion
 from dynid.model.parameters import body_columns, body_of
 from dynid.model.program import Program
+from dynid.model.reduce import Reduction
 from dynid.model.regressor import Model, build_model
 from dynid.robot import Robot
 from dynid.signals.conditioned_log import known_torque

@@ -20,6 +20,7 @@ from dynid.errors import NotAnArtifact
 from dynid.files.artifact import read_artifact, read_header, reading
 from dynid.model.kinematics import geometry
 from dynid.model.program import Program
+from dynid.model.reduce import Reduction
 from dynid.model.regressor import Model, ModelTorques, Observer, build_model, prior_vector
 from dynid.npz import write_artifact
 from dynid.robot import FRICTION_PARAMETERS, LINK_PARAMETERS, Robot
@@ -33,54 +34,6 @@ Ints = NDArray[np.intp]
 
 #: What stands for a class in the table of classes.
 SYMBOLS = {"alone": "#", "combined": "+", "none": ".", "absent": ""}
-
-
-@dataclass(frozen=True)
-class Reduction:
-    """The base parameters of a model: theta = K gamma and tau = P[:, base] theta.
-
-    Attributes:
-        names: names of all c columns.
-        base: indices of the p representatives: the leftmost independent columns in the order of Table 5.
-        K: how the base parameters combine all parameters, (p, c); the identity at ``base``.
-        alone: names of parameters identifiable alone (X_i).
-        none: names of parameters that no motion shows (X_ni).
-        combined: names of parameters identifiable only in linear combinations (X_1 and X_2).
-        singular_values: of the stacked, normalised regressor, (c,).
-        gap: smallest kept over largest dropped singular value; infinity when nothing was dropped.
-        formulas: each base parameter in the symbols of the DH table, (p,); () where they were not asked for.
-    """
-
-    names: tuple[str, ...]
-    base: Ints
-    K: Floats
-    alone: tuple[str, ...]
-    none: tuple[str, ...]
-    combined: tuple[str, ...]
-    singular_values: Floats
-    gap: float
-    formulas: tuple[str, ...] = ()
-
-    @property
-    def rank(self) -> int:
-        """Number of base parameters."""
-        return len(self.base)
-
-    @property
-    def base_names(self) -> tuple[str, ...]:
-        """Names of the base parameters; a combination is called after its representative with an R: ``Ixx2R``."""
-        single = set(self.alone)
-        return tuple(
-            self.names[k] if self.names[k] in single else f"{self.names[k]}R" for k in self.base
-        )
-
-    def terms(self, row: int) -> dict[str, float]:
-        """Return the parameters in one base parameter with their coefficients."""
-        return {self.names[k]: float(self.K[row, k]) for k in np.flatnonzero(self.K[row])}
-
-    def class_of(self, name: str) -> str:
-        """Return the class of a parameter: alone, combined or none."""
-        return "alone" if name in self.alone else "none" if name in self.none else "combined"
 
 
 @dataclass(frozen=True, repr=False)

@@ -20,10 +20,9 @@ from sympy import Expr, Integer, Matrix, Rational, Symbol, cancel, expand, latex
 
 from dynid.errors import ReductionsDisagree
 from dynid.model import tuning
-from dynid.model.base_model import Reduction
 from dynid.model.kinematics import dh_step, geometry, right_angle
 from dynid.model.parameters import TENSOR
-from dynid.model.reduce import reduce_plain, regressor_at, with_added
+from dynid.model.reduce import Reduction, reduce_plain, regressor_at, with_added
 from dynid.model.regressor import Model
 from dynid.robot import Joint
 
