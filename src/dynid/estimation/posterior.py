@@ -16,7 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
-from dynid.estimation.least_squares import Fit, merge, relative_error, symmetric_root, weighted
+from dynid.estimation.least_squares import (
+    Fit,
+    merge,
+    relative_error,
+    solve,
+    symmetric_root,
+    weighted,
+)
 from dynid.estimation.possible_arm import (
     PhysicalParameters,
     constraints_of,
@@ -260,8 +267,12 @@ def _with_joints_apart(
     robot = replace(base.robot, known=Known())
     free = replace(base, model=replace(base.model, robot=robot))
     there, noise = arm if robot == base.robot else _arm_of(free, rows, NONE, arm), rows.noise
+
+    def sized(rows: Whitened, arm: Arm) -> Floats:
+        return best_size(rows, K, arm.fit.x, arm.held) if given is None else given
+
     for _ in range(tuning.APART_ROUNDS):
-        size = best_size(rows, K, there.fit.x, there.held) if given is None else given
+        size = sized(rows, there)
         apart = (
             joints_apart(rows, K, there.fit.x, there.held, size)[0] if like is None else like.apart
         )
@@ -271,16 +282,15 @@ def _with_joints_apart(
         there = _arm_of(free, rows, size, there)
     if np.any(rows.apart):
         rows, estimate, there = _without_those_apart(free, stack, rows, refit)
-        size = best_size(rows, K, there.fit.x, there.held) if given is None else given
-        rows = replace(
-            rows, apart=joints_apart(rows, K, there.fit.x, there.held, size, known=True)[0]
-        )
+        size = sized(rows, there)
+        apart, _ = joints_apart(rows, K, there.fit.x, there.held, size, known=True)
+        rows = replace(rows, apart=apart)
         there = _arm_of(free, rows, size, there)
-        size = best_size(rows, K, there.fit.x, there.held) if given is None else given
+        size = sized(rows, there)
     if robot == base.robot:
         return rows, size, there, estimate
     arm = _arm_of(base, rows, size, arm) if np.any(rows.apart) else arm
-    return rows, best_size(rows, K, arm.fit.x, arm.held) if given is None else given, arm, estimate
+    return rows, sized(rows, arm), arm, estimate
 
 
 def _without_those_apart(
@@ -309,23 +319,14 @@ def _share_of_noise(stack: Stack, apart: Floats) -> Floats:
     Joints that contradict the others make these look noisy, so that they would get little weight.
     """
     factors, counts = stack.whole
-    left, others, p = stack.first_fit.noise, apart == 0.0, factors.shape[2] - 1
+    left, others = stack.first_fit.noise, apart == 0.0
     alone = left.copy()
     if np.any(others):
         alone[others] = weighted(factors[others], counts[others]).noise
     for j in np.flatnonzero(~others):
-        own = np.any(factors[j, :, :p] != 0.0, axis=0)
-        rest = factors[j, :, p] - factors[j][:, :p][:, own] @ _shortest(
-            factors[j][:, :p][:, own], factors[j, :, p]
-        )
-        alone[j] = np.linalg.norm(rest) / np.sqrt(max(1, counts[j] - np.count_nonzero(own)))
+        own = np.count_nonzero(factors[j, :, :-1].any(axis=0))
+        alone[j] = np.sqrt(solve(factors[j]).residual / max(1, counts[j] - own))
     return np.asarray(np.clip(alone / left, tuning.NOISE_SHARE_LEAST, 1.0))
-
-
-def _shortest(A: Floats, b: Floats) -> Floats:
-    """Return the shortest least-squares solution in columns of unit length, (c,)."""
-    length = np.linalg.norm(A, axis=0)
-    return np.asarray(np.linalg.lstsq(A / length, b, rcond=tuning.RANK_TOLERANCE)[0] / length)
 
 
 def contradicts(misfit: float, best: float) -> bool:
@@ -499,15 +500,8 @@ def exciting_states(
     """Return positions, velocities and accelerations of an exciting motion inside the limits, (count, n) each."""
     speed = exciting_speed(base.robot)
     q, qd, _ = random_states(base.robot, speed, count, seed=1)
-    return (
-        q,
-        qd,
-        np.random.default_rng(2).normal(size=q.shape)
-        * 2
-        * np.pi
-        * tuning.EXCITING_FREQUENCY
-        * speed,
-    )
+    fastest = 2 * np.pi * tuning.EXCITING_FREQUENCY * speed
+    return q, qd, np.random.default_rng(2).normal(size=q.shape) * fastest
 
 
 def _percent(error: float, torque: float) -> float:
@@ -615,25 +609,16 @@ def prior_covariance(base: BaseModel) -> Floats:
     constraints, K = constraints_of(base), base.reduction.K
     require_possible_prior(constraints)
     q, qd, qdd = exciting_states(base)
-    W = base.model.observer(base.reduction.base).dense(q, qd, qdd)
+    W = base.observer.dense(q, qd, qdd)
     theta = prior_base_parameters(base.model, base.reduction, unknown=0.0)
     torque = np.sqrt(np.mean((W @ theta) ** 2, axis=0))
     torque = np.maximum(torque, max(tuning.LEAST_TORQUE * float(torque.max()), 1e-6))
     covariance = np.zeros((K.shape[1], K.shape[1]))
     others = np.delete(np.arange(K.shape[1]), constraints.bodies)
-    columns = (
-        base.model.observer(others).dense(q, qd, qdd)
-        if len(others)
-        else np.zeros((1, base.robot.n, 0))
-    )
+    columns = base.model.observer(others).dense(q, qd, qdd)
     size = np.sqrt(np.mean(columns**2, axis=0)) / torque[:, None]
     covariance[others, others] = 1.0 / np.maximum(size.max(axis=0, initial=0.0), 1e-9) ** 2
-    for columns_of_body, bent in zip(
-        constraints.bodies,
-        curvature(constraints, constraints.prior),
-        strict=True,
-    ):
-        covariance[np.ix_(columns_of_body, columns_of_body)] = np.linalg.inv(
-            tuning.PRIOR_COUNTED * bent
-        )
+    bodies = constraints.bodies
+    bent = np.linalg.inv(tuning.PRIOR_COUNTED * curvature(constraints, constraints.prior))
+    covariance[bodies[:, :, None], bodies[:, None]] = bent
     return np.asarray(K @ covariance @ K.T)
