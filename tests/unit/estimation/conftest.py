@@ -1,4 +1,5 @@
 import pytest
+
 from synthetic_arm import seven_joint_arm
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from synthetic_arm import holds
 
 from dynid.estimation.possible_set import (
     body_parameters,
@@ -12,6 +11,7 @@ from dynid.estimation.possible_set import (
 )
 from dynid.model.parameters import numbered
 from dynid.robot import LINK_PARAMETERS, Body
+from synthetic_arm import holds
 
 
 def test_pseudo_inertia_is_the_second_moment_of_point_masses():

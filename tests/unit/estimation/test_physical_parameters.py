@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from conic import clarabel_optimum
-from synthetic_arm import arm_with_measured_friction, holds
 
+from conic import clarabel_optimum
 from dynid.errors import NotPhysical
 from dynid.estimation import tuning
 from dynid.estimation.possible_arm import (
@@ -15,6 +14,7 @@ from dynid.estimation.possible_arm import (
 )
 from dynid.estimation.possible_set import basis, make_constraints
 from dynid.model.parameters import numbered
+from synthetic_arm import arm_with_measured_friction, holds
 
 REGIMES = {"rich": (2000, 1.0, 1.0), "slow": (2000, 0.2, 3.0), "poor": (300, 0.2, 10.0)}
 
