@@ -9,7 +9,7 @@ import hidden_effects as hidden
 from dynid.estimation.estimate import estimate, last_motion
 from dynid.gap.analysis import analyse_gap, on_one_clock
 from dynid.gap.apply import specs_of, stacked_with
-from dynid.gap.candidates import SelectionOptions
+from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.gap.verdict import labels
 
 pytestmark = pytest.mark.slow

@@ -11,14 +11,14 @@ from itertools import product
 
 import numpy as np
 
-from dynid.gap.candidates import Place, candidate, gains
+from dynid.gap.candidates import candidate, gains
 from dynid.gap.evidence import Evidence, EvidenceRows
 from dynid.gap.shapes import ends_of, from_steps, in_steps
 from dynid.gap.whitened_regression import EffectColumns
-from dynid.model.effects.interface import Floats
+from dynid.model.effects.interface import Effect, Floats, Joints
 
 #: Points of a lattice along each axis, and half of what lies between the outermost, in spacings.
-POINTS = 9
+POINTS = 7
 HALF = (POINTS - 1) / 2
 #: Spread of the posterior in spacings of the lattice from which it is resolved; half the width of a lattice in spreads,
 #: at least, and that of the next one. A sum over points 1.7 spreads apart is off by less than a percent.
@@ -96,7 +96,8 @@ class Lattice:
 def sizes_of(
     evidence: Evidence,
     rows: EvidenceRows,
-    place: Place,
+    effect: Effect,
+    joints: Joints,
     shape: dict[str, float],
     added: Sequence[EffectColumns],
 ) -> Sizes:
@@ -105,16 +106,16 @@ def sizes_of(
     Args:
         evidence: everything else, sizes of the rest as they are with the effect.
         rows: what is common and the rest.
-        place: the effect and where it sits.
+        effect: the effect.
+        joints: where it sits.
         shape: its best shape.
         added: columns of other names that have been added to T.
     """
-    effect = place.effect
     ways = turning(rows) if "vs" in effect.steps else [rows]
     names = list(effect.amplitudes(shape))
     grid = [
         x
-        for x in effect.grid(rows.regression.motion, place.joints)
+        for x in effect.grid(rows.regression.motion, joints)
         if list(effect.amplitudes(x)) == names
     ]
     lattice = None
@@ -125,7 +126,9 @@ def sizes_of(
     points = [from_steps(effect, shape, x) for x in lattice.points()] if lattice else grid
     for _ in range(CLOSINGS):
         # Why the best shape too: a lattice that is too wide for the peak has no point near it.
-        odds, amplitudes, covariance = _posterior(evidence, ways, place, [*points, shape], added)
+        odds, amplitudes, covariance = _posterior(
+            evidence, ways, effect, joints, [*points, shape], added
+        )
         inside = np.tile(np.arange(len(points) + 1) < len(points), len(ways))
         between = float(odds[~inside].max() - odds[inside].max()) > BETWEEN
         if between or lattice is None:
@@ -160,14 +163,15 @@ def sizes_of(
 def _posterior(
     evidence: Evidence,
     ways: Sequence[EvidenceRows],
-    place: Place,
+    effect: Effect,
+    joints: Joints,
     points: list[dict[str, float]],
     added: Sequence[EffectColumns],
 ) -> tuple[Floats, Floats, Floats]:
     """Return log odds of shapes, way by way, (G,), amplitudes, (G, k), and covariances of them, (G, k, k)."""
     odds, amplitudes, covariance = [], [], []
     for rows in ways:
-        found = gains(evidence, candidate(rows, place, points, added))
+        found = gains(evidence, candidate(rows, effect, joints, points, added))
         odds.append(found.log_odds)
         amplitudes.append(found.amplitudes)
         covariance.append(found.covariance)
@@ -182,8 +186,9 @@ def turning(rows: EvidenceRows) -> list[EvidenceRows]:
     """
     regression = rows.regression
     return [
-        rows.with_regression(
-            replace(
+        replace(
+            rows,
+            regression=replace(
                 regression,
                 segments=[
                     replace(
