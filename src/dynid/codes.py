@@ -34,7 +34,7 @@ WARNINGS: dict[str, str] = {
     "W332": "A joint moves beyond its limits: an offset, a direction or the limits in the robot file are wrong.",
     "W333": "No topic of a recording holds joint states: nothing can be identified from it.",
     "W334": "No edit of the robot file explains the torques of a joint: its friction would not brake with either sign.",
-    "W335": "A table has torques of some joints and currents of all: the currents are not read.",
+    "W335": "A table has torques of some joints and currents of all: only the torques are used.",
     "W402": "A base parameter is hardly excited by this log.",
     "W403": "The log determines fewer base parameters than the structure has; the rest comes from the prior.",
     "W404": "No physical arm near the prior explains the torques as well as the plain fit does.",

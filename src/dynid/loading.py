@@ -12,10 +12,11 @@ import numpy as np
 
 from dynid import arguments
 from dynid.arguments import one_thread, public
-from dynid.errors import DynidError, Finding, NotAnArtifact, WrongUsage
+from dynid.errors import DynidError, Finding, NotAnArtifact, RobotNotFound, WrongUsage
 from dynid.estimation import result_files
 from dynid.estimation.result import Identification
 from dynid.files import robotfile
+from dynid.files.logs import FORMATS
 from dynid.files.logs import read_log as read_recording
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.files.urdffile import read_urdf
@@ -89,6 +90,9 @@ def load_robot(source: RobotLike, *, base: str | None = None, tip: str | None = 
             raise WrongUsage(
                 f"{source} is not a URDF: its chain has one tip", fix="leave out --tip"
             )
+        if path.suffix in FORMATS:
+            fix = "the robot comes first, then its logs: dynid identify ROBOT LOG"
+            raise RobotNotFound(f"{source} is a log or a result, no robot", fix=fix)
         return robotfile.load_robot(source)
     if not path.is_file():
         robotfile.find_robot(str(path))  # ends with the message that a missing robot file gets

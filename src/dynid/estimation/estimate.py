@@ -392,10 +392,10 @@ def weakly_excited(base: BaseModel, stack: Stack, prior: Floats) -> list[Finding
     weak = [k for k in order if relative[k] > tuning.ROUGH_ERROR and not harmless[k]]
     if not weak:
         return []
-    told = [
-        f"{stack.names[k]} (+-{100 * relative[k]:.0f} %: {_reason(base, stack, k)})"
-        for k in weak[: tuning.FINDINGS_WORDED]
-    ]
+    told = []
+    for k in weak[: tuning.FINDINGS_WORDED]:
+        much = f"{100 * relative[k]:.0f} % error" if np.isfinite(relative[k]) else "no trace"
+        told.append(f"{stack.names[k]} ({much}: {_reason(base, stack, k)})")
     names, more = [stack.names[k] for k in weak], len(weak) - len(told)
     text = "hardly excited: " + ", ".join(told) + f" and {more} more" * (more > 0)
     return [Finding("W402", "warning", text, {"parameters": names})]

@@ -23,7 +23,6 @@ from dynid.model.base_model import BaseModel
 from dynid.robot import Coulomb
 from dynid.signals.conditioned_log import (
     ConditionedLog,
-    Segment,
     signs_of_shapes,
     with_effects,
 )
@@ -111,8 +110,7 @@ def _estimated(stack: Stack, signs: Signs, usual: Coulomb) -> Coulomb | None:
 def _beginning(log: ConditionedLog) -> ConditionedLog:
     """Return a log of whose segments only what is looked at is left."""
     count = _looked_at(log.filter)
-    segments = [Segment(**{name: x[:count] for name, x in vars(s).items()}) for s in log.segments]
-    return replace(log, segments=segments)
+    return replace(log, segments=[segment[:count] for segment in log.segments])
 
 
 def _looked_at(chosen: Filter) -> int:

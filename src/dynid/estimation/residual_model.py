@@ -239,7 +239,7 @@ def torque_variance(
     return found
 
 
-# ---------------------------------------------------------------- columns
+# ---------------------------------------------------------------- states
 def exciting_speed(robot: Robot) -> Floats:
     """Return the rms speed of an exciting motion inside the limits, (n,) [rad/s or m/s]."""
     limits = [(joint.limits.velocity, joint.revolute) for joint in robot.joints]

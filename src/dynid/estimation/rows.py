@@ -241,7 +241,7 @@ def pieces(log: ConditionedLog) -> Iterator[tuple[slice, Segment]]:
             part = slice(start * step, (start + rows - 1) * step + taps)
             yield (
                 slice(first + start, first + start + rows),
-                Segment(**{name: x[part] for name, x in vars(segment).items()}),
+                segment[part],
             )
         first += count
 

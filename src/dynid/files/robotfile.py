@@ -25,7 +25,6 @@ from dynid.errors import (
     RobotNotFound,
 )
 from dynid.files import packaged, tuning
-from dynid.files.logs import FORMATS
 from dynid.files.robotkeys import A_PRIOR, INERTIA, ROBOT, SNAP_STEP, read_joints
 from dynid.files.yamlfile import Context, Value, parse_yaml, read_text, read_yaml
 from dynid.robot import Body, Joint, Known, Prior, Robot, TorqueSource, rotation_rpy
@@ -65,9 +64,6 @@ def find_robot(name: str) -> Path:
         RobotNotFound: there is none.
     """
     if Path(name).is_file():
-        if Path(name).suffix in FORMATS:
-            fix = "the robot comes first, then its logs: dynid identify ROBOT LOG"
-            raise RobotNotFound(f"{name} is a log or a result, no robot file", where=name, fix=fix)
         return Path(name)
     known = known_robots()
     if name in known:

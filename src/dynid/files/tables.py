@@ -90,7 +90,7 @@ def read_table(
     arrays = dict(zip(columns, np.split(values[:, -len(chosen) :], len(columns), 1), strict=True))
     currents = matched("i_{name}", names, joints)
     if currents and "" in columns["effort"]:
-        text = f"{path.name}: currents ({', '.join(currents)}) are not read, torques are"
+        text = f"{path.name}: its torques of some joints are used, its currents of all are not"
         findings += (Finding("W335", "warning", text, {"columns": currents}),)
     return Log(
         t,

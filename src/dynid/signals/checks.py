@@ -381,7 +381,7 @@ def clipped_samples(log: Log, robot: Robot, gone: Flags) -> tuple[Flags, tuple[F
     """
     mask, alive, findings = np.tile(gone, (len(log), 1)), any_moves(log, robot), []
     if none := ", ".join(compress(robot.joint_names, gone)):
-        text = f"the log has no torque of {none}: what moves there is told by the other joints and the prior"
+        text = f"the log has no torque for {none}: predicted from the other joints and the prior"
         findings.append(Finding("W319", "warning", text, {"joint": none, "share": 1.0}))
     moved = per_joint(tuning.STILL_SPAN, robot)
     for j in np.flatnonzero(~gone).tolist():

@@ -8,6 +8,7 @@ the columns of the robot file's effects are evaluated: they depend on the order 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
@@ -83,6 +84,10 @@ class Segment:
     def __len__(self) -> int:
         """Return the number of samples."""
         return len(self.t)
+
+    def __getitem__(self, part: slice) -> Segment:
+        """Return some of the samples, as views."""
+        return Segment(**{name: values[part] for name, values in vars(self).items()})
 
 
 def condition(
@@ -549,11 +554,7 @@ def stretches(logs: Sequence[ConditionedLog], seconds: float) -> tuple[list[Cond
                 first += len(segment)
                 if part.stop > 0 and part.start < len(segment):
                     # Why a copy: what is left shall not keep the whole log in memory.
-                    kept.append(
-                        Segment(
-                            **{name: value[part].copy() for name, value in vars(segment).items()}
-                        )
-                    )
+                    kept.append(deepcopy(segment[part]))
         found.append(replace(log, segments=kept))
         parts += len(kept)
     return found, parts
