@@ -314,6 +314,9 @@ def diagnose(log: Log, robot: Robot, *, anyway: bool = False) -> tuple[Finding, 
         GravityRemoved: the torques do not change with the weight of the arm.
         WrongMapping: names the likeliest mistake, with the edit that repairs the robot file.
     """
+    # Why: where a joint has no torque, any other order of the columns fits as well, and its weight is not seen.
+    if log.extra["clipped"].all(axis=0).any():
+        return ()
     try:
         check_gravity(log, robot)
     except GravityRemoved:
@@ -332,9 +335,6 @@ def _explained(
 
     W334 where no robot file explains some joints.
     """
-    # Why: where a joint has no torque, any order of the columns in which it is another one fits as well.
-    if log.extra["clipped"].all(axis=0).any():
-        return ()
     columns, names = driver_columns(log, robot)
     found = find_mistake(columns, robot, names, mapped="driver_columns" in log.extra)
     if found is None:

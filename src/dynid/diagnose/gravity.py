@@ -35,7 +35,7 @@ def check_gravity(log: Log, robot: Robot) -> None:
         q, tau, besides = _in_motion(log, robot)
     else:
         return
-    load = expected_torque(q, robot) * tau.any(axis=0)
+    load = expected_torque(q, robot)
     change, known = np.ptp(load, axis=0), robot.prior is not None
     carries = (change > tuning.SIGNIFICANT_LOAD * change.max()) & (change > tuning.LEAST_LOAD_NM)
     if known:
