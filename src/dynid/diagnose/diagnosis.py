@@ -315,7 +315,7 @@ def diagnose(log: Log, robot: Robot, *, anyway: bool = False) -> tuple[Finding, 
         WrongMapping: names the likeliest mistake, with the edit that repairs the robot file.
     """
     # Why: where a joint has no torque, any other order of the columns fits as well, and its weight is not seen.
-    if log.extra["clipped"].all(axis=0).any():
+    if np.any(np.all(log.extra.get("clipped", False), axis=0)):
         return ()
     try:
         check_gravity(log, robot)
