@@ -124,13 +124,14 @@ class _Search:
         No edit of a file but those of a joint's signs changes what its friction has to be.
         """
         judge, found = self.judge, []
+        # Why not what possible bodies leave alone: huge ones, held by friction that drives, follow any short log.
+        ((least, _),) = judge.least([judge.robot])
         for j, suspect in enumerate(self.given.left > self.given.floor):
             kinds = OF_ALL.values() if suspect and judge.mapped else ()
             files = [judge.robot, *(edited(judge.robot, Edit(kind, (float(j),))) for kind in kinds)]
             left = [np.hypot(judge.alone(file, j), self.noise[j]) for file in files if suspect]
-            found.append(
-                bool(left) and min(each[1] for each in left) > tuning.NOT_BRAKING * left[0][0]
-            )
+            free = max(left[0][0], np.hypot(least[j], self.noise[j])) if left else np.inf
+            found.append(min((each[1] for each in left), default=0) > tuning.NOT_BRAKING * free)
         return tuple(map(bool, found))
 
     def fit(self, edits: tuple[Edit, ...]) -> Hypothesis:

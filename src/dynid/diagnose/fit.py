@@ -232,7 +232,7 @@ class Judge:
         q, qd, qdd = np.concatenate(motions, axis=1)
         bodies = body_regressor(robot, q, qd, qdd, gravity).transpose(1, 2, 0)
         v, a = (np.stack([x[k].T for x in motions]) for k in (1, 2))
-        own = np.stack([np.ones_like(v), v, np.tanh(v / slow[:, None]), a], axis=3)
+        own = np.stack([np.ones_like(v), *_brakes(v / slow[:, None]), a], axis=3)
         return Columns(bodies.reshape(*bodies.shape[:2], len(motions), -1), own)
 
     def _dh(self, robot: Robot) -> tuple[Floats, Floats]:
@@ -252,6 +252,18 @@ class Judge:
     def _order(self, robot: Robot) -> list[int]:
         """Return which column of the log belongs to each joint of an edited file."""
         return [self.robot.log_names.index(name) for name in robot.log_names]
+
+
+def _brakes(v: Floats) -> tuple[Floats, Floats]:
+    """Return two laws of which every one of viscous and Coulomb friction that brakes at all speeds is a sum, (..., N).
+
+    Why not each for itself: friction that falls with speed, or turns more sharply, brakes with less than no viscosity.
+
+    Args:
+        v: speeds over that at which the sign turns, (..., N).
+    """
+    fastest = np.maximum(np.abs(v).max(axis=-1, keepdims=True), 1e-9)
+    return v - np.tanh(v), np.tanh(v) - v * np.tanh(fastest) / fastest
 
 
 def middle(log: Log) -> tuple[Floats, Floats, Floats]:

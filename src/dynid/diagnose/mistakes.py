@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from dynid.diagnose import tuning
 from dynid.diagnose.fit import Judge
-from dynid.model.numeric_regressor import expected_torque
 from dynid.robot import JointMap, Robot
 from dynid.text import yaml_word
 
@@ -165,7 +164,7 @@ def edits_of(judge: Judge, names: Sequence[str]) -> Iterator[Edit]:
             Edit("offset", (float(j), quarter)) for quarter in (1.0, -1.0, 2.0) if joint.revolute
         )
     yield Edit("unit")
-    yield from _orders(judge, names)
+    yield from _orders(names)
 
 
 def _directions(robot: Robot) -> Iterator[Edit]:
@@ -177,40 +176,19 @@ def _directions(robot: Robot) -> Iterator[Edit]:
             yield Edit("gravity", tuple((other + 0.0).tolist()))
 
 
-def _orders(judge: Judge, names: Sequence[str]) -> Iterator[Edit]:
+def _orders(names: Sequence[str]) -> Iterator[Edit]:
     """Yield orders of the columns: every exchange of two, and whole ones that recorders and people make."""
-    n = judge.robot.n
-    same = list(range(n))
+    same = list(range(n := len(names)))
     orders = []
     for a, b in combinations(same, 2):
         orders.append(list(same))
         orders[-1][a], orders[-1][b] = b, a
     by_name = sorted(same, key=lambda k: names[k])
     back = [by_name.index(k) for k in same]
-    orders += [same[::-1], [*same[1:], 0], [n - 1, *same[:-1]], by_name, back, _by_size(judge)]
+    orders += [same[::-1], [*same[1:], 0], [n - 1, *same[:-1]], by_name, back]
     for order in dict.fromkeys(map(tuple, orders)):
         if order != tuple(same):
             yield Edit("order", tuple(map(float, order)))
-
-
-def _by_size(judge: Judge) -> list[int]:
-    """Return the assignment of columns to joints by range of motion and size of the torque."""
-    robot, x = judge.robot, judge.x
-    have = np.std(judge.tau, axis=0) + 1e-9
-    carried = np.sqrt(np.mean(expected_torque(x[0], robot) ** 2, axis=0)) + 0.02
-    size = np.array([joint.limits.torque or np.nan for joint in robot.joints])
-    wanted = size if np.isfinite(size).all() else carried
-    cost = np.abs(np.log(have / have.mean())[None, :] - np.log(wanted / wanted.mean())[:, None])
-    for j, joint in enumerate(robot.joints):
-        if joint.limits.position and robot.coupling is None and robot.driver is not None:
-            map_ = robot.driver.map
-            low, high = sorted((np.array(joint.limits.position) - map_.offset[j]) * map_.sign[j])
-            outside = np.maximum(0, x[0].max(axis=0) - high) + np.maximum(0, low - x[0].min(axis=0))
-            cost[j] += 3.0 * outside
-    from scipy.optimize import linear_sum_assignment  # here: help must be fast
-
-    columns: list[int] = linear_sum_assignment(cost)[1].tolist()
-    return columns
 
 
 def unlikeliness(edit: Edit) -> float:

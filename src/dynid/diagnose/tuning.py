@@ -27,7 +27,7 @@ NEAR_BEST = 0.4
 #: A joint whose torque leaves this many times more when its friction has to brake, with either sign of the torque, is
 #: explained by no robot file. Evidence: J5 and J6 of the Shanghai cobot 1.7 to 3.6, its J4 1.3 to 2.6; all joints of
 #: nine right recordings of six other arms at most 1.04.
-NOT_BRAKING = 1.5
+NOT_BRAKING = 1.25
 #: Sensors and models are wrong by this share of what the most loaded joint carries, at every joint. Evidence: none
 #: yet.
 MODEL_ERROR = 0.01

@@ -91,7 +91,10 @@ def evidence_of(result: Identification) -> Evidence:
         NotAnArtifact: a file beside it is damaged.
     """
     known = sum(word in (KNOWN_WELL, NEGLIGIBLE) for word in result.knowledge)
-    header, codes = result.header, [finding.code for finding in result.findings]
+    header, codes = (
+        result.header,
+        [found.code for found in result.findings if found.level != "info"],
+    )
     found = Evidence(
         robot=result.robot.source or str(result.robot.path or result.robot.slug),
         result=str(result.path) if result.path.name else "",

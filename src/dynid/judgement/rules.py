@@ -81,7 +81,16 @@ def of_result(c: Case) -> str:
         weak = " and ".join(text for name, text in FAIR.items() if states[name] == "fair")
         but = f", but {weak}" if weak else ""
         return f"The model predicts motions that it was not fitted to, up to their noise{but}."
-    return f"The model is usable: it misses {shown(worst.percent)} % of the torque of {worst.name}, more than noise."
+    return _of_unseen(worst, c)
+
+
+def _of_unseen(worst: Unseen, c: Case) -> str:
+    """Return what a model is worth that misses more than noise on rows that were not fitted."""
+    misses = f"misses {shown(worst.percent)} % of the torque of {worst.name}, more than noise."
+    if c.worst_unseen(same_motion=False):
+        return f"The model is usable: it {misses}"
+    why = f": {FAIR['knowledge']}" if c.states["knowledge"] == "fair" else ""
+    return f"The model {misses} Test it on another motion before you use it{why}."
 
 
 #: What is said beside a model that predicts unseen motion, by the light that is only fair.

@@ -10,8 +10,6 @@ from dynid.diagnose.mistakes import Edit, edited, pasted, said, with_edits
 from dynid.errors import WrongMapping
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
-from dynid.model.numeric_regressor import body_regressor
-from dynid.model.regressor import build_model
 from dynid.signals.checks import prepare
 from dynid.signals.columns import in_si, robot_columns, take_samples
 from makelogs import lwr, lwr_log, shared_data
@@ -24,17 +22,6 @@ def columns(log, robot):
 
 def looked_at(robot, log=None):
     return find_mistake(columns(log or lwr_log(), robot), robot)
-
-
-@pytest.mark.parametrize("name", ["scara", "kuka_lwr4plus", "staubli_tx40"])
-def test_the_numeric_regressor_is_the_derived_one(name):
-    robot = load_robot(name)
-    model = build_model(robot)
-    motion = np.random.default_rng(1).standard_normal((3, 20, robot.n))
-    bodies = [k for k, parameter in enumerate(model.parameters) if parameter.of_body]
-    np.testing.assert_allclose(
-        body_regressor(robot, *motion), model.regressor(*motion)[:, :, bodies], atol=1e-12
-    )
 
 
 def test_a_right_file_is_not_questioned():
@@ -121,22 +108,16 @@ def test_a_wrong_file_that_looks_like_removed_gravity_is_named_and_goes_on_when_
 def test_a_log_in_dh_quantities_accuses_no_map_of_the_driver():
     """Signs, offsets and order were applied before it was written; convention and gravity may still be wrong."""
     log = replace(prepare(lwr_log(), lwr()), checked=False, extra={})
-    assert (
-        diagnose(
-            prepare(log, edited(lwr(), Edit("sign", (1.0,)))), edited(lwr(), Edit("sign", (1.0,)))
-        )
-        == ()
-    )
+    reversed_, other = (edited(lwr(), edit) for edit in (Edit("sign", (1.0,)), Edit("convention")))
+    assert diagnose(prepare(log, reversed_), reversed_) == ()
     with pytest.raises(WrongMapping, match="the other DH convention"):
-        diagnose(prepare(log, edited(lwr(), Edit("convention"))), edited(lwr(), Edit("convention")))
+        diagnose(prepare(log, other), other)
 
 
 def test_a_pause_cuts_the_recording_and_is_listed():
     log = lwr_log()
-    t = np.where(np.arange(len(log)) < len(log) // 2, log.t, log.t + 5.0)
-    found = prepare(replace(log, t=t), lwr())
-    (said,) = [finding for finding in found.findings if finding.code == "W312"]
-    assert "cut into 2 segments" in said.text
+    found = prepare(replace(log, t=log.t + 5.0 * (log.t > 10.0)), lwr()).findings
+    assert "cut into 2 segments" in next(each.text for each in found if each.code == "W312")
 
 
 @pytest.mark.slow
