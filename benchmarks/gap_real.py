@@ -27,8 +27,8 @@ from dynid.estimation.stack import stack_logs
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.gap.analysis import analyse_gap
+from dynid.gap.candidates import SelectionOptions
 from dynid.gap.problem import kept_model, make_problem
-from dynid.gap.stepwise_selection import SelectionOptions
 from dynid.robot import Body
 from dynid.signals.checks import prepare
 from dynid.signals.columns import take_samples
@@ -287,7 +287,7 @@ def as_they_are(data):
         seen = look([read(data / log, robot) for log in logs], base, None)
         ratio = seen.improvement.after / np.maximum(seen.improvement.before, 1e-12)
         for f, why in [*((f, "named") for f in seen.verdict.named), *seen.verdict.closest]:
-            j = f.test.joint
+            j = f.joint
             interval = seen.improvement.ratio[j]
             rows.append(
                 [

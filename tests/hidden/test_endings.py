@@ -9,7 +9,7 @@ import hidden_effects as hidden
 from dynid.estimation.estimate import estimate, last_motion
 from dynid.gap.analysis import analyse_gap, on_one_clock
 from dynid.gap.apply import specs_of, stacked_with
-from dynid.gap.stepwise_selection import SelectionOptions
+from dynid.gap.candidates import SelectionOptions
 from dynid.gap.verdict import labels
 
 pytestmark = pytest.mark.slow
@@ -101,7 +101,7 @@ def test_the_same_motion_before_tells_a_change_from_what_was_missing_already():
     earlier, new = (sources_of(logs, base.model) for logs in (before[::2], now[1::2]))
     known = identified(before[::2], base)
     seen = analyse_gap(new, base, known, SelectionOptions(), simulate=False, earlier=earlier)
-    assert seen.problem.matched == pytest.approx(1.0, rel=0.05)
+    assert seen.problem.same_motion
     assert named(seen) == {("coulomb_change", (1,))}
     same = analyse_gap(
         sources_of(before[1::2], base.model),

@@ -316,8 +316,11 @@ def _effect(stored: dict[str, Any], *, named: bool) -> EffectEvidence:
     """Return a stored effect as evidence."""
     from dynid.model.effects.catalogue import CATALOGUE
 
+    def title(name: str) -> str:
+        return CATALOGUE[name].title if name in CATALOGUE else name
+
     name, errors, units = str(stored["effect"]), dict(stored["std_errors"]), dict(stored["units"])
-    title = CATALOGUE[name].title if name in CATALOGUE else name
+    rivals = [str(text).partition(" on ") for text in stored["rivals"]]
     sizes = tuple(
         (
             str(key),
@@ -329,7 +332,7 @@ def _effect(stored: dict[str, Any], *, named: bool) -> EffectEvidence:
     )
     after = stored["rms_after"]
     return EffectEvidence(
-        title=title,
+        title=title(name),
         effect=name,
         where=str(stored["where"]),
         sizes=sizes,
@@ -340,6 +343,7 @@ def _effect(stored: dict[str, Any], *, named: bool) -> EffectEvidence:
         after=None if after is None else float(after),
         unit=str(stored["unit"]),
         why_not=str(stored["why_not"]),
+        rivals=tuple(f"{title(rival)} on {where}" for rival, _, where in rivals),
     )
 
 

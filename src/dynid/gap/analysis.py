@@ -9,39 +9,18 @@ import numpy as np
 
 from dynid.errors import PackageMissing
 from dynid.estimation.least_squares import solvable
-from dynid.gap import refusals
+from dynid.gap.candidates import SelectionOptions
+from dynid.gap.change import still_changed
+from dynid.gap.counterbalance import counterbalances
 from dynid.gap.forward_simulation import simulate_held_out
+from dynid.gap.improvement import HeldOutImprovement, fitted_with, held_out_improvement
 from dynid.gap.localisation import JointGap, localise_residual
-from dynid.gap.problem import (
-    GapProblem,
-    KeptModel,
-    make_problem,
-    problem_of_arm,
-    without_always_missing,
-)
-from dynid.gap.refit import (
-    GROWN,
-    GROWN_ARM,
-    HeldOutImprovement,
-    fitted_with,
-    held_out_improvement,
-    lead_over_always,
-    refit,
-    unsure_of_reversals,
-    with_columns,
-    with_delay,
-)
-from dynid.gap.search import EffectSearch, judged_search, search_effects, without
+from dynid.gap.possible_arm import COUNTERBALANCE
+from dynid.gap.problem import GapProblem, KeptModel, judged_by_possible, make_problem
+from dynid.gap.search import EffectSearch, search_effects
 from dynid.gap.segments import segments_of
-from dynid.gap.selected_effects import SelectedEffect, with_selected
-from dynid.gap.stepwise_selection import EQUAL, SURE, SelectionOptions
-from dynid.gap.verdict import (
-    NOT_SMALLER,
-    GapVerdict,
-    judge,
-    refusal,
-)
-from dynid.gap.whitened_regression import WhitenedRegression
+from dynid.gap.selected_effects import SelectedEffect, with_columns
+from dynid.gap.verdict import Case, GapVerdict, judge, refusal
 from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.effects.interface import Floats
 from dynid.progress import SILENT, Progress
@@ -91,7 +70,6 @@ def analyse_gap(
     *,
     simulate: bool = True,
     earlier: Sequence[ConditionedLog] = (),
-    arm: bool = False,
     possible: bool = False,
 ) -> GapAnalysis:
     """Search conditioned logs for what a model lacks, and prove it on the rows that are held out.
@@ -104,221 +82,114 @@ def analyse_gap(
         progress: told how far the work is.
         simulate: whether the forward simulation is run too.
         earlier: conditioned logs that a kept model was identified from, where they are at hand.
-        arm: whether to find what only an implausible arm would absorb too.
         possible: whether the physically possible set is in force, and judges what is named.
     """
     logs = on_one_clock(logs)
     earlier = on_one_clock(earlier) if earlier else ()
-    problem = problem_of_arm(logs, base) if arm else make_problem(logs, base, kept, earlier)
+    problem = make_problem(logs, base, kept, earlier)
     search = search_effects(logs, base, kept, options, progress, first=problem, earlier=earlier)
-    if possible and kept is None and not arm:
-        search = replace(search, problem=judged_search(replace(search, selected=[])).problem)
-    found = proved(problem, search, simulate=simulate)
-    verdict = judge(found.search, found.effects, found.refused, base.robot.joint_names)
-    joints = localise_residual(replace(problem, noise=search.problem.noise).regression())
+    if possible and kept is None:
+        search = replace(search, problem=judged_by_possible(search.problem))
+    return _proved(tuple(logs), problem, search, options, simulate=simulate)
+
+
+@solvable()
+def with_counterbalances(
+    analysis: GapAnalysis,
+    options: SelectionOptions,
+    joints: Sequence[int],
+    *,
+    simulate: bool = True,
+) -> GapAnalysis:
+    """Return an analysis of what no numbers absorb with what only implausible links would absorb too.
+
+    Args:
+        analysis: the analysis.
+        options: what is searched.
+        joints: on which a counterbalance may be.
+        simulate: whether the forward simulation is run too.
+    """
+    if options.effects and COUNTERBALANCE not in options.effects:
+        return analysis
+    search = analysis.search
+    found = counterbalances(search.problem, search.selected, joints)
+    problem = judged_by_possible(search.problem, arm=True)
+    search = replace(search, problem=problem, selected=found)
+    return _proved(analysis.logs, analysis.problem, search, options, simulate=simulate)
+
+
+def _proved(
+    logs: tuple[ConditionedLog, ...],
+    first: GapProblem,
+    search: EffectSearch,
+    options: SelectionOptions,
+    *,
+    simulate: bool,
+) -> GapAnalysis:
+    """Return the analysis of a search: what is refused goes, the least likely first, and the rest is proved again.
+
+    Args:
+        logs: the conditioned logs.
+        first: what was searched, before anything was found.
+        search: the search.
+        options: what was searched.
+        simulate: whether the forward simulation is run too.
+    """
+    problem, effects = search.problem, list(search.selected)
+    refused: list[tuple[SelectedEffect, str]] = []
+    # Why not of the same motion: what always was cancels there.
+    asked = problem.compared and not problem.same_motion
+    changed = still_changed(first, []).joints if asked and effects else None
+
+    def improved(some: Sequence[SelectedEffect]) -> HeldOutImprovement:
+        late = any(one.name == "torque_delay" for one in some)
+        now = problem if late else replace(first, noise=problem.noise, in_force=problem.in_force)
+        return held_out_improvement(first, replace(now, arm=problem.arm), some, search.errors)
+
+    while True:
+        improvement, failing = improved(effects), []
+        for one in effects:
+            rest = improved([other for other in effects if other is not one])
+            ratio = improvement.left / max(rest.left, 1e-12)
+            if why := refusal(Case(search, one, options.sure, changed, ratio)):
+                failing.append((one, why))
+        if not failing:
+            break
+        worst = min(failing, key=lambda pair: pair[0].log_odds)
+        refused.append(worst)
+        effects.remove(worst[0])
+    search = replace(search, selected=effects)
     invisible: dict[str, list[int]] = {}
     for (name, where), share in search.visibility.items():
         if share < HIDDEN:
             invisible.setdefault(name, []).extend(where[:1])
-    logs = tuple(logs)
     return GapAnalysis(
         logs,
-        problem,
-        found.search,
-        tuple(found.effects),
-        tuple(joints),
-        found.improvement,
-        found.simulation,
-        verdict,
+        first,
+        search,
+        tuple(effects),
+        tuple(localise_residual(replace(first, noise=problem.noise).regression())),
+        improvement,
+        _replays(first, search, effects) if simulate else None,
+        judge(search, effects, refused, problem.base.robot.joint_names),
         invisible,
     )
 
 
-@dataclass(frozen=True)
-class Proof:
-    """What is left of a search when everything that is refused has gone.
-
-    Attributes:
-        search: the search with what passed alone.
-        effects: what passed, with numbers.
-        refused: what did not, with the reason.
-        improvement: the held-out gap before and after, with what passed alone.
-        regression: refitted with it.
-        simulation: the replay before and after; None where it was not asked for or cannot be run.
-    """
-
-    search: EffectSearch
-    effects: list[SelectedEffect]
-    refused: list[tuple[SelectedEffect, str]]
-    improvement: HeldOutImprovement
-    regression: WhitenedRegression
-    simulation: tuple[Floats, Floats] | None
-
-
-def proved(
-    problem: GapProblem,
-    search: EffectSearch,
-    *,
-    simulate: bool = False,
-) -> Proof:
-    """Fit what was found and prove it on held-out rows, alone: whatever is shown is what passed.
-
-    What fails there is withdrawn first and the rest proved again, because a wrong effect spoils the prediction that
-    others are judged by; then all others that are refused go, and what is left has to pass without them. Last, nothing
-    may make the held-out torque of any joint worse.
-
-    Args:
-        problem: what was searched, before anything was found.
-        search: the search.
-        simulate: whether the forward simulation is asked too.
-    """
-    if search.rest is not None:
-        return proved_by_evidence(problem, search, simulate=simulate)
-    refused: list[tuple[SelectedEffect, str]] = []
-    while True:
-        effects, regression = refit(search)
-        improvement = held_out_improvement(problem, search, effects)
-        said = [(one, refusal(search, effects, one, improvement)) for one in effects]
-        failing = [(one, why) for one, why in said if why.startswith(NOT_SMALLER)]
-        if failing:
-            failing = [min(failing, key=lambda pair: pair[0].score)]
-        failing = (
-            failing or [(one, why) for one, why in said if why] or not_new(effects, regression)
-        )
-        failing = failing or spoiling(problem, search, effects, improvement)
-        if not failing:
-            simulation = replays(problem, search, effects, regression) if simulate else None
-            # Why only now: what is named is decided by what the rows tell; what it measures depends on more than that.
-            sized = unsure_of_reversals(search, effects)
-            return Proof(search, sized, refused, improvement, regression, simulation)
-        refused += failing
-        for one, _ in failing:
-            search = without(problem, search, one)
-
-
-def proved_by_evidence(
-    problem: GapProblem, search: EffectSearch, *, simulate: bool = False
-) -> Proof:
-    """Fit what the evidence named, and refuse what the one table of refusals says; the least likely goes first.
-
-    Args:
-        problem: what was searched, before anything was found.
-        search: the search.
-        simulate: whether the forward simulation is asked too.
-    """
-    refused: list[tuple[SelectedEffect, str]] = []
-    while True:
-        effects = with_delay(search, search.selected)
-        regression = with_selected(search.problem.regression(nuisance=False), search.selected)
-        improvement = held_out_improvement(problem, search, effects)
-        whole = noise_units(improvement)
-        failing = []
-        for one in effects:
-            rest = [other for other in effects if other is not one]
-            less = (
-                held_out_improvement(problem, without(problem, search, one), rest)
-                if len(rest)
-                else None
-            )
-            bare = noise_units(improvement, after=False) if less is None else noise_units(less)
-            if why := refusals.refusal(
-                refusals.Case(search, effects, one, improvement, (whole, bare))
-            ):
-                failing.append((one, why))
-        if not failing:
-            simulation = replays(problem, search, effects, regression) if simulate else None
-            return Proof(search, effects, refused, improvement, regression, simulation)
-        worst = min(failing, key=lambda pair: pair[0].score)
-        refused.append(worst)
-        search = without(problem, search, worst[0])
-
-
-def noise_units(improvement: HeldOutImprovement, *, after: bool = True) -> float:
-    """Return the held-out error of all joints together, in units of their noise."""
-    left = improvement.after if after else improvement.before
-    return float(np.sqrt(np.mean((left / improvement.floor) ** 2)))
-
-
-def not_new(
-    effects: Sequence[SelectedEffect], regression: WhitenedRegression
-) -> list[tuple[SelectedEffect, str]]:
-    """Return effects that explain old and new logs as well when they were always there, with the reason."""
-    if all(s.is_new for s in regression.segments):
-        return []
-    found = []
-    columns = with_columns(effects)
-    for k, one in enumerate(columns):
-        lead, spread = lead_over_always(regression, columns, k)
-        if lead < max(EQUAL, SURE * spread):
-            found.append(
-                (
-                    one,
-                    "it explains old and new logs equally well as an effect that was always there",
-                )
-            )
-    return found
-
-
-def spoiling(
-    problem: GapProblem,
-    search: EffectSearch,
-    effects: Sequence[SelectedEffect],
-    improvement: HeldOutImprovement,
-) -> list[tuple[SelectedEffect, str]]:
-    """Return the effect without which least is spoiled, with the reason, when a joint's held-out error has grown."""
-    # Why more where none of them acts: a joint's error moves with the parameters that it shares.
-    own = {j for one in effects for j in one.effect.rows(one.joints, len(improvement.before))}
-    strict = (
-        range(len(improvement.before)) if problem.since else own if problem.arm is None else set()
-    )
-    near = [GROWN if j in strict else GROWN_ARM for j in range(len(improvement.before))]
-    worse = improvement.worse(np.array(near))
-    if not worse or not effects:
-        return []
-
-    def spoiled(one: SelectedEffect) -> float:
-        rest = [other for other in effects if other is not one]
-        found = held_out_improvement(problem, without(problem, search, one), rest)
-        return float(np.max((found.after / np.maximum(found.before, 1e-12))[worse]))
-
-    culprit = min(effects, key=lambda one: (spoiled(one), one.score))
-    j = max(worse, key=lambda j: improvement.after[j] / improvement.before[j])
-    joint = problem.base.robot.joints[j]
-    change = f"{improvement.before[j]:.3g} -> {improvement.after[j]:.3g} {joint.torque_unit}"
-    limit = f"limit +{100 * (near[j] - 1):.0f} %"
-    return [(culprit, f"it increases the error of {joint.name} on unseen data ({change}, {limit})")]
-
-
-def replays(
-    problem: GapProblem,
-    search: EffectSearch,
-    effects: Sequence[SelectedEffect],
-    regression: WhitenedRegression,
+def _replays(
+    first: GapProblem, search: EffectSearch, effects: Sequence[SelectedEffect]
 ) -> tuple[Floats, Floats] | None:
-    """Return the replay of the held-out motion before and after; None where it cannot be run.
-
-    Args:
-        problem: what was searched, before anything was found.
-        search: the search.
-        effects: what it found.
-        regression: refitted with these effects.
-    """
+    """Return the replay of the held-out motion before and after; None where it cannot be run."""
+    problem, shown = search.problem, with_columns(effects)
     # Why of a change: fitted to old and new logs, an arm carries what was put on it in its own links.
-    old = [k for k, s in enumerate(problem.segments) if not problem.pooled or not s.is_new]
-    if problem.pooled:
-        # Why: the columns of what has always been missing take part of what they leave out, and no replay has them.
-        problem = without_always_missing(problem)
-        search = replace(search, problem=without_always_missing(search.problem))
-        regression = fitted_with(search.problem, with_columns(effects))
+    old = [k for k, s in enumerate(first.segments) if not first.compared or not s.is_new]
     kept = replace(
-        problem, segments=[problem.segments[k] for k in old], train=[problem.train[k] for k in old]
+        first, segments=[first.segments[k] for k in old], train=[first.train[k] for k in old]
     )
     try:
-        before = simulate_held_out(problem, kept.regression(nuisance=False), [])
+        before = simulate_held_out(first, kept.regression(nuisance=False), [])
         after = (
-            simulate_held_out(search.problem, regression, with_columns(effects))
-            if effects
-            else before
+            simulate_held_out(problem, fitted_with(problem, shown), shown) if effects else before
         )
     except PackageMissing:
         return None

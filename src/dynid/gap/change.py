@@ -24,7 +24,9 @@ from numpy.typing import NDArray
 
 from dynid.estimation import tuning
 from dynid.estimation.residual_model import GROUPS, shapes_of
+from dynid.gap.problem import GapProblem, nuisance_columns, unwhitened_fit
 from dynid.gap.segments import Mask, SegmentRows
+from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_columns, with_selected
 from dynid.model.effects.friction import sign_of
 from dynid.model.effects.interface import Floats
 
@@ -101,6 +103,33 @@ class Part:
     def __sub__(self, other: Part) -> Part:
         """Return this without a part of it."""
         return Part(self.gram - other.gram, self.count - other.count)
+
+
+def still_changed(problem: GapProblem, selected: Sequence[SelectedEffect]) -> ChangeTest:
+    """Return on which joints old and new logs do not agree although effects are taken out of the new ones.
+
+    Args:
+        problem: a search for changes, old logs among its rows.
+        selected: what is taken out.
+    """
+    selected, segments = with_columns(selected), problem.segments
+    regression = with_selected(problem.regression(), selected)
+    segments = [
+        replace(
+            s,
+            rows=replace(s.rows, tau=s.tau - torque_in_rows(x, selected, regression.amplitudes).T),
+        )
+        for s, x in zip(segments, regression.segments, strict=True)
+    ]
+    old = [k for k, s in enumerate(segments) if not s.is_new]
+    left = unwhitened_fit([segments[k] for k in old], [problem.train[k] for k in old])[1]
+    power = [
+        np.mean(r[s.use.all(axis=1)] ** 2, axis=0)
+        for r, s in zip(left, (segments[k] for k in old), strict=True)
+    ]
+    level = np.sqrt(np.maximum(np.mean(power, axis=0), 1e-30))
+    wide, held_by = with_always_missing(segments, problem.theta, level)
+    return change_test(wide, problem.train, [nuisance_columns(s) for s in wide], held_by)
 
 
 def with_always_missing(

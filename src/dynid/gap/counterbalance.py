@@ -6,9 +6,8 @@ error of torques tells them apart, however large it is. What links cost that car
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import expit
@@ -26,24 +25,21 @@ from dynid.gap.possible_arm import (
     possible_arm,
     reduced,
 )
-from dynid.gap.problem import GapProblem, with_misfit_of_numbers
-from dynid.gap.selected_effects import SelectedEffect, with_selected
-from dynid.gap.significance import Key, whitened_columns
-from dynid.gap.stepwise_selection import EQUAL
-from dynid.gap.verdict import judge
-from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
+from dynid.gap.problem import GapProblem, judged_by_possible
+from dynid.gap.selected_effects import Key, SelectedEffect, with_selected
+from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression, whitened_columns
+from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Floats
 from dynid.model.parameters import link_cylinders
 from dynid.robot import Robot
-
-if TYPE_CHECKING:
-    from dynid.gap.analysis import GapAnalysis
 
 #: What is left of a counterbalance, when links have taken up the most of it, is taken for one of these.
 LOOKALIKES = ("torque_offset", "spring", "end_stop")
 #: Share of what one of these brings possible links, from which a counterbalance is as good: a cylinder on a crank
 #: is no pure wave, and a curve with one number more comes a few percent nearer.
 AS_GOOD = 0.95
+#: Gain by which one is better beyond doubt: a chance of one in four hundred.
+EQUAL = 12.0
 
 
 @dataclass(frozen=True)
@@ -125,18 +121,70 @@ class Suspicion:
 
 
 def suspicions(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[Suspicion]:
-    """Return the joints that are likely to have a counterbalance: worth a search, or told with its rival.
+    """Return the joints that are likely to have a counterbalance: sure ones, or to be told with what does as well.
 
     Args:
         problem: a search of what no numbers absorb.
         selected: effects that it found.
     """
-    bare = with_misfit_of_numbers(problem).regression()
+    bare = _beside_links(problem)
     found = _suspected(with_selected(bare, selected), problem)
     for one in selected:
         # Why without it: jointly with what carries the weight in its stead, no links are implausible.
         if one.name in LOOKALIKES and one.joints[0] not in {other.joint for other in found}:
             found += _instead(bare, problem, one, [other for other in selected if other is not one])
+    return found
+
+
+def _beside_links(problem: GapProblem) -> WhitenedRegression:
+    """Return rows whose noise is at least what parameters without any bounds leave: that says nothing about links."""
+    judged = judged_by_possible(problem)
+    return replace(problem, noise=judged.in_force or problem.noise).regression()
+
+
+def counterbalances(
+    problem: GapProblem, selected: Sequence[SelectedEffect], joints: Sequence[int]
+) -> list[SelectedEffect]:
+    """Return the effects of a search with the counterbalances that links could only imitate implausibly.
+
+    Args:
+        problem: a search of what no numbers absorb.
+        selected: effects that it found.
+        joints: on which a counterbalance may be.
+    """
+    every = [one for one in suspicions(problem, selected) if one.joint in joints]
+    found = [
+        one
+        for one in selected
+        if one.name not in LOOKALIKES or one.joints[0] not in {each.joint for each in every}
+    ]
+    effect, bare = CATALOGUE[COUNTERBALANCE], _beside_links(problem)
+    for _ in joints:
+        left = [each for each in _suspected(with_selected(bare, found), problem) if each.sure]
+        left = [each for each in left if each.joint in joints]
+        if not left:
+            break
+        best = max(left, key=lambda each: min(each.gains))
+        known = next((each for each in every if each.joint == best.joint), best)
+        columns = whitened_columns(bare, effect, (best.joint,), {})
+        torques = {j: best.sizes[0] @ C for j, C in columns.items()}
+        rms = {j: float(np.sqrt(np.mean(x**2))) for j, x in torques.items() if len(x)}
+        names = list(effect.amplitudes({}))
+        found.append(
+            SelectedEffect(
+                effect=effect,
+                joints=(best.joint,),
+                shape={},
+                joint=max(rms, key=lambda j: rms[j]),
+                visible=max(rms.values()),
+                log_odds=min(best.gains) / 2 - tuning.COUNTERBALANCE_RARE,
+                p_value=best.chance,
+                rivals=(known.instead,) if known.instead and not known.beaten else (),
+                values=dict(zip(names, best.sizes[0].tolist(), strict=True)),
+                std_errors=dict(zip(names, best.sizes[1].tolist(), strict=True)),
+                probability=best.probability,
+            )
+        )
     return found
 
 
@@ -179,8 +227,7 @@ def _instead(
     ]
     if not found:
         return []
-    made = whitened_columns(regression, one.effect, one.joints, [one.shape])
-    columns = {j: C[0] for j, C in made.items()}
+    columns = whitened_columns(regression, one.effect, one.joints, one.shape)
     own = least_gain(regression, possible_arm(regression, problem.base), columns, MASSES[:1])
     own -= _price(regression, columns)
     return [
@@ -195,24 +242,6 @@ def _price(regression: WhitenedRegression, one: EffectColumns) -> float:
     return len(next(iter(one.values()))) * float(
         np.log(max(1, sum(len(e) for e in regression.fit.e)))
     )
-
-
-def with_rivals(analysis: GapAnalysis, rivals: Mapping[int, Key]) -> GapAnalysis:
-    """Return an analysis whose counterbalances are told with what fits as well in their stead.
-
-    Args:
-        analysis: what was found.
-        rivals: effect and joint that fits as well as the counterbalance of a joint.
-    """
-    effects = tuple(
-        replace(one, rivals=(*one.rivals, rivals[one.joints[0]]))
-        if one.name == COUNTERBALANCE and one.joints[0] in rivals
-        else one
-        for one in analysis.effects
-    )
-    names = analysis.problem.base.robot.joint_names
-    verdict = judge(analysis.search, effects, analysis.verdict.closest, names)
-    return replace(analysis, effects=effects, verdict=verdict)
 
 
 def _described(

@@ -1,11 +1,12 @@
-"""The one criterion: log marginal likelihood of whitened rows, with what has no name sized by it.
+"""The one criterion: log marginal likelihood of rows by frequency, with what has no name sized by it.
 
     torque = base parameters + named effects + errors that all joints share      (T, common to all joints)
-           + known errors of one joint + what is missing and has no name          (R, of one joint alone)
-           + noise
+           + known errors of one joint + functions of the state without a name   (R, of one joint alone)
+           + noise, louder in each band by what follows no state
 
 All are Gaussian, so the integral over everything is in closed form. The rest of one joint is eliminated by itself
-(Schur complement), which leaves a small matrix over what is common; sizes of kinds of the rest maximise the result.
+(Schur complement), which leaves a small matrix over what is common; sizes of kinds of the rest and powers of bands
+maximise the result. No row is touched again for another size: products are kept band by band.
 
 Source: MacKay 1992, "Bayesian interpolation", for sizes by evidence; Kass and Raftery 1995, "Bayes factors".
 """
@@ -18,8 +19,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack, solve_triangular
 
 from dynid.gap import tuning
+from dynid.gap.bands import Bands
 from dynid.gap.known_errors import (
     SHARP,
     KnownErrors,
@@ -28,20 +31,23 @@ from dynid.gap.known_errors import (
     own_columns,
 )
 from dynid.gap.noise import RepeatPair
-from dynid.gap.rest import MISSING, rest_columns
+from dynid.gap.rest import rest_columns
 from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
 from dynid.model.effects.interface import Floats
 
+#: Products of columns with themselves and with [T, R, torque], band by band, (B, k, k) and (B, k, t + r + 1).
+Products = tuple[Floats, Floats]
+
 #: Prior precision of base parameters over what the rows know of them: none.
 FLAT = 1e-16
-#: Least and largest log rms of a kind of the rest, in units of the noise.
-LOG_RMS = (-6.0, 5.0)
-#: Log rms of a rest that is not there.
-NONE = -4.0
+#: Least and largest log rms of a kind of the rest, in units of the noise, and that of one that is not there.
+LOG_RMS, NONE = (-6.0, 5.0), -4.0
+#: How much quieter than measured a band may be, in the logarithm of its power.
+QUIETER = -1.5
 #: The kind that is the shape of reversals, in shares of Coulomb friction.
 SHAPE = "shape"
-#: Steps of sizing one joint's rest.
-STEPS = 25
+#: Steps of sizing, and of the first one, from nothing.
+STEPS, FIRST_STEPS = 8, 20
 
 
 @dataclass(frozen=True)
@@ -49,23 +55,23 @@ class JointModel:
     """The rows of one joint as products.
 
     Attributes:
-        gram: of [T, R, torque], (t + r + 1, t + r + 1).
-        count: number of rows.
+        grams: of [T, R, torque] in each band, (B, t + r + 1, t + r + 1).
+        counts: number of rows of each, (B,).
         kinds: where the columns of each kind of the rest are among R; the shape of reversals comes first, then known
             errors of one size.
         errors: number of known errors of this joint.
         log_rms: size of each kind, (kinds,).
-        level: log of how much quieter than measured the noise is, in power.
+        powers: log of the power of each band that follows nothing, over that of the noise, (B,).
     """
 
-    gram: Floats
-    count: int
+    grams: Floats
+    counts: Floats
     kinds: tuple[tuple[str, slice], ...]
     errors: int
     log_rms: Floats
-    level: float = 0.0
+    powers: Floats
 
-    @property
+    @cached_property
     def precision(self) -> Floats:
         """Prior precision of R, (r,)."""
         found = np.ones(max([self.errors, *(part.stop for _, part in self.kinds)]))
@@ -73,50 +79,58 @@ class JointModel:
             found[part] = np.exp(-2.0 * h)
         return found
 
+    @cached_property
+    def gram(self) -> Floats:
+        """Products over all bands, all alike."""
+        return np.asarray(self.grams.sum(axis=0))
+
     @property
     def missing(self) -> NDArray[np.bool_]:
-        """Which kinds are something that is missing, (kinds,)."""
-        return np.array([name in MISSING for name, _ in self.kinds], dtype=bool)
+        """Which kinds are something that is missing, and no shape of reversals, (kinds,)."""
+        return np.array([name != SHAPE for name, _ in self.kinds], dtype=bool)
 
     @property
-    def shape(self) -> NDArray[np.bool_]:
-        """Which kind is the shape of reversals, (kinds,)."""
-        return np.array([name == SHAPE for name, _ in self.kinds], dtype=bool)
+    def level(self) -> float:
+        """Power of what follows no state over that of the noise, over all bands, which is in it."""
+        return float(self.counts @ np.exp(self.powers) / max(self.counts.sum(), 1e-9))
 
-    def widened(self, columns: Floats, products: Floats, at: int) -> JointModel:
-        """Return the model with k further columns of T, as the columns from ``at`` on.
+    @property
+    def bare(self) -> JointModel:
+        """The joint with hardly anything missing."""
+        none = np.where(self.missing, np.minimum(self.log_rms, NONE), self.log_rms)
+        return replace(self, log_rms=none, powers=np.minimum(self.powers, 0.0))
+
+    @property
+    def usual(self) -> tuple[Floats, Floats]:
+        """How far each size is from what is usual, in spreads of its logarithm, and these, (kinds,)."""
+        spread = np.where(self.missing, tuning.REST_SPREAD, tuning.SHARPER_SPREAD)
+        away = self.log_rms - np.where(self.missing, np.log(tuning.REST_USUAL), 0.0)
+        return away / spread, spread
+
+    def log_prior(self, price: float) -> float:
+        """Return the log prior of sizes and powers.
 
         Args:
-            columns: their own products, (k, k).
-            products: with [T, R, torque], (k, t + r + 1).
-            at: number of columns of T.
+            price: of something that is missing, in log odds.
         """
-        k, size = len(columns), len(self.gram)
-        order = np.r_[0:at, at + k : size + k]
-        gram = np.zeros((size + k, size + k))
-        gram[np.ix_(order, order)] = self.gram
-        gram[at : at + k][:, order] = products
-        gram[order, at : at + k] = products.T
-        gram[at : at + k, at : at + k] = columns
-        return replace(self, gram=gram)
+        z, _ = self.usual
+        active = self.missing / (
+            1.0 + np.exp(-(self.log_rms - np.log(tuning.REST_ACTIVE)) / tuning.REST_EDGE)
+        )
+        bands = self.powers + np.exp(-self.powers) - 1.0
+        return float(-0.5 * z @ z - price * active.sum() - 0.5 * tuning.BAND_ROWS * bands.sum())
 
-
-def log_prior(model: JointModel, log_rms: Floats, price: float) -> tuple[float, Floats]:
-    """Return the log prior of sizes, and its slope, (kinds,).
-
-    Args:
-        model: the joint.
-        log_rms: sizes.
-        price: of something that is missing, in log odds.
-    """
-    spread = np.where(model.shape, tuning.SHARPER_SPREAD, tuning.REST_SPREAD)
-    z = (log_rms - np.where(model.shape, 0.0, np.log(tuning.REST_USUAL))) / spread
-    active = model.missing / (
-        1.0 + np.exp(-(log_rms - np.log(tuning.REST_ACTIVE)) / tuning.REST_EDGE)
-    )
-    slope = -z / spread - price * active * (1.0 - active) / tuning.REST_EDGE
-    level = 0.5 * (model.level / tuning.LEVEL_SPREAD) ** 2
-    return float(-0.5 * z @ z - price * active.sum() - level), slope
+    def widened(self, products: Products, at: int) -> JointModel:
+        """Return the model with k further columns of T, as the columns from ``at`` on."""
+        own, others = products
+        k, size = own.shape[-1], self.grams.shape[-1]
+        order, new = np.r_[0:at, at + k : size + k], np.arange(at, at + k)
+        grams = np.zeros((len(self.grams), size + k, size + k))
+        grams[:, order[:, None], order] = self.grams
+        grams[:, new[:, None], order] = others
+        grams[:, order[:, None], new] = others.transpose(0, 2, 1)
+        grams[:, new[:, None], new] = own
+        return replace(self, grams=grams)
 
 
 @dataclass(frozen=True)
@@ -125,13 +139,12 @@ class Rest:
 
     Attributes:
         odds: log odds that anything is, (n,).
-        rms: size of each kind by joint, in units of the noise; ``"all"`` is that of all kinds together.
-        level: log of how much quieter than measured the noise is, in power, (n,): below 0 there is something that no
-            kind of the rest holds.
+        rms: size of all kinds together by joint, in units of the noise, (n,).
+        level: power of what follows no state over that of the noise, (n,).
     """
 
     odds: Floats
-    rms: tuple[dict[str, float], ...]
+    rms: Floats
     level: Floats
 
 
@@ -144,20 +157,18 @@ class Eliminated:
         log_evidence: of the joint, but for what T explains.
         root: lower root of the information on R, (r, r).
         towards: root^-1 times products of R with [T, torque], (r, t + 1).
-        scale: power of the rows, as they count.
+        weights: of the bands, (B,).
     """
 
     information: Floats
     log_evidence: float
     root: Floats
     towards: Floats
-    scale: float
+    weights: Floats
 
 
 def lower_root(matrix: Floats) -> Floats:
     """Return the lower Cholesky root, of a matrix a little larger where rounding leaves none."""
-    from scipy.linalg import lapack
-
     root, failed = lapack.dpotrf(matrix, lower=1, clean=1)
     if failed:
         size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
@@ -170,9 +181,12 @@ def lower_root(matrix: Floats) -> Floats:
 
 def forward(root: Floats, right: Floats) -> Floats:
     """Return root^-1 right."""
-    from scipy.linalg import solve_triangular
-
     return np.asarray(solve_triangular(root, right, lower=True, check_finite=False))
+
+
+def back(root: Floats, right: Floats) -> Floats:
+    """Return root^-T right."""
+    return np.asarray(solve_triangular(root, right, lower=True, trans=1, check_finite=False))
 
 
 def eliminated(model: JointModel, at: int) -> Eliminated:
@@ -182,13 +196,15 @@ def eliminated(model: JointModel, at: int) -> Eliminated:
         model: the joint.
         at: number of columns of T.
     """
-    b, lam = float(np.exp(model.level)), model.precision
+    weights, lam = np.exp(-model.powers), model.precision
+    gram = np.tensordot(weights, model.grams, 1)
     R, outer = slice(at, at + len(lam)), np.r_[0:at, at + len(lam)]
-    root = lower_root(b * model.gram[R, R] + np.diag(lam))
-    towards = forward(root, b * model.gram[R][:, outer])
-    value = 0.5 * model.count * model.level - np.log(np.diag(root)).sum() + 0.5 * np.log(lam).sum()
-    information = b * model.gram[np.ix_(outer, outer)] - towards.T @ towards
-    return Eliminated(information, float(value), root, towards, b)
+    root = lower_root(gram[R, R] + np.diag(lam))
+    towards = forward(root, gram[R][:, outer])
+    value = -0.5 * model.counts @ model.powers + 0.5 * np.log(lam).sum()
+    value -= np.log(np.diag(root)).sum()
+    information = gram[np.ix_(outer, outer)] - towards.T @ towards
+    return Eliminated(information, float(value), root, towards, weights)
 
 
 @dataclass(frozen=True)
@@ -201,6 +217,7 @@ class Evidence:
         held: precision times mean of T, (t,).
         price: log odds of something missing without a name.
         base: number of base parameters and errors that joints share, at the front of T.
+        shared: number of these errors, behind the base parameters.
     """
 
     joints: tuple[JointModel, ...]
@@ -208,6 +225,7 @@ class Evidence:
     held: Floats
     price: float
     base: int
+    shared: int
 
     @property
     def width(self) -> int:
@@ -226,43 +244,51 @@ class Evidence:
         root = lower_root(np.asarray(total[:-1, :-1] + self.prior))
         return root, forward(root, total[:-1, -1] + self.held)
 
-    @property
+    @cached_property
     def estimate(self) -> Floats:
         """T as it is most likely, (t,)."""
-        from scipy.linalg import solve_triangular
-
-        root, right = self.whole
-        return np.asarray(solve_triangular(root, right, lower=True, trans=1))
+        return back(*self.whole)
 
     @cached_property
     def log_evidence(self) -> float:
         """Log marginal likelihood, with the prior of sizes, up to a constant of the rows."""
         root, right = self.whole
         torque = sum(float(part.information[-1, -1]) for part in self.parts)
-        sizes = sum(log_prior(model, model.log_rms, self.price)[0] for model in self.joints)
-        value = (
-            sum(part.log_evidence for part in self.parts)
-            + sizes
-            - float(np.log(np.diag(root)).sum())
-        )
+        value = sum(part.log_evidence for part in self.parts)
+        value += sum(model.log_prior(self.price) for model in self.joints)
         # Why the determinant of what is added alone: that of the base never changes.
         _, size = np.linalg.slogdet(self.prior[self.base :, self.base :])
+        value -= float(np.log(np.diag(root)).sum())
         return value + 0.5 * float(right @ right) - 0.5 * torque + 0.5 * float(size)
 
     def replaced(self, models: Mapping[int, JointModel]) -> Evidence:
         """Return the same with other joints, those that stay eliminated as they are."""
         joints = tuple(models.get(j, model) for j, model in enumerate(self.joints))
         found = replace(self, joints=joints)
-        kept = [
+        found.__dict__["parts"] = [
             eliminated(m, self.width) if j in models else self.parts[j]
             for j, m in enumerate(joints)
         ]
-        found.__dict__["parts"] = kept
         return found
 
-    def with_columns(
-        self, products: Mapping[int, tuple[Floats, Floats]], precision: Floats
-    ) -> Evidence:
+    @cached_property
+    def without_rest(self) -> Evidence:
+        """The evidence with hardly anything missing."""
+        return self.replaced({j: model.bare for j, model in enumerate(self.joints)})
+
+    @cached_property
+    def with_half(self) -> Evidence:
+        """The evidence with what is missing half as large, in the logarithm."""
+        half = {}
+        for j, (one, none) in enumerate(zip(self.joints, self.without_rest.joints, strict=True)):
+            half[j] = replace(
+                one,
+                log_rms=0.5 * (one.log_rms + none.log_rms),
+                powers=0.5 * (one.powers + none.powers),
+            )
+        return self.replaced(half)
+
+    def with_columns(self, products: Mapping[int, Products], precision: Floats) -> Evidence:
         """Return the evidence with further columns of T.
 
         Args:
@@ -272,24 +298,22 @@ class Evidence:
         k, t = len(precision), self.width
         joints = []
         for j, model in enumerate(self.joints):
-            own, others = products.get(j, (np.zeros((k, k)), np.zeros((k, len(model.gram)))))
-            joints.append(model.widened(own, others, t))
+            bands, size, _ = model.grams.shape
+            none = np.zeros((bands, k, k)), np.zeros((bands, k, size))
+            joints.append(model.widened(products.get(j, none), t))
         prior = np.zeros((t + k, t + k))
         prior[:t, :t], prior[t:, t:] = self.prior, precision
-        found = replace(
-            self, joints=tuple(joints), prior=prior, held=np.append(self.held, np.zeros(k))
-        )
-        # Why: what the columns do not act on stays as it is, with zeros for them.
+        held = np.append(self.held, np.zeros(k))
+        found = replace(self, joints=tuple(joints), prior=prior, held=held)
+        # Why: where they do not act all stays as it is, with zeros for them.
         order = np.r_[0:t, t + k]
         parts = []
         for j, (model, part) in enumerate(zip(joints, self.parts, strict=True)):
             if j in products:
                 parts.append(eliminated(model, t + k))
                 continue
-            information, towards = (
-                np.zeros((t + k + 1, t + k + 1)),
-                np.zeros((len(part.root), t + k + 1)),
-            )
+            information = np.zeros((t + k + 1, t + k + 1))
+            towards = np.zeros((len(part.root), t + k + 1))
             information[np.ix_(order, order)], towards[:, order] = part.information, part.towards
             parts.append(replace(part, information=information, towards=towards))
         found.__dict__["parts"] = parts
@@ -298,13 +322,24 @@ class Evidence:
     def without(self, first: int, last: int) -> Evidence:
         """Return the evidence without some columns of T."""
         kept = np.r_[0:first, last : self.width]
-        joints = []
-        for model in self.joints:
-            rows = np.r_[0:first, last : len(model.gram)]
-            joints.append(replace(model, gram=model.gram[np.ix_(rows, rows)]))
-        return replace(
+        outer = np.append(kept, self.width)
+        joints, parts = [], []
+        for model, part in zip(self.joints, self.parts, strict=True):
+            rows = np.r_[0:first, last : model.grams.shape[-1]]
+            joints.append(replace(model, grams=model.grams[:, rows[:, None], rows]))
+            information = part.information[np.ix_(outer, outer)]
+            parts.append(replace(part, information=information, towards=part.towards[:, outer]))
+        found = replace(
             self, joints=tuple(joints), prior=self.prior[np.ix_(kept, kept)], held=self.held[kept]
         )
+        # Why as they are: what is eliminated of a joint does not depend on which columns are common.
+        found.__dict__["parts"] = parts
+        return found
+
+    def rest_of(self, joint: int) -> Floats:
+        """Return R of a joint as it is most likely, (r,)."""
+        part = self.parts[joint]
+        return back(part.root, part.towards @ np.append(-self.estimate, 1.0))
 
     def known_errors(self, first: int) -> KnownErrors:
         """Return what no effect has to explain, known errors as large as they are most likely.
@@ -312,187 +347,143 @@ class Evidence:
         Args:
             first: number of base parameters, the first columns of T.
         """
-        theta, own = self.estimate, []
         half = forward(self.whole[0], np.eye(self.width)[:, :first])
-        for model, part in zip(self.joints, self.parts, strict=True):
-            own.append(back(part.root, part.towards @ np.append(-theta, 1.0))[: model.errors])
-        return KnownErrors(theta[first : self.base], np.array(own), half.T @ half)
+        own = [self.rest_of(j)[: model.errors] for j, model in enumerate(self.joints)]
+        return KnownErrors(self.estimate[first : self.base], np.array(own), half.T @ half)
+
+    def seen(self, columns: slice, size: Floats, joints: Sequence[int]) -> Floats:
+        """Return the rms of what some columns say that base parameters and names cannot, in units of the noise, (n,).
+
+        Args:
+            columns: among [T, R].
+            size: of each.
+            joints: on which they act.
+        """
+        # Why without errors that joints share: these are small, and would take up a delay of any size here.
+        others = np.r_[0 : self.base - self.shared, self.base : self.width]
+        others = others[(others < columns.start) | (others >= columns.stop)]
+        G = np.sum([model.gram[np.ix_(others, others)] for model in self.joints], axis=0)
+        G = G + self.prior[np.ix_(others, others)]
+        ridge = 1e-9 * np.maximum(np.diag(G), 1e-12) + 1e-12
+        right = np.sum([self.joints[j].gram[others, columns] @ size for j in joints], axis=0)
+        root = lower_root(G + np.diag(ridge))
+        taken = back(root, forward(root, right))
+        found = np.zeros(len(self.joints))
+        for j, model in enumerate(self.joints):
+            power = float(taken @ model.gram[np.ix_(others, others)] @ taken)
+            if j in joints:
+                own = size @ model.gram[columns, columns] @ size
+                power += float(own - 2.0 * taken @ model.gram[others, columns] @ size)
+            found[j] = max(power, 0.0) / max(float(model.counts.sum()), 1.0)
+        return np.sqrt(found)
 
     def rest(self) -> Rest:
         """Return what is missing without a name."""
-        found, odds = [], np.zeros(len(self.joints))
-        theta, t = self.estimate, self.width
+        odds, rms = np.zeros(len(self.joints)), np.zeros(len(self.joints))
         for j, model in enumerate(self.joints):
-            part = self.parts[j]
-            w = back(part.root, part.towards @ np.append(-theta, 1.0))
-            # Why not all of it: what base parameters would take up is no sign of anything.
-            G = (
-                model.gram[:t, :t]
-                + 1e-9 * np.diag(np.maximum(np.diag(model.gram)[:t], 1e-12))
-                + 1e-12 * np.eye(t)
-            )
-            root = lower_root(G)
-            columns = {
-                name: np.arange(part.start, part.stop)
-                for name, part in model.kinds
-                if name in MISSING
-            }
-            columns["all"] = np.concatenate([np.zeros(0, dtype=int), *columns.values()])
-            sizes = {}
-            for name, at in columns.items():
-                z = forward(root, model.gram[:t, t + at] @ w[at])
-                power = float(w[at] @ model.gram[np.ix_(t + at, t + at)] @ w[at]) - float(z @ z)
-                sizes[name] = float(np.sqrt(max(power, 0.0) / max(model.count, 1)))
-            found.append(sizes)
-            none = np.where(model.missing, LOG_RMS[0], model.log_rms)
-            bare = replace(model, log_rms=none)
+            w = self.rest_of(j)
+            columns = slice(self.width + model.errors, self.width + len(w))
+            rms[j] = self.seen(columns, w[model.errors :], [j])[j]
+            bare = replace(model, log_rms=np.where(model.missing, LOG_RMS[0], model.log_rms))
             odds[j] = self.log_evidence - self.replaced({j: bare}).log_evidence
             # Why without: the prior of sizes is no evidence for one.
-            odds[j] += (
-                log_prior(bare, none, self.price)[0]
-                - log_prior(model, model.log_rms, self.price)[0]
-            )
-        return Rest(odds, tuple(found), np.array([model.level for model in self.joints]))
+            odds[j] += bare.log_prior(self.price) - model.log_prior(self.price)
+        return Rest(odds, rms, np.array([model.level for model in self.joints]))
 
     # ------------------------------------------------------------ sizes
-    def sized(self, joints: Sequence[int], *, level: bool = False) -> Evidence:
-        """Return the evidence with the rest of some joints as large as is most likely, from two starts.
+    def sized(self, joints: Sequence[int], steps: int = STEPS) -> Evidence:
+        """Return the evidence with rest and bands of some joints as large as is most likely.
 
         Args:
             joints: these joints, 0-based.
-            level: whether the power of the noise is found too.
+            steps: of MacKay's fixed point.
         """
         found = self
-        for j in (j for j in joints if self.joints[j].kinds):
-            for _ in range(2 if level else 1):
-                found = found.replaced({j: found._with_sizes(j)})
-                if level:
-                    found = found.replaced({j: found._with_level(j)})
+        for _ in range(steps):
+            inverse = forward(found.whole[0], np.eye(self.width))
+            covariance = inverse.T @ inverse
+            found = found.replaced({j: found._step(j, covariance) for j in joints})
+        for j in joints:
+            for k, (name, _) in enumerate(found.joints[j].kinds):
+                model = found.joints[j]
+                if name == SHAPE or model.log_rms[k] <= NONE:
+                    continue
+                sizes = model.log_rms.copy()
+                sizes[k] = NONE
+                other = found.replaced({j: replace(model, log_rms=sizes)})
+                found = other if other.log_evidence > found.log_evidence else found
         return found
 
-    def _beside(self, j: int) -> tuple[Floats, Floats]:
-        """Return information on R of one joint beside all that is common, (r, r), and its right side, (r,)."""
-        model, t = self.joints[j], self.width
-        b, r = float(np.exp(model.level)), len(model.gram) - 1 - t
-        others = np.zeros((t + 1, t + 1)) + sum(
-            part.information for i, part in enumerate(self.parts) if i != j
-        )
-        G = b * model.gram
-        root = lower_root(np.asarray(G[:t, :t] + others[:-1, :-1] + self.prior))
-        Z = forward(
-            root, np.column_stack([G[:t, t : t + r], G[:t, -1] + others[:-1, -1] + self.held])
-        )
-        X = Z[:, :-1]
-        return G[t : t + r, t : t + r] - X.T @ X, G[t : t + r, -1] - X.T @ Z[:, -1]
+    def _step(self, j: int, S: Floats) -> JointModel:
+        """Return a joint with sizes and powers after one step towards what its rows say.
 
-    def _with_sizes(self, j: int) -> JointModel:
-        from scipy.optimize import minimize
-
-        model = self.joints[j]
-        S, s = self._beside(j)
-        none = np.where(model.missing, np.minimum(model.log_rms, NONE), model.log_rms)
-
-        def cost(h: Floats) -> tuple[float, Floats]:
-            value, slope = _rest_evidence(replace(model, log_rms=h), S, s)
-            prior, more = log_prior(model, h, self.price)
-            return -value - prior, -slope - more
-
-        runs = [
-            minimize(
-                cost,
-                start,
-                jac=True,
-                method="L-BFGS-B",
-                bounds=[LOG_RMS] * len(none),
-                options={"maxiter": STEPS},
-            )
-            for start in (model.log_rms, none)
-        ]
-        best = min(runs, key=lambda run: float(run.fun))
-        return replace(model, log_rms=np.asarray(best.x))
-
-    def _with_level(self, j: int) -> JointModel:
-        """Return one joint with its noise as loud as is most likely: one step towards what is left of its rows."""
-        model = self.joints[j]
-        part, lam = self.parts[j], model.precision
-        root, _ = self.whole
-        theta = self.estimate
-        w = back(part.root, part.towards @ np.append(-theta, 1.0))
-        all_of = np.concatenate([theta, w, [-1.0]])
-        squares = float(all_of @ model.gram @ all_of)
-        # How many parameters the rows use up: of T by this joint's share of what is known of them, and of R.
-        inverse = forward(part.root, np.eye(len(lam)))
-        moved = forward(root, back(part.root, part.towards[:, :-1]).T)
-        used = float(np.trace(forward(root, forward(root, part.information[:-1, :-1]).T)))
-        used += (
-            len(lam)
-            - float(lam @ np.sum(inverse**2, axis=0))
-            - float(lam @ np.sum(moved**2, axis=0))
-        )
-        spread = tuning.LEVEL_SPREAD**2
-        level = model.level
-        for _ in range(5):
-            slope = 0.5 * (model.count - used - np.exp(level) * squares) - level / spread
-            level -= slope / (-0.5 * np.exp(level) * squares - 1.0 / spread)
-        return replace(model, level=float(np.clip(level, -1.5, 1.5)))
-
-
-def back(root: Floats, right: Floats) -> Floats:
-    """Return root^-T right."""
-    from scipy.linalg import solve_triangular
-
-    return np.asarray(solve_triangular(root, right, lower=True, trans=1, check_finite=False))
-
-
-def _rest_evidence(model: JointModel, S: Floats, s: Floats) -> tuple[float, Floats]:
-    """Return the log evidence of a joint's sizes, and its slope, (kinds,).
-
-    Args:
-        model: the joint with its sizes.
-        S: information of the rows on R beside all that is common, (r, r).
-        s: its right side, (r,).
-    """
-    from scipy.linalg import lapack
-
-    lam = model.precision
-    root = lower_root(S + np.diag(lam))
-    w = back(root, forward(root, s))
-    value = 0.5 * np.log(lam).sum() - np.log(np.diag(root)).sum() + 0.5 * float(s @ w)
-    inverse, _ = lapack.dpotri(root, lower=1)
-    spread = lam * (w**2 + np.diag(inverse)) - 1.0
-    return float(value), np.array([spread[part].sum() for _, part in model.kinds])
+        Args:
+            j: the joint.
+            S: covariance of T, (t, t).
+        """
+        model, part = self.joints[j], self.parts[j]
+        lam, w = model.precision, self.rest_of(j)
+        half = forward(part.root, np.eye(len(lam)))
+        along = back(part.root, part.towards[:, :-1])
+        across = -S @ along.T
+        own = half.T @ half - along @ across
+        sizes, pull = model.log_rms.copy(), model.usual[0] / model.usual[1]
+        for k, (_, rows) in enumerate(model.kinds):
+            free = max(len(lam[rows]) - float(lam[rows] @ np.diag(own)[rows]), 1e-9)
+            more, square = pull[k], float(w[rows] @ w[rows])
+            square += max(-more, 0.0) * np.exp(2.0 * sizes[k])
+            sizes[k] = 0.5 * np.log(max(square, 1e-300) / (free + max(more, 0.0)))
+        full = np.concatenate([self.estimate, w, [-1.0]])
+        spread = np.block([[S, across], [across.T, own]])
+        left = np.einsum("a,bac,c->b", full, model.grams, full, optimize=True)
+        left += np.einsum("ac,bac->b", spread, model.grams[:, :-1, :-1])
+        more = tuning.BAND_ROWS
+        powers = np.log((left + more) / (model.counts + more))
+        return replace(model, log_rms=np.clip(sizes, *LOG_RMS), powers=np.maximum(powers, QUIETER))
 
 
 # ---------------------------------------------------------------- rows
 @dataclass(frozen=True)
 class EvidenceRows:
-    """The whitened columns that everything is judged beside.
+    """The columns that everything is judged beside, by frequency.
 
     Attributes:
-        regression: rows with the base parameters.
-        T: base parameters and errors that joints share, one (M, t) per joint.
-        R: known errors of one joint and its rest, one (M, r) per joint.
+        bands: how rows become rows by frequency.
+        own: base parameters and errors that joints share, then known errors of one joint and its rest, then its
+            torque, one (t + r + 1, F) per joint.
+        filtered: the known errors and the rest of each joint as they are filtered, one (r, M) per segment.
+        common: number of columns that joints share.
     """
 
-    regression: WhitenedRegression
-    T: list[Floats]
-    R: list[Floats]
+    bands: Bands
+    own: list[Floats]
+    filtered: list[list[Floats]]
+    common: int
 
-    def products(
-        self, columns: EffectColumns, more: Sequence[EffectColumns] = ()
-    ) -> dict[int, tuple[Floats, Floats]]:
-        """Return products of further columns with themselves and with [T, R, torque], by joint.
+    @property
+    def regression(self) -> WhitenedRegression:
+        """The whitened rows."""
+        return self.bands.regression
+
+    def with_regression(self, regression: WhitenedRegression) -> EvidenceRows:
+        """Return the rows with effects that scale with another model."""
+        return replace(self, bands=replace(self.bands, regression=regression))
+
+    def products(self, joint: int, C: Floats, added: Sequence[EffectColumns] = ()) -> Products:
+        """Return products of further columns, (..., k, F), with themselves and with [T, R, torque].
 
         Args:
-            columns: {joint: (k, M)}.
-            more: columns that have been added to T, one effect after the other.
+            joint: 0-based.
+            C: the columns.
+            added: columns that have been added to T, one effect after the other.
         """
-        found = {}
-        for j, C in columns.items():
-            added = [C @ one[j].T if j in one else np.zeros((len(C), _count(one))) for one in more]
-            y = (C @ self.regression.joints[j].y)[:, None]
-            found[j] = (C @ C.T, np.concatenate([C @ self.T[j], *added, C @ self.R[j], y], axis=1))
-        return found
+        flat = C.reshape(-1, C.shape[-1])
+        more = [
+            one[joint] if joint in one else np.zeros((_count(one), C.shape[-1])) for one in added
+        ]
+        own = self.own[joint]
+        whole = np.concatenate([own[: self.common], *more, own[self.common :]])
+        return self.bands.products(C, C), self.bands.products(flat, whole)
 
 
 def _count(one: EffectColumns) -> int:
@@ -508,38 +499,41 @@ def evidence_of(
         regression: whitened rows with base parameters alone.
         repeats: segments of the same motion.
     """
-    n, segments = len(regression.joints), regression.segments
+    n, segments, bands = len(regression.joints), regression.segments, Bands.of(regression, repeats)
     torques = [acceleration_torques(s) for s in segments]
     common = [common_columns(s, x) for s, x in zip(segments, torques, strict=True)]
-    T, R, models = [], [], []
-    for j, rows in enumerate(regression.joints):
-        T.append(np.column_stack([rows.A, regression.whiten(j, [x[:, j] for x in common]).T]))
-        errors = regression.whiten(
-            j, [own_columns(s, j, x) for s, x in zip(segments, torques, strict=True)]
-        )
-        parts, kinds, at = [errors], [], len(errors)
-        if errors[:SHARP].any():
+    every, filtered, models = [], [], []
+    for j in range(n):
+        shared = [
+            np.concatenate([s.W[:, j].T, x[:, j]]) for s, x in zip(segments, common, strict=True)
+        ]
+        parts = [[own_columns(s, j, x) for s, x in zip(segments, torques, strict=True)]]
+        white = [bands.rows(j, parts[0])]
+        kinds, at, counts = [], len(white[0]), bands.counts(j)
+        if white[0][:SHARP].any():
             kinds.append((SHAPE, slice(0, SHARP)))
-        for name, columns in rest_columns(segments, repeats, j).items():
-            white = regression.whiten(j, columns)
-            power = float(np.sum(white**2)) / max(white.shape[1], 1)
-            seen = np.sum(white**2, axis=1) > 1e-9 * power * white.shape[1] / len(white)
-            white = white[seen] / np.sqrt(max(power, 1e-12))
-            if len(white):
-                parts.append(white)
-                kinds.append((name, slice(at, at + len(white))))
-                at += len(white)
-        R.append(np.concatenate(parts).T)
-        X = np.column_stack([T[j], R[j], rows.y])
+        for name, columns in rest_columns(segments, j).items():
+            rows = bands.rows(j, columns)
+            size = np.sqrt(max(float(np.sum(rows**2)) / max(float(counts.sum()), 1.0), 1e-12))
+            kinds.append((name, slice(at, at + len(rows))))
+            white.append(rows / size)
+            parts.append([x / size for x in columns])
+            at += len(rows)
+        torque = bands.rows(j, [s.tau[:, j][None] for s in segments])
+        T = bands.rows(j, shared)
+        every.append(np.concatenate([T, *white, torque]))
+        filtered.append([np.concatenate(x) for x in zip(*parts, strict=True)])
         usual = np.array([0.0 if name == SHAPE else np.log(tuning.REST_USUAL) for name, _ in kinds])
-        models.append(JointModel(X.T @ X, len(rows.y), tuple(kinds), len(errors), usual))
-    size, base = T[0].shape[1], regression.size
+        grams = bands.products(every[j], every[j])
+        powers = np.zeros(len(counts))
+        models.append(JointModel(grams, counts, tuple(kinds), len(white[0]), usual, powers))
+    size, base = len(T), segments[0].W.shape[2]
     prior, held = np.zeros((size, size)), np.zeros(size)
     known = sum(np.diag(model.gram)[:base] for model in models)
     prior[range(base), range(base)] = FLAT * np.maximum(known, 1e-12)
     prior[range(base, size), range(base, size)] = 1.0
     if regression.prior is not None:
-        prior[:base, :base] += regression.prior[:, :-1].T @ regression.prior[:, :-1]
-        held[:base] += regression.prior[:, :-1].T @ regression.prior[:, -1]
-    found = Evidence(tuple(models), prior, held, float(np.log(7.0 * n)), size)
-    return found.sized(range(n), level=True), EvidenceRows(regression, T, R)
+        prior[:base, :base] += regression.prior[:, :base].T @ regression.prior[:, :base]
+        held[:base] += regression.prior[:, :base].T @ regression.prior[:, -1]
+    found = Evidence(tuple(models), prior, held, float(np.log(7.0 * n)), size, size - base)
+    return found.sized(range(n), FIRST_STEPS), EvidenceRows(bands, every, filtered, size)

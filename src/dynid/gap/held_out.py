@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynid.gap.improvement import fitted_with
 from dynid.gap.problem import GapProblem
-from dynid.gap.refit import fitted_with
 from dynid.gap.search import EffectSearch
 from dynid.gap.segments import SegmentRows, cut
-from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_selected
+from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_columns, with_selected
 from dynid.model.effects.interface import Floats
 
 #: Parts of a signal's range that tell whether the residual follows it, and the share of its power from which it does.
@@ -123,7 +123,7 @@ def _held_out(
 # ---------------------------------------------------------------- what no effect explains
 def clue(search: EffectSearch, joint: int) -> str:
     """Return what is known of a joint that no effect explains: what its residual follows, and whether it repeats."""
-    regression = with_selected(search.problem.regression(), search.selected)
+    regression = with_selected(search.problem.regression(), with_columns(search.selected))
     rows, e, noise = regression.joints[joint], regression.fit.e[joint], search.problem.noise
     e = e * noise.count[joint] ** 0.5
     signals = {"t": np.concatenate([s.t for s in regression.segments])[rows.index]}
@@ -133,7 +133,8 @@ def clue(search: EffectSearch, joint: int) -> str:
             signals[f"{name}{k + 1}"] = np.concatenate(
                 [getattr(s, name)[:, k] for s in regression.segments]
             )[rows.index]
-    shares = {name: _followed(values, e, rows.block) for name, values in signals.items()}
+    block = rows.index // max(1, round(regression.segments[0].rate))
+    shares = {name: _followed(values, e, block) for name, values in signals.items()}
     best = max(shares, key=lambda name: shares[name])
     follows = f"it depends most on {best} ({100 * shares[best]:.0f} % of its power)"
     follows = follows if shares[best] > FOLLOWED else "it depends on no single signal"

@@ -144,18 +144,6 @@ def near_reversal(qd: Floats, rate: float) -> NDArray[np.bool_]:
     return near
 
 
-def chi_square_between_reversals(regression: WhitenedRegression) -> Floats:
-    """Return the mean square of each whitened residual between reversals, (n,); 1 where there is too little."""
-    chi = np.ones(len(regression.joints))
-    for j, (rows, e) in enumerate(zip(regression.joints, regression.fit.e, strict=True)):
-        near = np.concatenate([near_reversal(s.qd[:, j], s.rate) for s in regression.segments])[
-            rows.index
-        ]
-        if (~near).sum() >= FEWEST:
-            chi[j] = regression.noise.count[j] * float(np.mean(e[~near] ** 2))
-    return chi
-
-
 def _words(regions: list[ResidualRegion]) -> str:
     """Return the strongest contrasts in words."""
     strong = []

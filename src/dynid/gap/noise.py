@@ -111,14 +111,6 @@ def find_repeats(segments: Sequence[SegmentRows]) -> list[RepeatPair]:
     return pairs
 
 
-def motions_of(count: int, pairs: Sequence[RepeatPair]) -> list[int]:
-    """Return the number of the motion that each of so many segments drives: that of the first that drives it."""
-    motion = list(range(count))
-    for pair in pairs:
-        motion[pair.second] = min(motion[pair.second], motion[pair.first])
-    return motion
-
-
 def measure_noise(
     segments: Sequence[SegmentRows],
     residuals: Sequence[Floats],
@@ -139,8 +131,7 @@ def measure_noise(
     parts = [_difference(segments, residuals, pair) for pair in pairs]
     seconds = sum(len(e) for e, _ in parts) / segments[0].rate
     if seconds >= SHORTEST_REPEAT_S:
-        several = len(set(motions_of(len(segments), pairs))) > 1
-        return _from_repeats(parts, segments[0].rate, seconds, tuning.STOP_BAND if several else 0.0)
+        return _from_repeats(parts, segments[0].rate, seconds)
     parts = [(r[rows], s.use[rows]) for s, r, rows in zip(segments, residuals, train, strict=True)]
     parts = [(r, use) for r, use in parts if len(r) >= SHORTEST]
     if not parts:
@@ -195,9 +186,7 @@ def _difference(
     return e, use
 
 
-def _from_repeats(
-    parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: float, stop_band: float
-) -> NoiseModel:
+def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: float) -> NoiseModel:
     n = parts[0][0].shape[1]
     ar, sigma, floor, burst, drift = (
         np.zeros((n, ORDER)),
@@ -212,7 +201,9 @@ def _from_repeats(
             x = np.where(use[:, j], e[:, j], 0.0)
             covariance += [float(x[lag:] @ x[: len(x) - lag]) for lag in range(ORDER + 1)]
         # Why white noise on top: the stop band of the filter holds almost none, and would be whitened by as much.
-        ar[j] = yule_walker(covariance * np.where(np.arange(ORDER + 1) == 0, 1.0 + stop_band, 1.0))
+        ar[j] = yule_walker(
+            covariance * np.where(np.arange(ORDER + 1) == 0, 1.0 + tuning.STOP_BAND, 1.0)
+        )
         white = [whitened(e[:, j], ar[j])[use[ORDER:, j]] for e, use in parts]
         count = max(1, sum(len(w) for w in white))
         sigma[j] = np.sqrt(sum(float(w @ w) for w in white) / count)

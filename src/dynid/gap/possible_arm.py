@@ -16,8 +16,7 @@ import numpy as np
 
 from dynid.estimation.possible_arm import constraints_of, fit_physical, fit_pooled, fit_sized
 from dynid.estimation.possible_set import PhysicalConstraints
-from dynid.gap.significance import candidates_at, score_candidate
-from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
+from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression, whitened_columns
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Floats
@@ -85,10 +84,22 @@ def imitated_counterbalances(
     effect = CATALOGUE[COUNTERBALANCE]
     found: dict[int, EffectColumns] = {}
     for joints in effect.candidate_joints(base.robot.n):
-        for candidate in candidates_at(regression, effect, joints):
-            if score_candidate(regression, candidate).visibility <= IMITATED:
-                found[joints[0]] = {j: C[0] for j, C in candidate.columns.items()}
+        for shape in effect.grid(regression.motion, joints):
+            columns = whitened_columns(regression, effect, joints, shape)
+            if _visible_share(regression, columns) <= IMITATED:
+                found[joints[0]] = columns
     return found
+
+
+def _visible_share(regression: WhitenedRegression, columns: EffectColumns) -> float:
+    """Return the largest share of their power that columns have beside all others; 0 where they have none."""
+    gram = np.sum([C @ C.T for C in columns.values()], axis=0)
+    size = np.sqrt(np.diag(gram))
+    P = np.sum([C @ regression.columns(j) for j, C in columns.items()], axis=0)
+    P = P @ regression.fit.root
+    if not np.all(size > 0):
+        return 0.0
+    return float(np.linalg.eigvalsh((gram - P @ P.T) / np.outer(size, size))[-1])
 
 
 def reduced(regression: WhitenedRegression, more: Sequence[EffectColumns] = ()) -> ReducedRows:
@@ -118,12 +129,22 @@ def reduced(regression: WhitenedRegression, more: Sequence[EffectColumns] = ()) 
     return ReducedRows(root[:, None] * V[:, seen].T * length, r, float(kept[p, p] - r @ r))
 
 
-def best_possible(regression: WhitenedRegression, base: BaseModel) -> Floats:
-    """Return rows [L, L theta0] that hold base parameters at the best possible arm, (k, p + 1)."""
+def near_possible(
+    regression: WhitenedRegression, base: BaseModel, *, exactly: bool
+) -> WhitenedRegression:
+    """Return a regression held near the best possible arm jointly with its effects.
+
+    Args:
+        regression: the rows, with effects.
+        base: model and base parameters.
+        exactly: whether at that arm, fitted exactly. The parabola near it is wide, and lets links be what no arm has.
+    """
+    if not exactly:
+        return replace(regression, prior=prior_rows(regression, possible_arm(regression, base)))
     K, rows = base.reduction.K, reduced(regression)
     theta = K @ fit_sized(rows.R @ K, rows.r, constraints_of(base))[0].x
-    found = np.sqrt(STIFFEST) * reduced(replace(regression, effects=())).R
-    return np.column_stack([found, found @ theta])
+    stiff = np.sqrt(STIFFEST) * reduced(replace(regression, effects=())).R
+    return replace(regression, prior=np.column_stack([stiff, stiff @ theta]))
 
 
 def prior_rows(regression: WhitenedRegression, arm: PossibleArm) -> Floats:

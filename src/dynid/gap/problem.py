@@ -1,4 +1,4 @@
-"""One search: which rows are searched, which are held out, the noise, and the baseline."""
+"""One search: which rows are searched, which are held out, the noise, and what is known of the parameters."""
 
 from __future__ import annotations
 
@@ -10,10 +10,7 @@ import numpy as np
 
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import scale_with_model, settled, stack_logs
-from dynid.estimation.tuning import REPEATED
-from dynid.gap.change import with_always_missing
 from dynid.gap.known_errors import reversal_columns, with_reversals
-from dynid.gap.matched_motion import subtract_matched_motion
 from dynid.gap.noise import (
     NoiseModel,
     RepeatPair,
@@ -22,7 +19,6 @@ from dynid.gap.noise import (
     with_misfit,
     with_steps,
 )
-from dynid.gap.possible_arm import PossibleArm, best_possible, possible_arm, prior_rows
 from dynid.gap.segments import Mask, SegmentRows, cut, segments_of, with_reference
 from dynid.gap.whitened_regression import (
     WhitenedRegression,
@@ -45,9 +41,6 @@ BETWEEN = 1.0
 OPEN = 1e-12
 #: Errors of an earlier identification are taken this much larger, for what its own model lacked.
 TRUST = 1.5
-#: Old and new logs fitted together count as leaving at most so many times what each leaves alone, before anything is
-#: found. More would be found a second time with less noise; where too little is, nothing is named before it is more.
-AT_FIRST = 1.2
 
 
 @dataclass(frozen=True)
@@ -94,32 +87,26 @@ def information_root(covariance: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class GapProblem:
-    """One search.
+    """Rows that are searched, with their noise and what is known of the base parameters.
 
     Attributes:
         base: model and base parameters.
-        kept: the kept model; None when the baseline is fitted.
-        segments: all rows.
+        segments: all rows, those of earlier logs first, where these are at hand and it is asked what has changed.
         train: rows that are searched, one mask (M,) per segment.
         held: held-out rows, one mask (M,) per segment.
         held_text: what is held out, in words.
         repeats: segments of the same motion.
         noise: the noise floor.
         theta: base parameters that effects are scaled with, (p,).
-        unexplained: what a kept model left unexplained when it was identified, of what is judged, (n,) [N m or N]; None
-            where it cancels, and when the baseline is refitted.
-        matched: how many rows of earlier logs each row is compared with, because the motion is the same; 0 when it is
-            compared with the model alone.
+        since: whether it is asked what has changed since a model was identified.
+        prior: rows [columns, value] on the base parameters that an earlier identification knows, (k, p + 1); None for
+            none, and where its logs are among the rows.
         in_force: noise with which held-out rows are judged by the best possible arm, as what is applied will be; None
             where the plain estimate is in force.
-        arm: the prior of possible links, where it is asked what only an implausible arm would absorb.
-        held_by: rows [columns, value] on the base parameters that say how implausible an arm is, near the best one,
-            or how large what has always been missing may be, (k, p + 1).
-        pooled: whether the earlier logs are among the rows, and what is looked for acts in the new ones alone.
+        arm: whether that arm is fitted exactly, because only an implausible one would absorb what is looked for.
     """
 
     base: BaseModel
-    kept: KeptModel | None
     segments: list[SegmentRows]
     train: list[Mask]
     held: list[Mask]
@@ -127,17 +114,21 @@ class GapProblem:
     repeats: list[RepeatPair]
     noise: NoiseModel
     theta: Floats
-    unexplained: Floats | None = None
-    matched: float = 0.0
-    pooled: bool = False
+    since: bool = False
+    prior: Floats | None = None
     in_force: NoiseModel | None = None
-    arm: PossibleArm | None = None
-    held_by: Floats | None = None
+    arm: bool = False
 
     @property
-    def since(self) -> bool:
-        """Whether it is asked what has changed since a model was identified."""
-        return self.kept is not None or self.pooled
+    def compared(self) -> bool:
+        """Whether earlier logs are among the rows, and what is looked for acts in the new ones alone."""
+        return not all(s.is_new for s in self.segments)
+
+    @property
+    def same_motion(self) -> bool:
+        """Whether earlier and new logs hold the same motion, so that what always was cancels."""
+        new = [s.is_new for s in self.segments]
+        return any(new[pair.first] != new[pair.second] for pair in self.repeats)
 
     def regression(
         self, theta: Floats | None = None, *, nuisance: bool = True
@@ -149,12 +140,8 @@ class GapProblem:
             nuisance: whether shapes of reversals are left unjudged.
         """
         # Why not of many rows: they take memory, and little time compared with what is made of them.
-        kept = few(self.segments)
-        found = (
-            (self._judged if nuisance else self._bare)
-            if kept
-            else self._whitened(nuisance=nuisance)
-        )
+        kept = self._judged if nuisance else self._bare
+        found = kept if few(self.segments) else self._whitened(nuisance=nuisance)
         if theta is None or np.array_equal(theta, self.theta):
             return found
         return replace(found, segments=self._searched(theta))
@@ -167,32 +154,13 @@ class GapProblem:
     def _bare(self) -> WhitenedRegression:
         return self._whitened(nuisance=False)
 
-    @cached_property
-    def _own(self) -> list[SegmentRows]:
-        """The rows that are searched, effects scaled with the parameters of the problem."""
-        return self._searched(self.theta)
-
     def _searched(self, theta: Floats) -> list[SegmentRows]:
         reference = model_torques(self.base.model, self.base.reduction, theta)
         return cut(with_reference(self.segments, reference), self.train)
 
     def _whitened(self, *, nuisance: bool) -> WhitenedRegression:
-        prior = self.held_by if self.kept is None else self.kept.prior_rows
         columns = [nuisance_columns(s, nuisance) for s in self.segments]
-        return replace(
-            whitened_regression(self._own, self.noise, columns, prior),
-            link_prior=self.arm is not None,
-        )
-
-
-def _baseline(
-    segments: Sequence[SegmentRows],
-    train: Sequence[Mask],
-    prior: Floats | None,
-    noise: NoiseModel,
-    nuisance: Sequence[Sequence[Floats]],
-) -> WhitenedRegression:
-    return whitened_regression(cut(segments, train), noise, nuisance, prior)
+        return whitened_regression(self._searched(self.theta), self.noise, columns, self.prior)
 
 
 def nuisance_columns(segment: SegmentRows, nuisance: bool = True) -> list[Floats]:
@@ -219,166 +187,50 @@ def make_problem(
     """
     start = first_guess(logs, base) if kept is None else kept.theta
     reference = model_torques(base.model, base.reduction, start)
-    segments, matched = segments_of(logs, base, reference), 0.0
+    segments = segments_of(logs, base, reference)
+    share = HELD_OUT if kept is None else HELD_OUT_KEPT
+    train, held, text = split(segments, find_repeats(segments), share)
+    eras = [slice(0, len(segments))]
     if kept is not None and earlier:
-        before = segments_of(earlier, base, reference)
-        compared = subtract_matched_motion(segments, before, kept.theta)
-        if compared is None:
-            return _problem_since(before, segments, base, kept)
-        segments, matched = compared
-        # Why: what its parameters are off by is in both, but for what the motions differ.
-        kept = replace(kept, covariance=REPEATED**2 * kept.covariance)
-    repeats = find_repeats(segments)
-    train, held, text = split(segments, repeats, HELD_OUT if kept is None else HELD_OUT_KEPT)
-    first = unwhitened_fit(segments, train, kept, nuisance=False)[0] if kept is None else kept.theta
+        before = [replace(s, is_new=False) for s in segments_of(earlier, base, reference)]
+        later = 1 + max(s.number for s in before)
+        segments = [*before, *(replace(s, number=later + s.number) for s in segments)]
+        train = [*(np.ones(len(s), dtype=bool) for s in before), *train]
+        held = [*(np.zeros(len(s), dtype=bool) for s in before), *held]
+        eras = [slice(0, len(before)), slice(len(before), None)]
+    alone = kept is not None and len(eras) == 1
+    prior = kept.prior_rows if kept is not None and alone else None
+    first = unwhitened_fit(segments, train, nuisance=False)[0] if kept is None else kept.theta
     segments = with_reversals(segments, base, first)
-    theta, residuals = unwhitened_fit(segments, train, kept)
-    unexplained = None
-    if kept is not None:
-        residuals = unwhitened_fit(segments, train, None)[1]
-    if kept is not None and not matched:
-        whole = unwhitened_fit(segments, train, None, nuisance=False)[1]
+    theta = unwhitened_fit(segments, train, prior)[0]
+    # Why each era for itself: what has changed is no noise.
+    residuals = [r for era in eras for r in unwhitened_fit(segments[era], train[era])[1]]
+    repeats = find_repeats(segments)
+    same = [x for x in repeats if segments[x.first].is_new == segments[x.second].is_new]
+    noise = with_steps(measure_noise(segments, residuals, same, train), segments)
+    if kept is not None and alone:
+        whole = unwhitened_fit(segments, train, nuisance=False)[1]
         # Why: the earlier identification knew no nuisance columns; they take what it left at reversals.
-        share = _rms(segments, residuals, train) / _rms(segments, whole, train)
-        unexplained = kept.unexplained * np.minimum(1.0, share)
-    noise = measure_noise(segments, residuals, repeats, train)
-    found = GapProblem(
-        base, kept, segments, train, held, text, repeats, noise, theta, unexplained, matched
-    )
-    return with_noise(found, noise, residuals)
+        left = _rms(segments, residuals, train) / _rms(segments, whole, train)
+        noise = with_misfit(noise, segments, residuals, kept.unexplained * np.minimum(1.0, left))
+    since = kept is not None
+    return GapProblem(base, segments, train, held, text, repeats, noise, theta, since, prior)
 
 
-def judged_by_possible(problem: GapProblem, residuals: Sequence[Floats]) -> GapProblem:
+def judged_by_possible(problem: GapProblem, *, arm: bool = False) -> GapProblem:
     """Return a problem whose held-out rows are judged by the best possible arm jointly with the effects.
 
     A refit without bounds moves what the rows hardly determine, and with it joints that an effect has nothing to do
-    with.
+    with. What parameters without any bounds do not explain says nothing about links.
 
     Args:
         problem: the problem.
-        residuals: what the model leaves, one (M, n) per segment: so uncertain are the rows.
+        arm: whether that arm is fitted exactly.
     """
+    residuals = unwhitened_fit(problem.segments, problem.train)[1]
     level = _rms(problem.segments, residuals, problem.train)
-    return replace(problem, in_force=with_misfit(problem.noise, problem.segments, residuals, level))
-
-
-def near_possible(problem: GapProblem, regression: WhitenedRegression) -> WhitenedRegression:
-    """Return a regression held near the best possible arm jointly with its effects."""
-    rows = prior_rows(regression, possible_arm(regression, problem.base))
-    return replace(regression, prior=_wide(rows, regression.size))
-
-
-def at_possible(problem: GapProblem, regression: WhitenedRegression) -> WhitenedRegression:
-    """Return a regression held at the best possible arm jointly with its effects, exactly fitted."""
-    rows = best_possible(regression, problem.base)
-    return replace(regression, prior=_wide(rows, regression.size))
-
-
-def problem_of_arm(logs: Sequence[ConditionedLog], base: BaseModel) -> GapProblem:
-    """Arrange a search for what only an implausible arm would absorb.
-
-    Args:
-        logs: conditioned logs, all with the same filter.
-        base: model and base parameters.
-    """
-    found = with_misfit_of_numbers(make_problem(logs, base, None))
-    bare = found.regression()
-    found = replace(found, arm=possible_arm(bare, base))
-    return held_near_possible(found, bare)
-
-
-def with_misfit_of_numbers(problem: GapProblem) -> GapProblem:
-    """Return a problem whose noise is at least what parameters without any bounds leave of each joint.
-
-    What they do not explain says nothing about links.
-
-    Args:
-        problem: a search of what no numbers absorb.
-    """
-    residuals = unwhitened_fit(problem.segments, problem.train, None)[1]
-    level = _rms(problem.segments, residuals, problem.train)
-    return replace(
-        problem,
-        noise=with_misfit(problem.noise, problem.segments, residuals, level),
-        unexplained=level,
-    )
-
-
-def held_near_possible(problem: GapProblem, regression: WhitenedRegression) -> GapProblem:
-    """Return a problem held near the best possible arm jointly with what a regression has selected.
-
-    Args:
-        problem: the problem; one that asks for anything else stays as it is.
-        regression: its rows, with effects.
-    """
-    if problem.arm is None:
-        return problem
-    arm = possible_arm(regression, problem.base)
-    rows = prior_rows(regression, arm)
-    theta = rows[:, :-1]
-    best = replace(regression, prior=_wide(rows, regression.size)).fit.theta[: theta.shape[1]]
-    return replace(problem, arm=arm, held_by=rows, theta=best)
-
-
-def _wide(rows: Floats, size: int) -> Floats:
-    """Return rows [columns, value] with zeros for further columns, (k, size + 1)."""
-    wide = np.zeros((len(rows), size + 1))
-    wide[:, : rows.shape[1] - 1], wide[:, -1] = rows[:, :-1], rows[:, -1]
-    return wide
-
-
-def _problem_since(
-    earlier: Sequence[SegmentRows],
-    segments: Sequence[SegmentRows],
-    base: BaseModel,
-    kept: KeptModel,
-) -> GapProblem:
-    """Arrange a search for what has changed between earlier and new logs of other motion, all fitted together.
-
-    What is looked for acts in the new logs alone, with what may always have been missing. Each joint's noise is at
-    least what is left of old and new logs together.
-
-    Args:
-        earlier: rows of the logs that a model was identified from.
-        segments: rows of the new logs.
-        base: model and base parameters.
-        kept: the model that was identified from the earlier logs.
-    """
-    first = 1 + max(s.number for s in earlier)
-    before = [replace(s, is_new=False) for s in earlier]
-    after = [replace(s, number=first + s.number) for s in segments]
-    train, held, text = split(after, find_repeats(after), HELD_OUT_KEPT)
-    train = [*(np.ones(len(s), dtype=bool) for s in before), *train]
-    held = [*(np.zeros(len(s), dtype=bool) for s in before), *held]
-    every, old, new = [*before, *after], slice(0, len(before)), slice(len(before), None)
-    every = with_reversals(every, base, kept.theta)
-    level = _rms(every[old], unwhitened_fit(every[old], train[old], None)[1], train[old])
-    every, held_by = with_always_missing(every, kept.theta, level)
-    repeats = [
-        pair
-        for pair in find_repeats(every)
-        if every[pair.first].is_new == every[pair.second].is_new
-    ]
-    theta, together = unwhitened_fit(every, train, None, held_by)
-    alone = [
-        r for era in (old, new) for r in unwhitened_fit(every[era], train[era], None, held_by)[1]
-    ]
-    noise = with_steps(measure_noise(every, alone, repeats, train), every)
-    # Why not all: what has changed is in it too, and is looked for first.
-    level = np.minimum(_rms(every, together, train), AT_FIRST * _rms(every, alone, train))
-    noise = with_misfit(noise, cut(every, train), alone, level)
-    theta = theta[: len(kept.theta)]
-    return GapProblem(
-        base, None, every, train, held, text, repeats, noise, theta, pooled=True, held_by=held_by
-    )
-
-
-def without_always_missing(problem: GapProblem) -> GapProblem:
-    """Return a comparison with earlier logs with the base parameters of the arm alone."""
-    narrow = [
-        replace(s, rows=replace(s.rows, columns=s.rows.columns[:1])) for s in problem.segments
-    ]
-    return replace(problem, segments=narrow, held_by=None)
+    noise = with_misfit(problem.noise, problem.segments, residuals, level)
+    return replace(problem, in_force=noise, arm=arm)
 
 
 def first_guess(logs: Sequence[ConditionedLog], base: BaseModel) -> Floats:
@@ -388,33 +240,6 @@ def first_guess(logs: Sequence[ConditionedLog], base: BaseModel) -> Floats:
     return stack_logs(
         settled([with_effects(s, base.model) for s in logs], base), base
     ).first_fit.theta
-
-
-def with_noise(problem: GapProblem, noise: NoiseModel, residuals: Sequence[Floats]) -> GapProblem:
-    """Return the problem with its noise, and with what a kept model lacks jointly with it.
-
-    Args:
-        problem: rows, and what a kept model left unexplained when it was identified.
-        noise: measured from repeats or high frequencies.
-        residuals: what a model leaves of the rows, one (M, n) per segment.
-    """
-    noise = with_steps(noise, problem.segments)
-    if not problem.since and problem.arm is None:
-        return replace(problem, noise=noise)
-    if problem.matched and noise.repeats:
-        # Why: what repeats show is the noise of one recording; rows are the difference to so many earlier ones.
-        more = np.sqrt(1.0 + 1.0 / problem.matched)
-        return replace(
-            problem, noise=replace(noise, sigma=more * noise.sigma, floor=more * noise.floor)
-        )
-    level = (
-        _rms(problem.segments, residuals, problem.train)
-        if problem.unexplained is None
-        else problem.unexplained
-    )
-    # Why not held-out rows: what few seconds of new logs determine leaves much more there, for seconds.
-    rows = cut(problem.segments, problem.train) if problem.pooled else problem.segments
-    return replace(problem, noise=with_misfit(noise, rows, residuals, level))
 
 
 def _rms(
@@ -457,8 +282,7 @@ def _border(segments: Sequence[SegmentRows], share: float) -> float:
 def unwhitened_fit(
     segments: Sequence[SegmentRows],
     train: Sequence[Mask],
-    kept: KeptModel | None,
-    held_by: Floats | None = None,
+    prior: Floats | None = None,
     *,
     nuisance: bool = True,
 ) -> tuple[Floats, list[Floats]]:
@@ -467,8 +291,7 @@ def unwhitened_fit(
     Args:
         segments: rows.
         train: rows that are fitted, one mask (M,) per segment.
-        kept: the model that holds the parameters; None for none.
-        held_by: rows [columns, value] that hold them where no model is kept, (k, p + 1).
+        prior: rows [columns, value] that hold base parameters, (k, p + 1); None for none.
         nuisance: whether shapes of reversals are left unjudged.
 
     Returns:
@@ -476,8 +299,10 @@ def unwhitened_fit(
     """
     columns = [nuisance_columns(s, nuisance) for s in segments]
     n, p = segments[0].W.shape[1:]
-    prior = held_by if kept is None else kept.prior_rows
-    regression = _baseline(segments, train, prior, NoiseModel.white(np.ones(n)), columns)
-    sigma = [np.sqrt(max(float(np.mean(e**2)), 1e-18)) if len(e) else 1.0 for e in regression.fit.e]
-    regression = _baseline(segments, train, prior, NoiseModel.white(np.array(sigma)), columns)
-    return regression.fit.theta[:p], torque_residuals(regression, segments, columns)
+    sigma, searched = np.ones(n), cut(segments, train)
+    for _ in range(2):
+        found = whitened_regression(searched, NoiseModel.white(sigma), columns, prior)
+        sigma = sigma * np.array(
+            [np.sqrt(max(float(np.mean(e**2)), 1e-18)) if len(e) else 1.0 for e in found.fit.e]
+        )
+    return found.fit.theta[:p], torque_residuals(found, segments, columns)

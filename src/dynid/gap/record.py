@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
 
 from dynid.units import joint_unit
 
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
     from dynid.gap.analysis import GapAnalysis
     from dynid.gap.held_out import HeldOutEffect
+    from dynid.gap.improvement import HeldOutImprovement
     from dynid.gap.localisation import JointGap
-    from dynid.gap.refit import HeldOutImprovement
     from dynid.gap.selected_effects import SelectedEffect
     from dynid.model.effects.interface import Floats, Joints
     from dynid.robot import Robot
@@ -276,13 +276,11 @@ def _events(analysis: GapAnalysis, robot: Robot) -> list[dict[str, Any]]:
 def _curves(analysis: GapAnalysis) -> list[HeldOutEffect]:
     """Return what is named on held-out rows, the worst of them where they are many."""
     from dynid.gap.held_out import held_out_effect
-    from dynid.gap.refit import with_columns
+    from dynid.gap.selected_effects import with_columns
 
     effects, problem = with_columns(analysis.effects), analysis.search.problem
     shown = [
-        held_out_effect(
-            problem, [other for other in effects if other is not one], one, one.test.joint
-        )
+        held_out_effect(problem, [other for other in effects if other is not one], one, one.joint)
         for one in effects
         if one in analysis.verdict.named
     ]
@@ -304,11 +302,10 @@ def _worst_rows(curve: HeldOutEffect) -> HeldOutEffect:
 def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffect:
     from dynid.gap.verdict import explained_share, joints_text, labels
 
-    names, j = robot.joint_names, one.test.joint
+    names, j = robot.joint_names, one.joint
     partly = None
     if any(one is named for named in analysis.verdict.named) and one.name != "torque_delay":
-        share, needed = explained_share(analysis.search, analysis.effects, one)
-        partly = share if share < needed else None
+        partly = explained_share(analysis.search, one)
     return GapEffect(
         effect=one.name,
         indices=one.joints,
@@ -320,7 +317,7 @@ def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffe
             name: joint_unit(unit, revolute=robot.joints[j].revolute)
             for name, unit in one.units.items()
         },
-        p_value=one.test.p_value,
+        p_value=one.p_value,
         joint=names[j],
         rms_before=float(analysis.improvement.before[j]),
         rms_after=float(analysis.improvement.after[j]),
@@ -336,37 +333,20 @@ def _noise_texts(analysis: GapAnalysis, names: Sequence[str]) -> tuple[str, str]
     problem = analysis.search.problem
     if problem.noise.repeats:
         source = f"{problem.noise.repeats:.0f} s of repeats"
-    elif problem.matched:
-        source = "the part of the difference to the earlier logs that no effect explains"
     else:
         source = "the high frequencies of the residual, a lower bound because no motion is repeated"
     note = ""
-    if problem.pooled:
-        note = "earlier and new logs are fitted together; the search looks for effects in the new logs only"
-    elif problem.matched:
+    if problem.compared and problem.same_motion:
         note = "same motion as the earlier logs: old and new are compared row by row"
+    elif problem.compared:
+        note = "earlier and new logs are fitted together; the search looks for effects in the new logs only"
     elif problem.noise.misfit:
         note = f"more than noise was unexplained before on {', '.join(names[j] for j in problem.noise.misfit)}"
     return source, note
 
 
-#: What of an effect is a mapping: stored as pairs, because a header is sorted.
-_MAPPINGS = ("values", "std_errors", "units")
-#: What of a record is a list of effects, and of words.
-_EFFECTS = ("named", "closest")
-_WORDS = (
-    "joint_names",
-    "torque_units",
-    "not_repeatable",
-    "logs",
-    "clues",
-    "more",
-    "kept_rms",
-    "events",
-)
-#: What of a record is stored as arrays: the fields of its held-out improvement, and its simulation.
+#: What of a record is stored as arrays: the fields of its held-out improvement, and of its curves.
 _IMPROVEMENT = ("before", "after", "ratio", "floor", "known")
-#: And those of its curves.
 _CURVE = ("t", "residual", "torque", "left", "against")
 
 
@@ -374,24 +354,19 @@ def write_record(path: Path, record: GapRecord) -> None:
     """Write gap.npz."""
     from dynid.npz import write_artifact
 
-    facts = {each.name: getattr(record, each.name) for each in fields(GapRecord)}
-    improvement, simulation, curves = (
-        facts.pop("improvement"),
-        facts.pop("simulation"),
-        facts.pop("curves"),
-    )
-    arrays = {name: getattr(improvement, name) for name in _IMPROVEMENT} | {
-        "simulation": simulation
+    facts = {
+        each.name: _stored(getattr(record, each.name))
+        for each in fields(GapRecord)
+        if each.name not in ("improvement", "simulation", "curves")
     }
+    arrays = {name: getattr(record.improvement, name) for name in _IMPROVEMENT}
+    arrays |= {"simulation": record.simulation}
     arrays |= {
-        f"curve_{k}_{name}": getattr(one, name) for k, one in enumerate(curves) for name in _CURVE
+        f"curve_{k}_{name}": getattr(one, name)
+        for k, one in enumerate(record.curves)
+        for name in _CURVE
     }
-    facts |= {key: [_stored(one) for one in facts[key]] for key in _EFFECTS}
-    facts |= {"curves": [one.follows for one in curves]}
-    facts |= {
-        "joints": [asdict(one) for one in record.joints],
-        "cannot_judge": list(record.cannot_judge.items()),
-    }
+    facts |= {"curves": [one.follows for one in record.curves]}
     write_artifact(path, SCHEMA, {"record": facts}, arrays)
 
 
@@ -402,41 +377,52 @@ def read_record(path: Path) -> GapRecord:
         NotAnArtifact: it is damaged, or of another kind.
     """
     from dynid.files.artifact import read_artifact, reading
-    from dynid.gap.held_out import HeldOutEffect
-    from dynid.gap.localisation import JointGap, ResidualRegion
-    from dynid.gap.refit import HeldOutImprovement
 
     shapes = {**dict.fromkeys(_IMPROVEMENT, "n"), "ratio": "n 2", "simulation": "_ n"}
     artifact = read_artifact(path, SCHEMA, shapes)
     with reading(path):
-        found = dict(artifact.header["record"])
-        found |= {key: tuple(_effect_of(one) for one in found[key]) for key in _EFFECTS}
-        found |= {key: tuple(found[key]) for key in _WORDS}
-        found["alternatives"] = tuple(tuple(group) for group in found["alternatives"])
-        found["cannot_judge"] = {name: tuple(joints) for name, joints in found["cannot_judge"]}
-        found["joints"] = tuple(
-            JointGap(
-                **{**gap, "regions": tuple(ResidualRegion(**region) for region in gap["regions"])}
-            )
-            for gap in found["joints"]
-        )
-        improvement = HeldOutImprovement(**{name: artifact.arrays[name] for name in _IMPROVEMENT})
-        found["curves"] = tuple(
-            HeldOutEffect(
-                **{name: artifact.arrays[f"curve_{k}_{name}"] for name in _CURVE}, follows=follows
-            )
-            for k, follows in enumerate(found["curves"])
-        )
-        record = GapRecord(
-            **found, improvement=improvement, simulation=artifact.arrays["simulation"]
-        )
+        facts, arrays = dict(artifact.header["record"]), artifact.arrays
+        facts["improvement"] = {name: arrays[name] for name in _IMPROVEMENT}
+        facts["simulation"] = arrays["simulation"]
+        facts["curves"] = [
+            {name: arrays[f"curve_{k}_{name}"] for name in _CURVE} | {"follows": follows}
+            for k, follows in enumerate(facts["curves"])
+        ]
+        record: GapRecord = _read_as(GapRecord, facts)
         _require_one_arm(record)
     return record
 
 
+def _stored(value: Any) -> Any:  # noqa: ANN401
+    """Return a value as JSON has it: mappings as pairs, because a header is sorted."""
+    if is_dataclass(value):
+        return {each.name: _stored(getattr(value, each.name)) for each in fields(value)}
+    if isinstance(value, tuple):
+        return [each if isinstance(each, dict) else _stored(each) for each in value]
+    return list(value.items()) if isinstance(value, Mapping) else value
+
+
+def _read_as(kind: Any, stored: Any) -> Any:  # noqa: ANN401
+    """Return what ``_stored`` made of a value of some type."""
+    from dynid.gap import held_out, improvement, localisation, selected_effects
+
+    origin, inner = get_origin(kind), get_args(kind)
+    if isinstance(kind, type) and is_dataclass(kind):
+        names = {**vars(selected_effects), **vars(localisation), **vars(improvement)}
+        hints = get_type_hints(kind, localns=names | vars(held_out))
+        return kind(**{name: _read_as(hints[name], value) for name, value in stored.items()})
+    if origin is tuple and len(inner) == 2 and inner[1] is not ...:
+        return tuple(_read_as(*pair) for pair in zip(inner, stored, strict=True))
+    if origin is tuple:
+        return tuple(_read_as(inner[0], each) for each in stored)
+    if origin is Mapping:
+        return {name: _read_as(inner[1], value) for name, value in stored}
+    return stored
+
+
 def _require_one_arm(record: GapRecord) -> None:
     """Raise when the parts of a record are not those of one search of one arm."""
-    effects = [one for key in _EFFECTS for one in getattr(record, key)]
+    effects = [*record.named, *record.closest]
     keys = [key for one in effects for key in ((one.effect, one.indices), *one.rival_keys)]
     places = [
         *(joints for _, joints in keys),
@@ -445,18 +431,5 @@ def _require_one_arm(record: GapRecord) -> None:
     ]
     if not all(0 <= joint < len(record.joint_names) for joints in places for joint in joints):
         raise ValueError("it has joints that its arm lacks")
-
-
-def _stored(one: GapEffect) -> dict[str, Any]:
-    return asdict(one) | {key: list(getattr(one, key).items()) for key in _MAPPINGS}
-
-
-def _effect_of(stored: Mapping[str, Any]) -> GapEffect:
-    facts: dict[str, Any] = {
-        key: tuple(value) if isinstance(value, list) else value for key, value in stored.items()
-    }
-    keys = tuple((name, tuple(joints)) for name, joints in stored.get("rival_keys", ()))
-    numbers = {key: dict(stored[key]) for key in _MAPPINGS}
-    if not all(set(names) <= set(numbers["values"]) for names in numbers.values()):
+    if not all({*one.std_errors, *one.units} <= {*one.values} for one in effects):
         raise ValueError("an effect has an error or a unit of what it has no value for")
-    return GapEffect(**facts | numbers | {"rival_keys": keys})

@@ -1,44 +1,50 @@
-"""Selected effects: what they are, and their columns and torques."""
+"""Effects that were found, with their numbers, and their columns and torques."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from dynid.gap.segments import SegmentRows
-from dynid.gap.significance import Key, SignificanceTest, whitened_columns
-from dynid.gap.whitened_regression import WhitenedRegression
+from dynid.gap.whitened_regression import WhitenedRegression, whitened_columns
 from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints
+
+#: Identifier and joints of an effect.
+Key = tuple[str, Joints]
 
 
 @dataclass(frozen=True)
 class SelectedEffect:
-    """An effect that the search has taken.
+    """An effect that was found.
 
     Attributes:
         effect: the effect.
         joints: the joint that it acts on, with the one that it follows for a pair; () for the whole arm.
         shape: its non-linear parameters.
-        test: how sure it is.
-        score: its gain less its penalty, the other selected effects in place.
+        joint: the joint that shows it most.
+        visible: root mean square of what it explains there, in units of the noise.
+        log_odds: that it is there, against what has no name.
+        p_value: chance of such amplitudes when there is no effect.
         rivals: other effects and joints that explain as much.
-        values: amplitudes and shape parameters by name, once it is refitted.
+        always: whether something that was always there explains as much, where it is asked what has changed.
+        values: amplitudes and shape parameters by name.
         std_errors: their standard errors; infinite for shape parameters that the rows do not determine.
-        z: how many standard errors its amplitudes are from zero, all of them together, when the shape is free too.
         probability: posterior probability of the name against what has no name and against other names.
     """
 
     effect: Effect
     joints: Joints
     shape: dict[str, float]
-    test: SignificanceTest
-    score: float
+    joint: int
+    visible: float
+    log_odds: float
+    p_value: float
     rivals: tuple[Key, ...] = ()
+    always: bool = False
     values: dict[str, float] = field(default_factory=dict)
     std_errors: dict[str, float] = field(default_factory=dict)
-    z: float = float("inf")
     probability: float = 1.0
 
     @property
@@ -52,23 +58,6 @@ class SelectedEffect:
         return self.effect.name, self.joints
 
     @property
-    def freedom(self) -> int:
-        """Number of parameters that are fitted."""
-        return len(self.test.amplitudes) + len(self.effect.steps)
-
-    @property
-    def free_shape(self) -> list[str]:
-        """Shape parameters that are fitted: all but those that the rows do not determine."""
-        return [name for name in self.effect.steps if np.isfinite(self.std_errors.get(name, 0.0))]
-
-    def shape_z(self, name: str) -> float:
-        """Return how many standard errors a shape parameter is from where the effect is part of the model."""
-        error, null = self.std_errors.get(name, 0.0), self.effect.nulls.get(name, 0.0)
-        if self.effect.steps[name][0] == "plus" or not error:
-            return float("inf")
-        return abs(self.values[name] - null) / error
-
-    @property
     def amplitudes(self) -> list[str]:
         """Names of its amplitudes."""
         return list(self.effect.amplitudes(self.shape))
@@ -79,29 +68,18 @@ class SelectedEffect:
         return self.effect.amplitudes(self.shape) | dict(self.effect.shape_units)
 
 
-def stepped(value: float, kind: str, size: float, share: float) -> float:
-    """Return a shape parameter after a share of its first step."""
-    return value + size * share if kind == "plus" else value * size**share
+def with_columns(effects: Sequence[SelectedEffect]) -> list[SelectedEffect]:
+    """Return the effects that have columns: all but a delay, which is taken out of the logs."""
+    return [one for one in effects if one.name != "torque_delay"]
 
 
 def with_selected(
     regression: WhitenedRegression, selected: Sequence[SelectedEffect]
 ) -> WhitenedRegression:
     """Return the regression with selected effects."""
-    columns = [
-        whitened_columns(regression, one.effect, one.joints, [one.shape]) for one in selected
-    ]
-    return regression.with_effects([{j: C[0] for j, C in found.items()} for found in columns])
-
-
-def at_sizes(selected: Sequence[SelectedEffect], amplitudes: Floats) -> list[SelectedEffect]:
-    """Return effects with columns that are exact at the amplitudes that were found, one after the other, (k,)."""
-    found, at = [], 0
-    for one in selected:
-        sizes = dict(zip(one.amplitudes, amplitudes[at:].tolist(), strict=False))
-        found.append(replace(one, effect=one.effect.at_size(sizes)))
-        at += len(one.amplitudes)
-    return found
+    return regression.with_effects(
+        [whitened_columns(regression, one.effect, one.joints, one.shape) for one in selected]
+    )
 
 
 def torque_in_rows(

@@ -67,11 +67,11 @@ def integrated(
         float(found.scale[best]),
     )
     mean = top + float(np.log(np.mean(np.exp(found.log_odds - top))))
-    effect = one.effect
+    effect = one.place.effect
     if not effect.steps or top < -1e8:
         return mean, shape, scale
     # Why of the grid: a range belongs to the effect, and does not grow with the shapes that were tried.
-    low, high = ends_of(effect, effect.grid(rows.regression.motion, one.joints))
+    low, high = ends_of(effect, effect.grid(rows.regression.motion, one.place.joints))
     if not np.all(np.isfinite(low) & np.isfinite(high)):
         return mean, shape, scale
     x, step = in_steps(effect, shape), 1.0
@@ -82,9 +82,7 @@ def integrated(
     curve = unit
     for _ in range(HALVINGS):
         tried = [np.clip(x + step * move, low, high) for move in moves]
-        near = candidate(
-            rows, effect, one.joints, [from_steps(effect, shape, y) for y in tried], added
-        )
+        near = candidate(rows, one.place, [from_steps(effect, shape, y) for y in tried], added)
         values = gains(evidence, near) if near.own else None
         if values is None:
             break
@@ -96,7 +94,7 @@ def integrated(
             continue
         slope = (odds[:d] - odds[d : 2 * d]) / (2 * step)
         newton = np.clip(x + np.clip(np.linalg.solve(curve, slope), -step, step), low, high)
-        near = candidate(rows, effect, one.joints, [from_steps(effect, shape, newton)], added)
+        near = candidate(rows, one.place, [from_steps(effect, shape, newton)], added)
         better = gains(evidence, near)
         if better.log_odds[0] > top:
             top, x, scale = float(better.log_odds[0]), newton, float(better.scale[0])

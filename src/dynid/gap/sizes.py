@@ -11,14 +11,14 @@ from itertools import product
 
 import numpy as np
 
-from dynid.gap.candidates import candidate, gains
+from dynid.gap.candidates import Place, candidate, gains
 from dynid.gap.evidence import Evidence, EvidenceRows
 from dynid.gap.shapes import ends_of, from_steps, in_steps
 from dynid.gap.whitened_regression import EffectColumns
-from dynid.model.effects.interface import Effect, Floats, Joints
+from dynid.model.effects.interface import Floats
 
 #: Points of a lattice along each axis, and half of what lies between the outermost, in spacings.
-POINTS = 7
+POINTS = 9
 HALF = (POINTS - 1) / 2
 #: Spread of the posterior in spacings of the lattice from which it is resolved; half the width of a lattice in spreads,
 #: at least, and that of the next one. A sum over points 1.7 spreads apart is off by less than a percent.
@@ -96,8 +96,7 @@ class Lattice:
 def sizes_of(
     evidence: Evidence,
     rows: EvidenceRows,
-    effect: Effect,
-    joints: Joints,
+    place: Place,
     shape: dict[str, float],
     added: Sequence[EffectColumns],
 ) -> Sizes:
@@ -106,16 +105,16 @@ def sizes_of(
     Args:
         evidence: everything else, sizes of the rest as they are with the effect.
         rows: what is common and the rest.
-        effect: the effect.
-        joints: where it sits.
+        place: the effect and where it sits.
         shape: its best shape.
         added: columns of other names that have been added to T.
     """
+    effect = place.effect
     ways = turning(rows) if "vs" in effect.steps else [rows]
     names = list(effect.amplitudes(shape))
     grid = [
         x
-        for x in effect.grid(rows.regression.motion, joints)
+        for x in effect.grid(rows.regression.motion, place.joints)
         if list(effect.amplitudes(x)) == names
     ]
     lattice = None
@@ -126,9 +125,7 @@ def sizes_of(
     points = [from_steps(effect, shape, x) for x in lattice.points()] if lattice else grid
     for _ in range(CLOSINGS):
         # Why the best shape too: a lattice that is too wide for the peak has no point near it.
-        odds, amplitudes, covariance = _posterior(
-            evidence, ways, effect, joints, [*points, shape], added
-        )
+        odds, amplitudes, covariance = _posterior(evidence, ways, place, [*points, shape], added)
         inside = np.tile(np.arange(len(points) + 1) < len(points), len(ways))
         between = float(odds[~inside].max() - odds[inside].max()) > BETWEEN
         if between or lattice is None:
@@ -163,15 +160,14 @@ def sizes_of(
 def _posterior(
     evidence: Evidence,
     ways: Sequence[EvidenceRows],
-    effect: Effect,
-    joints: Joints,
+    place: Place,
     points: list[dict[str, float]],
     added: Sequence[EffectColumns],
 ) -> tuple[Floats, Floats, Floats]:
     """Return log odds of shapes, way by way, (G,), amplitudes, (G, k), and covariances of them, (G, k, k)."""
     odds, amplitudes, covariance = [], [], []
     for rows in ways:
-        found = gains(evidence, candidate(rows, effect, joints, points, added))
+        found = gains(evidence, candidate(rows, place, points, added))
         odds.append(found.log_odds)
         amplitudes.append(found.amplitudes)
         covariance.append(found.covariance)
@@ -186,9 +182,8 @@ def turning(rows: EvidenceRows) -> list[EvidenceRows]:
     """
     regression = rows.regression
     return [
-        replace(
-            rows,
-            regression=replace(
+        rows.with_regression(
+            replace(
                 regression,
                 segments=[
                     replace(

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynid.gap import tuning
-from dynid.gap.evidence import Evidence, EvidenceRows, back
+from dynid.gap.known_errors import acceleration_torques, common_columns
 from dynid.gap.segments import SegmentRows
-from dynid.gap.whitened_regression import EffectColumns, Ints
+from dynid.gap.selection import State
+from dynid.gap.whitened_regression import Ints, filtered_columns
 from dynid.model.effects.interface import Floats
 
 
@@ -35,37 +36,43 @@ class Stray:
     power: float
 
 
-def find_strays(
-    evidence: Evidence, rows: EvidenceRows, added: Sequence[EffectColumns], shown: Sequence[int]
-) -> list[Stray]:
+def find_strays(state: State, shown: Sequence[int]) -> list[Stray]:
     """Return the loudest disturbance of each joint that has any.
 
     Args:
-        evidence: everything that explains the rows.
-        rows: whitened columns.
-        added: columns of names, one effect after the other.
+        state: everything that explains the rows.
         shown: joints on which repeats show that something does not repeat, and a weaker sign tells when.
     """
-    regression, theta = rows.regression, evidence.estimate
+    regression, theta, p = (
+        state.rows.regression,
+        state.evidence.estimate,
+        state.rows.regression.base,
+    )
+    left = []
+    for s in regression.segments:
+        errors = common_columns(s, acceleration_torques(s))
+        shared = np.einsum("c,cnm->mn", theta[p : p + len(errors)], errors)
+        left.append(s.tau - s.W @ theta[:p] - shared)
+    for k, one in enumerate(state.named):
+        place, size = one.place, theta[state.columns(k)]
+        parts = filtered_columns(
+            regression.segments, place.effect, place.joints, [one.shape], always=place.always
+        )
+        for j, part in parts.items():
+            for rest, columns in zip(left, part, strict=True):
+                rest[:, j] -= size @ columns[0]
     found = []
     for j, own in enumerate(regression.joints):
         if not len(own.y):
             continue
-        part, t0 = evidence.parts[j], rows.T[j].shape[1]
-        w = back(part.root, part.towards @ np.append(-theta, 1.0))
-        # Why kept: a bell of a few seconds that takes up a contact would hide it.
-        for name, columns in evidence.joints[j].kinds:
-            if name == "stray":
-                w[columns] = 0.0
-        left = own.y - rows.T[j] @ theta[:t0] - rows.R[j] @ w
-        at = t0
-        for one in added:
-            count = len(next(iter(one.values())))
-            if j in one:
-                left = left - theta[at : at + count] @ one[j]
-            at += count
+        w = state.evidence.rest_of(j)
+        alone = [x[:, j] - w @ R for x, R in zip(left, state.rows.filtered[j], strict=True)]
+        ends = np.cumsum([len(x) for x in alone])[:-1]
+        # Why both: what the model lacks repeats, and a push is in one of the repeats alone.
+        apart = np.split(state.rows.bands.unrepeated(j, np.concatenate(alone)), ends)
+        rows = np.array([regression.whiten(j, x) for x in (alone, apart)])
         least = tuning.STRAY_SHOWN if j in shown else tuning.STRAY_POWER
-        stray = _loudest(j, left, own.index, regression.segments, regression.noise.floor[j], least)
+        stray = _loudest(j, rows, own.index, regression.segments, regression.noise.floor[j], least)
         if stray is not None:
             found.append(stray)
     return found
@@ -83,7 +90,7 @@ def _loudest(
     rate = segments[0].rate
     block = index // max(1, round(tuning.STRAY_BLOCK_S * rate))
     names, place, count = np.unique(block, return_inverse=True, return_counts=True)
-    power = np.bincount(place, left**2) / count
+    power = np.min([np.bincount(place, x**2) / count for x in left], axis=0)
     full = count >= 0.5 * count.max()
     usual = float(np.median(power[full]))
     k = int(np.argmax(np.where(full, power, 0.0)))

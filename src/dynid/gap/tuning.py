@@ -23,25 +23,35 @@ DROOP_WIDTHS_S = (0.03, 0.1)
 #: Skew of a recorder between positions and torques, one standard deviation in sampling periods: recorders of public
 #: arms skew by up to 0.3. Without it delays of 1.3 ms were named.
 SKEW_PERIODS = 0.15
-#: Seconds of a reversal that are known less well than others.
-REVERSAL_S = 0.03
-#: Most columns of one kind of what is left, which bounds time and memory of long logs.
-MOST_COLUMNS = 80
 #: Usual rms of one kind of what is left, in units of the noise, and the spread of its logarithm.
 REST_USUAL, REST_SPREAD = 0.05, 1.5
 #: Rms from which a kind of what is left is something that is missing, and not what every log has a little of; its price
 #: is that of a name.
 REST_ACTIVE, REST_EDGE = 0.1, 0.4
-#: Spread of the logarithm of the noise power that repeats give.
-LEVEL_SPREAD = 0.3
+#: Rows that the measured noise of a band counts as.
+BAND_ROWS = 4.0
 #: Prior sizes of an effect's torque in units of the noise; each is as likely.
 SCALES = (1.0, 10.0, 100.0)
 #: Share of a column's power that is never alike another column: rounding of products. unit: 1.
 ALIKE = 1e-6
-#: Posterior probability of a name against what has no name, and against every other name.
-SURE, AGAINST_OTHERS = 0.99, 0.95
-#: Log odds of the first look from which a candidate is looked at with the rest sized beside it, and how many are.
-WORTH_A_LOOK, MOST_LOOKS = 2.0, 8
+#: Posterior probability of a name against every other name.
+AGAINST_OTHERS = 0.95
+#: Log odds of changes beside others: loads are put on every day; a rotor does not get heavier, and a stop stays where
+#: it is.
+CHANGES = {
+    "payload": 3.0,
+    "end_stop": -7.0,
+    "motor_inertia": -7.0,
+    "joint_elasticity": -7.0,
+    "backlash": -7.0,
+    "gear_friction": -7.0,
+}
+#: Log odds against a torque sensor that hears a joint which is no neighbour: one of twenty. evidence: none, a round
+#: number.
+FAR = 3.0
+#: Log odds of the first look from which a candidate is looked at with the rest sized beside it, and how many are at
+#: each of three sizes of the rest.
+WORTH_A_LOOK, MOST_LOOKS = 2.0, 6
 #: Visible size in units of the noise from which an effect is of any account, and a rest is.
 MATERIAL, MATERIAL_REST = 0.3, 0.5
 #: Log odds of a rest that is told.

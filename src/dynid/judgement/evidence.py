@@ -72,6 +72,7 @@ class EffectEvidence:
         unit: of these.
         why_not: why it is not named.
         corrected: whether predictions allow for it already, as for a delay that was found when the arm was identified.
+        rivals: others that explain as much, in words.
     """
 
     title: str
@@ -86,6 +87,7 @@ class EffectEvidence:
     unit: str = "N m"
     why_not: str = ""
     corrected: bool = False
+    rivals: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -147,9 +147,6 @@ def of_changes(c: Case) -> str:
 def of_gap(c: Case, *, nothing: bool) -> str:
     """Return what is missing; ``nothing`` says that the search found no more than noise."""
     gap, changed = c.gap, c.gap.question == "changed"
-    if gap.named and gap.ambiguous:
-        names = " or ".join(f"{one.title} on {one.where}" for one in gap.named)
-        return f"Something is missing, and these explain it equally well: {names}."
     if nothing and c.odd:
         log = c.odd[0]
         return (
@@ -210,7 +207,10 @@ def start(where: str) -> str:
 
 
 def named_effect(one: EffectEvidence, *, changed: bool) -> str:
-    """Return an effect that is proved."""
+    """Return an effect that is proved, or one with others that explain as much."""
+    if one.rivals:
+        names = " or ".join((f"{one.title} on {one.where}", *one.rivals))
+        return f"Something is missing, and these explain it equally well: {names}."
     for name, value, error, unit in one.sizes:
         if one.effect == "payload" and name == "m":
             mass = with_error(abs(value), error) + (f" +- {error:.2g}" if error else "")

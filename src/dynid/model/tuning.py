@@ -55,8 +55,6 @@ FASTEST_WAVE = 230.0
 #: The same for waves of friction: refinement finds what lies between, and faster ones are smoothed away by the filter
 #: before they pass for friction. evidence: none yet.
 FRICTION_WAVE_SPACING_RAD, FASTEST_FRICTION_WAVE = 3.2, 120.0
-#: Waves of a travel, each of which may fit by accident. evidence: none yet.
-WAVES_THAT_MAY_FIT = 60
 #: How often the bend of an elastic joint is found again from the torque where it is bent. evidence: none yet.
 BEND_ITERATIONS = 3
 #: A link that has not crossed a gap of backlash after so many samples rests between its flanks. evidence: none yet.

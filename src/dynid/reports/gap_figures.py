@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynid.gap.held_out import HeldOutEffect
+from dynid.gap.improvement import HeldOutImprovement
 from dynid.gap.localisation import JointGap
 from dynid.gap.record import GapEffect
-from dynid.gap.refit import HeldOutImprovement
 from dynid.reports.figures import (
     ESTIMATED,
     MEASURED,

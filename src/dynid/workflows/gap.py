@@ -24,9 +24,8 @@ if TYPE_CHECKING:
 
     from dynid.estimation.result import Identification
     from dynid.gap.analysis import GapAnalysis
+    from dynid.gap.candidates import SelectionOptions
     from dynid.gap.counterbalance import Suspicion
-    from dynid.gap.significance import Key
-    from dynid.gap.stepwise_selection import SelectionOptions
     from dynid.loading import LogsLike, ResultLike
     from dynid.model.base_model import BaseModel
     from dynid.signals.conditioned_log import ConditionedLog
@@ -158,8 +157,6 @@ class _Search:
         logs: Sequence[Log],
         earlier: Sequence[Log],
         why: str,
-        also: tuple[Key, ...] = (),
-        conditioned: list[ConditionedLog] | None = None,
     ) -> Gap:
         """Ask one question of checked logs.
 
@@ -168,46 +165,35 @@ class _Search:
             logs: the recordings.
             earlier: those that the model was identified from, to find what has changed since.
             why: why this is asked, in words.
-            also: effects that are tried whatever is asked.
-            conditioned: the recordings as ``conditioned`` returns them for this question, where they are at hand.
         """
-        from dynid.estimation.evidence import fingerprint
-        from dynid.gap.analysis import analyse_gap, relative_error
+        from dynid.gap.analysis import analyse_gap, relative_error, with_counterbalances
         from dynid.gap.problem import kept_model
-        from dynid.gap.record import record_of
 
         options = signals_of(self.result, self.options, question)
-        conditioned = conditioned or self.conditioned(logs, options)
+        conditioned = self.conditioned(logs, options)
         before = self.conditioned(earlier, options) if earlier else []
         self.progress.stage("search")
         kept = kept_model(self.result) if question == "changed" else None
-        arm = question == "arm"
-        wanted = replace(self.wanted, also=also)
         possible = self.result.in_force == "physical"
         analysis = analyse_gap(
             conditioned,
             self.base,
             kept,
-            wanted,
+            self.wanted,
             self.progress,
             earlier=before,
-            arm=arm,
             possible=possible,
         )
+        if question == "arm":
+            joints = self.wanted.joints or range(self.base.robot.n)
+            analysis = with_counterbalances(analysis, self.wanted, joints)
         if question == "changed":
             now = relative_error(conditioned, self.base, self.result.theta)
             then = relative_error(before, self.base, self.result.theta) if before else 0.0
             why += _kept_error(now, then, analysis.verdict.word == "nothing_changed")
             analysis = self._with_reestimated_payload(analysis, logs) if earlier else analysis
-        made_from = str(self.result.path) if self.result.path.name else ""
-        record = replace(
-            record_of(analysis, self.base.robot, question, why, made_from),
-            of=fingerprint(self.result),
-        )
-        return with_methods(
-            record,
-            analysis=analysis,
-            searched=self.result,
+        return replace(
+            self._recorded(analysis, question, why),
             recordings=tuple(logs),
             before=tuple(earlier),
             signals=options,
@@ -314,13 +300,16 @@ class _Search:
             np.sqrt(np.sum(counts * squares, axis=0) / np.maximum(1, counts.sum(axis=0)))
         )
 
-    def _recorded(self, gap: Gap, analysis: GapAnalysis) -> Gap:
-        """Return an answer with another analysis."""
+    def _recorded(self, analysis: GapAnalysis, question: str, why: str) -> Gap:
+        """Return an analysis as the answer to a question, without logs and signals."""
+        from dynid.estimation.evidence import fingerprint
         from dynid.gap.record import record_of
 
-        record = record_of(analysis, self.base.robot, gap.question, gap.asked, gap.made_from)
-        more = {key: getattr(gap, key) for key in ("searched", "recordings", "before", "signals")}
-        return with_methods(replace(record, of=gap.of), analysis=analysis, **more)
+        made_from = str(self.result.path) if self.result.path.name else ""
+        record = record_of(analysis, self.base.robot, question, why, made_from)
+        return with_methods(
+            replace(record, of=fingerprint(self.result)), analysis=analysis, searched=self.result
+        )
 
     def _with_reestimated_payload(self, analysis: GapAnalysis, logs: Sequence[Log]) -> GapAnalysis:
         """Return an analysis whose load, if it names one, is as heavy as ``dynid identify --payload-from`` says."""
@@ -364,20 +353,16 @@ class _Search:
 
     def of_the_arm(self, logs: Sequence[Log], why: str) -> Gap:
         """Ask which effects remain after refitting all parameters, and which only implausible links imitate."""
-        from dynid.gap.counterbalance import LOOKALIKES, suspicions, with_rivals
+        from dynid.gap.analysis import with_counterbalances
+        from dynid.gap.counterbalance import suspicions
         from dynid.gap.possible_arm import COUNTERBALANCE
 
-        # Why once: both questions filter the same logs alike.
-        conditioned = self.conditioned(logs, signals_of(self.result, self.options, "numbers"))
-        found = self.ask("numbers", logs, (), f"{why}: {ASKED['numbers']}", (), conditioned)
-        analysis = found.analysis
-        suspected = (
-            [] if analysis is None else suspicions(analysis.problem, analysis.search.selected)
-        )
-        effects, joints = self.wanted.effects, self.wanted.joints
+        found = self.ask("numbers", logs, (), f"{why}: {ASKED['numbers']}")
+        assert found.analysis is not None
+        search, effects, joints = found.analysis.search, self.wanted.effects, self.wanted.joints
         suspected = [
             one
-            for one in suspected
+            for one in suspicions(search.problem, search.selected)
             if not effects or COUNTERBALANCE in effects
             if not joints or one.joint in joints
         ]
@@ -386,19 +371,12 @@ class _Search:
             return _with_likely(found, suspected, names)
         suspected = [one for one in suspected if one.searched]
         why = f"{found.asked} {_suspected(suspected, names)}: {ASKED['arm']}"
-        places = [(one.joint,) for one in suspected]
-        named = [(one.effect, one.indices) for one in found.named]
-        also = tuple(key for key in named if key[1] not in places or key[0] not in LOOKALIKES)
-        odd = self.ask("arm", logs, (), why, also, conditioned)
-        if any(one.effect == COUNTERBALANCE for one in odd.named):
-            assert odd.analysis is not None
-            equal = {
-                one.joint: one.instead
-                for one in suspected
-                if one.instead is not None and not one.beaten
-            }
-            return self._recorded(odd, with_rivals(odd.analysis, equal))
-        found = replace(found, asked=f"{why} {_not_told(suspected, odd)}")
+        on = [one.joint for one in suspected]
+        analysis = with_counterbalances(found.analysis, self.wanted, on)
+        if any(one.name == COUNTERBALANCE for one in analysis.effects):
+            odd = self._recorded(analysis, "arm", why)
+            return replace(odd, recordings=found.recordings, signals=found.signals)
+        found = replace(found, asked=f"{why} {_not_told(suspected, analysis)}")
         return _with_likely(found, suspected, names)
 
 
@@ -446,12 +424,12 @@ def _with_likely(gap: Gap, suspected: Sequence[Suspicion], names: Sequence[str])
     return replace(gap, closest=(*likely, *gap.closest), verdict=verdict, advice=advice)
 
 
-def _not_told(suspected: Sequence[Suspicion], odd: Gap) -> str:
+def _not_told(suspected: Sequence[Suspicion], analysis: GapAnalysis) -> str:
     """Return why no counterbalance is named, and what would tell."""
     reasons = [
-        one.message
-        for one in odd.closest
-        if one.indices[:1] in [(each.joint,) for each in suspected]
+        text
+        for one, text in analysis.verdict.closest
+        if one.joints[:1] in [(each.joint,) for each in suspected]
     ]
     links = " and ".join(dict.fromkeys(f"of link {one.link}" for one in suspected))
     sure = all(one.sure for one in suspected)

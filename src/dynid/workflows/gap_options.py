@@ -12,7 +12,7 @@ from dynid.options import LogOptions, option, share
 from dynid.robot import Robot
 
 if TYPE_CHECKING:
-    from dynid.gap.stepwise_selection import SelectionOptions
+    from dynid.gap.candidates import SelectionOptions
 
 #: The questions, and the names that two of them had before.
 QUESTIONS = ("numbers", "arm", "changed")
@@ -90,7 +90,7 @@ class GapOptions(LogOptions):
 
 def selection_options(robot: Robot, options: GapOptions) -> SelectionOptions:
     """Return what is searched on one arm, every name checked."""
-    from dynid.gap.stepwise_selection import SelectionOptions
+    from dynid.gap.candidates import SelectionOptions
     from dynid.model.effects.catalogue import CATALOGUE
     from dynid.text import closest
 
@@ -101,7 +101,7 @@ def selection_options(robot: Robot, options: GapOptions) -> SelectionOptions:
                 fix=f"some of {','.join(CATALOGUE)}",
             )
     joints = joint_indices(robot.joint_names, ",".join(options.joints), "--joints")
-    return SelectionOptions(options.effects, joints, options.false_alarm, options.max_effects)
+    return SelectionOptions(options.effects, joints, 1.0 - options.false_alarm, options.max_effects)
 
 
 def joint_indices(names: Sequence[str], text: str, option: str) -> tuple[int, ...]:

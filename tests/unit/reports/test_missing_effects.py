@@ -7,9 +7,9 @@ import pytest
 
 from dynid.errors import NotAnArtifact
 from dynid.gap.held_out import HeldOutEffect
+from dynid.gap.improvement import HeldOutImprovement
 from dynid.gap.localisation import JointGap, ResidualRegion
 from dynid.gap.record import SCHEMA, GapEffect, GapRecord, read_record, write_record
-from dynid.gap.refit import HeldOutImprovement
 from dynid.npz import write_artifact
 from dynid.reports.gap_figures import effect_figure
 from dynid.reports.page import page

@@ -7,9 +7,9 @@ import pytest
 
 import models
 from dynid.errors import WrongUsage
+from dynid.gap.improvement import HeldOutImprovement
 from dynid.gap.localisation import JointGap
 from dynid.gap.record import GapEffect, GapRecord, read_record, write_record
-from dynid.gap.refit import HeldOutImprovement
 from dynid.trajectory.options import PlanOptions
 from dynid.workflows.gap_experiment import question_of
 from dynid.workflows.trajectory import plan_trajectory

@@ -115,9 +115,6 @@ class Effect:
         shapes: the shapes that are tried, where they do not depend on the motion.
         shapes_of: the same by motion and joint.
         steps: how a shape parameter is refined: ``"times"`` or ``"plus"``, and the first step.
-        trials: so many times more often than another it fits by accident: a frequency that is free.
-        nulls: value of a shape parameter at which the effect is part of the model; 0 of a ``"times"`` one not listed.
-        simple: value that a shape parameter is held at where the logs do not determine it.
         sized: the amplitude whose size its columns depend on, "" where none does.
         at: that size, at which its columns are exact; 0 for the slope there.
     """
@@ -142,9 +139,6 @@ class Effect:
     shapes: Sequence[dict[str, float]] = ({},)
     shapes_of: Callable[[ArmMotion, int], list[dict[str, float]]] | None = None
     steps: Mapping[str, tuple[str, float]] = field(default_factory=dict)
-    trials: int = 1
-    nulls: Mapping[str, float] = field(default_factory=dict)
-    simple: Mapping[str, float] = field(default_factory=dict)
     sized: str = ""
     at: float = 0.0
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynid.model import tuning
 from dynid.model.effects import laws
 from dynid.model.effects.friction import sign_of
 from dynid.model.effects.interface import Effect
@@ -71,7 +70,6 @@ _ALL = (
         positive=True,
         shape_units={"vs": "rad/s", "d": ""},
         steps={"vs": ("times", 1.25), "d": ("times", 1.3)},
-        simple={"d": 1.0},
         shapes=[
             {"vs": vs, "d": d}
             for vs in (0.014, 0.022, 0.036, 0.06, 0.1, 0.16)
@@ -90,7 +88,6 @@ _ALL = (
         family="friction curve",
         shape_units={"p": ""},
         steps={"p": ("times", 1.1)},
-        nulls={"p": 1.0},
         shapes=_each("p", 0.3, 0.5, 0.7, 1.3, 1.6, 2.0, 2.5, 3.0),
         units={"a": "N m (s/rad)^p"},
     ),
@@ -154,7 +151,6 @@ _ALL = (
         family="time",
         shape_units={"tc": "s"},
         steps={"tc": ("times", 1.4)},
-        simple={"tc": 1000000.0},
         shapes=_each("tc", 1000000.0, 10.0, 25.0, 60.0, 150.0),
         units={"a": "N m/s"},
     ),
@@ -181,7 +177,6 @@ _ALL = (
         many=laws.gear_frictions,
         shapes_of=laws.gear_shapes,
         family="position",
-        trials=tuning.WAVES_THAT_MAY_FIT,
         shape_units={"k": "1/rad"},
         steps={"k": ("plus", 0.2)},
         units={"a": "N m", "b": "N m"},
@@ -197,7 +192,6 @@ _ALL = (
         shape_units={"k": "1/rad"},
         steps={"k": ("plus", 0.1)},
         units={"a": "N m", "b": "N m"},
-        trials=tuning.WAVES_THAT_MAY_FIT,
     ),
     Effect(
         name="spring",
