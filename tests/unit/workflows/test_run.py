@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -29,19 +30,16 @@ def batch(dynid, monkeypatch):
     return dynid
 
 
-def files(folder):
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in sorted(Path(folder).rglob("*"))
-        if path.is_file()
-    }
-
-
 @pytest.mark.slow
-def test_jobs_side_by_side_and_on_dask_give_the_same_bytes_and_the_failed_one_is_named(batch):
+def test_jobs_side_by_side_and_on_dask_give_the_same_bytes_and_the_failed_one_is_named(
+    batch, monkeypatch
+):
     """Its message and status stand in the table, and its status is that of the command."""
     from distributed import LocalCluster
 
+    # Why: variables choose what a BLAS computes with, and the other jobs have none.
+    for name in os.environ.keys() - batch.env.keys():
+        monkeypatch.delenv(name)
     out = batch.folder / "out"
     ended = batch("run", "batch.yaml", "--jobs", "1")
     out.rename(batch.folder / "one")
@@ -61,10 +59,12 @@ def test_jobs_side_by_side_and_on_dask_give_the_same_bytes_and_the_failed_one_is
         assert [job["status"] for job in answer["jobs"]] == [0, 0, 1, 3]
         assert answer["jobs"][3]["message"].startswith("error[E")
         assert (answer["passed"], answer["beyond_limit"], answer["failed"]) == (2, 1, 1)
-    results = [f"job{k}/parameters.npz" for k in range(3)]
-    one, two, three = (files(batch.folder / name) for name in ("one", "two", "out"))
-    assert all(one[name] == two[name] == three[name] for name in results)
-    assert b"cut.npz" in one["cut/run.log"]
+    one, two, three = (
+        [(batch.folder / f"{name}/job{k}/parameters.npz").read_bytes() for k in range(3)]
+        for name in ("one", "two", "out")
+    )
+    assert one == two == three
+    assert b"cut.npz" in (batch.folder / "one/cut/run.log").read_bytes()
 
 
 @pytest.mark.slow
