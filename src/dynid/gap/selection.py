@@ -231,22 +231,22 @@ class _Search:
         self.problem, self.options, self.progress = problem, options, progress
         self.places = places_of(problem, options, delay=delay)
         self.first, self.rows = evidence_of(problem.regression(nuisance=False), problem.repeats)
-        self.plain: list[Candidate] = []
+        self.made: dict[tuple[tuple[Key, bool], float], list[Candidate]] = {}
         self.instead: list[list[Look]] = []
         self.start = State((), (), self.first, self.rows, self._candidates(self.rows, ()))
-        self.plain = [c for c in self.start.candidates if not c.place.effect.needs_model]
         there = {c.place.at for c in self.start.candidates}
         self.places_of = Counter(name for (name, _), _ in there)
 
     def _candidates(
         self, rows: EvidenceRows, added: Sequence[EffectColumns]
     ) -> tuple[Candidate, ...]:
-        """Return all candidates beside what is named; those that do not scale with the model as they were."""
-        done = {c.place.at for c in self.plain}
-        found = list(self.plain)
+        """Return all candidates beside what is named, each made once, and again at a size that it was found to have."""
+        found = []
         for k, place in enumerate(self.places):
-            if place.at not in done:
-                found += candidates_of(rows, place)
+            key = place.at, place.effect.at
+            if key not in self.made:
+                self.made[key] = candidates_of(rows, place)
+            found += self.made[key]
             self.progress.advance(k + 1, len(self.places), place.effect.name)
         at = self.first.width
         for columns in added:
