@@ -21,7 +21,6 @@ the price is convex; in P itself they vanish or explode at its edge.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -345,8 +344,8 @@ def fit_sized(
     Returns:
         The fit, and the constraints with the sizes of bodies, friction and rotors found as prior.
     """
-    fit, found = as_given = fit_pooled(R, r, constraints, near)
-    for _ in range(tuning.SIZE_ROUNDS if fit.cost > tuning.SIZE_GAIN else 0):
+    fit, found = fit_pooled(R, r, constraints, near)
+    for _ in range(tuning.SIZE_ROUNDS):
         size = likeliest_size(found, fit.x)
         if abs(np.log(size)) < tuning.SIZE_SETTLED:
             break
@@ -354,7 +353,7 @@ def fit_sized(
         prior[constraints.bodies] *= size
         constraints = replace(constraints, prior=prior)
         fit, found = fit_pooled(R, r, constraints, fit.x)
-    return (fit, found) if as_given[0].cost - fit.cost > tuning.SIZE_GAIN else as_given
+    return fit, found
 
 
 def with_pooled_prior(constraints: PhysicalConstraints, x: Floats) -> PhysicalConstraints:
@@ -498,21 +497,21 @@ def _report(
 
 
 def with_open_sizes(
-    fit: PhysicalParameters, told: Floats, pools: Sequence[NDArray[np.intp]]
+    fit: PhysicalParameters, told: Floats, constraints: PhysicalConstraints
 ) -> PhysicalParameters:
-    """Return a fit whose error bars count that the common size of each kind of friction and rotor is only estimated.
+    """Return a fit whose error bars count that common sizes are only estimated: of bodies, of each kind of friction.
 
-    The prior draws joints of a kind to one size; a fit at the likeliest size knows how large they are together from
-    nobody else. So its curvature along their common size goes (Schur complement of the size).
+    The prior draws them to one size, and a fit at the likeliest size knows how large they are together from nobody
+    else. So its curvature along their common size goes (Schur complement of the size).
 
     Args:
         fit: with error bars at the sizes that were found.
         told: what the rows say of its parameters, the share of the Hessian that is theirs, (c, c).
-        pools: columns of each kind that has no size of its own.
+        constraints: with the columns that share a size.
     """
     hessian = fit.hessian.copy()
-    for columns in pools:
-        held = np.maximum(np.diagonal(fit.hessian - told)[columns], 0.0) * fit.x[columns]
+    for columns in (constraints.bodies.ravel(), *constraints.pools):
+        held = (fit.hessian - told)[np.ix_(columns, columns)] @ fit.x[columns]
         whole = float(held @ fit.x[columns])
         if len(columns) > 1 and whole > 0.0:
             hessian[np.ix_(columns, columns)] -= np.outer(held, held) / whole

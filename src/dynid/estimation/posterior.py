@@ -131,7 +131,7 @@ def physical_posterior(
     parts = parts_of(stack, found.theta, found.error, found.noise, fit.inflation, robust)
     less = disagreement(parts, found.covariance, found.error, share < tuning.TOLD_SHARE)
     told = K.T @ found.told @ K
-    fit = with_wider_errors(with_open_sizes(fit, told, constraints_of(base).pools), told, less)
+    fit = with_wider_errors(with_open_sizes(fit, told, constraints_of(base)), told, less)
     changed = changes(parts, base, found.theta)
     fit = with_changes(fit, np.linalg.pinv(K) @ changed)
     return replace(found, physical=fit, covariance=K @ fit.covariance @ K.T, changes=changed)

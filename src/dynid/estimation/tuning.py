@@ -114,9 +114,6 @@ POOLING_ROUNDS, POOLING_SETTLED, POOLING_TOLERANCE = 40, 0.03, 0.03
 #: Rounds in which the prior's bodies get their common size, and change of its logarithm at which they end.
 #: evidence: none yet.
 SIZE_ROUNDS, SIZE_SETTLED = 8, 0.02
-#: Fall of 1/2 chi-square that another size of the bodies has to bring: what no torque shows, such as the mass of the
-#: first links, comes from the prior as it is, unless the data contradict its size. evidence: none yet.
-SIZE_GAIN = 30.0
 #: A parameter comes from the data when these take away at least this share of what the prior left open.
 #: evidence: none yet.
 FROM_DATA_SHARE = 0.5

@@ -149,19 +149,19 @@ def test_pooled_sizes_are_where_no_other_common_size_costs_less(arm):
             assert cost(moved) > cost(fit.x) - 0.01
 
 
-def test_how_large_all_joints_are_together_is_known_from_the_rows_alone(arm):
-    """The pooled penalty is the same for all common sizes, gamma n log(arithmetic / geometric mean)."""
+def test_how_large_all_of_a_kind_are_together_is_known_from_the_rows_alone(arm):
+    """The penalty of bodies, friction and rotors is the same for all common sizes."""
     R, r = arm.whitened(*REGIMES["poor"])
     fit, constraints = fit_pooled(R, r, arm.constraints)
     told = R.T @ R
-    opened = with_open_sizes(fit, told, constraints.pools)
-    for columns in constraints.pools:
+    opened = with_open_sizes(fit, told, constraints)
+    for columns in (constraints.bodies.ravel(), *constraints.pools):
         together = np.zeros(len(fit.x))
         together[columns] = fit.x[columns]
-        rows = float(together @ told @ together)
+        rows = together @ told @ together
         assert together @ fit.hessian @ together > rows + 1.0
-        assert together @ opened.hessian @ together == pytest.approx(rows, abs=1e-6 * rows + 1e-6)
-    assert np.all(opened.std_error >= fit.std_error * (1 - 1e-6))
+        assert together @ opened.hessian @ together == pytest.approx(rows, 1e-6, 1e-6)
+    assert np.all(opened.std_error >= 0.999999 * fit.std_error)
 
 
 def test_joints_with_ratings_lend_each_other_friction_in_proportion_to_them(arm):
