@@ -149,7 +149,7 @@ def _as_rows_say(
 ) -> tuple[Posterior, Fit]:
     """Return what ``physical_posterior`` does, with errors as if the rows told all, and the estimate it is made of."""
     K = base.reduction.K
-    worth = _inflation(estimate, stack)
+    worth = estimate.inflation
     A = estimate.whitened[:-1, :-1] / np.sqrt(worth)
     fit, constraints = fit_sized(A @ K, A @ estimate.theta, constraints_of(base))
     alone = K @ fit.x
@@ -162,10 +162,7 @@ def _as_rows_say(
         for joint in like.free:
             rows = rows.freed(joint)
     elif contradicts(*(relative_error(stack.whole[0], theta) for theta in (alone, estimate.theta))):
-        freed, large = _with_large_torques(base, rows, estimate.theta, fit)
-        # Why: a scaled or partial torque asks for a torque of the position as well, but for more beside it.
-        _, apart = joints_apart(rows, K, fit.x, arm.held, NONE)
-        rows, large = (rows, 0.0) if apart > large else (freed, large)
+        rows, large = _with_large_torques(base, rows, arm)
     if np.any(rows.free):
         arm = _arm_of(base, rows, NONE, arm)
     rows, size, arm, estimate = _with_joints_apart(
@@ -203,7 +200,7 @@ def _rows_of(
         apart: lambda of each joint, (n,).
     """
     robust = estimate.theta if estimate.method in ROBUST else None
-    worth, spread = _inflation(estimate, stack), prior_covariance(base)
+    worth, spread = estimate.inflation, prior_covariance(base)
     rows = whitened_rows(stack, base, reference, estimate.noise, worth, spread, robust)
     return replace(rows, apart=apart).centred(estimate.theta)
 
@@ -305,7 +302,7 @@ def _without_those_apart(
     apart = rows.apart > 0.0
     estimate = refit(stack.without(np.flatnonzero(apart)))
     estimate = replace(estimate, noise=np.where(apart, rows.noise, estimate.noise))
-    K, A = base.reduction.K, estimate.whitened[:-1, :-1] / np.sqrt(_inflation(estimate, stack))
+    K, A = base.reduction.K, estimate.whitened[:-1, :-1] / np.sqrt(estimate.inflation)
     fit, constraints = fit_sized(A @ K, A @ estimate.theta, constraints_of(base))
     found = _rows_of(base, stack, estimate, K @ fit.x, rows.apart)
     for joint in np.flatnonzero(np.any(rows.free > 0.0, axis=1)):
@@ -334,51 +331,36 @@ def contradicts(misfit: float, best: float) -> bool:
     return misfit > tuning.CONTRADICTION * best and misfit - best > NOISE_FREE
 
 
-def _with_large_torques(
-    base: BaseModel, rows: Whitened, plain: Floats, fit: PhysicalParameters
-) -> tuple[Whitened, float]:
-    """Let joints have a large torque of their position, one after the other, until a possible arm explains the rest.
+def _with_large_torques(base: BaseModel, rows: Whitened, arm: Arm) -> tuple[Whitened, float]:
+    """Let joints have a large torque of their position, one after the other, while the evidence gains by it.
 
     Args:
         base: model and base parameters.
         rows: rows of all joints.
-        plain: base parameters that come as near to the torques as any, (p,).
-        fit: the physical set that contradicts them.
+        arm: the arm that they ask for.
 
     Returns:
         The rows with free columns, and the gain of the log evidence by them.
     """
-    K, constraints, total = base.reduction.K, constraints_of(base), 0.0
-    left, heads = rows.eliminated(NONE)
-    cost = fit.objective + 0.5 * left[-1, -1] ** 2 + rows.log_volume(NONE, heads)
-    best = np.linalg.norm(rows.factors[:, :, rows.k :] @ np.append(plain, -1.0), axis=1)
+    K, constraints, given, gain, fit = base.reduction.K, constraints_of(base), rows, 0.0, arm.fit
+
+    def cost(rows: Whitened) -> tuple[float, PhysicalParameters]:
+        left, heads = rows.eliminated(NONE)
+        found, _ = _fitted(left, K, constraints, fit)
+        return found.objective + 0.5 * left[-1, -1] ** 2 + rows.log_volume(NONE, heads), found
+
+    best, fit = cost(rows)
     for _ in range(tuning.LARGE_TORQUE_JOINTS):
-        growth = rows.misfit(heads, K @ fit.x) / np.maximum(best, 1e-12)
-        suspects = [
-            j
-            for j in np.argsort(-growth)[: tuning.LARGE_TORQUE_TRIED]
-            if growth[j] > tuning.CONTRADICTION and not rows.free[j].any()
-        ]
-        tried = []
-        for joint in suspects:
-            other = rows.freed(joint)
-            left, after = other.eliminated(NONE)
-            again, _ = _fitted(left, K, constraints, fit)
-            price = again.objective + 0.5 * left[-1, -1] ** 2 + other.log_volume(NONE, after)
-            tried.append((price, joint, other, after, again))
-        if not tried:
+        joints = np.flatnonzero(~rows.free.any(axis=1) & rows.factors.any(axis=(1, 2)))
+        tried = [(*cost(other), other) for other in (rows.freed(int(j)) for j in joints)]
+        least, found, other = min(tried, key=lambda each: each[0], default=(best, fit, rows))
+        if best - least < tuning.LARGE_TORQUE_EVIDENCE:
             break
-        price, _, other, after, again = min(tried, key=lambda each: each[:2])
-        if cost - price < tuning.LARGE_TORQUE_EVIDENCE:
-            break
-        rows, heads, fit, cost, total = other, after, again, price, total + cost - price
-    return rows, total
-
-
-def _inflation(estimate: Fit, stack: Stack) -> float:
-    """Return how many rows are worth one independent row, with what a short log cannot show about it."""
-    filtered = any(log.filter.cutoff > 0.0 for log in stack.logs)
-    return max(estimate.inflation, tuning.COLOURED_ROWS) if filtered else estimate.inflation
+        rows, fit, best, gain = other, found, least, gain + best - least
+    # Why: a scaled or partial torque asks for a torque of the position as well, but for more beside it.
+    if gain and gain > joints_apart(given, K, arm.fit.x, arm.held, NONE)[1]:
+        return rows, gain
+    return given, 0.0
 
 
 def _fitted(

@@ -338,18 +338,6 @@ class Whitened:
         """Return the variance of the factor of each column in units of sigma^2, (n, k), for sizes of the groups."""
         return np.where(self.free > 0.0, self.free, size[GROUPS])
 
-    def misfit(self, heads: Floats, theta: Floats) -> Floats:
-        """Return the size of what parameters, (p,), and the mean of b leave of the rows of each joint, (n,).
-
-        Args:
-            heads: rows of b per joint, from ``eliminated``.
-            theta: base parameters, (p,).
-        """
-        k, end = self.k, np.append(theta, -1.0)
-        b = np.array([-np.linalg.solve(head[:, :k], head[:, k:] @ end) for head in heads])
-        left = np.einsum("jak,jk->ja", self.factors[:, :, :k], b) + self.factors[:, :, k:] @ end
-        return np.asarray(np.linalg.norm(left, axis=1))
-
     def log_volume(self, size: Floats, heads: Floats) -> float:
         """Return the log of how much narrower the rows make b, which the evidence subtracts.
 

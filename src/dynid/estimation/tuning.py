@@ -171,9 +171,6 @@ NOISE_SHARE_LEAST = 1e-3
 APART_ROUNDS = 4
 
 # ---------------------------------------------------------------- posterior
-#: How many filtered rows are worth one at least: of complete models it is 3.6 to 5 whatever their length, and a log of
-#: 3 to 8 s, whose slow errors the fit takes away, seems to say 1. evidence: those figures.
-COLOURED_ROWS = 4.0
 #: Parts that recordings are cut into, which have to agree.
 #: evidence: halves of the Rokae's recording, two to eight: four tell best how far both are apart.
 PARTS_OF_LOG = 4
@@ -192,9 +189,9 @@ TOLD_SHARE = 0.1
 #: recording is larger than that of the fitted one (recordings of real arms and simulated ones, median).
 #: evidence: those figures.
 UNSEEN_RESIDUAL = 1.2
-#: Gain of the log evidence from which on a joint has a large torque of its position that no possible arm has; joints
-#: that are tried at a time, those with the largest misfit; and joints that may have one. evidence: none yet.
-LARGE_TORQUE_EVIDENCE, LARGE_TORQUE_TRIED, LARGE_TORQUE_JOINTS = 10.0, 3, 3
+#: Gain of the log evidence from which on a joint has a torque of its position that no possible arm has, and joints
+#: that may have one. evidence: none yet.
+LARGE_TORQUE_EVIDENCE, LARGE_TORQUE_JOINTS = 10.0, 3
 #: Mean frequency of an exciting motion [Hz]. evidence: none yet.
 EXCITING_FREQUENCY = 0.3
 #: States of it that tell how uncertain a log leaves it. evidence: none yet.
