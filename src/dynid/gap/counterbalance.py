@@ -160,8 +160,8 @@ def counterbalances(
     ]
     effect, bare = CATALOGUE[COUNTERBALANCE], _beside_links(problem)
     for _ in joints:
-        left = [each for each in _suspected(with_selected(bare, found), problem) if each.sure]
-        left = [each for each in left if each.joint in joints]
+        likely = _suspected(with_selected(bare, found), problem)
+        left = [each for each in likely if each.sure and each.joint in joints]
         if not left:
             break
         best = max(left, key=lambda each: min(each.gains))
@@ -195,11 +195,8 @@ def _suspected(regression: WhitenedRegression, problem: GapProblem) -> list[Susp
         price = _price(regression, one)
         gain = least_gain(regression, arm, one, MASSES[:1]) - price
         if gain / 2 > tuning.COUNTERBALANCE_RARE:
-            gains = (
-                gain,
-                *(least_gain(regression, arm, one, [mass]) - price for mass in MASSES[1:]),
-            )
-            suspicion = _described(regression, arm, problem.base.robot, joint, one, gains)
+            more = [least_gain(regression, arm, one, [mass]) - price for mass in MASSES[1:]]
+            suspicion = _described(regression, arm, problem.base.robot, joint, one, (gain, *more))
             if suspicion.searched or suspicion.instead_of:
                 found.append(suspicion)
     return found
@@ -267,11 +264,8 @@ def _described(
     mass, other = without.x[bodies[:, 0]], with_it.x[bodies[:, 0]]
     k = int(np.argmax(np.abs(mass - other)))
     centres = [fit.x[bodies[k, 1:4]] / fit.x[bodies[k, 0]] for fit in (without, with_it)]
-    offsets = [
-        dict(zip(fit.names, fit.x.tolist(), strict=True)).get(f"fo{joint + 1}", 0.0)
-        for fit in (without, with_it)
-    ]
-    friction = dict(zip(with_it.names, with_it.x.tolist(), strict=True)).get(f"fc{joint + 1}", 0.0)
+    named = [dict(zip(fit.names, fit.x.tolist(), strict=True)) for fit in (without, with_it)]
+    offset, usual = (each.get(f"fo{joint + 1}", 0.0) for each in named)
     number = arm.constraints.parameters[bodies[k, 0]].number
     ends = link_cylinders(robot)[number - 1]
     return Suspicion(
@@ -282,7 +276,7 @@ def _described(
         weight=float(mass.sum() / sum(np.hypot(each.a, each.d) for each in robot.joints) ** 2),
         moved=float(np.linalg.norm(centres[0] - centres[1])),
         length=float(np.linalg.norm(ends[1] - ends[0])),
-        offsets=(*offsets, friction),
+        offsets=(offset, usual, named[1].get(f"fc{joint + 1}", 0.0)),
         sizes=_sizes(regression, arm, one, with_it),
         chance=float(chi2.sf(gains[0] + _price(regression, one), len(next(iter(one.values()))))),
     )

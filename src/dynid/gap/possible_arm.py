@@ -49,12 +49,6 @@ class PossibleArm:
     constraints: PhysicalConstraints
     given: PhysicalConstraints
 
-    def heavier(self, factor: float) -> PossibleArm:
-        """Return the prior with links of another mass."""
-        prior = self.constraints.prior.copy()
-        prior[self.constraints.bodies] *= factor
-        return replace(self, constraints=replace(self.constraints, prior=prior))
-
 
 @dataclass(frozen=True)
 class ReducedRows:
@@ -183,12 +177,16 @@ def least_gain(
     without, with_it = reduced(regression), reduced(regression, [one])
     # Why the size of the links with the effect: without it, links of a hundred tons carry what it carries. The sizes
     # of friction stay as they are found there too: with others, the objective would be another.
-    arm = replace(arm, constraints=fit_sized(with_it.R @ arm.K, with_it.r, arm.given)[1])
+    # And never lighter than the prior's: that links might be light makes heavier ones no less possible.
+    fits = (fit(with_it.R @ arm.K, with_it.r, arm.given)[1] for fit in (fit_sized, fit_pooled))
+    size = max(fits, key=lambda each: each.prior[each.bodies[:, 0]].sum())
     gains = []
     for mass in masses:
-        prior = arm.heavier(mass).constraints
+        prior = size.prior.copy()
+        prior[size.bodies] *= mass
+        held = replace(size, prior=prior)
         before, after = (
-            2 * fit_physical(rows.R @ arm.K, rows.r, prior).objective + rows.rest
+            2 * fit_physical(rows.R @ arm.K, rows.r, held).objective + rows.rest
             for rows in (without, with_it)
         )
         gains.append(before - after)
