@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dynid.cli.terminal import plain
+from dynid.cli.session import plain
 from dynid.errors import DynidError
 from dynid.estimation.stack import stack_logs
 from dynid.loading import load_robot, load_run

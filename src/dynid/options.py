@@ -115,10 +115,8 @@ class Options:
         value = getattr(self, declared.name)
         if isinstance(value, bytes):  # a sequence of whole numbers, which nobody means
             raise TypeError("bytes are no value")
-        if said.read is not None:
-            object.__setattr__(self, declared.name, said.read(value, flag_of(declared)))
-        else:
-            object.__setattr__(self, declared.name, _plain(value, str(declared.type)))
+        read = said.read or (lambda value, flag: _plain(value, str(declared.type)))
+        object.__setattr__(self, declared.name, read(value, flag_of(declared)))
         if (
             said.read is None
             and said.choices
@@ -129,21 +127,20 @@ class Options:
                 f"{flag_of(declared)} '{value}' is not possible",
                 fix=f"one of {', '.join(said.choices)}",
             )
-        value = getattr(self, declared.name)
+        value, (low, high) = getattr(self, declared.name), said.bounds
         if any(isinstance(each, float) and not abs(each) <= MOST for each in _listed(value)):
             raise WrongUsage(
                 f"{flag_of(declared)} {value!r:.60} is not possible", fix=f"a number up to {MOST:g}"
             )
         if (
-            said.kind in ("positive", "float")
+            (said.kind in ("positive", "float") or low == 0)
             and value is not None
-            and not (value >= LEAST or (value == 0 and said.kind == "float"))
+            and not (value >= LEAST or (value == 0 and said.kind != "positive"))
         ):
             raise WrongUsage(
                 f"{flag_of(declared)} {value:g} is not possible",
                 fix=f"a number of at least {LEAST:g}",
             )
-        low, high = said.bounds
         # Why so: what is not a number is neither below nor above.
         if (low is not None and not value >= low) or (high is not None and not value <= high):
             limits = " and ".join(

@@ -6,6 +6,7 @@ Text from files is shown as text: control characters become visible, and HTML is
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,8 @@ from dynid.text import html, visible
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+#: Cells that stand on the right: numbers, also with a unit, and the dash for what is not there.
+_NUMBER = re.compile(r"-|[-+<]?[\d.]+(e[-+]?\d+)?( [^\d_]+)?")
 #: Believed values below this are zero: a centre of mass turned into its DH frame is off an axis by rounding.
 ROUNDING = 1e-12
 
@@ -65,7 +68,7 @@ class Table(Sequence[dict[str, Any]]):
         if self._rows:
             heads = list(self._rows[0])
             cells = [[cell_text(row[head]) for head in heads] for row in self._rows]
-            numbers = [all(_is_number(row[head]) for row in self._rows) for head in heads]
+            numbers = [all(map(_NUMBER.fullmatch, column)) for column in zip(*cells, strict=True)]
             widths = [
                 max(len(head), *(len(row[k]) for row in cells)) for k, head in enumerate(heads)
             ]
@@ -110,7 +113,3 @@ def cell_text(value: Any) -> str:  # noqa: ANN401
     if isinstance(value, float):
         return f"{value:.4g}"
     return visible(str(value))
-
-
-def _is_number(value: Any) -> bool:  # noqa: ANN401
-    return value is None or (isinstance(value, (int, float)) and not isinstance(value, bool))

@@ -6,9 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
-from dynid.cli import terminal
+from dynid.cli import session
+from dynid.cli.session import Session
 from dynid.codes import codes
 
 ROOT = Path(__file__).parents[2]
@@ -113,17 +113,23 @@ def test_strict_turns_warnings_into_status_1(dynid, words, status):
     assert done.out.splitlines()[-1] == "verdict    usable, 1 warning"
 
 
-def test_sentences_are_folded_between_words_where_the_terminal_ends(monkeypatch):
-    """What goes to a file or a pipe keeps its lines whole."""
-    console = Console(width=80)
-    line = "filter     " + "word " * 30
-    assert terminal.folded(line, console, 11) == [line]
-    monkeypatch.setattr(terminal, "is_terminal", lambda stream: True)
-    first, *more = terminal.folded(line, console, 11)
+def test_sentences_are_folded_between_words_where_the_terminal_ends(monkeypatch, capsys):
+    """What goes to a file or a pipe keeps its lines whole, and so do lines that are copied."""
+    monkeypatch.setenv("COLUMNS", "80")
+    line = "word " * 30
+
+    def said(label):
+        with Session() as run:
+            run.stage(label, line)
+        return capsys.readouterr().err.splitlines()
+
+    assert said("filter") == [f"filter     {line}"]
+    monkeypatch.setattr(session, "is_terminal", lambda stream: True)
+    first, *more = said("filter")
     assert first.startswith("filter     word")
     assert all(len(part) <= 80 and part.endswith("word") for part in (first, *more))
     assert all(part.startswith(" " * 11 + "word") for part in more)
-    assert terminal.folded(line, console, None) == [line]
+    assert len(said("wrote")) == 1
 
 
 # ---------------------------------------------------------------- completion

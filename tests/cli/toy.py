@@ -1,76 +1,74 @@
 """A command that uses every part of the frame, run in its own process by the tests: python toy.py toy JOB."""
 
-import importlib.machinery
 import signal
 import sys
 import time
-import types
 from pathlib import Path
 
 import click
 
-from dynid.cli import main as frame
-from dynid.cli.options import Common, dynid_command
+from dynid.cli.commands import COMMANDS, Entry
+from dynid.cli.main import main
+from dynid.cli.options import dynid_command
 from dynid.cli.prompt import ask, confirm, input_hashes, may_write
 from dynid.cli.runfile import write_run
+from dynid.cli.session import Session
 from dynid.errors import ExitStatus, Finding, NotFinite
 
 NAME = "kinova_gen2"
 
 
-def asks(common, word, given, **_):
-    common.terminal.answer(ask(common, word, given=given, path="x.npz", effect="coulomb").value)
+def asks(session, word, given, **_):
+    session.answer(ask(session, word, given=given, path="x.npz", effect="coulomb").value)
 
 
-def types_name(common, move, **_):
-    confirm(common, NAME, "type the robot's name to start", given=move)
-    common.terminal.answer("moved")
+def types_name(session, move, **_):
+    confirm(session, NAME, "type the robot's name to start", given=move)
+    session.answer("moved")
 
 
-def writes(common, word, samples, **_):
+def writes(session, word, samples, **_):
     from dynid.npz import write_artifact  # NumPy comes with it, and most jobs do without
 
     path, inputs = (
-        common.folder("arm") / "result.npz",
+        session.folder("arm") / "result.npz",
         input_hashes({"log": Path(word)}, {"samples": samples}),
     )
-    if may_write(common, path, inputs):
+    if may_write(session, path, inputs):
         write_artifact(path, "dynid/toy/1", {"inputs": inputs}, {})
-        common.terminal.wrote(path)
+        session.wrote(path)
         write_run(path.parent, inputs)
 
 
-def values(common, samples, **_):
-    common.terminal.answer(
-        f"samples {samples} seed {common.seed} quiet {common.quiet} out {common.out}"
+def values(session, samples, **_):
+    session.answer(f"samples {samples} seed {session.seed} quiet {session.quiet} out {session.out}")
+    return {"schema": "dynid/toy/1", "samples": samples, "rms_nm": float("nan")}
+
+
+def talks(session, word, **_):
+    session.stage("stage", f"about {word}")
+    session.stage("detail", "only with -v", shown=bool(session.verbose))
+    session.findings([Finding("W316", "warning", f"{word} reads 1.8 Nm at rest")])
+    rows = (word, "0.42 Nm"), ("joint_2", "0.31 Nm")
+    session.table(
+        [{"joint": joint, "rms error": error} for joint, error in rows], styles={"joint_2": "red"}
     )
-    common.terminal.emit_json({"schema": "dynid/toy/1", "samples": samples, "rms_nm": float("nan")})
+    return {"schema": "dynid/toy/1", "joint": word}
 
 
-def talks(common, word, **_):
-    terminal = common.terminal
-    terminal.stage("stage", f"about {word}")
-    terminal.detail("detail", "only with -v")
-    terminal.finding(Finding("W316", "warning", f"{word} reads 1.8 Nm at rest"))
-    terminal.table(("joint", "rms error"), ((word, "0.42 Nm"), ("joint_2", ("0.31 Nm", "red"))))
-    terminal.emit_json({"schema": "dynid/toy/1", "joint": word})
+def prints_wide(session, **_):
+    session.table([{"joint": "joint_1", **{f"quantity {i}": "1234.5678 Nm" for i in range(9)}}])
 
 
-def prints_wide(common, **_):
-    common.terminal.table(
-        ("joint", *(f"quantity {i}" for i in range(9))), [("joint_1", *("1234.5678 Nm",) * 9)]
-    )
-
-
-def works(common, **_):
-    with common.terminal.progress() as progress:
-        progress.stage("quick")
-        progress.advance(1, 2, "soon")
-        progress.stage("slow")
-        for i in range(8):
-            time.sleep(0.1)
-            progress.advance(i, 8, "link 1")
-        progress.stage("slow", "done")
+def works(session, **_):
+    progress = session.progress
+    progress.stage("quick")
+    progress.advance(1, 2, "soon")
+    progress.stage("slow")
+    for i in range(8):
+        time.sleep(0.1)
+        progress.advance(i, 8, "link 1")
+    progress.stage("slow", "done")
 
 
 def fails(**_):
@@ -82,16 +80,16 @@ def crashes(**_):
 
 
 def misses_limit(**_):
-    return ExitStatus.LIMIT_NOT_MET
+    return {}, ExitStatus.LIMIT_NOT_MET
 
 
-def waits(common, **_):
+def waits(session, **_):
     from dynid.disk import written_whole
 
     with written_whole(Path("half.npz")) as stream:
         stream.write(b"half")
         stream.flush()
-        common.terminal.answer("ready")
+        session.answer("ready")
         sys.stdout.flush()
         time.sleep(60)
 
@@ -117,21 +115,18 @@ JOBS = {
 @click.option("--given/--not-given", default=None, help="Answer of the question.")
 @click.option("--samples", type=int, default=200, help="A number.")
 @click.option("--move", allow_from_autoenv=False, help="The robot's name.")
-def command(common: Common, job, **words):
+def command(session: Session, job, **words):
     """Do one of the jobs of the tests."""
-    return JOBS[job](common=common, **words)
+    return JOBS[job](session=session, **words)
 
 
 def install():
     """Make ``toy`` a command of dynid."""
-    module = types.ModuleType("dynid.cli.toy")
-    module.command = command
-    module.__spec__ = importlib.machinery.ModuleSpec("dynid.cli.toy", None)
-    sys.modules["dynid.cli.toy"] = module
-    frame.COMMANDS["toy"] = frame.Entry("", "a command of the tests")
+    sys.modules["dynid.cli.toy"] = sys.modules[__name__]
+    COMMANDS["toy"] = Entry("", "a command of the tests")
 
 
 if __name__ == "__main__":
     signal.alarm(60)
     install()
-    frame.main()
+    main()

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 import dynid
 from dynid import workflows
-from dynid.cli.arguments import ROBOT, options_from, options_of
-from dynid.cli.options import Common, dynid_command
+from dynid.cli.options import ROBOTS, Answered, dynid_command, options_from
 from dynid.cli.prompt import input_hashes, may_write
-from dynid.errors import ExitStatus
+from dynid.cli.session import Session
 from dynid.options import LogOptions
 from dynid.text import shell
 
@@ -23,6 +22,11 @@ if TYPE_CHECKING:
 
 #: Options of reading logs that a check does not need: nothing is filtered.
 FILTERING = ("cutoff", "velocity", "delay")
+#: What a file lacks, by the warning that tells it.
+MISSING = {
+    "W330": "usable once `driver: columns:` names the columns",
+    "W333": "not usable: no joint states",
+}
 
 
 @dynid_command(
@@ -37,7 +41,7 @@ FILTERING = ("cutoff", "velocity", "delay")
 @click.argument("paths", metavar="PATH...", nargs=-1, required=True)
 @click.option(
     "--robot",
-    type=ROBOT,
+    shell_complete=ROBOTS,
     metavar="ROBOT",
     help="The arm of the logs; by default the robot file among the paths.",
 )
@@ -48,89 +52,61 @@ FILTERING = ("cutoff", "velocity", "delay")
 )
 @click.option("--strict", is_flag=True, help="Exit with 1 when there are warnings.")
 def command(
-    common: Common,
+    session: Session,
     paths: Sequence[str],
     robot: str | None,
+    options: LogOptions,
     convert: bool,
     fix: bool,
     strict: bool,
-    **values: Any,  # noqa: ANN401
-) -> ExitStatus:
+) -> Answered:
     """Look for mistakes in robot files, logs and results."""
-    options = options_of(LogOptions, values)
     found = workflows.check.check(paths, dynid.load_robot(robot) if robot else None, options)
-    chosen = {**{name: values[name] for name in sorted(values)}, "convert": convert, "fix": fix}
-    wrote = [_written(common, each, chosen, fix) if convert or fix else () for each in found]
-    return _show(common, found, wrote, strict)
-
-
-#: What a file lacks, by the warning that tells it.
-_MISSING = {
-    "W330": "usable once `driver: columns:` names the columns",
-    "W333": "not usable: no joint states",
-}
-
-
-def _written(
-    common: Common, checked: Checked, chosen: dict[str, Any], fix: bool
-) -> tuple[Path, ...]:
-    """Write log.npz of a log where that is not done yet."""
-    log = checked.log if fix else checked.raw
-    if log is None or checked.robot is None:
-        return ()
-    target = common.folder(checked.robot.slug) / "log.npz"
-    inputs = input_hashes({"log": Path(checked.path)}, chosen)
-    if not may_write(common, target, inputs):
-        return ()
-    return (log.save(target, common.header(inputs)),)
-
-
-def _show(
-    common: Common, found: Sequence[Checked], wrote: Sequence[tuple[Path, ...]], strict: bool
-) -> ExitStatus:
-    terminal = common.terminal
-    warnings = sum(checked.warnings for checked in found)
-    missing = [
-        _MISSING[finding.code]
-        for one in found
-        for finding in one.findings
-        if finding.code in _MISSING
-    ]
-    terminal.answer(_answer(found, warnings, missing), style="bold", indent=2)
-    for i, (checked, paths) in enumerate(zip(found, wrote, strict=True)):
+    chosen = {**asdict(options), "convert": convert, "fix": fix}
+    wrote = [written(session, each, chosen) if convert or fix else [] for each in found]
+    findings = [finding for each in found for finding in each.findings]
+    missing = [MISSING[each.code] for each in findings if each.code in MISSING]
+    warnings = sum(each.warnings for each in found)
+    session.headline(sentence(found, warnings, missing))
+    for i, (each, files) in enumerate(zip(found, wrote, strict=True)):
         if i:
-            terminal.answer()
-        for label, text in checked.description:
-            terminal.fact(label, text)
-        terminal.findings(checked.findings)
-        terminal.wrote(*paths)
-    verdict = missing[0] if missing else "usable"
-    terminal.fact(
-        "verdict",
-        verdict + (f", {warnings} warning{'s' if warnings > 1 else ''}" if warnings else ""),
-    )
-    terminal.emit_json(
-        {
-            "schema": "dynid/check/1",
-            "checked": [
-                {**one.answer(), "wrote": list(paths)}
-                for one, paths in zip(found, wrote, strict=True)
-            ],
-            "findings": [asdict(finding) for checked in found for finding in checked.findings],
-            "warnings": warnings,
-            "usable": not missing,
-            "wrote": [path for paths in wrote for path in paths],
-        }
-    )
-    if step := _next(found, missing):
-        terminal.next(*step)
-    return ExitStatus.LIMIT_NOT_MET if strict and warnings else ExitStatus.DONE
+            session.answer()
+        for label, text in each.description:
+            session.fact(label, text)
+        session.findings(each.findings)
+        session.wrote(*files)
+    count = f", {warnings} warning{'s' * (warnings > 1)}" if warnings else ""
+    session.fact("verdict", f"{missing[0] if missing else 'usable'}{count}")
+    if not missing:
+        show_next(session, found)
+    checked = [{**each.answer(), "wrote": files} for each, files in zip(found, wrote, strict=True)]
+    facts = {
+        "schema": "dynid/check/1",
+        "checked": checked,
+        "findings": [asdict(each) for each in findings],
+        "warnings": warnings,
+        "usable": not missing,
+        "wrote": [path for files in wrote for path in files],
+    }
+    return facts, strict and warnings > 0
 
 
-def _answer(found: Sequence[Checked], warnings: int, missing: Sequence[str]) -> str:
+def written(session: Session, checked: Checked, chosen: dict[str, object]) -> list[Path]:
+    """Write log.npz of a log where that is not done yet."""
+    log = checked.log if chosen["fix"] else checked.raw
+    if log is None or checked.robot is None:
+        return []
+    target = session.folder(checked.robot.slug) / "log.npz"
+    inputs = input_hashes({"log": Path(checked.path)}, chosen)
+    if not may_write(session, target, inputs):
+        return []
+    return [log.save(target, session.header(inputs))]
+
+
+def sentence(found: Sequence[Checked], warnings: int, missing: Sequence[str]) -> str:
     """Return whether the files can be used, in one sentence."""
-    names = [Path(each.path).name for each in found]
-    what = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    *names, what = (Path(each.path).name for each in found)
+    what = f"{', '.join(names)} and {what}" if names else what
     if missing:
         return f"{what}: {missing[0]}."
     if any(each.kind == "log" and each.robot is None for each in found):
@@ -139,25 +115,16 @@ def _answer(found: Sequence[Checked], warnings: int, missing: Sequence[str]) -> 
     return f"{what} can be used{but}."
 
 
-def _next(found: Sequence[Checked], missing: Sequence[str]) -> tuple[str, str] | None:
-    """Return the next command and why; None where the files do not say."""
-    logs = [each for each in found if each.kind == "log"]
-    if missing:
-        return None
-    if logs and logs[0].robot is None:
-        command = f"{shell('dynid', 'check', *(each.path for each in logs))} --robot ROBOT"
-        return (
-            command,
-            "ROBOT is a robot file; the block above is the part of it that reads this recording.",
-        )
-    if logs and logs[0].robot is not None:
-        command = shell("dynid", "identify", logs[0].robot.word, *(each.path for each in logs))
-        return command, "Identify the arm from it." if len(
-            logs
-        ) == 1 else "Identify the arm from them."
-    robots = [each.robot for each in found if each.robot is not None]
-    if robots:
-        return shell(
-            "dynid", "model", robots[0].word
-        ), "Find out which parameters of the arm torques show."
-    return None
+def show_next(session: Session, found: Sequence[Checked]) -> None:
+    """Say the next command and why, where the files tell it."""
+    robot = next((each.robot for each in found if each.robot is not None), None)
+    logs = [each.path for each in found if each.kind == "log"]
+    if logs and robot is None:
+        why = "ROBOT is a robot file; the block above is the part of it that reads this recording."
+        session.next(f"{shell('dynid', 'check', *logs)} --robot ROBOT", why)
+    elif robot is not None and logs:
+        why = f"Identify the arm from {'it' if len(logs) == 1 else 'them'}."
+        session.next(shell("dynid", "identify", robot.word, *logs), why)
+    elif robot is not None:
+        why = "Find out which parameters of the arm torques show."
+        session.next(shell("dynid", "model", robot.word), why)

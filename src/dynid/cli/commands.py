@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import importlib
+from typing import Any, NamedTuple
 
 
-@dataclass(frozen=True)
-class Entry:
+class Entry(NamedTuple):
     """One line of the table of commands.
 
     Attributes:
@@ -48,3 +48,9 @@ COMMANDS: dict[str, Entry] = {
     "explain": Entry("", "what an error or warning code means"),
     "completion": Entry("", "shell completion for bash, zsh or fish"),
 }
+
+
+def command_of(name: str) -> Any:  # noqa: ANN401
+    """Import a command; ``import`` is a word of Python and cannot be the name of its module."""
+    module = "import_urdf" if name == "import" else name.replace("-", "_")
+    return importlib.import_module(f"dynid.cli.{module}").command

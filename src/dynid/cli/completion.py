@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import click
+from click.shell_completion import get_completion_class
 
-from dynid.cli.options import Common, dynid_command
+from dynid.cli.options import Answered, dynid_command
+from dynid.cli.session import Session
 
 
 @dynid_command(
@@ -16,14 +18,10 @@ from dynid.cli.options import Common, dynid_command
     ),
 )
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
-def command(common: Common, shell: str) -> None:
+def command(session: Session, shell: str) -> Answered:
     """Print the completion script of a shell."""
-    from click.shell_completion import get_completion_class
-
-    from dynid.cli.main import cli
-
-    made = get_completion_class(shell)
+    made, root = get_completion_class(shell), click.get_current_context().find_root().command
     assert made is not None
-    script = made(cli, {}, "dynid", "_DYNID_COMPLETE").source()
-    common.terminal.answer(script)
-    common.terminal.emit_json({"schema": "dynid/completion/1", "shell": shell, "script": script})
+    script = made(root, {}, "dynid", "_DYNID_COMPLETE").source()
+    session.answer(script)
+    return {"schema": "dynid/completion/1", "shell": shell, "script": script}

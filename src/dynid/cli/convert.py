@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
 import dynid
 from dynid import workflows
-from dynid.cli.arguments import options_from, options_of
-from dynid.cli.options import Common, dynid_command
-from dynid.errors import ExitStatus, OutputExists, WrongUsage
+from dynid.cli.options import FILE, PATH, Answered, dynid_command, options_from
+from dynid.cli.session import Session
+from dynid.errors import OutputExists, WrongUsage
 from dynid.text import shell
 from dynid.workflows.options import ConvertOptions
 
@@ -23,11 +22,11 @@ from dynid.workflows.options import ConvertOptions
         "dynid convert lab.csv --robot my_arm.yaml -o run.npz",
     ),
 )
-@click.argument("log", type=click.Path(path_type=Path))
+@click.argument("log", type=PATH)
 @click.option(
     "--to",
     "target",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="File to write: .npz or .csv; -o FILE is the same.",
 )
@@ -36,28 +35,19 @@ from dynid.workflows.options import ConvertOptions
 )
 @options_from(ConvertOptions)
 def command(
-    common: Common,
-    log: Path,
-    target: Path | None,
-    robot: str | None,
-    **values: Any,  # noqa: ANN401
-) -> ExitStatus:
+    session: Session, log: Path, target: Path | None, robot: str | None, options: ConvertOptions
+) -> Answered:
     """Write a recording as .npz or .csv; every number stays as it was recorded."""
-    target = target or common.out
+    target = target or session.out
     if target is None:
-        raise WrongUsage(
-            "no file to write is given",
-            fix=shell("dynid", "convert", log, "-o", f"{log.stem}.npz"),
-        )
-    if target.exists() and not common.force:
+        fix = shell("dynid", "convert", log, "-o", f"{log.stem}.npz")
+        raise WrongUsage("no file to write is given", fix=fix)
+    if target.exists() and not session.force:
         raise OutputExists(f"{target} exists", fix="--force, or another --to")
-    done = workflows.convert.convert(
-        log, target, dynid.load_robot(robot) if robot else None, options_of(ConvertOptions, values)
-    )
-    common.terminal.findings(done.findings)
-    common.terminal.fact(
-        "log", f"{len(done.log)} samples, {done.log.duration:.1f} s, {done.log.n} joints"
-    )
-    common.terminal.wrote(done.path)
-    common.terminal.emit_json(done.facts())
-    return ExitStatus.DONE
+    arm = dynid.load_robot(robot) if robot else None
+    done = workflows.convert.convert(log, target, arm, options)
+    session.findings(done.findings)
+    size = f"{len(done.log)} samples, {done.log.duration:.1f} s, {done.log.n} joints"
+    session.fact("log", size)
+    session.wrote(done.path)
+    return done.facts()

@@ -4,103 +4,55 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from dynid import workflows
+from dynid.cli.commands import COMMANDS, command_of
 from dynid.cli.options import (
-    COMMON_NAMES,
-    Command,
-    Common,
+    COMMON,
+    PATH,
+    Answered,
     configure,
     dynid_command,
-    known_keys,
-    load_settings,
+    keys_of,
+    settings,
+    words_of,
 )
-from dynid.cli.runfile import key_of
+from dynid.cli.session import Session
 from dynid.errors import ExitStatus
-
-if TYPE_CHECKING:
-    from dynid.cli.terminal import Cell
 
 #: Value of --config that means: show the configuration.
 SHOW = Path("?show")
 
 
-@dataclass(frozen=True)
-class Setting:
-    """One option's value and where it comes from."""
-
-    command: str
-    option: str
-    value: Any
-    source: str
-
-
-def settings(given: Path | None) -> Iterator[Setting]:
-    """Yield the common options, then those options of the commands that no longer have their default."""
-    from dynid.cli.main import LazyGroup, cli
-
-    assert isinstance(cli, LazyGroup)
-    group = click.Context(cli)
-    for name in ["doctor", *(name for name in cli.list_commands(group) if name != "doctor")]:
-        command = cli.get_command(group, name)
-        assert isinstance(command, Command)
-        keys = known_keys(command)
-        found = load_settings(given, name, keys, COMMON_NAMES)
-        for param in command.params:
-            if not isinstance(param, click.Option) or key_of(param) not in keys:
-                continue
-            value, source = _resolved(param, found.values, found.places)
-            if name == "doctor" and param.name in COMMON_NAMES:
-                yield Setting("", key_of(param), value, source)
-            elif source != "default" and param.name not in COMMON_NAMES:
-                yield Setting(name, key_of(param), value, source)
-
-
-def _resolved(
-    param: click.Option, values: dict[str, Any], places: dict[str, str]
-) -> tuple[Any, str]:
+def sources(file: Path | None) -> Iterator[dict[str, Any]]:
+    """Yield value and source of the common options, then of those options of commands that lost their default."""
     ctx = click.get_current_context()
-    name = str(param.name)
-    if (
-        param in ctx.command.params
-        and ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
-    ):
-        return ctx.params[name], "command line"
-    for variable in param.envvar if isinstance(param.envvar, list) else []:
-        if os.environ.get(variable):
-            return os.environ[variable], variable
-    if name in values:
-        return values[name], places[name]
-    default = param.get_default(ctx)
-    return default if isinstance(default, (bool, int, float, str)) else None, "default"
-
-
-def _show_or_configure(
-    ctx: click.Context, param: click.Parameter, value: Path | None
-) -> Path | None:
-    configure(ctx, param, None if value == SHOW else value)
-    return value
-
-
-def _show_settings(common: Common) -> None:
-    terminal = common.terminal
-    found = list(settings(None if common.config == SHOW else common.config))
-    terminal.emit_json(
-        {"schema": "dynid/doctor/1", "settings": [asdict(setting) for setting in found]}
-    )
-    rows = [
-        (f"{s.command} {s.option}".strip(), "-" if s.value is None else str(s.value), s.source)
-        for s in found
-    ]
-    terminal.table(("option", "value", "source"), rows, numbers=False)
-    terminal.stage(
-        "note", "options of single commands are listed when they differ from their default"
-    )
+    for name in sorted(COMMANDS, key="doctor".__ne__):
+        command = command_of(name)
+        found = settings(command, file)
+        for key, option in keys_of(command).items():
+            if key == "config":
+                continue
+            param, common = str(option.name), option.name in COMMON
+            value: Any = option.get_default(ctx)
+            value = value if isinstance(value, (bool, int, float, str)) else None
+            source = "default"
+            names = [each for each in option.envvar or () if os.environ.get(each)]
+            typed = ctx.get_parameter_source(param) is click.core.ParameterSource.COMMANDLINE
+            if typed and command is ctx.command:
+                value, source = ctx.params[param], "command line"
+            elif names:
+                value, source = os.environ[names[0]], names[0]
+            elif param in found:
+                value, source = words_of(found[param]), found[param].where
+            if command is ctx.command if common else source != "default":
+                where = "" if common else name
+                yield {"command": where, "option": key, "value": value, "source": source}
 
 
 @dynid_command(
@@ -111,38 +63,50 @@ def _show_settings(common: Common) -> None:
     ),
     config=click.option(
         "--config",
-        type=click.Path(dir_okay=False, path_type=Path),
+        type=PATH,
         metavar="[FILE]",
         is_flag=False,
         flag_value=str(SHOW),
         is_eager=True,
-        callback=_show_or_configure,
+        expose_value=False,
+        callback=configure,
         help="Show each option's value and source, those of FILE instead of ./dynid.yaml and the user's.",
     ),
 )
-def command(common: Common) -> ExitStatus:
+def command(session: Session) -> Answered:
     """Look at this machine: Python, packages, simulator, ROS, display, folders, configuration."""
-    if common.config is not None:
-        _show_settings(common)
-        return ExitStatus.DONE
-    terminal = common.terminal
+    config = click.get_current_context().meta["dynid.config"]
+    if config is not None:
+        shown = list(sources(None if config == SHOW else config))
+        session.table(
+            [
+                {
+                    "option": f"{each['command']} {each['option']}".strip(),
+                    "value": None if each["value"] is None else str(each["value"]),
+                    "source": each["source"],
+                }
+                for each in shown
+            ],
+        )
+        note = "options of single commands are listed when they differ from their default"
+        session.stage("note", note)
+        return {"schema": "dynid/doctor/1", "settings": shown}
     found = workflows.doctor.doctor()
-    terminal.emit_json(
-        {
-            "schema": "dynid/doctor/1",
-            "checks": [asdict(check) for check in found.checks],
-            "works": found.works,
-            "does_not_work": [check.name for check in found.missing],
-        }
+    words = {True: "ok", False: "missing", None: ""}
+    session.table(
+        [
+            {"what": each.name, "state": words[each.ok], "found": each.value}
+            for each in found.checks
+        ],
     )
-    words: dict[bool | None, Cell] = {True: "ok", False: ("missing", "yellow"), None: ""}
-    terminal.table(
-        ("what", "state", "found"),
-        [(c.name, words[c.ok], c.value) for c in found.checks],
-        numbers=False,
-    )
-    terminal.answer()
-    terminal.fact("works", ", ".join(found.works))
-    for check in found.missing:
-        terminal.fact("does not", f"{check.name}; lost: {check.lost}")
-    return ExitStatus.DONE if found.usable else ExitStatus.MACHINE
+    session.answer()
+    session.fact("works", ", ".join(found.works))
+    for each in found.missing:
+        session.fact("does not", f"{each.name}; lost: {each.lost}")
+    facts = {
+        "schema": "dynid/doctor/1",
+        "checks": [asdict(each) for each in found.checks],
+        "works": found.works,
+        "does_not_work": [each.name for each in found.missing],
+    }
+    return facts, ExitStatus.DONE if found.usable else ExitStatus.MACHINE

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import click
 
 import dynid
 from dynid import workflows
-from dynid.cli.arguments import options_from, options_of
-from dynid.cli.options import Common, dynid_command
+from dynid.cli.options import PATH, Answered, dynid_command, options_from
 from dynid.cli.prompt import write_once
-from dynid.errors import ExitStatus
+from dynid.cli.session import Session
 from dynid.workflows.options import SUFFIXES, ExportOptions
-
-if TYPE_CHECKING:
-    from dynid.workflows.export import ExportedModel
 
 
 @dynid_command(
@@ -29,7 +24,7 @@ if TYPE_CHECKING:
         "dynid export out/kuka_lwr4plus --format mjcf --draws 100       arms for randomisation",
     ),
 )
-@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("run", type=PATH)
 @click.option(
     "--format",
     "formats",
@@ -39,36 +34,29 @@ if TYPE_CHECKING:
     help="Format to write; may be given several times.",
 )
 @options_from(ExportOptions)
-def command(common: Common, run: Path, formats: tuple[str, ...], **values: Any) -> ExitStatus:  # noqa: ANN401
+def command(
+    session: Session, run: Path, formats: tuple[str, ...], options: ExportOptions
+) -> Answered:
     """Write the identified model as URDF, MJCF, YAML, C, Python or MATLAB."""
-    wanted = [name for name in SUFFIXES if name in formats or "all" in formats]
     stored = dynid.loading.load_run(run)
-    with common.terminal.progress() as progress:
-        made = workflows.export.export(
-            stored,
-            common.out or stored.path.parent,
-            options_of(ExportOptions, values),
-            formats=wanted,
-            seed=common.seed,
-            write=partial(write_once, common),
-            progress=progress,
-        )
-    show(common, made)
-    if made.drawn:
-        common.terminal.wrote(made.drawn[-1].parent)
-    common.terminal.emit_json(made.facts())
-    return ExitStatus.DONE if made.agrees or made.findings else ExitStatus.LIMIT_NOT_MET
-
-
-def show(common: Common, made: ExportedModel) -> None:
-    """Print whether the files have the torques of the model, and what the formats leave out."""
-    common.terminal.answer(made.sentence(), style="bold", indent=2)
-    common.terminal.show(made.table(), numbers=False)
+    made = workflows.export.export(
+        stored,
+        session.out or stored.path.parent,
+        options,
+        formats=[name for name in SUFFIXES if name in formats or "all" in formats],
+        seed=session.seed,
+        write=partial(write_once, session),
+        progress=session.progress,
+    )
+    session.headline(made.sentence())
+    session.table(made.table())
     for file in made.files:
-        for phrase in file.elements:
-            common.terminal.sentence(f"{file.format} has {phrase}")
+        session.sentences(*(f"{file.format} has {phrase}" for phrase in file.elements))
         for phrase in file.leaves_out:
             if phrase.removeprefix("effect ") not in file.beside:
-                common.terminal.sentence(f"{file.format} has no place for {phrase}")
+                session.sentences(f"{file.format} has no place for {phrase}")
         if file.beside:
-            common.terminal.sentence(f"effects.py adds to {file.format}: {', '.join(file.beside)}")
+            session.sentences(f"effects.py adds to {file.format}: {', '.join(file.beside)}")
+    if made.drawn:
+        session.wrote(made.drawn[-1].parent)
+    return made.facts(), not (made.agrees or made.findings)

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import click
 
 from dynid import workflows
-from dynid.cli.arguments import options_from, options_of
-from dynid.cli.options import Common, dynid_command
+from dynid.cli.options import INPUT, Answered, dynid_command, options_from
 from dynid.cli.prompt import write_once
-from dynid.errors import ExitStatus
+from dynid.cli.session import Session
 from dynid.text import shell
 from dynid.workflows.options import ImportOptions
-
-if TYPE_CHECKING:
-    from dynid.model.from_urdf import Imported
 
 
 @dynid_command(
@@ -28,46 +23,35 @@ if TYPE_CHECKING:
         "dynid import panda.urdf --convention modified",
     ),
 )
-@click.argument("urdf", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("urdf", type=INPUT)
 @options_from(ImportOptions)
-def command(common: Common, urdf: Path, **values: Any) -> ExitStatus:  # noqa: ANN401
+def command(session: Session, urdf: Path, options: ImportOptions) -> Answered:
     """Make a robot file from a URDF: DH table, limits, inertias as prior."""
-    found = workflows.import_urdf.import_urdf(urdf, options_of(ImportOptions, values))
-    common.terminal.findings(found.findings)
-    path = common.folder(urdf.stem) / f"{urdf.stem}.yaml"
-    write_once(common, path, workflows.import_urdf.robot_file(found, urdf))
-    common.terminal.emit_json(workflows.import_urdf.import_facts(found, path))
-    show(common, found)
-    common.terminal.next(shell("dynid", "check", path))
-    return ExitStatus.DONE
-
-
-def show(common: Common, found: Imported) -> None:
-    """Print the table."""
-    robot = found.robot
-    rows = [
+    found = workflows.import_urdf.import_urdf(urdf, options)
+    session.findings(found.findings)
+    path, robot = session.folder(urdf.stem) / f"{urdf.stem}.yaml", found.robot
+    write_once(session, path, workflows.import_urdf.robot_file(found, urdf))
+    chain = f"{robot.n} joints from {found.base} to {found.tip}, {robot.convention} DH"
+    session.fact("robot", f"{robot.name}, {chain}")
+    session.table(
         [
-            j.name,
-            j.type,
-            f"{j.a:.6g}",
-            f"{degrees(j.twist):.6g}",
-            f"{j.d:.6g}",
-            f"{degrees(j.theta_offset):.6g}",
+            {
+                "joint": joint.name,
+                "type": joint.type,
+                "a [m]": f"{joint.a:.6g}",
+                "twist [deg]": f"{degrees(joint.twist):.6g}",
+                "d [m]": f"{joint.d:.6g}",
+                "theta offset [deg]": f"{degrees(joint.theta_offset):.6g}",
+            }
+            for joint in robot.joints
         ]
-        for j in robot.joints
-    ]
-    common.terminal.fact(
-        "robot",
-        f"{robot.name}, {robot.n} joints from {found.base} to {found.tip}, {robot.convention} DH",
     )
-    common.terminal.table(
-        ["joint", "type", "a [m]", "twist [deg]", "d [m]", "theta offset [deg]"], rows
-    )
-    common.terminal.fact(
-        "check", f"forward kinematics agree with the URDF to {found.largest:.1e} m and rad"
-    )
+    error = f"forward kinematics agree with the URDF to {found.largest:.1e} m and rad"
+    session.fact("check", error)
     unknown = "a URDF does not say what the effort column of a log is; write `torque: {source: ...}` into the file"
-    common.terminal.fact("torque", unknown)
+    session.fact("torque", unknown)
     if robot.prior:
         masses = ", ".join(f"{body.mass:.3g}" for body in robot.prior.links)
-        common.terminal.fact("prior", f"masses {masses} kg, inertias moved into the DH frames")
+        session.fact("prior", f"masses {masses} kg, inertias moved into the DH frames")
+    session.next(shell("dynid", "check", path))
+    return workflows.import_urdf.import_facts(found, path)

@@ -1,12 +1,7 @@
-"""The entry point: finds the command, runs it, and turns whatever goes wrong into a message and an exit status.
-
-Command modules are imported only when they run, so that ``dynid --help`` stays fast; the table below holds their help.
-"""
+"""The entry point: finds the command, runs it, and turns whatever goes wrong into a message and an exit status."""
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import os
 import signal
 import sys
@@ -19,8 +14,8 @@ import click
 
 from dynid import workflows
 from dynid.cli import failure
-from dynid.cli.commands import COMMANDS, Entry
-from dynid.errors import EXIT_MEANING, DynidError, ExitStatus, OutOfMemory, WrongUsage
+from dynid.cli.commands import COMMANDS, command_of
+from dynid.errors import EXIT_MEANING, ExitStatus, WrongUsage
 from dynid.text import closest
 from dynid.version import __version__
 
@@ -32,94 +27,63 @@ EXAMPLES = (
 )
 
 
-def module_of(name: str) -> str:
-    """Return the module of a command; ``import`` is a word of Python and cannot be one."""
-    return f"dynid.cli.{'import_urdf' if name == 'import' else name.replace('-', '_')}"
-
-
-def available() -> dict[str, Entry]:
-    """Return the commands whose module exists."""
-    return {
-        name: entry for name, entry in COMMANDS.items() if importlib.util.find_spec(module_of(name))
-    }
-
-
 class LazyGroup(click.Group):
     """The command ``dynid``; imports a command's module when it is called, never for help."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names of the commands that exist."""
-        return list(available())
+        """Return the names of the commands."""
+        return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import a command."""
-        if cmd_name not in available():
-            return None
-        command = importlib.import_module(module_of(cmd_name)).command
-        assert isinstance(command, click.Command)
-        return command
+        return command_of(cmd_name) if cmd_name in COMMANDS else None
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command, or suggest one."""
-        if args and not args[0].startswith("-") and args[0] not in available():
+        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
             raise WrongUsage(
-                f"no command '{args[0]}'{closest(args[0], available())}",
-                why=f"the commands are {', '.join(available())}",
+                f"no command '{args[0]}'{closest(args[0], COMMANDS)}",
+                why=f"the commands are {', '.join(COMMANDS)}",
                 fix="dynid -h",
             )
         return super().resolve_command(ctx, args)
 
-    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write examples, commands, options, exit statuses."""
-        self.format_usage(ctx, formatter)
-        _block(formatter, "Examples", EXAMPLES)
+    def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write examples and commands."""
+        with formatter.section("Examples"):
+            for line in EXAMPLES:
+                formatter.write(f"  {line}\n")
         with formatter.section("Commands"):
-            formatter.write_dl([(name, entry.help) for name, entry in available().items()])
-        self.format_options_only(ctx, formatter)
+            formatter.write_dl([(name, entry.help) for name, entry in COMMANDS.items()])
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the exit statuses; the commands stand above the options."""
         with formatter.section("Exit statuses"):
-            formatter.write_dl(
-                [(str(int(status)), meaning) for status, meaning in EXIT_MEANING.items()]
-            )
-        formatter.write("\nDocs: docs/index.md, or dynid explain PAGE\n")
-
-    def format_options_only(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options of ``dynid`` itself."""
-        records = [
-            record for param in self.get_params(ctx) if (record := param.get_help_record(ctx))
-        ]
-        with formatter.section("Options (each command has more: dynid COMMAND -h)"):
-            formatter.write_dl(records)
-
-
-def _block(formatter: click.HelpFormatter, title: str, lines: Sequence[str]) -> None:
-    with formatter.section(title):
-        for line in lines:
-            formatter.write(f"  {line}\n")
+            formatter.write_dl([(str(int(k)), meaning) for k, meaning in EXIT_MEANING.items()])
 
 
 def loop_map() -> str:
-    """Return the map of the loops, with the commands that exist."""
-    here = available()
+    """Return the map of the loops."""
     lines = [f"dynid {__version__}   identify the dynamic parameters of a robot arm", ""]
-    previous = ""
-    for name, entry in here.items():
-        if not entry.loop:
-            continue
-        heading = entry.loop if entry.loop != previous else ""
-        previous = entry.loop
-        arrow = f"{entry.help:<20} -> {entry.writes}" if entry.writes else entry.help
-        lines.append(f"  {heading:<8} {name:<11} {arrow}")
-    small = [name for name, entry in here.items() if not entry.loop]
-    lines += [f"  {'Also':<8} {'  '.join(small)}", ""]
-    if "demo" in here:
-        lines.append(
-            f"{'First time?   dynid demo':<40}whole workflow on a simulated arm, no robot, under a minute"
-        )
-    start = f"{'Your robot?   dynid check my_arm.yaml':<40}" if "check" in here else ""
-    lines.append(f"{start}Help: dynid COMMAND -h     Docs: docs/index.md")
-    return "\n".join(lines)
+    above = ""
+    for name, entry in COMMANDS.items():
+        if entry.loop:
+            arrow = f"{entry.help:<20} -> {entry.writes}" if entry.writes else entry.help
+            lines.append(f"  {entry.loop * (entry.loop != above):<8} {name:<11} {arrow}")
+            above = entry.loop
+    also = "  ".join(name for name, entry in COMMANDS.items() if not entry.loop)
+    first, yours = "First time?   dynid demo", "Your robot?   dynid check my_arm.yaml"
+    return "\n".join(
+        [
+            *lines,
+            f"  {'Also':<8} {also}",
+            "",
+            f"{first:<40}whole workflow on a simulated arm, no robot, under a minute",
+            f"{yours:<40}Help: dynid COMMAND -h     Docs: docs/index.md",
+        ]
+    )
 
 
 def _version(ctx: click.Context, param: click.Parameter, value: bool) -> None:
@@ -132,6 +96,7 @@ def _version(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     cls=LazyGroup,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="Each command has more options: dynid COMMAND -h. Docs: docs/index.md, or dynid explain PAGE",
 )
 @click.option(
     "--version",
@@ -151,48 +116,16 @@ def cli(ctx: click.Context) -> None:
 def run(args: Sequence[str]) -> int:
     """Run one command line and return its exit status; nothing escapes as a traceback."""
     words = [*args[1:], "--help"] if args[:1] == ["help"] else list(args)
-    context = failure.FailureContext(words)
+    meta: dict[str, Any] = {}
     with _interruptible():
         try:
-            status = _invoke(words, context)
+            with cli.make_context("dynid", words) as ctx:
+                meta = ctx.meta
+                status = cli.invoke(ctx)
             sys.stdout.flush()
-            return status
-        except click.exceptions.Exit as done:
-            return _flushed(done.exit_code)
-        except DynidError as error:
-            return failure.report(error, context)
-        except click.ClickException as error:
-            return failure.report(failure.usage_error(error), context)
-        except (KeyboardInterrupt, click.Abort):
-            return failure.interrupted()
-        except BrokenPipeError:
-            failure.silence_streams()
-            return int(ExitStatus.DONE)
-        except OSError as error:
-            if not failure.is_users(error):
-                return failure.crash(error, context)
-            return failure.report(failure.os_error(error), context)
-        except MemoryError as error:
-            return failure.report(
-                OutOfMemory(f"there is not enough memory: {error or 'none is left'}"), context
-            )
-        except Exception as error:  # noqa: BLE001
-            return failure.crash(error, context)
-
-
-def _invoke(words: list[str], context: failure.FailureContext) -> int:
-    with cli.make_context("dynid", words) as ctx:
-        context.meta = ctx.meta
-        result: Any = cli.invoke(ctx)
-    return int(result) if isinstance(result, int) else int(ExitStatus.DONE)
-
-
-def _flushed(status: int) -> int:
-    try:
-        sys.stdout.flush()
-    except BrokenPipeError:
-        failure.silence_streams()
-    return status
+        except BaseException as error:  # noqa: BLE001
+            return failure.ended(error, words, meta.get("dynid.given", {}))
+    return int(status or ExitStatus.DONE)
 
 
 @contextmanager
@@ -203,13 +136,10 @@ def _interruptible() -> Iterator[None]:
         raise KeyboardInterrupt
 
     previous: dict[int, Any] = {}
-    try:
+    with suppress(ValueError):  # not the main thread: the caller handles signals
         for number in (signal.SIGINT, signal.SIGTERM):
             if signal.getsignal(number) is not signal.SIG_IGN:
                 previous[number] = signal.signal(number, stop)
-    except ValueError:  # not the main thread: the caller handles signals
-        yield
-        return
     try:
         yield
     finally:
@@ -224,9 +154,9 @@ def _complete() -> None:
     # Why: the word that is completed comes back in the answer, and a shell may show it.
     typed = "".join(os.environ.get(name, "") for name in ("COMP_WORDS", "COMP_CWORD"))
     with suppress(Exception):
-        if not typed.replace("\n", "").isprintable():
-            sys.exit(1)
-        sys.exit(shell_complete(cli, {}, "dynid", "_DYNID_COMPLETE", os.environ["_DYNID_COMPLETE"]))
+        if typed.replace("\n", "").isprintable():
+            how = os.environ["_DYNID_COMPLETE"]
+            sys.exit(shell_complete(cli, {}, "dynid", "_DYNID_COMPLETE", how))
     sys.exit(1)
 
 

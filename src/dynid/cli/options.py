@@ -1,306 +1,267 @@
-"""The options every command has, and the rule who wins: flag, DYNID_* variable, ./dynid.yaml, user's file, default.
+"""What a command takes, and the rule who wins: flag, DYNID_* variable, ./dynid.yaml, user's file, default.
 
 Top-level keys of a configuration file set an option for every command; a key that is a command's name holds that
 command's options. ``./dynid.yaml`` wins over the user's file, and ``--config FILE`` stands in for both.
 
-A command is a function ``command(common, ...)`` under ``@dynid_command("name", examples=(...))``.
+A command is a function ``command(session, ...)`` under ``@dynid_command("name", examples=(...))``. It returns what its
+JSON answer says, or that and an exit status: 1, which is True, where a limit is not met.
 """
 
 from __future__ import annotations
 
-import shlex
-import sys
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
-from functools import cached_property, update_wrapper
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import Field, fields
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.shell_completion import CompletionItem
 
-from dynid.cli.commands import COMMANDS
-from dynid.cli.runfile import TYPED, key_of, repeated
-from dynid.cli.terminal import Terminal
+from dynid.cli.commands import COMMANDS, command_of
+from dynid.cli.runfile import key_of, repeated
+from dynid.cli.session import Session
 from dynid.errors import UnknownKey, WrongUsage
 from dynid.files.yamlfile import read_yaml
+from dynid.options import Declaration, Options, declaration_of, flag_of
 from dynid.xdg import LOCAL_CONFIG, config_file
 
 if TYPE_CHECKING:
-    from dynid.cli.terminal import Terminal
     from dynid.files.yamlfile import Value
+    from dynid.robot import Robot
+
+#: What a command returns.
+Answered = Mapping[str, Any] | tuple[Mapping[str, Any], int]
+Decorator = Callable[[Callable[..., Any]], Any]
+#: Options that every command has, and those of them with one letter.
+COMMON = tuple(each.name for each in fields(Session))
+SHORT = ("out", "force", "yes", "quiet", "verbose")
+#: What stands for a path.
+PATH = click.Path(path_type=Path)
+FILE = click.Path(dir_okay=False, path_type=Path)
+INPUT = click.Path(exists=True, dir_okay=False, path_type=Path)
+#: Types on the command line by what ``Declaration.kind`` says.
+KINDS = {
+    "path": PATH,
+    "file": FILE,
+    "input": INPUT,
+    "folder": click.Path(file_okay=False, path_type=Path),
+    "count": click.IntRange(min=1),
+    "level": click.INT,
+    "positive": click.FloatRange(min=0, min_open=True),
+    "float": click.FloatRange(min=0),
+    "effects": click.STRING,
+}
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
-@dataclass(frozen=True)
-class Common:
-    """The values of the common options.
+# ---------------------------------------------------------------- single options
+def completed(words: Callable[[], Iterable[str]], *, files: bool = False) -> Any:  # noqa: ANN401
+    """Return what offers a shell the words that begin with what was typed, also after a comma, or else files."""
 
-    Attributes:
-        out: folder of the results; None for ``out/<robot>``.
-        force: overwrite without asking.
-        yes: answer questions with yes, except those about moving the arm.
-        no_input: ask nothing.
-        json: print one JSON object on stdout instead of tables.
-        quiet: no stages and no progress.
-        verbose: 0, 1 or 2.
-        color: ``"auto"``, ``"always"`` or ``"never"``.
-        config: configuration file given with --config.
-        log_file: file that gets a copy of everything said on stderr.
-        seed: of every random choice.
-        debug: show tracebacks.
-    """
+    def offer(ctx: click.Context, param: click.Parameter, typed: str) -> list[CompletionItem]:
+        before, comma, begun = typed.rpartition(",")
+        found = [f"{before}{comma}{word}" for word in words() if word.startswith(begun)]
+        return [*map(CompletionItem, found)] or [CompletionItem(typed, type="file")] * files
 
-    out: Path | None = None
-    force: bool = False
-    yes: bool = False
-    no_input: bool = False
-    json: bool = False
-    quiet: bool = False
-    verbose: int = 0
-    color: str = "auto"
-    config: Path | None = None
-    log_file: Path | None = None
-    seed: int = 0
-    debug: bool = False
-
-    @cached_property
-    def terminal(self) -> Terminal:
-        """The two consoles of this run."""
-        return Terminal(
-            json=self.json,
-            quiet=self.quiet,
-            verbose=self.verbose,
-            color=self.color,
-            log_file=self.log_file,
-        )
-
-    def folder(self, slug: str) -> Path:
-        """Return the folder of the results of a robot."""
-        return self.out or Path("out") / slug
-
-    def header(self, inputs: Mapping[str, str]) -> dict[str, Any]:
-        """Return what every result's header says about the run: command line, seed, hashes of the inputs."""
-        return {
-            "command": shlex.join(["dynid", *sys.argv[1:]]),
-            "seed": self.seed,
-            "inputs": dict(inputs),
-        }
+    return offer
 
 
-@dataclass(frozen=True)
-class Settings:
-    """What the configuration files say for one command.
+def _robots() -> Iterable[str]:
+    from dynid.files.robotfile import known_robots
 
-    Attributes:
-        values: parameter name to text or list of texts, as on the command line.
-        places: parameter name to ``file:line``.
-        lent: parameters that another file than the user's own sets.
-    """
-
-    values: dict[str, str | list[str]] = field(default_factory=dict)
-    places: dict[str, str] = field(default_factory=dict)
-    lent: list[str] = field(default_factory=list)
+    return known_robots()
 
 
-def settings_files(given: Path | None) -> list[Path]:
-    """Return the configuration files that apply, the strongest last."""
-    if given is not None:
-        return [given]
-    return [path for path in (config_file(), LOCAL_CONFIG) if path.is_file()]
+def _effects() -> Iterable[str]:
+    from dynid.model.effects.catalogue import CATALOGUE
+
+    return ["all", *CATALOGUE]
 
 
-def load_settings(
-    given: Path | None, command: str, keys: Mapping[str, str], common: Sequence[str]
-) -> Settings:
-    """Read what the configuration files say about the options of a command.
+ROBOTS = completed(_robots, files=True)
+
+
+TIP = click.option(
+    "--tip",
+    metavar="LINK",
+    help="Last link of the arm, where ROBOT is a URDF whose joints fork.",
+)
+
+
+def load_robot(session: Session, robot: str, tip: str | None) -> Robot:
+    """Return the arm that ROBOT names, and say what is noticed."""
+    from dynid import loading
+
+    arm = loading.load_robot(robot, tip=tip)
+    session.findings(arm.findings)
+    return arm
+
+
+def robot_argument(function: Callable[..., Any]) -> Any:  # noqa: ANN401
+    """Give a command the argument ROBOT and the option ``--tip``; the function gets the arm."""
+
+    @wraps(function)
+    def loaded(session: Session, *, robot: str, tip: str | None, **values: Any) -> Any:  # noqa: ANN401
+        return function(session, robot=load_robot(session, robot, tip), **values)
+
+    return click.argument("robot", shell_complete=ROBOTS)(TIP(loaded))
+
+
+def options_from(
+    kind: type[Options], name: str = "options", *, without: tuple[str, ...] = ()
+) -> Decorator:
+    """Return a decorator that gives a command one option per field of an options dataclass, and the function the whole.
 
     Args:
-        given: the file of --config, or None.
-        command: name of the command.
-        keys: key in the file and name of the parameter that it sets.
-        common: names of the options that every command has.
+        kind: the dataclass; fields that are common options are taken from those.
+        name: argument of the function.
+        without: fields that the command does not offer.
+    """
+    own = [each for each in fields(kind) if each.name not in (*COMMON, *without)]
+    shared = [each.name for each in fields(kind) if each.name in COMMON]
+
+    def decorate(function: Callable[..., Any]) -> Any:  # noqa: ANN401
+        @wraps(function)
+        def made(session: Session, **values: Any) -> Any:  # noqa: ANN401
+            given = {each.name: values.pop(each.name) for each in own}
+            options = kind(**given, **{each: getattr(session, each) for each in shared})
+            return function(session, **{name: options}, **values)
+
+        for each in reversed(own):
+            made = declared_option(each)(made)
+        return made
+
+    return decorate
+
+
+def declared_option(each: Field[Any], **facts: Any) -> Decorator:  # noqa: ANN401
+    """Return the option of a field of an options dataclass; ``facts`` are further arguments of ``click.option``."""
+    said, flag = declaration_of(each), flag_of(each)
+    facts |= {"default": each.default, "help": said.help}
+    if said.deliberate:
+        facts["allow_from_autoenv"] = False
+    if said.shown is not None:
+        facts["show_default"] = said.shown or True
+    if said.pair:
+        flag += f"/{said.off or '--no-' + flag[2:]}"
+    elif isinstance(each.default, bool):
+        facts["is_flag"] = True
+    elif said.kind == "level":
+        facts["count"] = True
+    else:
+        facts |= {"type": _type(each, said), "multiple": said.repeatable}
+        facts |= {"metavar": said.metavar} if said.metavar else {}
+        facts |= {"shell_complete": completed(_effects)} if said.kind == "effects" else {}
+    short = [f"-{each.name[0]}"] if each.name in SHORT else []
+    return click.option(*short, flag, each.name, **facts)
+
+
+def _type(each: Field[Any], said: Declaration) -> Any:  # noqa: ANN401
+    if said.choices:
+        return click.Choice(said.choices)
+    if said.kind:
+        return KINDS[said.kind]
+    if said.bounds != (None, None):
+        kind: Any = click.IntRange if isinstance(each.default, int) else click.FloatRange
+        return kind(*said.bounds)
+    return str if said.read is not None or each.default in (None, ()) else type(each.default)
+
+
+# ---------------------------------------------------------------- configuration files
+def keys_of(command: click.Command) -> dict[str, click.Option]:
+    """Return the options that variables and configuration files may set, by their keys."""
+    options = [param for param in command.params if isinstance(param, click.Option)]
+    return {key_of(each): each for each in options if each.allow_from_autoenv}
+
+
+def settings(command: click.Command, given: Path | None) -> dict[str, Value]:
+    """Return what the configuration files say about the options of a command, by the names of the parameters.
+
+    Args:
+        command: the command.
+        given: the file of --config; None for ./dynid.yaml and, weaker, the user's.
 
     Raises:
         UnknownKey: a key is neither a common option, a command, nor an option of this command.
+        WrongUsage: an option that takes one value is given a list.
     """
-    settings = Settings()
-    for path in settings_files(given):
-        _read(
-            path,
-            command,
-            keys,
-            [name for name in common if name not in ("config", *TYPED)],
-            settings,
-        )
-    return settings
+    keys: dict[str, click.Option] = {k: v for k, v in keys_of(command).items() if k != "config"}
+    found: dict[str, Value] = {}
+    common = [key for key in keys if key in COMMON]
+    for path in [given] if given else filter(Path.is_file, (config_file(), LOCAL_CONFIG)):
+        try:
+            top = read_yaml(path).mapping([*common, *COMMANDS])
+            own = top.get(str(command.name))
+            inner = own.mapping(tuple(keys)) if own is not None and not own.is_null else {}
+        except UnknownKey as error:
+            error.fix = "rename or remove the key; keys are long option names"
+            raise
+        for key, value in {**{key: top[key] for key in common if key in top}, **inner}.items():
+            if value.is_list and not keys[key].multiple:
+                raise value.wrong(" takes one value, not a list", kind=WrongUsage)
+            if not value.is_null:
+                found[str(keys[key].name)] = value
+    return found
 
 
-def _read(
-    path: Path, command: str, keys: Mapping[str, str], common: Sequence[str], settings: Settings
-) -> None:
-
-    try:
-        top = read_yaml(path).mapping([*common, *COMMANDS])
-        own = (
-            top[command].mapping(tuple(keys)) if command in top and not top[command].is_null else {}
-        )
-    except UnknownKey as error:
-        raise UnknownKey(
-            error.what,
-            where=error.where,
-            fix="rename or remove the key; keys are long option names",
-        ) from error
-    for key, value in {**{k: v for k, v in top.items() if k in common}, **own}.items():
-        if not value.is_null:
-            settings.values[keys.get(key, key)] = _words(value)
-            settings.places[keys.get(key, key)] = value.where
-            if path != config_file():
-                settings.lent.append(keys.get(key, key))
+def configure(ctx: click.Context, param: click.Parameter, value: Path | None) -> None:
+    """Read the configuration files, whose values become this command's defaults."""
+    ctx.meta["dynid.config"] = value
+    # Why: what one command does for another is not what a file says of that.
+    file = value if value is None or value.is_file() else None
+    found = ctx.meta["dynid.settings"] = settings(ctx.command, file) if ctx.obj is None else {}
+    ctx.default_map = {name: words_of(each) for name, each in found.items()}
 
 
-def _words(value: Value) -> str | list[str]:
+def words_of(value: Value) -> str | list[str]:
+    """Return a value of a configuration file as on the command line."""
     return [item.text() for item in value.items()] if value.is_list else value.text()
 
 
-_FROM_FILE = click.core.ParameterSource.DEFAULT_MAP
-_FILE = click.Path(dir_okay=False, path_type=Path)
-
-
-def _note(ctx: click.Context, param: click.Parameter, value: Any) -> Any:  # noqa: ANN401
-    """Remember a value that error messages need, even when later options are wrong."""
-    ctx.meta[f"dynid.{param.name}"] = value
-    return value
-
-
-def configure(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
-    """Read the configuration files, whose values become this command's defaults."""
-    settings = load_settings(value, ctx.info_name or "", known_keys(ctx.command), COMMON_NAMES)
-    for option in ctx.command.params:
-        name = option.name or ""
-        if (
-            isinstance(settings.values.get(name), list)
-            and not option.multiple
-            and option.nargs == 1
-        ):
-            raise WrongUsage(
-                f"{settings.places[name]}: {name} takes one value, not a list",
-                where=settings.places[name],
-            )
-    ctx.default_map = settings.values
-    ctx.meta["dynid.places"], ctx.meta["dynid.lent"] = settings.places, settings.lent
-    return value
-
-
-def _say_settings(common: Common) -> None:
+def _say_settings(session: Session) -> None:
     """Say which options a file of the working folder has set: nobody may notice that it lies there."""
     ctx = click.get_current_context()
-    used = [
-        name
-        for name in ctx.meta.get("dynid.lent", ())
-        if ctx.get_parameter_source(name) is _FROM_FILE
-    ]
-    if used:
-        path = ctx.meta["dynid.places"][used[0]].rsplit(":", 1)[0]
-        common.terminal.stage("settings", f"{path} sets {', '.join(used)}")
-
-
-FROM_OPTION = click.option(
-    "--from",
-    "from_",
-    metavar="RUN.yaml",
-    expose_value=False,
-    allow_from_autoenv=False,
-    help="Repeat a run of a results folder; arguments and options given besides win.",
-)
-CONFIG_OPTION = click.option(
-    "--config",
-    type=click.Path(dir_okay=False, exists=True, path_type=Path),
-    metavar="FILE",
-    is_eager=True,
-    callback=configure,
-    help="Configuration file instead of ./dynid.yaml and the user's.",
-)
-#: --config comes first: eager options are read in this order, and --color may stand in the file.
-COMMON_OPTIONS: tuple[Callable[[Any], Any], ...] = (
-    click.option(
-        "-o",
-        "--out",
-        type=click.Path(file_okay=False, path_type=Path),
-        metavar="DIR",
-        help="Folder of the results (default: out/ROBOT).",
-    ),
-    click.option("-f", "--force", is_flag=True, help="Overwrite results without asking."),
-    click.option(
-        "-y",
-        "--yes",
-        is_flag=True,
-        help="Answer questions with yes; never those that move the arm.",
-    ),
-    click.option("--no-input", is_flag=True, help="Ask nothing, take the documented answers."),
-    click.option(
-        "--json",
-        is_flag=True,
-        is_eager=True,
-        callback=_note,
-        help="Print one JSON object on stdout.",
-    ),
-    click.option("-q", "--quiet", is_flag=True, help="Only the answer, warnings and errors."),
-    click.option("-v", "--verbose", count=True, help="More detail; twice for all."),
-    click.option(
-        "--color",
-        type=click.Choice(["auto", "always", "never"]),
-        default="auto",
-        is_eager=True,
-        callback=_note,
-        help="Colour on the terminal.",
-    ),
-    click.option(
-        "--log-file", type=_FILE, metavar="FILE", help="Append what is said on stderr to FILE."
-    ),
-    click.option(
-        "--seed",
-        type=click.IntRange(min=0),
-        metavar="INTEGER",
-        default=0,
-        show_default=True,
-        help="Seed of every random choice.",
-    ),
-    click.option("--debug", is_flag=True, is_eager=True, callback=_note, help="Show tracebacks."),
-)
-
-COMMON_NAMES = tuple(each.name for each in fields(Common))
-
-
-def known_keys(command: click.Command) -> dict[str, str]:
-    """Return the keys a configuration file may set for a command, each with the name of the parameter it sets."""
-    return {
-        key_of(param): str(param.name)
-        for param in command.params
-        if isinstance(param, click.Option) and param.name != "config" and param.allow_from_autoenv
+    used = {
+        name: each.file
+        for name, each in ctx.meta["dynid.settings"].items()
+        if each.file != config_file()
+        and ctx.get_parameter_source(name) is click.core.ParameterSource.DEFAULT_MAP
     }
+    if used:
+        session.stage("settings", f"{next(iter(used.values()))} sets {', '.join(used)}")
+
+
+# ---------------------------------------------------------------- commands
+def write_examples(formatter: click.HelpFormatter, lines: Sequence[str]) -> None:
+    """Write examples as they are."""
+    with formatter.section("Examples"):
+        for line in lines:
+            formatter.write(f"  {line}\n")
 
 
 class Command(click.Command):
     """A command with examples in its help, variables for its options, and the common options set apart."""
 
-    examples: Sequence[str] = ()
-    repeatable = False
-
-    def __init__(self, *args: Any, **kwargs: Any) -> None:  # noqa: ANN401
-        super().__init__(*args, **kwargs)
-        for param in self.params:
-            if isinstance(param, click.Option) and key_of(param) in TYPED:
-                param.allow_from_autoenv = False
-            # Why: DYNID_SEED serves every command, DYNID_IDENTIFY_SEED one of them; the narrower name comes first.
-            if (
-                isinstance(param, click.Option)
-                and param.allow_from_autoenv
-                and param.envvar is None
-            ):
-                name, own = key_of(param).upper(), (self.name or "").upper().replace("-", "_")
-                param.envvar = [f"DYNID_{own}_{name}", f"DYNID_{name}"]
+    def __init__(
+        self,
+        *args: Any,  # noqa: ANN401
+        examples: Sequence[str] = (),
+        repeatable: bool = False,
+        **facts: Any,  # noqa: ANN401
+    ) -> None:
+        super().__init__(*args, **facts)
+        self.context_settings = CONTEXT
+        self.examples, self.repeatable = examples, repeatable
+        self.epilog = f"Docs: docs/reference/cli.md#dynid-{self.name}, or dynid explain"
+        # Why: DYNID_SEED serves every command, DYNID_IDENTIFY_SEED one of them; the narrower name comes first.
+        own = str(self.name).upper().replace("-", "_")
+        for key, option in keys_of(self).items():
+            option.envvar = [f"DYNID_{own}_{key.upper()}", f"DYNID_{key.upper()}"]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the words of the command line, those of a former run first."""
+        ctx.meta["dynid.given"] = ctx.params
         if self.repeatable and not ctx.resilient_parsing:
             args = repeated(ctx, args)
         rest = super().parse_args(ctx, args)
@@ -314,39 +275,49 @@ class Command(click.Command):
         for option in options:
             given = ctx.params.get(str(option.name))
             for value in given if isinstance(given, tuple) else (given,):
-                if isinstance(value, (str, Path)) and (
-                    str(value).startswith("--") or str(value) in names
-                ):
+                word = str(value) if isinstance(value, (str, Path)) else ""
+                if word.startswith("--") or word in names:
+                    flag = option.opts[-1]
                     raise WrongUsage(
-                        f"{option.opts[-1]} needs a value, and '{value}' is an option",
-                        fix=f"{option.opts[-1]} VALUE {value}, or ./{value} where a file is called so",
+                        f"{flag} needs a value, and '{word}' is an option",
+                        fix=f"{flag} VALUE {word}, or ./{word} where a file is called so",
                     )
 
-    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write usage, what it does, examples, options, common options."""
-        self.format_usage(ctx, formatter)
-        self.format_help_text(ctx, formatter)
-        if self.examples:
-            with formatter.section("Examples"):
-                for line in self.examples:
-                    formatter.write(f"  {line}\n")
-        self.format_options(ctx, formatter)
-        formatter.write(f"\nDocs: docs/reference/cli.md#dynid-{self.name}, or dynid explain\n")
-
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the command's own options, then the common ones."""
-        own: list[tuple[str, str]] = []
-        common: list[tuple[str, str]] = []
+        """Write examples, the command's own options, then the common ones."""
+        write_examples(formatter, self.examples)
+        records: dict[bool, list[tuple[str, str]]] = {False: [], True: []}
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
-            if record and (isinstance(param, click.Option) or record[1]):
-                (common if param.name in COMMON_NAMES or param.name == "help" else own).append(
-                    record
-                )
-        for title, records in (("Options", own), ("Common options", common)):
-            if records:
-                with formatter.section(title):
-                    formatter.write_dl(records)
+            if record and record[1]:
+                records[param.name in (*COMMON, "config", "help")].append(record)
+        for common, some in records.items():
+            if some:
+                with formatter.section("Common options" if common else "Options"):
+                    formatter.write_dl(some)
+
+    def format_arguments(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write nothing: examples show the arguments."""
+
+
+FROM_OPTION = click.option(
+    "--from",
+    "from_",
+    metavar="RUN.yaml",
+    expose_value=False,
+    allow_from_autoenv=False,
+    help="Repeat a run of a results folder; arguments and options given besides win.",
+)
+#: It comes first: eager options are read in this order, and --color may stand in the file.
+CONFIG_OPTION = click.option(
+    "--config",
+    type=INPUT,
+    metavar="FILE",
+    is_eager=True,
+    expose_value=False,
+    callback=configure,
+    help="Configuration file instead of ./dynid.yaml and the user's.",
+)
 
 
 def dynid_command(
@@ -354,9 +325,9 @@ def dynid_command(
     *,
     examples: Sequence[str] = (),
     repeatable: bool = False,
-    config: Callable[[Any], Any] | None = None,
+    config: Decorator = CONFIG_OPTION,
 ) -> Callable[[Callable[..., Any]], Command]:
-    """Make a command of a function that takes ``common`` first and its own options by keyword.
+    """Make a command of a function that takes the session first and its own options by keyword.
 
     Args:
         name: name of the command, the same as its module.
@@ -369,25 +340,44 @@ def dynid_command(
     """
 
     def decorate(function: Callable[..., Any]) -> Command:
+        @wraps(function)
         def callback(**values: Any) -> Any:  # noqa: ANN401
-            common = Common(**{key: values.pop(key) for key in COMMON_NAMES})
-            with common.terminal:
-                _say_settings(common)
-                return function(common, **values)
+            with Session(**{key: values.pop(key) for key in COMMON}) as session:
+                _say_settings(session)
+                answer = function(session, **values)
+                facts, status = answer if isinstance(answer, tuple) else (answer, 0)
+                if click.get_current_context().obj is not None:
+                    return facts
+                if session.json and facts is not None:
+                    session.emit_json(facts)
+                return int(status)
 
-        update_wrapper(callback, function)
-        options: Mapping[str, Any] = {
-            "cls": Command,
-            "context_settings": {"help_option_names": ["-h", "--help"], "max_content_width": 100},
-        }
         decorated: Any = callback
-        for option in reversed((config or CONFIG_OPTION, *COMMON_OPTIONS)):
-            decorated = option(decorated)
+        for each in reversed(fields(Session)):
+            decorated = declared_option(each, is_eager=True)(decorated)
+        decorated = config(decorated)
         if repeatable:
             decorated = FROM_OPTION(decorated)
-        make: Callable[[Callable[..., Any]], Command] = click.command(name, **options)
-        made = make(decorated)
-        made.examples, made.repeatable = examples, repeatable
-        return made
+        command = click.command(name, cls=Command, examples=examples, repeatable=repeatable)
+        return command(decorated)
 
     return decorate
+
+
+def invoke(session: Session, name: str, *words: object, last: bool = False) -> dict[str, Any]:
+    """Run a command within another one and return what its JSON answer would say.
+
+    Args:
+        session: of the outer command; its common options hold for the inner one but where ``words`` say something else.
+        name: the inner command.
+        words: its command line.
+        last: whether it says what to do next.
+    """
+    common = [f"--color={session.color}", f"--seed={session.seed}", *["-v"] * session.verbose]
+    for flag in ("force", "yes", "no_input", "json", "quiet"):
+        common += [f"--{flag.replace('_', '-')}"] * getattr(session, flag)
+    common += [f"--log-file={session.log_file}"] if session.log_file else []
+    line = [*common, *map(str, words)]
+    command = command_of(name)
+    with command.make_context(name, line, obj=last) as ctx:
+        return dict(command.invoke(ctx))

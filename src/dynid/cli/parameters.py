@@ -10,17 +10,21 @@ import click
 
 import dynid
 from dynid import workflows
-from dynid.cli.arguments import options_from, options_of, robot_argument
-from dynid.cli.identify import run_identify
-from dynid.cli.options import Common, dynid_command
+from dynid.cli.options import (
+    PATH,
+    Answered,
+    dynid_command,
+    invoke,
+    options_from,
+    robot_argument,
+)
 from dynid.cli.prompt import Answer, ask, may_write
 from dynid.cli.runfile import write_run
+from dynid.cli.session import Session
 from dynid.options import LogOptions
-from dynid.text import shell
 
 if TYPE_CHECKING:
     from dynid.robot import Robot
-    from dynid.workflows.parameters import Observations
 
 
 @dynid_command(
@@ -32,7 +36,7 @@ if TYPE_CHECKING:
     ),
 )
 @robot_argument
-@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
+@click.argument("logs", nargs=-1, required=True, type=PATH, metavar="LOG...")
 @options_from(LogOptions)
 @click.option(
     "--identify/--no-identify",
@@ -41,62 +45,50 @@ if TYPE_CHECKING:
     help="Identify afterwards without asking.",
 )
 def command(
-    common: Common,
-    robot: str,
+    session: Session,
+    robot: Robot,
     logs: tuple[Path, ...],
+    options: LogOptions,
     identify_now: bool | None,
-    **values: Any,  # noqa: ANN401
-) -> None:
+) -> Answered:
     """Filter logs, stack the base regressor over them, and say what they excite."""
-    options = options_of(LogOptions, values)  # wrong words end here, before anything is read
-    arm = dynid.load_robot(robot)
-    common.terminal.findings(arm.findings)
     while True:
-        common.terminal.emit_json(stack_and_write(common, arm, logs, options))
-        answer = ask(common, "P5", given=identify_now)
+        facts = stacked(session, robot, logs, options)
+        answer = ask(session, "P5", given=identify_now)
         if answer is not Answer.RETRY:
             break
-        cutoff = click.prompt("cut-off [Hz] or auto", default="auto", err=True)
-        options = options_of(LogOptions, values, cutoff=cutoff)
-        common = replace(common, force=True)
+        cutoff: Any = click.prompt("cut-off [Hz] or auto", default="auto", err=True)
+        options, session = replace(options, cutoff=cutoff), replace(session, force=True)
     if answer is Answer.YES:
-        run_identify(common, robot, (), show=not common.json)
+        out = session.folder(robot.slug)
+        invoke(session, "identify", robot.source, "--no-report", "-o", out, last=True)
     else:
-        common.terminal.next(shell("dynid", "identify", robot))
+        session.next(f"dynid identify {robot.word}")
+    return facts
 
 
-def stack_and_write(
-    common: Common, robot: Robot, logs: tuple[Path, ...], options: LogOptions
+def stacked(
+    session: Session, robot: Robot, logs: tuple[Path, ...], options: LogOptions
 ) -> dict[str, Any]:
     """Stack logs, write fullnumericregressor.npz and estimatedmotion.npz, and return the answer."""
-    folder = common.folder(robot.slug)
-    path = folder / "fullnumericregressor.npz"
+    folder, progress, work = session.folder(robot.slug), session.progress, workflows.parameters
+    path, wrote = folder / "fullnumericregressor.npz", []
     inputs = workflows.inputs.log_inputs(robot, logs) | options.texts()
-    with common.terminal.progress() as progress:
-        base = workflows.model.base_model(robot, folder, progress)
-    if not may_write(common, path, inputs):
-        with common.terminal.progress() as progress:
-            return {
-                **tell(common, workflows.parameters.load_observations(path, base, progress)),
-                "wrote": [],
-            }
-    with common.terminal.progress() as progress:
+    base = workflows.model.base_model(robot, folder, progress)
+    if may_write(session, path, inputs):
         progress.stage("read")
         read = [dynid.loading.read_log(log, robot, options) for log in logs]
-        seen = workflows.parameters.observe(robot, read, options, base=base, progress=progress)
-    wrote = seen.save(folder, common.header(inputs))
-    common.terminal.wrote(*wrote)
-    write_run(folder, inputs)
-    return {**tell(common, seen), "wrote": wrote}
-
-
-def tell(common: Common, seen: Observations) -> dict[str, Any]:
-    """Say what the logs excite, and return the JSON answer."""
+        seen = work.observe(robot, read, options, base=base, progress=progress)
+        wrote = seen.save(folder, session.header(inputs))
+        session.wrote(*wrote)
+        write_run(folder, inputs)
+    else:
+        seen = work.load_observations(path, base, progress)
     facts = seen.facts()
-    common.terminal.stage(
+    session.stage(
         "excites",
         f"rank {facts['rank']} of {facts['structural_rank']}, "
         f"condition number {facts['condition_number_scaled']:.3g} with normalised columns",
     )
-    common.terminal.findings(seen.weakly_excited())
-    return facts
+    session.findings(seen.weakly_excited())
+    return {**facts, "wrote": wrote}

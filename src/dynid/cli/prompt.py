@@ -12,14 +12,12 @@ import re
 import select
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from dynid.cli.failure import is_terminal
-from dynid.cli.options import Common
-from dynid.cli.terminal import plain
+from dynid.cli.session import Session, plain
 from dynid.disk import sha256, write_text
 from dynid.errors import CannotAsk, Declined, OutputExists, WrongUsage
 from dynid.text import shell, visible
@@ -37,11 +35,7 @@ class Answer(Enum):
     QUIT = "quit"
 
 
-_LETTERS = {"y": Answer.YES, "n": Answer.NO, "r": Answer.RETRY, "q": Answer.QUIT}
-
-
-@dataclass(frozen=True)
-class Question:
+class Question(NamedTuple):
     """One row of the table of questions.
 
     Attributes:
@@ -51,16 +45,16 @@ class Question:
         unasked: answer when nobody can be asked.
         yes: answer with -y.
         note: what the unusual letters mean.
-        unasked_text: what is said instead of yes or no when nobody was asked.
+        unasked_text: what is said instead of no when nobody was asked.
     """
 
     text: str
     choices: str
     flag: str
-    unasked: Answer
-    yes: Answer
+    unasked: str
+    yes: str
     note: str = ""
-    unasked_text: str = ""
+    unasked_text: str = "no"
 
 
 QUESTIONS: dict[str, Question] = {
@@ -68,52 +62,46 @@ QUESTIONS: dict[str, Question] = {
         "Reduce to base parameters now?",
         "Ynr",
         "--reduce/--no-reduce",
-        Answer.YES,
-        Answer.YES,
-        "r = edit the robot file, then rebuild",
+        unasked="yes",
+        yes="yes",
+        note="r = edit the robot file, then rebuild",
     ),
     "P2": Question(
         "Does this motion look safe?",
         "yNq",
         "--accept",
-        Answer.NO,
-        Answer.NO,
-        "n = change alpha, seed or waypoints and plan again",
-        "written, marked reviewed: no",
+        unasked="no",
+        yes="no",
+        note="n = change alpha, seed or waypoints and plan again",
+        unasked_text="written, marked reviewed: no",
     ),
-    "P4": Question(
-        "Convert to log.npz now?", "Yn", "--convert/--no-convert", Answer.YES, Answer.YES
-    ),
+    "P4": Question("Convert to log.npz now?", "Yn", "--convert/--no-convert", "yes", "yes"),
     "P5": Question(
         "Identify now?",
         "Ynr",
         "--identify/--no-identify",
-        Answer.NO,
-        Answer.YES,
-        "r = change the filter and stack again",
+        unasked="no",
+        yes="yes",
+        note="r = change the filter and stack again",
     ),
-    "P6": Question("Overwrite {path}?", "yN", "--force", Answer.NO, Answer.YES),
+    "P6": Question("Overwrite {path}?", "yN", "--force", "no", "yes"),
     "P7": Question(
-        "Add {effect} to a copy of the robot file?",
-        "yN",
-        "--apply/--no-apply",
-        Answer.NO,
-        Answer.NO,
+        "Add {effect} to a copy of the robot file?", "yN", "--apply/--no-apply", "no", "no"
     ),
-    "P8": Question("{path} is stale. Rebuild?", "Yn", "--rebuild/--frozen", Answer.YES, Answer.YES),
+    "P8": Question("{path} is stale. Rebuild?", "Yn", "--rebuild/--frozen", "yes", "yes"),
 }
 
 
-def can_ask(common: Common) -> bool:
+def can_ask(session: Session) -> bool:
     """Return whether a person sits at the terminal and wants to be asked."""
-    return not common.no_input and is_terminal(sys.stdin) and is_terminal(sys.stderr)
+    return not session.no_input and is_terminal(sys.stdin) and is_terminal(sys.stderr)
 
 
-def ask(common: Common, id: str, *, given: bool | None = None, **fill: object) -> Answer:
+def ask(session: Session, id: str, *, given: bool | None = None, **fill: object) -> Answer:
     """Ask a question of the table, or answer it as the table says and tell so.
 
     Args:
-        common: the common options.
+        session: of the command.
         id: row of the table, ``"P1"`` to ``"P8"``.
         given: value of the option that answers it; None when it was not given.
         fill: values for the question's ``{name}`` places.
@@ -121,52 +109,48 @@ def ask(common: Common, id: str, *, given: bool | None = None, **fill: object) -
     question = QUESTIONS[id]
     if given is not None:
         return Answer.YES if given else Answer.NO
-    text = question.text.format(**fill)
-    if common.yes:
-        return _unasked(common, text, question, question.yes, "-y")
-    if not can_ask(common):
-        return _unasked(common, text, question, question.unasked, _reason(common))
-    return _asked(common, text, question)
+    text, letters = question.text.format(**fill), "/".join(question.choices)
+    answer, reason = question.unasked, "end of input"
+    if session.yes:
+        answer, reason = question.yes, "-y"
+    elif not can_ask(session):
+        reason = _reason(session)
+    else:
+        note = f"  {question.note}  " if question.note else ""
+        usual = "".join(letter.lower() for letter in question.choices if letter.isupper())
+        for _ in range(ATTEMPTS):
+            line = _read_line(session, f"? {text} [{letters}] {note}")
+            if line is None:
+                break
+            word = line.strip().lower() or usual
+            for each in Answer:
+                if word and each.value.startswith(word) and each.value[0] in letters.lower():
+                    return each
+            session.say(f"  answer with one of {', '.join(question.choices.lower())}")
+        else:
+            tried = f"{ATTEMPTS} answers were none of {letters.lower()}"
+            raise CannotAsk(f'cannot ask "{text}": {tried}', fix=f"add {question.flag}")
+    shown = question.unasked_text if answer == "no" else answer
+    session.say(f"? {text} -> {shown} (not asked: {reason}; set with {question.flag})", indent=2)
+    return Answer(answer)
 
 
-def _reason(common: Common) -> str:
-    return "--no-input" if common.no_input else "no terminal"
-
-
-def _unasked(common: Common, text: str, question: Question, answer: Answer, reason: str) -> Answer:
-    shown = question.unasked_text if answer is Answer.NO and question.unasked_text else answer.value
-    common.terminal.say(
-        f"? {text} -> {shown} (not asked: {reason}; set with {question.flag})", indent=2
-    )
-    return answer
-
-
-def _asked(common: Common, text: str, question: Question) -> Answer:
-    shown = f"? {text} [{'/'.join(question.choices)}] {'  ' + question.note + '  ' if question.note else ''}"
-    allowed = question.choices.lower()
-    usual = next((letter.lower() for letter in question.choices if letter.isupper()), "")
-    for _ in range(ATTEMPTS):
-        line = _read_line(shown)
-        if line is None:
-            return _unasked(common, text, question, question.unasked, "end of input")
-        word = line.strip().lower() or usual
-        found = next(
-            (letter for letter in allowed if word and _LETTERS[letter].value.startswith(word)), None
-        )
-        if found:
-            return _LETTERS[found]
-        common.terminal.say(f"  answer with one of {', '.join(allowed)}")
-    tried = f"{ATTEMPTS} answers were none of {', '.join(allowed)}"
-    raise CannotAsk(f'cannot ask "{text}": {tried}', fix=f"add {question.flag}")
+def _reason(session: Session) -> str:
+    return "--no-input" if session.no_input else "no terminal"
 
 
 def confirm(
-    common: Common, expected: str, question: str, *, given: str | None = None, flag: str = "--move"
+    session: Session,
+    expected: str,
+    question: str,
+    *,
+    given: str | None = None,
+    flag: str = "--move",
 ) -> None:
     """Have a person type a word before something dangerous (P3); -y never answers this.
 
     Args:
-        common: the common options.
+        session: of the command.
         expected: the word, such as the robot's name.
         question: what is asked, such as ``"type the robot's name to start"``.
         given: value of the option that stands in for typing.
@@ -177,52 +161,47 @@ def confirm(
         WrongUsage: the option names something else.
         Declined: the person typed something else.
     """
+    option = shell(flag, expected)
     if given is not None:
         if given != expected:
-            raise WrongUsage(
-                f"{flag} names '{given}', but this is '{expected}'", fix=shell(flag, expected)
-            )
+            what = f"{flag} names '{given}', but this is '{expected}'"
+            raise WrongUsage(what, why="the arm was not moved", fix=option)
         return
-    if not can_ask(common):
-        raise CannotAsk(
-            f'cannot ask "{question}": {_reason(common)}', fix=f"add {shell(flag, expected)}"
-        )
-    line = _read_line(f"{question}: ")
+    line = _read_line(session, f"{question}: ") if can_ask(session) else None
     if line is None:
-        raise CannotAsk(
-            f'cannot ask "{question}": end of input', fix=f"add {shell(flag, expected)}"
-        )
+        reason = "end of input" if can_ask(session) else _reason(session)
+        raise CannotAsk(f'cannot ask "{question}": {reason}', fix=f"add {option}")
     if line.strip() != expected:
-        raise Declined(
-            f"'{visible(line.strip())}' is not '{expected}'", why="the arm was not moved"
-        )
+        what = f"'{visible(line.strip())}' is not '{expected}'"
+        raise Declined(what, why="the arm was not moved")
 
 
-def ask_line(common: Common, question: str) -> str:
+def ask_line(session: Session, question: str) -> str:
     """Return what a person writes after a question; an empty line at the end of input or when nobody can be asked."""
-    return (_read_line(f"? {question}: ") or "").strip() if can_ask(common) else ""
+    return (_read_line(session, f"? {question}: ") or "").strip() if can_ask(session) else ""
 
 
-def _read_line(shown: str) -> str | None:
+def _read_line(session: Session, shown: str) -> str | None:
     """Show a question on stderr and read a line from the terminal; None at the end of input."""
+    session.progress.end()
     sys.stderr.write(visible(shown))
     sys.stderr.flush()
-    try:
-        line = sys.stdin.readline()
-    except (OSError, ValueError):
-        line = ""
+    line = _line()
     if not line:
         sys.stderr.write("\n")
-        return None
-    return line
+    return line or None
 
 
-def key_pressed(common: Common) -> bool:
+def _line() -> str:
+    try:
+        return sys.stdin.readline()
+    except (OSError, ValueError):
+        return ""
+
+
+def key_pressed(session: Session) -> bool:
     """Return whether the person at the terminal has pressed Enter since the last look; False without a terminal."""
-    if not can_ask(common):
-        return False
-    ready, _, _ = select.select([sys.stdin], [], [], 0)
-    return bool(ready) and _read_line("") is not None
+    return can_ask(session) and bool(select.select([sys.stdin], [], [], 0)[0]) and bool(_line())
 
 
 # ---------------------------------------------------------------- P6: overwriting
@@ -237,60 +216,61 @@ def input_hashes(
     return hashes
 
 
-def may_write(common: Common, path: Path, inputs: Mapping[str, str]) -> bool:
-    """Return whether to write a result (True) or to reuse the one that is there (False).
+def may_write(
+    session: Session,
+    path: Path,
+    inputs: Mapping[str, str] | None = None,
+    other: str = "another folder with --out",
+) -> bool:
+    """Return whether to write a file (True) or to reuse the one that is there (False).
 
     Args:
-        common: the common options.
-        path: the result.
-        inputs: ``input_hashes`` of what it would be made from.
+        session: of the command.
+        path: the file.
+        inputs: ``input_hashes`` of what it would be made from; None for a file that does not say it.
+        other: how it is written somewhere else.
 
     Raises:
         OutputExists: it exists, was made from something else, and nobody can be asked.
         Declined: the person does not want it overwritten.
     """
-    from dynid.files.artifact import read_header
-
-    if common.force or not path.exists():
+    if session.force or not path.exists():
         return True
-    found = (read_header(path) or {}).get("inputs")
-    if found == dict(inputs) and not common.yes:
-        common.terminal.stage(
-            "reused", f"{path}       (made from the same inputs; --force makes it again)"
-        )
-        return False
-    if not common.yes and not can_ask(common):
-        difference = _difference(found, inputs)
-        raise OutputExists(
-            f"{path} exists and {difference}", fix="use --force, or another folder with --out"
-        )
-    if ask(common, "P6", path=path) is Answer.YES:
-        return True
-    raise Declined(f"{path} is left as it was", fix="use --force, or another folder with --out")
+    fix, found = f"use --force, or {other}", None
+    if inputs is not None:
+        from dynid.files.artifact import read_header
+
+        found = (read_header(path) or {}).get("inputs")
+        if found == dict(inputs) and not session.yes:
+            reused = f"{path}       (made from the same inputs; --force makes it again)"
+            session.stage("reused", reused)
+            return False
+    if not session.yes and not can_ask(session):
+        difference = "" if inputs is None else f" and {_difference(found, inputs)}"
+        raise OutputExists(f"{path} exists{difference}", fix=fix)
+    if ask(session, "P6", path=path) is not Answer.YES:
+        raise Declined(f"{path} is left as it was", fix=fix)
+    return True
 
 
-def write_once(common: Common, path: Path, text: str) -> None:
+def write_once(session: Session, path: Path, text: str) -> None:
     """Write a text, unless the file holds it already; ask before another one is overwritten."""
-    if path.is_file() and path.read_bytes() == text.encode() and not common.force:
-        common.terminal.stage("reused", f"{path}       (the same bytes)")
-    elif may_write(common, path, {}):
+    if path.is_file() and path.read_bytes() == text.encode() and not session.force:
+        session.stage("reused", f"{path}       (the same bytes)")
+    elif may_write(session, path):
         write_text(path, text)
-        common.terminal.wrote(path)
+        session.wrote(path)
 
 
 def _difference(found: object, inputs: Mapping[str, str]) -> str:
     if not isinstance(found, Mapping):
         return "does not say what it was made from"
-    changed = [
-        f"{name} {_brief(str(found.get(name, 'none')), str(inputs.get(name, 'none')))}"
-        for name in sorted({*found, *inputs})
-        if found.get(name) != inputs.get(name)
-    ]
-    return f"differs in inputs ({', '.join(changed)})"
-
-
-def _brief(old: str, new: str) -> str:
-    """Show a change: of hashes the beginning, of options all."""
-    if any(re.fullmatch("[0-9a-f]{16,}", text) for text in (old, new)):
-        return f"sha {old[:4]} -> {new[:4]}"
-    return f"{old or 'none'} -> {new or 'none'}"
+    changes = []
+    for name in sorted({*found, *inputs}):
+        old, new = (str(each.get(name, "none")) for each in (found, inputs))
+        if old != new:
+            # Why: of hashes the beginning tells enough.
+            hashes = any(re.fullmatch("[0-9a-f]{16,}", text) for text in (old, new))
+            what = f"{name} sha {old[:4]} -> {new[:4]}" if hashes else f"{name} {old} -> {new}"
+            changes.append(what)
+    return f"differs in inputs ({', '.join(changes)})"

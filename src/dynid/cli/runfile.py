@@ -7,15 +7,17 @@ so that the run does not depend on variables and configuration files of that day
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
 from dynid.cli.commands import COMMANDS
+from dynid.cli.session import Session
 from dynid.disk import write_text
 from dynid.errors import DynidError, WrongUsage
 from dynid.files.yamlfile import read_yaml
@@ -27,33 +29,18 @@ if TYPE_CHECKING:
 
 NAME = "run.yaml"
 #: Common options about the terminal and the files, which change no result and are not repeated.
-NOT_REPEATED = (
-    "force",
-    "yes",
-    "no_input",
-    "json",
-    "quiet",
-    "verbose",
-    "color",
-    "config",
-    "log_file",
-    "debug",
-)
+_SILENT = {each.name for each in fields(Session)} - {"out", "seed"}
 _KEYS = ("dynid", "command", "arguments", "inputs")
 
 
-#: Options that overwrite, answer or move the arm: no variable and no file gives them.
-TYPED = ("force", "yes", "move")
+def flag_of(option: click.Option) -> str:
+    """Return the long name of an option."""
+    return next(word for word in option.opts if word.startswith("--"))
 
 
 def key_of(option: click.Option) -> str:
     """Return the name of an option in variables and configuration files: its long name with underscores."""
-    return next(word for word in option.opts if word.startswith("--"))[2:].replace("-", "_")
-
-
-def is_typed(param: click.Parameter) -> bool:
-    """Return whether a parameter is an option that stands on the command line alone."""
-    return isinstance(param, click.Option) and not param.allow_from_autoenv
+    return flag_of(option)[2:].replace("-", "_")
 
 
 def arguments_of(ctx: click.Context) -> list[str]:
@@ -61,28 +48,23 @@ def arguments_of(ctx: click.Context) -> list[str]:
     words: list[str] = []
     flags: list[str] = []
     for param in ctx.command.params:
-        value = ctx.params.get(str(param.name))
-        values = value if isinstance(value, (list, tuple)) else [value]
-        if value is None or ctx.get_parameter_source(str(param.name)) is ParameterSource.DEFAULT:
+        name = str(param.name)
+        value = ctx.params.get(name)
+        if value is None or ctx.get_parameter_source(name) is ParameterSource.DEFAULT:
             continue
-        if isinstance(param, click.Argument):
-            words += [str(item) for item in values]
-        elif isinstance(param, click.Option) and param.name not in NOT_REPEATED:
-            flags += _flag(param, value, values)
+        values = value if isinstance(value, (list, tuple)) else [value]
+        if not isinstance(param, click.Option):
+            words += map(str, values)
+        elif name in _SILENT:
+            continue
+        elif isinstance(value, bool):
+            flags += [flag_of(param)] if value else param.secondary_opts[:1]
+        else:
+            flags += [word for item in values for word in (flag_of(param), str(item))]
     return words + flags
 
 
-def _flag(option: click.Option, value: object, values: Sequence[object]) -> list[str]:
-    name = next(word for word in option.opts if word.startswith("--"))
-    if isinstance(value, bool):
-        other = option.secondary_opts[0] if option.secondary_opts else None
-        return [name] if value else [other] if other else []
-    if option.count:
-        return [name] * int(str(value))
-    return [word for item in values for word in (name, str(item))]
-
-
-def write_run(folder: Path, inputs: Mapping[str, str]) -> Path:
+def write_run(folder: Path, inputs: Mapping[str, str]) -> None:
     """Write this run's section of run.yaml in a results folder; sections of other commands stay.
 
     Args:
@@ -90,9 +72,11 @@ def write_run(folder: Path, inputs: Mapping[str, str]) -> Path:
         inputs: sha256 of every input by name.
     """
     ctx = click.get_current_context()
-    arguments = arguments_of(ctx)
-    path = folder / NAME
-    runs = _others(path)
+    path, arguments, runs = folder / NAME, arguments_of(ctx), {}
+    with suppress(OSError, DynidError):
+        for name, value in read_yaml(path).entries().items():
+            with suppress(DynidError):
+                runs[name] = _data(value)
     runs[str(ctx.info_name)] = {
         "dynid": __version__,
         "command": shlex.join(["dynid", str(ctx.info_name), *arguments]),
@@ -100,68 +84,42 @@ def write_run(folder: Path, inputs: Mapping[str, str]) -> Path:
         "inputs": dict(inputs),
     }
     write_text(path, yaml_text(runs, sort_keys=True, width=10**6, default_flow_style=False))
-    return path
 
 
-def _others(path: Path) -> dict[str, object]:
-    """Return the sections that are there, as far as they can be read."""
+def _data(value: Value) -> Any:  # noqa: ANN401
     # Why not what PyYAML makes of it: merged mappings in a file from somebody else could fill the memory.
-    found: dict[str, object] = {}
-    with suppress(OSError, DynidError):
-        for name, value in read_yaml(path).entries().items():
-            with suppress(DynidError):
-                found[name] = _section(value)
-    return found
+    if value.is_mapping:
+        return {key: _data(item) for key, item in value.entries().items()}
+    return [_data(item) for item in value.items()] if value.is_list else value.text()
 
 
-def _section(value: Value) -> dict[str, object]:
-    keys = value.mapping(_KEYS, required=("arguments",))
-    words: dict[str, object] = {
-        key: keys[key].text() for key in ("dynid", "command") if key in keys
-    }
-    inputs = keys["inputs"].entries() if "inputs" in keys else {}
-    return {
-        **words,
-        "arguments": [item.text() for item in keys["arguments"].items()],
-        "inputs": {key: item.text() for key, item in inputs.items()},
-    }
-
-
-def repeated(ctx: click.Context, args: Sequence[str]) -> list[str]:
+def repeated(ctx: click.Context, args: list[str]) -> list[str]:
     """Return a command line with ``--from FILE`` replaced by the stored arguments; what is given besides wins.
 
     Raises:
         WrongUsage: there is no such file, it holds no run of this command, or one that overwrites or moves.
     """
-    words = list(args)
-    for i, word in enumerate(words):
-        if word == "--from" and i + 1 < len(words):
-            return _stored(ctx, Path(words[i + 1]), words[:i] + words[i + 2 :])
-        if word.startswith("--from="):
-            return _stored(ctx, Path(word.removeprefix("--from=")), words[:i] + words[i + 1 :])
-    return words
+    for i, word in enumerate(args):
+        flag, _, path = word.partition("=")
+        if flag == "--from" and (path or args[i + 1 :]):
+            rest = args[i + 1 :] if path else args[i + 2 :]
+            return [*_stored(ctx, Path(path or args[i + 1])), *args[:i], *rest]
+    return args
 
 
-def _stored(ctx: click.Context, path: Path, besides: list[str]) -> list[str]:
-
+def _stored(ctx: click.Context, path: Path) -> list[str]:
     command = str(ctx.command.name)
     if not path.is_file():
         raise WrongUsage(f"no such file {path}", why=f"--from takes the {NAME} of a results folder")
     runs = read_yaml(path).mapping(tuple(COMMANDS))
     if command not in runs:
-        raise WrongUsage(
-            f"{path} holds no run of '{command}'; it has {', '.join(runs)}", where=str(path)
-        )
-    stored = [
-        item.text()
-        for item in runs[command].mapping(_KEYS, required=("arguments",))["arguments"].items()
-    ]
+        what = f"{path} holds no run of '{command}'; it has {', '.join(runs)}"
+        raise WrongUsage(what, where=path)
+    keys = runs[command].mapping(_KEYS, required=("arguments",))
+    stored = [item.text() for item in keys["arguments"].items()]
     asked = ctx.command.make_parser(ctx).parse_args(list(stored))[0]
-    typed = [
-        param.opts[-1] for param in ctx.command.params if is_typed(param) and param.name in asked
-    ]
-    if typed:
-        raise WrongUsage(
-            f"{path} sets {typed[0]}", where=str(path), fix=f"give {typed[0]} yourself"
-        )
-    return stored + besides
+    for param in ctx.command.params:
+        if isinstance(param, click.Option) and param.name in asked and not param.allow_from_autoenv:
+            flag = flag_of(param)
+            raise WrongUsage(f"{path} sets {flag}", where=path, fix=f"give {flag} yourself")
+    return stored

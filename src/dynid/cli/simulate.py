@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import click
 
 import dynid
 from dynid import workflows
-from dynid.cli.arguments import options_from, options_of, robot_argument
-from dynid.cli.options import Common, dynid_command
+from dynid.cli.options import (
+    ROBOTS,
+    TIP,
+    Answered,
+    dynid_command,
+    load_robot,
+    options_from,
+)
 from dynid.cli.prompt import input_hashes, may_write
+from dynid.cli.session import Session
 from dynid.text import shell
 from dynid.workflows.options import SimulateOptions
 
-if TYPE_CHECKING:
-    from dynid.sim.comparison import SimulatorGap
+THERE = click.Path(exists=True, path_type=Path)
 
 
 @dynid_command(
@@ -28,13 +33,14 @@ if TYPE_CHECKING:
         "dynid simulate out/before out/after --compare run3.bag     exported files in MuJoCo beside a log",
     ),
 )
-@robot_argument
-@click.argument("source", metavar="TRAJECTORY|LOG", type=click.Path(exists=True, path_type=Path))
-@options_from(SimulateOptions, without=("seed",))
+@click.argument("robot", shell_complete=ROBOTS)
+@TIP
+@click.argument("source", metavar="TRAJECTORY|LOG", type=THERE)
+@options_from(SimulateOptions)
 @click.option(
     "--compare",
     "log",
-    type=click.Path(exists=True, path_type=Path),
+    type=THERE,
     metavar="LOG",
     help="Drive the exported files of the two arguments, results of one arm, along this log and show the errors.",
 )
@@ -46,53 +52,41 @@ if TYPE_CHECKING:
     help="Simulator that --compare loads the exported files in.",
 )
 def command(
-    common: Common,
+    session: Session,
     robot: str,
+    tip: str | None,
     source: Path,
+    options: SimulateOptions,
     log: Path | None,
     engine: str,
-    **values: Any,  # noqa: ANN401
-) -> None:
+) -> Answered:
     """Simulate the log of an arm that follows a motion: friction, noise, effects; no ROS is needed."""
     if log is not None:
-        return compare(common, Path(robot), source, log, engine)
-
-    arm, options = dynid.load_robot(robot), options_of(SimulateOptions, values, seed=common.seed)
-    common.terminal.findings(arm.findings)
-    target = common.folder(arm.slug) / "simulated.npz"
+        return compare(session, Path(robot), source, log, engine)
+    arm = load_robot(session, robot, tip)
+    target = session.folder(arm.slug) / "simulated.npz"
     inputs = {"robot": arm.model_key, **input_hashes({"motion": source}), **options.texts()}
-    with common.terminal.progress() as progress:
-        found = workflows.simulate.simulate(arm, source, options, progress=progress)
-    common.terminal.stage("physics", f"{found.source}; the arm follows the motion exactly")
+    found = workflows.simulate.simulate(arm, source, options, progress=session.progress)
+    session.stage("physics", f"{found.source}; the arm follows the motion exactly")
     wrote = []
-    if may_write(common, target, inputs):
+    if may_write(session, target, inputs):
         target.parent.mkdir(parents=True, exist_ok=True)
-        wrote.append(found.log.save(target, common.header(inputs)))
-        common.terminal.wrote(target)
-    common.terminal.emit_json({**found.facts(), "wrote": wrote})
-    common.terminal.next(f"dynid identify {arm.word} {shell(target)}")
-    return None
+        wrote.append(found.log.save(target, session.header(inputs)))
+        session.wrote(target)
+    session.next(f"dynid identify {arm.word} {shell(target)}")
+    return {**found.facts(), "wrote": wrote}
 
 
-def compare(common: Common, before: Path, after: Path, log: Path, engine: str) -> None:
+def compare(session: Session, before: Path, after: Path, log: Path, engine: str) -> Answered:
     """Drive the exported files of two results along a log and print the errors."""
-    results = [dynid.loading.load_run(before), dynid.loading.load_run(after)]
-    with common.terminal.progress() as progress:
-        found = workflows.simulator_gap.compare_in_simulator(
-            results, log, engine=engine, progress=progress
-        )
-        folder = common.out or results[1].path.parent
-        wrote = [
-            workflows.simulator_gap.save_figure(
-                found, folder / "simulator" / f"{log.stem}_{engine}.png"
-            )
-        ]
-    show_comparison(common, found)
-    common.terminal.wrote(*wrote)
-    common.terminal.emit_json({**found.facts(), "wrote": wrote})
-
-
-def show_comparison(common: Common, found: SimulatorGap) -> None:
-    """Print how far simulated arms stray from a log, with one model and with another."""
-    common.terminal.sentence(found.sentence())
-    common.terminal.show(found.table())
+    results, work = [dynid.loading.load_run(each) for each in (before, after)], workflows
+    found = work.simulator_gap.compare_in_simulator(
+        results, log, engine=engine, progress=session.progress
+    )
+    folder = session.out or results[1].path.parent
+    picture = folder / "simulator" / f"{log.stem}_{engine}.png"
+    wrote = [work.simulator_gap.save_figure(found, picture)]
+    session.sentences(found.sentence())
+    session.table(found.table())
+    session.wrote(*wrote)
+    return {**found.facts(), "wrote": wrote}

@@ -2,24 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 import dynid
 from dynid import workflows
-from dynid.cli.arguments import NumberInRange, options_from, options_of
-from dynid.cli.judged import show_judgement, show_next
-from dynid.cli.options import Common, dynid_command
+from dynid.cli.options import FILE, PATH, Answered, dynid_command, options_from
 from dynid.cli.prompt import may_write
 from dynid.cli.report import renewed
-from dynid.errors import ExitStatus
-from dynid.options import share_or_none
+from dynid.cli.session import Session
+from dynid.options import Options, option, share_or_none
 from dynid.workflows.options import ValidateOptions
 
-if TYPE_CHECKING:
-    from dynid.workflows.validate import Validation
+
+@dataclass(frozen=True)
+class Limits(Options):
+    """Errors from which on the exit status is 1."""
+
+    max_rms: float | None = option(
+        None,
+        "Exit 1 if the rms torque error of any joint is larger [N m or N].",
+        metavar="NM",
+        kind="float",
+    )
+    max_unexplained: float | None = option(
+        None,
+        "Exit 1 if the total relative torque error is larger.",
+        metavar="SHARE",
+        read=share_or_none,
+    )
 
 
 @dynid_command(
@@ -30,114 +44,58 @@ if TYPE_CHECKING:
         "dynid validate out/arm unseen.bag --mcap replay.mcap     for Foxglove, PlotJuggler, Rerun",
     ),
 )
-@click.argument("parameters", type=click.Path(path_type=Path))
-@click.argument("log", type=click.Path(path_type=Path))
+@click.argument("parameters", type=PATH)
+@click.argument("log", type=PATH)
 @options_from(ValidateOptions)
-@click.option(
-    "--max-rms",
-    type=NumberInRange(min=0),
-    metavar="NM",
-    help="Exit 1 if the rms torque error of any joint is larger [N m or N].",
-)
-@click.option(
-    "--max-unexplained",
-    metavar="SHARE",
-    help="Exit 1 if the total relative torque error is larger.",
-)
+@options_from(Limits, "limits")
 @click.option(
     "--mcap",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE,
     metavar="FILE",
     help="Write measured, predicted and residual joint states with the arm's URDF for Foxglove, PlotJuggler and Rerun.",
 )
 @click.option("--plot/--no-plot", default=True, show_default=True, help="Draw the figures.")
 def command(
-    common: Common,
+    session: Session,
     parameters: Path,
     log: Path,
-    plot: bool,
+    options: ValidateOptions,
+    limits: Limits,
     mcap: Path | None,
-    **values: Any,  # noqa: ANN401
-) -> ExitStatus:
+    plot: bool,
+) -> Answered:
     """Compare predicted with measured torques on a recording that was not used to identify."""
-    limits = {key: values.pop(key) for key in ("max_rms", "max_unexplained")}
-    facts = run_validate(
-        common, parameters, log, options_of(ValidateOptions, values), plot=plot, mcap=mcap, **limits
-    )
-    common.terminal.emit_json(facts)
-    return ExitStatus.DONE if facts["passed"] else ExitStatus.LIMIT_NOT_MET
-
-
-def run_validate(
-    common: Common,
-    parameters: Path,
-    log: Path,
-    options: ValidateOptions | None = None,
-    *,
-    max_rms: float | None = None,
-    max_unexplained: str | None = None,
-    plot: bool = True,
-    mcap: Path | None = None,
-    final: bool = True,
-) -> dict[str, Any]:
-    """Replay a log, write and print what comes out, and return the JSON answer.
-
-    Args:
-        common: the common options.
-        parameters: the result.
-        log: the recording.
-        options: how it is replayed.
-        max_rms: largest rms error of a joint that is no broken limit [N m or N].
-        max_unexplained: largest total relative error, as a share.
-        plot: whether figures are drawn.
-        mcap: file for viewers.
-        final: say the next command as well; not when another command goes on.
-    """
-    options = options or ValidateOptions()
-    terminal = common.terminal
-    largest = share_or_none(max_unexplained, "--max-unexplained")
-    stored = dynid.loading.load_run(parameters)
+    stored, progress = dynid.loading.load_run(parameters), session.progress
     parent = stored.path.parent
     if mcap is not None:
-        may_write(common, mcap, {})
-    with terminal.progress() as progress:
-        base = workflows.results.base_model_of(stored, parent, progress)
-        progress.stage("read")
-        found = workflows.validate.validate(
-            stored,
-            dynid.loading.read_log(log, stored.robot, options),
-            options,
-            base=base,
-            progress=progress,
-        )
-        folder = found.folder(parent / "validation")
-        wrote = [found.save(folder), *(found.write_figures(folder) if plot else [])]
-        if mcap is not None:
-            wrote.append(found.save_mcap(mcap, workflows.validate.urdf_of(stored, base)))
-    broken = found.broken_limits(max_rms, largest)
+        may_write(session, mcap)
+    base = workflows.results.base_model_of(stored, parent, progress)
+    progress.stage("read")
+    read = dynid.loading.read_log(log, stored.robot, options)
+    found = workflows.validate.validate(stored, read, options, base=base, progress=progress)
+    folder = found.folder(parent / "validation")
+    wrote = [found.save(folder), *(found.write_figures(folder) if plot else [])]
+    if mcap is not None:
+        wrote.append(found.save_mcap(mcap, workflows.validate.urdf_of(stored, base)))
+    broken = found.broken_limits(limits.max_rms, limits.max_unexplained)
     for sentence in broken:
-        terminal.say(f"limit      {sentence}")
-    show(common, found)
-    terminal.wrote(*wrote)
-    wrote += renewed(common, stored.path, base)
-    if final:
-        show_next(common, found.judgement)
-    return {**found.facts(), "passed": not broken, "wrote": wrote}
-
-
-def show(common: Common, found: Validation) -> None:
-    """Print the answer, why, and the table of joints."""
-    show_judgement(common, found.judgement)
-    rows = []
+        session.say(f"limit      {sentence}")
+    session.judged(found.judgement)
+    session.lights(found.judgement)
+    rows: list[dict[str, Any]] = []
     for quality, joint in zip(found.joints, found.robot.joints, strict=True):
         unit = joint.torque_unit
-        if not quality.torque_rms:
-            rows.append([quality.joint, *"----"])
-            continue
-        percent = f"{quality.relative_percent:.1f} %"
-        errors = (f"{quality.rms:.3g} {unit}", f"{quality.torque_rms:.3g} {unit}", percent)
-        rows.append([quality.joint, *errors, f"{quality.baseline_rms:.3g} {unit}"])
-    common.terminal.table(["joint", "rms error", "torque rms", "unexplained", "baseline"], rows)
-    common.terminal.sentence(
-        f"total relative error {found.relative_error_percent:.2f} %; baseline: {found.baseline}"
-    )
+        row = {
+            "rms error": f"{quality.rms:.3g} {unit}",
+            "torque rms": f"{quality.torque_rms:.3g} {unit}",
+            "unexplained": f"{quality.relative_percent:.1f} %",
+            "baseline": f"{quality.baseline_rms:.3g} {unit}",
+        }
+        rows.append({"joint": quality.joint} | (row if quality.torque_rms else dict.fromkeys(row)))
+    session.table(rows)
+    total = f"total relative error {found.relative_error_percent:.2f} %"
+    session.sentences(f"{total}; baseline: {found.baseline}")
+    session.wrote(*wrote)
+    wrote += renewed(session, stored.path, base)
+    session.steps(*found.judgement.steps)
+    return {**found.facts(), "passed": not broken, "wrote": wrote}, bool(broken)

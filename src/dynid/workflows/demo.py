@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from dynid.disk import write_text
 from dynid.errors import WrongUsage
@@ -19,10 +21,6 @@ from dynid.sim.plant import read_plant
 from dynid.sim.sines import SineSpec, sines
 from dynid.text import closest
 from dynid.workflows.simulate import simulate
-
-if TYPE_CHECKING:
-    import numpy as np
-
 
 #: The arm that something is hidden in, and its true parameters.
 ROBOT, TRUTH = "kuka_lwr4plus", "lwr4plus_truth.yaml"
@@ -46,8 +44,6 @@ def hidden_effect(name: str, seed: int) -> Hidden:
     Raises:
         WrongUsage: nothing of that name can be hidden.
     """
-    import numpy as np
-
     cases = {case.name: case for case in CASES}
     if name == "random":
         known = [case for case in cases.values() if case.size and case.name not in OUTSIDE]
@@ -71,8 +67,6 @@ def simulate_hidden(
         seed: of motions and noise.
         progress: reports that the arm is simulated.
     """
-    import numpy as np
-
     source = load_robot(ROBOT)
     assert source.path is not None
     robot = folder / "arm.yaml"
@@ -123,18 +117,13 @@ def simulate_own(robot: Robot, folder: Path, seed: int, progress: Progress = SIL
         seed: of bodies, motions and noise.
         progress: reports that the arm is simulated.
     """
-    import math
-    from dataclasses import replace
-
-    import numpy as np
-
     rng = np.random.default_rng([seed, 2])
     bodies = tuple(_other(body, rng) for body in prior_bodies(robot))
     arm, paths, physics = replace(robot, prior=Prior(links=bodies), tool=None), [], ""
     for k, seconds in enumerate(OWN_SECONDS):
         motion = sines(
             arm,
-            SineSpec(seconds, 10.0, 0.8, 0.6, 0.6, -math.inf),
+            SineSpec(seconds, 10.0, 0.8, 0.6, 0.6, -np.inf),
             OWN_STEP,
             np.random.default_rng([seed, k]),
         )
@@ -155,8 +144,6 @@ def simulate_own(robot: Robot, folder: Path, seed: int, progress: Progress = SIL
 
 def _other(body: Body, rng: np.random.Generator) -> Body:
     """Return a body with another mass and centre: as if stretched along its axes, so that it can exist."""
-    from dataclasses import replace
-
     mass, stretch = 1.0 + UNKNOWN * rng.uniform(-1.0, 1.0, 2)
     inertia = tuple(mass * stretch**2 * value for value in body.inertia_com)
     x, y, z = (stretch * value for value in body.com)
@@ -170,8 +157,6 @@ def against_truth(result: Identification, truth: dict[str, float]) -> dict[str, 
         result: identified from a simulated arm.
         truth: its true parameters by name; a base parameter with another one in it is not counted.
     """
-    import numpy as np
-
     names = result.reduction.names
     K = result.reduction.K
     true = K @ np.array([truth.get(name, 0.0) for name in names])

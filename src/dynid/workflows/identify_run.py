@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -77,21 +78,20 @@ class IdentifyRun:
         return facts
 
 
+@dataclass(frozen=True)
 class _Logs:
     """The logs of a run, read from disk when they are first needed."""
 
-    def __init__(
-        self, robot: Robot, paths: Sequence[Path], options: IdentifyOptions, progress: Progress
-    ) -> None:
-        self.robot, self.paths, self.options, self.progress = robot, paths, options, progress
-        self._read: list[Log] | None = None
+    robot: Robot
+    paths: Sequence[Path]
+    options: IdentifyOptions
+    progress: Progress
 
+    @cached_property
     def read(self) -> list[Log]:
-        """Return the logs as read."""
-        if self._read is None:
-            self.progress.stage("read")
-            self._read = [read_log(path, self.robot, self.options) for path in self.paths]
-        return self._read
+        """The logs as read."""
+        self.progress.stage("read")
+        return [read_log(path, self.robot, self.options) for path in self.paths]
 
 
 def identify_run(
@@ -142,7 +142,7 @@ def identify_run(
         result = _stored(path, base, progress)
     else:
         if paths:
-            seen = observe(robot, logs.read(), options, base=base, progress=progress)
+            seen = observe(robot, logs.read, options, base=base, progress=progress)
             beside.append(seen.save_stack(folder, header(of_observations(inputs))))
         else:
             seen = load_observations(folder / "fullnumericregressor.npz", base, progress)
@@ -167,14 +167,14 @@ def _stored(path: Path, base: BaseModel, progress: Progress) -> Identification:
 def _gains(logs: _Logs, extras: Extras, folder: Path) -> Gains | None:
     """Return the gains of the drives where the logs hold currents and not all gains are known."""
     robot, options = logs.robot, logs.options
-    if robot.torque.complete or not logs.paths or not needs_gains(robot, logs.read()[0]):
+    if robot.torque.complete or not logs.paths or not needs_gains(robot, logs.read[0]):
         if extras.loaded:
             what = "--loaded is for logs of motor currents with unknown gains; these logs have torques or known gains"
             raise WrongUsage(what, fix="to identify a load: --payload-from RESULT")
         return None
     return find_drive_gains(
         robot,
-        logs.read(),
+        logs.read,
         options,
         loaded=read_log(extras.loaded, robot, options) if extras.loaded else None,
         load_mass=extras.load_mass,
@@ -188,7 +188,7 @@ def _with_rows(result: Identification, base: BaseModel, logs: _Logs) -> Identifi
     if result.stack is not None or not logs.paths:
         return result
     options = replace(logs.options, cutoff=result.cutoff, delay=result.delay)
-    seen = observe(result.robot, logs.read(), options, base=base, progress=logs.progress)
+    seen = observe(result.robot, logs.read, options, base=base, progress=logs.progress)
     return replace(result, stack=seen.stack)
 
 

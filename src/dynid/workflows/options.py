@@ -558,17 +558,30 @@ class RecordOptions(Options):
 
 
 @dataclass(frozen=True)
-class Extras:
-    """What ``dynid identify`` is asked besides the parameters.
+class Extras(Options):
+    """What ``dynid identify`` is asked besides the parameters."""
 
-    Attributes:
-        loaded: log of motor currents with a body of known mass, from which the gains of all drives follow.
-        load_mass: that mass [kg].
-        payload_from: result without a load; the load is found.
-        update: result that the logs are added to.
-    """
-
-    loaded: Path | None = None
-    load_mass: float | None = None
-    payload_from: Path | None = None
-    update: Path | None = None
+    payload_from: Path | None = option(
+        None,
+        "Result without the load: find mass, centre and inertia of the load that the arm of the LOG carries.",
+        metavar="RESULT",
+        kind="path",
+    )
+    loaded: Path | None = option(
+        None,
+        "Log of motor currents with a load of known mass: find the gains of all drives.",
+        metavar="LOG",
+        kind="path",
+    )
+    load_mass: float | None = option(
+        None,
+        "Mass of the load in the log given with --loaded [kg].",
+        metavar="KG",
+        kind="positive",
+    )
+    update: Path | None = option(
+        None,
+        "Add the LOG to this result; its own logs are not needed. It may be overwritten.",
+        metavar="RESULT",
+        kind="path",
+    )

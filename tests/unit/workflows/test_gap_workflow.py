@@ -16,7 +16,7 @@ from dynid import (
     load_robot,
     validate,
 )
-from dynid.cli.terminal import plain
+from dynid.cli.session import plain
 from dynid.errors import WrongUsage
 from dynid.loading import load_run
 from dynid.robot import Known

@@ -1,0 +1,406 @@
+"""One run of a command: the options that every command has, and its two streams.
+
+stdout carries the answer and nothing else, stderr everything else. No text from outside is ever read as markup or as an
+escape code; colour never carries meaning alone.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import shutil
+import sys
+import textwrap
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import cached_property
+from math import isfinite
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+from typing import TYPE_CHECKING, Any, TextIO
+
+import click
+from rich.console import Console
+from rich.text import Text
+
+from dynid.cli.failure import is_terminal, silence_streams, use_color
+from dynid.errors import CannotWrite, Finding
+from dynid.options import Options, option
+from dynid.table import Table, cell_text
+from dynid.text import shell, visible, whole_number
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from dynid.judgement.judge import Judgement
+    from dynid.judgement.rules import Step
+
+#: Width of the column of labels, and how far the further lines of a sentence are moved in.
+LABEL, SENTENCE = 11, 2
+#: Labels of lines that are copied from the terminal, and so never folded.
+COPYABLE = ("wrote", "next", "")
+#: Width of tables that go to a file or a pipe: nothing is folded there.
+UNLIMITED = 400
+#: Work shorter than this is not worth a bar [s].
+PATIENCE = 0.5
+#: Steps that are shown without -v.
+STEPS = 2
+
+
+#: How words of a line look; colour never says something alone.
+Styles = Mapping[str, str]
+PLAIN: Styles = MappingProxyType({})
+
+
+class QuietConsole(Console):
+    """A console that goes on working when the reader of its stream has left."""
+
+    def on_broken_pipe(self) -> None:
+        """Send the rest nowhere, so that the command still finishes its job."""
+        silence_streams()
+
+
+@dataclass(frozen=True)
+class Session(Options):
+    """What every command is given: the common options and the streams, to be used in a ``with`` block."""
+
+    out: Path | None = option(
+        None, "Folder of the results (default: out/ROBOT).", metavar="DIR", kind="folder"
+    )
+    force: bool = option(False, "Overwrite results without asking.", deliberate=True)
+    yes: bool = option(
+        False, "Answer questions with yes; never those that move the arm.", deliberate=True
+    )
+    no_input: bool = option(False, "Ask nothing, take the documented answers.")
+    json: bool = option(False, "Print one JSON object on stdout.")
+    quiet: bool = option(False, "Only the answer, warnings and errors.")
+    verbose: int = option(0, "More detail; twice for all.", kind="level")
+    color: str = option("auto", "Colour on the terminal.", choices=("auto", "always", "never"))
+    log_file: Path | None = option(
+        None, "Append what is said on stderr to FILE.", metavar="FILE", kind="file"
+    )
+    seed: int = option(
+        0, "Seed of every random choice.", metavar="INTEGER", bounds=(0, None), shown=""
+    )
+    debug: bool = option(False, "Show tracebacks.")
+
+    def __enter__(self) -> Session:
+        """Begin the run: what cannot be written is noticed before the work."""
+        assert self._copy is None or self._copy.writable()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Take the bar away and close the copy; what ended the run is its last line."""
+        self.progress.end()
+        if self._copy is not None:
+            if error is not None:
+                self._copied(f"{getattr(error, 'code', type(error).__name__)} {error}")
+            self._copy.close()
+
+    def folder(self, slug: str) -> Path:
+        """Return the folder of the results of a robot."""
+        return self.out or Path("out") / slug
+
+    def header(self, inputs: Mapping[str, str]) -> dict[str, Any]:
+        """Return what every result's header says about the run: command line, seed, hashes of the inputs."""
+        command = shlex.join(["dynid", *sys.argv[1:]])
+        return {"command": command, "seed": self.seed, "inputs": dict(inputs)}
+
+    # ------------------------------------------------------------ streams
+    @cached_property
+    def stdout(self) -> Console:
+        """Where the answer goes."""
+        return _console(sys.stdout, self.color)
+
+    @cached_property
+    def stderr(self) -> Console:
+        """Where everything else goes."""
+        return _console(sys.stderr, self.color)
+
+    @cached_property
+    def progress(self) -> Bar:
+        """What the library tells about long work."""
+        return Bar(self)
+
+    @cached_property
+    def _copy(self) -> TextIO | None:
+        """The file of --log-file; a pipe that nobody reads is an error at once, where Python would wait."""
+        path = self.log_file
+        if path is None:
+            return None
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            how = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_NONBLOCK", 0)
+            handle = os.open(path, how, 0o666)
+        except OSError as error:
+            what = f"cannot write {path}: {error.strerror}"
+            raise CannotWrite(what, where=path, fix="give another --log-file") from error
+        os.set_blocking(handle, True)
+        return os.fdopen(handle, "a", encoding="utf-8", errors="backslashreplace")
+
+    def _copied(self, text: str) -> None:
+        if self._copy is not None:
+            now = datetime.now().astimezone()
+            self._copy.write(f"{now:%Y-%m-%d %H:%M:%S} {visible(text)}\n")
+            self._copy.flush()
+
+    def _print(
+        self,
+        console: Console,
+        text: str,
+        style: str,
+        indent: int | None,
+        styles: Styles,
+    ) -> None:
+        """Print one line; with an indent it is folded between words where a terminal ends."""
+        self.progress.end()
+        line = visible(text)
+        if indent is not None and is_terminal(console.file):
+            line = textwrap.fill(
+                line,
+                console.width,
+                subsequent_indent=" " * indent,
+                break_long_words=False,
+                break_on_hyphens=False,
+            )
+        shown = Text(line, style)
+        for word, look in styles.items():
+            shown.highlight_words([word], look)
+        console.print(shown, soft_wrap=True)
+
+    # ------------------------------------------------------------ stderr
+    def say(
+        self,
+        text: str,
+        style: str = "",
+        indent: int | None = None,
+        *,
+        shown: bool = True,
+        styles: Styles = PLAIN,
+    ) -> None:
+        """Say a line on stderr, with a style for all of it or for single words; --log-file has it in any case."""
+        self._copied(text)
+        if shown:
+            self._print(self.stderr, text, style, indent, styles)
+
+    def stage(self, name: str, text: str, *, shown: bool = True) -> None:
+        """Say what a stage found: a short label and a sentence; not with --quiet."""
+        indent = None if name in COPYABLE else LABEL
+        self.say(f"{name:<{LABEL}}{text}", indent=indent, shown=shown and not self.quiet)
+
+    def wrote(self, *paths: Path, note: str = "") -> None:
+        """Say what was written."""
+        for path in paths:
+            self.stage("wrote", f"{path}{f'       ({note})' * bool(note)}")
+
+    def next(self, command: str, why: str = "") -> None:
+        """Say the next sensible command, and below it why; not with --quiet, nor where another command goes on."""
+        if click.get_current_context().obj is False:
+            return
+        if command.startswith("dynid "):
+            command = program() + command.removeprefix("dynid")
+        self.stage("next", command)
+        if why:
+            self.say(" " * LABEL + why, indent=LABEL, shown=not self.quiet)
+
+    def findings(self, findings: Sequence[Finding]) -> None:
+        """Say warnings, and with -v what is only worth knowing."""
+        for each in findings:
+            head, known = f"{each.level}[{each.code}]", each.level == "info"
+            shown, styles = bool(self.verbose) or not known, {head: "cyan" if known else "yellow"}
+            self.say(f"{head} {each.text}", "", SENTENCE, shown=shown, styles=styles)
+
+    # ------------------------------------------------------------ stdout; nothing of it but JSON with --json
+    def answer(
+        self, text: str = "", style: str = "", indent: int | None = None, styles: Styles = PLAIN
+    ) -> None:
+        """Print lines of the answer, folded and styled as ``say`` does."""
+        for line in [] if self.json else text.split("\n"):
+            self._print(self.stdout, line, style, indent, styles)
+
+    def headline(self, text: str) -> None:
+        """Print the sentence that answers the question."""
+        self.answer(text, "bold", SENTENCE)
+
+    def sentences(self, *texts: str) -> None:
+        """Print long lines of the answer."""
+        for text in texts:
+            self.answer(text, indent=SENTENCE)
+
+    def fact(self, name: str, text: str) -> None:
+        """Print a short label and a sentence."""
+        self.answer(f"{name:<{LABEL}}{text}", indent=None if name in COPYABLE else LABEL)
+
+    def page(self, markdown: str) -> None:
+        """Print a page of the documentation, laid out on a terminal and as it is elsewhere."""
+        from rich.markdown import Markdown
+
+        if not self.json:
+            terminal = is_terminal(self.stdout.file)
+            self.stdout.print(Markdown(markdown) if terminal else Text(markdown))
+
+    def table(self, rows: Sequence[Mapping[str, object]], styles: Styles = PLAIN) -> None:
+        """Print rows with the same keys as a table; one line a cell where it is wider than the terminal.
+
+        Args:
+            rows: values by their headings.
+            styles: how words in it look.
+        """
+        if not rows:
+            return
+        head, *lines = repr(Table([*rows])).splitlines()
+        if max(map(len, (head, *lines))) > self.stdout.width:
+            width = max(map(len, rows[0]))
+            cells = [(name, value) for row in rows for name, value in row.items()]
+            lines = [f"{name:<{width}}  {cell_text(value)}" for name, value in cells]
+        else:
+            self.answer(head, "bold")
+        for line in lines:
+            self.answer(line, styles=styles)
+
+    def emit_json(self, answer: Mapping[str, Any], indent: int | None = 2) -> None:
+        """Print a JSON object on stdout at once, in so many lines or, without an indent, on one."""
+        self.progress.end()
+        self.stdout.out(json.dumps(plain(answer), indent=indent, allow_nan=False), highlight=False)
+        self.stdout.file.flush()
+
+    # ------------------------------------------------------------ judgements
+    def judged(self, judged: Judgement) -> None:
+        """Print the answer, why, and what to beware of."""
+        self.headline(judged.sentence)
+        self.sentences(*judged.reasons, *judged.warnings)
+        self.answer()
+
+    def lights(self, judged: Judgement) -> None:
+        """Print what is behind the lights that are not green, with -v behind all, and the names of the others."""
+        told = ("bad", "fair", "good") if self.verbose else ("bad", "fair")
+        for light in judged.lights:
+            if light.state in told:
+                self.fact(light.shown, ": ".join(filter(None, (light.title, light.text))))
+        for state, word in (("good", "good"), ("open", "untested")):
+            found = [light.title for light in judged.lights if light.state == state]
+            if found and state not in told:
+                self.fact(word, ", ".join(found))
+        self.answer()
+
+    def steps(self, *steps: Step) -> None:
+        """Say the most urgent things to do, each with its reason."""
+        for step in steps if self.verbose else steps[:STEPS]:
+            self.next(step.command, step.why)
+
+
+class Bar:
+    """A ``dynid.progress.Progress``: after half a second a bar on a terminal, one line a stage elsewhere."""
+
+    def __init__(self, session: Session) -> None:
+        self._session, self._lock = session, threading.RLock()
+        self._name, self._began, self._said = "", time.monotonic(), False
+        self._told: set[tuple[str, ...]] = set()
+        self._timer: threading.Timer | None = None
+        self._bar: Progress | None = None
+
+    def stage(self, name: str, text: str = "") -> None:
+        """Say a line when there is something to say; otherwise a stage begins that may get a bar."""
+        self.end()
+        # Why once: a log that several steps of one command read is one log to its reader.
+        if text and self._new(name, text):
+            self._session.stage(name, text)
+        with self._lock:
+            self._name, self._began, self._said = name, time.monotonic(), bool(text)
+            if self._lively:
+                self._timer = threading.Timer(PATIENCE, self._show)
+                self._timer.daemon = True
+                self._timer.start()
+
+    def advance(self, done: float, total: float, text: str = "") -> None:
+        """Move the bar; without one, name a silent stage once it takes long."""
+        with self._lock:
+            if self._bar is not None:
+                words = visible(f"{self._name}  {text}")
+                self._bar.update(
+                    self._bar.task_ids[0], completed=done, total=total or None, description=words
+                )
+                return
+            slow = not self._said and time.monotonic() - self._began > PATIENCE
+        # Why not with --json: what a program reads would depend on how busy the machine is.
+        if slow and not self._lively and not self._session.json:
+            self._said = True
+            self._session.stage(self._name, text or "...")
+
+    def findings(self, findings: Sequence[Finding]) -> None:
+        """Say warnings below the stage that they belong to, each once."""
+        self._session.findings([each for each in findings if self._new(each.code, each.text)])
+
+    def end(self) -> None:
+        """Take the bar away until the next stage begins."""
+        with self._lock:
+            if self._timer is not None:
+                self._timer.cancel()
+            if self._bar is not None:
+                self._bar.stop()
+            self._timer = self._bar = None
+
+    @property
+    def _lively(self) -> bool:
+        """Whether there may be a bar: it moves the cursor, and where colour is off no escape codes may appear."""
+        console = self._session.stderr
+        return console.color_system is not None and console.is_terminal and not self._session.quiet
+
+    def _new(self, *words: str) -> bool:
+        """Return whether something is said for the first time, and keep it."""
+        new = words not in self._told
+        self._told.add(words)
+        return new
+
+    def _show(self) -> None:
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        with self._lock:
+            if self._timer is None:
+                return
+            name = TextColumn("{task.description}", markup=False)
+            columns = (name, BarColumn(), TimeElapsedColumn())
+            self._bar = Progress(*columns, console=self._session.stderr, transient=True)
+            self._bar.add_task(visible(self._name), total=None)
+            self._bar.start()
+
+
+def program() -> str:
+    """Return the word that starts dynid here: its path where a shell does not find it, as after ``make demo``."""
+    here = Path(sys.argv[0])
+    if here.name != "dynid" or not here.is_file() or shutil.which("dynid") is not None:
+        return "dynid"
+    return shell(os.path.relpath(here))
+
+
+def _console(stream: TextIO, mode: str) -> Console:
+    color, terminal = use_color(stream, mode), is_terminal(stream)
+    columns = whole_number(os.environ.get("COLUMNS", ""))
+    return QuietConsole(
+        file=stream,
+        color_system=("auto" if terminal else "standard") if color else None,
+        force_terminal=color,
+        width=None if terminal else columns if columns > 0 else UNLIMITED,
+    )
+
+
+def plain(value: Any) -> Any:  # noqa: ANN401
+    """Return a value as JSON knows it: arrays as lists, paths as text, what is not finite as null."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [plain(item) for item in value]
+    if isinstance(value, float):
+        return value if isfinite(value) else None
+    return value if value is None or isinstance(value, (bool, int)) else str(value)
