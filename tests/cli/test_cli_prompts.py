@@ -15,9 +15,10 @@ TABLE = [
     ("P7", "Add coulomb to a copy of the robot file?", "no", "no", "no", "--apply/--no-apply"),
     ("P8", "x.npz is stale. Rebuild?", "yes", "yes", "yes", "--rebuild/--frozen"),
 ]
+EACH = pytest.mark.parametrize(("row", "text", "enter", "unasked", "yes", "flag"), TABLE)
 
 
-@pytest.mark.parametrize(("row", "text", "enter", "unasked", "yes", "flag"), TABLE)
+@EACH
 def test_without_a_terminal_the_documented_answer_is_taken_and_said_in_one_line(
     dynid, row, text, enter, unasked, yes, flag
 ):
@@ -28,7 +29,7 @@ def test_without_a_terminal_the_documented_answer_is_taken_and_said_in_one_line(
     assert line.endswith(f"(not asked: no terminal; set with {flag})")
 
 
-@pytest.mark.parametrize(("row", "text", "enter", "unasked", "yes", "flag"), TABLE)
+@EACH
 def test_yes_gives_the_documented_answer_even_on_a_terminal(
     dynid, row, text, enter, unasked, yes, flag
 ):
@@ -37,7 +38,7 @@ def test_yes_gives_the_documented_answer_even_on_a_terminal(
     assert "not asked: -y" in done.err
 
 
-@pytest.mark.parametrize(("row", "text", "enter", "unasked", "yes", "flag"), TABLE)
+@EACH
 def test_enter_on_a_terminal_means_the_capital_letter(dynid, row, text, enter, unasked, yes, flag):
     done = dynid.typing("toy", "ask", row, keys=["\n"])
     assert done.out == enter + "\n"

@@ -3,6 +3,7 @@
 The arm is a two-link arm whose torques come from the textbook's formulas (twolink.py), so that fits have a truth.
 """
 
+import ctypes
 import json
 import os
 import random
@@ -380,9 +381,13 @@ def test_ctrl_c_at_any_moment_ends_with_130_and_works_no_longer(arm):
 
 
 # ---------------------------------------------------------------- places and terminals
-def test_a_read_only_folder_ends_in_a_message(arm):
-    from test_cli_frame import without_privileges
+def without_privileges():
+    """Make permissions hold for root too: drop CAP_DAC_OVERRIDE from what the next program may have."""
+    PR_CAPBSET_DROP, CAP_DAC_OVERRIDE = 24, 1
+    ctypes.CDLL(None).prctl(PR_CAPBSET_DROP, CAP_DAC_OVERRIDE, 0, 0, 0)
 
+
+def test_a_read_only_folder_ends_in_a_message(arm):
     arm.folder.chmod(0o555)
     try:
         for words in (("model", "arm.yaml"), ("demo",)):

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Sequence
 from typing import Any, NamedTuple
+
+#: What every help is like.
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
 class Entry(NamedTuple):
@@ -54,3 +58,8 @@ def command_of(name: str) -> Any:  # noqa: ANN401
     """Import a command; ``import`` is a word of Python and cannot be the name of its module."""
     module = "import_urdf" if name == "import" else name.replace("-", "_")
     return importlib.import_module(f"dynid.cli.{module}").command
+
+
+def shown(text: str, examples: Sequence[str]) -> str:
+    """Return the help of a command: what it does, and examples, which click does not fold."""
+    return "\n".join([text, "", "\b", "Examples:", *(f"  {line}" for line in examples)])

@@ -25,7 +25,6 @@ from dynid.workflows.options import ConvertOptions
 @click.argument("log", type=PATH)
 @click.option(
     "--to",
-    "target",
     type=FILE,
     metavar="FILE",
     help="File to write: .npz or .csv; -o FILE is the same.",
@@ -35,10 +34,10 @@ from dynid.workflows.options import ConvertOptions
 )
 @options_from(ConvertOptions)
 def command(
-    session: Session, log: Path, target: Path | None, robot: str | None, options: ConvertOptions
+    session: Session, log: Path, to: Path | None, robot: str | None, options: ConvertOptions
 ) -> Answered:
     """Write a recording as .npz or .csv; every number stays as it was recorded."""
-    target = target or session.out
+    target = to or session.out
     if target is None:
         fix = shell("dynid", "convert", log, "-o", f"{log.stem}.npz")
         raise WrongUsage("no file to write is given", fix=fix)

@@ -15,6 +15,7 @@ from dynid.cli.session import Session, program
 from dynid.files import packaged
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.reports.demo_page import Chapter, write_demo_page
+from dynid.sim.plant import read_plant
 from dynid.text import shell
 from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.preview import Drawing
@@ -159,7 +160,7 @@ def recordings(
     if robot in ARMS:
         stem = packaged("trajectories") / ARMS[robot]
         seen, unseen = (Path(f"{stem}_{which}.bag") for which in ("identify", "validate"))
-        return seen, unseen, workflows.demo.truth_of(Path(f"{stem}_truth.yaml")), "PyBullet"
+        return seen, unseen, read_plant(Path(f"{stem}_truth.yaml")).parameters(), "PyBullet"
     what = "with bodies up to 20 % off those of its file, friction, noise"
     session.say(f"--- two motions of the arm, {what}", "bold")
     folder.mkdir(parents=True, exist_ok=True)

@@ -38,18 +38,18 @@ def sources(file: Path | None) -> Iterator[dict[str, Any]]:
         for key, option in keys_of(command).items():
             if key == "config":
                 continue
-            param, common = str(option.name), option.name in COMMON
+            common = key in COMMON
             value: Any = option.get_default(ctx)
             value = value if isinstance(value, (bool, int, float, str)) else None
             source = "default"
             names = [each for each in option.envvar or () if os.environ.get(each)]
-            typed = ctx.get_parameter_source(param) is click.core.ParameterSource.COMMANDLINE
+            typed = ctx.get_parameter_source(key) is click.core.ParameterSource.COMMANDLINE
             if typed and command is ctx.command:
-                value, source = ctx.params[param], "command line"
+                value, source = ctx.params[key], "command line"
             elif names:
                 value, source = os.environ[names[0]], names[0]
-            elif param in found:
-                value, source = words_of(found[param]), found[param].where
+            elif key in found:
+                value, source = words_of(found[key]), found[key].where
             if command is ctx.command if common else source != "default":
                 where = "" if common else name
                 yield {"command": where, "option": key, "value": value, "source": source}

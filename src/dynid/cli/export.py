@@ -27,7 +27,6 @@ from dynid.workflows.options import SUFFIXES, ExportOptions
 @click.argument("run", type=PATH)
 @click.option(
     "--format",
-    "formats",
     type=click.Choice([*SUFFIXES, "all"]),
     multiple=True,
     required=True,
@@ -35,7 +34,7 @@ from dynid.workflows.options import SUFFIXES, ExportOptions
 )
 @options_from(ExportOptions)
 def command(
-    session: Session, run: Path, formats: tuple[str, ...], options: ExportOptions
+    session: Session, run: Path, format: tuple[str, ...], options: ExportOptions
 ) -> Answered:
     """Write the identified model as URDF, MJCF, YAML, C, Python or MATLAB."""
     stored = dynid.loading.load_run(run)
@@ -43,7 +42,7 @@ def command(
         stored,
         session.out or stored.path.parent,
         options,
-        formats=[name for name in SUFFIXES if name in formats or "all" in formats],
+        formats=[name for name in SUFFIXES if name in format or "all" in format],
         seed=session.seed,
         write=partial(write_once, session),
         progress=session.progress,

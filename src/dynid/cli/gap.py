@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 @options_from(GapOptions)
 @click.option(
     "--apply",
-    "apply_",
     is_flag=False,
     flag_value="best",
     metavar="NAME[@JOINTS]|best",
@@ -55,13 +54,13 @@ def command(
     parameters: Path,
     logs: tuple[Path, ...],
     options: GapOptions,
-    apply_: str | None,
+    apply: str | None,
     no_apply: bool,
     new_name: Path | None,
     plot: bool,
 ) -> Answered:
     """Find which effect the model lacks, add it, and show how much smaller the error becomes."""
-    if apply_ and no_apply:
+    if apply and no_apply:
         what = "--apply and --no-apply cannot be used together"
         raise WrongUsage(what, fix="leave one of them out")
     stored, progress = dynid.loading.load_run(parameters), session.progress
@@ -78,9 +77,9 @@ def command(
     # Why first: what a simulator does afterwards takes no answer away.
     wrote = [gap.save(folder / "gap.npz"), *(gap.write_figures(folder / "gap") if plot else [])]
     show(session, gap)
-    chosen, simulator, steps = gap.chosen(apply_ or "best"), None, gap.judgement.steps
+    chosen, simulator, steps = gap.chosen(apply or "best"), None, gap.judgement.steps
     effect = " and ".join(one.effect for one in chosen)
-    given = bool(apply_) if apply_ or no_apply else None
+    given = bool(apply) if apply or no_apply else None
     if chosen and ask(session, "P7", given=given, effect=effect) is Answer.YES:
         added, simulator = add(session, gap, chosen, new_name, folder, plot=plot)
         wrote += added
@@ -140,21 +139,7 @@ def proof(gap: Gap, path: Path) -> Step:
 def show(session: Session, gap: Gap) -> None:
     """Print the answer, why, and the gap joint by joint; with -v what was asked, tried and left."""
     session.judged(gap.judgement)
-    held_out, rows, both = gap.improvement, [], bool(gap.named)
-
-    def change(before: float, after: float, form: str) -> str:
-        return f"{before:{form}} -> {after:{form}}" if both else f"{before:{form}}"
-
-    for j, (name, unit) in enumerate(zip(gap.joint_names, gap.torque_units, strict=True)):
-        error = change(held_out.before[j], held_out.after[j], ".3g")
-        row = {"joint": name, "error on unseen rows": f"{error} {unit}"}
-        row["noise"] = f"{held_out.floor[j]:.3g}"
-        if len(gap.simulation):
-            before, after = 1e3 * gap.simulation[:, j]
-            moved = change(before, after, ".1f")
-            row["error of simulated motion"] = f"{moved} {'mm' if unit == 'N' else 'mrad'}"
-        rows.append(row)
-    session.table(rows)
+    session.table(gap.joint_table())
     session.stage("noise", f"{gap.noise_text}; held out: {gap.heldout}")
     if not session.verbose:
         return

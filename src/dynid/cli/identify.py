@@ -52,7 +52,7 @@ Limit = tuple[str, str, float]
     show_default=True,
     help="Write report.html and summary.md as well.",
 )
-@click.option("--open", "open_report", is_flag=True, help="Open report.html in the browser.")
+@click.option("--open", is_flag=True, help="Open report.html in the browser.")
 @click.option(
     "--fail-if",
     metavar="EXPR",
@@ -66,7 +66,7 @@ def command(
     options: IdentifyOptions,
     extras: Extras,
     report: bool,
-    open_report: bool,
+    open: bool,
     fail_if: tuple[str, ...],
 ) -> Answered:
     """Identify the base parameters of an arm by least squares."""
@@ -86,21 +86,22 @@ def command(
     )
     session.wrote(*run.beside, *run.wrote)
     facts, page = run.facts(), run.folder / "report.html"
-    if (report or open_report) and (run.wrote or not page.is_file()):
+    if (report or open) and (run.wrote or not page.is_file()):
         facts["wrote"] += write_report(session, run.result.path, run.folder, run.base)[1]
     if run.gains is not None:
         show_gains(session, run.base.robot, run.gains)
-    show_result(session, run.base.robot, run.result)
+    answer = workflows.drive_gains.in_amperes(facts, run.base.robot)
+    show_result(session, run.base.robot, run.result, answer)
     if run.payload is not None:
         show_payload(session, run.payload)
     session.steps(*run.result.judgement.steps)
     write_run(run.folder, run.inputs)
-    if open_report:
+    if open:
         click.launch(str(page.resolve()))
     broken = broken_limits(facts, limits)
     for text in broken:
         session.say(f"limit      {text}")
-    return workflows.drive_gains.in_amperes(facts, run.base.robot), bool(broken)
+    return answer, bool(broken)
 
 
 # ---------------------------------------------------------------- printing
@@ -157,25 +158,30 @@ def show_gains(session: Session, robot: Robot, found: Gains) -> None:
         session.say(f"uncertain  the gain of {name} is known to {100 * shares[worst]:.0f} % only")
 
 
-def show_result(session: Session, robot: Robot, found: Identification) -> None:
+#: Columns of the table of joints by what the JSON answer calls them.
+COLUMNS = {
+    "rms_": "rms error",
+    "noise_floor_": "noise",
+    "torque_rms_": "torque rms",
+    "relative_error_percent": "unexplained %",
+    "heldout_rms_": "held out",
+}
+
+
+def show_result(
+    session: Session, robot: Robot, found: Identification, facts: Mapping[str, Any]
+) -> None:
     """Print the answer, why, and the table of joints; with -v what is used, and every parameter."""
     session.judged(found.judgement)
     session.lights(found.judgement)
-    torque, n = robot.torque, robot.n
-    sizes = torque.gain if torque.relative and torque.gain else (1.0,) * n
-    floors = found.header.get("noise_floor_nm") or (None,) * n
-    noise = "noise" if found.header.get("noise_repeats_s") else "noise >="
-    rows: list[dict[str, Any]] = []
-    for each, joint, size, floor in zip(found.joints, robot.joints, sizes, floors, strict=True):
-        unit = "A" if torque.relative else joint.torque_unit
-        row = {
-            "rms error": _sized(each.rms, size, unit),
-            noise: _sized(floor, size, unit),
-            "torque rms": _sized(each.torque_rms, size, unit),
-            "unexplained": f"{each.relative_percent:.1f} %",
-            "held out": _sized(each.heldout_rms, size, unit),
-        }
-        rows.append({"joint": each.joint} | (row if each.torque_rms else dict.fromkeys(row)))
+    torque = robot.torque
+    least = {} if found.header.get("noise_repeats_s") else {"noise_floor_": "noise >="}
+    columns = COLUMNS | least
+    rows = []
+    for each, joint in zip(facts["joints"], robot.joints, strict=True):
+        values = {key.removesuffix("nm").removesuffix("a"): each[key] for key in each}
+        row = {"joint": joint.name} | {head: values[key] for key, head in columns.items()}
+        rows.append(row | {"unit": "A" if torque.relative else joint.torque_unit})
     session.table(rows)
     total, held = found.relative_error_percent, found.heldout_relative_error_percent
     beside = "" if held is None else f", held out {held:.2f} % ({found.heldout})"
@@ -192,10 +198,6 @@ def show_result(session: Session, robot: Robot, found: Identification) -> None:
     session.fact("physical", f"links with mass, centre and inertia in parameters.npz, {known}")
     session.answer()
     session.table(found.table())
-
-
-def _sized(value: float | None, size: float | None, unit: str) -> str | None:
-    return None if value is None else f"{value / (size or 1.0):.3g} {unit}"
 
 
 # ---------------------------------------------------------------- --fail-if

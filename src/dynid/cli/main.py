@@ -6,15 +6,15 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any, NoReturn
 
 import click
 
 from dynid import workflows
 from dynid.cli import failure
-from dynid.cli.commands import COMMANDS, command_of
+from dynid.cli.commands import COMMANDS, CONTEXT, command_of, shown
 from dynid.errors import EXIT_MEANING, ExitStatus, WrongUsage
 from dynid.text import closest
 from dynid.version import __version__
@@ -50,16 +50,10 @@ class LazyGroup(click.Group):
             )
         return super().resolve_command(ctx, args)
 
-    def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write examples and commands."""
-        with formatter.section("Examples"):
-            for line in EXAMPLES:
-                formatter.write(f"  {line}\n")
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the commands and the exit statuses."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, entry.help) for name, entry in COMMANDS.items()])
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the exit statuses; the commands stand above the options."""
         with formatter.section("Exit statuses"):
             formatter.write_dl([(str(int(k)), meaning) for k, meaning in EXIT_MEANING.items()])
 
@@ -95,7 +89,8 @@ def _version(ctx: click.Context, param: click.Parameter, value: bool) -> None:
 @click.group(
     cls=LazyGroup,
     invoke_without_command=True,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    context_settings=CONTEXT,
+    help=shown("Identify the dynamic parameters of a robot arm.", EXAMPLES),
     epilog="Each command has more options: dynid COMMAND -h. Docs: docs/index.md, or dynid explain PAGE",
 )
 @click.option(
@@ -108,7 +103,7 @@ def _version(ctx: click.Context, param: click.Parameter, value: bool) -> None:
 )
 @click.pass_context
 def cli(ctx: click.Context) -> None:
-    """Identify the dynamic parameters of a robot arm."""
+    """Print the map where no command is given."""
     if ctx.invoked_subcommand is None:
         click.echo(loop_map())
 
@@ -117,34 +112,19 @@ def run(args: Sequence[str]) -> int:
     """Run one command line and return its exit status; nothing escapes as a traceback."""
     words = [*args[1:], "--help"] if args[:1] == ["help"] else list(args)
     meta: dict[str, Any] = {}
-    with _interruptible():
-        try:
-            with cli.make_context("dynid", words) as ctx:
-                meta = ctx.meta
-                status = cli.invoke(ctx)
-            sys.stdout.flush()
-        except BaseException as error:  # noqa: BLE001
-            return failure.ended(error, words, meta.get("dynid.given", {}))
+    try:
+        with cli.make_context("dynid", words) as ctx:
+            meta = ctx.meta
+            status = cli.invoke(ctx)
+        sys.stdout.flush()
+    except BaseException as error:  # noqa: BLE001
+        return failure.ended(error, words, meta.get("dynid.given", {}))
     return int(status or ExitStatus.DONE)
 
 
-@contextmanager
-def _interruptible() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM unwind the program: files closed, temporary ones removed, children ended."""
-
-    def stop(number: int, frame: object) -> NoReturn:
-        raise KeyboardInterrupt
-
-    previous: dict[int, Any] = {}
-    with suppress(ValueError):  # not the main thread: the caller handles signals
-        for number in (signal.SIGINT, signal.SIGTERM):
-            if signal.getsignal(number) is not signal.SIG_IGN:
-                previous[number] = signal.signal(number, stop)
-    try:
-        yield
-    finally:
-        for each, handler in previous.items():
-            signal.signal(each, handler)
+def _stop(number: int, frame: object) -> NoReturn:
+    """Unwind the program: files closed, temporary ones removed, children ended."""
+    raise KeyboardInterrupt
 
 
 def _complete() -> None:
@@ -163,6 +143,9 @@ def _complete() -> None:
 def main() -> NoReturn:
     """Run ``dynid``."""
     failure.prepare_streams()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _stop)
     # Why: on small matrices threads cost more than they give, and one thread sums in the same order anywhere.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Why: a library's warning about its own code helps nobody here; what matters is raised or is a finding.

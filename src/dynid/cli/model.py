@@ -37,7 +37,6 @@ STYLES = {"#": "bold green", ".": "red"}
 @options_from(ModelOptions)
 @click.option(
     "--reduce/--no-reduce",
-    "reduce_now",
     default=None,
     help="Reduce to base parameters without asking.",
 )
@@ -62,7 +61,7 @@ def command(
     session: Session,
     robot: Robot,
     options: ModelOptions,
-    reduce_now: bool | None,
+    reduce: bool | None,
     rebuild: bool | None,
     groups: str | None,
     at_rest: bool,
@@ -74,9 +73,9 @@ def command(
         derived = derive(session, workflows.model.adapted(robot, options), rebuild)
         if latex or python or groups:
             break
-        answer = ask(session, "P1", given=reduce_now)
+        answer = ask(session, "P1", given=reduce)
         if answer is not Answer.RETRY:
-            reduced = reduce(session, derived, options) if answer is Answer.YES else None
+            reduced = base_of(session, derived, options) if answer is Answer.YES else None
             return report(session, derived, reduced)
         source = str(robot.path or robot.source)
         click.edit(filename=source)
@@ -123,7 +122,7 @@ def derive(session: Session, robot: Robot, rebuild: bool | None) -> DerivedModel
     return derived
 
 
-def reduce(session: Session, derived: DerivedModel, options: ModelOptions) -> ReducedModel:
+def base_of(session: Session, derived: DerivedModel, options: ModelOptions) -> ReducedModel:
     """Group the parameters into base parameters, and say what came out."""
     reduced = workflows.model.reduce_model(
         derived, options, seed=session.seed, progress=session.progress

@@ -9,21 +9,24 @@ JSON answer says, or that and an exit status: 1, which is True, where a limit is
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import Field, fields
-from functools import wraps
+from dataclasses import Field, fields, replace
+from functools import partial, wraps
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
-from dynid.cli.commands import COMMANDS, command_of
-from dynid.cli.runfile import key_of, repeated
+from dynid.cli.commands import COMMANDS, CONTEXT, command_of, shown
+from dynid.cli.runfile import repeated
 from dynid.cli.session import Session
-from dynid.errors import UnknownKey, WrongUsage
+from dynid.errors import WrongUsage
 from dynid.files.yamlfile import read_yaml
-from dynid.options import Declaration, Options, declaration_of, flag_of
+from dynid.options import Options, declaration_of, flag_of
 from dynid.xdg import LOCAL_CONFIG, config_file
 
 if TYPE_CHECKING:
@@ -36,23 +39,11 @@ Decorator = Callable[[Callable[..., Any]], Any]
 #: Options that every command has, and those of them with one letter.
 COMMON = tuple(each.name for each in fields(Session))
 SHORT = ("out", "force", "yes", "quiet", "verbose")
+LIKE_AN_OPTION = re.compile("--|-[ofyqvh]$")
 #: What stands for a path.
 PATH = click.Path(path_type=Path)
 FILE = click.Path(dir_okay=False, path_type=Path)
 INPUT = click.Path(exists=True, dir_okay=False, path_type=Path)
-#: Types on the command line by what ``Declaration.kind`` says.
-KINDS = {
-    "path": PATH,
-    "file": FILE,
-    "input": INPUT,
-    "folder": click.Path(file_okay=False, path_type=Path),
-    "count": click.IntRange(min=1),
-    "level": click.INT,
-    "positive": click.FloatRange(min=0, min_open=True),
-    "float": click.FloatRange(min=0),
-    "effects": click.STRING,
-}
-CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
 # ---------------------------------------------------------------- single options
@@ -67,21 +58,8 @@ def completed(words: Callable[[], Iterable[str]], *, files: bool = False) -> Any
     return offer
 
 
-def _robots() -> Iterable[str]:
-    from dynid.files.robotfile import known_robots
-
-    return known_robots()
-
-
-def _effects() -> Iterable[str]:
-    from dynid.model.effects.catalogue import CATALOGUE
-
-    return ["all", *CATALOGUE]
-
-
-ROBOTS = completed(_robots, files=True)
-
-
+ROBOTS = completed(lambda: resolve_name("dynid.files.robotfile:known_robots")(), files=True)
+EFFECTS = completed(lambda: ["all", *resolve_name("dynid.model.effects.catalogue:CATALOGUE")])
 TIP = click.option(
     "--tip",
     metavar="LINK",
@@ -108,6 +86,11 @@ def robot_argument(function: Callable[..., Any]) -> Any:  # noqa: ANN401
     return click.argument("robot", shell_complete=ROBOTS)(TIP(loaded))
 
 
+def key_of(each: Field[Any]) -> str:
+    """Return the name of an option in variables, configuration files and run.yaml: its flag with underscores."""
+    return flag_of(each)[2:].replace("-", "_")
+
+
 def options_from(
     kind: type[Options], name: str = "options", *, without: tuple[str, ...] = ()
 ) -> Decorator:
@@ -124,7 +107,7 @@ def options_from(
     def decorate(function: Callable[..., Any]) -> Any:  # noqa: ANN401
         @wraps(function)
         def made(session: Session, **values: Any) -> Any:  # noqa: ANN401
-            given = {each.name: values.pop(each.name) for each in own}
+            given = {each.name: values.pop(key_of(each)) for each in own}
             options = kind(**given, **{each: getattr(session, each) for each in shared})
             return function(session, **{name: options}, **values)
 
@@ -135,48 +118,51 @@ def options_from(
     return decorate
 
 
+#: What click is told of an option by what ``Declaration.kind`` says.
+KINDS: dict[str, dict[str, Any]] = {
+    "path": {"type": PATH},
+    "file": {"type": FILE},
+    "input": {"type": INPUT},
+    "folder": {"type": click.Path(file_okay=False, path_type=Path)},
+    "count": {"type": click.IntRange(min=1)},
+    "level": {"count": True},
+    "positive": {"type": click.FloatRange(min=0, min_open=True)},
+    "float": {"type": click.FloatRange(min=0)},
+    "effects": {"shell_complete": EFFECTS},
+}
+
+
 def declared_option(each: Field[Any], **facts: Any) -> Decorator:  # noqa: ANN401
     """Return the option of a field of an options dataclass; ``facts`` are further arguments of ``click.option``."""
     said, flag = declaration_of(each), flag_of(each)
-    facts |= {"default": each.default, "help": said.help}
-    if said.deliberate:
-        facts["allow_from_autoenv"] = False
+    name, short = key_of(each), [f"-{each.name[0]}"] if each.name in SHORT else []
+    facts |= {"default": each.default, "help": said.help, "metavar": said.metavar or None}
+    facts |= {"multiple": said.repeatable, "allow_from_autoenv": not said.deliberate}
     if said.shown is not None:
         facts["show_default"] = said.shown or True
     if said.pair:
         flag += f"/{said.off or '--no-' + flag[2:]}"
     elif isinstance(each.default, bool):
         facts["is_flag"] = True
-    elif said.kind == "level":
-        facts["count"] = True
-    else:
-        facts |= {"type": _type(each, said), "multiple": said.repeatable}
-        facts |= {"metavar": said.metavar} if said.metavar else {}
-        facts |= {"shell_complete": completed(_effects)} if said.kind == "effects" else {}
-    short = [f"-{each.name[0]}"] if each.name in SHORT else []
-    return click.option(*short, flag, each.name, **facts)
-
-
-def _type(each: Field[Any], said: Declaration) -> Any:  # noqa: ANN401
-    if said.choices:
-        return click.Choice(said.choices)
-    if said.kind:
-        return KINDS[said.kind]
-    if said.bounds != (None, None):
-        kind: Any = click.IntRange if isinstance(each.default, int) else click.FloatRange
-        return kind(*said.bounds)
-    return str if said.read is not None or each.default in (None, ()) else type(each.default)
+    elif said.choices:
+        facts["type"] = click.Choice(said.choices)
+    elif said.bounds != (None, None):
+        ranged: Any = click.IntRange if isinstance(each.default, int) else click.FloatRange
+        facts["type"] = ranged(*said.bounds)
+    elif said.read is not None:
+        facts["type"] = str
+    return click.option(*short, flag, name, **facts | KINDS.get(said.kind, {}))
 
 
 # ---------------------------------------------------------------- configuration files
 def keys_of(command: click.Command) -> dict[str, click.Option]:
-    """Return the options that variables and configuration files may set, by their keys."""
+    """Return the options that variables and configuration files may set, by name."""
     options = [param for param in command.params if isinstance(param, click.Option)]
-    return {key_of(each): each for each in options if each.allow_from_autoenv}
+    return {str(each.name): each for each in options if each.allow_from_autoenv}
 
 
 def settings(command: click.Command, given: Path | None) -> dict[str, Value]:
-    """Return what the configuration files say about the options of a command, by the names of the parameters.
+    """Return what the configuration files say about the options of a command.
 
     Args:
         command: the command.
@@ -186,22 +172,17 @@ def settings(command: click.Command, given: Path | None) -> dict[str, Value]:
         UnknownKey: a key is neither a common option, a command, nor an option of this command.
         WrongUsage: an option that takes one value is given a list.
     """
-    keys: dict[str, click.Option] = {k: v for k, v in keys_of(command).items() if k != "config"}
-    found: dict[str, Value] = {}
-    common = [key for key in keys if key in COMMON]
+    keys, found = keys_of(command), {}
+    common = [key for key in COMMON if key in keys]
     for path in [given] if given else filter(Path.is_file, (config_file(), LOCAL_CONFIG)):
-        try:
-            top = read_yaml(path).mapping([*common, *COMMANDS])
-            own = top.get(str(command.name))
-            inner = own.mapping(tuple(keys)) if own is not None and not own.is_null else {}
-        except UnknownKey as error:
-            error.fix = "rename or remove the key; keys are long option names"
-            raise
-        for key, value in {**{key: top[key] for key in common if key in top}, **inner}.items():
+        top = read_yaml(path).mapping([*common, *COMMANDS])
+        own = top.get(str(command.name))
+        inner = own.mapping([*keys]) if own and not own.is_null else {}
+        for key, value in ({key: top[key] for key in common if key in top} | inner).items():
             if value.is_list and not keys[key].multiple:
                 raise value.wrong(" takes one value, not a list", kind=WrongUsage)
             if not value.is_null:
-                found[str(keys[key].name)] = value
+                found[key] = value
     return found
 
 
@@ -226,38 +207,17 @@ def _say_settings(session: Session) -> None:
         name: each.file
         for name, each in ctx.meta["dynid.settings"].items()
         if each.file != config_file()
-        and ctx.get_parameter_source(name) is click.core.ParameterSource.DEFAULT_MAP
+        and ctx.get_parameter_source(name) is ParameterSource.DEFAULT_MAP
     }
     if used:
         session.stage("settings", f"{next(iter(used.values()))} sets {', '.join(used)}")
 
 
 # ---------------------------------------------------------------- commands
-def write_examples(formatter: click.HelpFormatter, lines: Sequence[str]) -> None:
-    """Write examples as they are."""
-    with formatter.section("Examples"):
-        for line in lines:
-            formatter.write(f"  {line}\n")
-
-
 class Command(click.Command):
     """A command with examples in its help, variables for its options, and the common options set apart."""
 
-    def __init__(
-        self,
-        *args: Any,  # noqa: ANN401
-        examples: Sequence[str] = (),
-        repeatable: bool = False,
-        **facts: Any,  # noqa: ANN401
-    ) -> None:
-        super().__init__(*args, **facts)
-        self.context_settings = CONTEXT
-        self.examples, self.repeatable = examples, repeatable
-        self.epilog = f"Docs: docs/reference/cli.md#dynid-{self.name}, or dynid explain"
-        # Why: DYNID_SEED serves every command, DYNID_IDENTIFY_SEED one of them; the narrower name comes first.
-        own = str(self.name).upper().replace("-", "_")
-        for key, option in keys_of(self).items():
-            option.envvar = [f"DYNID_{own}_{key.upper()}", f"DYNID_{key.upper()}"]
+    repeatable = False
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the words of the command line, those of a former run first."""
@@ -265,39 +225,25 @@ class Command(click.Command):
         if self.repeatable and not ctx.resilient_parsing:
             args = repeated(ctx, args)
         rest = super().parse_args(ctx, args)
-        self._refuse_options_as_values(ctx)
-        return rest
-
-    def _refuse_options_as_values(self, ctx: click.Context) -> None:
-        """Raise where an option without its value took the next option for it: ``--out --json`` is no folder."""
-        options = [param for param in self.params if isinstance(param, click.Option)]
-        names = {name for option in options for name in (*option.opts, *option.secondary_opts)}
-        for option in options:
-            given = ctx.params.get(str(option.name))
-            for value in given if isinstance(given, tuple) else (given,):
-                word = str(value) if isinstance(value, (str, Path)) else ""
-                if word.startswith("--") or word in names:
-                    flag = option.opts[-1]
+        # Why: --out --json names no folder, its value was forgotten.
+        for param in self.params:
+            value = ctx.params.get(str(param.name))
+            for word in map(str, value if isinstance(value, tuple) else [value]):
+                if isinstance(param, click.Option) and LIKE_AN_OPTION.match(word):
+                    flag = param.opts[-1]
                     raise WrongUsage(
                         f"{flag} needs a value, and '{word}' is an option",
                         fix=f"{flag} VALUE {word}, or ./{word} where a file is called so",
                     )
+        return rest
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write examples, the command's own options, then the common ones."""
-        write_examples(formatter, self.examples)
-        records: dict[bool, list[tuple[str, str]]] = {False: [], True: []}
-        for param in self.get_params(ctx):
-            record = param.get_help_record(ctx)
-            if record and record[1]:
-                records[param.name in (*COMMON, "config", "help")].append(record)
-        for common, some in records.items():
-            if some:
-                with formatter.section("Common options" if common else "Options"):
-                    formatter.write_dl(some)
-
-    def format_arguments(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write nothing: examples show the arguments."""
+        """Write the command's own options, then the common ones."""
+        for common, title in enumerate(("Options", "Common options")):
+            params = [param for param in self.get_params(ctx) if (param.name in COMMON) == common]
+            records = [record for param in params if (record := param.get_help_record(ctx))]
+            with formatter.section(title):
+                formatter.write_dl([record for record in records if record[1]])
 
 
 FROM_OPTION = click.option(
@@ -342,12 +288,22 @@ def dynid_command(
     def decorate(function: Callable[..., Any]) -> Command:
         @wraps(function)
         def callback(**values: Any) -> Any:  # noqa: ANN401
-            with Session(**{key: values.pop(key) for key in COMMON}) as session:
+            ctx = click.get_current_context()
+            given = {key: values.pop(key) for key in COMMON}
+            if ctx.obj is not None:
+                typed = [
+                    key
+                    for key in given
+                    if ctx.get_parameter_source(key) is ParameterSource.COMMANDLINE
+                ]
+                inner = replace(ctx.obj, **{key: given[key] for key in typed})
+                answer = function(inner, **values)
+                inner.progress.end()
+                return answer[0] if isinstance(answer, tuple) else answer
+            with Session(**given) as session:
                 _say_settings(session)
                 answer = function(session, **values)
                 facts, status = answer if isinstance(answer, tuple) else (answer, 0)
-                if click.get_current_context().obj is not None:
-                    return facts
                 if session.json and facts is not None:
                     session.emit_json(facts)
                 return int(status)
@@ -358,26 +314,29 @@ def dynid_command(
         decorated = config(decorated)
         if repeatable:
             decorated = FROM_OPTION(decorated)
-        command = click.command(name, cls=Command, examples=examples, repeatable=repeatable)
-        return command(decorated)
+        text, docs = shown(str(function.__doc__), examples), f"docs/reference/cli.md#dynid-{name}"
+        epilog = f"Docs: {docs}, or dynid explain"
+        kind: Any = partial(click.command, cls=Command, context_settings=CONTEXT, epilog=epilog)
+        command: Command = kind(name, help=text)(decorated)
+        command.repeatable = repeatable
+        # Why: DYNID_SEED serves every command, DYNID_IDENTIFY_SEED one of them; the narrower name comes first.
+        for key, option in keys_of(command).items():
+            own = f"DYNID_{name}_{key}".upper().replace("-", "_")
+            option.envvar = [own, f"DYNID_{key}".upper()]
+        return command
 
     return decorate
 
 
-def invoke(session: Session, name: str, *words: object, last: bool = False) -> dict[str, Any]:
-    """Run a command within another one and return what its JSON answer would say.
+def invoke(session: Session, name: str, *words: object) -> dict[str, Any]:
+    """Run a command within another one, without its next steps, and return what its JSON answer would say.
 
     Args:
         session: of the outer command; its common options hold for the inner one but where ``words`` say something else.
         name: the inner command.
         words: its command line.
-        last: whether it says what to do next.
     """
-    common = [f"--color={session.color}", f"--seed={session.seed}", *["-v"] * session.verbose]
-    for flag in ("force", "yes", "no_input", "json", "quiet"):
-        common += [f"--{flag.replace('_', '-')}"] * getattr(session, flag)
-    common += [f"--log-file={session.log_file}"] if session.log_file else []
-    line = [*common, *map(str, words)]
+    session.progress.end()
     command = command_of(name)
-    with command.make_context(name, line, obj=last) as ctx:
+    with command.make_context(name, [*map(str, words)], obj=session) as ctx:
         return dict(command.invoke(ctx))

@@ -21,6 +21,7 @@ from dynid.cli.options import (
 from dynid.cli.prompt import Answer, ask, may_write
 from dynid.cli.runfile import write_run
 from dynid.cli.session import Session
+from dynid.judgement.rules import Step
 from dynid.options import LogOptions
 
 if TYPE_CHECKING:
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
 @options_from(LogOptions)
 @click.option(
     "--identify/--no-identify",
-    "identify_now",
     default=None,
     help="Identify afterwards without asking.",
 )
@@ -49,19 +49,20 @@ def command(
     robot: Robot,
     logs: tuple[Path, ...],
     options: LogOptions,
-    identify_now: bool | None,
+    identify: bool | None,
 ) -> Answered:
     """Filter logs, stack the base regressor over them, and say what they excite."""
     while True:
         facts = stacked(session, robot, logs, options)
-        answer = ask(session, "P5", given=identify_now)
+        answer = ask(session, "P5", given=identify)
         if answer is not Answer.RETRY:
             break
         cutoff: Any = click.prompt("cut-off [Hz] or auto", default="auto", err=True)
         options, session = replace(options, cutoff=cutoff), replace(session, force=True)
     if answer is Answer.YES:
         out = session.folder(robot.slug)
-        invoke(session, "identify", robot.source, "--no-report", "-o", out, last=True)
+        found = invoke(session, "identify", robot.source, "--no-report", "-o", out)
+        session.steps(*(Step(**each) for each in found["judgement"]["next"]))
     else:
         session.next(f"dynid identify {robot.word}")
     return facts

@@ -26,15 +26,15 @@ if TYPE_CHECKING:
     ),
 )
 @click.argument("run", type=PATH)
-@click.option("--open/--no-open", "show", default=False, help="Open it in the browser.")
-def command(session: Session, run: Path, show: bool) -> Answered:
+@click.option("--open/--no-open", default=False, help="Open it in the browser.")
+def command(session: Session, run: Path, open: bool) -> Answered:
     """Make the report of a result again."""
     made, wrote = write_report(session, run, session.out)
     first, *rest = made.verdict
     session.headline(first)
     session.sentences(*rest)
     session.steps(*made.judgement.steps)
-    if show:
+    if open:
         click.launch(str(wrote[0].resolve()))
     return {**made.facts(), "wrote": wrote}
 

@@ -33,14 +33,9 @@ _SILENT = {each.name for each in fields(Session)} - {"out", "seed"}
 _KEYS = ("dynid", "command", "arguments", "inputs")
 
 
-def flag_of(option: click.Option) -> str:
+def flag_of(param: click.Parameter) -> str:
     """Return the long name of an option."""
-    return next(word for word in option.opts if word.startswith("--"))
-
-
-def key_of(option: click.Option) -> str:
-    """Return the name of an option in variables and configuration files: its long name with underscores."""
-    return flag_of(option)[2:].replace("-", "_")
+    return next(word for word in param.opts if word.startswith("--"))
 
 
 def arguments_of(ctx: click.Context) -> list[str]:
@@ -94,32 +89,27 @@ def _data(value: Value) -> Any:  # noqa: ANN401
 
 
 def repeated(ctx: click.Context, args: list[str]) -> list[str]:
-    """Return a command line with ``--from FILE`` replaced by the stored arguments; what is given besides wins.
+    """Return a command line after the one that is stored in the file of ``--from``, if there is one.
 
     Raises:
         WrongUsage: there is no such file, it holds no run of this command, or one that overwrites or moves.
     """
-    for i, word in enumerate(args):
-        flag, _, path = word.partition("=")
-        if flag == "--from" and (path or args[i + 1 :]):
-            rest = args[i + 1 :] if path else args[i + 2 :]
-            return [*_stored(ctx, Path(path or args[i + 1])), *args[:i], *rest]
-    return args
-
-
-def _stored(ctx: click.Context, path: Path) -> list[str]:
-    command = str(ctx.command.name)
+    command = ctx.command
+    given = command.make_parser(ctx).parse_args([*args])[0].get("from_")
+    if not isinstance(given, str):
+        return args
+    path = Path(given)
     if not path.is_file():
         raise WrongUsage(f"no such file {path}", why=f"--from takes the {NAME} of a results folder")
-    runs = read_yaml(path).mapping(tuple(COMMANDS))
-    if command not in runs:
-        what = f"{path} holds no run of '{command}'; it has {', '.join(runs)}"
+    runs = read_yaml(path).mapping([*COMMANDS])
+    if command.name not in runs:
+        what = f"{path} holds no run of '{command.name}'; it has {', '.join(runs)}"
         raise WrongUsage(what, where=path)
-    keys = runs[command].mapping(_KEYS, required=("arguments",))
+    keys = runs[command.name].mapping(_KEYS, required=("arguments",))
     stored = [item.text() for item in keys["arguments"].items()]
-    asked = ctx.command.make_parser(ctx).parse_args(list(stored))[0]
-    for param in ctx.command.params:
-        if isinstance(param, click.Option) and param.name in asked and not param.allow_from_autoenv:
+    asked = command.make_parser(ctx).parse_args([*stored])[0]
+    for param in command.params:
+        if getattr(param, "allow_from_autoenv", True) is False and param.name in asked:
             flag = flag_of(param)
             raise WrongUsage(f"{path} sets {flag}", where=path, fix=f"give {flag} yourself")
-    return stored
+    return stored + args

@@ -133,19 +133,16 @@ class Session(Options):
 
     @cached_property
     def _copy(self) -> TextIO | None:
-        """The file of --log-file; a pipe that nobody reads is an error at once, where Python would wait."""
+        """The file of --log-file."""
         path = self.log_file
         if path is None:
             return None
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            how = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_NONBLOCK", 0)
-            handle = os.open(path, how, 0o666)
+            return path.open("a", encoding="utf-8", errors="backslashreplace")
         except OSError as error:
             what = f"cannot write {path}: {error.strerror}"
             raise CannotWrite(what, where=path, fix="give another --log-file") from error
-        os.set_blocking(handle, True)
-        return os.fdopen(handle, "a", encoding="utf-8", errors="backslashreplace")
 
     def _copied(self, text: str) -> None:
         if self._copy is not None:
@@ -204,7 +201,7 @@ class Session(Options):
 
     def next(self, command: str, why: str = "") -> None:
         """Say the next sensible command, and below it why; not with --quiet, nor where another command goes on."""
-        if click.get_current_context().obj is False:
+        if click.get_current_context().obj is not None:
             return
         if command.startswith("dynid "):
             command = program() + command.removeprefix("dynid")
@@ -302,37 +299,38 @@ class Bar:
     """A ``dynid.progress.Progress``: after half a second a bar on a terminal, one line a stage elsewhere."""
 
     def __init__(self, session: Session) -> None:
-        self._session, self._lock = session, threading.RLock()
+        self._session, self._told = session, set[tuple[str, ...]]()
         self._name, self._began, self._said = "", time.monotonic(), False
-        self._told: set[tuple[str, ...]] = set()
-        self._timer: threading.Timer | None = None
         self._bar: Progress | None = None
+        self._timer: threading.Timer | None = None
 
     def stage(self, name: str, text: str = "") -> None:
         """Say a line when there is something to say; otherwise a stage begins that may get a bar."""
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
         self.end()
         # Why once: a log that several steps of one command read is one log to its reader.
         if text and self._new(name, text):
             self._session.stage(name, text)
-        with self._lock:
-            self._name, self._began, self._said = name, time.monotonic(), bool(text)
-            if self._lively:
-                self._timer = threading.Timer(PATIENCE, self._show)
-                self._timer.daemon = True
-                self._timer.start()
+        self._name, self._began, self._said = name, time.monotonic(), bool(text)
+        console = self._session.stderr
+        # Why: a bar moves the cursor; where colour is off no escape codes may appear at all.
+        if console.color_system and console.is_terminal and not self._session.quiet:
+            columns = TextColumn("{task.description}", markup=False), BarColumn()
+            self._bar = Progress(*columns, TimeElapsedColumn(), console=console, transient=True)
+            self._bar.add_task(visible(name), total=None)
+            self._timer = threading.Timer(PATIENCE, self._bar.start)
+            self._timer.daemon = True
+            self._timer.start()
 
     def advance(self, done: float, total: float, text: str = "") -> None:
         """Move the bar; without one, name a silent stage once it takes long."""
-        with self._lock:
-            if self._bar is not None:
-                words = visible(f"{self._name}  {text}")
-                self._bar.update(
-                    self._bar.task_ids[0], completed=done, total=total or None, description=words
-                )
-                return
-            slow = not self._said and time.monotonic() - self._began > PATIENCE
+        slow, bar = time.monotonic() - self._began > PATIENCE, self._bar
+        if bar is not None:
+            words = visible(f"{self._name}  {text}")
+            bar.update(bar.task_ids[0], completed=done, total=total or None, description=words)
         # Why not with --json: what a program reads would depend on how busy the machine is.
-        if slow and not self._lively and not self._session.json:
+        elif slow and not self._said and not self._session.json:
             self._said = True
             self._session.stage(self._name, text or "...")
 
@@ -342,36 +340,15 @@ class Bar:
 
     def end(self) -> None:
         """Take the bar away until the next stage begins."""
-        with self._lock:
-            if self._timer is not None:
-                self._timer.cancel()
-            if self._bar is not None:
-                self._bar.stop()
-            self._timer = self._bar = None
-
-    @property
-    def _lively(self) -> bool:
-        """Whether there may be a bar: it moves the cursor, and where colour is off no escape codes may appear."""
-        console = self._session.stderr
-        return console.color_system is not None and console.is_terminal and not self._session.quiet
+        if self._timer is not None and self._bar is not None:
+            self._timer.cancel()
+            self._bar.stop()
 
     def _new(self, *words: str) -> bool:
         """Return whether something is said for the first time, and keep it."""
         new = words not in self._told
         self._told.add(words)
         return new
-
-    def _show(self) -> None:
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-        with self._lock:
-            if self._timer is None:
-                return
-            name = TextColumn("{task.description}", markup=False)
-            columns = (name, BarColumn(), TimeElapsedColumn())
-            self._bar = Progress(*columns, console=self._session.stderr, transient=True)
-            self._bar.add_task(visible(self._name), total=None)
-            self._bar.start()
 
 
 def program() -> str:

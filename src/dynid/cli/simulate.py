@@ -39,7 +39,6 @@ THERE = click.Path(exists=True, path_type=Path)
 @options_from(SimulateOptions)
 @click.option(
     "--compare",
-    "log",
     type=THERE,
     metavar="LOG",
     help="Drive the exported files of the two arguments, results of one arm, along this log and show the errors.",
@@ -57,12 +56,12 @@ def command(
     tip: str | None,
     source: Path,
     options: SimulateOptions,
-    log: Path | None,
+    compare: Path | None,
     engine: str,
 ) -> Answered:
     """Simulate the log of an arm that follows a motion: friction, noise, effects; no ROS is needed."""
-    if log is not None:
-        return compare(session, Path(robot), source, log, engine)
+    if compare is not None:
+        return compared(session, Path(robot), source, compare, engine)
     arm = load_robot(session, robot, tip)
     target = session.folder(arm.slug) / "simulated.npz"
     inputs = {"robot": arm.model_key, **input_hashes({"motion": source}), **options.texts()}
@@ -77,7 +76,7 @@ def command(
     return {**found.facts(), "wrote": wrote}
 
 
-def compare(session: Session, before: Path, after: Path, log: Path, engine: str) -> Answered:
+def compared(session: Session, before: Path, after: Path, log: Path, engine: str) -> Answered:
     """Drive the exported files of two results along a log and print the errors."""
     results, work = [dynid.loading.load_run(each) for each in (before, after)], workflows
     found = work.simulator_gap.compare_in_simulator(

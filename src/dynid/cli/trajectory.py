@@ -239,20 +239,7 @@ def show(session: Session, found: Plan) -> None:
         session.stage(label, text)
     for picture in found.clearance.pictures:
         session.stage("preview", str(picture))
-    position, speed, acceleration, torque = found.units
-    session.table(
-        [
-            {
-                "joint": peak.joint,
-                f"position {position}": f"{peak.position:.3f}",
-                f"velocity {speed}": f"{peak.velocity:.3f}",
-                f"accel. {acceleration}": f"{peak.acceleration:.3f}",
-                f"torque {torque}": None if peak.torque is None else f"{peak.torque:.2f}",
-                "of limit": f"{100 * peak.share:.0f} %",
-            }
-            for peak in found.check.peaks
-        ]
-    )
+    session.table(found.table())
 
 
 def accepted(session: Session, found: Plan | Reviewed, look: View) -> Answer:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -82,17 +81,7 @@ def command(
         session.say(f"limit      {sentence}")
     session.judged(found.judgement)
     session.lights(found.judgement)
-    rows: list[dict[str, Any]] = []
-    for quality, joint in zip(found.joints, found.robot.joints, strict=True):
-        unit = joint.torque_unit
-        row = {
-            "rms error": f"{quality.rms:.3g} {unit}",
-            "torque rms": f"{quality.torque_rms:.3g} {unit}",
-            "unexplained": f"{quality.relative_percent:.1f} %",
-            "baseline": f"{quality.baseline_rms:.3g} {unit}",
-        }
-        rows.append({"joint": quality.joint} | (row if quality.torque_rms else dict.fromkeys(row)))
-    session.table(rows)
+    session.table(found.table())
     total = f"total relative error {found.relative_error_percent:.2f} %"
     session.sentences(f"{total}; baseline: {found.baseline}")
     session.wrote(*wrote)

@@ -163,8 +163,3 @@ def against_truth(result: Identification, truth: dict[str, float]) -> dict[str, 
     known = ~np.any(K[:, [name not in truth for name in names]] != 0, axis=1)
     inside = np.abs(result.theta - true) <= TWO_SIDED_95 * result.std_error
     return {"parameters": int(known.sum()), "inside_95_percent": int(inside[known].sum())}
-
-
-def truth_of(path: Path) -> dict[str, float]:
-    """Return the true parameters of a shipped simulated arm by name."""
-    return dict(read_plant(path).parameters())

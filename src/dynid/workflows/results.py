@@ -104,6 +104,7 @@ def answer_of(found: Identification) -> dict[str, Any]:
             {
                 "joint": j.joint,
                 "rms_nm": j.rms,
+                "torque_rms_nm": j.torque_rms,
                 "relative_error_percent": j.relative_percent,
                 "heldout_rms_nm": j.heldout_rms,
                 "noise_floor_nm": floor,
