@@ -1,4 +1,4 @@
-"""The parts of the reference that are made from the code: codes, keys of a robot file, effects.
+"""The parts of the reference that are made from the code: codes and effects.
 
 They stand in their pages between two comments; ``make docs`` writes them anew, as a hook of mkdocs.
 """
@@ -6,8 +6,6 @@ They stand in their pages between two comments; ``make docs`` writes them anew, 
 from pathlib import Path
 
 from dynid.codes import codes, page
-from dynid.files.robotkeys import ROBOT
-from dynid.files.yamlfile import Key
 from dynid.model.effects.catalogue import CATALOGUE
 
 BEGIN, END = "<!-- made by docs/generate.py -->\n", "\n<!-- end -->"
@@ -36,32 +34,6 @@ def errors() -> list[str]:
     return lines
 
 
-def robot_file() -> list[str]:
-    """Return every key with its type, unit, default and meaning."""
-    tables: dict[tuple[Key, ...], list[str]] = {}
-    collect(ROBOT, "", tables)
-    lines = []
-    for keys, places in tables.items():
-        title = ", ".join(f"`{place}`" for place in places)
-        lines += ["", f"## {title}"] if keys is not ROBOT else []
-        lines += [
-            "",
-            "| key | type | unit | default | meaning |",
-            "| --- | --- | --- | --- | --- |",
-        ]
-        for key in keys:
-            cells = (f"`{key.name}`", key.kind.words, key.unit, key.default, key.help)
-            lines.append("| " + " | ".join(cells) + " |")
-    return lines
-
-
-def collect(keys: tuple[Key, ...], place: str, tables: dict[tuple[Key, ...], list[str]]) -> None:
-    """Note where each set of keys stands: the keys of a body stand in two places."""
-    tables.setdefault(keys, []).append(place)
-    for key in keys:
-        collect(key.kind.keys, f"{place}.{key.name}".lstrip("."), tables) if key.kind.keys else None
-
-
 def effects() -> list[str]:
     """Return every torque effect of the catalogue."""
     lines = []
@@ -80,7 +52,6 @@ def on_pre_build(config: object = None) -> None:
     """Write the pages whose part is not what the code says."""
     for name, lines in {
         "errors": errors(),
-        "robot-file": robot_file(),
         "effects": effects(),
     }.items():
         path = Path(__file__).parent / "reference" / f"{name}.md"

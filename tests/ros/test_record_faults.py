@@ -7,8 +7,8 @@ import time
 import pytest
 import yaml
 
-from dynid.files import bag, logs
-from dynid.files.bag import list_topics
+from dynid.files import logs
+from dynid.files.bags import list_topics
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 
@@ -107,7 +107,7 @@ def test_a_killed_recorder_leaves_a_bag_of_which_99_percent_are_read(lab, plan):
     child.end()
     path = lab.folder / "out" / LWR / "log.bag"
     assert log_of(lab, LWR).findings[0].code == "W305"
-    log = logs.read_topics(path, ["/lwr/joint_states"], bag)[0]["/lwr/joint_states"][0]
+    log = logs.read_topics(path, ["/lwr/joint_states"])[0]["/lwr/joint_states"][0]
     first, last = (ns * 1e-9 for ns in log.extra["arrival_ns"])
     assert killed - last < 0.01 * (killed - first), "what came last is not in the file"
     assert len(log) >= 0.99 * 200 * (killed - first)

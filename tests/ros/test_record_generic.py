@@ -17,7 +17,7 @@ from dynid.drivers.follow_joint_trajectory import (
     action_message,
     choose_commands,
 )
-from dynid.files.bag import list_topics
+from dynid.files.bags import list_topics
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from dynid.errors import WrongRobotFile
-from dynid.files.yamlfile import TEXT, Key, Kind, Value, read_yaml
+from dynid.files.robotkeys import TEXT, Keys
+from dynid.files.yamlfile import Value, read_yaml
 
 
 @dataclass(frozen=True)
@@ -66,17 +67,17 @@ def _options(value: Value) -> dict[str, str]:
     return {key: item.text() for key, item in (value.entries() or value.mapping(())).items()}
 
 
-_KEYS = (
-    Key("name", TEXT),
-    Key("robot", Kind("name or path", _robot)),
-    Key("logs", Kind("path or list of paths", _paths)),
-    Key("options", Kind("mapping", _options)),
-    Key("validate", Kind("path or list of paths", _paths)),
-    Key("max_unexplained", TEXT),
-    Key("fail_if", Kind("text or list of texts", _listed)),
-    Key("baseline", Kind("path", _path)),
-    Key("tolerance", TEXT),
-)
+_KEYS: Keys = {
+    "name": TEXT,
+    "robot": _robot,
+    "logs": _paths,
+    "options": _options,
+    "validate": _paths,
+    "max_unexplained": TEXT,
+    "fail_if": _listed,
+    "baseline": _path,
+    "tolerance": TEXT,
+}
 
 
 def read_batch(path: Path) -> tuple[Job, ...]:

@@ -10,6 +10,7 @@ import numpy as np
 from dynid.drivers.interface import JOINT_STATE
 from dynid.errors import Finding, LogLayout
 from dynid.files import logs, tables, tuning
+from dynid.files.bags import list_topics, read_topics
 from dynid.files.columnwords import (
     in_amperes,
     members,
@@ -120,12 +121,12 @@ def inspect(path: Path, rate: float | None = None) -> Inspected:
         DynidError: it is no recording, or nothing of it can be read.
     """
     kind = logs.format_of(path)
-    if container := logs.CONTAINERS.get(kind):
-        topics = container.list_topics(path)
+    if kind == "bag":
+        topics = list_topics(path)
         wanted = [
             name for name, topic in topics.items() if topic.type == JOINT_STATE and topic.count
         ]
-        groups, findings = logs.read_topics(path, wanted, container) if wanted else ({}, ())
+        groups, findings = read_topics(path, wanted) if wanted else ({}, ())
         joints = tuple(
             Joints(name, log) for name in wanted for log in groups.get(name, []) if log.n
         )

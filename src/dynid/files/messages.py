@@ -1,6 +1,6 @@
 """Raw messages of ROS -> logs; messages that differ only in their numbers are decoded together.
 
-A container (``bag``, ``rosbag2``) says where messages stand in its bytes; ``Collector`` keeps their numbers, grouped by
+``bags`` says where messages stand in its bytes; ``Collector`` keeps their numbers, grouped by
 the joint names they carry (an arm and its gripper often share a topic). Only the layouts below are decoded: the
 definition that a recording carries is never interpreted. Source of CDR: OMG DDS-XTypes 1.3, section 7.4 (plain CDR,
 version 1).
@@ -9,10 +9,7 @@ version 1).
 from __future__ import annotations
 
 import hashlib
-from collections import Counter
-from collections.abc import Collection
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,10 +17,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from dynid.drivers.interface import JOINT_STATE
-from dynid.errors import BagTruncated, WrongMessageType
+from dynid.errors import WrongMessageType
 from dynid.files import tuning
 from dynid.log import Log
-from dynid.text import shell
 
 Bytes = NDArray[np.uint8]
 Times = NDArray[np.int64]
@@ -92,27 +88,6 @@ class Messages(NamedTuple):
     ends: Times
 
 
-def topics_of(counts: Counter[Topic]) -> dict[str, Topic]:
-    """Return topics by name from their numbers of messages."""
-    return {topic.name: replace(topic, count=count) for topic, count in counts.items()}
-
-
-def nothing_readable(path: Path, reason: str) -> BagTruncated:
-    """Return the mistake of a recording without one readable message."""
-    if path.suffix in (".bag", ".active"):
-        return BagTruncated(
-            f"{path.name} ends early (recorder killed?); 0 s are readable", where=path
-        )
-    better = path.with_name(f"{path.stem}_recovered{path.suffix}")
-    fixes = {
-        ".mcap": shell("mcap", "recover", path, "-o", better),
-        ".db3": f"{shell('sqlite3', path, '.recover')} | {shell('sqlite3', better)}",
-    }
-    text = f"{path.name} was cut or not closed: {reason.rstrip('.')}"
-    fix = fixes.get(path.suffix, shell("ros2", "bag", "reindex", path))
-    return BagTruncated(text, where=path, fix=fix)
-
-
 def taken(content: Bytes, starts: Times, count: int, kind: str = "u1") -> NDArray[Any]:
     """Return so many numbers of a type, as NumPy writes it, from each place on, (N, count)."""
     return sliding_window_view(content, count * np.dtype(kind).itemsize)[starts].view(kind)
@@ -144,12 +119,12 @@ class Collector:
         self.reason = ""
         self._topic = topic
         # By the joints that messages carry: names in the order of the first message, the numbers, fields with numbers.
-        self._groups: dict[Any, tuple[tuple[str, ...], Columns, set[str]]] = {}
+        self._groups: dict[Any, tuple[tuple[str, ...], list[Columns], set[str]]] = {}
 
     def add(self, some: Messages) -> None:
         """Take messages, those of one length and layout in one go."""
         lengths = some.ends - some.starts
-        for length in sorted({*lengths.tolist()}):
+        for length in np.unique(lengths).tolist():
             rest = np.flatnonzero(lengths == length)
             table = taken(some.content, some.starts[rest], length)
             while len(rest):
@@ -169,29 +144,23 @@ class Collector:
         return sorted(found, key=len, reverse=True)
 
     def _keep(self, layout: _Layout, arrival: Times, content: Bytes, starts: Times) -> None:
+        names, width = layout.names, len(layout.names) or max(n for _, n in layout.fields)
+        first, blocks, filled = self._groups.setdefault(
+            frozenset(names) or width, (names, [], set())
+        )
+        order = [names.index(name) for name in first] or slice(None)
+        kind = "<f4" if self._topic.type in KINOVA_TYPES else "<f8"
         stamp = np.zeros(len(starts), np.int64)
         if self._topic.type == JOINT_STATE:
             stamp = taken(content, starts + 4, 2, "<u4") @ NANOSECONDS
-        some: Columns = {"arrival": arrival, "stamp": stamp}
-        names, width = layout.names, len(layout.names) or max(n for _, n in layout.fields)
-        first, columns, filled = self._groups.setdefault(
-            frozenset(names) or width, (names, {}, set())
-        )
-        order = [names.index(name) for name in first]
+        block = {"arrival": arrival, "stamp": stamp}
         for key, (place, count) in zip(FIELDS, layout.fields, strict=True):
             # Why: a short field cannot be assigned to joints; NaN lets the checks name the samples.
-            some[key] = np.full((len(starts), width), np.nan)
+            block[key] = np.full((len(starts), width), np.nan)
             filled.update({key} if count else ())
             if count == width:
-                kind = "<f4" if self._topic.type in KINOVA_TYPES else "<f8"
-                values = taken(content, starts + place, count, kind)
-                some[key] = values if names == first else values[:, order]
-        for key, values in some.items():
-            column = columns.setdefault(key, np.empty_like(values[:0]))
-            before = len(column)
-            # Why in place: blocks that are put together at the end leave their own memory in use beside the whole.
-            column.resize((before + len(values), *values.shape[1:]), refcheck=False)
-            column[before:] = values
+                block[key] = taken(content, starts + place, count, kind)[:, order]
+        blocks.append(block)
 
 
 class _Layout:
@@ -260,15 +229,14 @@ class _Layout:
 
 
 # ---------------------------------------------------------------- columns to logs
-def _log(names: tuple[str, ...], found: Columns, filled: Collection[str], topic: str) -> Log:
+def _log(names: tuple[str, ...], blocks: list[Columns], filled: set[str], topic: str) -> Log:
     """Return messages, put in the order of arrival, as a raw log.
 
     ``extra`` names the ``clock`` of its time and what it counts from, ``start_ns``, the first and last ``arrival_ns``,
     and as ``absent`` the fields that no message has; absent positions and efforts are NaN.
     """
-    if np.any(np.diff(found["arrival"]) < 0):
-        order = np.argsort(found["arrival"], kind="stable")
-        found = {key: values[order] for key, values in found.items()}
+    order = np.argsort(np.concatenate([block["arrival"] for block in blocks]), kind="stable")
+    found = {key: np.concatenate([block[key] for block in blocks])[order] for key in blocks[0]}
     arrival, stamp = found["arrival"], found["stamp"]
     # Why: a header stamp is taken where the sample is, so it is preferred; it may run on any epoch (some drivers stamp
     # with the monotonic clock), but must tick. One clock serves the whole topic: two are never mixed. Zero is where

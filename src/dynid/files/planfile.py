@@ -7,7 +7,7 @@ Waypoints are in DH angles; a CSV has one row per waypoint, one column per joint
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +20,20 @@ from dynid.errors import (
     TimeNotIncreasing,
 )
 from dynid.files import tuning
-from dynid.files.robotkeys import COORDINATE, VECTOR, choice, per_joint, several
+from dynid.files.robotkeys import (
+    NUMBER,
+    TEXT,
+    VECTOR,
+    Keys,
+    choice,
+    coordinate,
+    or_null,
+    per_joint,
+    several,
+    unit_of,
+)
 from dynid.files.texttable import COMMENT, lines_of, text_table
-from dynid.files.yamlfile import LARGEST, NUMBER, REQUIRED, Context, Key, Kind, Value, read_yaml
+from dynid.files.yamlfile import LARGEST, Value, read_yaml
 from dynid.robot import Robot
 from dynid.units import ANGLE
 
@@ -81,29 +92,27 @@ class PlanFile:
 
 
 def _corners(value: Value) -> Corners:
-    lower, upper = value.read(_BOX).values()
+    lower, upper = value.read({"lower": VECTOR, "upper": VECTOR}, ["lower", "upper"]).values()
     (a, b, c), (d, e, f) = np.minimum(lower, upper).tolist(), np.maximum(lower, upper).tolist()
     return (a, b, c), (d, e, f)
 
 
-_BOX = (Key("lower", VECTOR, default=REQUIRED), Key("upper", VECTOR, default=REQUIRED))
-_OPTION = Kind("text", lambda value: (value.text(), value.where))
-_KEYS = (
-    *(Key(name, _OPTION, nullable=True) for name in OPTIONS),
-    Key("angle_unit", choice(*ANGLE)),
-    Key("waypoints", several(per_joint(COORDINATE))),
-    Key("times", several(NUMBER)),
-    Key("obstacles", several(Kind("box", _corners))),
-    Key("workspace", Kind("box", _corners)),
-)
+_KEYS: Keys = {
+    **dict.fromkeys(OPTIONS, or_null(TEXT)),
+    "angle_unit": choice(*ANGLE),
+    "waypoints": several(per_joint(coordinate)),
+    "times": several(NUMBER),
+    "obstacles": several(_corners),
+    "workspace": _corners,
+}
 
 
 def read_plan(path: Path, robot: Robot) -> PlanFile:
     """Read a plan file."""
     root = read_yaml(path)
-    keys = root.mapping([key.name for key in _KEYS])
-    unit = keys["angle_unit"].choice(tuple(ANGLE)) if "angle_unit" in keys else "rad"
-    given = replace(root, context=Context(unit, robot.joints)).read(_KEYS)
+    keys = root.mapping(list(_KEYS))
+    unit = unit_of(keys)
+    given = root.within(angle_unit=unit, joints=robot.joints).read(_KEYS)
     waypoints = None
     if "waypoints" in given:
         q = np.array(given["waypoints"]).reshape(-1, robot.n)
@@ -112,10 +121,10 @@ def read_plan(path: Path, robot: Robot) -> PlanFile:
         times = np.array(given["times"]) if "times" in given else None
         fix = f"write `angle_unit: {'deg' if unit == 'rad' else 'rad'}`"
         waypoints = _checked(Waypoints(q, times), robot, path, fix)
-    options = {name: given[name] for name in OPTIONS if name in given}
+    options = {name: given[name] for name in OPTIONS if given.get(name) is not None}
     return PlanFile(
-        options={name: text for name, (text, _) in options.items()},
-        places={name: where for name, (_, where) in options.items()},
+        options=options,
+        places={name: keys[name].where for name in options},
         waypoints=waypoints,
         obstacles=given.get("obstacles", ()),
         workspace=given.get("workspace"),

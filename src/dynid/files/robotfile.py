@@ -18,18 +18,16 @@ import numpy as np
 
 from dynid.errors import (
     DynidError,
-    Finding,
     ImplausibleGravity,
     MissingConvention,
     NotYaml,
     RobotNotFound,
 )
 from dynid.files import packaged, tuning
-from dynid.files.robotkeys import A_PRIOR, INERTIA, ROBOT, SNAP_STEP, read_joints
-from dynid.files.yamlfile import Context, Value, parse_yaml, read_text, read_yaml
+from dynid.files.robotkeys import A_PRIOR, INERTIA, ROBOT, SNAP_STEP, read_joints, unit_of
+from dynid.files.yamlfile import Value, parse_yaml, read_text, read_yaml
 from dynid.robot import Body, Joint, Known, Prior, Robot, TorqueSource, rotation_rpy
 from dynid.text import closest, printable, yaml_text
-from dynid.units import ANGLE
 
 #: Other usual names of arms, without signs, and the robot file that a person probably means.
 USUAL_ROBOTS = {
@@ -105,7 +103,7 @@ def parse_robot(text: str, path: Path) -> Robot:
 
 def read_prior(path: Path, robot: Robot) -> Prior:
     """Read a prior from a file of its own that holds what stands under ``prior:`` of a robot file."""
-    prior: Prior = A_PRIOR.read(replace(read_yaml(path), context=Context(joints=robot.joints)))
+    prior: Prior = A_PRIOR(read_yaml(path).within(joints=robot.joints))
     return prior
 
 
@@ -115,28 +113,27 @@ def _parsed(text: str, path: Path) -> Robot:
     root = parse_yaml(text, path)
     if not root.is_mapping:
         raise NotYaml(f"{path} has no keys; it is not a robot file", where=path)
-    found = root.mapping([key.name for key in ROBOT], required=("name", "joints"))
+    found = root.mapping(list(ROBOT), required=("name", "joints"))
     if "convention" not in found:
         raise MissingConvention(
             f"{path}: say which DH convention: standard or modified; they give different robots",
             where=path,
         )
     # Why first: all other keys depend on the number of joints and on which of them are revolute.
-    unit = found["angle_unit"].choice(tuple(ANGLE)) if "angle_unit" in found else "rad"
-    context = Context(unit)
-    joints = read_joints(replace(found["joints"], context=context))
-    given = replace(root, context=replace(context, joints=joints)).read(ROBOT)
+    root = root.within(angle_unit=unit_of(found))
+    joints = read_joints(replace(found["joints"], context=root.context))
+    given = root.within(joints=joints).read(ROBOT)
     base, mount = given.pop("base", {}), given.pop("mount", "floor")
     given.pop("angle_unit", None)
     robot = Robot(**given, **{f"base_{key}": place for key, place in base.items()}, path=path)
     if "gravity" in found:
-        _check_gravity(found["gravity"], robot, mount, context.findings)
+        _check_gravity(found["gravity"], robot, mount)
     elif mount == "ceiling":
         robot = replace(robot, gravity=(0.0, 0.0, 9.81))
-    return replace(robot, findings=tuple(context.findings))
+    return replace(robot, findings=tuple(root.context.findings))
 
 
-def _check_gravity(value: Value, robot: Robot, mount: str, findings: list[Finding]) -> None:
+def _check_gravity(value: Value, robot: Robot, mount: str) -> None:
     """Refuse a gravity that no place on Earth has; say so where it points up in the world (W206)."""
     size = math.hypot(*robot.gravity)
     if size and not tuning.GRAVITY[0] <= size <= tuning.GRAVITY[1]:
@@ -149,7 +146,7 @@ def _check_gravity(value: Value, robot: Robot, mount: str, findings: list[Findin
             f"{value.where}: gravity points up in the world frame (base.rpy taken into account): "
             "a ceiling mount? say `mount: ceiling`"
         )
-        findings.append(Finding("W206", "warning", text, {"gravity_world": world.tolist()}))
+        value.note("W206", text, gravity_world=world.tolist())
 
 
 # ---------------------------------------------------------------- writing

@@ -175,39 +175,29 @@ def _check_tree(urdf: Urdf) -> None:
     if not len({joint.child for joint in urdf.joints}) == joints == links - 1:
         raise _wrong(urdf.path, f" is not one tree: {links} links, {joints} joints")
     reached = {urdf.root, *(joint.child for joint, _ in urdf.behind(urdf.root))}
-    for link in urdf.bodies:
-        if link not in reached:
-            raise _wrong(urdf.path, f" is not one tree: link '{link}' is its own parent")
+    for link in urdf.bodies.keys() - reached:
+        raise _wrong(urdf.path, f" is not one tree: link '{link}' is its own parent")
 
 
-def _numbers(text: str, count: int) -> Floats:
+def _numbers(element: ET.Element | None, key: str, default: str = "0") -> Floats:
+    """Return the numbers of an attribute, as many as its default has; the default where there is no element."""
+    text = default if element is None else element.get(key, default)
     values = np.array([float(word) for word in text.split()])
     # Why not only finite: powers and shares of larger numbers are not.
-    if values.shape != (count,) or not np.all(np.abs(values) < LARGEST):
-        raise ValueError(f"'{text[:80]}' should be {count} finite numbers below {LARGEST:g}")
+    if len(values) != len(default.split()) or not np.all(np.abs(values) < LARGEST):
+        raise ValueError(
+            f"'{text[:80]}' should be {len(default.split())} finite numbers below {LARGEST:g}"
+        )
     return values
 
 
-def _number(element: ET.Element | None, key: str) -> float:
-    """Return a number of an element, 0 where there is none."""
-    return float(_numbers(element.get(key, "0"), 1)[0]) if element is not None else 0.0
-
-
-def _inside(element: ET.Element, tag: str, key: str, default: str) -> str:
-    """Return an attribute of an element inside another, which may be missing but not without it."""
-    found = element.find(tag)
-    return found.attrib[key] if found is not None else default
-
-
 def _pose(element: ET.Element | None, exact: bool) -> Floats:
-    pose = np.eye(4)
-    if element is not None:
-        angles = _numbers(element.get("rpy", "0 0 0"), 3).tolist()
-        roll, pitch, yaw = angles if exact else map(snapped, angles)
-        R = rotation_rpy((roll, pitch, yaw))
-        # Why: cos(pi/2) is 6e-17; exact zeros keep axes that are parallel exactly parallel.
-        pose[:3, :3] = np.where(np.abs(R - np.round(R)) < 1e-15, np.round(R), R)
-        pose[:3, 3] = _numbers(element.get("xyz", "0 0 0"), 3)
+    pose, angles = np.eye(4), _numbers(element, "rpy", "0 0 0").tolist()
+    roll, pitch, yaw = angles if exact else map(snapped, angles)
+    R = rotation_rpy((roll, pitch, yaw))
+    # Why: cos(pi/2) is 6e-17; exact zeros keep axes that are parallel exactly parallel.
+    pose[:3, :3] = np.where(np.abs(R - np.round(R)) < 1e-15, np.round(R), R)
+    pose[:3, 3] = _numbers(element, "xyz", "0 0 0")
     return pose
 
 
@@ -215,27 +205,48 @@ def _body(link: ET.Element) -> Body | None:
     inertial = link.find("inertial")
     if inertial is None:
         return None
-    pose, entries = _pose(inertial.find("origin"), exact=True), inertial.find("inertia")
+    pose, mass = _pose(inertial.find("origin"), exact=True), _required(inertial, "mass", "value")
     tensor = np.zeros((3, 3))
     for name, i, j in zip(INERTIA, *np.triu_indices(3), strict=True):
-        tensor[i, j] = tensor[j, i] = _number(entries, name)
-    mass = float(_numbers(_inside(inertial, "mass", "value", "0"), 1)[0])
-    return Body.of(mass, pose[:3, 3], pose[:3, :3] @ tensor @ pose[:3, :3].T)
+        tensor[i, j] = tensor[j, i] = _numbers(inertial.find("inertia"), name)[0]
+    turned = pose[:3, :3] @ tensor @ pose[:3, :3].T
+    return Body.of(float(_numbers(mass, "value")[0]), pose[:3, 3], turned)
+
+
+def _required(element: ET.Element, tag: str, key: str) -> ET.Element | None:
+    """Return an element inside another, which may be missing but not without an attribute."""
+    found = element.find(tag)
+    if found is not None and key not in found.attrib:
+        raise ValueError(f"<{tag}> without '{key}'")
+    return found
 
 
 def _joint(joint: ET.Element, exact: bool) -> UrdfJoint:
     name, kind = joint.attrib["name"], joint.attrib["type"]
-    axis = _numbers(_inside(joint, "axis", "xyz", "1 0 0"), 3)
-    if kind in MOVING and not np.linalg.norm(axis):
+    axis = _numbers(_required(joint, "axis", "xyz"), "xyz", "1 0 0")
+    if kind in MOVING and not axis.any():
         raise ValueError(f"the axis of joint {name} is zero")
     axis = axis / (np.linalg.norm(axis) or 1.0)
     if not exact:
         # Why: an axis such as (0, 1, 2e-5) would give common normals kilometres away.
         axis = np.where(np.abs(axis) < tuning.SNAP_RAD, 0.0, axis)
         axis = axis / (np.linalg.norm(axis) or 1.0)
-    parent, child = (_inside(joint, tag, "link", "") for tag in ("parent", "child"))
+    ends = {tag: joint.find(tag) for tag in ("parent", "child")}
+    parent, child = ("" if end is None else end.attrib["link"] for end in ends.values())
     if not parent or not child:
         raise ValueError(f"joint {name} has no parent or child")
+    limit, limits = joint.find("limit"), Limits()
+    if limit is not None:
+        lower, upper, velocity, effort = (
+            float(limit.get(key, "0")) for key in ("lower", "upper", "velocity", "effort")
+        )
+        # Why: some files write an infinite or huge number for a joint without a limit.
+        limited = kind != "continuous" and -LARGEST < lower < upper < LARGEST
+        limits = Limits(
+            position=(lower, upper) if limited else None,
+            velocity=velocity if 0 < velocity < LARGEST else None,
+            torque=effort if 0 < effort < LARGEST else None,
+        )
     dynamics = joint.find("dynamics")
     return UrdfJoint(
         name=name,
@@ -244,22 +255,7 @@ def _joint(joint: ET.Element, exact: bool) -> UrdfJoint:
         child=child,
         origin=_pose(joint.find("origin"), exact),
         axis=axis,
-        limits=_limits(joint.find("limit"), kind),
-        damping=_number(dynamics, "damping"),
-        friction=_number(dynamics, "friction"),
-    )
-
-
-def _limits(element: ET.Element | None, kind: str) -> Limits:
-    if element is None:
-        return Limits()
-    lower, upper, velocity, effort = (
-        float(element.get(key, "0")) for key in ("lower", "upper", "velocity", "effort")
-    )
-    # Why: some files write an infinite or huge number for a joint without a limit.
-    limited = kind != "continuous" and -LARGEST < lower < upper < LARGEST
-    return Limits(
-        position=(lower, upper) if limited else None,
-        velocity=velocity if 0 < velocity < LARGEST else None,
-        torque=effort if 0 < effort < LARGEST else None,
+        limits=limits,
+        damping=float(_numbers(dynamics, "damping")[0]),
+        friction=float(_numbers(dynamics, "friction")[0]),
     )

@@ -1,7 +1,7 @@
 """YAML with line numbers: every value knows where it stands, every mistake says so.
 
 Reads one file into a tree of ``Value``; unknown and duplicate keys, text in the place of a number and missing keys
-raise the errors of the catalogue with ``file:line``. What a mapping may hold is declared by ``Key``.
+raise the errors of the catalogue with ``file:line``. What a mapping may hold is a table of readers by key.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ _OCTAL = re.compile(r"[-+]?0\d+")
 _PI = re.compile(
     r"(?P<sign>[-+]?)\s*(?:(?P<factor>\d+(?:\.\d*)?)\s*\*\s*)?pi\s*(?:/\s*(?P<divisor>\d+(?:\.\d*)?))?"
 )
-REQUIRED = "required"
 
 
 @dataclass(frozen=True)
@@ -50,42 +49,6 @@ class Context:
     joints: tuple[Joint, ...] = ()
     revolute: bool = True
     findings: list[Finding] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A type of value.
-
-    Attributes:
-        words: its name in the reference.
-        read: makes the value from what stands in the file.
-        keys: the keys inside, where it is a mapping.
-    """
-
-    words: str
-    read: Callable[[Value], Any]
-    keys: tuple[Key, ...] = ()
-
-
-@dataclass(frozen=True)
-class Key:
-    """One key.
-
-    Attributes:
-        name: the key.
-        kind: type of its value.
-        help: what it is, in one or two sentences.
-        default: what holds without it, as the reference shows it; ``"required"`` where it must be there.
-        unit: unit of the value; "" for none.
-        nullable: whether ``null`` means that it is left out.
-    """
-
-    name: str
-    kind: Kind
-    help: str = ""
-    default: str = "none"
-    unit: str = ""
-    nullable: bool = False
 
 
 @dataclass(frozen=True)
@@ -154,8 +117,7 @@ class Value:
             key = usual.get(given, given)
             if key != given:
                 text = f"{line}: `{given}:` is read as `{key}:`, its name in dynid"
-                noticed = Finding("W203", "info", text, {"given": given, "used": key})
-                self.context.findings.append(noticed)
+                self.note("W203", text, "info", given=given, used=key)
             if key in found:
                 raise NotYaml(f"{line}: key '{key}' is given twice", where=line)
             if key not in known:
@@ -170,21 +132,22 @@ class Value:
         return found
 
     def read(
-        self, keys: Sequence[Key], usual: Mapping[str, str] = MappingProxyType({})
+        self,
+        keys: Mapping[str, Reader],
+        required: Sequence[str] = (),
+        usual: Mapping[str, str] = MappingProxyType({}),
     ) -> dict[str, Any]:
-        """Return the values of a mapping by key, without those that are left out.
+        """Return the values of a mapping that are there, by key, each as its reader reads it; see ``mapping``."""
+        found = self.mapping(list(keys), required, usual)
+        return {key: read(found[key]) for key, read in keys.items() if key in found}
 
-        Raises:
-            UnknownKey: a key is not among ``keys``.
-            WrongRobotFile: a required key is missing.
-        """
-        required = [key.name for key in keys if key.default == REQUIRED]
-        found = self.mapping([key.name for key in keys], required, usual)
-        return {
-            key.name: key.kind.read(found[key.name])
-            for key in keys
-            if key.name in found and not (key.nullable and found[key.name].is_null)
-        }
+    def note(self, code: str, text: str, level: str = "warning", **evidence: object) -> None:
+        """Keep what was noticed, for ``Robot.findings``."""
+        self.context.findings.append(Finding(code, level, text, evidence))
+
+    def within(self, **facts: Any) -> Value:  # noqa: ANN401
+        """Return the value in another context."""
+        return replace(self, context=replace(self.context, **facts))
 
     def entries(self) -> dict[str, Value]:
         """Return the values of a mapping by key, whatever the keys are, each once; {} for anything else."""
@@ -285,9 +248,8 @@ def _number_advice(raw: str) -> str:
     return "is not a number"
 
 
-#: Types of plain values.
-TEXT, FLAG = Kind("text", Value.text), Kind("true or false", Value.flag)
-NUMBER, ANGLE_ = Kind("number", Value.number), Kind("angle", Value.angle)
+#: What makes a value from its place in a file, or says what is wrong there.
+Reader = Callable[[Value], Any]
 
 
 def read_yaml(path: Path) -> Value:

@@ -10,19 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sympy import Expr, Integer, Matrix, Rational, Symbol, cancel, expand, latex, zeros  # noqa: TID253
+from sympy import Expr, Integer, Matrix, Symbol, cancel, expand, latex, zeros  # noqa: TID253
 
 from dynid.errors import ReductionsDisagree
 from dynid.model import tuning
 from dynid.model.kinematics import dh_step, geometry, right_angle
 from dynid.model.parameters import TENSOR
-from dynid.model.reduce import Reduction, reduce_plain, regressor_at, with_added
+from dynid.model.reduce import Reduction, reduce_plain, with_added
 from dynid.model.regressor import Model
 from dynid.robot import Joint
 
@@ -115,23 +114,26 @@ def _columns(model: Model, found: Reduction, still: bool) -> list[_Column]:
     numbers = geometry(model.robot)
     rules: dict[int, dict[int, tuple[Expr, float]]] = {}
     for link, joint in enumerate(model.robot.joints):
-        local = _passed(joint, link, model) if link else _of_first_link(model, still)
+        local = _passed(joint, link, model, still) if link else _of_first_link(model, still)
         for own, shares in local.items():
             if own in at and shares.keys() <= at.keys():
                 rules[at[own]] = {
                     at[k]: (share, _value(share, numbers)) for k, share in shares.items()
                 }
-    columns, stretched = list[_Column](), cache(lambda: _stretched(model, found, still))
+    columns = list[_Column]()
     for k, own in enumerate(found.K.T):
         if k in base:
-            columns.append(_Column({base[k]: ONE}, own))
-            continue
-        if k in rules:
-            column = _sum([columns[j].times(*factor) for j, factor in rules[k].items()], own)
-            if np.allclose(column.values, own, rtol=1e-7, atol=1e-7 * np.abs(own).max(initial=0.0)):
-                columns.append(column)
-                continue
-        columns.append(_by_numbers(own, k, columns, stretched))
+            tried = [_Column({base[k]: ONE}, own)]
+        else:
+            tried = [
+                _sum([columns[j].times(*factor) for j, factor in rules.get(k, {}).items()], own)
+            ]
+            tried += [column.times(Integer(sign), sign) for column in columns for sign in (1, -1)]
+        nearness = {"rtol": 1e-7, "atol": 1e-7 * np.abs(own).max(initial=0.0)}
+        same = (column for column in tried if np.allclose(column.values, own, **nearness))
+        rows = np.flatnonzero(own).tolist() if np.allclose(own, np.round(own)) else ()
+        whole = {row: Integer(round(own[row])) for row in rows}
+        columns.append(next(same, _Column(whole, own)))
     return columns
 
 
@@ -153,7 +155,7 @@ def _value(formula: Expr, numbers: Mapping[str, float]) -> float:
     return float(formula.subs({x: numbers[x.name] for x in formula.free_symbols}))
 
 
-def _passed(joint: Joint, link: int, model: Model) -> dict[int, Shares]:
+def _passed(joint: Joint, link: int, model: Model, still: bool) -> dict[int, Shares]:
     """Return the parameters of a link that pass through its joint, by those of it and of the link before."""
     twist, angle = right_angle(joint.twist), right_angle(joint.theta_offset)
     shape = (bool(joint.a), bool(joint.d), twist, None if joint.revolute else angle)
@@ -163,7 +165,7 @@ def _passed(joint: Joint, link: int, model: Model) -> dict[int, Shares]:
     def full(k: int) -> int:
         return first + k + (k > 9)  # the eleventh parameter is no body's
 
-    rules = _rules(joint.revolute, model.robot.convention, *shape)
+    rules = _rules(joint.revolute, model.robot.convention, still, *shape)
     return {
         full(own): {full(k): share.xreplace(symbols) for k, share in shares}
         for own, shares in rules.items()
@@ -174,6 +176,7 @@ def _passed(joint: Joint, link: int, model: Model) -> dict[int, Shares]:
 def _rules(
     revolute: bool,
     convention: str,
+    still: bool,
     a: bool,
     d: bool,
     twist: tuple[int, int] | None,
@@ -199,6 +202,8 @@ def _rules(
             own[i, j] = own[j, i] = 1
             other[:3, :3] = R * own[:3, :3] * R.T
             rows.append(_parameters(other) + [-x for x in _parameters(own)])
+    if still:
+        rows = [row[:4] + [0] * 6 + row[10:14] + [0] * 6 for row in rows]
     # Why from the right: the last parameters of the link are those that others express.
     reduced, pivots = Matrix([row[::-1] for row in rows]).rref(simplify=cancel)
     return {
@@ -255,61 +260,6 @@ def _of_first_link(model: Model, still: bool) -> dict[int, Shares]:
         for k in range(11)
         if k not in pivots
     }
-
-
-# ---------------------------------------------------------------- the others, from the numbers
-def _by_numbers(
-    own: Floats,
-    k: int,
-    columns: Sequence[_Column],
-    stretched: Callable[[], tuple[dict[str, float], Floats]],
-) -> _Column:
-    """Return a column that is a small multiple of one before it, or whose coefficients are products of lengths."""
-    for column in columns:
-        factor = _fraction(own, column.values) if np.any(column.values) else None
-        if factor is not None:
-            return column.times(factor, float(factor))
-    if not np.any(own):
-        return _Column({}, own)
-    shares, (lengths, others) = Shares(), stretched()
-    for row in np.flatnonzero(own).tolist():
-        with np.errstate(all="ignore"):
-            powers = np.log2(others[:, row, k] / own[row])
-        product, value = ONE, 1.0
-        if not np.allclose(powers, np.round(powers), atol=1e-6):
-            return _Column({}, own)
-        for (name, length), power in zip(lengths.items(), np.round(powers).tolist(), strict=True):
-            product, value = product * Symbol(name) ** int(power), value * length**power
-        factor = _fraction(own[row], value)
-        if factor is None:
-            return _Column({}, own)
-        shares[row] = factor * product
-    return _Column(shares, own)
-
-
-def _fraction(wanted: Floats | float, of: Floats | float) -> Rational | None:
-    """Return the small fraction of an array that another one is."""
-    factor = Fraction(float(np.vdot(wanted, of) / np.vdot(of, of)))
-    factor = factor.limit_denominator(tuning.LARGEST_FACTOR)
-    same = np.allclose(float(factor) * np.asarray(of), wanted, rtol=1e-9, atol=1e-12)
-    return Rational(factor) if factor and same else None
-
-
-def _stretched(model: Model, found: Reduction, still: bool) -> tuple[dict[str, float], Floats]:
-    """Return the lengths of the arm [m], and the relations of arms with one of them doubled, (L, p, c)."""
-    lengths, tables = dict[str, float](), list[Floats]()
-    for i, joint in enumerate(model.robot.joints):
-        for key in ("a", "d"):
-            if length := getattr(joint, key):
-                joints = list(model.robot.joints)
-                joints[i] = replace(joint, **{key: 2 * length})
-                other = Model(replace(model.robot, joints=tuple(joints)), model.rigid)
-                W = regressor_at(other, still=still)
-                scale = np.linalg.norm(W[:, found.base], axis=0)
-                K = np.linalg.lstsq(W[:, found.base] / scale, W, rcond=None)[0] / scale[:, None]
-                lengths[f"{key}{i + 1}"] = length
-                tables.append(K)
-    return lengths, np.reshape(tables, (-1, *found.K.shape))
 
 
 # ---------------------------------------------------------------- text, JSON and LaTeX

@@ -20,8 +20,6 @@ RANDOM_STATE_SPREAD = 2.0
 ROUNDED_VALUE = 1e-13
 #: A sum below this share of the sizes that it is made of is zero. evidence: rounding of some ten terms.
 CANCELLED = 1e-12
-#: Largest numerator and denominator beside the symbols of a coefficient. evidence: none yet.
-LARGEST_FACTOR = 12
 
 # ---------------------------------------------------------------- the prior of a robot file without one
 #: Radius [m] and density [kg/m^3] of a link: between aluminium tubing and plastic covers, drives included.

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import BagTruncated
-from dynid.files import bag
-from dynid.files.bag import list_topics
-from dynid.files.logs import read_topics
+from dynid.files.bags import list_topics, read_topics
 from makelogs import state_messages, write_bag
 
 NAMES = tuple(f"joint_{i}" for i in range(1, 8))
@@ -27,16 +25,8 @@ def bags(tmp_path_factory):
 
 
 def read(path):
-    groups, findings = read_topics(path, [TOPIC], bag)
+    groups, findings = read_topics(path, [TOPIC])
     return groups[TOPIC][0], findings
-
-
-@pytest.mark.slow
-def test_a_whole_bag_gives_every_message(tmp_path, bags):
-    for compression, content in bags.items():
-        path = tmp_path / f"{compression}.bag"
-        path.write_bytes(content)
-        assert len(read(path)[0]) == 10_000
 
 
 def test_a_bag_cut_at_99_percent_gives_all_messages_before_the_cut(tmp_path, bags):

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from dynid.errors import NotANumber, UnknownKey, WrongRobotFile
+from dynid.files import robotkeys
 from dynid.files.robotfile import parse_robot
-from dynid.files.robotkeys import JOINT, ROBOT
-from dynid.files.yamlfile import Key
 from dynid.robot import Joint, Robot
 
+ROOT = Path(__file__).parents[3]
 LEAST = (
     "name: arm\nconvention: standard\njoints:\n  - {name: one}\n  - {name: two, type: prismatic}\n"
 )
@@ -21,25 +21,53 @@ def read(text: str = "") -> Robot:
     return parse_robot(LEAST + text, Path("arm.yaml"))
 
 
-def every(keys: tuple[Key, ...]) -> list[Key]:
-    return [each for key in keys for each in (key, *every(key.kind.keys))]
+#: The tables of the reference by what stands in front of their keys; a body stands in two places.
+TABLES = {
+    "": robotkeys.ROBOT,
+    "base": robotkeys.BASE,
+    "joints": robotkeys.JOINT,
+    "joints.limits": robotkeys.LIMITS,
+    "torque": robotkeys.TORQUE,
+    "driver": robotkeys.DRIVER,
+    "driver.units": robotkeys.UNITS,
+    "driver.columns": robotkeys.COLUMNS,
+    "simulator": robotkeys.SIMULATOR,
+    "prior": robotkeys.PRIOR,
+    "prior.cylinders": robotkeys.CYLINDERS,
+    "prior.links, tool": robotkeys.BODY,
+    "known": robotkeys.KNOWN,
+    "coupling": robotkeys.COUPLING,
+    "coulomb": robotkeys.COULOMB,
+    "effects": robotkeys.EFFECT,
+}
 
 
-def test_every_key_has_a_type_a_default_and_a_sentence():
-    for key in every(ROBOT):
-        assert key.kind.words
-        assert key.default
-        assert key.help[0].isupper() or key.help.startswith("tanh"), key
-        assert key.help.endswith("."), key
+def reference() -> dict[str, dict[str, list[str]]]:
+    """Return the rows of the page by table and key: type, unit, default, meaning."""
+    tables, title = {"": {}}, ""
+    for line in (ROOT / "docs" / "reference" / "robot-file.md").read_text().splitlines():
+        if line.startswith("## `"):
+            title = line.removeprefix("## ").replace("`", "")
+            tables[title] = {}
+        elif line.startswith("| `"):
+            key, *cells = line.strip("| ").split(" | ")
+            tables[title][key.strip("`")] = cells
+    return tables
+
+
+def test_the_reference_has_a_row_for_every_key_and_no_other():
+    assert {title: set(rows) for title, rows in reference().items()} == {
+        title: set(keys) for title, keys in TABLES.items()
+    }
 
 
 def test_the_defaults_of_the_reference_are_those_of_a_file_that_leaves_the_keys_out():
-    shown = {key.name: key.default.strip("`") for key in JOINT}
+    shown = {key: cells[2].strip("` ") for key, cells in reference()["joints"].items()}
     plain = Joint("joint_1")
     assert (shown["a"], shown["d"], shown["twist"], shown["theta_offset"]) == ("0", "0", "0", "0")
     assert shown["friction"] == f"[{', '.join(plain.friction)}]"
     assert (shown["type"], shown["motor_inertia"]) == (plain.type, str(plain.motor_inertia).lower())
-    robot, top = read(), {key.name: key.default.strip("`") for key in ROBOT}
+    robot, top = read(), {key: cells[2].strip("` ") for key, cells in reference()[""].items()}
     assert top["gravity"] == str([*map(float, robot.gravity)]).replace(".0", "")
     assert top["torque"] == robot.torque.source
     assert top["coulomb"].startswith(

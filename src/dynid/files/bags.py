@@ -1,0 +1,328 @@
+"""Recordings of ROS -> raw logs: ROS 1 bags by one walk over their records, those of ROS 2 by rosbags.
+
+A recorder that was killed leaves a bag without index and with its last chunk open. The walk needs no index and gives
+everything before the first broken record. Source: bag format 2.0, wiki.ros.org/Bags/Format/2.0.
+"""
+
+from __future__ import annotations
+
+import bz2
+import io
+import re
+import struct
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynid.errors import BagTruncated, DynidError, Finding, LogNotFound
+from dynid.files import tuning
+from dynid.files.messages import NANOSECONDS, Broken, Collector, Messages, Topic, taken
+from dynid.log import Log
+from dynid.npz import bounded
+from dynid.text import shell
+
+if TYPE_CHECKING:
+    from rosbags.rosbag2 import Reader
+
+#: Suffixes of the files that recorders of ROS 2 write.
+ROS2 = (".db3", ".mcap")
+#: First line of a bag of version 2.0.
+MAGIC = b"#ROSBAG V2.0\n"
+_MESSAGE, _CHUNK, _CHUNK_INFO, _CONNECTION = (bytes([code]) for code in (2, 5, 6, 7))
+#: What stands before a time in a header, and the bytes of both.
+_TIME, _TIMED = b"\r\0\0\0time=", 17
+_SIZE = struct.Struct("<I").unpack_from
+#: Fields of a header by name; b"" for those that are not there.
+Fields = defaultdict[bytes, bytes]
+
+
+def read_topics(
+    path: Path, names: Collection[str]
+) -> tuple[dict[str, list[Log]], tuple[Finding, ...]]:
+    """Return the numbers of some topics, also of a recording that is damaged.
+
+    Returns:
+        for each topic its raw logs, one for each set of joint names, the largest first; and what was noticed.
+
+    Raises:
+        BagTruncated: nothing of these topics is readable.
+        WrongMessageType: the layout of the messages is not the known one of their type.
+        TooLarge: a chunk unpacks like a bomb.
+    """
+    collectors: dict[str, Collector] = {}
+    reasons: list[str] = []
+    for part in parts_of(path):
+        try:
+            for some in _scan(part, names):
+                collectors.setdefault(some.topic.name, Collector(some.topic)).add(some)
+        except Broken as error:
+            reasons.append(f"{part.name}: {error}" if part != path else str(error))
+    groups = {name: logs for name, one in collectors.items() if (logs := one.logs())}
+    reasons += [one.reason for one in collectors.values() if one.reason]
+    if not reasons:
+        return groups, ()
+    if not groups:
+        raise _nothing_readable(path, reasons[0])
+    logs = [log for found in groups.values() for log in found]
+    count, reason = sum(map(len, logs)), "; ".join(reasons[:3])
+    seconds = max(float(np.ptp(log.extra["arrival_ns"])) for log in logs) * 1e-9
+    text = (
+        f"{path.name} was cut or not closed (recorder killed?): {count} messages, {seconds:.1f} s, are readable "
+        f"and used; reported by the reader: {reason.rstrip('.')}"
+    )
+    evidence = {"messages": count, "seconds": seconds, "reason": reason}
+    return groups, (Finding("W305", "warning", text, evidence),)
+
+
+def list_topics(path: Path) -> dict[str, Topic]:
+    """Return the topics of a recording by name; those of a damaged ROS 1 bag as far as it can be read.
+
+    Raises:
+        BagTruncated: nothing is readable.
+        LogNotFound: not a recording.
+    """
+    counts = Counter[Topic]()
+    for part in parts_of(path):
+        try:
+            counts.update(_counted(part))
+        except Broken as error:
+            with suppress(Broken):
+                for some in _scan(part) if part.suffix not in ROS2 else ():
+                    counts[some.topic] += len(some.starts)
+            if not counts:
+                raise _nothing_readable(part, str(error)) from None
+    return {topic.name: replace(topic, count=count) for topic, count in counts.items()}
+
+
+def parts_of(path: Path) -> list[Path]:
+    """Return the files of a recording in the order of time.
+
+    Raises:
+        LogNotFound: a folder without any.
+    """
+    if not path.is_dir():
+        return [path]
+    parts = [part for part in path.iterdir() if part.suffix in ROS2 and part.is_file()]
+    if not parts:
+        fix = "check the path"
+        for packed in path.glob("*.zstd"):
+            fix = f"unpack it with: {shell('zstd', '-d', packed)}"
+        raise LogNotFound(f"{path} has no .db3 or .mcap file", where=path, fix=fix)
+    # Why: rosbag2 numbers the parts of a recording at the end of their names, 9 before 10.
+    return sorted(parts, key=lambda p: ([int(k) for k in re.findall(r"\d+", p.stem)[-1:]], p.name))
+
+
+def _nothing_readable(path: Path, reason: str) -> BagTruncated:
+    """Return the mistake of a recording without one readable message."""
+    if path.suffix in (".bag", ".active"):
+        return BagTruncated(
+            f"{path.name} ends early (recorder killed?); 0 s are readable", where=path
+        )
+    better = path.with_name(f"{path.stem}_recovered{path.suffix}")
+    fixes = {
+        ".mcap": shell("mcap", "recover", path, "-o", better),
+        ".db3": f"{shell('sqlite3', path, '.recover')} | {shell('sqlite3', better)}",
+    }
+    text = f"{path.name} was cut or not closed: {reason.rstrip('.')}"
+    fix = fixes.get(path.suffix, shell("ros2", "bag", "reindex", path))
+    return BagTruncated(text, where=path, fix=fix)
+
+
+def _counted(part: Path) -> Counter[Topic]:
+    """Return the numbers of messages that the index of a file gives."""
+    counts, known = Counter[Topic](), dict[bytes, Topic]()
+    if part.suffix in ROS2:
+        with _opened(part) as reader:
+            for each in reader.connections:
+                counts[_topic(each)] += each.msgcount
+        if not counts:
+            raise Broken("it names no topic")
+        return counts
+    for op, fields, data in _walk(part, chunks=False):
+        if op == _CONNECTION:
+            counts[_remembered(fields, data, known)] += 0
+        elif op == _CHUNK_INFO:
+            for number, count in struct.iter_unpack("<4sI", data[: len(data) // 8 * 8]):
+                if number not in known:
+                    raise Broken("its index is damaged")
+                counts[known[number]] += count
+    return counts
+
+
+def _scan(part: Path, topics: Collection[str] | None = None) -> Iterator[Messages]:
+    """Yield the readable messages of some topics of a file, all when None; ``Broken`` behind them."""
+    if part.suffix in ROS2:
+        with _opened(part) as reader:
+            wanted = [each for each in reader.connections if topics is None or each.topic in topics]
+            for each in wanted:
+                messages = reader.messages([each])
+                while some := list(islice(messages, tuning.MESSAGES)):
+                    _, arrival, raws = zip(*some, strict=True)
+                    edges = np.cumsum([0, *map(len, raws)])
+                    content = np.frombuffer(b"".join(raws), np.uint8)
+                    yield Messages(_topic(each), np.array(arrival), content, edges[:-1], edges[1:])
+        return
+    known: dict[bytes, Topic] = {}
+    damage: Broken | None = None
+    for op, fields, data in _walk(part):
+        if op == _CHUNK:
+            try:
+                for found in _messages(_unpacked(fields, data, part), known):
+                    if topics is None or found.topic.name in topics:
+                        yield found
+            except Broken as error:
+                damage = damage or error
+    if damage:
+        raise damage
+
+
+# ---------------------------------------------------------------- ROS 2
+def _topic(each: Any) -> Topic:  # noqa: ANN401
+    return Topic(each.topic, each.msgtype.replace("/msg/", "/"), True)
+
+
+@contextmanager
+def _opened(part: Path) -> Iterator[Reader]:
+    """Open one file of a recording of ROS 2; ``Broken`` where it is damaged."""
+    from rosbags.rosbag2 import Reader
+
+    if not part.stat().st_size:
+        raise BagTruncated(
+            f"{part.name} is empty: nothing was recorded", where=part, fix="record again"
+        )
+    journal = part.with_name(f"{part.name}-wal")
+    if journal.is_file() and journal.stat().st_size:
+        raise BagTruncated(
+            f"{part.name} was not closed: messages wait in {journal.name}",
+            where=part,
+            fix=shell("sqlite3", part, "PRAGMA wal_checkpoint(TRUNCATE)"),
+        )
+    try:
+        with Reader(part) as reader:
+            for chunk in getattr(reader.storage, "chunks", ()):
+                bounded(chunk.compressed_size, chunk.uncompressed_size, part)
+            yield reader
+    except (DynidError, PermissionError):
+        raise
+    # Why all: of damaged bytes rosbags, SQLite and the decompressors raise whatever they meet.
+    except Exception as error:  # noqa: BLE001
+        raise Broken(str(error) or type(error).__name__) from None
+
+
+# ---------------------------------------------------------------- ROS 1
+def _walk(path: Path, *, chunks: bool = True) -> Iterator[tuple[bytes, Fields, bytes]]:
+    """Yield kind, header and data of each record of a bag; ``chunks`` says whether with those of chunks.
+
+    Raises:
+        Broken: behind the last readable record, or where there is no index.
+        BagTruncated: the bag is empty.
+        LogNotFound: it is no bag that can be read.
+    """
+    with path.open("rb") as stream:
+        start, index = stream.read(len(MAGIC)), 0
+        if not start:
+            raise BagTruncated(
+                f"{path.name} is empty: nothing was recorded", where=path, fix="record again"
+            )
+        if not start.startswith(b"#ROSBAG V"):
+            fix = f"see what it is: {shell('file', path)}; a bag begins with #ROSBAG V2.0"
+            raise LogNotFound(f"{path.name} is not a ROS 1 bag", where=path, fix=fix)
+        if start != MAGIC:
+            version = start.decode("latin-1").strip()
+            raise LogNotFound(
+                f"{path.name} has the format {version}; dynid reads V2.0",
+                where=path,
+                fix="convert it with: rosbag fix",
+            )
+        while head := stream.read(4):
+            fields = _fields(stream.read(int.from_bytes(head, "little")))
+            op, size = fields[b"op"], int.from_bytes(stream.read(4), "little")
+            index = index or int.from_bytes(fields[b"index_pos"][:8], "little")
+            if op == _CHUNK and not chunks:
+                stream.seek(size, 1)
+                continue
+            # Why the rest: a chunk is given its size when it is closed; an open one reaches to the end of the file.
+            data = stream.read(size or -1 if op == _CHUNK else size)
+            yield op, fields, data
+            if len(data) < size:
+                raise Broken("it ends in the middle of a record")
+        if not index or index >= path.stat().st_size:
+            raise Broken("it was never closed, or ends before its index: there is no index")
+
+
+def _messages(chunk: bytes, known: dict[bytes, Topic]) -> Iterator[Messages]:
+    """Yield the messages of a chunk, whose topics become known; ``Broken`` behind them where one is damaged."""
+    at, found = 0, defaultdict[bytes, list[int]](list)
+    with suppress(struct.error):
+        while at < len(chunk):
+            body = at + 8 + _SIZE(chunk, at)[0]
+            end = body + _SIZE(chunk, body - 4)[0]
+            if end > len(chunk):
+                break
+            head = chunk[at + 4 : body - 4]
+            time = head.find(_TIME)
+            # Why: headers of the messages of a topic differ in the time alone.
+            found[head[:time] + head[time + _TIMED :]] += at, body, end
+            at = end
+    content = np.frombuffer(chunk, np.uint8)
+    for places in found.values():
+        starts, bodies, ends = np.reshape(places, (-1, 3)).T
+        head = chunk[starts[0] + 4 : bodies[0] - 4]
+        fields = _fields(head)
+        number = fields[b"conn"]
+        if fields[b"op"] == _CONNECTION:
+            _remembered(fields, chunk[bodies[0] : ends[0]], known)
+        elif fields[b"op"] == _MESSAGE and number in known:
+            times = starts + 4 + head.find(_TIME) + len(_TIME)
+            arrival = taken(content, times, 2, "<u4") @ NANOSECONDS
+            yield Messages(known[number], arrival, content, bodies, ends)
+    if at < len(chunk):
+        raise Broken("it ends in the middle of a record")
+
+
+def _fields(header: bytes) -> Fields:
+    """Split a header into its fields: length, name=value."""
+    found, stream = Fields(bytes), io.BytesIO(header)
+    while head := stream.read(4):
+        size = int.from_bytes(head, "little")
+        content = stream.read(size)
+        name, equals, value = content.partition(b"=")
+        if len(content) != size or not equals:
+            raise Broken("a record header is damaged")
+        found[name] = value
+    return found
+
+
+def _remembered(fields: Fields, data: bytes, known: dict[bytes, Topic]) -> Topic:
+    """Return the topic of a connection; messages name it by its number."""
+    facts = _fields(data) | fields
+    name, kind, md5 = (
+        facts.get(key, b"").decode("utf-8", "replace") for key in (b"topic", b"type", b"md5sum")
+    )
+    name = re.sub("/+", "/", name).removesuffix("/")
+    topic = known[fields[b"conn"]] = Topic(name, kind, md5=md5)
+    return topic
+
+
+def _unpacked(fields: Fields, data: bytes, path: Path) -> bytes:
+    """Return the records in a chunk, of one that is cut those before the cut; ``Broken`` where it is damaged."""
+    if fields[b"compression"] == b"none":
+        return data
+    size = int.from_bytes(fields[b"size"], "little")
+    bounded(len(data), size, path)
+    machine: Any = bz2.BZ2Decompressor()
+    if fields[b"compression"] == b"lz4":
+        from lz4.frame import LZ4FrameDecompressor
+
+        machine = LZ4FrameDecompressor()
+    try:
+        # Why not the same for an open chunk: its size is not known.
+        return bytes(machine.decompress(data, size or len(data) * 100))
+    except (OSError, RuntimeError, EOFError, ValueError):
+        raise Broken("a chunk cannot be decompressed") from None
