@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import takewhile
+from os.path import commonprefix
 
 from dynid.units import FACTORS
 
@@ -128,15 +129,16 @@ def suggested(names: Sequence[str]) -> dict[str, str]:
 
 def _paired(members: Iterable[tuple[str, str]]) -> dict[str, str]:
     """Return the best patterns of positions and torques that have the same members, and what goes with them."""
-    families: dict[str, set[str]] = {}
+    families = defaultdict[str, set[str]](set)
     for pattern, member in members:
-        families.setdefault(pattern, set()).add(member)
+        families[pattern].add(member)
     # Why the best of each first: names full of numbers have thousands of families, and pairs without end.
     best: dict[tuple[str, frozenset[str]], tuple[int, str]] = {}
     for pattern, family in families.items():
-        (kind, doubt), each = _meaning(pattern), frozenset(family)
-        if kind and len(each) > 1 and ((kind, each) not in best or doubt < best[kind, each][0]):
-            best[kind, each] = doubt, pattern
+        kind, doubt = _meaning(pattern)
+        each = kind, frozenset(family)
+        if kind and len(family) > 1 and doubt < best.get(each, (99, ""))[0]:
+            best[each] = doubt, pattern
     pairs = [
         (doubt + best["effort", each][0], each)
         for (kind, each), (doubt, _) in best.items()
@@ -193,14 +195,8 @@ def _named(names: Sequence[str]) -> Iterator[tuple[str, str]]:
     for kind in ("position", "velocity", "effort"):
         meanings = [(kind, doubt) for doubt in range(4)]
         some = [name for name in names if not is_time(name) and _meaning(name) in meanings]
-        start = _shared_start(some)
+        start = commonprefix(some)  # noqa: RUF071 - letters are meant
         rest = [name[len(start) :] for name in some]
-        end = _shared_start([name[::-1] for name in rest])[::-1]
+        end = commonprefix([name[::-1] for name in rest])[::-1]  # noqa: RUF071
         for name in rest if len(some) > 1 else ():
             yield f"{start}{{name}}{end}", name[: len(name) - len(end)]
-
-
-def _shared_start(words: Sequence[str]) -> str:
-    """Return the letters that all words begin with."""
-    pairs = zip(min(words, default=""), max(words, default=""), strict=False)
-    return "".join(a for a, _ in takewhile(lambda pair: pair[0] == pair[1], pairs))

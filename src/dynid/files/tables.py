@@ -165,16 +165,11 @@ def _columns(
         if any(found):
             columns[key] = next(filter(None, found))
         elif key in patterns or key in ("position", "effort"):
-            raise _missing(table, tried, joints)
+            patterns = suggested(table.names) or template(table.names)
+            wanted = [tried[0].replace("{name}", joint) for joint in joints or ["<joint>"]]
+            lost = next((name for name in wanted if name not in table.names), tried[0])
+            raise _absent(table, lost, f"under `driver:` in the robot file: {snippet(patterns)}")
     return columns
-
-
-def _missing(table: TextTable, tried: Sequence[str], joints: Sequence[str]) -> LogLayout:
-    names = table.names
-    fix = f"under `driver:` in the robot file: {snippet(suggested(names) or template(names))}"
-    wanted = [tried[0].replace("{name}", joint) for joint in joints or ["<joint>"]]
-    lost = next((name for name in wanted if name not in names), tried[0])
-    return _absent(table, lost, fix)
 
 
 def _absent(table: TextTable, name: str, fix: str = "") -> LogLayout:

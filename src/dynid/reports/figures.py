@@ -6,11 +6,12 @@ Figures 3 to 6.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, wraps
+from io import BytesIO
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,20 +22,26 @@ from dynid.robot import Robot
 from dynid.text import TITLE_LENGTH, label
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Floats = NDArray[np.float64]
+P = ParamSpec("P")
 
 #: Colours that stay apart for colour-blind readers and in print (Okabe and Ito).
 MEASURED, ESTIMATED, RESIDUAL = "#8c8c8c", "#0072b2", "#d55e00"
 GRID = "#e6e6e6"
-#: Width of a figure [inch]: its text is readable on a telephone and on a screen.
-WIDTH = 4.6
-#: Size of text [points].
-TEXT = 8
-#: Least and largest value of each of so many parts of a curve are drawn; a screen shows no more.
-PARTS = 500
+#: Width of a figure [inch]: its text is readable on a telephone and on a screen. Size of text [points].
+WIDTH, TEXT = 4.6, 8
+#: The look of all figures. Curves lose what is finer than a point, and no spike.
+STYLE: dict[Any, Any] = {
+    "font.size": TEXT,
+    "axes.titlesize": TEXT,
+    "axes.titlelocation": "left",
+    "figure.titlesize": TEXT + 1,
+    "legend.frameon": False,
+    "legend.fontsize": TEXT - 1,
+    "path.simplify_threshold": 1.0,
+}
 
 
 @dataclass(frozen=True)
@@ -55,7 +62,26 @@ QUANTITIES = (
 )
 
 
-# ---------------------------------------------------------------- empty figures
+# ---------------------------------------------------------------- the look
+def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Give the figure of a function the look of all: few ticks, a faint grid, no frame."""
+
+    @wraps(draw)
+    def drawn(*args: P.args, **given: P.kwargs) -> Figure:
+        from matplotlib import rc_context
+
+        with rc_context(STYLE):
+            figure = draw(*args, **given)
+        for axis in figure.axes:
+            axis.grid(not axis.images)
+            axis.set_axisbelow(True)
+            axis.tick_params(labelsize=TEXT - 1, length=2, grid_color=GRID, grid_linewidth=0.6)
+            axis.spines[["top", "right"]].set_visible(False)
+        return figure
+
+    return drawn
+
+
 def new_figure(height: float, *, spaced: bool = True) -> Figure:
     """Return an empty figure of a height [inch] that a notebook draws by itself, without pyplot.
 
@@ -69,8 +95,6 @@ def new_figure(height: float, *, spaced: bool = True) -> Figure:
 @cache
 def _notebook_figure() -> type[Figure]:
     # Why once: matplotlib documents every class of figures anew, which takes as long as a panel.
-    from io import BytesIO
-
     from matplotlib.figure import Figure
 
     class NotebookFigure(Figure):
@@ -83,12 +107,7 @@ def _notebook_figure() -> type[Figure]:
 
 
 def joint_panels(
-    titles: Sequence[str],
-    each: float,
-    x_labels: Sequence[str],
-    *,
-    over_time: bool = False,
-    title: str = "",
+    titles: Sequence[str], each: float, x_labels: Sequence[str], *, over_time: bool = False
 ) -> tuple[Figure, NDArray[np.object_]]:
     """Return a figure with one row of panels per joint, and its axes, (n, columns).
 
@@ -96,61 +115,34 @@ def joint_panels(
         titles: of the rows, over their first panels.
         each: height of a panel [inch].
         x_labels: under the last panel of each column.
-        over_time: whether all share an axis, whose numbers stand under the last, and a legend above.
-        title: of the figure; "" for none.
+        over_time: whether all share an axis, and have a title and a legend above.
     """
     n, columns = len(titles), len(x_labels)
-    between, above = (0.26, 0.5) if over_time else (0.4, 0.25)
-    above += 0.2 if title else 0.0
-    left, right, below = 0.5, 0.1, 0.45
+    between, above, below = (0.26, 0.7, 0.45) if over_time else (0.4, 0.25, 0.45)
     height = n * each + (n - 1) * between + above + below
     figure = new_figure(height, spaced=False)
-    axes = figure.subplots(
-        n,
-        columns,
-        squeeze=False,
-        sharex=over_time,
-        gridspec_kw={
-            "left": left / WIDTH,
-            "right": 1 - right / WIDTH,
-            "bottom": below / height,
-            "top": 1 - above / height,
-            "hspace": between / each,
-            "wspace": 0.3 * columns / (WIDTH - left - right),
-        },
+    axes = figure.subplots(n, columns, squeeze=False, sharex=over_time)
+    figure.subplots_adjust(
+        0.11, below / height, 0.98, 1 - above / height, 0.075 * columns, between / each
     )
-    if title:
-        figure.suptitle(title, x=0.01, y=1 - 0.05 / height, ha="left", va="top", fontsize=TEXT + 1)
     for row, words in zip(axes, titles, strict=True):
         # Why with a height, the usual one: else matplotlib looks whether labels are in the way.
-        row[0].set_title(words, fontsize=TEXT, loc="left", y=1.0, pad=3)
-    for axis in axes.flat:
-        plain(axis)
+        row[0].set_title(words, y=1.0, pad=3)
     for axis, words in zip(axes[-1], x_labels, strict=True):
-        axis.set_xlabel(words, fontsize=TEXT)
+        axis.set_xlabel(words)
     return figure, axes
 
 
-def joint_legend(figure: Figure, axes: NDArray[np.object_]) -> None:
-    """Write the names of the curves of ``joint_panels`` above the first panel."""
-    handles = axes[0, 0].get_legend_handles_labels()
-    place = axes[0, 0].get_position()
-    corner = (place.x1, place.y1 + 0.2 / figure.get_figheight())
-    figure.legend(
-        *handles, loc="lower right", bbox_to_anchor=corner, ncols=3, frameon=False, fontsize=TEXT
-    )
-
-
-def plain(axis: Axes) -> None:
-    """Give an axis the look of all figures: few ticks, a faint grid, no frame."""
-    axis.grid(color=GRID, lw=0.6)
-    axis.set_axisbelow(True)
-    axis.tick_params(labelsize=TEXT - 1, length=2)
-    for side in ("top", "right"):
-        axis.spines[side].set_visible(False)
+def joint_legend(figure: Figure, title: str) -> None:
+    """Write a title and the names of the curves above the panels over time of ``joint_panels``."""
+    inch = 1 / figure.get_figheight()
+    figure.suptitle(title, x=0.01, y=1 - 0.05 * inch, ha="left", va="top")
+    handles = figure.axes[0].get_legend_handles_labels()
+    figure.legend(*handles, loc="upper right", bbox_to_anchor=(0.98, 1 - 0.2 * inch), ncols=3)
 
 
 # ---------------------------------------------------------------- motion
+@styled
 def motion_figure(
     motion: EstimatedMotion,
     robot: Robot,
@@ -175,59 +167,24 @@ def motion_figure(
     titles = [
         f"{label(robot.joints[j].name)} [{unit}]" for j, unit in zip(numbers, units, strict=True)
     ]
-    what = f"residual {quantity.title}" if residual_only else quantity.title
-    words = f"{label(title, TITLE_LENGTH)}: {what}" * bool(title)
-    figure, axes = joint_panels(titles, 0.85, ["time [s]"], over_time=True, title=words)
+    figure, axes = joint_panels(titles, 0.85, ["time [s]"], over_time=True)
     for axis, j in zip(axes[:, 0], numbers, strict=True):
-        curves = _shown(motion, quantity, j)
-        _draw_curves(axis, motion.t, {"residual": curves["residual"]} if residual_only else curves)
-    joint_legend(figure, axes)
+        measured = getattr(motion, f"{quantity.key}_measured")[:, j]
+        estimated = getattr(motion, f"{quantity.key}_estimated")[:, j]
+        curves = {"measured": (measured, MEASURED, 2.2), "estimated": (estimated, ESTIMATED, 0.9)}
+        if quantity is TORQUE:
+            residual = {"residual": (measured - estimated, RESIDUAL, 0.7)}
+            curves = residual if residual_only else curves | residual
+        for name, (values, color, width) in curves.items():
+            axis.plot(*broken(motion.t, values), color=color, lw=width, label=name)
+        shown = np.concatenate([values for values, _, _ in curves.values()])
+        low, high = np.nanpercentile(shown, [0.2, 99.8])
+        room = 0.12 * max(high - low, 1e-9)
+        axis.set_ylim(low - room, high + room)
+        axis.locator_params(axis="y", nbins=4)
+    what = f"residual {quantity.title}" if residual_only else quantity.title
+    joint_legend(figure, f"{label(title, TITLE_LENGTH)}: {what}" * bool(title))
     return figure
-
-
-def _shown(
-    motion: EstimatedMotion, quantity: Quantity, j: int
-) -> dict[str, tuple[Floats, str, float]]:
-    """Return values, colour and width of the curves of a quantity of joint j."""
-    measured = getattr(motion, f"{quantity.key}_measured")[:, j]
-    estimated = getattr(motion, f"{quantity.key}_estimated")[:, j]
-    both = {"measured": (measured, MEASURED, 2.2), "estimated": (estimated, ESTIMATED, 0.9)}
-    if quantity is TORQUE:
-        both["residual"] = (measured - estimated, RESIDUAL, 0.7)
-    return both
-
-
-def _draw_curves(axis: Axes, t: Floats, curves: Mapping[str, tuple[Floats, str, float]]) -> None:
-    """Draw curves with label, values, colour and width; a gap in time stays one."""
-    for name, (values, color, width) in curves.items():
-        axis.plot(*thinned(*broken(t, values)), color=color, lw=width, label=name)
-    low, high = np.nanpercentile(
-        np.concatenate([values for values, _, _ in curves.values()]), [0.2, 99.8]
-    )
-    room = 0.12 * max(high - low, 1e-9)
-    axis.set_ylim(low - room, high + room)
-    axis.locator_params(axis="y", nbins=4)
-
-
-def thinned(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Return a curve by the least and the largest value of each of its parts, in their order; a short one as it is.
-
-    Why not every k-th point: a spike between two of them would not be seen.
-
-    Args:
-        x: (M,).
-        y: (M,); not a number where the curve breaks.
-    """
-    if len(x) <= 2 * PARTS:
-        return x, y
-    edges = np.linspace(0, len(x), PARTS + 1).astype(int)
-    breaks = np.flatnonzero(~np.isfinite(y))
-    filled = np.where(np.isfinite(y), y, 0.0)
-    rows = edges[:-1, None] + np.arange(int(np.diff(edges).max()))
-    rows = np.minimum(rows, edges[1:, None] - 1)
-    extremes = np.stack([np.argmin(filled[rows], axis=1), np.argmax(filled[rows], axis=1)], axis=1)
-    kept = np.unique(np.concatenate([(rows[:, :1] + extremes).ravel(), breaks, [0, len(x) - 1]]))
-    return x[kept], y[kept]
 
 
 def broken(t: Floats, x: Floats) -> tuple[Floats, Floats]:
@@ -247,8 +204,6 @@ def broken(t: Floats, x: Floats) -> tuple[Floats, Floats]:
 def save(figure: Figure, stream: IO[Any], kind: str, *, salt: str = "dynid") -> None:
     """Write a figure as PNG or SVG; equal figures give equal bytes.
 
-    Why not its own savefig: that draws everything twice, the first time for nothing.
-
     Args:
         figure: the figure.
         stream: where to.
@@ -256,21 +211,11 @@ def save(figure: Figure, stream: IO[Any], kind: str, *, salt: str = "dynid") -> 
         salt: keeps ids of several SVG elements on one page apart.
     """
     from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
 
-    if kind == "png":
-        figure.set_dpi(160)
-        FigureCanvasAgg(figure).print_png(  # type: ignore[no-untyped-call]
-            stream, metadata={"Software": None}, pil_kwargs={"compress_level": 2}
-        )
-        return
-    figure.set_dpi(72)
-    nothing = dict.fromkeys(("Date", "Creator", "Type", "Format"))
-    with rc_context({"svg.hashsalt": salt, "svg.fonttype": "none"}):
-        FigureCanvasSVG(figure).print_svg(  # type: ignore[no-untyped-call]
-            stream, metadata=nothing
-        )
+    png: dict[str, Any] = {"dpi": 160, "metadata": {"Software": None}}
+    svg = {"dpi": 72, "metadata": dict.fromkeys(("Date", "Creator", "Type", "Format"))}
+    with rc_context({**STYLE, "svg.hashsalt": salt, "svg.fonttype": "none"}):
+        figure.savefig(stream, format=kind, **(png if kind == "png" else svg))
 
 
 def write_figure(figure: Figure, path: Path) -> Path:

@@ -20,8 +20,7 @@ from dynid.reports.figures import (
     joint_legend,
     joint_panels,
     new_figure,
-    plain,
-    thinned,
+    styled,
 )
 from dynid.reports.section_figures import binned, name_rows
 from dynid.sim.comparison import SimulatorGap
@@ -37,6 +36,7 @@ WORST = 10.0
 SHOWN = 12.0
 
 
+@styled
 def residual_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str) -> Figure:
     """Draw the mean square of the residual, in units of the noise's, over speed, position, load, time and direction."""
     names = list(dict.fromkeys((r.kind, r.name) for g in gaps for r in g.regions))
@@ -53,7 +53,7 @@ def residual_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str)
         axis.text(
             k,
             j,
-            f"{chi[j, k]:.1f}" if chi[j, k] < 100 else f"{chi[j, k]:.0f}",
+            f"{chi[j, k]:.{1 * (chi[j, k] < 100)}f}",
             ha="center",
             va="center",
             fontsize=TEXT - 3,
@@ -63,13 +63,14 @@ def residual_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str)
         )
     name_rows(axis, joints)
     words = [f"{kind}: {name}" for kind, name in names]
-    axis.set_xticks(range(len(names)), words, rotation=50, ha="right", fontsize=TEXT - 2)
+    axis.set_xticks(range(len(names)), words, rotation=50, ha="right")
     if title:
         what = "residual power over noise power. 1 is the noise; above 1.25 something is missing"
-        figure.suptitle(f"{label(title, TITLE_LENGTH)}: {what}", fontsize=TEXT, wrap=True)
+        figure.suptitle(f"{label(title, TITLE_LENGTH)}: {what}", wrap=True)
     return figure
 
 
+@styled
 def improvement_figure(
     improvement: HeldOutImprovement, joints: Sequence[str], units: Sequence[str], title: str
 ) -> Figure:
@@ -81,26 +82,27 @@ def improvement_figure(
     # Why: of few rows an interval has no upper end.
     ratio = np.where(np.isfinite(improvement.ratio), improvement.ratio, np.nan)
     error = np.nan_to_num(np.abs(ratio.T * improvement.before - improvement.after))
-    axis.barh(place + 0.19, improvement.after, 0.36, color=ESTIMATED, label="after")
-    axis.errorbar(
-        improvement.after,
+    ink = axis.xaxis.label.get_color()
+    axis.barh(
         place + 0.19,
+        improvement.after,
+        0.36,
+        color=ESTIMATED,
+        label="after",
         xerr=error,
-        fmt="none",
-        lw=1.0,
-        ecolor=axis.xaxis.label.get_color(),
+        ecolor=ink,
     )
     axis.vlines(
         improvement.floor, place - 0.42, place + 0.42, color=MEASURED, lw=2.0, label="noise floor"
     )
-    plain(axis)
     name_rows(axis, [f"{name} [{unit}]" for name, unit in zip(joints, units, strict=True)])
-    axis.set_xlabel("root mean square on held-out rows, with 95 % interval", fontsize=TEXT)
-    axis.legend(fontsize=TEXT, frameon=False)
-    figure.suptitle(label(title, TITLE_LENGTH), fontsize=TEXT + 1)
+    axis.set_xlabel("root mean square on held-out rows, with 95 % interval")
+    axis.legend()
+    figure.suptitle(label(title, TITLE_LENGTH))
     return figure
 
 
+@styled
 def effect_figure(one: GapEffect, curve: HeldOutEffect, title: str) -> Figure:
     """Draw an effect on held-out rows: the error over the worst stretch without and with it, and its curve in the data.
 
@@ -118,8 +120,9 @@ def effect_figure(one: GapEffect, curve: HeldOutEffect, title: str) -> Figure:
     ):
         over_time.plot(curve.t[shown], values[shown], ".", ms=3, color=color, label=words)
     over_time.axhline(0, lw=0.6, color=MEASURED)
-    over_time.set_xlabel("time, worst stretch of unseen data [s]", fontsize=TEXT)
-    over_time.set_ylabel(f"{label(one.joint)} [{one.unit}]", fontsize=TEXT)
+    over_time.set(
+        xlabel="time, worst stretch of unseen data [s]", ylabel=f"{label(one.joint)} [{one.unit}]"
+    )
     centre, mean, spread = binned(curve.against, curve.data)
     says = binned(curve.against, curve.torque)[1]
     against.plot(curve.against, curve.data, ".", ms=1.5, color=MEASURED, alpha=0.4, rasterized=True)
@@ -129,31 +132,29 @@ def effect_figure(one: GapEffect, curve: HeldOutEffect, title: str) -> Figure:
     low, high = _interval(one)
     against.fill_between(centre, low * says, high * says, color=ESTIMATED, alpha=0.3, lw=0)
     against.plot(centre, says, color=ESTIMATED, lw=1.4, label="the effect, 95 % interval")
-    against.set_xlabel(label(curve.follows), fontsize=TEXT)
-    against.set_ylabel(f"torque left for it [{one.unit}]", fontsize=TEXT)
+    against.set(xlabel=label(curve.follows), ylabel=f"torque left for it [{one.unit}]")
     for axis in (over_time, against):
-        axis.legend(fontsize=TEXT - 1, frameon=False)
-        plain(axis)
+        axis.legend()
     if title:
         words = label(f"{title}: {one.effect} on {one.where}", TITLE_LENGTH)
-        figure.suptitle(words, fontsize=TEXT + 1, wrap=True)
+        figure.suptitle(words, wrap=True)
     return figure
 
 
+@styled
 def simulator_figure(gap: SimulatorGap) -> Figure:
     """Draw the position error of each model in a simulator, one panel per joint."""
     titles = [
         f"{label(joint.name)} [{'mrad' if joint.revolute else 'mm'}]" for joint in gap.robot.joints
     ]
-    title = f"simulated less measured position, {gap.engine}"
-    figure, axes = joint_panels(titles, 0.85, ["time [s]"], over_time=True, title=title)
+    figure, axes = joint_panels(titles, 0.85, ["time [s]"], over_time=True)
     colors = (RESIDUAL, ESTIMATED, MEASURED)
     for j, axis in enumerate(axes[:, 0]):
         for name, simulated, color in zip(gap.models, gap.simulated, colors, strict=False):
             error = 1000 * (simulated[:, j] - gap.q[:, j])
-            axis.plot(*thinned(gap.t, error), color=color, lw=0.9, label=label(name))
+            axis.plot(gap.t, error, color=color, lw=0.9, label=label(name))
         axis.locator_params(axis="y", nbins=4)
-    joint_legend(figure, axes)
+    joint_legend(figure, f"simulated less measured position, {gap.engine}")
     return figure
 
 

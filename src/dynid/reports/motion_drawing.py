@@ -37,14 +37,12 @@ def draw_motion(
         nearest: least distances, the closest first; the pose of the first one is drawn too.
         title: line above the pictures.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     times = np.linspace(0.0, trajectory.duration, POSES)
     if nearest:
         times[np.abs(times - nearest[0].time).argmin()] = nearest[0].time
     figure = Figure(figsize=(3 * SIZE, 2 * SIZE + 3), layout="constrained")
-    FigureCanvasAgg(figure)
     figure.suptitle(title)
     grid = figure.add_gridspec(3, 3, height_ratios=(SIZE, SIZE, 2.6))
     along = trajectory.motion(np.linspace(0.0, trajectory.duration, PATH))
@@ -79,15 +77,8 @@ def _arm(axes: Any, ends: Floats, capsules: Capsules, everywhere: Floats) -> Non
     for i, (start, end) in enumerate(ends):
         x, y, z = np.array([start, end]).T
         thick = 2 * capsules.radii[i] * width
-        axes.plot(
-            x,
-            y,
-            z,
-            color=COLORS[i % len(COLORS)],
-            linewidth=thick,
-            solid_capstyle="round",
-            alpha=0.8,
-        )
+        color = COLORS[i % len(COLORS)]
+        axes.plot(x, y, z, color=color, linewidth=thick, solid_capstyle="round", alpha=0.8)
     if scene.floor is not None:
         x, y = np.meshgrid(*(middle[k] + half * np.array([-1, 1]) for k in range(2)))
         axes.plot_surface(x, y, np.full((2, 2), scene.floor), color="#999999", alpha=0.2)

@@ -18,12 +18,11 @@ from dynid.reports.figures import (
     ESTIMATED,
     MEASURED,
     RESIDUAL,
-    TEXT,
     joint_panels,
     new_figure,
-    plain,
+    styled,
 )
-from dynid.robot import Joint, Robot
+from dynid.robot import Robot
 from dynid.text import label
 
 if TYPE_CHECKING:
@@ -41,6 +40,7 @@ LEAST_ERROR, MOST_ERROR = 0.05, 300.0
 GROUP_COLORS = (ESTIMATED, "#009e73", "#cc79a7", RESIDUAL)
 #: The look of a line at a threshold.
 DASHED: dict[str, Any] = {"color": RESIDUAL, "lw": 1.0, "ls": "--"}
+NO_LIMITS = (np.nan, np.nan)
 #: Bins of the residual's mean and spread.
 BINS = 24
 #: What the residual is drawn over, with the units of turning and sliding joints.
@@ -53,6 +53,7 @@ AGAINST = {
 
 
 # ---------------------------------------------------------------- excitation
+@styled
 def spectrum_figure(singular_values: Floats) -> Figure:
     """Draw the singular values of a stack with normalised columns, (p,), over the largest."""
     share = np.maximum(singular_values / singular_values[0], 1e-12)
@@ -61,67 +62,55 @@ def spectrum_figure(singular_values: Floats) -> Figure:
     axis.semilogy(np.arange(1, len(share) + 1), share, "o-", color=ESTIMATED, ms=2.5, lw=0.8)
     _plain_decades(axis.yaxis)
     axis.axhline(WEAK_DIRECTION, **DASHED)
-    axis.set_xlabel("direction in the space of base parameters", fontsize=TEXT)
-    axis.set_ylabel("singular value / largest", fontsize=TEXT)
-    plain(axis)
+    axis.set(xlabel="direction in the space of base parameters", ylabel="singular value / largest")
     return figure
 
 
+@styled
 def coverage_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
     """Draw the range of positions and speeds of each joint beside its limits."""
     figure = new_figure(0.2 * robot.n + 0.8)
-    done_by = {"position": motion.q_estimated, "velocity": motion.qd_estimated}
-    for axis, (what, values) in zip(
-        figure.subplots(1, 2, sharey=True), done_by.items(), strict=True
+    speeds = [(-v, v) if (v := joint.limits.velocity) else NO_LIMITS for joint in robot.joints]
+    shown = {
+        "position": (motion.q_estimated, [j.limits.position or NO_LIMITS for j in robot.joints]),
+        "velocity": (motion.qd_estimated, speeds),
+    }
+    for axis, (what, (values, limits)) in zip(
+        figure.subplots(1, 2, sharey=True), shown.items(), strict=True
     ):
-        limits = [_limits(joint, what) for joint in robot.joints]
-        done = zip(values.min(axis=0), values.max(axis=0), strict=True)
-        for ends, height, color in ((limits, 0.7, MEASURED), (done, 0.35, ESTIMATED)):
-            low, high = np.array(list(ends)).T
-            alpha = 0.4 if color is MEASURED else 1.0
-            axis.barh(range(robot.n), high - low, height, low, color=color, alpha=alpha)
-        axis.set_xlabel(_with_unit(what, robot), fontsize=TEXT)
-        plain(axis)
+        low, high = np.array(limits).T
+        axis.barh(range(robot.n), high - low, 0.7, low, color=MEASURED, alpha=0.4)
+        low, high = values.min(axis=0), values.max(axis=0)
+        axis.barh(range(robot.n), high - low, 0.35, low, color=ESTIMATED)
+        axis.set_xlabel(_with_unit(what, robot))
     name_rows(figure.axes[0], robot.joint_names)
     return figure
 
 
-def _limits(joint: Joint, what: str) -> tuple[float, float]:
-    """Return the ends of what a joint may do, ``"position"`` or ``"velocity"``; not a number where there are none."""
-    speed = joint.limits.velocity or np.nan
-    ends = joint.limits.position if what == "position" else (-speed, speed)
-    return ends or (np.nan, np.nan)
-
-
 # ---------------------------------------------------------------- parameters
+@styled
 def error_figure(found: Identification) -> Figure:
     """Draw the standard error of each base parameter in percent of its value; nothing where that is not determined."""
     finite = np.isfinite(found.std_error) & (np.abs(found.theta) > 0)
     share = 100 * found.std_error[finite] / np.abs(found.theta[finite])
-    colors = [
-        MEASURED if knowledge == NEGLIGIBLE else ESTIMATED
-        for knowledge, shown in zip(found.knowledge, finite, strict=True)
-        if shown
-    ]
+    negligible = np.array(found.knowledge)[finite] == NEGLIGIBLE
     figure = new_figure(0.115 * len(found.theta) + 0.5)
     axis = figure.subplots()
     axis.barh(
         np.flatnonzero(finite),
         np.clip(share, LEAST_ERROR, MOST_ERROR) - LEAST_ERROR,
         left=LEAST_ERROR,
-        color=colors,
+        color=np.where(negligible, MEASURED, ESTIMATED).tolist(),
     )
-    axis.set_xscale("log")
+    axis.set(xscale="log", xlim=(LEAST_ERROR, MOST_ERROR), xlabel="error / value [%]")
     _plain_decades(axis.xaxis)
-    axis.set_xlim(LEAST_ERROR, MOST_ERROR)
     axis.axvline(10.0, **DASHED)
-    axis.set_xlabel("error / value [%]", fontsize=TEXT)
-    plain(axis)
     name_rows(axis, found.names)
     return figure
 
 
 # ---------------------------------------------------------------- residual
+@styled
 def residual_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
     """Draw mean and spread of the residual torque, one row of panels per joint, one column for each of ``AGAINST``."""
     titles = [f"{label(joint.name)} [{joint.torque_unit}]" for joint in robot.joints]
@@ -135,8 +124,7 @@ def residual_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
             )
             axis.plot(centre, mean, color=ESTIMATED, lw=1.2)
             axis.set_ylim(-3.2 * max(size, 1e-9), 3.2 * max(size, 1e-9))
-            axis.locator_params(axis="x", nbins=3)
-            axis.locator_params(axis="y", nbins=3)
+            axis.locator_params(nbins=3)
             axis.tick_params(labelleft=axis is row[0])
     return figure
 
@@ -165,6 +153,7 @@ def binned(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
     return centre, mean, spread
 
 
+@styled
 def residual_model_figure(found: Identification) -> Figure:
     """Draw the rms torque that the residual model of a result holds by group, and what it leaves, by joint [%]."""
     error = found.model_error
@@ -177,14 +166,14 @@ def residual_model_figure(found: Identification) -> Figure:
     axis = figure.subplots()
     for k, (name, values, color) in enumerate(zip(names, shares, GROUP_COLORS, strict=True)):
         axis.barh(np.arange(len(torque)) + 0.2 * (k - 1.5), values, 0.2, color=color, label=name)
-    axis.set_xlabel("rms, percent of the joint's torque", fontsize=TEXT)
-    figure.legend(loc="outside upper center", ncols=2, frameon=False, fontsize=TEXT - 1)
-    plain(axis)
+    axis.set_xlabel("rms, percent of the joint's torque")
+    figure.legend(loc="outside upper center", ncols=2)
     name_rows(axis, [joint.joint for joint in found.joints])
     return figure
 
 
 # ---------------------------------------------------------------- bodies
+@styled
 def bodies_figure(robot: Robot, links: list[dict[str, Any]]) -> Figure:
     """Draw the arm in a bent pose from two sides, each body as the uniform ellipsoid with its mass and inertia."""
     # Why bent: no link hides the next.
@@ -200,11 +189,9 @@ def bodies_figure(robot: Robot, links: list[dict[str, Any]]) -> Figure:
             color = ESTIMATED if from_data else RESIDUAL
             axis.fill(*outline.T, facecolor=color, alpha=0.35)
             axis.plot(*outline.T, color=color, lw=1)
-            axis.text(*outline.mean(axis=0), link["link"], fontsize=TEXT, ha="center", va="center")
+            axis.text(*outline.mean(axis=0), link["link"], ha="center", va="center")
         axis.set_aspect("equal", adjustable="datalim")
-        axis.set_xlabel(f"{'xyz'[u]} [m]", fontsize=TEXT)
-        axis.set_ylabel(f"{'xyz'[v]} [m]", fontsize=TEXT)
-        plain(axis)
+        axis.set(xlabel=f"{'xyz'[u]} [m]", ylabel=f"{'xyz'[v]} [m]")
     return figure
 
 
@@ -245,7 +232,7 @@ def _with_unit(against: str, robot: Robot) -> str:
 
 def name_rows(axis: Axes, names: Sequence[str]) -> None:
     """Write names beside the rows of bars, the first on top."""
-    axis.set_yticks(range(len(names)), [label(name) for name in names], fontsize=TEXT - 1)
+    axis.set_yticks(range(len(names)), [label(name) for name in names])
     axis.set_ylim(len(names) - 0.4, -0.6)
 
 

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from dynid.reports.figures import (
-    PARTS,
     QUANTITIES,
     motion_figure,
-    thinned,
     write_motion_figures,
 )
 
@@ -71,13 +69,3 @@ def test_the_four_figures_of_a_validation_are_written(motion, robot, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(
         f"{n}{s}" for n in names for s in (".png", ".svg")
     )
-
-
-def test_an_outline_keeps_every_extreme_and_both_ends():
-    rng = np.random.default_rng(3)
-    x, y = np.arange(50_000.0), rng.standard_normal(50_000)
-    y[[11, 40_000]] = 9.0, -9.0
-    kept, values = thinned(x, y)
-    assert len(kept) <= 2 * PARTS + 2
-    assert {11.0, 40_000.0, 0.0, 49_999.0} <= set(kept)
-    np.testing.assert_array_equal(values, y[kept.astype(int)])
