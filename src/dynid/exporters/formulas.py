@@ -1,7 +1,6 @@
-"""Effects of the catalogue as formulas: one table for every language and simulator.
+"""Effects of the catalogue as formulas, for every language and simulator.
 
-A formula is a ``Node`` of ``dynid.model.effects.formula`` with two more signals: ``total``, the torque with friction,
-and ``z``, the deflection of a bristle before it slides. It is written in NumPy's spelling with elements ``q[0]``.
+A formula is written in NumPy's spelling with elements ``q[0]``.
 Effects without such a formula are listed in ``WHOLE_ARM`` and ``REASONS``.
 """
 
@@ -11,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from dynid.model.effects.catalogue import Added
-from dynid.model.effects.formula import Formula, Node, read
+from dynid.model.effects.expression import Node
 from dynid.robot import Robot
 
 #: Effects that turn the torque of the whole arm: at a moved position, under another gravity, with another body.
@@ -22,32 +21,6 @@ REASONS = {
     "joint_elasticity": _JOINT_MORE,
     "backlash": _JOINT_MORE,
     "torque_delay": "it is a delay of the log, not a torque of the arm",
-}
-#: The columns of each effect in the words of ``effect: formula``; its shape parameters stand in braces.
-_COLUMNS = {
-    "torque_offset": ("1",),
-    "viscous": ("qd",),
-    "viscous_change": ("qd",),
-    "coulomb": ("sign(qd)",),
-    "coulomb_change": ("sign(qd)",),
-    "asymmetric_viscous": ("|qd|",),
-    "load_friction": ("|tau| sign(qd)",),
-    "torque_gain": ("total",),
-    "torque_constant": ("|qd| total",),
-    "torque_crosstalk": ("tau",),
-    "motor_inertia": ("qdd",),
-    "presliding_hysteresis": ("z - sign(qd)",),
-    "joint_coupling": ("qd", "sign(qd)"),
-    "counterbalance": ("sin(q)", "cos(q)"),
-    "torque_ripple": ("cos({k} q)", "sin({k} q)"),
-    "gear_friction": ("cos({k} q) sign(qd)", "sin({k} q) sign(qd)"),
-    "position_friction": ("cos({h} q) sign(qd)", "sin({h} q) sign(qd)"),
-    "stribeck": ("exp(-(|qd| / {vs})^{d}) sign(qd)",),
-    "nonlinear_viscous": ("sign(1 qd) |qd|^{p}",),
-    "warmup_friction": ("exp(-t / {tw}) sign(qd)", "exp(-t / {tw}) qd"),
-    "torque_drift": ("{tc} (1 - exp(-t / {tc}))",),
-    # Why so: it is max(0, x) without another function.
-    "end_stop": ("0.5 (({side}) (q - ({q1})) + |({side}) (q - ({q1}))|)",),
 }
 
 
@@ -89,20 +62,10 @@ class Column:
 
 def columns_of(added: Added) -> list[Column]:
     """Return the columns of an effect as formulas, none where it has no formula."""
-    effect = added.effect
-    if isinstance(effect, Formula):
-        nodes = [node for _, node in effect.terms]
-    else:
-        texts = _COLUMNS.get(effect.name, ())
-        if effect.name == "spring":
-            powers = [f"q^{k}" for k in range(1, round(added.shape["order"]) + 1)]
-            texts = (*powers, *["1"] * bool(added.shape["constant"]))
-        shape = {name: f"{value:.17g}" for name, value in added.shape.items()}
-        nodes = [read(text.format(**shape)) for text in texts]
     # Signals of a pair belong to the neighbour, or to the joint that the torque leaks from.
     return [
         Column(added, column.parameter.name, added.joints[0], _placed(node, added.joints[-1] + 1))
-        for column, node in zip(added.columns, nodes, strict=False)
+        for column, node in zip(added.columns, added.effect.nodes(added.shape), strict=False)
     ]
 
 

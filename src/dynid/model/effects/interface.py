@@ -8,82 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dynid.robot import Robot
-
-Floats = NDArray[np.float64]
-#: Where an effect sits: one joint (0-based), a joint and the one that it is driven by, or () for the whole arm.
-Joints = tuple[int, ...]
-Shape = Mapping[str, float]
-
-
-class ReferenceTorques(Protocol):
-    """The current model of the arm, for effects that scale with its torques."""
-
-    def rigid(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        """Return rigid-body torques, (N, n) [N m or N]."""
-
-    def total(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        """Return rigid-body and friction torques, (N, n) [N m or N]."""
-
-    def gravity_tilt(self, q: Floats, axis: int) -> Floats:
-        """Return the change of torque by a turn of gravity towards an axis of frame 0, (N, n) [N m/rad]."""
-
-    def tip_force(self, q: Floats, axis: int) -> Floats:
-        """Return the torques that hold a unit force along an axis of frame 0 at the tip, -J^T e, (N, n) [m or 1]."""
-
-    def tip_columns(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        """Return the columns of the ten parameters of the last link, (10, N, n) [N m or N per unit of each]."""
-
-
-@dataclass(frozen=True)
-class ArmMotion:
-    """A stretch of motion in order of time, and the current model.
-
-    Attributes:
-        t: time since the recording began, (N,) [s].
-        q: positions, (N, n) [rad or m].
-        qd: velocities, (N, n) [rad/s or m/s].
-        qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
-        robot: the arm.
-        reference: the current model.
-        smooth: a low-pass filter for columns that differentiate the model's torque; (N,) -> (N,).
-        coulomb_sign: Coulomb signs under the filter of the torques, (N, n); empty where they are made from ``qd``.
-    """
-
-    t: Floats
-    q: Floats
-    qd: Floats
-    qdd: Floats
-    robot: Robot
-    reference: ReferenceTorques
-    smooth: Callable[[Floats], Floats]
-    coulomb_sign: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-
-    def __len__(self) -> int:
-        """Return the number of samples."""
-        return len(self.t)
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return int(self.q.shape[1])
-
-    @cached_property
-    def rigid(self) -> Floats:
-        """Rigid-body torques of the current model, (N, n) [N m or N]."""
-        return self.reference.rigid(self.q, self.qd, self.qdd)
-
-    @cached_property
-    def total(self) -> Floats:
-        """Rigid-body and friction torques of the current model, (N, n) [N m or N]."""
-        return self.reference.total(self.q, self.qd, self.qdd)
-
+from dynid.model.effects.expression import Node, read, value_of
+from dynid.model.effects.motion import ArmMotion as ArmMotion
+from dynid.model.effects.motion import Floats as Floats
+from dynid.model.effects.motion import Joints as Joints
+from dynid.model.effects.motion import ReferenceTorques as ReferenceTorques
+from dynid.model.effects.motion import Shape as Shape
 
 #: Columns of an effect over a motion: (amplitudes, N) on its first joint, or (amplitudes, rows, N).
 Law = Callable[[ArmMotion, Joints, Shape], Floats | list[Floats]]
@@ -99,7 +33,11 @@ class Effect:
         equation: torque that it adds at joint j.
         signature: how it shows in the residual, for people.
         separate: the motion that tells it from what looks like it.
-        law: its columns; a shape may hold ``at``, the size at which they are to be exact.
+        forms: its columns as closed forms, in the words of ``effect: formula`` with shape parameters in braces; there
+            is also ``total``, the torque with friction, and in code ``z``, how far a bristle bends before it slides.
+        forms_of: the same by shape.
+        law: its columns where a closed form does not make them; a shape may hold ``at``, the size at which they are to
+            be exact.
         many: the columns of several shapes at once, where that is faster.
         family: effects that describe the same physics on one joint.
         scope: ``"joint"``, ``"pair"`` (joint and the other one it depends on) or ``"arm"``.
@@ -124,6 +62,8 @@ class Effect:
     equation: str
     signature: str
     separate: str
+    forms: tuple[str, ...] = ()
+    forms_of: Callable[[Shape], tuple[str, ...]] | None = None
     law: Law | None = None
     many: Callable[[ArmMotion, Joints, Sequence[Shape]], list[Floats]] | None = None
     family: str = ""
@@ -174,9 +114,27 @@ class Effect:
         """Return the columns of several shapes, each (amplitudes, rows, N) [N m or N per unit]."""
         if self.many is not None:
             return self.many(motion, joints, shapes)
-        assert self.law is not None
-        found = [np.asarray(self.law(motion, joints, {"at": self.at, **shape})) for shape in shapes]
-        return [columns[:, None] if columns.ndim == 2 else columns for columns in found]
+        if self.law is not None:
+            laws = [self.law(motion, joints, {"at": self.at, **shape}) for shape in shapes]
+            return [x[:, None] if x.ndim == 2 else x for x in map(np.asarray, laws)]
+        with np.errstate(all="ignore"):
+            # Signals of a pair belong to the neighbour, or to the joint that the torque leaks from.
+            return [
+                np.array(
+                    [
+                        [np.broadcast_to(value_of(node, motion, joints[-1]), len(motion))]
+                        for node in self.nodes(shape)
+                    ]
+                )
+                for shape in shapes
+            ]
+
+    def nodes(self, shape: Shape) -> list[Node]:
+        """Return the closed forms of its columns, none where it has no such form."""
+        texts = self.forms if self.forms_of is None else self.forms_of(shape)
+        return [
+            read(text.format(**{name: f"{x:.17g}" for name, x in shape.items()})) for text in texts
+        ]
 
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows, (amplitudes, rows, N) [N m or N per unit]."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dynid.model import tuning
 from dynid.model.effects.friction import sign_of
-from dynid.model.effects.interface import ArmMotion, Floats, Joints, Shape
+from dynid.model.effects.motion import ArmMotion, Floats, Joints, Shape
 from dynid.robot import LINK_PARAMETERS
 
 Ints = NDArray[np.int64]
@@ -21,32 +21,6 @@ TOGETHER = 1024
 
 
 # ---------------------------------------------------------------- friction
-def stribeck(motion: ArmMotion, joints: Joints, shape: Shape) -> list[Floats]:
-    """Return the hump at low speed."""
-    speed = np.abs(motion.qd[:, joints[0]])
-    with np.errstate(over="ignore"):
-        hump = np.exp(-((speed / shape["vs"]) ** shape["d"]))
-    return [hump * sign_of(motion, joints[0])]
-
-
-def nonlinear_viscous(motion: ArmMotion, joints: Joints, shape: Shape) -> list[Floats]:
-    """Return a power of the speed with its sign."""
-    speed = motion.qd[:, joints[0]]
-    return [np.sign(speed) * np.abs(speed) ** shape["p"]]
-
-
-def warmup(motion: ArmMotion, joints: Joints, shape: Shape) -> list[Floats]:
-    """Return friction that fades with time."""
-    cold = np.exp(-motion.t / shape["tw"])
-    return [cold * sign_of(motion, joints[0]), cold * motion.qd[:, joints[0]]]
-
-
-def position_friction(motion: ArmMotion, joints: Joints, shape: Shape) -> list[Floats]:
-    """Return friction that waves over the position."""
-    angle, sign = shape["h"] * motion.q[:, joints[0]], sign_of(motion, joints[0])
-    return [np.cos(angle) * sign, np.sin(angle) * sign]
-
-
 def gear_frictions(motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
     """Return friction that waves with a wheel, for several wave numbers."""
     sign = sign_of(motion, joints[0])
@@ -127,11 +101,10 @@ def ripples(motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[
     return [wave[:, None] for wave in waves(motion.q[:, joints[0]], shapes)]
 
 
-def spring(motion: ArmMotion, joints: Joints, shape: Shape) -> list[Floats]:
+def spring_forms(shape: Shape) -> tuple[str, ...]:
     """Return powers of the position, and a constant."""
-    q = motion.q[:, joints[0]]
-    powers = [q**i for i in range(1, round(shape["order"]) + 1)]
-    return [*powers, *([np.ones_like(q)] if shape["constant"] else [])]
+    powers = (f"q^{i}" for i in range(1, round(shape["order"]) + 1))
+    return (*powers, *["1"] * bool(shape["constant"]))
 
 
 def spring_units(shape: Shape) -> dict[str, str]:
