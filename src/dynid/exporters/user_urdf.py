@@ -96,7 +96,7 @@ def attached(path: Path, robot: Robot) -> Attached:
     same = JointMap((1.0,) * robot.n, (0.0,) * robot.n)
     maps = (same, robot.simulator, robot.driver.map if robot.driver else None)
     for mapping in filter(None, maps):
-        to_dh, miss = _compared(chain, robot, mapping)
+        to_dh, miss = _compared(urdf, chain, robot, mapping)
         if miss.max() < SAME_ARM:
             return Attached(urdf, names, mapping, tuple(to_dh))
         misses.append(miss)
@@ -123,19 +123,14 @@ def _names(urdf: Urdf, robot: Robot) -> tuple[str, ...]:
 
 
 def _compared(
-    chain: tuple[UrdfJoint, ...], robot: Robot, mapping: JointMap
+    urdf: Urdf, chain: tuple[UrdfJoint, ...], robot: Robot, mapping: JointMap
 ) -> tuple[Floats, Floats]:
     """Return the DH frames in the links' frames, and by how much each moves there, which it must not, (n,)."""
     q = np.random.default_rng(0).uniform(-1.5, 1.5, (4, robot.n))
     q[0] = 0.0
-    links = np.empty((*q.shape, 4, 4))
-    for row, found in zip(q, links, strict=True):
-        pose, j = np.eye(4), 0
-        for joint in chain:
-            pose = pose @ joint.transform(float(row[j]) if joint.moves else 0.0)
-            if joint.moves:
-                found[j] = pose
-                j += 1
+    ends = [joint.child for joint in chain if joint.moves]
+    poses = (urdf.poses(urdf.root, ends[-1], row) for row in q)
+    links = np.array([[found[link] for link in ends] for found in poses])
     there = np.array(mapping.sign) * q + np.array(mapping.offset)
     to_dh = np.linalg.inv(links) @ link_frames(robot, there, world=True).poses
     return np.asarray(to_dh[0]), np.asarray(np.abs(to_dh - to_dh[0]).max(axis=(0, 2, 3)))

@@ -120,6 +120,17 @@ class Urdf:
                     queue.append((joint.child, pose @ joint.origin))
         return found
 
+    def poses(self, start: str, end: str, q: Sequence[float] = ()) -> dict[str, Floats]:
+        """Return the poses of a link and of all after it up to another, (4, 4) each, at values of joints or 0."""
+        pose, values = np.eye(4), iter(q)
+        for joint in self.chain(self.root, start):
+            pose = pose @ joint.origin
+        found = {start: pose}
+        for joint in self.chain(start, end):
+            pose = pose @ joint.transform(next(values, 0.0) if joint.moves else 0.0)
+            found[joint.child] = pose
+        return found
+
     def known_link(self, name: str) -> str:
         """Return the name of a link after checking that it exists."""
         if name not in self.bodies:

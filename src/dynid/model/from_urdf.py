@@ -121,7 +121,7 @@ def import_arm(
     """
     start, end = ends_of(urdf, base, tip)
     moving = _moving(urdf, urdf.chain(start, end))
-    poses = _link_poses(urdf, start, end, np.zeros(len(moving)))
+    poses = urdf.poses(start, end)
     axes = [
         (poses[joint.child][:3, 3], poses[joint.child][:3, :3] @ joint.axis) for joint in moving
     ]
@@ -142,9 +142,7 @@ def import_arm(
     configurations = np.vstack([np.zeros(robot.n), configurations])
     tips = frame0 @ link_frames(robot, configurations).poses[:, -1] @ tip_pose
     own, written = (
-        float(
-            np.abs(tips - [_link_poses(source, start, end, q)[end] for q in configurations]).max()
-        )
+        float(np.abs(tips - [source.poses(start, end, q)[end] for q in configurations]).max())
         for source in (urdf, raw)
     )
     if own > tuning.SAME_POSE:
@@ -177,18 +175,6 @@ def _moving(urdf: Urdf, chain: Sequence[UrdfJoint]) -> list[UrdfJoint]:
     if what:
         raise WrongUrdf(f"{path}: {what}", where=str(path), fix=fix)
     return moving
-
-
-def _link_poses(urdf: Urdf, start: str, end: str, q: Floats) -> dict[str, Floats]:
-    """Return the poses of the first link of a chain and of all after it, (4, 4) each, at values of its joints, (n,)."""
-    pose, values = np.eye(4), iter(q.tolist())
-    for joint in urdf.chain(urdf.root, start):
-        pose = pose @ joint.origin
-    poses = {start: pose}
-    for joint in urdf.chain(start, end):
-        pose = pose @ joint.transform(next(values) if joint.moves else 0.0)
-        poses[joint.child] = pose
-    return poses
 
 
 def dh_rows(
