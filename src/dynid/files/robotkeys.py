@@ -241,15 +241,11 @@ def _noise(value: Value) -> tuple[float, ...]:
     return found
 
 
-def _joint_map(value: Value) -> JointMap:
-    return JointMap(**_signs(value, value.read(SIMULATOR)))
-
-
-def _signs(value: Value, given: dict[str, Any]) -> dict[str, Any]:
+def _joint_map(value: Value, given: dict[str, Any]) -> JointMap:
     """Take signs and offsets out of what is given, with their defaults."""
     n = len(value.context.joints)
-    usual = {"sign": (1.0,) * n, "offset": (0.0,) * n, "torque_sign": ()}
-    return {key: given.pop(key, default) for key, default in usual.items()}
+    sign, offset = given.pop("sign", (1.0,) * n), given.pop("offset", (0.0,) * n)
+    return JointMap(sign, offset, given.pop("torque_sign", ()))
 
 
 def _driver(value: Value) -> DriverSpec:
@@ -261,7 +257,7 @@ def _driver(value: Value) -> DriverSpec:
                 f"{value.where}: columns.{key} = '{pattern}' needs {{i}} or {{name}}",
                 where=value.where,
             )
-    joint_map = JointMap(**_signs(value, given))
+    joint_map = _joint_map(value, given)
     return DriverSpec(**{"topic": None, "joint_names": (), "map": joint_map, **given})
 
 
@@ -284,10 +280,8 @@ def unit_of(keys: Mapping[str, Value]) -> str:
     return keys["angle_unit"].choice(tuple(ANGLE)) if "angle_unit" in keys else "rad"
 
 
-def _acting(value: Value) -> tuple[str, ...]:
-    return tuple(
-        item.choice([joint.name for joint in value.context.joints]) for item in value.items()
-    )
+def _joint_name(value: Value) -> str:
+    return value.choice([joint.name for joint in value.context.joints])
 
 
 def _numbers(value: Value) -> dict[str, float]:
@@ -375,7 +369,7 @@ COULOMB: Keys = {
 }
 EFFECT: Keys = {
     "effect": TEXT,
-    "joints": _acting,
+    "joints": several(_joint_name),
     "parameters": _numbers,
     "std_error": _numbers,
     "formula": TEXT,
@@ -399,7 +393,7 @@ ROBOT: Keys = {
     "links": _links,
     "torque": _torque,
     "driver": _driver,
-    "simulator": _joint_map,
+    "simulator": lambda value: _joint_map(value, value.read(SIMULATOR)),
     "prior": A_PRIOR,
     "tool": or_null(_body),
     "known": mapping(KNOWN, Known),

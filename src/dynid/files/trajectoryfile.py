@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.disk import written_whole
+from dynid.disk import write_text, written_whole
 from dynid.errors import NotAnArtifact
 from dynid.files.artifact import read_artifact, reading
 from dynid.motion import Motion
@@ -104,10 +104,8 @@ class StoredTrajectory:
 
 def motion_hash(motion: Motion) -> str:
     """Return the sha256 of a motion's samples: what was seen is what may run."""
-    digest = hashlib.sha256()
-    for array in (motion.t, motion.q, motion.qd, motion.qdd):
-        digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
-    return digest.hexdigest()
+    arrays = (motion.t, motion.q, motion.qd, motion.qdd)
+    return hashlib.sha256(b"".join(np.asarray(x, "<f8").tobytes() for x in arrays)).hexdigest()
 
 
 def write_trajectory(path: Path, stored: StoredTrajectory) -> None:
@@ -197,21 +195,18 @@ def write_joint_trajectory(
     sign, offset = np.array(robot.columns.map.sign), np.array(robot.columns.map.offset)
     names = ", ".join(map(yaml_word, robot.log_names))
     header, duration = _SPELT[ros]
-    head = [header, f"joint_names: [{names}]", "points:"]
-    indent = "  " if goal else ""
-    with written_whole(path) as stream:
-        stream.write(b"trajectory:\n" if goal else b"")
-        stream.write("".join(f"{indent}{line}\n" for line in head).encode())
-        for t, q, qd, qdd in zip(motion.t, motion.q, motion.qd, motion.qdd, strict=True):
-            nanoseconds = round(float(t) * 1e9)
-            lines = (
-                f"- positions: {_row((q - offset) * sign)}",
-                f"  velocities: {_row(qd * sign)}",
-                f"  accelerations: {_row(qdd * sign)}",
-                "  effort: []",
-                f"  time_from_start: {duration % divmod(nanoseconds, 10**9)}",
-            )
-            stream.write("".join(f"{indent}{line}\n" for line in lines).encode())
+    lines = [header, f"joint_names: [{names}]", "points:"]
+    for t, q, qd, qdd in zip(motion.t, motion.q, motion.qd, motion.qdd, strict=True):
+        lines += [
+            f"- positions: {_row((q - offset) * sign)}",
+            f"  velocities: {_row(qd * sign)}",
+            f"  accelerations: {_row(qdd * sign)}",
+            "  effort: []",
+            f"  time_from_start: {duration % divmod(round(float(t) * 1e9), 10**9)}",
+        ]
+    if goal:
+        lines = ["trajectory:", *(f"  {line}" for line in lines)]
+    write_text(path, "\n".join([*lines, ""]))
 
 
 def _row(values: Floats) -> str:

@@ -93,9 +93,7 @@ class Urdf:
 
     def chain(self, base: str, tip: str) -> tuple[UrdfJoint, ...]:
         """Return the joints from one link to another further out."""
-        carrier = {joint.child: joint for joint in self.joints}
-        joints: list[UrdfJoint] = []
-        link = tip
+        carrier, joints, link = {joint.child: joint for joint in self.joints}, [], tip
         while link != base:
             if link not in carrier:
                 raise _wrong(self.path, f": link '{tip}' is not connected to '{base}'")
@@ -110,8 +108,7 @@ class Urdf:
             link: name of a link.
             stop: names of joints that are not followed.
         """
-        found: list[tuple[UrdfJoint, Floats]] = []
-        queue = [(link, np.eye(4))]
+        found, queue = list[tuple[UrdfJoint, Floats]](), [(link, np.eye(4))]
         while queue:
             name, pose = queue.pop(0)
             for joint in self.joints:
@@ -190,9 +187,12 @@ def _check_tree(urdf: Urdf) -> None:
         raise _wrong(urdf.path, f" is not one tree: link '{link}' is its own parent")
 
 
-def _numbers(element: ET.Element | None, key: str, default: str = "0") -> Floats:
-    """Return the numbers of an attribute, as many as its default has; the default where there is no element."""
-    text = default if element is None else element.get(key, default)
+def _numbers(
+    element: ET.Element | None, key: str, default: str = "0", *, needed: bool = False
+) -> Floats:
+    """Return the numbers of an attribute, as many as its default has, which it is where there is no element."""
+    given = {key: default} if element is None else element.attrib
+    text = given[key] if needed else given.get(key, default)
     values = np.array([float(word) for word in text.split()])
     # Why not only finite: powers and shares of larger numbers are not.
     if len(values) != len(default.split()) or not np.all(np.abs(values) < LARGEST):
@@ -216,25 +216,18 @@ def _body(link: ET.Element) -> Body | None:
     inertial = link.find("inertial")
     if inertial is None:
         return None
-    pose, mass = _pose(inertial.find("origin"), exact=True), _required(inertial, "mass", "value")
+    pose = _pose(inertial.find("origin"), exact=True)
+    mass = _numbers(inertial.find("mass"), "value", needed=True)[0]
     tensor = np.zeros((3, 3))
     for name, i, j in zip(INERTIA, *np.triu_indices(3), strict=True):
         tensor[i, j] = tensor[j, i] = _numbers(inertial.find("inertia"), name)[0]
     turned = pose[:3, :3] @ tensor @ pose[:3, :3].T
-    return Body.of(float(_numbers(mass, "value")[0]), pose[:3, 3], turned)
-
-
-def _required(element: ET.Element, tag: str, key: str) -> ET.Element | None:
-    """Return an element inside another, which may be missing but not without an attribute."""
-    found = element.find(tag)
-    if found is not None and key not in found.attrib:
-        raise ValueError(f"<{tag}> without '{key}'")
-    return found
+    return Body.of(float(mass), pose[:3, 3], turned)
 
 
 def _joint(joint: ET.Element, exact: bool) -> UrdfJoint:
     name, kind = joint.attrib["name"], joint.attrib["type"]
-    axis = _numbers(_required(joint, "axis", "xyz"), "xyz", "1 0 0")
+    axis = _numbers(joint.find("axis"), "xyz", "1 0 0", needed=True)
     if kind in MOVING and not axis.any():
         raise ValueError(f"the axis of joint {name} is zero")
     axis = axis / (np.linalg.norm(axis) or 1.0)
@@ -242,8 +235,8 @@ def _joint(joint: ET.Element, exact: bool) -> UrdfJoint:
         # Why: an axis such as (0, 1, 2e-5) would give common normals kilometres away.
         axis = np.where(np.abs(axis) < tuning.SNAP_RAD, 0.0, axis)
         axis = axis / (np.linalg.norm(axis) or 1.0)
-    ends = {tag: joint.find(tag) for tag in ("parent", "child")}
-    parent, child = ("" if end is None else end.attrib["link"] for end in ends.values())
+    ends = map(joint.find, ("parent", "child"))
+    parent, child = ("" if end is None else end.attrib["link"] for end in ends)
     if not parent or not child:
         raise ValueError(f"joint {name} has no parent or child")
     limit, limits = joint.find("limit"), Limits()
