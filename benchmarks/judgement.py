@@ -31,10 +31,9 @@ from dynid.robot import Prior
 from dynid.signals.conditioned_log import condition_logs
 from dynid.sim.sines import SineSpec, sines
 from dynid.workflows.gap import find_gap
-from dynid.workflows.identify import identify
+from dynid.workflows.identify import answer_of, identify, save_result
 from dynid.workflows.model import base_model
 from dynid.workflows.report import report
-from dynid.workflows.results import answer_of, save_result
 from dynid.workflows.simulate import simulate
 from dynid.workflows.validate import validate
 

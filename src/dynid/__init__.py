@@ -33,12 +33,12 @@ if TYPE_CHECKING:
     from dynid.workflows.drive_gains import find_drive_gains
     from dynid.workflows.export import ExportedModel, export
     from dynid.workflows.gap import earlier_logs, find_gap
-    from dynid.workflows.gap_options import GapOptions
     from dynid.workflows.gap_result import Gap
     from dynid.workflows.identify import find_payload, identify
     from dynid.workflows.model import base_model
     from dynid.workflows.options import (
         ExportOptions,
+        GapOptions,
         IdentifyOptions,
         ModelOptions,
         SimulateOptions,
@@ -60,7 +60,7 @@ _HOMES = {
     "ExportOptions": "dynid.workflows.options",
     "ExportedModel": "dynid.workflows.export",
     "Gap": "dynid.workflows.gap_result",
-    "GapOptions": "dynid.workflows.gap_options",
+    "GapOptions": "dynid.workflows.options",
     "Identification": "dynid.estimation.result",
     "IdentifyOptions": "dynid.workflows.options",
     "Log": "dynid.log",

@@ -12,6 +12,12 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
+def picked(source: object, *same: str, **renamed: str) -> dict[str, Any]:
+    """Return attributes of an object as facts, by their own names and by others."""
+    renamed |= {name: name for name in same}
+    return {name: getattr(source, own) for name, own in renamed.items()}
+
+
 class Answer:
     """Base of what public functions return."""
 

@@ -19,13 +19,13 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from dynid.errors import WrongUsage
+from dynid.model.base_model import BaseModel
 from dynid.options import Options
 from dynid.progress import SILENT, Progress
 from dynid.text import closest
 
 P = ParamSpec("P")
 T = TypeVar("T")
-O = TypeVar("O", bound=Options)
 
 
 #: No file system has longer names.
@@ -54,49 +54,45 @@ def one_thread(function: Callable[P, T]) -> Callable[P, T]:
 
 
 def public(function: Callable[P, T]) -> Callable[P, T]:
-    """Return a public function: it computes in one thread, and a wrong call of it is ``WrongUsage``."""
+    """Return a public function: it computes in one thread, and a wrong call of it is ``WrongUsage``.
+
+    It is given its ``options`` with the single ones of ``**changes`` in them, and a silent ``progress`` for None.
+    """
     computing, signature = one_thread(function), inspect.signature(function)
-    kind = (
-        "" if "changes" not in signature.parameters else signature.parameters["options"].annotation
-    )
-    options = function.__globals__.get(kind.partition(" ")[0])
+    # What help and notebooks show: each option in the place of ``**changes``.
+    shown = dict(signature.parameters)
+    for name in {"options", "progress"} & shown.keys():
+        shown[name] = shown[name].replace(default=None)
+    kind = shown["options"].annotation if shown.pop("changes", None) else ""
+    options: type[Options] | None = function.__globals__.get(kind)
+    for each in fields(options) if options is not None else ():
+        facts = {"default": each.default, "annotation": each.type}
+        own = inspect.Parameter(each.name, inspect.Parameter.KEYWORD_ONLY, **facts)
+        shown.setdefault(each.name, own)
 
     @wraps(function)
     def called(*args: P.args, **kwargs: P.kwargs) -> T:
         token = _running.set(function)
         try:
+            for name in kwargs.keys() - shown.keys():
+                raise refusal(f"there is no argument or option '{name}'{closest(name, shown)}")
             try:
-                signature.bind(*args, **kwargs)
+                bound = signature.bind(*args, **kwargs)
             except TypeError as error:
-                raise _call_refused(str(error), signature, kwargs) from None
-            return computing(*args, **kwargs)
+                raise refusal(str(error)) from None
+            given = bound.arguments
+            if options is not None:
+                changes = given.pop("changes", {})
+                given["options"] = _merged(options, given.get("options"), changes)
+            if "progress" in shown:
+                given["progress"] = _progress(given.get("progress"))
+            optional(given.get("base"), BaseModel, "base", "what dynid.base_model returns")
+            return computing(*bound.args, **bound.kwargs)
         finally:
             _running.reset(token)
 
-    if options is not None:
-        called.__signature__ = spelled(signature, options)  # type: ignore[attr-defined]
+    called.__signature__ = signature.replace(parameters=[*shown.values()])  # type: ignore[attr-defined]
     return called
-
-
-def spelled(signature: inspect.Signature, options: type[Options]) -> inspect.Signature:
-    """Return a signature with an option each in the place of ``**changes``: what help and notebooks show."""
-    plain = [each for name, each in signature.parameters.items() if name != "changes"]
-    known = {each.name for each in plain}
-    own = [
-        inspect.Parameter(
-            each.name, inspect.Parameter.KEYWORD_ONLY, default=each.default, annotation=each.type
-        )
-        for each in fields(options)
-        if each.name not in known
-    ]
-    return signature.replace(parameters=[*plain, *own])
-
-
-def _call_refused(text: str, signature: inspect.Signature, given: Mapping[str, Any]) -> WrongUsage:
-    for name in given:
-        if name not in signature.parameters:
-            return refusal(f"there is no argument '{name}'{closest(name, signature.parameters)}")
-    return refusal(text)
 
 
 def refusal(what: str) -> WrongUsage:
@@ -125,44 +121,29 @@ def refused(name: str, wanted: str, value: object) -> WrongUsage:
     return refusal(f"{name} must be {wanted}; given is {given}")
 
 
-# ---------------------------------------------------------------- everything else
-def options(kind: type[O], given: Options | None, changes: Mapping[str, Any]) -> O:
-    """Return options given as an object, as single keywords, or both.
-
-    Args:
-        kind: the options of the function.
-        given: the object, of this kind or of one that it extends; None where there is none.
-        changes: single options by name, which go before those of the object.
-    """
-    function = _running.get()
-    known = [each.name for each in fields(kind)]
-    for name in changes:
-        if name not in known:
-            arguments = list(inspect.signature(function).parameters) if function else []
-            raise refusal(
-                f"there is no argument or option '{name}'{closest(name, [*known, *arguments])}"
-            )
+def _merged(kind: type[Options], given: Options | None, changes: Mapping[str, Any]) -> Options:
+    """Return options of a kind, given as an object of it or of one that it extends, single keywords, or both."""
     if given is None:
         return kind(**changes)
     if not isinstance(given, kind):
-        instance(given, Options, "options", f"dynid.{kind.__name__}, or single options by name")
-        if not issubclass(kind, type(given)):
-            raise refused("options", f"dynid.{kind.__name__}", given)
+        if not isinstance(given, Options) or not issubclass(kind, type(given)):
+            wanted = f"dynid.{kind.__name__}, or single options by name"
+            raise refused("options", wanted, given)
         given = kind(**{each.name: getattr(given, each.name) for each in fields(given)})
     return replace(given, **changes) if changes else given
 
 
-def progress(value: Progress | None) -> Progress:
+def _progress(value: Progress | None) -> Progress:
     """Return what reports the progress of long work; None reports nothing."""
     if value is None:
         return SILENT
     if not all(callable(getattr(value, word, None)) for word in ("stage", "advance", "findings")):
-        raise refused(
-            "progress", "None, or an object with the methods stage, advance and findings", value
-        )
+        wanted = "None, or an object with the methods stage, advance and findings"
+        raise refused("progress", wanted, value)
     return value
 
 
+# ---------------------------------------------------------------- single arguments
 def path(value: str | Path, name: str) -> Path:
     """Return a path given as text or as a path."""
     text = str(value) if isinstance(value, (str, Path)) else ""

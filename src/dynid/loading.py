@@ -12,6 +12,8 @@ import numpy as np
 
 from dynid import arguments
 from dynid.arguments import one_thread, public
+from dynid.diagnose.diagnosis import diagnose
+from dynid.diagnose.gravity import check_gravity
 from dynid.errors import DynidError, Finding, NotAnArtifact, RobotNotFound, WrongUsage
 from dynid.estimation import result_files
 from dynid.estimation.result import Identification
@@ -21,11 +23,13 @@ from dynid.files.logs import read_log as read_recording
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.files.urdffile import read_urdf
 from dynid.log import Log
-from dynid.model.base_model import BaseModel
 from dynid.model.from_urdf import import_arm
+from dynid.model.regressor import Model
 from dynid.motion import Motion
 from dynid.options import LogOptions
+from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
+from dynid.signals import conditioned_log
 from dynid.signals.checks import prepare
 
 
@@ -122,7 +126,7 @@ def read_log(path: Path | str, robot: Robot, options: LogOptions = LogOptions())
 def load_log(
     path: LogLike,
     robot: RobotLike,
-    options: LogOptions | None = None,
+    options: LogOptions = LogOptions(),
     *,
     identify: bool = True,
     **changes: Any,  # noqa: ANN401
@@ -143,7 +147,7 @@ def load_log(
     Example:
         dynid.load_log("run1.bag", "kuka_lwr4plus", exclude="3.2-3.4")
     """
-    options, robot = arguments.options(LogOptions, options, changes), as_robot(robot)
+    robot = as_robot(robot)
     identify = arguments.instance(identify, bool, "identify", "True or False")
     return checked_log(as_log(path, robot, options, "path"), robot, options, identify=identify)
 
@@ -180,6 +184,40 @@ def checked_log(
         if finding not in log.findings:
             log = replace(log, findings=(*log.findings, finding))
     return log
+
+
+def condition_logs(
+    logs: Sequence[Log], model: Model, options: LogOptions, progress: Progress = SILENT
+) -> list[conditioned_log.ConditionedLog]:
+    """Filter checked logs for a model, all with the same cut-off; a delay of None counts as zero."""
+    return conditioned_log.condition_logs(
+        logs,
+        model,
+        cutoff=options.cutoff,
+        delay=options.delay or 0.0,
+        measured_velocity=options.velocity == "measured",
+        progress=progress,
+    )
+
+
+def diagnose_logs(logs: Sequence[Log], robot: Robot, options: LogOptions) -> tuple[Finding, ...]:
+    """Ask of each checked log whether another robot file explains it far better.
+
+    Raises:
+        GravityRemoved: the torques do not change with the weight of the arm (E317).
+        WrongMapping: names the likeliest mistake, with the edit (E324); a finding (W329) with ``options.anyway``.
+    """
+    found: list[Finding] = []
+    for log in logs:
+        with located(str(log.source or "log")):
+            found += diagnose(log, robot, anyway=options.anyway)
+    return tuple(found)
+
+
+def check_weight(log: Log, robot: Robot) -> None:
+    """Raise when the torques of a checked log have no weight of the arm in them (E317)."""
+    with located(str(log.source or "log")):
+        check_gravity(log, robot)
 
 
 @contextmanager
@@ -226,13 +264,13 @@ def motion_of_log(recording: Log | Path, robot: Robot) -> Motion:
     log = load_log(recording, robot)
     t = log.t - log.t[0]
     even = np.linspace(0.0, float(t[-1]), len(t))
-    step, orders = float(even[1]), []
     signal = np.stack([np.interp(even, t, column) for column in log.q.T], axis=1)
     # Why at most: of a fast and short log, the window would take more samples than there are.
-    window = min(max(7, 2 * round(0.05 / step) + 1), (len(even) - 1) // 2 * 2 + 1)
-    for order in range(3):
-        orders.append(savgol_filter(signal, window, 5, deriv=order, delta=step, axis=0))
-    return Motion(even, *orders)
+    window = min(max(7, 2 * round(0.05 / even[1]) + 1), (len(even) - 1) // 2 * 2 + 1)
+    return Motion(
+        even,
+        *(savgol_filter(signal, window, 5, deriv, even[1], axis=0) for deriv in range(3)),
+    )
 
 
 def as_robot(value: RobotLike, name: str = "robot") -> Robot:
@@ -240,11 +278,6 @@ def as_robot(value: RobotLike, name: str = "robot") -> Robot:
     if isinstance(value, (str, Path)):
         return load_robot(str(arguments.path(value, name)))
     return arguments.instance(value, Robot, name, _ROBOT)
-
-
-def as_base_model(value: BaseModel | None) -> BaseModel | None:
-    """Return a base model, or None where it is not there yet."""
-    return arguments.optional(value, BaseModel, "base", "what dynid.base_model returns")
 
 
 def as_log(value: LogLike, arm: Robot, options: LogOptions, name: str = "log") -> Log:

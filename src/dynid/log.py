@@ -108,8 +108,8 @@ class Log:
         if self.qd is not None:
             self._set("qd", self._columns("qd", self.qd))
         further = {
-            key: self._columns(key, self.extra[key], COLUMNS[key])
-            for key in COLUMNS
+            key: self._columns(key, self.extra[key], kind)
+            for key, kind in COLUMNS.items()
             if key in self.extra
         }
         if further:
@@ -249,8 +249,7 @@ class Log:
             "dynid": __version__,
             **(run or {}),
             "joint_names": list(self.names),
-            "units": self.units
-            | ({"effort": self.tau_unit} if self.tau_unit and "effort" not in self.units else {}),
+            "units": ({"effort": self.tau_unit} if self.tau_unit else {}) | self.units,
             "topic": self.topic,
             "motor_side": self.motor_side,
             "dh": self.dh,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import Field, dataclass, field, fields, is_dataclass
 from numbers import Integral, Real
 from pathlib import Path
@@ -104,53 +104,13 @@ class Options:
 
     def __post_init__(self) -> None:
         for declared in fields(self):
+            value = getattr(self, declared.name)
             try:
-                self._read(declared)
+                object.__setattr__(self, declared.name, _read(declared, value))
             except (TypeError, ValueError, ArithmeticError, LookupError, AttributeError) as error:
-                what = f"{flag_of(declared)} {getattr(self, declared.name)!r:.60} is not possible: {error}"
+                shown = f"{value:g}" if isinstance(value, float) else f"{value!r:.60}"
+                what = f"{flag_of(declared)} {shown} is not possible: {error}"
                 raise WrongUsage(what, fix=declaration_of(declared).help) from error
-
-    def _read(self, declared: Field[Any]) -> None:
-        said = declaration_of(declared)
-        value = getattr(self, declared.name)
-        if isinstance(value, bytes):  # a sequence of whole numbers, which nobody means
-            raise TypeError("bytes are no value")
-        read = said.read or (lambda value, flag: _plain(value, str(declared.type)))
-        object.__setattr__(self, declared.name, read(value, flag_of(declared)))
-        if (
-            said.read is None
-            and said.choices
-            and value is not None
-            and not set(_listed(value)) <= set(said.choices)
-        ):
-            raise WrongUsage(
-                f"{flag_of(declared)} '{value}' is not possible",
-                fix=f"one of {', '.join(said.choices)}",
-            )
-        value, (low, high) = getattr(self, declared.name), said.bounds
-        if any(isinstance(each, float) and not abs(each) <= MOST for each in _listed(value)):
-            raise WrongUsage(
-                f"{flag_of(declared)} {value!r:.60} is not possible", fix=f"a number up to {MOST:g}"
-            )
-        if (
-            (said.kind in ("positive", "float") or low == 0)
-            and value is not None
-            and not (value >= LEAST or (value == 0 and said.kind != "positive"))
-        ):
-            raise WrongUsage(
-                f"{flag_of(declared)} {value:g} is not possible",
-                fix=f"a number of at least {LEAST:g}",
-            )
-        # Why so: what is not a number is neither below nor above.
-        if (low is not None and not value >= low) or (high is not None and not value <= high):
-            limits = " and ".join(
-                f"{word} {bound:g}"
-                for word, bound in (("at least", low), ("at most", high))
-                if bound is not None
-            )
-            raise WrongUsage(
-                f"{flag_of(declared)} {value:g} is not possible", fix=f"a number of {limits}"
-            )
 
     def texts(self) -> dict[str, str]:
         """Return the options as text, for the inputs of results: name and value, without what nobody gave."""
@@ -174,23 +134,31 @@ _PLAIN: dict[str, Any] = {
 }
 
 
-def _plain(value: Any, annotation: str) -> Any:  # noqa: ANN401
-    """Return a value of one of the types of an annotation, and any value where these are not plain ones.
-
-    Raises:
-        TypeError: it is of another type.
-    """
-    words = annotation.split(" | ")
-    if not set(words) <= set(_PLAIN):
-        return value
-    fits = any(isinstance(value, _PLAIN[word]) for word in words)
-    if not fits or (isinstance(value, bool) and "bool" not in words):
-        raise TypeError(f"it must be {' or '.join(words)}")
-    return Path(value) if "Path" in words and isinstance(value, str) else value
-
-
-def _listed(value: Any) -> Sequence[Any]:  # noqa: ANN401
-    return value if isinstance(value, tuple) else (value,)
+def _read(declared: Field[Any], value: Any) -> Any:  # noqa: ANN401
+    """Return the value of an option as it is declared; what is raised says why there is none."""
+    said, types = declaration_of(declared), str(declared.type).split(" | ")
+    if isinstance(value, bytes):  # a sequence of whole numbers, which nobody means
+        raise TypeError("bytes are no value")
+    if said.read is not None:
+        value = said.read(value, flag_of(declared))
+    elif set(types) <= set(_PLAIN):
+        fits = any(isinstance(value, _PLAIN[word]) for word in types)
+        if not fits or (isinstance(value, bool) and "bool" not in types):
+            raise TypeError(f"it must be {' or '.join(types)}")
+        value = Path(value) if "Path" in types and isinstance(value, str) else value
+    several, (low, high) = value if isinstance(value, tuple) else (value,), said.bounds
+    if said.read is None and said.choices and not {*several} <= {*said.choices, None}:
+        raise ValueError(f"it must be one of {', '.join(said.choices)}")
+    if any(isinstance(each, float) and not abs(each) <= MOST for each in several):
+        raise ValueError(f"it must be a number up to {MOST:g}")
+    if (said.kind in ("positive", "float") or low == 0) and value is not None:
+        low = 0.0 if said.kind != "positive" and value == 0 else LEAST
+    # Why so: what is not a number is neither below nor above.
+    if low is not None and not value >= low:
+        raise ValueError(f"it must be at least {low:g}")
+    if high is not None and not value <= high:
+        raise ValueError(f"it must be at most {high:g}")
+    return value
 
 
 def _text(value: Any) -> str:  # noqa: ANN401
@@ -204,11 +172,9 @@ def frequency_or_auto(value: Any, name: str) -> float | None:  # noqa: ANN401
     """Return a frequency [Hz]; None for ``auto``."""
     if value is None or value == "auto":
         return None
-    found = _number(value)
-    if found is None or not 0 < found < float("inf"):
-        raise WrongUsage(
-            f"{name} '{value}' is neither auto nor a frequency in Hz", fix=f"such as {name} 8"
-        )
+    found = number_or_nan(value)
+    if not 0 < found < float("inf"):
+        raise ValueError("it is neither auto nor a frequency in Hz, such as 8")
     return found
 
 
@@ -216,22 +182,17 @@ def delay_or_auto(value: Any, name: str) -> float | None:  # noqa: ANN401
     """Return a delay [s]; None for ``auto``, 0 for ``off``."""
     if value is None or value == "auto":
         return None
-    if value == "off":
-        return 0.0
-    found = _number(value)
-    if found is None or not abs(found) <= LONGEST_DELAY:
-        what = f"{name} '{value}' is neither auto, off nor a time up to {LONGEST_DELAY:g} s"
-        raise WrongUsage(what, fix=f"such as {name} 0.008")
+    found = 0.0 if value == "off" else number_or_nan(value)
+    if not abs(found) <= LONGEST_DELAY:
+        raise ValueError(f"it is neither auto, off nor a time up to {LONGEST_DELAY:g} s")
     return found
 
 
 def share(value: Any, name: str) -> float:  # noqa: ANN401
     """Return a share between 0 and 1, written as ``20%`` or ``0.2``."""
     text = str(value).strip()
-    found = _number(text.removesuffix("%"))
-    if found is not None and text.endswith("%"):
-        found /= 100.0
-    if found is None or not 0 < found < 1:
+    found = number_or_nan(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
+    if not 0 < found < 1:
         raise WrongUsage(
             f"{name} '{value}' is not a share between 0 and 100 %", fix=f"such as {name} 20%"
         )
@@ -243,33 +204,28 @@ def share_or_none(value: Any, name: str) -> float | None:  # noqa: ANN401
     return None if value is None else share(value, name)
 
 
-_NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
-_INTERVAL = re.compile(f"{_NUMBER}-{_NUMBER}")
-
-
 def intervals(value: Any, name: str) -> tuple[tuple[float, float], ...]:  # noqa: ANN401
     """Return first and last time of each interval [s]: pairs of numbers, or words such as ``3.2-3.4,5-6``."""
-    found: list[tuple[float, float]] = []
+    number = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
+    found = []
     for item in (value,) if isinstance(value, str) else value:
-        if not isinstance(item, str):
-            found.append((float(item[0]), float(item[1])))
-            continue
-        for word in item.split(","):
-            match = _INTERVAL.fullmatch(word)
-            if match is None or float(match[1]) >= float(match[2]):
-                raise WrongUsage(
-                    f"{name} {word} is not an interval of time",
-                    fix=f"write first and last second: {name} 3.2-3.4",
-                )
-            found.append((float(match[1]), float(match[2])))
+        for word in item.split(",") if isinstance(item, str) else (item,):
+            pair = word
+            if isinstance(word, str):
+                match = re.fullmatch(f"{number}-{number}", word)
+                if match is None or float(match[1]) >= float(match[2]):
+                    raise ValueError(f"{word} is not an interval of time, such as 3.2-3.4")
+                pair = match.groups()
+            found.append((float(pair[0]), float(pair[1])))
     return tuple(found)
 
 
-def _number(value: Any) -> float | None:  # noqa: ANN401
+def number_or_nan(value: Any) -> float:  # noqa: ANN401
+    """Return a number, NaN for what is none."""
     try:
         return float(value)
     except (TypeError, ValueError):
-        return None
+        return float("nan")
 
 
 @dataclass(frozen=True)

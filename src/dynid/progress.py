@@ -24,10 +24,6 @@ class Progress(Protocol):
 class Silent:
     """A progress report that says nothing."""
 
-    def __repr__(self) -> str:
-        """Return its name."""
-        return "SILENT"
-
     def stage(self, name: str, text: str = "") -> None:
         """Say nothing."""
 

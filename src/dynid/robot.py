@@ -414,20 +414,12 @@ class Robot:
         """
         source, _, tip = (self.source or "").partition(".urdf#")
         if tip or source.lower().endswith(".urdf"):
-            urdf = (
-                shlex.quote(f"{source}.urdf") + f" --tip {shlex.quote(tip)}"
-                if tip
-                else shlex.quote(source)
-            )
+            urdf = shlex.join([f"{source}.urdf", "--tip", tip] if tip else [source])
             return f"the robot file that `dynid import {urdf}` makes"
-        if (
-            self.path is not None
-            and self.path.is_absolute()
-            and self.source
-            and self.source != str(self.path)
-        ):
-            return f"a copy of {self.path}"
-        return str(self.path or "the robot file")
+        path = self.path
+        if path is not None and path.is_absolute() and self.source not in (None, "", str(path)):
+            return f"a copy of {path}"
+        return str(path or "the robot file")
 
     @property
     def identified_links(self) -> tuple[int, ...]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 #: What a name may hold in source code without being written out; ASCII, because compilers guess the encoding.
@@ -37,13 +37,9 @@ _YAML = frozenset(["y", "n", "yes", "no", "on", "off", "true", "false", "null", 
 LABEL_LENGTH, TITLE_LENGTH, FILE_LENGTH = 60, 120, 100
 
 
-def printable(text: str) -> str:
+def printable(text: str, fine: Callable[[str], bool] = str.isprintable) -> str:
     """Return text with control characters, line separators and invisible or reordering characters as ``<U+202E>``."""
-    return "".join(c if c.isprintable() else _written_out(c) for c in text)
-
-
-def _written_out(c: str) -> str:
-    return f"<U+{ord(c):04X}>"
+    return "".join(c if fine(c) else f"<U+{ord(c):04X}>" for c in text)
 
 
 def visible(text: str) -> str:
@@ -65,7 +61,7 @@ def shell(*words: object) -> str:
 
 def code(text: str) -> str:
     r"""Return text for a comment of C, Python or MATLAB: ASCII without quotes, ``* / \ ? %`` and line ends."""
-    return "".join(c if c in _CODE else _written_out(c) for c in text)
+    return printable(text, _CODE.__contains__)
 
 
 def identifier(text: str) -> str:
@@ -161,7 +157,7 @@ def yaml_word(text: str) -> str:
 
 def column(text: str) -> str:
     """Return the name of a column: one cell in a table of any dialect, and no formula."""
-    name = "".join(c if c.isprintable() and c not in ',;|"' else _written_out(c) for c in text)
+    name = printable(text, lambda c: c.isprintable() and c not in ',;|"')
     return _FORMULA.sub(r"\1'\2", name)
 
 

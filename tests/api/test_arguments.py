@@ -24,7 +24,7 @@ def here(tmp_path_factory):
     folder = tmp_path_factory.mktemp("api")
     twolink.write_arm(folder)
     twolink.write_log(folder / "third.csv", seed=3)
-    from dynid.workflows.results import save_result
+    from dynid.workflows.identify import save_result
 
     arm = dynid.load_robot(folder / "arm.yaml")
     log, unseen = (dynid.load_log(folder / name, arm) for name in ("log.csv", "unseen.csv"))

@@ -16,7 +16,7 @@ import pytest
 
 from dynid.estimation.result_files import load
 from dynid.loading import load_run
-from dynid.workflows.results import base_model_of
+from dynid.workflows.model import base_model_of
 
 IDENTIFY = Path(__file__).parents[2] / "trajectories" / "lwr4plus_identify.bag"
 INERTIA = '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>'

@@ -13,7 +13,7 @@ from dynid.estimation.posterior import prior_information
 from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import read_trajectory
-from dynid.loading import load_log
+from dynid.loading import condition_logs, load_log
 from dynid.model.base_model import prior_base_parameters
 from dynid.options import LogOptions
 from dynid.sim.arm import track
@@ -22,7 +22,6 @@ from dynid.trajectory.basis import Quintic, basis_from
 from dynid.trajectory.feasible import bounds, coefficients, random_variables
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.predict import default_noise, held_out, predict
-from dynid.workflows.logs import condition_logs
 
 SHIPPED = Path(__file__).parents[2] / "trajectories" / "kinova_gen2_alpha1.0.npz"
 DRAWS, RATE, STEP = 20, 100.0, 1e-3

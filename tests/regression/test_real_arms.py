@@ -14,16 +14,14 @@ import yaml
 from dynid.estimation import result_files
 from dynid.estimation.rows import rows_of
 from dynid.files.robotfile import load_robot
-from dynid.loading import load_log
+from dynid.loading import condition_logs, load_log
 from dynid.model import build_model
 from dynid.model.parameters import prior_parameters
 from dynid.options import LogOptions
 from dynid.robot import Body
 from dynid.workflows.gap import find_gap
-from dynid.workflows.gap_options import GapOptions
 from dynid.workflows.identify import identify
-from dynid.workflows.logs import condition_logs
-from dynid.workflows.options import IdentifyOptions, ValidateOptions
+from dynid.workflows.options import GapOptions, IdentifyOptions, ValidateOptions
 from dynid.workflows.validate import validate
 from gap_real import ball_torque, read
 

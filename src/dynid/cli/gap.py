@@ -16,7 +16,7 @@ from dynid.cli.session import Session
 from dynid.errors import DynidError, WrongUsage
 from dynid.judgement.rules import Step
 from dynid.text import shell
-from dynid.workflows.gap_options import GapOptions
+from dynid.workflows.options import GapOptions
 
 if TYPE_CHECKING:
     from dynid.gap.record import GapEffect
@@ -64,9 +64,9 @@ def command(
         what = "--apply and --no-apply cannot be used together"
         raise WrongUsage(what, fix="leave one of them out")
     stored, progress = dynid.loading.load_run(parameters), session.progress
-    workflows.gap_options.selection_options(stored.robot, options)
+    workflows.gap_result.selection_options(stored.robot, options)
     folder, search = stored.path.parent, workflows.gap
-    base = workflows.results.base_model_of(stored, folder, progress)
+    base = workflows.model.base_model_of(stored, folder, progress)
     progress.stage("read")
     read = [dynid.loading.load_log(path, base.robot, options, identify=False) for path in logs]
     asks = options.question in ("auto", "changed")

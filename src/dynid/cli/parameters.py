@@ -74,7 +74,7 @@ def stacked(
     """Stack logs, write fullnumericregressor.npz and estimatedmotion.npz, and return the answer."""
     folder, progress, work = session.folder(robot.slug), session.progress, workflows.parameters
     path, wrote = folder / "fullnumericregressor.npz", []
-    inputs = workflows.inputs.log_inputs(robot, logs) | options.texts()
+    inputs = workflows.parameters.log_inputs(robot, logs) | options.texts()
     base = workflows.model.base_model(robot, folder, progress)
     if may_write(session, path, inputs):
         progress.stage("read")

@@ -68,7 +68,7 @@ def command(
     parent = stored.path.parent
     if mcap is not None:
         may_write(session, mcap)
-    base = workflows.results.base_model_of(stored, parent, progress)
+    base = workflows.model.base_model_of(stored, parent, progress)
     progress.stage("read")
     read = dynid.loading.read_log(log, stored.robot, options)
     found = workflows.validate.validate(stored, read, options, base=base, progress=progress)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid import arguments
-from dynid.answer import Answer, Judged
+from dynid.answer import Answer, Judged, picked
 from dynid.arguments import public
 from dynid.errors import WrongUsage
 from dynid.estimation.compare import Change, Comparison, FigureOfMerit, same_parameters
@@ -49,14 +49,12 @@ class ComparedRun(Judged):
 
     @property
     def changed(self) -> tuple[Change | FigureOfMerit, ...]:
-        """The numbers that changed: beyond the tolerance, or more than noise explains where there is none."""
+        """The numbers that changed: beyond the tolerance, or without one more than noise explains."""
         if self.comparison is None:
             return ()
-        return (
-            self.comparison.drifted
-            if self.tolerance is None
-            else self.comparison.beyond(self.tolerance)
-        )
+        if self.tolerance is None:
+            return self.comparison.drifted
+        return self.comparison.beyond(self.tolerance)
 
     @property
     def drift(self) -> str:
@@ -64,53 +62,45 @@ class ComparedRun(Judged):
         if not self.changed:
             return ""
         if self.tolerance is None:
-            return (
-                f"{', '.join(each.name for each in self.changed)} changed more than noise explains"
-            )
+            names = ", ".join(each.name for each in self.changed)
+            return f"{names} changed more than noise explains"
         worst, more = self.changed[0], len(self.changed) - 1
         rest = f" and {more} more" if more else ""
-        return (
-            f"{worst.name} {worst.before:.4g} -> {worst.after:.4g} ({worst.percent:+.2f} %){rest}"
-        )
+        change = f"{worst.before:.4g} -> {worst.after:.4g} ({worst.percent:+.2f} %)"
+        return f"{worst.name} {change}{rest}"
 
     @property
     def evidence(self) -> Evidence:
         """What is known of its model, and what changed."""
-        known = self.result.evidence
         if not self.reference:
-            return known
-        changes = None
-        if self.comparison is not None:
-            units = {row["name"]: row["unit"] for row in self.result.parameter_rows()}
-            chances = (getattr(each, "p_value", float("nan")) for each in self.changed)
-            changes = tuple(
-                ChangedNumber(
-                    each.name,
-                    each.before,
-                    each.after,
-                    chance if chance == chance else None,
-                    units.get(each.name, ""),
-                )
-                for each, chance in zip(self.changed, chances, strict=True)
-            )
+            return self.result.evidence
+        units = {row["name"]: row["unit"] for row in self.result.parameter_rows()}
+        changes = tuple(
+            ChangedNumber(each.name, each.before, each.after, chance, units.get(each.name, ""))
+            for each, chance in self._chances()
+        )
         return replace(
-            known,
+            self.result.evidence,
             asked="change",
-            changes=changes,
+            changes=None if self.comparison is None else changes,
             earlier=self.reference,
             earlier_result=self.earlier,
             tolerance=self.tolerance,
         )
 
+    def _chances(self) -> Iterator[tuple[Change | FigureOfMerit, float | None]]:
+        """Yield what changed, and the probability that noise alone makes it; None where that is unknown."""
+        for each in self.changed:
+            chance = getattr(each, "p_value", float("nan"))
+            yield each, chance if chance == chance else None
+
     def summary(self) -> str:
         """Return how many values changed, in one sentence; empty where nothing was compared."""
         if self.comparison is None:
             return ""
-        measure = (
-            "more than noise explains"
-            if self.tolerance is None
-            else f"by more than {100 * self.tolerance:g} %"
-        )
+        measure = "more than noise explains"
+        if self.tolerance is not None:
+            measure = f"by more than {100 * self.tolerance:g} %"
         return (
             f"{self.name} against {self.reference}: {len(self.changed)} values changed {measure}; "
             f"probability that noise alone makes the largest change: {self.comparison.p_value:.2g}"
@@ -118,35 +108,48 @@ class ComparedRun(Judged):
 
     def table(self) -> Table:
         """Return the numbers that changed."""
-        rows = []
-        for each in self.changed:
-            chance = getattr(each, "p_value", None)
-            rows.append(
-                {
-                    "number": each.name,
-                    "before": f"{each.before:.5g}",
-                    "after": f"{each.after:.5g}",
-                    "change": f"{each.percent:+.2f} %",
-                    "p": "-" if chance is None or chance != chance else f"{chance:.1g}",
-                }
-            )
+        rows = [
+            {
+                "number": each.name,
+                "before": f"{each.before:.5g}",
+                "after": f"{each.after:.5g}",
+                "change": f"{each.percent:+.2f} %",
+                "p": "-" if chance is None else f"{chance:.1g}",
+            }
+            for each, chance in self._chances()
+        ]
         return Table(rows)
 
     def facts(self) -> dict[str, Any]:
         """Return the comparison as the JSON answer has it."""
         assert self.comparison is not None
-        tolerance = self.tolerance
+        beyond = () if self.tolerance is None else self.changed
         return {
-            "run": self.name,
-            "against": self.reference,
+            **picked(self, run="name", against="reference"),
             "p_value": self.comparison.p_value,
             "changed": [asdict(each) for each in self.comparison.drifted],
-            "beyond_tolerance": []
-            if tolerance is None
-            else [asdict(c) for c in self.comparison.beyond(tolerance)],
+            "beyond_tolerance": [asdict(each) for each in beyond],
             "figures": [asdict(each) for each in self.comparison.figures],
             "passed": not self.drift,
             "judgement": self.judgement.facts(),
+        }
+
+    def described(self) -> dict[str, Any]:
+        """Return the run itself as the JSON answer has it."""
+        found, keys = self.result, {"rms_nm": "rms", "relative_error_percent": "relative_percent"}
+        same = ("relative_error_percent", "heldout_relative_error_percent")
+        numbers = zip(found.names, found.theta, found.std_error, strict=True)
+        return {
+            "run": self.name,
+            "path": str(found.path),
+            "robot": found.robot.name,
+            **picked(found, "method", "rank", "condition_number_scaled", *same),
+            "joints": [picked(joint, "joint", **keys) for joint in found.joints],
+            "parameters": {
+                name: {"value": float(value), "std_error": float(error)}
+                for name, value, error in numbers
+            },
+            "log_sha256": list(found.log_sha256),
         }
 
 
@@ -174,16 +177,6 @@ class RunComparison(Answer):
         """What is said of the run that differs most from the reference; of the only run where there is none."""
         return max(self.runs, key=lambda run: (len(run.changed), bool(run.reference))).judgement
 
-    @property
-    def names(self) -> list[str]:
-        """Names of the runs."""
-        return [run.name for run in self.runs]
-
-    @property
-    def results(self) -> list[Identification]:
-        """Results of the runs."""
-        return [run.result for run in self.runs]
-
     def table(self) -> Table:
         """Return one row per run: robot, estimator, rank, condition number, errors."""
         rows = []
@@ -194,7 +187,7 @@ class RunComparison(Answer):
             rows.append(
                 {
                     "run": run.name,
-                    "robot": run.result.robot.name,
+                    "robot": found.robot.name,
                     "method": found.method,
                     "rank": f"{found.rank}",
                     "condition": f"{found.condition_number_scaled:.3g}",
@@ -215,38 +208,34 @@ class RunComparison(Answer):
         Raises:
             PackageMissing: pandas is not installed.
         """
-        return Table(run_rows(self.names, self.results)).to_dataframe().set_index("run")
+        return Table(run_rows(*self._named())).to_dataframe().set_index("run")
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid compare`` says."""
         return {
             "schema": "dynid/compare/1",
-            "runs": [_described(run) for run in self.runs],
-            "baseline": self.baseline,
-            "tolerance": self.tolerance,
+            "runs": [run.described() for run in self.runs],
+            **picked(self, "baseline", "tolerance", "passed"),
             "comparisons": [run.facts() for run in self.runs if run.comparison],
-            "passed": self.passed,
             "judgement": self.judgement.facts(),
         }
 
+    def _named(self) -> tuple[list[str], list[Identification]]:
+        return [run.name for run in self.runs], [run.result for run in self.runs]
+
     def csv(self) -> str:
         """Return one row per run as CSV."""
-        return runs_csv(self.names, self.results)
+        return runs_csv(*self._named())
 
     def latex(self) -> str:
         """Return one column per run as a LaTeX table."""
-        return runs_latex(self.names, self.results)
+        return runs_latex(*self._named())
 
     def junit(self) -> str:
         """Return a JUnit XML report with one test per run that was compared."""
-        return junit(
-            "dynid compare",
-            [
-                JunitCase(run.name, run.result.robot.name, run.drift)
-                for run in self.runs
-                if run.reference
-            ],
-        )
+        compared = [run for run in self.runs if run.reference]
+        cases = [JunitCase(run.name, run.result.robot.name, run.drift) for run in compared]
+        return junit("dynid compare", cases)
 
 
 @public
@@ -294,10 +283,9 @@ def compare(
             continue
         same = same_parameters(first, result)
         if baseline is not None and not same:
-            raise WrongUsage(
-                f"base parameters differ: {result.path} ({result.robot.name}), {first.path} ({first.robot.name})",
-                fix="identify both with the same robot file",
-            )
+            both = f"{result.path} ({result.robot.name}), {first.path} ({first.robot.name})"
+            fix = "identify both with the same robot file"
+            raise WrongUsage(f"base parameters differ: {both}", fix=fix)
         comparison = compared(first, result) if same else None
         runs.append(ComparedRun(name, result, reference, comparison, share, path))
     return RunComparison(tuple(runs), reference if baseline else None, share)
@@ -312,27 +300,3 @@ def short_names(paths: Sequence[Path], given: Sequence[Path] = ()) -> list[str]:
     if len(set(names)) < len(names):
         names = [str(path) for path in given or paths]
     return [f"run {k}" if name == "." else name for k, name in enumerate(names, start=1)]
-
-
-def _described(run: ComparedRun) -> dict[str, Any]:
-    found = run.result
-    parameters = {
-        each: {"value": float(value), "std_error": float(error)}
-        for each, value, error in zip(found.names, found.theta, found.std_error, strict=True)
-    }
-    return {
-        "run": run.name,
-        "path": str(run.result.path),
-        "robot": run.result.robot.name,
-        "method": found.method,
-        "rank": found.rank,
-        "condition_number_scaled": found.condition_number_scaled,
-        "relative_error_percent": found.relative_error_percent,
-        "heldout_relative_error_percent": found.heldout_relative_error_percent,
-        "joints": [
-            {"joint": j.joint, "rms_nm": j.rms, "relative_error_percent": j.relative_percent}
-            for j in found.joints
-        ],
-        "parameters": parameters,
-        "log_sha256": list(run.result.log_sha256),
-    }

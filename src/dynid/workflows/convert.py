@@ -65,12 +65,8 @@ def convert(
         found = inspect(Path(path), options.rate)
         logs = [each.log for each in found.joints if options.topic in (None, each.topic)]
         if not logs:
-            have = (
-                ", ".join(map(str, found.topics.values())) or ", ".join(found.columns) or "nothing"
-            )
-            raise WrongMessageType(
-                f"{path} has no topic that dynid can read as joint states; it has {have}",
-                fix="give --robot",
-            )
+            have = ", ".join([*map(str, found.topics.values())] or found.columns) or "nothing"
+            what = f"{path} has no topic that dynid can read as joint states; it has {have}"
+            raise WrongMessageType(what, fix="give --robot")
     log = max(logs, key=len)
     return Converted(write_log(log, Path(target)), log, found.findings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -49,10 +50,8 @@ def hidden_effect(name: str, seed: int) -> Hidden:
         known = [case for case in cases.values() if case.size and case.name not in OUTSIDE]
         return known[int(np.random.default_rng(seed).integers(len(known)))]
     if name not in cases:
-        raise WrongUsage(
-            f"--effect: '{name}' cannot be hidden{closest(name, cases)}",
-            fix=f"random, or one of {', '.join(cases)}",
-        )
+        fix = f"random, or one of {', '.join(cases)}"
+        raise WrongUsage(f"--effect: '{name}' cannot be hidden{closest(name, cases)}", fix=fix)
     return cases[name]
 
 
@@ -121,24 +120,17 @@ def simulate_own(robot: Robot, folder: Path, seed: int, progress: Progress = SIL
     bodies = tuple(_other(body, rng) for body in prior_bodies(robot))
     arm, paths, physics = replace(robot, prior=Prior(links=bodies), tool=None), [], ""
     for k, seconds in enumerate(OWN_SECONDS):
-        motion = sines(
-            arm,
-            SineSpec(seconds, 10.0, 0.8, 0.6, 0.6, -np.inf),
-            OWN_STEP,
-            np.random.default_rng([seed, k]),
-        )
+        spec = SineSpec(seconds, 10.0, 0.8, 0.6, 0.6, -math.inf)
+        motion = sines(arm, spec, OWN_STEP, np.random.default_rng([seed, k]))
         found = simulate(arm, motion, seed=seed + k, progress=progress)
         physics = found.source
         paths.append(found.log.save(folder / f"motion{k + 1}.npz"))
     truth: dict[str, float] = {}
-    for i, (body, viscous, coulomb) in enumerate(
-        zip(bodies, found.viscous, found.coulomb, strict=True)
-    ):
-        values = [*body.parameters().tolist(), 0.0]
-        truth |= {
-            f"{name}{i + 1}": value for name, value in zip(LINK_PARAMETERS, values, strict=True)
-        }
-        truth |= {f"fv{i + 1}": float(viscous), f"fc{i + 1}": float(coulomb), f"fo{i + 1}": 0.0}
+    frictions = zip(bodies, found.viscous, found.coulomb, strict=True)
+    for i, (body, viscous, coulomb) in enumerate(frictions, start=1):
+        names = [f"{name}{i}" for name in (*LINK_PARAMETERS, "fv", "fc", "fo")]
+        values = (*body.parameters().tolist(), 0.0, float(viscous), float(coulomb), 0.0)
+        truth |= zip(names, values, strict=True)
     return OwnArm(tuple(paths), truth, physics)
 
 
@@ -157,8 +149,7 @@ def against_truth(result: Identification, truth: dict[str, float]) -> dict[str, 
         result: identified from a simulated arm.
         truth: its true parameters by name; a base parameter with another one in it is not counted.
     """
-    names = result.reduction.names
-    K = result.reduction.K
+    names, K = result.reduction.names, result.reduction.K
     true = K @ np.array([truth.get(name, 0.0) for name in names])
     known = ~np.any(K[:, [name not in truth for name in names]] != 0, axis=1)
     inside = np.abs(result.theta - true) <= TWO_SIDED_95 * result.std_error

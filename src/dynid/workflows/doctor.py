@@ -67,7 +67,7 @@ class Diagnosis:
 
 def doctor() -> Diagnosis:
     """Look at Python, packages, simulator, ROS, display, folders and configuration files."""
-    return Diagnosis((*_packages(), *_ros(), *_ros2(), *_surroundings()))
+    return Diagnosis((*_packages(), *_ros(), *_surroundings()))
 
 
 def version_of(package: str) -> str | None:
@@ -91,90 +91,56 @@ def version_lines() -> list[str]:
 
 
 def _packages() -> Iterator[Check]:
-    yield Check(
-        "Python",
-        sys.version_info >= (3, 10),
-        platform.python_version(),
-        "dynid needs Python 3.10 or newer",
-    )
-    for package in REQUIRED:
-        version = version_of(package)
-        yield Check(
-            package,
-            version is not None,
-            version or "absent",
-            f"dynid as a whole: pip install {package}",
-        )
-    bullet = version_of("pybullet")
-    lost = 'preview, collision check: pip install "pybullet>=3.2.5" (3.12 and later: 8 minutes, needs a C++ compiler)'
-    yield Check("PyBullet", bullet is not None, bullet or "absent", lost)
+    newer = sys.version_info >= (3, 10)
+    yield Check("Python", newer, platform.python_version(), "dynid needs Python 3.10 or newer")
+    lost = {name: f"dynid as a whole: pip install {name}" for name in REQUIRED}
+    preview = 'pip install "pybullet>=3.2.5" (3.12 and later: 8 minutes, needs a C++ compiler)'
+    lost["PyBullet"] = f"preview, collision check: {preview}"
+    for name, without in lost.items():
+        version = version_of(name)
+        yield Check(name, version is not None, version or "absent", without)
 
 
 def _ros() -> Iterator[Check]:
-    """Look for ROS 1 where ``dynid record`` would find it, and for a master."""
+    """Look for ROS 1 where ``dynid record`` would find it, for a master, and for ROS 2, which nothing needs."""
     missing = missing_modules()
     lost = f"record (reading bags works without): {APT}; or set DYNID_ROS_PATH to the folder that holds rospy"
-    present = f"present, looked for in {', '.join(ros_folders()) or 'sys.path'}"
-    yield Check("ROS 1", not missing, f"absent: {', '.join(missing)}" if missing else present, lost)
-    uri = master_uri()
-    answered = master_answers(uri)
-    state = "answers" if answered else "does not answer"
-    yield Check(
-        "ROS master",
-        answered,
-        f"{uri} {state}",
-        "record: start rosmaster --core, or set ROS_MASTER_URI",
-    )
-
-
-def _ros2() -> Iterator[Check]:
-    """Say what of ROS 2 is there; nothing of dynid needs it."""
-    program, distribution = shutil.which("ros2"), os.environ.get("ROS_DISTRO", "")
-    found = sorted(path.parents[1] for path in Path("/opt/ros").glob("*/bin/ros2"))
-    if program is not None:
-        value = f"{distribution} ({program})".strip()
-    elif found:
-        value = f"{', '.join(path.name for path in found)} is installed, not sourced: source {found[-1]}/setup.bash"
-    else:
-        value = "absent"
-    yield Check(
-        "ROS 2", None, f"{value}; its recordings are read without it (dynid explain record-ros2)"
-    )
-
-
-def master_answers(uri: str) -> bool:
-    """Return whether something listens at a ROS master's address, within a limit that holds for name look-up too."""
+    value = f"present, looked for in {', '.join(ros_folders()) or 'sys.path'}"
+    yield Check("ROS 1", not missing, f"absent: {', '.join(missing)}" if missing else value, lost)
+    uri, answers = master_uri(), True
     try:
         ping_master(uri)
     except OSError:
-        return False
-    return True
+        answers = False
+    value = f"{uri} {'answers' if answers else 'does not answer'}"
+    lost = "record: start rosmaster --core, or set ROS_MASTER_URI"
+    yield Check("ROS master", answers, value, lost)
+    program, value = shutil.which("ros2"), "absent"
+    found = sorted(path.parents[1] for path in Path("/opt/ros").glob("*/bin/ros2"))
+    if program is not None:
+        value = f"{os.environ.get('ROS_DISTRO', '')} ({program})".strip()
+    elif found:
+        names = ", ".join(path.name for path in found)
+        value = f"{names} is installed, not sourced: source {found[-1]}/setup.bash"
+    without = "its recordings are read without it (dynid explain record-ros2)"
+    yield Check("ROS 2", None, f"{value}; {without}")
 
 
 def _surroundings() -> Iterator[Check]:
     display = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
-    yield Check(
-        "display", bool(display), display or "none", "preview window: pictures are saved instead"
-    )
+    lost = "preview window: pictures are saved instead"
+    yield Check("display", bool(display), display or "none", lost)
     yield _folder("working folder", Path.cwd(), "results: give another folder with --out")
     cache = cache_folder()
-    yield _folder("cache", cache, "models are built anew each time", f"{_size(cache) / 1e6:.1f} MB")
+    size = sum(file.stat().st_size for file in cache.rglob("*") if file.is_file())
+    yield _folder("cache", cache, "models are built anew each time", f"{size / 1e6:.1f} MB")
     for file in (LOCAL_CONFIG, config_file()):
-        yield Check(
-            "configuration", None, f"{file} {'is read' if file.is_file() else 'does not exist'}"
-        )
+        state = "is read" if file.is_file() else "does not exist"
+        yield Check("configuration", None, f"{file} {state}")
 
 
 def _folder(name: str, path: Path, lost: str, note: str = "") -> Check:
     nearest = next(p for p in (path, *path.parents) if p.exists())
     writable = os.access(nearest, os.W_OK)
-    words = [str(path), *([note] if note else []), "" if writable else "cannot be written"]
-    return Check(name, writable, "  ".join(word for word in words if word), lost)
-
-
-def _size(folder: Path) -> int:
-    return (
-        sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
-        if folder.is_dir()
-        else 0
-    )
+    words = (str(path), note, "" if writable else "cannot be written")
+    return Check(name, writable, "  ".join(filter(None, words)), lost)

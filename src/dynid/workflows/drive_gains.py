@@ -6,21 +6,33 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import yaml
+
 from dynid import arguments
 from dynid.arguments import public
 from dynid.disk import write_text
 from dynid.errors import WrongUsage
 from dynid.estimation.drive_gains import Gains, find_gains, known_load
 from dynid.estimation.stack import stack_logs
-from dynid.files.robotfile import load_robot, text_of
-from dynid.loading import LogLike, LogsLike, RobotLike, as_log, as_logs, as_robot, checked_log
+from dynid.files.robotfile import text_of
+from dynid.loading import (
+    LogLike,
+    LogsLike,
+    RobotLike,
+    as_log,
+    as_logs,
+    as_robot,
+    checked_log,
+    condition_logs,
+    load_robot,
+)
 from dynid.log import Log
 from dynid.options import LogOptions
-from dynid.progress import Progress
+from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.signals.columns import in_amperes as holds_currents
 from dynid.text import printable, yaml_text
-from dynid.workflows.logs import condition_logs
 from dynid.workflows.model import base_model
 
 
@@ -35,12 +47,12 @@ def needs_gains(robot: Robot, log: Log) -> bool:
 def find_drive_gains(
     robot: RobotLike,
     logs: LogsLike,
-    options: LogOptions | None = None,
+    options: LogOptions = LogOptions(),
     *,
     loaded: LogLike | None = None,
     load_mass: float | None = None,
     folder: str | Path | None = None,
-    progress: Progress | None = None,
+    progress: Progress = SILENT,
     **changes: Any,  # noqa: ANN401
 ) -> Gains:
     """Find the gains of all drives [N m per A] from logs of motor currents.
@@ -62,18 +74,12 @@ def find_drive_gains(
     Example:
         dynid.find_drive_gains("my_arm.yaml", "empty.csv", loaded="loaded.csv", load_mass=2.0)
     """
-    import numpy as np
-
-    options, progress = (
-        arguments.options(LogOptions, options, changes),
-        arguments.progress(progress),
-    )
     robot = as_robot(robot)
-    plain = as_logs(logs, robot, options)
-    loaded = None if loaded is None else as_log(loaded, robot, options, "loaded")
-    load_mass = (
-        None if load_mass is None else arguments.number(load_mass, "load_mass", "a mass in kg")
-    )
+    given = as_logs(logs, robot, options)
+    if loaded is not None:
+        given.append(as_log(loaded, robot, options, "loaded"))
+    if load_mass is not None:
+        load_mass = arguments.number(load_mass, "load_mass", "a mass in kg")
     folder = None if folder is None else arguments.path(folder, "folder")
     if robot.coupling is not None or robot.identified_links != tuple(range(1, robot.n + 1)):
         raise WrongUsage(
@@ -82,41 +88,31 @@ def find_drive_gains(
         )
     robot = replace(robot, torque=replace(robot.torque, source="motor_current"))
     base = base_model(robot, folder, progress)
-    known = np.array(
-        [np.nan if value is None else value for value in robot.torque.gain or (None,) * robot.n]
-    )
-    checked = [
-        checked_log(log, robot, options)
-        for log in (*plain, *([loaded] if loaded is not None else ()))
-    ]
-    conditioned = condition_logs(checked, base.model, options, progress)
-    stack = stack_logs(conditioned[: len(plain)], base, progress)
-    load = None
+    known = np.array(robot.torque.gain or (None,) * robot.n, dtype=float)
+    checked = [checked_log(log, robot, options) for log in given]
+    conditioned, load = condition_logs(checked, base.model, options, progress), None
     if loaded is not None:
-        load = known_load(base, stack_logs(conditioned[len(plain) :], base, progress), load_mass)
-    return find_gains(stack, known, load, robot.torque.scale_error)
+        load = known_load(base, stack_logs([conditioned.pop()], base, progress), load_mass)
+    return find_gains(
+        stack_logs(conditioned, base, progress), known, load, robot.torque.scale_error
+    )
 
 
 def write_robot(folder: Path, robot: Robot, found: Gains) -> tuple[Path, Robot]:
     """Write a copy of the robot file with the gains, and return its path and the robot in it."""
-    import numpy as np
-    import yaml
-
     document = yaml.safe_load(text_of(robot, with_prior=False))
-    torque: dict[str, Any] = {
-        "source": "motor_current",
-        "gain": [float(f"{value:.9g}") for value in found.gain],
-    }
     # Why: what a load weighs with these gains is as uncertain as they are.
     share = min(0.99, float(np.sqrt(np.mean((found.std_error / found.gain) ** 2))))
-    document["torque"] = torque | (
-        {"relative": True} if found.relative else {"gain_error": float(f"{share:.2g}")}
-    )
+    document["torque"] = {
+        "source": "motor_current",
+        "gain": [float(f"{value:.9g}") for value in found.gain],
+        **({"relative": True} if found.relative else {"gain_error": float(f"{share:.2g}")}),
+    }
     path = folder / f"{robot.slug}.yaml"
     what = "ratios of the gains; their size is unknown" if found.relative else "gains"
     head = f"Made by dynid identify: {printable(robot.path.name if robot.path else robot.name)} with {what}."
     write_text(path, yaml_text(document, head, width=140, default_flow_style=False))
-    return path, replace(load_robot(str(path)), prior=robot.prior, known=robot.known)
+    return path, replace(load_robot(path), prior=robot.prior, known=robot.known)
 
 
 def gain_facts(robot: Robot, found: Gains) -> dict[str, Any]:
@@ -132,29 +128,23 @@ def in_amperes(facts: Any, robot: Robot) -> Any:  # noqa: ANN401
     """Return a JSON answer with torques in amperes where only ratios of the gains are known: ``_nm`` becomes ``_a``."""
     if not robot.torque.relative or robot.torque.gain is None:
         return facts
-    scale = {
-        joint: gain or 1.0 for joint, gain in zip(robot.joint_names, robot.torque.gain, strict=True)
-    }
+    scale = dict(zip(robot.joint_names, robot.torque.gain, strict=True))
 
     def renamed(value: Any, gain: float) -> Any:  # noqa: ANN401
-        if isinstance(value, dict):
-            own = scale.get(str(value.get("joint")), gain)
-            if isinstance(value.get("unit"), str) and "std_error" in value:
-                unit = value["unit"]
-                value = {
-                    **value,
-                    "unit": unit.replace("N m", "A") if "N m" in unit else f"{unit} A/(N m)",
-                }
-            return {
-                (key[:-3] + "_a" if key.endswith("_nm") else key): (
-                    inner / own
-                    if key.endswith("_nm") and isinstance(inner, float)
-                    else renamed(inner, own)
-                )
-                for key, inner in value.items()
-            }
-        return (
-            [renamed(inner, gain) for inner in value] if isinstance(value, (list, tuple)) else value
-        )
+        if isinstance(value, (list, tuple)):
+            return [renamed(inner, gain) for inner in value]
+        if not isinstance(value, dict):
+            return value
+        gain = scale.get(str(value.get("joint")), gain) or 1.0
+        found = {}
+        for key, inner in value.items():
+            torque = key.endswith("_nm")
+            if key == "unit" and isinstance(inner, str) and "std_error" in value:
+                inner = inner.replace("N m", "A") if "N m" in inner else f"{inner} A/(N m)"
+            in_amperes = torque and isinstance(inner, float)
+            found[key[:-3] + "_a" if torque else key] = (
+                inner / gain if in_amperes else renamed(inner, gain)
+            )
+        return found
 
     return renamed(facts, 1.0)

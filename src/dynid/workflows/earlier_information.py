@@ -9,20 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import WrongUsage
-from dynid.estimation import result_files
 from dynid.estimation.least_squares import weighted
 from dynid.estimation.posterior import parameter_posterior, prior_information
 from dynid.estimation.result import Identification
+from dynid.estimation.stack import stack_logs
 from dynid.files.artifact import read_header
 from dynid.files.trajectoryfile import StoredTrajectory, read_trajectory
-from dynid.loading import checked_log, read_log
+from dynid.loading import checked_log, condition_logs, load_run, parameters_of, read_log
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
 from dynid.options import LogOptions
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.trajectory.predict import default_noise, information_of
-from dynid.workflows.parameters import stack_logs
 
 Floats = NDArray[np.float64]
 #: A recording, what was identified from recordings, or a motion that was planned and not yet recorded.
@@ -36,12 +35,12 @@ def read_earlier(path: Path, robot: Robot) -> Earlier:
         DynidError: it is of another arm, or damaged.
     """
     # Why: a recording of rosbag2 is a folder as well.
-    path = path / "parameters.npz" if (path / "parameters.npz").is_file() else path
+    path = parameters_of(path) if parameters_of(path).is_file() else path
     header = read_header(path) if path.suffix == ".npz" else None
-    schema = str((header or {}).get("schema", "")).rsplit("/", 1)[0]
-    if schema == "dynid/identification":
-        return result_files.load(path)
-    return read_trajectory(path, robot) if schema == "dynid/trajectory" else read_log(path, robot)
+    kind = str((header or {}).get("schema", "")).rpartition("/")[0]
+    if kind == "dynid/identification":
+        return load_run(path)
+    return read_trajectory(path, robot) if kind == "dynid/trajectory" else read_log(path, robot)
 
 
 def require_same_arm(earlier: Sequence[Earlier], robot: Robot) -> None:
@@ -74,22 +73,16 @@ def torque_noise(
     """
     if given is not None:
         if len(given) not in (1, robot.n):
-            shown = ",".join(f"{sigma:g}" for sigma in given)
-            raise WrongUsage(
-                f"--noise '{shown}' must be one positive number, or {robot.n} of them",
-                fix="such as --noise 0.1",
-            )
+            what = f"--noise '{','.join(f'{sigma:g}' for sigma in given)}'"
+            one = f"one positive number, or {robot.n} of them"
+            raise WrongUsage(f"{what} must be {one}", fix="such as --noise 0.1")
         return np.broadcast_to(np.array(given), (robot.n,)).copy(), "given with --noise"
     for known in earlier:
         if isinstance(known, Identification):
-            return parameter_posterior(known).sample_noise(
-                rate
-            ), "as an earlier identification found it"
-    measured = robot.torque.noise is not None
-    words = (
-        "from the robot file" if measured else "assumed (0.3 % of the rating, 0.1 N m without one)"
-    )
-    return default_noise(robot), words
+            noise = parameter_posterior(known).sample_noise(rate)
+            return noise, "as an earlier identification found it"
+    assumed = "assumed (0.3 % of the rating, 0.1 N m without one)"
+    return default_noise(robot), assumed if robot.torque.noise is None else "from the robot file"
 
 
 def earlier_information(
@@ -105,9 +98,14 @@ def earlier_information(
     """
     total = None
     for known in earlier:
-        information = _information(base, known, noise, progress)
+        if isinstance(known, Identification):
+            information, name = _of_result(base, known), str(known.path)
+        elif isinstance(known, StoredTrajectory):
+            columns, name = base.reduction.base, str(known.source)
+            information = information_of(base.model, columns, known.motion, noise)[1]
+        else:
+            information, name = _of_log(base, known, progress), str(known.source)
         total = information if total is None else total + information
-        name = known.path if isinstance(known, Identification) else known.source
         progress.stage("earlier", f"{name}: the new motion is planned to complete it")
     return total
 
@@ -134,48 +132,27 @@ def unexplained(earlier: Sequence[Earlier]) -> float | None:
     return None
 
 
-def _information(base: BaseModel, known: Earlier, noise: Floats, progress: Progress) -> Floats:
-    if isinstance(known, Identification):
-        return _of_result(base, known)
-    return (
-        _of_trajectory(base, known, noise)
-        if isinstance(known, StoredTrajectory)
-        else _of_log(base, known, progress)
-    )
-
-
 def _of_result(base: BaseModel, found: Identification) -> Floats:
-
     names = {name: k for k, name in enumerate(found.names)}
     if not set(base.reduction.base_names) <= set(names):
-        raise WrongUsage(
-            f"{found.path} has different base parameters from the robot file",
-            fix="identify again with this robot file",
-        )
+        what = f"{found.path} has different base parameters from the robot file"
+        raise WrongUsage(what, fix="identify again with this robot file")
     # Why some: a motion is planned without the effects of the robot file, whatever they are.
     some = [names[name] for name in base.reduction.base_names]
     others = [k for k in names.values() if k not in some]
     information = parameter_posterior(found).information
-    shared = information[np.ix_(some, others)]
-    rest = (
-        shared @ np.linalg.pinv(information[np.ix_(others, others)], hermitian=True) @ shared.T
-        if others
-        else 0.0
-    )
-    return np.asarray(information[np.ix_(some, some)] - rest)
-
-
-def _of_trajectory(base: BaseModel, planned: StoredTrajectory, noise: Floats) -> Floats:
-
-    return information_of(base.model, base.reduction.base, planned.motion, noise)[1]
+    known, shared = information[np.ix_(some, some)], information[np.ix_(some, others)]
+    if others:
+        rest = np.linalg.pinv(information[np.ix_(others, others)], hermitian=True)
+        known = known - shared @ rest @ shared.T
+    return np.asarray(known)
 
 
 def _of_log(base: BaseModel, log: Log, progress: Progress) -> Floats:
-
-    stack = stack_logs([checked_log(log, base.robot)], base, LogOptions(delay=0.0), progress)
-    factors, rows = stack.whole
-    found = weighted(factors, rows).noise
-    p = base.reduction.rank
+    options = LogOptions(delay=0.0)
+    conditioned = condition_logs([checked_log(log, base.robot)], base.model, options, progress)
+    factors, rows = stack_logs(conditioned, base, progress).whole
+    found, p = weighted(factors, rows).noise, base.reduction.rank
     return np.asarray(
         sum(R[:, :p].T @ R[:, :p] / sigma**2 for R, sigma in zip(factors, found, strict=True))
     )

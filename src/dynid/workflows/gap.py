@@ -3,33 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import Any
 
-from dynid import arguments
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.answer import picked
 from dynid.arguments import public
-from dynid.loading import as_base_model, as_logs, as_result, checked_log, load_log
+from dynid.disk import sha256
+from dynid.errors import DynidError
+from dynid.estimation.evidence import evidence_of, fingerprint, found_log
+from dynid.estimation.payload import find_payload
+from dynid.estimation.result import Identification
+from dynid.gap.analysis import (
+    CUTOFF,
+    GapAnalysis,
+    analyse_gap,
+    relative_error,
+    with_counterbalances,
+)
+from dynid.gap.candidates import SelectionOptions
+from dynid.gap.counterbalance import Suspicion, suspicions
+from dynid.gap.loads import named_load, with_reestimated_payload
+from dynid.gap.possible_arm import COUNTERBALANCE
+from dynid.gap.problem import kept_model
+from dynid.gap.record import GapEffect, record_of
+from dynid.loading import (
+    LogsLike,
+    ResultLike,
+    as_logs,
+    as_result,
+    check_weight,
+    checked_log,
+    condition_logs,
+    load_log,
+)
 from dynid.log import Log
-from dynid.options import LogOptions
-from dynid.progress import Progress
-from dynid.workflows.gap_options import GapOptions, selection_options
-from dynid.workflows.gap_result import Gap, with_methods
-from dynid.workflows.logs import check_weight, condition_logs
-from dynid.workflows.results import base_model_of
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from dynid.estimation.result import Identification
-    from dynid.gap.analysis import GapAnalysis
-    from dynid.gap.candidates import SelectionOptions
-    from dynid.gap.counterbalance import Suspicion
-    from dynid.loading import LogsLike, ResultLike
-    from dynid.model.base_model import BaseModel
-    from dynid.signals.conditioned_log import ConditionedLog
-    from dynid.workflows.validate import Validation
+from dynid.model.base_model import BaseModel
+from dynid.model.effects.catalogue import CATALOGUE
+from dynid.progress import SILENT, Progress
+from dynid.signals.conditioned_log import ConditionedLog, stretches
+from dynid.workflows.gap_result import Gap, selection_options
+from dynid.workflows.identify import identify
+from dynid.workflows.model import base_model_of
+from dynid.workflows.options import GapOptions
+from dynid.workflows.validate import Validation, validate
 
 #: What each question asks, as the answer says it.
 ASKED = {
@@ -48,11 +67,11 @@ LONGEST = 480.0
 def find_gap(
     result: ResultLike,
     logs: LogsLike,
-    options: GapOptions | None = None,
+    options: GapOptions = GapOptions(),
     *,
     earlier: LogsLike = (),
     base: BaseModel | None = None,
-    progress: Progress | None = None,
+    progress: Progress = SILENT,
     **changes: Any,  # noqa: ANN401
 ) -> Gap:
     """Find where a model and recordings disagree, which effect is missing, and how much smaller the gap is with it.
@@ -74,47 +93,37 @@ def find_gap(
     Example:
         dynid.find_gap("out/kuka_lwr4plus", ["run3.bag", "run4.bag"])
     """
-    options, progress = (
-        arguments.options(GapOptions, options, changes),
-        arguments.progress(progress),
-    )
     result = as_result(result)
     recordings = as_logs(logs, result.robot, options)
     known = as_logs(earlier, result.robot, options, "earlier", empty=True)
-    question, base = options.question, as_base_model(base) or base_model_of(result)
+    base = base or base_model_of(result)
     search = _Search(result, base, selection_options(base.robot, options), options, progress)
-    new = search.checked(recordings)
+    new, question = search.checked(recordings), options.question
     before = search.checked(known) if question in ("auto", "changed") else []
-    if question != "auto":
-        return search.judged(search.ask(question, new, before, ASKED[question]), new)
-    return search.judged(_answered(search, new, before), new)
+    if question == "auto":
+        return search.judged(_answered(search, new, before), new)
+    return search.judged(search.ask(question, new, before, ASKED[question]), new)
 
 
 def _answered(search: _Search, new: Sequence[Log], before: Sequence[Log]) -> Gap:
     """Return the answer to the question that the logs allow."""
-    fitted = {sha for sha in search.result.log_sha256 if sha}
-    if any(log.sha256 in fitted for log in new):
+    if any(log.sha256 and log.sha256 in search.result.log_sha256 for log in new):
         return search.of_the_arm(new, "the model was identified from these logs")
     if not before:
         why = "the logs that the model was identified from were not found"
         found = search.of_the_arm(new, why)
-        if search.judged(found, new).verdict == found.verdict or not found.verdict.startswith(
-            "nothing"
-        ):
+        named = not found.verdict.startswith("nothing")
+        if named or search.judged(found, new).verdict == found.verdict:
             return found
         # Why: new numbers for all parameters take in a load, and the model as it is does not.
-        changed = search.ask(
-            "changed", new, (), f"{why}, and the model as it is misses more than it expected."
-        )
+        why += ", and the model as it is misses more than it expected."
+        changed = search.ask("changed", new, (), why)
         return changed if changed.named else found
     changed = search.ask("changed", new, before, ASKED["changed"])
     if changed.named:
         return changed
-    told = (
-        "Nothing has changed"
-        if changed.verdict == "nothing_changed"
-        else "No change could be named"
-    )
+    unchanged = changed.verdict == "nothing_changed"
+    told = "Nothing has changed" if unchanged else "No change could be named"
     why = f"{changed.asked} {told}, so all {len(before) + len(new)} logs were searched"
     return search.of_the_arm([*before, *new], why)
 
@@ -136,13 +145,6 @@ class _Search:
     wanted: SelectionOptions
     options: GapOptions
     progress: Progress
-
-    @cached_property
-    def of_another_arm(self) -> bool:
-        """Whether the robot file does not describe the arm of the logs, so that nothing can be named."""
-        from dynid.estimation.evidence import evidence_of
-
-        return evidence_of(self.result).of_another_arm
 
     def checked(self, logs: Sequence[Log]) -> list[Log]:
         """Return checked recordings."""
@@ -166,64 +168,54 @@ class _Search:
             earlier: those that the model was identified from, to find what has changed since.
             why: why this is asked, in words.
         """
-        from dynid.gap.analysis import analyse_gap, relative_error, with_counterbalances
-        from dynid.gap.problem import kept_model
-
+        base, wanted = self.base, self.wanted
         options = signals_of(self.result, self.options, question)
-        conditioned = self.conditioned(logs, options)
-        before = self.conditioned(earlier, options) if earlier else []
+        conditioned = self._conditioned(logs, options)
+        before = self._conditioned(earlier, options) if earlier else []
         self.progress.stage("search")
-        kept = kept_model(self.result) if question == "changed" else None
-        possible = self.result.in_force == "physical"
         analysis = analyse_gap(
             conditioned,
-            self.base,
-            kept,
-            self.wanted,
+            base,
+            kept_model(self.result) if question == "changed" else None,
+            wanted,
             self.progress,
             earlier=before,
-            possible=possible,
+            possible=self.result.in_force == "physical",
         )
         if question == "arm":
-            joints = self.wanted.joints or range(self.base.robot.n)
-            analysis = with_counterbalances(analysis, self.wanted, joints)
+            analysis = with_counterbalances(analysis, wanted, wanted.joints or range(base.robot.n))
         if question == "changed":
-            now = relative_error(conditioned, self.base, self.result.theta)
-            then = relative_error(before, self.base, self.result.theta) if before else 0.0
+            now = relative_error(conditioned, base, self.result.theta)
+            then = relative_error(before, base, self.result.theta) if before else 0.0
             why += _kept_error(now, then, analysis.verdict.word == "nothing_changed")
             analysis = self._with_reestimated_payload(analysis, logs) if earlier else analysis
-        return replace(
-            self._recorded(analysis, question, why),
-            recordings=tuple(logs),
-            before=tuple(earlier),
-            signals=options,
-        )
+        found = self._recorded(analysis, question, why)
+        return replace(found, recordings=tuple(logs), before=tuple(earlier), signals=options)
 
-    def kept(self, logs: Sequence[Log]) -> Validation | None:
-        """Return how well the model as it is predicts the worst of some logs; None where all of them were fitted."""
-        from dynid.workflows.options import ValidateOptions
-        from dynid.workflows.validate import validate
-
-        known = {each.name for each in fields(LogOptions)} - {"cutoff", "delay"}
-        options = ValidateOptions(**{name: getattr(self.options, name) for name in known})
-        fitted = self.result.log_sha256
-        new = [log for log in logs if not log.sha256 or log.sha256 not in fitted]
-        replays = [validate(self.result, log, options, base=self.base) for log in new]
-        return max(
-            replays,
-            key=lambda each: each.relative_error_percent / (each.expected_percent or 1.0),
-            default=None,
-        )
+    def _replays(
+        self, logs: Sequence[Log], result: Identification, cutoff: float | None = None
+    ) -> list[Validation]:
+        """Return replays of logs by a result, read as they were for the search."""
+        read = picked(self.options, "exclude", "velocity")
+        base = self.base if result is self.result else None
+        return [validate(result, log, base=base, cutoff=cutoff, **read) for log in logs]
 
     def judged(self, gap: Gap, new: Sequence[Log]) -> Gap:
         """Return an answer beside how the model as it is does on the new logs: "nothing" only where that agrees."""
-        kept = self.kept(new)
-        if kept is not None:
-            rms = tuple(joint.rms for joint in kept.joints)
-            gap = replace(
-                gap, kept=kept.relative_error_percent, expected=kept.expected_percent, kept_rms=rms
+        fitted = [sha for sha in self.result.log_sha256 if sha]
+        replays = self._replays([log for log in new if log.sha256 not in fitted], self.result)
+        if replays:
+            # The worst of them.
+            kept = max(
+                replays, key=lambda one: one.relative_error_percent / (one.expected_percent or 1.0)
             )
-        if self.of_another_arm:
+            gap = replace(
+                gap,
+                kept=kept.relative_error_percent,
+                expected=kept.expected_percent,
+                kept_rms=tuple(joint.rms for joint in kept.joints),
+            )
+        if evidence_of(self.result).of_another_arm:
             gap = self._unproved(gap)
         if gap.named and gap.unseen_logs:
             gap = self._proved(gap)
@@ -233,67 +225,49 @@ class _Search:
 
     def _proved(self, gap: Gap) -> Gap:
         """Return an answer with the errors that ``apply`` and then ``validate`` reach on the recordings held out."""
-        applied, unseen = gap.apply(), gap.unseen_logs
-        after = self._errors(applied, unseen, gap)
-        before = self._before(gap)
-        at = {name: j for j, name in enumerate(gap.joint_names)}
+        after = self._errors(gap.apply(), gap)
+        before, at = self._before(gap), gap.joint_names.index
         named = tuple(
             replace(
-                one, rms_before=float(before[at[one.joint]]), rms_after=float(after[at[one.joint]])
+                one,
+                rms_before=float(before[at(one.joint)]),
+                rms_after=float(after[at(one.joint)]),
             )
             for one in gap.named
         )
-        return replace(
-            gap, named=named, improvement=replace(gap.improvement, before=before, after=after)
-        )
+        improvement = replace(gap.improvement, before=before, after=after)
+        return replace(gap, named=named, improvement=improvement)
 
     def _unproved(self, gap: Gap) -> Gap:
         """Return an answer that names nothing: what links of another arm leave over is no effect of this one."""
-        import numpy as np
-
         why, before = "the robot file does not describe the arm of these logs", self._before(gap)
-        unchanged = replace(
-            gap.improvement, before=before, after=before, ratio=np.ones_like(gap.improvement.ratio)
+        ratio = np.ones_like(gap.improvement.ratio)
+        given_up = (
+            replace(one, why_not=why, rms_after=None, share=None, probability=None)
+            for one in gap.named
         )
         return replace(
             gap,
             verdict="unexplained" if gap.named else gap.verdict,
             named=(),
-            closest=(
-                *(
-                    replace(one, why_not=why, rms_after=None, share=None, probability=None)
-                    for one in gap.named
-                ),
-                *gap.closest,
-            ),
+            closest=(*given_up, *gap.closest),
             alternatives=(),
             advice="",
             curves=(),
-            improvement=unchanged,
+            improvement=replace(gap.improvement, before=before, after=before, ratio=ratio),
             simulation=gap.simulation[[0, 0]] if len(gap.simulation) else gap.simulation,
         )
 
     def _before(self, gap: Gap) -> NDArray[np.float64]:
         """Return the error of each joint without what is named, of the model as it is where it is tried, (n,)."""
-        unseen = gap.unseen_logs
-        known = any(log.sha256 in self.result.log_sha256 for log in unseen)
-        return (
-            gap.improvement.before
-            if known or not unseen
-            else self._errors(self.result, unseen, gap)
-        )
+        known = any(log.sha256 in self.result.log_sha256 for log in gap.unseen_logs)
+        if known or not gap.unseen_logs:
+            return gap.improvement.before
+        return self._errors(self.result, gap)
 
-    def _errors(self, result: Identification, logs: Sequence[Log], gap: Gap) -> NDArray[np.float64]:
-        """Return the error of each joint on recordings, with the filter of the search, (n,) [N m or N]."""
-        import numpy as np
-
-        from dynid.workflows.options import ValidateOptions
-        from dynid.workflows.validate import validate
-
-        options = ValidateOptions(
-            cutoff=gap.signals.cutoff, exclude=self.options.exclude, velocity=self.options.velocity
-        )
-        replays = [validate(result, log, options) for log in logs]
+    def _errors(self, result: Identification, gap: Gap) -> NDArray[np.float64]:
+        """Return the error of each joint on what was held out, with the filter of the search, (n,) [N m or N]."""
+        replays = self._replays(gap.unseen_logs, result, gap.signals.cutoff)
         counts = np.array([each.motion.usable.sum(axis=0) for each in replays])
         squares = np.array([[joint.rms**2 for joint in each.joints] for each in replays])
         return np.asarray(
@@ -302,35 +276,27 @@ class _Search:
 
     def _recorded(self, analysis: GapAnalysis, question: str, why: str) -> Gap:
         """Return an analysis as the answer to a question, without logs and signals."""
-        from dynid.estimation.evidence import fingerprint
-        from dynid.gap.record import record_of
-
         made_from = str(self.result.path) if self.result.path.name else ""
         record = record_of(analysis, self.base.robot, question, why, made_from)
-        return with_methods(
-            replace(record, of=fingerprint(self.result)), analysis=analysis, searched=self.result
-        )
+        facts = {**vars(record), "of": fingerprint(self.result)}
+        return Gap(**facts, analysis=analysis, searched=self.result)
 
     def _with_reestimated_payload(self, analysis: GapAnalysis, logs: Sequence[Log]) -> GapAnalysis:
         """Return an analysis whose load, if it names one, is as heavy as ``dynid identify --payload-from`` says."""
-        from dynid.errors import DynidError
-        from dynid.estimation.payload import find_payload
-        from dynid.gap.loads import named_load, with_reestimated_payload
-        from dynid.workflows.identify import identify
-        from dynid.workflows.options import IdentifyOptions
-
         load, result = named_load(analysis), self.result
         if load is None or result.robot.torque.relative:
             return analysis
-        options = IdentifyOptions(
-            holdout=None,
-            drop_weak=True,
-            cutoff=result.cutoff or None,
-            delay=result.delay,
-            exclude=self.options.exclude,
-        )
         try:
-            now = identify(self.base.robot, logs, options, base=self.base)
+            now = identify(
+                self.base.robot,
+                logs,
+                base=self.base,
+                holdout=None,
+                drop_weak=True,
+                cutoff=result.cutoff or None,
+                delay=result.delay,
+                exclude=self.options.exclude,
+            )
             # Why the other way round: what was taken off hung there when the model was identified.
             loaded, bare = (now, result) if load.values["m"] >= 0.0 else (result, now)
             return with_reestimated_payload(analysis, load, find_payload(loaded, bare))
@@ -338,25 +304,17 @@ class _Search:
             # Why nothing is said: the load is there, and the search has numbers of its own.
             return analysis
 
-    def conditioned(self, logs: Sequence[Log], options: GapOptions) -> list[ConditionedLog]:
+    def _conditioned(self, logs: Sequence[Log], options: GapOptions) -> list[ConditionedLog]:
         """Return conditioned logs, of long ones stretches: minutes say what hours do, and all candidates fit."""
-        from dynid.signals.conditioned_log import stretches
-
         whole = condition_logs(logs, self.base.model, options, self.progress)
         found, parts = stretches(whole, LONGEST)
         if parts:
-            self.progress.stage(
-                "stretches",
-                f"{LONGEST:.0f} s are searched, in {parts} stretches spread evenly over the logs",
-            )
+            text = f"{LONGEST:.0f} s are searched, in {parts} stretches spread evenly over the logs"
+            self.progress.stage("stretches", text)
         return found
 
     def of_the_arm(self, logs: Sequence[Log], why: str) -> Gap:
         """Ask which effects remain after refitting all parameters, and which only implausible links imitate."""
-        from dynid.gap.analysis import with_counterbalances
-        from dynid.gap.counterbalance import suspicions
-        from dynid.gap.possible_arm import COUNTERBALANCE
-
         found = self.ask("numbers", logs, (), f"{why}: {ASKED['numbers']}")
         assert found.analysis is not None
         search, effects, joints = found.analysis.search, self.wanted.effects, self.wanted.joints
@@ -367,17 +325,16 @@ class _Search:
             if not joints or one.joint in joints
         ]
         names = self.base.robot.joint_names
-        if not any(one.searched for one in suspected):
+        sought = [one for one in suspected if one.searched]
+        if not sought:
             return _with_likely(found, suspected, names)
-        suspected = [one for one in suspected if one.searched]
-        why = f"{found.asked} {_suspected(suspected, names)}: {ASKED['arm']}"
-        on = [one.joint for one in suspected]
-        analysis = with_counterbalances(found.analysis, self.wanted, on)
+        why = f"{found.asked} {_suspected(sought, names)}: {ASKED['arm']}"
+        analysis = with_counterbalances(found.analysis, self.wanted, [one.joint for one in sought])
         if any(one.name == COUNTERBALANCE for one in analysis.effects):
             odd = self._recorded(analysis, "arm", why)
             return replace(odd, recordings=found.recordings, signals=found.signals)
-        found = replace(found, asked=f"{why} {_not_told(suspected, analysis)}")
-        return _with_likely(found, suspected, names)
+        found = replace(found, asked=f"{why} {_not_told(sought, analysis)}")
+        return _with_likely(found, sought, names)
 
 
 def _suspected(suspected: Sequence[Suspicion], names: Sequence[str]) -> str:
@@ -391,10 +348,6 @@ def _suspected(suspected: Sequence[Suspicion], names: Sequence[str]) -> str:
 
 def _with_likely(gap: Gap, suspected: Sequence[Suspicion], names: Sequence[str]) -> Gap:
     """Return an answer with the counterbalances that an arm of other links would do for: what is odd is not nothing."""
-    from dynid.gap.possible_arm import COUNTERBALANCE
-    from dynid.gap.record import GapEffect
-    from dynid.model.effects.catalogue import CATALOGUE
-
     told = [one for one in suspected if one.instead_of]
     if not told or not gap.verdict.startswith("nothing"):
         return gap
@@ -418,30 +371,28 @@ def _with_likely(gap: Gap, suspected: Sequence[Suspicion], names: Sequence[str])
         )
         for one in told
     )
-    links = " and ".join(dict.fromkeys(f"of link {one.link}" for one in told))
-    advice = f"Give the mass {links} from the data sheet with --link-mass and identify again."
+    advice = (
+        f"Give the mass {_links(told)} from the data sheet with --link-mass and identify again."
+    )
     verdict = "unexplained" if any(one.odd for one in told) else gap.verdict
     return replace(gap, closest=(*likely, *gap.closest), verdict=verdict, advice=advice)
 
 
 def _not_told(suspected: Sequence[Suspicion], analysis: GapAnalysis) -> str:
     """Return why no counterbalance is named, and what would tell."""
-    reasons = [
-        text
-        for one, text in analysis.verdict.closest
-        if one.joints[:1] in [(each.joint,) for each in suspected]
-    ]
-    links = " and ".join(dict.fromkeys(f"of link {one.link}" for one in suspected))
-    sure = all(one.sure for one in suspected)
-    what = (
-        "Without it, the logs fit as well only with implausible links"
-        if sure
-        else "Torques alone cannot tell it from heavier links"
-    )
+    joints = [(one.joint,) for one in suspected]
+    reasons = [text for one, text in analysis.verdict.closest if one.joints[:1] in joints]
+    what = "Torques alone cannot tell it from heavier links"
+    if all(one.sure for one in suspected):
+        what = "Without it, the logs fit as well only with implausible links"
     return (
-        f"{what}{f' ({reasons[0]})' if reasons else ''}. Give the mass {links} from the data sheet (known: link_mass "
-        "in the robot file) and identify again."
+        f"{what}{f' ({reasons[0]})' if reasons else ''}. Give the mass {_links(suspected)} from the data sheet "
+        "(known: link_mass in the robot file) and identify again."
     )
+
+
+def _links(suspected: Sequence[Suspicion]) -> str:
+    return " and ".join(dict.fromkeys(f"of link {one.link}" for one in suspected))
 
 
 def _kept_error(now: float, then: float, unchanged: bool) -> str:
@@ -456,8 +407,6 @@ def _kept_error(now: float, then: float, unchanged: bool) -> str:
 
 def signals_of(result: Identification, options: GapOptions, question: str) -> GapOptions:
     """Return options with cut-off and delay of the search where nothing else was asked for."""
-    from dynid.gap.analysis import CUTOFF
-
     # Why no delay otherwise: there it is one of the effects that are looked for.
     delay = result.delay if question == "changed" else 0.0
     cutoff = max(CUTOFF, result.cutoff) if options.cutoff is None else options.cutoff
@@ -468,8 +417,8 @@ def signals_of(result: Identification, options: GapOptions, question: str) -> Ga
 def earlier_logs(
     result: ResultLike,
     logs: LogsLike,
-    options: GapOptions | None = None,
-    progress: Progress | None = None,
+    options: GapOptions = GapOptions(),
+    progress: Progress = SILENT,
     **changes: Any,  # noqa: ANN401
 ) -> list[Log]:
     """Return the recordings that a result was identified from, where their files are still what they were.
@@ -490,25 +439,15 @@ def earlier_logs(
     Example:
         dynid.earlier_logs("out/kuka_lwr4plus", ["run3.bag", "run4.bag"])
     """
-    from dynid.disk import sha256
-    from dynid.estimation.evidence import found_log
-
-    options, progress = (
-        arguments.options(GapOptions, options, changes),
-        arguments.progress(progress),
-    )
     result = as_result(result)
     new = {log.sha256 for log in as_logs(logs, result.robot, options, empty=True) if log.sha256}
     before = [(found_log(result, k), sha) for k, sha in enumerate(result.log_sha256)]
     own = new & {sha for _, sha in before}
-    if own:
-        if options.question == "changed":
-            progress.stage(
-                "earlier",
-                "the model was identified from a log given here, so that log shows no change",
-            )
-        elif options.question == "auto":
-            return []
+    if own and options.question == "auto":
+        return []
+    if own and options.question == "changed":
+        text = "the model was identified from a log given here, so that log shows no change"
+        progress.stage("earlier", text)
     there = [
         path for path, sha in before if sha not in new and path.exists() and sha256(path) == sha
     ]

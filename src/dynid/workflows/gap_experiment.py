@@ -4,28 +4,36 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynid.errors import DynidError, WrongUsage
 from dynid.gap.record import GapEffect, GapRecord
+from dynid.loading import checked_log, condition_logs, load_run, read_log
+from dynid.model.base_model import BaseModel
+from dynid.model.effects.catalogue import CATALOGUE
+from dynid.model.effects.interface import Floats
+from dynid.motion import Motion
+from dynid.options import LogOptions
 from dynid.progress import SILENT, Progress
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from dynid.model.base_model import BaseModel
-    from dynid.trajectory.optimise import SearchOutcome
-    from dynid.trajectory.plan import Trajectory
-    from dynid.trajectory.planning import PlanningContext
-    from dynid.trajectory.separation import GapQuestion, Rivalry, Separation
+from dynid.trajectory import tuning
+from dynid.trajectory.optimise import SearchOutcome
+from dynid.trajectory.plan import Trajectory
+from dynid.trajectory.planning import PlanningContext, plan_problem
+from dynid.trajectory.separation import (
+    GapQuestion,
+    Rivalry,
+    Separation,
+    run_of,
+    separate,
+    separation,
+)
 
 #: A joint whose residual is so many times the noise's power has something unexplained, as in the verdict.
 LOUD = 1.25
 
 
-def question_of(record: GapRecord, base: BaseModel, theta: NDArray[np.float64]) -> GapQuestion:
+def question_of(record: GapRecord, base: BaseModel, theta: Floats) -> GapQuestion:
     """Return what a gap search left open.
 
     Args:
@@ -36,76 +44,56 @@ def question_of(record: GapRecord, base: BaseModel, theta: NDArray[np.float64]) 
     Raises:
         WrongUsage: it was another arm, or nothing is open.
     """
-    from dynid.trajectory.separation import GapQuestion
-
     if record.joint_names != base.robot.joint_names:
-        raise WrongUsage(
-            f"--for-gap: the search was made for {record.robot}, whose joints differ from those of {base.robot.name}",
-            fix="give the robot file that was searched",
-        )
+        what = f"the search was made for {record.robot}, whose joints differ from those of {base.robot.name}"
+        raise WrongUsage(f"--for-gap: {what}", fix="give the robot file that was searched")
     rivalries = tuple(
         _rivalry(one, key, text)
         for one in record.named
         for key, text in zip(one.rival_keys, one.rivals, strict=True)
     )
-    unexplained: tuple[int, ...] = ()
-    if record.verdict == "unexplained":
-        unexplained = tuple(sorted(one.joint for one in record.joints if one.chi > LOUD))
+    loud = sorted(one.joint for one in record.joints if one.chi > LOUD)
+    unexplained = tuple(loud) if record.verdict == "unexplained" else ()
     if not rivalries and not unexplained:
+        verdict = record.verdict.replace("_", " ")
         raise WrongUsage(
             "--for-gap: the search left no question that a motion could answer",
-            why=f"its verdict is {record.verdict.replace('_', ' ')}, and no two explanations fitted equally well",
+            why=f"its verdict is {verdict}, and no two explanations fitted equally well",
             fix="plan without --for-gap; to test the model on a new log: dynid validate",
         )
-    return GapQuestion(
-        rivalries, unexplained, np.asarray(record.improvement.floor), _theta(record, base, theta)
-    )
+    path = Path(record.made_from)
+    if record.made_from and path.is_file():
+        found = load_run(path)
+        if tuple(found.names) == base.reduction.base_names:
+            theta = found.theta
+    return GapQuestion(rivalries, unexplained, np.asarray(record.improvement.floor), theta)
 
 
 def _rivalry(one: GapEffect, key: tuple[str, tuple[int, ...]], text: str) -> Rivalry:
-    from dynid.model.effects.catalogue import CATALOGUE
-    from dynid.trajectory.separation import Rivalry
-
-    effect = CATALOGUE[one.effect]
+    """Return an effect beside one of its rivals, by identifier and joints, and in words."""
+    effect, (rival, joints) = CATALOGUE[one.effect], key
     shape = {name: one.values[name] for name in effect.shape_units}
-    amplitudes = np.array([one.values[name] for name in effect.amplitudes(shape)])
-    where = f"{one.effect} on {one.where} and {text}"
-    return Rivalry(effect, one.indices, shape, amplitudes, CATALOGUE[key[0]], key[1], where)
+    return Rivalry(
+        effect=effect,
+        joints=one.indices,
+        shape=shape,
+        amplitudes=np.array([one.values[name] for name in effect.amplitudes(shape)]),
+        rival=CATALOGUE[rival],
+        rival_joints=joints,
+        text=f"{one.effect} on {one.where} and {text}",
+    )
 
 
-def _theta(
-    record: GapRecord, base: BaseModel, otherwise: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the base parameters of the result that was searched, where it is still there."""
-    from dynid.estimation import result_files
-
-    path = Path(record.made_from)
-    if not record.made_from or not path.is_file():
-        return otherwise
-    found = result_files.load(path)
-    return found.theta if tuple(found.names) == base.reduction.base_names else otherwise
-
-
-def separation_of_logs(
-    record: GapRecord, base: BaseModel, question: GapQuestion, progress: Progress = SILENT
+def _of_logs(
+    record: GapRecord, base: BaseModel, question: GapQuestion, progress: Progress
 ) -> Separation | None:
     """Return what the searched logs tell themselves; None where they are not at hand."""
-    from dynid.loading import checked_log, read_log
-    from dynid.motion import Motion
-    from dynid.options import LogOptions
-    from dynid.trajectory import tuning
-    from dynid.trajectory.separation import separation
-    from dynid.workflows.logs import condition_logs
-
-    paths = [Path(name) for name in record.logs]
+    paths, options = [Path(name) for name in record.logs], LogOptions(delay=0.0)
     if not paths or not all(path.is_file() for path in paths):
         return None
     try:
-        logs = [
-            checked_log(read_log(path, base.robot), base.robot, LogOptions(delay=0.0))
-            for path in paths
-        ]
-        conditioned = condition_logs(logs, base.model, LogOptions(delay=0.0), progress)
+        logs = [checked_log(read_log(path, base.robot), base.robot, options) for path in paths]
+        conditioned = condition_logs(logs, base.model, options, progress)
     except DynidError:
         return None
     segments = [segment for log in conditioned for segment in log.segments]
@@ -136,47 +124,31 @@ class GapExperiment:
         cls, record: GapRecord, context: PlanningContext, progress: Progress = SILENT
     ) -> GapExperiment:
         """Return the experiment that a search asks for on a prepared arm."""
-        question = question_of(record, context.base, context.theta)
-        return cls(
-            context.base, question, separation_of_logs(record, context.base, question, progress)
-        )
+        base = context.base
+        question = question_of(record, base, context.theta)
+        return cls(base, question, _of_logs(record, base, question, progress))
 
     def search(
         self, context: PlanningContext, limit: float, progress: Progress = SILENT
     ) -> SearchOutcome:
         """Search for the motion that answers best, for so many seconds at most."""
-        from dynid.trajectory.planning import plan_problem
-        from dynid.trajectory.separation import separate
-
-        return separate(
-            plan_problem(context), self.base, self.question, context.options, limit, progress
-        )
+        problem = plan_problem(context)
+        return separate(problem, self.base, self.question, context.options, limit, progress)
 
     def outlook(self, trajectory: Trajectory) -> tuple[str, ...]:
         """Return how much better the second search will be, a sentence for each open question."""
-        from dynid.trajectory.separation import run_of, separation
-
-        after, before, found = (
-            separation(self.base, self.question, run_of(trajectory)),
-            self.before,
-            [],
-        )
+        after, before = separation(self.base, self.question, run_of(trajectory)), self.before
+        found, in_logs = [], "in the logs that were searched"
         for k, pair in enumerate(self.question.rivalries):
-            then = (
-                "" if before is None else f", {before.leads[k]:.2g} in the logs that were searched"
-            )
-            sure = (
-                "will be told apart"
-                if after.leads[k] > SAFETY * CLEAR
-                else "may still fit equally well"
-            )
-            found.append(
-                f"{pair.text} {sure}: expected lead {after.leads[k]:.2g}{then}; {CLEAR:g} is clear"
-            )
+            then = "" if before is None else f", {before.leads[k]:.2g} {in_logs}"
+            told = after.leads[k] > SAFETY * CLEAR
+            sure = "will be told apart" if told else "may still fit equally well"
+            lead = f"expected lead {after.leads[k]:.2g}{then}; {CLEAR:g} is clear"
+            found.append(f"{pair.text} {sure}: {lead}")
         if after.spread is not None:
             then = ""
             if before is not None and before.spread is not None:
-                then = f", {100 * np.exp(-before.spread / 2):.2g} % in the logs that were searched"
+                then = f", {100 * np.exp(-before.spread / 2):.2g} % {in_logs}"
             where = ", ".join(self.base.robot.joint_names[j] for j in self.question.unexplained)
             size = f"will be known to {100 * np.exp(-after.spread / 2):.2g} % of the noise"
             found.append(f"the unexplained torque on {where} {size}{then}")

@@ -2,27 +2,38 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dynid.answer import Judged, picked
 from dynid.errors import WrongUsage
-from dynid.gap.record import GapEffect, GapRecord
+from dynid.estimation.evidence import evidence_of, gap_evidence
+from dynid.estimation.result import Identification
+from dynid.files import packaged
+from dynid.gap.analysis import GapAnalysis, on_one_clock
+from dynid.gap.apply import new_name, specs_of, stacked_with, write_robot
+from dynid.gap.candidates import SelectionOptions
+from dynid.gap.localisation import NEGLIGIBLE
+from dynid.gap.record import GapEffect, GapRecord, read_record, write_record
+from dynid.judgement.evidence import Evidence
+from dynid.loading import condition_logs
 from dynid.log import Log
+from dynid.model.effects.catalogue import CATALOGUE
+from dynid.reports.figures import write_figure
+from dynid.reports.gap_figures import effect_figure, improvement_figure, residual_figure
 from dynid.robot import EffectSpec, Robot
 from dynid.table import Table
-from dynid.workflows.gap_options import GapOptions, joint_indices
-from dynid.workflows.logs import condition_logs
+from dynid.text import closest
+from dynid.workflows.identify import identify
+from dynid.workflows.options import GapOptions, IdentifyOptions
+from dynid.workflows.parameters import Observations
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from pandas import DataFrame
-
-    from dynid.estimation.result import Identification
-    from dynid.gap.analysis import GapAnalysis
-    from dynid.judgement.evidence import Evidence
-    from dynid.judgement.judge import Judgement
 
 #: What the verdicts mean.
 VERDICTS = {
@@ -36,8 +47,39 @@ VERDICTS = {
 TOLD_SHARE = 0.1
 
 
+def selection_options(robot: Robot, options: GapOptions) -> SelectionOptions:
+    """Return what is searched on one arm, every name checked."""
+    for word in options.effects:
+        if word not in CATALOGUE:
+            raise WrongUsage(
+                f"--effects: no effect '{word}'{closest(word, CATALOGUE)}",
+                fix=f"some of {','.join(CATALOGUE)}",
+            )
+    joints = joint_indices(robot.joint_names, ",".join(options.joints), "--joints")
+    return SelectionOptions(options.effects, joints, 1.0 - options.false_alarm, options.max_effects)
+
+
+def joint_indices(names: Sequence[str], text: str, option: str) -> tuple[int, ...]:
+    """Return 0-based joints given by name, by number from 1, or as a range such as ``2-4``, separated by commas."""
+    found: list[int] = []
+    for word in (w.strip() for w in text.split(",")):
+        span = re.fullmatch(r"([0-9]{1,9})(?:-([0-9]{1,9}))?", word)
+        if not word:
+            continue
+        if word in names:
+            found.append(list(names).index(word))
+        elif span and 1 <= int(span[1]) <= int(span[2] or span[1]) <= len(names):
+            found += range(int(span[1]) - 1, int(span[2] or span[1]))
+        else:
+            raise WrongUsage(
+                f"{option}: no joint '{word}'{closest(word, names)}",
+                fix=f"1 to {len(names)}, or a name",
+            )
+    return tuple(dict.fromkeys(found))
+
+
 @dataclass(frozen=True, repr=False)
-class Gap(GapRecord):
+class Gap(Judged, GapRecord):
     """What ``find_gap`` found.
 
     Attributes:
@@ -64,10 +106,7 @@ class Gap(GapRecord):
     @property
     def evidence(self) -> Evidence:
         """What is known of the searched model with what was found."""
-        from dynid.estimation.evidence import evidence_of, gap_evidence
-        from dynid.judgement.evidence import Evidence
-
-        record = {each.name: getattr(self, each.name) for each in fields(GapRecord)}
+        record = picked(self, *(each.name for each in fields(GapRecord)))
         record |= {key: [asdict(one) for one in record[key]] for key in ("named", "closest")}
         delay = 0.0 if self.searched is None else self.searched.delay
         found = gap_evidence(record, asdict(self.improvement), delay)
@@ -76,44 +115,28 @@ class Gap(GapRecord):
         return replace(known, asked="gap", gap=found)
 
     @property
-    def judgement(self) -> Judgement:
-        """What is said of what was found: the first sentence, why, what to do next."""
-        from dynid.judgement.judge import judge
-
-        return judge(self.evidence)
-
-    @property
     def noise_text(self) -> str:
         """Where the noise floor comes from and what it allows for."""
-        return "; ".join(
-            ["from " + self.noise_from, *([self.noise_note] if self.noise_note else [])]
-        )
+        return "; ".join(filter(None, [f"from {self.noise_from}", self.noise_note]))
 
     @property
     def where_text(self) -> str:
         """On which joints the disagreement is, and where in their motion."""
-        from dynid.gap.localisation import NEGLIGIBLE
-
         loud = [one for one in self.joints if one.share > TOLD_SHARE and one.chi > 1 + NEGLIGIBLE]
-        return (
-            "; ".join(
-                f"{self.joint_names[one.joint]} ({100 * one.share:.0f} % of the disagreement) {one.text}"
-                for one in sorted(loud, key=lambda one: -one.share)
-            )
-            or "no joint is above its noise floor"
+        texts = (
+            f"{self.joint_names[one.joint]} ({100 * one.share:.0f} % of the disagreement) {one.text}"
+            for one in sorted(loud, key=lambda one: -one.share)
         )
+        return "; ".join(texts) or "no joint is above its noise floor"
 
     @property
     def verdict_text(self) -> str:
         """The verdict in words."""
-        groups = [
-            " or ".join([f"{one.effect} on {one.where}", *one.rivals])
-            for one in self.named
-            if one.rivals
-        ]
-        return ": ".join(
-            [VERDICTS[self.verdict], *(["; ".join(groups)] if self.verdict == "ambiguous" else [])]
-        )
+        text = VERDICTS[self.verdict]
+        if self.verdict != "ambiguous":
+            return text
+        groups = ([f"{one.effect} on {one.where}", *one.rivals] for one in self.named if one.rivals)
+        return f"{text}: {'; '.join(' or '.join(group) for group in groups)}"
 
     def table(self) -> Table:
         """Return one row per candidate: size, held-out rms of its joint before and, if it is named, after, p-value."""
@@ -146,10 +169,8 @@ class Gap(GapRecord):
                 "unit": self.torque_units[j],
             }
             if len(self.simulation):
-                row |= {
-                    f"simulated {word}": float(self.simulation[k, j])
-                    for k, word in enumerate(("before", "after"))
-                }
+                before, after = self.simulation[:, j].tolist()
+                row |= {"simulated before": before, "simulated after": after}
             rows.append(row)
         return Table(rows, f"{self.robot}: held-out error ({self.heldout})")
 
@@ -157,49 +178,34 @@ class Gap(GapRecord):
         """Return the verdict, the sizes of what is named, where the gap is, the noise and the advice, line by line."""
         judged = self.judgement
         sizes = [f"{one.effect} on {one.where}: {', '.join(one.texts())}" for one in self.named]
-        lines = [
-            judged.sentence,
-            *judged.reasons,
-            *judged.warnings,
-            *sizes,
-            f"where: {self.where_text}",
-            f"noise: {self.noise_text}",
-            *([self.asked] if self.asked else []),
-            self.advice,
-        ]
-        return "\n".join(lines)
-
-    def to_dataframe(self) -> DataFrame:
-        """Return the table of effects as a pandas DataFrame."""
-        return self.table().to_dataframe()
-
-    def __repr__(self) -> str:
-        """Return the table of effects as text."""
-        return repr(self.table())
+        return "\n".join(
+            [
+                judged.sentence,
+                *judged.reasons,
+                *judged.warnings,
+                *sizes,
+                f"where: {self.where_text}",
+                f"noise: {self.noise_text}",
+                *([self.asked] if self.asked else []),
+                self.advice,
+            ]
+        )
 
     def _repr_html_(self) -> str:
         return self.table()._repr_html_() + self.joint_table()._repr_html_()
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid gap`` says."""
-        from dynid.model.effects.catalogue import CATALOGUE
-
-        held_out = self.improvement
+        names = self.joint_names
         before, after = self.simulation if len(self.simulation) else (None, None)
+        hidden = {name: joints for name, joints in self.cannot_judge.items() if name in CATALOGUE}
         return {
             "schema": "dynid/gap/1",
-            "robot": self.robot,
-            "mode": self.mode,
-            "question": self.question,
-            "asked": self.asked,
-            "verdict": self.verdict,
+            **picked(self, "robot", "mode", "question", "asked", "verdict", "advice"),
+            **picked(self, kept_relative_error_percent="kept"),
+            **picked(self, expected_relative_error_percent="expected"),
             "where": [
-                {
-                    "joint": self.joint_names[one.joint],
-                    "share": one.share,
-                    "region": one.text,
-                    "chi": one.chi,
-                }
+                {"joint": names[one.joint], **picked(one, "share", "chi", region="text")}
                 for one in self.joints
             ],
             "named": [one.facts() for one in self.named],
@@ -208,65 +214,48 @@ class Gap(GapRecord):
             "formulas": [],
             "clues": list(self.clues),
             "gap": {
-                "joints": list(self.joint_names),
-                "heldout_before_nm": held_out.before,
-                "heldout_after_nm": held_out.after,
-                "noise_floor_nm": held_out.floor,
-                "ratio_interval": held_out.ratio,
+                "joints": list(names),
+                **picked(
+                    self.improvement,
+                    heldout_before_nm="before",
+                    heldout_after_nm="after",
+                    noise_floor_nm="floor",
+                    ratio_interval="ratio",
+                ),
                 "simulation_before": before,
                 "simulation_after": after,
-                "heldout": self.heldout,
-                "noise_from": self.noise_from,
+                **picked(self, "heldout", "noise_from"),
             },
             "not_repeatable": list(self.not_repeatable),
-            "cannot_judge": {
-                name: [self.joint_names[j] for j in joints]
-                for name, joints in self.cannot_judge.items()
-                if name in CATALOGUE
-            },
-            "advice": self.advice,
-            "kept_relative_error_percent": self.kept,
-            "expected_relative_error_percent": self.expected,
+            "cannot_judge": {name: [names[j] for j in joints] for name, joints in hidden.items()},
             "judgement": self.judgement.facts(),
         }
 
     def save(self, path: Path | str) -> Path:
         """Write gap.npz."""
-        from dynid.gap.record import write_record
-
         write_record(Path(path), self)
         return Path(path)
 
     @classmethod
     def load(cls, path: Path | str) -> Gap:
         """Read gap.npz; what is read prints as it did, and cannot be applied."""
-        from dynid.gap.record import read_record
-
-        return with_methods(read_record(Path(path)))
+        return cls(**vars(read_record(Path(path))))
 
     def plot_residual(self) -> Figure:
         """Return a figure of residual over noise power of each joint, by speed, position, load, time and direction."""
-        from dynid.reports.gap_figures import residual_figure
-
         return residual_figure(self.joints, self.joint_names, self.robot)
 
     def plot_improvement(self) -> Figure:
         """Return a figure of the held-out error of each joint before and after, with the noise."""
-        from dynid.reports.gap_figures import improvement_figure
-
         title = f"{self.robot}: the gap on unseen data ({self.heldout})"
         return improvement_figure(self.improvement, self.joint_names, self.torque_units, title)
 
     def plot_effects(self) -> list[Figure]:
         """Return a figure of each named effect: unseen data without and with it, its curve in the data."""
-        from dynid.reports.gap_figures import effect_figure
-
         return [effect_figure(one, curve, self.robot) for one, curve in self.drawn()]
 
     def write_figures(self, folder: Path) -> list[Path]:
         """Write the figures as PNG: where.png, shrink.png, and one of each named effect."""
-        from dynid.reports.figures import write_figure
-
         figures = {"where": self.plot_residual(), "shrink": self.plot_improvement()}
         for k, (figure, (one, _)) in enumerate(
             zip(self.plot_effects(), self.drawn(), strict=True), start=1
@@ -288,24 +277,19 @@ class Gap(GapRecord):
             return self.named
         name, _, where = text.partition("@")
         joints = joint_indices(self.joint_names, where, "--apply")
+        every = (*self.named, *self.closest)
         found = [
             one
-            for one in self._selected()
-            if one.effect == name and (not joints or one.indices[:1] in [(j,) for j in joints])
+            for one in every
+            if one.effect == name and (not joints or {*one.indices[:1]} & {*joints})
         ]
         if not found:
             there = [
-                f"{one.effect}@{','.join(str(j + 1) for j in one.indices[:1])}"
-                for one in self._selected()
+                f"{one.effect}@{','.join(f'{j + 1}' for j in one.indices[:1])}" for one in every
             ]
-            raise WrongUsage(
-                f"--apply {text}: this was not found", why=f"found: {', '.join(there) or 'nothing'}"
-            )
+            why = f"found: {', '.join(there) or 'nothing'}"
+            raise WrongUsage(f"--apply {text}: this was not found", why=why)
         return tuple(found)
-
-    def _selected(self) -> list[GapEffect]:
-        """Return all effects that were found, named or not."""
-        return [*self.named, *self.closest]
 
     def apply(
         self, effects: str | Sequence[GapEffect] = "best", *, robot_file: Path | str | None = None
@@ -322,90 +306,67 @@ class Gap(GapRecord):
         Raises:
             WrongUsage: the search was read from a file, or there is nothing to add.
         """
-        from dynid.gap.apply import specs_of, write_robot
-
         analysis = self.analysis
         if analysis is None:
             raise WrongUsage(
                 "a search that was read from a file cannot be applied", fix="find_gap(...).apply()"
             )
-        wanted = {
-            (one.effect, one.indices)
-            for one in (self.chosen(effects) if isinstance(effects, str) else effects)
-        }
+        asked = self.chosen(effects) if isinstance(effects, str) else effects
+        wanted = [(one.effect, one.indices) for one in asked]
         every = (*analysis.verdict.named, *(one for one, _ in analysis.verdict.closest))
         chosen = [one for one in every if (one.name, one.joints) in wanted]
         if not chosen:
-            raise WrongUsage(
-                "no effect is named", fix="name a candidate of the table, such as apply('spring@7')"
-            )
+            fix = "name a candidate of the table, such as apply('spring@7')"
+            raise WrongUsage("no effect is named", fix=fix)
         robot = analysis.problem.base.robot
         specs = specs_of(chosen, robot)
         if robot_file is not None:
             write_robot(robot, specs, Path(robot_file))
         found = self._identified(specs)
+        path = None if robot_file is None else Path(robot_file)
         header = {
             **found.header,
             "inputs": {f"log {k}": hashed for k, hashed in enumerate(found.log_sha256, start=1)},
             "effects": [asdict(spec) for spec in specs],
             "made_from": self.made_from,
         }
-        path = None if robot_file is None else Path(robot_file)
         return replace(found, robot=replace(found.robot, path=path), header=header)
 
     def _identified(self, specs: Sequence[EffectSpec]) -> Identification:
         """Return the arm with effects, identified as before: filter, estimator, set, sizes of the residual model."""
-        from dynid.gap.analysis import on_one_clock
-        from dynid.gap.apply import stacked_with
-        from dynid.workflows.identify import identify
-        from dynid.workflows.options import IdentifyOptions
-        from dynid.workflows.parameters import Observations
-
         before, analysis = self.searched, self.analysis
         assert before is not None
         assert analysis is not None
-        late = (
-            self.signals.delay
-            if any(spec.effect == "torque_delay" for spec in specs)
-            else before.delay
-        )
+        late = self.signals.delay or 0.0
+        if not any(spec.effect == "torque_delay" for spec in specs):
+            late = before.delay
         signals = replace(self.signals, cutoff=before.cutoff or self.signals.cutoff, delay=late)
         unseen = {id(log) for log in self.unseen_logs}
         fitted = [log for log in self.recordings if id(log) not in unseen]
         model, every = analysis.problem.base.model, (*self.before, *fitted)
         logs = on_one_clock(condition_logs(fitted, model, signals))
-        earlier = (
-            condition_logs(self.before, model, replace(signals, delay=before.delay))
-            if self.before
-            else []
-        )
-        base, stack = stacked_with(
-            logs, analysis.problem.base, specs, analysis.problem.theta, earlier
-        )
+        own = replace(signals, delay=before.delay)
+        earlier = condition_logs(self.before, model, own) if self.before else []
+        problem = analysis.problem
+        base, stack = stacked_with(logs, problem.base, specs, problem.theta, earlier)
         seen = Observations(
             base=base,
             stack=stack,
             logs=tuple(str(log.source or "") for log in every),
             log_sha256=tuple(log.sha256 for log in every),
             delay=None,
-            applied_delay=late or 0.0,
+            applied_delay=late,
             findings=(),
         )
+        physical = before.in_force == "physical"
         options = IdentifyOptions(
             method=before.method if before.why == "as asked" else "auto",
-            feasible=before.in_force == "physical",
+            feasible=physical,
             # Why: an effect of one joint says nothing about how much is missing on the others.
-            residual_model=before.model_error is not None
-            if before.in_force == "physical"
-            else None,
+            residual_model=before.model_error is not None if physical else None,
             drop_weak=True,
         )
         return identify(base.robot, seen, options, like=before)
-
-
-def with_methods(record: GapRecord, **more: Any) -> Gap:  # noqa: ANN401
-    """Return what a search found with the methods of ``Gap``; ``more`` are its attributes beyond the record's."""
-    return Gap(**{each.name: getattr(record, each.name) for each in fields(GapRecord)}, **more)
 
 
 def remove_search(folder: Path) -> None:
@@ -422,11 +383,6 @@ def remove_search(folder: Path) -> None:
 
 def robot_file_beside(robot: Robot, effects: Sequence[GapEffect]) -> Path:
     """Return where the copy of a robot file with effects goes: beside a file of one's own, else ./robots or here."""
-    import os
-
-    from dynid.files import packaged
-    from dynid.gap.apply import new_name
-
     shipped = packaged("robots").resolve()
     folder = Path("robots") if Path("robots").is_dir() else Path()
     if (

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from dynid.disk import write_text
+from dynid.disk import sha256, write_text
 from dynid.errors import Finding, WrongUsage
 from dynid.estimation.drive_gains import Gains
 from dynid.estimation.payload import IdentifiedPayload
@@ -19,18 +19,14 @@ from dynid.model.base_model import BaseModel
 from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.text import yaml_text
-from dynid.workflows.drive_gains import (
-    find_drive_gains,
-    gain_facts,
-    needs_gains,
-    write_robot,
-)
-from dynid.workflows.identify import find_payload, identify, resolved
-from dynid.workflows.inputs import identify_inputs, of_observations
+from dynid.workflows.drive_gains import find_drive_gains, gain_facts, needs_gains, write_robot
+from dynid.workflows.identify import answer_of, find_payload, identify, resolved, save_result
 from dynid.workflows.model import base_model
 from dynid.workflows.options import Extras, IdentifyOptions
-from dynid.workflows.parameters import load_observations, observe
-from dynid.workflows.results import answer_of, save_result
+from dynid.workflows.parameters import STACK, load_observations, log_inputs, observe, stored_key
+
+#: Options of reading and filtering: without logs they are those of the stored observations.
+READING = ("cutoff", "velocity", "exclude", "delay", "topic", "rate", "sort_time")
 
 
 @dataclass(frozen=True)
@@ -62,11 +58,11 @@ class IdentifyRun:
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid identify`` says."""
-        keys = ("delay_s", "delay_std_error_s", "delay_applied_s")
+        delays = ("delay_s", "delay_std_error_s", "delay_applied_s")
         facts = {
             **answer_of(self.result),
             "wrote": list(self.wrote),
-            **{key: self.result.header.get(key) for key in keys},
+            **{key: self.result.header.get(key) for key in delays},
             **(gain_facts(self.base.robot, self.gains) if self.gains else {}),
             "folder": self.folder,
             "inputs": self.inputs,
@@ -76,22 +72,6 @@ class IdentifyRun:
             facts["payload"] = self.payload.facts()
             facts["findings"] += map(asdict, self.payload.findings())
         return facts
-
-
-@dataclass(frozen=True)
-class _Logs:
-    """The logs of a run, read from disk when they are first needed."""
-
-    robot: Robot
-    paths: Sequence[Path]
-    options: IdentifyOptions
-    progress: Progress
-
-    @cached_property
-    def read(self) -> list[Log]:
-        """The logs as read."""
-        self.progress.stage("read")
-        return [read_log(path, self.robot, self.options) for path in self.paths]
 
 
 def identify_run(
@@ -123,36 +103,43 @@ def identify_run(
         WrongUsage: an option needs a log, or a load is given for logs that need none.
         DynidError: a log is unfit, or determines fewer parameters than the arm has.
     """
-    both = (extras.payload_from, extras.update)
-    unloaded, earlier = (load_run(path) if path else None for path in both)
-    robot, options = resolved(robot, options, unloaded or earlier)
-    logs = _Logs(robot, paths, options, progress)
-    beside = []
-    gains = _gains(logs, extras, models)
+    unloaded = load_run(extras.payload_from) if extras.payload_from else None
+    earlier = load_run(extras.update) if extras.update else None
+    arm, options = resolved(robot, options, unloaded or earlier)
+
+    @cache
+    def logs() -> list[Log]:
+        progress.stage("read")
+        return [read_log(path, arm, options) for path in paths]
+
+    beside, wrote, payload = [], [], None
+    gains, robot = _gains(arm, logs if paths else list, options, extras, models, progress), arm
     if gains is not None:
-        written, robot = write_robot(folder, robot, gains)
+        written, robot = write_robot(folder, arm, gains)
         beside.append(written)
-    files = {"loaded": extras.loaded, "prior_file": options.prior, "holdout": options.holdout}
-    files["update"] = earlier.path if earlier else None
-    inputs = identify_inputs(robot, folder, paths, options, files, extras.load_mass)
+    inputs = _inputs(robot, folder, paths, options, extras, earlier)
     base, path = base_model(robot, models, progress), folder / "parameters.npz"
     updated = earlier is not None and path.exists() and path.samefile(earlier.path)
-    wrote: list[Path] = []
     if not updated and not may_write(path, inputs):
         result = _stored(path, base, progress)
     else:
         if paths:
-            seen = observe(robot, logs.read, options, base=base, progress=progress)
-            beside.append(seen.save_stack(folder, header(of_observations(inputs))))
+            seen = observe(robot, logs(), options, base=base, progress=progress)
+            own = {
+                k: text
+                for k, text in inputs.items()
+                if k in ("robot", *READING) or k.startswith("log ")
+            }
+            beside.append(seen.save_stack(folder, header(own)))
         else:
-            seen = load_observations(folder / "fullnumericregressor.npz", base, progress)
+            seen = load_observations(folder / STACK, base, progress)
         result = identify(robot, seen, options, update=earlier, progress=progress)
         wrote = save_result(folder, result, header(inputs))
-    result = replace(result, path=path)
-    payload = None
     if unloaded is not None:
-        payload = find_payload(_with_rows(result, base, logs), unloaded)
-        beside.append(_write_payload(folder / "payload.yaml", payload))
+        rows = _with_rows(result, base, logs, options, progress) if paths else result
+        payload = find_payload(rows, unloaded)
+        beside.append(_write_payload(folder, payload))
+    result = replace(result, path=path)
     return IdentifyRun(result, base, inputs, tuple(wrote), tuple(beside), gains, payload)
 
 
@@ -164,37 +151,89 @@ def _stored(path: Path, base: BaseModel, progress: Progress) -> Identification:
     return result
 
 
-def _gains(logs: _Logs, extras: Extras, folder: Path) -> Gains | None:
+def _with_rows(
+    result: Identification,
+    base: BaseModel,
+    logs: Callable[[], list[Log]],
+    options: IdentifyOptions,
+    progress: Progress,
+) -> Identification:
+    """Return a result with the rows that it was made from, which its file does not keep."""
+    if result.stack is not None:
+        return result
+    options = replace(options, cutoff=result.cutoff, delay=result.delay)
+    seen = observe(result.robot, logs(), options, base=base, progress=progress)
+    return replace(result, stack=seen.stack)
+
+
+def _inputs(
+    robot: Robot,
+    folder: Path,
+    logs: Sequence[Path],
+    options: IdentifyOptions,
+    extras: Extras,
+    earlier: Identification | None,
+) -> dict[str, str]:
+    """Return what an identification depends on; without logs, on the observations that are in its folder.
+
+    Raises:
+        WrongUsage: the stored observations were read with other options.
+    """
+    texts = {key: value for key, value in options.texts().items() if key != "prior"}
+    if extras.load_mass:
+        texts["load_mass"] = repr(extras.load_mass)
+    files = {
+        "loaded": extras.loaded,
+        "prior_file": options.prior,
+        "holdout": options.holdout,
+        "update": earlier and earlier.path,
+    }
+    hashed = {
+        key: sha256(path) for key, path in files.items() if isinstance(path, Path) and path.exists()
+    }
+    if logs:
+        return log_inputs(robot, logs) | texts | hashed
+    path, default = folder / STACK, IdentifyOptions().texts()
+    inputs = dict(stored_key(path, robot).get("inputs", {}))
+    for name in READING:
+        text = texts.pop(name, None)
+        if text not in (inputs.get(name), default.get(name)):
+            raise WrongUsage(
+                f"{name} is {inputs.get(name) or 'not set'} in {path}, not {text}",
+                why="without logs, the stack that dynid parameters wrote is used as it is",
+                fix=f"name the logs: dynid identify {robot.word} LOG --{name.replace('_', '-')} {text}",
+            )
+    return inputs | texts | hashed
+
+
+def _gains(
+    robot: Robot,
+    logs: Callable[[], list[Log]],
+    options: IdentifyOptions,
+    extras: Extras,
+    folder: Path,
+    progress: Progress,
+) -> Gains | None:
     """Return the gains of the drives where the logs hold currents and not all gains are known."""
-    robot, options = logs.robot, logs.options
-    if robot.torque.complete or not logs.paths or not needs_gains(robot, logs.read[0]):
+    if robot.torque.complete or not any(needs_gains(robot, log) for log in logs()[:1]):
         if extras.loaded:
             what = "--loaded is for logs of motor currents with unknown gains; these logs have torques or known gains"
             raise WrongUsage(what, fix="to identify a load: --payload-from RESULT")
         return None
     return find_drive_gains(
         robot,
-        logs.read,
+        logs(),
         options,
         loaded=read_log(extras.loaded, robot, options) if extras.loaded else None,
         load_mass=extras.load_mass,
         folder=folder,
-        progress=logs.progress,
+        progress=progress,
     )
 
 
-def _with_rows(result: Identification, base: BaseModel, logs: _Logs) -> Identification:
-    """Return a result with the rows that it was made from, which its file does not keep."""
-    if result.stack is not None or not logs.paths:
-        return result
-    options = replace(logs.options, cutoff=result.cutoff, delay=result.delay)
-    seen = observe(result.robot, logs.read, options, base=base, progress=logs.progress)
-    return replace(result, stack=seen.stack)
-
-
-def _write_payload(path: Path, payload: IdentifiedPayload) -> Path:
+def _write_payload(folder: Path, payload: IdentifiedPayload) -> Path:
     """Write what `tool:` of a robot file holds."""
     body = {"mass": payload.body.mass, "com": list(payload.body.com)}
     inertia = payload.facts()["inertia_com_kg_m2"]
-    write_text(path, yaml_text({"tool": {**body, "inertia_com": inertia}}))
-    return path
+    write_text(folder / "payload.yaml", yaml_text({"tool": {**body, "inertia_com": inertia}}))
+    return folder / "payload.yaml"

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from dynid.answer import picked
 from dynid.files.robotfile import robot_text
 from dynid.files.urdffile import read_urdf
 from dynid.model.from_urdf import Imported, import_arm
@@ -52,27 +53,13 @@ def import_facts(found: Imported, wrote: Path) -> dict[str, Any]:
     """Return what the JSON answer of ``dynid import`` says."""
     xyz, rpy = _tip(found)
     robot = found.robot
-    joints = [
-        {
-            "joint": j.name,
-            "type": j.type,
-            "a_m": j.a,
-            "twist_rad": j.twist,
-            "d_m": j.d,
-            "theta_offset_rad": j.theta_offset,
-        }
-        for j in robot.joints
-    ]
+    lengths = {"a_m": "a", "twist_rad": "twist", "d_m": "d", "theta_offset_rad": "theta_offset"}
     return {
         "schema": "dynid/import/1",
-        "robot": robot.name,
-        "n_joints": robot.n,
-        "convention": robot.convention,
-        "base": found.base,
-        "tip": found.tip,
-        "joints": joints,
+        **picked(robot, "convention", robot="name", n_joints="n"),
+        **picked(found, "base", "tip", kinematics_largest_difference="largest"),
+        "joints": [picked(joint, "type", joint="name", **lengths) for joint in robot.joints],
         "tip_in_last_frame": {"xyz_m": xyz, "rpy_rad": rpy},
-        "kinematics_largest_difference": found.largest,
         "mass_kg": sum(body.mass for body in robot.prior.links) if robot.prior else None,
         "findings": [asdict(finding) for finding in found.findings],
         "wrote": [wrote],

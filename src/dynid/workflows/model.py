@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from dynid import arguments
+from dynid.answer import picked
 from dynid.arguments import public
 from dynid.errors import NotAnArtifact, WrongUsage
+from dynid.estimation.result import Identification
 from dynid.files.artifact import read_header, reading
 from dynid.loading import RobotLike, as_robot
 from dynid.model.base_model import (
@@ -29,8 +32,6 @@ from dynid.robot import Robot
 from dynid.text import whole_number
 from dynid.workflows.options import ModelOptions
 
-# ---------------------------------------------------------------- options
-
 
 def adapted(robot: Robot, options: ModelOptions) -> Robot:
     """Return the robot with what the options change.
@@ -45,26 +46,17 @@ def adapted(robot: Robot, options: ModelOptions) -> Robot:
         rotors = "motor_inertia" in options.effects
         joints = (replace(joint, friction=friction, motor_inertia=rotors) for joint in robot.joints)
         robot = replace(robot, joints=tuple(joints))
-    return (
-        robot
-        if options.links is None
-        else replace(robot, links=_link_numbers(options.links, robot.n))
-    )
-
-
-def _link_numbers(links: str | tuple[int, ...], most: int) -> tuple[int, ...]:
-    """Return the link numbers of a list such as ``1-3,5``, 1-based."""
-    text = links if isinstance(links, str) else ",".join(str(link) for link in links)
-    found: set[int] = set()
-    for part in text.split(","):
+    if options.links is None:
+        return robot
+    links: set[int] = set()
+    for part in str(options.links).split(","):
         first, _, last = part.strip().partition("-")
         low, high = whole_number(first), whole_number(last or first)
-        if not 1 <= low <= high <= most:
-            raise WrongUsage(
-                f"--links '{text}' does not name links of 1 to {most}", fix="such as --links 1-3,5"
-            )
-        found |= set(range(low, high + 1))
-    return tuple(sorted(found))
+        if not 1 <= low <= high <= robot.n:
+            what = f"--links '{options.links}' does not name links of 1 to {robot.n}"
+            raise WrongUsage(what, fix="such as --links 1-3,5")
+        links |= set(range(low, high + 1))
+    return replace(robot, links=tuple(sorted(links)))
 
 
 # ---------------------------------------------------------------- the regressor
@@ -91,36 +83,27 @@ class DerivedModel:
 
     def facts(self, reduced: ReducedModel | None = None) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid model`` says, with or without base parameters."""
-        robot = self.model.robot
-        wrote = [self.path] if self.derived else []
         seconds = {"symbolic" if self.derived else "load": self.seconds}
         answer = {
             "schema": "dynid/model/1",
-            "robot": robot.name,
-            "n_joints": robot.n,
+            **picked(self.model.robot, robot="name", n_joints="n", key="model_key"),
             "n_parameters": self.model.size,
-            "key": robot.model_key,
             "operations": self.model.rigid.flops,
             "seconds": seconds,
-            "wrote": wrote,
+            "wrote": [self.path] if self.derived else [],
         }
         if reduced is None:
-            return {**answer, "rank": None, "classes": None, "groups": None}
+            return answer | dict.fromkeys(("rank", "classes", "groups"))
         found = reduced.base.reduction
         seconds["reduce"] = reduced.seconds
-        wrote += [reduced.path] if reduced.found else []
+        answer["wrote"] += [reduced.path] if reduced.found else []
+        named = zip(found.base_names, found.formulas, strict=True)
         groups = [
-            {"name": name, "terms": found.terms(i), "formula": found.formulas[i]}
-            for i, name in enumerate(found.base_names)
+            {"name": name, "terms": found.terms(i), "formula": formula}
+            for i, (name, formula) in enumerate(named)
         ]
-        classes = {"alone": found.alone, "none": found.none, "combined": found.combined}
-        return {
-            **answer,
-            "rank": found.rank,
-            "classes": classes,
-            "groups": groups,
-            "gap": found.gap,
-        }
+        classes = picked(found, "alone", "none", "combined")
+        return {**answer, **picked(found, "rank", "gap"), "classes": classes, "groups": groups}
 
 
 def stored_differences(robot: Robot, folder: Path) -> str | None:
@@ -128,27 +111,23 @@ def stored_differences(robot: Robot, folder: Path) -> str | None:
     path = paths(folder)[0]
     if stored_key(path) in (None, key_of(robot)):
         return None
-    header = read_header(path) or {}
-    found: list[str] = []
+    header, found = read_header(path) or {}, []
+
+    def compare(name: str, old: object, new: object) -> None:
+        if old != new:
+            shown = (f"{x:g}" if isinstance(x, float) else f"{x}" for x in (old, new))
+            found.append(f"{name} {' -> '.join(shown)}")
+
     with reading(path):
         rows = header.get("geometry", [])
         for i, (joint, row) in enumerate(zip(robot.joints, rows, strict=False)):
-            now = [joint.type, joint.a, joint.twist, joint.d, joint.theta_offset]
-            for name, old, new in zip(
-                ("type", "a", "twist", "d", "theta_offset"), row, now, strict=True
-            ):
-                if old != new:
-                    found.append(f"joints[{i}].{name} {_shown(old)} -> {_shown(new)}")
-        if len(rows) != robot.n:
-            found.append(f"{len(rows)} joints -> {robot.n}")
-    for name, new_value in (("convention", robot.convention), ("gravity", list(robot.gravity))):
-        if header.get(name) != new_value:
-            found.append(f"{name} {header.get(name)} -> {new_value}")
+            names = ("type", "a", "twist", "d", "theta_offset")
+            for name, old in zip(names, row, strict=True):
+                compare(f"joints[{i}].{name}", old, getattr(joint, name))
+    compare("number of joints", len(rows), robot.n)
+    compare("convention", header.get("convention"), robot.convention)
+    compare("gravity", header.get("gravity"), list(robot.gravity))
     return "; ".join(found) or "other columns, links or version of dynid"
-
-
-def _shown(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def derive_model(
@@ -214,13 +193,12 @@ def reduce_model(
     if stored:
         reduction = load_reduction(path)
         if reduction.names != model.parameter_names:
-            raise NotAnArtifact(
-                f"{path} is damaged: its parameters do not match its robot", where=str(path)
-            )
+            what = f"{path} is damaged: its parameters do not match its robot"
+            raise NotAnArtifact(what, where=str(path))
     else:
-        progress.stage("reduce", "")
         from dynid.model.relations import base_parameters  # SymPy
 
+        progress.stage("reduce", "")
         reduction = base_parameters(
             model, samples=options.samples, seed=seed, tolerance=options.tolerance
         )
@@ -232,9 +210,9 @@ def reduce_model(
 def base_model(
     robot: RobotLike,
     folder: str | Path | None = None,
-    progress: Progress | None = None,
+    progress: Progress = SILENT,
     *,
-    options: ModelOptions | None = None,
+    options: ModelOptions = ModelOptions(),
     **changes: Any,  # noqa: ANN401
 ) -> BaseModel:
     """Return the regressor of an arm with its base parameters, derived when it is not there yet or stale.
@@ -252,10 +230,6 @@ def base_model(
     Example:
         dynid.base_model("kuka_lwr4plus")
     """
-    options, progress = (
-        arguments.options(ModelOptions, options, changes),
-        arguments.progress(progress),
-    )
     robot = adapted(as_robot(robot), options)
     folder = None if folder is None else arguments.path(folder, "folder")
     progress.stage("model")
@@ -266,6 +240,22 @@ def base_model(
         made = f"{len(reduced.base.reduction.names)} -> {reduced.base.rank} base parameters"
         progress.stage("model", f"derived for {robot.name}: {made}, stored in {folder}")
     return reduced.base
+
+
+def base_model_of(
+    result: Identification, folder: Path | None = None, progress: Progress = SILENT
+) -> BaseModel:
+    """Return the model that a result was made with; its base parameters are those of the result, never found anew.
+
+    Args:
+        result: the result.
+        folder: where the model is kept; None keeps it in memory.
+        progress: reports that the model is made.
+    """
+    if folder is None:
+        return BaseModel(base_model(result.robot).model, result.reduction)
+    progress.stage("model")
+    return BaseModel(derive_model(result.robot, folder).model, result.reduction)
 
 
 # ---------------------------------------------------------------- for people
@@ -280,8 +270,6 @@ def relations(model: Model, form: str, *, at_rest: bool = False) -> tuple[dict[s
     Returns:
         The JSON answer, and the relations in the form that is wanted.
     """
-    import json
-
     from dynid.model import relations as made_of  # SymPy
 
     groups = made_of.relations_of(model, still=at_rest)

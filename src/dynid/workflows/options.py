@@ -4,119 +4,104 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from numbers import Integral
+from functools import partial
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal
 
 from dynid.errors import WrongUsage
 from dynid.log import Log
-from dynid.options import MOST, LogOptions, Options, option, share
+from dynid.options import MOST, LogOptions, Options, number_or_nan, option, share
 from dynid.robot import EffectSpec, Prior
 from dynid.text import whole_number
 
 #: Columns that each joint may have beyond its link's ten parameters.
 EFFECTS = ("viscous", "coulomb", "offset", "motor_inertia")
-
-
-def _vector(value: Any, name: str) -> tuple[float, float, float] | None:  # noqa: ANN401
-    if value is None:
-        return None
-    try:
-        x, y, z = (float(part) for part in (value.split(",") if isinstance(value, str) else value))
-    except (TypeError, ValueError):
-        raise WrongUsage(
-            f"{name} '{value}' must be three numbers", fix=f"{name} 0,0,-9.81"
-        ) from None
-    return x, y, z
-
-
-def _effects(value: Any, name: str) -> tuple[str, ...] | None:  # noqa: ANN401
-    if value is None:
-        return None
-    words = value.split(",") if isinstance(value, str) else value
-    wanted = () if value == "none" else tuple(word.strip() for word in words)
-    for word in wanted:
-        if word not in EFFECTS:
-            raise WrongUsage(
-                f"{name}: no effect '{word}'", fix=f"choose from {', '.join(EFFECTS)}, or none"
-            )
-    return wanted
-
-
-def _tolerance(value: Any, name: str) -> float | None:  # noqa: ANN401
-    if value is None or value == "auto":
-        return None
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        raise WrongUsage(f"{name} '{value}' must be auto or a number", fix=f"{name} auto") from None
-
-
-def _samples(value: Any, name: str) -> int:  # noqa: ANN401
-    if not 10 <= int(value) <= 100_000:
-        raise WrongUsage(
-            f"{name} {value} must lie between 10 and 100000", fix=f"such as {name} 200"
-        )
-    return int(value)
-
-
-def _links(value: Any, name: str) -> str | tuple[int, ...] | None:  # noqa: ANN401
-    if value is None or isinstance(value, str):
-        return value
-    found = tuple(value)
-    if not all(isinstance(link, Integral) for link in found):
-        raise WrongUsage(f"{name} {value!r:.60} is not a list of links", fix=f"such as {name} 1-7")
-    return tuple(int(link) for link in found)
-
-
-@dataclass(frozen=True)
-class ModelOptions(Options):
-    """What differs from the robot file, and how the base parameters are found."""
-
-    gravity: tuple[float, float, float] | None = option(
-        None,
-        "Gravity in frame 0 [m/s^2], instead of the robot file's.",
-        metavar="X,Y,Z",
-        read=_vector,
-    )
-    effects: tuple[str, ...] | None = option(
-        None,
-        f"Columns of every joint: some of {','.join(EFFECTS)}; or none.",
-        metavar="LIST",
-        read=_effects,
-    )
-    links: str | tuple[int, ...] | None = option(
-        None,
-        "Links to identify, such as 1-7 or 4,5,6; the others keep the prior.",
-        metavar="LIST",
-        read=_links,
-    )
-    samples: int = option(
-        200,
-        "Number of random states at which singular values are computed.",
-        bounds=(10, 100_000),
-        read=_samples,
-        shown="",
-    )
-    tolerance: float | None = option(
-        None,
-        "Relative singular value below which columns count as dependent.",
-        metavar="auto|X",
-        read=_tolerance,
-        shown="auto",
-    )
-
-
 METHODS = ("auto", "wls", "ols", "irls", "iv", "ridge")
+#: The questions of a gap search, and the names that two of them had before.
+QUESTIONS = ("numbers", "arm", "changed")
+MODES = {"refit": "numbers", "frozen": "changed"}
+#: The formats by name with their suffixes, repeated from ``dynid.exporters`` so that help needs no import.
+SUFFIXES = {
+    "urdf": ".urdf",
+    "mjcf": ".xml",
+    "yaml": ".yaml",
+    "c": ".c",
+    "python": ".py",
+    "matlab": ".m",
+}
+
+Range = tuple[float, float]
+Corner = tuple[float, float, float]
+Reader = Callable[[Any, str], Any]
+
+
+# ---------------------------------------------------------------- readers; a ValueError says what is wrong
+def _unless(words: Sequence[str], read: Reader) -> Reader:
+    """Return a reader that gives None for None and for some words."""
+    return lambda value, name: None if value is None or value in words else read(value, name)
+
+
+def _numbers(value: Any, name: str, count: int) -> tuple[float, ...]:  # noqa: ANN401
+    """Return so many numbers: text with commas between, a sequence, or the only one."""
+    parts = value.split(",") if isinstance(value, str) else value
+    found = tuple(float(part) for part in ((parts,) if isinstance(parts, Real) else parts))
+    if len(found) != count:
+        raise ValueError(f"'{value}' must be {count} number{'s' * (count > 1)}")
+    return found
+
+
+def _bounds(value: Any, name: str, count: int = 1) -> tuple[Any, Any]:  # noqa: ANN401
+    """Return the lower and upper bound of LOW:HIGH, or of a pair: numbers, or corners of so many."""
+    parts = value.split(":") if isinstance(value, str) else value
+    if len(parts) != 2:
+        raise ValueError(f"'{value}' is not LOW:HIGH")
+    low, high = (_numbers(part, name, count) for part in parts)
+    if not all(a < b for a, b in zip(low, high, strict=True)):
+        raise ValueError(f"'{value}': the first must be the lower one")
+    return (low, high) if count > 1 else (low[0], high[0])
+
+
+def _of_links(value: Any, name: str, count: int = 1) -> tuple[tuple[int, Any], ...]:  # noqa: ANN401
+    """Return the bounds of links: words LINK=LOW:HIGH, or pairs of a link and its bounds."""
+    found = []
+    for item in value:
+        link, bounds = item.partition("=")[::2] if isinstance(item, str) else item
+        number = whole_number(str(link).strip())
+        if number < 1:
+            raise ValueError(f"'{item}' does not begin with LINK=, the number of a link")
+        found.append((number, _bounds(bounds, name, count)))
+    return tuple(found)
+
+
+def _words(value: Any, name: str) -> tuple[str, ...]:  # noqa: ANN401
+    """Return words given as text with commas or one by one; () for ``all`` and for nothing."""
+    items = [value] if isinstance(value, (str, int)) else list(value or ())
+    if not all(isinstance(item, (str, int)) for item in items):
+        raise TypeError("it must be a word or a list of words")
+    words = [word.strip() for item in items for word in str(item).split(",")]
+    return () if words == ["all"] else tuple(word for word in words if word)
+
+
+def _effects(value: Any, name: str) -> tuple[str, ...]:  # noqa: ANN401
+    words = () if value == "none" else _words(value, name)
+    for word in words:
+        if word not in EFFECTS:
+            raise ValueError(f"no effect '{word}'; choose from {', '.join(EFFECTS)}, or none")
+    return words
+
+
+def _links(value: Any, name: str) -> str:  # noqa: ANN401
+    if isinstance(value, str):
+        return value
+    if not all(isinstance(link, Integral) for link in value):
+        raise TypeError("it is not a list of links, such as 1-7")
+    return ",".join(str(link) for link in value)
 
 
 def _holdout(value: Any, name: str) -> Any:  # noqa: ANN401
-    """Return a share, ``auto``, None for ``none``, or a log (its path until it is read)."""
-    if value is None or value == "none":
-        return None
-    if value == "auto":
-        return "auto"
-    if isinstance(value, (Log, Path)):
+    """Return a share, ``auto``, or a log (its path until it is read)."""
+    if value == "auto" or isinstance(value, (Log, Path)):
         return value
     if not isinstance(value, (str, float)):
         raise TypeError("it is neither a share nor a log")
@@ -125,78 +110,74 @@ def _holdout(value: Any, name: str) -> Any:  # noqa: ANN401
     return share(value, name) if digits.isdigit() else Path(text)
 
 
-Range = tuple[float, float]
+def _effect_specs(value: Any, name: str) -> tuple[EffectSpec, ...]:  # noqa: ANN401
+    """Return effects from NAME@JOINT,...:PARAMETER=NUMBER,... or from entries of a robot file."""
+    found = []
+    for item in (value,) if isinstance(value, (str, EffectSpec)) else value:
+        if isinstance(item, EffectSpec):
+            found.append(item)
+            continue
+        head, _, numbers = item.partition(":")
+        effect, _, joints = head.partition("@")
+        try:
+            pairs = [part.split("=") for part in numbers.split(",") if part]
+            parameters = {key.strip(): float(number) for key, number in pairs}
+        except ValueError:
+            text = f"'{item}' is not understood; write viscous@joint_2:fv=4.5"
+            raise ValueError(text) from None
+        if not all(abs(number) <= MOST for number in parameters.values()):
+            raise ValueError(f"'{item}' has a number beyond what can be measured")
+        named = tuple(joint for joint in joints.split(",") if joint)
+        found.append(EffectSpec(effect, named, parameters))
+    return tuple(found)
 
 
-Corner = tuple[float, float, float]
+def _quantity(value: Any, name: str, unit: str, most: float) -> float:  # noqa: ANN401
+    """Return a positive number with a unit, up to the largest one; percent become a share."""
+    text = str(value).strip()
+    number = number_or_nan(text.removesuffix(unit)) * (0.01 if text.endswith("%") else 1.0)
+    if not 0 < number <= most:
+        shown = 100 * most if unit == "%" else most
+        raise ValueError(f"it is not a positive number of {unit} up to {shown:g}")
+    return number
 
 
-#: What each option is given.
-SUCH_AS = {
-    "--total-mass": "15:17",
-    "--link-mass": "2=3.5:4.5",
-    "--com-box": "7=-0.1,-0.1,0:0.1,0.1,0.2",
-}
+# ---------------------------------------------------------------- options
+@dataclass(frozen=True)
+class ModelOptions(Options):
+    """What differs from the robot file, and how the base parameters are found."""
 
-
-def _range(value: Any, name: str) -> Range | None:  # noqa: ANN401
-    if value is None:
-        return None
-    low, high = (
-        _two(value, name, 1) if isinstance(value, str) else ((float(value[0]),), (float(value[1]),))
+    gravity: tuple[float, float, float] | None = option(
+        None,
+        "Gravity in frame 0 [m/s^2], instead of the robot file's.",
+        metavar="X,Y,Z",
+        read=_unless((), partial(_numbers, count=3)),
     )
-    if not low[0] < high[0]:
-        raise WrongUsage(f"{name} '{value}': the first number must be the smaller one")
-    return low[0], high[0]
-
-
-def _ranges(value: Any, name: str) -> tuple[tuple[int, Range], ...]:  # noqa: ANN401
-    found = []
-    for item in value:
-        link, rest = _link(item, name)
-        bounds = _range(rest, name)
-        assert bounds is not None
-        found.append((link, bounds))
-    return tuple(found)
-
-
-def _boxes(value: Any, name: str) -> tuple[tuple[int, tuple[Corner, Corner]], ...]:  # noqa: ANN401
-    found = []
-    for item in value:
-        link, rest = _link(item, name)
-        low, high = _two(rest, name, 3) if isinstance(rest, str) else rest
-        (a, b, c), (x, y, z) = low, high
-        if not (a < x and b < y and c < z):
-            raise WrongUsage(f"{name} '{rest}': the first corner must be the lower one")
-        found.append((link, ((a, b, c), (x, y, z))))
-    return tuple(found)
-
-
-def _link(item: Any, name: str) -> tuple[int, Any]:  # noqa: ANN401
-    if not isinstance(item, str):
-        return int(item[0]), item[1]
-    number, equals, rest = item.partition("=")
-    if not equals or whole_number(number.strip()) < 1:
-        raise WrongUsage(f"{name} '{item}' does not begin with LINK=, the number of a link")
-    return int(number), rest
-
-
-def _two(text: str, name: str, count: int) -> tuple[Sequence[float], Sequence[float]]:
-    try:
-        parts = [[float(word) for word in part.split(",")] for part in text.split(":")]
-    except ValueError:
-        parts = []
-    if len(parts) != 2 or any(len(part) != count for part in parts):
-        raise WrongUsage(f"{name} '{text}' is not LOW:HIGH", fix=f"such as {name} {SUCH_AS[name]}")
-    return parts[0], parts[1]
-
-
-def _prior(value: Any, name: str) -> Path | Prior | None:  # noqa: ANN401
-    if value is None or isinstance(value, (Path, Prior)):
-        return value
-    if not isinstance(value, str):
-        raise WrongUsage(f"{name} {value!r:.60} is no file", fix=f"such as {name} prior.yaml")
-    return Path(value)
+    effects: tuple[str, ...] | None = option(
+        None,
+        f"Columns of every joint: some of {','.join(EFFECTS)}; or none.",
+        metavar="LIST",
+        read=_unless((), _effects),
+    )
+    links: str | Sequence[int] | None = option(
+        None,
+        "Links to identify, such as 1-7 or 4,5,6; the others keep the prior.",
+        metavar="LIST",
+        read=_unless((), _links),
+    )
+    samples: int = option(
+        200,
+        "Number of random states at which singular values are computed.",
+        bounds=(10, 100_000),
+        shown="",
+    )
+    tolerance: float | None = option(
+        None,
+        "Relative singular value below which columns count as dependent.",
+        metavar="auto|X",
+        read=_unless(("auto",), lambda value, name: float(value)),
+        shown="auto",
+    )
 
 
 @dataclass(frozen=True)
@@ -209,27 +190,27 @@ class PriorOptions(Options):
         "arm (default: those of the robot file).",
         metavar="FILE",
         kind="file",
-        read=_prior,
+        read=_unless((), lambda value, name: value if isinstance(value, Prior) else Path(value)),
     )
     total_mass: Range | None = option(
         None,
         "Smallest and largest mass of all identified links together [kg].",
         metavar="LOW:HIGH",
-        read=_range,
+        read=_unless((), _bounds),
     )
     link_mass: tuple[tuple[int, Range], ...] = option(
         (),
         "Smallest and largest mass of one link [kg]; may be repeated.",
         metavar="LINK=LOW:HIGH",
         repeatable=True,
-        read=_ranges,
+        read=_of_links,
     )
     com_box: tuple[tuple[int, tuple[Corner, Corner]], ...] = option(
         (),
         "Corners of the box around a link's centre of mass, in its DH frame [m]; may be repeated.",
         metavar="LINK=X,Y,Z:X,Y,Z",
         repeatable=True,
-        read=_boxes,
+        read=partial(_of_links, count=3),
     )
 
     @property
@@ -270,7 +251,7 @@ class IdentifyOptions(PriorOptions, LogOptions):
         "last motion if the logs hold several, else the last 20 % of each log.",
         metavar="auto|SHARE|LOG|none",
         shown="auto",
-        read=_holdout,
+        read=_unless(("none",), _holdout),
     )
     drop_weak: bool = option(
         False, "Continue when the log does not determine all parameters, or only badly."
@@ -289,29 +270,63 @@ class ValidateOptions(LogOptions):
     )
 
 
-#: The formats by name with their suffixes, repeated from ``dynid.exporters`` so that help needs no import.
-SUFFIXES = {
-    "urdf": ".urdf",
-    "mjcf": ".xml",
-    "yaml": ".yaml",
-    "c": ".c",
-    "python": ".py",
-    "matlab": ".m",
-}
+@dataclass(frozen=True)
+class GapOptions(LogOptions):
+    """What is searched. The filter keeps what happens at reversals where no other cut-off is asked for."""
+
+    ask: str = option(
+        "auto",
+        "numbers: effects that remain after refitting all parameters; arm: effects that only implausible links could "
+        "imitate; changed: what has changed since the model was identified; auto chooses by the logs and says why.",
+        choices=("auto", *QUESTIONS),
+        shown="",
+    )
+    mode: str | None = option(
+        None,
+        "Earlier names of two questions: refit is --ask numbers, frozen is --ask changed.",
+        choices=tuple(MODES),
+    )
+    effects: tuple[str, ...] = option(
+        "all",
+        "Effects to try, by identifier, separated by commas.",
+        metavar="all|LIST",
+        shown="",
+        kind="effects",
+        read=_words,
+    )
+    joints: tuple[str, ...] = option(
+        None,
+        "Joints to search, by name, by number, or as a range such as 2-4 (default: all).",
+        metavar="LIST",
+        read=_words,
+    )
+    false_alarm: float = option(
+        "1%",
+        "Probability of naming an effect in logs where nothing is missing.",
+        metavar="SHARE",
+        shown="",
+        read=share,
+    )
+    max_effects: int = option(
+        3, "Largest number of effects that are selected.", shown="", kind="count"
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.ask not in ("auto", self.question):
+            raise WrongUsage(
+                f"--mode {self.mode} is --ask {self.question}, but --ask {self.ask} was given too"
+            )
+
+    @property
+    def question(self) -> str:
+        """What is asked."""
+        return MODES[self.mode] if self.mode else self.ask
 
 
 @dataclass(frozen=True)
 class ExportOptions(Options):
-    """What is exported.
-
-    Attributes:
-        parameters: ``"physical"``, ``"plain"``, or ``"auto"``: physical where bodies are written, else what is in
-            force.
-        urdf: the user's own URDF, which keeps everything but its inertial blocks.
-        allow_infeasible: write also bodies that cannot exist.
-        residual_model: predict with the residual model of the result where the format can, which is code.
-        draws: so many arms are drawn from the posterior and written to ``draws/`` in the formats of simulators.
-    """
+    """What is exported."""
 
     parameters: str = option(
         "auto",
@@ -334,32 +349,6 @@ class ExportOptions(Options):
     draws: int = option(
         0, "Also write so many arms drawn from the posterior (URDF, MJCF).", bounds=(0, 10_000)
     )
-
-
-def _effect_specs(value: Any, name: str) -> tuple[EffectSpec, ...]:  # noqa: ANN401
-    """Return effects from NAME@JOINT,...:PARAMETER=NUMBER,... or from entries of a robot file."""
-    found = []
-    for item in (value,) if isinstance(value, (str, EffectSpec)) else value:
-        if isinstance(item, EffectSpec):
-            found.append(item)
-            continue
-        if not isinstance(item, str):
-            raise TypeError("it must be a list of words")
-        head, _, numbers = str(item).partition(":")
-        effect, _, joints = head.partition("@")
-        try:
-            pairs = [part.split("=") for part in numbers.split(",") if part]
-            parameters = {key.strip(): float(number) for key, number in pairs}
-        except ValueError:
-            raise WrongUsage(
-                f"{name} '{item}' is not understood", fix=f"{name} viscous@joint_2:fv=4.5"
-            ) from None
-        if not all(abs(number) <= MOST for number in parameters.values()):
-            raise WrongUsage(f"{name} '{item}' has a number beyond what can be measured")
-        found.append(
-            EffectSpec(effect, tuple(joint for joint in joints.split(",") if joint), parameters)
-        )
-    return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -475,24 +464,6 @@ class SimDriverOptions(Options):
     seed: int = option(0, "Seed of all noise.")
 
 
-def _quantity(unit: str, most: float) -> Callable[[Any, str], float]:
-    """Return a reader of positive numbers with a unit, up to the largest one; percent become a share."""
-
-    def read(value: Any, name: str) -> float:  # noqa: ANN401
-        text = str(value).strip()
-        try:
-            number = float(text.removesuffix(unit)) * (0.01 if text.endswith("%") else 1.0)
-        except ValueError:
-            number = 0.0
-        if not 0 < number <= most:
-            raise WrongUsage(
-                f"{name} {value} is not a positive number of {unit} up to {100 * most if unit == '%' else most:g}"
-            )
-        return number
-
-    return read
-
-
 @dataclass(frozen=True)
 class RecordOptions(Options):
     """How a motion is played and recorded."""
@@ -512,14 +483,14 @@ class RecordOptions(Options):
         "Speed of the motion, as a share of the planned one.",
         metavar="SHARE",
         shown="",
-        read=_quantity("%", 10.0),
+        read=partial(_quantity, unit="%", most=10.0),
     )
     max_deviation: float = option(
         "0.15rad",
         "Stop the arm when a joint is further than this from the planned position [rad or m].",
         metavar="DISTANCE",
         shown="",
-        read=_quantity("rad", 1e3),
+        read=partial(_quantity, unit="rad", most=1e3),
         deliberate=True,
     )
     master: str | None = option(
@@ -536,7 +507,7 @@ class RecordOptions(Options):
         "How long to wait for the ROS master and for messages [s].",
         metavar="SECONDS",
         shown="",
-        read=_quantity("s", 86400.0),
+        read=partial(_quantity, unit="s", most=86400.0),
     )
     accept_unreviewed: bool = option(
         False, "Play a motion whose preview nobody has confirmed.", deliberate=True

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from dynid import arguments
+from dynid.answer import picked
 from dynid.arguments import one_thread, public
+from dynid.disk import sha256
 from dynid.errors import Finding, LogNotFound, NotAnArtifact
-from dynid.estimation import observation_files, prediction, stack
+from dynid.estimation import observation_files, prediction
 from dynid.estimation.estimate import weakly_excited
 from dynid.estimation.friction_step import with_coulomb, with_estimated_step
 from dynid.estimation.least_squares import condition_number, merge, solve
-from dynid.estimation.observation_files import SCHEMA
-from dynid.estimation.stack import Stack, on_time, scale_with_model, settled
-from dynid.estimation.stack import stack_logs as folded
+from dynid.estimation.stack import Stack, on_time, scale_with_model, settled, stack_logs
 from dynid.files.artifact import read_artifact, read_header, reading
-from dynid.loading import LogsLike, RobotLike, as_base_model, as_logs, as_robot, checked_log
+from dynid.loading import (
+    LogsLike,
+    RobotLike,
+    as_logs,
+    as_robot,
+    checked_log,
+    condition_logs,
+    read_log,
+)
 from dynid.log import Log
 from dynid.model.base_model import BaseModel, in_memory, prior_base_parameters
 from dynid.options import LogOptions
@@ -27,7 +34,9 @@ from dynid.robot import Robot, coulomb_of
 from dynid.signals.conditioned_log import without_delay
 from dynid.signals.motion import check_amount
 from dynid.signals.stamps import without_copies
-from dynid.workflows.logs import condition_logs
+
+#: The stacked logs in a run's folder.
+STACK = "fullnumericregressor.npz"
 
 
 @dataclass(frozen=True, repr=False)
@@ -68,22 +77,17 @@ class Observations:
 
     def weakly_excited(self) -> list[Finding]:
         """Return what the logs do not excite."""
-        return list(
-            weakly_excited(
-                self.base, self.stack, prior_base_parameters(self.base.model, self.base.reduction)
-            )
-        )
+        prior = prior_base_parameters(self.base.model, self.base.reduction)
+        return list(weakly_excited(self.base, self.stack, prior))
 
     def header(self) -> dict[str, Any]:
         """Return what the headers of results made from these observations say."""
-        coulomb = self.base.robot.estimated_coulomb
+        robot, coulomb = self.base.robot, self.base.robot.estimated_coulomb
         return {
-            "robot": self.base.robot.name,
-            "key": self.base.robot.model_key,
+            **picked(robot, robot="name", key="model_key"),
             "log_sha256": list(self.log_sha256),
             "logs": list(self.logs),
-            "cutoff_hz": self.cutoff,
-            "kept_rate_hz": self.stack.logs[0].filter.kept_rate,
+            **picked(self.stack.logs[0].filter, kept_rate_hz="kept_rate", cutoff_hz="cutoff"),
             "log_findings": [asdict(finding) for finding in self.findings],
             "delay_s": self.delay[0] if self.delay else self.applied_delay or None,
             "delay_std_error_s": self.delay[1] if self.delay else None,
@@ -93,24 +97,25 @@ class Observations:
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid parameters`` says."""
-        R, chosen, header = merge(self.stack.whole[0]), self.stack.logs[0].filter, self.header()
-        solution = solve(R)
+        R, header = merge(self.stack.whole[0]), self.header()
+        solution, weak = solve(R), [asdict(finding) for finding in self.weakly_excited()]
+        same = (
+            "robot",
+            "cutoff_hz",
+            "kept_rate_hz",
+            "delay_s",
+            "delay_std_error_s",
+            "delay_applied_s",
+        )
         return {
             "schema": "dynid/parameters/1",
-            "robot": self.base.robot.name,
+            **{key: header[key] for key in same},
             "samples": self.stack.samples,
-            "rate_hz": chosen.rate,
-            "cutoff_hz": chosen.cutoff,
-            "kept_rate_hz": chosen.kept_rate,
-            **{key: header[key] for key in ("delay_s", "delay_std_error_s", "delay_applied_s")},
-            "rank": solution.rank,
+            "rate_hz": self.stack.logs[0].filter.rate,
+            **picked(solution, "rank", "condition_number_scaled"),
             "structural_rank": self.base.reduction.rank,
             "condition_number": condition_number(R, solution.rank),
-            "condition_number_scaled": solution.condition_number_scaled,
-            "findings": [
-                *header["log_findings"],
-                *(asdict(finding) for finding in self.weakly_excited()),
-            ],
+            "findings": [*header["log_findings"], *weak],
         }
 
     def save(self, folder: Path, facts: dict[str, Any] | None = None) -> list[Path]:
@@ -120,33 +125,29 @@ class Observations:
             folder: where to.
             facts: further facts for the headers, such as the inputs that they depend on.
         """
-        header = {**(facts or {}), **self.header()}
-        wrote = [self.save_stack(folder, facts), folder / "estimatedmotion.npz"]
+        motion = folder / "estimatedmotion.npz"
         prior = prior_base_parameters(self.base.model, self.base.reduction, unknown=0.0)
+        words = "the prior; dynid identify puts the identified torque here"
+        header = {"joints": list(self.stack.joints), "torque_from": words}
         motions = prediction.predict_logs(self.stack, prior)
-        estimated = {
-            **header,
-            "joints": list(self.stack.joints),
-            "torque_from": "the prior; dynid identify puts the identified torque here",
-        }
-        prediction.save(wrote[1], motions, estimated)
-        return wrote
+        wrote = self.save_stack(folder, facts)
+        prediction.save(motion, motions, {**(facts or {}), **self.header(), **header})
+        return [wrote, motion]
 
     def save_stack(self, folder: Path, facts: dict[str, Any] | None = None) -> Path:
         """Write fullnumericregressor.npz alone."""
-        path = folder / "fullnumericregressor.npz"
-        observation_files.save(path, self.stack, {**(facts or {}), **self.header()})
-        return path
+        observation_files.save(folder / STACK, self.stack, {**(facts or {}), **self.header()})
+        return folder / STACK
 
 
 @public
 def observe(
     robot: RobotLike,
     logs: LogsLike,
-    options: LogOptions | None = None,
+    options: LogOptions = LogOptions(),
     *,
     base: BaseModel | None = None,
-    progress: Progress | None = None,
+    progress: Progress = SILENT,
     **changes: Any,  # noqa: ANN401
 ) -> Observations:
     """Filter logs, stack the base regressor over them, and correct the delay of the torques when it is clear.
@@ -166,13 +167,8 @@ def observe(
     Example:
         dynid.observe("kuka_lwr4plus", ["run1.bag", "run2.bag"])
     """
-    options, progress = (
-        arguments.options(LogOptions, options, changes),
-        arguments.progress(progress),
-    )
     robot = as_robot(robot)
     several = as_logs(logs, robot, options)
-    base = as_base_model(base)
     if base is None:
         progress.stage("model")
         base = in_memory(robot)
@@ -181,49 +177,27 @@ def observe(
     few = check_amount(given, base.robot) if len(several) > 1 else ()
     checked, copies = without_copies(given)
     progress.findings((*few, *copies))
-    stack = stack_logs(checked, base, options, progress)
-    seen = observed(stack, options, (*few, *copies), progress)
+    stack = stack_logs(condition_logs(checked, base.model, options, progress), base, progress)
+    noticed = [finding for log in stack.logs for finding in log.findings]
+    if scale_with_model(stack.base):
+        stack = stack_logs(settled(stack.logs, stack.base, stack.first_fit.theta), stack.base)
+    delay: tuple[float, float] | None = None
+    late: Sequence[Finding] = ()
+    if options.delay is None:
+        stack, delay, late = on_time(stack, progress)
+    applied = stack.logs[0].delay
     if base.robot.coulomb is None and base.robot.estimated_coulomb is None:
         moved = [without_delay(log, options.delay or 0.0) for log in checked]
-        measured = options.velocity == "measured"
-        stack = with_estimated_step(seen.stack, moved, measured_velocity=measured)
-        seen = replace(seen, base=stack.base, stack=stack)
-    return replace(seen, checked=tuple(given))
-
-
-def stack_logs(
-    logs: Sequence[Log], base: BaseModel, options: LogOptions, progress: Progress = SILENT
-) -> Stack:
-    """Stack checked logs, their torques as late as they were recorded unless the options give their delay."""
-    return stack.stack_logs(condition_logs(logs, base.model, options, progress), base, progress)
-
-
-def observed(
-    stack: Stack, options: LogOptions, findings: Sequence[Finding] = (), progress: Progress = SILENT
-) -> Observations:
-    """Return logs that were stacked, wherever that was, with the delay of their torques corrected when it is clear.
-
-    Args:
-        stack: the sum of the logs' stacks.
-        options: those that they were made with.
-        findings: what was noticed in all logs together.
-        progress: reports what is noticed.
-    """
-    noticed = tuple(finding for log in stack.logs for finding in log.findings)
-    if scale_with_model(stack.base):
-        stack = folded(settled(stack.logs, stack.base, stack.first_fit.theta), stack.base)
-    found: tuple[float, float] | None = None
-    late: tuple[Finding, ...] = ()
-    if options.delay is None:
-        stack, found, late = on_time(stack, progress)
+        stack = with_estimated_step(stack, moved, measured_velocity=options.velocity == "measured")
     return Observations(
         base=stack.base,
         stack=stack,
         logs=tuple(log.path for log in stack.logs),
         log_sha256=tuple(log.sha256 for log in stack.logs),
-        delay=found,
-        applied_delay=stack.logs[0].delay,
-        findings=(*noticed, *late, *findings),
+        delay=delay,
+        applied_delay=applied,
+        findings=(*noticed, *late, *few, *copies),
+        checked=tuple(given),
     )
 
 
@@ -250,7 +224,7 @@ def load_observations(path: Path, base: BaseModel, progress: Progress = SILENT) 
         delay = None if error is None else (float(header["delay_s"]), error)
         findings = tuple(Finding(**finding) for finding in header["log_findings"])
     progress.stage("log", f"from {path}: {', '.join(logs)}")
-    stack = folded(settled(conditioned, base), base, progress)
+    stack = stack_logs(settled(conditioned, base), base, progress)
     return Observations(base, stack, logs, hashes, delay, applied, findings)
 
 
@@ -261,16 +235,24 @@ def stored_key(path: Path, robot: Robot) -> dict[str, Any]:
         LogNotFound: the file is not there, or belongs to another version of the robot file.
         NotAnArtifact: it is damaged.
     """
-    header = read_header(path) if path.is_file() else None
-    if header is None and path.is_file():
-        header = dict(read_artifact(path, SCHEMA).header)
-    if header is None:
-        raise LogNotFound(
-            f"no log given, and there is no {path}", fix=f"dynid identify {robot.word} LOG"
-        )
+    if not path.is_file():
+        what = f"no log given, and there is no {path}"
+        raise LogNotFound(what, fix=f"dynid identify {robot.word} LOG")
+    header = read_header(path) or dict(read_artifact(path, observation_files.SCHEMA).header)
     if header.get("key") != robot.model_key:
-        raise LogNotFound(
-            f"{path} belongs to another version of the robot file",
-            fix=f"dynid parameters {robot.word} LOG",
-        )
+        what = f"{path} belongs to another version of the robot file"
+        raise LogNotFound(what, fix=f"dynid parameters {robot.word} LOG")
     return header
+
+
+def log_inputs(robot: Robot, logs: Sequence[Path]) -> dict[str, str]:
+    """Return the hashes of robot and logs, which results depend on.
+
+    Raises:
+        LogNotFound: a log is not there.
+    """
+    for log in logs:
+        if not log.exists():
+            read_log(log, robot)  # ends with the message that a missing log gets
+    hashes = {f"log {k}": sha256(log) for k, log in enumerate(logs, start=1)}
+    return {"robot": robot.model_key, **hashes}

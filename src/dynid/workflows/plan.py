@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.answer import Answer
+from dynid.answer import Answer, picked
 from dynid.errors import Finding
 from dynid.files.trajectoryfile import (
     Review,
@@ -67,11 +67,8 @@ class SearchRecord:
     def text(self) -> str:
         """How the search ended, in words."""
         done = f"{self.finished_starts} start{'s' * (self.finished_starts != 1)} finished"
-        drawn = (
-            f", reduced to {100 * self.share:.0f} % of its size to avoid collisions"
-            if self.share < 1
-            else ""
-        )
+        drawn = f", reduced to {100 * self.share:.0f} % of its size to avoid collisions"
+        drawn *= self.share < 1
         return f"{ENDINGS[self.ended].format(done=done)}{drawn}; seed {self.seed}"
 
 
@@ -122,25 +119,22 @@ class Plan(Answer):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What is worth a warning."""
-        assumed = assumed_limits(self.robot)
-        text = f"the robot file has no limits for {'; '.join(assumed)} is assumed; dynid record refuses assumed rates"
-        more: tuple[Finding, ...] = ()
-        more += (
-            (Finding("W606", "warning", text, {"assumed": list(assumed)}),)
-            if unsafe_to_play(assumed)
-            else ()
-        )
-        full = self.at_full_speed
-        noise = float(np.sqrt(np.mean(self.noise**2)))
-        if full.torque_error > noise:
-            text = (
-                f"expected torque error on other motions {full.torque_error:.2g} {self.units[3]} even at full speed, "
-                f"more than the noise of one sample ({noise:.2g}); weakest: {self.weakest}"
-            )
-            more += (
-                Finding("W608", "warning", text, {"expected_torque_error_nm": full.torque_error}),
-            )
-        return (*self.clearance.findings, *more)
+        assumed, found = assumed_limits(self.robot), [*self.clearance.findings]
+        if unsafe_to_play(assumed):
+            text = f"the robot file has no limits for {'; '.join(assumed)} is assumed"
+            text += "; dynid record refuses assumed rates"
+            found.append(Finding("W606", "warning", text, {"assumed": list(assumed)}))
+        error, noise = self.at_full_speed.torque_error, self.noise_rms
+        if error > noise:
+            text = f"expected torque error on other motions {error:.2g} {self.units[3]} even at full speed"
+            text += f", more than the noise of one sample ({noise:.2g}); weakest: {self.weakest}"
+            found.append(Finding("W608", "warning", text, {"expected_torque_error_nm": error}))
+        return tuple(found)
+
+    @property
+    def noise_rms(self) -> float:
+        """The noise of one sample, rms of all joints [N m or N]."""
+        return float(np.sqrt(np.mean(self.noise**2)))
 
     @property
     def sentence(self) -> str:
@@ -164,41 +158,35 @@ class Plan(Answer):
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid trajectory`` says."""
         figures, distances = self.prediction.figures, self.clearance.distances
+        peak = {
+            "position_rad": "position",
+            "velocity_rad_s": "velocity",
+            "acceleration_rad_s2": "acceleration",
+            "torque_nm": "torque",
+            "limit_share": "share",
+        }
         return {
             "schema": "dynid/trajectory/1",
             "robot": self.robot.name,
-            "duration_s": self.trajectory.duration,
-            "alpha": self.trajectory.alpha,
-            "condition_number": figures.condition,
+            **picked(self.trajectory, "alpha", duration_s="duration"),
+            **picked(figures, condition_number="condition", smallest_singular_value="smallest"),
             "condition_number_scaled": figures.condition_scaled,
-            "smallest_singular_value": figures.smallest,
-            "peak": [
-                {
-                    "joint": p.joint,
-                    "position_rad": p.position,
-                    "velocity_rad_s": p.velocity,
-                    "acceleration_rad_s2": p.acceleration,
-                    "torque_nm": p.torque,
-                    "limit_share": p.share,
-                }
-                for p in self.check.peaks
-            ],
+            "peak": [picked(each, "joint", **peak) for each in self.check.peaks],
             "tool_speed_m_s": self.check.tool_speed,
             "collisions": [],
-            "closest_m": min((d.distance for d in distances), default=None),
+            "closest_m": min((each.distance for each in distances), default=None),
             "closest": [
-                {"pair": d.pair, "distance_m": d.distance, "time_s": d.time}
-                for d in distances[:CLOSEST]
+                picked(each, "pair", distance_m="distance", time_s="time")
+                for each in distances[:CLOSEST]
             ],
             "left_out_pairs": list(self.clearance.left_out),
             "assumed_limits": list(assumed_limits(self.robot)),
             "predicted_std_error": self.std_errors,
             "expected_torque_error_nm": self.prediction.torque_error,
-            "unexplained_torque_nm": self.unexplained,
             "ladder": [asdict(row) for row in self.alphas],
             "torque_noise_nm": self.noise.tolist(),
-            "torque_noise_from": self.noise_from,
-            "weakest": self.weakest,
+            **picked(self, "weakest", torque_noise_from="noise_from"),
+            "unexplained_torque_nm": self.unexplained,
             "search": None if self.search is None else asdict(self.search),
             "outlook": list(self.outlook),
         }
@@ -209,6 +197,7 @@ class Plan(Answer):
         Args:
             inputs: what it was made from, for the header.
         """
+        answer = self.facts()
         return StoredTrajectory(
             robot=self.robot.name,
             joints=self.robot.joint_names,
@@ -218,13 +207,11 @@ class Plan(Answer):
             coefficients=self.trajectory.coefficients,
             review=self.review,
             facts={
-                "answer": self.facts(),
+                "answer": answer,
                 "inputs": dict(inputs or {}),
-                "rate_hz": self.options.rate,
-                "seed": self.options.seed,
+                **picked(self.options, "seed", rate_hz="rate"),
                 "scene": scene_facts(self.options, self.urdf),
-                "assumed_limits": list(assumed_limits(self.robot)),
-                "left_out_pairs": list(self.clearance.left_out),
+                **{key: answer[key] for key in ("assumed_limits", "left_out_pairs")},
                 "pictures": [picture.name for picture in self.clearance.pictures],
             },
         )
@@ -260,20 +247,18 @@ class Plan(Answer):
     def table(self) -> Table:
         """Return the largest values of each joint, and the share of the nearest limit that they use."""
         units = self.units
-        return Table(
-            [
-                {
-                    "joint": peak.joint,
-                    f"position [{units[0]}]": peak.position,
-                    f"velocity [{units[1]}]": peak.velocity,
-                    f"acceleration [{units[2]}]": peak.acceleration,
-                    f"torque [{units[3]}]": peak.torque,
-                    "share of limit": peak.share,
-                }
-                for peak in self.check.peaks
-            ],
-            footer=self.summary().splitlines(),
-        )
+        rows = [
+            {
+                "joint": peak.joint,
+                f"position [{units[0]}]": peak.position,
+                f"velocity [{units[1]}]": peak.velocity,
+                f"acceleration [{units[2]}]": peak.acceleration,
+                f"torque [{units[3]}]": peak.torque,
+                "share of limit": peak.share,
+            }
+            for peak in self.check.peaks
+        ]
+        return Table(rows, footer=self.summary().splitlines())
 
     def summary(self) -> str:
         """Return what the motion is, uses, teaches and costs, one line each."""
@@ -281,34 +266,32 @@ class Plan(Answer):
 
     def lines(self) -> list[tuple[str, str]]:
         """Return the lines of the summary, each as a label and a sentence."""
-        basis, alpha = self.trajectory.basis.facts, self.trajectory.alpha
-        kind = f"{len(basis['knots']) - 1} {basis['kind']} segments"
-        slow = f"{self.trajectory.duration:.1f} s at alpha {alpha:g} (speed x{alpha:g}, acceleration x{alpha**2:.2g})"
-        figures, low, high = (
-            self.prediction.figures,
-            float(self.noise.min()),
-            float(self.noise.max()),
+        run, figures, unit = self.trajectory, self.prediction.figures, self.units[3]
+        basis, alpha = run.basis.facts, run.alpha
+        kind = f"{len(basis['knots']) - 1} {basis['kind']} segments, {run.basis.duration:.1f} s at full speed"
+        slow = f"{run.duration:.1f} s at alpha {alpha:g} (speed x{alpha:g}, acceleration x{alpha**2:.2g})"
+        condition = (
+            f"{figures.condition:.3g} (columns of equal length: {figures.condition_scaled:.3g})"
         )
-        excitation = f"condition number {figures.condition:.3g} (columns of equal length: "
-        size = f"{low:.2g}" if low == high else f"{low:.2g} to {high:.2g}"
-        left, unit = self.unexplained, self.units[3]
-        beside = "" if left is None else f" and {left:.2g} {unit} that no parameter explains"
-        error = (
-            f"torque error {self.prediction.torque_error:.2g} {unit} on other motions{beside}; "
-            f"weakest: {self.weakest}"
+        left = (
+            f" and {self.unexplained:.2g} {unit} that no parameter explains"
+            if self.unexplained is not None
+            else ""
         )
+        error = f"{self.prediction.torque_error:.2g} {unit} on other motions{left}"
+        sizes = dict.fromkeys(f"{size:.2g}" for size in (self.noise.min(), self.noise.max()))
         return [
-            ("plan", f"{kind}, {self.trajectory.basis.duration:.1f} s at full speed; {slow}"),
+            ("plan", f"{kind}; {slow}"),
             *([("search", self.search.text)] if self.search is not None else []),
             ("limits", self._shares()),
             *self._nearest(),
             (
                 "excitation",
-                f"{excitation}{figures.condition_scaled:.3g})   smallest singular value {figures.smallest:.2g}",
+                f"condition number {condition}   smallest singular value {figures.smallest:.2g}",
             ),
-            ("predicted", error),
+            ("predicted", f"torque error {error}; weakest: {self.weakest}"),
             *(("gap", text) for text in self.outlook),
-            ("noise", f"{size} {self.units[3]} per sample, {self.noise_from}"),
+            ("noise", f"{' to '.join(sizes)} {unit} per sample, {self.noise_from}"),
             *self._alpha_lines(),
         ]
 
@@ -316,43 +299,36 @@ class Plan(Answer):
         """Say how much of what the margin leaves is used."""
         limits, peaks = self.limits, self.check.peaks
         middle, half = (limits.upper + limits.lower) / 2, (limits.upper - limits.lower) / 2
-        shares = {
-            "position": np.max(np.abs(np.array([p.position for p in peaks]) - middle) / half),
-            "speed": np.max(np.array([p.velocity for p in peaks]) / limits.velocity),
-            "acceleration": np.max(np.array([p.acceleration for p in peaks]) / limits.acceleration),
-            "torque": np.max(np.array([p.torque or 0.0 for p in peaks]) / limits.torque),
+        used = {
+            "position": (np.array([p.position for p in peaks]) - middle) / half,
+            "speed": np.array([p.velocity for p in peaks]) / limits.velocity,
+            "acceleration": np.array([p.acceleration for p in peaks]) / limits.acceleration,
+            "torque": np.array([p.torque or 0.0 for p in peaks]) / limits.torque,
         }
-        words = "   ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items())
+        words = "   ".join(f"{k} {100 * np.max(np.abs(share)):.0f} %" for k, share in used.items())
         return f"{words}   of the limits less margin: all inside; tool up to {self.check.tool_speed:.2f} m/s"
 
     def _nearest(self) -> Iterator[tuple[str, str]]:
         for near in self.clearance.distances[:1]:
-            least = "at least " * (near.distance >= FAR)
-            size = f"{least}{1000 * near.distance:.0f} mm"
+            size = f"{'at least ' * (near.distance >= FAR)}{1000 * near.distance:.0f} mm"
             yield "collision", f"none; nearest {near.pair} at {size}, t = {near.time:.1f} s"
         if self.clearance.left_out and self.urdf is None:
-            pairs = ", ".join(self.clearance.left_out)
-            yield (
-                "left out",
-                f"always close to each other, so not checked: {pairs}; {thickness(self.robot)}",
-            )
+            pairs = f"{', '.join(self.clearance.left_out)}; {thickness(self.robot)}"
+            yield "left out", f"always close to each other, so not checked: {pairs}"
         if assumed := assumed_limits(self.robot):
             yield "assumed", f"not in the robot file: {'; '.join(assumed)}"
 
     def _alpha_lines(self) -> Iterator[tuple[str, str]]:
         """Say what slowing down costs, so that nobody identifies from a first, slow run by mistake."""
-        full = next(row for row in self.alphas if row.alpha == 1.0)
-        here = next(row for row in self.alphas if row.alpha == self.trajectory.alpha)
         for row in self.alphas:
-            times, mark = row.torque_error / full.torque_error, "  <- this plan" * (row is here)
-            yield (
-                "alpha",
-                f"{row.alpha:g}: {row.duration:.0f} s, expected torque error x{times:.3g}{mark}",
-            )
-        if here.alpha < 1:
-            times = here.torque_error / full.torque_error
-            cost = f"at alpha {here.alpha:g} the expected torque error is {times:.2g} times larger than at 1.0"
-            yield "note", f"{cost} for equally many samples: a first, safe run; then 0.5, then 1.0"
+            times, here = row.torque_error / self.at_full_speed.torque_error, ""
+            if row.alpha == self.trajectory.alpha:
+                here, cost = "  <- this plan", times
+            text = f"{row.alpha:g}: {row.duration:.0f} s, expected torque error x{times:.3g}{here}"
+            yield "alpha", text
+        if (alpha := self.trajectory.alpha) < 1:
+            text = f"at alpha {alpha:g} the expected torque error is {cost:.2g} times larger than at 1.0"
+            yield "note", f"{text} for equally many samples: a first, safe run; then 0.5, then 1.0"
 
     def window(self) -> AbstractContextManager[None]:
         """Show the motion in PyBullet's window for the length of a ``with`` block.
@@ -371,9 +347,10 @@ def plan_sentence(robot: Robot, facts: Mapping[str, Any]) -> str:
         facts: of the motion, as ``Plan.facts`` says them.
     """
     units = " or ".join(dict.fromkeys(joint.torque_unit for joint in robot.joints))
+    error = f"{facts['expected_torque_error_nm']:.2g} {units}"
     return (
-        f"This motion of {facts['duration_s']:.1f} s keeps all limits of {robot.name}. With a recording of it the "
-        f"model should predict other motions to {facts['expected_torque_error_nm']:.2g} {units}."
+        f"This motion of {facts['duration_s']:.1f} s keeps all limits of {robot.name}. "
+        f"With a recording of it the model should predict other motions to {error}."
     )
 
 

@@ -32,9 +32,8 @@ from dynid.robot import Robot
 from dynid.text import shell
 from dynid.trajectory.feasible import unsafe_to_play
 from dynid.trajectory.scene import Scene, scene_from
-from dynid.workflows.model import base_model
+from dynid.workflows.model import base_model, base_model_of
 from dynid.workflows.options import RecordOptions
-from dynid.workflows.results import base_model_of
 
 #: A recording that only listens ends after so many times the silence that stops a motion.
 PATIENT = 8

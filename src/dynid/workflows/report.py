@@ -6,12 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from dynid import arguments
 from dynid.arguments import public
 from dynid.disk import write_text
 from dynid.judgement.judge import Judgement
 from dynid.loading import ResultLike, as_result
-from dynid.progress import Progress
+from dynid.progress import SILENT, Progress
 from dynid.reports.gathered import gather
 from dynid.reports.page import page, sentences, summary
 from dynid.text import html
@@ -53,17 +52,13 @@ class Report:
         }
 
     def _repr_html_(self) -> str:
-
-        sentences = "".join(f"<p>{html(sentence)}</p>" for sentence in self.verdict)
-        lights = "".join(
-            f"<li>{html(f'{light.name}: {light.state}, {light.text}')}</li>"
-            for light in self.judgement.lights
-        )
-        return f"{sentences}<ul>{lights}</ul>"
+        said = "".join(f"<p>{html(sentence)}</p>" for sentence in self.verdict)
+        lights = (f"{light.name}: {light.state}, {light.text}" for light in self.judgement.lights)
+        return f"{said}<ul>{''.join(f'<li>{html(light)}</li>' for light in lights)}</ul>"
 
 
 @public
-def report(result: ResultLike, *, progress: Progress | None = None) -> Report:
+def report(result: ResultLike, *, progress: Progress = SILENT) -> Report:
     """Make the report of a result and of the files in its folder: validations, stack, search for missing effects.
 
     Args:
@@ -78,7 +73,7 @@ def report(result: ResultLike, *, progress: Progress | None = None) -> Report:
         dynid.report("out/kuka_lwr4plus").save("out/kuka_lwr4plus")
     """
     result = as_result(result)
-    arguments.progress(progress).stage("report")
+    progress.stage("report")
     gathered = gather(result)
     return Report(
         result.robot.name,

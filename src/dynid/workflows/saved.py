@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
@@ -9,10 +10,9 @@ from dynid import arguments
 from dynid.arguments import public
 from dynid.errors import NotAnArtifact
 from dynid.estimation.result import Identification
-from dynid.estimation.result_files import load as load_result
 from dynid.files.artifact import read_header
 from dynid.files.trajectoryfile import StoredTrajectory, read_trajectory
-from dynid.loading import parameters_of
+from dynid.loading import load_run, parameters_of
 from dynid.workflows.gap_result import Gap
 
 T = TypeVar("T")
@@ -42,20 +42,16 @@ def load(path: Path | str, kind: type[Any] = object) -> Any:
         dynid.load("out/kuka_lwr4plus", dynid.Identification)
     """
     arguments.instance(kind, type, "kind", "a type such as dynid.Identification")
-    found = _read(parameters_of(arguments.path(path, "path")))
+    file = parameters_of(arguments.path(path, "path"))
+    schema = str((read_header(file) or {}).get("schema", "")).rpartition("/")[0]
+    readers: dict[str, Callable[[Path], object]] = {
+        "dynid/identification": load_run,
+        "dynid/trajectory": read_trajectory,
+        "dynid/gap": Gap.load,
+    }
+    if schema not in readers:
+        raise NotAnArtifact(f"{file} holds nothing that dynid.load reads", where=str(file))
+    found = readers[schema](file)
     if not isinstance(found, kind):
         raise arguments.refused("path", f"a file with an object of type {kind.__name__}", found)
     return found
-
-
-def _read(path: Path) -> Identification | Gap | StoredTrajectory:
-
-    schema = str((read_header(path) or {}).get("schema", ""))
-    kind = schema.rsplit("/", 1)[0]
-    if kind == "dynid/identification":
-        return load_result(path)
-    if kind == "dynid/trajectory":
-        return read_trajectory(path)
-    if kind == "dynid/gap":
-        return Gap.load(path)
-    raise NotAnArtifact(f"{path} holds nothing that dynid.load reads", where=str(path))

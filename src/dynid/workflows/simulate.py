@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import arguments
 from dynid.arguments import public
 from dynid.errors import PackageMissing, WrongRobotFile, WrongUsage
-from dynid.loading import MotionLike, RobotLike, as_base_model, as_motion, as_robot
+from dynid.loading import MotionLike, RobotLike, as_motion, as_robot
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE, checked, joints_of
@@ -21,7 +20,7 @@ from dynid.model.effects.interface import ArmMotion
 from dynid.model.parameters import prior_bodies
 from dynid.model.regressor import Model, ModelTorques, prior_vector
 from dynid.motion import Motion
-from dynid.progress import Progress
+from dynid.progress import SILENT, Progress
 from dynid.robot import Body, EffectSpec, Robot
 from dynid.sim.arm import SimulatedArm
 from dynid.text import whole_number
@@ -64,10 +63,10 @@ class Simulation:
 def simulate(
     robot: RobotLike,
     motion: MotionLike,
-    options: SimulateOptions | None = None,
+    options: SimulateOptions = SimulateOptions(),
     *,
     base: BaseModel | None = None,
-    progress: Progress | None = None,
+    progress: Progress = SILENT,
     **changes: Any,  # noqa: ANN401
 ) -> Simulation:
     """Simulate the log of an arm that follows a motion exactly.
@@ -86,128 +85,90 @@ def simulate(
     Example:
         dynid.simulate("kuka_lwr4plus", "out/kuka_lwr4plus/trajectory.npz", payload=2.0)
     """
-    options, progress = (
-        arguments.options(SimulateOptions, options, changes),
-        arguments.progress(progress),
-    )
-    robot, base = as_robot(robot), as_base_model(base)
+    robot = as_robot(robot)
     motion = as_motion(motion, robot)
     if options.payload:
         if robot.tool is not None:
-            raise WrongUsage(
-                "the robot file has a tool already", fix="add the load to `tool:` in the robot file"
-            )
+            fix = "add the load to `tool:` in the robot file"
+            raise WrongUsage("the robot file has a tool already", fix=fix)
         robot = replace(robot, tool=Body(options.payload, (0.0, 0.0, 0.0), (0.0,) * 6))
-    tau, source = _rigid_torque(robot, motion, base, progress)
-    rated = np.array(
-        [
-            joint.limits.torque or max(float(np.abs(tau[:, j]).max()), 1e-3)
-            for j, joint in _joints(robot)
-        ]
-    )
-    speed = np.array([joint.limits.velocity or 1.0 for joint in robot.joints])
-    width = np.array(robot.coulomb_shape.velocity)
+    progress.stage("simulate")
+    tau: Floats | None = None
+    source = "MuJoCo's inverse dynamics"
+    with suppress(PackageMissing), SimulatedArm(robot, prior_bodies(robot)) as arm:
+        rows = zip(motion.q, motion.qd, motion.qdd, strict=True)
+        tau = np.array([arm.inverse_dynamics(*row) for row in rows])
+    if tau is None:
+        tau = _reference(robot, base, progress).rigid(motion.q, motion.qd, motion.qdd)
+        source = "dynid's own model"
+    limits, largest = [joint.limits for joint in robot.joints], np.maximum(np.abs(tau).max(0), 1e-3)
+    rated = np.array([one.torque or own for one, own in zip(limits, largest, strict=True)])
+    speed = np.array([one.velocity or 1.0 for one in limits])
     viscous, coulomb = options.viscous * rated / speed, options.coulomb * rated
-    tau = tau + viscous * motion.qd + coulomb * np.tanh(motion.qd / width)
-    specs = (*robot.effects, *options.effects)
-    if specs:
-        tau = tau + _effect_torque(robot, motion, specs, base, progress)
-    late = np.stack(
-        [np.interp(motion.t - options.delay, motion.t, column) for column in tau.T], axis=1
-    )
+    sign = np.tanh(motion.qd / np.array(robot.coulomb_shape.velocity))
+    tau = tau + viscous * motion.qd + coulomb * sign
+    if specs := (*robot.effects, *options.effects):
+        tau = tau + _effect_torque(robot, motion, specs, _reference(robot, base, progress))
+    moved = motion.t - options.delay
+    late = np.stack([np.interp(moved, motion.t, column) for column in tau.T], axis=1)
     rng = np.random.default_rng(options.seed)
     measured = late + rng.normal(0.0, 1.0, late.shape) * options.noise * rated
-    q = (
-        np.round(motion.q / options.resolution) * options.resolution
-        if options.resolution
-        else motion.q
-    )
+    q, step = motion.q, options.resolution
     log = Log(
-        motion.t, q, measured, robot.joint_names, tau_unit="Nm", dh=True, extra={"q_ref": motion.q}
+        motion.t,
+        np.round(q / step) * step if step else q,
+        measured,
+        robot.joint_names,
+        tau_unit="Nm",
+        dh=True,
+        extra={"q_ref": q},
     )
     return Simulation(log, tau, source, viscous, coulomb)
 
 
-def _joints(robot: Robot) -> Sequence[tuple[int, Any]]:
-    return list(enumerate(robot.joints))
-
-
-def _rigid_torque(
-    robot: Robot, motion: Motion, base: BaseModel | None, progress: Progress
-) -> tuple[Floats, str]:
-    """Return the torques of the rigid bodies, (N, n) [N m or N], and which physics computed them."""
-    progress.stage("simulate")
-    with suppress(PackageMissing), SimulatedArm(robot, prior_bodies(robot)) as arm:
-        rows = zip(motion.q, motion.qd, motion.qdd, strict=True)
-        return np.array([arm.inverse_dynamics(*row) for row in rows]), "MuJoCo's inverse dynamics"
-    return _reference(robot, base, progress)(motion.q, motion.qd, motion.qdd), "dynid's own model"
-
-
-def _reference(
-    robot: Robot, base: BaseModel | None, progress: Progress
-) -> Callable[[Floats, Floats, Floats], Floats]:
-
-    base = base or base_model(replace(robot, effects=()), progress=progress)
-    model = Model(replace(robot, effects=()), base.model.rigid)
-    return ModelTorques(model, prior_vector(model)).rigid
+def _reference(robot: Robot, base: BaseModel | None, progress: Progress) -> ModelTorques:
+    """Return the rigid bodies of the robot file by dynid's own model."""
+    plain = replace(robot, effects=())
+    model = Model(plain, (base or base_model(plain, progress=progress)).model.rigid)
+    return ModelTorques(model, prior_vector(model))
 
 
 def _effect_torque(
-    robot: Robot,
-    motion: Motion,
-    specs: Sequence[EffectSpec],
-    base: BaseModel | None,
-    progress: Progress,
+    robot: Robot, motion: Motion, specs: Sequence[EffectSpec], reference: ModelTorques
 ) -> Floats:
     """Return the torque of effects along a motion, (N, n) [N m or N].
 
     Raises:
         WrongUsage: a parameter of an effect is missing.
-        WrongRobotFile: there is no such effect.
+        WrongRobotFile: there is no such effect in a robot file.
     """
-    plain = replace(robot, effects=())
-    base = base or base_model(plain, progress=progress)
-    model = Model(plain, base.model.rigid)
-    reference = ModelTorques(model, prior_vector(model))
-    path = ArmMotion(
-        motion.t, motion.q, motion.qd, motion.qdd, plain, reference, lambda values: values
-    )
+    states, plain = (motion.t, motion.q, motion.qd, motion.qdd), replace(robot, effects=())
+    path = ArmMotion(*states, plain, reference, lambda values: values)
     torque = np.zeros_like(motion.q)
     for spec in specs:
         numbers = ((joint, whole_number(joint)) for joint in spec.joints)
-        named = replace(
-            spec, joints=tuple(robot.joint_name(name if k < 0 else k) for name, k in numbers)
-        )
+        joints = tuple(robot.joint_name(name if k < 0 else k) for name, k in numbers)
+        named, fix = replace(spec, joints=joints), _template(spec)
         try:
             effect = checked(named, robot)
         except WrongRobotFile as error:
             if spec in robot.effects:
                 raise
-            what = error.what.removeprefix("effects: ")
-            raise WrongUsage(
-                f"--effect: {what}", fix=_template(spec) or "dynid explain effects lists them"
-            ) from error
+            what = f"--effect: {error.what.removeprefix('effects: ')}"
+            raise WrongUsage(what, fix=fix or "dynid explain effects lists them") from error
         if effect.name == "torque_delay":
             raise WrongUsage("torque_delay is no torque", fix="--delay SECONDS")
         shape = {name: named.parameters[name] for name in effect.shape_units}
-        names = list(effect.amplitudes(shape))
-        missing = [name for name in names if name not in named.parameters]
-        if missing:
-            raise WrongUsage(
-                f"--effect: {effect.name} needs parameters {', '.join(missing)}",
-                fix=_template(spec),
-            )
-        for joints in joints_of(named, effect, robot):
-            columns = effect.columns(path, joints, shape)
-            rows = list(effect.rows(joints, robot.n))
-            torque[:, rows] += np.tensordot(
-                [named.parameters[name] for name in names], columns, axes=1
-            ).T
+        names = effect.amplitudes(shape)
+        if missing := ", ".join(name for name in names if name not in named.parameters):
+            raise WrongUsage(f"--effect: {effect.name} needs parameters {missing}", fix=fix)
+        sizes = [named.parameters[name] for name in names]
+        for where in joints_of(named, effect, robot):
+            columns = effect.columns(path, where, shape)
+            torque[:, list(effect.rows(where, robot.n))] += np.tensordot(sizes, columns, axes=1).T
         if not np.all(np.isfinite(torque)):
-            raise WrongUsage(
-                f"--effect: {effect.name} gives no finite torque with these numbers",
-                fix=_template(spec),
-            )
+            what = f"--effect: {effect.name} gives no finite torque with these numbers"
+            raise WrongUsage(what, fix=fix)
     return torque
 
 
@@ -219,4 +180,5 @@ def _template(spec: EffectSpec) -> str:
     shape = {name: spec.parameters.get(name, 1.0) for name in effect.shape_units}
     values = shape | {name: spec.parameters.get(name, 1.0) for name in effect.amplitudes(shape)}
     joints = "" if effect.scope == "arm" else f"@{','.join(spec.joints) or 'JOINT'}"
-    return f"--effect {spec.effect}{joints}:{','.join(f'{name}={value:g}' for name, value in values.items())}"
+    numbers = ",".join(f"{name}={value:g}" for name, value in values.items())
+    return f"--effect {spec.effect}{joints}:{numbers}"

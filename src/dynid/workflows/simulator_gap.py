@@ -14,7 +14,7 @@ from dynid.errors import WrongUsage
 from dynid.estimation.result import Identification
 from dynid.exporters.driven import drive
 from dynid.exporters.engines import module
-from dynid.loading import LogLike, ResultLike, as_log, as_results, checked_log
+from dynid.loading import LogLike, ResultLike, as_log, as_results, checked_log, condition_logs
 from dynid.log import Log
 from dynid.model.regressor import mass_matrices
 from dynid.options import LogOptions
@@ -25,8 +25,6 @@ from dynid.sim import tuning
 from dynid.sim.comparison import SimulatorGap
 from dynid.workflows.export import identified_arm
 from dynid.workflows.gap_result import Gap
-from dynid.workflows.logs import condition_logs
-from dynid.workflows.options import ExportOptions
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +40,7 @@ def compare_in_simulator(
     engine: str = "mujoco",
     names: Sequence[str] = (),
     seconds: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = SILENT,
 ) -> SimulatorGap:
     """Drive the exported files of results along a recording in a simulator, with one controller for all.
 
@@ -66,42 +64,38 @@ def compare_in_simulator(
     Example:
         dynid.compare_in_simulator(["out/before", "out/after"], "run3.bag")
     """
-    progress = arguments.progress(progress)
     found = as_results(results)
-    options = LogOptions()
-    recording = as_log(log, found[0].robot, options)
+    robot, count = found[0].robot, len(found)
+    recording = as_log(log, robot, LogOptions())
     if arguments.words((engine,), "engine", ENGINES) != (engine,):
         raise WrongUsage(f"there is no engine '{engine}'", fix=" or ".join(ENGINES))
-    names = arguments.words(names, "names")
+    models = arguments.words(names, "names") or (
+        ("before", "after") if count == 2 else tuple(f"{k + 1}" for k in range(count))
+    )
     if seconds is not None:
-        seconds = arguments.number(
-            seconds, "seconds", "a length in seconds, such as 10.0, or None for all"
-        )
+        wanted = "a length in seconds, such as 10.0, or None for all"
+        seconds = arguments.number(seconds, "seconds", wanted)
         if not seconds > 0.0:
             raise WrongUsage(f"{seconds:g} s cannot be driven", fix="seconds=10.0, or None for all")
-    if any(each.robot.joint_names != found[0].robot.joint_names for each in found):
+    if any(each.robot.joint_names != robot.joint_names for each in found):
         raise WrongUsage("the results are of different arms", fix="results of one arm")
-    models = tuple(names) or (
-        ("before", "after") if len(found) == 2 else tuple(f"{k + 1}" for k in range(len(found)))
-    )
-    if len(models) != len(found):
-        raise WrongUsage(f"{len(models)} names for {len(found)} results", fix="one name per result")
+    if len(models) != count:
+        raise WrongUsage(f"{len(models)} names for {count} results", fix="one name per result")
     recorded = _recorded(found[0], recording, seconds)
-    arms = [identified_arm(each, ("mjcf",), ExportOptions(), None, SILENT) for each in found]
-    inertia = _inertia(found[-1], recorded[1])
-    runs = []
+    arms = [identified_arm(each, ("mjcf",)) for each in found]
+    inertia, runs = _inertia(found[-1], recorded[1]), []
     for name, arm in zip(models, arms, strict=True):
         progress.stage("simulate", f"{name}, {len(recorded[0])} samples")
         runs.append(drive(arm, engine, recorded, inertia))
     return SimulatorGap(
-        found[0].robot,
-        str(recording.source or recording.name),
-        engine,
-        models,
-        recorded[0],
-        recorded[1],
-        np.array([run.q for run in runs]),
-        np.array([run.added for run in runs]),
+        robot=robot,
+        log=str(recording.source or recording.name),
+        engine=engine,
+        models=models,
+        t=recorded[0],
+        q=recorded[1],
+        simulated=np.array([run.q for run in runs]),
+        added=np.array([run.added for run in runs]),
     )
 
 
@@ -122,9 +116,8 @@ def gap_in_simulator(
     assert gap.searched is not None
     log = (*gap.unseen_logs, *reversed(gap.recordings))[0]
     engine = next((name for name in ENGINES if module(name) is not None), ENGINES[0])
-    results = (gap.searched, after)
     return compare_in_simulator(
-        results, log, engine=engine, seconds=tuning.DRIVEN_S, progress=progress
+        (gap.searched, after), log, engine=engine, seconds=tuning.DRIVEN_S, progress=progress
     )
 
 

@@ -9,10 +9,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dynid import arguments
 from dynid.arguments import public
@@ -23,14 +23,14 @@ from dynid.files.artifact import reading
 from dynid.files.planfile import Waypoints, read_waypoints
 from dynid.files.trajectoryfile import StoredTrajectory
 from dynid.gap.record import GapRecord, read_record
-from dynid.loading import RobotLike, as_base_model, as_robot
+from dynid.loading import RobotLike, as_robot
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
 from dynid.progress import SILENT, Progress
 from dynid.reports.motion_drawing import draw_motion
 from dynid.robot import Robot
 from dynid.trajectory.basis import basis_from
-from dynid.trajectory.limits import LimitCheck, require_within_limits
+from dynid.trajectory.limits import require_within_limits
 from dynid.trajectory.optimise import optimise
 from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.plan import Trajectory, through_waypoints
@@ -62,14 +62,8 @@ from dynid.workflows.gap_experiment import GapExperiment
 from dynid.workflows.model import base_model
 from dynid.workflows.plan import Plan, SearchRecord, scene_facts
 
-if TYPE_CHECKING:
-    from typing import TypeAlias
-
-    from numpy.typing import ArrayLike
-
-    EarlierLike: TypeAlias = Earlier | Plan | str | Path
-
 Floats = NDArray[np.float64]
+EarlierLike: TypeAlias = Earlier | Plan | str | Path
 
 #: A motion shorter than this at full speed is named as too short when it teaches little [s].
 SHORT = 10.0
@@ -77,54 +71,39 @@ SHORT = 10.0
 
 def _earlier_of(given: EarlierLike | Sequence[EarlierLike], robot: Robot) -> list[Earlier]:
     """Return logs, results and motions, each given by itself or by its path."""
-    kinds, wanted = (
-        (Log, Identification, StoredTrajectory, Plan),
-        "a log, a result or a motion; or a list of them",
-    )
+    kinds, wanted = (Log, Identification, StoredTrajectory, Plan), "a log, a result or a motion"
     found: list[Earlier] = []
-    for each in arguments.several(given, (*kinds, str, Path), "earlier", wanted, empty=True):
+    single, several = (*kinds, str, Path), f"{wanted}; or a list of them"
+    for each in arguments.several(given, single, "earlier", several, empty=True):
         if isinstance(each, (str, Path)):
             found.append(read_earlier(arguments.path(each, "earlier"), robot))
-        elif isinstance(each, kinds):
-            found.append(each.stored() if isinstance(each, Plan) else each)
+        elif not isinstance(each, kinds):
+            raise arguments.refused("earlier", several, each)
         else:
-            raise arguments.refused("earlier", wanted, each)
+            found.append(each.stored() if isinstance(each, Plan) else each)
     return found
 
 
 def _waypoints_of(given: Waypoints | ArrayLike, robot: Robot) -> Waypoints:
     """Return waypoints given by themselves, as rows, or by the path of a CSV file."""
-    if isinstance(given, (str, Path)):
-        return read_waypoints(arguments.path(given, "waypoints"), robot)
     if isinstance(given, Waypoints):
         return given
+    if isinstance(given, (str, Path)):
+        return read_waypoints(arguments.path(given, "waypoints"), robot)
     try:
         points = np.asarray(given, dtype=float)
     except (TypeError, ValueError, OverflowError):
         points = np.zeros(0)
-    if (
-        points.ndim != 2
-        or points.shape[1] != robot.n
-        or len(points) < 2
-        or not np.all(np.isfinite(points))
-    ):
+    rows = points.ndim == 2 and points.shape[1] == robot.n and len(points) > 1
+    if not rows or not np.all(np.isfinite(points)):
         raise arguments.refused("waypoints", f"at least 2 rows of {robot.n} numbers", given)
     return Waypoints(points)
-
-
-def _gap_of(given: GapRecord | str | Path) -> GapRecord:
-    """Return a gap search given by itself or by its file."""
-    if isinstance(given, (str, Path)):
-        return read_record(arguments.path(given, "for_gap"))
-    return arguments.instance(
-        given, GapRecord, "for_gap", "what dynid.find_gap returns, or the path of its gap.npz"
-    )
 
 
 @public
 def plan_trajectory(
     robot: RobotLike,
-    options: PlanOptions | None = None,
+    options: PlanOptions = PlanOptions(),
     *,
     waypoints: Waypoints | ArrayLike | None = None,
     earlier: EarlierLike | Sequence[EarlierLike] = (),
@@ -132,7 +111,7 @@ def plan_trajectory(
     base: BaseModel | None = None,
     drawing: Drawing | None = None,
     for_gap: GapRecord | str | Path | None = None,
-    progress: Progress | None = None,
+    progress: Progress = SILENT,
     **changes: Any,  # noqa: ANN401
 ) -> Plan:
     """Plan a motion that keeps all limits and stays clear, and predict what a log of it will tell.
@@ -158,63 +137,70 @@ def plan_trajectory(
     Example:
         dynid.plan_trajectory("kuka_lwr4plus", duration=20.0, seconds=30.0)
     """
-    options, progress = (
-        arguments.options(PlanOptions, options, changes),
-        arguments.progress(progress),
-    )
     robot = as_robot(robot)
     before = _earlier_of(earlier, robot)
-    waypoints = None if waypoints is None else _waypoints_of(waypoints, robot)
+    through = None if waypoints is None else _waypoints_of(waypoints, robot)
     urdf = None if urdf is None else arguments.path(urdf, "urdf")
-    drawing = arguments.optional(drawing, Drawing, "drawing", "dynid.trajectory.preview.Drawing")
-    for_gap = None if for_gap is None else _gap_of(for_gap)
+    known_drawing = "dynid.trajectory.preview.Drawing"
+    drawing = arguments.optional(drawing, Drawing, "drawing", known_drawing) or Drawing()
+    if isinstance(for_gap, (str, Path)):
+        for_gap = read_record(arguments.path(for_gap, "for_gap"))
+    wanted = "what dynid.find_gap returns, or the path of its gap.npz"
+    for_gap = arguments.optional(for_gap, GapRecord, "for_gap", wanted)
     begin = time.monotonic()
-    base = _plain(as_base_model(base) or base_model(robot, progress=progress), progress)
+    base = _plain(base or base_model(robot, progress=progress), progress)
     require_same_arm(before, robot)
     noise, source = torque_noise(robot, options.noise, before, options.rate)
     known = earlier_information(base, before, noise, progress)
     context = planning_context(base, options, noise, known, believed(base, before, known))
     experiment = None if for_gap is None else GapExperiment.of(for_gap, context, progress)
-    given, found = waypoints is not None, None
-    candidates: Iterable[Proposal]
-    if waypoints is not None:
+    found, until = None, begin + options.seconds
+    if through is not None:
         progress.stage("plan")
-        path = through_waypoints(waypoints.q, context.limits, waypoints.times)
-        candidates = [Proposal(path.slowed(options.alpha))]
+        path = through_waypoints(through.q, context.limits, through.times)
+        candidates: Iterable[Proposal] = [Proposal(path.slowed(options.alpha))]
+        until = np.inf
     else:
         progress.stage("search")
-        limit = search_time(options.seconds - (time.monotonic() - begin))
+        limit = search_time(until - time.monotonic())
         if experiment is not None:
             found = experiment.search(context, limit, progress)
         elif options.optimise:
             found = optimise(plan_problem(context), options, limit, progress)
         candidates = proposals(context, found)
     progress.stage("clearance")
-    until = begin + options.seconds
-    drawing = drawing or Drawing()
-    chosen, (check, clearance) = first_accepted(
-        candidates,
-        lambda motion: (
+
+    def judged(motion: Trajectory) -> tuple[Any, Clearance]:
+        given, shown = through is not None, _shown(drawing, context, motion)
+        return (
             once_more(lambda: require_safe(context, motion)),
-            require_clear_motion(
-                context, motion, urdf, _shown(drawing, context, motion), progress, given=given
-            ),
-        ),
-        np.inf if given else until,
-        progress,
-    )
+            require_clear_motion(context, motion, urdf, shown, progress, given=given),
+        )
+
+    chosen, (check, clearance) = first_accepted(candidates, judged, until, progress)
     search = None
-    if not given:
+    if through is None:
         ended, finished = ("no search", 0) if found is None else (found.ended, found.finished)
         search = SearchRecord(options.seed, ended, finished, chosen.share)
     progress.stage("predict")
-    plan = once_more(
-        lambda: _predicted(context, chosen.trajectory, check, clearance, source, search, urdf)
+    plan = Plan(
+        robot=context.robot,
+        options=options,
+        trajectory=chosen.trajectory,
+        motion=chosen.trajectory.sampled(options.rate),
+        limits=context.limits,
+        check=check,
+        clearance=clearance,
+        names=base.reduction.base_names,
+        **once_more(lambda: _predicted(context, chosen.trajectory)),
+        noise=noise,
+        noise_from=source,
+        search=search,
+        urdf=urdf,
+        unexplained=unexplained(before),
+        outlook=() if experiment is None else experiment.outlook(chosen.trajectory),
     )
-    plan = replace(plan, unexplained=unexplained(before))
-    if experiment is not None:
-        return replace(plan, outlook=experiment.outlook(plan.trajectory))
-    if found is not None and not before:
+    if found is not None and experiment is None and not before:
         require_teaching(plan)
     return plan
 
@@ -228,24 +214,19 @@ def require_teaching(plan: Plan) -> None:
     Raises:
         PlanTeachesLittle: it teaches too little (E511); the message says what limits it.
     """
-    noise, full = float(np.sqrt(np.mean(plan.noise**2))), plan.at_full_speed
+    noise, full, search = plan.noise_rms, plan.at_full_speed, plan.search
     if full.torque_error <= noise:
         return
     reasons = [f"weakest is {plan.weakest}"]
-    if plan.search is not None and plan.search.share < 1:
-        reasons.insert(0, f"to avoid collisions it was reduced to {100 * plan.search.share:.0f} %")
-    if (
-        plan.search is not None
-        and plan.search.ended in ("time", "interrupt")
-        and plan.search.finished_starts == 0
-    ):
+    if search is not None and search.share < 1:
+        reasons.insert(0, f"to avoid collisions it was reduced to {100 * search.share:.0f} %")
+    if search is not None and search.ended in ("time", "interrupt") and not search.finished_starts:
         reasons.insert(0, "the search ended before its first start was finished")
     if plan.options.duration < SHORT:
         reasons.insert(0, f"it has {plan.options.duration:g} s")
     error = f"expected torque error on other motions {full.torque_error:.2g} N m even at full speed"
-    raise PlanTeachesLittle(
-        f"{error}, more than the noise of one sample ({noise:.2g} N m): {', '.join(reasons)}"
-    )
+    more = f"more than the noise of one sample ({noise:.2g} N m)"
+    raise PlanTeachesLittle(f"{error}, {more}: {', '.join(reasons)}")
 
 
 def _plain(base: BaseModel, progress: Progress) -> BaseModel:
@@ -263,10 +244,9 @@ def trajectory_of(stored: StoredTrajectory) -> Trajectory:
     """Return the motion of trajectory.npz as coefficients of its family."""
     with reading(Path(stored.source or "the trajectory")):
         basis = basis_from(dict(stored.basis))
-        if len(stored.coefficients) != basis.size:
-            raise ValueError(
-                f"it has {len(stored.coefficients)} coefficients of each joint, expected {basis.size}"
-            )
+        count = len(stored.coefficients)
+        if count != basis.size:
+            raise ValueError(f"it has {count} coefficients of each joint, expected {basis.size}")
     return Trajectory(basis, stored.coefficients, stored.alpha)
 
 
@@ -276,41 +256,19 @@ def _shown(drawing: Drawing, context: PlanningContext, trajectory: Trajectory) -
     return replace(drawing, title=title, sketch=draw_motion)
 
 
-def _predicted(
-    context: PlanningContext,
-    trajectory: Trajectory,
-    check: LimitCheck,
-    clearance: Clearance,
-    noise_from: str,
-    search: SearchRecord | None,
-    urdf: Path | None,
-) -> Plan:
-    """Return the plan with what it will teach."""
-    base, options, noise = context.base, context.options, context.noise
-    motion = trajectory.sampled(options.rate)
-    columns = base.reduction.base
-    prediction = predict(base.model, columns, motion, noise, context.other, context.believed)
+def _predicted(context: PlanningContext, trajectory: Trajectory) -> dict[str, Any]:
+    """Return what of a plan says what it will teach, by name."""
+    base, noise, options = context.base, context.noise, context.options
+    columns, beliefs = base.reduction.base, (context.other, context.believed)
+    full = replace(trajectory, alpha=1.0)
+    prediction = predict(base.model, columns, trajectory.sampled(options.rate), noise, *beliefs)
     cost = prediction.std_error * np.sqrt(np.diag(context.other))
-    samples = len(replace(trajectory, alpha=1.0).sampled(options.rate))
-    return Plan(
-        robot=context.robot,
-        options=options,
-        trajectory=trajectory,
-        motion=motion,
-        limits=context.limits,
-        check=check,
-        clearance=clearance,
-        names=base.reduction.base_names,
-        prediction=prediction,
-        alphas=alpha_table(
-            trajectory, base.model, columns, noise, context.other, samples, context.believed
-        ),
-        noise=noise,
-        noise_from=noise_from,
-        weakest=base.reduction.base_names[int(np.argmax(cost))],
-        search=search,
-        urdf=urdf,
+    samples = len(full.sampled(options.rate))
+    alphas = alpha_table(
+        trajectory, base.model, columns, noise, context.other, samples, context.believed
     )
+    weakest = base.reduction.base_names[int(np.argmax(cost))]
+    return {"prediction": prediction, "alphas": alphas, "weakest": weakest}
 
 
 @dataclass(frozen=True)
@@ -343,7 +301,7 @@ class Reviewed:
 def review_trajectory(
     robot: Robot,
     stored: StoredTrajectory,
-    options: PlanOptions = PlanOptions(),  # noqa: B008
+    options: PlanOptions = PlanOptions(),
     *,
     urdf: Path | None = None,
     base: BaseModel | None = None,
@@ -383,16 +341,9 @@ def plan_inputs(robot: Robot, options: PlanOptions, files: Mapping[str, Path]) -
         options: what is wanted.
         files: further files by what they are.
     """
-    parts: list[Any] = [
-        [asdict(joint.limits) for joint in robot.joints],
-        robot.base_xyz,
-        robot.base_rpy,
-    ]
-    parts += [
-        asdict(robot.prior) if robot.prior else None,
-        asdict(robot.tool) if robot.tool else None,
-    ]
-    parts.append(robot.torque.noise)
+    joints = [asdict(joint.limits) for joint in robot.joints]
+    bodies = [asdict(each) if each else None for each in (robot.prior, robot.tool)]
+    parts = [joints, robot.base_xyz, robot.base_rpy, *bodies, robot.torque.noise]
     limits = hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
     hashes = {name: sha256(path) for name, path in files.items()}
     return {"robot": robot.model_key, "limits": limits, **hashes, **options.texts()}

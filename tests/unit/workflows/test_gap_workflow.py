@@ -20,9 +20,8 @@ from dynid.cli.session import plain
 from dynid.errors import WrongUsage
 from dynid.loading import load_run
 from dynid.robot import Known
-from dynid.workflows.gap_options import joint_indices
-from dynid.workflows.gap_result import Gap
-from dynid.workflows.results import save_result
+from dynid.workflows.gap_result import Gap, joint_indices
+from dynid.workflows.identify import save_result
 
 EFFECTS = "spring,torque_offset,asymmetric_viscous"
 STIFFNESS = 2.0

@@ -9,7 +9,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 import twolink
-from dynid.workflows.results import base_model_of
+from dynid.workflows.model import base_model_of
 from dynid.workflows.validate import urdf_of, validate
 
 KINDS = ("measured", "predicted", "residual")

@@ -7,7 +7,7 @@ import numpy as np
 from dynid import report
 from dynid.loading import load_run
 from dynid.reports.gathered import gather
-from dynid.workflows.results import save_result
+from dynid.workflows.identify import save_result
 
 
 def test_a_new_result_has_a_report_with_its_motion_and_excitation(result):
