@@ -23,7 +23,7 @@ def asks(session, word, given, **_):
 
 
 def types_name(session, move, **_):
-    confirm(session, NAME, "type the robot's name to start", given=move)
+    confirm(session, NAME, move)
     session.answer("moved")
 
 

@@ -44,8 +44,8 @@ def command(
     """Compare identification results: one table, drift of an arm, regression against a baseline."""
     paths = [dynid.loading.parameters_of(run) for run in runs]
     found = workflows.compare.compare(
-        [dynid.loading.load_run(path) for path in paths],
-        baseline=None if baseline is None else dynid.loading.load_run(baseline),
+        paths,
+        baseline=baseline,
         tolerance=tolerance,
         names=workflows.compare.short_names(paths, runs),
         baseline_name=str(baseline or ""),

@@ -78,34 +78,20 @@ def command(session: Session) -> Answered:
     config = click.get_current_context().meta["dynid.config"]
     if config is not None:
         shown = list(sources(None if config == SHOW else config))
-        session.table(
-            [
-                {
-                    "option": f"{each['command']} {each['option']}".strip(),
-                    "value": None if each["value"] is None else str(each["value"]),
-                    "source": each["source"],
-                }
-                for each in shown
-            ],
-        )
+        session.table(shown)
         note = "options of single commands are listed when they differ from their default"
         session.stage("note", note)
         return {"schema": "dynid/doctor/1", "settings": shown}
     found = workflows.doctor.doctor()
-    words = {True: "ok", False: "missing", None: ""}
-    session.table(
-        [
-            {"what": each.name, "state": words[each.ok], "found": each.value}
-            for each in found.checks
-        ],
-    )
+    checks = [asdict(each) for each in found.checks]
+    session.table([{key: each[key] for key in ("name", "ok", "value")} for each in checks])
     session.answer()
     session.fact("works", ", ".join(found.works))
     for each in found.missing:
         session.fact("does not", f"{each.name}; lost: {each.lost}")
     facts = {
         "schema": "dynid/doctor/1",
-        "checks": [asdict(each) for each in found.checks],
+        "checks": checks,
         "works": found.works,
         "does_not_work": [each.name for each in found.missing],
     }

@@ -21,18 +21,6 @@ from dynid.errors import CannotWrite, DynidError, ExitStatus, OutOfMemory, Wrong
 from dynid.text import visible
 from dynid.xdg import cache_folder
 
-#: Errors of the machine that a person can do something about; anything else is a mistake of dynid.
-_MACHINE = {
-    errno.EACCES,
-    errno.EPERM,
-    errno.EROFS,
-    errno.ENOSPC,
-    errno.EDQUOT,
-    errno.EFBIG,
-    errno.EIO,
-    errno.EMFILE,
-}
-
 
 # ---------------------------------------------------------------- streams
 def use_color(stream: TextIO, mode: str) -> bool:
@@ -144,13 +132,9 @@ def _mistake(error: BaseException) -> DynidError | None:
         return OutOfMemory(f"there is not enough memory: {error or 'none is left'}")
     if not isinstance(error, OSError):
         return None
-    if error.filename is not None or error.errno in _MACHINE:
-        place = str(error.filename or "the output")
-        return CannotWrite(f"cannot read or write {place}: {error.strerror or error}", where=place)
-    if error.errno != errno.ENOENT:
-        return None
-    gone = "the current folder was removed"
-    return CannotWrite(gone, where="the current folder", fix="cd to another one")
+    gone = "the current folder" if error.errno == errno.ENOENT else "the output"
+    place = str(error.filename or gone)
+    return CannotWrite(f"cannot read or write {place}: {error.strerror or error}", where=place)
 
 
 def _usage_error(error: click.ClickException) -> DynidError:
@@ -159,8 +143,9 @@ def _usage_error(error: click.ClickException) -> DynidError:
     fix = f"{where} -h"
     text = " ".join(error.format_message().split()).rstrip(".")
     if isinstance(error, click.NoSuchOption):
+        near = error.possibilities
         text = f"no such option: {error.option_name}"
-        text += f"; did you mean '{error.possibilities[0]}'?" if error.possibilities else ""
+        text += f"; did you mean '{near[0]}'?" if near else ""
         if where == "dynid":
             fix = f"options stand after the command: dynid COMMAND {error.option_name}"
     if isinstance(error, click.BadParameter) and ctx is not None and error.param is not None:

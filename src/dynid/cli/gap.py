@@ -143,27 +143,19 @@ def show(session: Session, gap: Gap) -> None:
     session.stage("noise", f"{gap.noise_text}; held out: {gap.heldout}")
     if not session.verbose:
         return
-    from dynid.model.effects.catalogue import CATALOGUE
-
-    facts: list[tuple[str, Any]] = [("asked", gap.asked), ("where", gap.where_text)]
-    facts.append(("verdict", gap.verdict_text))
-    for one in gap.named:
-        known = CATALOGUE[one.effect]
-        facts.append(("named", f"{known.title} on {one.where}: {', '.join(one.texts())}"))
-        facts.append(("shape", f"{one.effect} on {one.where}: {known.signature}"))
-    facts += [("rest", clue) for clue in gap.clues]
-    facts += [("advice", gap.advice)] if gap.advice else []
+    session.answer()
+    session.sentences(*filter(None, gap.summary().splitlines()))
+    for clue in gap.clues:
+        session.fact("rest", clue)
     if not len(gap.simulation):
         why = (
             "too little motion is held out, or a link is too light to be simulated from its torques"
         )
-        facts.append(("simulated", f"no: {why}"))
+        session.fact("simulated", f"no: {why}")
     hidden = [
         f"{name} ({','.join(str(j + 1) for j in joints) or 'arm'})"
         for name, joints in gap.cannot_judge.items()
     ]
-    facts += [("not shown", f"these logs cannot show: {', '.join(hidden)}")] if hidden else []
-    session.answer()
-    for label, text in facts:
-        session.fact(label, text)
+    if hidden:
+        session.fact("not shown", f"these logs cannot show: {', '.join(hidden)}")
     session.table(gap.table())

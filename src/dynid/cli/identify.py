@@ -89,6 +89,7 @@ def command(
     if (report or open) and (run.wrote or not page.is_file()):
         facts["wrote"] += write_report(session, run.result.path, run.folder, run.base)[1]
     if run.gains is not None:
+        session.table(facts["gains"])
         show_gains(session, run.base.robot, run.gains)
     answer = workflows.drive_gains.in_amperes(facts, run.base.robot)
     show_result(session, run.base.robot, run.result, answer)
@@ -105,9 +106,17 @@ def command(
 
 
 # ---------------------------------------------------------------- printing
-USED = {"physical": "the physical parameters", "plain": "the plain estimate"}
 #: Relative standard error of a gain from which on it is called uncertain.
 UNCERTAIN = 0.1
+#: Columns of the table of joints by what the JSON answer calls them.
+COLUMNS = {
+    "joint": "joint",
+    "rms_{}": "rms error",
+    "noise_floor_{}": "noise >=",
+    "torque_rms_{}": "torque rms",
+    "relative_error_percent": "unexplained %",
+    "heldout_rms_{}": "held out",
+}
 
 
 def show_payload(session: Session, payload: IdentifiedPayload) -> None:
@@ -115,57 +124,23 @@ def show_payload(session: Session, payload: IdentifiedPayload) -> None:
     session.findings(payload.findings())
     names = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
     units = ("kg", *("m",) * 3, *("kg m^2",) * 6)
+    columns = names, payload.numbers, *payload.intervals.T, units
+    heads = ("load", "value", "2.5 %", "97.5 %", "unit")
     session.answer("\nload on the last link, in its frame (inertia about the centre of mass)")
-    session.table(
-        [
-            {
-                "load": name,
-                "value": value,
-                "95 % interval": f"{low:.4g} to {high:.4g}",
-                "unit": unit,
-            }
-            for name, value, (low, high), unit in zip(
-                names, payload.numbers, payload.intervals, units, strict=True
-            )
-        ]
-    )
+    rows = zip(*columns, strict=True)
+    session.table([dict(zip(heads, row, strict=True)) for row in rows])
 
 
 def show_gains(session: Session, robot: Robot, found: Gains) -> None:
-    """Print the gains."""
-    unit = "ratio" if found.relative else "N m/A"
-    session.table(
-        [
-            {
-                "joint": joint,
-                "gain": f"{gain:.4g}",
-                "std error": f"{error:.2g}" if error else "given",
-                "unit": unit,
-            }
-            for joint, gain, error in zip(
-                robot.joint_names, found.gain, found.std_error, strict=True
-            )
-        ]
-    )
+    """Say how far the gains are known."""
     if found.relative:
-        session.say(
-            "amperes    the size of the gains is unknown, so results are in A; see --loaded"
-        )
+        unknown = "the size of the gains is unknown, so results are in A; see --loaded"
+        session.say(f"amperes    {unknown}")
     shares = found.std_error / found.gain
     worst = int(shares.argmax())
     if shares[worst] > UNCERTAIN:
         name = robot.joint_names[worst]
         session.say(f"uncertain  the gain of {name} is known to {100 * shares[worst]:.0f} % only")
-
-
-#: Columns of the table of joints by what the JSON answer calls them.
-COLUMNS = {
-    "rms_": "rms error",
-    "noise_floor_": "noise",
-    "torque_rms_": "torque rms",
-    "relative_error_percent": "unexplained %",
-    "heldout_rms_": "held out",
-}
 
 
 def show_result(
@@ -174,30 +149,23 @@ def show_result(
     """Print the answer, why, and the table of joints; with -v what is used, and every parameter."""
     session.judged(found.judgement)
     session.lights(found.judgement)
-    torque = robot.torque
-    least = {} if found.header.get("noise_repeats_s") else {"noise_floor_": "noise >="}
-    columns = COLUMNS | least
-    rows = []
-    for each, joint in zip(facts["joints"], robot.joints, strict=True):
-        values = {key.removesuffix("nm").removesuffix("a"): each[key] for key in each}
-        row = {"joint": joint.name} | {head: values[key] for key, head in columns.items()}
-        rows.append(row | {"unit": "A" if torque.relative else joint.torque_unit})
-    session.table(rows)
+    joints, relative = facts["joints"], robot.torque.relative
+    unit = "a" if "rms_a" in joints[0] else "nm"
+    measured = {"noise_floor_{}": "noise"} if found.header.get("noise_repeats_s") else {}
+    columns = (COLUMNS | measured).items()
+    rows = [{head: each[key.format(unit)] for key, head in columns} for each in joints]
+    units = ["A" if relative else joint.torque_unit for joint in robot.joints]
+    session.table([row | {"unit": each} for row, each in zip(rows, units, strict=True)])
     total, held = found.relative_error_percent, found.heldout_relative_error_percent
     beside = "" if held is None else f", held out {held:.2f} % ({found.heldout})"
     session.sentences(f"total relative error {total:.2f} %{beside}")
-    if not session.verbose:
-        return
-    session.answer()
-    session.fact("used", f"{USED[found.in_force]} for predictions")
-    for line in found.expectation():
-        label = "expected" if line.startswith("expected") else "residual"
-        session.fact(label, line.removeprefix("expected "))
-    mass = sum(link["mass_kg"] for link in found.links())
-    known = "masses are unknown without motor gains" if torque.relative else f"{mass:.3g} kg in all"
-    session.fact("physical", f"links with mass, centre and inertia in parameters.npz, {known}")
-    session.answer()
-    session.table(found.table())
+    if session.verbose:
+        mass = sum(link["mass_kg"] for link in found.links())
+        size = "masses are unknown without motor gains" if relative else f"{mass:.3g} kg in all"
+        session.answer()
+        session.sentences(*found.verdict(), f"links are in parameters.npz: {size}")
+        session.answer()
+        session.table(found.table())
 
 
 # ---------------------------------------------------------------- --fail-if

@@ -190,8 +190,14 @@ def configure(ctx: click.Context, param: click.Parameter, value: Path | None) ->
     """Read the configuration files, whose values become this command's defaults."""
     ctx.meta["dynid.config"] = value
     # Why: what one command does for another is not what a file says of that.
-    file = value if value is None or value.is_file() else None
-    found = ctx.meta["dynid.settings"] = settings(ctx.command, file) if ctx.obj is None else {}
+    if ctx.obj is None:
+        file = value if value is None or value.is_file() else None
+        take_defaults(ctx, settings(ctx.command, file) | ctx.meta.get("dynid.settings", {}))
+
+
+def take_defaults(ctx: click.Context, values: dict[str, Value]) -> None:
+    """Make values of a file the defaults of a command, before those that it has from other files."""
+    found = ctx.meta["dynid.settings"] = ctx.meta.get("dynid.settings", {}) | values
     ctx.default_map = {name: words_of(each) for name, each in found.items()}
 
 
@@ -203,11 +209,11 @@ def words_of(value: Value) -> str | list[str]:
 def _say_settings(session: Session) -> None:
     """Say which options a file of the working folder has set: nobody may notice that it lies there."""
     ctx = click.get_current_context()
+    files = (LOCAL_CONFIG, ctx.meta["dynid.config"])
     used = {
         name: each.file
-        for name, each in ctx.meta["dynid.settings"].items()
-        if each.file != config_file()
-        and ctx.get_parameter_source(name) is ParameterSource.DEFAULT_MAP
+        for name, each in ctx.meta.get("dynid.settings", {}).items()
+        if each.file in files and ctx.get_parameter_source(name) is ParameterSource.DEFAULT_MAP
     }
     if used:
         session.stage("settings", f"{next(iter(used.values()))} sets {', '.join(used)}")

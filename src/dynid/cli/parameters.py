@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-import dynid
 from dynid import workflows
 from dynid.cli.options import (
     PATH,
@@ -77,9 +76,7 @@ def stacked(
     inputs = workflows.parameters.log_inputs(robot, logs) | options.texts()
     base = workflows.model.base_model(robot, folder, progress)
     if may_write(session, path, inputs):
-        progress.stage("read")
-        read = [dynid.loading.read_log(log, robot, options) for log in logs]
-        seen = work.observe(robot, read, options, base=base, progress=progress)
+        seen = work.observe(robot, logs, options, base=base, progress=progress)
         wrote = seen.save(folder, session.header(inputs))
         session.wrote(*wrote)
         write_run(folder, inputs)

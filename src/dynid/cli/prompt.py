@@ -139,41 +139,34 @@ def _reason(session: Session) -> str:
     return "--no-input" if session.no_input else "no terminal"
 
 
-def confirm(
-    session: Session,
-    expected: str,
-    question: str,
-    *,
-    given: str | None = None,
-    flag: str = "--move",
-) -> None:
-    """Have a person type a word before something dangerous (P3); -y never answers this.
+def confirm(session: Session, robot: str, given: str | None) -> None:
+    """Have a person type a robot's name before it moves (P3); -y never answers this.
 
     Args:
         session: of the command.
-        expected: the word, such as the robot's name.
-        question: what is asked, such as ``"type the robot's name to start"``.
-        given: value of the option that stands in for typing.
-        flag: that option.
+        robot: the name.
+        given: value of --move, which stands in for typing.
 
     Raises:
         CannotAsk: nobody can be asked.
         WrongUsage: the option names something else.
         Declined: the person typed something else.
     """
-    option = shell(flag, expected)
-    if given is not None:
-        if given != expected:
-            what = f"{flag} names '{given}', but this is '{expected}'"
-            raise WrongUsage(what, why="the arm was not moved", fix=option)
-        return
-    line = _read_line(session, f"{question}: ") if can_ask(session) else None
-    if line is None:
-        reason = "end of input" if can_ask(session) else _reason(session)
-        raise CannotAsk(f'cannot ask "{question}": {reason}', fix=f"add {option}")
-    if line.strip() != expected:
-        what = f"'{visible(line.strip())}' is not '{expected}'"
-        raise Declined(what, why="the arm was not moved")
+    question, option, why = (
+        "type the robot's name to start",
+        shell("--move", robot),
+        "the arm was not moved",
+    )
+    if given is None:
+        line = _read_line(session, f"{question}: ") if can_ask(session) else None
+        if line is None:
+            reason = "end of input" if can_ask(session) else _reason(session)
+            raise CannotAsk(f'cannot ask "{question}": {reason}', fix=f"add {option}")
+        if line.strip() != robot:
+            raise Declined(f"'{visible(line.strip())}' is not '{robot}'", why=why)
+    elif given != robot:
+        what = f"--move names '{given}', but this is '{robot}'"
+        raise WrongUsage(what, why=why, fix=option)
 
 
 def ask_line(session: Session, question: str) -> str:

@@ -50,7 +50,7 @@ class TerminalOperator:
 
     def confirm_motion(self, robot: str) -> bool:
         """Have the robot's name typed (P3); anything else raises an error."""
-        confirm(self.session, robot, "type the robot's name to start", given=self.move)
+        confirm(self.session, robot, self.move)
         return True
 
     def stop_pressed(self) -> bool:
@@ -99,7 +99,7 @@ def command(
     """Play a reviewed trajectory on the arm and record what its driver publishes."""
     if move is not None:
         # Why before anything is looked for: it names another arm, or does not belong here.
-        confirm(session, robot.slug, "", given=move)
+        confirm(session, robot.slug, move)
         if options.listen_only:
             fix = "leave out --move, --go-to-start and --zero-torques"
             raise WrongUsage("--listen-only sends nothing to the arm", fix=fix)

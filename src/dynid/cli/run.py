@@ -49,24 +49,13 @@ def command(
 
     def ended(jobs: int, job: dict[str, Any]) -> None:
         how = "reused" if job["reused"] else f"{job['seconds']:.1f} s"
-        what = f"{job['name']}: {job['outcome']} ({how})"
-        session.progress.stage(f"{next(number)}/{jobs}", what)
+        session.stage(f"{next(number)}/{jobs}", f"{job['name']}: {job['outcome']} ({how})")
         line("job", {key: job[key] for key in job if key != "answers"})
 
     words = ["--seed", str(session.seed), *["--force"] * session.force]
     jobs = run(batch, options, session.out or Path("out"), words, ended)
     if junit is not None:
-        cases = [
-            JunitCase(
-                job["name"],
-                Path(job["robot"]).stem,
-                job["message"],
-                job["seconds"],
-                job["outcome"] == "failed",
-            )
-            for job in jobs
-        ]
-        write_text(junit, junit_xml("dynid run", cases))
+        write_text(junit, junit_xml("dynid run", [*map(case_of, jobs)]))
         session.wrote(junit)
     outcomes = Counter(job["outcome"] for job in jobs)
     facts = {
@@ -77,32 +66,27 @@ def command(
     }
     line("end", facts)
     if not json_lines:
-        show(session, jobs, facts)
+        session.table(
+            [
+                {
+                    "job": job["name"],
+                    "outcome": job["outcome"],
+                    "unexplained %": job["relative_error_percent"],
+                    "unseen log %": job["unseen_relative_error_percent"],
+                    "what": job["message"] or None,
+                }
+                for job in jobs
+            ]
+        )
+        session.answer()
+        counts = f"{facts['beyond_limit']} beyond a limit, {facts['failed']} failed"
+        session.fact("verdict", f"{facts['passed']} of {len(jobs)} passed, {counts}")
     failed = [job["status"] for job in jobs if job["outcome"] == "failed"]
     status = failed[0] if failed else max(job["status"] for job in jobs)
     return {"schema": "dynid/run/1", "jobs": jobs, **facts}, status
 
 
-def show(session: Session, jobs: list[dict[str, Any]], facts: dict[str, Any]) -> None:
-    """Print one row per job, and how many passed."""
-    heads = {
-        "unexplained": "relative_error_percent",
-        "unseen log": "unseen_relative_error_percent",
-    }
-    session.table(
-        [
-            {
-                "job": job["name"],
-                "outcome": job["outcome"],
-                **{
-                    head: None if job[key] is None else f"{job[key]:.2f} %"
-                    for head, key in heads.items()
-                },
-                "what": job["message"] or None,
-            }
-            for job in jobs
-        ],
-    )
-    session.answer()
-    counts = f"{facts['beyond_limit']} beyond a limit, {facts['failed']} failed"
-    session.fact("verdict", f"{facts['passed']} of {len(jobs)} passed, {counts}")
+def case_of(job: dict[str, Any]) -> JunitCase:
+    """Return a job as a line of a test report."""
+    robot, failed = Path(job["robot"]).stem, job["outcome"] == "failed"
+    return JunitCase(job["name"], robot, job["message"], job["seconds"], failed)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 
-import dynid
 from dynid import workflows
 from dynid.cli.options import (
     ROBOTS,
@@ -78,13 +77,12 @@ def command(
 
 def compared(session: Session, before: Path, after: Path, log: Path, engine: str) -> Answered:
     """Drive the exported files of two results along a log and print the errors."""
-    results, work = [dynid.loading.load_run(each) for each in (before, after)], workflows
-    found = work.simulator_gap.compare_in_simulator(
-        results, log, engine=engine, progress=session.progress
+    work = workflows.simulator_gap
+    found = work.compare_in_simulator(
+        [before, after], log, engine=engine, progress=session.progress
     )
-    folder = session.out or results[1].path.parent
-    picture = folder / "simulator" / f"{log.stem}_{engine}.png"
-    wrote = [work.simulator_gap.save_figure(found, picture)]
+    folder = session.out or (after if after.is_dir() else after.parent)
+    wrote = [work.save_figure(found, folder / "simulator" / f"{log.stem}_{engine}.png")]
     session.sentences(found.sentence())
     session.table(found.table())
     session.wrote(*wrote)

@@ -8,18 +8,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
-from click.core import ParameterSource
 
 from dynid import workflows
-from dynid.cli.options import INPUT, PATH, Answered, dynid_command, options_from, robot_argument
+from dynid.cli.options import (
+    INPUT,
+    PATH,
+    Answered,
+    dynid_command,
+    options_from,
+    robot_argument,
+    take_defaults,
+)
 from dynid.cli.prompt import ATTEMPTS, Answer, ask, ask_line, can_ask, may_write
 from dynid.cli.session import Session
 from dynid.errors import Declined, Finding, NoDisplay, WrongUsage
+from dynid.files.yamlfile import read_yaml
 from dynid.text import shell
 from dynid.trajectory.options import PlanOptions
 
 if TYPE_CHECKING:
-    from dynid.files.planfile import PlanFile
     from dynid.files.trajectoryfile import StoredTrajectory
     from dynid.robot import Robot
     from dynid.trajectory.preview import Drawing
@@ -38,6 +45,17 @@ class View(NamedTuple):
     accept: bool
 
 
+def take_options(ctx: click.Context, param: click.Parameter, plan: Path | None) -> Path | None:
+    """Take options of PLAN.yaml as defaults, before those of other files."""
+    from dynid.files.planfile import OPTIONS
+
+    if plan is not None:
+        keys = read_yaml(plan).entries()
+        given = {key: keys[key] for key in OPTIONS if key in keys and not keys[key].is_null}
+        take_defaults(ctx, given)
+    return plan
+
+
 @dynid_command(
     "trajectory",
     examples=(
@@ -49,7 +67,9 @@ class View(NamedTuple):
     ),
 )
 @robot_argument
-@click.argument("plan", required=False, metavar="[PLAN.yaml]", type=INPUT)
+@click.argument(
+    "plan", required=False, metavar="[PLAN.yaml]", type=INPUT, is_eager=True, callback=take_options
+)
 @options_from(PlanOptions, without=("processes",))
 @click.option(
     "--from-waypoints",
@@ -97,7 +117,12 @@ def command(
     from dynid.files.planfile import PlanFile, read_plan
 
     written = PlanFile() if plan is None else read_plan(plan, robot)
-    options = with_plan(written, options)
+    changes: dict[str, Any] = {
+        "obstacles": (*((*low, *high) for low, high in written.obstacles), *options.obstacles)
+    }
+    if written.workspace is not None and options.workspace is None:
+        changes["workspace"] = (*written.workspace[0], *written.workspace[1])
+    options = replace(options, **changes)
     path = session.folder(robot.slug) / "trajectory.npz"
     if review is not None:
         look = view(session, preview, review.parent, accept=accept)
@@ -170,30 +195,6 @@ def changed(
         session.stage("again", f"{now}; a changed waypoint file is read again")
         return options, waypoints
     raise Declined("the motion was not accepted", why="nothing was written")
-
-
-def with_plan(plan: PlanFile, options: PlanOptions) -> PlanOptions:
-    """Return options with those of PLAN.yaml where command line and variables are silent."""
-    ctx = click.get_current_context()
-    changes: dict[str, Any] = {}
-    for param in ctx.command.params:
-        name = str(param.name)
-        source = ctx.get_parameter_source(name)
-        if name not in plan.options or source in (
-            ParameterSource.COMMANDLINE,
-            ParameterSource.ENVIRONMENT,
-        ):
-            continue
-        try:
-            changes[name] = param.type_cast_value(ctx, plan.options[name])
-        except click.BadParameter as error:
-            place = plan.places[name]
-            raise WrongUsage(f"{place}: {name}: {error.message}", where=place) from None
-    boxes = ((*lower, *upper) for lower, upper in plan.obstacles)
-    changes["obstacles"] = (*boxes, *options.obstacles)
-    if plan.workspace is not None and options.workspace is None:
-        changes["workspace"] = (*plan.workspace[0], *plan.workspace[1])
-    return replace(options, **changes)
 
 
 def saved(

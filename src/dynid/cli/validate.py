@@ -69,9 +69,7 @@ def command(
     if mcap is not None:
         may_write(session, mcap)
     base = workflows.model.base_model_of(stored, parent, progress)
-    progress.stage("read")
-    read = dynid.loading.read_log(log, stored.robot, options)
-    found = workflows.validate.validate(stored, read, options, base=base, progress=progress)
+    found = workflows.validate.validate(stored, log, options, base=base, progress=progress)
     folder = found.folder(parent / "validation")
     wrote = [found.save(folder), *(found.write_figures(folder) if plot else [])]
     if mcap is not None:
