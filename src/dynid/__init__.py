@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from dynid.workflows.drive_gains import find_drive_gains
     from dynid.workflows.export import ExportedModel, export
     from dynid.workflows.gap import earlier_logs, find_gap
-    from dynid.workflows.gap_result import Gap
+    from dynid.workflows.gap_result import Gap, load
     from dynid.workflows.identify import find_payload, identify
     from dynid.workflows.model import base_model
     from dynid.workflows.options import (
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from dynid.workflows.parameters import Observations, observe
     from dynid.workflows.plan import Plan
     from dynid.workflows.report import Report, report
-    from dynid.workflows.saved import load
     from dynid.workflows.simulate import Simulation, simulate
     from dynid.workflows.simulator_gap import compare_in_simulator
     from dynid.workflows.trajectory import plan_trajectory
@@ -85,7 +84,7 @@ _HOMES = {
     "find_gap": "dynid.workflows.gap",
     "find_payload": "dynid.workflows.identify",
     "identify": "dynid.workflows.identify",
-    "load": "dynid.workflows.saved",
+    "load": "dynid.workflows.gap_result",
     "load_log": "dynid.loading",
     "load_robot": "dynid.loading",
     "observe": "dynid.workflows.parameters",

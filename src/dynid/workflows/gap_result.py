@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
+from dynid import arguments
 from dynid.answer import Judged, picked
-from dynid.errors import WrongUsage
+from dynid.arguments import public
+from dynid.errors import NotAnArtifact, WrongUsage
 from dynid.estimation.evidence import evidence_of, gap_evidence
 from dynid.estimation.result import Identification
 from dynid.files import packaged
+from dynid.files.artifact import read_header
+from dynid.files.trajectoryfile import StoredTrajectory, read_trajectory
 from dynid.gap.analysis import GapAnalysis, on_one_clock
 from dynid.gap.apply import new_name, specs_of, stacked_with, write_robot
 from dynid.gap.candidates import SelectionOptions
 from dynid.gap.localisation import NEGLIGIBLE
 from dynid.gap.record import GapEffect, GapRecord, read_record, write_record
 from dynid.judgement.evidence import Evidence
-from dynid.loading import condition_logs
+from dynid.loading import condition_logs, load_run, parameters_of
 from dynid.log import Log
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.reports.figures import write_figure
@@ -34,6 +38,8 @@ from dynid.workflows.parameters import Observations
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+T = TypeVar("T")
 
 #: What the verdicts mean.
 VERDICTS = {
@@ -392,3 +398,43 @@ def robot_file_beside(robot: Robot, effects: Sequence[GapEffect]) -> Path:
     ):
         folder = robot.path.parent
     return folder / f"{new_name(robot, effects)}.yaml"
+
+
+# ---------------------------------------------------------------- what was saved is read back, whatever it is
+@overload
+def load(path: Path | str) -> Identification | Gap | StoredTrajectory: ...
+
+
+@overload
+def load(path: Path | str, kind: type[T]) -> T: ...
+
+
+@public
+def load(path: Path | str, kind: type[Any] = object) -> Any:
+    """Return what is in a result file: the object whose ``save`` wrote it, or the stored motion of a plan.
+
+    Args:
+        path: a file such as parameters.npz, or the folder of a run, whose parameters.npz is read.
+        kind: the type that is expected, such as ``dynid.Identification``; it is the type of what is returned.
+
+    Raises:
+        WrongUsage: an argument is something else than what is wanted, or the file holds another type (E101).
+        NotAnArtifact: the file is none of dynid's, or is damaged (E3xx).
+
+    Example:
+        dynid.load("out/kuka_lwr4plus", dynid.Identification)
+    """
+    arguments.instance(kind, type, "kind", "a type such as dynid.Identification")
+    file = parameters_of(arguments.path(path, "path"))
+    schema = str((read_header(file) or {}).get("schema", "")).rpartition("/")[0]
+    readers: dict[str, Callable[[Path], object]] = {
+        "dynid/identification": load_run,
+        "dynid/trajectory": read_trajectory,
+        "dynid/gap": Gap.load,
+    }
+    if schema not in readers:
+        raise NotAnArtifact(f"{file} holds nothing that dynid.load reads", where=str(file))
+    found = readers[schema](file)
+    if not isinstance(found, kind):
+        raise arguments.refused("path", f"a file with an object of type {kind.__name__}", found)
+    return found

@@ -17,15 +17,27 @@ from numpy.typing import ArrayLike, NDArray
 from dynid import arguments
 from dynid.arguments import public
 from dynid.disk import sha256
-from dynid.errors import PlanTeachesLittle
+from dynid.errors import PlanTeachesLittle, WrongUsage
+from dynid.estimation.least_squares import weighted
+from dynid.estimation.posterior import parameter_posterior, prior_information
 from dynid.estimation.result import Identification
-from dynid.files.artifact import reading
+from dynid.estimation.stack import stack_logs
+from dynid.files.artifact import read_header, reading
 from dynid.files.planfile import Waypoints, read_waypoints
-from dynid.files.trajectoryfile import StoredTrajectory
+from dynid.files.trajectoryfile import StoredTrajectory, read_trajectory
 from dynid.gap.record import GapRecord, read_record
-from dynid.loading import RobotLike, as_robot
+from dynid.loading import (
+    RobotLike,
+    as_robot,
+    checked_log,
+    condition_logs,
+    load_run,
+    parameters_of,
+    read_log,
+)
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
+from dynid.options import LogOptions
 from dynid.progress import SILENT, Progress
 from dynid.reports.motion_drawing import draw_motion
 from dynid.robot import Robot
@@ -47,28 +59,119 @@ from dynid.trajectory.planning import (
     require_safe,
     search_time,
 )
-from dynid.trajectory.predict import alpha_table, predict
+from dynid.trajectory.predict import alpha_table, default_noise, information_of, predict
 from dynid.trajectory.preview import Drawing, window
-from dynid.workflows.earlier_information import (
-    Earlier,
-    believed,
-    earlier_information,
-    read_earlier,
-    require_same_arm,
-    torque_noise,
-    unexplained,
-)
 from dynid.workflows.gap_experiment import GapExperiment
 from dynid.workflows.model import base_model
 from dynid.workflows.plan import Plan, SearchRecord, scene_facts
 
 Floats = NDArray[np.float64]
+#: A recording, what was identified from recordings, or a motion that was planned and not yet recorded.
+Earlier = Log | Identification | StoredTrajectory
 EarlierLike: TypeAlias = Earlier | Plan | str | Path
 
 #: A motion shorter than this at full speed is named as too short when it teaches little [s].
 SHORT = 10.0
 
 
+# ---------------------------------------------------------------- what is known before
+def _read_earlier(path: Path, robot: Robot) -> Earlier:
+    """Return what a file holds: parameters.npz, trajectory.npz, or else a log."""
+    # Why: a recording of rosbag2 is a folder as well.
+    path = parameters_of(path) if parameters_of(path).is_file() else path
+    header = read_header(path) if path.suffix == ".npz" else None
+    kind = str((header or {}).get("schema", "")).rpartition("/")[0]
+    if kind == "dynid/identification":
+        return load_run(path)
+    return read_trajectory(path, robot) if kind == "dynid/trajectory" else read_log(path, robot)
+
+
+def _torque_noise(
+    robot: Robot, given: Sequence[float] | None, earlier: Sequence[Earlier], rate: float
+) -> tuple[Floats, str]:
+    """Return each joint's torque noise from the first of its sources that there is, and that source in words.
+
+    Args:
+        robot: the arm.
+        given: one number or one per joint [N m or N]; None to look further.
+        earlier: an identification among them has found the noise.
+        rate: of the coming log's samples [Hz].
+
+    Returns:
+        Standard deviation of each joint's torque, (n,) [N m or N], and where it comes from. White noise is meant: of an
+        identification, that which tells as little as its coloured residuals.
+    """
+    if given is not None:
+        if len(given) not in (1, robot.n):
+            what = f"--noise '{','.join(f'{sigma:g}' for sigma in given)}'"
+            one = f"one positive number, or {robot.n} of them"
+            raise WrongUsage(f"{what} must be {one}", fix="such as --noise 0.1")
+        return np.broadcast_to(np.array(given), (robot.n,)).copy(), "given with --noise"
+    for known in earlier:
+        if isinstance(known, Identification):
+            noise = parameter_posterior(known).sample_noise(rate)
+            return noise, "as an earlier identification found it"
+    assumed = "assumed (0.3 % of the rating, 0.1 N m without one)"
+    return default_noise(robot), assumed if robot.torque.noise is None else "from the robot file"
+
+
+def _information(
+    base: BaseModel, earlier: Sequence[Earlier], noise: Floats, progress: Progress
+) -> tuple[Floats | None, Floats]:
+    """Return the information about the base parameters of earlier files, and with the prior of possible bodies.
+
+    Args:
+        base: model and base parameters.
+        earlier: logs, results and motions; the posterior of a physical set holds the prior already.
+        noise: standard deviation of each joint's torque, for motions that were not recorded, (n,) [N m or N].
+        progress: reports each.
+
+    Returns:
+        Both as matrices, (p, p); the first is None without any file.
+    """
+    total: Floats | None = None
+    prior = prior_information(base)
+    for known in earlier:
+        if isinstance(known, Identification):
+            information, name = _of_result(base, known), str(known.path)
+            prior = prior * (known.in_force != "physical")
+        elif isinstance(known, StoredTrajectory):
+            columns, name = base.reduction.base, str(known.source)
+            information = information_of(base.model, columns, known.motion, noise)[1]
+        else:
+            information, name = _of_log(base, known, progress), str(known.source)
+        total = information if total is None else total + information
+        progress.stage("earlier", f"{name}: the new motion is planned to complete it")
+    return total, prior if total is None else total + prior
+
+
+def _of_result(base: BaseModel, found: Identification) -> Floats:
+    names = {name: k for k, name in enumerate(found.names)}
+    if not set(base.reduction.base_names) <= set(names):
+        what = f"{found.path} has different base parameters from the robot file"
+        raise WrongUsage(what, fix="identify again with this robot file")
+    # Why some: a motion is planned without the effects of the robot file, whatever they are.
+    some = [names[name] for name in base.reduction.base_names]
+    others = [k for k in names.values() if k not in some]
+    information = parameter_posterior(found).information
+    known, shared = information[np.ix_(some, some)], information[np.ix_(some, others)]
+    if others:
+        rest = np.linalg.pinv(information[np.ix_(others, others)], hermitian=True)
+        known = known - shared @ rest @ shared.T
+    return np.asarray(known)
+
+
+def _of_log(base: BaseModel, log: Log, progress: Progress) -> Floats:
+    options = LogOptions(delay=0.0)
+    conditioned = condition_logs([checked_log(log, base.robot)], base.model, options, progress)
+    factors, rows = stack_logs(conditioned, base, progress).whole
+    found, p = weighted(factors, rows).noise, base.reduction.rank
+    return np.asarray(
+        sum(R[:, :p].T @ R[:, :p] / sigma**2 for R, sigma in zip(factors, found, strict=True))
+    )
+
+
+# ---------------------------------------------------------------- what is asked
 def _earlier_of(given: EarlierLike | Sequence[EarlierLike], robot: Robot) -> list[Earlier]:
     """Return logs, results and motions, each given by itself or by its path."""
     kinds, wanted = (Log, Identification, StoredTrajectory, Plan), "a log, a result or a motion"
@@ -76,11 +179,17 @@ def _earlier_of(given: EarlierLike | Sequence[EarlierLike], robot: Robot) -> lis
     single, several = (*kinds, str, Path), f"{wanted}; or a list of them"
     for each in arguments.several(given, single, "earlier", several, empty=True):
         if isinstance(each, (str, Path)):
-            found.append(read_earlier(arguments.path(each, "earlier"), robot))
+            found.append(_read_earlier(arguments.path(each, "earlier"), robot))
         elif not isinstance(each, kinds):
             raise arguments.refused("earlier", several, each)
         else:
             found.append(each.stored() if isinstance(each, Plan) else each)
+        # Of a log the columns are looked up.
+        if isinstance(found[-1], Identification):
+            robot.require_joints(found[-1].robot.joint_names, found[-1].label)
+        elif isinstance(found[-1], StoredTrajectory):
+            where = found[-1].source or "the earlier motion"
+            robot.require_joints(found[-1].joints, where)
     return found
 
 
@@ -149,10 +258,9 @@ def plan_trajectory(
     for_gap = arguments.optional(for_gap, GapRecord, "for_gap", wanted)
     begin = time.monotonic()
     base = _plain(base or base_model(robot, progress=progress), progress)
-    require_same_arm(before, robot)
-    noise, source = torque_noise(robot, options.noise, before, options.rate)
-    known = earlier_information(base, before, noise, progress)
-    context = planning_context(base, options, noise, known, believed(base, before, known))
+    noise, source = _torque_noise(robot, options.noise, before, options.rate)
+    known, believed = _information(base, before, noise, progress)
+    context = planning_context(base, options, noise, known, believed)
     experiment = None if for_gap is None else GapExperiment.of(for_gap, context, progress)
     found, until = None, begin + options.seconds
     if through is not None:
@@ -183,6 +291,8 @@ def plan_trajectory(
         ended, finished = ("no search", 0) if found is None else (found.ended, found.finished)
         search = SearchRecord(options.seed, ended, finished, chosen.share)
     progress.stage("predict")
+    results = [each for each in before if isinstance(each, Identification) and each.expected]
+    left = [np.sqrt(np.mean(each.expected.noise**2)) for each in results if each.expected]
     plan = Plan(
         robot=context.robot,
         options=options,
@@ -197,7 +307,7 @@ def plan_trajectory(
         noise_from=source,
         search=search,
         urdf=urdf,
-        unexplained=unexplained(before),
+        unexplained=float(left[0]) if left else None,
         outlook=() if experiment is None else experiment.outlook(chosen.trajectory),
     )
     if found is not None and experiment is None and not before:
