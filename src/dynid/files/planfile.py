@@ -78,14 +78,12 @@ class PlanFile:
 
     Attributes:
         options: values of command line options as text.
-        places: ``file:line`` of each option.
         waypoints: points to go through; None to search for an exciting motion.
         obstacles: boxes that no link may touch, least and greatest corner [m].
         workspace: box that the tool stays in; None without one.
     """
 
     options: dict[str, str] = field(default_factory=dict)
-    places: dict[str, str] = field(default_factory=dict)
     waypoints: Waypoints | None = None
     obstacles: tuple[Corners, ...] = ()
     workspace: Corners | None = None
@@ -124,7 +122,6 @@ def read_plan(path: Path, robot: Robot) -> PlanFile:
     options = {name: given[name] for name in OPTIONS if given.get(name) is not None}
     return PlanFile(
         options=options,
-        places={name: keys[name].where for name in options},
         waypoints=waypoints,
         obstacles=given.get("obstacles", ()),
         workspace=given.get("workspace"),
