@@ -63,28 +63,22 @@ def draw_motion(
 def _arm(axes: Any, ends: Floats, capsules: Capsules, everywhere: Floats) -> None:  # noqa: ANN401
     """Draw the links at one pose, (n, 2, 3) [m], the tool's whole path, the floor and the boxes."""
     scene = capsules.scene
-    points = everywhere.reshape(-1, 3)
-    if scene.floor is not None:
-        points = np.vstack([points, [*points[0, :2], scene.floor]])
-    points = np.vstack([points, *([box.lower, box.upper] for box in scene.obstacles)])
-    middle, half = (points.max(axis=0) + points.min(axis=0)) / 2, np.ptp(points, axis=0).max() / 2
-    limits = zip(("xlim", "ylim", "zlim"), middle - half, middle + half, strict=True)
-    axes.set(**{name: ends for name, *ends in limits}, box_aspect=(1, 1, 1))
+    corners = ([box.lower, box.upper] for box in scene.obstacles)
+    points = np.vstack([everywhere.reshape(-1, 3), *corners])
+    width = POINTS * SIZE * 0.6 / np.ptp(points, axis=0).max()
     axes.view_init(ELEVATION, AZIMUTH)
     axes.tick_params(labelsize=6)
-    width = POINTS * SIZE * 0.6 / (2 * half)
     axes.plot(*everywhere[:, -1, 1].T, color="#bbbbbb", linewidth=0.7)
-    for i, (start, end) in enumerate(ends):
-        x, y, z = np.array([start, end]).T
-        thick = 2 * capsules.radii[i] * width
-        color = COLORS[i % len(COLORS)]
-        axes.plot(x, y, z, color=color, linewidth=thick, solid_capstyle="round", alpha=0.8)
+    for i, link in enumerate(ends):
+        thick, color = 2 * capsules.radii[i] * width, COLORS[i % len(COLORS)]
+        axes.plot(*link.T, color=color, linewidth=thick, solid_capstyle="round", alpha=0.8)
     if scene.floor is not None:
-        x, y = np.meshgrid(*(middle[k] + half * np.array([-1, 1]) for k in range(2)))
+        x, y = np.meshgrid(*zip(points.min(axis=0)[:2], points.max(axis=0)[:2], strict=True))
         axes.plot_surface(x, y, np.full((2, 2), scene.floor), color="#999999", alpha=0.2)
     for box in scene.obstacles:
         size = np.subtract(box.upper, box.lower)
         axes.bar3d(*box.lower, *size, color="#d55e00", alpha=0.3)
+    axes.set_aspect("equal")
 
 
 def _traces(axes: Any, trajectory: Trajectory, capsules: Capsules, times: Floats) -> None:  # noqa: ANN401
