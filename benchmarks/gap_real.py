@@ -185,8 +185,8 @@ def known_of(arm, data, cache):
         found = identified([source], base)
         log = read(data / second, robot)
         bare = look([log], base, found, source)
-        alone = make_problem([source_of(log, base.model)], base, kept_model(found)).segments
-        left = np.concatenate([np.where(s.use, s.tau - s.W @ found.plain, np.nan) for s in alone])
+        alone = make_problem([source_of(log, base.model)], base, kept_model(found)).rows
+        left = np.where(alone.use, alone.tau - alone.W @ found.plain, np.nan)
         residual = np.sqrt(np.nanmean(left**2, axis=0))
 
         def gravity(q):

@@ -13,12 +13,12 @@ from dynid.gap.candidates import SelectionOptions
 from dynid.gap.change import still_changed
 from dynid.gap.counterbalance import counterbalances
 from dynid.gap.forward_simulation import simulate_held_out
+from dynid.gap.gap_rows import gap_rows
 from dynid.gap.improvement import HeldOutImprovement, fitted_with, held_out_improvement
 from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.possible_arm import COUNTERBALANCE
 from dynid.gap.problem import GapProblem, KeptModel, judged_by_possible, make_problem
 from dynid.gap.search import EffectSearch, search_effects
-from dynid.gap.segments import segments_of
 from dynid.gap.selected_effects import SelectedEffect, with_columns
 from dynid.gap.verdict import Case, GapVerdict, judge, refusal
 from dynid.model.base_model import BaseModel, model_torques
@@ -138,7 +138,7 @@ def _proved(
     problem, effects = search.problem, list(search.selected)
     refused: list[tuple[SelectedEffect, str]] = []
     # Why not of the same motion: what always was cancels there.
-    asked = problem.compared and not problem.same_motion
+    asked = problem.rows.compared and not problem.same_motion
     changed = still_changed(first, []).joints if asked and effects else None
 
     def improved(some: Sequence[SelectedEffect]) -> HeldOutImprovement:
@@ -182,10 +182,8 @@ def _replays(
     """Return the replay of the held-out motion before and after; None where it cannot be run."""
     problem, shown = search.problem, with_columns(effects)
     # Why of a change: fitted to old and new logs, an arm carries what was put on it in its own links.
-    old = [k for k, s in enumerate(first.segments) if not first.compared or not s.is_new]
-    kept = replace(
-        first, segments=[first.segments[k] for k in old], train=[first.train[k] for k in old]
-    )
+    rows = first.rows.only(~first.rows.is_new) if first.rows.compared else first.rows
+    kept = replace(first, rows=rows)
     try:
         before = simulate_held_out(first, kept.regression(nuisance=False), [])
         after = (
@@ -198,11 +196,9 @@ def _replays(
 
 def relative_error(logs: Sequence[ConditionedLog], base: BaseModel, theta: Floats) -> float:
     """Return what base parameters, (p,), leave of the torques of logs [%]."""
-    squares = np.zeros(2)
-    for s in segments_of(logs, base, model_torques(base.model, base.reduction, theta)):
-        left = s.tau - s.W @ theta
-        squares += [np.sum(np.where(s.use, x, 0.0) ** 2) for x in (left, s.tau)]
-    return float(100.0 * np.sqrt(squares[0] / max(squares[1], 1e-300)))
+    rows = gap_rows(logs, base, model_torques(base.model, base.reduction, theta))
+    left, tau = (np.sum(x[rows.use] ** 2) for x in (rows.tau - rows.W @ theta, rows.tau))
+    return float(100.0 * np.sqrt(left / max(tau, 1e-300)))
 
 
 def on_one_clock(logs: Sequence[ConditionedLog]) -> list[ConditionedLog]:

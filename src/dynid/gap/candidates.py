@@ -9,9 +9,9 @@ import numpy as np
 
 from dynid.gap import tuning
 from dynid.gap.evidence import Evidence, EvidenceRows, Products, forward, lower_root
+from dynid.gap.gap_rows import EffectColumns, on_joint
 from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import Key
-from dynid.gap.whitened_regression import EffectColumns, filtered_columns
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Effect, Floats, Joints
 
@@ -62,15 +62,6 @@ class Place:
         """What tells it from all others."""
         return self.key, self.always
 
-    def columns(self, rows: EvidenceRows, shapes: list[dict[str, float]]) -> dict[int, Floats]:
-        """Return the columns of some shapes, {joint: (G, k, F)}, those that are nothing but rounding as zeros."""
-        segments = rows.regression.segments
-        parts = filtered_columns(segments, self.effect, self.joints, shapes, always=self.always)
-        columns = {j: rows.bands.rows(j, part) for j, part in parts.items()}
-        largest = np.max([np.abs(C).max(axis=2, initial=0.0) for C in columns.values()], axis=0)
-        kept = largest > ROUNDING * largest.max()
-        return {j: C * kept[:, :, None] for j, C in columns.items() if C.any()}
-
 
 @dataclass(frozen=True)
 class Candidate:
@@ -79,56 +70,59 @@ class Candidate:
     Attributes:
         place: the effect and where it sits.
         shapes: those that are tried, G of them.
+        columns: {joint: (G, k, F)}.
         own: for each joint, products of its columns with each other, {joint: (B, G, k, k)}.
-        others: and with [T, R, torque], {joint: (B, G k, t + r + 1)}.
+        others: and with [base, R, torque, added], {joint: (B, G k, s)}.
         rms: of its columns on the joint that shows each most, in units of the noise, (G, k).
         groups: how many candidates of other numbers of columns there are at its place, this one included.
-        columns: {joint: (G, k, F)}.
     """
 
     place: Place
     shapes: list[dict[str, float]]
+    columns: dict[int, Floats]
     own: dict[int, Floats]
     others: dict[int, Floats]
     rms: Floats
     groups: int
-    columns: dict[int, Floats]
 
-    def beside(self, rows: EvidenceRows, columns: EffectColumns, at: int) -> Candidate:
-        """Return the candidate with its products with further columns of T, at their place."""
-        count, others = len(next(iter(columns.values()))), {}
-        for j, products in self.others.items():
-            bands, flat, _ = products.shape
-            more = np.zeros((bands, flat, count))
-            if j in columns:
-                more = rows.bands.products(self.columns[j].reshape(flat, -1), columns[j])
-            others[j] = np.concatenate([products[..., :at], more, products[..., at:]], axis=2)
+    def beside(self, rows: EvidenceRows, added: EffectColumns) -> Candidate:
+        """Return the candidate with its products with further columns of T."""
+        others = {}
+        for j, C in self.columns.items():
+            flat = C.reshape(-1, C.shape[-1])
+            more = rows.bands.products(flat, on_joint(added, j, C.shape[-1]))
+            others[j] = np.concatenate([self.others[j], more], axis=2)
         return replace(self, others=others)
 
-    def without(self, first: int, last: int) -> Candidate:
-        """Return the candidate without its products with some columns of T."""
-        others = {j: np.delete(x, np.s_[first:last], axis=2) for j, x in self.others.items()}
+    def without(self, evidence: Evidence, columns: slice) -> Candidate:
+        """Return the candidate without its products with some columns of T of an evidence."""
+        others = {
+            j: np.delete(x, evidence.joints[j].common[columns], axis=2)
+            for j, x in self.others.items()
+        }
         return replace(self, others=others)
 
     def at(self, g: int) -> tuple[dict[int, Products], Floats]:
         """Return products of the columns of one shape, {joint: (own, others)}, and their rms, 1 for none, (k,)."""
         k = self.rms.shape[1]
-        found = {
-            j: (own[:, g], self.others[j][:, g * k : (g + 1) * k]) for j, own in self.own.items()
-        }
+        part = slice(g * k, (g + 1) * k)
+        found = {j: (own[:, g], self.others[j][:, part]) for j, own in self.own.items()}
         return found, np.where(self.rms[g] > 0, self.rms[g], 1.0)
 
     def and_also(self, other: Candidate) -> Candidate:
         """Return the candidate with the shapes of another one of the same effect at the same place."""
+
+        def both(name: str, axis: int) -> dict[int, Floats]:
+            one, more = getattr(self, name), getattr(other, name)
+            return {j: np.concatenate([x, more[j]], axis=axis) for j, x in one.items()}
+
         return replace(
             self,
             shapes=[*self.shapes, *other.shapes],
-            own={j: np.concatenate([x, other.own[j]], axis=1) for j, x in self.own.items()},
-            others={
-                j: np.concatenate([x, other.others[j]], axis=1) for j, x in self.others.items()
-            },
+            columns=both("columns", 0),
+            own=both("own", 1),
+            others=both("others", 1),
             rms=np.concatenate([self.rms, other.rms]),
-            columns={j: np.concatenate([C, other.columns[j]]) for j, C in self.columns.items()},
         )
 
 
@@ -148,26 +142,25 @@ def candidate(
         added: columns that have been added to T, one effect after the other.
         groups: how many candidates the effect has there.
     """
-    columns, own, others = place.columns(rows, shapes), {}, {}
-    power = np.zeros((len(shapes), len(place.effect.amplitudes(shapes[0]))))
+    raw = rows.rows.columns(place.effect, place.joints, shapes, always=place.always)
+    columns = {j: rows.bands.transformed(j, C) for j, C in raw.items()}
+    largest: Floats = np.max([np.abs(C).max(axis=2, initial=0.0) for C in columns.values()], axis=0)
+    kept = largest > ROUNDING * largest.max()
+    columns = {j: C * kept[..., None] for j, C in columns.items() if C.any()}
+    own, others, power = {}, {}, np.zeros(largest.shape)
     for j, C in columns.items():
         own[j], others[j] = rows.products(j, C, added)
         count = max(float(rows.bands.counts(j, always=place.always).sum()), 1.0)
         power = np.maximum(power, np.einsum("bgkk->gk", own[j]) / count)
-    return Candidate(place, shapes, own, others, np.sqrt(power), groups, columns)
-
-
-def in_range(effect: Effect, shape: Mapping[str, float]) -> bool:
-    """Return whether a shape is one that is judged."""
-    ranges = ((value, tuning.RANGES.get((effect.name, name))) for name, value in shape.items())
-    return all(ends is None or ends[0] <= value <= ends[1] for value, ends in ranges)
+    return Candidate(place, shapes, columns, own, others, np.sqrt(power), groups)
 
 
 def candidates_of(rows: EvidenceRows, place: Place) -> list[Candidate]:
     """Return the candidates of an effect on its grid: one for each number of columns that its shapes have."""
     groups: dict[int, list[dict[str, float]]] = {}
-    for shape in place.effect.grid(rows.regression.motion, place.joints):
-        if in_range(place.effect, shape):
+    for shape in place.effect.grid(rows.rows.motion, place.joints):
+        ranges = ((x, tuning.RANGES.get((place.effect.name, name))) for name, x in shape.items())
+        if all(ends is None or ends[0] <= x <= ends[1] for x, ends in ranges):
             groups.setdefault(len(place.effect.amplitudes(shape)), []).append(shape)
     made = [candidate(rows, place, some, (), len(groups)) for some in groups.values()]
     return [one for one in made if one.own and one.rms.any()]
@@ -183,18 +176,16 @@ def places_of(problem: GapProblem, options: SelectionOptions, *, delay: bool) ->
         options: which effects are tried, and where.
         delay: whether a delay is tried.
     """
-    moves = np.sum([s.use.sum(axis=0) for s in problem.segments], axis=0) > 0
-    earlier = not all(s.is_new for s in problem.segments)
+    moves = np.asarray(problem.rows.use.any(axis=0))
     return [
         Place(effect, joints, always)
         for effect in CATALOGUE.values()
-        if delay or effect.name != "torque_delay"
-        for joints in effect.candidate_joints(problem.base.robot.n)
-        for always in ((False, True) if earlier else (False,))
-        if ("frozen" if problem.since and not always else "refit") in effect.uses
-        if not always or effect.name != "torque_delay"
         if not options.effects or effect.name in options.effects
+        for joints in effect.candidate_joints(problem.base.robot.n)
         if not joints or ((not options.joints or joints[0] in options.joints) and moves[joints[0]])
+        for always in ((False, True) if problem.rows.compared else (False,))
+        if (delay and not always) or effect.name != "torque_delay"
+        if ("frozen" if problem.since and not always else "refit") in effect.uses
         if not _in_model(effect, joints, problem, refit=always or not problem.since)
     ]
 
@@ -224,7 +215,7 @@ def visible_share(evidence: Evidence, one: Candidate, base: int) -> float:
         base: number of base parameters, the first columns of T.
     """
     count, k = one.rms.shape
-    gram = np.asarray(sum(model.gram[:base, :base] for model in evidence.joints))
+    gram = np.sum([model.plain[:base, :base] for model in evidence.joints], axis=0)
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     root = lower_root(gram / np.outer(size, size) + 1e-12 * np.eye(base))
     P = np.asarray(sum(x[..., :base].sum(axis=0) for x in one.others.values())) / size
@@ -275,36 +266,36 @@ def gains(evidence: Evidence, one: Candidate) -> Gains:
     t = evidence.width
     U, Q = np.zeros((count, k, k)), np.zeros((count * k, t + 1))
     for j, own in one.own.items():
-        part = evidence.parts[j]
-        products = np.tensordot(part.weights, one.others[j], 1)
-        r = len(part.root)
-        X = forward(part.root, products[:, t : t + r].T)
-        Xs = X.reshape(r, count, k)
-        U += np.tensordot(part.weights, own, 1) - np.einsum("mgk,mgl->gkl", Xs, Xs)
-        Q += products[:, np.r_[0:t, t + r]] - X.T @ part.towards
+        model = evidence.joints[j]
+        products = np.tensordot(model.weights, one.others[j], 1)
+        X = forward(model.root, products[:, model.R].T)
+        Xs = X.reshape(-1, count, k)
+        U += np.tensordot(model.weights, own, 1) - np.einsum("mgk,mgl->gkl", Xs, Xs)
+        Q += products[:, model.common] - X.T @ model.towards
     root, right = evidence.whole
     Z = forward(root, Q[:, :-1].T)
     q = (Q[:, -1] - Z.T @ right).reshape(count, k)
     Z = Z.reshape(t, count, k)
-    U = U - np.einsum("mgk,mgl->gkl", Z, Z)
-    there = np.any(one.rms > 0, axis=1)
+    U -= np.einsum("mgk,mgl->gkl", Z, Z)
     unit = np.where(one.rms > 0, 1.0 / np.where(one.rms > 0, one.rms, 1.0), 0.0)
-    alike = likeness(np.asarray(sum(own.sum(axis=0) for own in one.own.values())))
-    volume = np.linalg.slogdet(alike)[1]
-    odds = np.full((len(tuning.SCALES), count), NEVER)
-    found = np.zeros((len(tuning.SCALES), count, k))
-    spread = np.zeros((len(tuning.SCALES), count, k, k))
-    for s, scale in enumerate(tuning.SCALES):
+    alike = likeness(np.sum([own.sum(axis=0) for own in one.own.values()], axis=0))
+    odds, found, spread = [], [], []
+    for scale in tuning.SCALES:
         size = scale * unit
         W = U * size[:, :, None] * size[:, None, :] + alike
-        v = q * size
-        inverse = np.linalg.inv(W)
+        v, inverse = q * size, np.linalg.inv(W)
         best = np.einsum("gkl,gl->gk", inverse, v)
-        found[s], spread[s] = size * best, inverse * size[:, :, None] * size[:, None, :]
-        odds[s] = 0.5 * np.sum(v * best, axis=1) - 0.5 * (np.linalg.slogdet(W)[1] - volume)
-    possible = there & ((q[:, 0] > 0) if one.place.effect.positive else True)
-    top = odds.max(axis=0)
+        volume = np.linalg.slogdet(W)[1] - np.linalg.slogdet(alike)[1]
+        odds.append(0.5 * np.sum(v * best, axis=1) - 0.5 * volume)
+        found.append(size * best)
+        spread.append(inverse * size[:, :, None] * size[:, None, :])
+    top = np.max(odds, axis=0)
     mixed = top + np.log(np.mean(np.exp(odds - top), axis=0))
-    chosen = odds.argmax(axis=0), np.arange(count)
-    scales = np.array(tuning.SCALES)[chosen[0]]
-    return Gains(np.where(possible, mixed, NEVER), scales, found[chosen], spread[chosen])
+    possible = one.rms.any(axis=1) & ((q[:, 0] > 0) | (not one.place.effect.positive))
+    chosen = np.argmax(odds, axis=0), np.arange(count)
+    return Gains(
+        np.where(possible, mixed, NEVER),
+        np.array(tuning.SCALES)[chosen[0]],
+        np.array(found)[chosen],
+        np.array(spread)[chosen],
+    )

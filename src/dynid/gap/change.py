@@ -20,17 +20,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.estimation import tuning
 from dynid.estimation.residual_model import GROUPS, shapes_of
-from dynid.gap.problem import GapProblem, nuisance_columns, unwhitened_fit
-from dynid.gap.segments import Mask, SegmentRows
+from dynid.gap.gap_rows import GapRows, Ints, Mask
+from dynid.gap.known_errors import reversal_columns
+from dynid.gap.problem import GapProblem, unwhitened_fit
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_columns, with_selected
 from dynid.model.effects.friction import sign_of
 from dynid.model.effects.interface import Floats
-
-Ints = NDArray[np.int64]
 
 #: A joint has changed when its common fit is this much worse, beyond 1, than that of unlike halves of the same logs, or
 #: the new logs leave this much more, beyond 1, than one half leaves over the other: between two motions all joints are
@@ -112,36 +110,24 @@ def still_changed(problem: GapProblem, selected: Sequence[SelectedEffect]) -> Ch
         problem: a search for changes, old logs among its rows.
         selected: what is taken out.
     """
-    selected, segments = with_columns(selected), problem.segments
-    regression = with_selected(problem.regression(), selected)
-    segments = [
-        replace(
-            s,
-            rows=replace(s.rows, tau=s.tau - torque_in_rows(x, selected, regression.amplitudes).T),
-        )
-        for s, x in zip(segments, regression.segments, strict=True)
-    ]
-    old = [k for k, s in enumerate(segments) if not s.is_new]
-    left = unwhitened_fit([segments[k] for k in old], [problem.train[k] for k in old])[1]
-    power = [
-        np.mean(r[s.use.all(axis=1)] ** 2, axis=0)
-        for r, s in zip(left, (segments[k] for k in old), strict=True)
-    ]
+    selected, rows = with_columns(selected), problem.rows
+    fit = with_selected(problem.regression(), selected)
+    rows = replace(rows, tau=rows.tau - torque_in_rows(fit.rows, selected, fit.amplitudes))
+    left = unwhitened_fit(rows.only(~rows.is_new))[1]
+    old = [part for part in rows.parts if not rows.is_new[part.start]]
+    power = [np.mean(left[part][rows.use[part].all(axis=1)] ** 2, axis=0) for part in old]
     level = np.sqrt(np.maximum(np.mean(power, axis=0), 1e-30))
-    wide, held_by = with_always_missing(segments, problem.theta, level)
-    return change_test(wide, problem.train, [nuisance_columns(s) for s in wide], held_by)
+    return change_test(*with_always_missing(rows, problem.theta, level))
 
 
-def with_always_missing(
-    segments: Sequence[SegmentRows], theta: Floats, level: Floats
-) -> tuple[list[SegmentRows], Floats]:
+def with_always_missing(rows: GapRows, theta: Floats, level: Floats) -> tuple[GapRows, Floats]:
     """Return rows with further base columns: what may have been missing before and is missing now, of each joint.
 
     They are those of the residual model (``estimation/residual_model.py``), and act in old and new logs alike, so that
     what follows place, speed and load in both is no change.
 
     Args:
-        segments: rows, old and new ones.
+        rows: rows, old and new ones.
         theta: base parameters, (p,).
         level: rms of what parameters alone leave of the old logs, (n,) [N m or N].
 
@@ -149,76 +135,57 @@ def with_always_missing(
         The rows, with p + 14 n base columns, and rows [columns, value] that say how large each column may be: as large
         as an identification lets it be.
     """
-    n, p = segments[0].W.shape[1:]
-    k = len(GROUPS)
-    speed = np.maximum(
-        np.sqrt(np.mean(np.concatenate([s.qd for s in segments]) ** 2, axis=0)), SLOWEST
-    )
+    (n, p), k = rows.W.shape[1:], len(GROUPS)
+    speed = np.maximum(np.sqrt(np.mean(rows.qd**2, axis=0)), SLOWEST)
     shapes = []
-    for s in segments:
-        sign = np.stack([sign_of(s.motion, j) for j in range(n)], axis=1)
-        flat = shapes_of(s.motion.q, s.motion.qd, sign, speed).reshape(len(s.motion), -1)
-        D = s.filtered(np.ascontiguousarray(flat.T)).T.reshape(len(s), n, k)
-        D[:, :, -1] *= np.abs(s.W @ theta)
-        shapes.append(D)
-    use = np.concatenate([s.use for s in segments])[:, :, None]
-    power = np.sum(np.where(use, np.concatenate(shapes), 0.0) ** 2, axis=0) / np.maximum(
-        use.sum(axis=0), 1
-    )
-    scale = np.where(power > 0.0, np.sqrt(power), 1.0)
-    found = []
-    for s, D in zip(segments, shapes, strict=True):
-        own = ((D / scale)[:, :, None] * np.eye(n)[:, :, None]).reshape(len(s), n, n * k)
-        found.append(replace(s, rows=replace(s.rows, columns=(*s.rows.columns, own))))
+    for x in rows.motions:
+        sign = np.stack([sign_of(x, j) for j in range(n)], axis=1)
+        shapes.append(shapes_of(x.q, x.qd, sign, speed).reshape(len(x), -1).T)
+    D = rows.filtered(shapes).T.reshape(len(rows), n, k)
+    D[:, :, -1] *= np.abs(rows.W @ theta)
+    power = np.sum(np.where(rows.use[:, :, None], D, 0.0) ** 2, axis=0)
+    power /= np.maximum(rows.use.sum(axis=0), 1)[:, None]
+    D /= np.where(power > 0.0, np.sqrt(power), 1.0)
+    own = (D[:, :, None] * np.eye(n)[:, :, None]).reshape(len(rows), n, n * k)
     prior = np.zeros((n * k, p + n * k + 1))
-    prior[:, p:-1] = np.diag(
-        1.0 / (level[:, None] * np.sqrt(tuning.RESIDUAL_LARGEST)[GROUPS]).ravel()
-    )
-    return found, prior
+    size = level[:, None] * np.sqrt(tuning.RESIDUAL_LARGEST)[GROUPS]
+    prior[:, p:-1] = np.diag(1.0 / size.ravel())
+    return replace(rows, W=np.concatenate([rows.W, own], axis=2)), prior
 
 
-def change_test(
-    segments: Sequence[SegmentRows],
-    train: Sequence[Mask],
-    nuisance: Sequence[Sequence[Floats]],
-    held_by: Floats | None = None,
-) -> ChangeTest:
+def change_test(rows: GapRows, held_by: Floats) -> ChangeTest:
     """Compare one set of parameters for old and new logs with one for each.
 
     Args:
-        segments: rows, old and new ones.
-        train: rows that are searched, one mask (M,) per segment.
-        nuisance: for each segment and joint, known errors, each one standard deviation, (c / n, M).
-        held_by: rows [columns, value] that hold base parameters, (k, p + 1); None for none.
+        rows: old and new ones.
+        held_by: rows [columns, value] that hold base parameters, (k, p + 1).
     """
-    width = segments[0].W.shape[2]
-    prior = np.zeros((0, width + 1)) if held_by is None else held_by
-    wide = np.zeros((len(prior), width + sum(map(len, nuisance[0])) + 1))
-    wide[:, :width], wide[:, -1] = prior[:, :-1], prior[:, -1]
-    known = wide.T @ wide
-    errors = np.arange(width, wide.shape[1] - 1)
-    known[errors, errors] += 1.0
-    eras = [_Era.of(segments, train, nuisance, is_new=is_new) for is_new in (False, True)]
-    old, new = (era.whole for era in eras)
-    sigma = _rms([old, new], [_solved(part, np.ones(len(old.count)), known) for part in (old, new)])
-    unlike, uneven = (
-        np.max(x, axis=0) for x in zip(*(_halves(era, sigma, known) for era in eras), strict=True)
-    )
-    harm = [_harm(era, other, sigma, known) for era, other in ((eras[0], new), (eras[1], old))]
-    left, now = (era.residuals(_solved(era.whole, sigma, known)) for era in eras)
+    old, new = (_Era.of(rows, rows.train & era) for era in (~rows.is_new, rows.is_new))
+    p, width = rows.W.shape[2], old.width
+    base = np.append(np.arange(p), width - 1)
+    known = np.zeros((width, width))
+    known[np.ix_(base, base)] = held_by.T @ held_by
+    errors = np.arange(p, width - 1)
+    known[errors, errors] = 1.0
+    parts = [old.whole, new.whole]
+    sigma = _rms(parts, [_solved(part, np.ones(len(part.count)), known) for part in parts])
+    halves = [_halves(era, sigma, known) for era in (old, new)]
+    unlike, uneven = (np.max(x, axis=0) for x in zip(*halves, strict=True))
+    harm = [_harm(*pair, sigma, known) for pair in ((old, new.whole), (new, old.whole))]
+    left, now = (era.residuals(_solved(era.whole, sigma, known)) for era in (old, new))
     more = np.array([_louder(a, b) for a, b in zip(now, left, strict=True)])
-    return ChangeTest(_growth([old, new], sigma, known), unlike, np.max(harm, axis=0), more, uneven)
+    return ChangeTest(_growth(parts, sigma, known), unlike, np.max(harm, axis=0), more, uneven)
 
 
 @dataclass(frozen=True)
 class _Era:
-    """The searched rows of the old, or of the new logs, one segment after the other; M rows in all.
+    """The searched rows of the old, or of the new logs, one part after the other; M rows in all.
 
     Attributes:
         columns: numbers of the columns that each joint has, the torque last, n of (c + 1,).
         rows: those columns in the rows that count of each joint, n of (m, c + 1).
         at: which rows these are, n of (m,).
-        first: whether a row is in the first half of its segment, (M,).
+        first: whether a row is in the first half of its part, (M,).
         q: positions, (M, n) [rad or m].
         speed: sizes of the velocities, (M, n) [rad/s or m/s].
         width: number of columns of all joints, with the torque.
@@ -233,44 +200,22 @@ class _Era:
     width: int
 
     @classmethod
-    def of(
-        cls,
-        segments: Sequence[SegmentRows],
-        train: Sequence[Mask],
-        nuisance: Sequence[Sequence[Floats]],
-        *,
-        is_new: bool,
-    ) -> _Era:
-        """Return the rows of the new logs, or of the old ones."""
-        own = [
-            (s, m, c)
-            for s, m, c in zip(segments, train, nuisance, strict=True)
-            if s.is_new is is_new
-        ]
-        n, p = segments[0].W.shape[1:]
-        k = len(nuisance[0][0])
-        W, tau, use = (
-            np.concatenate([x[m] for x, m in zip(parts, (m for _, m, _ in own), strict=True)])
-            for parts in (
-                [s.W for s, _, _ in own],
-                [s.tau for s, _, _ in own],
-                [s.use for s, _, _ in own],
-            )
-        )
-        columns, rows = [], []
+    def of(cls, rows: GapRows, chosen: Mask) -> _Era:
+        """Return the chosen rows, (M,)."""
+        (n, p), use, W = rows.W.shape[1:], rows.use[chosen], rows.W[chosen]
+        columns, found = [], []
         for j in range(n):
             seen = np.flatnonzero(np.any(W[:, j] != 0.0, axis=0))
-            extra = np.concatenate([c[j][:, m] for _, m, c in own], axis=1)
-            columns.append(np.array([*seen, *range(p + j * k, p + (j + 1) * k), p + n * k]))
-            rows.append(np.column_stack([W[:, j][:, seen], extra.T, tau[:, j]])[use[:, j]])
-        first = np.concatenate([np.arange(m.sum()) < m.sum() // 2 for _, m, _ in own])
-        q, qd = (
-            np.concatenate([x[m] for x, (_, m, _) in zip(xs, own, strict=True)])
-            for xs in zip(*((s.q, s.qd) for s, _, _ in own), strict=True)
-        )
-        return cls(
-            columns, rows, [np.flatnonzero(x) for x in use.T], first, q, np.abs(qd), p + n * k + 1
-        )
+            extra = reversal_columns(rows, j)[:, chosen].T
+            own, k = np.arange(extra.shape[1]), extra.shape[1]
+            columns.append(np.array([*seen, *(p + j * k + own), p + n * k]))
+            every = np.column_stack([W[:, j][:, seen], extra, rows.tau[chosen, j]])
+            found.append(every[use[:, j]])
+        part = rows.part[chosen]
+        begin, end = (np.searchsorted(part, part, side) for side in ("left", "right"))
+        first = np.arange(len(part)) - begin < (end - begin) // 2
+        at, speed = [np.flatnonzero(x) for x in use.T], np.abs(rows.qd[chosen])
+        return cls(columns, found, at, first, rows.q[chosen], speed, p + n * k + 1)
 
     @cached_property
     def whole(self) -> Part:
@@ -288,12 +233,8 @@ class _Era:
 
     def residuals(self, theta: Floats) -> list[Floats]:
         """Return what [-theta, 1], (w,), leaves of the rows of each joint, and their speeds, n of (2, m)."""
-        return [
-            np.stack([rows @ theta[columns], self.speed[at, j]])
-            for j, (columns, rows, at) in enumerate(
-                zip(self.columns, self.rows, self.at, strict=True)
-            )
-        ]
+        each = zip(self.columns, self.rows, self.at, self.speed.T, strict=True)
+        return [np.stack([rows @ theta[columns], speed[at]]) for columns, rows, at, speed in each]
 
 
 def _louder(one: Floats, other: Floats) -> float:

@@ -15,6 +15,7 @@ from scipy.stats import chi2
 
 from dynid.estimation.possible_arm import PhysicalParameters, fit_sized
 from dynid.gap import tuning
+from dynid.gap.gap_rows import EffectColumns
 from dynid.gap.possible_arm import (
     COUNTERBALANCE,
     LEAST_GAIN,
@@ -26,8 +27,8 @@ from dynid.gap.possible_arm import (
     reduced,
 )
 from dynid.gap.problem import GapProblem, judged_by_possible
+from dynid.gap.regression import Regression
 from dynid.gap.selected_effects import Key, SelectedEffect, with_selected
-from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression, whitened_columns
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Floats
 from dynid.model.parameters import link_cylinders
@@ -136,7 +137,7 @@ def suspicions(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[
     return found
 
 
-def _beside_links(problem: GapProblem) -> WhitenedRegression:
+def _beside_links(problem: GapProblem) -> Regression:
     """Return rows whose noise is at least what parameters without any bounds leave: that says nothing about links."""
     judged = judged_by_possible(problem)
     return replace(problem, noise=judged.in_force or problem.noise).regression()
@@ -166,7 +167,7 @@ def counterbalances(
             break
         best = max(left, key=lambda each: min(each.gains))
         known = next((each for each in every if each.joint == best.joint), best)
-        columns = whitened_columns(bare, effect, (best.joint,), {})
+        columns = bare.columns_of(effect, (best.joint,), {})
         torques = {j: best.sizes[0] @ C for j, C in columns.items()}
         rms = {j: float(np.sqrt(np.mean(x**2))) for j, x in torques.items() if len(x)}
         names = list(effect.amplitudes({}))
@@ -188,7 +189,7 @@ def counterbalances(
     return found
 
 
-def _suspected(regression: WhitenedRegression, problem: GapProblem) -> list[Suspicion]:
+def _suspected(regression: Regression, problem: GapProblem) -> list[Suspicion]:
     """Return the joints that are likely to have a counterbalance jointly with the effects of a regression."""
     arm, found = possible_arm(regression, problem.base), []
     for joint, one in imitated_counterbalances(regression, problem.base).items():
@@ -203,7 +204,7 @@ def _suspected(regression: WhitenedRegression, problem: GapProblem) -> list[Susp
 
 
 def _instead(
-    bare: WhitenedRegression,
+    bare: Regression,
     problem: GapProblem,
     one: SelectedEffect,
     others: Sequence[SelectedEffect],
@@ -224,7 +225,7 @@ def _instead(
     ]
     if not found:
         return []
-    columns = whitened_columns(regression, one.effect, one.joints, one.shape)
+    columns = regression.columns_of(one.effect, one.joints, one.shape)
     own = least_gain(regression, possible_arm(regression, problem.base), columns, MASSES[:1])
     own -= _price(regression, columns)
     return [
@@ -234,15 +235,13 @@ def _instead(
     ]
 
 
-def _price(regression: WhitenedRegression, one: EffectColumns) -> float:
+def _price(regression: Regression, one: EffectColumns) -> float:
     """Return what the freedom of an effect costs (BIC)."""
-    return len(next(iter(one.values()))) * float(
-        np.log(max(1, sum(len(e) for e in regression.fit.e)))
-    )
+    return len(next(iter(one.values()))) * float(np.log(max(1, sum(len(y) for y in regression.y))))
 
 
 def _described(
-    regression: WhitenedRegression,
+    regression: Regression,
     arm: PossibleArm,
     robot: Robot,
     joint: int,
@@ -283,7 +282,7 @@ def _described(
 
 
 def _sizes(
-    regression: WhitenedRegression, arm: PossibleArm, one: EffectColumns, fit: PhysicalParameters
+    regression: Regression, arm: PossibleArm, one: EffectColumns, fit: PhysicalParameters
 ) -> Floats:
     """Return amplitudes and standard errors of a counterbalance beside possible links, (2, k) [N m].
 
@@ -294,7 +293,7 @@ def _sizes(
         fit: the possible links beside it.
     """
     wide = replace(regression, prior=None, effects=(one,))
-    p, k = regression.segments[0].W.shape[2], len(next(iter(one.values())))
+    p, k = regression.base, len(next(iter(one.values())))
     gram = wide.gram.sum(axis=0)
     its = np.arange(len(gram) - 1 - k, len(gram) - 1)
     side, inverse = gram[its, :p], np.linalg.pinv(gram[np.ix_(its, its)])
@@ -304,7 +303,7 @@ def _sizes(
 
 
 def _fitted(
-    regression: WhitenedRegression, arm: PossibleArm, more: Sequence[EffectColumns]
+    regression: Regression, arm: PossibleArm, more: Sequence[EffectColumns]
 ) -> PhysicalParameters:
     """Return the best possible links jointly with further columns."""
     rows = reduced(regression, more)

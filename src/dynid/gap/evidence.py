@@ -1,6 +1,6 @@
 """The one criterion: log marginal likelihood of rows by frequency, with what has no name sized by it.
 
-    torque = base parameters + named effects + errors that all joints share      (T, common to all joints)
+    torque = base parameters + errors that all joints share + named effects      (T, common to all joints)
            + known errors of one joint + functions of the state without a name   (R, of one joint alone)
            + noise, louder in each band by what follows no state
 
@@ -15,27 +15,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack, solve_triangular
 
 from dynid.gap import tuning
-from dynid.gap.bands import Bands
-from dynid.gap.known_errors import (
-    SHARP,
-    KnownErrors,
-    acceleration_torques,
-    common_columns,
-    own_columns,
-)
-from dynid.gap.noise import RepeatPair
+from dynid.gap.bands import Bands, instants
+from dynid.gap.gap_rows import EffectColumns, GapRows, Ints, on_joint
+from dynid.gap.known_errors import SHARP, KnownErrors, error_columns
+from dynid.gap.noise import NoiseModel, RepeatPair
 from dynid.gap.rest import rest_columns
-from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression
 from dynid.model.effects.interface import Floats
 
-#: Products of columns with themselves and with [T, R, torque], band by band, (B, k, k) and (B, k, t + r + 1).
+#: Products of columns with themselves and with [base, R, torque, added], band by band, (B, k, k) and (B, k, s).
 Products = tuple[Floats, Floats]
 
 #: Prior precision of base parameters over what the rows know of them: none.
@@ -49,16 +43,33 @@ SHAPE = "shape"
 #: Steps of sizing, and of the first one, from nothing.
 STEPS, FIRST_STEPS = 8, 20
 
+#: Lower root^-1 times a right side, and root^-T.
+forward = partial(solve_triangular, lower=True, check_finite=False)
+back = partial(solve_triangular, lower=True, trans=1, check_finite=False)
+
+
+def lower_root(matrix: Floats) -> Floats:
+    """Return the lower Cholesky root, of a matrix a little larger where rounding leaves none."""
+    root, failed = lapack.dpotrf(matrix, lower=1, clean=1)
+    if failed:
+        size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+        values, V = np.linalg.eigh(matrix / np.outer(size, size))
+        V = V * np.sqrt(np.maximum(values, 1e-13 * values[-1]))
+        root = np.linalg.qr((size[:, None] * V).T)[1].T
+        root = root * np.sign(np.where(np.diag(root) == 0, 1.0, np.diag(root)))
+    return np.asarray(root)
+
 
 @dataclass(frozen=True)
 class JointModel:
     """The rows of one joint as products.
 
     Attributes:
-        grams: of [T, R, torque] in each band, (B, t + r + 1, t + r + 1).
+        grams: of [base, R, torque, added] in each band, (B, s, s).
         counts: number of rows of each, (B,).
         kinds: where the columns of each kind of the rest are among R; the shape of reversals comes first, then known
             errors of one size.
+        base: number of base parameters and errors that joints share.
         errors: number of known errors of this joint.
         log_rms: size of each kind, (kinds,).
         powers: log of the power of each band that follows nothing, over that of the noise, (B,).
@@ -67,22 +78,67 @@ class JointModel:
     grams: Floats
     counts: Floats
     kinds: tuple[tuple[str, slice], ...]
+    base: int
     errors: int
     log_rms: Floats
     powers: Floats
 
+    @property
+    def R(self) -> slice:
+        """Where R is."""
+        stop = max([self.errors, *(part.stop for _, part in self.kinds)])
+        return slice(self.base, self.base + stop)
+
+    @property
+    def common(self) -> Ints:
+        """Where T is, base and added columns, and the torque behind it, (t + 1,)."""
+        stop = self.R.stop
+        return np.asarray(np.r_[: self.base, stop + 1 : self.grams.shape[-1], stop])
+
     @cached_property
     def precision(self) -> Floats:
         """Prior precision of R, (r,)."""
-        found = np.ones(max([self.errors, *(part.stop for _, part in self.kinds)]))
+        found = np.ones(self.R.stop - self.base)
         for (_, part), h in zip(self.kinds, self.log_rms, strict=True):
             found[part] = np.exp(-2.0 * h)
         return found
 
     @cached_property
-    def gram(self) -> Floats:
+    def plain(self) -> Floats:
         """Products over all bands, all alike."""
         return np.asarray(self.grams.sum(axis=0))
+
+    @cached_property
+    def weights(self) -> Floats:
+        """Of the bands, (B,)."""
+        return np.exp(-self.powers)
+
+    @cached_property
+    def gram(self) -> Floats:
+        """Products over all bands, each as its power weighs it."""
+        return np.tensordot(self.weights, self.grams, 1)
+
+    @cached_property
+    def root(self) -> Floats:
+        """Lower root of the information on R, (r, r)."""
+        return lower_root(self.gram[self.R, self.R] + np.diag(self.precision))
+
+    @cached_property
+    def towards(self) -> Floats:
+        """Root^-1 times products of R with [T, torque], (r, t + 1)."""
+        return np.asarray(forward(self.root, self.gram[self.R][:, self.common]))
+
+    @cached_property
+    def information(self) -> Floats:
+        """On [T, torque], R being eliminated, (t + 1, t + 1)."""
+        outer = self.common
+        return np.asarray(self.gram[np.ix_(outer, outer)] - self.towards.T @ self.towards)
+
+    @property
+    def log_evidence(self) -> float:
+        """Of the joint, but for what T explains."""
+        value = -0.5 * self.counts @ self.powers + 0.5 * np.log(self.precision).sum()
+        return float(value - np.log(np.diag(self.root)).sum())
 
     @property
     def missing(self) -> NDArray[np.bool_]:
@@ -94,11 +150,12 @@ class JointModel:
         """Power of what follows no state over that of the noise, over all bands, which is in it."""
         return float(self.counts @ np.exp(self.powers) / max(self.counts.sum(), 1e-9))
 
-    @property
-    def bare(self) -> JointModel:
-        """The joint with hardly anything missing."""
+    def smaller(self, share: float) -> JointModel:
+        """Return the joint with what is missing that much nearer to hardly anything, 0 to 1, in the logarithm."""
         none = np.where(self.missing, np.minimum(self.log_rms, NONE), self.log_rms)
-        return replace(self, log_rms=none, powers=np.minimum(self.powers, 0.0))
+        sizes = (1.0 - share) * self.log_rms + share * none
+        powers = (1.0 - share) * self.powers + share * np.minimum(self.powers, 0.0)
+        return replace(self, log_rms=sizes, powers=powers)
 
     @property
     def usual(self) -> tuple[Floats, Floats]:
@@ -108,28 +165,22 @@ class JointModel:
         return away / spread, spread
 
     def log_prior(self, price: float) -> float:
-        """Return the log prior of sizes and powers.
-
-        Args:
-            price: of something that is missing, in log odds.
-        """
+        """Return the log prior of sizes and powers; the price is of something that is missing, in log odds."""
         z, _ = self.usual
-        active = self.missing / (
-            1.0 + np.exp(-(self.log_rms - np.log(tuning.REST_ACTIVE)) / tuning.REST_EDGE)
-        )
+        over = (self.log_rms - np.log(tuning.REST_ACTIVE)) / tuning.REST_EDGE
+        active = self.missing / (1.0 + np.exp(-over))
         bands = self.powers + np.exp(-self.powers) - 1.0
         return float(-0.5 * z @ z - price * active.sum() - 0.5 * tuning.BAND_ROWS * bands.sum())
 
-    def widened(self, products: Products, at: int) -> JointModel:
-        """Return the model with k further columns of T, as the columns from ``at`` on."""
-        own, others = products
-        k, size = own.shape[-1], self.grams.shape[-1]
-        order, new = np.r_[0:at, at + k : size + k], np.arange(at, at + k)
-        grams = np.zeros((len(self.grams), size + k, size + k))
-        grams[:, order[:, None], order] = self.grams
-        grams[:, new[:, None], order] = others
-        grams[:, order[:, None], new] = others.transpose(0, 2, 1)
-        grams[:, new[:, None], new] = own
+    def widened(self, products: Products | None, count: int) -> JointModel:
+        """Return the model with so many further columns of T; None for zeros."""
+        bands, size, _ = self.grams.shape
+        grams = np.zeros((bands, size + count, size + count))
+        grams[:, :size, :size] = self.grams
+        if products is not None:
+            own, others = products
+            grams[:, size:, size:], grams[:, size:, :size] = own, others
+            grams[:, :size, size:] = others.transpose(0, 2, 1)
         return replace(self, grams=grams)
 
 
@@ -146,65 +197,6 @@ class Rest:
     odds: Floats
     rms: Floats
     level: Floats
-
-
-@dataclass(frozen=True)
-class Eliminated:
-    """One joint without its rest.
-
-    Attributes:
-        information: on [T, torque], (t + 1, t + 1).
-        log_evidence: of the joint, but for what T explains.
-        root: lower root of the information on R, (r, r).
-        towards: root^-1 times products of R with [T, torque], (r, t + 1).
-        weights: of the bands, (B,).
-    """
-
-    information: Floats
-    log_evidence: float
-    root: Floats
-    towards: Floats
-    weights: Floats
-
-
-def lower_root(matrix: Floats) -> Floats:
-    """Return the lower Cholesky root, of a matrix a little larger where rounding leaves none."""
-    root, failed = lapack.dpotrf(matrix, lower=1, clean=1)
-    if failed:
-        size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-        values, V = np.linalg.eigh(matrix / np.outer(size, size))
-        V = V * np.sqrt(np.maximum(values, 1e-13 * values[-1]))
-        root = np.asarray(np.linalg.qr((size[:, None] * V).T)[1]).T
-        root = root * np.sign(np.where(np.diag(root) == 0, 1.0, np.diag(root)))
-    return np.asarray(root)
-
-
-def forward(root: Floats, right: Floats) -> Floats:
-    """Return root^-1 right."""
-    return np.asarray(solve_triangular(root, right, lower=True, check_finite=False))
-
-
-def back(root: Floats, right: Floats) -> Floats:
-    """Return root^-T right."""
-    return np.asarray(solve_triangular(root, right, lower=True, trans=1, check_finite=False))
-
-
-def eliminated(model: JointModel, at: int) -> Eliminated:
-    """Return a joint without its rest.
-
-    Args:
-        model: the joint.
-        at: number of columns of T.
-    """
-    weights, lam = np.exp(-model.powers), model.precision
-    gram = np.tensordot(weights, model.grams, 1)
-    R, outer = slice(at, at + len(lam)), np.r_[0:at, at + len(lam)]
-    root = lower_root(gram[R, R] + np.diag(lam))
-    towards = forward(root, gram[R][:, outer])
-    value = -0.5 * model.counts @ model.powers + 0.5 * np.log(lam).sum()
-    value -= np.log(np.diag(root)).sum()
-    information = gram[np.ix_(outer, outer)] - towards.T @ towards
-    return Eliminated(information, float(value), root, towards, weights)
 
 
 @dataclass(frozen=True)
@@ -233,157 +225,129 @@ class Evidence:
         return len(self.held)
 
     @cached_property
-    def parts(self) -> list[Eliminated]:
-        """Each joint without its rest."""
-        return [eliminated(model, self.width) for model in self.joints]
-
-    @cached_property
     def whole(self) -> tuple[Floats, Floats]:
         """Lower root of the information on T, (t, t), and root^-1 of its right side, (t,)."""
-        total = np.sum([part.information for part in self.parts], axis=0)
+        total = np.sum([model.information for model in self.joints], axis=0)
         root = lower_root(np.asarray(total[:-1, :-1] + self.prior))
         return root, forward(root, total[:-1, -1] + self.held)
 
     @cached_property
     def estimate(self) -> Floats:
         """T as it is most likely, (t,)."""
-        return back(*self.whole)
+        return np.asarray(back(*self.whole))
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """Of T, (t, t)."""
+        half = forward(self.whole[0], np.eye(self.width))
+        return np.asarray(half.T @ half)
 
     @cached_property
     def log_evidence(self) -> float:
         """Log marginal likelihood, with the prior of sizes, up to a constant of the rows."""
         root, right = self.whole
-        torque = sum(float(part.information[-1, -1]) for part in self.parts)
-        value = sum(part.log_evidence for part in self.parts)
-        value += sum(model.log_prior(self.price) for model in self.joints)
+        value = sum(
+            model.log_evidence
+            + model.log_prior(self.price)
+            - 0.5 * float(model.information[-1, -1])
+            for model in self.joints
+        )
         # Why the determinant of what is added alone: that of the base never changes.
         _, size = np.linalg.slogdet(self.prior[self.base :, self.base :])
         value -= float(np.log(np.diag(root)).sum())
-        return value + 0.5 * float(right @ right) - 0.5 * torque + 0.5 * float(size)
+        return value + 0.5 * float(right @ right) + 0.5 * float(size)
 
     def replaced(self, models: Mapping[int, JointModel]) -> Evidence:
-        """Return the same with other joints, those that stay eliminated as they are."""
+        """Return the same with other joints."""
         joints = tuple(models.get(j, model) for j, model in enumerate(self.joints))
-        found = replace(self, joints=joints)
-        found.__dict__["parts"] = [
-            eliminated(m, self.width) if j in models else self.parts[j]
-            for j, m in enumerate(joints)
-        ]
-        return found
+        return replace(self, joints=joints)
 
     @cached_property
     def without_rest(self) -> Evidence:
         """The evidence with hardly anything missing."""
-        return self.replaced({j: model.bare for j, model in enumerate(self.joints)})
+        return replace(self, joints=tuple(model.smaller(1.0) for model in self.joints))
 
     @cached_property
     def with_half(self) -> Evidence:
         """The evidence with what is missing half as large, in the logarithm."""
-        half = {}
-        for j, (one, none) in enumerate(zip(self.joints, self.without_rest.joints, strict=True)):
-            half[j] = replace(
-                one,
-                log_rms=0.5 * (one.log_rms + none.log_rms),
-                powers=0.5 * (one.powers + none.powers),
-            )
-        return self.replaced(half)
+        return replace(self, joints=tuple(model.smaller(0.5) for model in self.joints))
 
     def with_columns(self, products: Mapping[int, Products], precision: Floats) -> Evidence:
-        """Return the evidence with further columns of T.
+        """Return the evidence with k further columns of T.
 
         Args:
-            products: for each joint that they act on, their own products and those with [T, R, torque].
+            products: for each joint that they act on, their own products and those with [base, R, torque, added].
             precision: of their prior, (k, k).
         """
         k, t = len(precision), self.width
-        joints = []
-        for j, model in enumerate(self.joints):
-            bands, size, _ = model.grams.shape
-            none = np.zeros((bands, k, k)), np.zeros((bands, k, size))
-            joints.append(model.widened(products.get(j, none), t))
+        joints = tuple(model.widened(products.get(j), k) for j, model in enumerate(self.joints))
         prior = np.zeros((t + k, t + k))
         prior[:t, :t], prior[t:, t:] = self.prior, precision
-        held = np.append(self.held, np.zeros(k))
-        found = replace(self, joints=tuple(joints), prior=prior, held=held)
-        # Why: where they do not act all stays as it is, with zeros for them.
-        order = np.r_[0:t, t + k]
-        parts = []
-        for j, (model, part) in enumerate(zip(joints, self.parts, strict=True)):
-            if j in products:
-                parts.append(eliminated(model, t + k))
-                continue
-            information = np.zeros((t + k + 1, t + k + 1))
-            towards = np.zeros((len(part.root), t + k + 1))
-            information[np.ix_(order, order)], towards[:, order] = part.information, part.towards
-            parts.append(replace(part, information=information, towards=towards))
-        found.__dict__["parts"] = parts
-        return found
+        return replace(self, joints=joints, prior=prior, held=np.append(self.held, np.zeros(k)))
 
-    def without(self, first: int, last: int) -> Evidence:
+    def without(self, columns: slice) -> Evidence:
         """Return the evidence without some columns of T."""
-        kept = np.r_[0:first, last : self.width]
-        outer = np.append(kept, self.width)
-        joints, parts = [], []
-        for model, part in zip(self.joints, self.parts, strict=True):
-            rows = np.r_[0:first, last : model.grams.shape[-1]]
-            joints.append(replace(model, grams=model.grams[:, rows[:, None], rows]))
-            information = part.information[np.ix_(outer, outer)]
-            parts.append(replace(part, information=information, towards=part.towards[:, outer]))
-        found = replace(
-            self, joints=tuple(joints), prior=self.prior[np.ix_(kept, kept)], held=self.held[kept]
-        )
-        # Why as they are: what is eliminated of a joint does not depend on which columns are common.
-        found.__dict__["parts"] = parts
-        return found
+        kept, joints = np.delete(np.arange(self.width), columns), []
+        for model in self.joints:
+            rows = np.delete(np.arange(model.grams.shape[-1]), model.common[columns])
+            base = model.base - int(np.sum(model.common[columns] < model.base))
+            joints.append(replace(model, grams=model.grams[:, rows[:, None], rows], base=base))
+        base, prior = joints[0].base, self.prior[np.ix_(kept, kept)]
+        shared = self.shared - (self.base - base)
+        return Evidence(tuple(joints), prior, self.held[kept], self.price, base, shared)
 
     def rest_of(self, joint: int) -> Floats:
         """Return R of a joint as it is most likely, (r,)."""
-        part = self.parts[joint]
-        return back(part.root, part.towards @ np.append(-self.estimate, 1.0))
+        model = self.joints[joint]
+        return np.asarray(back(model.root, model.towards @ np.append(-self.estimate, 1.0)))
 
-    def known_errors(self, first: int) -> KnownErrors:
-        """Return what no effect has to explain, known errors as large as they are most likely.
-
-        Args:
-            first: number of base parameters, the first columns of T.
-        """
-        half = forward(self.whole[0], np.eye(self.width)[:, :first])
+    @property
+    def known_errors(self) -> KnownErrors:
+        """What no effect has to explain, known errors as large as they are most likely."""
+        first = self.base - self.shared
         own = [self.rest_of(j)[: model.errors] for j, model in enumerate(self.joints)]
-        return KnownErrors(self.estimate[first : self.base], np.array(own), half.T @ half)
+        common = self.estimate[first : self.base]
+        return KnownErrors(common, np.array(own), self.covariance[:first, :first])
 
-    def seen(self, columns: slice, size: Floats, joints: Sequence[int]) -> Floats:
+    def seen(self, size: Floats, joints: Sequence[int], part: slice | None = None) -> Floats:
         """Return the rms of what some columns say that base parameters and names cannot, in units of the noise, (n,).
 
         Args:
-            columns: among [T, R].
             size: of each.
             joints: on which they act.
+            part: where they are among T; None for the rest of a joint.
         """
         # Why without errors that joints share: these are small, and would take up a delay of any size here.
-        others = np.r_[0 : self.base - self.shared, self.base : self.width]
-        others = others[(others < columns.start) | (others >= columns.stop)]
-        G = np.sum([model.gram[np.ix_(others, others)] for model in self.joints], axis=0)
-        G = G + self.prior[np.ix_(others, others)]
+        T = np.r_[: self.base - self.shared, self.base : self.width]
+        T = T if part is None else T[(part.start > T) | (part.stop <= T)]
+        models = list(self.joints)
+        others = [model.common[T] for model in models]
+        grams = [m.plain[np.ix_(own, own)] for m, own in zip(models, others, strict=True)]
+        sides, powers = {}, {}
+        for j in joints:
+            R = models[j].R
+            at = (
+                np.r_[R.start + models[j].errors : R.stop]
+                if part is None
+                else models[j].common[part]
+            )
+            sides[j] = models[j].plain[np.ix_(others[j], at)] @ size
+            powers[j] = size @ models[j].plain[np.ix_(at, at)] @ size
+        G = np.sum(grams, axis=0) + self.prior[np.ix_(T, T)]
         ridge = 1e-9 * np.maximum(np.diag(G), 1e-12) + 1e-12
-        right = np.sum([self.joints[j].gram[others, columns] @ size for j in joints], axis=0)
         root = lower_root(G + np.diag(ridge))
-        taken = back(root, forward(root, right))
-        found = np.zeros(len(self.joints))
-        for j, model in enumerate(self.joints):
-            power = float(taken @ model.gram[np.ix_(others, others)] @ taken)
-            if j in joints:
-                own = size @ model.gram[columns, columns] @ size
-                power += float(own - 2.0 * taken @ model.gram[others, columns] @ size)
-            found[j] = max(power, 0.0) / max(float(model.counts.sum()), 1.0)
-        return np.sqrt(found)
+        taken = back(root, forward(root, np.sum([*sides.values()], axis=0)))
+        found = np.array([taken @ gram @ taken for gram in grams])
+        for j in joints:
+            found[j] += powers[j] - 2.0 * taken @ sides[j]
+        counts = np.array([max(float(model.counts.sum()), 1.0) for model in models])
+        return np.asarray(np.sqrt(np.maximum(found, 0.0) / counts))
 
     def rest(self) -> Rest:
         """Return what is missing without a name."""
         odds, rms = np.zeros(len(self.joints)), np.zeros(len(self.joints))
         for j, model in enumerate(self.joints):
-            w = self.rest_of(j)
-            columns = slice(self.width + model.errors, self.width + len(w))
-            rms[j] = self.seen(columns, w[model.errors :], [j])[j]
+            rms[j] = self.seen(self.rest_of(j)[model.errors :], [j])[j]
             bare = replace(model, log_rms=np.where(model.missing, LOG_RMS[0], model.log_rms))
             odds[j] = self.log_evidence - self.replaced({j: bare}).log_evidence
             # Why without: the prior of sizes is no evidence for one.
@@ -400,31 +364,22 @@ class Evidence:
         """
         found = self
         for _ in range(steps):
-            inverse = forward(found.whole[0], np.eye(self.width))
-            covariance = inverse.T @ inverse
-            found = found.replaced({j: found._step(j, covariance) for j in joints})
+            found = found.replaced({j: found._step(j) for j in joints})
         for j in joints:
-            for k, (name, _) in enumerate(found.joints[j].kinds):
+            for k, missing in enumerate(self.joints[j].missing):
                 model = found.joints[j]
-                if name == SHAPE or model.log_rms[k] <= NONE:
-                    continue
-                sizes = model.log_rms.copy()
-                sizes[k] = NONE
-                other = found.replaced({j: replace(model, log_rms=sizes)})
-                found = other if other.log_evidence > found.log_evidence else found
+                if missing and model.log_rms[k] > NONE:
+                    sizes = np.where(np.arange(len(model.kinds)) == k, NONE, model.log_rms)
+                    other = found.replaced({j: replace(model, log_rms=sizes)})
+                    found = other if other.log_evidence > found.log_evidence else found
         return found
 
-    def _step(self, j: int, S: Floats) -> JointModel:
-        """Return a joint with sizes and powers after one step towards what its rows say.
-
-        Args:
-            j: the joint.
-            S: covariance of T, (t, t).
-        """
-        model, part = self.joints[j], self.parts[j]
-        lam, w = model.precision, self.rest_of(j)
-        half = forward(part.root, np.eye(len(lam)))
-        along = back(part.root, part.towards[:, :-1])
+    def _step(self, j: int) -> JointModel:
+        """Return a joint with sizes and powers after one step towards what its rows say."""
+        model, w, S = self.joints[j], self.rest_of(j), self.covariance
+        lam, root = model.precision, model.root
+        half = forward(root, np.eye(len(lam)))
+        along = back(root, model.towards[:, :-1])
         across = -S @ along.T
         own = half.T @ half - along @ across
         sizes, pull = model.log_rms.copy(), model.usual[0] / model.usual[1]
@@ -433,10 +388,14 @@ class Evidence:
             more, square = pull[k], float(w[rows] @ w[rows])
             square += max(-more, 0.0) * np.exp(2.0 * sizes[k])
             sizes[k] = 0.5 * np.log(max(square, 1e-300) / (free + max(more, 0.0)))
-        full = np.concatenate([self.estimate, w, [-1.0]])
-        spread = np.block([[S, across], [across.T, own]])
+        order = np.r_[model.common[:-1], model.R, model.common[-1]]
+        full = np.zeros(len(order))
+        full[order] = np.concatenate([self.estimate, w, [-1.0]])
+        spread = np.zeros_like(model.plain)
+        at = order[:-1]
+        spread[np.ix_(at, at)] = np.block([[S, across], [across.T, own]])
         left = np.einsum("a,bac,c->b", full, model.grams, full, optimize=True)
-        left += np.einsum("ac,bac->b", spread, model.grams[:, :-1, :-1])
+        left += np.einsum("ac,bac->b", spread, model.grams)
         more = tuning.BAND_ROWS
         powers = np.log((left + more) / (model.counts + more))
         return replace(model, log_rms=np.clip(sizes, *LOG_RMS), powers=np.maximum(powers, QUIETER))
@@ -449,28 +408,25 @@ class EvidenceRows:
 
     Attributes:
         bands: how rows become rows by frequency.
-        own: base parameters and errors that joints share, then known errors of one joint and its rest, then its
-            torque, one (t + r + 1, F) per joint.
-        filtered: the known errors and the rest of each joint as they are filtered, one (r, M) per segment.
-        common: number of columns that joints share.
+        own: [base, R, torque] of each joint, (s, F).
+        filtered: R of each joint as it is filtered, (r, M).
     """
 
     bands: Bands
     own: list[Floats]
-    filtered: list[list[Floats]]
-    common: int
+    filtered: list[Floats]
 
     @property
-    def regression(self) -> WhitenedRegression:
-        """The whitened rows."""
-        return self.bands.regression
+    def rows(self) -> GapRows:
+        """The rows in time."""
+        return self.bands.rows
 
-    def with_regression(self, regression: WhitenedRegression) -> EvidenceRows:
-        """Return the rows with effects that scale with another model."""
-        return replace(self, bands=replace(self.bands, regression=regression))
+    def with_rows(self, rows: GapRows) -> EvidenceRows:
+        """Return the same with effects that are made of other motion, or scale with another model."""
+        return replace(self, bands=replace(self.bands, rows=rows))
 
     def products(self, joint: int, C: Floats, added: Sequence[EffectColumns] = ()) -> Products:
-        """Return products of further columns, (..., k, F), with themselves and with [T, R, torque].
+        """Return products of further columns, (..., k, F), with themselves and with [base, R, torque, added].
 
         Args:
             joint: 0-based.
@@ -478,62 +434,61 @@ class EvidenceRows:
             added: columns that have been added to T, one effect after the other.
         """
         flat = C.reshape(-1, C.shape[-1])
-        more = [
-            one[joint] if joint in one else np.zeros((_count(one), C.shape[-1])) for one in added
-        ]
-        own = self.own[joint]
-        whole = np.concatenate([own[: self.common], *more, own[self.common :]])
+        more = [on_joint(one, joint, C.shape[-1]) for one in added]
+        whole = np.concatenate([self.own[joint], *more])
         return self.bands.products(C, C), self.bands.products(flat, whole)
 
 
-def _count(one: EffectColumns) -> int:
-    return len(next(iter(one.values())))
-
-
 def evidence_of(
-    regression: WhitenedRegression, repeats: Sequence[RepeatPair]
+    rows: GapRows, noise: NoiseModel, repeats: Sequence[RepeatPair], prior: Floats | None
 ) -> tuple[Evidence, EvidenceRows]:
     """Return the evidence of rows without any name, the rest sized.
 
     Args:
-        regression: whitened rows with base parameters alone.
-        repeats: segments of the same motion.
+        rows: those that count are searched.
+        noise: what they are whitened with.
+        repeats: parts of the same motion.
+        prior: rows [columns, value] on the base parameters, (r, p + 1); None for none.
     """
-    n, segments, bands = len(regression.joints), regression.segments, Bands.of(regression, repeats)
-    torques = [acceleration_torques(s) for s in segments]
-    common = [common_columns(s, x) for s, x in zip(segments, torques, strict=True)]
+    n, p = rows.W.shape[1:]
+    bands, errors = Bands(rows, noise, *instants(rows, repeats)), error_columns(rows)
+    size = p + len(errors.common)
     every, filtered, models = [], [], []
     for j in range(n):
-        shared = [
-            np.concatenate([s.W[:, j].T, x[:, j]]) for s, x in zip(segments, common, strict=True)
-        ]
-        parts = [[own_columns(s, j, x) for s, x in zip(segments, torques, strict=True)]]
-        white = [bands.rows(j, parts[0])]
-        kinds, at, counts = [], len(white[0]), bands.counts(j)
-        if white[0][:SHARP].any():
+        shared = np.concatenate([rows.W[:, j].T, errors.common[:, j]])
+        kinds, at, counts = [], len(errors.own[j]), bands.counts(j)
+        white = [bands.transformed(j, shared), bands.transformed(j, errors.own[j])]
+        parts = [errors.own[j]]
+        if white[1][:SHARP].any():
             kinds.append((SHAPE, slice(0, SHARP)))
-        for name, columns in rest_columns(segments, j).items():
-            rows = bands.rows(j, columns)
-            size = np.sqrt(max(float(np.sum(rows**2)) / max(float(counts.sum()), 1.0), 1e-12))
-            kinds.append((name, slice(at, at + len(rows))))
-            white.append(rows / size)
-            parts.append([x / size for x in columns])
-            at += len(rows)
-        torque = bands.rows(j, [s.tau[:, j][None] for s in segments])
-        T = bands.rows(j, shared)
-        every.append(np.concatenate([T, *white, torque]))
-        filtered.append([np.concatenate(x) for x in zip(*parts, strict=True)])
-        usual = np.array([0.0 if name == SHAPE else np.log(tuning.REST_USUAL) for name, _ in kinds])
-        grams = bands.products(every[j], every[j])
-        powers = np.zeros(len(counts))
-        models.append(JointModel(grams, counts, tuple(kinds), len(white[0]), usual, powers))
-    size, base = len(T), segments[0].W.shape[2]
-    prior, held = np.zeros((size, size)), np.zeros(size)
-    known = sum(np.diag(model.gram)[:base] for model in models)
-    prior[range(base), range(base)] = FLAT * np.maximum(known, 1e-12)
-    prior[range(base, size), range(base, size)] = 1.0
-    if regression.prior is not None:
-        prior[:base, :base] += regression.prior[:, :base].T @ regression.prior[:, :base]
-        held[:base] += regression.prior[:, :base].T @ regression.prior[:, -1]
-    found = Evidence(tuple(models), prior, held, float(np.log(7.0 * n)), size, size - base)
-    return found.sized(range(n), FIRST_STEPS), EvidenceRows(bands, every, filtered, size)
+        for name, columns in rest_columns(rows, j).items():
+            made = bands.transformed(j, columns)
+            power = float(np.sum(made**2)) / max(float(counts.sum()), 1.0)
+            scale = np.sqrt(max(power, 1e-12))
+            kinds.append((name, slice(at, at + len(made))))
+            white.append(made / scale)
+            parts.append(columns / scale)
+            at += len(made)
+        every.append(np.concatenate([*white, bands.transformed(j, rows.tau[:, j][None])]))
+        filtered.append(np.concatenate(parts))
+        usual = [0.0 if name == SHAPE else np.log(tuning.REST_USUAL) for name, _ in kinds]
+        model = JointModel(
+            grams=bands.products(every[j], every[j]),
+            counts=counts,
+            kinds=tuple(kinds),
+            base=size,
+            errors=len(errors.own[j]),
+            log_rms=np.array(usual),
+            powers=np.zeros(len(counts)),
+        )
+        models.append(model)
+    known = np.sum([np.diag(model.plain)[:p] for model in models], axis=0)
+    precision, held = np.ones(size), np.zeros(size)
+    precision[:p] = FLAT * np.maximum(known, 1e-12)
+    information = np.diag(precision)
+    if prior is not None:
+        information[:p, :p] += prior[:, :p].T @ prior[:, :p]
+        held[:p] += prior[:, :p].T @ prior[:, -1]
+    price = float(np.log(7.0 * n))
+    found = Evidence(tuple(models), information, held, price, size, size - p)
+    return found.sized(range(n), FIRST_STEPS), EvidenceRows(bands, every, filtered)

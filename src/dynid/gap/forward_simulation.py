@@ -12,8 +12,8 @@ import numpy as np
 
 from dynid.estimation.possible_arm import constraints_of, fit_pooled
 from dynid.gap.problem import GapProblem, information_root
+from dynid.gap.regression import Regression
 from dynid.gap.selected_effects import SelectedEffect, effect_torque
-from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.effects.interface import ArmMotion, Floats
 from dynid.model.parameters import BODY_PARAMETERS, body_columns
@@ -29,7 +29,7 @@ CHECKED = 200
 
 
 def simulate_held_out(
-    problem: GapProblem, regression: WhitenedRegression, selected: Sequence[SelectedEffect]
+    problem: GapProblem, regression: Regression, selected: Sequence[SelectedEffect]
 ) -> Floats | None:
     """Replay the longest held-out segment through a model; return the errors of the positions, (n,) [rad or m].
 
@@ -41,23 +41,27 @@ def simulate_held_out(
     Returns:
         The errors; None when little is held out, or when the arm is too light somewhere to be replayed.
     """
-    count, k = max((int(rows.sum()), k) for k, rows in enumerate(problem.held))
-    rows, base = problem.segments[k], problem.base
-    if count < 2 * rows.rate:
+    rows, base = problem.rows, problem.base
+    counts = [int(rows.held[part].sum()) for part in rows.parts]
+    k = max(range(len(counts)), key=lambda k: (counts[k], k))
+    if counts[k] < 2 * rows.rate:
         return None
     p = base.reduction.rank
-    theta = nearest_possible(base, regression.fit.theta[:p], regression.fit.inverse[:p, :p])
+    theta = nearest_possible(
+        base, regression.theta[:p], regression.root[:p] @ regression.root[:p].T
+    )
     carried = [
         one
         for one in selected
         if one.name == "payload" and base.robot.n in body_columns(base.model.parameters)
     ]
     theta = theta + sum((load_parameters(base, one) for one in carried), np.zeros(p))
-    segment = rows.log.segments[0]
-    first, last = rows.t[problem.held[k]][[0, -1]]
+    log, held = rows.logs[k], rows.held & (rows.part == k)
+    segment = log.segments[0]
+    first, last = rows.t[held][[0, -1]]
     part = slice(*np.searchsorted(segment.elapsed, [first, last]).tolist())
     motion = arm_motion(
-        segment, rows.log.filter, base.model, model_torques(base.model, base.reduction, theta)
+        segment, log.filter, base.model, model_torques(base.model, base.reduction, theta)
     )
     # Why along the measured motion: states such as a bristle's need the path, and the windows stay close to it.
     extra = (

@@ -9,8 +9,8 @@ import numpy as np
 
 from dynid.gap.improvement import fitted_with
 from dynid.gap.problem import GapProblem
+from dynid.gap.regression import Regression
 from dynid.gap.search import EffectSearch
-from dynid.gap.segments import SegmentRows, cut
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_columns, with_selected
 from dynid.model.effects.interface import Floats
 
@@ -62,78 +62,56 @@ def held_out_effect(
         one: the effect.
         joint: 0-based joint whose torque is looked at.
     """
-    held, residual, _ = _held_out(problem, others)
-    _, left, torques = _held_out(problem, [*others, one], one)
-    use = np.concatenate([s.use[:, joint] for s in held])
-    t = np.concatenate([s.t for s in held])
-    torque = torques[:, joint][use]
-    robot, quantities = problem.base.robot, {"time [s]": t[use]}
+    rows, robot = problem.rows, problem.base.robot
+    use = rows.use[:, joint] & rows.held
+    residual = _left_by(problem, others)[0][use, joint]
+    left, regression = _left_by(problem, [*others, one])
+    own = regression.amplitudes[-len(one.amplitudes) :]
+    torque = torque_in_rows(regression.rows, [one], own)[use, joint]
+    quantities = {"time [s]": rows.t}
     for j in dict.fromkeys((joint, *one.joints)):
-        unit = "rad" if robot.joints[j].revolute else "m"
-        name = robot.joints[j].name
-        quantities[f"position of {name} [{unit}]"] = np.concatenate([s.q[:, j] for s in held])[use]
-        quantities[f"speed of {name} [{unit}/s]"] = np.concatenate([s.qd[:, j] for s in held])[use]
-        load = np.concatenate([s.tau[:, j] for s in held])[use]
-        quantities[f"torque of {name} [{robot.joints[j].torque_unit}]"] = load
-    shares = {name: _follows(x, torque) for name, x in quantities.items()}
+        unit, name = "rad" if robot.joints[j].revolute else "m", robot.joints[j].name
+        quantities[f"position of {name} [{unit}]"] = rows.q[:, j]
+        quantities[f"speed of {name} [{unit}/s]"] = rows.qd[:, j]
+        quantities[f"torque of {name} [{robot.joints[j].torque_unit}]"] = rows.tau[:, j]
+    shares = {name: _follows(x[use], torque) for name, x in quantities.items()}
     # Why: on seconds of a smooth motion every torque is also one of time.
     shares["time [s]"] -= TIME_LEAD
     follows = max(shares, key=lambda name: shares[name])
-    return HeldOutEffect(
-        t[use], residual[:, joint][use], torque, left[:, joint][use], quantities[follows], follows
-    )
+    against = quantities[follows][use]
+    return HeldOutEffect(rows.t[use], residual, torque, left[use, joint], against, follows)
 
 
 def _follows(x: Floats, y: Floats) -> float:
     """Return the share of the variance of y, (M,), that lies between bins of equal count over x, (M,)."""
-    parts = np.array_split(y[np.argsort(x, kind="stable")], BINS)
-    means, counts = (
-        np.array([part.mean() for part in parts if len(part)]),
-        [len(part) for part in parts if len(part)],
-    )
-    return (
-        float(np.average((means - y.mean()) ** 2, weights=counts) / max(float(y.var()), 1e-30))
-        if len(y)
-        else 0.0
-    )
+    if not len(y):
+        return 0.0
+    parts = [z for z in np.array_split(y[np.argsort(x, kind="stable")], BINS) if len(z)]
+    means = np.array([z.mean() for z in parts])
+    between = np.average((means - y.mean()) ** 2, weights=[len(z) for z in parts])
+    return float(between / max(float(y.var()), 1e-30))
 
 
-def _held_out(
-    problem: GapProblem, selected: Sequence[SelectedEffect], shown: SelectedEffect | None = None
-) -> tuple[list[SegmentRows], Floats, Floats]:
-    """Return the segments with held-out rows alone, what effects leave of all rows, and the torque of the last, (M, n).
-
-    Args:
-        problem: the rows.
-        selected: effects that are fitted with the model to the training rows.
-        shown: the last of them, where its torque is wanted.
-    """
-    regression = fitted_with(problem, selected)
-    theta, beta = regression.fit.theta[: problem.segments[0].W.shape[2]], regression.amplitudes
-    held = cut(problem.segments, problem.held)
-    e, torques = [], []
-    for s, row in zip(held, regression.segments, strict=True):
-        e.append(s.tau - s.W @ theta - torque_in_rows(row, selected, beta).T)
-        if shown is not None:
-            own = beta[len(beta) - len(shown.effect.amplitudes(shown.shape)) :]
-            torques.append(torque_in_rows(row, [shown], own).T)
-    return held, np.concatenate(e), np.concatenate(torques) if torques else np.zeros((0, 0))
+def _left_by(problem: GapProblem, selected: Sequence[SelectedEffect]) -> tuple[Floats, Regression]:
+    """Return what effects, fitted with the model to the training rows, leave of all rows, (M, n), and that fit."""
+    fit = fitted_with(problem, selected)
+    left = problem.rows.tau - problem.rows.W @ fit.theta[: fit.base]
+    return left - torque_in_rows(fit.rows, selected, fit.amplitudes), fit
 
 
 # ---------------------------------------------------------------- what no effect explains
 def clue(search: EffectSearch, joint: int) -> str:
     """Return what is known of a joint that no effect explains: what its residual follows, and whether it repeats."""
     regression = with_selected(search.problem.regression(), with_columns(search.selected))
-    rows, e, noise = regression.joints[joint], regression.fit.e[joint], search.problem.noise
-    e = e * noise.count[joint] ** 0.5
-    signals = {"t": np.concatenate([s.t for s in regression.segments])[rows.index]}
-    near = [k for k in (joint, joint - 1, joint + 1) if 0 <= k < len(regression.joints)]
-    for k in near:
-        for name in ("q", "qd", "tau"):
-            signals[f"{name}{k + 1}"] = np.concatenate(
-                [getattr(s, name)[:, k] for s in regression.segments]
-            )[rows.index]
-    block = rows.index // max(1, round(regression.segments[0].rate))
+    noise, rows = regression.noise, regression.rows
+    e, use = regression.e[joint] * noise.count[joint] ** 0.5, noise.counting(rows, joint)
+    signals = {"t": rows.t[use]}
+    for k in (joint, joint - 1, joint + 1):
+        if 0 <= k < len(regression.y):
+            signals |= {
+                f"{name}{k + 1}": getattr(rows, name)[use, k] for name in ("q", "qd", "tau")
+            }
+    block = np.flatnonzero(use) // max(1, round(rows.rate))
     shares = {name: _followed(values, e, block) for name, values in signals.items()}
     best = max(shares, key=lambda name: shares[name])
     follows = f"it depends most on {best} ({100 * shares[best]:.0f} % of its power)"

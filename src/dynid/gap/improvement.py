@@ -11,14 +11,16 @@ from numpy.typing import NDArray
 from dynid.gap.known_errors import KnownErrors
 from dynid.gap.possible_arm import near_possible
 from dynid.gap.problem import GapProblem
-from dynid.gap.segments import LONGEST_BLOCK, SHORTEST_BLOCK, cut, jackknife_blocks
+from dynid.gap.regression import Regression
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_columns, with_selected
-from dynid.gap.whitened_regression import WhitenedRegression
 from dynid.model.effects.interface import Floats
 
 #: Held-out residuals of a joint and the number of the block of time of each, (M,) and (M,).
 HeldOutRows = tuple[Floats, NDArray[np.int64]]
 
+#: Blocks of time that errors are taken from: longer than the memory of whitened residuals [s], and so many of them if
+#: the rows last long enough.
+SHORTEST_BLOCK, LONGEST_BLOCK, BLOCKS = 0.25, 1.0, 40
 #: Fewest blocks of time whose spread says anything.
 MIN_BLOCKS = 3
 #: Draws of the block bootstrap: the ends of a 95 % interval come from the ten outermost on either side.
@@ -69,23 +71,15 @@ def held_out_improvement(
         for joints in (before, after)
     )
     ratio = [_ratio(b, a, j) for j, (b, a) in enumerate(zip(before, after, strict=True))]
-    known = _held_known_errors(problem, errors)
+    # Rms of what no effect has to explain on held-out rows, but for noise.
+    rows = problem.rows.only(problem.rows.held)
+    use = np.array([problem.noise.counting(rows, j) for j in range(len(bare))]).T
+    power = np.sum(np.where(use, errors.power(rows), 0.0), axis=0)
+    known = np.sqrt(power / np.maximum(use.sum(axis=0), 1))
     return HeldOutImprovement(bare, whole, np.array(ratio), problem.noise.floor, known)
 
 
-def _held_known_errors(problem: GapProblem, errors: KnownErrors) -> Floats:
-    """Return the rms of what no effect has to explain on held-out rows, but for noise, (n,) [N m or N]."""
-    first, n = problem.noise.order, problem.base.robot.n
-    power, count = np.zeros(n), np.zeros(n)
-    for s in cut(problem.segments, problem.held):
-        use = s.use[first:]
-        if use.any():
-            power += np.sum(np.where(use, errors.power(s)[first:], 0.0), axis=0)
-            count += use.sum(axis=0)
-    return np.sqrt(power / np.maximum(count, 1))
-
-
-def fitted_with(problem: GapProblem, selected: Sequence[SelectedEffect]) -> WhitenedRegression:
+def fitted_with(problem: GapProblem, selected: Sequence[SelectedEffect]) -> Regression:
     """Fit model and effects together to the training rows, without what is not judged.
 
     Effects that follow the model's torque follow that of the fit.
@@ -93,7 +87,7 @@ def fitted_with(problem: GapProblem, selected: Sequence[SelectedEffect]) -> Whit
     regression = with_selected(problem.regression(nuisance=False), selected)
     if not selected:
         return regression
-    theta = regression.fit.theta[: problem.base.reduction.rank]
+    theta = regression.theta[: problem.base.rank]
     return with_selected(problem.regression(theta, nuisance=False), selected)
 
 
@@ -103,21 +97,16 @@ def _held_residuals(problem: GapProblem, selected: Sequence[SelectedEffect]) -> 
     regression = fitted_with(problem, selected)
     if problem.in_force is not None:
         regression = near_possible(regression, problem.base, exactly=problem.arm)
-    held = cut(problem.segments, problem.held)
-    theta = regression.fit.theta[: held[0].W.shape[2]]
-    torques = [torque_in_rows(s, selected, regression.amplitudes) for s in regression.segments]
+    rows = problem.rows.only(problem.rows.held)
+    left = rows.tau - rows.W @ regression.theta[: problem.base.rank]
+    left -= torque_in_rows(regression.rows, selected, regression.amplitudes)
     # Why longer: what a joint leaves of a comparison with earlier logs goes on for longer.
-    times = jackknife_blocks(held, LONGEST_BLOCK if problem.since else SHORTEST_BLOCK)
-    found = []
-    for j in range(held[0].motion.n):
-        parts, blocks = [], []
-        for s, torque, time in zip(held, torques, times, strict=True):
-            use = s.use[:, j].copy()
-            use[: problem.noise.order] = False
-            parts.append((s.tau[:, j] - s.W[:, j] @ theta - torque[j])[use])
-            blocks.append(time[use])
-        found.append((np.concatenate(parts), np.concatenate(blocks)))
-    return found
+    shortest = LONGEST_BLOCK if problem.since else SHORTEST_BLOCK
+    seconds = float(rows.use.any(axis=1).sum()) / rows.rate
+    length = min(LONGEST_BLOCK, max(shortest, seconds / BLOCKS))
+    block = 1_000_000 * rows.part + rows.at // max(1, round(length * rows.rate))
+    use = (problem.noise.counting(rows, j) for j in range(left.shape[1]))
+    return [(e[chosen], block[chosen]) for e, chosen in zip(left.T, use, strict=True)]
 
 
 def _ratio(before: HeldOutRows, after: HeldOutRows, seed: int) -> Floats:

@@ -27,29 +27,25 @@ def late_torques(problem: GapProblem) -> float:
         problem: what is searched.
     """
     bare = problem.regression()
-    inside = [
-        (s.t >= s.t[0] + LONGEST_DELAY) & (s.t <= s.t[-1] - LONGEST_DELAY) | (not s.is_new)
-        for s in bare.segments
-    ]
-    every, moved = np.concatenate(inside), []
-    for s in bare.segments:
-        wanted = s.t + TRIED[:, None] * s.is_new
-        spline = CubicSpline(s.t, s.tau, axis=0)
-        moved.append(spline(np.clip(wanted, s.t[0], s.t[-1])))
-    right, rows = np.zeros((bare.size, len(TRIED))), []
-    for j, joint in enumerate(bare.joints):
-        kept = every[joint.index]
-        A, y = joint.A[kept], bare.whiten(j, [tau[:, :, j] for tau in moved])[:, kept]
-        rows.append((A, y))
+    rows, moved = bare.rows, np.zeros((*bare.rows.tau.T.shape, len(TRIED)))
+    every = ~rows.is_new
+    for part in rows.parts:
+        t, new = rows.t[part], rows.is_new[part.start]
+        every[part] |= (t >= t[0] + LONGEST_DELAY) & (t <= t[-1] - LONGEST_DELAY)
+        wanted = np.clip(t[:, None] + TRIED * new, t[0], t[-1])
+        moved[:, part] = CubicSpline(t, rows.tau[part], axis=0)(wanted).transpose(2, 0, 1)
+    chosen, right = [], np.zeros((bare.baseline[0].shape[1], len(TRIED)))
+    for j, baseline in enumerate(bare.baseline):
+        kept = every[bare.noise.counting(rows, j)]
+        A, y = baseline[kept], bare.noise.whiten(rows, j, moved[j].T)[:, kept]
+        chosen.append((A, y))
         right += A.T @ y.T
-    if bare.prior is not None:
-        right[: bare.base] += (bare.prior[:, :-1].T @ bare.prior[:, -1])[:, None]
-    theta = bare.fit.root @ (bare.fit.root.T @ right)
-    left = np.array([np.sum((y - (A @ theta).T) ** 2, axis=1) for A, y in rows])
+    theta = bare.solved(right)
+    left = np.array([np.sum((y - (A @ theta).T) ** 2, axis=1) for A, y in chosen])
     total = left.sum(axis=0)
     best, still = int(np.argmin(total)), len(TRIED) // 2
     # Why over what is left: a model that lacks something leaves more than noise, whatever the delay.
-    noise = max(float(total[best]) / max(sum(y.shape[1] for _, y in rows), 1), 1.0)
+    noise = max(float(total[best]) / max(sum(y.shape[1] for _, y in chosen), 1), 1.0)
     gain: Floats = (left[:, still] - left[:, best]) / noise
     if gain.sum() < SURE or gain.min() < -SURE / 2:
         return 0.0

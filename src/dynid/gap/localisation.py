@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.gap.whitened_regression import WhitenedRegression
+from dynid.gap.regression import Regression
 from dynid.model.effects.interface import Floats
 
 #: Share of the noise's power that may be left: a joint with more is above its noise floor. Clean joints have 0.9 to 1.1
@@ -67,70 +67,52 @@ class JointGap:
     text: str
 
 
-def localise_residual(regression: WhitenedRegression) -> list[JointGap]:
+def localise_residual(regression: Regression) -> list[JointGap]:
     """Return the disagreement of every joint."""
-    chi, sigma = regression.reduced_chi_square(), regression.noise.sigma
-    energy = np.array(
-        [
-            max(0.0, c - 1) * len(e) * s**2
-            for c, e, s in zip(chi, regression.fit.e, sigma, strict=True)
-        ]
-    )
-    total = energy.sum()
+    noise, chi, energy, root = regression.noise, [], [], regression.root
+    for j, (e, gram) in enumerate(zip(regression.e, regression.gram, strict=True)):
+        # Mean square, freedom taken off.
+        freedom = len(e) - float(np.sum((gram[:-1, :-1] @ root) * root))
+        known = len(e) > 50 and freedom > 20
+        chi.append(float(noise.count[j] * (e @ e) / freedom) if known else 1.0)
+        energy.append(max(0.0, chi[j] - 1.0) * len(e) * noise.sigma[j] ** 2)
+    shares = np.array(energy) / (sum(energy) or 1.0)
     found = []
-    for j in range(len(chi)):
-        regions = regions_of(regression, j)
-        text = _words(regions) if chi[j] > 1 + NEGLIGIBLE else "at the noise floor"
-        found.append(
-            JointGap(
-                j,
-                float(chi[j]),
-                float(energy[j] / total) if total > 0 else 0.0,
-                tuple(regions),
-                text,
-            )
-        )
+    for j, each in enumerate(chi):
+        regions = _regions(regression, j)
+        text = _words(regions) if each > 1 + NEGLIGIBLE else "at the noise floor"
+        found.append(JointGap(j, each, float(shares[j]), tuple(regions), text))
     return found
 
 
-def regions_of(regression: WhitenedRegression, joint: int) -> list[ResidualRegion]:
+def _regions(regression: Regression, joint: int) -> list[ResidualRegion]:
     """Cut one joint's whitened residual by what the arm did."""
-    rows, e = (
-        regression.joints[joint],
-        regression.fit.e[joint] * regression.noise.count[joint] ** 0.5,
-    )
+    rows, noise = regression.rows, regression.noise
+    use, e = noise.counting(rows, joint), regression.e[joint] * noise.count[joint] ** 0.5
     if len(e) < 3 * FEWEST:
         return []
-    signals = {
-        key: np.concatenate([getattr(s, key)[:, joint] for s in regression.segments])[rows.index]
-        for key in ("q", "qd", "tau")
+    q, qd, tau = (x[use, joint] for x in (rows.q, rows.qd, rows.tau))
+    near = [near_reversal(rows.qd[part, joint], rows.rate) for part in rows.parts]
+    reversing = np.concatenate(near)[use]
+    parts = {
+        ("direction", "forward"): qd > 0,
+        ("direction", "backward"): qd <= 0,
+        ("reversal", "at reversals"): reversing,
+        ("reversal", "between reversals"): ~reversing,
     }
-    t = np.concatenate([s.t + 1e6 * s.number for s in regression.segments])[rows.index]
-    reversing = np.concatenate(
-        [near_reversal(s.qd[:, joint], s.rate) for s in regression.segments]
-    )[rows.index]
-    speed = np.abs(signals["qd"])
-    parts: list[tuple[str, str, NDArray[np.bool_]]] = []
     for kind, signal, names in (
-        ("speed", speed, ("slow", "medium", "fast")),
-        ("position", signals["q"], ("lower end", "middle", "upper end")),
-        ("load", np.abs(signals["tau"]), ("low", "medium", "high")),
-        ("time", t, ("early", "middle", "late")),
+        ("speed", np.abs(qd), ("slow", "medium", "fast")),
+        ("position", q, ("lower end", "middle", "upper end")),
+        ("load", np.abs(tau), ("low", "medium", "high")),
+        ("time", (rows.t + 1e6 * rows.number)[use], ("early", "middle", "late")),
     ):
-        edges = np.quantile(signal, [1 / 3, 2 / 3])
-        third = np.searchsorted(edges, signal)
-        parts += [(kind, name, third == k) for k, name in enumerate(names)]
-    parts += [
-        ("direction", "forward", signals["qd"] > 0),
-        ("direction", "backward", signals["qd"] <= 0),
-    ]
-    parts += [
-        ("reversal", "at reversals", reversing),
-        ("reversal", "between reversals", ~reversing),
-    ]
+        third = np.searchsorted(np.quantile(signal, [1 / 3, 2 / 3]), signal)
+        parts |= {(kind, name): third == k for k, name in enumerate(names)}
+    # In the order in which they are drawn.
+    order = list(PHRASES)
     return [
         ResidualRegion(kind, name, float(np.mean(e[mask] ** 2)), int(mask.sum()))
-        for kind, name, mask in parts
+        for (kind, name), mask in sorted(parts.items(), key=lambda item: order.index(item[0][0]))
         if mask.sum() >= FEWEST
     ]
 
@@ -147,16 +129,10 @@ def near_reversal(qd: Floats, rate: float) -> NDArray[np.bool_]:
 def _words(regions: list[ResidualRegion]) -> str:
     """Return the strongest contrasts in words."""
     strong = []
-    for kind in dict.fromkeys(r.kind for r in regions):
-        of = [r for r in regions if r.kind == kind]
-        top = max(of, key=lambda r: r.chi)
-        rest = [r.chi for r in of if r is not top]
-        if rest and top.chi - 1 > STANDS_OUT * max(max(rest) - 1, 0.05):
-            strong.append((top.chi / max(rest), _phrase(top)))
+    for kind, phrase in PHRASES.items():
+        of = sorted((r for r in regions if r.kind == kind), key=lambda r: -r.chi)
+        if len(of) > 1 and of[0].chi - 1 > STANDS_OUT * max(of[1].chi - 1, 0.05):
+            strong.append((of[0].chi / of[1].chi, phrase.format(of[0].name)))
     if not strong:
         return "equally in all parts of its motion"
     return ", ".join(text for _, text in sorted(strong, reverse=True)[:2])
-
-
-def _phrase(region: ResidualRegion) -> str:
-    return PHRASES[region.kind].format(region.name)

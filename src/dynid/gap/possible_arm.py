@@ -16,7 +16,8 @@ import numpy as np
 
 from dynid.estimation.possible_arm import constraints_of, fit_physical, fit_pooled, fit_sized
 from dynid.estimation.possible_set import PhysicalConstraints
-from dynid.gap.whitened_regression import EffectColumns, WhitenedRegression, whitened_columns
+from dynid.gap.gap_rows import EffectColumns
+from dynid.gap.regression import Regression
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Floats
@@ -65,38 +66,36 @@ class ReducedRows:
     rest: float
 
 
-def possible_arm(regression: WhitenedRegression, base: BaseModel) -> PossibleArm:
+def possible_arm(regression: Regression, base: BaseModel) -> PossibleArm:
     """Return the prior of possible links in the size that the rows of a search prefer."""
     K, rows, given = base.reduction.K, reduced(regression), constraints_of(base)
     return PossibleArm(K, fit_sized(rows.R @ K, rows.r, given)[1], given)
 
 
-def imitated_counterbalances(
-    regression: WhitenedRegression, base: BaseModel
-) -> dict[int, EffectColumns]:
+def imitated_counterbalances(regression: Regression, base: BaseModel) -> dict[int, EffectColumns]:
     """Return the columns of the counterbalances that links imitate, by joint."""
     effect = CATALOGUE[COUNTERBALANCE]
     found: dict[int, EffectColumns] = {}
     for joints in effect.candidate_joints(base.robot.n):
-        for shape in effect.grid(regression.motion, joints):
-            columns = whitened_columns(regression, effect, joints, shape)
+        for shape in effect.grid(regression.rows.motion, joints):
+            columns = regression.columns_of(effect, joints, shape)
             if _visible_share(regression, columns) <= IMITATED:
                 found[joints[0]] = columns
     return found
 
 
-def _visible_share(regression: WhitenedRegression, columns: EffectColumns) -> float:
+def _visible_share(regression: Regression, columns: EffectColumns) -> float:
     """Return the largest share of their power that columns have beside all others; 0 where they have none."""
     gram = np.sum([C @ C.T for C in columns.values()], axis=0)
     size = np.sqrt(np.diag(gram))
     P = np.sum([C @ regression.columns(j) for j, C in columns.items()], axis=0)
-    P = P @ regression.fit.root
+    P = P @ regression.root
     if not np.all(size > 0):
         return 0.0
     return float(np.linalg.eigvalsh((gram - P @ P.T) / np.outer(size, size))[-1])
 
 
-def reduced(regression: WhitenedRegression, more: Sequence[EffectColumns] = ()) -> ReducedRows:
+def reduced(regression: Regression, more: Sequence[EffectColumns] = ()) -> ReducedRows:
     """Return the rows of a search without its prior, reduced to the base parameters.
 
     Args:
@@ -104,7 +103,7 @@ def reduced(regression: WhitenedRegression, more: Sequence[EffectColumns] = ()) 
         more: columns of further effects.
     """
     wide = replace(regression, prior=None, effects=(*regression.effects, *more))
-    p = regression.segments[0].W.shape[2]
+    p = regression.base
     gram = wide.gram.sum(axis=0)
     order = [*range(p), len(gram) - 1]
     other = [k for k in range(len(gram)) if k not in order]
@@ -123,9 +122,7 @@ def reduced(regression: WhitenedRegression, more: Sequence[EffectColumns] = ()) 
     return ReducedRows(root[:, None] * V[:, seen].T * length, r, float(kept[p, p] - r @ r))
 
 
-def near_possible(
-    regression: WhitenedRegression, base: BaseModel, *, exactly: bool
-) -> WhitenedRegression:
+def near_possible(regression: Regression, base: BaseModel, *, exactly: bool) -> Regression:
     """Return a regression held near the best possible arm jointly with its effects.
 
     Args:
@@ -141,7 +138,7 @@ def near_possible(
     return replace(regression, prior=np.column_stack([stiff, stiff @ theta]))
 
 
-def prior_rows(regression: WhitenedRegression, arm: PossibleArm) -> Floats:
+def prior_rows(regression: Regression, arm: PossibleArm) -> Floats:
     """Return rows [L, L theta0] that hold base parameters near possible arms, as at the best one, (k, p + 1)."""
     rows, bare = reduced(regression), reduced(replace(regression, effects=()))
     fit, _ = fit_pooled(rows.R @ arm.K, rows.r, arm.constraints)
@@ -161,7 +158,7 @@ def prior_rows(regression: WhitenedRegression, arm: PossibleArm) -> Floats:
 
 
 def least_gain(
-    regression: WhitenedRegression,
+    regression: Regression,
     arm: PossibleArm,
     one: EffectColumns,
     masses: Sequence[float] = MASSES,

@@ -336,9 +336,9 @@ def _noise_texts(analysis: GapAnalysis, names: Sequence[str]) -> tuple[str, str]
     else:
         source = "the high frequencies of the residual, a lower bound because no motion is repeated"
     note = ""
-    if problem.compared and problem.same_motion:
+    if problem.rows.compared and problem.same_motion:
         note = "same motion as the earlier logs: old and new are compared row by row"
-    elif problem.compared:
+    elif problem.rows.compared:
         note = "earlier and new logs are fitted together; the search looks for effects in the new logs only"
     elif problem.noise.misfit:
         note = f"more than noise was unexplained before on {', '.join(names[j] for j in problem.noise.misfit)}"

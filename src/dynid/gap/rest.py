@@ -9,11 +9,9 @@ Source: Solin and Saerkkae 2020, "Hilbert space methods for reduced-rank Gaussia
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from dynid.gap.segments import SegmentRows
+from dynid.gap.gap_rows import GapRows
 from dynid.model.effects.friction import sign_of
 from dynid.model.effects.interface import Floats
 
@@ -33,34 +31,27 @@ def smooth(x: Floats, low: float, high: float, kind: tuple[int, float]) -> Float
     return np.asarray(np.exp(-0.25 * (w * length) ** 2)[:, None] * np.sin(w[:, None] * (z + WIDER)))
 
 
-def rest_columns(segments: Sequence[SegmentRows], joint: int) -> dict[str, list[Floats]]:
-    """Return columns of all kinds of what is left of one joint, filtered, {kind: one (m, M) per segment}."""
+def rest_columns(rows: GapRows, joint: int) -> dict[str, Floats]:
+    """Return columns of all kinds of what is left of one joint, filtered, {kind: (m, M)}."""
     q, qd, load = (
-        np.concatenate([getattr(s.motion, name)[:, joint] for s in segments])
+        np.concatenate([getattr(motion, name)[:, joint] for motion in rows.motions])
         for name in ("q", "qd", "rigid")
     )
-    found: dict[str, list[Floats]] = {}
-    for s in segments:
-        motion, sign = s.motion, sign_of(s.motion, joint)
-        own, speed = motion.q[:, joint], np.arcsinh(motion.qd[:, joint] / KNEE)
-        top = np.arcsinh(np.array([qd.min(), qd.max()]) / KNEE)
+    top = np.arcsinh(np.array([qd.min(), qd.max()]) / KNEE)
+    parts = []
+    for motion in rows.motions:
+        own, speed, sign = motion.q[:, joint], motion.qd[:, joint], sign_of(motion, joint)
         carried = smooth(motion.rigid[:, joint], load.min(), load.max(), LOAD)
-        parts = {
-            "place": smooth(own, q.min(), q.max(), PLACE),
-            "place_sign": smooth(own, q.min(), q.max(), PLACE_SIGN) * sign,
-            "speed": smooth(speed, top[0], top[1], SPEED),
-            "load": np.concatenate(
-                [carried, carried[:4] * sign, carried[:4] * motion.qd[:, joint]]
-            ),
-        }
-        edges = np.cumsum([0, *map(len, parts.values())])
-        kept = s.filtered(np.concatenate(list(parts.values())))
-        for (name, _), a, b in zip(parts.items(), edges[:-1], edges[1:], strict=True):
-            found.setdefault(name, []).append(kept[a:b])
-    if not all(s.is_new for s in segments):
-        every = [
-            np.concatenate([found[name][k] for name in ("place", "speed", "load")])
-            for k in range(len(segments))
-        ]
-        found["new"] = [x * s.is_new for x, s in zip(every, segments, strict=True)]
+        parts.append(
+            {
+                "place": smooth(own, q.min(), q.max(), PLACE),
+                "place_sign": smooth(own, q.min(), q.max(), PLACE_SIGN) * sign,
+                "speed": smooth(np.arcsinh(speed / KNEE), top[0], top[1], SPEED),
+                "load": np.concatenate([carried, carried[:4] * sign, carried[:4] * speed]),
+            }
+        )
+    found = {kind: rows.filtered([part[kind] for part in parts]) for kind in parts[0]}
+    if rows.compared:
+        every = np.concatenate([found[kind] for kind in ("place", "speed", "load")])
+        found["new"] = every * rows.is_new
     return found

@@ -13,7 +13,7 @@ from dynid.gap.known_errors import KnownErrors
 from dynid.gap.late_torques import late_torques
 from dynid.gap.problem import GapProblem, KeptModel, make_problem
 from dynid.gap.selected_effects import Key, SelectedEffect
-from dynid.gap.selection import select
+from dynid.gap.selection import Search
 from dynid.gap.strays import Stray, find_strays
 from dynid.model.base_model import BaseModel
 from dynid.options import LONGEST_DELAY
@@ -81,7 +81,7 @@ def search_effects(
             ]
             problem = make_problem(shifted, base, kept, earlier)
         more = abs(delay) < LONGEST_DELAY and k < MOST_SELECTIONS - 1
-        chosen = select(problem, options, progress, delay=more)
+        chosen = Search(problem, options, progress, delay=more).run()
         # Why once more although it is no name any more: the rest is small beside the noise, not beside its own error.
         if chosen.late is None or settled or not (chosen.late_first or delay):
             break
@@ -97,8 +97,7 @@ def search_effects(
         p_value, visible = float(chdtrc(1, (delay / error) ** 2)), share * late.visible
         values = {"delay": delay}
         selected.append(replace(late, values=values, visible=visible, p_value=p_value))
-    strays = find_strays(state, problem.noise.unrepeatable)
-    errors = state.evidence.known_errors(base.reduction.rank)
+    evidence, strays = state.evidence, find_strays(state, problem.noise.unrepeatable)
     return EffectSearch(
-        problem, selected, chosen.visibility, errors, state.evidence.rest(), tuple(strays)
+        problem, selected, chosen.visibility, evidence.known_errors, evidence.rest(), tuple(strays)
     )

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dynid.gap.segments import SegmentRows
-from dynid.gap.whitened_regression import WhitenedRegression, whitened_columns
+from dynid.gap.gap_rows import GapRows
+from dynid.gap.regression import Regression
 from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints
 
 #: Identifier and joints of an effect.
@@ -73,22 +73,17 @@ def with_columns(effects: Sequence[SelectedEffect]) -> list[SelectedEffect]:
     return [one for one in effects if one.name != "torque_delay"]
 
 
-def with_selected(
-    regression: WhitenedRegression, selected: Sequence[SelectedEffect]
-) -> WhitenedRegression:
+def with_selected(regression: Regression, selected: Sequence[SelectedEffect]) -> Regression:
     """Return the regression with selected effects."""
     return regression.with_effects(
-        [whitened_columns(regression, one.effect, one.joints, one.shape) for one in selected]
+        [regression.columns_of(one.effect, one.joints, one.shape) for one in selected]
     )
 
 
-def torque_in_rows(
-    segment: SegmentRows, selected: Sequence[SelectedEffect], amplitudes: Floats
-) -> Floats:
-    """Return the torque of effects in the rows of a segment, (n, M) [N m or N]; nothing where they do not act yet."""
-    if not segment.is_new:
-        return np.zeros((segment.motion.n, len(segment)))
-    return segment.filtered(effect_torque(segment.motion, selected, amplitudes))
+def torque_in_rows(rows: GapRows, selected: Sequence[SelectedEffect], amplitudes: Floats) -> Floats:
+    """Return the torque of effects in rows, (M, n) [N m or N]; nothing where they do not act yet."""
+    raw = [effect_torque(motion, selected, amplitudes) for motion in rows.motions]
+    return (rows.filtered(raw) * rows.is_new).T
 
 
 def effect_torque(

@@ -9,7 +9,7 @@ import numpy as np
 from dynid.gap import tuning
 from dynid.gap.candidates import Candidate, candidate, gains
 from dynid.gap.evidence import Evidence, EvidenceRows
-from dynid.gap.whitened_regression import EffectColumns
+from dynid.gap.gap_rows import EffectColumns
 from dynid.model.effects.interface import Effect, Floats
 
 #: Halvings of the step towards the best shape.
@@ -59,33 +59,27 @@ def integrated(
         one: the effect on its grid.
         added: columns that have been added to T, one effect after the other.
     """
-    found = gains(evidence, one)
+    found, effect = gains(evidence, one), one.place.effect
     best = int(np.argmax(found.log_odds))
-    top, shape, scale = (
-        float(found.log_odds[best]),
-        dict(one.shapes[best]),
-        float(found.scale[best]),
-    )
+    top, scale = float(found.log_odds[best]), float(found.scale[best])
+    shape = dict(one.shapes[best])
     mean = top + float(np.log(np.mean(np.exp(found.log_odds - top))))
-    effect = one.place.effect
     if not effect.steps or top < -1e8:
         return mean, shape, scale
     # Why of the grid: a range belongs to the effect, and does not grow with the shapes that were tried.
-    low, high = ends_of(effect, effect.grid(rows.regression.motion, one.place.joints))
+    low, high = ends_of(effect, effect.grid(rows.rows.motion, one.place.joints))
     if not np.all(np.isfinite(low) & np.isfinite(high)):
         return mean, shape, scale
     x, step = in_steps(effect, shape), 1.0
-    d = len(x)
     # Directions in which a parabola is laid through what is near: each alone, and each pair together.
-    unit = np.eye(d)
-    moves = [*unit, *-unit, *(unit[a] + unit[b] for a in range(d) for b in range(a))]
-    curve = unit
+    d, curve = len(x), np.eye(len(x))
+    moves = [*curve, *-curve, *(curve[a] + curve[b] for a in range(d) for b in range(a))]
     for _ in range(HALVINGS):
         tried = [np.clip(x + step * move, low, high) for move in moves]
         near = candidate(rows, one.place, [from_steps(effect, shape, y) for y in tried], added)
-        values = gains(evidence, near) if near.own else None
-        if values is None:
+        if not near.own:
             break
+        values = gains(evidence, near)
         odds = values.log_odds
         curve = _curvature(top, odds, d, step)
         k = int(np.argmax(odds))
@@ -94,34 +88,27 @@ def integrated(
             continue
         slope = (odds[:d] - odds[d : 2 * d]) / (2 * step)
         newton = np.clip(x + np.clip(np.linalg.solve(curve, slope), -step, step), low, high)
-        near = candidate(rows, one.place, [from_steps(effect, shape, newton)], added)
-        better = gains(evidence, near)
+        better = gains(
+            evidence, candidate(rows, one.place, [from_steps(effect, shape, newton)], added)
+        )
         if better.log_odds[0] > top:
             top, x, scale = float(better.log_odds[0]), newton, float(better.scale[0])
         step *= 0.35
         if np.all(step * np.sqrt(np.diag(curve)) < 0.3):
             break
-    volume = (
-        0.5 * d * np.log(2 * np.pi)
-        - 0.5 * float(np.linalg.slogdet(curve)[1])
-        - float(np.log(high - low).sum())
-    )
+    volume = 0.5 * (d * np.log(2 * np.pi) - np.linalg.slogdet(curve)[1])
+    volume -= np.log(high - low).sum()
     other = len({tuple(v for name, v in s.items() if name not in effect.steps) for s in one.shapes})
-    peak = top + min(volume, 0.0) - float(np.log(other))
+    peak = top + min(float(volume), 0.0) - float(np.log(other))
     return max(mean, peak), from_steps(effect, shape, x), scale
 
 
 def _curvature(top: float, odds: Floats, d: int, step: float) -> Floats:
     """Return minus the second derivatives of log odds at their top, (d, d), positive definite."""
-    up, down = odds[:d], odds[d : 2 * d]
-    floor = max(top - 50.0, -1e8)
-    up, down = np.maximum(up, floor), np.maximum(down, floor)
+    odds = np.maximum(odds, max(top - 50.0, -1e8))
+    up, down, both = odds[:d], odds[d : 2 * d], odds[2 * d :]
     H = np.diag((2 * top - up - down) / step**2)
-    at = 2 * d
-    for a in range(d):
-        for b in range(a):
-            both = max(float(odds[at]), floor)
-            H[a, b] = H[b, a] = (up[a] + up[b] - both - top) / step**2
-            at += 1
+    a, b = np.tril_indices(d, -1)
+    H[a, b] = H[b, a] = (up[a] + up[b] - both - top) / step**2
     values, V = np.linalg.eigh(H)
     return np.asarray((V * np.maximum(values, 1e-2)) @ V.T)

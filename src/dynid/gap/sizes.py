@@ -13,8 +13,8 @@ import numpy as np
 
 from dynid.gap.candidates import Place, candidate, gains
 from dynid.gap.evidence import Evidence, EvidenceRows
+from dynid.gap.gap_rows import EffectColumns
 from dynid.gap.shapes import ends_of, from_steps, in_steps
-from dynid.gap.whitened_regression import EffectColumns
 from dynid.model.effects.interface import Floats
 
 #: Points of a lattice along each axis, and half of what lies between the outermost, in spacings.
@@ -111,67 +111,43 @@ def sizes_of(
     """
     effect = place.effect
     ways = turning(rows) if "vs" in effect.steps else [rows]
-    names = list(effect.amplitudes(shape))
-    grid = [
-        x
-        for x in effect.grid(rows.regression.motion, place.joints)
-        if list(effect.amplitudes(x)) == names
-    ]
+    names, every = list(effect.amplitudes(shape)), effect.grid(rows.rows.motion, place.joints)
+    points = [x for x in every if list(effect.amplitudes(x)) == names]
     lattice = None
-    if effect.steps and grid:
-        low, high = ends_of(effect, grid)
+    if effect.steps and points:
+        low, high = ends_of(effect, points)
         if np.all(np.isfinite(low) & np.isfinite(high)):
             lattice = Lattice(low, high, (low + high) / 2, np.diag(high - low) / (POINTS - 1))
-    points = [from_steps(effect, shape, x) for x in lattice.points()] if lattice else grid
-    for _ in range(CLOSINGS):
+            points = [from_steps(effect, shape, x) for x in lattice.points()]
+    for k in range(CLOSINGS):
         # Why the best shape too: a lattice that is too wide for the peak has no point near it.
-        odds, amplitudes, covariance = _posterior(evidence, ways, place, [*points, shape], added)
-        inside = np.tile(np.arange(len(points) + 1) < len(points), len(ways))
-        between = float(odds[~inside].max() - odds[inside].max()) > BETWEEN
-        if between or lattice is None:
-            points, inside = [*points, shape], np.ones(len(odds), dtype=bool)
-        weights = np.exp(odds[inside] - odds[inside].max())
-        weights, amplitudes, covariance = (
-            weights / weights.sum(),
-            amplitudes[inside],
-            covariance[inside],
-        )
+        tried = [*points, shape]
+        found = [gains(evidence, candidate(way, place, tried, added)) for way in ways]
+        odds = np.array([one.log_odds for one in found])
+        between = float(odds[:, -1].max() - odds[:, :-1].max()) > BETWEEN
+        count = len(tried) - (lattice is not None and not between)
+        points, odds = tried[:count], odds[:, :count]
+        weights = np.exp(odds - odds.max())
+        weights = weights / weights.sum()
         x = np.array([in_steps(effect, each) for each in points])
-        likely = weights.reshape(len(ways), -1).sum(axis=0)
+        likely = weights.sum(axis=0)
         mean = likely @ x
         spread = (x - mean).T @ ((x - mean) * likely[:, None])
-        if lattice is None or (not between and lattice.resolves(spread)):
+        if lattice is None or (not between and lattice.resolves(spread)) or k == CLOSINGS - 1:
             break
         lattice = lattice.closer(mean, spread)
-        nearest, points = points, [from_steps(effect, shape, y) for y in lattice.points()]
-    else:
-        points = nearest
-    size = weights @ amplitudes
+        points = [from_steps(effect, shape, y) for y in lattice.points()]
+    amplitudes = np.array([one.amplitudes[:count] for one in found])
+    size = np.einsum("wg,wgk->k", weights, amplitudes)
     off = amplitudes - size
-    spread_of_size = np.einsum("g,gkl->kl", weights, covariance + off[:, :, None] * off[:, None, :])
+    covariance = np.array([one.covariance[:count] for one in found])
+    covariance = covariance + off[..., :, None] * off[..., None, :]
     told = from_steps(effect, shape, mean) if lattice else shape
     errors = {
         name: float(np.sqrt(likely @ (np.array([each[name] for each in points]) - told[name]) ** 2))
         for name in (effect.steps if lattice else ())
     }
-    return Sizes(told, errors, size, spread_of_size)
-
-
-def _posterior(
-    evidence: Evidence,
-    ways: Sequence[EvidenceRows],
-    place: Place,
-    points: list[dict[str, float]],
-    added: Sequence[EffectColumns],
-) -> tuple[Floats, Floats, Floats]:
-    """Return log odds of shapes, way by way, (G,), amplitudes, (G, k), and covariances of them, (G, k, k)."""
-    odds, amplitudes, covariance = [], [], []
-    for rows in ways:
-        found = gains(evidence, candidate(rows, place, points, added))
-        odds.append(found.log_odds)
-        amplitudes.append(found.amplitudes)
-        covariance.append(found.covariance)
-    return np.concatenate(odds), np.concatenate(amplitudes), np.concatenate(covariance)
+    return Sizes(told, errors, size, np.einsum("wg,wgkl->kl", weights, covariance))
 
 
 def turning(rows: EvidenceRows) -> list[EvidenceRows]:
@@ -180,21 +156,12 @@ def turning(rows: EvidenceRows) -> list[EvidenceRows]:
     Why not with the sign of the rows: it has been through a filter of the torques, and what is left of a reversal
     there, times a hump, is no filtered hump.
     """
-    regression = rows.regression
-    return [
-        rows.with_regression(
-            replace(
-                regression,
-                segments=[
-                    replace(
-                        s,
-                        motion=replace(
-                            s.motion, coulomb_sign=np.tanh(s.motion.qd / (share * s.reversal))
-                        ),
-                    )
-                    for s in regression.segments
-                ],
-            ),
+    width = rows.rows.reversal
+
+    def turned(share: float) -> EvidenceRows:
+        motions = (
+            replace(x, coulomb_sign=np.tanh(x.qd / (share * width))) for x in rows.rows.motions
         )
-        for share in TURNS
-    ]
+        return rows.with_rows(replace(rows.rows, motions=tuple(motions)))
+
+    return [turned(share) for share in TURNS]

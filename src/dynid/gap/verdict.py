@@ -77,7 +77,7 @@ class Case:
     @property
     def periods(self) -> float:
         """How late torques are, in sampling periods."""
-        rate = self.search.problem.segments[0].log.filter.rate
+        rate = self.search.problem.rows.logs[0].filter.rate
         return abs(self.one.values["delay"]) * rate if self.late else np.inf
 
     @property
@@ -89,7 +89,7 @@ class Case:
     def left(self) -> float:
         """How large what is left of the effect's joint is, over the effect: what no kind of the rest holds, too."""
         # Why not of a change: what has always been left stands for nothing that is new.
-        if self.late or self.one.name == COUNTERBALANCE or self.search.problem.compared:
+        if self.late or self.one.name == COUNTERBALANCE or self.search.problem.rows.compared:
             return 0.0
         return float(unnamed(self.search)[self.one.joint] / max(self.one.visible, 1e-12))
 
@@ -170,7 +170,7 @@ def judge(
         joints: joint names.
     """
     named, closest = tuple(named), tuple(refused)
-    compared = search.problem.compared
+    compared = search.problem.rows.compared
     remainder = (
         still_changed(search.problem, named).joints if compared else joints_with_more(search)
     )

@@ -8,7 +8,8 @@ import pytest
 from dynid.gap.analysis import analyse_gap
 from dynid.gap.candidates import SelectionOptions
 from dynid.gap.change import change_test, still_changed, with_always_missing
-from dynid.gap.problem import make_problem, nuisance_columns
+from dynid.gap.known_errors import reversal_columns
+from dynid.gap.problem import make_problem
 
 
 def compared(problem):
@@ -111,11 +112,8 @@ def test_rows_that_are_few_prove_no_change(twolinks, old, kept, more_friction):
     problem = make_problem(
         twolinks.logs(more_friction, plans=(5,), repeats=1, first=20), twolinks.base, kept, old
     )
-    few = [
-        m & (s.is_new <= (np.arange(len(m)) < 12))
-        for m, s in zip(problem.train, problem.segments, strict=True)
-    ]
-    assert compared(replace(problem, train=few)).joints == ()
+    few = problem.rows.train & (problem.rows.is_new <= (problem.rows.at < 12))
+    assert compared(replace(problem, rows=replace(problem.rows, train=few))).joints == ()
 
 
 def test_the_growth_is_that_of_fits_of_all_rows_at_once(twolinks, old, kept, more_friction):
@@ -123,16 +121,12 @@ def test_the_growth_is_that_of_fits_of_all_rows_at_once(twolinks, old, kept, mor
     problem = make_problem(
         twolinks.logs(more_friction, plans=(5, 6), first=20), twolinks.base, kept, old
     )
-    wide, held = with_always_missing(problem.segments, problem.theta, np.ones(2))
-    found = change_test(wide, problem.train, list(map(nuisance_columns, wide)), held)
-    problem, eras = replace(problem, segments=wide), []
-    for is_new in (False, True):
-        parts = [
-            (s, m)
-            for s, m in zip(problem.segments, problem.train, strict=True)
-            if s.is_new is is_new
-        ]
-        eras.append([stacked(parts, j) for j in range(2)])
+    wide, held = with_always_missing(problem.rows, problem.theta, np.ones(2))
+    found = change_test(wide, held)
+    eras = [
+        [stacked(wide, wide.train & (wide.is_new == is_new), j) for j in range(2)]
+        for is_new in (False, True)
+    ]
 
     def left(groups, sigma):
         """Return what one set of parameters leaves of each joint of each group."""
@@ -160,13 +154,8 @@ def test_the_growth_is_that_of_fits_of_all_rows_at_once(twolinks, old, kept, mor
     )
 
 
-def stacked(parts, joint):
+def stacked(rows, chosen, joint):
     """Return the rows [columns, torque] of one joint, columns that are not judged at their own place."""
-    found = []
-    for s, m in parts:
-        extra = nuisance_columns(s)
-        wide = np.zeros((len(s), sum(map(len, extra))))
-        k = len(extra[joint])
-        wide[:, joint * k : (joint + 1) * k] = extra[joint].T
-        found.append(np.column_stack([s.W[:, joint], wide, s.tau[:, joint]])[m & s.use[:, joint]])
-    return np.vstack(found)
+    extra = [reversal_columns(rows, k) * (k == joint) for k in range(2)]
+    found = np.column_stack([rows.W[:, joint], *(x.T for x in extra), rows.tau[:, joint]])
+    return found[chosen & rows.use[:, joint]]

@@ -7,11 +7,11 @@ import pytest
 from scipy import stats
 
 from dynid.gap.analysis import analyse_gap, on_one_clock
-from dynid.gap.bands import Bands
+from dynid.gap.bands import Bands, instants
 from dynid.gap.candidates import Place, SelectionOptions, candidate, gains
 from dynid.gap.evidence import Evidence, JointModel
 from dynid.gap.problem import make_problem
-from dynid.gap.selection import _Search, log_odds_of
+from dynid.gap.selection import Search, log_odds_of
 from dynid.gap.sizes import sizes_of, turning
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.progress import SILENT
@@ -27,14 +27,14 @@ def grams(X):
 def drawn(seed, count=60):
     """Rows of two joints with three common columns and a rest of two kinds each in two bands, and their evidence."""
     rng = np.random.default_rng(seed)
-    rows, models = [], []
+    rows, models = [], []  # T first, then R and y; columns that are added come last
     for _ in range(2):
         T, R, y = rng.normal(size=(count, 3)), rng.normal(size=(count, 5)), rng.normal(size=count)
         kinds = (("place", slice(1, 3)), ("speed", slice(3, 5)))
         counts, sizes = np.array([20.0, count - 20.0]), rng.normal(-1.0, 0.3, 2)
         powers = rng.normal(0.0, 0.5, 2)
         X = np.column_stack([T, R, y])
-        models.append(JointModel(grams(X), counts, kinds, 1, sizes, powers))
+        models.append(JointModel(grams(X), counts, kinds, 3, 1, sizes, powers))
         rows.append((T, R, y))
     return rows, Evidence(tuple(models), np.diag([0.5, 2.0, 1.0]), np.zeros(3), 3.0, 3, 0)
 
@@ -77,7 +77,7 @@ def test_a_further_column_changes_the_evidence_as_it_changes_the_density():
     assert wide.log_evidence - evidence.log_evidence == pytest.approx(
         density(more, wide) - density(rows, evidence), abs=1e-6
     )
-    assert wide.without(3, 5).log_evidence == pytest.approx(evidence.log_evidence)
+    assert wide.without(slice(3, 5)).log_evidence == pytest.approx(evidence.log_evidence)
 
 
 def test_a_rest_and_bands_are_sized_where_the_evidence_is_largest():
@@ -104,8 +104,9 @@ def test_rows_by_frequency_keep_the_noise_and_cancel_what_always_was(twolinks, o
     there = lambda t, q, qd, qdd: on_joint(1, np.tanh((q[:, 1] - 0.5) / 0.05))  # noqa: E731
     logs = [twolinks.logs(there, plans=(1,), first=k) for k in (0, 10)]
     problem = make_problem(logs[1], twolinks.base, kept, logs[0])
-    bands = Bands.of(problem.regression(nuisance=False), problem.repeats)
-    left = bands.rows(1, [(s.tau - s.W @ problem.theta)[:, 1][None] for s in problem.segments])[0]
+    rows = problem.searched(problem.theta)
+    bands = Bands(rows, problem.noise, *instants(rows, problem.repeats))
+    left = bands.transformed(1, (rows.tau - rows.W @ problem.theta)[:, 1])
     power = np.array([np.mean(left[part] ** 2) for part in bands.slices])
     half = len(power) // 2
     assert power[:half].max() > 20.0, "the mean of all"
@@ -114,7 +115,7 @@ def test_rows_by_frequency_keep_the_noise_and_cancel_what_always_was(twolinks, o
 
 def selection(twolinks, added, effects=(), **options):
     problem = make_problem(on_one_clock(twolinks.logs(added, **options)), twolinks.base, None)
-    return _Search(problem, SelectionOptions(effects=effects), SILENT, delay=True)
+    return Search(problem, SelectionOptions(effects=effects), SILENT, delay=True)
 
 
 def test_a_bayes_factor_is_the_evidence_with_the_column_over_that_without(twolinks, on_joint):

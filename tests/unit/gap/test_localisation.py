@@ -15,31 +15,39 @@ RATE = 25.0
 
 
 def with_residual(problem, where):
-    """Return a regression on white noise, and three times as much where ``where(segment, joint)`` says, (M,)."""
+    """Return a regression on white noise, and three times as much where ``where(rows, joint)`` says, (M,)."""
     regression = problem.regression()
-    rng = np.random.default_rng(1)
-    joints = []
-    for j, rows in enumerate(regression.joints):
-        mask = np.concatenate([where(s, j) for s in regression.segments])[rows.index]
-        joints.append(replace(rows, y=rng.standard_normal(len(rows.y)) * np.where(mask, 3.0, 1.0)))
-    return replace(regression, joints=tuple(joints))
+    rows, rng = regression.rows, np.random.default_rng(1)
+    y = []
+    for j in range(2):
+        mask = where(rows, j)[regression.noise.counting(rows, j)]
+        y.append(rng.standard_normal(len(mask)) * np.where(mask, 3.0, 1.0))
+    return replace(regression, y=y)
 
 
-def nowhere(segment, joint):
-    return np.zeros(len(segment.t), dtype=bool)
+def nowhere(rows, joint):
+    return np.zeros(len(rows), dtype=bool)
 
 
-def upper_third(segment, joint):
-    return segment.q[:, joint] > np.quantile(segment.q[:, joint], 2 / 3)
+def upper_third(rows, joint):
+    return by_part(rows, lambda part: above(rows.q[part, joint]))
+
+
+def above(x):
+    return x > np.quantile(x, 2 / 3)
+
+
+def by_part(rows, where):
+    return np.concatenate([where(part) for part in rows.parts])
 
 
 CASES = {
     "at the upper end of its travel": upper_third,
-    "when fast": lambda s, j: np.abs(s.qd[:, j]) > np.quantile(np.abs(s.qd[:, j]), 2 / 3),
+    "when fast": lambda s, j: by_part(s, lambda part: above(np.abs(s.qd[part, j]))),
     "when moving backward": lambda s, j: s.qd[:, j] < 0,
-    "at high load": lambda s, j: np.abs(s.tau[:, j]) > np.quantile(np.abs(s.tau[:, j]), 2 / 3),
-    "late in the recording": lambda s, j: np.full(len(s.t), s.number >= 3),
-    "at reversals": lambda s, j: near_reversal(s.qd[:, j], s.rate),
+    "at high load": lambda s, j: by_part(s, lambda part: above(np.abs(s.tau[part, j]))),
+    "late in the recording": lambda s, j: s.number >= 3,
+    "at reversals": lambda s, j: by_part(s, lambda part: near_reversal(s.qd[part, j], s.rate)),
 }
 
 

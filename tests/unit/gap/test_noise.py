@@ -1,6 +1,8 @@
 """The noise floor on signals whose noise is known."""
 
 from dataclasses import replace
+from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,19 +29,17 @@ def coloured(rng, count):
     return x
 
 
-class Rows:
-    """A segment with just what the noise needs."""
-
-    def __init__(self, q):
-        self.q, self.qd, self.rate = q, np.gradient(q, 1 / RATE, axis=0), RATE
-        self.use = np.ones(q.shape, dtype=bool)
-
-    def __len__(self):
-        return len(self.q)
-
-
-def everything(q):
-    return [np.ones(len(q), dtype=bool)] * 2
+def rows_of(*motions):
+    """Return parts with just what the noise needs."""
+    edges = np.cumsum([0, *map(len, motions)])
+    q = np.concatenate(motions)
+    return SimpleNamespace(
+        rate=RATE,
+        parts=[slice(*pair) for pair in pairwise(edges.tolist())],
+        qd=np.concatenate([np.gradient(each, 1 / RATE, axis=0) for each in motions]),
+        use=np.ones(q.shape, dtype=bool),
+        train=np.ones(len(q), dtype=bool),
+    )
 
 
 def motion(t):
@@ -63,20 +63,20 @@ def test_whitening_leaves_the_drive():
 
 def test_two_recordings_of_one_motion_are_found_with_their_lag():
     t = np.arange(1200) / RATE
-    pairs = find_repeats([Rows(motion(t)), Rows(motion(t + 50 / RATE))])
+    pairs = find_repeats([motion(t), motion(t + 50 / RATE)], RATE)
     assert [(p.first, p.second) for p in pairs] == [(0, 1)]
     assert abs(pairs[0].lag + 50) < 0.2
 
 
 def test_different_motions_are_no_repeats():
     t = np.arange(1200) / RATE
-    assert find_repeats([Rows(motion(t)), Rows(motion(1.3 * t + 2))]) == []
+    assert find_repeats([motion(t), motion(1.3 * t + 2)], RATE) == []
 
 
 def test_periods_within_one_recording_are_repeats():
     t = np.arange(1600) / RATE
     q = np.stack([np.sin(2 * np.pi * t / 10), np.sin(2 * np.pi * t / 5 + 1)], axis=1)
-    pairs = find_repeats([Rows(q)])
+    pairs = find_repeats([q], RATE)
     assert len(pairs) == 1
     assert (
         abs(pairs[0].lag % (10 * RATE)) < 0.5 or abs(pairs[0].lag % (10 * RATE) - 10 * RATE) < 0.5
@@ -91,16 +91,14 @@ def test_repeats_show_the_noise_and_not_what_repeats():
     residuals = [
         same + 0.1 * np.stack([coloured(rng, len(t)) for _ in range(2)], axis=1) for _ in range(2)
     ]
-    noise = measure_noise([Rows(q), Rows(q)], residuals, [RepeatPair(0, 1, 0.0)], everything(q))
+    noise = measure_noise(rows_of(q, q), np.concatenate(residuals), [RepeatPair(0, 1, 0.0)])
     np.testing.assert_allclose(noise.sigma, 0.1, rtol=0.05)
     assert noise.unrepeatable == []
 
 
 def test_a_log_without_usable_rows_is_refused():
     with pytest.raises(LogTooShort, match="usable rows"):
-        measure_noise(
-            [Rows(motion(np.arange(9) / RATE))], [np.zeros((9, 2))], [], [np.ones(9, dtype=bool)]
-        )
+        measure_noise(rows_of(motion(np.arange(9) / RATE)), np.zeros((9, 2)), [])
 
 
 def test_a_contact_in_one_repeat_is_called_unrepeatable():
@@ -109,9 +107,8 @@ def test_a_contact_in_one_repeat_is_called_unrepeatable():
     q = motion(t)
     residuals = [0.1 * rng.normal(size=(4000, 2)) for _ in range(2)]
     residuals[1][:, 0] += 2 * np.exp(-(((t - 40) / 0.4) ** 2))
-    assert measure_noise(
-        [Rows(q), Rows(q)], residuals, [RepeatPair(0, 1, 0.0)], everything(q)
-    ).unrepeatable == [0]
+    noise = measure_noise(rows_of(q, q), np.concatenate(residuals), [RepeatPair(0, 1, 0.0)])
+    assert noise.unrepeatable == [0]
 
 
 def test_rows_tell_the_same_as_long_as_they_go_on():

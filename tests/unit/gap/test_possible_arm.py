@@ -7,7 +7,6 @@ from dynid.estimation.possible_arm import constraints_of, fit_pooled
 from dynid.gap.analysis import analyse_gap, with_counterbalances
 from dynid.gap.candidates import SelectionOptions
 from dynid.gap.possible_arm import PossibleArm, least_gain, possible_arm, prior_rows, reduced
-from dynid.gap.whitened_regression import whitened_columns
 from dynid.model.effects.catalogue import CATALOGUE
 
 #: Torque of a counterbalance at the shoulder [N m], several times the arm's weight.
@@ -21,16 +20,16 @@ def carried(twolinks, on_joint):
 
 
 def counterbalance(regression, joint):
-    return whitened_columns(regression, CATALOGUE["counterbalance"], (joint,), {})
+    return regression.columns_of(CATALOGUE["counterbalance"], (joint,), {})
 
 
 def test_rows_that_are_reduced_to_base_parameters_have_the_same_least_squares_fit(clean):
     regression = clean.regression(nuisance=False)
     rows = reduced(regression)
     theta = np.linalg.lstsq(rows.R, rows.r, rcond=None)[0]
-    np.testing.assert_allclose(theta, regression.fit.theta[: len(theta)], rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(theta, regression.theta[: len(theta)], rtol=1e-5, atol=1e-7)
     left = rows.rest + np.sum((rows.R @ theta - rows.r) ** 2)
-    squares = sum(float(e @ e) for e in regression.fit.e)
+    squares = sum(float(e @ e) for e in regression.e)
     assert left == pytest.approx(squares, rel=1e-9)
 
 

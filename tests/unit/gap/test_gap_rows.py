@@ -3,7 +3,7 @@
 import numpy as np
 
 import twolink
-from dynid.gap.segments import DWELL_SECONDS, moving
+from dynid.gap.gap_rows import DWELL_SECONDS, moving
 
 
 def test_rows_hold_the_law_of_the_arm(clean, twolinks):

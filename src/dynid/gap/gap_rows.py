@@ -1,0 +1,209 @@
+"""Observation rows of conditioned logs, part after part, with the motion that candidate columns are made from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.estimation.rows import parallel_filtered, rows_of
+from dynid.model.base_model import BaseModel, model_torques
+from dynid.model.effects.catalogue import joined_motion
+from dynid.model.effects.interface import (
+    ArmMotion,
+    Effect,
+    Floats,
+    Joints,
+    ReferenceTorques,
+    Shape,
+)
+from dynid.signals.conditioned_log import ConditionedLog, arm_motion, with_effects
+
+Mask = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+#: Columns of one effect by joint, such as {joint: (k, M)}.
+EffectColumns = dict[int, Floats]
+
+#: Below this speed for longer than ``DWELL_SECONDS`` a joint rests; its friction is then undetermined, and the rows
+#: are left out with ``DWELL_SECONDS`` around them [rad/s, s].
+REST_SPEED, DWELL_SECONDS = 0.012, 0.25
+
+
+@dataclass(frozen=True)
+class GapRows:
+    """M instants of n joints with p base parameters, in parts without gaps; N samples of motion in each.
+
+    Attributes:
+        logs: the conditioned log of each part, that part alone.
+        motions: of each part, at the rate that columns are evaluated at.
+        part: number of the part of each row, (M,).
+        W: base regressor, (M, n, p).
+        tau: torques, (M, n) [N m or N].
+        use: rows that count: not clipped, not at rest, (M, n).
+        stamp: time on the clock of the log, (M,) [s].
+        t: time on the clock of the motion, (M,) [s].
+        q: positions, (M, n) [rad or m].
+        qd: velocities, (M, n) [rad/s or m/s].
+        number: of the log, (M,).
+        is_new: whether effects act; not in earlier logs, when what has changed since is looked for, (M,).
+        train: rows that are searched, (M,).
+        held: rows that are held out, (M,).
+        coulomb: Coulomb friction of a first fit, which errors at reversals are shares of, (n,) [N m or N].
+        reversal: speed within which nobody knows how friction turns, (n,) [rad/s or m/s].
+    """
+
+    logs: tuple[ConditionedLog, ...]
+    motions: tuple[ArmMotion, ...]
+    part: Ints
+    W: Floats
+    tau: Floats
+    use: Mask
+    stamp: Floats
+    t: Floats
+    q: Floats
+    qd: Floats
+    number: Ints
+    is_new: Mask
+    train: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    held: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    coulomb: Floats = field(default_factory=lambda: np.zeros(0))
+    reversal: Floats = field(default_factory=lambda: np.zeros(0))
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.tau)
+
+    @cached_property
+    def parts(self) -> list[slice]:
+        """Where the rows of each part are."""
+        edges = np.searchsorted(self.part, np.arange(len(self.logs) + 1))
+        return [slice(*pair) for pair in pairwise(edges.tolist())]
+
+    @cached_property
+    def at(self) -> Ints:
+        """Number of each row in its part, (M,)."""
+        return np.arange(len(self)) - np.searchsorted(self.part, self.part)
+
+    @property
+    def rate(self) -> float:
+        """Rate of the rows [Hz]."""
+        return self.logs[0].filter.kept_rate
+
+    @property
+    def compared(self) -> bool:
+        """Whether earlier logs are among them, and what is looked for acts in the new ones alone."""
+        return not self.is_new.all()
+
+    @cached_property
+    def motion(self) -> ArmMotion:
+        """All motion in which candidates act, one part after the other."""
+        pairs = zip(self.motions, self.parts, strict=True)
+        return joined_motion([motion for motion, part in pairs if self.is_new[part.start]])
+
+    def only(self, chosen: Mask) -> GapRows:
+        """Return the rows, of which only the chosen ones, (M,), count."""
+        return replace(self, use=self.use & chosen[:, None])
+
+    def with_reference(self, base: BaseModel, theta: Floats) -> GapRows:
+        """Return the rows with effects that scale with other base parameters, (p,)."""
+        reference = model_torques(base.model, base.reduction, theta)
+        return replace(self, motions=tuple(replace(x, reference=reference) for x in self.motions))
+
+    def filtered(self, signals: Sequence[Floats]) -> Floats:
+        """Return signals of the motion of each part, (..., N) each, under the parallel filter, (..., M)."""
+        found = [
+            parallel_filtered(x.reshape(-1, x.shape[-1]), log.filter).reshape(*x.shape[:-1], -1)
+            for x, log in zip(signals, self.logs, strict=True)
+        ]
+        return np.concatenate(found, axis=-1)
+
+    def columns(
+        self, effect: Effect, joints: Joints, shapes: Sequence[Shape], *, always: bool = False
+    ) -> EffectColumns:
+        """Return filtered columns of an effect for G shapes with equally many columns, {joint: (G, k, M)}.
+
+        Args:
+            effect: the effect.
+            joints: where it sits.
+            shapes: those that are tried.
+            always: whether it acts in earlier logs too.
+        """
+        on = list(effect.rows(joints, self.tau.shape[1]))
+        found = np.zeros((len(on), len(shapes), len(effect.amplitudes(shapes[0])), len(self)))
+        for part, log, motion in zip(self.parts, self.logs, self.motions, strict=True):
+            if (always or self.is_new[part.start]) and self.use[part][:, on].any():
+                # Why shape by shape: a filter takes five times the memory of what it is given.
+                for g, raw in enumerate(effect.tried(motion, joints, shapes)):
+                    kept = parallel_filtered(raw.reshape(-1, len(motion)), log.filter)
+                    found[:, g, :, part] = kept.reshape(*raw.shape[:2], -1).swapaxes(0, 1)
+        return dict(zip(on, found, strict=True))
+
+
+def gap_rows(
+    logs: Sequence[ConditionedLog],
+    base: BaseModel,
+    reference: ReferenceTorques,
+    earlier: Sequence[ConditionedLog] = (),
+) -> GapRows:
+    """Return the rows of conditioned logs, those of earlier ones first.
+
+    Args:
+        logs: conditioned logs, in which effects act.
+        base: model and base parameters.
+        reference: the current model, which effects scale with.
+        earlier: conditioned logs in which they do not.
+    """
+    observer = base.model.observer(base.reduction.base)
+    parts: list[ConditionedLog] = []
+    motions, found = [], []
+    for number, log in enumerate(with_effects(x, base.model, reference) for x in (*earlier, *logs)):
+        for segment in log.segments:
+            alone = replace(log, segments=[segment])
+            rows = rows_of(alone, observer)
+            if count := len(rows.t):
+                motion = arm_motion(segment, log.filter, base.model, reference)
+                q, qd = (parallel_filtered(x.T, log.filter).T for x in (motion.q, motion.qd))
+                found.append(
+                    {
+                        "part": np.full(count, len(parts)),
+                        "W": rows.W,
+                        "tau": rows.tau,
+                        "use": rows.use & moving(qd, log.filter.kept_rate),
+                        "stamp": rows.t,
+                        "t": rows.t - segment.t[0] + segment.elapsed[0],
+                        "q": q,
+                        "qd": qd,
+                        "number": np.full(count, number),
+                        "is_new": np.full(count, number >= len(earlier)),
+                    }
+                )
+                parts.append(alone)
+                motions.append(motion)
+    arrays = {name: np.concatenate([each[name] for each in found]) for name in found[0]}
+    return GapRows(tuple(parts), tuple(motions), **arrays)
+
+
+def on_joint(columns: EffectColumns, joint: int, count: int) -> Floats:
+    """Return the columns of an effect on one joint, zeros where it does not act there, (k, count)."""
+    some = next(iter(columns.values()))
+    return columns.get(joint, np.zeros((len(some), count)))
+
+
+def moving(qd: Floats, rate: float) -> Mask:
+    """Return which rows are not part of a rest, (M, n)."""
+    # Why not scipy.ndimage, which would do it in two calls: to import it takes as long as a tenth of a search.
+    width = max(1, round(DWELL_SECONDS * rate))
+    rests = _sums(np.abs(qd) < REST_SPEED, 0, width) > width
+    return np.asarray(_sums(rests, -2 * width, width) == 0)
+
+
+def _sums(x: Mask, first: int, last: int) -> Ints:
+    """Return how many of the rows from ``first`` to ``last`` around each row are set, (M, n); none beyond the ends."""
+    total = np.concatenate([np.zeros((1, x.shape[1]), dtype=np.int64), np.cumsum(x, axis=0)])
+    ends = (np.arange(len(x)) + k for k in (last + 1, first))
+    upper, lower = (total[np.clip(end, 0, len(x))] for end in ends)
+    return np.asarray(upper - lower)
