@@ -33,7 +33,7 @@ def named(seen):
 def test_nothing_hidden_is_called_nothing_missing():
     _, _, seen, _ = look([("torque_offset", 2)], 0.0, 21)
     assert seen.verdict.word == "nothing_missing"
-    assert seen.effects == ()
+    assert seen.verdict.named == ()
     assert "residual of every joint is at its noise" in seen.verdict.advice
 
 

@@ -20,7 +20,7 @@ from dynid.gap.possible_arm import COUNTERBALANCE
 from dynid.gap.problem import GapProblem, KeptModel, judged_by_possible, make_problem
 from dynid.gap.search import EffectSearch, search_effects
 from dynid.gap.selected_effects import SelectedEffect, with_columns
-from dynid.gap.verdict import Case, GapVerdict, judge, refusal
+from dynid.gap.verdict import GapVerdict, judge, refusal
 from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.effects.interface import Floats
 from dynid.progress import SILENT, Progress
@@ -40,7 +40,6 @@ class GapAnalysis:
         logs: the conditioned logs, on one clock.
         problem: what was searched, before anything was found.
         search: the search, with what is named alone.
-        effects: what is named, with numbers.
         joints: the disagreement of each joint before.
         improvement: the held-out torque gap before and after what is named.
         simulation: position error of the forward simulation before and after it, (n,) each [rad or m]; None where it
@@ -52,7 +51,6 @@ class GapAnalysis:
     logs: tuple[ConditionedLog, ...]
     problem: GapProblem
     search: EffectSearch
-    effects: tuple[SelectedEffect, ...]
     joints: tuple[JointGap, ...]
     improvement: HeldOutImprovement
     simulation: tuple[Floats, Floats] | None
@@ -151,13 +149,12 @@ def _proved(
         for one in effects:
             rest = improved([other for other in effects if other is not one])
             ratio = improvement.left / max(rest.left, 1e-12)
-            if why := refusal(Case(search, one, options.sure, changed, ratio)):
+            if why := refusal(search, one, options.sure, changed, ratio):
                 failing.append((one, why))
         if not failing:
             break
-        worst = min(failing, key=lambda pair: pair[0].log_odds)
-        refused.append(worst)
-        effects.remove(worst[0])
+        refused.append(min(failing, key=lambda pair: pair[0].log_odds))
+        effects.remove(refused[-1][0])
     search = replace(search, selected=effects)
     invisible: dict[str, list[int]] = {}
     for (name, where), share in search.visibility.items():
@@ -167,7 +164,6 @@ def _proved(
         logs,
         first,
         search,
-        tuple(effects),
         tuple(localise_residual(replace(first, noise=problem.noise).regression())),
         improvement,
         _replays(first, search, effects) if simulate else None,

@@ -46,8 +46,8 @@ def with_reestimated_payload(
         | dict(zip(BODY_PARAMETERS[:form], errors.tolist(), strict=False)),
     )
 
-    def others(effects: tuple[SelectedEffect, ...]) -> tuple[SelectedEffect, ...]:
-        return tuple(new if one is load else one for one in effects)
-
-    verdict = replace(analysis.verdict, named=others(analysis.verdict.named))
-    return replace(analysis, effects=others(analysis.effects), verdict=verdict)
+    verdict = replace(
+        analysis.verdict,
+        named=tuple(new if one is load else one for one in analysis.verdict.named),
+    )
+    return replace(analysis, verdict=verdict)

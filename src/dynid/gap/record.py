@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from dynid.robot import Robot
 
 SCHEMA = "dynid/gap/1"
-#: Held-out rows that the curve of an effect keeps at most.
-MOST_ROWS = 8000
 
 
 @dataclass(frozen=True)
@@ -274,29 +272,15 @@ def _events(analysis: GapAnalysis, robot: Robot) -> list[dict[str, Any]]:
 
 
 def _curves(analysis: GapAnalysis) -> list[HeldOutEffect]:
-    """Return what is named on held-out rows, the worst of them where they are many."""
+    """Return what is named on held-out rows."""
     from dynid.gap.held_out import held_out_effect
     from dynid.gap.selected_effects import with_columns
 
-    effects, problem = with_columns(analysis.effects), analysis.search.problem
-    shown = [
+    effects, problem = with_columns(analysis.verdict.named), analysis.search.problem
+    return [
         held_out_effect(problem, [other for other in effects if other is not one], one, one.joint)
         for one in effects
-        if one in analysis.verdict.named
     ]
-    return [_worst_rows(curve) for curve in shown]
-
-
-def _worst_rows(curve: HeldOutEffect) -> HeldOutEffect:
-    """Return the stretch of ``MOST_ROWS`` rows with the largest error; all rows where they are fewer."""
-    import numpy as np
-
-    if len(curve.t) <= MOST_ROWS:
-        return curve
-    power = np.cumsum(np.concatenate([[0.0], curve.residual**2]))
-    start = int(np.argmax(power[MOST_ROWS:] - power[:-MOST_ROWS]))
-    part = slice(start, start + MOST_ROWS)
-    return replace(curve, **{name: getattr(curve, name)[part] for name in _CURVE})
 
 
 def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffect:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import expit
 
 from dynid.estimation.possible_set import pseudo_inertia
 from dynid.gap import tuning
@@ -14,7 +15,7 @@ from dynid.gap.possible_arm import COUNTERBALANCE
 from dynid.gap.search import EffectSearch
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.effects.interface import Joints
+from dynid.model.effects.interface import Floats, Joints
 from dynid.model.parameters import BODY_PARAMETERS
 
 #: A delay below this share of the sampling period is how a recorder reads position and torque, not a missing effect.
@@ -51,90 +52,61 @@ class GapVerdict:
     advice: str
 
 
-@dataclass(frozen=True)
-class Case:
-    """One effect beside all others.
+def refusal(
+    search: EffectSearch,
+    one: SelectedEffect,
+    sure: float,
+    changed: tuple[int, ...] | None,
+    ratio: float,
+) -> str:
+    """Return why an effect is not called by its name, or nothing; the first reason that holds is said.
 
-    Attributes:
+    Args:
         search: the search.
-        one: the effect that is judged.
+        one: the effect that is judged, beside all others.
         sure: probability against what has no name that a name needs.
         changed: joints on which old and new logs do not agree, before anything is taken out; None where nobody asks.
         ratio: held-out error of all joints together with all effects, over that without this one.
     """
-
-    search: EffectSearch
-    one: SelectedEffect
-    sure: float
-    changed: tuple[int, ...] | None
-    ratio: float
-
-    @property
-    def late(self) -> bool:
-        """Whether it is a delay of all torques."""
-        return self.one.name == "torque_delay"
-
-    @property
-    def periods(self) -> float:
-        """How late torques are, in sampling periods."""
-        rate = self.search.problem.rows.logs[0].filter.rate
-        return abs(self.one.values["delay"]) * rate if self.late else np.inf
-
-    @property
-    def probability(self) -> float:
-        """That it is there, against what has no name."""
-        return 1.0 if self.late else float(1.0 / (1.0 + np.exp(-min(self.one.log_odds, 500.0))))
-
-    @property
-    def left(self) -> float:
-        """How large what is left of the effect's joint is, over the effect: what no kind of the rest holds, too."""
-        # Why not of a change: what has always been left stands for nothing that is new.
-        if self.late or self.one.name == COUNTERBALANCE or self.search.problem.rows.compared:
-            return 0.0
-        return float(unnamed(self.search)[self.one.joint] / max(self.one.visible, 1e-12))
-
-
-#: Whether an effect is refused, and what is said then; the first that holds is said.
-REFUSALS: tuple[tuple[Callable[[Case], bool], str], ...] = (
-    # Recorders of five public arms skew by up to 0.3 periods.
-    (lambda c: c.periods < SAMPLING, SMALL_DELAY),
-    # Of names given with 90 to 99 % as many are right.
-    (
-        lambda c: c.probability < c.sure,
-        LIKELY + " {percent:.0f} %, and {sure:.3g} % are needed",
-    ),
-    # Evidence grows with the length of a log: 7 of 56 cases had a name at 0.06 to 0.2 of the noise.
-    (
-        lambda c: c.one.visible < tuning.MATERIAL,
-        "its torque is only {c.one.visible:.2g} times the noise",
-    ),
-    (lambda c: c.one.p_value > OPEN, "the interval of its size holds zero"),
-    (
-        lambda c: c.one.always,
-        "it explains old and new logs equally well as an effect that was always there",
-    ),
-    # On another motion a real arm differs from its model by more than the rows say, although nothing has changed.
-    (lambda c: c.changed == (), "old and new logs agree without it"),
-    # A dead band is half a gain: 0.75 of the noise left beside 0.4; a spring beside |qd2| qd1.
-    (
-        lambda c: c.left > 1.0,
-        "what is left of this joint is {c.left:.1f} times as large: it may stand in for something else",
-    ),
-    (lambda c: not possible(c.one), "no physical body has these parameters"),
-    # All joints together, in units of their noise: parameters of all joints move with an effect.
-    (
-        lambda c: c.ratio > 1.0,
-        "it does not reduce the error on unseen data ({c.ratio:.3f} times as large with it)",
-    ),
-)
-
-
-def refusal(case: Case) -> str:
-    """Return why an effect is not called by its name, or nothing."""
-    percent, sure = np.floor(100 * case.probability), 100 * case.sure
-    return next(
-        (text.format(c=case, percent=percent, sure=sure) for no, text in REFUSALS if no(case)), ""
+    late, rate = one.name == "torque_delay", search.problem.rows.logs[0].filter.rate
+    probability = 1.0 if late else float(expit(one.log_odds))
+    # How large what is left of its joint is, over the effect: what no kind of the rest holds, too.
+    # Why not of a change: what has always been left stands for nothing that is new.
+    left = float(unnamed(search)[one.joint] / max(one.visible, 1e-12))
+    alone = not (late or one.name == COUNTERBALANCE or search.problem.rows.compared)
+    reasons = (
+        # Recorders of five public arms skew by up to 0.3 periods.
+        (late and abs(one.values["delay"]) * rate < SAMPLING, SMALL_DELAY),
+        # Of names given with 90 to 99 % as many are right.
+        (
+            probability < sure,
+            f"{LIKELY} {np.floor(100 * probability):.0f} %, and {100 * sure:.3g} % are needed",
+        ),
+        # Evidence grows with the length of a log: 7 of 56 cases had a name at 0.06 to 0.2 of the noise.
+        (
+            one.visible < tuning.MATERIAL,
+            f"its torque is only {one.visible:.2g} times the noise",
+        ),
+        (one.p_value > OPEN, "the interval of its size holds zero"),
+        (
+            one.always,
+            "it explains old and new logs equally well as an effect that was always there",
+        ),
+        # On another motion a real arm differs from its model by more than the rows say, although nothing has changed.
+        (changed == (), "old and new logs agree without it"),
+        # A dead band is half a gain: 0.75 of the noise left beside 0.4; a spring beside |qd2| qd1.
+        (
+            alone and left > 1.0,
+            f"what is left of this joint is {left:.1f} times as large: it may stand in for something else",
+        ),
+        (not possible(one), "no physical body has these parameters"),
+        # All joints together, in units of their noise: parameters of all joints move with an effect.
+        (
+            ratio > 1.0,
+            f"it does not reduce the error on unseen data ({ratio:.3f} times as large with it)",
+        ),
     )
+    return next((text for no, text in reasons if no), "")
 
 
 def possible(one: SelectedEffect) -> bool:
@@ -149,10 +121,15 @@ def possible(one: SelectedEffect) -> bool:
     return bool(spread[0] >= -BODY * spread[-1])
 
 
-def unnamed(search: EffectSearch) -> np.ndarray:
+def _louder(search: EffectSearch) -> float:
+    """Return how much louder than measured the noise is from which something is missing."""
+    return tuning.LOUDER if search.problem.noise.repeats else tuning.LOUDER_UNSURE
+
+
+def unnamed(search: EffectSearch) -> Floats:
     """Return the size of what has no name on each joint, in units of the noise, (n,)."""
-    limit = tuning.LOUDER if search.problem.noise.repeats else tuning.LOUDER_UNSURE
-    return np.hypot(search.rest.rms, np.sqrt(np.maximum(search.rest.level - limit, 0.0)))
+    level = np.maximum(search.rest.level - _louder(search), 0.0)
+    return np.hypot(search.rest.rms, np.sqrt(level))
 
 
 def judge(
@@ -198,9 +175,8 @@ def judge(
 def joints_with_more(search: EffectSearch) -> tuple[int, ...]:
     """Return the joints with more left than noise, 0-based."""
     rest = search.rest
-    limit = tuning.LOUDER if search.problem.noise.repeats else tuning.LOUDER_UNSURE
     large = (rest.rms > tuning.MATERIAL_REST) & (rest.odds > tuning.REST_SURE)
-    return tuple(np.flatnonzero(large | (rest.level > limit)).tolist())
+    return tuple(np.flatnonzero(large | (rest.level > _louder(search))).tolist())
 
 
 def unrepeatable(search: EffectSearch) -> list[int]:
@@ -228,20 +204,6 @@ def joints_text(where: Joints, joints: Sequence[str]) -> str:
     return " from ".join(joints[j] for j in where) or "the whole arm"
 
 
-def _exclude(search: EffectSearch, joints: Sequence[str]) -> str:
-    """Return which disturbances do not repeat, and what to do about them."""
-    said = []
-    for one in sorted(search.strays, key=lambda one: -one.power):
-        unit = search.problem.base.robot.joints[one.joint].torque_unit
-        said.append(
-            f"{joints[one.joint]} in {one.log} from {one.start:.1f} to {one.end:.1f} s (about {one.size:.2g} {unit})"
-        )
-    return (
-        f"Something disturbed {'; '.join(said)} and did not repeat: look for a contact or a cable, and record again or "
-        "leave that time out with --exclude."
-    )
-
-
 def advice_of(
     word: str,
     search: EffectSearch,
@@ -251,49 +213,51 @@ def advice_of(
     joints: Sequence[str],
 ) -> str:
     """Return what to do next."""
-    bound = not search.problem.noise.repeats
     repeat = (
-        " Record each motion twice: without repeats the noise floor is only a lower bound."
-        if bound
-        else ""
+        ""
+        if search.problem.noise.repeats
+        else " Record each motion twice: without repeats the noise floor is only a lower bound."
     )
-    stray = unrepeatable(search)
-    if search.strays and word == "unexplained":
-        return _exclude(search, joints)
-    if stray and word == "unexplained":
-        names = ", ".join(joints[j] for j in stray)
-        return (
-            f"The disturbance of {names} does not repeat: look for contacts, cables or a drifting sensor, then record "
-            "again."
-        )
     if word == "ambiguous":
         one = next(f for f in named if f.rivals)
         first, other = labels(one, joints)[:2]
         ways = dict.fromkeys([one.effect.separate, CATALOGUE[one.rivals[0][0]].separate])
         return f"To tell {first} and {other} apart: {'; '.join(ways)}."
     if word == "named":
-        left = (
-            f" More is missing on {', '.join(joints[j] for j in remainder)}." if remainder else ""
-        )
+        more = ", ".join(joints[j] for j in remainder)
+        left = f" More is missing on {more}." if more else ""
         return f"Add it with --apply, then check the result on a new log with dynid validate.{left}{repeat}"
-    if word == "unexplained":
-        likely = next((one for one, why in closest if why.startswith(LIKELY)), None)
-        if likely is not None:
-            size = ", ".join(
-                f"{x} = {likely.values[x]:.3g} +- {likely.std_errors[x]:.2g} {likely.units[x]}"
-                for x in likely.amplitudes
-            )
-            return (
-                f"Probably {likely.name} on {joints_text(likely.joints, joints)}, {size} "
-                f"({100 * likely.probability:.0f} %); "
-                "more is needed to name it. "
-                f"To be sure: {likely.effect.separate}.{repeat}"
-            )
-        near = (
-            f" The closest candidate is {closest[0][0].name}: {closest[0][1]}." if closest else ""
-        )
-        look = "where.png shows on which joint and in which part of its motion."
-        return f"No effect of the catalogue explains it.{near} {look}{repeat}"
     if word == "nothing_changed":
         return f"These logs show no change. --ask numbers searches for what the model has always lacked.{repeat}"
-    return f"The residual of every joint is at its noise.{repeat}"
+    if word == "nothing_missing":
+        return f"The residual of every joint is at its noise.{repeat}"
+    if search.strays:
+        robot = search.problem.base.robot
+        said = (
+            f"{joints[x.joint]} in {x.log} from {x.start:.1f} to {x.end:.1f} s "
+            f"(about {x.size:.2g} {robot.joints[x.joint].torque_unit})"
+            for x in sorted(search.strays, key=lambda x: -x.power)
+        )
+        return (
+            f"Something disturbed {'; '.join(said)} and did not repeat: look for a contact or a cable, and record "
+            "again or leave that time out with --exclude."
+        )
+    if stray := unrepeatable(search):
+        names = ", ".join(joints[j] for j in stray)
+        return (
+            f"The disturbance of {names} does not repeat: look for contacts, cables or a drifting sensor, then record "
+            "again."
+        )
+    for likely in (one for one, why in closest if why.startswith(LIKELY)):
+        size = ", ".join(
+            f"{x} = {likely.values[x]:.3g} +- {likely.std_errors[x]:.2g} {likely.units[x]}"
+            for x in likely.amplitudes
+        )
+        return (
+            f"Probably {likely.name} on {joints_text(likely.joints, joints)}, {size} "
+            f"({100 * likely.probability:.0f} %); more is needed to name it. "
+            f"To be sure: {likely.effect.separate}.{repeat}"
+        )
+    near = f" The closest candidate is {closest[0][0].name}: {closest[0][1]}." if closest else ""
+    look = "where.png shows on which joint and in which part of its motion."
+    return f"No effect of the catalogue explains it.{near} {look}{repeat}"

@@ -330,7 +330,7 @@ class _Search:
             return _with_likely(found, suspected, names)
         why = f"{found.asked} {_suspected(sought, names)}: {ASKED['arm']}"
         analysis = with_counterbalances(found.analysis, self.wanted, [one.joint for one in sought])
-        if any(one.name == COUNTERBALANCE for one in analysis.effects):
+        if any(one.name == COUNTERBALANCE for one in analysis.verdict.named):
             odd = self._recorded(analysis, "arm", why)
             return replace(odd, recordings=found.recordings, signals=found.signals)
         found = replace(found, asked=f"{why} {_not_told(sought, analysis)}")

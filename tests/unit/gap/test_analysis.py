@@ -13,7 +13,7 @@ SOME = SelectionOptions(effects=("spring", "torque_offset", "asymmetric_viscous"
 
 def test_nothing_hidden_nothing_missing(twolinks):
     seen = analyse_gap(twolinks.logs(), twolinks.base, None, SOME, simulate=False)
-    assert (seen.verdict.word, seen.effects) == ("nothing_missing", ())
+    assert (seen.verdict.word, seen.verdict.named) == ("nothing_missing", ())
     assert [gap.text for gap in seen.joints] == ["at the noise floor"] * 2
     np.testing.assert_array_equal(seen.improvement.before, seen.improvement.after)
 
@@ -52,7 +52,7 @@ def test_what_is_shown_after_is_what_is_named_alone(twolinks, on_joint):
     seen = analyse_gap(sources, twolinks.base, None, options, simulate=False)
     alone = replace(options, effects=("asymmetric_viscous",), joints=(0,))
     expected = analyse_gap(sources, twolinks.base, None, alone, simulate=False)
-    assert [one.key for one in seen.effects] == [one.key for one in expected.effects]
+    assert [one.key for one in seen.verdict.named] == [one.key for one in expected.verdict.named]
     np.testing.assert_allclose(seen.improvement.after, expected.improvement.after, rtol=0.01)
     for one, why in seen.verdict.closest:
         assert why, one.name

@@ -29,7 +29,7 @@ def test_nothing_has_changed_on_another_motion_of_the_same_arm(twolinks, old, ke
         simulate=False,
         earlier=old,
     )
-    assert (seen.verdict.word, seen.effects) == ("nothing_changed", ())
+    assert (seen.verdict.word, seen.verdict.named) == ("nothing_changed", ())
 
 
 @pytest.mark.slow
