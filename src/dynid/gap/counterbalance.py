@@ -153,12 +153,8 @@ def counterbalances(
         selected: effects that it found.
         joints: on which a counterbalance may be.
     """
-    every = [one for one in suspicions(problem, selected) if one.joint in joints]
-    found = [
-        one
-        for one in selected
-        if one.name not in LOOKALIKES or one.joints[0] not in {each.joint for each in every}
-    ]
+    every = {one.joint: one for one in suspicions(problem, selected) if one.joint in joints}
+    found = [x for x in selected if x.name not in LOOKALIKES or x.joints[0] not in every]
     effect, bare = CATALOGUE[COUNTERBALANCE], _beside_links(problem)
     for _ in joints:
         likely = _suspected(with_selected(bare, found), problem)
@@ -166,7 +162,7 @@ def counterbalances(
         if not left:
             break
         best = max(left, key=lambda each: min(each.gains))
-        known = next((each for each in every if each.joint == best.joint), best)
+        known = every.get(best.joint, best)
         columns = bare.columns_of(effect, (best.joint,), {})
         torques = {j: best.sizes[0] @ C for j, C in columns.items()}
         rms = {j: float(np.sqrt(np.mean(x**2))) for j, x in torques.items() if len(x)}
@@ -218,11 +214,8 @@ def _instead(
         others: the other effects.
     """
     regression = with_selected(bare, others)
-    found = [
-        each
-        for each in _suspected(regression, problem)
-        if each.joint == one.joints[0] and each.sure
-    ]
+    likely = _suspected(regression, problem)
+    found = [each for each in likely if each.joint == one.joints[0] and each.sure]
     if not found:
         return []
     columns = regression.columns_of(one.effect, one.joints, one.shape)
@@ -237,7 +230,8 @@ def _instead(
 
 def _price(regression: Regression, one: EffectColumns) -> float:
     """Return what the freedom of an effect costs (BIC)."""
-    return len(next(iter(one.values()))) * float(np.log(max(1, sum(len(y) for y in regression.y))))
+    rows = max(1, sum(len(y) for y in regression.y))
+    return len(next(iter(one.values()))) * float(np.log(rows))
 
 
 def _described(
@@ -258,7 +252,8 @@ def _described(
         one: its columns.
         gains: drop of twice the objective after its price, for several masses of the links.
     """
-    without, with_it = _fitted(regression, arm, ()), _fitted(regression, arm, (one,))
+    rows = (reduced(regression, more) for more in ((), (one,)))
+    without, with_it = (fit_sized(each.R @ arm.K, each.r, arm.given)[0] for each in rows)
     bodies = arm.constraints.bodies
     mass, other = without.x[bodies[:, 0]], with_it.x[bodies[:, 0]]
     k = int(np.argmax(np.abs(mass - other)))
@@ -300,11 +295,3 @@ def _sizes(
     size = inverse @ (gram[its, -1] - side @ arm.K @ fit.x)
     spread = inverse + inverse @ side @ arm.K @ fit.covariance @ arm.K.T @ side.T @ inverse
     return np.array([size, np.sqrt(np.diagonal(spread))])
-
-
-def _fitted(
-    regression: Regression, arm: PossibleArm, more: Sequence[EffectColumns]
-) -> PhysicalParameters:
-    """Return the best possible links jointly with further columns."""
-    rows = reduced(regression, more)
-    return fit_sized(rows.R @ arm.K, rows.r, arm.given)[0]

@@ -6,7 +6,7 @@ errors of light links would otherwise make mass matrices that no arm has.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from dynid.gap.problem import GapProblem, information_root
 from dynid.gap.regression import Regression
 from dynid.gap.selected_effects import SelectedEffect, effect_torque
 from dynid.model.base_model import BaseModel, model_torques
-from dynid.model.effects.interface import ArmMotion, Floats
+from dynid.model.effects.interface import ArmMotion, Floats, ReferenceTorques
 from dynid.model.parameters import BODY_PARAMETERS, body_columns
 from dynid.robot import Body
 from dynid.signals.conditioned_log import arm_motion
@@ -42,9 +42,9 @@ def simulate_held_out(
         The errors; None when little is held out, or when the arm is too light somewhere to be replayed.
     """
     rows, base = problem.rows, problem.base
-    counts = [int(rows.held[part].sum()) for part in rows.parts]
-    k = max(range(len(counts)), key=lambda k: (counts[k], k))
-    if counts[k] < 2 * rows.rate:
+    # Of equally long ones, the last.
+    count, k = max((int(rows.held[part].sum()), k) for k, part in enumerate(rows.parts))
+    if count < 2 * rows.rate:
         return None
     p = base.reduction.rank
     theta = nearest_possible(
@@ -60,23 +60,26 @@ def simulate_held_out(
     segment = log.segments[0]
     first, last = rows.t[held][[0, -1]]
     part = slice(*np.searchsorted(segment.elapsed, [first, last]).tolist())
-    motion = arm_motion(
-        segment, log.filter, base.model, model_torques(base.model, base.reduction, theta)
-    )
+    reference = model_torques(base.model, base.reduction, theta)
+    motion = arm_motion(segment, log.filter, base.model, reference)
     # Why along the measured motion: states such as a bristle's need the path, and the windows stay close to it.
-    extra = (
-        own_effects(base, theta, motion) + effect_torque(motion, selected, regression.amplitudes).T
-    )
+    extra = own_effects(base, theta, motion).T
+    extra += effect_torque(motion, selected, regression.amplitudes)
     # Why not as a torque: what is carried moves with the arm, which is lighter without it and follows noise further.
-    extra -= effect_torque(
-        motion, carried, np.array([one.values[name] for one in carried for name in one.amplitudes])
-    ).T
-    tau = segment.tau[part] - extra[part]
+    sizes = [one.values[name] for one in carried for name in one.amplitudes]
+    extra -= effect_torque(motion, carried, np.array(sizes))
+    tau = segment.tau[part] - extra.T[part]
     some = slice(part.start, part.stop, max(1, (part.stop - part.start) // CHECKED))
-    if least_inertia(base, theta, segment.q[some]) < LEAST_INERTIA:
+    if least_inertia(reference, segment.q[some]) < LEAST_INERTIA:
         return None
-    model = acceleration_of(base, theta)
-    return replay(base.robot, model, segment.elapsed[part], segment.q[part], segment.qd[part], tau)
+
+    def acceleration(t: Floats, q: Floats, qd: Floats, tau: Floats) -> Floats:
+        bias, M = _dynamics(reference, q, qd)
+        return np.asarray(np.linalg.solve(M, (tau - bias)[..., None])[..., 0])
+
+    return replay(
+        base.robot, acceleration, segment.elapsed[part], segment.q[part], segment.qd[part], tau
+    )
 
 
 def nearest_possible(base: BaseModel, theta: Floats, covariance: Floats) -> Floats:
@@ -124,41 +127,16 @@ def own_effects(base: BaseModel, theta: Floats, motion: ArmMotion) -> Floats:
     return torque
 
 
-def least_inertia(base: BaseModel, theta: Floats, q: Floats) -> float:
+def least_inertia(reference: ReferenceTorques, q: Floats) -> float:
     """Return the smallest eigenvalue of the mass matrix over positions, [kg m^2]."""
-    still = np.zeros_like(q)
-    return float(np.linalg.eigvalsh(_dynamics(base, theta)(q, still)[1]).min())
+    return float(np.linalg.eigvalsh(_dynamics(reference, q, np.zeros_like(q))[1]).min())
 
 
-def acceleration_of(
-    base: BaseModel, theta: Floats
-) -> Callable[[Floats, Floats, Floats, Floats], Floats]:
-    """Return the forward dynamics of base parameters: times, positions, velocities, torques -> accelerations, (B, n).
-
-    Args:
-        base: model and base parameters.
-        theta: values of the base parameters, (p,).
-    """
-    dynamics = _dynamics(base, theta)
-
-    def acceleration(t: Floats, q: Floats, qd: Floats, tau: Floats) -> Floats:
-        bias, M = dynamics(q, qd)
-        return np.asarray(np.linalg.solve(M, (tau - bias)[..., None])[..., 0])
-
-    return acceleration
-
-
-def _dynamics(base: BaseModel, theta: Floats) -> Callable[[Floats, Floats], tuple[Floats, Floats]]:
-    """Return a function from states to torques at no acceleration, (B, n), and mass matrices, (B, n, n)."""
-    reference, n = model_torques(base.model, base.reduction, theta), base.robot.n
-    unit = np.concatenate([np.zeros((1, n)), np.eye(n)])
-
-    def dynamics(q: Floats, qd: Floats) -> tuple[Floats, Floats]:
-        still = reference.total(
-            np.repeat(q, n + 1, axis=0), np.repeat(qd, n + 1, axis=0), np.tile(unit, (len(q), 1))
-        )
-        torque = still.reshape(len(q), n + 1, n)
-        M = torque[:, 1:] - torque[:, :1]
-        return torque[:, 0], 0.5 * (M + M.transpose(0, 2, 1))
-
-    return dynamics
+def _dynamics(reference: ReferenceTorques, q: Floats, qd: Floats) -> tuple[Floats, Floats]:
+    """Return the torques of states at no acceleration, (B, n), and mass matrices, (B, n, n)."""
+    count, n = q.shape
+    unit = np.tile(np.concatenate([np.zeros((1, n)), np.eye(n)]), (count, 1))
+    torque = reference.total(np.repeat(q, n + 1, axis=0), np.repeat(qd, n + 1, axis=0), unit)
+    torque = torque.reshape(count, n + 1, n)
+    M = torque[:, 1:] - torque[:, :1]
+    return torque[:, 0], 0.5 * (M + M.transpose(0, 2, 1))

@@ -415,8 +415,8 @@ class Search:
         skew = self.problem.base.rank
         part = slice(skew, skew + 1)
         found = gains(look.beside.without(part), look.candidate.without(look.beside, part))
+        (delay,), error = found.amplitudes[0].tolist(), float(np.sqrt(found.covariance[0, 0, 0]))
         visible = self._visible(state, look)
-        delay, error = float(found.amplitudes[0, 0]), float(np.sqrt(found.covariance[0, 0, 0]))
         joint = max(visible, key=lambda j: visible[j])
         return SelectedEffect(
             effect=look.place.effect,
