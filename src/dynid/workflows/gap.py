@@ -331,8 +331,11 @@ class _Search:
         why = f"{found.asked} {_suspected(sought, names)}: {ASKED['arm']}"
         analysis = with_counterbalances(found.analysis, self.wanted, [one.joint for one in sought])
         if any(one.name == COUNTERBALANCE for one in analysis.verdict.named):
-            odd = self._recorded(analysis, "arm", why)
-            return replace(odd, recordings=found.recordings, signals=found.signals)
+            return replace(
+                self._recorded(analysis, "arm", why),
+                recordings=found.recordings,
+                signals=found.signals,
+            )
         found = replace(found, asked=f"{why} {_not_told(sought, analysis)}")
         return _with_likely(found, sought, names)
 

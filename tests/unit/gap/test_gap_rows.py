@@ -18,9 +18,10 @@ def test_rows_hold_the_law_of_the_arm(clean, twolinks):
         truth |= {f"m{j}": m, f"mcx{j}": m * away, f"Izz{j}": i + m * away**2}
         truth |= {f"fv{j}": twolink.VISCOUS[j - 1], f"fc{j}": twolink.COULOMB[j - 1]}
     theta = base.reduction.K @ np.array([truth[name] for name in base.reduction.names])
-    for s in clean.segments:
-        left = (s.tau - s.W @ theta)[s.use.all(axis=1)]
-        assert np.sqrt(np.mean(left**2)) < 0.06
+    rows = clean.rows
+    left = rows.tau - rows.W @ theta
+    for part in rows.parts:
+        assert np.sqrt(np.mean(left[part][rows.use[part].all(axis=1)] ** 2)) < 0.06
 
 
 def test_a_rest_does_not_count_and_neither_does_what_is_next_to_it():
@@ -36,11 +37,13 @@ def test_a_rest_does_not_count_and_neither_does_what_is_next_to_it():
 
 def test_signals_are_filtered_as_the_torques_are(clean):
     """A constant stays, and what is far above the cut-off of 10 Hz goes."""
-    s = clean.segments[0]
-    t = s.motion.t
-    signals = np.stack([np.ones(len(t)), np.sin(2 * np.pi * 0.5 * t), np.sin(2 * np.pi * 40 * t)])
-    one, slow, fast = s.filtered(signals)
+    rows, signals = clean.rows, []
+    for motion in rows.motions:
+        t = motion.t
+        slow, fast = (np.sin(2 * np.pi * f * t) for f in (0.5, 40))
+        signals.append(np.stack([np.ones(len(t)), slow, fast]))
+    one, slow, fast = rows.filtered(signals)
     np.testing.assert_allclose(one, 1.0, atol=1e-9)
-    np.testing.assert_allclose(slow, np.sin(2 * np.pi * 0.5 * s.t), atol=0.01)
+    np.testing.assert_allclose(slow, np.sin(2 * np.pi * 0.5 * rows.t), atol=0.01)
     assert np.abs(fast).max() < 0.05
-    assert len(one) == len(s.t)
+    assert len(one) == len(rows)
