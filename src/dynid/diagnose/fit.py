@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from dynid.diagnose import tuning
 from dynid.log import Log
 from dynid.model.kinematics import link_frames
-from dynid.model.numeric_regressor import body_regressor
 from dynid.model.parameters import prior_bodies, second_moments
+from dynid.model.regressor import body_regressor
 from dynid.robot import Body, Joint, Robot
 from dynid.signals import tuning as signal_tuning
 from dynid.signals.checks import beyond
@@ -128,16 +128,16 @@ class Judge:
             Root mean squares, (n,) each [N m or N]; the second is what a constant, friction and rotor inertia leave.
         """
         moved = [self._dh(robot) for robot in robots]
-        tables: dict[str, dict[tuple[object, ...], list[int]]] = {}
+        tables: dict[object, dict[bytes, list[int]]] = {}
         for k, (robot, (x, _)) in enumerate(zip(robots, moved, strict=True)):
-            alike = tables.setdefault(robot.convention, {})
-            alike.setdefault((robot.gravity, x.tobytes()), []).append(k)
+            alike = tables.setdefault((robot.convention, robot.gravity), {})
+            alike.setdefault(x.tobytes(), []).append(k)
         found: dict[int, tuple[Floats, Floats]] = {}
         together = max(1, TOGETHER // len(self.tau))
         for files in (list(alike.values()) for alike in tables.values()):
             for start in range(0, len(files), together):
                 some = files[start : start + together]
-                columns = self._columns([(robots[same[0]], moved[same[0]][0]) for same in some])
+                columns = self._columns(robots[some[0][0]], [moved[same[0]][0] for same in some])
                 numbers = [k for same in some for k in same]
                 of = [number for number, same in enumerate(some) for _ in same]
                 tau = np.stack([moved[k][1] for k in numbers])
@@ -150,7 +150,7 @@ class Judge:
     def possible(self, robot: Robot) -> tuple[Floats, Floats]:
         """Return what bodies that can exist leave of each joint's torque, and what friction alone leaves, (n,) each."""
         x, tau = self._dh(robot)
-        columns, says = self._columns([(robot, x)]), self.says(robot)
+        columns, says = self._columns(robot, [x]), self.says(robot)
         parts = [_reduced(columns, tau, j, self._signed) for j in np.flatnonzero(says).tolist()]
         bodies = _corners(robot.convention, robot.joints, prior_bodies(robot))
         (floor,) = columns.floor([0], tau[None])
@@ -173,7 +173,7 @@ class Judge:
             Root mean squares [N m or N] when its friction may have any sign, and when it has to brake.
         """
         x, tau = self._dh(robot)
-        columns = self._columns([(robot, x)])
+        columns = self._columns(robot, [x])
         bodies = _corners(robot.convention, robot.joints, prior_bodies(robot))
         parts = [_reduced(columns, tau, joint, signed) for signed in ((), self._signed)]
         free, braking = (float(_cone([part], bodies, np.ones(1))[0]) for part in parts)
@@ -213,7 +213,7 @@ class Judge:
     def _span(self, robot: Robot) -> Floats:
         """Return all columns of an edited file in rows of the log's columns, (n N, 14 n)."""
         N, n = self.x.shape[1:]
-        columns, p = self._columns([(robot, self._dh(robot)[0])]), 10 * n
+        columns, p = self._columns(robot, [self._dh(robot)[0]]), 10 * n
         map_, rows, sign = robot.columns.map, list(range(n)), np.ones(n)
         if self.mapped:
             rows, sign = self._order(robot), np.multiply(map_.sign, map_.torque_signs)
@@ -223,14 +223,12 @@ class Judge:
             found[row, :, p + OWN * j : p + OWN * (j + 1)] = columns.own[0, j]
         return found.reshape(n * N, -1)
 
-    def _columns(self, moved: Sequence[tuple[Robot, Floats]]) -> Columns:
-        """Return the columns of edited files of one convention on motions in DH quantities, (3, N, n) each."""
-        robot, motions = moved[0][0], [x for _, x in moved]
+    def _columns(self, robot: Robot, motions: Sequence[Floats]) -> Columns:
+        """Return the columns of an edited file on motions in DH quantities, (3, N, n) each."""
         slow = per_joint(signal_tuning.MOVING_SPEED, robot)
-        weight = 0.0 if robot.torque.source == "gravity_free" else 1.0
-        gravity = weight * np.repeat([each.gravity for each, _ in moved], len(self.tau), axis=0)
-        q, qd, qdd = np.concatenate(motions, axis=1)
-        bodies = body_regressor(robot, q, qd, qdd, gravity).transpose(1, 2, 0)
+        if robot.torque.source == "gravity_free":
+            robot = replace(robot, gravity=(0.0, 0.0, 0.0))
+        bodies = body_regressor(robot, *np.concatenate(motions, axis=1)).transpose(1, 2, 0)
         v, a = (np.stack([x[k].T for x in motions]) for k in (1, 2))
         own = np.stack([np.ones_like(v), *_brakes(v / slow[:, None]), a], axis=3)
         return Columns(bodies.reshape(*bodies.shape[:2], len(motions), -1), own)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,7 +12,7 @@ from dynid.diagnose.fit import middle, smoother
 from dynid.drivers.interface import driver_of
 from dynid.errors import GravityRemoved
 from dynid.log import Log
-from dynid.model.numeric_regressor import expected_torque
+from dynid.model.regressor import expected_torque
 from dynid.robot import Robot
 from dynid.signals import tuning as signal_tuning
 from dynid.signals.motion import any_moves, per_joint, rest_slices
@@ -88,7 +90,7 @@ def _in_motion(log: Log, robot: Robot) -> tuple[Floats, Floats, list[Floats]]:
     # Why: a long log says it no better than a thousand samples of it do; the ends have no second derivative.
     some = slice(2, -2, max(1, len(q) // 1000))
     q, tau, v, a = (x[some] for x in (q, tau, slope(q), slope(slope(q))))
-    inertia = expected_torque(q, robot, v, a, np.zeros(3))
+    inertia = expected_torque(q, replace(robot, gravity=(0.0, 0.0, 0.0)), v, a)
     return q, tau, [v, np.tanh(v / per_joint(signal_tuning.MOVING_SPEED, robot)), a, inertia]
 
 

@@ -220,7 +220,7 @@ _PROGRAM = dict.fromkeys(("op", "lhs", "rhs"), "M") | dict.fromkeys(
 REDUCTION_SHAPES = {"base": "p", "K": "p c", "singular_values": "_"}
 _LISTS = ("alone", "none", "combined", "formulas")
 #: Raised when the derivation or the layout of its arrays changes, so that older caches are rebuilt.
-DERIVATION = 2
+DERIVATION = 3
 
 
 def key_of(robot: Robot) -> str:

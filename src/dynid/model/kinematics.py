@@ -1,6 +1,6 @@
 """The one home of forward kinematics: the DH transform of a joint, and where it puts the link frames.
 
-``dh_step`` is written once for every kind of number: floats and arrays of samples here, SymPy expressions in
+``dh_step`` is written once for every kind of number: floats and arrays of samples here, symbols in
 ``model/dynamics.py`` and ``model/relations.py``.
 """
 
@@ -9,18 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.robot import Joint, Robot, rotation_rpy
-
-if TYPE_CHECKING:
-    from sympy import Expr
-
-    Vector = list[Expr]
-    Matrix = list[list[Expr]]
 
 Floats = NDArray[np.float64]
 
@@ -162,57 +156,12 @@ def _pose(R: Floats | list[list[float]], p: Sequence[float]) -> Floats:
     return pose
 
 
-@dataclass(frozen=True)
-class Step:
-    """The symbolic transform of one joint.
-
-    Attributes:
-        R: rotation from the link's frame to the previous one (Paper Eq. 12: R_j^{j-1}), 3 x 3.
-        r: from the previous frame's origin to the link's origin, in the link's frame (standard) or the previous
-            frame (modified), 3.
-        z: joint axis in the link's frame, 3.
-    """
-
-    R: Matrix
-    r: Vector
-    z: Vector
-
-
 def right_angle(angle: float) -> tuple[int, int] | None:
     """Return exact cosine and sine of a multiple of 90 degrees."""
     quarter = angle / (math.pi / 2)
     if abs(quarter - round(quarter)) > 1e-12:
         return None
     return ((1, 0), (0, 1), (-1, 0), (0, -1))[round(quarter) % 4]
-
-
-def symbolic_step(joint: Joint, number: int, convention: str) -> Step:
-    """Return the transform of joint ``number`` (1-based) in SymPy; geometry that is zero by design stays zero."""
-    from sympy import Integer, Symbol, sympify
-
-    zero, one = Integer(0), Integer(1)
-
-    def cos_sin(angle: float, prefix: str) -> tuple[Expr, Expr]:
-        exact = right_angle(angle)
-        if exact is not None:
-            return Integer(exact[0]), Integer(exact[1])
-        return Symbol(f"c{prefix}{number}"), Symbol(f"s{prefix}{number}")
-
-    ca, sa = cos_sin(joint.twist, "a")
-    ct, st = (
-        (Symbol(f"c{number}"), Symbol(f"s{number}"))
-        if joint.revolute
-        else cos_sin(joint.theta_offset, "")
-    )
-    a = Symbol(f"a{number}") if joint.a else zero
-    d = Symbol(f"d{number}") if joint.d else zero
-    if not joint.revolute:
-        d = d + Symbol(f"q{number}")
-    rows, along = dh_step(convention, (ct, st), (ca, sa), a, d)
-    R = [[sympify(entry) for entry in row] for row in rows]
-    if convention == "standard":
-        return Step(R, [a, d * sa, d * ca], [zero, sa, ca])
-    return Step(R, along, [zero, zero, one])
 
 
 def geometry(robot: Robot) -> dict[str, float]:

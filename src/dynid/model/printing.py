@@ -4,25 +4,20 @@ from __future__ import annotations
 
 from dynid.model.kinematics import geometry
 from dynid.model.parameters import link_parameters
-from dynid.model.program import ADD, MUL, NEG, SUB, Program, input_of
+from dynid.model.program import ADD, MUL, NEG, SUB, input_of
 from dynid.model.regressor import Model
 from dynid.text import code
 
 _SIGN = {ADD: "+", SUB: "-", MUL: "*"}
-
-
-def _slots(program: Program) -> list[str]:
-    return [
-        *program.inputs,
-        *(str(c) for c in program.constants),
-        *(f"t{k}" for k in range(program.flops)),
-    ]
+_LATEX = {"qd": r"\dot{q}", "qdd": r"\ddot{q}", "c": r"\cos\theta", "s": r"\sin\theta"}
+_LATEX |= {"ca": r"\cos\alpha", "sa": r"\sin\alpha"}
 
 
 def as_python(model: Model) -> str:
     """Return the text of a NumPy function for the rigid-body regressor."""
     program, robot = model.rigid, model.robot
-    name, fixed = _slots(program), geometry(robot)
+    name = [*program.inputs, *(f"t{k}" for k in range(program.flops))]
+    fixed = geometry(robot)
     lines = [
         f"# Regressor of {code(robot.name)}: tau = P(q, qd, qdd) gamma.",
         "# Columns: m mcx mcy mcz Ixx Ixy Ixz Iyy Iyz Izz Im of link 1, then of link 2, and so on.",
@@ -49,31 +44,24 @@ def as_python(model: Model) -> str:
 
 
 def as_latex(model: Model) -> str:
-    """Return the named expressions and the entries of P as LaTeX."""
-    from sympy import Symbol, latex
-
-    from dynid.model.dynamics import derive
-
-    _, recorder, entries = derive(model.robot)
-    names = [parameter.name for parameter in link_parameters(model.robot)]
-    nice: dict[Symbol, Symbol] = {}
-    for i in range(1, model.robot.n + 1):
-        nice |= {
-            Symbol(f"qd{i}"): Symbol(rf"\dot{{q}}_{{{i}}}"),
-            Symbol(f"qdd{i}"): Symbol(rf"\ddot{{q}}_{{{i}}}"),
-        }
-        nice |= {
-            Symbol(f"{x}{i}"): Symbol(rf"\{y}_{{{i}}}")
-            for x, y in (("c", "cos\\theta"), ("s", "sin\\theta"))
-        }
-        nice |= {
-            Symbol(f"{x}a{i}"): Symbol(rf"\{y}\alpha_{{{i}}}")
-            for x, y in (("c", "cos"), ("s", "sin"))
-        }
-    lines = [
-        rf"{latex(symbol)} &= {latex(expression.xreplace(nice))} \\"
-        for symbol, expression in recorder.assignments
-    ]
-    for (row, col), expression in sorted(entries.items()):
-        lines.append(rf"P_{{{row + 1},\,{names[col]}}} &= {latex(expression.xreplace(nice))} \\")
+    """Return the operations and the entries of P as LaTeX."""
+    program = model.rigid
+    name = [*map(_latex, program.inputs), *(f"t_{{{k}}}" for k in range(program.flops))]
+    columns = [parameter.name for parameter in link_parameters(model.robot)]
+    lines = []
+    operations = zip(program.op.tolist(), program.lhs, program.rhs, strict=True)
+    for result, (op, lhs, rhs) in zip(name[program.first :], operations, strict=True):
+        a, b = name[lhs], name[rhs]
+        sign = r"\," if op == MUL else _SIGN.get(op)
+        lines.append(rf"{result} &= {f'{a} {sign} {b}' if sign else f'-{a}'} \\")
+    for row, col, slot in zip(program.rows, program.cols, program.outputs, strict=True):
+        lines.append(rf"P_{{{row + 1},\,{columns[col]}}} &= {name[slot]} \\")
     return "\n".join([r"\begin{align*}", *lines, r"\end{align*}"])
+
+
+def _latex(entry: str) -> str:
+    r"""Return an input in LaTeX: ``\dot{q}_{3}`` for ``qd3``."""
+    if entry[0] == "g":
+        return f"g_{entry[1]}"
+    kind, joint = input_of(entry)
+    return f"{_LATEX.get(kind, kind)}_{{{joint + 1}}}"

@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -98,7 +99,7 @@ class Program:
         return len(self.op)
 
     def restricted(self, columns: NDArray[np.intp]) -> Program:
-        """Return the program of the given columns, renumbered in that order, without operations they do not need."""
+        """Return the program of the given columns, renumbered in that order, without what they do not need."""
         position = np.full(self.shape[1], -1)
         position[columns] = np.arange(len(columns))
         kept = position[self.cols] >= 0
@@ -108,12 +109,13 @@ class Program:
             if needed[self.first + k]:
                 needed[self.lhs[k]] = True
                 needed[self.rhs[k]] = True
-        needed[: self.first] = True
+        inputs = needed[: len(self.inputs)]
+        needed[len(inputs) : self.first] = True
         renumbered = np.cumsum(needed) - 1
         live = needed[self.first :]
         as_int = np.int32
         return Program(
-            self.inputs,
+            tuple(compress(self.inputs, inputs)),
             self.constants,
             self.op[live],
             renumbered[self.lhs[live]].astype(as_int),

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from functools import cached_property, lru_cache
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +25,12 @@ from dynid.model.kinematics import LinkFrames, link_frames
 from dynid.model.parameters import (
     BODY_PARAMETERS,
     Parameter,
+    columns_of,
     link_parameters,
     prior_parameters,
 )
 from dynid.model.program import Evaluator, Program
-from dynid.robot import Robot
+from dynid.robot import Joint, Robot
 from dynid.units import ampere_unit
 
 Floats = NDArray[np.float64]
@@ -252,15 +253,52 @@ def _joined(parts: Sequence[Sequence[int] | NDArray[Any]]) -> NDArray[np.intp]:
 
 def build_model(robot: Robot) -> Model:
     """Derive the model of an arm from its DH table."""
-    return Model(robot, derive(robot)[0])
+    return Model(robot, derive(robot))
 
 
 def parameter_names(robot: Robot) -> tuple[str, ...]:
-    """Return the names of all columns of an arm's model, (c), without deriving it."""
-    none = np.zeros(0, dtype=np.int32)
-    return Model(
-        robot, Program((), (), none, none, none, none, none, none, (robot.n, 11 * robot.n))
-    ).parameter_names
+    """Return the names of all columns of an arm's model, (c)."""
+    return build_model(robot).parameter_names
+
+
+@lru_cache(maxsize=64)
+def _bare_model(
+    convention: Literal["standard", "modified"],
+    joints: tuple[Joint, ...],
+    gravity: tuple[float, float, float],
+) -> Model:
+    """Return the model of a DH table under a gravity: questions of many tables ask for the same ones again."""
+    return build_model(Robot("", convention, joints, gravity))
+
+
+def body_regressor(robot: Robot, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+    """Return the columns of the bodies of all links; only geometry and gravity of the arm matter.
+
+    Args:
+        robot: the arm.
+        q: positions, (N, n) [rad or m].
+        qd: velocities, (N, n) [rad/s or m/s].
+        qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
+
+    Returns:
+        Torques per unit of m, mcx, mcy, mcz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz of each link, (N, n, 10 n) [N m or N].
+    """
+    model = _bare_model(robot.convention, robot.joints, robot.gravity)
+    return model.observer(columns_of(model.parameters, *BODY_PARAMETERS)).dense(q, qd, qdd)
+
+
+def expected_torque(
+    q: Floats, robot: Robot, qd: Floats | None = None, qdd: Floats | None = None
+) -> Floats:
+    """Return the torques of the prior bodies without friction, (N, n) [N m or N]; at rest where no motion is given.
+
+    Of bodies about which the robot file says nothing only the pattern over the poses means something.
+    """
+    still, bodies = np.zeros_like(q), prior_parameters(robot)
+    if not (robot.prior and (robot.prior.links or robot.prior.cylinders)):
+        bodies *= tuning.UNKNOWN_LINK_MASS_KG * robot.n / bodies[::10].sum()
+    P = body_regressor(robot, q, still if qd is None else qd, still if qdd is None else qdd)
+    return np.asarray(P @ bodies)
 
 
 # ---------------------------------------------------------------- the model with numbers

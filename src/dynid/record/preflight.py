@@ -25,7 +25,7 @@ from dynid.errors import (
     TopicSilent,
     TorqueScale,
 )
-from dynid.model.numeric_regressor import expected_torque
+from dynid.model.regressor import expected_torque
 from dynid.motion import Motion
 from dynid.progress import SILENT, Progress
 from dynid.record import tuning

@@ -25,7 +25,7 @@ from dynid.errors import (
     WrongMessageType,
 )
 from dynid.log import Log
-from dynid.model.numeric_regressor import expected_torque
+from dynid.model.regressor import expected_torque
 from dynid.robot import Joint, Robot
 from dynid.signals import tuning
 from dynid.signals.columns import (

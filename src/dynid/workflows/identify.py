@@ -50,7 +50,7 @@ from dynid.loading import (
 )
 from dynid.log import Log
 from dynid.model.base_model import BaseModel, in_memory, prior_base_parameters
-from dynid.model.numeric_regressor import expected_torque
+from dynid.model.regressor import expected_torque
 from dynid.options import LogOptions
 from dynid.progress import SILENT, Progress
 from dynid.reports.figures import motion_figure

@@ -16,7 +16,7 @@ from dynid.errors import GravityRemoved
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
-from dynid.model.numeric_regressor import expected_torque
+from dynid.model.regressor import expected_torque
 from dynid.robot import Prior, TorqueSource
 from dynid.signals.checks import check_zero, prepare
 from dynid.sim.urdf import urdf_text
