@@ -158,7 +158,7 @@ class BaseModel:
         return f"{self.robot.name}: {count} parameters, {self.rank} base parameters"
 
 
-#: Base models that are kept in memory, by the key of their robot: deriving one takes a quarter of a second.
+#: Base models that are kept in memory, by the key of their robot: naming its relations takes a second.
 _kept: dict[str, BaseModel] = {}
 KEPT = 8
 

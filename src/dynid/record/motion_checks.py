@@ -24,6 +24,7 @@ from dynid.trajectory.limits import (
     fitting_alpha,
     floor2,
     raise_worst,
+    range_violations,
     torque_violations,
 )
 from dynid.trajectory.preview import measure_poses, require_clear
@@ -165,32 +166,17 @@ def check_limits(robot: Robot, played: PlayedMotion) -> tuple[str, float]:
 
 
 def _violations(robot: Robot, played: PlayedMotion) -> list[Violation]:
-    motion, found = played.motion, []
+    motion, found = played.motion, list[Violation]()
     for j, joint in enumerate(robot.joints):
         limits = joint.limits
-        lower, upper = limits.position or (-np.inf, np.inf)
-        ranges = (
-            ("position", motion.q, lower, upper, 1e-6 * max(1.0, abs(upper))),
-            *(
-                (quantity, values, -most, most, 1e-6 * most)
-                for quantity, values, most in (
-                    ("velocity", motion.qd, limits.velocity or np.inf),
-                    ("acceleration", motion.qdd, limits.acceleration or np.inf),
-                )
-            ),
-        )
-        for order, (quantity, values, low, high, rounding) in enumerate(ranges):
-            beyond = np.maximum(values[:, j] - high, low - values[:, j])
-            k = int(beyond.argmax())
-            value = float(values[k, j])
-            if beyond[k] > rounding:
-                limit = float(high if value > high else low)
-                alpha = played.speed * (limit / value) ** (1 / order) if order else None
-                value, limit = (abs(value), abs(limit)) if order else (value, limit)
-                time = float(motion.t[k])
-                found.append(
-                    Violation(joint.name, quantity, value, limit, time, alpha, joint.revolute)
-                )
+        low, high = limits.position or (-np.inf, np.inf)
+        ranges = [("position", motion.q, low, high, max(1.0, abs(high)))]
+        for quantity, values in (("velocity", motion.qd), ("acceleration", motion.qdd)):
+            most = getattr(limits, quantity) or np.inf
+            ranges.append((quantity, values, -most, most, most))
+        for quantity, values, lower, upper, size in ranges:
+            within = lower, upper, 1e-6 * size
+            found += range_violations(joint, quantity, motion.t, values[:, j], within, played.speed)
     return found
 
 

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline, CubicHermiteSpline, make_interp_spline
 
 from dynid.drivers.command_port import Target
 from dynid.motion import Motion
 from dynid.record import tuning
 from dynid.robot import Robot
+from dynid.sim.sines import rest_to_rest
+from dynid.trajectory.plan import rest_time
 
 Floats = NDArray[np.float64]
-
-#: Largest speed and acceleration of a quintic from rest to rest, times T and T^2 over the distance.
-_SPEED, _ACCELERATION = 1.875, 10 / np.sqrt(3)
 
 
 @dataclass(frozen=True)
@@ -46,18 +47,10 @@ def approach(robot: Robot, start: Floats, end: Floats) -> Motion:
     velocity = np.array([each.velocity or tuning.APPROACH_VELOCITY for each in limits])
     acceleration = np.array([each.acceleration or tuning.APPROACH_ACCELERATION for each in limits])
     share = tuning.APPROACH_SHARE
-    needed = np.maximum(
-        _SPEED * distance / (share * velocity),
-        np.sqrt(_ACCELERATION * distance / (share * acceleration)),
-    )
-    duration = max(tuning.SHORTEST_APPROACH_S, float(needed.max()))
+    needed = float(rest_time(distance, share * velocity, share * acceleration).max())
+    duration = max(tuning.SHORTEST_APPROACH_S, needed)
     t = np.linspace(0.0, duration, round(duration * tuning.APPROACH_RATE_HZ) + 1)
-    s = t / duration
-    shapes = (
-        s**3 * (10 - 15 * s + 6 * s**2),
-        30 * s**2 * (1 - s) ** 2 / duration,
-        60 * s * (1 - s) * (1 - 2 * s) / duration**2,
-    )
+    shapes = rest_to_rest(t / duration, duration)
     q, qd, qdd = (np.outer(shape, end - start) for shape in shapes)
     return Motion(t, start + q, qd, qdd)
 
@@ -110,27 +103,19 @@ class ReferenceMotion:
         """Length [s]."""
         return float(self.motion.t[-1])
 
+    @cached_property
+    def _curves(self) -> tuple[CubicHermiteSpline, CubicHermiteSpline, BSpline]:
+        """Positions, velocities and accelerations as functions of time."""
+        t, q, qd, qdd = self.motion.t, self.motion.q, self.motion.qd, self.motion.qdd
+        return (
+            CubicHermiteSpline(t, q, qd),
+            CubicHermiteSpline(t, qd, qdd),
+            make_interp_spline(t, qdd, 1),
+        )
+
     def at(self, time: float) -> Target:
         """Return the target at a time since the start; before and after the motion the arm rests at its ends."""
-        motion = self.motion
-        t = min(max(time, 0.0), self.duration)
-        k = min(int(np.searchsorted(motion.t, t, side="right")) - 1, len(motion) - 2)
-        h = float(motion.t[k + 1] - motion.t[k])
-        s = (t - float(motion.t[k])) / h
-        q = _hermite(motion.q[k : k + 2], motion.qd[k : k + 2], s, h)
-        qd = _hermite(motion.qd[k : k + 2], motion.qdd[k : k + 2], s, h)
-        qdd = (1 - s) * motion.qdd[k] + s * motion.qdd[k + 1]
-        blend = tuning.BLEND_S
-        u = min(max(time, 0.0) / blend, 1.0)
-        left, speed = 1 - u**3 * (10 - 15 * u + 6 * u**2), -30 * u**2 * (1 - u) ** 2 / blend
-        slowing = -60 * u * (1 - u) * (1 - 2 * u) / blend**2
-        return Target(q + left * self.gap, qd + speed * self.gap, qdd + slowing * self.gap)
-
-
-def _hermite(values: Floats, slopes: Floats, s: float, h: float) -> Floats:
-    """Return the cubic through two values with two slopes at a share ``s`` of the interval ``h``."""
-    return np.asarray(
-        (1 + 2 * s) * (1 - s) ** 2 * values[0]
-        + s**2 * (3 - 2 * s) * values[1]
-        + h * s * (1 - s) * ((1 - s) * slopes[0] - s * slopes[1])
-    )
+        q, qd, qdd = (curve(np.clip(time, 0.0, self.duration)) for curve in self._curves)
+        share = np.clip(time / tuning.BLEND_S, 0.0, 1.0)
+        gone, speed, slowing = rest_to_rest(share, tuning.BLEND_S)
+        return Target(q + (1 - gone) * self.gap, qd - speed * self.gap, qdd - slowing * self.gap)

@@ -104,13 +104,9 @@ class SimulatorGap:
 
     def save(self, path: Path) -> Path:
         """Write it as a file that ``load`` reads and the report shows."""
-        header = {
-            "joints": list(self.robot.joint_names),
-            "log": self.log,
-            "engine": self.engine,
-            "models": list(self.models),
-        }
-        arrays = {"t": self.t, "q": self.q, "simulated": self.simulated, "added": self.added}
+        header = {key: getattr(self, key) for key in ("log", "engine", "models")}
+        header["joints"] = self.robot.joint_names
+        arrays = {key: getattr(self, key) for key in SHAPES}
         write_artifact(path, SCHEMA, header, arrays)
         return path
 
@@ -128,8 +124,8 @@ class SimulatorGap:
                 artifact.header[key] for key in ("joints", "log", "engine", "models")
             )
         robot.require_joints(joints, path)
-        t, q, simulated, added = (artifact.arrays[key] for key in ("t", "q", "simulated", "added"))
-        return cls(robot, log, engine, tuple(models), t, q, simulated, added)
+        arrays = (artifact.arrays[key] for key in SHAPES)
+        return cls(robot, log, engine, tuple(models), *arrays)
 
     def __repr__(self) -> str:
         """Return the answer and the table."""

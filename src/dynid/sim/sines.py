@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BPoly
 
 from dynid.errors import LimitBroken
 from dynid.model.kinematics import link_frames
@@ -15,6 +16,7 @@ from dynid.robot import Joint, Robot
 from dynid.sim import tuning
 
 Floats = NDArray[np.float64]
+_STEP = BPoly.from_derivatives([0.0, 1.0], [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
 
 
 @dataclass(frozen=True)
@@ -65,29 +67,27 @@ def _window(t: Floats, duration: float) -> tuple[Floats, Floats, Floats]:
     """Return a smooth 0-1-0 window with its first two derivatives, (N,) each."""
     rising = np.clip((t - tuning.WINDOW_REST_S) / tuning.WINDOW_RISE_S, 0.0, 1.0)
     falling = np.clip((duration - tuning.WINDOW_REST_S - t) / tuning.WINDOW_RISE_S, 0.0, 1.0)
-    s = np.minimum(rising, falling)
-    sign = np.where(rising < falling, 1.0, -1.0) / tuning.WINDOW_RISE_S
-    value = s**3 * (10 - 15 * s + 6 * s**2)
-    return value, sign * 30 * s**2 * (1 - s) ** 2, sign**2 * 60 * s * (1 - s) * (1 - 2 * s)
+    sign = np.where(rising < falling, 1.0, -1.0)
+    value, slope, curvature = rest_to_rest(np.minimum(rising, falling), tuning.WINDOW_RISE_S)
+    return value, sign * slope, curvature
+
+
+def rest_to_rest(s: Floats, duration: float) -> tuple[Floats, ...]:
+    """Return a quintic from 0 to 1, at rest at both ends, with its first two derivatives, at shares of its duration."""
+    return tuple(_STEP(s, order) / duration**order for order in range(3))
 
 
 def _shape(
     t: Floats, window: tuple[Floats, Floats, Floats], period: float, rng: np.random.Generator
 ) -> tuple[Floats, Floats, Floats]:
     """Return one windowed sum of sines of arbitrary size with its derivatives, (N,) each."""
-    omega = (
-        2
-        * np.pi
-        / period
-        * rng.choice(np.arange(1, tuning.HIGHEST_HARMONIC + 1), tuning.SINES_A_JOINT, replace=False)
-    )
-    size = rng.uniform(0.3, 1.0, tuning.SINES_A_JOINT) / omega
-    phase = np.outer(t, omega) + rng.uniform(0, 2 * np.pi, tuning.SINES_A_JOINT)
-    s, sd, sdd = (
-        np.sin(phase) @ size,
-        np.cos(phase) @ (size * omega),
-        -np.sin(phase) @ (size * omega**2),
-    )
+    count = tuning.SINES_A_JOINT
+    harmonics = 1 + rng.choice(tuning.HIGHEST_HARMONIC, count, replace=False)
+    omega = 2 * np.pi / period * harmonics
+    size = rng.uniform(0.3, 1.0, count) / omega
+    phase = np.outer(t, omega) + rng.uniform(0, 2 * np.pi, count)
+    sine, cosine = np.sin(phase), np.cos(phase)
+    s, sd, sdd = sine @ size, cosine @ (size * omega), -sine @ (size * omega**2)
     w, wd, wdd = window
     return w * s, wd * s + w * sd, wdd * s + 2 * wd * sd + w * sdd
 

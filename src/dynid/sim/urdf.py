@@ -66,9 +66,8 @@ def urdf_text(robot: Robot, bodies: Sequence[Body] | None = None) -> str:
 
 def _joint(root: ET.Element, joint: Joint, i: int, origin: Floats) -> None:
     limits = joint.limits
-    kind = "prismatic"
-    if joint.revolute:
-        kind = "revolute" if limits.position else "continuous"
+    turning = "revolute" if limits.position else "continuous"
+    kind = turning if joint.revolute else "prismatic"
     element = ET.SubElement(root, "joint", name=xml(joint.name), type=kind)
     ET.SubElement(element, "parent", link=f"link_{i}" if i else "base")
     ET.SubElement(element, "child", link=f"link_{i + 1}")

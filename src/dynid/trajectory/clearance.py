@@ -242,10 +242,6 @@ class Capsules:
         effort = np.where(turning, moment - np.cross(frames.point, force), force)
         return total, np.sum(frames.axis * effort, axis=2)
 
-    def keeps_clear(self, q: Floats) -> NDArray[np.bool_]:
-        """Return at which poses, (N, n) [rad or m], everything keeps its wanted distance, (N,)."""
-        return self.margin(q) >= 0
-
     def margin(self, q: Floats) -> Floats:
         """Return by how much everything keeps more than its wanted distance at poses, (N, n) [rad or m]; (N,) [m]."""
         lacks = [(near.distance - near.wanted).T for near in self._near(*self.ends(q))]

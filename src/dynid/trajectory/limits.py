@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import LimitBroken
 from dynid.motion import Motion
-from dynid.robot import Robot
+from dynid.robot import Joint, Robot
 from dynid.trajectory import tuning
 from dynid.trajectory.clearance import tool_speed
 from dynid.trajectory.feasible import Bounds
@@ -102,22 +102,19 @@ def check_trajectory(
     alpha, middle = trajectory.alpha, (limits.upper + limits.lower) / 2
     motion = trajectory.sampled(tuning.CHECK_RATE_HZ * alpha)
     peaks, violations = np.empty((3, robot.n)), []
-    for order, (quantity, lower, upper) in enumerate(_ranges(limits)):
+    ranges = {
+        "position": (limits.lower, limits.upper),
+        "velocity": (-limits.velocity, limits.velocity),
+        "acceleration": (-limits.acceleration, limits.acceleration),
+    }
+    for order, (quantity, (lower, upper)) in enumerate(ranges.items()):
         for j, (when, values) in enumerate(trajectory.stationary(order)):
             low, high = values.min(), values.max()
             nearest = high if high - middle[j] > middle[j] - low else low
             peaks[order, j] = max(abs(low), abs(high)) if order else nearest
-            worst = int(np.maximum(values - upper[j], lower[j] - values).argmax())
-            value = float(values[worst])
-            limit = float(upper[j] if value > upper[j] else lower[j])
-            beyond = (value - limit) * (1 if value > upper[j] else -1)
-            if beyond > tuning.LIMIT_ROUNDING_SHARE * max(1.0, upper[j] - lower[j]):
-                slower = alpha * abs(limit / value) ** (1 / order) if order else None
-                value, limit = (abs(value), abs(limit)) if order else (value, limit)
-                joint, time = robot.joints[j], float(when[worst])
-                violations.append(
-                    Violation(joint.name, quantity, value, limit, time, slower, joint.revolute)
-                )
+            rounding = tuning.LIMIT_ROUNDING_SHARE * max(1.0, upper[j] - lower[j])
+            within = float(lower[j]), float(upper[j]), rounding
+            violations += range_violations(robot.joints[j], quantity, when, values, within, alpha)
     shares = [
         np.abs(peaks[0] - middle) / ((limits.upper - limits.lower) / 2),
         peaks[1] / limits.velocity,
@@ -141,13 +138,38 @@ def check_trajectory(
     return LimitCheck(found, tuple(violations), fastest)
 
 
-def _ranges(limits: Bounds) -> tuple[tuple[str, Floats, Floats], ...]:
-    """Return names and limits of positions and their derivatives."""
-    return (
-        ("position", limits.lower, limits.upper),
-        ("velocity", -limits.velocity, limits.velocity),
-        ("acceleration", -limits.acceleration, limits.acceleration),
-    )
+def range_violations(
+    joint: Joint,
+    quantity: str,
+    when: Floats,
+    values: Floats,
+    within: tuple[float, float, float],
+    alpha: float | None,
+) -> list[Violation]:
+    """Return by how much a joint leaves its limits at worst, [] where it keeps them.
+
+    Args:
+        joint: the joint.
+        quantity: position, velocity, acceleration or torque.
+        when: times, (N,) [s].
+        values: of the quantity then, (N,).
+        within: lower and upper limit, and by how much rounding may exceed them.
+        alpha: speed factor of the motion; of a torque that at which it fits.
+    """
+    lower, upper, rounding = within
+    beyond = np.maximum(values - upper, lower - values)
+    worst = int(beyond.argmax())
+    if not beyond[worst] > rounding:
+        return []
+    value, time = float(values[worst]), float(when[worst])
+    limit = upper if value > upper else lower
+    if quantity == "position":
+        alpha = None
+    else:
+        if alpha is not None and quantity != "torque":
+            alpha *= (limit / value) ** (0.5 if quantity == "acceleration" else 1.0)
+        value, limit = abs(value), abs(limit)
+    return [Violation(joint.name, quantity, value, limit, time, alpha, joint.revolute)]
 
 
 def require_within_limits(found: LimitCheck, margin: float = 0.0) -> None:
@@ -219,14 +241,10 @@ def torque_violations(
         t: their times, (N,) [s].
         alpha: speed factor at which all torques fit; None when there is none.
     """
-    share = np.abs(tau) / limit
-    found = []
-    for j in np.flatnonzero(share.max(axis=0) > 1 + tuning.LIMIT_ROUNDING_SHARE).tolist():
-        joint, worst = robot.joints[j], float(np.abs(tau[:, j]).max())
-        time = float(t[share[:, j].argmax()])
-        found.append(
-            Violation(joint.name, "torque", worst, float(limit[j]), time, alpha, joint.revolute)
-        )
+    found = list[Violation]()
+    for joint, most, own in zip(robot.joints, limit.tolist(), tau.T, strict=True):
+        within = -most, most, tuning.LIMIT_ROUNDING_SHARE * most
+        found += range_violations(joint, "torque", t, own, within, alpha)
     return found
 
 

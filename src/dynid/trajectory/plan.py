@@ -86,10 +86,7 @@ def through_waypoints(waypoints: Floats, limits: Bounds, times: Floats | None = 
         the ends, the quintic spline has the least mean square jerk, so no rates at waypoints have to be invented.
     """
     step = np.abs(np.diff(waypoints, axis=0))
-    shortest = np.maximum(
-        (_REST_SPEED * step / limits.velocity).max(axis=1),
-        np.sqrt(_REST_ACCELERATION * step / limits.acceleration).max(axis=1),
-    )
+    shortest = rest_time(step, limits.velocity, limits.acceleration).max(axis=1)
     lengths = np.maximum(shortest, 1e-2) if times is None else np.diff(times)
     best = np.full(len(lengths), np.inf)
     for _ in range(tuning.STRETCH_ROUNDS):
@@ -104,6 +101,12 @@ def through_waypoints(waypoints: Floats, limits: Bounds, times: Floats | None = 
         if lengths.sum() >= best.sum():
             break
     return _spline(waypoints, best)
+
+
+def rest_time(distance: Floats, velocity: Floats, acceleration: Floats) -> Floats:
+    """Return how long quintics from rest to rest take over distances, (..., n) [s], within these limits, (n,)."""
+    fast, hard = _REST_SPEED * distance / velocity, _REST_ACCELERATION * distance / acceleration
+    return np.asarray(np.maximum(fast, np.sqrt(hard)))
 
 
 def _spline(waypoints: Floats, lengths: Floats) -> Trajectory:

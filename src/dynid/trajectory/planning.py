@@ -156,7 +156,7 @@ def search_ranges(limits: Bounds, capsules: Capsules) -> tuple[Bounds, Bounds]:
     unit = rng.uniform(-1, 1, (tuning.RANGE_POSES, len(limits.lower)))
 
     def clear(middle: Floats, half: Floats) -> float:
-        return float(capsules.keeps_clear(middle + unit * half).mean())
+        return float((capsules.margin(middle + unit * half) >= 0).mean())
 
     def around(half: Floats) -> Bounds:
         lower = np.maximum(middle - half, limits.lower)
@@ -187,7 +187,7 @@ def _passable(capsules: Capsules, middle: Floats, half: Floats) -> Floats:
     slices = np.minimum(((unit + 1) / 2 * tuning.RANGE_SLICES).astype(int), tuning.RANGE_SLICES - 1)
     half = half.copy()
     while half.max() > tuning.NARROWEST_HALF_RANGE:
-        clear = capsules.keeps_clear(middle + unit * half)
+        clear = capsules.margin(middle + unit * half) >= 0
         least = np.array(
             [min(clear[at == k].mean() for k in range(tuning.RANGE_SLICES)) for at in slices.T]
         )
