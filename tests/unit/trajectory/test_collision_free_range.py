@@ -66,7 +66,7 @@ def test_clear_poses_are_those_without_a_contact_below_the_wanted_distance():
     q = np.random.default_rng(1).uniform(-3, 3, (60, 6))
     each = map(capsules.distances, q[:, None])
     one_by_one = [all(c.distance >= c.wanted for c in (*d.least, *d.usual)) for d in each]
-    assert (capsules.margin(q) >= 0).tolist() == one_by_one
+    assert list(capsules.margin(q) >= 0) == one_by_one
     assert 0 < sum(one_by_one) < 60
 
 
