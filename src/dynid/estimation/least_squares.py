@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import LogTooShort, RankDeficient
 from dynid.estimation import tuning
+from dynid.estimation.factor import triangle
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -92,11 +93,6 @@ def merge(factors: Floats, weights: Floats | None = None) -> Floats:
     # Why: a joint has no rows for the links before it, which are nearly half of all.
     rows = rows[np.any(rows, axis=1)]
     return triangle(np.vstack([rows, np.zeros((max(0, size - len(rows)), size))]))
-
-
-def triangle(rows: Floats) -> Floats:
-    """Return the triangular factor of rows (N, c), (min(N, c), c), in their units."""
-    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def symmetric_root(matrix: Floats) -> Floats:

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from dynid.errors import Finding, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.compare import same_parameters
-from dynid.estimation.least_squares import solvable, triangle
+from dynid.estimation.factor import Factor, triangle
+from dynid.estimation.least_squares import solvable
 from dynid.estimation.possible_arm import fit_pooled
 from dynid.estimation.possible_set import make_constraints
 from dynid.estimation.posterior import ROBUST, ParameterPosterior, parameter_posterior
@@ -189,33 +190,27 @@ class LoadProblem:
             scale_error: standard deviation of the torque's scale, as a share.
             own: the same of each joint's own, beyond that.
         """
-        p, f, ten, theta = len(self.torque), len(self.free), self.K.shape[1], self.kept.theta
-        moved, share = self._gains(scale_error, own)
-        g = p + f + len(share)
-        rows, alone = [], []
+        theta, (moved, share) = self.kept.theta, self._gains(scale_error, own)
+        free = np.diag(1.0 / self._friction_change())
+        whitened, root = np.linalg.inv(np.linalg.cholesky(share)), self.kept.root()
+        problem = Factor.of({"arm": root}, root @ theta)
+        problem += Factor.of({"friction": free}, np.zeros(len(free)))
+        problem += Factor.of({"gains": whitened}, np.zeros(len(share)))
+        alone = []
         for j in range(len(self.factors)):
-            change = np.zeros((p, g + ten))
-            change[:, :p] = np.eye(p)
-            change[self.free, p + np.arange(f)] = 1.0
-            change[:, p + f : g] = moved
-            change[:, p + f + j : g : len(self.factors)] += self.torque[:, None]
-            change[:, g:] = self.K
-            left, bare = self._without_error(j, change)
-            rows.append(left)
-            alone.append(bare)
-        known = np.zeros((p + f + len(share), g + ten + 1))
-        known[:p, :p] = self.kept.root()
-        known[:p, -1] = known[:p, :p] @ theta
-        known[p : p + f, p : p + f] = np.diag(1.0 / self._friction_change())
-        known[p + f :, p + f : g] = np.linalg.inv(np.linalg.cholesky(share))
-        R, free = triangle(np.vstack([*rows, known])), triangle(np.vstack(alone))
+            gains = moved.copy()
+            gains[:, j :: len(self.factors)] += self.torque[:, None]
+            rows, bare = self._of_joint(j, gains)
+            problem += rows
+            alone.append(bare.rows)
+        load = problem.without("arm", "friction", "gains")[0]
+        R, unexplained = load.triangle, triangle(np.vstack(alone))[-1, -1]
         # Why: free parameters leave this of the loaded log; what a load leaves beyond it has changed in another way.
-        beyond = max(0.0, float(R[-1, -1] ** 2 - free[-1, -1] ** 2))
-        freedom = max(1, int(np.linalg.matrix_rank(self.kept.root())) - ten - f)
-        prior = np.linalg.slogdet(share)[1] if len(share) else 0.0
-        told = np.log(np.maximum(np.abs(np.diagonal(R)[:-1]), 1e-300)).sum()
-        evidence = -0.5 * float(R[-1, -1] ** 2) - float(told) - 0.5 * float(prior)
-        return R[g : g + ten, g:-1], R[g : g + ten, -1], beyond / freedom, evidence
+        beyond = max(0.0, float(R[-1, -1] ** 2 - unexplained**2))
+        freedom = max(1, int(np.linalg.matrix_rank(root)) - len(R) + 1 - len(free))
+        volume = load.without("load")[0].volume + float(np.sum(np.log(np.diagonal(whitened))))
+        evidence = volume - 0.5 * float(R[-1, -1] ** 2)
+        return R[:-1, :-1], R[:-1, -1], beyond / freedom, evidence
 
     def _gains(self, scale_error: float, own: float) -> tuple[Floats, Floats]:
         """Return how gains that are wrong move the kept parameters, (p, k), and their covariance, (k, k).
@@ -236,24 +231,20 @@ class LoadProblem:
             shares.append(tuning.SCALE_DRIFT**2 * np.eye(n))
         return np.hstack(moved), block_diag(*shares)
 
-    def _without_error(self, joint: int, change: Floats) -> tuple[Floats, Floats]:
-        """Return rows of one joint in the unknowns, and in free base parameters, the residual model eliminated."""
-        F, error, p = self.factors[joint], self.kept.error, len(self.torque)
-        k = F.shape[1] - p - 1
-        Z, W, tau = F[:, :k], F[:, k:-1], F[:, -1:]
-        if error is None or not k:
-            return np.hstack([W @ change, tau]), np.hstack([W, tau])
-        told = np.linalg.inv(error.root[joint])
-        slope, mean = (
-            told @ error.slope[joint],
-            told @ (error.mean[joint] - error.slope[joint] @ self.kept.theta),
-        )
-        held = np.zeros((k, change.shape[1] + 1))
-        held[:, :p], held[:, -1] = -slope, mean
-        whole = np.vstack([np.hstack([Z, W @ change, tau]), np.hstack([told, held])])
-        fixed = np.hstack([told, np.zeros((k, p)), (mean + slope @ self.kept.theta)[:, None]])
-        own = np.vstack([F, fixed])
-        return triangle(whole)[k:, k:], triangle(own)[k:, k:]
+    def _of_joint(self, joint: int, gains: Floats) -> tuple[Factor, Factor]:
+        """Return rows of one joint in the unknowns, and in free base parameters, the residual model integrated out."""
+        F, error, theta = self.factors[joint], self.kept.error, self.kept.theta
+        Z, W = np.split(F[:, :-1], [F.shape[1] - len(theta) - 1], axis=1)
+        unknown = {"friction": W[:, self.free], "gains": W @ gains, "load": W @ self.K}
+        alone = Factor.of({"columns": Z, "arm": W}, F[:, -1])
+        rows = Factor.of({"columns": Z, "arm": W, **unknown}, F[:, -1])
+        if error is None or not Z.shape[1]:
+            return rows, alone
+        told = np.asarray(np.linalg.inv(error.root[joint]))
+        slope, mean = told @ error.slope[joint], told @ error.mean[joint]
+        rows += Factor.of({"columns": told, "arm": -slope}, mean - slope @ theta)
+        alone += Factor.of({"columns": told}, mean)
+        return rows.without("columns")[0], alone.without("columns")[0]
 
     def _moved(self) -> Floats:
         """Return by how much the kept parameters move when the gain of each joint does, (p, n).

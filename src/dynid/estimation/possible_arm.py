@@ -496,68 +496,42 @@ def _report(
     return found, logs
 
 
-def with_open_sizes(
-    fit: PhysicalParameters, told: Floats, constraints: PhysicalConstraints
+def with_honest_errors(
+    fit: PhysicalParameters,
+    held: Floats,
+    constraints: PhysicalConstraints,
+    less: float,
+    changes: Floats,
 ) -> PhysicalParameters:
-    """Return a fit whose error bars count that common sizes are only estimated: of bodies, of each kind of friction.
+    """Return a fit whose error bars hold what its Hessian does not know.
 
-    The prior draws them to one size, and a fit at the likeliest size knows how large they are together from nobody
-    else. So its curvature along their common size goes (Schur complement of the size).
+    Rows tell less than they seem to. Common sizes, of bodies and of each kind of friction, are only estimated: the
+    prior draws them to one size, and a fit at the likeliest size knows how large they are together from nobody else. So
+    the prior's curvature along their common size goes (Schur complement of the size). And other recordings differ.
 
     Args:
-        fit: with error bars at the sizes that were found.
-        told: what the rows say of its parameters, the share of the Hessian that is theirs, (c, c).
+        fit: with error bars at the sizes that were found, as if rows told all.
+        held: what the prior says, its share of the Hessian, (c, c).
         constraints: with the columns that share a size.
-    """
-    hessian = fit.hessian.copy()
-    for columns in (constraints.bodies.ravel(), *constraints.pools):
-        held = (fit.hessian - told)[np.ix_(columns, columns)] @ fit.x[columns]
-        whole = float(held @ fit.x[columns])
-        if len(columns) > 1 and whole > 0.0:
-            hessian[np.ix_(columns, columns)] -= np.outer(held, held) / whole
-    return _with_hessian(fit, hessian)
-
-
-def with_wider_errors(fit: PhysicalParameters, told: Floats, less: float) -> PhysicalParameters:
-    """Return a fit whose error bars count that rows tell less than they seem to.
-
-    Args:
-        fit: with error bars as if rows told all.
-        told: what the rows say of its parameters, the share of the Hessian that is theirs, (c, c).
         less: over how many independent rows one is spread, on top of what the fit counts.
-    """
-    found = _with_hessian(fit, fit.hessian - (1.0 - 1.0 / less) * told) if less > 1.0 else fit
-    return replace(found, inflation=fit.inflation * less)
-
-
-def with_changes(fit: PhysicalParameters, changes: Floats) -> PhysicalParameters:
-    """Return a fit whose error bars hold what differs from one recording to the next as well.
-
-    Args:
-        fit: with the error bars of one recording.
         changes: A with A A^T the covariance that other recordings add, (c, k).
     """
-    covariance = fit.covariance + changes @ changes.T
-    return _with_errors(fit, _inverse(covariance), covariance)
-
-
-def _with_hessian(fit: PhysicalParameters, hessian: Floats) -> PhysicalParameters:
-    """Return a fit with the error bars of another Hessian, (c, c)."""
-    return _with_errors(fit, hessian, _inverse(hessian))
-
-
-def _with_errors(
-    fit: PhysicalParameters, hessian: Floats, covariance: Floats
-) -> PhysicalParameters:
-    """Return a fit with another Hessian and covariance, (c, c) each."""
+    open_ = held.copy()
+    for columns in (constraints.bodies.ravel(), *constraints.pools):
+        along = held[np.ix_(columns, columns)] @ fit.x[columns]
+        whole = float(along @ fit.x[columns])
+        if len(columns) > 1 and whole > 0.0:
+            open_[np.ix_(columns, columns)] -= np.outer(along, along) / whole
+    covariance = _inverse(open_ + (fit.hessian - held) / less) + changes @ changes.T
     before, after = np.diagonal(fit.covariance), np.diagonal(covariance)
     growth = np.where(before > 0.0, after / np.where(before > 0.0, before, 1.0), 1.0)
     return replace(
         fit,
-        hessian=hessian,
+        hessian=_inverse(covariance),
         covariance=covariance,
         std_error=np.sqrt(np.maximum(after, 0.0)),
         data_share=np.clip(1.0 - (1.0 - fit.data_share) * growth, 0.0, 1.0),
+        inflation=fit.inflation * less,
     )
 
 

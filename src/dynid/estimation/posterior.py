@@ -20,7 +20,6 @@ from dynid.estimation.least_squares import (
     Fit,
     merge,
     relative_error,
-    solve,
     symmetric_root,
     weighted,
 )
@@ -30,20 +29,19 @@ from dynid.estimation.possible_arm import (
     curvature,
     fit_sized,
     require_possible_prior,
-    with_changes,
-    with_open_sizes,
-    with_wider_errors,
+    with_honest_errors,
 )
 from dynid.estimation.possible_set import PhysicalConstraints
 from dynid.estimation.recordings import changes, disagreement, parts_of
 from dynid.estimation.residual_model import (
-    GROUP_NAMES,
+    NONE,
     ModelError,
+    NormalPrior,
     Whitened,
     best_size,
-    evidence_gain,
     exciting_speed,
     joints_apart,
+    log_evidence,
     model_error,
     random_states,
     torque_variance,
@@ -63,8 +61,6 @@ Floats = NDArray[np.float64]
 ROBUST = ("irls", "iv")
 #: Errors of noise-free torques, which are rounding [%].
 NOISE_FREE = 1e-6
-#: Sizes of the groups without any model error.
-NONE = np.full(len(GROUP_NAMES), tuning.RESIDUAL_NOTHING)
 
 
 #: Makes an estimate of a stack, as that of all rows was made.
@@ -81,8 +77,6 @@ class Posterior:
         covariance: theirs, (p, p).
         alone: base parameters of the set that fits best without any model error, (p,).
         error: the model error, None where the evidence wants none or it was not asked for.
-        told: what the rows say of the base parameters: information, (p, p).
-        noise: sigma of each joint that they were divided by, (n,) [N m or N].
         changes: A with A A^T what the covariance holds because other recordings differ from these, (p, k).
     """
 
@@ -91,9 +85,52 @@ class Posterior:
     covariance: Floats
     alone: Floats
     error: ModelError | None
-    told: Floats
-    noise: Floats
     changes: Floats
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A possible arm that some rows ask for.
+
+    Attributes:
+        K: base parameters as combinations of all parameters, (p, c).
+        fit: its parameters.
+        constraints: with the sizes of bodies, friction and rotors as prior.
+        held: Hessian of the prior there, (c, c).
+    """
+
+    K: Floats
+    fit: PhysicalParameters
+    constraints: PhysicalConstraints
+    held: Floats
+
+    @classmethod
+    def of(cls, base: BaseModel, rows: Floats, near: Arm | None = None) -> Arm:
+        """Return the arm that whitened rows [W tau] ask for, (m, p + 1), sought near another one.
+
+        From the prior's own sizes: what no arm can make has made the bodies of the other one heavier.
+        """
+        K = base.reduction.K
+        R = rows[:, :-1] @ K
+        begin = None if near is None else near.fit.x
+        fit, constraints = fit_sized(R, rows[:, -1], constraints_of(base), begin)
+        return cls(K, fit, constraints, fit.hessian - R.T @ R)
+
+    @classmethod
+    def of_estimate(cls, base: BaseModel, estimate: Fit) -> Arm:
+        """Return the arm that an estimate asks for."""
+        A = estimate.whitened[:-1, :-1] / np.sqrt(estimate.inflation)
+        return cls.of(base, np.column_stack([A, A @ estimate.theta]))
+
+    @property
+    def theta(self) -> Floats:
+        """Base parameters, (p,)."""
+        return self.K @ self.fit.x
+
+    @property
+    def prior(self) -> NormalPrior:
+        """The prior near it."""
+        return NormalPrior(self.K, self.fit.x, self.held)
 
 
 def physical_posterior(
@@ -120,71 +157,42 @@ def physical_posterior(
     Raises:
         NotPhysical: the prior of the robot file is itself not physical.
     """
-    found, estimate = _as_rows_say(
-        base, estimate, stack, refit, residual_model=residual_model, like=like, size=size
-    )
-    if like is not None or stack.earlier is not None or not stack.logs:
-        return found
-    K, fit = base.reduction.K, found.physical
-    share = np.diagonal(found.covariance) / np.maximum(np.diagonal(prior_covariance(base)), 1e-300)
-    robust = estimate.theta if estimate.method in ROBUST else None
-    parts = parts_of(stack, found.theta, found.error, found.noise, fit.inflation, robust)
-    less = disagreement(parts, found.covariance, found.error, share < tuning.TOLD_SHARE)
-    told = K.T @ found.told @ K
-    fit = with_wider_errors(with_open_sizes(fit, told, constraints_of(base)), told, less)
-    changed = changes(parts, base, found.theta)
-    fit = with_changes(fit, np.linalg.pinv(K) @ changed)
-    return replace(found, physical=fit, covariance=K @ fit.covariance @ K.T, changes=changed)
-
-
-def _as_rows_say(
-    base: BaseModel,
-    estimate: Fit,
-    stack: Stack,
-    refit: Refit,
-    *,
-    residual_model: bool | None,
-    like: ModelError | None,
-    size: Floats | None,
-) -> tuple[Posterior, Fit]:
-    """Return what ``physical_posterior`` does, with errors as if the rows told all, and the estimate it is made of."""
-    K = base.reduction.K
-    worth = estimate.inflation
-    A = estimate.whitened[:-1, :-1] / np.sqrt(worth)
-    fit, constraints = fit_sized(A @ K, A @ estimate.theta, constraints_of(base))
-    alone = K @ fit.x
-    found = _posterior(K, fit, alone, worth, A.T @ A, estimate.noise)
-    if residual_model is False or stack.earlier is not None or not stack.logs:
-        return found, estimate
-    rows = _rows_of(base, stack, estimate, alone, np.zeros(base.robot.n))
-    arm, large = Arm(fit, constraints, fit.hessian - K.T @ (A.T @ A) @ K), 0.0
-    if like is not None:
-        for joint in like.free:
-            rows = rows.freed(joint)
-    elif contradicts(*(relative_error(stack.whole[0], theta) for theta in (alone, estimate.theta))):
-        rows, large = _with_large_torques(base, rows, arm)
-    if np.any(rows.free):
-        arm = _arm_of(base, rows, NONE, arm)
-    rows, size, arm, estimate = _with_joints_apart(
-        base, stack, rows, arm, size, like, estimate, refit
-    )
-    if np.any(rows.apart):
-        left, _ = rows.eliminated(NONE)
-        without, _ = _fitted(left, K, arm.constraints, arm.fit)
-        alone = K @ without.x
-        found = _posterior(
-            K, without, alone, rows.inflation, left[:-1, :-1].T @ left[:-1, :-1], rows.noise
+    arm, has_rows = Arm.of_estimate(base, estimate), bool(stack.logs) and stack.earlier is None
+    alone, error, noise, worth = arm.theta, None, estimate.noise, estimate.inflation
+    if has_rows and residual_model is not False:
+        size = size if like is None else like.size
+        rows, large = _rows_of(base, stack, estimate, alone, np.zeros(base.robot.n)), 0.0
+        if like is not None:
+            for joint in like.free:
+                rows = rows.freed(joint)
+        elif contradicts(*(relative_error(stack.whole[0], x) for x in (alone, estimate.theta))):
+            rows, large = _with_large_torques(base, rows, arm)
+        rows, size, arm_of_all, estimate = _with_joints_apart(
+            base, stack, rows, arm, size, like, estimate, refit
         )
-    gain = evidence_gain(rows, K, arm.fit.x, arm.held, size)
-    if residual_model is None and gain < tuning.RESIDUAL_EVIDENCE:
-        if not (np.any(rows.apart) or np.any(rows.free)):
-            return found, estimate
-        size = NONE
-    left, heads = rows.eliminated(size)
-    fit, _ = _fitted(left, K, arm.constraints, arm.fit)
-    found = _posterior(K, fit, alone, rows.inflation, left[:-1, :-1].T @ left[:-1, :-1], rows.noise)
-    error = model_error(rows, size, gain + large, heads, found.theta, stack.whole[1])
-    return replace(found, error=error), estimate
+        released = bool(np.any(rows.apart) or np.any(rows.free))
+        gain = float(
+            np.diff([log_evidence(rows, arm_of_all.prior, each)[0] for each in (NONE, size)])[0]
+        )
+        wanted = residual_model or gain >= tuning.RESIDUAL_EVIDENCE
+        if released or wanted:
+            size, noise, worth = size if wanted else NONE, rows.noise, rows.inflation
+            if np.any(rows.apart):
+                alone = Arm.of(base, rows.of_arm(NONE).rows, arm_of_all).theta
+            arm = Arm.of(base, rows.of_arm(size).rows, arm_of_all)
+            error = model_error(rows, size, gain + large, arm.theta, stack.whole[1])
+    K, fit = arm.K, replace(arm.fit, inflation=worth)
+    changed, covariance = np.zeros((len(K), 0)), K @ fit.covariance @ K.T
+    if has_rows and like is None:
+        robust = estimate.theta if estimate.method in ROBUST else None
+        share = np.diagonal(covariance) / np.maximum(np.diagonal(prior_covariance(base)), 1e-300)
+        parts = parts_of(stack, arm.theta, error, noise, worth, robust)
+        less = disagreement(parts, covariance, error, share < tuning.TOLD_SHARE)
+        changed = changes(parts, base, arm.theta)
+        fit = with_honest_errors(
+            fit, arm.held, constraints_of(base), less, np.linalg.pinv(K) @ changed
+        )
+    return Posterior(fit, arm.theta, K @ fit.covariance @ K.T, alone, error, changed)
 
 
 def _rows_of(
@@ -203,33 +211,6 @@ def _rows_of(
     worth, spread = estimate.inflation, prior_covariance(base)
     rows = whitened_rows(stack, base, reference, estimate.noise, worth, spread, robust)
     return replace(rows, apart=apart).centred(estimate.theta)
-
-
-@dataclass(frozen=True)
-class Arm:
-    """A possible arm that some rows ask for.
-
-    Attributes:
-        fit: its parameters.
-        constraints: with the sizes of bodies, friction and rotors as prior.
-        held: Hessian of the prior there, (c, c).
-    """
-
-    fit: PhysicalParameters
-    constraints: PhysicalConstraints
-    held: Floats
-
-
-def _arm_of(base: BaseModel, rows: Whitened, size: Floats, near: Arm) -> Arm:
-    """Return the possible arm that rows ask for, for sizes of the groups, beginning near another one.
-
-    From the prior's own sizes: what no arm can make has made the bodies of the other one heavier.
-    """
-    K = base.reduction.K
-    left, _ = rows.eliminated(size)
-    R = left[:-1, :-1] @ K
-    fit, constraints = _fitted(left, K, constraints_of(base), near.fit)
-    return Arm(fit, constraints, fit.hessian - R.T @ R)
 
 
 def _with_joints_apart(
@@ -252,42 +233,35 @@ def _with_joints_apart(
         rows: rows of all joints.
         arm: the arm that they ask for.
         given: sizes that are known already.
-        like: model error whose sizes and joints apart are taken.
+        like: model error whose joints apart are taken.
         estimate: of all joints.
         refit: makes such an estimate of some joints.
 
     Returns:
         The rows, the sizes, the arm that the other joints ask for, and their estimate.
     """
-    K, given = base.reduction.K, given if like is None else like.size
     # Why without what somebody knows about the arm: torques that contradict that do not contradict each other.
-    robot = replace(base.robot, known=Known())
-    free = replace(base, model=replace(base.model, robot=robot))
-    there, noise = arm if robot == base.robot else _arm_of(free, rows, NONE, arm), rows.noise
+    free = replace(base, model=replace(base.model, robot=replace(base.robot, known=Known())))
+    if np.any(rows.free) or free.robot != base.robot:
+        arm = Arm.of(free, rows.of_arm(NONE).rows, arm)
 
-    def sized(rows: Whitened, arm: Arm) -> Floats:
-        return best_size(rows, K, arm.fit.x, arm.held) if given is None else given
+    def sized() -> Floats:
+        return best_size(rows, arm.prior) if given is None else given
 
     for _ in range(tuning.APART_ROUNDS):
-        size = sized(rows, there)
-        apart = (
-            joints_apart(rows, K, there.fit.x, there.held, size)[0] if like is None else like.apart
-        )
+        size = sized()
+        apart = joints_apart(rows, arm.prior, size)[0] if like is None else like.apart
         if np.array_equal(apart, rows.apart):
             break
-        rows = rows.set_apart(apart, noise * _share_of_noise(stack, apart))
-        there = _arm_of(free, rows, size, there)
-    if np.any(rows.apart):
-        rows, estimate, there = _without_those_apart(free, stack, rows, refit)
-        size = sized(rows, there)
-        apart, _ = joints_apart(rows, K, there.fit.x, there.held, size, known=True)
         rows = replace(rows, apart=apart)
-        there = _arm_of(free, rows, size, there)
-        size = sized(rows, there)
-    if robot == base.robot:
-        return rows, size, there, estimate
-    arm = _arm_of(base, rows, size, arm) if np.any(rows.apart) else arm
-    return rows, sized(rows, arm), arm, estimate
+        arm = Arm.of(free, rows.of_arm(size).rows, arm)
+    if np.any(rows.apart):
+        rows, estimate, arm = _without_those_apart(free, stack, rows, refit)
+        apart, _ = joints_apart(rows, arm.prior, sized(), known=True)
+        rows = replace(rows, apart=apart)
+        arm = Arm.of(free, rows.of_arm(sized()).rows, arm)
+        size = sized()
+    return rows, size, arm, estimate
 
 
 def _without_those_apart(
@@ -299,31 +273,17 @@ def _without_those_apart(
     theirs gets the weight of one. The arm is not sought near the one of all joints: what these asked for together may
     have driven a kind of parameter to zero, from where no pooled size leads back.
     """
-    apart = rows.apart > 0.0
-    estimate = refit(stack.without(np.flatnonzero(apart)))
-    estimate = replace(estimate, noise=np.where(apart, rows.noise, estimate.noise))
-    K, A = base.reduction.K, estimate.whitened[:-1, :-1] / np.sqrt(estimate.inflation)
-    fit, constraints = fit_sized(A @ K, A @ estimate.theta, constraints_of(base))
-    found = _rows_of(base, stack, estimate, K @ fit.x, rows.apart)
+    apart, (factors, counts) = np.flatnonzero(rows.apart), stack.whole
+    estimate = refit(stack.without(apart))
+    noise = estimate.noise.copy()
+    for j in apart:
+        noise[j] = weighted(factors[[j]], counts[[j]]).noise[0]
+    estimate = replace(estimate, noise=noise)
+    arm = Arm.of_estimate(base, estimate)
+    found = _rows_of(base, stack, estimate, arm.theta, rows.apart)
     for joint in np.flatnonzero(np.any(rows.free > 0.0, axis=1)):
         found = found.freed(int(joint))
-    return found, estimate, Arm(fit, constraints, fit.hessian - K.T @ (A.T @ A) @ K)
-
-
-def _share_of_noise(stack: Stack, apart: Floats) -> Floats:
-    """Return what joints leave when those apart have no say, over what they leave in a fit of all, at most 1, (n,).
-
-    Joints that contradict the others make these look noisy, so that they would get little weight.
-    """
-    factors, counts = stack.whole
-    left, others = stack.first_fit.noise, apart == 0.0
-    alone = left.copy()
-    if np.any(others):
-        alone[others] = weighted(factors[others], counts[others]).noise
-    for j in np.flatnonzero(~others):
-        own = np.count_nonzero(factors[j, :, :-1].any(axis=0))
-        alone[j] = np.sqrt(solve(factors[j]).residual / max(1, counts[j] - own))
-    return np.asarray(np.clip(alone / left, tuning.NOISE_SHARE_LEAST, 1.0))
+    return found, estimate, arm
 
 
 def contradicts(misfit: float, best: float) -> bool:
@@ -342,41 +302,25 @@ def _with_large_torques(base: BaseModel, rows: Whitened, arm: Arm) -> tuple[Whit
     Returns:
         The rows with free columns, and the gain of the log evidence by them.
     """
-    K, constraints, given, gain, fit = base.reduction.K, constraints_of(base), rows, 0.0, arm.fit
+    given, gain, first = rows, 0.0, arm
 
-    def cost(rows: Whitened) -> tuple[float, PhysicalParameters]:
-        left, heads = rows.eliminated(NONE)
-        found, _ = _fitted(left, K, constraints, fit)
-        return found.objective + 0.5 * left[-1, -1] ** 2 + rows.log_volume(NONE, heads), found
+    def cost(rows: Whitened) -> tuple[float, Arm, Whitened]:
+        left = rows.of_arm(NONE)
+        found = Arm.of(base, left.rows, arm)
+        return found.fit.objective - left.volume, found, rows
 
-    best, fit = cost(rows)
+    best, arm, _ = cost(rows)
     for _ in range(tuning.LARGE_TORQUE_JOINTS):
         joints = np.flatnonzero(~rows.free.any(axis=1) & rows.factors.any(axis=(1, 2)))
-        tried = [(*cost(other), other) for other in (rows.freed(int(j)) for j in joints)]
-        least, found, other = min(tried, key=lambda each: each[0], default=(best, fit, rows))
+        tried = [cost(rows.freed(int(j))) for j in joints]
+        least, found, other = min(tried, key=lambda each: each[0], default=(best, arm, rows))
         if best - least < tuning.LARGE_TORQUE_EVIDENCE:
             break
-        rows, fit, best, gain = other, found, least, gain + best - least
+        rows, arm, best, gain = other, found, least, gain + best - least
     # Why: a scaled or partial torque asks for a torque of the position as well, but for more beside it.
-    if gain and gain > joints_apart(given, K, arm.fit.x, arm.held, NONE)[1]:
+    if gain and gain > joints_apart(given, first.prior, NONE)[1]:
         return rows, gain
     return given, 0.0
-
-
-def _fitted(
-    left: Floats, K: Floats, constraints: PhysicalConstraints, near: PhysicalParameters
-) -> tuple[PhysicalParameters, PhysicalConstraints]:
-    """Return the physical set that rows [W tau] without model error ask for, (m, p + 1), beginning near another one."""
-    return fit_sized(left[:-1, :-1] @ K, left[:-1, -1], constraints, near=near.x)
-
-
-def _posterior(
-    K: Floats, fit: PhysicalParameters, alone: Floats, worth: float, told: Floats, noise: Floats
-) -> Posterior:
-    fit = replace(fit, inflation=worth)
-    return Posterior(
-        fit, K @ fit.x, K @ fit.covariance @ K.T, alone, None, told, noise, np.zeros((len(K), 0))
-    )
 
 
 # ---------------------------------------------------------------- what a set is worth

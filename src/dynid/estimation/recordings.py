@@ -59,40 +59,22 @@ def parts_of(
         worth: how many rows are worth one independent row, as far as the covariance counts it.
         robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
     """
-    found = []
-    for log in sorted(set(stack.log_of_block.tolist())):
+    whiten, found = noise * np.sqrt(worth), []
+    for log in range(len(stack.logs)):
         for blocks in np.array_split(
             np.flatnonzero(stack.log_of_block == log), tuning.PARTS_OF_LOG
         ):
             if len(blocks):
                 part = stack.select(np.isin(np.arange(len(stack.factors)), blocks))
-                found.append(Part(log, _grams(part, theta, error, noise, worth, robust)))
+                if error is None:
+                    rows, b = part.whole[0] / whiten[:, None, None], np.zeros((len(noise), 0))
+                else:
+                    rows = rows_under(part, error, whiten, noise, robust)
+                    rows, b = rows * (error.apart == 0.0)[:, None, None], error.mean
+                estimate = np.hstack([b, np.tile(theta, (len(b), 1))])
+                rows[:, :, -1] -= np.einsum("jmk,jk->jm", rows[:, :, :-1], estimate)
+                found.append(Part(log, rows.swapaxes(1, 2) @ rows))
     return found
-
-
-def _grams(
-    stack: Stack,
-    theta: Floats,
-    error: ModelError | None,
-    noise: Floats,
-    worth: float,
-    robust: Floats | None,
-) -> Floats:
-    whiten = noise * np.sqrt(worth)
-    if error is None:
-        factors = stack.whole[0] / whiten[:, None, None]
-        b, together = np.zeros((len(noise), 0)), np.ones(len(noise))
-    else:
-        factors = rows_under(stack, error, whiten, noise, robust)
-        b, together = error.mean, error.apart == 0.0
-    rows = factors * together[:, None, None]
-    left = (
-        rows[:, :, -1]
-        - np.einsum("jmk,jk->jm", rows[:, :, : b.shape[1]], b)
-        - rows[:, :, b.shape[1] : -1] @ theta
-    )
-    rows = np.concatenate([rows[:, :, :-1], left[:, :, None]], axis=2)
-    return np.asarray(rows.swapaxes(1, 2) @ rows)
 
 
 def disagreement(
@@ -106,46 +88,39 @@ def disagreement(
         error: the residual model; None without.
         told: which parameters come from the rows, (p,).
     """
-    if not told.any():
-        return 1.0
-    X = _covariance(covariance, error)
-    weight = np.append(
-        np.zeros(len(X) - len(told)), np.where(told, 1.0 / np.diagonal(covariance), 0.0)
-    )
-    logs = [
-        [part for part in parts if part.log == log] for log in sorted({part.log for part in parts})
-    ]
-    found = [1.0]
+    weight = np.where(told, 1.0 / np.diagonal(covariance), 0.0)
+    numbers = sorted({part.log for part in parts})
+    logs = [[part for part in parts if part.log == log] for log in numbers]
+    found, X = [1.0], covariance
     for each in ([[part] for part in parts], logs):
-        sums = [_score(np.sum([part.grams for part in some], axis=0), len(told)) for some in each]
-        if len(sums) > 1:
-            moved = sum(float((X @ score) ** 2 @ weight) for score, _ in sums)
-            usual = sum(float(np.sum(X * ((S - S @ X @ S) @ X), axis=0) @ weight) for _, S in sums)
+        sums = [_told(np.sum([part.grams for part in some], axis=0), error) for some in each]
+        if len(sums) > 1 and told.any():
+            moved = sum(float((X @ score) ** 2 @ weight) for score, _, _ in sums)
+            usual = sum(
+                float(np.sum(X * ((S - taken - S @ X @ S) @ X), axis=0) @ weight)
+                for _, S, taken in sums
+            )
             found.append(moved / max(usual, 1e-300))
     return min(max(found), tuning.LARGEST_INFLATION)
 
 
-def _covariance(covariance: Floats, error: ModelError | None) -> Floats:
-    """Return the covariance of the residual model's factors and the parameters, (n k + p, n k + p)."""
+def _told(grams: Floats, error: ModelError | None) -> tuple[Floats, Floats, Floats]:
+    """Return what rows say against the parameters, (p,), how much, and how much of it columns may take, (p, p) each.
+
+    When the parameters move, the columns of the residual model follow them.
+    """
     if error is None:
-        return covariance
+        S = grams.sum(axis=0)
+        return S[:-1, -1], S[:-1, :-1], np.zeros_like(S[:-1, :-1])
     n, k, p = error.slope.shape
-    by_theta = np.concatenate([error.slope.reshape(n * k, p), np.eye(p)])
-    found = np.asarray(by_theta @ covariance @ by_theta.T)
-    for j, root in enumerate(error.root):
-        found[j * k : j * k + k, j * k : j * k + k] += root @ root.T
-    return found
-
-
-def _score(grams: Floats, p: int) -> tuple[Floats, Floats]:
-    """Return what rows say against the estimate, (n k + p,), and how much they say, (n k + p, n k + p)."""
-    n, k = len(grams), grams.shape[1] - p - 1
-    score, square = np.zeros(n * k + p), np.zeros((n * k + p, n * k + p))
-    for j, gram in enumerate(grams):
-        own = np.append(np.arange(j * k, j * k + k), np.arange(n * k, n * k + p))
-        score[own] += gram[:-1, -1]
-        square[np.ix_(own, own)] += gram[:-1, :-1]
-    return score, square
+    T = np.concatenate([error.slope, np.broadcast_to(np.eye(p), (n, p, p))], axis=1)
+    G = T.swapaxes(1, 2) @ grams[:, :-1]
+    taken = G[:, :, :k] @ error.root
+    return (
+        G[:, :, -1].sum(axis=0),
+        (G[:, :, :-1] @ T).sum(axis=0),
+        (taken @ taken.swapaxes(1, 2)).sum(axis=0),
+    )
 
 
 # ---------------------------------------------------------------- what differs between recordings

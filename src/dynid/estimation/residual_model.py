@@ -22,13 +22,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import accumulate
+from operator import add
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
-from dynid.estimation.least_squares import symmetric_root, triangle
+from dynid.estimation.factor import Factor, triangle
+from dynid.estimation.least_squares import symmetric_root
 from dynid.estimation.rows import parallel_filtered, pieces, row_times
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
@@ -126,8 +129,8 @@ FREE = np.flatnonzero(GROUPS == 0)
 FREE_SIZE = np.repeat(np.arange(1.0, tuning.POSITION_HARMONICS + 1), 2) ** -4.0
 #: Names of the groups, for people.
 GROUP_NAMES = ("position", "friction", "load")
-#: Relative change of the logarithms of the sizes at which their slopes count as none.
-SETTLED = 1e-12
+#: Sizes of the groups without any model error.
+NONE = np.full(len(GROUP_NAMES), tuning.RESIDUAL_NOTHING)
 #: Change of the log evidence that tells nothing: a size without which it falls by less is none.
 UNTOLD = 1e-4
 #: Pivot of a Cholesky factor, of a matrix with a diagonal of ones, below which rounding has a say in its inverse.
@@ -315,41 +318,9 @@ class Whitened:
         free[joint, FREE] = FREE_SIZE * torque / self.noise[joint] ** 2
         return replace(self, factors=F, projection=projection, free=free)
 
-    def set_apart(self, apart: Floats, noise: Floats) -> Whitened:
-        """Return rows with other joints apart, and with the noise that the joints have beside those.
-
-        Args:
-            apart: lambda of each joint, (n,).
-            noise: sigma of each joint, (n,) [N m or N].
-        """
-        weight = (self.noise / noise)[:, None, None]
-        free = self.free * (self.noise / noise)[:, None] ** 2
-        return replace(self, factors=self.factors * weight, noise=noise, free=free, apart=apart)
-
-    @property
-    def agreeing(self) -> Whitened:
-        """The rows of the joints that are not apart: what is wrong with another one tells nothing of their columns."""
-        together = self.apart == 0.0
-        return replace(
-            self, factors=self.factors * together[:, None, None], apart=np.zeros_like(self.apart)
-        )
-
-    def variances(self, size: Floats) -> Floats:
-        """Return the variance of the factor of each column in units of sigma^2, (n, k), for sizes of the groups."""
-        return np.where(self.free > 0.0, self.free, size[GROUPS])
-
-    def log_volume(self, size: Floats, heads: Floats) -> float:
-        """Return the log of how much narrower the rows make b, which the evidence subtracts.
-
-        Args:
-            size: lambda of each group.
-            heads: rows of b per joint, from ``eliminated``.
-        """
-        variance = self.variances(size) * self.noise[:, None] ** 2
-        return float(
-            np.sum(np.log(np.abs(np.diagonal(heads, axis1=1, axis2=2))))
-            + 0.5 * np.sum(np.log(variance))
-        )
+    def deviations(self, size: Floats) -> Floats:
+        """Return the standard deviation of the factor of each column, (n, k) [N m or N], for sizes of the groups."""
+        return np.sqrt(np.where(self.free > 0.0, self.free, size[GROUPS])) * self.noise[:, None]
 
     def centred(self, theta: Floats) -> Whitened:
         """Return rows of which theta is the estimate where there is no model error, (p,).
@@ -365,50 +336,22 @@ class Whitened:
         """Number of columns per joint."""
         return int(self.scale.shape[1])
 
-    def gram(self) -> Floats:
-        """Return [Z W tau]^T [Z W tau] of each joint."""
-        return np.asarray(self.factors.swapaxes(1, 2) @ self.factors)
+    def by_joint(self, size: Floats) -> list[tuple[Factor, Factor]]:
+        """Return what each joint says of its parameters, and of its columns beside them, for sizes of the groups."""
+        blocks = {"columns": self.k, "arm": self.factors.shape[2] - self.k - 1}
+        return [
+            Factor(F, blocks).prior("columns", sd).without("columns")
+            for F, sd in zip(self.factors, self.deviations(size), strict=True)
+        ]
 
-    def eliminated(self, size: Floats) -> tuple[Floats, Floats]:
-        """Return what the rows say about theta, and about b for given theta.
-
-        Args:
-            size: lambda of each group.
-
-        Returns:
-            Triangular factor of [W tau] without b, (p + 1, p + 1), and the rows of b per joint, (n, k, k + p + 1).
-        """
-        k, rest, heads = self.k, [], []
-        for F, sd in zip(
-            self.factors, np.sqrt(self.variances(size)) * self.noise[:, None], strict=True
-        ):
-            prior = np.zeros((k, F.shape[1]))
-            prior[:, :k] = np.diag(1.0 / sd)
-            R = triangle(np.vstack([F, prior]))
-            heads.append(R[:k])
-            rest.append(R[k:, k:])
-        shared = [self._shared(j, R) if self.apart[j] else R for j, R in enumerate(rest)]
-        return triangle(np.vstack(shared)), np.array(heads)
-
-    def _shared(self, joint: int, R: Floats) -> Floats:
-        """Return what rows [W tau] of a joint say about the parameters of the arm when it has parameters of its own."""
-        U, sigma, _ = np.linalg.svd(R[:, :-1] @ self.spread, full_matrices=False)
-        less = 1.0 - 1.0 / np.sqrt(1.0 + self.apart[joint] * sigma**2)
-        return np.asarray(R - (U * less) @ (U.T @ R))
-
-    def own(self, joint: int, head: Floats, theta: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return what a joint's own parameters differ by, (p,), the root of its covariance and its slope, (p, p) each.
-
-        Args:
-            joint: its number.
-            head: its rows of b, (k, k + p + 1), from ``eliminated``.
-            theta: base parameters of the arm, (p,).
-        """
-        k, F = self.k, self.factors[joint]
-        S = F[:, k:].T @ F[:, k:] - head[:, k:].T @ head[:, k:]
-        half = own_half(S[:-1, :-1], float(self.apart[joint]), self.spread)
-        slope = -half.T @ (half @ S[:-1, :-1])
-        return half.T @ (half @ S[:-1, -1]) + slope @ theta, half.T, slope
+    def of_arm(self, size: Floats) -> Factor:
+        """Return what the rows say of the parameters of the arm, (p,), as a triangle, for sizes of the groups."""
+        found = [
+            left.released("arm", self.spread, float(apart))[0] if apart else left
+            for apart, (left, _) in zip(self.apart, self.by_joint(size), strict=True)
+        ]
+        total = reduce(add, found)
+        return replace(total, rows=total.triangle)
 
 
 def whitened_rows(
@@ -526,29 +469,89 @@ def _projection(
     return found
 
 
-def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> Floats:
-    """Return the sizes of the groups that make the data most likely, (groups,).
+# ---------------------------------------------------------------- sizes, and joints that contradict the others
+@dataclass(frozen=True)
+class NormalPrior:
+    """What is known of all parameters before anything is measured, as a normal distribution near a possible arm.
+
+    Attributes:
+        K: base parameters as combinations of all parameters, (p, c).
+        x: all parameters, where it is approximated, (c,).
+        hessian: of the price of the prior there, (c, c).
+    """
+
+    K: Floats
+    x: Floats
+    hessian: Floats
+
+    def evidence(self, S: Floats) -> tuple[float, Floats, Floats]:
+        """Return the log evidence of rows with the parameters integrated out, up to a constant, and their posterior.
+
+        Args:
+            S: [W tau]^T [W tau] of all rows, (p + 1, p + 1).
+
+        Returns:
+            The evidence; the base parameters, (p,); the root of their covariance, (p, c).
+        """
+        Sw, St, theta = S[:-1, :-1], S[:-1, -1], self.K @ self.x
+        gradient = self.K.T @ (St - Sw @ theta)
+        rest = float(S[-1, -1]) - 2.0 * float(theta @ St) + float(theta @ Sw @ theta)
+        H = self.K.T @ Sw @ self.K + self.hessian
+        scale = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
+        root, volume = _inverse_root(scale[:, None] * H * scale)
+        weights = root.T @ (scale * gradient)
+        evidence = -0.5 * (rest - float(weights @ weights)) + volume + float(np.sum(np.log(scale)))
+        root = self.K @ (scale[:, None] * root)
+        return evidence, theta + root @ weights, root
+
+
+def log_evidence(rows: Whitened, prior: NormalPrior, size: Floats) -> tuple[float, Floats]:
+    """Return the log evidence of sizes, up to a constant, and its slopes by their logarithms, (groups,).
+
+    The columns and the parameters are integrated out; joints that are apart have no say. The slope is that of the
+    expected log density of the columns' factors (Fisher's identity): half of the squares that the data expect of a
+    group, in units of its size, beyond their number.
 
     Args:
         rows: rows of all joints.
-        K: base parameters as combinations of all parameters, (p, c).
-        x: all parameters, where the prior is approximated, (c,).
-        prior: Hessian of the prior there, (c, c).
+        prior: of the parameters.
+        size: lambda of each group, (groups,).
     """
-    from scipy.optimize import minimize, root  # here: their import takes as long as the search
+    joints, sd = np.flatnonzero(rows.apart == 0.0), rows.deviations(size)
+    each = rows.by_joint(size)
+    total = sum(each[j][0].rows.T @ each[j][0].rows for j in joints)
+    evidence, theta, root = prior.evidence(np.asarray(total))
+    slope = np.zeros(len(size))
+    for j in joints:
+        left, columns = each[j][0], each[j][1].conditional
+        evidence += left.volume
+        squares = (columns.mean + columns.slope @ theta) ** 2
+        for part in (columns.slope @ root, columns.root):
+            squares += np.sum(part**2, axis=1)
+        expected = np.where(rows.free[j] > 0.0, 0.0, squares / sd[j] ** 2 - 1.0)
+        slope += 0.5 * np.bincount(GROUPS, expected, minlength=len(size))
+    return evidence, slope
 
-    rows = rows.agreeing
-    gram = rows.gram()
-    low, high = np.log(
-        np.broadcast_arrays(tuning.RESIDUAL_NOTHING, np.array(tuning.RESIDUAL_LARGEST))
-    )
+
+def best_size(rows: Whitened, prior: NormalPrior) -> Floats:
+    """Return the sizes of the groups that make the data most likely, (groups,)."""
+    from scipy.optimize import minimize  # here: its import takes as long as the search
+
+    low, high = np.log(np.broadcast_arrays(NONE, tuning.RESIDUAL_LARGEST))
 
     def negative(logs: Floats) -> tuple[float, Floats]:
-        evidence, slope = _log_evidence(rows, gram, np.exp(logs), K, x, prior)
+        evidence, slope = log_evidence(rows, prior, np.exp(logs))
         return -evidence, -slope
 
     found = [
-        minimize(negative, start, jac=True, method="L-BFGS-B", bounds=np.c_[low, high])
+        minimize(
+            negative,
+            start,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=np.c_[low, high],
+            options={"ftol": 1e-13, "gtol": 1e-6},
+        )
         for start in np.log(tuning.RESIDUAL_BEGIN)
     ]
     best = min(found, key=lambda each: each.fun)
@@ -556,43 +559,11 @@ def best_size(rows: Whitened, K: Floats, x: Floats, prior: Floats) -> Floats:
     for k in range(len(logs)):
         without = np.where(np.arange(len(logs)) == k, low, logs)
         logs = without if negative(without)[0] <= best.fun + UNTOLD else logs
-    inside = (logs > low) & (logs < high)
-
-    def slopes(part: Floats) -> Floats:
-        there = logs.copy()
-        there[inside] = part
-        return np.asarray(negative(there)[1][inside])
-
-    # The evidence is flat beyond its rounding; where its slopes vanish is the same on every machine.
-    if inside.any():
-        level = root(slopes, logs[inside], tol=SETTLED).x
-        if np.linalg.norm(slopes(level)) < np.linalg.norm(slopes(logs[inside])):
-            logs[inside] = level
     return np.asarray(np.exp(logs))
 
 
-def evidence_gain(rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floats) -> float:
-    """Return by how much the log evidence gains by a model error of given sizes, (groups,); see ``best_size``."""
-    rows = rows.agreeing
-    gram, none = rows.gram(), np.full(len(tuning.RESIDUAL_LARGEST), tuning.RESIDUAL_NOTHING)
-    with_it, without = (_log_evidence(rows, gram, each, K, x, prior)[0] for each in (size, none))
-    return with_it - without
-
-
-def own_half(S: Floats, size: float, spread: Floats) -> Floats:
-    """Return A with A^T A the covariance of a joint's own parameters for known ones of the arm, (p, p).
-
-    Args:
-        S: what the joint's rows say of its parameters: information, (p, p).
-        size: lambda of the joint.
-        spread: L with L L^T what lambda multiplies, (p, p).
-    """
-    L = np.sqrt(size) * spread
-    return np.asarray(np.linalg.solve(np.linalg.cholesky(np.eye(len(L)) + L.T @ S @ L), L.T))
-
-
 def joints_apart(
-    rows: Whitened, K: Floats, x: Floats, prior: Floats, size: Floats, *, known: bool = False
+    rows: Whitened, prior: NormalPrior, size: Floats, *, known: bool = False
 ) -> tuple[Floats, float]:
     """Return the lambda of each joint, 0 of those that agree with the others, (n,), and what the log evidence gains.
 
@@ -602,115 +573,41 @@ def joints_apart(
 
     Args:
         rows: rows of all joints.
-        K: base parameters as combinations of all parameters, (p, c).
-        x: all parameters, where the prior is approximated, (c,).
-        prior: Hessian of the prior there, (c, c).
+        prior: of the parameters.
         size: lambda of each group of columns, (groups,).
         known: whether it is known which joints are apart, and only their sizes are asked for.
     """
-    # What the rows of each joint say of its parameters when the columns of the model error are integrated out.
-    _, heads = rows.eliminated(size)
-    k, F = rows.k, rows.factors
-    each = (
-        F[:, :, k:].swapaxes(1, 2) @ F[:, :, k:] - heads[:, :, k:].swapaxes(1, 2) @ heads[:, :, k:]
-    )
-    values, vectors = np.linalg.eigh(rows.spread.T @ each[:, :-1, :-1] @ rows.spread)
-    values, along = np.maximum(values, 0.0), each[:, :, :-1] @ rows.spread @ vectors
-    none, together, narrower = np.zeros(len(F)), np.sum(each, axis=0), rows.log_volume(size, heads)
-    if values.max(initial=0.0) > tuning.APART_TOLD:
+    left, tried = [each[0] for each in rows.by_joint(size)], (0.0, *tuning.APART_SIZES)
+    whole = [
+        [one.released("arm", rows.spread, lam)[0] if lam else one for lam in tried] for one in left
+    ]
+    S = np.array([[one.rows.T @ one.rows for one in some] for some in whole])
+    volume = np.array([[one.volume for one in some] for some in whole])
+    told = rows.spread.T @ S[:, 0, :-1, :-1] @ rows.spread
+    if np.linalg.norm(told, 2, axis=(1, 2)).max(initial=0.0) > tuning.APART_TOLD:
         return rows.apart, 0.0
+    joints = np.arange(len(left))
     before = rows.apart > 0.0
-    joints = np.flatnonzero(before) if known else np.arange(len(none))
 
-    def worth(apart: Floats) -> float:
-        S, volume = together, -narrower
-        for j in np.flatnonzero(apart):
-            weight = apart[j] / (1.0 + apart[j] * values[j])
-            S = S - (along[j] * weight) @ along[j].T
-            volume -= 0.5 * float(np.sum(np.log1p(apart[j] * values[j])))
-        # Why: of what a joint has no say in, differences of large numbers are left, which may be negative.
-        try:
-            found = (
-                volume
-                + _of_parameters(S, K, x, prior)[0]
-                - tuning.APART_EVIDENCE * np.count_nonzero(apart)
-            )
-        except np.linalg.LinAlgError:
+    def worth(place: NDArray[np.intp]) -> float:
+        if np.all(place):  # the last one has nobody left to contradict
             return -np.inf
-        return float(found) if np.isfinite(found) else -np.inf
+        found = prior.evidence(S[joints, place].sum(axis=0))[0] + volume[joints, place].sum()
+        return float(found) - tuning.APART_EVIDENCE * np.count_nonzero(place)
 
-    apart, best = rows.apart, worth(rows.apart)
+    place = np.array([int(np.argmin(np.abs(np.array(tried) - lam))) for lam in rows.apart])
+    none, best = worth(np.zeros_like(place)), worth(place)
     while True:
-        sizes = (
-            (j, tuning.APART_SIZES if before[j] else (0.0, *tuning.APART_SIZES)) for j in joints
-        )
-        tried = [
-            np.where(np.arange(len(apart)) == j, one, apart) for j, some in sizes for one in some
+        others = [
+            np.where(joints == j, k, place)
+            for j in (np.flatnonzero(before) if known else joints)
+            for k in range(int(before[j]), len(tried))
         ]
-        # Why not all: the last one has nobody left to contradict.
-        worths = [-np.inf if np.all(other) else worth(other) for other in tried]
-        first = int(np.argmax(worths))
-        if not worths[first] > best + max(tuning.APART_SETTLED, tuning.APART_ROUNDING * abs(best)):
-            return apart, best - worth(none)
-        best, apart = worths[first], tried[first]
-
-
-def _of_parameters(S: Floats, K: Floats, x: Floats, prior: Floats) -> tuple[float, Floats, Floats]:
-    """Return the log evidence of rows when the parameters are integrated out, up to a constant, and their posterior.
-
-    Args:
-        S: [W tau]^T [W tau] of all rows, (p + 1, p + 1).
-        K: base parameters as combinations of all parameters, (p, c).
-        x: all parameters, where the prior is approximated, (c,).
-        prior: Hessian of the prior there, (c, c).
-
-    Returns:
-        The evidence; the base parameters, (p,); the root of their covariance, (p, c).
-    """
-    Sw, St, total = S[:-1, :-1], S[:-1, -1], float(S[-1, -1])
-    theta = K @ x
-    gradient = K.T @ (St - Sw @ theta)
-    rest = total - 2.0 * float(theta @ St) + float(theta @ Sw @ theta)
-    H = K.T @ Sw @ K + prior
-    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
-    root, volume = _inverse_root(scale[:, None] * H * scale)
-    weights = root.T @ (scale * gradient)
-    evidence = -0.5 * (rest - float(weights @ weights)) + volume + float(np.sum(np.log(scale)))
-    root = K @ (scale[:, None] * root)
-    return evidence, theta + root @ weights, root
-
-
-def _log_evidence(
-    rows: Whitened, gram: Floats, size: Floats, K: Floats, x: Floats, prior: Floats
-) -> tuple[float, Floats]:
-    """Return the log evidence of sizes, up to a constant, and its slopes by their logarithms, (groups,).
-
-    b and theta are integrated out. The slope is that of the expected log density of b (Fisher's identity): half of the
-    squares that the data expect of a group, in units of its size, beyond their number.
-
-    Args:
-        rows: rows of joints none of which is apart.
-        gram: [Z W tau]^T [Z W tau] of each joint, (n, k + p + 1, k + p + 1).
-        size: lambda of each group, (groups,).
-        K: base parameters as combinations of all parameters, (p, c).
-        x: all parameters, where the prior is approximated, (c,).
-        prior: Hessian of the prior there, (c, c).
-    """
-    k, sd = rows.k, np.sqrt(rows.variances(size)) * rows.noise[:, None]
-    # Why in units of sd: there b has the covariance (L L^T)^-1 for given theta.
-    L = np.linalg.cholesky(sd[:, :, None] * gram[:, :k, :k] * sd[:, None] + np.eye(k))
-    inverse = np.linalg.inv(L)
-    part = inverse @ (sd[:, :, None] * gram[:, :k, k:])
-    S = np.sum(gram[:, k:, k:], axis=0) - np.tensordot(part, part, ((0, 1), (0, 1)))
-    evidence, best, root = _of_parameters(S, K, x, prior)
-    evidence -= float(np.sum(np.log(np.diagonal(L, axis1=1, axis2=2))))
-    by = inverse.swapaxes(1, 2) @ part
-    squares = (by[:, :, -1] - by[:, :, :-1] @ best) ** 2 + np.sum(
-        (by[:, :, :-1] @ root) ** 2, axis=2
-    )
-    squares += np.sum(inverse**2, axis=1)
-    counted = np.where(rows.free > 0.0, 0.0, squares - 1.0)
-    return evidence, np.asarray(0.5 * np.bincount(GROUPS, counted.sum(axis=0), minlength=len(size)))
+        worths = [worth(other) for other in others]
+        first = int(np.argmax(worths)) if worths else 0
+        if not worths or not worths[first] > best + tuning.APART_SETTLED:
+            return np.array(tried)[place], best - none
+        best, place = worths[first], others[first]
 
 
 def _inverse_root(H: Floats) -> tuple[Floats, float]:
@@ -728,12 +625,7 @@ def _inverse_root(H: Floats) -> tuple[Floats, float]:
 
 
 def model_error(
-    rows: Whitened,
-    size: Floats,
-    evidence: float,
-    heads: Floats,
-    theta: Floats,
-    counts: NDArray[np.int64],
+    rows: Whitened, size: Floats, evidence: float, theta: Floats, counts: NDArray[np.int64]
 ) -> ModelError:
     """Return the model error that belongs to parameters.
 
@@ -741,21 +633,22 @@ def model_error(
         rows: rows of all joints.
         size: lambda of each group.
         evidence: gain of the log evidence.
-        heads: rows of b, (n, k, k + p + 1), from ``Whitened.eliminated``.
         theta: base parameters, (p,).
         counts: number of rows of each joint, (n,).
     """
-    k, (n, p) = rows.k, (len(heads), len(theta))
+    k, n, p = rows.k, len(counts), len(theta)
     own, own_root, own_slope = np.zeros((n, p)), np.zeros((n, p, p)), np.zeros((n, p, p))
+    each = rows.by_joint(size)
     for j in np.flatnonzero(rows.apart):
-        own[j], own_root[j], own_slope[j] = rows.own(int(j), heads[j], theta)
-    root = np.array([np.linalg.inv(head[:, :k]) for head in heads])
-    slope = -root @ heads[:, :, k:-1]
-    mean = (root @ heads[:, :, -1:])[:, :, 0] + np.einsum("jkp,jp->jk", slope, theta + own)
-    parts = np.stack(
-        [*(np.where(g == GROUPS, mean, 0.0) for g in range(len(tuning.RESIDUAL_LARGEST))), mean],
-        axis=2,
+        _, found = each[j][0].released("arm", rows.spread, float(rows.apart[j]))
+        own[j] = found.mean + found.slope @ theta
+        own_root[j], own_slope[j] = found.root, found.slope
+    root, slope, mean = (
+        np.array([getattr(columns.conditional, name) for _, columns in each])
+        for name in ("root", "slope", "mean")
     )
+    mean = mean + np.einsum("jkp,jp->jk", slope, theta + own)
+    parts = np.stack([*(np.where(g == GROUPS, mean, 0.0) for g in range(len(size))), mean], axis=2)
     torque = np.linalg.norm(rows.factors[:, :, :k] @ parts, axis=1)
     rms = torque * (rows.noise * np.sqrt(rows.inflation / np.maximum(counts, 1)))[:, None]
     return ModelError(

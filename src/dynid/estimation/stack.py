@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from dynid.errors import Finding
 from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance, widened
-from dynid.estimation.least_squares import Fit, merge, triangle, weighted
+from dynid.estimation.factor import triangle
+from dynid.estimation.least_squares import Fit, merge, weighted
 from dynid.estimation.rows import (
     Rows,
     joined,

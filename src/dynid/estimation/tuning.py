@@ -158,14 +158,9 @@ APART_SIZES = 10.0 ** np.arange(-4.0, 3.1)
 #: evidence: joints of real arms with nothing wrong reach 13.4 (LWR4+), 14.7 (UR10) and 14.9 (Rokae), of simulated ones
 #: 1.5; a scaled, reversed or partial torque 16.5 to 2e5, and the wrists of the Shanghai cobot 27 to 1700.
 APART_EVIDENCE, APART_SETTLED = 15.0, 0.1
-#: Share of the evidence that is rounding. evidence: none yet.
-APART_ROUNDING = 1e-9
 #: By how much rows may narrow the prior's variances: beyond, torques have no noise, and what contradicts is rounding.
 #: evidence: none yet; logs of simulated arms with noise reach 1.3e9, of real ones 1e6.
 APART_TOLD = 1e11
-#: Least share of its noise that a joint is left with when those that contradict it have no say.
-#: evidence: none yet; joints of simulated arms were left with 0.01 of it.
-NOISE_SHARE_LEAST = 1e-3
 #: Rounds of sizes, joints apart and the arm that the others show; the last changes nothing as a rule.
 #: evidence: none yet.
 APART_ROUNDS = 4

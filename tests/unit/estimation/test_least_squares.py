@@ -7,7 +7,6 @@ import pytest
 
 from dynid.errors import LogTooShort
 from dynid.estimation.least_squares import (
-    accumulate,
     condition_number,
     merge,
     ordinary,
@@ -46,18 +45,6 @@ def test_ordinary_fit_is_that_of_all_rows():
     )
 
 
-def test_rows_added_one_log_at_a_time_give_the_batch_result():
-    W, tau = rows(3000)
-    batch, count = factors(W, tau)
-    R = None
-    for k in range(0, 3000, 700):
-        R = accumulate(R, W[k : k + 700, 1], tau[k : k + 700, 1])
-    halves = np.stack([factors(W[:1000], tau[:1000])[0][1], factors(W[1000:], tau[1000:])[0][1]])
-    for other in (R, merge(halves)):
-        assert np.allclose(np.abs(other), np.abs(batch[1]), rtol=1e-10, atol=1e-10)
-    assert list(count) == [3000] * 3
-
-
 def test_weighted_fit_is_generalised_least_squares_with_the_joints_own_noise():
     W, tau = rows(4000)
     fit = weighted(*factors(W, tau))
@@ -73,19 +60,6 @@ def test_weighted_fit_is_generalised_least_squares_with_the_joints_own_noise():
 def test_noise_is_unbiased_although_few_rows_fit_many_parameters():
     ratio = [weighted(*factors(*rows(12, seed=s))).noise ** 2 / NOISE**2 for s in range(400)]
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.08)
-
-
-def test_weighting_beats_ordinary_least_squares_where_joints_differ():
-    error = np.array(
-        [
-            [
-                np.linalg.norm((f(*factors(*rows(100, seed=s))).theta - TRUTH)[:4])
-                for f in (ordinary, weighted)
-            ]
-            for s in range(30)
-        ]
-    )
-    assert np.all(np.median(error, axis=0) * [0.2, 1] > [np.median(error[:, 1]), 0])
 
 
 def test_ridge_is_the_bayesian_posterior_mean():
@@ -146,15 +120,8 @@ def test_unusable_rows_do_not_count():
 
 
 def test_joints_without_rows_for_the_first_links_are_merged_as_all_rows_are():
-    rng = np.random.default_rng(0)
-    rows = rng.standard_normal((3, 30, 7))
+    rows = np.random.default_rng(0).standard_normal((3, 7, 7))
     rows[1, :, :3], rows[2, :, :6] = 0.0, 0.0
-    factors = np.zeros((3, 7, 7))
-    for j, first in enumerate((0, 3, 6)):
-        factors[j, first:, first:] = np.linalg.qr(rows[j][:, first:], mode="r")
-    together = merge(factors, np.array([1.0, 2.0, 3.0]))
-    stacked = np.concatenate([rows[0], 2.0 * rows[1], 3.0 * rows[2]])
-    np.testing.assert_allclose(together.T @ together, stacked.T @ stacked, atol=1e-12)
-    few = merge(factors[2:])
-    assert few.shape == (7, 7)
-    np.testing.assert_allclose(few.T @ few, rows[2].T @ rows[2], atol=1e-12)
+    for some in (rows, rows[2:]):
+        together, stacked = merge(some), some.reshape(-1, 7)
+        np.testing.assert_allclose(together.T @ together, stacked.T @ stacked, atol=1e-12)

@@ -9,11 +9,13 @@ from test_stack import simulated, stacked, truth
 import models
 from dynid.estimation import tuning
 from dynid.estimation.estimators import irls, wls
+from dynid.estimation.factor import Factor
 from dynid.estimation.posterior import physical_posterior, prior_covariance
 from dynid.estimation.residual_model import (
-    GROUPS,
+    NONE,
+    NormalPrior,
     best_size,
-    evidence_gain,
+    log_evidence,
     model_error,
     squares,
     torque_variance,
@@ -54,75 +56,57 @@ def posterior(base, stack, estimate):
     return physical_posterior(base, estimate, stack, refit=again(base), residual_model=None)
 
 
-def test_eliminating_columns_and_what_a_joint_has_of_its_own_is_the_joint_solution_of_all_unknowns(
-    base, fitted
-):
+def all_unknowns(rows, size, released=None):
+    """Return the rows of all joints in the columns of each, what one joint has of its own, and the arm."""
+    total = Factor(np.zeros((0, 1)), {})
+    for j, (F, sd) in enumerate(zip(rows.factors, rows.deviations(size), strict=True)):
+        Z, W = np.split(F[:, :-1], [rows.k], axis=1)
+        own = {"own": W @ rows.spread} if j == released else {}
+        total += Factor.of({f"columns{j}": Z, **own, "arm": W}, F[:, -1]).prior(f"columns{j}", sd)
+    return total
+
+
+def test_parameters_own_ones_and_columns_are_the_joint_solution_of_all_unknowns(base, fitted):
     stack, estimate, rows = fitted
-    C = prior_covariance(base)
     rows = replace(rows, apart=np.r_[0.0, 0.3, np.zeros(len(estimate.noise) - 2)])
     size = np.array([0.1, 0.2, 0.3])
-    left, heads = rows.eliminated(size)
+    left = rows.of_arm(size).rows
     theta = np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=None)[0]
-    error = model_error(rows, size, 0.0, heads, theta, stack.whole[1])
+    error = model_error(rows, size, 0.0, theta, stack.whole[1])
     n, k, p = len(stack.joints), rows.k, len(theta)
-    # Unknown: the columns of each joint, what joint 2 has of its own in units of C's root, the parameters of the arm.
-    L, total = np.linalg.cholesky(C + 1e-14 * np.diag(np.diag(C))), n * k + 2 * p
-    H, g = np.zeros((total, total)), np.zeros(total)
-    for j, F in enumerate(rows.factors):
-        A = np.zeros((len(F), total))
-        A[:, j * k : (j + 1) * k], A[:, -p:] = F[:, :k], F[:, k:-1]
-        if j == 1:
-            A[:, n * k : n * k + p] = F[:, k:-1] @ L
-        H, g = H + A.T @ A, g + A.T @ F[:, -1]
-        H[range(j * k, (j + 1) * k), range(j * k, (j + 1) * k)] += 1 / (
-            size[GROUPS] * estimate.noise[j] ** 2
-        )
-    H[range(n * k, n * k + p), range(n * k, n * k + p)] += 1 / 0.3
-    whole = np.linalg.solve(H, g)
-    assert theta == pytest.approx(whole[-p:], rel=1e-5, abs=1e-7)
-    assert error.own[1] == pytest.approx(L @ whole[n * k : n * k + p], rel=1e-4, abs=1e-6)
-    assert error.mean.ravel() == pytest.approx(whole[: n * k], rel=1e-4, abs=1e-6)
+    whole = all_unknowns(rows, size, 1).prior("own", np.full(p, 0.3**0.5))
+    blocks = {**{f"columns{j}": k for j in range(n)}, "own": p, "arm": p}
+    A = whole.over(blocks)
+    covariance = np.linalg.inv(A[:, :-1].T @ A[:, :-1])
+    x = covariance @ A[:, :-1].T @ A[:, -1]
+    assert theta == pytest.approx(x[-p:], rel=1e-5, abs=1e-7)
+    assert error.own[1] == pytest.approx(rows.spread @ x[n * k : -p], rel=1e-4, abs=1e-6)
+    assert error.mean.ravel() == pytest.approx(x[: n * k], rel=1e-4, abs=1e-6)
     rng = np.random.default_rng(0)
     W, shapes = rng.normal(size=(5, n, p)), rng.normal(size=(5, n, k))
-    Z = error.columns(W, shapes)
-    covariance = np.linalg.inv(H)
-    row = np.concatenate([np.zeros(k), Z[0, 1], np.zeros((n - 2) * k), W[0, 1] @ L, W[0, 1]])
+    row, Z = np.zeros(len(x)), error.columns(W, shapes)
+    row[k : 2 * k], row[n * k : -p], row[-p:] = Z[0, 1], W[0, 1] @ rows.spread, W[0, 1]
     variance = torque_variance(W, covariance[-p:, -p:], error, shapes)
     assert variance[0, 1] == pytest.approx(row @ covariance @ row, rel=1e-4)
 
 
 def test_the_evidence_is_that_of_the_normal_distribution_of_all_rows(fitted):
     _, estimate, rows = fitted
-    p = len(estimate.theta)
-    prior = np.diag(1 / (1.0 + np.abs(estimate.theta)) ** 2)
-    size = best_size(rows, np.eye(p), np.zeros(p), prior)
-    gain = evidence_gain(rows, np.eye(p), np.zeros(p), prior, size)
+    sd = 1.0 + np.abs(estimate.theta)
+    known = NormalPrior(np.eye(len(sd)), np.zeros(len(sd)), np.diag(1 / sd**2))
+    size = best_size(rows, known)
 
-    def dense(sizes):
-        total = np.zeros((0, 0))
-        blocks, right, W = [], [], []
-        for F, noise in zip(rows.factors, rows.noise, strict=True):
-            Z = F[:, : rows.k]
-            blocks.append(np.eye(len(F)) + (Z * (sizes[GROUPS] * noise**2)) @ Z.T)
-            right.append(F[:, -1])
-            W.append(F[:, rows.k : -1])
-        y, A = np.concatenate(right), np.vstack(W)
-        total = A @ np.linalg.inv(prior) @ A.T
-        start = 0
-        for block in blocks:
-            total[start : start + len(block), start : start + len(block)] += block
-            start += len(block)
-        return -0.5 * (y @ np.linalg.solve(total, y) + np.linalg.slogdet(total)[1])
+    def density(size):
+        whole = all_unknowns(rows, size).prior("arm", sd)
+        left = whole.without(*whole.blocks)[0]
+        return left.volume - 0.5 * np.sum(left.rows**2)
 
-    assert gain == pytest.approx(dense(size) - dense(np.full(3, tuning.RESIDUAL_NOTHING)), abs=0.05)
-    assert gain > 6.0
+    gain = log_evidence(rows, known, size)[0] - log_evidence(rows, known, NONE)[0]
+    assert gain == pytest.approx(density(size) - density(NONE), abs=0.05)
     for group in range(3):
         for factor in (0.7, 1.4):
             near = size * np.where(np.arange(3) == group, factor, 1.0)
-            assert (
-                dense(np.clip(near, tuning.RESIDUAL_NOTHING, tuning.RESIDUAL_LARGEST))
-                < dense(size) + 1e-3
-            )
+            assert density(np.clip(near, NONE, tuning.RESIDUAL_LARGEST)) < density(size) + 1e-3
 
 
 def test_a_hidden_friction_is_found_and_predicted_on_another_motion(base, fitted):
@@ -147,7 +131,7 @@ def test_without_model_error_the_rows_give_the_estimate_that_they_are_centred_on
     """Instruments find other parameters than least squares of the same rows."""
     _, estimate, rows = fitted
     other = estimate.theta * (1.0 + 0.01 * np.arange(len(estimate.theta)))
-    left, _ = rows.centred(other).eliminated(np.full(3, 1e-9))
+    left = rows.centred(other).of_arm(np.full(3, 1e-9)).rows
     assert np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=None)[0] == pytest.approx(
         other, rel=1e-5, abs=1e-6
     )

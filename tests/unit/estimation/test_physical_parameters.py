@@ -10,7 +10,7 @@ from dynid.estimation.possible_arm import (
     feasible_start,
     fit_physical,
     fit_pooled,
-    with_open_sizes,
+    with_honest_errors,
 )
 from dynid.estimation.possible_set import basis, make_constraints
 from dynid.model.parameters import numbered
@@ -154,7 +154,8 @@ def test_how_large_all_of_a_kind_are_together_is_known_from_the_rows_alone(arm):
     R, r = arm.whitened(*REGIMES["poor"])
     fit, constraints = fit_pooled(R, r, arm.constraints)
     told = R.T @ R
-    opened = with_open_sizes(fit, told, constraints)
+    none = np.zeros((len(fit.x), 0))
+    opened = with_honest_errors(fit, fit.hessian - told, constraints, 1.0, none)
     for columns in (constraints.bodies.ravel(), *constraints.pools):
         together = np.zeros(len(fit.x))
         together[columns] = fit.x[columns]
@@ -162,6 +163,10 @@ def test_how_large_all_of_a_kind_are_together_is_known_from_the_rows_alone(arm):
         assert together @ fit.hessian @ together > rows + 1.0
         assert together @ opened.hessian @ together == pytest.approx(rows, 1e-6, 1e-6)
     assert np.all(opened.std_error >= 0.999999 * fit.std_error)
+    halved = with_honest_errors(fit, fit.hessian - told, constraints, 2.0, none)
+    assert opened.hessian - halved.hessian == pytest.approx(
+        told / 2.0, rel=1e-3, abs=1e-3 * told.max()
+    )
 
 
 def test_joints_with_ratings_lend_each_other_friction_in_proportion_to_them(arm):

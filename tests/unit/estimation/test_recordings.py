@@ -9,10 +9,7 @@ from test_stack import simulated, stacked
 import models
 from dynid.estimation import tuning
 from dynid.estimation.estimators import wls
-from dynid.estimation.possible_arm import with_wider_errors
-from dynid.estimation.posterior import _as_rows_say
 from dynid.estimation.recordings import Part, changes, disagreement, parts_of
-from dynid.model.base_model import prior_base_parameters
 
 
 @pytest.fixture(scope="module")
@@ -22,8 +19,7 @@ def scara():
 
 def fitted(base, log):
     stack = stacked(base, log)
-    fit = wls(stack, prior_base_parameters(base.model, base.reduction))
-    return stack, fit
+    return stack, wls(stack, np.full(len(base.names), np.nan))
 
 
 def asked(stack, fit, like):
@@ -47,26 +43,6 @@ def test_torques_whose_scale_changes_in_the_recording_widen_unless_the_fit_count
     stack, fit = fitted(scara, replace(log, tau=log.tau * scale[:, None]))
     assert asked(stack, fit, steady) == tuning.LARGEST_INFLATION
     assert asked(stack, fit, fit) == 1.0
-
-
-def no_joint_is_apart(stack):
-    """Stand for what estimates the rows of some joints anew, where all are fitted."""
-    raise AssertionError("no joint contradicts the others")
-
-
-def test_rows_that_tell_half_as_much_widen_what_they_told_and_nothing_else(scara):
-    stack, estimate = fitted(scara, simulated(scara, seed=0, noise=0.05))
-    plain, _ = _as_rows_say(
-        scara, estimate, stack, no_joint_is_apart, residual_model=False, like=None, size=None
-    )
-    K, fit = scara.reduction.K, plain.physical
-    wider = with_wider_errors(fit, K.T @ plain.told @ K, 2.0)
-    growth = wider.std_error / np.maximum(fit.std_error, 1e-12)
-    assert np.all(growth > 1.0 - 1e-6)
-    assert np.all(growth < np.sqrt(2.0) + 1e-6)
-    assert np.median(growth[fit.data_share > 0.99]) == pytest.approx(np.sqrt(2.0), rel=0.01)
-    assert np.median(growth[fit.data_share < 0.01]) == pytest.approx(1.0, rel=0.01)
-    assert wider.inflation == pytest.approx(2.0 * fit.inflation)
 
 
 def wandering(base, theta, within, between, logs=3, seed=0, error=0.002):
