@@ -28,13 +28,12 @@ Floats = NDArray[np.float64]
 ZERO_INSIDE = 1 / 1.96
 #: Words for how well a parameter is known: within a tenth of its value; zero as far as the torques can tell; within a
 #: third; or the log says nothing about it.
-KNOWN_WELL, NEGLIGIBLE, KNOWN_ROUGHLY, NOT_DETERMINED = (
+WORDS = KNOWN_WELL, NEGLIGIBLE, KNOWN_ROUGHLY, NOT_DETERMINED = (
     "well",
     "negligible",
     "roughly",
     "not determined",
 )
-WORDS = (KNOWN_WELL, NEGLIGIBLE, KNOWN_ROUGHLY, NOT_DETERMINED)
 
 
 def hac_covariance(

@@ -26,6 +26,7 @@ from dynid.estimation.least_squares import (
     relative_error,
     solvable,
 )
+from dynid.estimation.payload import friction
 from dynid.estimation.posterior import (
     Refit,
     contradicts,
@@ -45,8 +46,6 @@ from dynid.signals.motion import motion_numbers, sampled
 
 Floats = NDArray[np.float64]
 
-#: Kinds of parameters that are friction.
-FRICTION = ("fv", "fc", "fo", "fvc", "fcc")
 #: Methods that need nothing but triangular factors, and can add a log to an earlier result.
 UPDATABLE = ("wls", "ols", "ridge")
 
@@ -245,19 +244,17 @@ def estimate(
 
 def _header(base: BaseModel, stack: Stack) -> dict[str, Any]:
     """Return where a result comes from, for its file."""
-    header = {
+    header: dict[str, Any] = {
         "robot": base.robot.name,
         "key": base.robot.model_key,
         "log_sha256": [log.sha256 for log in stack.logs],
         "logs": [log.path or log.name for log in stack.logs],
         "log_findings": [asdict(finding) for log in stack.logs for finding in log.findings],
     }
-    first = stack.logs[0] if stack.logs else None
-    return (
-        header
-        if first is None
-        else {**header, "cutoff_hz": first.filter.cutoff, "delay_applied_s": first.delay}
-    )
+    if stack.logs:
+        first = stack.logs[0]
+        header |= {"cutoff_hz": first.filter.cutoff, "delay_applied_s": first.delay}
+    return header
 
 
 def _of_squares(stack: Stack, left: Floats) -> tuple[Floats, float]:
@@ -542,9 +539,9 @@ def scale_of(
         joint: its number.
     """
     W = stack.whole[0][joint][:, :-1]
-    friction = np.array([base.model.parameters[k].kind in FRICTION for k in base.reduction.base])
-    Q = np.linalg.qr(W[:, friction & np.any(W != 0.0, axis=0)])[0]
-    asked, more = ((W[:, ~friction] @ each[~friction]) for each in (theta, error.own[joint]))
+    rubs = friction(base)
+    Q = np.linalg.qr(W[:, rubs & W.any(axis=0)])[0]
+    asked, more = ((W[:, ~rubs] @ each[~rubs]) for each in (theta, error.own[joint]))
     asked, more = (each - Q @ (Q.T @ each) for each in (asked, more))
     scale = 1.0 + float(asked @ more) / max(float(asked @ asked), 1e-300)
     rest = np.linalg.norm(more - (scale - 1.0) * asked)

@@ -58,9 +58,7 @@ class Factor:
         return cls(np.column_stack([*blocks.values(), right]), widths)
 
     def __getitem__(self, name: str) -> Floats:
-        """Return the columns of a block, (N, c_b); zeros where it is not here."""
-        if name not in self.blocks:
-            return np.zeros((len(self.rows), 0))
+        """Return the columns of a block, (N, c_b)."""
         names = list(self.blocks)
         first = sum(self.blocks[each] for each in names[: names.index(name)])
         return self.rows[:, first : first + self.blocks[name]]

@@ -238,7 +238,7 @@ class LoadProblem:
         unknown = {"friction": W[:, self.free], "gains": W @ gains, "load": W @ self.K}
         alone = Factor.of({"columns": Z, "arm": W}, F[:, -1])
         rows = Factor.of({"columns": Z, "arm": W, **unknown}, F[:, -1])
-        if error is None or not Z.shape[1]:
+        if error is None:
             return rows, alone
         told = np.asarray(np.linalg.inv(error.root[joint]))
         slope, mean = told @ error.slope[joint], told @ error.mean[joint]

@@ -524,7 +524,7 @@ def with_honest_errors(
             open_[np.ix_(columns, columns)] -= np.outer(along, along) / whole
     covariance = _inverse(open_ + (fit.hessian - held) / less) + changes @ changes.T
     before, after = np.diagonal(fit.covariance), np.diagonal(covariance)
-    growth = np.where(before > 0.0, after / np.where(before > 0.0, before, 1.0), 1.0)
+    growth = np.divide(after, before, out=np.ones_like(after), where=before > 0.0)
     return replace(
         fit,
         hessian=_inverse(covariance),

@@ -157,7 +157,7 @@ def physical_posterior(
     Raises:
         NotPhysical: the prior of the robot file is itself not physical.
     """
-    arm, has_rows = Arm.of_estimate(base, estimate), bool(stack.logs) and stack.earlier is None
+    arm, has_rows = Arm.of_estimate(base, estimate), stack.logs and stack.earlier is None
     alone, error, noise, worth = arm.theta, None, estimate.noise, estimate.inflation
     if has_rows and residual_model is not False:
         size = size if like is None else like.size
@@ -170,10 +170,9 @@ def physical_posterior(
         rows, size, arm_of_all, estimate = _with_joints_apart(
             base, stack, rows, arm, size, like, estimate, refit
         )
-        released = bool(np.any(rows.apart) or np.any(rows.free))
-        gain = float(
-            np.diff([log_evidence(rows, arm_of_all.prior, each)[0] for each in (NONE, size)])[0]
-        )
+        released = np.any(rows.apart) or np.any(rows.free)
+        with_it, without = (log_evidence(rows, arm_of_all.prior, x)[0] for x in (size, NONE))
+        gain = with_it - without
         wanted = residual_model or gain >= tuning.RESIDUAL_EVIDENCE
         if released or wanted:
             size, noise, worth = size if wanted else NONE, rows.noise, rows.inflation

@@ -91,13 +91,16 @@ def disagreement(
     weight = np.where(told, 1.0 / np.diagonal(covariance), 0.0)
     numbers = sorted({part.log for part in parts})
     logs = [[part for part in parts if part.log == log] for log in numbers]
-    found, X = [1.0], covariance
+    found = [1.0]
     for each in ([[part] for part in parts], logs):
         sums = [_told(np.sum([part.grams for part in some], axis=0), error) for some in each]
         if len(sums) > 1 and told.any():
-            moved = sum(float((X @ score) ** 2 @ weight) for score, _, _ in sums)
+            moved = sum(float((covariance @ score) ** 2 @ weight) for score, _, _ in sums)
             usual = sum(
-                float(np.sum(X * ((S - taken - S @ X @ S) @ X), axis=0) @ weight)
+                float(
+                    np.sum(covariance * ((S - taken - S @ covariance @ S) @ covariance), axis=0)
+                    @ weight
+                )
                 for _, S, taken in sums
             )
             found.append(moved / max(usual, 1e-300))
@@ -111,7 +114,7 @@ def _told(grams: Floats, error: ModelError | None) -> tuple[Floats, Floats, Floa
     """
     if error is None:
         S = grams.sum(axis=0)
-        return S[:-1, -1], S[:-1, :-1], np.zeros_like(S[:-1, :-1])
+        return S[:-1, -1], S[:-1, :-1], 0.0 * S[:-1, :-1]
     n, k, p = error.slope.shape
     T = np.concatenate([error.slope, np.broadcast_to(np.eye(p), (n, p, p))], axis=1)
     G = T.swapaxes(1, 2) @ grams[:, :-1]

@@ -129,6 +129,8 @@ FREE = np.flatnonzero(GROUPS == 0)
 FREE_SIZE = np.repeat(np.arange(1.0, tuning.POSITION_HARMONICS + 1), 2) ** -4.0
 #: Names of the groups, for people.
 GROUP_NAMES = ("position", "friction", "load")
+#: Relative change of the logarithms of the sizes at which their slopes count as none.
+SETTLED = 1e-12
 #: Sizes of the groups without any model error.
 NONE = np.full(len(GROUP_NAMES), tuning.RESIDUAL_NOTHING)
 #: Change of the log evidence that tells nothing: a size without which it falls by less is none.
@@ -535,7 +537,7 @@ def log_evidence(rows: Whitened, prior: NormalPrior, size: Floats) -> tuple[floa
 
 def best_size(rows: Whitened, prior: NormalPrior) -> Floats:
     """Return the sizes of the groups that make the data most likely, (groups,)."""
-    from scipy.optimize import minimize  # here: its import takes as long as the search
+    from scipy.optimize import minimize, root  # here: their import takes as long as the search
 
     low, high = np.log(np.broadcast_arrays(NONE, tuning.RESIDUAL_LARGEST))
 
@@ -550,7 +552,6 @@ def best_size(rows: Whitened, prior: NormalPrior) -> Floats:
             jac=True,
             method="L-BFGS-B",
             bounds=np.c_[low, high],
-            options={"ftol": 1e-13, "gtol": 1e-6},
         )
         for start in np.log(tuning.RESIDUAL_BEGIN)
     ]
@@ -559,6 +560,18 @@ def best_size(rows: Whitened, prior: NormalPrior) -> Floats:
     for k in range(len(logs)):
         without = np.where(np.arange(len(logs)) == k, low, logs)
         logs = without if negative(without)[0] <= best.fun + UNTOLD else logs
+    inside = (logs > low) & (logs < high)
+
+    def slopes(part: Floats) -> Floats:
+        there = logs.copy()
+        there[inside] = part
+        return np.asarray(negative(there)[1][inside])
+
+    # The evidence is flat beyond its rounding; where its slopes vanish is the same on every machine.
+    if inside.any():
+        level = root(slopes, logs[inside], tol=SETTLED).x
+        if np.linalg.norm(slopes(level)) < np.linalg.norm(slopes(logs[inside])):
+            logs[inside] = level
     return np.asarray(np.exp(logs))
 
 
@@ -604,8 +617,8 @@ def joints_apart(
             for k in range(int(before[j]), len(tried))
         ]
         worths = [worth(other) for other in others]
-        first = int(np.argmax(worths)) if worths else 0
-        if not worths or not worths[first] > best + tuning.APART_SETTLED:
+        first = int(np.argmax(worths))
+        if not worths[first] > best + tuning.APART_SETTLED:
             return np.array(tried)[place], best - none
         best, place = worths[first], others[first]
 

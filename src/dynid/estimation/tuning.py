@@ -124,8 +124,6 @@ POSITION_HARMONICS, FRICTION_HARMONICS = 3, 2
 #: Speeds, as shares of the rms speed of the fitted motion, at which shapes of the friction have fallen to 1/e.
 #: evidence: none yet.
 FRICTION_SPEEDS = (0.1, 0.4, 1.6)
-#: Rows that are folded into the factors together. evidence: none yet.
-ROWS_FOLDED = 400
 #: Residual, in robust standard deviations, as which larger ones count. Huber's limit would take away what the columns
 #: are there to explain. evidence: none yet.
 RESIDUAL_FAR = 5.0
