@@ -66,8 +66,9 @@ def public(function: Callable[P, T]) -> Callable[P, T]:
     kind = shown["options"].annotation if shown.pop("changes", None) else ""
     options: type[Options] | None = function.__globals__.get(kind)
     for each in fields(options) if options is not None else ():
-        facts = {"default": each.default, "annotation": each.type}
-        own = inspect.Parameter(each.name, inspect.Parameter.KEYWORD_ONLY, **facts)
+        own = inspect.Parameter(
+            each.name, inspect.Parameter.KEYWORD_ONLY, default=each.default, annotation=each.type
+        )
         shown.setdefault(each.name, own)
 
     @wraps(function)

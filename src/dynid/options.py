@@ -164,7 +164,7 @@ def _read(declared: Field[Any], value: Any) -> Any:  # noqa: ANN401
 def _text(value: Any) -> str:  # noqa: ANN401
     if isinstance(value, tuple):
         return " ".join(_text(item) for item in value)
-    return repr(value) if isinstance(value, float) else str(value)
+    return str(value)
 
 
 # ---------------------------------------------------------------- readers of single values
@@ -174,7 +174,9 @@ def frequency_or_auto(value: Any, name: str) -> float | None:  # noqa: ANN401
         return None
     found = number_or_nan(value)
     if not 0 < found < float("inf"):
-        raise ValueError("it is neither auto nor a frequency in Hz, such as 8")
+        raise WrongUsage(
+            f"{name} '{value}' is neither auto nor a frequency in Hz", fix=f"such as {name} 8"
+        )
     return found
 
 
@@ -184,7 +186,10 @@ def delay_or_auto(value: Any, name: str) -> float | None:  # noqa: ANN401
         return None
     found = 0.0 if value == "off" else number_or_nan(value)
     if not abs(found) <= LONGEST_DELAY:
-        raise ValueError(f"it is neither auto, off nor a time up to {LONGEST_DELAY:g} s")
+        raise WrongUsage(
+            f"{name} '{value}' is neither auto, off nor a time up to {LONGEST_DELAY:g} s",
+            fix=f"such as {name} 0.008",
+        )
     return found
 
 
@@ -210,13 +215,15 @@ def intervals(value: Any, name: str) -> tuple[tuple[float, float], ...]:  # noqa
     found = []
     for item in (value,) if isinstance(value, str) else value:
         for word in item.split(",") if isinstance(item, str) else (item,):
-            pair = word
             if isinstance(word, str):
                 match = re.fullmatch(f"{number}-{number}", word)
                 if match is None or float(match[1]) >= float(match[2]):
-                    raise ValueError(f"{word} is not an interval of time, such as 3.2-3.4")
-                pair = match.groups()
-            found.append((float(pair[0]), float(pair[1])))
+                    raise WrongUsage(
+                        f"{name} {word} is not an interval of time",
+                        fix=f"write first and last second: {name} 3.2-3.4",
+                    )
+                word = match.groups()
+            found.append((float(word[0]), float(word[1])))
     return tuple(found)
 
 

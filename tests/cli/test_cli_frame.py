@@ -86,7 +86,7 @@ def test_a_misspelt_command_is_suggested(dynid):
 def test_a_misspelt_option_is_suggested(dynid):
     done = dynid("toy", "values", "--sampels", "3")
     assert (done.status, done.out) == (2, "")
-    assert "did you mean '--samples'?" in done.err
+    assert "no such option: --sampels; did you mean '--samples'?" in done.err
 
 
 @pytest.mark.parametrize(

@@ -14,13 +14,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import Field, fields, replace
 from functools import partial, wraps
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
+import dynid
 from dynid.cli.commands import COMMANDS, CONTEXT, command_of, shown
 from dynid.cli.runfile import repeated
 from dynid.cli.session import Session
@@ -58,8 +58,19 @@ def completed(words: Callable[[], Iterable[str]], *, files: bool = False) -> Any
     return offer
 
 
-ROBOTS = completed(lambda: resolve_name("dynid.files.robotfile:known_robots")(), files=True)
-EFFECTS = completed(lambda: ["all", *resolve_name("dynid.model.effects.catalogue:CATALOGUE")])
+def _robots() -> Iterable[str]:
+    from dynid.files.robotfile import known_robots
+
+    return known_robots()
+
+
+def _effects() -> Iterable[str]:
+    from dynid.model.effects.catalogue import CATALOGUE
+
+    return ["all", *CATALOGUE]
+
+
+ROBOTS, EFFECTS = completed(_robots, files=True), completed(_effects)
 TIP = click.option(
     "--tip",
     metavar="LINK",
@@ -69,9 +80,7 @@ TIP = click.option(
 
 def load_robot(session: Session, robot: str, tip: str | None) -> Robot:
     """Return the arm that ROBOT names, and say what is noticed."""
-    from dynid import loading
-
-    arm = loading.load_robot(robot, tip=tip)
+    arm = dynid.load_robot(robot, tip=tip)
     session.findings(arm.findings)
     return arm
 

@@ -40,8 +40,7 @@ def flag_of(param: click.Parameter) -> str:
 
 def arguments_of(ctx: click.Context) -> list[str]:
     """Return a command line that gives the same values: arguments, then options that differ from their default."""
-    words: list[str] = []
-    flags: list[str] = []
+    words, flags = list[str](), list[str]()
     for param in ctx.command.params:
         name = str(param.name)
         value = ctx.params.get(name)

@@ -90,7 +90,8 @@ class Session(Options):
 
     def __enter__(self) -> Session:
         """Begin the run: what cannot be written is noticed before the work."""
-        assert self._copy is None or self._copy.writable()
+        if self._copy is not None:
+            self._copy.flush()
         return self
 
     def __exit__(
@@ -139,7 +140,11 @@ class Session(Options):
             return None
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            return path.open("a", encoding="utf-8", errors="backslashreplace")
+            # Why not at once by Python, which would wait for somebody to read a pipe.
+            flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_NONBLOCK", 0)
+            handle = os.open(path, flags, 0o666)
+            os.set_blocking(handle, True)
+            return os.fdopen(handle, "a", encoding="utf-8", errors="backslashreplace")
         except OSError as error:
             what = f"cannot write {path}: {error.strerror}"
             raise CannotWrite(what, where=path, fix="give another --log-file") from error

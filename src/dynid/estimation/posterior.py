@@ -170,13 +170,13 @@ def physical_posterior(
         rows, size, arm_of_all, estimate = _with_joints_apart(
             base, stack, rows, arm, size, like, estimate, refit
         )
-        released = np.any(rows.apart) or np.any(rows.free)
+        released = rows.apart.any() or rows.free.any()
         with_it, without = (log_evidence(rows, arm_of_all.prior, x)[0] for x in (size, NONE))
         gain = with_it - without
         wanted = residual_model or gain >= tuning.RESIDUAL_EVIDENCE
         if released or wanted:
             size, noise, worth = size if wanted else NONE, rows.noise, rows.inflation
-            if np.any(rows.apart):
+            if rows.apart.any():
                 alone = Arm.of(base, rows.of_arm(NONE).rows, arm_of_all).theta
             arm = Arm.of(base, rows.of_arm(size).rows, arm_of_all)
             error = model_error(rows, size, gain + large, arm.theta, stack.whole[1])
@@ -241,7 +241,7 @@ def _with_joints_apart(
     """
     # Why without what somebody knows about the arm: torques that contradict that do not contradict each other.
     free = replace(base, model=replace(base.model, robot=replace(base.robot, known=Known())))
-    if np.any(rows.free) or free.robot != base.robot:
+    if rows.free.any() or free.robot != base.robot:
         arm = Arm.of(free, rows.of_arm(NONE).rows, arm)
 
     def sized() -> Floats:
@@ -254,7 +254,7 @@ def _with_joints_apart(
             break
         rows = replace(rows, apart=apart)
         arm = Arm.of(free, rows.of_arm(size).rows, arm)
-    if np.any(rows.apart):
+    if rows.apart.any():
         rows, estimate, arm = _without_those_apart(free, stack, rows, refit)
         apart, _ = joints_apart(rows, arm.prior, sized(), known=True)
         rows = replace(rows, apart=apart)
@@ -280,7 +280,7 @@ def _without_those_apart(
     estimate = replace(estimate, noise=noise)
     arm = Arm.of_estimate(base, estimate)
     found = _rows_of(base, stack, estimate, arm.theta, rows.apart)
-    for joint in np.flatnonzero(np.any(rows.free > 0.0, axis=1)):
+    for joint in np.flatnonzero(rows.free.any(axis=1)):
         found = found.freed(int(joint))
     return found, estimate, arm
 

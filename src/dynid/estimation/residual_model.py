@@ -179,7 +179,7 @@ class ModelError:
     @property
     def free(self) -> NDArray[np.intp]:
         """Numbers of the joints with a large torque of the position that no possible arm has."""
-        return np.flatnonzero(~np.any(self.projection[:, :, FREE], axis=(1, 2)))
+        return np.flatnonzero(~self.projection[:, :, FREE].any(axis=(1, 2)))
 
     def shapes_at(self, q: Floats, qd: Floats, observer: Observer) -> Floats:
         """Return ``shapes_of`` a motion without any filter, (N, n) each [rad or m, rad/s or m/s], (N, n, k)."""
@@ -349,7 +349,7 @@ class Whitened:
     def of_arm(self, size: Floats) -> Factor:
         """Return what the rows say of the parameters of the arm, (p,), as a triangle, for sizes of the groups."""
         found = [
-            left.released("arm", self.spread, float(apart))[0] if apart else left
+            next(left.released("arm", self.spread, [float(apart)]))[0] if apart else left
             for apart, (left, _) in zip(self.apart, self.by_joint(size), strict=True)
         ]
         total = reduce(add, found)
@@ -539,7 +539,7 @@ def best_size(rows: Whitened, prior: NormalPrior) -> Floats:
     """Return the sizes of the groups that make the data most likely, (groups,)."""
     from scipy.optimize import minimize, root  # here: their import takes as long as the search
 
-    low, high = np.log(np.broadcast_arrays(NONE, tuning.RESIDUAL_LARGEST))
+    low, high = np.log([NONE, tuning.RESIDUAL_LARGEST])
 
     def negative(logs: Floats) -> tuple[float, Floats]:
         evidence, slope = log_evidence(rows, prior, np.exp(logs))
@@ -590,10 +590,8 @@ def joints_apart(
         size: lambda of each group of columns, (groups,).
         known: whether it is known which joints are apart, and only their sizes are asked for.
     """
-    left, tried = [each[0] for each in rows.by_joint(size)], (0.0, *tuning.APART_SIZES)
-    whole = [
-        [one.released("arm", rows.spread, lam)[0] if lam else one for lam in tried] for one in left
-    ]
+    left, sizes = [each[0] for each in rows.by_joint(size)], np.append(0.0, tuning.APART_SIZES)
+    whole = [[each for each, _ in one.released("arm", rows.spread, sizes)] for one in left]
     S = np.array([[one.rows.T @ one.rows for one in some] for some in whole])
     volume = np.array([[one.volume for one in some] for some in whole])
     told = rows.spread.T @ S[:, 0, :-1, :-1] @ rows.spread
@@ -608,18 +606,18 @@ def joints_apart(
         found = prior.evidence(S[joints, place].sum(axis=0))[0] + volume[joints, place].sum()
         return float(found) - tuning.APART_EVIDENCE * np.count_nonzero(place)
 
-    place = np.array([int(np.argmin(np.abs(np.array(tried) - lam))) for lam in rows.apart])
+    place = np.searchsorted(sizes, rows.apart)
     none, best = worth(np.zeros_like(place)), worth(place)
     while True:
         others = [
             np.where(joints == j, k, place)
             for j in (np.flatnonzero(before) if known else joints)
-            for k in range(int(before[j]), len(tried))
+            for k in range(int(before[j]), len(sizes))
         ]
         worths = [worth(other) for other in others]
         first = int(np.argmax(worths))
         if not worths[first] > best + tuning.APART_SETTLED:
-            return np.array(tried)[place], best - none
+            return sizes[place], best - none
         best, place = worths[first], others[first]
 
 
@@ -653,7 +651,7 @@ def model_error(
     own, own_root, own_slope = np.zeros((n, p)), np.zeros((n, p, p)), np.zeros((n, p, p))
     each = rows.by_joint(size)
     for j in np.flatnonzero(rows.apart):
-        _, found = each[j][0].released("arm", rows.spread, float(rows.apart[j]))
+        _, found = next(each[j][0].released("arm", rows.spread, [float(rows.apart[j])]))
         own[j] = found.mean + found.slope @ theta
         own_root[j], own_slope[j] = found.root, found.slope
     root, slope, mean = (

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
+from pathlib import Path
+from typing import Any, get_args, get_origin, get_type_hints
 
+import numpy as np
+
+from dynid.files.artifact import read_artifact, reading
+from dynid.gap import held_out, improvement, localisation, selected_effects
+from dynid.gap.analysis import GapAnalysis
+from dynid.gap.held_out import HeldOutEffect, clue, held_out_effect
+from dynid.gap.improvement import HeldOutImprovement
+from dynid.gap.localisation import JointGap
+from dynid.gap.selected_effects import SelectedEffect, with_columns
+from dynid.gap.verdict import LIKELY, explained_share, joints_text, labels, unrepeatable
+from dynid.model.effects.interface import Floats, Joints
+from dynid.npz import write_artifact
+from dynid.robot import Robot
 from dynid.units import joint_unit
-
-# Why only for types: the options of the command are declared with what is made from a record, and help must be fast.
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from dynid.gap.analysis import GapAnalysis
-    from dynid.gap.held_out import HeldOutEffect
-    from dynid.gap.improvement import HeldOutImprovement
-    from dynid.gap.localisation import JointGap
-    from dynid.gap.selected_effects import SelectedEffect
-    from dynid.model.effects.interface import Floats, Joints
-    from dynid.robot import Robot
 
 SCHEMA = "dynid/gap/1"
 
@@ -201,11 +203,6 @@ def record_of(
         asked: which questions were asked and why, in words.
         made_from: the result that was searched; "" for one that is in no file.
     """
-    import numpy as np
-
-    from dynid.gap.held_out import clue
-    from dynid.gap.verdict import LIKELY, unrepeatable
-
     verdict, names = analysis.verdict, robot.joint_names
     silent = unrepeatable(analysis.search)
     noise_from, noise_note = _noise_texts(analysis, names)
@@ -273,9 +270,6 @@ def _events(analysis: GapAnalysis, robot: Robot) -> list[dict[str, Any]]:
 
 def _curves(analysis: GapAnalysis) -> list[HeldOutEffect]:
     """Return what is named on held-out rows."""
-    from dynid.gap.held_out import held_out_effect
-    from dynid.gap.selected_effects import with_columns
-
     effects, problem = with_columns(analysis.verdict.named), analysis.search.problem
     return [
         held_out_effect(problem, [other for other in effects if other is not one], one, one.joint)
@@ -284,7 +278,6 @@ def _curves(analysis: GapAnalysis) -> list[HeldOutEffect]:
 
 
 def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffect:
-    from dynid.gap.verdict import explained_share, joints_text, labels
 
     names, j = robot.joint_names, one.joint
     partly = None
@@ -336,8 +329,6 @@ _CURVE = ("t", "residual", "torque", "left", "against")
 
 def write_record(path: Path, record: GapRecord) -> None:
     """Write gap.npz."""
-    from dynid.npz import write_artifact
-
     facts = {
         each.name: _stored(getattr(record, each.name))
         for each in fields(GapRecord)
@@ -360,8 +351,6 @@ def read_record(path: Path) -> GapRecord:
     Raises:
         NotAnArtifact: it is damaged, or of another kind.
     """
-    from dynid.files.artifact import read_artifact, reading
-
     shapes = {**dict.fromkeys(_IMPROVEMENT, "n"), "ratio": "n 2", "simulation": "_ n"}
     artifact = read_artifact(path, SCHEMA, shapes)
     with reading(path):
@@ -388,8 +377,6 @@ def _stored(value: Any) -> Any:  # noqa: ANN401
 
 def _read_as(kind: Any, stored: Any) -> Any:  # noqa: ANN401
     """Return what ``_stored`` made of a value of some type."""
-    from dynid.gap import held_out, improvement, localisation, selected_effects
-
     origin, inner = get_origin(kind), get_args(kind)
     if isinstance(kind, type) and is_dataclass(kind):
         names = {**vars(selected_effects), **vars(localisation), **vars(improvement)}

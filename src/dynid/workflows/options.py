@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from numbers import Integral, Real
@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from dynid.errors import WrongUsage
 from dynid.log import Log
-from dynid.options import MOST, LogOptions, Options, number_or_nan, option, share
+from dynid.options import MOST, LogOptions, Options, Reader, number_or_nan, option, share
 from dynid.robot import EffectSpec, Prior
 from dynid.text import whole_number
 
@@ -33,7 +33,6 @@ SUFFIXES = {
 
 Range = tuple[float, float]
 Corner = tuple[float, float, float]
-Reader = Callable[[Any, str], Any]
 
 
 # ---------------------------------------------------------------- readers; a ValueError says what is wrong

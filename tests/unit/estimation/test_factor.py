@@ -30,13 +30,10 @@ def log_density(factor):
     return left.volume - 0.5 * float(np.sum(left.rows**2)) - 30 * np.log(2 * np.pi)
 
 
-def covariance_of_rows(X, sd):
-    return np.eye(60) + sum((X[name] * sd[name] ** 2) @ X[name].T for name in X)
-
-
 def test_the_volume_and_the_squares_that_are_left_are_the_normal_density(problem):
     X, sd, y = problem
-    expected = multivariate_normal(np.zeros(60), covariance_of_rows(X, sd)).logpdf(y)
+    S = np.eye(60) + sum((X[name] * sd[name] ** 2) @ X[name].T for name in X)
+    expected = multivariate_normal(np.zeros(60), S).logpdf(y)
     assert log_density(known(X, sd, y)) == pytest.approx(expected, abs=1e-9)
     one_by_one = known(X, sd, y).without("load")[0].without("arm")[0]
     assert log_density(one_by_one) == pytest.approx(expected, abs=1e-9)

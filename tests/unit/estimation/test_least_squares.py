@@ -124,4 +124,5 @@ def test_joints_without_rows_for_the_first_links_are_merged_as_all_rows_are():
     rows[1, :, :3], rows[2, :, :6] = 0.0, 0.0
     for some in (rows, rows[2:]):
         together, stacked = merge(some), some.reshape(-1, 7)
+        assert len(together) == 7
         np.testing.assert_allclose(together.T @ together, stacked.T @ stacked, atol=1e-12)

@@ -103,6 +103,7 @@ def test_the_evidence_is_that_of_the_normal_distribution_of_all_rows(fitted):
 
     gain = log_evidence(rows, known, size)[0] - log_evidence(rows, known, NONE)[0]
     assert gain == pytest.approx(density(size) - density(NONE), abs=0.05)
+    assert gain > 6.0
     for group in range(3):
         for factor in (0.7, 1.4):
             near = size * np.where(np.arange(3) == group, factor, 1.0)
