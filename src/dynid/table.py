@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 #: Cells that stand on the right: numbers, also with a unit, and the dash for what is not there.
-_NUMBER = re.compile(r"-|[-+<]?[\d.]+(e[-+]?\d+)?( [^\d_]+)?")
+_NUMBER = re.compile(r"-|[-+<]?\d[\d.]*(e[-+]?\d+)?( [^\d_]+)?")
 #: Believed values below this are zero: a centre of mass turned into its DH frame is off an axis by rounding.
 ROUNDING = 1e-12
 

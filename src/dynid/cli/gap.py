@@ -15,6 +15,7 @@ from dynid.cli.report import renewed
 from dynid.cli.session import Session
 from dynid.errors import DynidError, WrongUsage
 from dynid.judgement.rules import Step
+from dynid.table import Table, cell_text
 from dynid.text import shell
 from dynid.workflows.options import GapOptions
 
@@ -118,7 +119,7 @@ def add(
         session.fact("simulator", f"not driven: {error}")
         return wrote, None
     session.sentences(driven.sentence())
-    session.table(driven.table())
+    session.table(in_one_cell(driven.table()))
     wrote.append(driven.save(folder / "simulator_gap.npz"))
     if plot:
         wrote.append(work.save_figure(driven, folder / "gap/simulator.png"))
@@ -136,10 +137,33 @@ def proof(gap: Gap, path: Path) -> Step:
 
 
 # ---------------------------------------------------------------- printing
+#: What changes in the tables of joints: heading, and the column of its unit.
+CHANGES = {
+    "rms": ("error on unseen rows", "unit"),
+    "simulated": ("error of simulated motion", "in"),
+    "position": ("position error", "in"),
+    "torque": ("torque error", "unit"),
+}
+
+
+def in_one_cell(rows: Table) -> list[dict[str, str]]:
+    """Return what was before and is after in one cell, for which a terminal of 80 columns has room."""
+    found = []
+    for row in rows:
+        cells = {"joint": row["joint"]}
+        for what, (head, unit) in CHANGES.items():
+            if f"{what} before" in row:
+                before, after = (cell_text(row[f"{what} {when}"]) for when in ("before", "after"))
+                change = before if before == after else f"{before} -> {after}"
+                cells[head] = f"{change} {row[unit]}"
+        found.append(cells | {"noise": row["noise"]} if "noise" in row else cells)
+    return found
+
+
 def show(session: Session, gap: Gap) -> None:
     """Print the answer, why, and the gap joint by joint; with -v what was asked, tried and left."""
     session.judged(gap.judgement)
-    session.table(gap.joint_table())
+    session.table(in_one_cell(gap.joint_table()))
     session.stage("noise", f"{gap.noise_text}; held out: {gap.heldout}")
     if not session.verbose:
         return

@@ -122,22 +122,9 @@ def long_run_variance(series: Iterable[Floats], lags: int) -> Floats:
     total: Floats | float = 0.0
     for one in series:
         width = min(lags + 1, len(one))
-        sums = _moving_sums(one, width)
-        total = total + sums.T @ sums / width
+        sums = np.stack([np.convolve(column, np.ones(width)) for column in one.T])
+        total = total + sums @ sums.T / width
     return np.asarray(total)
-
-
-def _moving_sums(series: Floats, width: int) -> Floats:
-    """Return the sums over all windows of so many samples of a series, (M, p); it is zero beyond its ends."""
-    power = np.pad(series, ((width - 1, width - 1), (0, 0)))
-    sums, begin, length = np.zeros((len(power) - width + 1, series.shape[1])), 0, 1
-    # Why by doubling: running sums lose digits, and take three times as long.
-    while length <= width:
-        if width & length:
-            sums += power[begin : begin + len(sums)]
-            begin += length
-        power, length = power[:-length] + power[length:], 2 * length
-    return sums
 
 
 def automatic_lags(series: Sequence[Floats]) -> int:

@@ -300,6 +300,8 @@ def fitted_body(R: Floats, r: Floats, misfit: float = 0.0) -> IdentifiedPayload:
         r: what they shall give, (m,).
         misfit: how much worse a body explains these rows than their errors allow; errors are widened by its root.
     """
+    from scipy.optimize import approx_fprime  # here: its import takes as long as a fit
+
     parameters = [numbered(kind, 1, "") for kind in BODY_PARAMETERS]
     wide = math.sqrt(max(1.0, misfit))
     R, r = R / wide, r / wide
@@ -308,7 +310,7 @@ def fitted_body(R: Floats, r: Floats, misfit: float = 0.0) -> IdentifiedPayload:
     for _ in range(2):
         fit = fit_pooled(R, r, make_constraints(parameters, _ball(x).parameters()))[0]
         x = fit.x
-    J = _shown_by(fit.x)
+    J = approx_fprime(fit.x, _shown, 1e-6 * np.maximum(np.abs(fit.x), 1e-3 * fit.x[0]))
     covariance = fit.covariance
     return IdentifiedPayload(
         body_of(fit.x), np.sqrt(np.diagonal(J @ covariance @ J.T)), misfit, covariance
@@ -325,13 +327,3 @@ def _ball(phi: Floats) -> Body:
 
 def _shown(x: Floats) -> Floats:
     return IdentifiedPayload(body_of(x), np.zeros(10), 0.0, np.zeros((10, 10))).numbers
-
-
-def _shown_by(x: Floats) -> Floats:
-    """Return the derivative of mass, centre of mass and inertia about it by the ten parameters, (10, 10)."""
-    J = np.zeros((10, 10))
-    for k in range(10):
-        h = np.zeros(10)
-        h[k] = 1e-6 * max(abs(x[k]), 1e-3 * x[0])
-        J[:, k] = (_shown(x + h) - _shown(x - h)) / (2 * h[k])
-    return J

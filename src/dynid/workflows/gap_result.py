@@ -176,7 +176,8 @@ class Gap(Judged, GapRecord):
             }
             if len(self.simulation):
                 before, after = self.simulation[:, j].tolist()
-                row |= {"simulated before": before, "simulated after": after}
+                unit = "m" if row["unit"] == "N" else "rad"
+                row |= {"simulated before": before, "simulated after": after, "in": unit}
             rows.append(row)
         return Table(rows, f"{self.robot}: held-out error ({self.heldout})")
 
