@@ -168,18 +168,16 @@ def contradictions(answers):
             and bool({"fair", "bad"} & set(states.values())),
             "good without another motion": judged["state"] == "good"
             and states["unseen motion"] != "good",
-            "nothing missing beside a light": said.startswith(
-                ("Nothing is missing", "Nothing has changed")
-            )
+            "nothing missing beside a light": said.startswith("No ")
             and states["complete"] != "good",
-            "not tested, and tested": "was not tested on another motion" in said
+            "not tested, and tested": "Not yet validated" in said
             and states["unseen motion"] != "open",
             "to be used, and bad": bad
             and any("export" in step["command"] for step in judged["next"]),
             "no next step": any(state != "good" for state in states.values())
             and not judged["next"],
             "praise of unseen motion beside a light": said.startswith(
-                "The model predicts motions that it was not fitted"
+                "The model predicts held-out motions"
             )
             and states["unseen motion"] != "good",
             "a step that is no command": not all(
@@ -193,10 +191,10 @@ def contradictions(answers):
         states = states_of(gap)
         said = gap["judgement"]["sentence"]
         early = said.startswith(("These logs fit another arm", "The robot file does not"))
-        corrected = said.endswith("Nothing else is missing.")
+        corrected = said.endswith("No other effect is missing.")
         if (nothing or corrected) != (states["complete"] == "good"):
             found.append("gap: its verdict and its light")
-        if nothing and not early and not said.startswith("Nothing"):
+        if nothing and not early and not said.startswith("No "):
             found.append("gap: its verdict and its sentence")
         if gap["verdict"] == "named" and not gap["named"]:
             found.append("gap: named, and no name")

@@ -236,7 +236,7 @@ def shrunk(answer: dict[str, Any]) -> list[str]:
     before, after = gap["heldout_before_nm"], gap["heldout_after_nm"]
     best = min(range(len(before)), key=lambda j: after[j] / before[j])
     joint, change = gap["joints"][best], f"from {before[best]:.3g} to {after[best]:.3g} N m"
-    said = [f"With it the torque error of {joint} on unseen motion went {change}."]
+    said = [f"With it the held-out torque error of {joint} went {change}."]
     if gap["simulation_before"] is not None:
         old, new = (1e3 * gap[f"simulation_{word}"][best] for word in ("before", "after"))
         change = f"{old:.3g} mrad before and {new:.3g} mrad after"

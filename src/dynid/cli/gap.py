@@ -139,7 +139,7 @@ def proof(gap: Gap, path: Path) -> Step:
 # ---------------------------------------------------------------- printing
 #: What changes in the tables of joints: heading, and the column of its unit.
 CHANGES = {
-    "rms": ("error on unseen rows", "unit"),
+    "rms": ("held-out error", "unit"),
     "simulated": ("error of simulated motion", "in"),
     "position": ("position error", "in"),
     "torque": ("torque error", "unit"),

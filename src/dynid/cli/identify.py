@@ -112,9 +112,9 @@ UNCERTAIN = 0.1
 COLUMNS = {
     "joint": "joint",
     "rms_{}": "rms error",
-    "noise_floor_{}": "noise >=",
+    "noise_floor_{}": "noise level",
     "torque_rms_{}": "torque rms",
-    "relative_error_percent": "unexplained %",
+    "relative_error_percent": "error %",
     "heldout_rms_{}": "held out",
 }
 

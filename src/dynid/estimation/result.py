@@ -319,8 +319,8 @@ class Identification:
             {
                 "joint": quality.joint,
                 "rms error": quality.rms,
-                "rms torque": quality.torque_rms,
-                "unexplained %": quality.relative_percent,
+                "torque rms": quality.torque_rms,
+                "error %": quality.relative_percent,
                 "held out": quality.heldout_rms,
                 "unit": "A" if self.robot.torque.relative else joint.torque_unit,
             }

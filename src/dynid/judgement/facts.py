@@ -39,7 +39,12 @@ class Light:
     @property
     def title(self) -> str:
         """What it is about, as a reader sees it."""
-        return {"knowledge": "parameters", "complete": "missing effects"}.get(self.name, self.name)
+        names = {
+            "unseen motion": "validation",
+            "knowledge": "parameters",
+            "complete": "missing effects",
+        }
+        return names.get(self.name, self.name)
 
     @property
     def shown(self) -> str:
@@ -159,7 +164,10 @@ def _fit(evidence: Evidence) -> Iterator[Fact]:
         noise = "" if times is None else f", {over_noise(times)}"
         states.append(unless_good(state, f"{joint.joint} {shown(percent)} %{noise}"))
     if states and evidence.fitted is not None:
-        yield worst(state for state, _ in states), f"{shown(evidence.fitted)} % unexplained"
+        yield (
+            worst(state for state, _ in states),
+            f"relative torque error {shown(evidence.fitted)} %",
+        )
     yield from states
     if evidence.alarms:
         codes = ", ".join(evidence.alarms)
@@ -184,14 +192,16 @@ def _unseen(evidence: Evidence) -> Iterator[Fact]:
         far = farthest(each, evidence)
         expected = f", {each.expected:.2g} % expected" if each.expected else ""
         joint = f", {far[0].joint} {over_noise(far[2])}" if far else ""
-        text = f"{shown(each.percent)} % unexplained on {each.name}{expected}{joint}"
+        text = f"relative torque error {shown(each.percent)} % on {each.name}{expected}{joint}"
         yield state, text if (state, each) == most else ""
 
 
 def _knowledge(evidence: Evidence) -> Iterator[Fact]:
     """Too little is no more than fair, because errors on other motions show the rest."""
     if evidence.known is not None:
-        text = f"{100 * evidence.known:.0f} % of the parameters known as well as the torques need"
+        text = (
+            f"{100 * evidence.known:.0f} % of the parameters determined well enough for the torques"
+        )
         yield "good" if evidence.known >= tuning.KNOWN else "fair", text
     if evidence.condition is not None and evidence.condition > tuning.CONDITION:
         yield "fair", f"condition number {evidence.condition:.3g}"
@@ -201,21 +211,21 @@ def _knowledge(evidence: Evidence) -> Iterator[Fact]:
 
 def _physics(evidence: Evidence) -> Iterator[Fact]:
     if evidence.physical:
-        yield "good", "every link is a body that can exist"
+        yield "good", "the parameters are physically consistent"
     if evidence.physical is False:
-        yield "fair", "predictions use the plain estimate, which no arm with masses need have"
+        yield "fair", "predictions use least squares, which need not be physically consistent"
     possible, plain = evidence.possible, evidence.plain
     if possible is not None and plain is not None:
         near = grade(possible / max(plain, 1e-9), tuning.POSSIBLE)
         state = "good" if possible <= tuning.HARMLESS else near
         # What a possible arm leaves may be friction: it is no more than fair.
         state = "fair" if state == "bad" and possible <= tuning.FIT[0] else state
-        text = f"the nearest possible arm leaves {possible:.2g} %, the plain estimate {plain:.2g} %"
+        text = f"relative torque error {possible:.2g} % if physically consistent, {plain:.2g} % by least squares"
         yield unless_good(state, text)
     if evidence.doubts:
         codes = ", ".join(dict.fromkeys(evidence.doubts))
         state = "bad" if evidence.physical is False else "fair"
-        yield state, f"bodies that can exist explain the torques worse ({codes})"
+        yield state, f"physically consistent parameters fit worse ({codes})"
     if evidence.mass is not None and evidence.reach:
         text = f"the links weigh {evidence.mass:.3g} kg in all on {evidence.reach:.2g} m of arm"
         yield unless_good(grade(evidence.mass / evidence.reach**2, tuning.MASS), text)
@@ -225,7 +235,7 @@ def _complete(evidence: Evidence) -> Iterator[Fact]:
     if evidence.gap is not None:
         yield from of_search(evidence.gap)
         for each in unsearched(evidence):
-            yield "fair", f"the search has not seen {each.name}"
+            yield "fair", f"{each.name} was not searched"
 
 
 def of_search(gap: GapEvidence) -> list[Fact]:
@@ -236,16 +246,18 @@ def of_search(gap: GapEvidence) -> list[Fact]:
         state = "fair" if more else "good"
         found.append(unless_good(state, f"{name} {error:.2g}, noise {noise:.2g}"))
     if gap.surprise is not None:
-        text = f"the model misses {gap.kept:.2g} % of the new torques, {gap.expected:.2g} % was expected"
+        text = (
+            f"relative torque error {gap.kept:.2g} % on the new logs, expected {gap.expected:.2g} %"
+        )
         found.append(unless_good(grade(gap.surprise, tuning.EXPECTED), text))
     if gap.missing or len(gap.effects) > len(gap.named):
         named = [f"{one.title} on {one.where}" for one in gap.missing]
         likely = [f"perhaps {one.title} on {one.where}" for one in gap.effects if not one.named]
         found.append(("fair", ", ".join(named or likely)))
     if gap.more:
-        found.append(("fair", f"more than noise on {', '.join(gap.more)}"))
+        found.append(("fair", f"residual above the noise on {', '.join(gap.more)}"))
     if joints := dict.fromkeys((*gap.unrepeatable, *(each.joint for each in gap.events))):
-        found.append(("fair", f"what does not repeat on {', '.join(joints)}"))
+        found.append(("fair", f"disturbance that does not repeat on {', '.join(joints)}"))
     return found or [("fair", "the search compared no joint with its noise")]
 
 
@@ -262,10 +274,10 @@ def unsearched(evidence: Evidence) -> list[Unseen]:
 #: The lights: name, the facts that each covers, and what is said where there is none.
 LIGHTS = (
     ("fit", _fit, "no log was fitted"),
-    ("unseen motion", _unseen, "no recording of another motion was replayed"),
+    ("unseen motion", _unseen, "not validated on another motion"),
     ("knowledge", _knowledge, "it is not known how well the logs determine the parameters"),
-    ("physics", _physics, "nobody asked whether such an arm can exist"),
-    ("complete", _complete, "nobody has searched for missing effects: dynid gap"),
+    ("physics", _physics, "physical consistency was not checked"),
+    ("complete", _complete, "not searched: dynid gap"),
 )
 
 
@@ -301,6 +313,12 @@ class Case:
     def gap(self) -> GapEvidence:
         """What the search found; a search that found nothing where there was none."""
         return self.evidence.gap or GapEvidence("")
+
+    @property
+    def or_more(self) -> str:
+        """What follows a noise level: without repeats it is a lower bound."""
+        asked = self.gap if self.evidence.asked == "gap" else self.evidence
+        return "" if asked.repeats else " or more"
 
     @cached_property
     def searched(self) -> bool:

@@ -35,8 +35,8 @@ def answer(c: Case) -> str:
     if e.other is not None:
         own, other = shown(e.other.own), shown(e.other.percent)
         return (
-            f"These logs fit another arm better: with the link lengths of {e.other.name} the model misses "
-            f"{other} % of the torque, with these {own} %."
+            f"These logs fit another arm better: with the link lengths of {e.other.name} the relative torque error is "
+            f"{other} %, with these {own} %."
         )
     if e.alarms:
         return "The robot file does not describe the arm of these logs."
@@ -51,78 +51,79 @@ def of_result(c: Case) -> str:
     """Return what a model is worth."""
     states, fitted, worst = c.states, c.evidence.fitted, c.worst_unseen()
     unseen, percent = states["unseen motion"], "" if fitted is None else shown(fitted)
+    trained = f"the training log{'s' * (len(c.evidence.logs) > 1)}"
     # What is missing is why the model is no better, and what to do about it.
     if c.gap.missing:
         return of_gap(c, nothing=False)
     if unseen == "bad" and worst:
-        rows = f", {percent} % on the fitted rows" if percent else ""
-        return f"Do not use this model yet: it misses {shown(worst.percent)} % of the torque of {worst.name}{rows}."
+        rows = f", {percent} % on {trained}" if percent else ""
+        return f"Do not use this model yet. Relative torque error {shown(worst.percent)} % on {worst.name}{rows}."
     if states["fit"] == "bad" and c.weak:
         names, most = ", ".join(c.weak), shown(max(c.weak.values()))
         up_to = "up to " if len(c.weak) > 1 else ""
         rest = f", {percent} % on all joints together" if percent else ""
-        return f"Do not use this model for {names}: it misses {up_to}{most} % of the torque there{rest}."
+        return (
+            f"Do not use this model for {names}: relative torque error {up_to}{most} % there{rest}."
+        )
     if states["fit"] == "bad":
-        much = f"{percent} %" if percent else "much"
-        return f"Do not use this model yet: it misses {much} of the torque it was fitted to."
+        much = f"Relative torque error {percent} % on" if percent else "It does not fit"
+        return f"Do not use this model yet. {much} {trained}."
     if states["physics"] == "bad":
         if unseen == "good":
             return (
-                "The torques are right up to their noise on motions that were not fitted, but no arm has such masses: "
-                "use this model for torques, not for its bodies."
+                "The model predicts held-out motions to within their noise, but its parameters are not physically "
+                "consistent: use it for torques, not for its links."
             )
-        return "Do not use this model yet: no arm with possible masses has these torques."
+        return "Do not use this model yet: no physically consistent parameters have these torques."
     if states["complete"] == "bad":
         return of_gap(c, nothing=False)
     if unseen == "open":
-        misses = f"misses {percent} % of the torque it was fitted to" if percent else "is there"
-        return f"The model {misses}; it was not tested on another motion."
+        error = f"Relative torque error {percent} % on {trained}. " if percent else ""
+        return f"{error}Not yet validated on another motion."
     if unseen == "good" or not worst:
         weak = " and ".join(text for name, text in FAIR.items() if states[name] == "fair")
         but = f", but {weak}" if weak else ""
-        return f"The model predicts motions that it was not fitted to, up to their noise{but}."
+        return f"The model predicts held-out motions to within their noise{but}."
     return _of_unseen(worst, c)
 
 
 def _of_unseen(worst: Unseen, c: Case) -> str:
-    """Return what a model is worth that misses more than noise on rows that were not fitted."""
-    misses = f"misses {shown(worst.percent)} % of the torque of {worst.name}, more than noise."
+    """Return what a model is worth whose held-out error is more than noise."""
+    error = f"Relative torque error {shown(worst.percent)} % on {worst.name}, more than noise."
     if c.worst_unseen(same_motion=False):
-        return f"The model is usable: it {misses}"
+        return f"The model is usable. {error}"
     why = f": {FAIR['knowledge']}" if c.states["knowledge"] == "fair" else ""
-    return f"The model {misses} Test it on another motion before you use it{why}."
+    return f"{error} Validate it on another motion before you use it{why}."
 
 
 #: What is said beside a model that predicts unseen motion, by the light that is only fair.
 FAIR = {
     "fit": "its fit is only fair",
-    "knowledge": "some parameters are known badly",
-    "physics": "its bodies are doubtful",
+    "knowledge": "some parameters are poorly determined",
+    "physics": "its physical consistency is doubtful",
     "complete": "an effect is missing",
 }
 
 
 def of_replay(unseen: Unseen, c: Case) -> str:
     """Return what a replayed log says."""
-    state, misses = (
-        unseen_state(unseen, c.evidence),
-        f"misses {shown(unseen.percent)} % of the torque",
-    )
+    state = unseen_state(unseen, c.evidence)
+    error = f"Relative torque error {shown(unseen.percent)} %"
     if state == "good":
         if unseen.same_motion:
-            return f"The model predicts {unseen.name} up to its noise, but that motion was fitted: test another one."
-        return f"The model predicts {unseen.name}, a motion that was not fitted, up to its noise."
+            return f"The model predicts {unseen.name} to within its noise, but was trained on this motion: try another."
+        return f"The model predicts {unseen.name}, a motion not used for training, to within its noise."
     if (surprise(unseen) or 0.0) > tuning.EXPECTED[0]:
-        much = f"it {misses} where {unseen.expected:.2g} % was expected"
+        much = f"{error} (expected {unseen.expected:.2g} %)"
         if unseen.same_motion:
             return (
-                f"Something has changed since the model was identified: {much}, on the same motion."
+                f"Something has changed since the model was identified. {much}, on the same motion."
             )
-        return f"The model is worse on {unseen.name} than it expected: {much}."
-    what = f"{misses} of {unseen.name}, a motion that was{'' if unseen.same_motion else ' not'} fitted."
+        return f"The model is worse on {unseen.name} than expected. {much}."
+    what = f"{error} on {unseen.name}, a motion{'' if unseen.same_motion else ' not'} used for training."
     if state == "bad":
-        return f"Do not use this model yet: it {what}"
-    return f"The model {what}" + (f" Do not use it for {', '.join(c.weak)}." if c.weak else "")
+        return f"Do not use this model yet. {what}"
+    return what + (f" Do not use it for {', '.join(c.weak)}." if c.weak else "")
 
 
 def of_changes(c: Case) -> str:
@@ -136,7 +137,7 @@ def of_changes(c: Case) -> str:
         return f"Nothing has changed{since} by more than {measure}."
     first, count = e.changes[0], len(e.changes) - 1
     more = f", and {count} more{' number' if count == 1 else ''}" if count else ""
-    moved = f"Numbers have moved by more than {measure}"
+    moved = f"Parameters differ by more than {measure}"
     what = "The arm has changed" if e.tolerance is None else moved
     kind = "" if first.p_value is None else "parameter "
     went = f"{first.before:.4g} to {first.after:.4g} {first.unit}".rstrip()
@@ -149,21 +150,17 @@ def of_gap(c: Case, *, nothing: bool) -> str:
     gap, changed = c.gap, c.gap.question == "changed"
     if nothing and c.odd:
         log = c.odd[0]
-        return (
-            f"These logs miss nothing, but the model misses {shown(log.percent)} % of the torque of {log.name}, "
-            "which was not searched."
-        )
+        error = f"relative torque error {shown(log.percent)} % there"
+        return f"These logs show no missing effect, but {log.name} was not searched: {error}."
     if gap.named:
         named = [named_effect(one, changed=changed) for one in gap.named]
-        return " ".join([*named, *["Nothing else is missing."] * nothing])
+        return " ".join([*named, *["No other effect is missing."] * nothing])
     if nothing and changed:
-        return (
-            "Nothing has changed since the model was identified: every joint is as it was expected."
-        )
+        return "No change since the model was identified: the error of every joint is as expected."
     if nothing and gap.repeats:
-        return "Nothing is missing: every joint is at its noise, on rows that were not used."
+        return "No missing effect found: on held-out data the residual of every joint is at its noise level."
     if nothing:
-        return "Nothing is missing: no joint is above the least noise that it can have, on rows that were not used."
+        return "No missing effect found: on held-out data no residual is above the lower bound of its noise level."
     return unexplained(c)
 
 
@@ -173,21 +170,21 @@ def unexplained(c: Case) -> str:
     if gap.events:
         one = gap.events[0]
         times = f"from {one.start:.1f} to {one.end:.1f} s of {one.log}"
-        return f"Something happened once: {one.size:.2g} {one.unit} on {one.joint}, {times}."
+        return f"A disturbance that does not repeat: {one.size:.2g} {one.unit} on {one.joint}, {times}."
     for effect in gap.effects:
         if not effect.named and (effect.probability or 0.0) >= 0.5:
             return likely_effect(effect)
     if gap.unrepeatable:
-        return f"What disturbs {', '.join(gap.unrepeatable)} does not repeat, so it is no property of the arm."
+        return f"The disturbance of {', '.join(gap.unrepeatable)} does not repeat, so it is no property of the arm."
     if (gap.surprise or 0.0) > tuning.EXPECTED[0]:
         return (
-            f"The model misses {gap.kept:.3g} % of the torque of these logs where {gap.expected:.2g} % was expected, "
-            "and no effect explains it."
+            f"Relative torque error {gap.kept:.3g} % on these logs (expected {gap.expected:.2g} %), "
+            "and no known effect explains it."
         )
     rows = zip(gap.joints, gap.before, gap.allowed, strict=True)
     most = tuning.MISSING[not gap.repeats]
     names = ", ".join(gap.more or (name for name, error, noise in rows if error > most * noise))
-    return f"Something is missing{' on ' * bool(names)}{names} that no effect explains."
+    return f"The residual{' of ' * bool(names)}{names} is above the noise, and no known effect explains it."
 
 
 def sizes_of(one: EffectEvidence) -> str:
@@ -195,37 +192,32 @@ def sizes_of(one: EffectEvidence) -> str:
     texts = []
     for name, value, error, unit in one.sizes:
         if error != 0.0 or unit:
-            number = f"about {value:.3g}" if error is None else with_error(value, error)
+            number = f"about {value:.3g}" if error is None else f"= {with_error(value, error)}"
             spread = f" +- {error:.2g}" if error else ""
             texts.append(f", {name} {number}{spread} {unit}".rstrip())
     return one.title + "".join(texts)
-
-
-def start(where: str) -> str:
-    """Return where an effect sits as the beginning of a sentence; names of joints stay as they are."""
-    return "The" + where[3:] if where.startswith("the ") else where
 
 
 def named_effect(one: EffectEvidence, *, changed: bool) -> str:
     """Return an effect that is proved, or one with others that explain as much."""
     if one.rivals:
         names = " or ".join((f"{one.title} on {one.where}", *one.rivals))
-        return f"Something is missing, and these explain it equally well: {names}."
+        return f"An effect is missing, and these explain it equally well: {names}."
     for name, value, error, unit in one.sizes:
         if one.effect == "payload" and name == "m":
             mass = with_error(abs(value), error) + (f" +- {error:.2g}" if error else "")
             word = "more" if value >= 0.0 else "less"
-            than = "when it was identified" if changed else "the model knows of"
+            than = "when it was identified" if changed else "its model"
             return f"The arm carries {mass} {unit} {word} than {than}."
-    since = "It was not there when the model was identified." if changed else "The model lacks it."
-    since = "The model corrects it already." if one.corrected else since
-    return f"{start(one.where)}: {sizes_of(one)}. {since}"
+    kind = "New effect since the model was identified" if changed else "Missing effect"
+    kind = "Corrected effect" if one.corrected else kind
+    return f"{kind} on {one.where}: {sizes_of(one)}."
 
 
 def likely_effect(one: EffectEvidence) -> str:
     """Return an effect that is not proved."""
-    why = f" It is not named: {one.why_not}." if one.why_not else ""
-    return f"{start(one.where)} may have {sizes_of(one)}.{why}"
+    why = f" Not named: {one.why_not}." if one.why_not else ""
+    return f"Likely effect on {one.where}: {sizes_of(one)}.{why}"
 
 
 # ---------------------------------------------------------------- why
@@ -250,7 +242,7 @@ def _change_reasons(changes: tuple[Change, ...]) -> Iterator[str]:
         times = (
             "less than once in 1,000,000" if p < 1e-6 else f"once in {float(f'{1 / p:.1g}'):,.0f}"
         )
-        yield f"Noise alone would do that to {changes[0].name} {times} comparisons."
+        yield f"Noise alone changes {changes[0].name} as much {times} comparisons."
 
 
 def _small_reasons(c: Case) -> Iterator[str]:
@@ -265,27 +257,25 @@ def _small_reasons(c: Case) -> Iterator[str]:
     who = f"{', '.join(others)} and {last}" if others else last
     carry, at = ("carry", f" on {worst.joint}") if others else ("carries", "")
     yield (
-        f"{who} {carry} little here: the model misses {error:.2g} of {worst.torque:.2g} {worst.unit}{at} "
-        f"({shown(percent)} %), {100 * error / (worst.limit or 1.0):.1g} % of what the joint is built for. "
-        f"That does for motion and simulation. It is too coarse to tell forces below "
+        f"{who} {carry} little torque here: rms error {error:.2g} of {worst.torque:.2g} {worst.unit}{at} "
+        f"({shown(percent)} %), {100 * error / (worst.limit or 1.0):.1g} % of the rated torque. "
+        f"Good enough for motion and simulation, too coarse to detect forces below "
         f"{tuning.AT_NOISE * error:.2g} {worst.unit} there."
     )
 
 
 def _replay_reasons(unseen: Unseen, c: Case, sentence: str) -> Iterator[str]:
     percent = f"{shown(unseen.percent)} %"
-    expected = f"{unseen.expected:.2g} % was expected" if unseen.expected else ""
+    expected = f" (expected {unseen.expected:.2g} %)" if unseen.expected else ""
     if percent not in sentence or unseen.name not in sentence:
-        and_expected = f"; {expected}" if expected else ""
-        yield f"The model misses {percent} of the torque of {unseen.name}{and_expected}."
+        yield f"Relative torque error {percent} on {unseen.name}{expected}."
     elif expected and expected not in sentence:
-        yield f"{expected} there."
+        yield f"The expected relative torque error was {unseen.expected:.2g} %."
     if far := farthest(unseen, c.evidence):
         joint, error, times = far
-        bound = "" if c.evidence.repeats else " at least"
-        so_many = "" if times <= tuning.AT_NOISE else f" ({times:.2g} times)"
-        noise = f"noise{bound} {floor(joint) or 0.0:.3g}{so_many}"
-        yield f"{joint.joint} is furthest from its noise there: {error:.3g} {joint.unit}, {noise}."
+        so_many = "" if times <= tuning.AT_NOISE else f", {times:.2g} times that"
+        noise = f"(noise {floor(joint) or 0.0:.3g}{c.or_more}{so_many})"
+        yield f"Largest residual relative to noise: {joint.joint}, {error:.3g} {joint.unit} {noise}."
 
 
 def _gap_reasons(c: Case) -> Iterator[str]:
@@ -296,7 +286,7 @@ def _gap_reasons(c: Case) -> Iterator[str]:
     for one in gap.named:
         if one.before is not None and one.after is not None:
             noise = f"; noise {noises[one.joint]:.3g}" if one.joint in noises else ""
-            what = "without and with the correction" if one.corrected else "on unseen rows"
+            what = "without and with the correction" if one.corrected else "on held-out data"
             sizes = f"{one.before:.3g} -> {one.after:.3g} {one.unit}"
             yield f"Error of {one.joint} {what} {sizes}{noise}."
     left = [row for row in rows if row[0] in gap.more]
@@ -305,14 +295,14 @@ def _gap_reasons(c: Case) -> Iterator[str]:
         count = len(left) - 1
         others = f", and on {count} more joint{'s' * (count > 1)}" if count else ""
         size = f"{after:.3g}{units.get(name, '')}, noise {floor_:.3g}"
-        yield f"More than noise is left on {name}: {size}{others}."
+        yield f"Residual above the noise on {name}: {size}{others}."
     if not gap.named and not gap.events and rows:
         name, error, _, floor_ = max(rows, key=lambda row: row[1] / max(row[3], 1e-12))
-        noise = f"noise{'' if gap.repeats else ' at least'} {floor_:.3g}"
-        size = f"{error:.3g}{units.get(name, '')} on unseen rows"
-        yield f"{name} is furthest from its noise: {size}, {noise}."
+        size = f"{error:.3g}{units.get(name, '')} on held-out data (noise {floor_:.3g}{c.or_more})"
+        yield f"Largest residual relative to noise: {name}, {size}."
     if gap.kept is not None and gap.expected:
-        yield f"The model as it was misses {gap.kept:.3g} % of these torques; {gap.expected:.3g} % was expected."
+        percent = f"{gap.kept:.3g} % (expected {gap.expected:.3g} %)"
+        yield f"Relative torque error of the original model on these logs: {percent}."
 
 
 # ---------------------------------------------------------------- several facts together
@@ -332,7 +322,7 @@ def warnings(c: Case) -> Iterator[str]:
     if e.gap is not None and not e.gap.repeats:
         yield "The noise is a lower bound, because no motion is repeated: record each motion twice."
     if c.states["physics"] == "bad" and e.physical:
-        yield "Torques may be right where masses are not: use this model for the fitted motions only."
+        yield "Torques may be right where masses are not: use this model for the training motions only."
 
 
 # ---------------------------------------------------------------- what to do next
@@ -356,7 +346,7 @@ def steps(c: Case) -> Iterator[Step]:
     e, states = c.evidence, c.states
     if e.asked == "change" and e.changes and e.earlier_result:
         command = f"{shell('dynid', 'gap', folder_of(e.earlier_result), *c.logs)} --ask changed"
-        yield Step("Ask what has changed, such as a load, friction or a sensor.", command)
+        yield Step("Search for what has changed, such as a load, friction or a sensor.", command)
     if e.other is not None:
         why = f"Check whether the log is of {e.other.name}, and use the robot file of the arm that made it."
         yield Step(why, shell("dynid", "check", c.logs[0], "--robot", e.other.name), (*states,))
@@ -370,15 +360,15 @@ def steps(c: Case) -> Iterator[Step]:
     if states["knowledge"] != "good":
         left = f"{e.open} parameters are not determined: plan" if e.open else "Plan"
         command = shell("dynid", "trajectory", e.robot)
-        yield Step(f"{left} a longer motion that shows more.", command, ("knowledge",))
+        yield Step(f"{left} a longer motion that excites more.", command, ("knowledge",))
     if states["complete"] == "open":
-        why = "Ask whether an effect is missing; recordings of the same motion twice tell it best."
+        why = "Search for missing effects; two recordings of one motion measure the noise."
         yield Step(why, c.search, ("complete",))
     if states["fit"] == "open":
         yield Step("Identify the arm.", shell("dynid", "identify", e.robot, "LOG"), ("fit",))
     if states["physics"] == "open":
         command = f"{shell('dynid', 'identify', e.robot, *c.logs)} --feasible"
-        yield Step("Ask whether an arm with such parameters can exist.", command, ("physics",))
+        yield Step("Estimate physically consistent parameters.", command, ("physics",))
     if "bad" not in states.values() and states["unseen motion"] == "good":
         command = f"{shell('dynid', 'export', c.run)} --format urdf"
         yield Step("Use the model in a simulator or a controller.", command)
@@ -388,7 +378,7 @@ def _doubt_steps(c: Case) -> Iterator[Step]:
     e, states = c.evidence, c.states
     doubtful = tuple(name for name in ("physics", "fit") if states[name] not in ("good", "open"))
     if doubtful and not c.searched:
-        yield Step("Search for the effect that the model lacks.", c.search, (*doubtful, "complete"))
+        yield Step("Search for the missing effect.", c.search, (*doubtful, "complete"))
     elif doubtful:
         link = _weakest(c)
         why = f"Give what is known of the arm, such as the mass of link {link} from its data sheet, and identify again."
@@ -399,13 +389,13 @@ def _doubt_steps(c: Case) -> Iterator[Step]:
 def _unseen_steps(c: Case) -> Iterator[Step]:
     e, states = c.evidence, c.states
     if states["unseen motion"] == "open":
-        why = "The model was not tested on another motion: replay a recording of one."
+        why = "Validate the model on a recording of another motion."
         yield Step(why, f"{shell('dynid', 'validate', c.run)} LOG", ("unseen motion",))
     elif states["unseen motion"] != "good" and not c.searched:
-        why = "Ask what is missing, or has changed, on the motion that the model does not predict."
+        why = "Search for what is missing, or has changed, on the motion that the model does not predict."
         yield Step(why, c.search, ("unseen motion", "complete"))
     elif states["unseen motion"] != "good":
-        why = "Add a recording of another motion to the fitted ones, so that the model need not guess there."
+        why = "Add a recording of another motion to the training logs."
         log = next((each.log for each in e.unseen if each.log), "LOG")
         command = shell("dynid", "identify", e.robot, log, "--update", c.run)
         yield Step(why, command, ("unseen motion",))
@@ -420,13 +410,13 @@ def _weakest(c: Case) -> int:
 def _gap_steps(c: Case) -> Iterator[Step]:
     gap, e, logs = c.gap, c.evidence, c.gap.logs or ("LOG",)
     if gap.missing and not gap.ambiguous:
-        why = "Add what was found to a copy of the robot file, and identify the arm with it."
+        why = "Add the effect to a copy of the robot file, and identify the arm with it."
         command = f"{shell('dynid', 'gap', c.run, *logs)} --apply best"
         yield Step(why, command, ("complete", "fit", "unseen motion", "physics"))
         return
     for event in gap.events:
         times = f"{max(0.0, event.start):.1f}-{event.end:.1f}"
-        why = f"Leave out what happened once on {event.joint}, at {event.start:.1f} s."
+        why = f"Exclude the disturbance of {event.joint} at {event.start:.1f} s."
         command = shell("dynid", "identify", e.robot, event.log, "--exclude", times)
         yield Step(why, command, ("complete",))
     if gap.unrepeatable and not gap.events:
@@ -441,5 +431,5 @@ def _gap_steps(c: Case) -> Iterator[Step]:
         yield Step(why, box, ("complete", "physics", "fit"))
     else:
         file = str(PurePath(e.result).parent / "gap.npz") if e.result else "GAP.npz"
-        why = "Record the motion that decides, each run twice: repeats tell noise from effect."
+        why = "Record the motion that decides, twice: the difference of repeats is noise."
         yield Step(why, shell("dynid", "trajectory", e.robot, "--for-gap", file), ("complete",))

@@ -127,8 +127,8 @@ class BaseModel:
         alone, grouped, every = len(found.alone), len(found.combined), len(found.names)
         groups = self.rank - alone
         return (
-            f"Torques of {self.robot.name} show {alone} of its {every} parameters alone and {grouped} in {groups} "
-            f"groups; no motion shows the other {len(found.none)}."
+            f"{self.robot.name}: of {every} parameters {alone} are identifiable alone, {grouped} only in {groups} "
+            f"linear combinations, {len(found.none)} not at all: {self.rank} base parameters."
         )
 
     @property
@@ -136,7 +136,7 @@ class BaseModel:
         """What the symbols of the class table mean, and how many parameters each class has."""
         found = self.reduction
         totals = f"totals  {len(found.alone)}   {len(found.combined)}   {len(found.none)}   = {len(found.names)}"
-        return f"# alone   + combined   . none      {totals}"
+        return f"# alone   + in a combination   . not identifiable   {totals}"
 
     def to_dataframe(self) -> DataFrame:
         """Return the table of base parameters as a pandas DataFrame.

@@ -65,7 +65,7 @@ def residual_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str)
     words = [f"{kind}: {name}" for kind, name in names]
     axis.set_xticks(range(len(names)), words, rotation=50, ha="right")
     if title:
-        what = "residual power over noise power. 1 is the noise; above 1.25 something is missing"
+        what = "residual power over noise power. 1 is the noise; above 1.25 an effect is missing"
         figure.suptitle(f"{label(title, TITLE_LENGTH)}: {what}", wrap=True)
     return figure
 

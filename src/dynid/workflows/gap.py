@@ -116,7 +116,7 @@ def _answered(search: _Search, new: Sequence[Log], before: Sequence[Log]) -> Gap
         if named or search.judged(found, new).verdict == found.verdict:
             return found
         # Why: new numbers for all parameters take in a load, and the model as it is does not.
-        why += ", and the model as it is misses more than it expected."
+        why += ", and the error of the model is larger than expected."
         changed = search.ask("changed", new, (), why)
         return changed if changed.named else found
     changed = search.ask("changed", new, before, ASKED["changed"])

@@ -44,9 +44,9 @@ T = TypeVar("T")
 #: What the verdicts mean.
 VERDICTS = {
     "named": "named",
-    "nothing_missing": "nothing is missing",
+    "nothing_missing": "no missing effect",
     "nothing_changed": "nothing has changed since the model was identified",
-    "unexplained": "something is missing, and no effect of the catalogue explains it",
+    "unexplained": "a residual above the noise that no effect of the catalogue explains",
     "ambiguous": "several effects fit equally well",
 }
 #: A joint with a larger share of the disagreement of all joints is told.
@@ -254,7 +254,7 @@ class Gap(Judged, GapRecord):
 
     def plot_improvement(self) -> Figure:
         """Return a figure of the held-out error of each joint before and after, with the noise."""
-        title = f"{self.robot}: the gap on unseen data ({self.heldout})"
+        title = f"{self.robot}: the gap on held-out data ({self.heldout})"
         return improvement_figure(self.improvement, self.joint_names, self.torque_units, title)
 
     def plot_effects(self) -> list[Figure]:

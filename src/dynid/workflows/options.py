@@ -301,7 +301,7 @@ class GapOptions(LogOptions):
     )
     false_alarm: float = option(
         "1%",
-        "Probability of naming an effect in logs where nothing is missing.",
+        "Probability of naming an effect in logs where none is missing.",
         metavar="SHARE",
         shown="",
         read=share,

@@ -109,8 +109,8 @@ class Validation(Judged):
             {
                 "joint": quality.joint,
                 "rms error": quality.rms,
-                "rms torque": quality.torque_rms,
-                "unexplained %": quality.relative_percent,
+                "torque rms": quality.torque_rms,
+                "error %": quality.relative_percent,
                 "rms of baseline": quality.baseline_rms,
                 "unit": joint.torque_unit,
             }

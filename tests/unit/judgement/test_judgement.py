@@ -222,7 +222,7 @@ def test_nothing_is_missing_only_where_every_joint_is_at_its_noise_and_the_model
 ):
     evidence = replace(some_evidence(seed), asked="gap")
     judged = judge(evidence)
-    says = judged.sentence.startswith(("Nothing is missing", "Nothing has changed"))
+    says = judged.sentence.startswith(("No missing effect", "No change since"))
     gap = evidence.gap
     if says and gap is not None:
         assert not gap.effects
@@ -249,8 +249,8 @@ def test_a_wrist_that_misses_much_of_a_small_torque_does_not_make_the_arm_useles
     assert judged.light("fit").state == "fair"
     assert not judged.sentence.startswith("Do not use")
     assert judged.reasons == (
-        "wrist carries little here: the model misses 0.14 of 0.6 N m (23 %), 0.4 % of what the joint is built for. "
-        "That does for motion and simulation. It is too coarse to tell forces below 0.28 N m there.",
+        "wrist carries little torque here: rms error 0.14 of 0.6 N m (23 %), 0.4 % of the rated torque. "
+        "Good enough for motion and simulation, too coarse to detect forces below 0.28 N m there.",
     )
     wrong = judge(Evidence(joints=(shoulder, replace(wrist, fitted=1.2)), fitted=2.6))
     assert wrong.light("fit").state == "bad"
@@ -267,7 +267,7 @@ def test_a_search_says_nothing_of_a_replay_that_it_has_not_seen():
     assert judged.light("complete").state == "fair"
     assert judged.steps[0].command == "dynid gap out/arm loaded.bag"
     assert judge(replace(known, asked="gap")).sentence == (
-        "These logs miss nothing, but the model misses 26 % of the torque of loaded.bag, which was not searched."
+        "These logs show no missing effect, but loaded.bag was not searched: relative torque error 26 % there."
     )
 
 
@@ -276,17 +276,17 @@ def contradictions(judged: Judgement) -> list[str]:
     states, text = {light.name: light.state for light in judged.lights}, judged.sentence
     found = []
     praised = text.startswith(
-        ("The model predicts", "Nothing is missing", "Nothing has changed since the model")
+        ("The model predicts", "No missing effect", "No change since the model")
     )
     if text.startswith("Do not use") and "bad" not in states.values():
         found.append("a warning without a red light")
-    if text.startswith("The model predicts motions") and "bad" in states.values():
+    if text.startswith("The model predicts held-out motions") and "bad" in states.values():
         found.append("praise beside a red light")
-    if "was not tested on another motion" in text and states["unseen motion"] != "open":
+    if "Not yet validated" in text and states["unseen motion"] != "open":
         found.append("not tested, and tested")
     if any("export" in step.command for step in judged.steps) and "bad" in states.values():
         found.append("to be used, and bad")
-    if text.startswith("Nothing") and "change" not in text and states["complete"] != "good":
+    if text.startswith("No missing effect") and states["complete"] != "good":
         found.append("nothing missing, and something")
     if praised and any("lower bound" in each for each in judged.warnings) and "repeat" in text:
         found.append("praised for repeats that there are not")
@@ -328,7 +328,7 @@ def test_torques_that_are_proved_are_not_bad_because_no_arm_weighs_so_much():
     judged = judge(known)
     assert judged.light("physics").state == "bad"
     assert judged.state == "fair"
-    assert "use this model for torques, not for its bodies" in judged.sentence
+    assert "use it for torques, not for its links" in judged.sentence
     assert not any("export" in step.command for step in judged.steps)
     assert judge(replace(known, unseen=())).state == "bad"
 

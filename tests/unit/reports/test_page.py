@@ -186,7 +186,7 @@ def test_the_summary_shows_names_as_they_are(gathered):
     assert lines[0] == r'### \<b\>x \& "y"\</b\>'
     name = r'\<b\>x \& "y"\</b\>'
     percent = f"{gathered.unseen[0].percent:.2g} %"
-    assert f"| 🟡 fair | unseen motion | {percent} unexplained on {name} |" in lines
+    assert f"| 🟡 fair | validation | relative torque error {percent} on {name} |" in lines
     assert (
         "| ⚪ untested | missing effects | nobody has searched for missing effects: dynid gap |"
         in lines
