@@ -83,7 +83,7 @@ def sentences(gathered: Gathered) -> list[str]:
     open_ = found.knowledge.count(NOT_DETERMINED)
     rest = f", {open_} are not determined by the logs" if open_ else ""
     parameters = (
-        f"{known} of {len(found.names)} base parameters are known as well as the torques need{rest}. "
+        f"{known} of {len(found.names)} base parameters are determined well enough for the torques{rest}. "
         f"Predictions use the {USED[found.in_force]}."
     )
     return [judged.sentence, *judged.reasons, *judged.warnings, fitted, parameters]
