@@ -38,10 +38,17 @@ def runner():
 @pytest.fixture
 def dynid(tmp_path):
     """The command line in processes of its own, with an empty home and folder."""
-    folder, home = tmp_path / "work", tmp_path / "home"
-    folder.mkdir()
-    home.mkdir()
-    return Runner(folder, home)
+    return Runner(tmp_path / "work", tmp_path / "home")
+
+
+@pytest.fixture(scope="session")
+def story(tmp_path_factory):
+    """The shipped log of the LWR4+ identified, with its report, in ``out/arm``: a folder that tests only add to."""
+    folder = tmp_path_factory.mktemp("story")
+    run = Runner(folder, folder / "home")
+    bag = ROOT / "trajectories" / "lwr4plus_identify.bag"
+    run.answer = run(f"identify kuka_lwr4plus {bag} -o out/arm --json").facts
+    return run
 
 
 def _unskipped(report):

@@ -22,11 +22,13 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-TOY = Path(__file__).parent / "cli" / "toy.py"
 #: Programs of the tests by their first word; every other command line is one of dynid.
-PROGRAMS = {"toy": TOY, "watched-driver": Path(__file__).parent / "ros" / "watched_driver.py"}
+PROGRAMS = {
+    "toy": ROOT / "tests" / "cli" / "toy.py",
+    "watched-driver": ROOT / "tests" / "ros" / "watched_driver.py",
+}
 #: Imported inside functions by the commands.
-LIBRARIES = (
+LIBRARIES = [
     "jinja2",
     "matplotlib.backends.backend_agg",
     "matplotlib.backends.backend_svg",
@@ -46,7 +48,7 @@ LIBRARIES = (
     "sqlite3",
     "sympy",
     "yaml",
-)
+]
 
 
 # ---------------------------------------------------------------- whoever wants a command run

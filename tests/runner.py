@@ -1,16 +1,17 @@
 """Run dynid in its own process with an empty home, an empty folder and no DYNID_* variables."""
 
+import json
 import os
 import pty
 import select
+import shlex
 import subprocess
 import sys
 import tempfile
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
-from forkserver import ROOT, TOY, Command, server
+from forkserver import PROGRAMS, ROOT, Command, server
 
 #: A command that has not ended by then hangs [s].
 LIMIT = 300
@@ -22,11 +23,20 @@ class Ended:
     out: str
     err: str
 
+    @property
+    def facts(self):
+        """The JSON answer of a command that went well."""
+        assert self.status == 0, self.err
+        return json.loads(self.out)
+
 
 class Runner:
+    """Commands are lines as a person types them; words after the line are taken as they are."""
+
     def __init__(self, folder, home):
-        self.folder = folder
-        self.home = home
+        self.folder, self.home = folder, home
+        for each in (folder, home):
+            each.mkdir(exist_ok=True)
         self.env = {
             "PATH": os.environ.get("PATH", ""),
             "PYTHONPATH": str(ROOT / "src"),
@@ -36,70 +46,61 @@ class Runner:
             "PYTHONDONTWRITEBYTECODE": "1",
         }
 
-    def words(self, args):
-        return [
-            sys.executable,
-            str(TOY) if args[:1] == ("toy",) else "-m",
-            *(() if args[:1] == ("toy",) else ("dynid",)),
-            *args,
-        ]
+    def forked(self, words, streams, env):
+        return Command(server(), words, self.folder, {**self.env, **env}, streams)
 
-    def __call__(self, *args, stdin=subprocess.DEVNULL, **env):
+    def __call__(self, line="", *more, stdin=None, **env):
         """Run with stdin not a terminal, in a fork; extra keywords are variables of the environment."""
-        with (
-            tempfile.TemporaryFile() as out,
-            tempfile.TemporaryFile() as err,
-            Path(os.devnull).open() as nothing,
-        ):
-            given = nothing if stdin is subprocess.DEVNULL else stdin
-            streams = [
-                each if isinstance(each, int) else each.fileno() for each in (given, out, err)
-            ]
-            status = Command(server(), args, self.folder, {**self.env, **env}, streams).wait(LIMIT)
-            out.seek(0)
-            err.seek(0)
-            return Ended(status, out.read().decode(), err.read().decode())
+        with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+            nothing = os.open(os.devnull, os.O_RDONLY)
+            streams = [nothing if stdin is None else stdin, out.fileno(), err.fileno()]
+            status = self.forked(split(line, *more), streams, env).wait(LIMIT)
+            os.close(nothing)
+            return Ended(status, *(read(each) for each in (out, err)))
 
-    def fresh(self, *args, stdin=subprocess.DEVNULL, **env):
-        """Run the same in a new interpreter, where its start matters."""
-        done = subprocess.run(
-            self.words(args),
-            cwd=self.folder,
-            env={**self.env, **env},
-            stdin=stdin,
-            capture_output=True,
-            timeout=LIMIT,
+    def fresh(self, *words, **options):
+        """Run the same in a new interpreter, where its start matters; keywords in capitals are variables."""
+        env = {name: options.pop(name) for name in list(options) if name.isupper()}
+        process = self.start(
+            *words, env={**self.env, **env}, stdout=-1, stderr=-1, text=True, **options
         )
-        return Ended(done.returncode, done.stdout.decode(), done.stderr.decode())
+        out, err = process.communicate(timeout=LIMIT)
+        return Ended(process.returncode, out, err)
 
-    def start(self, *args, **options):
-        return subprocess.Popen(self.words(args), cwd=self.folder, env=self.env, **options)
+    def start(self, line, *more, **options):
+        words = split(line, *more)
+        program = [PROGRAMS[words[0]]] if words[0] in PROGRAMS else ["-m", "dynid"]
+        return subprocess.Popen(
+            [sys.executable, *program, *words],
+            **{"cwd": self.folder, "env": self.env, "stdin": subprocess.DEVNULL, **options},
+        )
 
-    def typing(self, *args, keys=(), **env):
+    def typing(self, line, *more, keys=(), **env):
         """Run on a pseudo-terminal, in a fork; each key sequence is typed when the program waits for one."""
         master, slave = pty.openpty()
-        out = tempfile.TemporaryFile()  # noqa: SIM115
-        process = Command(
-            server(), args, self.folder, {**self.env, **env}, [slave, out.fileno(), slave]
-        )
-        os.close(slave)
-        shown, keys, end = b"", list(keys), time.monotonic() + LIMIT
-        while time.monotonic() < end:
-            ready, _, _ = select.select([master], [], [], 0.05)
-            if ready:
-                try:
-                    block = os.read(master, 65536)
-                except OSError:
+        with tempfile.TemporaryFile() as out:
+            process = self.forked(split(line, *more), [slave, out.fileno(), slave], env)
+            os.close(slave)
+            shown, keys, end = b"", list(keys), time.monotonic() + LIMIT
+            while time.monotonic() < end:
+                if select.select([master], [], [], 0.05)[0]:
+                    try:
+                        shown += os.read(master, 65536)
+                    except OSError:
+                        break
+                elif keys and shown.rstrip(b" ").endswith((b"]", b":", b"again", b"rebuild")):
+                    os.write(master, keys.pop(0).encode())
+                elif process.ended():
                     break
-                if not block:
-                    break
-                shown += block
-            elif keys and shown.rstrip(b" ").endswith((b"]", b":", b"again", b"rebuild")):
-                os.write(master, keys.pop(0).encode())
-            elif process.ended():
-                break
-        status = process.wait(5)
-        os.close(master)
-        with out:
-            out.seek(0)
-            return Ended(status, out.read().decode(), shown.decode())
+            status = process.wait(5)
+            os.close(master)
+            return Ended(status, read(out), shown.decode())
+
+
+def split(line, *more):
+    return [*shlex.split(line), *map(str, more)]
+
+
+def read(stream):
+    stream.seek(0)
+    return stream.read().decode()

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynid.estimation.result_files import load
 from dynid.loading import load_run
 from dynid.workflows.model import base_model_of
 
@@ -29,56 +28,23 @@ URDF = f"""<robot name="two"><link name="base"/>
 
 
 @pytest.fixture(scope="module")
-def shop(tmp_path_factory, runner):
-    """A folder with a result of the shipped log, the same log as npz, and one with a torque column scaled by 1.02."""
-    folder = tmp_path_factory.mktemp("shop")
-    (folder / "home").mkdir()
-    run = runner(folder, folder / "home")
-    assert (
-        run("check", str(IDENTIFY), "--robot", "kuka_lwr4plus", "--convert", "-o", "log").status
-        == 0
-    )
-    with np.load(folder / "log" / "log.npz") as archive:
+def scaled(story):
+    """The same folder with the log as log/log.npz, and one with a torque column scaled by 1.02."""
+    done = story(f"check {IDENTIFY} --robot kuka_lwr4plus --convert -o log")
+    assert done.err.splitlines()[-1].startswith("wrote      log/log.npz")
+    with np.load(story.folder / "log" / "log.npz") as archive:
         arrays = dict(archive)
-    arrays["tau"] = arrays["tau"] * np.array([1, 1, 1.02, 1, 1, 1, 1])
-    np.savez(folder / "scaled.npz", **arrays)
-    assert run("identify", "kuka_lwr4plus", str(IDENTIFY), "-o", "out/arm").status == 0
-    return run
+    arrays["tau"] = arrays["tau"] * np.where(np.arange(7) == 2, 1.02, 1)
+    np.savez(story.folder / "scaled.npz", **arrays)
+    return story
 
 
-@pytest.mark.slow
-def test_code_is_exported_compiled_and_compared(shop):
-    """C and Python need no bodies; their torques differ by rounding."""
-    done = shop("export", "out/arm", "--format", "c", "--format", "python", "--json")
-    answer = json.loads(done.out)
-    assert (done.status, answer["schema"]) == (0, "dynid/export/1")
-    checks = [check for file in answer["files"] for check in file["checks"]]
-    assert [(check["engine"], check["agrees"], check["states"]) for check in checks] == [
-        ("cc", True, 1000),
-        ("NumPy", True, 1000),
-    ]
-    assert max(check["largest_difference_nm"] for check in checks) < 1e-10
-    assert answer["wrote"] == ["out/arm/kuka_lwr4plus.c", "out/arm/kuka_lwr4plus.py"]
-    script = "import kuka_lwr4plus as arm; print(*arm.inverse_dynamics([0.3]*7, [0.2]*7, [0.1]*7).tolist())"
-    alone = subprocess.run(
-        [sys.executable, "-c", script], cwd=shop.folder / "out/arm", capture_output=True, text=True
-    )
-    stored = load_run(shop.folder / "out/arm")
-    observer = base_model_of(stored).model.observer(stored.reduction.base)
-    state = (np.full((1, 7), value) for value in (0.3, 0.2, 0.1))
-    expected = observer.torque(stored.theta, *state)[0]
-    np.testing.assert_allclose([float(word) for word in alone.stdout.split()], expected, atol=1e-10)
-
-
-def test_the_physical_set_is_accepted_by_every_simulator_and_the_plain_one_refused(shop):
+def test_every_format_gives_the_torques_of_the_result_and_impossible_bodies_are_refused(story):
     """All formats agree within 1e-6 N m; bodies that cannot exist need --allow-infeasible and are warned of."""
-    done = shop("export", "out/arm", "--format", "all", "--set", "physical", "-o", "all", "--json")
-    answer = json.loads(done.out)
-    assert (done.status, answer["impossible_links"]) == (0, [])
-    assert {
-        file["format"]: [check["engine"].split()[0] for check in file["checks"]]
-        for file in answer["files"]
-    } == {
+    answer = story("export out/arm --format all --set physical -o all --json").facts
+    assert (answer["schema"], answer["impossible_links"]) == ("dynid/export/1", [])
+    found = {file["format"]: file["checks"] for file in answer["files"]}
+    assert {name: [check["engine"].split()[0] for check in found[name]] for name in found} == {
         "urdf": ["MuJoCo"],
         "mjcf": ["MuJoCo"],
         "yaml": ["dynid"],
@@ -87,121 +53,109 @@ def test_the_physical_set_is_accepted_by_every_simulator_and_the_plain_one_refus
         "python": ["NumPy"],
         "matlab": ["Octave"] if shutil.which("octave-cli") else [],
     }
-    assert (
-        max(check["largest_difference_nm"] for file in answer["files"] for check in file["checks"])
-        < 1e-6
-    )
+    for name, checks in found.items():
+        for check in checks:
+            assert check["agrees"]
+            assert check["largest_difference_nm"] < (1e-10 if name in ("c", "python") else 1e-6)
+    assert found["c"][0]["states"] == 1000
     assert set(answer["origin"].values()) == {"data", "prior"}
-    assert sorted(path.name for path in (shop.folder / "all").iterdir()) == ["effects.py"] + [
-        f"kuka_lwr4plus{suffix}" for suffix in (".c", ".m", ".py", ".urdf", ".xml", ".yaml")
-    ]
-    stored = load(shop.folder / "out/arm/parameters.npz")
-    bad = shop.folder / "out/bad"
-    bad.mkdir()
+    folder = story.folder / "all"
+    suffixes = [".c", ".m", ".py", ".urdf", ".xml", ".yaml"]
+    assert {path.name for path in folder.iterdir()} == {
+        "effects.py",
+        *(f"kuka_lwr4plus{suffix}" for suffix in suffixes),
+    }
+    script = "import kuka_lwr4plus as arm; print(*arm.inverse_dynamics([0.3]*7, [0.2]*7, [0.1]*7).tolist())"
+    words = [sys.executable, "-c", script]
+    alone = subprocess.run(words, cwd=folder, capture_output=True, text=True)
+    stored = load_run(story.folder / "out/arm")
+    observer = base_model_of(stored).model.observer(stored.reduction.base)
+    state = (np.full((1, 7), value) for value in (0.3, 0.2, 0.1))
+    expected = observer.torque(stored.theta, *state)[0]
+    np.testing.assert_allclose([float(word) for word in alone.stdout.split()], expected, atol=1e-10)
+
     opposite = replace(stored.fit, theta=stored.plain - 3 * np.abs(stored.plain))
-    replace(stored, fit=opposite).save(bad / "parameters.npz")
-    refused = shop("export", "out/bad", "--format", "urdf", "--set", "plain", "-o", "plain")
+    (story.folder / "out/bad").mkdir()
+    replace(stored, fit=opposite).save(story.folder / "out/bad/parameters.npz")
+    line = "export out/bad --format urdf --set plain -o plain"
+    refused = story(line)
     assert (refused.status, refused.out) == (1, "")
-    assert refused.err.splitlines()[0].startswith("error[E404] no body has the parameters of link ")
-    assert not (shop.folder / "plain").exists()
-    allowed = shop(
-        "export",
-        "out/bad",
-        "--format",
-        "urdf",
-        "--set",
-        "plain",
-        "-o",
-        "plain",
-        "--allow-infeasible",
-    )
+    assert refused.err.startswith("error[E404] no body has the parameters of link ")
+    assert not (story.folder / "plain").exists()
+    allowed = story(f"{line} --allow-infeasible")
     assert allowed.status == 0
-    assert allowed.err.splitlines()[0].startswith(
-        "warning[W409] no body has the parameters of link "
-    )
-    assert (shop.folder / "plain/kuka_lwr4plus.urdf").is_file()
+    assert allowed.err.startswith("warning[W409] no body has the parameters of link ")
+    assert (story.folder / "plain/kuka_lwr4plus.urdf").is_file()
 
 
-def test_exporting_twice_reuses_the_file_and_another_file_is_not_overwritten(shop):
+def test_exporting_twice_reuses_the_file_and_another_file_is_not_overwritten(story):
     """The same bytes are fine; a file that somebody changed needs --force."""
-    assert shop("export", "out/arm", "--format", "matlab").status == 0
-    again = shop("export", "out/arm", "--format", "matlab")
+    line, path = "export out/arm --format matlab", story.folder / "out/arm/kuka_lwr4plus.m"
+    assert story(line).status == 0
+    again = story(line)
     assert again.status == 0
     assert again.err.splitlines()[0] == "reused     out/arm/kuka_lwr4plus.m       (the same bytes)"
-    (shop.folder / "out/arm/kuka_lwr4plus.m").write_text("mine")
-    refused = shop("export", "out/arm", "--format", "matlab")
+    path.write_text("mine")
+    refused = story(line)
     assert refused.status == 7
-    assert refused.err.splitlines()[0].startswith("error[E702] out/arm/kuka_lwr4plus.m exists")
-    assert (shop.folder / "out/arm/kuka_lwr4plus.m").read_text() == "mine"
-    assert shop("export", "out/arm", "--format", "matlab", "--force").status == 0
-    assert (
-        (shop.folder / "out/arm/kuka_lwr4plus.m")
-        .read_text()
-        .startswith("function out = kuka_lwr4plus(what")
-    )
+    assert refused.err.startswith("error[E702] out/arm/kuka_lwr4plus.m exists")
+    assert path.read_text() == "mine"
+    assert story(f"{line} --force").status == 0
+    assert path.read_text().startswith("function out = kuka_lwr4plus(what")
 
 
-def test_an_urdf_option_without_the_format_is_refused(shop):
-    """It would be ignored silently."""
-    (shop.folder / "two.urdf").write_text(URDF)
-    done = shop("export", "out/arm", "--format", "c", "--urdf", "two.urdf", "-o", "none")
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("export out/arm --format c --urdf two.urdf -o none", "--urdf is for --format urdf"),
+        ("compare out/arm --tolerance 1%", "--tolerance needs a --baseline"),
+    ],
+)
+def test_an_option_that_would_be_ignored_is_wrong_usage(story, line, said):
+    (story.folder / "two.urdf").write_text(URDF)
+    done = story(line)
     assert (done.status, done.out) == (2, "")
-    assert done.err.splitlines()[0] == "error[E101] --urdf is for --format urdf"
-    assert not (shop.folder / "none").exists()
+    assert done.err.splitlines()[0] == f"error[E101] {said}"
+    assert not (story.folder / "none").exists()
 
 
 def test_a_urdf_becomes_a_robot_file_that_the_other_commands_read(dynid):
     """import, then check and model on what it wrote."""
     (dynid.folder / "two.urdf").write_text(URDF)
-    done = dynid("import", "two.urdf", "--json")
-    answer = json.loads(done.out)
-    assert (done.status, answer["schema"], answer["n_joints"]) == (0, "dynid/import/1", 2)
+    answer = dynid("import two.urdf --json").facts
+    assert (answer["schema"], answer["n_joints"]) == ("dynid/import/1", 2)
     assert answer["kinematics_largest_difference"] < 1e-12
     assert answer["mass_kg"] == pytest.approx(3.0, abs=1e-12)
     assert answer["wrote"] == ["out/two/two.yaml"]
-    checked = json.loads(dynid("check", "out/two/two.yaml", "--json").out)["checked"][0]
+    (checked,) = dynid("check out/two/two.yaml --json").facts["checked"]
     assert (checked["n_joints"], checked["robot"]) == (2, "two")
     assert checked["tool_at_zero_m"] == pytest.approx([0.4, 0, 0.3], abs=1e-12)
     # By hand: one inertia about the vertical axis a, seven parameters of the link behind b, three of friction each.
-    model = json.loads(dynid("model", "out/two/two.yaml", "-o", "out/two", "--json", "-y").out)
+    model = dynid("model out/two/two.yaml -o out/two --json -y").facts
     assert (model["n_parameters"], model["rank"]) == (2 * 14, 1 + 7 + 2 * 3)
 
 
 def test_a_file_that_is_no_urdf_is_refused(dynid):
     """With its own code, on stderr only."""
     (dynid.folder / "two.urdf").write_text("<sdf/>")
-    done = dynid("import", "two.urdf")
+    done = dynid("import two.urdf")
     assert (done.status, done.out) == (3, "")
-    assert done.err.splitlines()[0].startswith("error[E210] two.urdf")
+    assert done.err.startswith("error[E210] two.urdf")
     assert list(dynid.folder.iterdir()) == [dynid.folder / "two.urdf"]
 
 
 @pytest.mark.slow
-def test_a_result_is_as_its_baseline_and_a_scaled_torque_column_is_not(shop):
+def test_a_result_is_as_its_baseline_and_a_scaled_torque_column_is_not(scaled):
     """The regression job: the same log passes at a tolerance of 1 %, a column times 1.02 fails and is named."""
-    same = shop("identify", "kuka_lwr4plus", str(IDENTIFY), "-o", "out/again", "--no-report")
-    assert same.status == 0
-    passed = shop(
-        "compare", "out/again", "--baseline", "out/arm", "--tolerance", "1%", "--junit", "same.xml"
-    )
-    assert passed.status == 0
-    assert (
-        shop("identify", "kuka_lwr4plus", "scaled.npz", "-o", "out/scaled", "--no-report").status
-        == 0
-    )
-    failed = shop(
-        "compare",
-        "out/scaled",
-        "--baseline",
-        "out/arm",
-        "--tolerance",
-        "1%",
-        "--junit",
-        "scaled.xml",
-        "--json",
+    for name, log in (("again", IDENTIFY), ("scaled", "scaled.npz")):
+        line = f"identify kuka_lwr4plus {log} -o out/{name} --no-report"
+        assert scaled(line).status == 0
+    passed, failed = (
+        scaled(f"compare out/{name} --baseline out/arm --tolerance 1% --junit {name}.xml --json")
+        for name in ("again", "scaled")
     )
     answer = json.loads(failed.out)
-    assert (failed.status, answer["passed"]) == (1, False)
+    assert (passed.status, failed.status, answer["passed"]) == (0, 1, False)
     (comparison,) = answer["comparisons"]
     moved = [each["name"] for each in comparison["beyond_tolerance"]]
     assert moved[0] == "lwr_2_joint rms_nm"
@@ -213,49 +167,30 @@ def test_a_result_is_as_its_baseline_and_a_scaled_torque_column_is_not(shop):
     }
     expected = {f"lwr_{k}_joint": 2.0 if k == 2 else 0.0 for k in range(7)}
     assert torque == pytest.approx(expected, abs=1e-9)
-    counts = [
-        ET.parse(shop.folder / name).getroot().get("failures")
-        for name in ("same.xml", "scaled.xml")
-    ]
-    assert counts == ["0", "1"]
+    for name, failures in (("again", "0"), ("scaled", "1")):
+        assert ET.parse(scaled.folder / f"{name}.xml").getroot().get("failures") == failures
 
 
-def test_runs_become_one_table(shop):
+def test_runs_become_one_table(story):
     """Text, CSV and LaTeX; two runs of one arm."""
-    done = shop(
-        "compare", "out/arm", "out/arm/parameters.npz", "--csv", "all.csv", "--latex", "all.tex"
-    )
+    runs = ["out/arm", "out/arm/parameters.npz"]
+    done = story("compare", *runs, "--csv", "all.csv", "--latex", "all.tex")
     assert done.status == 0
     answer, _, head, *rows = done.out.splitlines()[:5]
     assert answer == "Nothing has changed since out/arm by more than its uncertainty."
-    assert re.split("  +", head) == [
-        "run",
-        "robot",
-        "method",
-        "rank",
-        "condition",
-        "unexplained",
-        "held out",
-        "weakest joint",
-    ]
-    assert [row.split()[0] for row in rows] == ["out/arm", "out/arm/parameters.npz"]
-    found = load_run(shop.folder / "out/arm")
-    with (shop.folder / "all.csv").open(newline="") as stream:
+    columns = "run, robot, method, rank, condition, unexplained, held out, weakest joint"
+    assert re.split("  +", head) == columns.split(", ")
+    assert [row.split()[0] for row in rows] == runs
+    found = load_run(story.folder / "out/arm")
+    with (story.folder / "all.csv").open(newline="") as stream:
         table = list(csv.DictReader(stream))
-    assert [row["run"] for row in table] == ["out/arm", "out/arm/parameters.npz"]
+    assert [row["run"] for row in table] == runs
     for row in table:
         assert [float(row[name]) for name in found.names] == found.theta.tolist()
-    lines = (shop.folder / "all.tex").read_text().splitlines()
+    lines = (story.folder / "all.tex").read_text().splitlines()
     assert lines[0] == r"\begin{tabular}{lrr}"
     assert lines[2] == r" & out/arm & out/arm/parameters.npz \\"
     assert len([line for line in lines if " & " in line]) == 1 + len(found.names) + 1
-
-
-def test_a_tolerance_without_a_baseline_is_wrong_usage(shop):
-    """Nothing could be compared."""
-    done = shop("compare", "out/arm", "--tolerance", "1%")
-    assert (done.status, done.out) == (2, "")
-    assert done.err.splitlines()[0] == "error[E101] --tolerance needs a --baseline"
 
 
 BATCH = f"""
@@ -268,56 +203,58 @@ jobs:
 
 
 @pytest.mark.slow
-def test_a_failing_job_does_not_stop_the_others_and_done_work_is_not_done_again(shop):
+def test_a_failing_job_does_not_stop_the_others_and_done_work_is_not_done_again(scaled):
     """A passed, a drifted and a broken job; the second time nothing is identified; a changed option runs one again."""
-    (shop.folder / "batch.yaml").write_text(BATCH)
-    done = shop("run", "batch.yaml", "--json", "--junit", "batch.xml", "-o", "jobs")
-    answer = json.loads(done.out)
-    assert done.status == 3
-    assert [job["outcome"] for job in answer["jobs"]] == ["passed", "beyond a limit", "failed"]
-    good, scaled, missing = (job["message"] for job in answer["jobs"])
+
+    def jobs(text=BATCH, more=""):
+        (scaled.folder / "batch.yaml").write_text(text)
+        done = scaled(f"run batch.yaml --json --junit batch.xml -o jobs {more}")
+        return done.status, json.loads(done.out)["jobs"]
+
+    status, first = jobs()
+    assert status == 3
+    assert [job["outcome"] for job in first] == ["passed", "beyond a limit", "failed"]
+    good, moved, missing = (job["message"] for job in first)
     assert good == ""
-    assert re.fullmatch(
-        r"limit +scaled: lwr_2_joint rms_nm \S+ -> \S+ \(\+\d+\.\d\d %\) and \d+ more", scaled
-    )
+    said = r"limit +scaled: lwr_2_joint rms_nm \S+ -> \S+ \(\+\d+\.\d\d %\) and \d+ more"
+    assert re.fullmatch(said, moved)
     assert missing.startswith("error[E301] no such file nowhere.bag")
-    root = ET.parse(shop.folder / "batch.xml").getroot()
-    assert (root.get("tests"), root.get("failures"), root.get("errors")) == ("3", "1", "1")
-    again = json.loads(shop("run", "batch.yaml", "--json", "-o", "jobs").out)
-    assert [job["reused"] for job in again["jobs"]] == [True, True, False]
-    (shop.folder / "batch.yaml").write_text(
-        BATCH.replace(
-            f"logs: {IDENTIFY}, baseline", f"logs: {IDENTIFY}, options: {{cutoff: 9}}, baseline"
-        )
-    )
-    third = json.loads(
-        shop("run", "batch.yaml", "--json", "-o", "jobs", "--only", "good", "--only", "scaled").out
-    )
-    assert [job["reused"] for job in third["jobs"]] == [False, True]
+    root = ET.parse(scaled.folder / "batch.xml").getroot()
+    assert [root.get(key) for key in ("tests", "failures", "errors")] == ["3", "1", "1"]
+    assert [job["reused"] for job in jobs()[1]] == [True, True, False]
+    other = BATCH.replace(f"{IDENTIFY},", f"{IDENTIFY}, options: {{cutoff: 9}},")
+    third = jobs(other, "--only good --only scaled")[1]
+    assert [job["reused"] for job in third] == [False, True]
 
 
-def test_an_option_that_identify_does_not_have_fails_its_job_and_the_nearest_is_offered(shop):
-    (shop.folder / "wrong.yaml").write_text(
+def test_an_option_that_identify_does_not_have_fails_its_job_and_the_nearest_is_offered(story):
+    (story.folder / "wrong.yaml").write_text(
         f"jobs: [{{robot: kuka_lwr4plus, logs: {IDENTIFY}, options: {{cutof: 8}}}}]"
     )
-    done = shop("run", "wrong.yaml")
+    done = story("run wrong.yaml")
     assert done.status == 2
     assert "did you mean '--cutoff'" in done.out
 
 
-def test_the_report_is_one_file_beside_the_result(shop):
+def test_the_report_is_one_file_beside_the_result(story):
     """With a summary for a pull request; the verdict is the answer; a second run gives the same bytes."""
-    done = shop("report", "out/arm", "--json")
-    answer = json.loads(done.out)
-    assert (done.status, answer["schema"], len(answer["verdict"])) == (0, "dynid/report/1", 3)
+    answer = story("report out/arm --json").facts
+    assert (answer["schema"], len(answer["verdict"])) == ("dynid/report/1", 3)
     assert answer["wrote"] == ["out/arm/report.html", "out/arm/summary.md"]
-    page, summary = ((shop.folder / path).read_text(encoding="utf-8") for path in answer["wrote"])
+    page, summary = ((story.folder / path).read_text(encoding="utf-8") for path in answer["wrote"])
     lead = html.unescape(re.search(r'<p class="lead">(.*?)</p>', page, flags=re.S)[1])
     assert lead == " ".join(answer["verdict"])
-    assert re.findall(r'<li class="(\w+)"><span class="dot"', page) == list(
-        answer["lights"].values()
-    )
+    lights = re.findall(r'<li class="(\w+)"><span class="dot"', page)
+    assert lights == list(answer["lights"].values())
     assert summary.splitlines()[0] == "### KUKA LWR4+"
-    again = shop("report", "out/arm")
+    again = story("report out/arm")
     assert (again.status, again.out.splitlines()) == (0, answer["verdict"])
-    assert (shop.folder / "out/arm/report.html").read_text(encoding="utf-8") == page
+    assert (story.folder / "out/arm/report.html").read_text(encoding="utf-8") == page
+
+
+def test_the_shipped_log_has_the_rank_of_the_arm_and_predicts_the_other(story):
+    assert story.answer["rank"] == 69
+    assert story.answer["heldout_relative_error_percent"] < 1.0
+    unseen = IDENTIFY.with_name("lwr4plus_validate.bag")
+    line = f"validate out/arm/parameters.npz {unseen} --exclude 10-1e12 --no-plot --json"
+    assert story(line).facts["relative_error_percent"] < 1.0

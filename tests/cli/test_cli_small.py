@@ -15,8 +15,6 @@ ROOT = Path(__file__).parents[2]
 
 
 # ---------------------------------------------------------------- explain
-
-
 def test_explain_alone_lists_every_code(dynid):
     """Each once, with a sentence."""
     *lines, pages = dynid("explain").out.splitlines()
@@ -35,47 +33,57 @@ def test_explain_alone_lists_every_code(dynid):
     ],
 )
 def test_a_misspelt_code_is_suggested(dynid, word, said):
-    done = dynid("explain", word)
+    done = dynid(f"explain {word}")
     assert (done.status, done.out) == (2, "")
     assert done.err.splitlines()[0] == f"error[E101] {said}"
 
 
+def test_explain_shows_a_page_of_the_documentation(dynid):
+    """Text on the terminal, the same with --json; an error's fix can be followed without a clone of the project."""
+    page = (ROOT / "docs/reference/robot-file.md").read_text()
+    assert dynid("explain robot-file").out.split() == page.split()
+    assert dynid("explain robot-file --json").facts["text"] == page
+
+
 # ---------------------------------------------------------------- completion
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("dynid doc", "doctor"),
+        ("dynid check --str", "--strict"),
+        ("dynid identify kuka", "kuka_lwr4plus"),
+        ("dynid gap --effects spring,stri", "spring,stribeck"),
+        ("dynid explain E30", "E307"),
+    ],
+)
+def test_the_shell_completes_commands_options_robots_effects_and_codes(dynid, line, expected):
+    words = len(line.split()) - 1
+    done = dynid(_DYNID_COMPLETE="bash_complete", COMP_WORDS=line, COMP_CWORD=str(words))
+    assert f"plain,{expected}" in done.out.split()
 
 
 def test_the_completion_script_is_valid_bash(dynid):
-    assert (
-        subprocess.run(["bash", "-n"], input=dynid("completion", "bash").out, text=True).returncode
-        == 0
-    )
-
-
-def test_the_shell_is_offered_commands_and_options(dynid):
-    done = dynid(_DYNID_COMPLETE="bash_complete", COMP_WORDS="dynid doc", COMP_CWORD="1")
-    assert done.out == "plain,doctor\n"
-    done = dynid(_DYNID_COMPLETE="bash_complete", COMP_WORDS="dynid check --str", COMP_CWORD="2")
-    assert done.out == "plain,--strict\n"
+    script = dynid("completion bash").out
+    assert subprocess.run(["bash", "-n"], input=script, text=True).returncode == 0
 
 
 # ---------------------------------------------------------------- doctor
 def test_doctor_says_what_works_and_what_is_lost(dynid):
     """Every check is in one of the two lists; what is missing comes with what is lost by it."""
-    done = dynid("doctor", "--json", DISPLAY="", ROS_MASTER_URI="http://localhost:1")
-    answer = json.loads(done.out)
-    assert done.status == 0
-    assert answer["works"] == [check["name"] for check in answer["checks"] if check["ok"]]
-    assert answer["does_not_work"] == [
-        check["name"] for check in answer["checks"] if check["ok"] is False
-    ]
-    assert {"Python", "numpy", "scipy", "sympy", "pyyaml", "click", "rich", "rosbags"} <= set(
-        answer["works"]
-    )
+    env = {"DISPLAY": "", "ROS_MASTER_URI": "http://localhost:1"}
+    answer = dynid("doctor --json", **env).facts
+    checks = {check["name"]: check for check in answer["checks"]}
+    for key, ok in (("works", True), ("does_not_work", False)):
+        assert answer[key] == [name for name, check in checks.items() if check["ok"] is ok]
+    needed = "Python numpy scipy sympy pyyaml click rich rosbags"
+    assert set(needed.split()) <= set(answer["works"])
     assert answer["does_not_work"][-2:] == ["ROS master", "display"]
-    said = dynid("doctor", DISPLAY="", ROS_MASTER_URI="http://localhost:1").out.splitlines()[-2:]
-    assert said == [
+    assert dynid("doctor", **env).out.splitlines()[-2:] == [
         "does not   ROS master; lost: record: start rosmaster --core, or set ROS_MASTER_URI",
         "does not   display; lost: preview window: pictures are saved instead",
     ]
+    assert checks["ROS 2"]["ok"] is None
+    assert "recordings are read without it" in checks["ROS 2"]["value"]
 
 
 def test_doctor_exits_6_when_a_package_it_needs_is_missing(dynid):
@@ -88,20 +96,17 @@ def test_doctor_exits_6_when_a_package_it_needs_is_missing(dynid):
 
 # ---------------------------------------------------------------- check
 def test_check_describes_a_robot_with_its_tool_at_zero(dynid):
-    done = dynid("check", "kuka_lwr4plus", "--json")
-    (checked,) = json.loads(done.out)["checked"]
+    (checked,) = dynid("check kuka_lwr4plus --json").facts["checked"]
     assert checked["n_joints"] == 7
     # 0.3105 + 0.4 + 0.39 + 0.078 m, the heights of the arm stretched upwards
     assert checked["tool_at_zero_m"] == pytest.approx([0, 0, 1.1785], abs=1e-9)
 
 
-ROBOT = "name: arm\nconvention: standard\njoints:\n  - {name: a, twist: 1.5708, d: 0.1}\n"
-
-
-@pytest.mark.parametrize(("words", "status"), [((), 0), (("--strict",), 1)])
-def test_strict_turns_warnings_into_status_1(dynid, words, status):
-    (dynid.folder / "arm.yaml").write_text(ROBOT)
-    done = dynid("check", "arm.yaml", *words)
+@pytest.mark.parametrize(("word", "status"), [("", 0), ("--strict", 1)])
+def test_strict_turns_warnings_into_status_1(dynid, word, status):
+    text = "name: arm\nconvention: standard\njoints:\n  - {name: a, twist: 1.5708, d: 0.1}\n"
+    (dynid.folder / "arm.yaml").write_text(text)
+    done = dynid(f"check arm.yaml {word}")
     assert done.status == status
     assert done.err.splitlines() == [
         "warning[W202] arm.yaml:4: joints[0].twist = 1.5708 is 3.7e-06 rad from 90 deg; 90 deg is used "
@@ -130,25 +135,3 @@ def test_sentences_are_folded_between_words_where_the_terminal_ends(monkeypatch,
     assert all(len(part) <= 80 and part.endswith("word") for part in (first, *more))
     assert all(part.startswith(" " * 11 + "word") for part in more)
     assert len(said("wrote")) == 1
-
-
-# ---------------------------------------------------------------- completion
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        ("dynid identify kuka", "kuka_lwr4plus"),
-        ("dynid gap --effects spring,stri", "spring,stribeck"),
-        ("dynid explain E30", "E307"),
-    ],
-)
-def test_the_shell_completes_robots_effects_and_codes(dynid, words, expected):
-    line = words.split()
-    done = dynid(_DYNID_COMPLETE="bash_complete", COMP_WORDS=words, COMP_CWORD=str(len(line) - 1))
-    assert f"plain,{expected}" in done.out.split()
-
-
-def test_explain_shows_a_page_of_the_documentation(dynid):
-    """Text on the terminal, the same with --json; an error's fix can be followed without a clone of the project."""
-    page = (ROOT / "docs/reference/robot-file.md").read_text()
-    assert dynid("explain", "robot-file").out.split() == page.split()
-    assert json.loads(dynid("explain", "robot-file", "--json").out)["text"] == page

@@ -97,10 +97,10 @@ def recorded(folder: Path, plugin: StoragePlugin, packed: bool = False) -> None:
 def test_a_recording_of_ros_2_is_checked_and_identified(plugin, dynid):
     recorded(dynid.folder / "recording", plugin)
     assert (dynid.folder / "recording" / "metadata.yaml").is_file()
-    done = dynid("check", "recording", "--robot", "ur5e", "--json")
+    done = dynid("check recording --robot ur5e --json")
     assert done.status == 0, done.err
     assert json.loads(done.out)["schema"] == "dynid/check/1"
-    done = dynid("identify", "ur5e", "recording", "--no-input", "--no-report", "--json")
+    done = dynid("identify ur5e recording --no-input --no-report --json")
     assert done.status == 0, done.err
     assert json.loads(done.out)["relative_error_percent"] < 5
 
@@ -109,7 +109,7 @@ def test_a_recording_of_ros_2_is_checked_and_identified(plugin, dynid):
 def test_messages_that_were_packed_one_by_one_are_told(plugin, dynid):
     recorded(dynid.folder / "recording", plugin, packed=True)
     for words in (["--robot", "ur5e"], []):
-        done = dynid("check", "recording", *words)
+        done = dynid("check recording", *words)
         assert done.status == 3
         assert "error[E304] every message of the recording is compressed" in done.err
 
@@ -123,21 +123,21 @@ def test_a_recording_without_joint_states_is_not_usable(plugin, dynid):
             writer.write(
                 connection, 10**9 * k, HUMBLE.serialize_cdr(HUMBLE.types[kind]("hello"), kind)
             )
-    answer = json.loads(dynid("check", "recording", "--json").out)
+    answer = json.loads(dynid("check recording --json").out)
     assert not answer["usable"]
     assert [finding["code"] for finding in answer["findings"]] == ["W333"]
-    assert "not usable: no joint states" in dynid("check", "recording").out
+    assert "not usable: no joint states" in dynid("check recording").out
 
 
 def test_doctor_says_what_of_ros_2_is_there(dynid):
-    found = {check["name"]: check for check in json.loads(dynid("doctor", "--json").out)["checks"]}
+    found = {check["name"]: check for check in json.loads(dynid("doctor --json").out)["checks"]}
     assert found["ROS 2"]["ok"] is None
     assert "recordings are read without it" in found["ROS 2"]["value"]
 
 
 def test_import_says_that_it_does_not_know_what_the_effort_column_is(dynid):
     (dynid.folder / "arm.urdf").write_text(urdf_text(ROBOT))
-    done = dynid("import", "arm.urdf", "--out", "made")
+    done = dynid("import arm.urdf --out made")
     assert "does not say what the effort column" in done.out, done.err
     made = (dynid.folder / "made" / "arm.yaml").read_text()
     assert "# torque: {source: motor_torque}" in made

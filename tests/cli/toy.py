@@ -10,8 +10,7 @@ import click
 from dynid.cli.commands import COMMANDS, Entry
 from dynid.cli.main import main
 from dynid.cli.options import dynid_command
-from dynid.cli.prompt import ask, confirm, input_hashes, may_write
-from dynid.cli.runfile import write_run
+from dynid.cli.prompt import ask, confirm
 from dynid.cli.session import Session
 from dynid.errors import ExitStatus, Finding, NotFinite
 
@@ -25,19 +24,6 @@ def asks(session, word, given, **_):
 def types_name(session, move, **_):
     confirm(session, NAME, move)
     session.answer("moved")
-
-
-def writes(session, word, samples, **_):
-    from dynid.npz import write_artifact  # NumPy comes with it, and most jobs do without
-
-    path, inputs = (
-        session.folder("arm") / "result.npz",
-        input_hashes({"log": Path(word)}, {"samples": samples}),
-    )
-    if may_write(session, path, inputs):
-        write_artifact(path, "dynid/toy/1", {"inputs": inputs}, {})
-        session.wrote(path)
-        write_run(path.parent, inputs)
 
 
 def values(session, samples, **_):
@@ -97,7 +83,6 @@ def waits(session, **_):
 JOBS = {
     "ask": asks,
     "typed": types_name,
-    "write": writes,
     "values": values,
     "talk": talks,
     "wide": prints_wide,

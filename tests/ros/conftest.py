@@ -56,7 +56,6 @@ def models(tmp_path_factory):
 
 @pytest.fixture
 def lab(tmp_path, master, models):
-    (tmp_path / "home").mkdir()
     shutil.copytree(models, tmp_path / "out")
     lab = Lab(tmp_path, master[1])
     yield lab

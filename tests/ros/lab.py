@@ -6,29 +6,18 @@ import signal
 import socket
 import subprocess
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import Review, StoredTrajectory, motion_hash, write_trajectory
-from forkserver import ROOT, Command, server
+from forkserver import Command, server
 from motions import there_and_back
+from runner import Ended, Runner
 
 #: A process that has not ended by then hangs [s].
 LIMIT = 90
-
-
-@dataclass
-class Ended:
-    status: int
-    out: str
-    err: str
-
-    @property
-    def facts(self):
-        return json.loads(self.out)
 
 
 class Child:
@@ -67,16 +56,9 @@ class Lab:
     """One folder, one master, any number of processes."""
 
     def __init__(self, folder, uri):
-        self.folder, self.uri, self.children = folder, uri, []
-        self.env = {
-            "PATH": os.environ["PATH"],
-            "PYTHONPATH": str(ROOT / "src"),
-            "HOME": str(folder / "home"),
-            "LANG": "C.UTF-8",
-            "ROS_MASTER_URI": uri,
-            "PYTHONDONTWRITEBYTECODE": "1",
-            "OMP_NUM_THREADS": "1",
-        }
+        self.folder, self.children = folder, []
+        self.env = Runner(folder, folder / "home").env
+        self.env |= {"ROS_MASTER_URI": uri, "OMP_NUM_THREADS": "1", "TERM": ""}
 
     def start(self, *words, **options):
         self.children.append(Child(words, self, **options))
@@ -91,6 +73,9 @@ class Lab:
     def record(self, robot, *words, **options):
         return self.start("record", robot, *words, **options).end()
 
+    def move(self, robot, trajectory, *words):
+        return self.record(robot, trajectory, "--move", robot, *words)
+
     def moving(self, robot, trajectory, *words, **options):
         """Start a recording and wait until the arm moves."""
         child = self.start("record", robot, trajectory, "--move", robot, *words, **options)
@@ -103,7 +88,7 @@ class Lab:
         driver.send(signal.SIGINT)
         ended = driver.end()
         assert ended.out, ended.err
-        return ended.facts
+        return json.loads(ended.out)
 
     def close(self):
         for child in self.children:

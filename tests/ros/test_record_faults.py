@@ -38,7 +38,7 @@ def test_a_fault_of_the_driver_stops_the_arm_and_keeps_the_log(
 ):
     trajectory = plan(robot, 4.0)
     driver = lab.driver(robot, "--pose", trajectory, "--fault", fault)
-    done = lab.record(robot, trajectory, "--move", robot, "--max-deviation", "0.1rad")
+    done = lab.move(robot, trajectory, "--max-deviation", "0.1rad")
     assert (done.status, done.out) == (status, "")
     assert f"error[{code}]" in done.err
     assert ("Arm stopped" in done.err or "emergency_stop is pressed" in done.err) == stopped
@@ -68,7 +68,7 @@ def test_a_driver_without_a_stop_is_not_moved(lab, plan):
     for robot in (KINOVA, LWR):
         trajectory = plan(robot)
         driver = lab.driver(robot, "--pose", trajectory, "--fault", "no-stop")
-        done = lab.record(robot, trajectory, "--move", robot)
+        done = lab.move(robot, trajectory)
         assert done.status == 6
         assert "error[E607]" in done.err
         assert lab.finish(driver)["commands"] == 0
@@ -147,7 +147,7 @@ def small_disk(tmp_path):
 def test_a_full_disk_stops_the_arm_and_keeps_what_was_written(lab, plan, small_disk):
     trajectory = plan(KINOVA, 5.0)
     driver = lab.driver(KINOVA, "--pose", trajectory)
-    done = lab.record(KINOVA, trajectory, "--move", KINOVA, "--out", small_disk)
+    done = lab.move(KINOVA, trajectory, "--out", small_disk)
     assert done.status == 6
     assert "error[E606]" in done.err
     assert "No space left" in done.err

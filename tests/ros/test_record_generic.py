@@ -55,7 +55,7 @@ def test_classes_of_messages_leave_no_folder_when_the_program_is_killed(tmp_path
 def test_an_arm_with_a_trajectory_controller_is_moved_and_recorded(lab, plan, words):
     trajectory = plan(UR, 3.0)
     driver = lab.driver(UR, "--pose", trajectory)
-    done = lab.record(UR, trajectory, "--move", UR, *words, "--json")
+    done = lab.move(UR, trajectory, *words, "--json")
     assert done.status == 0, done.err
     assert done.facts["lost"] == 0
     assert done.facts["largest_deviation_rad"] < 0.1
@@ -86,9 +86,7 @@ def test_an_arm_with_a_trajectory_controller_is_moved_and_recorded(lab, plan, wo
 def test_a_goal_that_goes_wrong_is_cancelled(lab, plan, fault, status, said):
     trajectory = plan(UR, 4.0)
     driver = lab.driver(UR, "--pose", trajectory, "--fault", fault)
-    done = lab.record(
-        UR, trajectory, "--move", UR, "--command-topic", ACTION, "--max-deviation", "0.1rad"
-    )
+    done = lab.move(UR, trajectory, "--command-topic", ACTION, "--max-deviation", "0.1rad")
     assert (done.status, done.out) == (status, "")
     assert said in done.err
     assert ("goal aborted" if "gives-up" in fault else "goal preempted") in done.err

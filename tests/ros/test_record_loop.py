@@ -134,7 +134,7 @@ def test_dropped_and_late_messages_are_survived_and_told(lab, plan):
     lab.driver(
         KINOVA, "--pose", trajectory, "--drop", "0.05", "--latency", "0.02", "--jitter", "0.005"
     )
-    done = lab.record(KINOVA, trajectory, "--move", KINOVA, "--json", "--no-convert")
+    done = lab.move(KINOVA, trajectory, "--json", "--no-convert")
     assert done.status == 0, done.err
     log = read_log(Path(lab.folder) / "out" / KINOVA / "log.bag", robot=load_robot(KINOVA))
     assert np.diff(log.t).max() >= 0.0199, "a dropped message is a gap in the stamps"

@@ -37,12 +37,8 @@ def test_nothing_moves_unless_a_person_or_the_option_names_the_robot(lab, plan):
     runs.append(lab.start(*words, "--yes", stdin=yes.stdout).end())
     yes.kill()
     yes.communicate()
-    lab.env |= {
-        "DYNID_MOVE": KINOVA,
-        "DYNID_RECORD_MOVE": KINOVA,
-        "DYNID_YES": "1",
-        "DYNID_NO_INPUT": "0",
-    }
+    lab.env |= dict.fromkeys(("DYNID_MOVE", "DYNID_RECORD_MOVE"), KINOVA)
+    lab.env |= {"DYNID_YES": "1", "DYNID_NO_INPUT": "0"}
     runs.append(lab.start(*words).end())
     for done in [*runs, Ended(closed.returncode, out, err)]:
         assert (done.status, done.out) == (7, ""), done.err
@@ -61,11 +57,8 @@ def test_a_file_of_the_folder_answers_nothing_and_moves_nothing(lab, plan):
         done = lab.record(KINOVA, trajectory)
         assert done.status in (2, 3)
         assert "which only you may set" in done.err or "unknown key" in done.err
-
-
-def test_the_name_cannot_stand_in_a_configuration_file(lab, plan):
-    (lab.folder / "dynid.yaml").write_text(f"record:\n  move: {KINOVA}\n")
-    done = lab.record(KINOVA, plan(KINOVA))
+    (lab.folder / "dynid.yaml").write_text(f"record: {{move: {KINOVA}}}\n")
+    done = lab.record(KINOVA, trajectory)
     assert done.status != 0
     assert "unknown key 'move'" in done.err
 
@@ -155,7 +148,7 @@ def test_what_preflight_refuses_is_not_sent(lab, plan):
 def test_the_default_rate_of_kinova_is_refused_with_the_launch_argument(lab, plan):
     trajectory = plan(KINOVA)
     lab.driver(KINOVA, "--pose", trajectory, "--rate", "10")
-    done = lab.record(KINOVA, trajectory, "--move", KINOVA)
+    done = lab.move(KINOVA, trajectory)
     assert done.status == 4
     assert "error[E314] joint states arrive at" in done.err
     assert "feedback_publish_rate:=0.01" in done.err
@@ -180,7 +173,7 @@ def test_the_arm_is_brought_to_the_start_when_asked(lab):
     path = store(lab.folder / "trajectory.npz", KINOVA, motion)
     pose = ",".join(str(x) for x in MIDDLE[KINOVA] + 0.06 * (np.arange(7) == 3))
     driver = lab.driver(KINOVA, "--pose", pose)
-    done = lab.record(KINOVA, path, "--move", KINOVA, "--go-to-start", "--json")
+    done = lab.move(KINOVA, path, "--go-to-start", "--json")
     assert done.status == 0, done.err
     assert done.facts["largest_deviation_rad"] < 0.03
     assert done.facts["seconds"] > 4.9
@@ -189,41 +182,32 @@ def test_the_arm_is_brought_to_the_start_when_asked(lab):
 
 def test_without_a_master_it_ends(lab, plan):
     lab.env["ROS_MASTER_URI"] = "http://127.0.0.1:1"
-    done = lab.record(KINOVA, plan(KINOVA), "--move", KINOVA)
+    done = lab.move(KINOVA, plan(KINOVA))
     assert done.status == 6
     assert "error[E602] no ROS master at http://127.0.0.1:1 (connection refused)" in done.err
 
 
 def test_a_silent_driver_is_told_from_an_absent_one(lab, plan):
     trajectory = plan(KINOVA)
-    done = lab.record(KINOVA, trajectory, "--move", KINOVA)
+    done = lab.move(KINOVA, trajectory)
     assert done.status == 6
     assert "error[E603] no node publishes anything" in done.err
     driver = lab.driver(KINOVA, "--drop", "1")
-    done = lab.record(KINOVA, trajectory, "--move", KINOVA)
+    done = lab.move(KINOVA, trajectory)
     assert done.status == 6
     assert "is advertised but silent for 2 s" in done.err
     driver.send(signal.SIGKILL)
 
 
 def test_sensors_are_zeroed_at_the_candle_pose(lab):
-    candle = Motion(
-        *(
-            part[:]
-            for part in (
-                np.array([0.0, 1.0]),
-                np.full((2, 7), np.pi),
-                np.zeros((2, 7)),
-                np.zeros((2, 7)),
-            )
-        )
-    )
+    still = np.zeros((2, 7))
+    candle = Motion(np.array([0.0, 1.0]), still + np.pi, still, still)
     path = store(lab.folder / "candle.npz", KINOVA, candle)
     lab.driver(KINOVA, "--torque-offset", "0.5", "--torque-noise", "0.01")
     done = lab.record(KINOVA, path, "--dry-run")
     assert "warning[W316]" in done.err
     assert "--zero-torques" in done.err
-    done = lab.record(KINOVA, path, "--move", KINOVA, "--zero-torques")
+    done = lab.move(KINOVA, path, "--zero-torques")
     assert done.status == 0, done.err
     torque = np.loadtxt(lab.folder / "out" / KINOVA / "log" / "torque.txt", skiprows=1)
     assert np.abs(torque.mean(axis=0)).max() < 0.02
@@ -234,7 +218,7 @@ def test_a_recording_is_not_overwritten_unasked(lab, plan):
     driver = lab.driver(LWR, "--pose", trajectory)
     bag = lab.folder / "out" / LWR / "log.bag"
     bag.write_bytes(b"precious")
-    done = lab.record(LWR, trajectory, "--move", LWR)
+    done = lab.move(LWR, trajectory)
     assert done.status == 7
     assert "error[E702]" in done.err
     assert bag.read_bytes() == b"precious"

@@ -1,4 +1,4 @@
-"""Checks of files return what was found, for programs that call them; the machine is diagnosed without imports."""
+"""Checks of files return what was found, for programs that call them."""
 
 from __future__ import annotations
 
@@ -11,15 +11,7 @@ from dynid import LogOptions
 from dynid.errors import NotFinite, WrongUsage
 from dynid.loading import checked_log
 from dynid.workflows.check import check
-from dynid.workflows.doctor import Check, Diagnosis, version_of
 from twolink import log
-
-
-def test_a_log_without_a_robot_is_described(tmp_path):
-    log(1).save(tmp_path / "log.npz")
-    (found,) = check([tmp_path / "log.npz"])
-    assert found.facts["joint_states"][0]["samples"] == len(log(1))
-    assert "driver:" in found.facts["snippet"]
 
 
 def test_columns_whose_names_say_nothing_are_asked_for(tmp_path):
@@ -49,13 +41,3 @@ def test_intervals_are_excluded_alike_however_they_are_written(arm, exclude):
 def test_what_is_no_interval_is_refused(exclude):
     with pytest.raises(WrongUsage, match=f"--exclude {exclude} is not an interval of time"):
         LogOptions(exclude=exclude)
-
-
-# ---------------------------------------------------------------- doctor
-
-
-def test_a_required_package_that_is_missing_makes_dynid_unusable():
-    fine, optional = Check("numpy", True, "2.0"), Check("display", False, "none", "preview window")
-    assert Diagnosis((fine, optional)).usable
-    assert not Diagnosis((replace(fine, ok=False), optional)).usable
-    assert version_of("no-such-package") is None

@@ -38,11 +38,6 @@ def test_the_first_run_is_the_reference_where_there_is_no_baseline(result, scale
     assert repr(found).splitlines()[-1].startswith("then against now: ")
 
 
-def test_a_tolerance_without_a_baseline_is_wrong_usage(result):
-    with pytest.raises(WrongUsage, match="--tolerance needs a --baseline"):
-        compare([result], tolerance=0.01)
-
-
 def test_another_arm_is_shown_but_not_judged_and_is_no_baseline(result):
     reduction = result.reduction
     first = reduction.base[0]

@@ -51,31 +51,11 @@ def test_a_suffix_of_no_format_is_refused_with_those_there_are(result, tmp_path)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_urdf_of_the_users_is_for_the_urdf_only(result, tmp_path):
-    with pytest.raises(WrongUsage, match="--urdf is for"):
-        export(result, tmp_path / "arm.c", ExportOptions(urdf=tmp_path / "own.urdf"))
-
-
 def impossible(result):
     """The result with a plain estimate whose nearest bodies have a negative mass of link 1."""
     plain = result.plain.copy()
     plain[result.names.index("m1R")] = -50.0
     return replace(result, fit=replace(result.fit, theta=plain))
-
-
-def test_bodies_that_cannot_exist_are_refused_before_anything_is_written(result, tmp_path):
-    options = ExportOptions(parameters="plain")
-    with pytest.raises(NotPhysical, match="parameters of link"):
-        export(impossible(result), tmp_path, options, formats=("c", "urdf"))
-    assert not list(tmp_path.iterdir())
-
-
-def test_bodies_that_cannot_exist_are_written_with_a_warning_when_they_are_wanted(result, tmp_path):
-    options = ExportOptions(parameters="plain", allow_infeasible=True)
-    made = export(impossible(result), tmp_path, options, formats=("urdf",))
-    assert [finding.code for finding in made.findings] == ["W409"]
-    assert 1 in made.facts()["impossible_links"]
-    assert (tmp_path / "arm.urdf").is_file()
 
 
 def test_a_program_with_an_indefinite_mass_matrix_is_refused_and_says_so_where_it_is_wanted(

@@ -13,6 +13,7 @@ from dynid import (
     earlier_logs,
     find_gap,
     identify,
+    load_log,
     load_robot,
     validate,
 )
@@ -34,6 +35,11 @@ def log(plan, noise, spring=0.0):
     return made
 
 
+def twice(*plans, spring=0.0):
+    """Each motion twice."""
+    return [log(plan, 10 * plan + k, spring) for plan in plans for k in range(2)]
+
+
 def rubbing(one, plan, friction):
     """The log with more Coulomb friction at the elbow."""
     _, _, qd, _ = twolink.motion(plan)
@@ -44,7 +50,7 @@ def rubbing(one, plan, friction):
 @pytest.fixture(scope="module")
 def springy(arm):
     """Two motions, each twice, of an arm with a spring, and what is identified without one."""
-    logs = [log(plan, 10 * plan + k, STIFFNESS) for plan in (1, 2) for k in range(2)]
+    logs = twice(1, 2, spring=STIFFNESS)
     return logs, identify(arm, logs[::2], IdentifyOptions(feasible=False))
 
 
@@ -140,8 +146,6 @@ def test_logs_of_a_result_are_found_again_where_they_are_what_they_were(arm, tmp
     paths = [tmp_path / f"{k}.npz" for k in range(2)]
     for k, path in enumerate(paths):
         log(1 + k, k).save(path)
-    from dynid import load_log
-
     read = [load_log(path, arm) for path in paths]
     result = identify(arm, read)
     new = log(3, 7)
@@ -168,38 +172,32 @@ def test_joints_are_names_numbers_and_ranges():
 @pytest.fixture(scope="module")
 def before_and_after(arm):
     """Two motions twice, what is identified from them, and two other motions twice with more friction at the elbow."""
-    old = [log(plan, 10 * plan + k) for plan in (1, 2) for k in range(2)]
-    new = [rubbing(log(plan, 10 * plan + k), plan, 0.3) for plan in (5, 6) for k in range(2)]
+    old = twice(1, 2)
+    new = [rubbing(one, plan, 0.3) for plan in (5, 6) for one in twice(plan)]
     return identify(arm, old), old, new
 
 
 @pytest.mark.slow
-def test_other_logs_are_asked_for_changes_first(before_and_after):
+def test_other_logs_are_asked_for_changes_first_which_are_applied_to_the_new_logs_alone(
+    before_and_after,
+):
+    """The arm identified again from all logs keeps the friction that it had, and has the change beside it."""
     result, old, new = before_and_after
     found = find_gap(result, new, earlier=old)
     assert (found.question, found.mode, found.verdict) == ("changed", "frozen", "named")
     assert [(one.effect, one.indices) for one in found.named] == [("coulomb_change", (1,))]
     assert found.named[0].values["c"] == pytest.approx(0.3, rel=0.1)
     assert found.asked.startswith("what has changed since the model was identified?")
-
-
-@pytest.mark.slow
-def test_what_has_changed_is_applied_to_the_new_logs_alone(before_and_after):
-    """The arm identified again from all logs keeps the friction that it had, and has the change beside it."""
-    result, old, new = before_and_after
-    found = find_gap(result, new, earlier=old).apply()
-    values = dict(zip(found.names, found.theta, strict=True))
+    applied = found.apply()
+    values = dict(zip(applied.names, applied.theta, strict=True))
     assert values["coulomb_change2_c"] == pytest.approx(0.3, rel=0.1)
     assert values["fc2"] == pytest.approx(twolink.COULOMB[1], rel=0.1)
-    assert len(found.log_sha256) == len(old) + len(new)
+    assert len(applied.log_sha256) == len(old) + len(new)
 
 
 @pytest.mark.slow
 def test_where_nothing_has_changed_all_logs_are_searched_for_what_was_always_missing(arm):
-    old, new = (
-        [log(plan, 10 * plan + k, STIFFNESS) for plan in plans for k in range(2)]
-        for plans in ((1, 2), (5, 6))
-    )
+    old, new = twice(1, 2, spring=STIFFNESS), twice(5, 6, spring=STIFFNESS)
     found = find_gap(identify(arm, old), new, GapOptions(effects=EFFECTS), earlier=old)
     assert (found.question, found.mode) == ("numbers", "refit")
     assert [one.effect for one in found.named] == ["spring"]
@@ -210,7 +208,7 @@ def test_where_nothing_has_changed_all_logs_are_searched_for_what_was_always_mis
 @pytest.mark.slow
 def test_nothing_has_changed_is_another_sentence_than_nothing_is_missing(before_and_after):
     result, old, _ = before_and_after
-    new = [log(plan, 10 * plan + k) for plan in (5, 6) for k in range(2)]
+    new = twice(5, 6)
     changed = find_gap(result, new, GapOptions(ask="changed"), earlier=old)
     missing = find_gap(result, new, GapOptions(ask="numbers"))
     assert (changed.verdict, missing.verdict) == ("nothing_changed", "nothing_missing")
@@ -221,7 +219,7 @@ def test_nothing_has_changed_is_another_sentence_than_nothing_is_missing(before_
 
 def carried_logs():
     """Return logs of the arm with a counterbalance of 40 N m at its shoulder."""
-    logs = [log(plan, 10 * plan + k) for plan in (1, 2) for k in range(2)]
+    logs = twice(1, 2)
     for one in logs:
         one.tau[:, 0] -= 40.0 * np.cos(one.q[:, 0])
     return logs
@@ -284,11 +282,8 @@ def test_nothing_is_never_said_of_a_model_that_misses_more_than_it_expected(
     result = stored(arm, tmp_path, monkeypatch)
     for file in (tmp_path / "logs").rglob("*.txt"):
         file.unlink()
-    loaded = []
-    for k in range(2):
-        one = log(3, 30 + k)
-        _, q, qd, qdd = twolink.motion(3)
-        loaded.append(replace(one, tau=one.tau + 0.3 * twolink.torque(q, qd, qdd)))
+    heavier = 0.3 * twolink.torque(*twolink.motion(3)[1:])
+    loaded = [replace(one, tau=one.tau + heavier) for one in twice(3)]
     found = find_gap(result, loaded, effects="payload,spring")
     assert not found.verdict.startswith("nothing")
     assert found.kept > 3 * found.expected
@@ -313,8 +308,7 @@ def test_the_error_after_is_that_of_apply_and_then_validate_on_the_log_held_out(
     for plan in (1, 2, 3):
         _, q, qd, qdd = twolink.motion(plan)
         added = HIDDEN[effect](q, qd, twolink.torque(q, qd, qdd))
-        for k in range(2):
-            one = log(plan, 10 * plan + k)
+        for k, one in enumerate(twice(plan)):
             one.tau[:, 1] += added
             logs.append(replace(one, source=Path(f"run{plan}{k}.csv")))
     found = find_gap(identify(arm, logs[:4], feasible=False), logs, effects=effect)
@@ -331,7 +325,7 @@ def test_the_error_after_is_that_of_apply_and_then_validate_on_the_log_held_out(
 @pytest.mark.slow
 def test_what_happened_once_is_told_with_the_option_that_leaves_it_out(arm):
     """A bump of 15 N m at 7 s of one of four runs."""
-    logs = [log(plan, 10 * plan + k) for plan in (1, 2) for k in range(2)]
+    logs = twice(1, 2)
     bump = 15.0 * np.exp(-(((logs[1].t - 7.0) / 0.15) ** 2))
     hit = logs[1].tau + np.column_stack([0.0 * bump, bump])
     logs = [replace(each, source=Path(f"run{k}.csv")) for k, each in enumerate(logs)]

@@ -49,16 +49,12 @@ def test_the_singular_values_are_those_of_the_stack_with_columns_of_unit_length(
     np.testing.assert_allclose(gather(result).singular_values, expected, rtol=1e-6)
 
 
-def test_the_page_and_the_summary_are_saved_beside_each_other(result, tmp_path):
+def test_the_page_and_the_summary_are_saved_and_a_notebook_shows_the_verdict(result, tmp_path):
     made = report(result)
     assert made.save(tmp_path) == [tmp_path / "report.html", tmp_path / "summary.md"]
     assert (tmp_path / "report.html").read_text(encoding="utf-8") == made.html
     assert (tmp_path / "summary.md").read_text(encoding="utf-8") == made.markdown
     assert made.facts()["lights"] == {light.name: light.state for light in made.judgement.lights}
-
-
-def test_a_notebook_shows_the_verdict(result):
-    made = report(result)
     shown = made._repr_html_()
     assert shown.count("<p>") == len(made.verdict)
     assert shown.count("<li>") == 5

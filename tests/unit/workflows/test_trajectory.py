@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dynid
-from dynid.errors import LimitBroken, WrongUsage
+from dynid.errors import WrongUsage
 from dynid.trajectory.scene import Box
 
 
@@ -103,10 +103,3 @@ def test_options_are_read_alike_from_words_and_from_values():
 def test_an_impossible_option_is_refused_when_it_is_made(options, says):
     with pytest.raises(WrongUsage, match=says):
         dynid.PlanOptions(**options)
-
-
-def test_points_beyond_a_limit_are_refused_with_the_joint(lwr):
-    points = np.zeros((3, 7))
-    points[1, 1] = 2.6
-    with pytest.raises(LimitBroken, match=r"lwr_1_joint reaches 2\.6 rad"):
-        dynid.plan_trajectory(lwr, waypoints=points)
