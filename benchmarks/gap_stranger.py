@@ -49,33 +49,37 @@ STEP, BAND, THIN = (
     10.0,
     40,
 )  # s of the fine grid; Hz below which sizes count; fine samples per row of least squares
-CATALOGUED = (
-    "torque_offset",
-    "viscous",
-    "coulomb",
-    "motor_inertia",
-    "asymmetric_viscous",
-    "nonlinear_viscous",
-    "load_friction",
-    "torque_gain",
-    "torque_constant",
-    "warmup_friction",
-    "torque_drift",
-    "position_friction",
-    "gear_friction",
-    "torque_ripple",
-    "spring",
-    "end_stop",
-    "joint_coupling",
-    "torque_crosstalk",
-    "joint_elasticity",
-    "backlash",
-    "encoder_offset",
-    "presliding_hysteresis",
-    "base_tilt",
-    "torque_delay",
-    "tool_force",
-)
+#: Law of the catalogue, and the name of its amplitude where that is the size that is drawn.
+CATALOGUED = {
+    "torque_offset": "c",
+    "viscous": "fv",
+    "coulomb": "fc",
+    "motor_inertia": "Im",
+    "asymmetric_viscous": "a",
+    "nonlinear_viscous": "a",
+    "load_friction": "a",
+    "torque_gain": "",
+    "torque_constant": "c",
+    "warmup_friction": "",
+    "torque_drift": "a",
+    "position_friction": "",
+    "gear_friction": "",
+    "torque_ripple": "",
+    "spring": "",
+    "end_stop": "a",
+    "joint_coupling": "",
+    "torque_crosstalk": "a",
+    "joint_elasticity": "compliance",
+    "backlash": "",
+    "encoder_offset": "offset",
+    "presliding_hysteresis": "a",
+    "base_tilt": "",
+    "torque_delay": "delay",
+    "tool_force": "",
+}
+#: The same of what is not drawn from the catalogue.
+OTHERS = {"stribeck": "a", "payload": "m", "coulomb_change": "c", "viscous_change": "v"}
+#: What the catalogue lacks, with its size to begin with where that is one number.
 OUTSIDE = (
     "ringing",
     "dead_band",
@@ -87,6 +91,17 @@ OUTSIDE = (
     "wander",
     "odd_product",
 )
+BEGIN = {
+    "load_friction": 0.03,
+    "gravity_part": 0.03,
+    "backlash": 0.002,
+    "torque_delay": 0.002,
+    "tool_force": 2.0,
+    "payload": 0.5,
+    "push": 5.0,
+    "coarse": 0.5,
+    "saturation": 0.1,
+}
 CHANGES = (
     "payload",
     "coulomb_change",
@@ -106,6 +121,7 @@ CHANGES = (
 )
 WHOLE = ("base_tilt", "torque_delay", "tool_force", "payload", "gravity_part", "push")
 LEFT_OUT = {"torque_offset": "offset", "viscous": "viscous", "coulomb": "coulomb"}
+PHASED = ("position_friction", "gear_friction", "torque_ripple")
 ONE_CLOCK = ("warmup_friction", "torque_drift")
 #: Largest plausible amplitude of laws whose amplitude has a scale of its own.
 LARGEST = {
@@ -166,6 +182,23 @@ class Hidden:
     size: float
     shape: dict
     visible: float = 0.0
+
+
+def spread(rng, low_, high, *size):
+    """Draw evenly in the logarithm."""
+    return np.exp(rng.uniform(np.log(low_), np.log(high), *size))
+
+
+def direction(rng):
+    """Draw a unit vector."""
+    vector = rng.normal(size=3)
+    return (vector / np.linalg.norm(vector)).tolist()
+
+
+def slopes(x, step=STEP):
+    """Return the first and the second differences of signals over time."""
+    first = np.gradient(x, step, axis=0)
+    return first, np.gradient(first, step, axis=0)
 
 
 # --- the arm --------------------------------------------------------------------------------------
@@ -246,7 +279,7 @@ def draw_arm(rng):
     arm.coulomb = load * rng.uniform(0.01, 0.06, n)
     arm.viscous = load * rng.uniform(0.02, 0.1, n) / arm.speed
     arm.offset = rng.normal(0, 0.01, n) * load
-    arm.width = np.exp(rng.uniform(np.log(0.0015), np.log(0.008), n))
+    arm.width = spread(rng, 0.0015, 0.008, n)
     arm.torque = 3 * load + np.max(np.abs(rigid), axis=0)
     return arm
 
@@ -303,8 +336,8 @@ def draw_reference(rng, arm, kind, seconds):
     soft = signal.butter(2, 3.0, fs=1 / STEP, output="sos")
     q = signal.sosfiltfilt(soft, q - q.mean(0), axis=0)
     q *= rng.uniform(0.5, 1.0, n) * arm.travel / np.abs(q).max(0)
-    fast = np.abs(np.gradient(q, STEP, axis=0)).max(0) / (arm.speed * rng.uniform(0.4, 1.0, n))
-    hard = np.abs(np.gradient(np.gradient(q, STEP, axis=0), STEP, axis=0)).max(0) / 12.0
+    speed, accel = (np.abs(each).max(0) for each in slopes(q))
+    fast, hard = speed / (arm.speed * rng.uniform(0.4, 1.0, n)), accel / 12.0
     q /= np.maximum(1, np.maximum(fast, hard))
     return q + rng.uniform(-0.3, 0.3, n) * arm.travel
 
@@ -326,8 +359,7 @@ def drive(arm, reference, rng, pull):
     """
     every = 2
     step, ref = every * STEP, reference[::every]
-    speed = np.gradient(ref, step, axis=0)
-    accel = np.gradient(speed, step, axis=0)
+    speed, accel = slopes(ref, step)
     ahead = rng.uniform(0.8, 1.0) * rigid_torque(arm, ref, speed, accel)
     mass = (
         np.mean([np.diag(pin.crba(arm.model, arm.data, q)) for q in ref[::500] + arm.rows[:, 3]], 0)
@@ -371,115 +403,86 @@ def drive(arm, reference, rng, pull):
 
 def draw_hidden(name, joint, rng, arm, ref):
     """Return a law with its shape drawn, and an amplitude to begin with."""
-    q = ref.q[:, joint]
-    span = np.ptp(q)
-    typical = arm.coulomb[joint]
-    size, shape = typical * rng.choice([-1, 1]), {}
-    if name == "stribeck":
-        size = typical
-        shape = {"vs": np.exp(rng.uniform(np.log(0.02), np.log(0.12))), "d": rng.uniform(0.6, 2.5)}
-    elif name == "nonlinear_viscous":
-        shape = {"p": rng.choice([rng.uniform(0.3, 0.6), rng.uniform(1.6, 3.0)])}
-    elif name in ("position_friction", "gear_friction", "torque_ripple"):
-        low, high = (0.7, 2.5) if name == "position_friction" else (8, 50)
-        shape = {
-            "k": np.exp(rng.uniform(np.log(low), np.log(high))),
-            "phase": rng.uniform(0, 2 * np.pi),
-        }
-    elif name == "spring":
-        shape = {"cubic": bool(rng.random() < 0.35), "rest": rng.uniform(-0.5, 0.5) * span}
-    elif name == "end_stop":
-        side = rng.choice([-1, 1])
-        shape = {
-            "side": int(side),
-            "q1": np.quantile(q, rng.uniform(0.65, 0.85) if side > 0 else rng.uniform(0.15, 0.35)),
-        }
-    elif name == "warmup_friction":
-        size, shape = (
-            typical,
-            {"tw": rng.uniform(20, 150), "ratio": rng.uniform(0, 1) / arm.speed[joint]},
-        )
-    elif name == "torque_drift":
-        size, shape = size / 100, {"tc": rng.choice([1e6, rng.uniform(40, 200)])}
-    elif name == "joint_coupling":
-        other = joint + 1 if joint == 0 or (joint + 1 < arm.n and rng.random() < 0.5) else joint - 1
-        shape = {
-            "other": int(other),
-            "ratio": rng.uniform(0, 1.5) * arm.speed[other],
-        }
-    elif name == "torque_crosstalk":
-        shape = {"other": int(rng.choice([k for k in range(arm.n) if k != joint]))}
-        size = rng.choice([-1, 1]) * 0.02
-    elif name in ("torque_gain", "torque_constant", "base_tilt", "encoder_offset"):
+    q, span, n = ref.q[:, joint], np.ptp(ref.q[:, joint]), arm.n
+    typical, speed, sign = arm.coulomb[joint], arm.speed[joint], rng.choice([-1, 1])
+    sizes = {
+        **BEGIN,
+        **dict.fromkeys(("stribeck", "warmup_friction", "presliding_hysteresis"), typical),
+        "torque_drift": typical * sign / 100,
+        "joint_elasticity": 0.003 / arm.torque[joint],
+        "viscous": arm.viscous[joint],
+        "coulomb": typical,
+        "motor_inertia": arm.rotors[joint],
+        "ringing": arm.rotors[joint],
+        "dead_band": 0.02 * arm.torque[joint],
+    }
+    size = sizes.get(name, typical * sign)
+    if name in ("torque_gain", "torque_constant", "base_tilt", "encoder_offset"):
         size = 0.02 * rng.choice([-1, 1])
-        shape = {"angle": rng.uniform(0, 2 * np.pi)} if name == "base_tilt" else {}
-    elif name in ("load_friction", "gravity_part"):
-        size = 0.03
-    elif name == "joint_elasticity":
-        size = 0.003 / arm.torque[joint]
-    elif name == "backlash":
-        size, shape = 0.002, {"hertz": rng.uniform(25, 40), "damping": rng.uniform(0.2, 0.5)}
-    elif name == "presliding_hysteresis":
-        size, shape = (
-            typical,
-            {
-                "delta": np.exp(rng.uniform(np.log(0.004), np.log(0.06))),
-                "elements": int(rng.choice([1, 1, 4])),
-            },
-        )
-    elif name == "torque_delay":
-        size = 0.002
-    elif name == "tool_force":
-        direction = rng.normal(size=3)
-        size, shape = 2.0, {"direction": (direction / np.linalg.norm(direction)).tolist()}
-    elif name == "payload":
-        size, shape = 0.5, {"centre": rng.uniform(-0.08, 0.08, 3).tolist()}
-    elif name in ("viscous", "coulomb", "motor_inertia"):
-        size = {"viscous": arm.viscous, "coulomb": arm.coulomb, "motor_inertia": arm.rotors}[name][
-            joint
-        ]
-    elif name in ("coulomb_change", "viscous_change"):
-        size = (
-            typical
-            * rng.choice([1, 1, -0.2])
-            / (arm.speed[joint] if name == "viscous_change" else 1)
-        )
-    elif name == "ringing":
-        size, shape = (
-            arm.rotors[joint],
-            {"hertz": rng.uniform(4, 9), "damping": rng.uniform(0.01, 0.05)},
-        )
-    elif name == "dead_band":
-        size = 0.02 * arm.torque[joint]
-    elif name == "snag":
-        shape = {
+
+    def wave():
+        low_, high = (0.7, 2.5) if name == "position_friction" else (8, 50)
+        return {"k": spread(rng, low_, high), "phase": rng.uniform(0, 2 * np.pi)}
+
+    def stop():
+        side = rng.choice([-1, 1])
+        share = rng.uniform(0.65, 0.85) if side > 0 else rng.uniform(0.15, 0.35)
+        return {"side": int(side), "q1": np.quantile(q, share)}
+
+    def coupling():
+        up = joint == 0 or (joint + 1 < n and rng.random() < 0.5)
+        other = joint + 1 if up else joint - 1
+        return {"other": int(other), "ratio": rng.uniform(0, 1.5) * arm.speed[other]}
+
+    def swing(low_, high, least, most):
+        return {"hertz": rng.uniform(low_, high), "damping": rng.uniform(least, most)}
+
+    shapes = {
+        "stribeck": lambda: {"vs": spread(rng, 0.02, 0.12), "d": rng.uniform(0.6, 2.5)},
+        "nonlinear_viscous": lambda: {
+            "p": rng.choice([rng.uniform(0.3, 0.6), rng.uniform(1.6, 3.0)])
+        },
+        **dict.fromkeys(PHASED, wave),
+        "spring": lambda: {
+            "cubic": bool(rng.random() < 0.35),
+            "rest": rng.uniform(-0.5, 0.5) * span,
+        },
+        "end_stop": stop,
+        "warmup_friction": lambda: {"tw": rng.uniform(20, 150), "ratio": rng.uniform(0, 1) / speed},
+        "torque_drift": lambda: {"tc": rng.choice([1e6, rng.uniform(40, 200)])},
+        "joint_coupling": coupling,
+        "torque_crosstalk": lambda: {"other": int(rng.choice(np.delete(np.arange(n), joint)))},
+        "base_tilt": lambda: {"angle": rng.uniform(0, 2 * np.pi)},
+        "backlash": lambda: swing(25, 40, 0.2, 0.5),
+        "presliding_hysteresis": lambda: {
+            "delta": spread(rng, 0.004, 0.06),
+            "elements": int(rng.choice([1, 1, 4])),
+        },
+        "tool_force": lambda: {"direction": direction(rng)},
+        "payload": lambda: {"centre": rng.uniform(-0.08, 0.08, 3).tolist()},
+        "ringing": lambda: swing(4, 9, 0.01, 0.05),
+        "snag": lambda: {
             "q0": np.quantile(q, rng.uniform(0.2, 0.8)),
             "w": rng.uniform(0.02, 0.08) * span,
             "side": int(rng.choice([-1, 1])),
-        }
-    elif name == "push":
-        direction = rng.normal(size=3)
-        shape = {
-            "direction": (direction / np.linalg.norm(direction)).tolist(),
+        },
+        "push": lambda: {
+            "direction": direction(rng),
             "seconds": rng.uniform(0.2, 1.0),
             "place": rng.random(),
-        }
-        size = 5.0
-    elif name == "coarse":
-        size = 0.5
-    elif name == "saturation":
-        size = 0.1
-    elif name == "wander":
-        shape = {"seed": int(rng.integers(1 << 30)), "seconds": rng.uniform(1, 6)}
+        },
+        "wander": lambda: {"seed": int(rng.integers(1 << 30)), "seconds": rng.uniform(1, 6)},
+        "odd_product": lambda: {"kind": int(rng.integers(3)), "other": int((joint + 1) % n)},
+    }
+    shape = shapes.get(name, dict)()
+    if name == "torque_crosstalk":
+        size = rng.choice([-1, 1]) * 0.02
+    elif name.endswith("_change"):
+        size = typical * rng.choice([1, 1, -0.2]) / (speed if name == "viscous_change" else 1)
     elif name == "odd_product":
-        shape = {"kind": int(rng.integers(3)), "other": int((joint + 1) % arm.n)}
-        size = typical / arm.speed[joint] * rng.choice([-1, 1])
-    return Hidden(
-        name,
-        joint,
-        float(size),
-        {k: v if isinstance(v, (list, bool, int)) else float(v) for k, v in shape.items()},
-    )
+        size = typical / speed * rng.choice([-1, 1])
+    shape = {k: v if isinstance(v, (list, bool, int)) else float(v) for k, v in shape.items()}
+    return Hidden(name, joint, float(size), shape)
 
 
 def tip_force(arm, q, force):
@@ -549,8 +552,7 @@ def add_hidden(arm, s, tau, rigid, q_seen, hidden):
         "torque_constant": lambda: a * np.abs(v) * own,
         "warmup_friction": lambda: a * np.exp(-t / p["tw"]) * (sign + p["ratio"] * v),
         "torque_drift": lambda: a * p["tc"] * -np.expm1(-t / p["tc"]),
-        "position_friction": lambda: a * np.cos(p["k"] * q - p["phase"]) * sign,
-        "gear_friction": lambda: a * np.cos(p["k"] * q - p["phase"]) * sign,
+        **dict.fromkeys(PHASED[:2], lambda: a * np.cos(p["k"] * q - p["phase"]) * sign),
         "torque_ripple": lambda: a * np.cos(p["k"] * q - p["phase"]),
         "spring": lambda: a * (q - p["rest"]) ** (3 if p["cubic"] else 1),
         "end_stop": lambda: a * np.maximum(0, p["side"] * (q - p["q1"])),
@@ -604,8 +606,7 @@ def ring(accel, size, shape):
     """Return the inertia torque of a mass on a spring that the joint carries, (N,)."""
     omega = 2 * np.pi * shape["hertz"]
     num, den = signal.bilinear([-1, 0, 0], [1, 2 * shape["damping"] * omega, omega**2], 1 / STEP)
-    way = signal.lfilter(num, den, accel)
-    return size * np.gradient(np.gradient(way, STEP), STEP) / omega**2
+    return size * slopes(signal.lfilter(num, den, accel))[1] / omega**2
 
 
 def wander(t, shape):
@@ -706,11 +707,7 @@ def unexplained(arm, s, hidden):
     tau, seen, plain = torques(arm, s, hidden)
     if seen is not s.q:
         q = s.q + low(seen - s.q)
-        extra_v, extra_a = (
-            np.gradient(q - s.q, STEP, axis=0),
-            np.gradient(np.gradient(q - s.q, STEP, axis=0), STEP, axis=0),
-        )
-        v, a = s.v + extra_v, s.a + extra_a
+        v, a = (old + new for old, new in zip((s.v, s.a), slopes(q - s.q), strict=True))
         plain = rigid_torque(arm, q, v, a) + arm.rotors * a + friction(arm, v)
     return low(tau - plain)
 
@@ -751,7 +748,7 @@ def draw_recorder(rng, n):
     return {
         "rate": rate,
         "torque_noise": rng.uniform(0.006, 0.025, n),
-        "memory": np.exp(-1 / rate / np.exp(rng.uniform(np.log(0.0005), np.log(0.02), n))),
+        "memory": np.exp(-1 / rate / spread(rng, 0.0005, 0.02, n)),
         "torque_step": rng.uniform(0.2, 1.0, n),
         "bits": int(rng.integers(16, 21)),
         "position_noise": rng.uniform(0, 0.6),
@@ -817,8 +814,7 @@ def noise_floor(arm, recorder, scale, s, tau, rng):
     models = []
     for positions in (q, exact):
         kept = signal.sosfiltfilt(band, positions, axis=0)
-        speed = np.gradient(kept, 1 / rate, axis=0)
-        accel = np.gradient(speed, 1 / rate, axis=0)
+        speed, accel = slopes(kept, 1 / rate)
         slow = max(1, int(rate // 50))
         models.append(
             rigid_torque(arm, kept[::slow], speed[::slow], accel[::slow])
@@ -830,51 +826,38 @@ def noise_floor(arm, recorder, scale, s, tau, rng):
 
 def write_log(path, recorder, stamp, q, v, tau):
     """Write a log as a user has it: a table, or arrays."""
-    names = [f"axis_{j + 1}" for j in range(q.shape[1])]
+    columns = {"t": stamp, "q": q} | ({} if v is None else {"qd": v}) | {"tau": tau}
+    path = path.with_suffix(f".{recorder['format']}")
     if recorder["format"] == "npz":
-        np.savez(
-            path.with_suffix(".npz"), t=stamp, q=q, tau=tau, **({} if v is None else {"qd": v})
-        )
-        return path.with_suffix(".npz").name
-    head = [
-        "t",
-        *(f"q_{name}" for name in names),
-        *(f"qd_{name}" for name in names if v is not None),
-        *(f"tau_{name}" for name in names),
-    ]
-    columns = [stamp[:, None], q, *([] if v is None else [v]), tau]
-    np.savetxt(
-        path.with_suffix(".csv"),
-        np.hstack(columns),
-        "%.9g",
-        ",",
-        header=",".join(head),
-        comments="",
-    )
-    return path.with_suffix(".csv").name
+        np.savez(path, **columns)
+        return path.name
+    joints = range(1, q.shape[1] + 1)
+    head = ["t", *(f"{kind}_axis_{j}" for kind in list(columns)[1:] for j in joints)]
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(path, table, "%.9g", ",", header=",".join(head), comments="")
+    return path.name
 
 
 def write_robot(path, arm, left_out):
     """Write the robot file that a user would have: geometry, limits and which friction there is."""
     lines = [
-        "name: stranger",
-        f"convention: {arm.convention}",
-        f"gravity: {arm.gravity.tolist()}",
-        f"mount: {arm.mount}",
-        "joints:",
+        f"name: stranger\nconvention: {arm.convention}\ngravity: {arm.gravity.tolist()}",
+        f"mount: {arm.mount}\njoints:",
     ]
     for j, (a, twist, d, turn) in enumerate(arm.rows):
         friction_ = [w for k, w in LEFT_OUT.items() if (k, j) not in left_out]
-        lines += [
-            f"  - name: axis_{j + 1}",
-            f"    a: {a}",
-            f"    twist: {twist:.15g}",
-            f"    d: {d}",
-            f"    theta_offset: {turn:.15g}",
-            f"    limits: {{velocity: {arm.speed[j] * 1.2:.3f}, torque: {arm.torque[j]:.3f}}}",
-            f"    friction: [{', '.join(friction_)}]",
-            *(["    motor_inertia: false"] if ("motor_inertia", j) in left_out else []),
-        ]
+        lines.append(
+            f"""\
+  - name: axis_{j + 1}
+    a: {a}
+    twist: {twist:.15g}
+    d: {d}
+    theta_offset: {turn:.15g}
+    limits: {{velocity: {arm.speed[j] * 1.2:.3f}, torque: {arm.torque[j]:.3f}}}
+    friction: [{", ".join(friction_)}]"""
+        )
+        if ("motor_inertia", j) in left_out:
+            lines.append("    motor_inertia: false")
     path.write_text("\n".join([*lines, "driver: {kind: generic}"]) + "\n")
 
 
@@ -884,14 +867,14 @@ def write_robot(path, arm, left_out):
 def wanted_size(rng):
     """Return a visible size: most above the noise, some below."""
     low_, high = [(1, 4), (0.5, 1), (0.3, 0.5)][int(rng.choice(3, p=[0.6, 0.25, 0.15]))]
-    return float(np.exp(rng.uniform(np.log(low_), np.log(high))))
+    return float(spread(rng, low_, high))
 
 
 def pick(kind, rng, k):
     """Return names to hide for a set, in a fixed rotation so that a seed meets most of them."""
     turn = int(rng.integers(100))
     if kind == "single":
-        return [CATALOGUED[(7 * k + turn) % len(CATALOGUED)]]
+        return [list(CATALOGUED)[(7 * k + turn) % len(CATALOGUED)]]
     if kind == "double":
         return list(rng.choice(["stribeck", *CATALOGUED], 2, replace=False))
     if kind == "outside":
@@ -975,22 +958,15 @@ def _make_case(folder, seed, k, attempt):
         ]
     if {one.name for one in hidden} & set(ONE_CLOCK):
         recorder["clock"] = "session"
-    repeats = bool(rng.random() < 0.75)
-    third = bool(rng.random() < 0.8)
-    twice = 2 if repeats else 1
+    twice = 2 if rng.random() < 0.75 else 1
+    third = rng.random() < 0.8
     if kind == "changed":
-        same = bool(rng.random() < 0.5)
-        plan = (
-            [(0, False)] * twice
-            + [(1, False)] * twice
-            + [(0 if same else 2, True)] * (twice if rng.random() < 0.7 else 1)
-        )
+        same = rng.random() < 0.5
+        again = twice if rng.random() < 0.7 else 1
+        plan = [0, 1] * twice, [0 if same else 2] * again
     else:
-        plan = (
-            [(0, True)] * twice
-            + [(1, True)] * twice
-            + ([(2, True)] * int(rng.integers(1, twice + 1)) if third else [])
-        )
+        plan = [], [0, 1] * twice + [2] * (int(rng.integers(1, twice + 1)) if third else 0)
+    plan = [(which, there) for there, some in enumerate(plan) for which in sorted(some)]
     folder.mkdir(parents=True, exist_ok=True)
     write_robot(folder / "arm.yaml", arm, left_out)
     logs, clock, counts, driven = [], 0.0, {}, []
@@ -1011,7 +987,7 @@ def _make_case(folder, seed, k, attempt):
             recorder,
             *record(rng, recorder, scale, s, tau, seen, begin),
         )
-        logs.append({"file": name, "motion": which, "there": there})
+        logs.append({"file": name, "motion": which, "there": bool(there)})
         if there:
             driven.append(s)
         clock += seconds + rng.uniform(3, 30)
@@ -1041,62 +1017,33 @@ def _make_case(folder, seed, k, attempt):
 def true_numbers(effect):
     """Return the amplitudes of a hidden thing under the names of the reference, where its law is the catalogue's."""
     size, shape, name = effect["size"], effect["shape"], effect["name"]
-    if name in ("position_friction", "gear_friction", "torque_ripple"):
-        return {"a&b": (abs(size),)}
-    if name == "presliding_hysteresis" and shape["elements"] != 1:
+    letter = (CATALOGUED | OTHERS).get(name)
+    if shape.get("elements", 1) != 1 or shape.get("cubic"):
         return {}
-    if name == "warmup_friction":
-        return {"a1": (size,), "a2": (size * shape["ratio"],)}
-    if name == "joint_coupling":
-        return {"a": (size,), "b": (size * shape["ratio"],)}
-    if name == "spring":
-        return {} if shape["cubic"] else {"k1": (size,)}
-    if name == "torque_gain":
-        return {"g": (size, size / (1 + size))}
-    if name == "base_tilt":
-        return {"x&y": (abs(size),)}
-    if name == "tool_force":
-        return {"x&y&z": (abs(size),)}
-    letters = {
-        "stribeck": "a",
-        "torque_offset": "c",
-        "viscous": "fv",
-        "coulomb": "fc",
-        "motor_inertia": "Im",
-        "asymmetric_viscous": "a",
-        "nonlinear_viscous": "a",
-        "load_friction": "a",
-        "torque_constant": "c",
-        "torque_drift": "a",
-        "end_stop": "a",
-        "torque_crosstalk": "a",
-        "joint_elasticity": "compliance",
-        "encoder_offset": "offset",
-        "presliding_hysteresis": "a",
-        "torque_delay": "delay",
-        "payload": "m",
-        "coulomb_change": "c",
-        "viscous_change": "v",
+    special = {
+        **{law: {"a&b": (abs(size),)} for law in PHASED},
+        "base_tilt": {"x&y": (abs(size),)},
+        "tool_force": {"x&y&z": (abs(size),)},
+        "spring": {"k1": (size,)},
+        "torque_gain": {"g": (size, size / (1 + size))},
+        "warmup_friction": {"a1": (size,), "a2": (size * shape.get("ratio", 0),)},
+        "joint_coupling": {"a": (size,), "b": (size * shape.get("ratio", 0),)},
     }
-    return {letters[name]: (size,)} if name in letters else {}
+    return special.get(name, {letter: (size,)} if letter else {})
 
 
 def sizes_inside(effect, parameters):
     """Return for each comparable amplitude: true, found, standard error, inside 95 %."""
     out = []
     for letters, truths in true_numbers(effect).items():
-        parts = letters.split("&")
-        if any(
-            part not in parameters or parameters[part].get("std_error") is None for part in parts
-        ):
+        found = [parameters.get(letter, {}) for letter in letters.split("&")]
+        if any(one.get("std_error") is None for one in found):
             continue
-        values = np.array([parameters[part]["value"] for part in parts])
-        errors = np.array([parameters[part]["std_error"] for part in parts])
-        if len(parts) > 1:
+        values, errors = (np.array([one[key] for one in found]) for key in ("value", "std_error"))
+        value, error = float(values[0]), float(errors[0])
+        if len(found) > 1:
             value = float(np.linalg.norm(values))
             error = float(np.sqrt(np.sum((values * errors) ** 2)) / max(value, 1e-300))
-        else:
-            value, error = float(values[0]), float(errors[0])
         inside = any(abs(value - truth) <= 1.96 * error for truth in truths)
         out.append([float(truths[0]), value, error, bool(inside)])
     return out

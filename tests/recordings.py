@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,20 +32,14 @@ def ros2_state(ns, names, q, qd=(), tau=()):
     return types[KIND](header, list(names), *(np.asarray(x, dtype=float) for x in (q, qd, tau)))
 
 
-def ros2_array(values):
-    types = ROS2.types
-    layout = types["std_msgs/msg/MultiArrayLayout"](
-        [types["std_msgs/msg/MultiArrayDimension"]("j", 7, 7)], 0
-    )
+def array_of(store, values):
+    types = store.types
+    dimension = types["std_msgs/msg/MultiArrayDimension"]("j", 7, 7)
+    layout = types["std_msgs/msg/MultiArrayLayout"]([dimension], 0)
     return types[ARRAY](layout, np.asarray(values, dtype=float))
 
 
-def ros1_array(values):
-    types = ROS1.types
-    layout = types["std_msgs/msg/MultiArrayLayout"](
-        [types["std_msgs/msg/MultiArrayDimension"]("j", 7, 7)], 0
-    )
-    return types[ARRAY](layout, np.asarray(values, dtype=float))
+ros1_array, ros2_array = partial(array_of, ROS1), partial(array_of, ROS2)
 
 
 def cdr(message) -> bytes:
@@ -98,18 +93,14 @@ def write_mcap(path: Path, messages, compression: str = "none", chunk: int = 1 <
     return path
 
 
-def of_ros1(log: Log, topic: str):
+def states_of(make, log: Log, topic: str):
     return [
-        (topic, ns, joint_state(ns, log.names, q, (), tau))
+        (topic, ns, make(ns, log.names, q, (), tau))
         for ns, q, tau in zip(stamps(log), log.q, log.tau, strict=True)
     ]
 
 
-def of_ros2(log: Log, topic: str):
-    return [
-        (topic, ns, ros2_state(ns, log.names, q, (), tau))
-        for ns, q, tau in zip(stamps(log), log.q, log.tau, strict=True)
-    ]
+of_ros1, of_ros2 = partial(states_of, joint_state), partial(states_of, ros2_state)
 
 
 def write_bag(path: Path, log: Log, topic: str) -> Path:

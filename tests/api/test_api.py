@@ -55,12 +55,6 @@ def test_mistakes_are_exceptions_of_the_catalogue():
         dynid.IdentifyOptions(cutoff=-1.0)
 
 
-def test_options_read_text_and_values_alike():
-    assert dynid.IdentifyOptions(holdout="20%", exclude="1-2,3-4") == dynid.IdentifyOptions(
-        holdout=0.2, exclude=[(1.0, 2.0), (3.0, 4.0)]
-    )
-
-
 def test_a_validation_shows_a_table_and_a_residual(arm, checked):
     assert checked.relative_error_percent < 0.5
     assert [row["joint"] for row in checked.table()] == list(arm.joint_names)

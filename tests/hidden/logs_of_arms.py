@@ -5,10 +5,7 @@ from functools import cache
 
 import hidden_effects as hidden
 import models
-from dynid.estimation.estimate import estimate
-from dynid.estimation.stack import stack_logs
 from dynid.files.robotfile import load_robot
-from dynid.gap.problem import kept_model
 from dynid.log import Log
 from dynid.robot import Coulomb
 from dynid.signals.conditioned_log import condition_log
@@ -50,9 +47,3 @@ def logs_of(effects, size, arm, seed, drop_outs=False, **options):
             for (t, q, tau), (_, _, a), (_, _, b) in zip(logs, other, bare, strict=True)
         ]
     return logs, cases
-
-
-def identified(logs, base):
-    """Return the model that logs give, to be kept."""
-    sources = sources_of(logs, base.model)
-    return kept_model(estimate(stack_logs(sources, base), base, method="wls", holdout=None))

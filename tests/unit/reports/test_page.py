@@ -187,8 +187,5 @@ def test_the_summary_shows_names_as_they_are(gathered):
     name = r'\<b\>x \& "y"\</b\>'
     percent = f"{gathered.unseen[0].percent:.2g} %"
     assert f"| 🟡 fair | validation | relative torque error {percent} on {name} |" in lines
-    assert (
-        "| ⚪ untested | missing effects | not searched: dynid gap |"
-        in lines
-    )
+    assert "| ⚪ untested | missing effects | not searched: dynid gap |" in lines
     assert f"| {name} | 0.01 N m | 1.4 % | - |" in lines

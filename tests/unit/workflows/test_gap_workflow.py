@@ -21,8 +21,11 @@ from dynid.cli.session import plain
 from dynid.errors import WrongUsage
 from dynid.loading import load_run
 from dynid.robot import Known
+from dynid.trajectory.options import PlanOptions
+from dynid.workflows.gap_experiment import question_of
 from dynid.workflows.gap_result import Gap, joint_indices
 from dynid.workflows.identify import save_result
+from dynid.workflows.trajectory import plan_trajectory
 
 EFFECTS = "spring,torque_offset,asymmetric_viscous"
 STIFFNESS = 2.0
@@ -100,7 +103,7 @@ def test_what_is_saved_reads_back_and_prints_the_same(gap, tmp_path):
 
 
 def test_an_applied_effect_is_in_the_result_and_explains_another_log(gap, springy, tmp_path):
-    _, result = springy
+    logs, result = springy
     found = gap.apply(robot_file=tmp_path / "arm+spring.yaml")
     k = found.names.index("spring2_k1")
     assert abs(found.theta[k] - STIFFNESS) < 3 * found.std_error[k]
@@ -109,6 +112,7 @@ def test_an_applied_effect_is_in_the_result_and_explains_another_log(gap, spring
     unseen = log(3, 99, STIFFNESS)
     before, after = (validate(one, unseen) for one in (result, found))
     assert after.joints[1].rms < 0.5 * before.joints[1].rms
+    assert find_gap(found, logs, GapOptions(effects=EFFECTS)).verdict == "nothing_missing"
 
 
 def test_effects_are_chosen_by_name_and_joint(gap):
@@ -336,3 +340,53 @@ def test_what_happened_once_is_told_with_the_option_that_leaves_it_out(arm):
     assert found.events[0]["start"] < 7.0 < found.events[0]["end"]
     assert found.judgement.sentence.startswith("A disturbance that does not repeat")
     assert any("run1.csv --exclude" in step.command for step in found.judgement.steps)
+
+
+# ---------------------------------------------------------------- the next experiment
+@pytest.fixture(scope="module")
+def base(gap):
+    return gap.searched.base
+
+
+def left_open(gap, *rivals, verdict="ambiguous"):
+    """The search as it would be if these fitted as well as its spring, and the elbow alone showed a gap."""
+    spring = replace(
+        gap.named[0],
+        values={"k1": 3.0, "c": 0.2, "order": 1.0, "constant": 1.0},
+        rivals=tuple(f"{effect} on elbow" for effect in rivals),
+        rival_keys=tuple((effect, (1,)) for effect in rivals),
+    )
+    pairs = zip(gap.joints, (1.0, 3.0), strict=True)
+    joints = tuple(replace(joint, chi=chi) for joint, chi in pairs)
+    return replace(gap, named=(spring,), verdict=verdict, joints=joints)
+
+
+def test_the_question_is_every_pair_that_was_not_told_apart(gap, base, tmp_path):
+    rivals = ["counterbalance", "end_stop"]
+    left_open(gap, *rivals).save(tmp_path / "gap.npz")
+    asked = question_of(Gap.load(tmp_path / "gap.npz"), base, np.ones(base.reduction.rank))
+    assert [one.effect.name for one in asked.rivalries] == ["spring"] * 2
+    assert [one.rival.name for one in asked.rivalries] == rivals
+    assert asked.rivalries[0].shape == {"order": 1.0, "constant": 1.0}
+    np.testing.assert_array_equal(asked.rivalries[0].amplitudes, [3.0, 0.2])
+    assert asked.unexplained == ()
+
+
+def test_what_is_unexplained_is_asked_by_its_joint_and_nothing_else_or_of_another_arm(gap, base):
+    theta = np.ones(base.reduction.rank)
+    asked = question_of(left_open(gap, verdict="unexplained"), base, theta)
+    assert (asked.rivalries, asked.unexplained) == ((), (1,))
+    with pytest.raises(WrongUsage, match="left no question"):
+        question_of(left_open(gap, verdict="named"), base, theta)
+    with pytest.raises(WrongUsage, match="joints differ"):
+        question_of(replace(left_open(gap), joint_names=("x", "y")), base, theta)
+
+
+def test_the_planned_motion_promises_to_tell_them_apart(gap, base):
+    options = PlanOptions(alpha=1.0, duration=6.0, segments=4, restarts=1, floor=None)
+    record = left_open(gap, "counterbalance")
+    plan = plan_trajectory(base.robot, options, base=base, for_gap=record)
+    (text,) = plan.outlook
+    assert "will be told apart" in text
+    assert plan.facts()["outlook"] == [text]
+    assert ("gap", text) in plan.lines()
