@@ -22,13 +22,16 @@ def clarabel_optimum(R, r, constraints, gamma, scale=1e-2):
     quadratic[:c, :c], q[:c] = R.T @ R, R.T @ residual
     inverse = np.linalg.inv(constraints.prior_pseudo_inertia)
     rows, b, cones, constant = [], [], [], 0.5 * residual @ residual
+
+    def inside(cone, row, offset):
+        rows.append(row)
+        b.append(offset)
+        cones.append(cone)
+
     keep = np.zeros((len(constraints.h), size))
     keep[:, :c] = -constraints.G
-    (
-        rows.append(keep),
-        b.append(constraints.G @ centre - constraints.h),
-        cones.append(clarabel.NonnegativeConeT(len(constraints.h))),
-    )
+    slack = constraints.G @ centre - constraints.h
+    inside(clarabel.NonnegativeConeT(len(slack)), keep, slack)
     for link, columns in enumerate(constraints.bodies):
         first = c + 14 * link
         order = 8 if gamma else 4
@@ -46,19 +49,13 @@ def clarabel_optimum(R, r, constraints, gamma, scale=1e-2):
                     matrices[first + k, 4 + i, 4 + i] = 1
                     cone = np.zeros((3, size))
                     cone[0, first + 10 + i], cone[2, first + k] = -1, -1
-                    (
-                        rows.append(cone),
-                        b.append(np.array([0.0, 1.0, 0.0])),
-                        cones.append(clarabel.ExponentialConeT()),
-                    )
+                    inside(clarabel.ExponentialConeT(), cone, np.array([0.0, 1.0, 0.0]))
                     q[first + 10 + i] = -gamma
-        upper = [(i, j) for j in range(order) for i in range(j + 1)]
-        rows.append(np.array([-matrices[:, i, j] * (1 if i == j else 2**0.5) for i, j in upper]))
         offset = np.tensordot(centre, matrices[:c], axes=1)
-        (
-            b.append(np.array([offset[i, j] * (1 if i == j else 2**0.5) for i, j in upper])),
-            cones.append(clarabel.PSDTriangleConeT(order)),
-        )
+        j, i = np.tril_indices(order)  # the upper triangle, column by column
+        weight = np.where(i == j, 1, 2**0.5)
+        cone = clarabel.PSDTriangleConeT(order)
+        inside(cone, -(matrices[:, i, j] * weight).T, offset[i, j] * weight)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     P = sparse.csc_matrix(np.triu(scale * quadratic))

@@ -67,19 +67,13 @@ def log(seed, noise=0.02, scale=(1.0, 1.0), draw=None):
 def write_log(path, seed, change=None, **options):
     """Write a CSV log with a little sensor noise; ``change`` spoils the columns t, q, qd, tau first."""
     t, q, qd, qdd = motion(seed, **options)
-    random = np.random.default_rng(seed + 100)
-    columns = {
-        "t": t,
-        "q": q,
-        "qd": qd,
-        "tau": torque(q, qd, qdd) + 0.02 * random.standard_normal(q.shape),
-    }
+    noise = 0.02 * np.random.default_rng(seed + 100).standard_normal(q.shape)
+    columns = {"t": t, "q": q, "qd": qd, "tau": torque(q, qd, qdd) + noise}
     if change is not None:
         columns = change(columns) or columns
-    names = ["t"] + [
-        f"{kind}_{joint}" for kind in ("q", "qd", "tau") for joint in ("shoulder", "elbow")
-    ]
-    table = np.column_stack([columns[name] for name in ("t", "q", "qd", "tau")])
+    kinds = ("q", "qd", "tau")
+    names = ["t", *(f"{kind}_{joint}" for kind in kinds for joint in ("shoulder", "elbow"))]
+    table = np.column_stack([columns["t"], *(columns[kind] for kind in kinds)])
     np.savetxt(path, table, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
 
 

@@ -74,54 +74,42 @@ def right(here, name):
     }[name]
 
 
-#: What each parameter takes besides what the right call gives.
-ALSO = {
-    "robot": lambda here: [str(here.folder / "arm.yaml"), here.folder / "arm.yaml"],
-    "source": lambda here: [str(here.folder / "arm.yaml"), here.arm],
-    "result": lambda here: [here.new, str(here.folder / "out"), here.folder / "out/parameters.npz"],
-    "loaded": lambda here: [str(here.folder / "out"), here.folder / "out/parameters.npz"],
-    "unloaded": lambda here: [str(here.folder / "out"), here.folder / "out/parameters.npz"],
-    "results": lambda here: [
-        here.result,
-        str(here.folder / "out"),
-        [here.folder / "out", here.result],
-        (here.new,),
-    ],
-    "baseline": lambda here: [here.result, str(here.folder / "out"), here.folder / "out"],
-    "update": lambda here: [],
-    "like": lambda here: [here.result, here.folder / "out"],
-    "log": lambda here: [str(here.folder / "unseen.csv"), here.folder / "unseen.csv"],
-    "logs": lambda here: [
-        str(here.folder / "third.csv"),
-        here.folder / "third.csv",
-        [here.folder / "third.csv"],
-    ],
-    "motion": lambda here: [
-        here.plan,
-        dynid.load(here.folder / "trajectory.npz"),
-        str(here.folder / "trajectory.npz"),
-        here.log,
-        here.folder / "log.csv",
-    ],
-    "waypoints": lambda here: [[[0.0, 0.0], [0.5, 0.4], [0.0, -0.3]]],
-    "for_gap": lambda here: [],
-}
+def also(here, parameter):
+    """What a parameter takes besides what the right call gives."""
+    out, parameters, arm, log = (
+        here.folder / name for name in ("out", "out/parameters.npz", "arm.yaml", "third.csv")
+    )
+    plan = here.folder / "trajectory.npz"
+    return {
+        "robot": [str(arm), arm],
+        "source": [str(arm), here.arm],
+        "result": [here.new, str(out), parameters],
+        "loaded": [str(out), parameters],
+        "unloaded": [str(out), parameters],
+        "results": [here.result, str(out), [out, here.result], (here.new,)],
+        "baseline": [here.result, str(out), out],
+        "like": [here.result, out],
+        "log": [str(here.folder / "unseen.csv"), here.folder / "unseen.csv"],
+        "logs": [str(log), log, [log]],
+        "motion": [here.plan, dynid.load(plan), str(plan), here.log, here.folder / "log.csv"],
+        "waypoints": [[[0.0, 0.0], [0.5, 0.4], [0.0, -0.3]]],
+    }.get(parameter, [])
+
+
 PAIRS = [
     (name, parameter.name)
     for name in FUNCTIONS
     for parameter in inspect.signature(inspect.unwrap(getattr(dynid, name))).parameters.values()
     if parameter.kind is not inspect.Parameter.VAR_KEYWORD
 ]
-# Why not gains: these logs hold torques.
-RIGHT = [pair for pair in PAIRS if pair[1] in ALSO and pair[0] != "find_drive_gains"]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "parameter"), RIGHT)
-def test_paths_and_objects_are_both_taken(here, name, parameter):
-    for value in ALSO[parameter](here):
-        call = right(here, name) | {parameter: value}
-        assert getattr(dynid, name)(**call) is not None
+@pytest.mark.parametrize("name", sorted({*FUNCTIONS} - {"find_drive_gains"}))  # logs hold torques
+def test_paths_and_objects_are_both_taken(here, name):
+    for parameter in inspect.signature(inspect.unwrap(getattr(dynid, name))).parameters:
+        for value in also(here, parameter):
+            assert getattr(dynid, name)(**right(here, name) | {parameter: value}) is not None
 
 
 @pytest.mark.parametrize(("name", "parameter"), PAIRS)

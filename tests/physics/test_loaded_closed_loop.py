@@ -1,27 +1,23 @@
 """Gains of drives and a load, from an arm that Pinocchio moves in closed loop with the noise of real sensors."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from follower import follow_motion
+from recorded_lwr import PLANT, ROBOT
 
 from dynid.estimation.drive_gains import find_gains, known_load
 from dynid.estimation.estimate import estimate
 from dynid.estimation.payload import find_payload
 from dynid.estimation.stack import stack_logs
-from dynid.files.robotfile import load_robot
 from dynid.model.parameters import joined
 from dynid.robot import Body
 from dynid.signals.conditioned_log import ConditionedLog, condition
 from dynid.signals.filters import choose_filter
-from dynid.sim.plant import read_plant
 from dynid.sim.sines import SineSpec, sines
 from dynid.workflows.model import base_model
 
-PLANT = read_plant(Path(__file__).parents[2] / "trajectories" / "lwr4plus_truth.yaml")
-ROBOT = load_robot("kuka_lwr4plus")
 ROTOR = (0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05)
 CONTROLLER = (2000.0, 2000, 1500, 1500, 800, 500, 250), (100.0, 100, 60, 60, 25, 15, 8)
 LOAD = Body(1.8, (0.03, -0.02, 0.09), (0.006, 0.0004, -0.0003, 0.005, 0.0002, 0.004))

@@ -8,7 +8,7 @@ import yaml
 from rosbags.highlevel import AnyReader
 from scipy.signal import butter, sosfiltfilt
 
-from arms import pinocchio_model, pinocchio_torques
+from arms import pinocchio_model, pinocchio_torques, tensor_of
 from dynid.files.robotfile import load_robot
 from dynid.model.parameters import prior_bodies
 from dynid.model.regressor import build_model
@@ -81,18 +81,14 @@ def test_the_truth_explains_the_torques_to_the_noise(log):
     assert noise_ratio(prior_bodies(robot))[HEAVY[plant.robot]].min() > 4
 
 
-def test_stamps_are_as_far_off_as_the_truth_says(log):
+def test_stamps_are_as_far_off_as_the_truth_says_and_positions_steps_of_the_encoder(log):
     """Steps of the clock differ by sqrt(2) times the jitter of a stamp; rate and duration are those that were asked."""
-    _, plant, made, t, _, _ = log
+    _, plant, made, t, q, _ = log
+    steps = q / plant.sensors.position_step
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
     assert len(t) == made["duration"] * made["rate"]
     assert np.diff(t).mean() == pytest.approx(1 / made["rate"], rel=1e-4)
     assert np.diff(t).std() == pytest.approx(np.sqrt(2) * plant.sensors.stamp_jitter, rel=0.02)
-
-
-def test_positions_are_multiples_of_the_encoders_step(log):
-    _, plant, _, _, q, _ = log
-    steps = q / plant.sensors.position_step
-    np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
 
 
 def test_the_motion_uses_its_share_of_the_limits_and_no_more(log):
@@ -153,7 +149,6 @@ def test_the_bodies_are_those_that_were_published():
         bodies = read_plant(FOLDER / f"{arm}_truth.yaml").bodies
         assert [body.mass for body in bodies] == expected
         for body in bodies:
-            xx, xy, xz, yy, yz, zz = body.inertia_com
-            a, b, c = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            a, b, c = np.linalg.eigvalsh(tensor_of(body))
             assert a > 0
             assert a + b >= c * (1 - 1e-12)

@@ -26,16 +26,13 @@ OTHER = {"OPENBLAS_CORETYPE": "Prescott", "OPENBLAS_NUM_THREADS": "2"}
 ELSEWHERE = {"seconds", "folder", "wrote", "reused", "name", "command"}
 
 
-def batch(path, logs, **more):
+def batch(path, logs, baseline=None):
     jobs = [
-        {"name": name, "robot": robot, "logs": str(log), **_of(name, more)}
+        {"name": name, "robot": robot, "logs": str(log)}
+        | ({"baseline": f"{baseline}/{name}", "tolerance": "1%"} if baseline else {})
         for (name, robot, *_), log in logs
     ]
     path.write_text(json.dumps({"defaults": {"options": {"report": False}}, "jobs": jobs}))
-
-
-def _of(name, more):
-    return {"baseline": f"{more['baseline']}/{name}", "tolerance": "1%"} if more else {}
 
 
 @pytest.fixture(scope="module")

@@ -201,15 +201,15 @@ def test_intervals_of_two_runs_agree(results_of_the_lwr):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "recording", "seconds", "in_force", "default", "alone"),
+    ("name", "recording", "seconds", "default", "alone"),
     [
-        ("ur10", "ur10_salerno/exc.npz", 18.0, "physical", 4.27, 5.59),
-        ("staubli_tx40", "tx40/exc.npz", 3.5, "physical", 5.25, 5.79),
-        ("franka_panda", "panda_salerno/exc.npz", 13.0, "physical", 3.37, 5.13),
+        ("ur10", "ur10_salerno/exc.npz", 18.0, 4.27, 5.59),
+        ("staubli_tx40", "tx40/exc.npz", 3.5, 5.25, 5.79),
+        ("franka_panda", "panda_salerno/exc.npz", 13.0, 3.37, 5.13),
     ],
 )
 def test_the_first_part_of_a_recording_predicts_the_rest(
-    recordings, name, recording, seconds, in_force, default, alone
+    recordings, name, recording, seconds, default, alone
 ):
     """Two-sided, and the expected error is right within a factor of 1.5."""
     robot = load_robot(name)
@@ -228,7 +228,7 @@ def test_the_first_part_of_a_recording_predicts_the_rest(
     result = identify(robot, parts[0], IdentifyOptions(holdout=None))
     rest = replace(parts[1], sha256="")
     seen = validate(result, rest)
-    assert result.in_force == in_force
+    assert result.in_force == "physical"
     assert seen.relative_error_percent == pytest.approx(default, abs=0.15)
     without = validate(result, rest, ValidateOptions(residual_model=False))
     assert without.relative_error_percent == pytest.approx(alone, abs=0.15)

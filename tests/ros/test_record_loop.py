@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from lab import ROOT
 
 from dynid.disk import sha256
 from dynid.files.logs import read_log, read_npz_log
 from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.sim.plant import read_plant
+from forkserver import ROOT
 
 KINOVA, LWR = "kinova_gen2", "kuka_lwr4plus"
 TRUTH = {KINOVA: "kinova_gen2_truth.yaml", LWR: "lwr4plus_truth.yaml"}

@@ -1,12 +1,11 @@
 """Results side by side, what changed against a baseline, and every estimator on one log."""
 
-import builtins
 from dataclasses import replace
 
 import pytest
 
 from dynid import compare
-from dynid.errors import PackageMissing, WrongUsage
+from dynid.errors import WrongUsage
 
 
 def test_two_motions_of_one_arm_have_not_drifted(result, other):
@@ -69,16 +68,3 @@ def test_a_data_frame_has_one_row_per_run(result, other):
     frame = compare([result, other], names=("a", "b")).to_dataframe()
     assert list(frame.index) == ["a", "b"]
     assert frame.loc["a", "fv1"] == result.theta[result.names.index("fv1")]
-
-
-def test_without_pandas_the_package_is_named(result, monkeypatch):
-    real = builtins.__import__
-
-    def missing(name, *rest):
-        if name == "pandas":
-            raise ImportError
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", missing)
-    with pytest.raises(PackageMissing, match="pandas"):
-        compare([result]).to_dataframe()
