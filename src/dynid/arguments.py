@@ -21,7 +21,7 @@ from typing import Any, ParamSpec, TypeVar
 from dynid.errors import WrongUsage
 from dynid.model.base_model import BaseModel
 from dynid.options import Options
-from dynid.progress import SILENT, Progress
+from dynid.progress import LISTENER, heard_by
 from dynid.text import closest
 
 P = ParamSpec("P")
@@ -56,14 +56,16 @@ def one_thread(function: Callable[P, T]) -> Callable[P, T]:
 def public(function: Callable[P, T]) -> Callable[P, T]:
     """Return a public function: it computes in one thread, and a wrong call of it is ``WrongUsage``.
 
-    It is given its ``options`` with the single ones of ``**changes`` in them, and a silent ``progress`` for None.
+    It is given its ``options`` with the single ones of ``**changes`` in them. Its ``progress``
+    hears what happens; where there is none, whoever hears already.
     """
     computing, signature = one_thread(function), inspect.signature(function)
     # What help and notebooks show: each option in the place of ``**changes``.
     shown = dict(signature.parameters)
-    for name in {"options", "progress"} & shown.keys():
-        shown[name] = shown[name].replace(default=None)
-    kind = shown["options"].annotation if shown.pop("changes", None) else ""
+    kind = ""
+    if shown.pop("changes", None):
+        kind = shown["options"].annotation
+        shown["options"] = shown["options"].replace(default=None)
     options: type[Options] | None = function.__globals__.get(kind)
     for each in fields(options) if options is not None else ():
         own = inspect.Parameter(
@@ -85,10 +87,14 @@ def public(function: Callable[P, T]) -> Callable[P, T]:
             if options is not None:
                 changes = given.pop("changes", {})
                 given["options"] = _merged(options, given.get("options"), changes)
-            if "progress" in shown:
-                given["progress"] = _progress(given.get("progress"))
             optional(given.get("base"), BaseModel, "base", "what dynid.base_model returns")
-            return computing(*bound.args, **bound.kwargs)
+            listener, words = given.get("progress"), ("stage", "advance", "findings")
+            listener = LISTENER.get() if listener is None else listener
+            if not all(callable(getattr(listener, word, None)) for word in words):
+                wanted = "None, or an object with the methods stage, advance and findings"
+                raise refused("progress", wanted, listener)
+            with heard_by(listener):
+                return computing(*bound.args, **bound.kwargs)
         finally:
             _running.reset(token)
 
@@ -132,16 +138,6 @@ def _merged(kind: type[Options], given: Options | None, changes: Mapping[str, An
             raise refused("options", wanted, given)
         given = kind(**{each.name: getattr(given, each.name) for each in fields(given)})
     return replace(given, **changes) if changes else given
-
-
-def _progress(value: Progress | None) -> Progress:
-    """Return what reports the progress of long work; None reports nothing."""
-    if value is None:
-        return SILENT
-    if not all(callable(getattr(value, word, None)) for word in ("stage", "advance", "findings")):
-        wanted = "None, or an object with the methods stage, advance and findings"
-        raise refused("progress", wanted, value)
-    return value
 
 
 # ---------------------------------------------------------------- single arguments

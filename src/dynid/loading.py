@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
@@ -27,7 +27,6 @@ from dynid.model.from_urdf import import_arm
 from dynid.model.regressor import Model
 from dynid.motion import Motion
 from dynid.options import LogOptions
-from dynid.progress import SILENT, Progress
 from dynid.robot import Robot
 from dynid.signals import conditioned_log
 from dynid.signals.checks import prepare
@@ -187,7 +186,7 @@ def checked_log(
 
 
 def condition_logs(
-    logs: Sequence[Log], model: Model, options: LogOptions, progress: Progress = SILENT
+    logs: Sequence[Log], model: Model, options: LogOptions
 ) -> list[conditioned_log.ConditionedLog]:
     """Filter checked logs for a model, all with the same cut-off; a delay of None counts as zero."""
     return conditioned_log.condition_logs(
@@ -196,7 +195,6 @@ def condition_logs(
         cutoff=options.cutoff,
         delay=options.delay or 0.0,
         measured_velocity=options.velocity == "measured",
-        progress=progress,
     )
 
 
@@ -244,20 +242,7 @@ def parameters_of(run: Path) -> Path:
     return run / "parameters.npz" if run.is_dir() else run
 
 
-def motion_of(path: Path, robot: Robot) -> Motion:
-    """Return the motion of a trajectory.npz, or the one that a log went through.
-
-    Args:
-        path: trajectory.npz, or a log.
-        robot: the arm.
-    """
-    try:
-        return read_trajectory(path, robot).motion
-    except (NotAnArtifact, KeyError):
-        return motion_of_log(path, robot)
-
-
-def motion_of_log(recording: Log | Path, robot: Robot) -> Motion:
+def _motion_of_log(recording: Log | Path, robot: Robot) -> Motion:
     """Return the motion that a log went through, evenly sampled."""
     from scipy.signal import savgol_filter
 
@@ -318,9 +303,11 @@ def as_results(value: ResultLike | Sequence[ResultLike]) -> list[Identification]
 def as_motion(value: MotionLike, arm: Robot) -> Motion:
     """Return a motion given by itself, in a plan or a log, or by the path of its file."""
     if isinstance(value, (str, Path)):
-        found = motion_of(arguments.path(value, "motion"), arm)
-    elif isinstance(value, Log):
-        found = motion_of_log(value, arm)
+        value = arguments.path(value, "motion")
+        with suppress(NotAnArtifact, KeyError):
+            value = read_trajectory(value, arm)
+    if isinstance(value, (Log, Path)):
+        found = _motion_of_log(value, arm)
     else:
         held = getattr(value, "motion", value)
         found = arguments.instance(held, Motion, "motion", _MOTION)

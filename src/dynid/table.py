@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import PackageMissing
@@ -22,7 +22,7 @@ _NUMBER = re.compile(r"-|[-+<]?\d[\d.]*(e[-+]?\d+)?( [^\d_]+)?")
 ROUNDING = 1e-12
 
 
-class Table(Sequence[dict[str, Any]]):
+class Table(list[dict[str, Any]]):
     """Rows that print as a table.
 
     Args:
@@ -34,21 +34,9 @@ class Table(Sequence[dict[str, Any]]):
     def __init__(
         self, rows: Sequence[Mapping[str, Any]], title: str = "", footer: Sequence[str] = ()
     ) -> None:
-        self._rows = [dict(row) for row in rows]
+        super().__init__(map(dict, rows))
         self.title = title
         self.footer = tuple(footer)
-
-    def __len__(self) -> int:
-        """Return the number of rows."""
-        return len(self._rows)
-
-    def __getitem__(self, index: Any) -> Any:  # noqa: ANN401
-        """Return a row by number, or several by a slice."""
-        return self._rows[index]
-
-    def __iter__(self) -> Iterator[dict[str, Any]]:
-        """Walk over the rows."""
-        return iter(self._rows)
 
     def to_dataframe(self) -> DataFrame:
         """Return the rows as a pandas DataFrame.
@@ -60,14 +48,14 @@ class Table(Sequence[dict[str, Any]]):
             from pandas import DataFrame
         except ImportError:
             raise PackageMissing("to_dataframe() needs pandas", fix="pip install pandas") from None
-        return DataFrame(self._rows)
+        return DataFrame([*self])
 
     def __repr__(self) -> str:
         """Return the table as text with aligned columns."""
         lines = [self.title] if self.title else []
-        if self._rows:
-            heads = list(self._rows[0])
-            cells = [[cell_text(row[head]) for head in heads] for row in self._rows]
+        if self:
+            heads = list(self[0])
+            cells = [[cell_text(row[head]) for head in heads] for row in self]
             numbers = [all(map(_NUMBER.fullmatch, column)) for column in zip(*cells, strict=True)]
             widths = [
                 max(len(head), *(len(row[k]) for row in cells)) for k, head in enumerate(heads)
@@ -83,13 +71,13 @@ class Table(Sequence[dict[str, Any]]):
     def _repr_html_(self) -> str:
         """Return the table as HTML for notebooks."""
         parts = [f"<p>{html(self.title)}</p>"] if self.title else []
-        if self._rows:
-            heads = "".join(f"<th>{html(str(head))}</th>" for head in self._rows[0])
+        if self:
+            heads = "".join(f"<th>{html(str(head))}</th>" for head in self[0])
             body = "".join(
                 "<tr>"
                 + "".join(f"<td>{html(cell_text(value))}</td>" for value in row.values())
                 + "</tr>"
-                for row in self._rows
+                for row in self
             )
             parts.append(f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>")
         return "".join([*parts, *(f"<p>{html(line)}</p>" for line in self.footer)])

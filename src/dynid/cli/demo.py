@@ -130,19 +130,15 @@ def plan(
 ) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Judge the shipped motion of an arm, or plan a random one; return pictures, and what is said of it."""
     session.say("--- loop 2: dynid trajectory, a motion that shows the parameters", "bold")
-    base = workflows.model.base_model(arm, folder, session.progress)
+    base = workflows.model.base_model(arm, folder)
     shown, work = Drawing(folder / "preview.png"), workflows.trajectory
     if robot in ARMS:
         stored = read_trajectory(packaged("trajectories") / f"{arm.slug}_alpha1.0.npz", arm)
         facts = stored.facts["answer"]
-        clearance = work.review_trajectory(
-            arm, stored, base=base, drawing=shown, progress=session.progress
-        ).clearance
+        clearance = work.review_trajectory(arm, stored, base=base, drawing=shown).clearance
     else:
         options = PlanOptions(optimise=False, duration=10.0, seed=session.seed)
-        found = work.plan_trajectory(
-            arm, options, base=base, drawing=shown, progress=session.progress
-        )
+        found = work.plan_trajectory(arm, options, base=base, drawing=shown)
         facts, clearance = found.facts(), found.clearance
     size = f"condition number {facts['condition_number_scaled']:.3g}"
     said = [f"A motion of {facts['duration_s']:.0f} s inside all limits; {size}."]
@@ -164,7 +160,7 @@ def recordings(
     what = "with bodies up to 20 % off those of its file, friction, noise"
     session.say(f"--- two motions of the arm, {what}", "bold")
     folder.mkdir(parents=True, exist_ok=True)
-    own = workflows.demo.simulate_own(arm, folder, session.seed, session.progress)
+    own = workflows.demo.simulate_own(arm, folder, session.seed)
     seen, unseen = own.logs
     return seen, unseen, own.truth, own.physics
 
@@ -183,7 +179,7 @@ def find_hidden(session: Session, effect: str, folder: Path) -> tuple[dict[str, 
     hidden = workflows.demo.hidden_effect(effect, session.seed)
     what = "three motions, each driven twice"
     session.say(f"--- a simulated LWR4+ with something hidden in it: {what}", "bold")
-    robot, logs = workflows.demo.simulate_hidden(folder, hidden, session.seed, session.progress)
+    robot, logs = workflows.demo.simulate_hidden(folder, hidden, session.seed)
     session.say("--- dynid identify, on the first two motions", "bold")
     identify = (robot, *logs[:4], "-o", folder)
     invoke(session, "identify", *identify, "--no-feasible", "--no-report", "--json", "-f")

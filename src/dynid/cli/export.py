@@ -45,7 +45,6 @@ def command(
         formats=[name for name in SUFFIXES if name in format or "all" in format],
         seed=session.seed,
         write=partial(write_once, session),
-        progress=session.progress,
     )
     session.headline(made.sentence())
     session.table(made.table())

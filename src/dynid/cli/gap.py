@@ -15,6 +15,7 @@ from dynid.cli.report import renewed
 from dynid.cli.session import Session
 from dynid.errors import DynidError, WrongUsage
 from dynid.judgement.rules import Step
+from dynid.progress import stage
 from dynid.table import Table, cell_text
 from dynid.text import shell
 from dynid.workflows.options import GapOptions
@@ -64,16 +65,16 @@ def command(
     if apply and no_apply:
         what = "--apply and --no-apply cannot be used together"
         raise WrongUsage(what, fix="leave one of them out")
-    stored, progress = dynid.loading.load_run(parameters), session.progress
+    stored = dynid.loading.load_run(parameters)
     workflows.gap_result.selection_options(stored.robot, options)
     folder, search = stored.path.parent, workflows.gap
-    base = workflows.model.base_model_of(stored, folder, progress)
-    progress.stage("read")
+    base = workflows.model.base_model_of(stored, folder)
+    stage("read")
     read = [dynid.loading.load_log(path, base.robot, options, identify=False) for path in logs]
     asks = options.question in ("auto", "changed")
-    earlier = search.earlier_logs(stored, read, options, progress) if asks else []
-    gap = search.find_gap(stored, read, options, earlier=earlier, base=base, progress=progress)
-    progress.stage("draw")
+    earlier = search.earlier_logs(stored, read, options) if asks else []
+    gap = search.find_gap(stored, read, options, earlier=earlier, base=base)
+    stage("draw")
     workflows.gap_result.remove_search(folder)
     # Why first: what a simulator does afterwards takes no answer away.
     wrote = [gap.save(folder / "gap.npz"), *(gap.write_figures(folder / "gap") if plot else [])]
@@ -113,7 +114,7 @@ def add(
     wrote = [copy, after.save((session.out or Path("out") / copy.stem) / "parameters.npz")]
     work = workflows.simulator_gap
     try:
-        driven = work.gap_in_simulator(gap, after, progress=session.progress)
+        driven = work.gap_in_simulator(gap, after)
     except (DynidError, ValueError) as error:
         # Why both: MuJoCo has no error of its own for a model that it refuses.
         session.fact("simulator", f"not driven: {error}")

@@ -82,7 +82,6 @@ def command(
         models=models,
         may_write=partial(may_write, session),
         header=session.header,
-        progress=session.progress,
     )
     session.wrote(*run.beside, *run.wrote)
     facts, page = run.facts(), run.folder / "report.html"

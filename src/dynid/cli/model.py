@@ -20,7 +20,7 @@ from dynid.workflows.options import ModelOptions
 
 if TYPE_CHECKING:
     from dynid.robot import Robot
-    from dynid.workflows.model import DerivedModel, ReducedModel
+    from dynid.workflows.model import DerivedModel
 
 STYLES = {"#": "bold green", ".": "red"}
 
@@ -74,9 +74,13 @@ def command(
         if latex or python or groups:
             break
         answer = ask(session, "P1", given=reduce)
-        if answer is not Answer.RETRY:
-            reduced = base_of(session, derived, options) if answer is Answer.YES else None
-            return report(session, derived, reduced)
+        if answer is Answer.YES:
+            return reduced(session, derived, options).facts()
+        if answer is Answer.NO:
+            session.headline(f"The equations of {robot.name} are ready.")
+            why = "Find out which of its parameters torques show, alone or in groups."
+            session.next(shell("dynid", "model", robot.word, "--reduce"), why)
+            return derived.facts()
         source = str(robot.path or robot.source)
         click.edit(filename=source)
         robot = dynid.load_robot(robot.source or source)
@@ -109,44 +113,29 @@ def derive(session: Session, robot: Robot, rebuild: bool | None) -> DerivedModel
         if ask(session, "P8", path=path) is not Answer.YES:
             what = f"{path} belongs to an older robot file and was not rebuilt"
             raise StaleCache(what, fix="answer yes, or add --rebuild")
-    derived = workflows.model.derive_model(
-        robot, folder, rebuild=rebuild is True, progress=session.progress
-    )
-    if not derived.derived:
+    derived = workflows.model.derive_model(robot, folder, rebuild=rebuild is True)
+    if not derived.wrote:
         session.stage("reused", f"{path}       (key {key_of(robot)}; --rebuild derives it again)")
         return derived
-    size, flops = derived.model.size, derived.model.rigid.flops
-    work = f"{size} parameters, {flops} operations, {derived.seconds:.2f} s"
+    flops, seconds = derived.model.rigid.flops, derived.seconds["symbolic"]
+    work = f"{derived.model.size} parameters, {flops} operations, {seconds:.2f} s"
     session.stage("symbolic", f"Newton-Euler, {work}")
     session.wrote(path, note=f"key {key_of(robot)}, reused until the robot file changes")
     return derived
 
 
-def base_of(session: Session, derived: DerivedModel, options: ModelOptions) -> ReducedModel:
-    """Group the parameters into base parameters, and say what came out."""
-    reduced = workflows.model.reduce_model(
-        derived, options, seed=session.seed, progress=session.progress
-    )
-    if not reduced.found:
-        session.stage("reused", str(reduced.path))
-        return reduced
-    found = reduced.base.reduction
-    size = f"{len(found.names)} -> {found.rank} columns, rank {found.rank}"
-    gap = f"gap between kept and dropped singular values {found.gap:.0e}, seed {session.seed}"
-    session.stage("reduced", f"{size}, {gap}")
-    session.wrote(reduced.path)
-    return reduced
-
-
-def report(session: Session, derived: DerivedModel, reduced: ReducedModel | None) -> Answered:
-    """Print the table of classes and the relations, and return the JSON answer."""
-    name = derived.model.robot.word
-    if reduced is None:
-        session.headline(f"The equations of {derived.model.robot.name} are ready.")
-        why = "Find out which of its parameters torques show, alone or in groups."
-        session.next(shell("dynid", "model", name, "--reduce"), why)
-        return derived.facts()
-    base = reduced.base
+def reduced(session: Session, derived: DerivedModel, options: ModelOptions) -> DerivedModel:
+    """Group the parameters into base parameters, and print their classes and relations."""
+    path, seed, name = paths(derived.folder)[1], session.seed, derived.model.robot.word
+    made = workflows.model.reduce_model(derived, options, seed=seed)
+    base, found = made.base, made.base.reduction
+    if path in made.wrote:
+        size = f"{len(found.names)} -> {found.rank} columns, rank {found.rank}"
+        gap = f"gap between kept and dropped singular values {found.gap:.0e}, seed {seed}"
+        session.stage("reduced", f"{size}, {gap}")
+        session.wrote(path)
+    else:
+        session.stage("reused", str(path))
     session.headline(base.sentence)
     session.answer()
     session.table(base.class_table(), STYLES)
@@ -157,4 +146,4 @@ def report(session: Session, derived: DerivedModel, reduced: ReducedModel | None
     session.next(shell("dynid", "trajectory", name), why)
     why = "Identify them, where there is a recording already."
     session.next(f"{shell('dynid', 'identify', name)} LOG", why)
-    return derived.facts(reduced)
+    return made

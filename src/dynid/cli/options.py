@@ -27,6 +27,7 @@ from dynid.cli.session import Session
 from dynid.errors import WrongUsage
 from dynid.files.yamlfile import read_yaml
 from dynid.options import Options, declaration_of, flag_of
+from dynid.progress import heard_by
 from dynid.xdg import LOCAL_CONFIG, config_file
 
 if TYPE_CHECKING:
@@ -312,10 +313,11 @@ def dynid_command(
                     if ctx.get_parameter_source(key) is ParameterSource.COMMANDLINE
                 ]
                 inner = replace(ctx.obj, **{key: given[key] for key in typed})
-                answer = function(inner, **values)
+                with heard_by(inner.progress):
+                    answer = function(inner, **values)
                 inner.progress.end()
                 return answer[0] if isinstance(answer, tuple) else answer
-            with Session(**given) as session:
+            with Session(**given) as session, heard_by(session.progress):
                 _say_settings(session)
                 answer = function(session, **values)
                 facts, status = answer if isinstance(answer, tuple) else (answer, 0)

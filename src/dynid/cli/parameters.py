@@ -71,17 +71,17 @@ def stacked(
     session: Session, robot: Robot, logs: tuple[Path, ...], options: LogOptions
 ) -> dict[str, Any]:
     """Stack logs, write fullnumericregressor.npz and estimatedmotion.npz, and return the answer."""
-    folder, progress, work = session.folder(robot.slug), session.progress, workflows.parameters
+    folder, work = session.folder(robot.slug), workflows.parameters
     path, wrote = folder / "fullnumericregressor.npz", []
     inputs = workflows.parameters.log_inputs(robot, logs) | options.texts()
-    base = workflows.model.base_model(robot, folder, progress)
+    base = workflows.model.base_model(robot, folder)
     if may_write(session, path, inputs):
-        seen = work.observe(robot, logs, options, base=base, progress=progress)
+        seen = work.observe(robot, logs, options, base=base)
         wrote = seen.save(folder, session.header(inputs))
         session.wrote(*wrote)
         write_run(folder, inputs)
     else:
-        seen = work.load_observations(path, base, progress)
+        seen = work.load_observations(path, base)
     facts = seen.facts()
     session.stage(
         "excites",

@@ -114,7 +114,6 @@ def command(
         session.folder(robot.slug),
         parameters=dynid.loading.load_run(parameters) if parameters is not None else None,
         command=session.header({})["command"],
-        progress=session.progress,
     )
     outcome = done.outcome
     if outcome is None:

@@ -55,7 +55,7 @@ def write_report(
     stored = dynid.loading.load_run(run)
     if base is not None:
         stored = replace(stored, rigid=base.model.rigid)
-    made = workflows.report.report(stored, progress=session.progress)
+    made = workflows.report.report(stored)
     wrote = made.save(folder or stored.path.parent)
     session.wrote(*wrote)
     return made, wrote

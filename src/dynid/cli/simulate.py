@@ -64,7 +64,7 @@ def command(
     arm = load_robot(session, robot, tip)
     target = session.folder(arm.slug) / "simulated.npz"
     inputs = {"robot": arm.model_key, **input_hashes({"motion": source}), **options.texts()}
-    found = workflows.simulate.simulate(arm, source, options, progress=session.progress)
+    found = workflows.simulate.simulate(arm, source, options)
     session.stage("physics", f"{found.source}; the arm follows the motion exactly")
     wrote = []
     if may_write(session, target, inputs):
@@ -78,9 +78,7 @@ def command(
 def compared(session: Session, before: Path, after: Path, log: Path, engine: str) -> Answered:
     """Drive the exported files of two results along a log and print the errors."""
     work = workflows.simulator_gap
-    found = work.compare_in_simulator(
-        [before, after], log, engine=engine, progress=session.progress
-    )
+    found = work.compare_in_simulator([before, after], log, engine=engine)
     folder = session.out or (after if after.is_dir() else after.parent)
     wrote = [work.save_figure(found, folder / "simulator" / f"{log.stem}_{engine}.png")]
     session.sentences(found.sentence())

@@ -139,9 +139,8 @@ def command(
             earlier=files["earlier"],
             for_gap=files["for_gap"],
             urdf=urdf,
-            base=workflows.model.base_model(robot, path.parent, session.progress),
+            base=workflows.model.base_model(robot, path.parent),
             drawing=look.drawing,
-            progress=session.progress,
         )
         show(session, found)
         answer = accepted(session, found, look)
@@ -298,10 +297,10 @@ def reviewed(
     """Judge, preview and ask about a motion that was planned before, and mark it."""
     from dynid.files.trajectoryfile import read_trajectory
 
-    stored, progress, seen = read_trajectory(path, robot), session.progress, None
-    base = workflows.model.base_model(robot, session.folder(robot.slug), progress)
+    stored, seen = read_trajectory(path, robot), None
+    base = workflows.model.base_model(robot, session.folder(robot.slug))
     found = workflows.trajectory.review_trajectory(
-        robot, stored, options, urdf=urdf, base=base, drawing=look.drawing, progress=progress
+        robot, stored, options, urdf=urdf, base=base, drawing=look.drawing
     )
     pictures = found.clearance.pictures
     session.findings(found.clearance.findings)

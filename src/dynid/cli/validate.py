@@ -64,12 +64,12 @@ def command(
     plot: bool,
 ) -> Answered:
     """Compare predicted with measured torques on a recording that was not used to identify."""
-    stored, progress = dynid.loading.load_run(parameters), session.progress
+    stored = dynid.loading.load_run(parameters)
     parent = stored.path.parent
     if mcap is not None:
         may_write(session, mcap)
-    base = workflows.model.base_model_of(stored, parent, progress)
-    found = workflows.validate.validate(stored, log, options, base=base, progress=progress)
+    base = workflows.model.base_model_of(stored, parent)
+    found = workflows.validate.validate(stored, log, options, base=base)
     folder = found.folder(parent / "validation")
     wrote = [found.save(folder), *(found.write_figures(folder) if plot else [])]
     if mcap is not None:

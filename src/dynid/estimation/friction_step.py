@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dynid.estimation import tuning
 from dynid.estimation.covariance import autocorrelation_time
 from dynid.estimation.rows import Rows, joined, parallel_filtered, rows_of
-from dynid.estimation.stack import Stack, settled, stack_logs
+from dynid.estimation.stack import Stack, settled_stack
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
 from dynid.robot import Coulomb
@@ -79,7 +79,7 @@ def with_estimated_step(stack: Stack, logs: Sequence[Log], *, measured_velocity:
         pairs = zip(log.segments, own, strict=True)
         segments = [replace(segment, coulomb_sign=sign[..., 0]) for segment, sign in pairs]
         logs_then.append(with_effects(replace(log, segments=segments), base.model))
-    return stack_logs(settled(logs_then, base), base)
+    return settled_stack(logs_then, base)
 
 
 def _estimated(stack: Stack, signs: Signs, usual: Coulomb) -> Coulomb | None:

@@ -31,7 +31,7 @@ from dynid.estimation.rows import (
 )
 from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.regressor import Observer
-from dynid.progress import SILENT, Progress
+from dynid.progress import advance, heard_by, notice, stage
 from dynid.signals.conditioned_log import (
     ConditionedLog,
     torques_moved_back,
@@ -170,24 +170,21 @@ def added(stacks: Sequence[Stack]) -> Stack:
     )
 
 
-def stack_logs(
-    logs: Sequence[ConditionedLog], base: BaseModel, progress: Progress = SILENT
-) -> Stack:
+def stack_logs(logs: Sequence[ConditionedLog], base: BaseModel) -> Stack:
     """Fold the rows of conditioned logs into triangular factors of a model's base columns.
 
     Args:
         logs: conditioned logs, all under the same filter.
         base: model and base parameters.
-        progress: told how far the work is.
     """
-    progress.stage("stack")
+    stage("stack")
     stacks = []
     for k, log in enumerate(logs):
         stacks.append(_of_log(log, base))
-        progress.advance(k + 1.0, len(logs), log.name)
+        advance(k + 1.0, len(logs), log.name)
     found = added(stacks)
-    rows = f"{found.samples} samples x {len(found.joints)} joints"
-    progress.stage("stacked", f"{rows} -> W {int(found.counts.sum())} x {len(found.names)}")
+    size = f"{int(found.counts.sum())} x {len(found.names)}"
+    stage("stacked", f"{found.samples} samples x {len(found.joints)} joints -> W {size}")
     return found
 
 
@@ -206,9 +203,7 @@ def _of_log(log: ConditionedLog, base: BaseModel) -> Stack:
 
 
 # ---------------------------------------------------------------- effects that scale with what is identified
-def settled(
-    logs: Sequence[ConditionedLog], base: BaseModel, first: Floats | None = None
-) -> list[ConditionedLog]:
+def settled(logs: Sequence[ConditionedLog], base: BaseModel) -> list[ConditionedLog]:
     """Return logs whose columns that scale with the model fit the parameters that are identified from them.
 
     Such columns, of load-dependent friction for example, are made with the last estimate, and the fit is repeated; the
@@ -217,13 +212,17 @@ def settled(
     Args:
         logs: conditioned logs.
         base: model and base parameters.
-        first: base parameters to begin with, (p,), each in its unit; those of a first fit when None.
     """
     found = list(logs)
     for _ in range(tuning.SCALED_ROUNDS if scale_with_model(base) else 0):
-        theta = stack_logs(found, base).first_fit.theta if first is None else first
-        found, first = scaled(found, base, theta), None
+        found = scaled(found, base, stack_logs(found, base).first_fit.theta)
     return found
+
+
+@heard_by()
+def settled_stack(logs: Sequence[ConditionedLog], base: BaseModel) -> Stack:
+    """Return settled logs stacked again, of which nothing is said."""
+    return stack_logs(settled(logs, base), base)
 
 
 def scale_with_model(base: BaseModel) -> bool:
@@ -300,14 +299,11 @@ def delay_findings(delay: float, std_error: float, applied: float, reach: float)
     return [Finding("W321", "warning", text, {"delay_s": delay, "std_error_s": std_error})]
 
 
-def on_time(
-    stack: Stack, progress: Progress = SILENT
-) -> tuple[Stack, tuple[float, float], tuple[Finding, ...]]:
+def on_time(stack: Stack) -> tuple[Stack, tuple[float, float], tuple[Finding, ...]]:
     """Estimate how late the torques of a stack are, and move them back when that is clear.
 
     Args:
         stack: the stacked logs, their torques as they were recorded.
-        progress: told what was noticed.
 
     Returns:
         The stack, in whose logs stands by how much they were moved; the delay with its error [s]; the findings.
@@ -317,17 +313,14 @@ def on_time(
     (delay, std_error), applied = estimate_delay(stack), 0.0
     for _ in range(tuning.DELAY_ROUNDS if is_clear(delay, std_error, reach) else 0):
         applied = delay
-        stack = stack_logs(
-            settled([torques_moved_back(log, base.model, applied) for log in logs], base), base
-        )
+        stack = settled_stack([torques_moved_back(log, base.model, applied) for log in logs], base)
         left, std_error = estimate_delay(stack)
         delay = applied + left
         if abs(delay - applied) < tuning.DELAY_SETTLED_S:
             break
     size = f"torques {1e3 * delay:+.1f} +- {1e3 * std_error:.1f} ms after the positions"
-    progress.stage(
-        "delay", f"{size}; {f'corrected by {1e3 * applied:.1f} ms' if applied else 'left as it is'}"
-    )
+    done = f"corrected by {1e3 * applied:.1f} ms" if applied else "left as it is"
+    stage("delay", f"{size}; {done}")
     late = tuple(delay_findings(delay, std_error, applied, reach))
-    progress.findings(late)
+    notice(late)
     return stack, (delay, std_error), late

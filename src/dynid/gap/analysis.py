@@ -23,7 +23,6 @@ from dynid.gap.selected_effects import SelectedEffect, with_columns
 from dynid.gap.verdict import GapVerdict, judge, refusal
 from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.effects.interface import Floats
-from dynid.progress import SILENT, Progress
 from dynid.signals.conditioned_log import ConditionedLog
 
 #: Cut-off of the search [Hz]: below, what happens at reversals is gone; above, noise of the positions comes in.
@@ -64,7 +63,6 @@ def analyse_gap(
     base: BaseModel,
     kept: KeptModel | None,
     options: SelectionOptions,
-    progress: Progress = SILENT,
     *,
     simulate: bool = True,
     earlier: Sequence[ConditionedLog] = (),
@@ -77,7 +75,6 @@ def analyse_gap(
         base: model and base parameters.
         kept: the model that is kept, to find what has changed; None to find what no re-identification can absorb.
         options: what is searched.
-        progress: told how far the work is.
         simulate: whether the forward simulation is run too.
         earlier: conditioned logs that a kept model was identified from, where they are at hand.
         possible: whether the physically possible set is in force, and judges what is named.
@@ -85,7 +82,7 @@ def analyse_gap(
     logs = on_one_clock(logs)
     earlier = on_one_clock(earlier) if earlier else ()
     problem = make_problem(logs, base, kept, earlier)
-    search = search_effects(logs, base, kept, options, progress, first=problem, earlier=earlier)
+    search = search_effects(logs, base, kept, options, first=problem, earlier=earlier)
     if possible and kept is None:
         search = replace(search, problem=judged_by_possible(search.problem))
     return _proved(tuple(logs), problem, search, options, simulate=simulate)

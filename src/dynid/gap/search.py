@@ -17,7 +17,6 @@ from dynid.gap.selection import Search
 from dynid.gap.strays import Stray, find_strays
 from dynid.model.base_model import BaseModel
 from dynid.options import LONGEST_DELAY
-from dynid.progress import SILENT, Progress
 from dynid.signals.conditioned_log import ConditionedLog, segment_without_delay
 
 #: Most selections: three for a delay, because each shift makes the next one exact to second order, one after what is
@@ -51,7 +50,6 @@ def search_effects(
     base: BaseModel,
     kept: KeptModel | None,
     options: SelectionOptions,
-    progress: Progress = SILENT,
     *,
     first: GapProblem | None = None,
     earlier: Sequence[ConditionedLog] = (),
@@ -63,7 +61,6 @@ def search_effects(
         base: model and base parameters.
         kept: the model that is kept, to find what has changed; None to find what no re-identification can absorb.
         options: what is searched.
-        progress: told how far the work is.
         first: the problem of these logs, when it is there already.
         earlier: conditioned logs that a kept model was identified from.
     """
@@ -81,7 +78,7 @@ def search_effects(
             ]
             problem = make_problem(shifted, base, kept, earlier)
         more = abs(delay) < LONGEST_DELAY and k < MOST_SELECTIONS - 1
-        chosen = Search(problem, options, progress, delay=more).run()
+        chosen = Search(problem, options, delay=more).run()
         # Why once more although it is no name any more: the rest is small beside the noise, not beside its own error.
         if chosen.late is None or settled or not (chosen.late_first or delay):
             break

@@ -28,7 +28,7 @@ from dynid.gap.selected_effects import Key, SelectedEffect
 from dynid.gap.shapes import integrated
 from dynid.gap.sizes import sizes_of
 from dynid.model.effects.interface import Floats
-from dynid.progress import Progress
+from dynid.progress import advance
 
 #: Joints whose rest is sized beside an effect that acts on all: those that show it most.
 MOST_JOINTS = 4
@@ -180,18 +180,15 @@ def simplest(looks: Sequence[Look], sure: float) -> Look | None:
 class Search:
     """A search for names on one problem."""
 
-    def __init__(
-        self, problem: GapProblem, options: SelectionOptions, progress: Progress, *, delay: bool
-    ) -> None:
+    def __init__(self, problem: GapProblem, options: SelectionOptions, *, delay: bool) -> None:
         """Make the evidence without any name, and all candidates.
 
         Args:
             problem: what is searched.
             options: which effects are tried.
-            progress: told how far the work is.
             delay: whether a delay is tried.
         """
-        self.problem, self.options, self.progress = problem, options, progress
+        self.problem, self.options = problem, options
         self.sure = log_odds_of(options.sure)
         self.places = places_of(problem, options, delay=delay)
         rows = problem.searched(problem.theta)
@@ -213,7 +210,7 @@ class Search:
             if key not in self.made:
                 self.made[key] = candidates_of(rows, place)
             found += self.made[key]
-            self.progress.advance(k, len(self.places), place.effect.name)
+            advance(k, len(self.places), place.effect.name)
         for columns in added:
             found = [one.beside(rows, columns) for one in found]
         return tuple(found)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import LimitBroken, PackageMissing
 from dynid.motion import Motion
-from dynid.progress import SILENT, Progress
+from dynid.progress import stage
 from dynid.record import tuning
 from dynid.record.playing import PlayedMotion
 from dynid.robot import Robot
@@ -98,7 +98,6 @@ def forecast(
     scene: Scene,
     forecaster: TorqueForecaster,
     urdf: Path | None = None,
-    progress: Progress = SILENT,
 ) -> Forecast:
     """Judge limits, clearance and torques of what will be played.
 
@@ -108,7 +107,6 @@ def forecast(
         scene: what surrounds the arm.
         forecaster: predicts the torques.
         urdf: shapes that the motion was planned with; cylinders along the DH table when None.
-        progress: told what was found.
 
     Raises:
         LimitBroken: a joint limit or a torque (E501).
@@ -116,14 +114,14 @@ def forecast(
     """
     joint, speed = check_limits(robot, played)
     text = "position, velocity and acceleration of every sample are inside the limits"
-    progress.stage("limits", text)
+    stage("limits", text)
     near = check_clearance(robot, played, scene, urdf)
     tool = float(tool_speed(robot, played.motion.q, played.motion.qd).max())
     text = f"tool up to {tool:.2f} m/s"
     if near:
         where = f"{near[0].pair}, {1e3 * near[0].distance:.0f} mm at t = {near[0].time:.1f} s"
         text = f"closest {where}; {text}"
-    progress.stage("clearance", text)
+    stage("clearance", text)
     return Forecast(
         seconds=float(played.motion.t[-1]),
         approach_seconds=played.approach,
@@ -131,24 +129,22 @@ def forecast(
         speed_rad_s=speed,
         tool_speed_m_s=tool,
         closest_m=near[0].distance if near else None,
-        torque_share=_torque_share(robot, played, forecaster, progress),
+        torque_share=_torque_share(robot, played, forecaster),
         torque_by=forecaster.source,
     )
 
 
-def _torque_share(
-    robot: Robot, played: PlayedMotion, forecaster: TorqueForecaster, progress: Progress
-) -> float | None:
+def _torque_share(robot: Robot, played: PlayedMotion, forecaster: TorqueForecaster) -> float | None:
     """Judge the torques; return the largest share of a rating, None where nothing can be said."""
     if forecaster.torque is None:
-        progress.stage("forecast", f"no torques: {forecaster.words}")
+        stage("forecast", f"no torques: {forecaster.words}")
         return None
     peak = check_torque(robot, played, forecaster.torque)
     if peak is None:
-        progress.stage("forecast", "no torques: the robot file has no ratings")
+        stage("forecast", "no torques: the robot file has no ratings")
         return None
     largest = f"{100 * peak.share:.0f} % of the rating ({peak.joint} at t = {peak.time:.1f} s)"
-    progress.stage("forecast", f"torques up to {largest}, by {forecaster.words}")
+    stage("forecast", f"torques up to {largest}, by {forecaster.words}")
     return peak.share
 
 

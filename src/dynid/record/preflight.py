@@ -27,7 +27,7 @@ from dynid.errors import (
 )
 from dynid.model.regressor import expected_torque
 from dynid.motion import Motion
-from dynid.progress import SILENT, Progress
+from dynid.progress import stage
 from dynid.record import tuning
 from dynid.record.monitor import StopRules
 from dynid.record.playing import PlayedMotion, approach, at_speed, joined, nearest_turn, repeated
@@ -243,7 +243,6 @@ def motion_to_play(
     speed: float = 1.0,
     repeat: int = 1,
     go_to_start: bool = False,
-    progress: Progress = SILENT,
 ) -> PlayedMotion:
     """Return a planned motion at its speed, as often as asked for, led in from where the arm stands.
 
@@ -254,7 +253,6 @@ def motion_to_play(
         speed: share of the planned speed.
         repeat: how often it is played.
         go_to_start: approach the first pose slowly where the arm is elsewhere.
-        progress: told of an approach.
 
     Raises:
         StartPoseOff: the arm moves, or is elsewhere and no approach was asked for.
@@ -269,7 +267,7 @@ def motion_to_play(
         return PlayedMotion(motion, speed=speed)
     way_in = approach(robot, seen.q, motion.q[0])
     share = 100 * tuning.APPROACH_SHARE
-    progress.stage("approach", f"{way_in.t[-1]:.0f} s to the start, at {share:.0f} % of the limits")
+    stage("approach", f"{way_in.t[-1]:.0f} s to the start, at {share:.0f} % of the limits")
     return PlayedMotion(joined([way_in, motion]), float(way_in.t[-1]), speed)
 
 

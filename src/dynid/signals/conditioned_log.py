@@ -23,7 +23,7 @@ from dynid.model.effects.catalogue import delay_of
 from dynid.model.effects.friction import coulomb_sign
 from dynid.model.effects.interface import ArmMotion, ReferenceTorques
 from dynid.model.regressor import Model, prior_torques, prior_vector
-from dynid.progress import SILENT, Progress
+from dynid.progress import notice, stage
 from dynid.robot import Coulomb
 from dynid.signals import tuning
 from dynid.signals.columns import take_samples
@@ -485,7 +485,6 @@ def condition_logs(
     cutoff: float | None = None,
     delay: float = 0.0,
     measured_velocity: bool = False,
-    progress: Progress = SILENT,
 ) -> list[ConditionedLog]:
     """Condition several logs with one filter, which has to serve all that are stacked.
 
@@ -495,7 +494,6 @@ def condition_logs(
         cutoff: as for ``condition_log``; ``choose_cutoff`` when None [Hz].
         delay: as for ``condition_log`` [s].
         measured_velocity: as for ``condition_log``.
-        progress: told what was noticed in the logs and how they are filtered.
     """
     shared = choose_cutoff(logs, model.robot) if cutoff is None else cutoff
     found = []
@@ -504,22 +502,22 @@ def condition_logs(
             log, model, cutoff=shared, delay=delay, measured_velocity=measured_velocity
         )
         found.append(replace(each, name=each.name or f"log {k}"))
-        say_log(log, found[-1], progress)
-    say_filter(found[0], cutoff, progress)
+        say_log(log, found[-1])
+    say_filter(found[0], cutoff)
     return found
 
 
-def say_log(log: Log, conditioned: ConditionedLog, progress: Progress) -> None:
+def say_log(log: Log, conditioned: ConditionedLog) -> None:
     """Tell what was read and noticed."""
     where = conditioned.path or conditioned.name
-    progress.stage("log", f"{where}: {len(log)} samples, {log.duration:.1f} s, {log.rate:.1f} Hz")
-    progress.findings(conditioned.findings)
+    stage("log", f"{where}: {len(log)} samples, {log.duration:.1f} s, {log.rate:.1f} Hz")
+    notice(conditioned.findings)
 
 
-def say_filter(conditioned: ConditionedLog, cutoff: float | None, progress: Progress) -> None:
+def say_filter(conditioned: ConditionedLog, cutoff: float | None) -> None:
     """Tell how a log was filtered; its cut-off comes from the motion's band when None [Hz]."""
     how, chosen = "from the motion's band; " if cutoff is None else "", conditioned.filter
-    progress.stage(
+    stage(
         "filter",
         f"zero-phase low-pass at {chosen.cutoff:.3g} Hz over torque and columns ({how}positions at "
         f"{chosen.position_cutoff:.3g} Hz), {chosen.kept_rate:.3g} Hz kept",

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid import children
-from dynid.progress import SILENT, Progress
+from dynid.progress import advance
 from dynid.trajectory import tuning
 from dynid.trajectory.feasible import coefficients, random_variables
 from dynid.trajectory.objective import ExcitationObjective, PlanProblem
@@ -52,16 +52,13 @@ class SearchOutcome:
     ended: End
 
 
-def optimise(
-    problem: PlanProblem, search: PlanOptions, limit: float, progress: Progress = SILENT
-) -> SearchOutcome:
+def optimise(problem: PlanProblem, search: PlanOptions, limit: float) -> SearchOutcome:
     """Search for the motion of least cost; Ctrl-C ends the search and keeps what was found.
 
     Args:
         problem: what is planned.
         search: restarts, seed and processes.
         limit: time for the search [s].
-        progress: told of the best so far.
 
     Raises:
         KeyboardInterrupt: interrupted before anything was found.
@@ -90,7 +87,7 @@ def optimise(
                 if best:
                     least = min(value for value, _ in best.values())
                     done = min(time.monotonic() - begin, limit)
-                    progress.advance(done, limit, f"best {describe(problem, least)}")
+                    advance(done, limit, f"best {describe(problem, least)}")
         except KeyboardInterrupt:
             if not best:
                 raise

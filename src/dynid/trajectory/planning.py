@@ -20,7 +20,7 @@ from dynid.errors import Collision, DynidError, Finding, LimitBroken, PackageMis
 from dynid.model.base_model import BaseModel, prior_base_parameters
 from dynid.model.parameters import DEFAULT_CYLINDERS
 from dynid.motion import Motion
-from dynid.progress import SILENT, Progress
+from dynid.progress import advance, stage
 from dynid.robot import Robot
 from dynid.trajectory import tuning
 from dynid.trajectory.basis import Quintic
@@ -290,7 +290,6 @@ def require_clear_motion(
     trajectory: Trajectory,
     urdf: Path | None,
     drawing: Drawing,
-    progress: Progress = SILENT,
     *,
     given: bool = True,
 ) -> Clearance:
@@ -303,7 +302,6 @@ def require_clear_motion(
         trajectory: the motion.
         urdf: the user's own shapes; cylinders along the DH table when None.
         drawing: what to draw.
-        progress: told that pictures are drawn.
         given: whether a person gave the motion, who wants to see it also when it is refused.
 
     Raises:
@@ -339,9 +337,9 @@ def require_clear_motion(
         require_clear((*found.least, *found.usual), drawing.picture if given else None, fix)
     except Collision:
         if given:
-            _drawn(drawing, draw, progress)
+            _drawn(drawing, draw)
         raise
-    pictures = _drawn(drawing, draw, progress)
+    pictures = _drawn(drawing, draw)
     if not finding:
         return Clearance(found.least, found.left_out, pictures)
     what = "the picture is a drawing" if pictures else "nothing was drawn"
@@ -356,16 +354,16 @@ _WITHOUT_BULLET = {
 }
 
 
-def _drawn(drawing: Drawing, draw: Callable[[], None], progress: Progress) -> tuple[Path, ...]:
+def _drawn(drawing: Drawing, draw: Callable[[], None]) -> tuple[Path, ...]:
     """Draw, and return which files there are; none when the person does not wait for them."""
     paths = tuple(path for path in (drawing.picture, drawing.animation) if path is not None)
     if not paths:
         return ()
-    progress.stage("draw")
+    stage("draw")
     try:
         draw()
     except KeyboardInterrupt:
-        progress.stage("interrupt", "the motion is kept, but no picture was drawn")
+        stage("interrupt", "the motion is kept, but no picture was drawn")
         return ()
     return paths
 
@@ -396,7 +394,6 @@ def first_accepted(
     candidates: Iterable[Proposal],
     judge: Callable[[Trajectory], Judgement],
     until: float = math.inf,
-    progress: Progress = SILENT,
 ) -> tuple[Proposal, Judgement]:
     """Return the first motion that is not refused, with what the judge found.
 
@@ -404,7 +401,6 @@ def first_accepted(
         candidates: motions, the most promising first.
         judge: raises what is wrong with a motion.
         until: when the time is over, by ``time.monotonic``; the motion at hand is still judged [s].
-        progress: told which motion is judged.
 
     Raises:
         LimitBroken: no motion passed; this is why the last one failed.
@@ -414,7 +410,7 @@ def first_accepted(
     for k, candidate in enumerate(candidates):
         if reason is not None and time.monotonic() > until:
             break
-        progress.advance(k, 0, f"motion {k + 1}, {100 * candidate.share:.0f} % of its size")
+        advance(k, 0, f"motion {k + 1}, {100 * candidate.share:.0f} % of its size")
         try:
             return candidate, judge(candidate.trajectory)
         except (LimitBroken, Collision) as error:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.effects.interface import ArmMotion, Effect, Joints, Shape
 from dynid.motion import Motion
-from dynid.progress import SILENT, Progress
+from dynid.progress import advance
 from dynid.trajectory import tuning
 from dynid.trajectory.feasible import Shaping, bounds, coefficients, random_variables
 from dynid.trajectory.objective import PlanProblem
@@ -216,7 +216,6 @@ def separate(
     question: GapQuestion,
     search: PlanOptions,
     limit: float,
-    progress: Progress = SILENT,
 ) -> SearchOutcome:
     """Search for the motion that answers a gap search best; equal seeds give equal motions when it is not cut short.
 
@@ -226,7 +225,6 @@ def separate(
         question: what is open.
         search: restarts, seed, speed factor.
         limit: time for the search [s].
-        progress: told how many starts are done.
 
     Raises:
         KeyboardInterrupt: interrupted before a start was done.
@@ -266,7 +264,7 @@ def separate(
                 ended = "time"
             else:
                 finished += 1
-                progress.advance(finished, search.restarts, f"start {finished}")
+                advance(finished, search.restarts, f"start {finished}")
     except KeyboardInterrupt:
         if not found:
             raise

@@ -15,7 +15,7 @@ from dynid.estimation.result import Identification
 from dynid.files import packaged
 from dynid.files.robotfile import load_robot
 from dynid.model.parameters import prior_bodies
-from dynid.progress import SILENT, Progress
+from dynid.progress import stage
 from dynid.robot import LINK_PARAMETERS, Body, Prior, Robot
 from dynid.sim.hidden import CASES, OUTSIDE, Hidden, hidden_logs
 from dynid.sim.plant import read_plant
@@ -55,16 +55,13 @@ def hidden_effect(name: str, seed: int) -> Hidden:
     return cases[name]
 
 
-def simulate_hidden(
-    folder: Path, hidden: Hidden, seed: int, progress: Progress = SILENT
-) -> tuple[Path, tuple[Path, ...]]:
+def simulate_hidden(folder: Path, hidden: Hidden, seed: int) -> tuple[Path, tuple[Path, ...]]:
     """Write the robot file and six logs of a simulated arm with something hidden in it, and return their paths.
 
     Args:
         folder: where to.
         hidden: what is hidden.
         seed: of motions and noise.
-        progress: reports that the arm is simulated.
     """
     source = load_robot(ROBOT)
     assert source.path is not None
@@ -72,7 +69,7 @@ def simulate_hidden(
     write_text(robot, source.path.read_text(encoding="utf-8"))
     plant = read_plant(packaged("trajectories") / TRUTH)
     paths = tuple(folder / f"motion{1 + k // 2}{'ab'[k % 2]}.npz" for k in range(6))
-    progress.stage("simulate")
+    stage("simulate")
     logs = hidden_logs(source, plant, hidden, np.random.default_rng([seed, 1]), seconds=SECONDS)
     for path, log in zip(paths, logs, strict=True):
         log.save(path)
@@ -107,14 +104,13 @@ class OwnArm:
     physics: str
 
 
-def simulate_own(robot: Robot, folder: Path, seed: int, progress: Progress = SILENT) -> OwnArm:
+def simulate_own(robot: Robot, folder: Path, seed: int) -> OwnArm:
     """Write two logs of a simulated arm whose bodies differ from what its file says of them.
 
     Args:
         robot: the arm; without a prior its links are cylinders.
         folder: where to.
         seed: of bodies, motions and noise.
-        progress: reports that the arm is simulated.
     """
     rng = np.random.default_rng([seed, 2])
     bodies = tuple(_other(body, rng) for body in prior_bodies(robot))
@@ -122,7 +118,7 @@ def simulate_own(robot: Robot, folder: Path, seed: int, progress: Progress = SIL
     for k, seconds in enumerate(OWN_SECONDS):
         spec = SineSpec(seconds, 10.0, 0.8, 0.6, 0.6, -math.inf)
         motion = sines(arm, spec, OWN_STEP, np.random.default_rng([seed, k]))
-        found = simulate(arm, motion, seed=seed + k, progress=progress)
+        found = simulate(arm, motion, seed=seed + k)
         physics = found.source
         paths.append(found.log.save(folder / f"motion{k + 1}.npz"))
     truth: dict[str, float] = {}

@@ -29,7 +29,7 @@ from dynid.loading import (
 )
 from dynid.log import Log
 from dynid.options import LogOptions
-from dynid.progress import SILENT, Progress
+from dynid.progress import Progress
 from dynid.robot import Robot
 from dynid.signals.columns import in_amperes as holds_currents
 from dynid.text import printable, yaml_text
@@ -52,7 +52,7 @@ def find_drive_gains(
     loaded: LogLike | None = None,
     load_mass: float | None = None,
     folder: str | Path | None = None,
-    progress: Progress = SILENT,
+    progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> Gains:
     """Find the gains of all drives [N m per A] from logs of motor currents.
@@ -87,15 +87,13 @@ def find_drive_gains(
             fix="give them in the robot file: `torque: {source: motor_current, gain: [...]}`",
         )
     robot = replace(robot, torque=replace(robot.torque, source="motor_current"))
-    base = base_model(robot, folder, progress)
+    base = base_model(robot, folder)
     known = np.array(robot.torque.gain or (None,) * robot.n, dtype=float)
     checked = [checked_log(log, robot, options) for log in given]
-    conditioned, load = condition_logs(checked, base.model, options, progress), None
+    conditioned, load = condition_logs(checked, base.model, options), None
     if loaded is not None:
-        load = known_load(base, stack_logs([conditioned.pop()], base, progress), load_mass)
-    return find_gains(
-        stack_logs(conditioned, base, progress), known, load, robot.torque.scale_error
-    )
+        load = known_load(base, stack_logs([conditioned.pop()], base), load_mass)
+    return find_gains(stack_logs(conditioned, base), known, load, robot.torque.scale_error)
 
 
 def write_robot(folder: Path, robot: Robot, found: Gains) -> tuple[Path, Robot]:

@@ -34,7 +34,7 @@ from dynid.exporters.simulated import simulated
 from dynid.loading import ResultLike, as_result
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import indefinite_share, random_poses
-from dynid.progress import SILENT, Progress
+from dynid.progress import Progress, notice, stage
 from dynid.table import Table
 from dynid.version import __version__
 from dynid.workflows.model import base_model_of
@@ -169,7 +169,7 @@ def export(
     base: BaseModel | None = None,
     seed: int = 0,
     write: Callable[[Path, str], object] | None = None,
-    progress: Progress = SILENT,
+    progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> ExportedModel:
     """Write an identified model, load each file again, and compare torques.
@@ -202,9 +202,9 @@ def export(
     names = chosen or (format_of(path),)
     if options.urdf is not None and "urdf" not in names:
         raise WrongUsage("--urdf is for --format urdf", fix="add --format urdf")
-    arm = identified_arm(result, names, options, base, progress)
+    arm = identified_arm(result, names, options, base)
     findings = _possible(arm, names, options)
-    progress.findings(findings)
+    notice(findings)
     arm = replace(arm, warning="; ".join(finding.text for finding in findings))
     folder, files = path if chosen else path.parent, []
     # Why all texts first: nothing is written when one of the formats cannot hold the model.
@@ -215,15 +215,15 @@ def export(
         place = folder / f"{arm.file_stem}{form.suffix}" if chosen else path
         place = folder / EFFECTS_FILE if form is EFFECTS else place
         (write or write_text)(place, text)
-        progress.stage("compare", place.name)
+        stage("compare", place.name)
         files.append(_proved(form, place, text, arm, seed))
-        progress.findings(files[-1].findings())
+        notice(files[-1].findings())
     drawn: tuple[Path, ...] = ()
     if options.draws:
         hosts = [name for name in names if name in HOSTS]
         if not hosts:
             raise WrongUsage("draws are written as URDF or MJCF", fix="add --format mjcf")
-        progress.stage("draw", f"{options.draws} arms")
+        stage("draw", f"{options.draws} arms")
         drawn = _write_draws(result, arm, options.draws, seed, folder / "draws", hosts)
     return ExportedModel(arm, tuple(files), findings, drawn)
 
@@ -274,7 +274,6 @@ def identified_arm(
     formats: Iterable[str],
     options: ExportOptions = ExportOptions(),
     base: BaseModel | None = None,
-    progress: Progress = SILENT,
 ) -> IdentifiedArm:
     """Return what is exported from a result.
 
@@ -289,7 +288,7 @@ def identified_arm(
         what = f"{result.path} is damaged: a parameter is not a finite number"
         raise NotAnArtifact(what, where=str(result.path))
     theta = result.reduction.K @ full.x if which == "physical" else result.plain
-    base = base or base_model_of(result, result.path.parent if result.path.name else None, progress)
+    base = base or base_model_of(result, result.path.parent if result.path.name else None)
     return IdentifiedArm(
         base,
         theta,

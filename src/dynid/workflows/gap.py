@@ -42,7 +42,7 @@ from dynid.loading import (
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.progress import SILENT, Progress
+from dynid.progress import Progress, heard_by, stage
 from dynid.signals.conditioned_log import ConditionedLog, stretches
 from dynid.workflows.gap_result import Gap, selection_options
 from dynid.workflows.identify import identify
@@ -71,7 +71,7 @@ def find_gap(
     *,
     earlier: LogsLike = (),
     base: BaseModel | None = None,
-    progress: Progress = SILENT,
+    progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> Gap:
     """Find where a model and recordings disagree, which effect is missing, and how much smaller the gap is with it.
@@ -97,7 +97,7 @@ def find_gap(
     recordings = as_logs(logs, result.robot, options)
     known = as_logs(earlier, result.robot, options, "earlier", empty=True)
     base = base or base_model_of(result)
-    search = _Search(result, base, selection_options(base.robot, options), options, progress)
+    search = _Search(result, base, selection_options(base.robot, options), options)
     new, question = search.checked(recordings), options.question
     before = search.checked(known) if question in ("auto", "changed") else []
     if question == "auto":
@@ -137,14 +137,12 @@ class _Search:
         base: its base model.
         wanted: what is searched.
         options: how recordings are read.
-        progress: reports how far the work is.
     """
 
     result: Identification
     base: BaseModel
     wanted: SelectionOptions
     options: GapOptions
-    progress: Progress
 
     def checked(self, logs: Sequence[Log]) -> list[Log]:
         """Return checked recordings."""
@@ -172,13 +170,12 @@ class _Search:
         options = signals_of(self.result, self.options, question)
         conditioned = self._conditioned(logs, options)
         before = self._conditioned(earlier, options) if earlier else []
-        self.progress.stage("search")
+        stage("search")
         analysis = analyse_gap(
             conditioned,
             base,
             kept_model(self.result) if question == "changed" else None,
             wanted,
-            self.progress,
             earlier=before,
             possible=self.result.in_force == "physical",
         )
@@ -192,6 +189,7 @@ class _Search:
         found = self._recorded(analysis, question, why)
         return replace(found, recordings=tuple(logs), before=tuple(earlier), signals=options)
 
+    @heard_by()
     def _replays(
         self, logs: Sequence[Log], result: Identification, cutoff: float | None = None
     ) -> list[Validation]:
@@ -281,6 +279,7 @@ class _Search:
         facts = {**vars(record), "of": fingerprint(self.result)}
         return Gap(**facts, analysis=analysis, searched=self.result)
 
+    @heard_by()
     def _with_reestimated_payload(self, analysis: GapAnalysis, logs: Sequence[Log]) -> GapAnalysis:
         """Return an analysis whose load, if it names one, is as heavy as ``dynid identify --payload-from`` says."""
         load, result = named_load(analysis), self.result
@@ -306,11 +305,11 @@ class _Search:
 
     def _conditioned(self, logs: Sequence[Log], options: GapOptions) -> list[ConditionedLog]:
         """Return conditioned logs, of long ones stretches: minutes say what hours do, and all candidates fit."""
-        whole = condition_logs(logs, self.base.model, options, self.progress)
+        whole = condition_logs(logs, self.base.model, options)
         found, parts = stretches(whole, LONGEST)
         if parts:
             text = f"{LONGEST:.0f} s are searched, in {parts} stretches spread evenly over the logs"
-            self.progress.stage("stretches", text)
+            stage("stretches", text)
         return found
 
     def of_the_arm(self, logs: Sequence[Log], why: str) -> Gap:
@@ -421,7 +420,7 @@ def earlier_logs(
     result: ResultLike,
     logs: LogsLike,
     options: GapOptions = GapOptions(),
-    progress: Progress = SILENT,
+    progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> list[Log]:
     """Return the recordings that a result was identified from, where their files are still what they were.
@@ -450,12 +449,12 @@ def earlier_logs(
         return []
     if own and options.question == "changed":
         text = "the model was identified from a log given here, so that log shows no change"
-        progress.stage("earlier", text)
+        stage("earlier", text)
     there = [
         path for path, sha in before if sha not in new and path.exists() and sha256(path) == sha
     ]
     missing = [str(path) for path, sha in before if sha not in own and path not in there]
     if missing:
         text = f"missing, or changed since then: {', '.join(missing)}"
-        progress.stage("earlier", f"logs that the model was identified from are {text}")
+        stage("earlier", f"logs that the model was identified from are {text}")
     return [load_log(path, result.robot, options, identify=False) for path in there]

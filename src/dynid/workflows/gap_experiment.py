@@ -15,7 +15,6 @@ from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Floats
 from dynid.motion import Motion
 from dynid.options import LogOptions
-from dynid.progress import SILENT, Progress
 from dynid.trajectory import tuning
 from dynid.trajectory.optimise import SearchOutcome
 from dynid.trajectory.plan import Trajectory
@@ -84,16 +83,14 @@ def _rivalry(one: GapEffect, key: tuple[str, tuple[int, ...]], text: str) -> Riv
     )
 
 
-def _of_logs(
-    record: GapRecord, base: BaseModel, question: GapQuestion, progress: Progress
-) -> Separation | None:
+def _of_logs(record: GapRecord, base: BaseModel, question: GapQuestion) -> Separation | None:
     """Return what the searched logs tell themselves; None where they are not at hand."""
     paths, options = [Path(name) for name in record.logs], LogOptions(delay=0.0)
     if not paths or not all(path.is_file() for path in paths):
         return None
     try:
         logs = [checked_log(read_log(path, base.robot), base.robot, options) for path in paths]
-        conditioned = condition_logs(logs, base.model, options, progress)
+        conditioned = condition_logs(logs, base.model, options)
     except DynidError:
         return None
     segments = [segment for log in conditioned for segment in log.segments]
@@ -120,20 +117,16 @@ class GapExperiment:
     before: Separation | None
 
     @classmethod
-    def of(
-        cls, record: GapRecord, context: PlanningContext, progress: Progress = SILENT
-    ) -> GapExperiment:
+    def of(cls, record: GapRecord, context: PlanningContext) -> GapExperiment:
         """Return the experiment that a search asks for on a prepared arm."""
         base = context.base
         question = question_of(record, base, context.theta)
-        return cls(base, question, _of_logs(record, base, question, progress))
+        return cls(base, question, _of_logs(record, base, question))
 
-    def search(
-        self, context: PlanningContext, limit: float, progress: Progress = SILENT
-    ) -> SearchOutcome:
+    def search(self, context: PlanningContext, limit: float) -> SearchOutcome:
         """Search for the motion that answers best, for so many seconds at most."""
         problem = plan_problem(context)
-        return separate(problem, self.base, self.question, context.options, limit, progress)
+        return separate(problem, self.base, self.question, context.options, limit)
 
     def outlook(self, trajectory: Trajectory) -> tuple[str, ...]:
         """Return how much better the second search will be, a sentence for each open question."""

@@ -27,6 +27,7 @@ from dynid.judgement.evidence import Evidence
 from dynid.loading import condition_logs, load_run, parameters_of
 from dynid.log import Log
 from dynid.model.effects.catalogue import CATALOGUE
+from dynid.progress import heard_by
 from dynid.reports.figures import write_figure
 from dynid.reports.gap_figures import effect_figure, improvement_figure, residual_figure
 from dynid.robot import EffectSpec, Robot
@@ -339,6 +340,7 @@ class Gap(Judged, GapRecord):
         }
         return replace(found, robot=replace(found.robot, path=path), header=header)
 
+    @heard_by()
     def _identified(self, specs: Sequence[EffectSpec]) -> Identification:
         """Return the arm with effects, identified as before: filter, estimator, set, sizes of the residual model."""
         before, analysis = self.searched, self.analysis

@@ -52,7 +52,7 @@ from dynid.log import Log
 from dynid.model.base_model import BaseModel, in_memory, prior_base_parameters
 from dynid.model.regressor import expected_torque
 from dynid.options import LogOptions
-from dynid.progress import SILENT, Progress
+from dynid.progress import Progress, heard_by, notice, stage
 from dynid.reports.figures import motion_figure
 from dynid.robot import Known, Prior, Robot
 from dynid.workflows.options import IdentifyOptions
@@ -129,7 +129,7 @@ def identify(
     base: BaseModel | None = None,
     update: ResultLike | None = None,
     like: ResultLike | None = None,
-    progress: Progress = SILENT,
+    progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> Identification:
     """Identify the base parameters of an arm, with robust error bars and a held-out figure.
@@ -161,14 +161,14 @@ def identify(
         seen = logs
     else:
         recordings = as_logs(logs, robot, options)
-        seen = observe(robot, recordings, options, base=base, progress=progress)
+        seen = observe(robot, recordings, options, base=base)
     robot = replace(robot, estimated_coulomb=seen.base.robot.estimated_coulomb)
     base = replace(seen.base, model=replace(seen.base.model, robot=robot))
     stack, header = seen.stack, seen.header()
     if update is not None:
         header |= _both_logs(header, update, options)
         stack = stack_of_result(update, stack.base) + stack
-    holdout = _held_out(seen, stack, options, progress)
+    holdout = _held_out(seen, stack, options)
     try:
         found = estimate(
             stack,
@@ -186,30 +186,28 @@ def identify(
         raise
     if _poor(found, base):
         found = replace(found, findings=(*_diagnosed(seen, robot, options), *found.findings))
-    return _told(replace(found, header=header, draw=torque_figure), seen.checked, progress)
+    return _told(replace(found, header=header, draw=torque_figure), seen.checked)
 
 
-def _told(found: Identification, logs: Sequence[Log], progress: Progress) -> Identification:
+def _told(found: Identification, logs: Sequence[Log]) -> Identification:
     """Return a result whose header tells noise and arm, after its fit was reported."""
     assert found.stack is not None
     noise = noise_floor(found.stack, found.theta, found.model_error)
     if noise is not None:
         facts = {"noise_floor_nm": noise.rms.tolist(), "noise_repeats_s": noise.repeats}
         found = replace(found, header=found.header | facts)
-    if other := _other_arm(found, logs, progress):
+    if other := _other_arm(found, logs):
         found = replace(found, header=found.header | {"other_arm": other})
-    progress.stage("estimate", f"{METHOD_TEXT[found.method]}; {found.why}")
-    progress.stage("", f"{len(found.names)} base parameters; held out: {found.heldout}")
+    stage("estimate", f"{METHOD_TEXT[found.method]}; {found.why}")
+    stage("", f"{len(found.names)} base parameters; held out: {found.heldout}")
     conditions = f"{found.condition_number_scaled:.3g} with normalised columns ({found.condition_number:.3g} without)"
-    progress.stage("excited", f"condition number {conditions}")
-    progress.findings(found.findings)
+    stage("excited", f"condition number {conditions}")
+    notice(found.findings)
     return found
 
 
 # ---------------------------------------------------------------- is it another arm?
-def _other_arm(
-    found: Identification, logs: Sequence[Log], progress: Progress
-) -> dict[str, Any] | None:
+def _other_arm(found: Identification, logs: Sequence[Log]) -> dict[str, Any] | None:
     """Return the shipped arm whose link lengths explain logs far better: name, and both errors [%]; None for none."""
     noise = found.header.get("noise_floor_nm")
     if not logs or not noise or not all(noise):
@@ -219,7 +217,7 @@ def _other_arm(
     if median(ratios) <= tuning.OTHER_ARM:
         return None
     text = "most joints miss several times their noise: the link lengths of other arms are tried"
-    progress.stage("arm", text)
+    stage("arm", text)
     arm, cutoff = found.robot, LogOptions(cutoff=found.cutoff or None)
     own, tried = _unexplained(arm, logs, cutoff), []
     for path in sorted(Path(packaged("robots")).glob("*.yaml")):
@@ -239,6 +237,7 @@ def _other_arm(
     return {"name": name, "percent": percent, "own": own} if better else None
 
 
+@heard_by()
 def _unexplained(robot: Robot, logs: Sequence[Log], options: LogOptions) -> float:
     """Return what is unexplained of logs with the links of an arm [%]."""
     base = in_memory(replace(robot, prior=None, estimated_coulomb=None))
@@ -267,9 +266,7 @@ def _both_logs(
     return {key: [*earlier.header.get(key, []), *header[key]] for key in ("log_sha256", "logs")}
 
 
-def _held_out(
-    seen: Observations, stack: Stack, options: IdentifyOptions, progress: Progress
-) -> HoldOut | None:
+def _held_out(seen: Observations, stack: Stack, options: IdentifyOptions) -> HoldOut | None:
     """Return the rows that are kept back to judge the fit of a stack, which may hold more than was observed."""
     kept, base = options.holdout, seen.base
     if kept is None:
@@ -281,8 +278,8 @@ def _held_out(
     same = replace(options, cutoff=seen.cutoff, delay=seen.applied_delay, exclude=())
     log = as_log(kept, base.robot, same, "holdout")
     checked = checked_log(log, base.robot, same, alone=False)
-    conditioned = condition_logs([checked], base.model, same, progress)
-    test = stack_logs(scaled(conditioned, base, stack.first_fit.theta), base, progress)
+    conditioned = condition_logs([checked], base.model, same)
+    test = stack_logs(scaled(conditioned, base, stack.first_fit.theta), base)
     return stack, test, str(log.source or "log")
 
 

@@ -16,7 +16,7 @@ from dynid.estimation.result import Identification
 from dynid.loading import load_run, read_log
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
-from dynid.progress import SILENT, Progress
+from dynid.progress import notice, stage
 from dynid.robot import Robot
 from dynid.text import yaml_text
 from dynid.workflows.drive_gains import find_drive_gains, gain_facts, needs_gains, write_robot
@@ -84,7 +84,6 @@ def identify_run(
     models: Path,
     may_write: Callable[[Path, Mapping[str, str]], bool] = lambda path, inputs: True,
     header: Callable[[Mapping[str, str]], dict[str, Any]],
-    progress: Progress = SILENT,
 ) -> IdentifyRun:
     """Identify in a folder: with equal inputs the result that is there is the answer.
 
@@ -97,7 +96,6 @@ def identify_run(
         models: where the model is kept.
         may_write: tells whether a file may be written, given what it is made from; False keeps the one that is there.
         header: makes the facts of every header from the inputs.
-        progress: reports how far the work is.
 
     Raises:
         WrongUsage: an option needs a log, or a load is given for logs that need none.
@@ -109,22 +107,22 @@ def identify_run(
 
     @cache
     def logs() -> list[Log]:
-        progress.stage("read")
+        stage("read")
         return [read_log(path, arm, options) for path in paths]
 
     beside, wrote, payload = [], [], None
-    gains, robot = _gains(arm, logs if paths else list, options, extras, models, progress), arm
+    gains, robot = _gains(arm, logs if paths else list, options, extras, models), arm
     if gains is not None:
         written, robot = write_robot(folder, arm, gains)
         beside.append(written)
     inputs = _inputs(robot, folder, paths, options, extras, earlier)
-    base, path = base_model(robot, models, progress), folder / "parameters.npz"
+    base, path = base_model(robot, models), folder / "parameters.npz"
     updated = earlier is not None and path.exists() and path.samefile(earlier.path)
     if not updated and not may_write(path, inputs):
-        result = _stored(path, base, progress)
+        result = _stored(path, base)
     else:
         if paths:
-            seen = observe(robot, logs(), options, base=base, progress=progress)
+            seen = observe(robot, logs(), options, base=base)
             own = {
                 k: text
                 for k, text in inputs.items()
@@ -132,22 +130,22 @@ def identify_run(
             }
             beside.append(seen.save_stack(folder, header(own)))
         else:
-            seen = load_observations(folder / STACK, base, progress)
-        result = identify(robot, seen, options, update=earlier, progress=progress)
+            seen = load_observations(folder / STACK, base)
+        result = identify(robot, seen, options, update=earlier)
         wrote = save_result(folder, result, header(inputs))
     if unloaded is not None:
-        rows = _with_rows(result, base, logs, options, progress) if paths else result
+        rows = _with_rows(result, base, logs, options) if paths else result
         payload = find_payload(rows, unloaded)
         beside.append(_write_payload(folder, payload))
     result = replace(result, path=path)
     return IdentifyRun(result, base, inputs, tuple(wrote), tuple(beside), gains, payload)
 
 
-def _stored(path: Path, base: BaseModel, progress: Progress) -> Identification:
+def _stored(path: Path, base: BaseModel) -> Identification:
     """Return the result that is there, with the model that a result would derive, and say what was noticed."""
     result = replace(load_run(path), rigid=base.model.rigid)
     noticed = (Finding(**each) for each in result.header.get("log_findings", []))
-    progress.findings((*noticed, *result.findings))
+    notice((*noticed, *result.findings))
     return result
 
 
@@ -156,13 +154,12 @@ def _with_rows(
     base: BaseModel,
     logs: Callable[[], list[Log]],
     options: IdentifyOptions,
-    progress: Progress,
 ) -> Identification:
     """Return a result with the rows that it was made from, which its file does not keep."""
     if result.stack is not None:
         return result
     options = replace(options, cutoff=result.cutoff, delay=result.delay)
-    seen = observe(result.robot, logs(), options, base=base, progress=progress)
+    seen = observe(result.robot, logs(), options, base=base)
     return replace(result, stack=seen.stack)
 
 
@@ -212,7 +209,6 @@ def _gains(
     options: IdentifyOptions,
     extras: Extras,
     folder: Path,
-    progress: Progress,
 ) -> Gains | None:
     """Return the gains of the drives where the logs hold currents and not all gains are known."""
     if robot.torque.complete or not any(needs_gains(robot, log) for log in logs()[:1]):
@@ -227,7 +223,6 @@ def _gains(
         loaded=read_log(extras.loaded, robot, options) if extras.loaded else None,
         load_mass=extras.load_mass,
         folder=folder,
-        progress=progress,
     )
 
 

@@ -26,8 +26,9 @@ from dynid.model.base_model import (
     save_reduction,
     stored_key,
 )
+from dynid.model.reduce import Reduction
 from dynid.model.regressor import Model, build_model
-from dynid.progress import SILENT, Progress
+from dynid.progress import Progress, stage
 from dynid.robot import Robot
 from dynid.text import whole_number
 from dynid.workflows.options import ModelOptions
@@ -62,45 +63,44 @@ def adapted(robot: Robot, options: ModelOptions) -> Robot:
 # ---------------------------------------------------------------- the regressor
 @dataclass(frozen=True)
 class DerivedModel:
-    """The regressor of an arm, and how it was come by.
+    """The regressor of an arm in a folder, with its base parameters once they are asked for.
 
     Attributes:
         model: the regressor.
-        folder: where it is stored.
-        derived: whether it was derived now; False where the stored one was used.
-        seconds: what deriving or reading took [s].
+        folder: where both are stored.
+        seconds: what each step took [s].
+        wrote: what was derived now; where nothing was, stored files were used.
+        reduction: the base parameters; None until they are asked for.
     """
 
     model: Model
     folder: Path
-    derived: bool
-    seconds: float
+    seconds: dict[str, float]
+    wrote: tuple[Path, ...] = ()
+    reduction: Reduction | None = None
 
     @property
-    def path(self) -> Path:
-        """regressor.npz."""
-        return paths(self.folder)[0]
+    def base(self) -> BaseModel:
+        """The model with its base parameters."""
+        assert self.reduction is not None
+        return BaseModel(self.model, self.reduction)
 
-    def facts(self, reduced: ReducedModel | None = None) -> dict[str, Any]:
+    def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid model`` says, with or without base parameters."""
-        seconds = {"symbolic" if self.derived else "load": self.seconds}
         answer = {
             "schema": "dynid/model/1",
             **picked(self.model.robot, robot="name", n_joints="n", key="model_key"),
             "n_parameters": self.model.size,
             "operations": self.model.rigid.flops,
-            "seconds": seconds,
-            "wrote": [self.path] if self.derived else [],
+            **picked(self, "seconds", "wrote"),
         }
-        if reduced is None:
+        found = self.reduction
+        if found is None:
             return answer | dict.fromkeys(("rank", "classes", "groups"))
-        found = reduced.base.reduction
-        seconds["reduce"] = reduced.seconds
-        answer["wrote"] += [reduced.path] if reduced.found else []
-        named = zip(found.base_names, found.formulas, strict=True)
+        named = enumerate(zip(found.base_names, found.formulas, strict=True))
         groups = [
             {"name": name, "terms": found.terms(i), "formula": formula}
-            for i, (name, formula) in enumerate(named)
+            for i, (name, formula) in named
         ]
         classes = picked(found, "alone", "none", "combined")
         return {**answer, **picked(found, "rank", "gap"), "classes": classes, "groups": groups}
@@ -130,66 +130,44 @@ def stored_differences(robot: Robot, folder: Path) -> str | None:
     return "; ".join(found) or "other columns, links or version of dynid"
 
 
-def derive_model(
-    robot: Robot, folder: Path, *, rebuild: bool = False, progress: Progress = SILENT
-) -> DerivedModel:
+def derive_model(robot: Robot, folder: Path, *, rebuild: bool = False) -> DerivedModel:
     """Return the regressor of an arm, the stored one where it fits, derived and stored otherwise.
 
     Args:
         robot: the arm.
         folder: where regressor.npz is kept.
         rebuild: whether to derive it again in any case.
-        progress: reports when the work begins.
     """
     start, path = time.perf_counter(), paths(folder)[0]
-    progress.stage("symbolic", "")
-    if not rebuild and stored_key(path) == key_of(robot):
-        return DerivedModel(load_model(path, robot), folder, False, time.perf_counter() - start)
-    model = build_model(robot)
-    seconds = time.perf_counter() - start
-    save_model(path, model)
-    return DerivedModel(model, folder, True, seconds)
+    stage("symbolic")
+    new = rebuild or stored_key(path) != key_of(robot)
+    model = build_model(robot) if new else load_model(path, robot)
+    seconds = {"symbolic" if new else "load": time.perf_counter() - start}
+    if new:
+        save_model(path, model)
+    return DerivedModel(model, folder, seconds, (path,) * new)
 
 
 # ---------------------------------------------------------------- base parameters
-@dataclass(frozen=True)
-class ReducedModel:
-    """Base parameters of an arm, and how they were come by.
-
-    Attributes:
-        base: model and base parameters.
-        path: fullregressor.npz.
-        found: whether they were found now; False where the stored ones were used.
-        seconds: what finding or reading took [s].
-    """
-
-    base: BaseModel
-    path: Path
-    found: bool
-    seconds: float
-
-
 def reduce_model(
     derived: DerivedModel,
     options: ModelOptions = ModelOptions(),
     *,
     seed: int = 0,
-    progress: Progress = SILENT,
-) -> ReducedModel:
-    """Group the parameters of a regressor into base parameters and store them.
+) -> DerivedModel:
+    """Return a regressor with its base parameters, which are stored beside it.
 
     Args:
         derived: the regressor.
         options: random states and tolerance; the stored base parameters serve only where both are the defaults.
         seed: seed of the random states.
-        progress: reports when the work begins.
 
     Raises:
         ReductionsDisagree: the singular values leave the rank open.
     """
     start, path, model = time.perf_counter(), paths(derived.folder)[1], derived.model
     usual = options.tolerance is None and options.samples == ModelOptions().samples
-    stored = not derived.derived and usual and stored_key(path) == key_of(model.robot)
+    stored = not derived.wrote and usual and stored_key(path) == key_of(model.robot)
     if stored:
         reduction = load_reduction(path)
         if reduction.names != model.parameter_names:
@@ -198,19 +176,21 @@ def reduce_model(
     else:
         from dynid.model.relations import base_parameters  # SymPy
 
-        progress.stage("reduce", "")
+        stage("reduce")
         reduction = base_parameters(
             model, samples=options.samples, seed=seed, tolerance=options.tolerance
         )
         save_reduction(path, model, reduction)
-    return ReducedModel(BaseModel(model, reduction), path, not stored, time.perf_counter() - start)
+    seconds = {**derived.seconds, "reduce": time.perf_counter() - start}
+    wrote = (*derived.wrote, *(path,) * (not stored))
+    return replace(derived, seconds=seconds, wrote=wrote, reduction=reduction)
 
 
 @public
 def base_model(
     robot: RobotLike,
     folder: str | Path | None = None,
-    progress: Progress = SILENT,
+    progress: Progress | None = None,
     *,
     options: ModelOptions = ModelOptions(),
     **changes: Any,  # noqa: ANN401
@@ -232,29 +212,26 @@ def base_model(
     """
     robot = adapted(as_robot(robot), options)
     folder = None if folder is None else arguments.path(folder, "folder")
-    progress.stage("model")
+    stage("model")
     if folder is None:
         return in_memory(robot, options.samples, options.tolerance)
     reduced = reduce_model(derive_model(robot, folder), options)
-    if reduced.found:
+    if reduced.wrote:
         made = f"{len(reduced.base.reduction.names)} -> {reduced.base.rank} base parameters"
-        progress.stage("model", f"derived for {robot.name}: {made}, stored in {folder}")
+        stage("model", f"derived for {robot.name}: {made}, stored in {folder}")
     return reduced.base
 
 
-def base_model_of(
-    result: Identification, folder: Path | None = None, progress: Progress = SILENT
-) -> BaseModel:
+def base_model_of(result: Identification, folder: Path | None = None) -> BaseModel:
     """Return the model that a result was made with; its base parameters are those of the result, never found anew.
 
     Args:
         result: the result.
         folder: where the model is kept; None keeps it in memory.
-        progress: reports that the model is made.
     """
     if folder is None:
         return BaseModel(base_model(result.robot).model, result.reduction)
-    progress.stage("model")
+    stage("model")
     return BaseModel(derive_model(result.robot, folder).model, result.reduction)
 
 

@@ -15,7 +15,14 @@ from dynid.estimation import observation_files, prediction
 from dynid.estimation.estimate import weakly_excited
 from dynid.estimation.friction_step import with_coulomb, with_estimated_step
 from dynid.estimation.least_squares import condition_number, merge, solve
-from dynid.estimation.stack import Stack, on_time, scale_with_model, settled, stack_logs
+from dynid.estimation.stack import (
+    Stack,
+    on_time,
+    scale_with_model,
+    settled,
+    settled_stack,
+    stack_logs,
+)
 from dynid.files.artifact import read_artifact, read_header, reading
 from dynid.loading import (
     LogsLike,
@@ -29,7 +36,7 @@ from dynid.loading import (
 from dynid.log import Log
 from dynid.model.base_model import BaseModel, in_memory, prior_base_parameters
 from dynid.options import LogOptions
-from dynid.progress import SILENT, Progress
+from dynid.progress import Progress, notice, stage
 from dynid.robot import Robot, coulomb_of
 from dynid.signals.conditioned_log import without_delay
 from dynid.signals.motion import check_amount
@@ -147,7 +154,7 @@ def observe(
     options: LogOptions = LogOptions(),
     *,
     base: BaseModel | None = None,
-    progress: Progress = SILENT,
+    progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> Observations:
     """Filter logs, stack the base regressor over them, and correct the delay of the torques when it is clear.
@@ -170,21 +177,21 @@ def observe(
     robot = as_robot(robot)
     several = as_logs(logs, robot, options)
     if base is None:
-        progress.stage("model")
+        stage("model")
         base = in_memory(robot)
     base = with_coulomb(base, robot.estimated_coulomb)
     given = [checked_log(log, base.robot, options, alone=len(several) == 1) for log in several]
     few = check_amount(given, base.robot) if len(several) > 1 else ()
     checked, copies = without_copies(given)
-    progress.findings((*few, *copies))
-    stack = stack_logs(condition_logs(checked, base.model, options, progress), base, progress)
+    notice((*few, *copies))
+    stack = stack_logs(condition_logs(checked, base.model, options), base)
     noticed = [finding for log in stack.logs for finding in log.findings]
     if scale_with_model(stack.base):
-        stack = stack_logs(settled(stack.logs, stack.base, stack.first_fit.theta), stack.base)
+        stack = settled_stack(stack.logs, stack.base)
     delay: tuple[float, float] | None = None
     late: Sequence[Finding] = ()
     if options.delay is None:
-        stack, delay, late = on_time(stack, progress)
+        stack, delay, late = on_time(stack)
     applied = stack.logs[0].delay
     if base.robot.coulomb is None and base.robot.estimated_coulomb is None:
         moved = [without_delay(log, options.delay or 0.0) for log in checked]
@@ -202,7 +209,7 @@ def observe(
 
 
 @one_thread
-def load_observations(path: Path, base: BaseModel, progress: Progress = SILENT) -> Observations:
+def load_observations(path: Path, base: BaseModel) -> Observations:
     """Read what ``Observations.save`` wrote.
 
     Raises:
@@ -223,8 +230,8 @@ def load_observations(path: Path, base: BaseModel, progress: Progress = SILENT) 
         error, applied = header["delay_std_error_s"], float(header["delay_applied_s"])
         delay = None if error is None else (float(header["delay_s"]), error)
         findings = tuple(Finding(**finding) for finding in header["log_findings"])
-    progress.stage("log", f"from {path}: {', '.join(logs)}")
-    stack = stack_logs(settled(conditioned, base), base, progress)
+    stage("log", f"from {path}: {', '.join(logs)}")
+    stack = stack_logs(settled(conditioned, base), base)
     return Observations(base, stack, logs, hashes, delay, applied, findings)
 
 

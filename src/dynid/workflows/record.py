@@ -21,7 +21,7 @@ from dynid.files.logs import read_log
 from dynid.files.trajectoryfile import StoredTrajectory
 from dynid.model.base_model import prior_base_parameters
 from dynid.motion import Motion
-from dynid.progress import SILENT, Progress
+from dynid.progress import advance, notice, stage
 from dynid.record import manifest, motion_checks, playing, preflight, session
 from dynid.record.monitor import Monitor, StopRules
 from dynid.record.motion_checks import Forecast, TorqueForecaster
@@ -100,7 +100,6 @@ class _Session:
     parameters: Identification | None
     command: str
     node: Node
-    progress: Progress
 
 
 def require_usable(
@@ -138,7 +137,6 @@ def record(
     *,
     parameters: Identification | None = None,
     command: str = "",
-    progress: Progress = SILENT,
 ) -> Recording:
     """Check everything, ask the operator, play a motion, and record what the driver publishes.
 
@@ -150,7 +148,6 @@ def record(
         folder: where log.bag, the text files and manifest.yaml go.
         parameters: identified model that predicts the torques; the robot file's prior when None.
         command: what started it, for the manifest.
-        progress: reports what was found.
 
     Returns:
         What was recorded. A motion that was stopped is returned with its ``failure``; its log is kept.
@@ -161,14 +158,10 @@ def record(
     require_usable(robot, trajectory, options)
     begin = time.monotonic()
     node = connect("dynid_record", options.master, options.timeout)
-    progress.stage(
-        "preflight", f"master {node.uri} answered in {1e3 * (time.monotonic() - begin):.0f} ms"
-    )
+    stage("preflight", f"master {node.uri} answered in {1e3 * (time.monotonic() - begin):.0f} ms")
     try:
         return _recorded(
-            _Session(
-                robot, trajectory, options, operator, folder, parameters, command, node, progress
-            )
+            _Session(robot, trajectory, options, operator, folder, parameters, command, node)
         )
     finally:
         node.close()
@@ -188,7 +181,7 @@ def _recorded(run: _Session) -> Recording:
             return _listened(run, listener, port)
         motion, forecast = _prepared(run, seen, port)
         if options.dry_run:
-            run.progress.stage("dry run", "everything is in order; nothing was sent")
+            stage("dry run", "everything is in order; nothing was sent")
             return Recording(run.robot, options, forecast)
         _ask_to_replace(run)
         require_confirmed(run.operator, run.robot)
@@ -200,29 +193,29 @@ def _recorded(run: _Session) -> Recording:
 # ---------------------------------------------------------------- before anything moves
 def _observed(run: _Session, listener: Listener, port: CommandPort) -> ObservedState:
     """Listen to the driver and judge its numbers."""
-    robot, progress = run.robot, run.progress
+    robot = run.robot
     seen = preflight.listen(listener, robot, run.options.timeout)
     used = (
         f"{len(seen.names)} names, {robot.n} used"
         if len(seen.names) != robot.n
         else f"{robot.n} names"
     )
-    progress.stage("", f"{listener.topic}  {used}, {seen.rate:.1f} Hz")
+    stage("", f"{listener.topic}  {used}, {seen.rate:.1f} Hz")
     preflight.check_units(seen, robot)
     if not run.options.zero_torques:
-        progress.findings(preflight.check_zero(seen, robot))
+        notice(preflight.check_zero(seen, robot))
     removed = preflight.check_gravity(seen, robot, port)
     words = {
         None: "the driver does not say whether gravity is in the torques",
         False: "gravity is in the torques",
     }
-    progress.stage("torque", words.get(removed, "torques without gravity, as the robot file says"))
+    stage("torque", words.get(removed, "torques without gravity, as the robot file says"))
     return seen
 
 
 def _prepared(run: _Session, seen: ObservedState, port: CommandPort) -> tuple[Motion, Forecast]:
     """Return what will be played, checked sample by sample, and what it was judged to do."""
-    planned, options, progress = run.trajectory, run.options, run.progress
+    planned, options = run.trajectory, run.options
     assert planned is not None
     preflight.check_endpoints(port)
     played = preflight.motion_to_play(
@@ -232,21 +225,16 @@ def _prepared(run: _Session, seen: ObservedState, port: CommandPort) -> tuple[Mo
         speed=options.speed,
         repeat=options.repeat,
         go_to_start=options.go_to_start,
-        progress=progress,
     )
     facts = planned.facts.get("scene")
     shapes = Path(facts["urdf"]) if facts and facts["urdf"] else None
     if shapes is not None and not shapes.is_file():
-        progress.stage(
-            "note", f"{shapes} was not found: distances are those of cylinders along the links"
-        )
+        stage("note", f"{shapes} was not found: distances are those of cylinders along the links")
         shapes = None
     scene = scene_from(facts) if facts else Scene()
-    forecast = motion_checks.forecast(
-        run.robot, played, scene, _torque_forecaster(run), shapes, progress
-    )
-    progress.stage("reviewed", _review_text(run.robot, planned, options))
-    progress.stage(
+    forecast = motion_checks.forecast(run.robot, played, scene, _torque_forecaster(run), shapes)
+    stage("reviewed", _review_text(run.robot, planned, options))
+    stage(
         "ready",
         f"about to move {run.robot.slug}: {forecast.seconds:.0f} s, fastest {forecast.fastest_joint} at "
         f"{forecast.speed_rad_s:.2f} rad/s, keep the stop button in reach",
@@ -266,7 +254,7 @@ def _torque_forecaster(run: _Session) -> TorqueForecaster:
         )
         return TorqueForecaster(None, f"those of this arm {reason}", source)
     if stored is None:
-        base = base_model(robot, run.folder, run.progress)
+        base = base_model(robot, run.folder)
         theta, words = (
             prior_base_parameters(base.model, base.reduction, unknown=0.0),
             "the robot file's prior, without friction",
@@ -278,7 +266,7 @@ def _torque_forecaster(run: _Session) -> TorqueForecaster:
             )
         if stored.robot.torque.relative:
             raise WrongUsage(f"{stored.path} predicts currents", fix="leave out --parameters")
-        base = base_model_of(stored, stored.path.parent, run.progress)
+        base = base_model_of(stored, stored.path.parent)
         theta, words = stored.theta, source
     observer = base.model.observer(base.reduction.base)
     return TorqueForecaster(
@@ -334,7 +322,7 @@ def _moved(
 ) -> Recording:
     """Play the motion; the arm may have been moved since it was checked, so its place is checked once more."""
     port.ready()
-    run.progress.stage("stop", f"{port.stop_words}; Enter or Ctrl-C stops the arm")
+    stage("stop", f"{port.stop_words}; Enter or Ctrl-C stops the arm")
     if run.options.zero_torques:
         if not at_candle(seen):
             raise StartPoseOff(
@@ -343,18 +331,16 @@ def _moved(
                 fix="move it there by hand or joystick",
             )
         port.zero_torques()
-        run.progress.stage("zeroed", "torque sensors")
+        stage("zeroed", "torque sensors")
     assert listener.latest is not None
     check_place(listener.latest, run.robot, motion)
     reference = playing.ReferenceMotion(motion, listener.latest.q - motion.q[0])
 
     def play(recorder: LogRecorder) -> Outcome:
-        run.progress.stage("moving")
+        stage("moving")
 
         def poll(time: float, monitor: Monitor) -> bool:
-            run.progress.advance(
-                time, reference.duration, f"largest error {monitor.largest_deviation:.3f} rad"
-            )
+            advance(time, reference.duration, f"largest error {monitor.largest_deviation:.3f} rad")
             return run.operator.stop_pressed()
 
         return session.play(port, reference, StopRules(run.options.max_deviation), recorder, poll)
@@ -366,7 +352,7 @@ def _listened(run: _Session, listener: Listener, port: CommandPort) -> Recording
     """Record while another program moves the arm."""
     _ask_to_replace(run)
     seconds = run.options.duration
-    run.progress.stage("listening", f"{seconds:g} s" if seconds else "until Enter or Ctrl-C")
+    stage("listening", f"{seconds:g} s" if seconds else "until Enter or Ctrl-C")
     stale = PATIENT * StopRules().stale
 
     def listen(recorder: LogRecorder) -> Outcome:

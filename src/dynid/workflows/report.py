@@ -10,7 +10,7 @@ from dynid.arguments import public
 from dynid.disk import write_text
 from dynid.judgement.judge import Judgement
 from dynid.loading import ResultLike, as_result
-from dynid.progress import SILENT, Progress
+from dynid.progress import Progress, stage
 from dynid.reports.gathered import gather
 from dynid.reports.page import page, sentences, summary
 from dynid.text import html
@@ -58,7 +58,7 @@ class Report:
 
 
 @public
-def report(result: ResultLike, *, progress: Progress = SILENT) -> Report:
+def report(result: ResultLike, *, progress: Progress | None = None) -> Report:
     """Make the report of a result and of the files in its folder: validations, stack, search for missing effects.
 
     Args:
@@ -73,7 +73,7 @@ def report(result: ResultLike, *, progress: Progress = SILENT) -> Report:
         dynid.report("out/kuka_lwr4plus").save("out/kuka_lwr4plus")
     """
     result = as_result(result)
-    progress.stage("report")
+    stage("report")
     gathered = gather(result)
     return Report(
         result.robot.name,

@@ -20,7 +20,7 @@ from dynid.model.effects.interface import ArmMotion
 from dynid.model.parameters import prior_bodies
 from dynid.model.regressor import Model, ModelTorques, prior_vector
 from dynid.motion import Motion
-from dynid.progress import SILENT, Progress
+from dynid.progress import Progress, stage
 from dynid.robot import Body, EffectSpec, Robot
 from dynid.sim.arm import SimulatedArm
 from dynid.text import whole_number
@@ -66,7 +66,7 @@ def simulate(
     options: SimulateOptions = SimulateOptions(),
     *,
     base: BaseModel | None = None,
-    progress: Progress = SILENT,
+    progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> Simulation:
     """Simulate the log of an arm that follows a motion exactly.
@@ -92,14 +92,14 @@ def simulate(
             fix = "add the load to `tool:` in the robot file"
             raise WrongUsage("the robot file has a tool already", fix=fix)
         robot = replace(robot, tool=Body(options.payload, (0.0, 0.0, 0.0), (0.0,) * 6))
-    progress.stage("simulate")
+    stage("simulate")
     tau: Floats | None = None
     source = "MuJoCo's inverse dynamics"
     with suppress(PackageMissing), SimulatedArm(robot, prior_bodies(robot)) as arm:
         rows = zip(motion.q, motion.qd, motion.qdd, strict=True)
         tau = np.array([arm.inverse_dynamics(*row) for row in rows])
     if tau is None:
-        tau = _reference(robot, base, progress).rigid(motion.q, motion.qd, motion.qdd)
+        tau = _reference(robot, base).rigid(motion.q, motion.qd, motion.qdd)
         source = "dynid's own model"
     limits, largest = [joint.limits for joint in robot.joints], np.maximum(np.abs(tau).max(0), 1e-3)
     rated = np.array([one.torque or own for one, own in zip(limits, largest, strict=True)])
@@ -108,7 +108,7 @@ def simulate(
     sign = np.tanh(motion.qd / np.array(robot.coulomb_shape.velocity))
     tau = tau + viscous * motion.qd + coulomb * sign
     if specs := (*robot.effects, *options.effects):
-        tau = tau + _effect_torque(robot, motion, specs, _reference(robot, base, progress))
+        tau = tau + _effect_torque(robot, motion, specs, _reference(robot, base))
     moved = motion.t - options.delay
     late = np.stack([np.interp(moved, motion.t, column) for column in tau.T], axis=1)
     rng = np.random.default_rng(options.seed)
@@ -126,10 +126,10 @@ def simulate(
     return Simulation(log, tau, source, viscous, coulomb)
 
 
-def _reference(robot: Robot, base: BaseModel | None, progress: Progress) -> ModelTorques:
+def _reference(robot: Robot, base: BaseModel | None) -> ModelTorques:
     """Return the rigid bodies of the robot file by dynid's own model."""
     plain = replace(robot, effects=())
-    model = Model(plain, (base or base_model(plain, progress=progress)).model.rigid)
+    model = Model(plain, (base or base_model(plain)).model.rigid)
     return ModelTorques(model, prior_vector(model))
 
 

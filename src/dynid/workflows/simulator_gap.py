@@ -18,7 +18,7 @@ from dynid.loading import LogLike, ResultLike, as_log, as_results, checked_log, 
 from dynid.log import Log
 from dynid.model.regressor import mass_matrices
 from dynid.options import LogOptions
-from dynid.progress import SILENT, Progress
+from dynid.progress import Progress, heard_by, stage
 from dynid.reports.figures import write_figure
 from dynid.reports.gap_figures import simulator_figure
 from dynid.sim import tuning
@@ -40,7 +40,7 @@ def compare_in_simulator(
     engine: str = "mujoco",
     names: Sequence[str] = (),
     seconds: float | None = None,
-    progress: Progress = SILENT,
+    progress: Progress | None = None,
 ) -> SimulatorGap:
     """Drive the exported files of results along a recording in a simulator, with one controller for all.
 
@@ -85,7 +85,7 @@ def compare_in_simulator(
     arms = [identified_arm(each, ("mjcf",)) for each in found]
     inertia, runs = _inertia(found[-1], recorded[1]), []
     for name, arm in zip(models, arms, strict=True):
-        progress.stage("simulate", f"{name}, {len(recorded[0])} samples")
+        stage("simulate", f"{name}, {len(recorded[0])} samples")
         runs.append(drive(arm, engine, recorded, inertia))
     return SimulatorGap(
         robot=robot,
@@ -99,15 +99,12 @@ def compare_in_simulator(
     )
 
 
-def gap_in_simulator(
-    gap: Gap, after: Identification, *, progress: Progress = SILENT
-) -> SimulatorGap:
+def gap_in_simulator(gap: Gap, after: Identification) -> SimulatorGap:
     """Drive an arm without and with what a search named along a recording, at best one that was held out.
 
     Args:
         gap: the search.
         after: what ``gap.apply`` returned.
-        progress: reports what is simulated.
 
     Raises:
         PackageMissing: no simulator is installed.
@@ -116,11 +113,10 @@ def gap_in_simulator(
     assert gap.searched is not None
     log = (*gap.unseen_logs, *reversed(gap.recordings))[0]
     engine = next((name for name in ENGINES if module(name) is not None), ENGINES[0])
-    return compare_in_simulator(
-        (gap.searched, after), log, engine=engine, seconds=tuning.DRIVEN_S, progress=progress
-    )
+    return compare_in_simulator((gap.searched, after), log, engine=engine, seconds=tuning.DRIVEN_S)
 
 
+@heard_by()
 def _recorded(
     result: Identification, log: Log, seconds: float | None
 ) -> tuple[Floats, Floats, Floats, Floats]:

@@ -38,7 +38,7 @@ from dynid.loading import (
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
 from dynid.options import LogOptions
-from dynid.progress import SILENT, Progress
+from dynid.progress import Progress, stage
 from dynid.reports.motion_drawing import draw_motion
 from dynid.robot import Robot
 from dynid.trajectory.basis import basis_from
@@ -116,7 +116,7 @@ def _torque_noise(
 
 
 def _information(
-    base: BaseModel, earlier: Sequence[Earlier], noise: Floats, progress: Progress
+    base: BaseModel, earlier: Sequence[Earlier], noise: Floats
 ) -> tuple[Floats | None, Floats]:
     """Return the information about the base parameters of earlier files, and with the prior of possible bodies.
 
@@ -124,7 +124,6 @@ def _information(
         base: model and base parameters.
         earlier: logs, results and motions; the posterior of a physical set holds the prior already.
         noise: standard deviation of each joint's torque, for motions that were not recorded, (n,) [N m or N].
-        progress: reports each.
 
     Returns:
         Both as matrices, (p, p); the first is None without any file.
@@ -139,9 +138,9 @@ def _information(
             columns, name = base.reduction.base, str(known.source)
             information = information_of(base.model, columns, known.motion, noise)[1]
         else:
-            information, name = _of_log(base, known, progress), str(known.source)
+            information, name = _of_log(base, known), str(known.source)
         total = information if total is None else total + information
-        progress.stage("earlier", f"{name}: the new motion is planned to complete it")
+        stage("earlier", f"{name}: the new motion is planned to complete it")
     return total, prior if total is None else total + prior
 
 
@@ -161,10 +160,10 @@ def _of_result(base: BaseModel, found: Identification) -> Floats:
     return np.asarray(known)
 
 
-def _of_log(base: BaseModel, log: Log, progress: Progress) -> Floats:
+def _of_log(base: BaseModel, log: Log) -> Floats:
     options = LogOptions(delay=0.0)
-    conditioned = condition_logs([checked_log(log, base.robot)], base.model, options, progress)
-    factors, rows = stack_logs(conditioned, base, progress).whole
+    conditioned = condition_logs([checked_log(log, base.robot)], base.model, options)
+    factors, rows = stack_logs(conditioned, base).whole
     found, p = weighted(factors, rows).noise, base.reduction.rank
     return np.asarray(
         sum(R[:, :p].T @ R[:, :p] / sigma**2 for R, sigma in zip(factors, found, strict=True))
@@ -220,7 +219,7 @@ def plan_trajectory(
     base: BaseModel | None = None,
     drawing: Drawing | None = None,
     for_gap: GapRecord | str | Path | None = None,
-    progress: Progress = SILENT,
+    progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> Plan:
     """Plan a motion that keeps all limits and stays clear, and predict what a log of it will tell.
@@ -257,40 +256,40 @@ def plan_trajectory(
     wanted = "what dynid.find_gap returns, or the path of its gap.npz"
     for_gap = arguments.optional(for_gap, GapRecord, "for_gap", wanted)
     begin = time.monotonic()
-    base = _plain(base or base_model(robot, progress=progress), progress)
+    base = _plain(base or base_model(robot))
     noise, source = _torque_noise(robot, options.noise, before, options.rate)
-    known, believed = _information(base, before, noise, progress)
+    known, believed = _information(base, before, noise)
     context = planning_context(base, options, noise, known, believed)
-    experiment = None if for_gap is None else GapExperiment.of(for_gap, context, progress)
+    experiment = None if for_gap is None else GapExperiment.of(for_gap, context)
     found, until = None, begin + options.seconds
     if through is not None:
-        progress.stage("plan")
+        stage("plan")
         path = through_waypoints(through.q, context.limits, through.times)
         candidates: Iterable[Proposal] = [Proposal(path.slowed(options.alpha))]
         until = np.inf
     else:
-        progress.stage("search")
+        stage("search")
         limit = search_time(until - time.monotonic())
         if experiment is not None:
-            found = experiment.search(context, limit, progress)
+            found = experiment.search(context, limit)
         elif options.optimise:
-            found = optimise(plan_problem(context), options, limit, progress)
+            found = optimise(plan_problem(context), options, limit)
         candidates = proposals(context, found)
-    progress.stage("clearance")
+    stage("clearance")
 
     def judged(motion: Trajectory) -> tuple[Any, Clearance]:
         given, shown = through is not None, _shown(drawing, context, motion)
         return (
             once_more(lambda: require_safe(context, motion)),
-            require_clear_motion(context, motion, urdf, shown, progress, given=given),
+            require_clear_motion(context, motion, urdf, shown, given=given),
         )
 
-    chosen, (check, clearance) = first_accepted(candidates, judged, until, progress)
+    chosen, (check, clearance) = first_accepted(candidates, judged, until)
     search = None
     if through is None:
         ended, finished = ("no search", 0) if found is None else (found.ended, found.finished)
         search = SearchRecord(options.seed, ended, finished, chosen.share)
-    progress.stage("predict")
+    stage("predict")
     results = [each for each in before if isinstance(each, Identification) and each.expected]
     left = [np.sqrt(np.mean(each.expected.noise**2)) for each in results if each.expected]
     plan = Plan(
@@ -339,14 +338,14 @@ def require_teaching(plan: Plan) -> None:
     raise PlanTeachesLittle(f"{error}, {more}: {', '.join(reasons)}")
 
 
-def _plain(base: BaseModel, progress: Progress) -> BaseModel:
+def _plain(base: BaseModel) -> BaseModel:
     """Return the base model that motions are planned with: without the effects of the robot file.
 
     Why: some effects follow the whole motion, and none has a slope that a search could go down.
     """
     if not base.robot.effects:
         return base
-    progress.stage("effects", "the motion is planned without those of the robot file")
+    stage("effects", "the motion is planned without those of the robot file")
     return base_model(replace(base.robot, effects=()))
 
 
@@ -416,7 +415,6 @@ def review_trajectory(
     urdf: Path | None = None,
     base: BaseModel | None = None,
     drawing: Drawing | None = None,
-    progress: Progress = SILENT,
 ) -> Reviewed:
     """Judge a motion that was planned before by the robot file as it is today.
 
@@ -427,19 +425,16 @@ def review_trajectory(
         urdf: the arm's own shapes; cylinders along the DH table when None.
         base: the arm's base model, where it is there already.
         drawing: pictures that PyBullet must draw.
-        progress: reports how far the work is.
 
     Raises:
         LimitBroken: it breaks a limit (E501).
         Collision: something comes too near (E502).
     """
-    context = planning_context(
-        _plain(base or base_model(robot, progress=progress), progress), options
-    )
+    context = planning_context(_plain(base or base_model(robot)), options)
     trajectory = trajectory_of(stored)
     require_within_limits(context.check(trajectory), options.margin)
     shown = _shown(drawing or Drawing(), context, trajectory)
-    clearance = require_clear_motion(context, trajectory, urdf, shown, progress, given=True)
+    clearance = require_clear_motion(context, trajectory, urdf, shown, given=True)
     return Reviewed(robot, options, stored, clearance, urdf)
 
 

@@ -33,7 +33,7 @@ from dynid.loading import (
     condition_logs,
 )
 from dynid.model.base_model import BaseModel
-from dynid.progress import SILENT, Progress
+from dynid.progress import Progress, stage
 from dynid.reports.figures import motion_figure, write_motion_figures
 from dynid.robot import Robot
 from dynid.signals.motion import same_motion
@@ -234,7 +234,7 @@ def validate(
     options: ValidateOptions = ValidateOptions(),
     *,
     base: BaseModel | None = None,
-    progress: Progress = SILENT,
+    progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> Validation:
     """Compare predicted with measured torques on a recording that the model has not seen.
@@ -268,9 +268,9 @@ def validate(
     )
     checked = checked_log(log, base.robot, options, identify=False)
     check_weight(checked, base.robot)
-    conditioned = condition_logs([checked], base.model, options, progress)
+    conditioned = condition_logs([checked], base.model, options)
     replayed = scaled(conditioned, base, result.theta)[0]
-    progress.stage("replay")
+    stage("replay")
     observer = base.model.observer(base.reduction.base)
     rows = rows_of(replayed, observer)
     error = None if options.residual_model is False else result.model_error

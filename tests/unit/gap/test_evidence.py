@@ -14,7 +14,6 @@ from dynid.gap.problem import make_problem
 from dynid.gap.selection import Search, log_odds_of
 from dynid.gap.sizes import sizes_of, turning
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.progress import SILENT
 
 #: Rows of the two bands of ``drawn``.
 BANDS = slice(0, 20), slice(20, None)
@@ -115,7 +114,7 @@ def test_rows_by_frequency_keep_the_noise_and_cancel_what_always_was(twolinks, o
 
 def selection(twolinks, added, effects=(), **options):
     problem = make_problem(on_one_clock(twolinks.logs(added, **options)), twolinks.base, None)
-    return Search(problem, SelectionOptions(effects=effects), SILENT, delay=True)
+    return Search(problem, SelectionOptions(effects=effects), delay=True)
 
 
 def test_a_bayes_factor_is_the_evidence_with_the_column_over_that_without(twolinks, on_joint):

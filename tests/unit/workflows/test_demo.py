@@ -6,7 +6,7 @@ import pytest
 import twolink
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
-from dynid.loading import motion_of
+from dynid.loading import as_motion
 from dynid.model.parameters import prior_bodies
 from dynid.workflows.demo import against_truth, simulate_own
 from dynid.workflows.identify import identify
@@ -34,7 +34,7 @@ def test_the_bodies_are_not_those_of_the_file_and_are_found(arm):
 
 def test_the_motion_of_a_log_is_simulated_with_the_torques_of_the_arm_on_it(arm):
     robot, folder = arm
-    motion = motion_of(folder / "log.csv", robot)
+    motion = as_motion(folder / "log.csv", robot)
     t, q, qd, qdd = twolink.motion(1)
     inside = slice(20, -20)
     np.testing.assert_allclose(motion.q[inside], q[inside], atol=1e-6)

@@ -104,15 +104,15 @@ def test_a_model_in_a_folder_is_the_one_in_memory(tmp_path, base):
 def test_a_regressor_is_derived_once_and_again_when_the_robot_changes(tmp_path):
     robot = load_robot("scara")
     assert stored_differences(robot, tmp_path) is None
-    assert [derive_model(robot, tmp_path).derived for _ in range(2)] == [True, False]
+    assert [bool(derive_model(robot, tmp_path).wrote) for _ in range(2)] == [True, False]
     moved = replace(robot, joints=(replace(robot.joints[0], a=0.9), *robot.joints[1:]))
     assert stored_differences(moved, tmp_path) == "joints[0].a 0.325 -> 0.9"
-    assert derive_model(moved, tmp_path).derived
+    assert derive_model(moved, tmp_path).wrote
     assert stored_key(paths(tmp_path)[0]) == key_of(moved)
 
 
 def test_random_states_that_differ_from_the_usual_are_not_answered_from_the_file(tmp_path):
     derived = derive_model(load_robot("scara"), tmp_path)
     again = derive_model(derived.model.robot, tmp_path)
-    assert [reduce_model(x).found for x in (derived, again)] == [True, False]
-    assert reduce_model(again, ModelOptions(samples=300)).found
+    assert [bool(reduce_model(x).wrote) for x in (derived, again)] == [True, False]
+    assert reduce_model(again, ModelOptions(samples=300)).wrote
