@@ -72,7 +72,7 @@ class Candidate:
         shapes: those that are tried, G of them.
         columns: {joint: (G, k, F)}.
         own: for each joint, products of its columns with each other, {joint: (B, G, k, k)}.
-        others: and with [base, R, torque, added], {joint: (B, G k, s)}.
+        others: and with [R, torque, T], {joint: (B, G k, s)}.
         rms: of its columns on the joint that shows each most, in units of the noise, (G, k).
         groups: how many candidates of other numbers of columns there are at its place, this one included.
     """
@@ -92,14 +92,6 @@ class Candidate:
             flat = C.reshape(-1, C.shape[-1])
             more = rows.bands.products(flat, on_joint(added, j, C.shape[-1]))
             others[j] = np.concatenate([self.others[j], more], axis=2)
-        return replace(self, others=others)
-
-    def without(self, evidence: Evidence, columns: slice) -> Candidate:
-        """Return the candidate without its products with some columns of T of an evidence."""
-        others = {
-            j: np.delete(x, evidence.joints[j].common[columns], axis=2)
-            for j, x in self.others.items()
-        }
         return replace(self, others=others)
 
     def at(self, g: int) -> tuple[dict[int, Products], Floats]:
@@ -215,10 +207,13 @@ def visible_share(evidence: Evidence, one: Candidate, base: int) -> float:
         base: number of base parameters, the first columns of T.
     """
     count, k = one.rms.shape
-    gram = np.sum([model.plain[:base, :base] for model in evidence.joints], axis=0)
+    first = [model.own + 1 for model in evidence.joints]
+    grams = (m.plain[at:, at:][:base, :base] for m, at in zip(evidence.joints, first, strict=True))
+    gram = np.sum([*grams], axis=0)
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     root = lower_root(gram / np.outer(size, size) + 1e-12 * np.eye(base))
-    P = np.asarray(sum(x[..., :base].sum(axis=0) for x in one.others.values())) / size
+    sides = (x[..., first[j] :][..., :base].sum(axis=0) for j, x in one.others.items())
+    P = np.asarray(sum(sides)) / size
     Z = forward(root, P.T).reshape(base, count, k)
     raw = np.asarray(sum(x.sum(axis=0) for x in one.own.values()))
     own = np.sqrt(np.maximum(np.diagonal(raw, axis1=1, axis2=2), 1e-300))
@@ -268,13 +263,13 @@ def gains(evidence: Evidence, one: Candidate) -> Gains:
     for j, own in one.own.items():
         model = evidence.joints[j]
         products = np.tensordot(model.weights, one.others[j], 1)
-        X = forward(model.root, products[:, model.R].T)
+        X = forward(model.root, products[:, : model.own].T)
         Xs = X.reshape(-1, count, k)
         U += np.tensordot(model.weights, own, 1) - np.einsum("mgk,mgl->gkl", Xs, Xs)
-        Q += products[:, model.common] - X.T @ model.towards
+        Q += products[:, model.own :] - X.T @ model.towards
     root, right = evidence.whole
-    Z = forward(root, Q[:, :-1].T)
-    q = (Q[:, -1] - Z.T @ right).reshape(count, k)
+    Z = forward(root, Q[:, 1:].T)
+    q = (Q[:, 0] - Z.T @ right).reshape(count, k)
     Z = Z.reshape(t, count, k)
     U -= np.einsum("mgk,mgl->gkl", Z, Z)
     unit = np.where(one.rms > 0, 1.0 / np.where(one.rms > 0, one.rms, 1.0), 0.0)

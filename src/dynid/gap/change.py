@@ -82,27 +82,6 @@ class ChangeTest:
         return tuple(np.flatnonzero((grown & (self.harm > 1.0 + LEAST_HARM)) | louder).tolist())
 
 
-@dataclass(frozen=True)
-class Part:
-    """Rows of some time, as normal equations of each joint; w baseline columns.
-
-    Attributes:
-        gram: of [columns, torque], (n, w + 1, w + 1).
-        count: number of rows, (n,).
-    """
-
-    gram: Floats
-    count: Floats
-
-    def __add__(self, other: Part) -> Part:
-        """Return both."""
-        return Part(self.gram + other.gram, self.count + other.count)
-
-    def __sub__(self, other: Part) -> Part:
-        """Return this without a part of it."""
-        return Part(self.gram - other.gram, self.count - other.count)
-
-
 def still_changed(problem: GapProblem, selected: Sequence[SelectedEffect]) -> ChangeTest:
     """Return on which joints old and new logs do not agree although effects are taken out of the new ones.
 
@@ -167,8 +146,10 @@ def change_test(rows: GapRows, held_by: Floats) -> ChangeTest:
     known[np.ix_(base, base)] = held_by.T @ held_by
     errors = np.arange(p, width - 1)
     known[errors, errors] = 1.0
-    parts = [old.whole, new.whole]
-    sigma = _rms(parts, [_solved(part, np.ones(len(part.count)), known) for part in parts])
+    parts, n = [old.whole, new.whole], rows.W.shape[1]
+    count = rows.use[rows.train].sum(axis=0)
+    sigma = _left(parts, [_solved(part, np.ones(n), known) for part in parts])
+    sigma /= np.sqrt(np.maximum(count, 1))
     halves = [_halves(era, sigma, known) for era in (old, new)]
     unlike, uneven = (np.max(x, axis=0) for x in zip(*halves, strict=True))
     harm = [_harm(*pair, sigma, known) for pair in ((old, new.whole), (new, old.whole))]
@@ -218,18 +199,17 @@ class _Era:
         return cls(columns, found, at, first, rows.q[chosen], speed, p + n * k + 1)
 
     @cached_property
-    def whole(self) -> Part:
-        """All rows."""
+    def whole(self) -> Floats:
+        """Products of [columns, torque] of each joint over all rows, (n, w + 1, w + 1)."""
         return self.part(np.ones(len(self.first), dtype=bool))
 
-    def part(self, chosen: Mask) -> Part:
-        """Return some of the rows."""
-        gram, count = np.zeros((len(self.rows), self.width, self.width)), np.zeros(len(self.rows))
-        for j, (columns, rows, at) in enumerate(zip(self.columns, self.rows, self.at, strict=True)):
+    def part(self, chosen: Mask) -> Floats:
+        """Return the products over some of the rows."""
+        gram = np.zeros((len(self.rows), self.width, self.width))
+        for own, columns, rows, at in zip(gram, self.columns, self.rows, self.at, strict=True):
             A = rows[chosen[at]]
-            gram[j][np.ix_(columns, columns)] = A.T @ A
-            count[j] = len(A)
-        return Part(gram, count)
+            own[np.ix_(columns, columns)] = A.T @ A
+        return gram
 
     def residuals(self, theta: Floats) -> list[Floats]:
         """Return what [-theta, 1], (w,), leaves of the rows of each joint, and their speeds, n of (2, m)."""
@@ -272,29 +252,27 @@ def _halves(era: _Era, sigma: Floats, known: Floats) -> tuple[Floats, Floats]:
     return growth, ratio
 
 
-def _harm(era: _Era, other: Part, sigma: Floats, known: Floats) -> Floats:
+def _harm(era: _Era, other: Floats, sigma: Floats, known: Floats) -> Floats:
     """Return the rms by which left-out parts of some logs are missed with other logs over that without them, (n,)."""
     number = np.arange(len(era.first)) * PARTS // max(len(era.first), 1)
     parts = [era.part(number == k) for k in range(PARTS)]
     rest = [era.whole - part for part in parts]
     with_other, without = (
-        _rms(parts, [_solved(one, sigma, known) for one in fitted])
+        _left(parts, [_solved(one, sigma, known) for one in fitted])
         for fitted in ([one + other for one in rest], rest)
     )
-    return with_other / np.maximum(without, 1e-300)
+    return with_other / without
 
 
-def _growth(parts: Sequence[Part], sigma: Floats, known: Floats) -> Floats:
+def _growth(parts: Sequence[Floats], sigma: Floats, known: Floats) -> Floats:
     """Return rms of one set of parameters for all parts over that of one for each, (n,)."""
-    together = _rms(parts, [_solved(sum(parts[1:], parts[0]), sigma, known)] * len(parts))
-    return together / np.maximum(
-        _rms(parts, [_solved(part, sigma, known) for part in parts]), 1e-300
-    )
+    together = _left(parts, [_solved(np.sum(parts, axis=0), sigma, known)] * len(parts))
+    return together / _left(parts, [_solved(part, sigma, known) for part in parts])
 
 
-def _solved(part: Part, sigma: Floats, known: Floats) -> Floats:
+def _solved(part: Floats, sigma: Floats, known: Floats) -> Floats:
     """Return [-theta, 1] of the weighted least-squares fit jointly with what is known of theta, (w + 1,)."""
-    whole = np.einsum("j,jab->ab", 1.0 / sigma**2, part.gram) + known
+    whole = np.tensordot(sigma**-2.0, part, 1) + known
     gram, right = whole[:-1, :-1], whole[:-1, -1]
     size = np.sqrt(np.maximum(np.diag(gram), 0.0))
     size = np.where(size > 0, size, 1.0)
@@ -304,10 +282,7 @@ def _solved(part: Part, sigma: Floats, known: Floats) -> Floats:
     return np.append(-theta, 1.0)
 
 
-def _rms(parts: Sequence[Part], theta: Sequence[Floats]) -> Floats:
-    """Return the rms residual of each joint over all parts, each with its parameters, (n,)."""
-    powers = [
-        np.einsum("a,jab,b->j", x, part.gram, x) for part, x in zip(parts, theta, strict=True)
-    ]
-    count = np.sum([part.count for part in parts], axis=0)
-    return np.asarray(np.sqrt(np.maximum(np.sum(powers, axis=0), 1e-30) / np.maximum(count, 1)))
+def _left(parts: Sequence[Floats], theta: Sequence[Floats]) -> Floats:
+    """Return the root of the sum of squares that each joint leaves of all parts, each with its parameters, (n,)."""
+    powers = [x @ part @ x for part, x in zip(parts, theta, strict=True)]
+    return np.asarray(np.sqrt(np.maximum(np.sum(powers, axis=0), 1e-30)))

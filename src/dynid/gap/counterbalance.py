@@ -13,26 +13,24 @@ import numpy as np
 from scipy.special import expit
 from scipy.stats import chi2
 
-from dynid.estimation.possible_arm import PhysicalParameters, fit_sized
+from dynid.estimation.possible_arm import PhysicalParameters, constraints_of
 from dynid.gap import tuning
 from dynid.gap.gap_rows import EffectColumns
 from dynid.gap.possible_arm import (
     COUNTERBALANCE,
     LEAST_GAIN,
     MASSES,
-    PossibleArm,
     imitated_counterbalances,
     least_gain,
-    possible_arm,
-    reduced,
+    sized_links,
 )
 from dynid.gap.problem import GapProblem, judged_by_possible
 from dynid.gap.regression import Regression
 from dynid.gap.selected_effects import Key, SelectedEffect, with_selected
+from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Floats
 from dynid.model.parameters import link_cylinders
-from dynid.robot import Robot
 
 #: What is left of a counterbalance, when links have taken up the most of it, is taken for one of these.
 LOOKALIKES = ("torque_offset", "spring", "end_stop")
@@ -187,13 +185,13 @@ def counterbalances(
 
 def _suspected(regression: Regression, problem: GapProblem) -> list[Suspicion]:
     """Return the joints that are likely to have a counterbalance jointly with the effects of a regression."""
-    arm, found = possible_arm(regression, problem.base), []
-    for joint, one in imitated_counterbalances(regression, problem.base).items():
+    base, found = problem.base, []
+    for joint, one in imitated_counterbalances(regression, base).items():
         price = _price(regression, one)
-        gain = least_gain(regression, arm, one, MASSES[:1]) - price
+        gain = least_gain(regression, base, one, MASSES[:1]) - price
         if gain / 2 > tuning.COUNTERBALANCE_RARE:
-            more = [least_gain(regression, arm, one, [mass]) - price for mass in MASSES[1:]]
-            suspicion = _described(regression, arm, problem.base.robot, joint, one, (gain, *more))
+            more = [least_gain(regression, base, one, [mass]) - price for mass in MASSES[1:]]
+            suspicion = _described(regression, base, joint, one, (gain, *more))
             if suspicion.searched or suspicion.instead_of:
                 found.append(suspicion)
     return found
@@ -219,7 +217,7 @@ def _instead(
     if not found:
         return []
     columns = regression.columns_of(one.effect, one.joints, one.shape)
-    own = least_gain(regression, possible_arm(regression, problem.base), columns, MASSES[:1])
+    own = least_gain(regression, problem.base, columns, MASSES[:1])
     own -= _price(regression, columns)
     return [
         replace(each, instead=one.key, beaten=each.gain > own + EQUAL)
@@ -236,8 +234,7 @@ def _price(regression: Regression, one: EffectColumns) -> float:
 
 def _described(
     regression: Regression,
-    arm: PossibleArm,
-    robot: Robot,
+    base: BaseModel,
     joint: int,
     one: EffectColumns,
     gains: tuple[float, ...],
@@ -246,21 +243,20 @@ def _described(
 
     Args:
         regression: the rows, without it.
-        arm: the prior of possible links.
-        robot: the robot.
+        base: model and base parameters.
         joint: whose axis it is.
         one: its columns.
         gains: drop of twice the objective after its price, for several masses of the links.
     """
-    rows = (reduced(regression, more) for more in ((), (one,)))
-    without, with_it = (fit_sized(each.R @ arm.K, each.r, arm.given)[0] for each in rows)
-    bodies = arm.constraints.bodies
+    without, with_it = (sized_links(regression, base, more)[0] for more in ((), (one,)))
+    links, robot = constraints_of(base), base.robot
+    bodies = links.bodies
     mass, other = without.x[bodies[:, 0]], with_it.x[bodies[:, 0]]
     k = int(np.argmax(np.abs(mass - other)))
     centres = [fit.x[bodies[k, 1:4]] / fit.x[bodies[k, 0]] for fit in (without, with_it)]
     named = [dict(zip(fit.names, fit.x.tolist(), strict=True)) for fit in (without, with_it)]
     offset, usual = (each.get(f"fo{joint + 1}", 0.0) for each in named)
-    number = arm.constraints.parameters[bodies[k, 0]].number
+    number = links.parameters[bodies[k, 0]].number
     ends = link_cylinders(robot)[number - 1]
     return Suspicion(
         joint=joint,
@@ -271,19 +267,19 @@ def _described(
         moved=float(np.linalg.norm(centres[0] - centres[1])),
         length=float(np.linalg.norm(ends[1] - ends[0])),
         offsets=(offset, usual, named[1].get(f"fc{joint + 1}", 0.0)),
-        sizes=_sizes(regression, arm, one, with_it),
+        sizes=_sizes(regression, base.reduction.K, one, with_it),
         chance=float(chi2.sf(gains[0] + _price(regression, one), len(next(iter(one.values()))))),
     )
 
 
 def _sizes(
-    regression: Regression, arm: PossibleArm, one: EffectColumns, fit: PhysicalParameters
+    regression: Regression, K: Floats, one: EffectColumns, fit: PhysicalParameters
 ) -> Floats:
     """Return amplitudes and standard errors of a counterbalance beside possible links, (2, k) [N m].
 
     Args:
         regression: the rows, without it.
-        arm: the prior of possible links.
+        K: base parameters as combinations of all parameters, (p, c).
         one: its columns.
         fit: the possible links beside it.
     """
@@ -292,6 +288,6 @@ def _sizes(
     gram = wide.gram.sum(axis=0)
     its = np.arange(len(gram) - 1 - k, len(gram) - 1)
     side, inverse = gram[its, :p], np.linalg.pinv(gram[np.ix_(its, its)])
-    size = inverse @ (gram[its, -1] - side @ arm.K @ fit.x)
-    spread = inverse + inverse @ side @ arm.K @ fit.covariance @ arm.K.T @ side.T @ inverse
+    size = inverse @ (gram[its, -1] - side @ K @ fit.x)
+    spread = inverse + inverse @ side @ K @ fit.covariance @ K.T @ side.T @ inverse
     return np.array([size, np.sqrt(np.diagonal(spread))])

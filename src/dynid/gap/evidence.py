@@ -23,17 +23,17 @@ from scipy.linalg import lapack, solve_triangular
 
 from dynid.gap import tuning
 from dynid.gap.bands import Bands, instants
-from dynid.gap.gap_rows import EffectColumns, GapRows, Ints, on_joint
+from dynid.gap.gap_rows import EffectColumns, GapRows, on_joint
 from dynid.gap.known_errors import SHARP, KnownErrors, error_columns
 from dynid.gap.noise import NoiseModel, RepeatPair
 from dynid.gap.rest import rest_columns
 from dynid.model.effects.interface import Floats
 
-#: Products of columns with themselves and with [base, R, torque, added], band by band, (B, k, k) and (B, k, s).
+#: Products of columns with themselves and with [R, torque, T], band by band, (B, k, k) and (B, k, s).
 Products = tuple[Floats, Floats]
 
-#: Prior precision of base parameters over what the rows know of them: none.
-FLAT = 1e-16
+#: Prior precision of base parameters over what the rows know of them: none; and that of what is zero.
+FLAT, SILENT = 1e-16, 1e30
 #: Least and largest log rms of a kind of the rest, in units of the noise, and that of one that is not there.
 LOG_RMS, NONE = (-6.0, 5.0), -4.0
 #: How much quieter than measured a band may be, in the logarithm of its power.
@@ -65,11 +65,10 @@ class JointModel:
     """The rows of one joint as products.
 
     Attributes:
-        grams: of [base, R, torque, added] in each band, (B, s, s).
+        grams: of [R, torque, T] in each band, (B, s, s).
         counts: number of rows of each, (B,).
         kinds: where the columns of each kind of the rest are among R; the shape of reversals comes first, then known
             errors of one size.
-        base: number of base parameters and errors that joints share.
         errors: number of known errors of this joint.
         log_rms: size of each kind, (kinds,).
         powers: log of the power of each band that follows nothing, over that of the noise, (B,).
@@ -78,27 +77,19 @@ class JointModel:
     grams: Floats
     counts: Floats
     kinds: tuple[tuple[str, slice], ...]
-    base: int
     errors: int
     log_rms: Floats
     powers: Floats
 
-    @property
-    def R(self) -> slice:
-        """Where R is."""
-        stop = max([self.errors, *(part.stop for _, part in self.kinds)])
-        return slice(self.base, self.base + stop)
-
-    @property
-    def common(self) -> Ints:
-        """Where T is, base and added columns, and the torque behind it, (t + 1,)."""
-        stop = self.R.stop
-        return np.asarray(np.r_[: self.base, stop + 1 : self.grams.shape[-1], stop])
+    @cached_property
+    def own(self) -> int:
+        """Number of columns of R, r; the torque is behind them, and T behind that."""
+        return int(max([self.errors, *(part.stop for _, part in self.kinds)]))
 
     @cached_property
     def precision(self) -> Floats:
         """Prior precision of R, (r,)."""
-        found = np.ones(self.R.stop - self.base)
+        found = np.ones(self.own)
         for (_, part), h in zip(self.kinds, self.log_rms, strict=True):
             found[part] = np.exp(-2.0 * h)
         return found
@@ -121,18 +112,17 @@ class JointModel:
     @cached_property
     def root(self) -> Floats:
         """Lower root of the information on R, (r, r)."""
-        return lower_root(self.gram[self.R, self.R] + np.diag(self.precision))
+        return lower_root(self.gram[: self.own, : self.own] + np.diag(self.precision))
 
     @cached_property
     def towards(self) -> Floats:
-        """Root^-1 times products of R with [T, torque], (r, t + 1)."""
-        return np.asarray(forward(self.root, self.gram[self.R][:, self.common]))
+        """Root^-1 times products of R with [torque, T], (r, t + 1)."""
+        return np.asarray(forward(self.root, self.gram[: self.own, self.own :]))
 
     @cached_property
     def information(self) -> Floats:
-        """On [T, torque], R being eliminated, (t + 1, t + 1)."""
-        outer = self.common
-        return np.asarray(self.gram[np.ix_(outer, outer)] - self.towards.T @ self.towards)
+        """On [torque, T], R being eliminated, (t + 1, t + 1)."""
+        return np.asarray(self.gram[self.own :, self.own :] - self.towards.T @ self.towards)
 
     @property
     def log_evidence(self) -> float:
@@ -228,8 +218,8 @@ class Evidence:
     def whole(self) -> tuple[Floats, Floats]:
         """Lower root of the information on T, (t, t), and root^-1 of its right side, (t,)."""
         total = np.sum([model.information for model in self.joints], axis=0)
-        root = lower_root(np.asarray(total[:-1, :-1] + self.prior))
-        return root, forward(root, total[:-1, -1] + self.held)
+        root = lower_root(np.asarray(total[1:, 1:] + self.prior))
+        return root, forward(root, total[1:, 0] + self.held)
 
     @cached_property
     def estimate(self) -> Floats:
@@ -247,9 +237,7 @@ class Evidence:
         """Log marginal likelihood, with the prior of sizes, up to a constant of the rows."""
         root, right = self.whole
         value = sum(
-            model.log_evidence
-            + model.log_prior(self.price)
-            - 0.5 * float(model.information[-1, -1])
+            model.log_evidence + model.log_prior(self.price) - 0.5 * float(model.information[0, 0])
             for model in self.joints
         )
         # Why the determinant of what is added alone: that of the base never changes.
@@ -262,21 +250,21 @@ class Evidence:
         joints = tuple(models.get(j, model) for j, model in enumerate(self.joints))
         return replace(self, joints=joints)
 
-    @cached_property
-    def without_rest(self) -> Evidence:
-        """The evidence with hardly anything missing."""
-        return replace(self, joints=tuple(model.smaller(1.0) for model in self.joints))
+    def smaller(self, share: float) -> Evidence:
+        """Return the evidence with what is missing that much nearer to hardly anything, 0 to 1, in the logarithm."""
+        return replace(self, joints=tuple(model.smaller(share) for model in self.joints))
 
-    @cached_property
-    def with_half(self) -> Evidence:
-        """The evidence with what is missing half as large, in the logarithm."""
-        return replace(self, joints=tuple(model.smaller(0.5) for model in self.joints))
+    def sized_as(self, other: Evidence) -> Evidence:
+        """Return the evidence with the sizes and powers of another one."""
+        pairs = zip(self.joints, other.joints, strict=True)
+        joints = tuple(replace(x, log_rms=y.log_rms, powers=y.powers) for x, y in pairs)
+        return replace(self, joints=joints)
 
     def with_columns(self, products: Mapping[int, Products], precision: Floats) -> Evidence:
         """Return the evidence with k further columns of T.
 
         Args:
-            products: for each joint that they act on, their own products and those with [base, R, torque, added].
+            products: for each joint that they act on, their own products and those with [R, torque, T].
             precision: of their prior, (k, k).
         """
         k, t = len(precision), self.width
@@ -286,20 +274,15 @@ class Evidence:
         return replace(self, joints=joints, prior=prior, held=np.append(self.held, np.zeros(k)))
 
     def without(self, columns: slice) -> Evidence:
-        """Return the evidence without some columns of T."""
-        kept, joints = np.delete(np.arange(self.width), columns), []
-        for model in self.joints:
-            rows = np.delete(np.arange(model.grams.shape[-1]), model.common[columns])
-            base = model.base - int(np.sum(model.common[columns] < model.base))
-            joints.append(replace(model, grams=model.grams[:, rows[:, None], rows], base=base))
-        base, prior = joints[0].base, self.prior[np.ix_(kept, kept)]
-        shared = self.shared - (self.base - base)
-        return Evidence(tuple(joints), prior, self.held[kept], self.price, base, shared)
+        """Return the evidence with some columns of T held at zero."""
+        prior = self.prior.copy()
+        prior[columns, columns] += SILENT * np.eye(len(prior[columns]))
+        return replace(self, prior=prior)
 
     def rest_of(self, joint: int) -> Floats:
         """Return R of a joint as it is most likely, (r,)."""
         model = self.joints[joint]
-        return np.asarray(back(model.root, model.towards @ np.append(-self.estimate, 1.0)))
+        return np.asarray(back(model.root, model.towards @ np.append(1.0, -self.estimate)))
 
     @property
     def known_errors(self) -> KnownErrors:
@@ -321,18 +304,14 @@ class Evidence:
         T = np.r_[: self.base - self.shared, self.base : self.width]
         T = T if part is None else T[(part.start > T) | (part.stop <= T)]
         models = list(self.joints)
-        others = [model.common[T] for model in models]
-        grams = [m.plain[np.ix_(own, own)] for m, own in zip(models, others, strict=True)]
+        others = [m.plain[m.own + 1 :] for m in models]
+        grams = [x[T][:, m.own + 1 + T] for m, x in zip(models, others, strict=True)]
         sides, powers = {}, {}
         for j in joints:
-            R = models[j].R
-            at = (
-                np.r_[R.start + models[j].errors : R.stop]
-                if part is None
-                else models[j].common[part]
-            )
-            sides[j] = models[j].plain[np.ix_(others[j], at)] @ size
-            powers[j] = size @ models[j].plain[np.ix_(at, at)] @ size
+            m = models[j]
+            at = np.arange(m.errors, m.own) if part is None else m.own + 1 + np.r_[part]
+            sides[j] = others[j][T][:, at] @ size
+            powers[j] = size @ m.plain[np.ix_(at, at)] @ size
         G = np.sum(grams, axis=0) + self.prior[np.ix_(T, T)]
         ridge = 1e-9 * np.maximum(np.diag(G), 1e-12) + 1e-12
         root = lower_root(G + np.diag(ridge))
@@ -379,7 +358,7 @@ class Evidence:
         model, w, S = self.joints[j], self.rest_of(j), self.covariance
         lam, root = model.precision, model.root
         half = forward(root, np.eye(len(lam)))
-        along = back(root, model.towards[:, :-1])
+        along = back(root, model.towards[:, 1:])
         across = -S @ along.T
         own = half.T @ half - along @ across
         sizes, pull = model.log_rms.copy(), model.usual[0] / model.usual[1]
@@ -388,12 +367,9 @@ class Evidence:
             more, square = pull[k], float(w[rows] @ w[rows])
             square += max(-more, 0.0) * np.exp(2.0 * sizes[k])
             sizes[k] = 0.5 * np.log(max(square, 1e-300) / (free + max(more, 0.0)))
-        order = np.r_[model.common[:-1], model.R, model.common[-1]]
-        full = np.zeros(len(order))
-        full[order] = np.concatenate([self.estimate, w, [-1.0]])
-        spread = np.zeros_like(model.plain)
-        at = order[:-1]
-        spread[np.ix_(at, at)] = np.block([[S, across], [across.T, own]])
+        full = np.concatenate([w, [-1.0], self.estimate])
+        spread = np.block([[own, across.T], [across, S]])
+        spread = np.insert(np.insert(spread, model.own, 0.0, axis=0), model.own, 0.0, axis=1)
         left = np.einsum("a,bac,c->b", full, model.grams, full, optimize=True)
         left += np.einsum("ac,bac->b", spread, model.grams)
         more = tuning.BAND_ROWS
@@ -408,7 +384,7 @@ class EvidenceRows:
 
     Attributes:
         bands: how rows become rows by frequency.
-        own: [base, R, torque] of each joint, (s, F).
+        own: [R, torque, base] of each joint, (s, F).
         filtered: R of each joint as it is filtered, (r, M).
     """
 
@@ -426,7 +402,7 @@ class EvidenceRows:
         return replace(self, bands=replace(self.bands, rows=rows))
 
     def products(self, joint: int, C: Floats, added: Sequence[EffectColumns] = ()) -> Products:
-        """Return products of further columns, (..., k, F), with themselves and with [base, R, torque, added].
+        """Return products of further columns, (..., k, F), with themselves and with [R, torque, T].
 
         Args:
             joint: 0-based.
@@ -455,11 +431,10 @@ def evidence_of(
     size = p + len(errors.common)
     every, filtered, models = [], [], []
     for j in range(n):
-        shared = np.concatenate([rows.W[:, j].T, errors.common[:, j]])
+        shared = np.concatenate([rows.tau[:, j][None], rows.W[:, j].T, errors.common[:, j]])
         kinds, at, counts = [], len(errors.own[j]), bands.counts(j)
-        white = [bands.transformed(j, shared), bands.transformed(j, errors.own[j])]
-        parts = [errors.own[j]]
-        if white[1][:SHARP].any():
+        white, parts = [bands.transformed(j, errors.own[j])], [errors.own[j]]
+        if white[0][:SHARP].any():
             kinds.append((SHAPE, slice(0, SHARP)))
         for name, columns in rest_columns(rows, j).items():
             made = bands.transformed(j, columns)
@@ -469,20 +444,19 @@ def evidence_of(
             white.append(made / scale)
             parts.append(columns / scale)
             at += len(made)
-        every.append(np.concatenate([*white, bands.transformed(j, rows.tau[:, j][None])]))
+        every.append(np.concatenate([*white, bands.transformed(j, shared)]))
         filtered.append(np.concatenate(parts))
         usual = [0.0 if name == SHAPE else np.log(tuning.REST_USUAL) for name, _ in kinds]
         model = JointModel(
             grams=bands.products(every[j], every[j]),
             counts=counts,
             kinds=tuple(kinds),
-            base=size,
             errors=len(errors.own[j]),
             log_rms=np.array(usual),
             powers=np.zeros(len(counts)),
         )
         models.append(model)
-    known = np.sum([np.diag(model.plain)[:p] for model in models], axis=0)
+    known = np.sum([np.diag(m.plain)[m.own + 1 :][:p] for m in models], axis=0)
     precision, held = np.ones(size), np.zeros(size)
     precision[:p] = FLAT * np.maximum(known, 1e-12)
     information = np.diag(precision)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -51,7 +51,7 @@ class GapRows:
         qd: velocities, (M, n) [rad/s or m/s].
         number: of the log, (M,).
         is_new: whether effects act; not in earlier logs, when what has changed since is looked for, (M,).
-        train: rows that are searched, (M,).
+        train: rows that are searched, (M,); all until some are held out.
         held: rows that are held out, (M,).
         coulomb: Coulomb friction of a first fit, which errors at reversals are shares of, (n,) [N m or N].
         reversal: speed within which nobody knows how friction turns, (n,) [rad/s or m/s].
@@ -69,10 +69,10 @@ class GapRows:
     qd: Floats
     number: Ints
     is_new: Mask
-    train: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    held: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    coulomb: Floats = field(default_factory=lambda: np.zeros(0))
-    reversal: Floats = field(default_factory=lambda: np.zeros(0))
+    train: Mask
+    held: Mask
+    coulomb: Floats
+    reversal: Floats
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -180,12 +180,16 @@ def gap_rows(
                         "qd": qd,
                         "number": np.full(count, number),
                         "is_new": np.full(count, number >= len(earlier)),
+                        "train": np.ones(count, dtype=bool),
+                        "held": np.zeros(count, dtype=bool),
                     }
                 )
                 parts.append(alone)
                 motions.append(motion)
     arrays = {name: np.concatenate([each[name] for each in found]) for name in found[0]}
-    return GapRows(tuple(parts), tuple(motions), **arrays)
+    width = np.full(base.robot.n, base.robot.coulomb_shape.velocity)
+    coulomb = np.zeros(base.robot.n)
+    return GapRows(tuple(parts), tuple(motions), **arrays, coulomb=coulomb, reversal=width)
 
 
 def on_joint(columns: EffectColumns, joint: int, count: int) -> Floats:

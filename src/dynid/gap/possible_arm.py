@@ -14,7 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.estimation.possible_arm import constraints_of, fit_physical, fit_pooled, fit_sized
+from dynid.estimation.possible_arm import (
+    PhysicalParameters,
+    constraints_of,
+    fit_physical,
+    fit_pooled,
+    fit_sized,
+)
 from dynid.estimation.possible_set import PhysicalConstraints
 from dynid.gap.gap_rows import EffectColumns
 from dynid.gap.regression import Regression
@@ -37,21 +43,6 @@ NONE = 1e-10
 
 
 @dataclass(frozen=True)
-class PossibleArm:
-    """The prior of possible links, in the size that the rows prefer.
-
-    Attributes:
-        K: base parameters as combinations of all parameters, (p, c).
-        constraints: the prior.
-        given: the prior of the robot file, before it got a size.
-    """
-
-    K: Floats
-    constraints: PhysicalConstraints
-    given: PhysicalConstraints
-
-
-@dataclass(frozen=True)
 class ReducedRows:
     """Rows on the base parameters alone, what else is fitted being eliminated.
 
@@ -66,10 +57,12 @@ class ReducedRows:
     rest: float
 
 
-def possible_arm(regression: Regression, base: BaseModel) -> PossibleArm:
-    """Return the prior of possible links in the size that the rows of a search prefer."""
-    K, rows, given = base.reduction.K, reduced(regression), constraints_of(base)
-    return PossibleArm(K, fit_sized(rows.R @ K, rows.r, given)[1], given)
+def sized_links(
+    regression: Regression, base: BaseModel, more: Sequence[EffectColumns] = ()
+) -> tuple[PhysicalParameters, PhysicalConstraints]:
+    """Return the best possible arm beside further effects, and the prior of links in the size that the rows prefer."""
+    rows = reduced(regression, more)
+    return fit_sized(rows.R @ base.reduction.K, rows.r, constraints_of(base))
 
 
 def imitated_counterbalances(regression: Regression, base: BaseModel) -> dict[int, EffectColumns]:
@@ -130,36 +123,42 @@ def near_possible(regression: Regression, base: BaseModel, *, exactly: bool) -> 
         base: model and base parameters.
         exactly: whether at that arm, fitted exactly. The parabola near it is wide, and lets links be what no arm has.
     """
+    fit, sized = sized_links(regression, base)
     if not exactly:
-        return replace(regression, prior=prior_rows(regression, possible_arm(regression, base)))
-    K, rows = base.reduction.K, reduced(regression)
-    theta = K @ fit_sized(rows.R @ K, rows.r, constraints_of(base))[0].x
+        return replace(regression, prior=prior_rows(regression, base.reduction.K, sized))
+    theta = base.reduction.K @ fit.x
     stiff = np.sqrt(STIFFEST) * reduced(replace(regression, effects=())).R
     return replace(regression, prior=np.column_stack([stiff, stiff @ theta]))
 
 
-def prior_rows(regression: Regression, arm: PossibleArm) -> Floats:
-    """Return rows [L, L theta0] that hold base parameters near possible arms, as at the best one, (k, p + 1)."""
+def prior_rows(regression: Regression, K: Floats, links: PhysicalConstraints) -> Floats:
+    """Return rows [L, L theta0] that hold base parameters near possible arms, as at the best one, (k, p + 1).
+
+    Args:
+        regression: the rows, with effects.
+        K: base parameters as combinations of all parameters, (p, c).
+        links: the prior of possible links.
+    """
     rows, bare = reduced(regression), reduced(replace(regression, effects=()))
-    fit, _ = fit_pooled(rows.R @ arm.K, rows.r, arm.constraints)
-    A = rows.R @ arm.K
+    A = rows.R @ K
+    fit, _ = fit_pooled(A, rows.r, links)
     H = fit.hessian - A.T @ A
     held = np.diag(H) > NONE * np.maximum(np.diag(fit.hessian), 1e-300)
     # Why in units of the data: at a bound the parabola is a wall, ten orders stiffer than on other numbers. Of the
     # rows without effects: these take up what the prior knows of.
-    wide = bare.R @ arm.K[:, held]
+    wide = bare.R @ K[:, held]
     spread, V = np.linalg.eigh(wide @ _inverse(H[np.ix_(held, held)]) @ wide.T)
     root = np.sqrt(np.maximum(spread, 1 / STIFFEST))
-    theta = arm.K @ fit.x
+    theta = K @ fit.x
     pull = np.linalg.lstsq(bare.R.T, rows.R.T @ (rows.R @ theta - rows.r), rcond=None)[0]
     found = (V / root).T @ bare.R
     found = np.column_stack([found, found @ theta + root * (V.T @ pull)])
-    return np.asarray(found - _along(found[:, :-1] @ arm.K[:, ~held]) @ found)
+    return np.asarray(found - _along(found[:, :-1] @ K[:, ~held]) @ found)
 
 
 def least_gain(
     regression: Regression,
-    arm: PossibleArm,
+    base: BaseModel,
     one: EffectColumns,
     masses: Sequence[float] = MASSES,
 ) -> float:
@@ -167,25 +166,26 @@ def least_gain(
 
     Args:
         regression: the search, with other effects.
-        arm: the prior.
+        base: model and base parameters.
         one: columns of the effect.
         masses: factors of the masses.
     """
-    without, with_it = reduced(regression), reduced(regression, [one])
+    pairs = [
+        (x.R @ base.reduction.K, x.r, x.rest)
+        for x in (reduced(regression), reduced(regression, [one]))
+    ]
+    (A, r, _), given = pairs[1], constraints_of(base)
     # Why the size of the links with the effect: without it, links of a hundred tons carry what it carries. The sizes
     # of friction stay as they are found there too: with others, the objective would be another.
     # And never lighter than the prior's: that links might be light makes heavier ones no less possible.
-    fits = (fit(with_it.R @ arm.K, with_it.r, arm.given)[1] for fit in (fit_sized, fit_pooled))
+    fits = (fit(A, r, given)[1] for fit in (fit_sized, fit_pooled))
     size = max(fits, key=lambda each: each.prior[each.bodies[:, 0]].sum())
     gains = []
     for mass in masses:
         prior = size.prior.copy()
         prior[size.bodies] *= mass
         held = replace(size, prior=prior)
-        before, after = (
-            2 * fit_physical(rows.R @ arm.K, rows.r, held).objective + rows.rest
-            for rows in (without, with_it)
-        )
+        before, after = (2 * fit_physical(A, r, held).objective + rest for A, r, rest in pairs)
         gains.append(before - after)
     return float(np.nan_to_num(min(gains), nan=0.0, neginf=0.0))
 

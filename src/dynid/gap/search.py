@@ -78,16 +78,19 @@ def search_effects(
             ]
             problem = make_problem(shifted, base, kept, earlier)
         more = abs(delay) < LONGEST_DELAY and k < MOST_SELECTIONS - 1
+<<<<<<< HEAD
         chosen = Search(problem, options, delay=more).run()
+=======
+        search = Search(problem, options, progress, delay=more)
+        state, found, first_of_all = search.run()
+>>>>>>> 7329a7f6 (A gap search's products have one layout: what is looked at alone comes first, a name is silenced by its prior and no matrix is cut; parts of a comparison of eras are plain sums; what links take up is asked of rows and model; figures of a joint belong to it)
         # Why once more although it is no name any more: the rest is small beside the noise, not beside its own error.
-        if chosen.late is None or settled or not (chosen.late_first or delay):
+        if found is None or settled or not (first_of_all or delay):
             break
-        settled = not chosen.late_first
-        shift = chosen.late.values["delay"]
+        settled = not first_of_all
+        late, shift = found, found.values["delay"]
         delay += shift
-        late = chosen.late
-    state = chosen.state
-    selected = list(chosen.selected)
+    selected = [] if first_of_all else search.told(state)
     if late is not None:
         # Why of the last one: the first one is that of a slope of torques which are in another place.
         error, share = late.std_errors["delay"], abs(delay / late.values["delay"])
@@ -96,5 +99,5 @@ def search_effects(
         selected.append(replace(late, values=values, visible=visible, p_value=p_value))
     evidence, strays = state.evidence, find_strays(state, problem.noise.unrepeatable)
     return EffectSearch(
-        problem, selected, chosen.visibility, evidence.known_errors, evidence.rest(), tuple(strays)
+        problem, selected, search.visibility, evidence.known_errors, evidence.rest(), tuple(strays)
     )

@@ -87,7 +87,7 @@ class State:
 
     Attributes:
         named: the names.
-        added: their columns, {joint: (k, F)} each.
+        added: columns of T, those of names first, {joint: (k, F)} each.
         evidence: with them, sized.
         rows: the rows, effects scaled with the parameters that go with the names.
         candidates: all that may be named beside them.
@@ -108,33 +108,9 @@ class State:
 
     def without(self, k: int) -> State:
         """Return the state without one name, the rest sized again."""
-        part, evidence = self.columns(k), self.evidence
-        return replace(
-            self,
-            named=self.named[:k] + self.named[k + 1 :],
-            added=self.added[:k] + self.added[k + 1 :],
-            evidence=evidence.without(part).sized(range(len(evidence.joints))),
-            candidates=tuple(one.without(evidence, part) for one in self.candidates),
-        )
-
-
-@dataclass(frozen=True)
-class Selection:
-    """What was chosen.
-
-    Attributes:
-        state: names with everything beside them, the one that is likely included.
-        selected: the names of it that are told, with numbers.
-        late: how late torques are jointly with the names; None where it is not tried.
-        late_first: whether that is the best name, and has to be taken out first.
-        visibility: largest visible share of each candidate.
-    """
-
-    state: State
-    selected: list[SelectedEffect]
-    late: SelectedEffect | None
-    late_first: bool
-    visibility: dict[Key, float]
+        evidence = self.evidence.without(self.columns(k))
+        named = self.named[:k] + self.named[k + 1 :]
+        return replace(self, named=named, evidence=evidence.sized(range(len(evidence.joints))))
 
 
 def log_odds_of(probability: float) -> float:
@@ -197,6 +173,10 @@ class Search:
         self.barred: set[tuple[Key, bool]] = set()
         self.instead: list[list[Look]] = []
         self.start = State((), (), self.first, self.rows, self._candidates(self.rows, ()))
+        self.visibility: dict[Key, float] = {}
+        for one in self.start.candidates:
+            seen = visible_share(self.first, one, problem.base.rank)
+            self.visibility[one.place.key] = max(seen, self.visibility.get(one.place.key, 0.0))
         there = {c.place.at for c in self.start.candidates}
         self.places_of = Counter(name for (name, _), _ in there)
 
@@ -215,12 +195,14 @@ class Search:
             found = [one.beside(rows, columns) for one in found]
         return tuple(found)
 
-    def run(self) -> Selection:
-        """Search until nothing is sure."""
-        state, likely, visibility = self.start, None, dict[Key, float]()
-        for one in state.candidates:
-            seen = visible_share(self.first, one, self.problem.base.rank)
-            visibility[one.place.key] = max(seen, visibility.get(one.place.key, 0.0))
+    def run(self) -> tuple[State, SelectedEffect | None, bool]:
+        """Search until nothing is sure.
+
+        Returns:
+            Names with everything beside them, what is only likely included; how late torques are jointly with them,
+            None where it is not tried; and whether that is the best name, and has to be taken out first.
+        """
+        state, likely = self.start, None
         while len(state.named) < MOST_NAMES:
             # What always was is not told.
             if sum(not one.place.always for one in state.named) >= self.options.most:
@@ -230,15 +212,17 @@ class Search:
                 likely = best
                 break
             if best.late:
-                return Selection(state, [], self._late(state, best), True, visibility)
+                return state, self._late(state, best), True
             state = self._exchanged(self._built([*state.named, best], best.beside))
         late = next((c for c in state.candidates if c.place.effect.name == DELAY), None)
         small = None
         if late is not None:
             small = self._late(state, Look(late.place, late, {}, 1.0, 0.0, state.evidence))
-        state = self._with_rivals(state, likely)
-        told = [self._told_as(state, k) for k, x in enumerate(state.named) if not x.place.always]
-        return Selection(state, told, small, False, visibility)
+        return self._with_rivals(state, likely), small, False
+
+    def told(self, state: State) -> list[SelectedEffect]:
+        """Return the names with numbers; what always was is not told."""
+        return [self._told_as(state, k) for k, x in enumerate(state.named) if not x.place.always]
 
     # ------------------------------------------------------------ looking
     def looks(self, state: State, own: Key | None = None) -> list[Look]:
@@ -251,11 +235,13 @@ class Search:
         taken, evidence = {one.place.at for one in state.named} | self.barred, state.evidence
         open_ = [one for one in state.candidates if one.place.at not in taken]
         picked = dict.fromkeys(k for k, one in enumerate(open_) if one.place.key == own)
-        for some in (evidence, evidence.with_half, evidence.without_rest):
+        bare = evidence.smaller(1.0)
+        for some in (evidence, evidence.smaller(0.5), bare):
             odds = np.array([gains(some, one).log_odds.max() for one in open_])
             best = np.argsort(-odds, kind="stable")[: tuning.MOST_LOOKS]
             picked |= dict.fromkeys(best[odds[best] >= tuning.WORTH_A_LOOK].tolist())
-        looks = [one for k in picked if (one := self._look(state, open_[k])).log_odds > 0.0]
+        looks = [self._look(state, bare, open_[k]) for k in picked]
+        looks = [one for one in looks if one.log_odds > 0.0]
         looks = [replace(one, visible=max(self._visible(state, one).values())) for one in looks]
         # Why first: a long log is sure of torques that matter to nobody, and they are no rivals of what does.
         looks = [one for one in looks if one.visible >= tuning.MATERIAL]
@@ -278,12 +264,12 @@ class Search:
         prior = tuning.CHANGES.get(name, 0.0) * changed - tuning.FAR * far - float(np.log(ways))
         return beside.log_evidence - state.evidence.log_evidence + gain + prior
 
-    def _look(self, state: State, one: Candidate) -> Look:
+    def _look(self, state: State, bare: Evidence, one: Candidate) -> Look:
         """Return a candidate with the rest sized beside it, from its best shape beside the rest and without it."""
         found = gains(state.evidence, one)
         g = int(np.argmax(found.log_odds))
         # Why refined: beside a shape of the grid the rest holds what that one misses, and does the work of the effect.
-        _, shape, scale = integrated(state.evidence.without_rest, state.rows, one, state.added)
+        _, shape, scale = integrated(bare, state.rows, one, state.added)
         starts = {g: float(found.scale[g])}
         if shape not in one.shapes:
             one = one.and_also(candidate(state.rows, one.place, [shape], state.added))
@@ -300,7 +286,7 @@ class Search:
         }
         joints = sorted(strength, key=lambda j: -strength[j])[:MOST_JOINTS]
         wide = evidence.with_columns(products, prior_precision(products, rms / scale))
-        beside = wide.sized(joints).without(slice(evidence.width, wide.width))
+        beside = evidence.sized_as(wide.sized(joints))
         again = gains(beside, one)
         best = int(np.argmax(again.log_odds))
         odds = self._odds(state, one, beside, float(again.log_odds[best]))
@@ -336,9 +322,7 @@ class Search:
         """
         rows, base = self.rows, self.problem.base
         for _ in range(2):
-            sizes = zip(self.first.joints, sized.joints, strict=True)
-            joints = (replace(m, log_rms=s.log_rms, powers=s.powers) for m, s in sizes)
-            evidence, added = replace(self.first, joints=tuple(joints)), list[EffectColumns]()
+            evidence, added = self.first.sized_as(sized), list[EffectColumns]()
             for one in named:
                 made = candidate(rows, one.place, [one.shape], added)
                 products, rms = made.at(0)
@@ -411,7 +395,7 @@ class Search:
         # Why without the skew of the recorder: it is a delay too, and what is told is the whole.
         skew = self.problem.base.rank
         part = slice(skew, skew + 1)
-        found = gains(look.beside.without(part), look.candidate.without(look.beside, part))
+        found = gains(look.beside.without(part), look.candidate)
         (delay,), error = found.amplitudes[0].tolist(), float(np.sqrt(found.covariance[0, 0, 0]))
         visible = self._visible(state, look)
         joint = max(visible, key=lambda j: visible[j])
@@ -430,8 +414,8 @@ class Search:
     def _told_as(self, state: State, k: int) -> SelectedEffect:
         """Return a name with sizes and errors, everything else and its own shape being integrated out."""
         one, part, effect = state.named[k], state.columns(k), state.named[k].place.effect
-        others = state.added[:k] + state.added[k + 1 :]
-        found = sizes_of(state.evidence.without(part), state.rows, one.place, one.shape, others)
+        beside = state.evidence.without(part)
+        found = sizes_of(beside, state.rows, one.place, one.shape, state.added)
         size, power = found.amplitudes, np.diag(found.covariance)
         there = power > 0
         covariance = found.covariance[np.ix_(there, there)]

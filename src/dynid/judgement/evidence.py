@@ -31,6 +31,23 @@ class JointEvidence:
     noise: float | None = None
     limit: float | None = None
 
+    @property
+    def percent(self) -> float | None:
+        """What is unexplained of the torque on fitted rows [%]; None where that is not known."""
+        return (
+            100.0 * self.fitted / self.torque if self.fitted is not None and self.torque else None
+        )
+
+    @property
+    def floor(self) -> float | None:
+        """The noise that an error is compared with [unit]; None where none was measured."""
+        least = tuning.SENSOR * (self.torque or 0.0)
+        return None if self.noise is None else max(self.noise, least)
+
+    def times(self, error: float) -> float | None:
+        """Return an error [unit] over the noise; None where that is not known."""
+        return error / self.floor if self.floor else None
+
 
 @dataclass(frozen=True)
 class Unseen:
@@ -53,6 +70,11 @@ class Unseen:
     expected: float | None = None
     replayed: bool = False
     log: str = ""
+
+    @property
+    def surprise(self) -> float | None:
+        """Error over the expected one; None where none was expected."""
+        return self.percent / self.expected if self.expected else None
 
 
 @dataclass(frozen=True)

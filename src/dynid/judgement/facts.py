@@ -81,64 +81,36 @@ def over_noise(times: float) -> str:
     return "at its noise" if times <= tuning.AT_NOISE else f"{times:.2g} times its noise"
 
 
-# ---------------------------------------------------------------- errors and what they are compared with
-def floor(joint: JointEvidence) -> float | None:
-    """Return the noise that an error of a joint is compared with [unit]; None where none was measured."""
-    return None if joint.noise is None else max(joint.noise, tuning.SENSOR * (joint.torque or 0.0))
-
-
-def ratio(error: float, joint: JointEvidence) -> float | None:
-    """Return an error over the noise of its joint; None where that is not known."""
-    noise = floor(joint)
-    return error / noise if noise else None
-
-
-def fitted_percent(joint: JointEvidence) -> float | None:
-    """Return what is unexplained of a joint's torque on fitted rows [%]; None where that is not known."""
-    known = joint.fitted is not None and joint.torque
-    return 100.0 * joint.fitted / joint.torque if known else None  # type: ignore[operator]
-
-
 def joint_state(joint: JointEvidence) -> str:
     """Return how well a joint is fitted: at its noise it is good, whatever share of its torque noise is.
 
     A joint that carries little has a large share missing by an error that its drive does not notice.
     """
-    percent = fitted_percent(joint)
-    if percent is None or joint.fitted is None:
+    error, percent = joint.fitted, joint.percent
+    if error is None or percent is None:
         return "good"
-    times = ratio(joint.fitted, joint)
+    times = joint.times(error)
     if times is not None and times <= tuning.AT_NOISE:
         return "good"
-    state = grade(percent, tuning.FIT)
-    small = joint.limit is not None and joint.fitted <= tuning.SMALL * joint.limit
-    return "fair" if state == "bad" and small else state
-
-
-def surprise(unseen: Unseen) -> float | None:
-    """Return an error over the expected one; None where none was expected."""
-    return unseen.percent / unseen.expected if unseen.expected else None
-
-
-def ratios(unseen: Unseen, evidence: Evidence) -> list[tuple[JointEvidence, float, float | None]]:
-    """Return each joint with its error on unseen rows [unit] and that over its noise; [] where they are not known."""
-    if len(unseen.rms) != len(evidence.joints):
-        return []
-    pairs = zip(evidence.joints, unseen.rms, strict=True)
-    return [(joint, error, ratio(error, joint)) for joint, error in pairs]
-
-
-def at_noise(unseen: Unseen, evidence: Evidence) -> bool | None:
-    """Return whether every joint is at its noise on unseen rows; None where the noise is not known."""
-    times = [each[2] for each in ratios(unseen, evidence)]
-    known = [each for each in times if each is not None]
-    return max(known) <= tuning.AT_NOISE if times and len(known) == len(times) else None
+    small = joint.limit is not None and error <= tuning.SMALL * joint.limit
+    return min(grade(percent, tuning.FIT), STATES[2 - small], key=STATES.index)
 
 
 def farthest(unseen: Unseen, evidence: Evidence) -> tuple[JointEvidence, float, float] | None:
     """Return the joint that is furthest above its noise on unseen rows, its error [unit] and that over its noise."""
-    found = [(j, error, times) for j, error, times in ratios(unseen, evidence) if times is not None]
+    if len(unseen.rms) != len(evidence.joints):
+        return None
+    pairs = zip(evidence.joints, unseen.rms, strict=True)
+    found = (
+        (joint, error, times) for joint, error in pairs if (times := joint.times(error)) is not None
+    )
     return max(found, key=lambda each: each[2], default=None)
+
+
+def at_noise(unseen: Unseen, evidence: Evidence) -> bool:
+    """Return whether every joint is known to be at its noise on unseen rows."""
+    far, known = farthest(unseen, evidence), all(joint.floor for joint in evidence.joints)
+    return far is not None and known and far[2] <= tuning.AT_NOISE
 
 
 def unseen_state(unseen: Unseen, evidence: Evidence) -> str:
@@ -148,21 +120,28 @@ def unseen_state(unseen: Unseen, evidence: Evidence) -> str:
     # What was held out is predicted by a model of the rest alone, a replay by the one that is judged.
     if not unseen.replayed and any(u.replayed and not u.same_motion for u in evidence.unseen):
         return "fair"
-    state = "fair" if unseen.percent <= tuning.UNSEEN_FAIR else "bad"
-    times = surprise(unseen)
-    return "bad" if times is not None and times > tuning.EXPECTED[1] else state
+    worse = unseen.percent > tuning.UNSEEN_FAIR or (unseen.surprise or 0.0) > tuning.EXPECTED[1]
+    return "bad" if worse else "fair"
+
+
+def worst_of(rows: Iterable[Unseen], evidence: Evidence) -> Unseen | None:
+    """Return the unseen rows that speak most against a model."""
+
+    def weight(row: Unseen) -> tuple[int, float]:
+        return STATES.index(unseen_state(row, evidence)), row.percent
+
+    return max(rows, key=weight, default=None)
 
 
 # ---------------------------------------------------------------- the facts of each light
 def _fit(evidence: Evidence) -> Iterator[Fact]:
     states = []
     for joint in evidence.joints:
-        percent = fitted_percent(joint)
-        if percent is None or joint.fitted is None:
-            continue
-        times, state = ratio(joint.fitted, joint), joint_state(joint)
-        noise = "" if times is None else f", {over_noise(times)}"
-        states.append(unless_good(state, f"{joint.joint} {shown(percent)} %{noise}"))
+        if joint.percent is not None:
+            times = joint.times(joint.fitted or 0.0)
+            noise = "" if times is None else f", {over_noise(times)}"
+            text = f"{joint.joint} {shown(joint.percent)} %{noise}"
+            states.append(unless_good(joint_state(joint), text))
     if states and evidence.fitted is not None:
         yield (
             worst(state for state, _ in states),
@@ -181,19 +160,15 @@ def _fit(evidence: Evidence) -> Iterator[Fact]:
 
 def _unseen(evidence: Evidence) -> Iterator[Fact]:
     """The same motion again can only speak against a model; of all replays the worst says why."""
-    rows = [(unseen_state(each, evidence), each) for each in evidence.unseen]
-    rows = [(state, each) for state, each in rows if state != "good" or not each.same_motion]
-
-    def weight(row: tuple[str, Unseen]) -> tuple[int, bool, float]:
-        return STATES.index(row[0]), not row[1].same_motion, row[1].percent
-
-    most = max(rows, key=weight, default=None)
-    for state, each in rows:
-        far = farthest(each, evidence)
-        expected = f", {each.expected:.2g} % expected" if each.expected else ""
+    rows = [[u for u in evidence.unseen if u.same_motion is same] for same in (False, True)]
+    other, same = (worst_of(some, evidence) for some in rows)
+    states = [STATES.index(unseen_state(one, evidence)) if one else -1 for one in (other, same)]
+    if most := same if states[1] > max(states[0], 0) else other:
+        far = farthest(most, evidence)
+        expected = f", {most.expected:.2g} % expected" if most.expected else ""
         joint = f", {far[0].joint} {over_noise(far[2])}" if far else ""
-        text = f"relative torque error {shown(each.percent)} % on {each.name}{expected}{joint}"
-        yield state, text if (state, each) == most else ""
+        text = f"relative torque error {shown(most.percent)} % on {most.name}{expected}{joint}"
+        yield unseen_state(most, evidence), text
 
 
 def _knowledge(evidence: Evidence) -> Iterator[Fact]:
@@ -294,15 +269,14 @@ def lights(evidence: Evidence) -> tuple[Light, ...]:
 
 @dataclass(frozen=True)
 class Case:
-    """Evidence with what the rules ask of it.
-
-    Attributes:
-        evidence: what is known.
-        lights: how good each side is.
-    """
+    """Evidence with what the rules ask of it."""
 
     evidence: Evidence
-    lights: tuple[Light, ...]
+
+    @cached_property
+    def lights(self) -> tuple[Light, ...]:
+        """How good each side is."""
+        return lights(self.evidence)
 
     @cached_property
     def states(self) -> dict[str, str]:
@@ -338,14 +312,17 @@ class Case:
     @cached_property
     def weak(self) -> dict[str, float]:
         """Joints whose fit is bad, and what is unexplained there [%]."""
-        joints = [joint for joint in self.evidence.joints if joint_state(joint) == "bad"]
-        return {joint.joint: fitted_percent(joint) or 0.0 for joint in joints}
+        return {x.joint: x.percent or 0.0 for x in self.evidence.joints if joint_state(x) == "bad"}
 
-    def worst_unseen(self, *, same_motion: bool = True) -> Unseen | None:
-        """Return the unseen rows that speak most against the model; with or without fitted motions."""
-        rows = [u for u in self.evidence.unseen if same_motion or not u.same_motion]
-        state = {id(u): STATES.index(unseen_state(u, self.evidence)) for u in rows}
-        return max(rows, key=lambda u: (state[id(u)], u.percent), default=None)
+    @cached_property
+    def worst_unseen(self) -> Unseen | None:
+        """The unseen rows that speak most against the model."""
+        return worst_of(self.evidence.unseen, self.evidence)
+
+    @cached_property
+    def worst_elsewhere(self) -> Unseen | None:
+        """The same of motion that was not fitted."""
+        return worst_of((u for u in self.evidence.unseen if not u.same_motion), self.evidence)
 
     @cached_property
     def run(self) -> str:

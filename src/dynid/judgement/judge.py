@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dynid.judgement.evidence import Evidence
-from dynid.judgement.facts import OPEN, Case, Light, lights, worst
+from dynid.judgement.facts import OPEN, Case, Light, worst
 from dynid.judgement.rules import Step, answer, reasons, steps, warnings
 
 
@@ -68,7 +68,7 @@ def judge(evidence: Evidence) -> Judgement:
     Args:
         evidence: what is known of it.
     """
-    case = Case(evidence, lights(evidence))
+    case = Case(evidence)
     sentence = answer(case)
     return Judgement(
         sentence,

@@ -16,12 +16,9 @@ from dynid.judgement.facts import (
     Case,
     at_noise,
     farthest,
-    fitted_percent,
-    floor,
     folder_of,
     joint_state,
     shown,
-    surprise,
     unseen_state,
 )
 from dynid.table import with_error
@@ -49,7 +46,7 @@ def answer(c: Case) -> str:
 
 def of_result(c: Case) -> str:
     """Return what a model is worth."""
-    states, fitted, worst = c.states, c.evidence.fitted, c.worst_unseen()
+    states, fitted, worst = c.states, c.evidence.fitted, c.worst_unseen
     unseen, percent = states["unseen motion"], "" if fitted is None else shown(fitted)
     trained = f"the training log{'s' * (len(c.evidence.logs) > 1)}"
     # What is missing is why the model is no better, and what to do about it.
@@ -90,7 +87,7 @@ def of_result(c: Case) -> str:
 def _of_unseen(worst: Unseen, c: Case) -> str:
     """Return what a model is worth whose held-out error is more than noise."""
     error = f"Relative torque error {shown(worst.percent)} % on {worst.name}, more than noise."
-    if c.worst_unseen(same_motion=False):
+    if c.worst_elsewhere:
         return f"The model is usable. {error}"
     why = f": {FAIR['knowledge']}" if c.states["knowledge"] == "fair" else ""
     return f"{error} Validate it on another motion before you use it{why}."
@@ -113,7 +110,7 @@ def of_replay(unseen: Unseen, c: Case) -> str:
         if unseen.same_motion:
             return f"The model predicts {unseen.name} to within its noise, but was trained on this motion: try another."
         return f"The model predicts {unseen.name}, a motion not used for training, to within its noise."
-    if (surprise(unseen) or 0.0) > tuning.EXPECTED[0]:
+    if (unseen.surprise or 0.0) > tuning.EXPECTED[0]:
         much = f"{error} (expected {unseen.expected:.2g} %)"
         if unseen.same_motion:
             return (
@@ -230,7 +227,7 @@ def reasons(c: Case, sentence: str) -> Iterator[str]:
         yield from _replay_reasons(e.unseen[-1], c, sentence)
     elif e.asked == "change":
         yield from _change_reasons(e.changes or ())
-    elif tested := c.worst_unseen(same_motion=False):
+    elif tested := c.worst_elsewhere:
         yield from _replay_reasons(tested, c, sentence)
     # Of another arm: what this model is good for is not the question then.
     if e.asked in ("result", "replay") and not e.of_another_arm:
@@ -247,7 +244,7 @@ def _change_reasons(changes: tuple[Change, ...]) -> Iterator[str]:
 
 def _small_reasons(c: Case) -> Iterator[str]:
     """What a model is good for, and what not, where joints miss much of a torque that is small."""
-    rows = [(fitted_percent(j) or 0.0, j) for j in c.evidence.joints]
+    rows = [(joint.percent or 0.0, joint) for joint in c.evidence.joints]
     small = [row for row in rows if row[0] > tuning.FIT[1] and joint_state(row[1]) == "fair"]
     if not small:
         return
@@ -274,7 +271,7 @@ def _replay_reasons(unseen: Unseen, c: Case, sentence: str) -> Iterator[str]:
     if far := farthest(unseen, c.evidence):
         joint, error, times = far
         so_many = "" if times <= tuning.AT_NOISE else f", {times:.2g} times that"
-        noise = f"(noise {floor(joint) or 0.0:.3g}{c.or_more}{so_many})"
+        noise = f"(noise {joint.floor or 0.0:.3g}{c.or_more}{so_many})"
         yield f"Largest residual relative to noise: {joint.joint}, {error:.3g} {joint.unit} {noise}."
 
 
@@ -311,8 +308,8 @@ def warnings(c: Case) -> Iterator[str]:
     e = c.evidence
     # The answer to a replay says it of that one.
     rows = e.unseen[:-1] if e.asked == "replay" else e.unseen
-    most = max(rows, key=lambda unseen: surprise(unseen) or 0.0, default=None)
-    times = (surprise(most) or 0.0) if most else 0.0
+    most = max(rows, key=lambda unseen: unseen.surprise or 0.0, default=None)
+    times = (most.surprise or 0.0) if most else 0.0
     # A search may say why: the arm is another one there.
     known = c.gap.named and c.gap.question == "changed" and most and most.log in c.gap.logs
     if most and times > tuning.EXPECTED[0] and not at_noise(most, e) and not known:
@@ -403,7 +400,7 @@ def _unseen_steps(c: Case) -> Iterator[Step]:
 
 def _weakest(c: Case) -> int:
     """Return the number of the link whose joint is fitted worst; 2 where none is known."""
-    shares = [fitted_percent(joint) or 0.0 for joint in c.evidence.joints]
+    shares = [joint.percent or 0.0 for joint in c.evidence.joints]
     return shares.index(max(shares)) + 1 if any(shares) else 2
 
 

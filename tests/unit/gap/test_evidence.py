@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import special, stats
 
 from dynid.gap.analysis import analyse_gap, on_one_clock
 from dynid.gap.bands import Bands, instants
@@ -26,14 +26,14 @@ def grams(X):
 def drawn(seed, count=60):
     """Rows of two joints with three common columns and a rest of two kinds each in two bands, and their evidence."""
     rng = np.random.default_rng(seed)
-    rows, models = [], []  # T first, then R and y; columns that are added come last
+    rows, models = [], []  # R and y first, then T; columns that are added come last
     for _ in range(2):
         T, R, y = rng.normal(size=(count, 3)), rng.normal(size=(count, 5)), rng.normal(size=count)
         kinds = (("place", slice(1, 3)), ("speed", slice(3, 5)))
         counts, sizes = np.array([20.0, count - 20.0]), rng.normal(-1.0, 0.3, 2)
         powers = rng.normal(0.0, 0.5, 2)
-        X = np.column_stack([T, R, y])
-        models.append(JointModel(grams(X), counts, kinds, 3, 1, sizes, powers))
+        X = np.column_stack([R, y, T])
+        models.append(JointModel(grams(X), counts, kinds, 1, sizes, powers))
         rows.append((T, R, y))
     return rows, Evidence(tuple(models), np.diag([0.5, 2.0, 1.0]), np.zeros(3), 3.0, 3, 0)
 
@@ -66,7 +66,7 @@ def test_a_further_column_changes_the_evidence_as_it_changes_the_density():
     rng = np.random.default_rng(2)
     C = rng.normal(size=(60, 2))
     T, R, y = rows[0]
-    X = np.column_stack([T, R, y])
+    X = np.column_stack([R, y, T])
     products = {0: (grams(C), np.array([C[part].T @ X[part] for part in BANDS]))}
     wide = evidence.with_columns(products, np.diag([4.0, 0.25]))
     more = [
@@ -85,7 +85,7 @@ def test_a_rest_and_bands_are_sized_where_the_evidence_is_largest():
     T, R, y = rows[0]
     y = y + R[:, 1:3] @ np.array([1.5, -2.0])
     y[BANDS[1]] += 2.0 * np.random.default_rng(5).normal(size=380)
-    first = replace(evidence.joints[0], grams=grams(np.column_stack([T, R, y])))
+    first = replace(evidence.joints[0], grams=grams(np.column_stack([R, y, T])))
     best = evidence.replaced({0: first}).sized([0], 40)
     found = best.joints[0]
     assert np.exp(found.log_rms[0]) == pytest.approx(1.8, rel=0.6)
@@ -183,14 +183,13 @@ def test_sizes_are_those_of_a_sum_over_many_shapes(twolinks, on_joint):
         lambda t, q, qd, qdd: on_joint(1, 0.5 * np.sign(qd[:, 1]) * np.abs(qd[:, 1]) ** 1.7),
         ("nonlinear_viscous",),
     )
-    effect, beside = CATALOGUE["nonlinear_viscous"], chosen.first.without_rest
+    effect, beside = CATALOGUE["nonlinear_viscous"], chosen.first.smaller(1.0)
     found = sizes_of(beside, chosen.rows, Place(effect, (1,)), {"p": 1.7}, ())
     x = np.linspace(np.log(1.05), np.log(3.0), 400)
     every = gains(
         beside, candidate(chosen.rows, Place(effect, (1,)), [{"p": p} for p in np.exp(x)])
     )
-    weights = np.exp(every.log_odds - every.log_odds.max())
-    weights /= weights.sum()
+    weights = special.softmax(every.log_odds)
     sizes = every.amplitudes[:, 0]
     mean = weights @ sizes
     error = np.sqrt(weights @ (every.covariance[:, 0, 0] + (sizes - mean) ** 2))
@@ -213,7 +212,7 @@ def test_sizes_of_a_hump_are_those_of_a_sum_over_many_shapes(twolinks, on_joint,
         )
 
     chosen = selection(twolinks, hump, ("stribeck",))
-    effect, beside = CATALOGUE["stribeck"], chosen.first.without_rest
+    effect, beside = CATALOGUE["stribeck"], chosen.first.smaller(1.0)
     found = sizes_of(beside, chosen.rows, Place(effect, (1,)), {"vs": speed, "d": sharpness}, ())
     x, y = (
         a.ravel()
@@ -225,10 +224,7 @@ def test_sizes_of_a_hump_are_those_of_a_sum_over_many_shapes(twolinks, on_joint,
     every = [
         gains(beside, candidate(rows, Place(effect, (1,)), shapes)) for rows in turning(chosen.rows)
     ]
-    weights = np.exp(
-        np.array([one.log_odds for one in every]) - max(one.log_odds.max() for one in every)
-    )
-    weights /= weights.sum()
+    weights = special.softmax([one.log_odds for one in every])
     sizes = np.array([one.amplitudes[:, 0] for one in every])
     mean = np.sum(weights * sizes)
     error = np.sqrt(
