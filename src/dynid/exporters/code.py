@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from dynid.estimation import tuning
 from dynid.estimation.residual_model import ModelError
 from dynid.exporters.formulas import (
-    REASONS,
     columns_of,
     coulomb,
     number,
@@ -275,7 +274,7 @@ def _in_octave(text: str, arm: IdentifiedArm) -> Loaded | None:
 def _leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     names, said = arm.robot.joint_names, without_torque(arm.robot)
     for added in arm.base.model.added:
-        if added.effect.name not in REASONS and (why := why_not_code(added)):
+        if not added.effect.left_out and (why := why_not_code(added)):
             said += (f"effect {phrase(added, names)}: {why}",)
     return said
 

@@ -70,7 +70,7 @@ def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
         return None
     with silent():
         model = engine.MjModel.from_xml_string(mjcf.text(arm))
-    bristles = {one.joint: one.loss for one in found.native if one.loss}
+    bristles = {one.place[1]: one.loss for one in found.native if one.loss}
     what = "all that is not left out" if found.left else "all"
     what += ", without the bristle of the file" * bool(bristles)
     theirs = stepped(imported(text).Mujoco(model))

@@ -1,7 +1,7 @@
 """Effects of the catalogue as formulas, for every language and simulator.
 
 A formula is written in NumPy's spelling with elements ``q[0]``.
-Effects without such a formula are listed in ``WHOLE_ARM`` and ``REASONS``.
+Effects without one turn the torque of the whole arm, or are left out.
 """
 
 from __future__ import annotations
@@ -9,19 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from dynid.model.effects.catalogue import Added
+from dynid.model.effects.catalogue import CATALOGUE, Added
 from dynid.model.effects.expression import Node
 from dynid.robot import Robot
-
-#: Effects that turn the torque of the whole arm: at a moved position, under another gravity, with another body.
-WHOLE_ARM = ("encoder_offset", "base_tilt", "tool_force", "payload")
-_JOINT_MORE = "a link that moves against its motor is one more joint of a simulator"
-#: Why there is no formula.
-REASONS = {
-    "joint_elasticity": _JOINT_MORE,
-    "backlash": _JOINT_MORE,
-    "torque_delay": "it is a delay of the log, not a torque of the arm",
-}
 
 
 @dataclass(frozen=True)
@@ -139,17 +129,18 @@ def phrase(added: Added, names: Sequence[str]) -> str:
 
 def without_torque(robot: Robot) -> tuple[str, ...]:
     """Return the effects of a robot file that are no torque of states, one phrase each with the reason."""
-    return tuple(
-        f"effect {spec.effect}{f' on {joints}' if (joints := ', '.join(spec.joints)) else ''}: {REASONS[spec.effect]}"
-        for spec in robot.effects
-        if spec.effect in REASONS
-    )
+    found = []
+    for spec in robot.effects:
+        if spec.effect in CATALOGUE and (why := CATALOGUE[spec.effect].left_out):
+            where = f" on {', '.join(spec.joints)}" if spec.joints else ""
+            found.append(f"effect {spec.effect}{where}: {why}")
+    return tuple(found)
 
 
 def why_not_code(added: Added) -> str:
     """Return why exported code leaves out the torque of an effect, "" where it holds it."""
-    if any(column.remembers for column in columns_of(added)):
+    columns = columns_of(added)
+    if any(column.remembers for column in columns):
         return "it depends on what was before, and code keeps no state"
-    if added.effect.name in WHOLE_ARM and added.effect.name != "payload":
-        return "it turns the torque of the whole arm"
-    return REASONS.get(added.effect.name, "")
+    whole_arm = not columns and added.effect.more_of != "body"
+    return added.effect.left_out or "it turns the torque of the whole arm" * whole_arm

@@ -27,7 +27,7 @@ def text(arm: IdentifiedArm) -> str:
         before, to_dh = fixed_poses(joint, robot.convention)
         own = {DRIVE[kind]: repr(max(0.0, float(row[i]))) for kind, row in drive.items()}
         for one in found.native:
-            if (one.effect, one.joint) == ("spring", i):
+            if one.place == ("spring", i):
                 own |= one.attributes
         links.append(
             {
@@ -48,7 +48,7 @@ def text(arm: IdentifiedArm) -> str:
         gravity=world_gravity(robot),
         links=links,
         radius=cylinders_of(robot).radius,
-        motors=[one for one in found.native if one.effect != "spring"],
+        motors=[one for one in found.native if one.place[0] != "spring"],
     )
 
 
@@ -56,7 +56,7 @@ def _drive(found: Simulated) -> dict[str, Floats]:
     """Return rotor inertia and friction of all joints, (n,) each."""
     drive = {kind: found.full.of_joints(kind) for kind in DRIVE}
     for one in found.native:
-        drive["fc"][one.joint] -= one.loss
+        drive["fc"][one.place[1]] -= one.loss
     return drive
 
 

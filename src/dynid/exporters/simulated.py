@@ -8,23 +8,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dynid.exporters.engines import module
-from dynid.exporters.formulas import WHOLE_ARM, Column, columns_of, phrase, without_torque
+from dynid.exporters.formulas import Column, columns_of, phrase, without_torque
 from dynid.exporters.full_model import FullModel, lifted, numbers
 from dynid.exporters.interface import IdentifiedArm
 from dynid.model.effects.catalogue import Added
 from dynid.model.parameters import BODY_PARAMETERS, body_of
 
-#: Effects that are more of a number that every simulator has: the number's name, and where it is.
-_VISCOUS = ("fv", "viscous friction of its joint")
-_COULOMB = ("fc", "Coulomb friction of its joint")
+#: Where the numbers are that some effects are more of.
 NUMBERS = {
-    "viscous": _VISCOUS,
-    "viscous_change": _VISCOUS,
-    "coulomb": _COULOMB,
-    "coulomb_change": _COULOMB,
-    "torque_offset": ("fo", "offset of its joint"),
-    "motor_inertia": ("Im", "rotor inertia of its joint"),
-    "payload": ("", "in the body of the last link"),
+    "fv": "viscous friction of its joint",
+    "fc": "Coulomb friction of its joint",
+    "fo": "offset of its joint",
+    "Im": "rotor inertia of its joint",
+    "body": "in the body of the last link",
 }
 #: A wave whose number over a turn is nearer to a whole one than this is one.
 WHOLE = 1e-9
@@ -41,18 +37,21 @@ class Element:
     """What MuJoCo has for an effect.
 
     Attributes:
-        effect: its name.
-        joint: 0-based.
+        added: the effect.
         where: in words.
         attributes: of the joint for a spring, else of a passive motor.
         loss: Coulomb friction that the joint has less [N m or N].
     """
 
-    effect: str
-    joint: int
+    added: Added
     where: str
     attributes: Mapping[str, str]
     loss: float = 0.0
+
+    @property
+    def place(self) -> tuple[str, int]:
+        """Name of the effect and its joint, 0-based."""
+        return self.added.effect.name, self.added.joints[0]
 
 
 @dataclass
@@ -62,20 +61,24 @@ class Simulated:
     Attributes:
         full: bodies, rotors and friction, with the effects that are more of such a number.
         left: effects that nothing holds, in words with the reason.
+        numbers: effects that are in the numbers of every file, in words.
         native: elements of an MJCF.
         columns: columns of effects.py with their sizes, and whether an MJCF has an element for them.
         whole_arm: effects of effects.py that turn the torque of the whole arm.
-        numbers: effects that are in the numbers of every file, in words.
-        elements: effects that are elements of an MJCF, in words.
     """
 
     full: FullModel
     left: tuple[str, ...]
+    numbers: tuple[str, ...]
     native: list[Element] = field(default_factory=list)
     columns: list[tuple[Column, float, bool]] = field(default_factory=list)
     whole_arm: list[Added] = field(default_factory=list)
-    numbers: tuple[str, ...] = ()
-    elements: tuple[str, ...] = ()
+
+    @property
+    def elements(self) -> tuple[str, ...]:
+        """Effects that are elements of an MJCF, in words."""
+        names = self.full.robot.joint_names
+        return tuple(f"{phrase(one.added, names)}: {one.where}" for one in self.native)
 
     def effects_beside(self, *, mjcf: bool) -> list[str]:
         """Return the effects that effects.py adds to an MJCF, or to a URDF, one phrase each."""
@@ -95,45 +98,37 @@ class Simulated:
 
 def simulated(arm: IdentifiedArm) -> Simulated:
     """Return where each effect of an arm goes."""
-    found, names = Simulated(_with_numbers(arm), without_torque(arm.robot)), arm.robot.joint_names
+    names, bodies, drives = arm.robot.joint_names, list(arm.full.bodies), dict(arm.full.drives)
+    numbers, others = [], []
     for added in arm.base.model.added:
-        said, forms = phrase(added, names), columns_of(added)
-        sizes = arm.full.sizes(added)
-        if added.effect.name in NUMBERS:
-            found.numbers += (f"{said}: {NUMBERS[added.effect.name][1]}",)
-        elif forms:
-            element = _element(added, sizes, found)
-            if element is not None:
-                found.native.append(element)
-                found.elements += (f"{said}: {element.where}",)
-            native = element is not None
-            found.columns += [(*each, native) for each in zip(forms, sizes, strict=True)]
-        elif added.effect.name in WHOLE_ARM:
-            found.whole_arm.append(added)
-    return found
-
-
-def _with_numbers(arm: IdentifiedArm) -> FullModel:
-    """Return bodies, rotors and friction with the effects that are more of them."""
-    bodies, drives = list(arm.full.bodies), dict(arm.full.drives)
-    for added in arm.base.model.added:
-        target, _ = NUMBERS.get(added.effect.name, (None, ""))
-        sizes = arm.full.sizes(added)
-        if target == "":
+        target, sizes = added.effect.more_of, arm.full.sizes(added)
+        if target:
+            numbers.append(f"{phrase(added, names)}: {NUMBERS[target]}")
+        elif not added.effect.left_out:
+            others.append((added, sizes))
+        if target == "body":
             more = np.pad(sizes, (0, 10 - len(sizes)))
             bodies[-1] = body_of(lifted(bodies[-1].parameters() + more))
         elif target:
             key = f"{target}{added.joints[0] + 1}"
             drives[key] = drives.get(key, 0.0) + sizes[0]
-    return replace(arm.full, bodies=tuple(bodies), drives=drives)
+    full = replace(arm.full, bodies=tuple(bodies), drives=drives)
+    found = Simulated(full, without_torque(arm.robot), tuple(numbers))
+    for added, sizes in others:
+        element = _element(added, sizes, found)
+        found.native += [element] if element else []
+        forms = columns_of(added)
+        found.columns += [(*one, element is not None) for one in zip(forms, sizes, strict=False)]
+        found.whole_arm += [added] * (not forms)
+    return found
 
 
 def numbers_of(arm: IdentifiedArm, *kinds: str) -> dict[str, float]:
     """Return the parameters by name of bodies, and of joints' numbers of these kinds, such as ``fv``, with effects."""
-    model, known = arm.base.model, arm.full.by_name
+    known = arm.full.by_name
     names = [name for name in known if name.rstrip("0123456789") in (*BODY_PARAMETERS, *kinds)]
-    for added in model.added:
-        if NUMBERS.get(added.effect.name, (None, ""))[0] in ("", *kinds):
+    for added in arm.base.model.added:
+        if added.effect.more_of in ("body", *kinds):
             names += [column.parameter.name for column in added.columns]
     return {name: known.get(name, 0.0) for name in names}
 
@@ -141,8 +136,8 @@ def numbers_of(arm: IdentifiedArm, *kinds: str) -> dict[str, float]:
 # ---------------------------------------------------------------- elements of MuJoCo
 def _element(added: Added, sizes: list[float], found: Simulated) -> Element | None:
     """Return what MuJoCo has for an effect; None where it has nothing, or the joint has another one already."""
-    name, joint = added.effect.name, added.joints[0]
-    taken = any((one.effect, one.joint) == (name, joint) for one in found.native)
+    name = added.effect.name
+    taken = any(one.place == (name, *added.joints) for one in found.native)
     if name == "spring" and not taken:
         return _spring(added, sizes)
     if not newest_elements():
@@ -151,10 +146,10 @@ def _element(added: Added, sizes: list[float], found: Simulated) -> Element | No
         return _wave(added, sizes)
     if name == "presliding_hysteresis" and not taken:
         size = sizes[0]
-        if 0.0 < size <= found.full.of_joints("fc")[joint]:
+        if 0.0 < size <= found.full.of_joints("fc")[added.joints[0]]:
             lugre = numbers([size / added.shape["delta"], 0.0, size, size, 1.0])
             where = "lugre of a passive dcmotor, and as much less frictionloss"
-            return Element(name, joint, where, {"lugre": lugre}, size)
+            return Element(added, where, {"lugre": lugre}, size)
     return None
 
 
@@ -172,7 +167,7 @@ def _spring(added: Added, sizes: list[float]) -> Element | None:
     if not newest and stiffness[0] <= 0.0:
         return None
     facts = {"stiffness": numbers(stiffness), "springref": repr(slack)}
-    return Element("spring", added.joints[0], "stiffness and springref of its joint", facts)
+    return Element(added, "stiffness and springref of its joint", facts)
 
 
 def _wave(added: Added, sizes: Iterable[float]) -> Element | None:
@@ -184,5 +179,4 @@ def _wave(added: Added, sizes: Iterable[float]) -> Element | None:
     if added.effect.name == "counterbalance":
         cosine, sine = sine, cosine
     cogging = numbers([np.hypot(cosine, sine), round(poles), np.arctan2(-cosine, -sine)])
-    where = "cogging of a passive dcmotor"
-    return Element(added.effect.name, added.joints[0], where, {"cogging": cogging})
+    return Element(added, "cogging of a passive dcmotor", {"cogging": cogging})

@@ -8,14 +8,14 @@ the numbers. Source: Gautier & Khalil 1990; pseudo-inertia as in Wensing 2018.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sympy import Expr, Integer, Matrix, Symbol, cancel, expand, latex, zeros  # noqa: TID253
+from sympy import Add, Expr, Float, Integer, Matrix, Symbol, cancel, expand, latex, zeros  # noqa: TID253
 
 from dynid.errors import ReductionsDisagree
 from dynid.model import tuning
@@ -23,15 +23,14 @@ from dynid.model.kinematics import dh_step, geometry, right_angle
 from dynid.model.parameters import TENSOR
 from dynid.model.reduce import Reduction, reduce_plain, with_added
 from dynid.model.regressor import Model
-from dynid.robot import Joint
 
 Floats = NDArray[np.float64]
-#: A column as a combination of others.
+#: A column as a combination of others, by their places; shares without a formula are plain numbers.
 Shares = dict[int, Expr]
 
 #: Length, offset, cosine and sine of the twist, cosine and sine of a sliding joint's angle.
 A, D, CA, SA, C, S = map(Symbol, ("a", "d", "ca", "sa", "c", "s"))
-ONE = Integer(1)
+ZERO, ONE = Integer(0), Integer(1)
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ def base_parameters(
     at = {name: k for k, name in enumerate(plain.names)}
     for row, relation in zip(K, relations, strict=True):
         row[[at[term.name] for term in relation]] = [term.value for term in relation]
-    formulas = tuple(map(relation_text, relations))
+    formulas = tuple(f"{base_name(one)} = {_spelled(one, PLAIN)}" for one in relations)
     return with_added(replace(plain, K=K, formulas=formulas), model)
 
 
@@ -84,133 +83,119 @@ def relations_of(
         still: whether they are those of the torques at rest.
     """
     found = found or reduce_plain(model, still=still)
-    columns = _columns(model, found, still)
-    values = np.array([column.values for column in columns]).T
+    rules, numbers = _rules(model, still), geometry(model.robot)
+    base, columns, values = found.base.tolist(), list[Shares](), list[Floats]()
+    for k, own in enumerate(found.K.T):
+        composed = {base.index(k): ONE} if k in base else _composed(rules.get(k, {}), columns)
+        value = np.zeros(found.rank)
+        for row, share in composed.items():
+            value[row] = _value(share, numbers)
+        composed = {row: share for row, share in composed.items() if value[row]}
+        tried = [(composed, value)]
+        for column, size in zip(columns, values, strict=True):
+            tried += [(column, size), ({row: -share for row, share in column.items()}, -size)]
+        whole = np.allclose(own, np.round(own))
+        known = (Integer(round(x)) if whole else Float(x) for x in own)
+        tried.append(({row: x for row, x in enumerate(known) if x}, own))
+        near = 1e-7 * np.abs(own).max(initial=0.0)
+        shares, value = next(one for one in tried if np.allclose(one[1], own, 1e-7, near))
+        columns.append(shares)
+        values.append(value)
     groups = []
-    for row, base in enumerate(found.base.tolist()):
-        shares = [base, *(k for k in np.flatnonzero(values[row]).tolist() if k != base)]
-        terms = [(k, columns[k].formulas.get(row)) for k in shares]
-        groups.append(tuple(Term(found.names[k], share, values[row, k]) for k, share in terms))
+    for row, first in enumerate(base):
+        order = [first, *(k for k, x in enumerate(columns) if row in x and k != first)]
+        groups.append(tuple(_term(found.names[k], columns[k][row], values[k][row]) for k in order))
     return tuple(groups)
 
 
+def _term(name: str, share: Expr, value: float) -> Term:
+    return Term(name, None if share.has(Float) else share, float(value))
+
+
 # ---------------------------------------------------------------- composed from joint to joint
-@dataclass(frozen=True)
-class _Column:
-    """A column by base parameters: formulas by row where all have one, and values, (p,)."""
-
-    formulas: Shares
-    values: Floats
-
-    def times(self, factor: Expr, value: float) -> _Column:
-        shares = {row: expand(factor * share) for row, share in self.formulas.items()}
-        return _Column(shares, value * self.values)
-
-
-def _columns(model: Model, found: Reduction, still: bool) -> list[_Column]:
-    """Return each column by rows of base parameters."""
-    base = {int(k): row for row, k in enumerate(found.base)}
-    at = {int(full): k for k, full in enumerate(model.link_columns)}
-    numbers = geometry(model.robot)
-    rules: dict[int, dict[int, tuple[Expr, float]]] = {}
-    for link, joint in enumerate(model.robot.joints):
-        local = _passed(joint, link, model, still) if link else _of_first_link(model, still)
-        for own, shares in local.items():
-            if own in at and shares.keys() <= at.keys():
-                rules[at[own]] = {
-                    at[k]: (share, _value(share, numbers)) for k, share in shares.items()
-                }
-    columns = list[_Column]()
-    for k, own in enumerate(found.K.T):
-        if k in base:
-            tried = [_Column({base[k]: ONE}, own)]
-        else:
-            tried = [
-                _sum([columns[j].times(*factor) for j, factor in rules.get(k, {}).items()], own)
-            ]
-            tried += [column.times(Integer(sign), sign) for column in columns for sign in (1, -1)]
-        nearness = {"rtol": 1e-7, "atol": 1e-7 * np.abs(own).max(initial=0.0)}
-        same = (column for column in tried if np.allclose(column.values, own, **nearness))
-        rows = np.flatnonzero(own).tolist() if np.allclose(own, np.round(own)) else ()
-        whole = {row: Integer(round(own[row])) for row in rows}
-        columns.append(next(same, _Column(whole, own)))
-    return columns
-
-
-def _sum(parts: Sequence[_Column], like: Floats) -> _Column:
-    """Return the sum of columns; without formulas where one has none."""
-    values, total = np.zeros_like(like), dict[int, Expr]()
-    size = values.copy()
-    for part in parts:
-        values, size = values + part.values, size + np.abs(part.values)
-        for row, share in part.formulas.items():
-            total[row] = total.get(row, Integer(0)) + share
-    values[np.abs(values) < tuning.CANCELLED * size] = 0.0
-    named = all(len(part.formulas) == np.count_nonzero(part.values) for part in parts)
-    rows = np.flatnonzero(values).tolist() if named else []
-    return _Column({row: total[row] for row in rows}, values)
+def _composed(rule: Shares, columns: list[Shares]) -> Shares:
+    """Return a column by rows of base parameters, of one by columns before it."""
+    total: Shares = {}
+    for k, factor in rule.items():
+        for row, share in columns[k].items():
+            total[row] = total.get(row, ZERO) + expand(factor * share)
+    return total
 
 
 def _value(formula: Expr, numbers: Mapping[str, float]) -> float:
-    return float(formula.subs({x: numbers[x.name] for x in formula.free_symbols}))
+    """Return the value of a formula; of terms that cancel each other zero, without their rounding."""
+    known = {x: Float(numbers[x.name]) for x in formula.free_symbols}
+    sizes = [float(term.xreplace(known)) for term in Add.make_args(formula)]
+    total = sum(sizes)
+    return total if abs(total) > tuning.CANCELLED * sum(map(abs, sizes)) else 0.0
 
 
-def _passed(joint: Joint, link: int, model: Model, still: bool) -> dict[int, Shares]:
-    """Return the parameters of a link that pass through its joint, by those of it and of the link before."""
-    twist, angle = right_angle(joint.twist), right_angle(joint.theta_offset)
-    shape = (bool(joint.a), bool(joint.d), twist, None if joint.revolute else angle)
-    symbols = {x: Symbol(f"{x.name}{link + 1}") for x in (A, D, CA, SA, C, S)}
-    first = 11 * (link - 1)
-
-    def full(k: int) -> int:
-        return first + k + (k > 9)  # the eleventh parameter is no body's
-
-    rules = _rules(joint.revolute, model.robot.convention, still, *shape)
-    return {
-        full(own): {full(k): share.xreplace(symbols) for k, share in shares}
-        for own, shares in rules.items()
-    }
+def _rules(model: Model, still: bool) -> dict[int, Shares]:
+    """Return columns of a link that pass through its joint, by those of it and of the link before."""
+    robot, at = model.robot, {int(full): k for k, full in enumerate(model.link_columns)}
+    found: dict[int, Shares] = {}
+    for link, joint in enumerate(robot.joints):
+        places, number = list(range(11 * link, 11 * link + 11)), link + 1
+        if link:
+            twist, angle = right_angle(joint.twist), right_angle(joint.theta_offset)
+            shape = (bool(joint.a), bool(joint.d), twist, None if joint.revolute else angle)
+            local = _passed(robot.convention, joint.revolute, still, *shape)
+            # The eleventh parameter is no body's.
+            first = 11 * (link - 1)
+            places = [first + k + (k > 9) for k in range(20)]
+        else:
+            local = _of_first_link(model, still)
+        symbols = {x: Symbol(f"{x.name}{number}") for x in (A, D, CA, SA, C, S)}
+        for own, shares in local.items():
+            if places[own] in at and all(places[k] in at for k in shares):
+                rule = {at[places[k]]: share.xreplace(symbols) for k, share in shares.items()}
+                found[at[places[own]]] = rule
+    return found
 
 
 @lru_cache(maxsize=64)
-def _rules(
-    revolute: bool,
+def _passed(
     convention: str,
+    revolute: bool,
     still: bool,
     a: bool,
     d: bool,
     twist: tuple[int, int] | None,
     angle: tuple[int, int] | None,
-) -> dict[int, list[tuple[int, Expr]]]:
+) -> dict[int, Shares]:
     """Return the last parameters that a joint of this shape lets pass, by the others: 0-9 of the link before, 10-19."""
     ca, sa = map(Integer, twist) if twist else (CA, SA)
-    length, offset = A if a else Integer(0), D if d else Integer(0)
-    rows = []
+    length, offset = A if a else ZERO, D if d else ZERO
     if revolute:
         along, here = Matrix([0, sa, ca, 0]), Matrix([-length, 0, 0, 1])
         before, there = Matrix([0, 0, 1, 0]), Matrix([0, 0, offset, 1])
         if convention == "modified":
             along, here = before, Matrix([0, 0, 0, 1])
             before, there = Matrix([0, -sa, ca, 0]), Matrix([length, -offset * sa, offset * ca, 1])
-        for own, other in zip(_on_axis(along, here), _on_axis(before, there), strict=True):
-            rows.append(_parameters(other) + [-x for x in _parameters(own)])
+        pairs = zip(_on_axis(along, here), _on_axis(before, there), strict=True)
     else:
         turned = map(Integer, angle) if angle else (C, S)
-        R = Matrix(dh_step(convention, tuple(turned), (ca, sa), 0, 0)[0])
-        for i, j in TENSOR:
-            own, other = zeros(4), zeros(4)
-            own[i, j] = own[j, i] = 1
-            other[:3, :3] = R * own[:3, :3] * R.T
-            rows.append(_parameters(other) + [-x for x in _parameters(own)])
+        R = Matrix(dh_step(convention, tuple(turned), (ca, sa), 0, 0)[0]).row_join(zeros(3, 1))
+        R = R.col_join(zeros(1, 4))
+        units = [zeros(4) for _ in TENSOR]
+        for unit, (i, j) in zip(units, TENSOR, strict=True):
+            unit[i, j] = unit[j, i] = 1
+        pairs = zip(units, (R * unit * R.T for unit in units), strict=True)
+    rows = [_parameters(other) + [-x for x in _parameters(own)] for own, other in pairs]
     if still:
         rows = [row[:4] + [0] * 6 + row[10:14] + [0] * 6 for row in rows]
-    # Why from the right: the last parameters of the link are those that others express.
-    reduced, pivots = Matrix([row[::-1] for row in rows]).rref(simplify=cancel)
+    return _last_by_others(Matrix(rows))
+
+
+def _last_by_others(rows: Matrix) -> dict[int, Shares]:
+    """Return columns by those before them, where each row is a combination of columns that vanishes."""
+    last = rows.cols - 1
+    reduced, pivots = rows[:, ::-1].rref(simplify=cancel)
     return {
-        19 - pivot: [
-            (19 - k, _short(-reduced[row, k])) for k in range(19, pivot, -1) if reduced[row, k] != 0
-        ]
-        for row, pivot in enumerate(pivots)
+        last - own: {
+            last - k: _short(-reduced[row, k]) for k in range(last, own, -1) if reduced[row, k] != 0
+        }
+        for row, own in enumerate(pivots)
     }
 
 
@@ -221,11 +206,9 @@ def _on_axis(along: Matrix, point: Matrix) -> tuple[Matrix, Matrix, Matrix]:
 
 def _parameters(J: Matrix) -> list[Expr]:
     """Return the ten parameters of a body with a pseudo-inertia, (4, 4)."""
-    inertia = [
-        J[(i + 1) % 3, (i + 1) % 3] + J[(i + 2) % 3, (i + 2) % 3] if i == j else -J[i, j]
-        for i, j in TENSOR
-    ]
-    return [J[3, 3], J[0, 3], J[1, 3], J[2, 3], *map(_short, inertia)]
+    second = J[:3, :3]
+    inertia = second.trace() * Matrix.eye(3) - second
+    return [J[3, 3], *J[:3, 3], *(_short(inertia[i, j]) for i, j in TENSOR)]
 
 
 def _short(formula: Expr) -> Expr:
@@ -242,11 +225,10 @@ def _of_first_link(model: Model, still: bool) -> dict[int, Shares]:
     if not joint.revolute:
         return {}
     values, exact = geometry(robot), right_angle(joint.twist)
-    c, s = map(Integer, exact) if exact else (Symbol("ca1"), Symbol("sa1"))
-    a = Symbol("a1") if joint.a else Integer(0)
-    axis, upright = np.array([0, 0, 1.0]), robot.convention == "modified"
-    if upright:
-        axis, c, s, a = np.array([0, -values["sa1"], values["ca1"]]), ONE, Integer(0), Integer(0)
+    c, s = map(Integer, exact) if exact else (CA, SA)
+    a, axis = A if joint.a else ZERO, [0, 0, 1.0]
+    if robot.convention == "modified":
+        axis, c, s, a = [0, -values["sa1"], values["ca1"]], ONE, ZERO, ZERO
     rows = []
     if not still:  # inertia about the axis, with the rotor's
         rows.append([a**2, 2 * a, 0, 0, 0, 0, 0, s**2, 2 * s * c, c**2, 1])
@@ -254,48 +236,99 @@ def _of_first_link(model: Model, still: bool) -> dict[int, Shares]:
         rows += [[a, 1, *[0] * 9], [0, 0, c, -s, *[0] * 7]]
     if not rows:
         return {}
-    reduced, pivots = Matrix(rows).rref()
-    return {
-        k: {p: reduced[row, k] for row, p in enumerate(pivots) if reduced[row, k] != 0}
-        for k in range(11)
-        if k not in pivots
-    }
+    return _last_by_others(Matrix.hstack(*Matrix(rows).nullspace()).T)
 
 
 # ---------------------------------------------------------------- text, JSON and LaTeX
+@dataclass(frozen=True)
+class Notation:
+    """How relations are spelled: a symbol, a product of symbols, what stands between factors, a sum, brackets."""
+
+    symbol: Callable[[str], str]
+    product: Callable[[Expr], str]
+    times: str
+    plus: str
+    brackets: str
+
+
+def _latex_symbol(name: str) -> str:
+    """Return a DH symbol or a parameter's name in LaTeX: ``d_{3}`` for ``d3``, ``mc_{3,x}`` for ``mcx3``."""
+    kind = name.rstrip("0123456789")
+    number = name[len(kind) :]
+    if kind in ("ca", "sa", "c", "s"):
+        return rf"{kind[0]}_{{\{'alpha' if len(kind) > 1 else 'theta'} {number}}}"
+    head = "mc" if kind.startswith("mc") else kind[0]
+    tail = kind[len(head) :]
+    return rf"{head}_{{{number}{',' * bool(tail)}{tail}}}"
+
+
+def _product(term: Expr) -> str:
+    factor, rest = term.as_coeff_Mul()
+    powers = sorted((x.name, int(power)) for x, power in rest.as_powers_dict().items() if x != 1)
+    names = [name if power == 1 else f"{name}^{power}" for name, power in powers]
+    return "*".join([str(factor)] * (factor != 1 or not names) + names)
+
+
+def _latex_product(term: Expr) -> str:
+    names = {symbol: _latex_symbol(symbol.name) for symbol in term.free_symbols}
+    return str(latex(term, symbol_names=names))
+
+
+PLAIN = Notation(str, _product, "*", "+", "({})")
+LATEX = Notation(_latex_symbol, _latex_product, " ", " + ", r"\left({}\right)")
+
+
 def base_name(relation: Relation) -> str:
     """Return the name of a base parameter: a combination is called after its representative with an R, ``Ixx2R``."""
     return relation[0].name + ("R" if len(relation) > 1 else "")
 
 
-def formula_text(formula: Expr) -> str:
-    """Return a formula as text, such as ``2*ca4*d3``."""
+def _spelled(relation: Relation, notation: Notation) -> str:
+    """Return what a base parameter is made of, such as ``mcz2 - mcy3 + d3*(m3+m4)``."""
     parts = []
-    for sign, size in _monomials(formula):
-        factor, rest = size.as_coeff_Mul()
-        powers = sorted(
-            (x.name, int(power)) for x, power in rest.as_powers_dict().items() if x != 1
-        )
-        names = [name if power == 1 else f"{name}^{power}" for name, power in powers]
-        parts.append((sign, "*".join([str(factor)] * (factor != 1 or not names) + names)))
+    for terms in _factored(relation):
+        body = notation.plus.join(notation.symbol(term.name) for term in terms)
+        body = notation.brackets.format(body) if len(terms) > 1 else body
+        formula, value = terms[0].formula, terms[0].value
+        if formula is None:
+            sign, size = "-" if value < 0 else "+", f"{abs(value):.9g}"
+        else:
+            (sign, first), *more = _monomials(formula)
+            size = "" if first == 1 else notation.product(first)
+            if more:
+                sign, size = "+", notation.brackets.format(_sum(formula, notation.product))
+        parts.append((sign, f"{size}{notation.times}{body}" if size else body))
     return _joined(parts)
+
+
+def _factored(relation: Relation) -> list[tuple[Term, ...]]:
+    """Return the terms of a relation gathered by equal coefficient: plain ones first and one by one, then by degree."""
+    gathered: dict[object, tuple[Term, ...]] = {}
+    for term in relation:
+        key = term.name if term.formula in (None, 1, -1) else term.formula
+        gathered[key] = (*gathered.get(key, ()), term)
+
+    def degree(terms: tuple[Term, ...]) -> int:
+        formula = terms[0].formula
+        return 99 if formula is None else max(_degree(size) for _, size in _monomials(formula))
+
+    return sorted(gathered.values(), key=degree)
 
 
 def _monomials(formula: Expr) -> list[tuple[str, Expr]]:
     """Return sign and size of each term, in rising degree."""
-    found = []
-    for term in expand(formula).as_ordered_terms():
-        negative = term.as_coeff_Mul()[0] < 0
-        found.append(("-" if negative else "+", -term if negative else term))
-    return sorted(found, key=lambda part: (_degree(part[1]), str(part[1])))
-
-
-def _degree(formula: Expr) -> int:
     terms = expand(formula).as_ordered_terms()
-    return max(
-        sum(abs(int(power)) for symbol, power in term.as_powers_dict().items() if symbol.is_Symbol)
-        for term in terms
-    )
+    signed = [("-", -x) if x.as_coeff_Mul()[0] < 0 else ("+", x) for x in terms]
+    return sorted(signed, key=lambda part: (_degree(part[1]), str(part[1])))
+
+
+def _degree(term: Expr) -> int:
+    return sum(abs(int(power)) for x, power in term.as_powers_dict().items() if x.is_Symbol)
+
+
+def _sum(formula: Expr, product: Callable[[Expr], str] = _product) -> str:
+    """Return a formula, such as ``2*ca4*d3``."""
+    return _joined([(sign, product(size)) for sign, size in _monomials(formula)])
 
 
 def _joined(parts: list[tuple[str, str]]) -> str:
@@ -304,30 +337,19 @@ def _joined(parts: list[tuple[str, str]]) -> str:
     return text.removeprefix("+ ") if text[0] == "+" else "-" + text[2:]
 
 
-def relation_text(relation: Relation) -> str:
-    """Return one relation as text, such as ``mcz2R = mcz2 - mcy3 + d3*(m3+m4)``."""
-    parts = []
-    for terms in _factored(relation):
-        names = "+".join(term.name for term in terms)
-        body = f"({names})" if len(terms) > 1 else names
-        sign, size, count = _factor(terms[0], formula_text)
-        factor = f"({size})" if count > 1 else size
-        parts.append((sign, f"{factor}*{body}" if factor else body))
-    return f"{base_name(relation)} = {_joined(parts)}"
-
-
 def relations_text(relations: tuple[Relation, ...], *, alone: bool = False) -> str:
     """Return all relations as text with the numbers behind their coefficients; those that stand alone too if wanted."""
     lines = []
     for relation in relations:
         if len(relation) > 1 or alone:
             values = {
-                formula_text(terms[0].formula): terms[0].value
-                for terms in _factored(relation)
-                if terms[0].formula is not None and not terms[0].formula.is_Number
+                _sum(term.formula): term.value
+                for term, *_ in _factored(relation)
+                if term.formula is not None and not term.formula.is_Number
             }
             shown = ", ".join(f"{text} = {value:.6g}" for text, value in values.items())
-            lines.append(relation_text(relation) + (f"    [{shown}]" if values else ""))
+            line = f"{base_name(relation)} = {_spelled(relation, PLAIN)}"
+            lines.append(line + (f"    [{shown}]" if values else ""))
     if missing := unnamed(relations):
         lines.append(f"{missing} coefficients have no formula and are given as numbers only")
     return "\n".join(lines)
@@ -345,10 +367,9 @@ def relations_json(model: Model, relations: tuple[Relation, ...]) -> dict[str, A
             "name": base_name(relation),
             "terms": {term.name: term.value for term in relation},
             "formulas": {
-                term.name: None if term.formula is None else formula_text(term.formula)
-                for term in relation
+                term.name: None if term.formula is None else _sum(term.formula) for term in relation
             },
-            "text": relation_text(relation),
+            "text": f"{base_name(relation)} = {_spelled(relation, PLAIN)}",
         }
         for relation in relations
     ]
@@ -370,53 +391,9 @@ def relations_json(model: Model, relations: tuple[Relation, ...]) -> dict[str, A
 
 def relations_latex(relations: tuple[Relation, ...]) -> str:
     """Return the relations of all combinations as a LaTeX ``align*`` environment."""
-    rows = []
-    for relation in relations:
-        if len(relation) > 1:
-            parts = []
-            for terms in _factored(relation):
-                names = " + ".join(_latex_symbol(term.name) for term in terms)
-                body = rf"\left({names}\right)" if len(terms) > 1 else names
-                sign, size, count = _factor(terms[0], _latex)
-                factor = rf"\left({size}\right)" if count > 1 else size
-                parts.append((sign, f"{factor} {body}".strip()))
-            rows.append(rf"  {_latex_symbol(relation[0].name)}^{{R}} &= {_joined(parts)}")
+    rows = [
+        rf"  {_latex_symbol(relation[0].name)}^{{R}} &= {_spelled(relation, LATEX)}"
+        for relation in relations
+        if len(relation) > 1
+    ]
     return "\n".join([r"\begin{align*}", " \\\\\n".join(rows), r"\end{align*}"])
-
-
-def _factored(relation: Relation) -> list[tuple[Term, ...]]:
-    """Return the terms of a relation gathered by equal coefficient: plain ones first and one by one, then by degree."""
-    gathered: dict[object, list[Term]] = {}
-    for term in relation:
-        plain = term.formula is None or term.formula in (1, -1)
-        gathered.setdefault(term.name if plain else term.formula, []).append(term)
-    groups = [tuple(terms) for terms in gathered.values()]
-    return sorted(
-        groups, key=lambda terms: 99 if terms[0].formula is None else _degree(terms[0].formula)
-    )
-
-
-def _factor(term: Term, written: Callable[[Expr], str]) -> tuple[str, str, int]:
-    """Return sign and size of a coefficient, which is empty for 1, and of how many terms it is a sum."""
-    if term.formula is None:
-        return "-" if term.value < 0 else "+", f"{abs(term.value):.9g}", 1
-    (sign, size), *more = _monomials(term.formula)
-    if more:
-        return "+", written(term.formula), 1 + len(more)
-    return sign, "" if size == 1 else written(size), 1
-
-
-def _latex(formula: Expr) -> str:
-    names = {symbol: _latex_symbol(symbol.name) for symbol in formula.free_symbols}
-    return _joined([(sign, latex(size, symbol_names=names)) for sign, size in _monomials(formula)])
-
-
-def _latex_symbol(name: str) -> str:
-    """Return a DH symbol or a parameter's name in LaTeX: ``d_{3}`` for ``d3``, ``mc_{3,x}`` for ``mcx3``."""
-    kind = name.rstrip("0123456789")
-    number = name[len(kind) :]
-    if kind in ("ca", "sa", "c", "s"):
-        return rf"{kind[0]}_{{\{'alpha' if len(kind) > 1 else 'theta'} {number}}}"
-    head = "mc" if kind.startswith("mc") else kind[0]
-    tail = kind[len(head) :]
-    return rf"{head}_{{{number}{',' * bool(tail)}{tail}}}"

@@ -62,7 +62,7 @@ def test_the_bristle_of_mujoco_bends_as_the_formula_says():
     model = mujoco.MjModel.from_xml_string(FORMATS["mjcf"].text(source))
     model.opt.timestep = 1e-3
     data, (bristle,) = mujoco.MjData(model), simulated(source).native
-    dof = model.joint(source.robot.joint_names[bristle.joint]).dofadr[0]
+    dof = model.joint(source.robot.joint_names[bristle.place[1]]).dofadr[0]
     assert model.dof_frictionloss[dof] == pytest.approx(source.full.drives["fc3"] - bristle.loss)
     t = np.arange(3000) * 1e-3
     q, qd, force = 0.3 * np.sin(3 * t), 0.9 * np.cos(3 * t), np.empty_like(t)

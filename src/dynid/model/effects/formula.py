@@ -62,10 +62,3 @@ class Formula(Effect):
         if not np.all(np.isfinite(found)):
             refuse(self.text, "it is not finite along this motion")
         return found
-
-
-def formula_text(terms: Sequence[str]) -> str:
-    """Return the formula of products that are written without amplitudes: a, b, c ... before each."""
-    return " + ".join(
-        f"{name} {term}".strip() for name, term in zip("abcdefgh", terms, strict=False)
-    )

@@ -55,6 +55,9 @@ class Effect:
         steps: how a shape parameter is refined: ``"times"`` or ``"plus"``, and the first step.
         sized: the amplitude whose size its columns depend on, "" where none does.
         at: that size, at which its columns are exact; 0 for the slope there.
+        more_of: what every simulator has and it is more of: ``fv``, ``fc``, ``fo`` or ``Im`` of its joint, or ``body``,
+            the last link's.
+        left_out: why no export holds it, "" where one does.
     """
 
     name: str
@@ -81,6 +84,8 @@ class Effect:
     steps: Mapping[str, tuple[str, float]] = field(default_factory=dict)
     sized: str = ""
     at: float = 0.0
+    more_of: str = ""
+    left_out: str = ""
 
     def candidate_joints(self, n: int) -> list[Joints]:
         """Return where it may sit on an arm of n joints."""

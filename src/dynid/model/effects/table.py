@@ -16,9 +16,12 @@ def _each(name: str, *values: float) -> list[dict[str, float]]:
     return [{name: value} for value in values]
 
 
+_JOINT_MORE = "a link that moves against its motor is one more joint of a simulator"
+
 _ALL = (
     Effect(
         name="torque_offset",
+        more_of="fo",
         title="torque offset, or Coulomb friction that differs with the direction",
         equation="c",
         signature="constant, whatever the joint does",
@@ -30,6 +33,7 @@ _ALL = (
     ),
     Effect(
         name="viscous",
+        more_of="fv",
         title="viscous friction",
         equation="fv qd",
         signature="in proportion to the joint's own speed",
@@ -40,6 +44,7 @@ _ALL = (
     ),
     Effect(
         name="coulomb",
+        more_of="fc",
         title="Coulomb friction",
         equation="fc sign(qd)",
         signature="a step at each reversal, the same size both ways",
@@ -237,6 +242,7 @@ _ALL = (
     ),
     Effect(
         name="motor_inertia",
+        more_of="Im",
         title="rotor inertia",
         equation="Im qdd",
         signature="in proportion to the joint's own acceleration; strongest at reversals of a fast "
@@ -273,6 +279,7 @@ _ALL = (
     ),
     Effect(
         name="joint_elasticity",
+        left_out=_JOINT_MORE,
         title="elastic joint with the encoder on the motor's side",
         equation="tau_rb(q - tau_j / K e_j) - tau_rb(q), 1/K > 0",
         signature="at high frequency and where the torque changes fast; in several joints at once",
@@ -286,6 +293,7 @@ _ALL = (
     ),
     Effect(
         name="backlash",
+        left_out=_JOINT_MORE,
         title="backlash of a gear with the encoder on the motor's side",
         equation="-a tau_rb while the link crosses the gap 2 b on its own, then the jolt that it "
         "lands with; a near 1",
@@ -346,6 +354,7 @@ _ALL = (
     ),
     Effect(
         name="torque_delay",
+        left_out="it is a delay of the log, not a torque of the arm",
         title="delay of the torque behind the position",
         equation="-T d tau/dt, the logs are then shifted by T",
         signature="in all joints alike, where the torque changes fast: reversals, high frequency",
@@ -368,6 +377,7 @@ _ALL = (
     ),
     Effect(
         name="payload",
+        more_of="body",
         title="payload that the model does not know",
         equation="ten parameters of the last link, the first `form` of them",
         signature="joint 2 and 4 first, in proportion to gravity",
@@ -382,6 +392,7 @@ _ALL = (
     ),
     Effect(
         name="coulomb_change",
+        more_of="fc",
         title="changed Coulomb friction",
         equation="c sign(qd)",
         signature="a step at each reversal, on one joint",
@@ -393,6 +404,7 @@ _ALL = (
     ),
     Effect(
         name="viscous_change",
+        more_of="fv",
         title="changed viscous friction",
         equation="v qd",
         signature="in proportion to the speed of one joint",
