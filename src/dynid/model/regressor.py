@@ -9,7 +9,7 @@ matrix tells whether an arm can have them.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, Literal
 
@@ -21,7 +21,6 @@ from dynid.model.dynamics import derive
 from dynid.model.effects.catalogue import Added, added_effects
 from dynid.model.effects.friction import friction_entries, friction_parameters, friction_rows
 from dynid.model.effects.interface import ArmMotion
-from dynid.model.kinematics import LinkFrames, link_frames
 from dynid.model.parameters import (
     BODY_PARAMETERS,
     Parameter,
@@ -287,6 +286,14 @@ def body_regressor(robot: Robot, q: Floats, qd: Floats, qdd: Floats) -> Floats:
     return model.observer(columns_of(model.parameters, *BODY_PARAMETERS)).dense(q, qd, qdd)
 
 
+def body_torques(robot: Robot, bodies: Floats, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+    """Return the torques of links with ten parameters each, (10 n,), without rotors and friction, (N, n) [N m or N]."""
+    model = _bare_model(robot.convention, robot.joints, robot.gravity)
+    values = np.zeros(model.size)
+    values[columns_of(model.parameters, *BODY_PARAMETERS)] = bodies
+    return ModelTorques(model, values).rigid(q, qd, qdd)
+
+
 def expected_torque(
     q: Floats, robot: Robot, qd: Floats | None = None, qdd: Floats | None = None
 ) -> Floats:
@@ -297,8 +304,9 @@ def expected_torque(
     still, bodies = np.zeros_like(q), prior_parameters(robot)
     if not (robot.prior and (robot.prior.links or robot.prior.cylinders)):
         bodies *= tuning.UNKNOWN_LINK_MASS_KG * robot.n / bodies[::10].sum()
-    P = body_regressor(robot, q, still if qd is None else qd, still if qdd is None else qdd)
-    return np.asarray(P @ bodies)
+    return body_torques(
+        robot, bodies, q, still if qd is None else qd, still if qdd is None else qdd
+    )
 
 
 # ---------------------------------------------------------------- the model with numbers
@@ -332,22 +340,24 @@ class ModelTorques:
 
     def gravity_tilt(self, q: Floats, axis: int) -> Floats:
         """Return the change of torque by a turn of gravity towards an axis of frame 0, (N, n) [N m/rad]."""
-        robot, values = self._model.robot, np.zeros(11 * self._model.robot.n)
-        values[self._model.link_columns] = self._values[: len(self._model.link_columns)]
-        links = values.reshape(robot.n, 11)
-        size = float(np.linalg.norm(robot.gravity))
-        return holding_torque(
-            robot, link_frames(robot, q), links[:, 0], links[:, 1:4], size * np.eye(3)[axis]
-        )
+        links = np.zeros((self._model.robot.n, 11))
+        rigid = self._model.link_columns
+        links.flat[rigid] = self._values[: len(rigid)]
+        size = float(np.linalg.norm(self._model.robot.gravity))
+        return self._held(links[:, :10], size * np.eye(3)[axis], q)
 
     def tip_force(self, q: Floats, axis: int) -> Floats:
         """Return the torques that hold a unit force along an axis of frame 0 at the tip, -J^T e, (N, n) [m or 1]."""
         # Why: a unit mass at the tip under a gravity of 1 m/s^2 along the axis is a unit force.
-        robot = self._model.robot
-        mass = np.eye(robot.n)[-1]
-        return holding_torque(
-            robot, link_frames(robot, q), mass, np.zeros((robot.n, 3)), np.eye(3)[axis]
-        )
+        links = np.zeros((self._model.robot.n, 10))
+        links[-1, 0] = 1.0
+        return self._held(links, np.eye(3)[axis], q)
+
+    def _held(self, links: Floats, gravity: Floats, q: Floats) -> Floats:
+        """Return the torques that hold links, (n, 10), under another gravity in frame 0, (3,) [m/s^2]."""
+        x, y, z = gravity.tolist()
+        there, still = replace(self._model.robot, gravity=(x, y, z)), np.zeros_like(q)
+        return body_torques(there, links.ravel(), q, still, still)
 
     def tip_columns(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the columns of the ten parameters of the last link, (10, N, n) [N m or N per unit of each]."""
@@ -377,34 +387,6 @@ def prior_vector(model: Model) -> Floats:
 def prior_torques(model: Model) -> ModelTorques:
     """Return the torques of the prior, without friction."""
     return ModelTorques(model, prior_vector(model))
-
-
-def holding_torque(
-    robot: Robot, where: LinkFrames, mass: Floats, moment: Floats, gravity: Floats
-) -> Floats:
-    """Return the torques that hold the links under a gravity, (N, n) [N m or N].
-
-    The regressor's program leaves out components of gravity that are zero, so a tilted base or a force on the tool is
-    computed here from the frames.
-
-    Args:
-        robot: the arm.
-        where: its poses over a motion of N samples.
-        mass: of each link, (n,) [kg].
-        moment: first moment of each link in its DH frame, (n, 3) [kg m].
-        gravity: in frame 0, (3,) [m/s^2].
-    """
-    centres = mass[:, None] * where.p + np.einsum("mkij,kj->mki", where.R, moment)
-    # What a joint carries is everything from its own link outwards.
-    carried, weight = np.cumsum(centres[:, ::-1], axis=1)[:, ::-1], np.cumsum(mass[::-1])[::-1]
-    tau = np.empty(where.p.shape[:2])
-    for j, joint in enumerate(robot.joints):
-        if joint.revolute:
-            lever = carried[:, j] - weight[j] * where.point[:, j]
-            tau[:, j] = -np.einsum("mi,mi->m", where.axis[:, j], np.cross(lever, gravity))
-        else:
-            tau[:, j] = -weight[j] * where.axis[:, j] @ gravity
-    return tau
 
 
 # ---------------------------------------------------------------- mass matrix
@@ -452,8 +434,4 @@ def indefinite_share(torque: Torque, q: Floats) -> float:
         q: poses to test, (N, n) [rad or m]; 1000 random ones take milliseconds.
     """
     M = mass_matrices(torque, q)
-    # Rows and columns are divided by the root of the largest inertia of each joint: metres and radians together.
-    largest = np.abs(np.diagonal(M, axis1=1, axis2=2)).max(axis=0)
-    size = np.sqrt(np.maximum(largest, np.finfo(float).tiny))
-    scaled = M / np.outer(size, size)
-    return float(np.mean(np.linalg.eigvalsh(0.5 * (scaled + scaled.swapaxes(1, 2)))[:, 0] <= 0.0))
+    return float(np.mean(np.linalg.eigvalsh(M + M.swapaxes(1, 2))[:, 0] <= 0.0))

@@ -125,20 +125,15 @@ def _fitted_motion(stack: Stack, theta: Floats) -> EstimatedMotion:
     return EstimatedMotion(*map(np.concatenate, columns))
 
 
-def relative_percent(motion: EstimatedMotion) -> tuple[float, Floats]:
-    """Return residual over torque of all joints together and of each, on the rows that count [%]."""
-    residual = np.where(motion.usable, motion.tau_measured - motion.tau_estimated, 0.0)
-    torque = np.where(motion.usable, motion.tau_measured, 0.0)
-    each = np.linalg.norm(residual, axis=0) / np.maximum(np.linalg.norm(torque, axis=0), 1e-12)
-    whole = float(np.linalg.norm(residual)) / max(float(np.linalg.norm(torque)), 1e-12)
-    return 100 * whole, 100 * each
-
-
 def _unseen(path: Path, robot: Robot) -> Unseen:
     motion, header = _motion(path, robot)
-    name = Path(header.get("log", path.parent.name)).name
+    checks, percent = prediction.check(motion, motion.tau_measured, robot.joint_names)
     return Unseen(
-        name, motion, *relative_percent(motion), same_motion=header.get("same_motion", False)
+        Path(header.get("log", path.parent.name)).name,
+        motion,
+        percent,
+        np.array([joint.relative_percent for joint in checks]),
+        same_motion=header.get("same_motion", False),
     )
 
 

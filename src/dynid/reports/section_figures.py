@@ -216,11 +216,8 @@ def principal_moments(link: dict[str, Any]) -> Floats:
 
 def inertia_tensor(link: dict[str, Any]) -> Floats:
     """Return the inertia about the centre of mass, (3, 3) [kg m^2]."""
-    full = np.zeros((3, 3))
-    for name, value in link["inertia_com_kg_m2"].items():
-        i, j = "xyz".index(name[1]), "xyz".index(name[2])
-        full[i, j] = full[j, i] = value
-    return full
+    found = {name[1:]: value for name, value in link["inertia_com_kg_m2"].items()}
+    return np.array([[found["".join(sorted(a + b))] for b in "xyz"] for a in "xyz"])
 
 
 # ---------------------------------------------------------------- parts of figures

@@ -35,14 +35,12 @@ class JunitCase:
 
 def junit(suite: str, cases: Sequence[JunitCase]) -> str:
     """Return a JUnit XML report."""
-    failed = [case for case in cases if case.failure and not case.error]
-    broken = [case for case in cases if case.error]
-    facts = {
-        "name": xml(suite),
-        "tests": str(len(cases)),
-        "failures": str(len(failed)),
-        "errors": str(len(broken)),
+    counts = {
+        "tests": len(cases),
+        "failures": sum(bool(case.failure) and not case.error for case in cases),
+        "errors": sum(case.error for case in cases),
     }
+    facts = {"name": xml(suite)} | {key: str(count) for key, count in counts.items()}
     root = ET.Element("testsuites", facts)
     element = ET.SubElement(root, "testsuite", facts)
     for case in cases:
@@ -55,9 +53,8 @@ def junit(suite: str, cases: Sequence[JunitCase]) -> str:
         )
         if case.failure:
             lines = [xml(line) for line in case.failure.splitlines()]
-            ET.SubElement(
-                one, "error" if case.error else "failure", message=lines[0]
-            ).text = "\n".join(lines)
+            kind = "error" if case.error else "failure"
+            ET.SubElement(one, kind, message=lines[0]).text = "\n".join(lines)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
@@ -94,24 +91,23 @@ def runs_csv(names: Sequence[str], runs: Sequence[Identification]) -> str:
 
 def runs_latex(names: Sequence[str], runs: Sequence[Identification]) -> str:
     """Return a table with one row per parameter and one column per run (the paper's Table 10), for booktabs."""
-    parameters = list(dict.fromkeys(name for run in runs for name in run.names))
+    rows = run_rows(names, runs)
     lines = [rf"\begin{{tabular}}{{l{'r' * len(runs)}}}", r"\toprule"]
     lines.append(" & ".join(["", *map(latex, names)]) + r" \\")
     lines.append(r"\midrule")
-    for name in parameters:
-        lines.append(" & ".join([latex(name), *(_cell(run, name) for run in runs)]) + r" \\")
+    for name in dict.fromkeys(name for run in runs for name in run.names):
+        cells = (_cell(row[name], row[f"{name}_std_error"]) for row in rows)
+        lines.append(" & ".join([latex(name), *cells]) + r" \\")
     lines.append(r"\midrule")
     figures = (f"{run.relative_error_percent:.3g}" for run in runs)
     lines.append(" & ".join([r"relative error [\%]", *figures]) + r" \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
 
 
-def _cell(run: Identification, name: str) -> str:
-    if name not in run.names:
+def _cell(value: float | None, error: float | None) -> str:
+    if value is None:
         return "--"
-    k = run.names.index(name)
-    value, error = float(run.theta[k]), float(run.std_error[k])
-    if not np.isfinite(error):
+    if error is None:
         return "not determined"
     if error <= 0:
         return f"${value:.6g}$"

@@ -15,6 +15,13 @@ def model():
     return build_model(load_robot("scara"))
 
 
+def evaluated(program, robot, states):
+    """Return the matrices of a program at states, (N, rows, columns)."""
+    found = np.zeros((len(states[0]), *program.shape))
+    found[:, program.rows, program.cols] = Evaluator(program, robot, len(states[0])).run(*states).T
+    return found
+
+
 def by_hand(program, values):
     """Evaluate a program one operation at a time, as its definition says."""
     slots = [values[name] for name in program.inputs] + [float(c) for c in program.constants]
@@ -32,7 +39,7 @@ def test_the_interpreter_computes_what_the_operations_say(model):
     n = model.robot.n
     q, qd, qdd = rng.normal(size=(3, 5, n))
     program = model.rigid
-    entries = Evaluator(program, model.robot, len(q)).run(q, qd, qdd)
+    found = evaluated(program, model.robot, (q, qd, qdd))
     for k in range(5):
         values = geometry(model.robot)
         for i, joint in enumerate(model.robot.joints, start=1):
@@ -41,9 +48,7 @@ def test_the_interpreter_computes_what_the_operations_say(model):
                 angle = q[k, i - 1] + joint.theta_offset
                 values |= {f"c{i}": np.cos(angle), f"s{i}": np.sin(angle)}
         expected = by_hand(program, values)
-        dense = np.zeros(program.shape)
-        dense[program.rows, program.cols] = entries[:, k]
-        assert dense == pytest.approx(expected, abs=1e-12)
+        assert found[k] == pytest.approx(expected, abs=1e-12)
 
 
 def test_blocks_give_the_same_as_single_samples(model):
@@ -60,11 +65,7 @@ def test_a_restricted_program_gives_the_same_columns_with_fewer_operations(model
     assert part.flops < model.rigid.flops
     rng = np.random.default_rng(2)
     states = rng.normal(size=(3, 3, model.robot.n))
-    dense, got = (np.zeros((3, *program.shape)) for program in (model.rigid, part))
-    for program, matrix in ((model.rigid, dense), (part, got)):
-        matrix[:, program.rows, program.cols] = (
-            Evaluator(program, model.robot, len(states[0])).run(*states).T
-        )
+    dense, got = (evaluated(each, model.robot, states) for each in (model.rigid, part))
     assert got == pytest.approx(dense[:, :, columns], abs=1e-14)
 
 
@@ -74,9 +75,7 @@ def test_the_printed_function_computes_the_regressor(model):
     rng = np.random.default_rng(3)
     q, qd, qdd = rng.normal(size=(3, 4, model.robot.n))
     printed = space["regressor"](q.T, qd.T, qdd.T)
-    program = model.rigid
-    dense = np.zeros((4, *program.shape))
-    dense[:, program.rows, program.cols] = Evaluator(program, model.robot, len(q)).run(q, qd, qdd).T
+    dense = evaluated(model.rigid, model.robot, (q, qd, qdd))
     assert np.moveaxis(printed, -1, 0) == pytest.approx(dense, abs=1e-13)
 
 

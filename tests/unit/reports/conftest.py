@@ -10,14 +10,14 @@ from dynid.errors import Finding
 from dynid.estimation.evidence import evidence_of
 from dynid.estimation.least_squares import Fit
 from dynid.estimation.possible_arm import PhysicalParameters
-from dynid.estimation.prediction import EstimatedMotion
+from dynid.estimation.prediction import EstimatedMotion, check
 from dynid.estimation.result import Identification, JointQuality, Quality
 from dynid.files.robotfile import load_robot
 from dynid.judgement import evidence
 from dynid.judgement.judge import judge
 from dynid.model.parameters import columns_of
 from dynid.model.regressor import prior_vector
-from dynid.reports.gathered import Gathered, Unseen, relative_percent
+from dynid.reports.gathered import Gathered, Unseen
 
 NASTY = '<b>x & "y"</b>'
 
@@ -107,6 +107,7 @@ def gathered(tmp_path_factory):
     }
     header |= {"cutoff_hz": 5.0, "log_sha256": ["ab" * 32]}
     stored = replace(found, header=header, path=folder / "parameters.npz")
-    other = Unseen(NASTY, unseen, *relative_percent(unseen))
+    checks, percent = check(unseen, unseen.tau_measured, robot.joint_names)
+    other = Unseen(NASTY, unseen, percent, np.array([one.relative_percent for one in checks]))
     replayed = replace(evidence_of(stored), unseen=(evidence.Unseen(NASTY, other.percent),))
     return Gathered(stored, judge(replayed), seen, (other,), np.logspace(0, -2, p), None)
