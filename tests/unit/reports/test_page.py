@@ -167,8 +167,8 @@ def test_the_verdict_ends_with_the_fit_and_the_parameters(gathered):
     count = len(gathered.result.names)
     assert sentences(gathered)[-2:] == [
         f"On the fitted logs 1.4 % of the torque is unexplained; {NASTY} is the weakest joint with 1.4 %.",
-        f"{count - 1} of {count} base parameters are determined well enough for the torques, 1 are not determined by the "
-        "logs. Predictions use the physical parameters.",
+        f"{count - 1} of {count} base parameters are determined well enough for the torques, 1 are not determined "
+        "by the logs. Predictions use the physical parameters.",
     ]
 
 
