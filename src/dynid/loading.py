@@ -15,7 +15,6 @@ from dynid.arguments import one_thread, public
 from dynid.diagnose.diagnosis import diagnose
 from dynid.diagnose.gravity import check_gravity
 from dynid.errors import DynidError, Finding, NotAnArtifact, RobotNotFound, WrongUsage
-from dynid.estimation import result_files
 from dynid.estimation.result import Identification
 from dynid.files import robotfile
 from dynid.files.logs import FORMATS
@@ -234,7 +233,7 @@ def load_run(run: Path) -> Identification:
     Raises:
         NotAnArtifact: the file is none, or is damaged.
     """
-    return result_files.load(parameters_of(run))
+    return Identification.load(parameters_of(run))
 
 
 def parameters_of(run: Path) -> Path:

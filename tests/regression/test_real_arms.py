@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from dynid.estimation import result_files
+from dynid.estimation.result import Identification
 from dynid.estimation.rows import rows_of
 from dynid.files.robotfile import load_robot
 from dynid.loading import condition_logs, load_log
@@ -237,7 +237,7 @@ def test_the_first_part_of_a_recording_predicts_the_rest(
 
 def test_a_result_with_a_residual_model_is_read_back(results_of_the_lwr, tmp_path):
     kept = results_of_the_lwr[(1,)]
-    again = result_files.load(kept.save(tmp_path / "parameters.npz"))
+    again = Identification.load(kept.save(tmp_path / "parameters.npz"))
     rng = np.random.default_rng(0)
     q, qd, qdd = rng.uniform(-1, 1, (3, 20, 7))
     assert np.array_equal(again.inverse_dynamics(q, qd, qdd), kept.inverse_dynamics(q, qd, qdd))

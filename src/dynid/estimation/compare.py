@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dynid.estimation import tuning
 from dynid.estimation.covariance import NOT_DETERMINED
-from dynid.estimation.result import Identification
+from dynid.estimation.identified import Identified
 
 Floats = NDArray[np.float64]
 
@@ -78,14 +78,14 @@ class Comparison:
         return tuple(sorted(moved, key=lambda each: -abs(each.percent)))
 
 
-def same_parameters(one: Identification, other: Identification) -> bool:
+def same_parameters(one: Identified, other: Identified) -> bool:
     """Return whether two results have the same base parameters and joints, so that they can be compared."""
     return one.names == other.names and [j.joint for j in one.joints] == [
         j.joint for j in other.joints
     ]
 
 
-def compare(baseline: Identification, other: Identification) -> Comparison:
+def compare(baseline: Identified, other: Identified) -> Comparison:
     """Compare two results with the same base parameters.
 
     Args:
@@ -123,7 +123,7 @@ def compare(baseline: Identification, other: Identification) -> Comparison:
     return Comparison(changes, _figures(baseline, other), smallest)
 
 
-def _determined(result: Identification) -> NDArray[np.bool_]:
+def _determined(result: Identified) -> NDArray[np.bool_]:
     known = np.array([known != NOT_DETERMINED for known in result.knowledge])
     return known & np.isfinite(result.std_error)
 
@@ -151,7 +151,7 @@ def _percent(before: float, after: float, scale: float) -> float:
     return 100.0 * (after - before) / scale if scale else float("inf")
 
 
-def _figures(baseline: Identification, other: Identification) -> tuple[FigureOfMerit, ...]:
+def _figures(baseline: Identified, other: Identified) -> tuple[FigureOfMerit, ...]:
     pairs: list[tuple[str, float | None, float | None]] = [
         ("relative_error_percent", baseline.relative_error_percent, other.relative_error_percent),
         (

@@ -8,19 +8,17 @@ sampling; Murray, Adams, MacKay 2010). All draws walk together. Reads a result; 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import WrongUsage
 from dynid.estimation import tuning
+from dynid.estimation.identified import Identified
 from dynid.estimation.least_squares import symmetric_root
 from dynid.estimation.possible_arm import constraints_of
 from dynid.estimation.possible_set import PhysicalConstraints, pseudo_inertia
-
-if TYPE_CHECKING:
-    from dynid.estimation.result import Identification
 
 Floats = NDArray[np.float64]
 
@@ -43,7 +41,7 @@ class Draws:
         seed: of the draws.
     """
 
-    result: Identification
+    result: Identified
     names: tuple[str, ...]
     x: Floats
     residual: Floats
@@ -126,7 +124,7 @@ class Draws:
         }
 
 
-def draws(result: Identification, count: int, seed: int = 0) -> Draws:
+def draws(result: Identified, count: int, seed: int = 0) -> Draws:
     """Return arms drawn jointly from the posterior of a result.
 
     Args:

@@ -11,6 +11,7 @@ a known load); here solved by Gauss-Newton on triangular factors, friction free 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,33 +60,49 @@ class Gains:
 
 @dataclass(frozen=True)
 class _GainProblem:
-    """Unknowns x: base parameters, friction and free parameters of the loaded log, log h of unknown gains."""
+    """Unknowns x: base parameters, friction and free parameters of the loaded log, log h of unknown gains.
+
+    Attributes:
+        stacks: the logs.
+        changes: what their columns are combined to, (p, q + 1) each: those of the first q unknowns, and known torque.
+        known: gains, NaN where not, (n,).
+    """
 
     stacks: tuple[Stack, ...]
-    body: Floats
-    extra: Floats
-    unknown: Ints
+    changes: tuple[Floats, ...]
+    known: Floats
 
     @property
-    def p(self) -> int:
-        return len(self.body)
+    def q(self) -> int:
+        return len(self.changes[0].T) - 1
 
-    def theta(self, x: Floats, log: int) -> Floats:
-        """Return the base parameters of a log, (p,)."""
-        return x[: self.p] + (
-            self.body + self.extra @ x[self.p : self.p + self.extra.shape[1]] if log else 0.0
-        )
+    @property
+    def unknown(self) -> Ints:
+        return np.flatnonzero(np.isnan(self.known))
 
-    def jacobian(self, W: Floats, h: float, joint: int, x: Floats, log: int) -> Floats:
-        """Return the derivative of h W theta by x for rows of one joint, (N, P)."""
-        J = np.zeros((len(W), len(x)))
-        J[:, : self.p] = h * W
-        if log:
-            J[:, self.p : self.p + self.extra.shape[1]] = h * (W @ self.extra)
-        place = np.flatnonzero(self.unknown == joint)
-        if len(place):
-            J[:, len(x) - len(self.unknown) + place[0]] = h * (W @ self.theta(x, log))
-        return J
+    @cached_property
+    def factors(self) -> list[tuple[Floats, Floats]]:
+        """Rows of all logs in the combined columns, (m, q + 1), and their currents, (m,), joint by joint."""
+        wholes = [stack.whole[0] for stack in self.stacks]
+        return [
+            (
+                np.vstack([R[j][:, :-1] @ T for R, T in zip(wholes, self.changes, strict=True)]),
+                np.concatenate([R[j][:, -1] for R in wholes]),
+            )
+            for j in range(len(self.known))
+        ]
+
+    def inverse(self, x: Floats) -> Floats:
+        """Return h, (n,)."""
+        h = 1.0 / self.known
+        h[self.unknown] = np.exp(x[self.q :])
+        return h
+
+    def linear(self, A: Floats, joint: int, x: Floats) -> tuple[Floats, Floats]:
+        """Return the currents of a joint for rows (N, q + 1), (N,), and their derivative by x, (N, P)."""
+        found = self.inverse(x)[joint] * A
+        current = found @ np.append(x[: self.q], 1.0)
+        return current, np.hstack([found[:, :-1], np.outer(current, self.unknown == joint)])
 
 
 def find_gains(
@@ -102,16 +119,17 @@ def find_gains(
     Raises:
         RankDeficient: the logs do not determine the gains.
     """
-    unknown = np.flatnonzero(np.isnan(known))
-    relative = load is None and len(unknown) == len(known)
+    relative = load is None and bool(np.isnan(known).all())
     p = len(stack.names)
-    if load is None:
-        problem = _GainProblem((stack,), np.zeros(p), np.zeros((p, 0)), unknown)
-    else:
-        problem = _GainProblem((stack, load.stack), load.body, load.free, unknown)
-    x, sigma = _solve(problem, _first_guess(problem, known), known)
-    h = _inverse_gains(problem, x, known)
-    variance = _variances(problem, x, h, sigma, relative)
+    nothing = np.zeros((p, 1 if load is None else load.free.shape[1] + 1))
+    logs = [(stack, np.hstack([np.eye(p), nothing]))]
+    if load is not None:
+        logs.append((load.stack, np.column_stack([np.eye(p), load.free, load.body])))
+    stacks, changes = zip(*logs, strict=True)
+    problem = _GainProblem(stacks, changes, known)
+    x, sigma = _solve(problem, _first_guess(problem))
+    h, unknown = problem.inverse(x), problem.unknown
+    variance = _variances(problem, x, sigma, relative)
     gain, error = 1.0 / h, np.zeros(len(h))
     error[unknown] = gain[unknown] * np.sqrt(variance)
     if relative:
@@ -145,31 +163,14 @@ def known_load(base: BaseModel, stack: Stack, mass: float | None) -> Load:
     return Load(stack, K @ tool.parameters(), rubbing)
 
 
-def _inverse_gains(problem: _GainProblem, x: Floats, known: Floats) -> Floats:
-    h = 1.0 / known
-    h[problem.unknown] = np.exp(x[len(x) - len(problem.unknown) :])
-    return h
-
-
-def _first_guess(problem: _GainProblem, known: Floats) -> Floats:
+def _first_guess(problem: _GainProblem) -> Floats:
     """Solve W theta - gain i = 0 linearly for everything at once; noise makes the gains a little small."""
-    n, size = len(known), problem.p + problem.extra.shape[1]
-    rows, right = [], []
-    for log, stack in enumerate(problem.stacks):
-        factors = stack.whole[0]
-        for j in range(n):
-            A, current = factors[j][:, :-1], factors[j][:, -1]
-            scale = 1.0 / max(float(np.linalg.norm(current)), np.finfo(float).tiny)
-            block = np.zeros((len(A), size + n))
-            block[:, : problem.p] = A
-            if log:
-                block[:, problem.p : size] = A @ problem.extra
-            place = np.isnan(known[j])
-            block[:, size + j] = -current if place else 0.0
-            rows.append(scale * block)
-            right.append(
-                scale * ((0.0 if place else known[j]) * current - log * (A @ problem.body))
-            )
+    size, rows, right = problem.q, [], []
+    for j, (A, current) in enumerate(problem.factors):
+        scale = 1.0 / max(float(np.linalg.norm(current)), np.finfo(float).tiny)
+        gain, own = np.nan_to_num(problem.known[j]), problem.unknown == j
+        rows.append(scale * np.hstack([A[:, :-1], -np.outer(current, own)]))
+        right.append(scale * (gain * current - A[:, -1]))
     M, b = np.vstack(rows), np.concatenate(right)
     length = np.linalg.norm(M, axis=0)
     length = np.where(length > 0.0, length, 1.0)
@@ -178,66 +179,54 @@ def _first_guess(problem: _GainProblem, known: Floats) -> Floats:
     else:
         # Why the currents' columns stay as they are: each has length 1, so no gain is preferred over another.
         x = np.linalg.svd(M / length)[2][-1] / length
-    gains = x[size:] * np.sign(np.sum(x[size:]) or 1.0)
-    middle = float(np.median(np.abs(gains[problem.unknown]))) or 1.0
-    safe = np.where(gains > 1e-3 * middle, gains, middle)
-    return np.concatenate(
-        [x[:size] * np.sign(np.sum(x[size:]) or 1.0), -np.log(safe[problem.unknown])]
-    )
+    x = x * np.sign(np.sum(x[size:]) or 1.0)
+    gains = x[size:]
+    middle = float(np.median(np.abs(gains))) or 1.0
+    return np.append(x[:size], -np.log(np.where(gains > 1e-3 * middle, gains, middle)))
 
 
-def _solve(problem: _GainProblem, x: Floats, known: Floats) -> tuple[Floats, Floats]:
+def _solve(problem: _GainProblem, x: Floats) -> tuple[Floats, Floats]:
     """Return the unknowns and each joint's noise [A], by Gauss-Newton with weights from the residuals."""
-    count = len(problem.unknown)
+    counts = np.maximum(sum(stack.whole[1] for stack in problem.stacks), 1)
     for step in range(tuning.GAINS_ROUNDS):
-        h = _inverse_gains(problem, x, known)
-        rows, right, squares, number = [], [], np.zeros(len(h)), np.zeros(len(h))
-        for log, stack in enumerate(problem.stacks):
-            factors, counts = stack.whole
-            for j, R in enumerate(factors):
-                residual = R[:, -1] - h[j] * (R[:, :-1] @ problem.theta(x, log))
-                rows.append(problem.jacobian(R[:, :-1], h[j], j, x, log))
-                right.append(residual)
-                squares[j] += residual @ residual
-                number[j] += counts[j]
-        sigma = np.sqrt(np.maximum(squares / np.maximum(number, 1), 1e-30))
-        weights = np.tile(1.0 / sigma, len(problem.stacks))
-        J = np.vstack([w * part for w, part in zip(weights, rows, strict=True)])
-        e = np.concatenate([w * part for w, part in zip(weights, right, strict=True)])
+        found = [problem.linear(A, j, x) for j, (A, _) in enumerate(problem.factors)]
+        pairs = zip(problem.factors, found, strict=True)
+        left = [current - fitted for (_, current), (fitted, _) in pairs]
+        sigma = np.sqrt(np.maximum([e @ e for e in left] / counts, 1e-30))
+        J = np.vstack([J / s for (_, J), s in zip(found, sigma, strict=True)])
+        e = np.concatenate([e / s for e, s in zip(left, sigma, strict=True)])
         length = np.linalg.norm(J, axis=0)
         length = np.where(length > 0.0, length, 1.0)
         change = np.linalg.lstsq(J / length, e, rcond=tuning.GAINS_RANK)[0] / length
-        largest = float(np.abs(change[len(x) - count :]).max(initial=0.0))
+        largest = float(np.abs(change[problem.q :]).max(initial=0.0))
         x = x + change * min(1.0, tuning.GAINS_LONGEST_STEP / max(largest, 1e-12))
         if step and largest < tuning.GAINS_SETTLED:
             break
     return x, sigma
 
 
-def _linearised(problem: _GainProblem, x: Floats, h: Floats) -> Rows:
-    """Return the rows of all logs about a solution, for the covariance."""
+def _linearised(problem: _GainProblem, x: Floats) -> Rows:
+    """Return the rows of all logs about a solution, for the covariance; what it leaves are their torques."""
     found = []
-    for log, stack in enumerate(problem.stacks):
-        rows, theta = stack.rows, problem.theta(x, log)
-        each = [problem.jacobian(rows.W[:, j], h_j, j, x, log) for j, h_j in enumerate(h)]
-        J = np.stack(each, axis=1)
-        found.append(replace(rows, columns=(J,), tau=rows.tau - h * (rows.W @ theta) + J @ x))
+    for stack, change in zip(problem.stacks, problem.changes, strict=True):
+        rows = stack.rows
+        A = rows.W @ change
+        each = [problem.linear(A[:, j], j, x) for j in range(len(problem.known))]
+        fitted, J = (np.stack(part, axis=1) for part in zip(*each, strict=True))
+        found.append(replace(rows, columns=(J,), tau=rows.tau - fitted))
     return joined(found)
 
 
-def _variances(
-    problem: _GainProblem, x: Floats, h: Floats, sigma: Floats, relative: bool
-) -> Floats:
+def _variances(problem: _GainProblem, x: Floats, sigma: Floats, relative: bool) -> Floats:
     """Return the variance of log h, allowing for coloured residuals, of each unknown gain, (count,)."""
-    rows = _linearised(problem, x, h)
+    rows = _linearised(problem, x)
     J = (rows.W * (rows.use / sigma)[:, :, None]).reshape(-1, len(x))
     information = J.T @ J
     length = np.sqrt(np.diagonal(information))
     length = np.where(length > 0.0, length, 1.0)
     values, axes = np.linalg.eigh(information / np.outer(length, length))
     kept = values > tuning.GAINS_RANK * values[-1]
-    count = len(problem.unknown)
-    lost = np.abs(axes[len(x) - count :, ~kept]).max(axis=1, initial=0.0) > 1e-3
+    lost = np.abs(axes[problem.q :, ~kept]).max(axis=1, initial=0.0) > 1e-3
     if lost.any() and not relative:
         joints = ", ".join(problem.stacks[0].joints[k] for k in problem.unknown[lost])
         raise RankDeficient(
@@ -245,9 +234,9 @@ def _variances(
             fix="move more joints at once and faster, or use a heavier load",
         )
     columns = axes[:, kept] / length[:, None]
-    reduced = replace(rows, columns=(rows.W @ columns,), tau=rows.residual(x))
+    reduced = replace(rows, columns=(rows.W @ columns,))
     inner = hac_covariance(reduced, np.zeros(columns.shape[1]), sigma)
-    spread = columns[len(x) - count :]
+    spread = columns[problem.q :]
     if relative:
         spread = spread - spread.mean(axis=0)
     return np.asarray(np.maximum(np.sum((spread @ inner) * spread, axis=1), 0.0))

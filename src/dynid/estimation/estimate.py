@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -19,6 +19,7 @@ from dynid.errors import (
 from dynid.estimation import tuning
 from dynid.estimation.covariance import NOT_DETERMINED, judge
 from dynid.estimation.estimators import METHODS, choose, wls
+from dynid.estimation.identified import SAME_MOTION, JointQuality, Quality
 from dynid.estimation.least_squares import (
     Fit,
     condition_number,
@@ -35,9 +36,9 @@ from dynid.estimation.posterior import (
     uncertainty,
 )
 from dynid.estimation.residual_model import ModelError, squares
-from dynid.estimation.result import SAME_MOTION, Identification, JointQuality, Quality
+from dynid.estimation.result import Identification
 from dynid.estimation.rows import Rows
-from dynid.estimation.stack import Earlier, Stack
+from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel, prior_base_parameters
 from dynid.model.regressor import indefinite_share, random_poses
 from dynid.signals.conditioned_log import ConditionedLog
@@ -61,19 +62,18 @@ def last_share(stack: Stack, share: float) -> HoldOut | None:
         stack: the stacked logs.
         share: between 0 and 1.
     """
-    train, judged = np.zeros((2, len(stack.factors)), dtype=bool)
-    for log in sorted(set(stack.log_of_block.tolist())):
-        blocks = np.flatnonzero(stack.log_of_block == log)
-        held = 0 if log < 0 else max(1, round(share * len(blocks)))
-        cut = max(1, len(blocks) - held)
-        train[blocks[:cut]], judged[blocks[cut:]] = True, True
-    if not judged.any():
-        return None
-    return (
-        stack.select(train),
-        stack.select(judged),
-        f"last {100 * share:.0f} % of each log, {SAME_MOTION}",
-    )
+    rows, judged = stack.rows, np.zeros(len(stack.rows.t), dtype=bool)
+    for log in np.unique(rows.log):
+        blocks = np.unique(rows.block[rows.log == log])
+        cut = max(1, len(blocks) - max(1, round(share * len(blocks))))
+        judged |= np.isin(rows.block, blocks[cut:])
+    return _split(stack, judged, f"last {100 * share:.0f} % of each log, {SAME_MOTION}")
+
+
+def _split(stack: Stack, judged: NDArray[np.bool_], what: str) -> HoldOut | None:
+    """Return rows to fit, those that judge, (M,), and what these are; None without any."""
+    train, test = stack.take(~judged), replace(stack.take(judged), earlier=None)
+    return (train, test, what) if judged.any() else None
 
 
 def last_motion(stack: Stack, share: float) -> HoldOut | None:
@@ -85,12 +85,12 @@ def last_motion(stack: Stack, share: float) -> HoldOut | None:
     """
     numbers = motion_numbers([log_motion(log) for log in stack.logs])
     last = [k for k, number in enumerate(numbers) if number == max(numbers)]
-    judged = np.isin(stack.log_of_block, last)
+    rows = stack.rows
+    judged = np.isin(rows.log, last)
     # Why the size: a motion that is most of the rows has to be fitted.
-    if max(numbers, default=0) == 0 or stack.counts[judged].sum() > 0.5 * stack.counts.sum():
+    if max(numbers, default=0) == 0 or rows.use[judged].sum() > 0.5 * stack.whole[1].sum():
         return last_share(stack, share)
-    names = ", ".join(stack.logs[k].name for k in last)
-    return stack.select(~judged), stack.select(judged), f"another motion: {names}"
+    return _split(stack, judged, f"another motion: {', '.join(stack.logs[k].name for k in last)}")
 
 
 def log_motion(log: ConditionedLog) -> Floats:
@@ -123,15 +123,7 @@ def stack_of_result(earlier: Identification, base: BaseModel) -> Stack:
             f"{earlier.label} holds no triangular factors", fix="identify the earlier log again"
         )
     n, p = base.robot.n, len(base.names)
-    return Stack(
-        base=base,
-        logs=(),
-        rows=Rows.of(np.zeros((0, n, p)), np.zeros((0, n))),
-        factors=earlier.factors[None],
-        counts=earlier.counts[None],
-        log_of_block=np.full(1, -1),
-        earlier=Earlier(earlier.factors, earlier.noise, earlier.plain_covariance),
-    )
+    return Stack(base, (), Rows.of(np.zeros((0, n, p)), np.zeros((0, n))), earlier.fit)
 
 
 @solvable()

@@ -24,7 +24,7 @@ from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance, widened
 from dynid.estimation.least_squares import Fit, merge, ordinary, ridge, solve, weighted
 from dynid.estimation.rows import Rows, robust_noise
-from dynid.estimation.stack import Earlier, Stack
+from dynid.estimation.stack import Stack
 
 Floats = NDArray[np.float64]
 
@@ -214,12 +214,10 @@ def _with_covariance(stack: Stack, fit: Fit, *, robust: bool = False) -> Fit:
     )
 
 
-def _with_earlier(stack: Stack, earlier: Earlier, fit: Fit) -> Floats:
+def _with_earlier(stack: Stack, earlier: Fit, fit: Fit) -> Floats:
     """Return the covariance of an updated estimate: the scores of old and new logs vary independently."""
     bread = fit.solution.inverse
     old = merge(earlier.factors, 1.0 / earlier.noise)[:-1, :-1]
     sensitivity = bread @ old.T @ old
-    if not stack.logs:
-        return np.asarray(sensitivity @ earlier.covariance @ sensitivity.T)
     new = hac_covariance(stack.rows, fit.theta, fit.noise, bread=bread)
     return np.asarray(sensitivity @ earlier.covariance @ sensitivity.T + new)

@@ -9,13 +9,13 @@ from dataclasses import replace
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from dynid.estimation.covariance import KNOWN_WELL, NEGLIGIBLE, NOT_DETERMINED
+from dynid.estimation.identified import SAME_MOTION, Identified
 from dynid.estimation.least_squares import relative_error
-from dynid.estimation.result import SAME_MOTION
 from dynid.files import typed
 from dynid.files.artifact import read_artifact, read_header, reading
 from dynid.judgement.evidence import (
@@ -28,21 +28,18 @@ from dynid.judgement.evidence import (
     Unseen,
 )
 
-if TYPE_CHECKING:
-    from dynid.estimation.result import Identification
-
 #: Findings that say that no possible arm explains the torques, and that the robot file or the log is read wrongly.
 DOUBTS, ALARMS = ("W404", "W405"), ("W329",)
 #: How the text of what was held out begins where it is another motion than the fitted ones.
 ANOTHER_MOTION = "another motion: "
 
 
-def fingerprint(result: Identification) -> str:
+def fingerprint(result: Identified) -> str:
     """Return what tells whether a replay or a search was made with the parameters that a result has now."""
     return hashlib.sha256(result.theta.tobytes()).hexdigest()[:16]
 
 
-def found_log(result: Identification, number: int) -> Path:
+def found_log(result: Identified, number: int) -> Path:
     """Return the path of a log that a result was identified from, wherever the result is opened from.
 
     Args:
@@ -68,7 +65,7 @@ def here(name: str) -> str:
     return typed(Path(os.path.abspath(name))) if name and Path(name).exists() else name  # noqa: PTH100
 
 
-def found_path(result: Identification, name: str) -> str:
+def found_path(result: Identified, name: str) -> str:
     """Return where a recording is now that a command on a result was given, wherever the result is opened from.
 
     It is looked for as it was typed, beside the result, and from where the arm was identified.
@@ -84,7 +81,7 @@ def found_path(result: Identification, name: str) -> str:
     return here(str(next((path for path in places if path.exists()), name))) if name else ""
 
 
-def evidence_of(result: Identification) -> Evidence:
+def evidence_of(result: Identified) -> Evidence:
     """Return what is known of a result, with the replays and the search that lie beside its file.
 
     Raises:
@@ -127,7 +124,7 @@ def evidence_of(result: Identification) -> Evidence:
     return found if not result.path.name else _with_files(found, result)
 
 
-def _joints(result: Identification) -> tuple[JointEvidence, ...]:
+def _joints(result: Identified) -> tuple[JointEvidence, ...]:
     noise = result.header.get("noise_floor_nm") or ()
     units = [
         "A" if result.robot.torque.relative else joint.torque_unit for joint in result.robot.joints
@@ -148,14 +145,14 @@ def _joints(result: Identification) -> tuple[JointEvidence, ...]:
     )
 
 
-def _sizes(result: Identification) -> tuple[float, ...]:
+def _sizes(result: Identified) -> tuple[float, ...]:
     """Return what a torque of each joint is divided by to be shown: its gain where torques are amperes."""
     torque = result.robot.torque
     gains = torque.gain if torque.relative and torque.gain else (1.0,) * len(result.joints)
     return tuple(gain or 1.0 for gain in gains)
 
 
-def _held_out(result: Identification) -> tuple[Unseen, ...]:
+def _held_out(result: Identified) -> tuple[Unseen, ...]:
     percent, rms = (
         result.heldout_relative_error_percent,
         [joint.heldout_rms for joint in result.joints],
@@ -185,7 +182,7 @@ def _held_out_name(text: str) -> str:
     )
 
 
-def _possible(result: Identification) -> float | None:
+def _possible(result: Identified) -> float | None:
     if result.in_force == "physical":
         return result.relative_error_percent
     if not result.factors.size:
@@ -193,12 +190,12 @@ def _possible(result: Identification) -> float | None:
     return relative_error(result.factors, result.reduction.K @ result.physical.x)
 
 
-def _seconds(result: Identification) -> float | None:
+def _seconds(result: Identified) -> float | None:
     rate = float(result.header.get("kept_rate_hz", 0.0))
     return result.samples / rate if rate > 0.0 else None
 
 
-def _left_out(result: Identification) -> float | None:
+def _left_out(result: Identified) -> float | None:
     rows = result.samples * len(result.joints)
     return (
         max(0.0, 1.0 - float(result.counts.sum()) / rows) if rows and result.counts.size else None
@@ -206,7 +203,7 @@ def _left_out(result: Identification) -> float | None:
 
 
 # ---------------------------------------------------------------- beside the file
-def _with_files(evidence: Evidence, result: Identification) -> Evidence:
+def _with_files(evidence: Evidence, result: Identified) -> Evidence:
     """Add replays and the search beside a result, where they were made with the parameters that it has now."""
     folder = result.path.parent
     replays = [
@@ -221,7 +218,7 @@ def _with_files(evidence: Evidence, result: Identification) -> Evidence:
     )
 
 
-def _replay(path: Path, result: Identification) -> Unseen | None:
+def _replay(path: Path, result: Identified) -> Unseen | None:
     """Return a replay; None where it was made with other parameters."""
     from dynid.estimation import prediction
 
@@ -250,7 +247,7 @@ def _replay(path: Path, result: Identification) -> Unseen | None:
     )
 
 
-def _gap(path: Path, result: Identification) -> GapEvidence | None:
+def _gap(path: Path, result: Identified) -> GapEvidence | None:
     """Return what a search found; None where it asked about other parameters."""
     header = read_header(path) or {}
     if dict(header.get("record") or {}).get("of") != fingerprint(result):

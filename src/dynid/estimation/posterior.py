@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
+from dynid.estimation.identified import ExpectedError, Identified
 from dynid.estimation.least_squares import (
     Fit,
     merge,
@@ -50,9 +51,6 @@ from dynid.estimation.residual_model import (
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel, prior_base_parameters
 from dynid.robot import Known
-
-if TYPE_CHECKING:
-    from dynid.estimation.result import Identification
 
 Floats = NDArray[np.float64]
 
@@ -323,39 +321,6 @@ def _with_large_torques(base: BaseModel, rows: Whitened, arm: Arm) -> tuple[Whit
 
 
 # ---------------------------------------------------------------- what a set is worth
-@dataclass(frozen=True)
-class ExpectedError:
-    """How far predicted torques will be off.
-
-    Attributes:
-        fitted_percent: expected relative error on another recording of the fitted motion [%].
-        exciting_percent: the same on an exciting motion inside the arm's limits [%].
-        noise: expected rms of what no parameter explains, per joint, (n,) [N m or N].
-    """
-
-    fitted_percent: float
-    exciting_percent: float
-    noise: Floats
-
-    def facts(self) -> dict[str, Any]:
-        """Return the figures for JSON."""
-        return {
-            "fitted_motion_percent": self.fitted_percent,
-            "exciting_motion_percent": self.exciting_percent,
-            "noise_nm": self.noise.tolist(),
-        }
-
-    @classmethod
-    def of(cls, facts: dict[str, Any] | None) -> ExpectedError | None:
-        """Return what ``facts`` gave."""
-        if facts is None:
-            return None
-        noise = np.array(facts["noise_nm"])
-        return cls(
-            float(facts["fitted_motion_percent"]), float(facts["exciting_motion_percent"]), noise
-        )
-
-
 def expected_error(
     base: BaseModel,
     stack: Stack,
@@ -467,7 +432,7 @@ class ParameterPosterior:
         return symmetric_root(self.information).T
 
 
-def parameter_posterior(found: Identification) -> ParameterPosterior:
+def parameter_posterior(found: Identified) -> ParameterPosterior:
     """Return what a result knows about its parameters.
 
     Args:
@@ -491,7 +456,7 @@ def parameter_posterior(found: Identification) -> ParameterPosterior:
     )
 
 
-def _rate(found: Identification) -> float:
+def _rate(found: Identified) -> float:
     """Return how many rows of a second were fitted [Hz]."""
     if found.stack is not None and found.stack.logs:
         return float(found.stack.logs[0].filter.kept_rate)

@@ -61,11 +61,10 @@ def parts_of(
     """
     whiten, found = noise * np.sqrt(worth), []
     for log in range(len(stack.logs)):
-        for blocks in np.array_split(
-            np.flatnonzero(stack.log_of_block == log), tuning.PARTS_OF_LOG
-        ):
+        of_log = np.unique(stack.rows.block[stack.rows.log == log])
+        for blocks in np.array_split(of_log, tuning.PARTS_OF_LOG):
             if len(blocks):
-                part = stack.select(np.isin(np.arange(len(stack.factors)), blocks))
+                part = stack.take(np.isin(stack.rows.block, blocks))
                 if error is None:
                     rows, b = part.whole[0] / whiten[:, None, None], np.zeros((len(noise), 0))
                 else:

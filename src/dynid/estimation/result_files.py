@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from dynid.disk import write_text
 from dynid.errors import Finding, NotAnArtifact
+from dynid.estimation.identified import ExpectedError, Identified, JointQuality, Quality
 from dynid.estimation.least_squares import Fit
 from dynid.estimation.possible_arm import PhysicalParameters
-from dynid.estimation.posterior import ExpectedError
 from dynid.estimation.residual_model import ModelError
-from dynid.estimation.result import Identification, JointQuality, Quality
 from dynid.files import typed
 from dynid.files.artifact import read_artifact, read_header, reading
 from dynid.files.robotfile import parse_robot, text_of
@@ -34,18 +33,7 @@ Floats = NDArray[np.float64]
 
 SCHEMA = "dynid/identification/1"
 TABLE = "dynid/parameters-table/1"
-#: What is stored as arrays, and what is stored as it is, by its name in the result.
-ARRAYS = (
-    "theta",
-    "plain",
-    "covariance",
-    "plain_covariance",
-    "std_error",
-    "prior",
-    "noise",
-    "factors",
-    "counts",
-)
+#: What is stored as it is, by its name in the result.
 SCALARS = (
     "method",
     "why",
@@ -60,14 +48,15 @@ SCALARS = (
     "samples",
     "in_force",
 )
-FULL_ARRAYS = ("x", "std_error", "data_share", "covariance", "hessian")
-FULL_SCALARS = ("names", "cost", "objective", "inflation")
-ERROR_ARRAYS = ("speed", "reference", "scale", "projection", "mean", "root", "slope", "size", "rms")
-#: What files of results without joints apart lack; zero there.
-APART_ARRAYS = ("apart", "own", "own_root", "own_slope")
+#: Arrays of the estimator's own fit, in its order.
+FIT = ("plain", "noise", "plain_covariance", "factors", "counts")
+#: What is stored as arrays.
+ARRAYS = (*FIT, "theta", "covariance", "std_error", "prior")
+#: What files of results without joints apart lack, with its shape; zero there.
+APART_ARRAYS = {"apart": "n", "own": "np", "own_root": "npp", "own_slope": "npp"}
 
 
-def save(path: Path, found: Identification, facts: dict[str, Any] | None = None) -> Path:
+def save(path: Path, found: Identified, facts: dict[str, Any] | None = None) -> Path:
     """Write parameters.npz, which ``load`` reads.
 
     Args:
@@ -75,24 +64,19 @@ def save(path: Path, found: Identification, facts: dict[str, Any] | None = None)
         found: the result.
         facts: further facts for the header, such as the inputs that it depends on.
     """
-    physical, (reduction, reduction_arrays) = (
-        asdict(found.physical),
-        reduction_facts(found.reduction),
-    )
-    arrays = {key: getattr(found, key) for key in ARRAYS}
-    arrays |= {f"full_{key}": physical.pop(key) for key in FULL_ARRAYS}
-    arrays |= reduction_arrays
-    if found.model_error is not None:
-        apart = APART_ARRAYS if len(found.model_error.joints_apart) else ()
-        arrays |= {
-            f"error_{key}": getattr(found.model_error, key) for key in (*ERROR_ARRAYS, *apart)
-        }
+    reduction, reduction_arrays = reduction_facts(found.reduction)
+    physical, error = asdict(found.physical), found.model_error
+    arrays = {key: getattr(found, key) for key in ARRAYS} | reduction_arrays
+    arrays |= _arrays("full", physical)
+    if error is not None:
+        lacks = () if len(error.joints_apart) else APART_ARRAYS
+        arrays |= _arrays("error", {k: x for k, x in asdict(error).items() if k not in lacks})
     arrays |= {f"motion_{k}": motion.astype(np.float32) for k, motion in enumerate(found.motions)}
-    scalars = {key: getattr(found, key) for key in SCALARS} | {"physical": physical}
-    scalars["model_error_evidence"] = (
-        None if found.model_error is None else found.model_error.evidence
-    )
-    scalars["expected"] = None if found.expected is None else found.expected.facts()
+    scalars = {key: getattr(found, key) for key in SCALARS} | {
+        "physical": {key: x for key, x in physical.items() if f"full_{key}" not in arrays},
+        "model_error_evidence": None if error is None else error.evidence,
+        "expected": None if found.expected is None else found.expected.facts(),
+    }
     header = {
         **(facts or {}),
         **found.header,
@@ -109,7 +93,12 @@ def save(path: Path, found: Identification, facts: dict[str, Any] | None = None)
     return path
 
 
-def save_csv(path: Path, found: Identification) -> Path:
+def _arrays(part: str, values: dict[str, Any]) -> dict[str, NDArray[Any]]:
+    """Return what is an array in a part of a result, by its name in the file."""
+    return {f"{part}_{k}": x for k, x in values.items() if isinstance(x, np.ndarray)}
+
+
+def save_csv(path: Path, found: Identified) -> Path:
     """Write one row per base parameter, for spreadsheets; no value and no error where the logs determine none."""
     columns = ("name", "value", "std_error", "unit", "class", "known", "prior", "formula")
     rows = [[row[column] for column in columns] for row in found.parameter_rows()]
@@ -117,7 +106,7 @@ def save_csv(path: Path, found: Identification) -> Path:
     return path
 
 
-def save_yaml(path: Path, found: Identification) -> Path:
+def save_yaml(path: Path, found: Identified) -> Path:
     """Write parameters.yaml; equal results give equal bytes."""
     rows = []
     for row in found.parameter_rows():
@@ -166,8 +155,8 @@ SHAPES = {
 }
 
 
-def load(path: Path) -> Identification:
-    """Read parameters.npz.
+def read(path: Path) -> dict[str, Any]:
+    """Return what parameters.npz holds, by the names of ``Identified``.
 
     Raises:
         NotAnArtifact: the file is none of dynid's, or is damaged.
@@ -183,25 +172,16 @@ def load(path: Path) -> Identification:
     h, a = dict(artifact.header), artifact.arrays
     with reading(path):
         stored: dict[str, Any] = dict(h["result"])
-        full: dict[str, Any] = {key: stored["physical"][key] for key in FULL_SCALARS}
-        full["names"] = tuple(full["names"])
-        full |= {key: a[f"full_{key}"] for key in FULL_ARRAYS}
+        full = {**stored["physical"], **_without("full_", a)}
         file = Path(h["robot_path"])
         robot = parse_robot(h["robot_file"], file)
         known: dict[str, Any] = {"source": typed(file)} if h["robot_path"] else {"path": None}
         measured = {key: stored[key] for key in SCALARS if key in Quality.__annotations__}
         measured |= {"joints": _tuple(JointQuality, stored["joints"])}
-        found = Identification(
+        found = Identified(
             robot=replace(robot, estimated_coulomb=coulomb_of(h), **known),
             reduction=reduction_from(h["reduction"], a),
-            fit=Fit(
-                stored["method"],
-                a["plain"],
-                a["noise"],
-                a["plain_covariance"],
-                a["factors"],
-                a["counts"],
-            ),
+            fit=Fit(stored["method"], *(a[key] for key in FIT)),
             quality=Quality(**measured, expected=ExpectedError.of(stored["expected"])),
             why=stored["why"],
             in_force=stored["in_force"],
@@ -210,7 +190,7 @@ def load(path: Path) -> Identification:
             std_error=a["std_error"],
             prior=a["prior"],
             knowledge=tuple(stored["knowledge"]),
-            physical=PhysicalParameters(**full),
+            physical=PhysicalParameters(**full | {"names": tuple(full["names"])}),
             model_error=_model_error(stored["model_error_evidence"], a),
             findings=_tuple(Finding, h["findings"]),
             motions=tuple(
@@ -219,27 +199,25 @@ def load(path: Path) -> Identification:
             header=h,
             path=path,
         )
-        _require_one_arm(found)
-    return found
+        if len(found.joints) != found.robot.n:
+            raise ValueError("its joints do not match its robot")
+        if {found.reduction.names, found.physical.names} != {parameter_names(found.robot)}:
+            raise ValueError("its parameters do not match its robot")
+    return vars(found)
 
 
-def _require_one_arm(found: Identification) -> None:
-    """Raise when the parts of a result are not those of one arm."""
-    robot = found.robot
-    if len(found.joints) != robot.n:
-        raise ValueError("its joints do not match its robot")
-    names = parameter_names(robot)
-    if found.reduction.names != names or found.physical.names != names:
-        raise ValueError("its parameters do not match its robot")
+def _without(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """Return arrays of a part of a result by their name in it."""
+    return {k.removeprefix(prefix): x for k, x in arrays.items() if k.startswith(prefix)}
 
 
 def _model_error(evidence: float | None, arrays: Mapping[str, NDArray[Any]]) -> ModelError | None:
     if evidence is None:
         return None
-    given = {key: arrays[f"error_{key}"] for key in ERROR_ARRAYS}
-    n, p = given["slope"].shape[0], given["slope"].shape[2]
-    for key, shape in zip(APART_ARRAYS, ((n,), (n, p), (n, p, p), (n, p, p)), strict=True):
-        given[key] = arrays.get(f"error_{key}", np.zeros(shape))
+    given = _without("error_", arrays)
+    n, p, _ = given["slope"].transpose(0, 2, 1).shape
+    for key, shape in APART_ARRAYS.items():
+        given.setdefault(key, np.zeros([{"n": n, "p": p}[axis] for axis in shape]))
     return ModelError(**given, evidence=float(evidence))
 
 

@@ -145,17 +145,21 @@ class Rows:
 
 
 def joined(parts: Sequence[Rows]) -> Rows:
-    """Return the rows of several, one after the other, logs and blocks as they are numbered."""
+    """Return the rows of several, one after the other; logs as they are numbered, blocks numbered anew."""
     parts = [each for each in parts if len(each.t)] or parts[:1]
     if len(parts) == 1:
         return parts[0]
-    names = ("tau", "use", "t", "log", "block", "begins")
-    arrays: dict[str, Any] = {k: np.concatenate([getattr(x, k) for x in parts]) for k in names}
-    instruments = [each.Z for each in parts if each.Z is not None]
+    arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(each, name) for each in parts])
+        for name in ("tau", "use", "t", "log", "begins")
+    }
+    first = np.cumsum([0, *(int(each.block.max()) + 1 for each in parts[:-1])])
+    blocks = [k + each.block for k, each in zip(first, parts, strict=True)]
+    columns = zip(*(each.columns for each in parts), strict=True)
     return replace(
         parts[0],
-        columns=tuple(map(np.concatenate, zip(*(each.columns for each in parts), strict=True))),
-        Z=np.concatenate(instruments) if instruments else None,
+        columns=tuple(map(np.concatenate, columns)),
+        block=np.concatenate(blocks),
         **arrays,
     )
 

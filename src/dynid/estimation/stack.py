@@ -44,45 +44,25 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Earlier:
-    """What an earlier result keeps of its logs.
-
-    Attributes:
-        factors: one factor per joint, (n, p + 1, p + 1).
-        noise: standard deviation of each joint then, (n,) [N m].
-        covariance: covariance of its estimate, allowing for coloured residuals, (p, p).
-    """
-
-    factors: Floats
-    noise: Floats
-    covariance: Floats
-
-
-@dataclass(frozen=True)
 class Stack:
-    """The rows of one or several logs, and their triangular factors; ``+`` puts the logs of two together.
+    """The rows of one or several logs; ``+`` puts the logs of two together.
 
     Attributes:
         base: model and base parameters whose columns the rows have.
         logs: the conditioned logs.
-        rows: theirs; the block of each is a number among the factors.
-        factors: factor of [W tau] for each block of time and joint, (B, n, p + 1, p + 1).
-        counts: number of rows in each, (B, n).
-        log_of_block: number of the log of each block, (B,); -1 for an earlier result, which has no rows.
-        earlier: the result that is updated, None otherwise; it is the first block.
+        rows: theirs.
+        earlier: fit of the result that is updated, whose factors stand for its rows; None otherwise.
     """
 
     base: BaseModel = field(repr=False, compare=False)
     logs: tuple[ConditionedLog, ...]
     rows: Rows = field(repr=False, compare=False)
-    factors: Floats
-    counts: Ints
-    log_of_block: Ints
-    earlier: Earlier | None = field(default=None, repr=False, compare=False)
+    earlier: Fit | None = field(default=None, repr=False, compare=False)
 
     def __add__(self, other: Stack) -> Stack:
         """Return the stack of the logs of both, which have the same base parameters and cut-off."""
-        return added([self, other])
+        moved = replace(other.rows, log=other.rows.log + len(self.logs))
+        return replace(self, logs=self.logs + other.logs, rows=joined([self.rows, moved]))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -102,37 +82,34 @@ class Stack:
     @property
     def samples(self) -> int:
         """Number of instants in the stack."""
-        return int(self.counts.max(axis=1, initial=0).sum())
+        rows = self.rows
+        of_blocks = [np.bincount(rows.block, use) for use in rows.use.T]
+        earlier = 0 if self.earlier is None else self.earlier.counts.max()
+        return int(np.max(of_blocks, axis=0).sum() + earlier)
 
     @cached_property
     def whole(self) -> tuple[Floats, Ints]:
-        """One factor per joint over all blocks, (n, p + 1, p + 1) [N m or N], and its number of rows, (n,)."""
-        factors = np.array([merge(part) for part in self.factors.swapaxes(0, 1)])
-        return factors, self.counts.sum(axis=0)
+        """One factor per joint over all rows, (n, p + 1, p + 1) [N m or N], and its number of rows, (n,)."""
+        factors, counts, old = self.rows.factors(), self.rows.counts, self.earlier
+        if old is None:
+            return factors, counts
+        both = zip(old.factors, factors, strict=True)
+        return np.array([merge(np.stack(pair)) for pair in both]), counts + old.counts
 
     @cached_property
     def first_fit(self) -> Fit:
         """Weighted least squares of all rows as they are, from which what is asked of residuals begins."""
         return weighted(*self.whole)
 
-    def select(self, blocks: Mask) -> Stack:
-        """Return some blocks of time, (B,), as a stack of their own."""
-        if blocks.all():
-            return self
-        rows, number = self.rows.take(blocks[self.rows.block]), np.cumsum(blocks) - 1
-        return replace(
-            self,
-            rows=replace(rows, block=number[rows.block]),
-            factors=self.factors[blocks],
-            counts=self.counts[blocks],
-            log_of_block=self.log_of_block[blocks],
-        )
+    def take(self, chosen: Mask) -> Stack:
+        """Return some of the rows, (M,), as a stack of their own."""
+        return self if chosen.all() else replace(self, rows=self.rows.take(chosen))
 
-    def without(self, joints: Ints | NDArray[np.intp]) -> Stack:
+    def without(self, joints: NDArray[np.intp]) -> Stack:
         """Return the stack as if some joints, by number, had no torques."""
-        factors, counts, use = self.factors.copy(), self.counts.copy(), self.rows.use.copy()
-        factors[:, joints], counts[:, joints], use[:, joints] = 0.0, 0, False
-        return replace(self, factors=factors, counts=counts, rows=replace(self.rows, use=use))
+        use = self.rows.use.copy()
+        use[:, joints] = False
+        return replace(self, rows=replace(self.rows, use=use))
 
     @property
     def instrumented(self) -> Rows:
@@ -151,55 +128,23 @@ class Stack:
         )
 
 
-def added(stacks: Sequence[Stack]) -> Stack:
-    """Return the stack of the logs of several, in their order."""
-    logs = np.cumsum([0, *(len(each.logs) for each in stacks)])
-    blocks = np.cumsum([0, *(len(each.factors) for each in stacks)])
-    rows, places = [], []
-    for stack, log, block in zip(stacks, logs[:-1], blocks[:-1], strict=True):
-        own, place = stack.rows, stack.log_of_block
-        rows.append(replace(own, log=own.log + log, block=own.block + block))
-        places.append(np.where(place < 0, place, place + log))
-    return replace(
-        stacks[0],
-        logs=tuple(log for each in stacks for log in each.logs),
-        rows=joined(rows),
-        factors=np.concatenate([each.factors for each in stacks]),
-        counts=np.concatenate([each.counts for each in stacks]),
-        log_of_block=np.concatenate(places),
-    )
-
-
 def stack_logs(logs: Sequence[ConditionedLog], base: BaseModel) -> Stack:
-    """Fold the rows of conditioned logs into triangular factors of a model's base columns.
+    """Evaluate the rows of conditioned logs in a model's base columns.
 
     Args:
         logs: conditioned logs, all under the same filter.
         base: model and base parameters.
     """
     stage("stack")
-    stacks = []
+    parts = []
     for k, log in enumerate(logs):
-        stacks.append(_of_log(log, base))
+        rows = rows_of(log, base.observer, whole=False)
+        parts.append(replace(rows, log=rows.log + k))
         advance(k + 1.0, len(logs), log.name)
-    found = added(stacks)
-    size = f"{int(found.counts.sum())} x {len(found.names)}"
+    found = Stack(base, tuple(logs), joined(parts))
+    size = f"{int(found.rows.use.sum())} x {len(found.names)}"
     stage("stacked", f"{found.samples} samples x {len(found.joints)} joints -> W {size}")
     return found
-
-
-def _of_log(log: ConditionedLog, base: BaseModel) -> Stack:
-    rows = rows_of(log, base.observer, whole=False)
-    n, size = base.robot.n, len(base.names) + 1
-    blocks = [rows.take(rows.block == k) for k in range(int(rows.block.max(initial=-1)) + 1)]
-    return Stack(
-        base=base,
-        logs=(log,),
-        rows=rows,
-        factors=np.array([each.factors() for each in blocks]).reshape(-1, n, size, size),
-        counts=np.array([each.counts for each in blocks], dtype=np.int64).reshape(-1, n),
-        log_of_block=np.zeros(len(blocks), dtype=np.int64),
-    )
 
 
 # ---------------------------------------------------------------- effects that scale with what is identified

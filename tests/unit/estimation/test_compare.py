@@ -8,8 +8,8 @@ import pytest
 
 from dynid.estimation import tuning
 from dynid.estimation.compare import compare, same_parameters
+from dynid.estimation.identified import Identified, JointQuality, Quality
 from dynid.estimation.least_squares import Fit
-from dynid.estimation.result import Identification, JointQuality, Quality
 
 JOINTS = (
     JointQuality("joint_1", 0.1, 1.0, 10.0, 0.12),
@@ -37,7 +37,7 @@ def result(theta, std_error, joints=JOINTS):
         "prior": np.full(p, np.nan),
         "quality": Quality(joints, 1.5, 1.6, "last 20 %", p, 50.0, 30.0, 1000),
     }
-    return Identification(**facts)
+    return Identified(**facts)
 
 
 def test_noise_alone_is_called_drift_as_rarely_as_promised():

@@ -96,7 +96,7 @@ def test_a_load_weighed_with_wrong_gains_lies_inside_the_intervals_that_know_of_
 
 def test_a_result_from_its_file_finds_nearly_the_load_of_one_with_rows(tmp_path, base):
     """A residual model is there to lose: Stribeck friction was put into both logs."""
-    from dynid.estimation.result_files import load
+    from dynid.estimation.result import Identification
 
     def sticky(log):
         qd = np.gradient(log.q, log.t, axis=0)
@@ -113,8 +113,10 @@ def test_a_result_from_its_file_finds_nearly_the_load_of_one_with_rows(tmp_path,
     whole = find_payload(loaded, kept)
     kept.save(tmp_path / "kept.npz")
     loaded.save(tmp_path / "loaded.npz")
-    again = find_payload(loaded, load(tmp_path / "kept.npz"))
+    again = find_payload(loaded, Identification.load(tmp_path / "kept.npz"))
     assert again.numbers == pytest.approx(whole.numbers)
-    read = find_payload(load(tmp_path / "loaded.npz"), load(tmp_path / "kept.npz"))
+    read = find_payload(
+        Identification.load(tmp_path / "loaded.npz"), Identification.load(tmp_path / "kept.npz")
+    )
     assert np.all(np.abs(read.numbers - whole.numbers) <= 2 * (read.std_error + whole.std_error))
     assert whole.body.mass == pytest.approx(LOAD.mass, rel=0.05)

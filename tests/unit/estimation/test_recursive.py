@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from loaded_arm import recorded
 
-from dynid.estimation.result_files import load
+from dynid.estimation.result import Identification
 from makelogs import ROOT
 
 pytestmark = pytest.mark.slow
@@ -47,7 +47,9 @@ def test_an_updated_result_equals_the_fit_on_both_logs(shop):
         shop, "two.npz", "-o", "updated", "--update", "first/parameters.npz", "--method", "ols"
     )
     batch = run(shop, "one.npz", "two.npz", "-o", "batch", "--method", "ols")
-    one, other = (load(shop.folder / name / "parameters.npz") for name in ("updated", "batch"))
+    one, other = (
+        Identification.load(shop.folder / name / "parameters.npz") for name in ("updated", "batch")
+    )
     sigma = np.sqrt(np.diagonal(other.covariance))
     assert np.abs((one.plain - other.plain) / sigma).max() < 1e-6
     ratio = np.sqrt(np.diagonal(one.covariance)) / sigma
@@ -69,4 +71,4 @@ def test_the_same_log_is_not_added_twice(shop):
 def test_an_updated_result_may_take_the_place_of_the_old_one(shop):
     run(shop, "one.npz", "-o", "place", "--method", "wls")
     run(shop, "two.npz", "-o", "place", "--update", "place/parameters.npz")
-    assert len(load(shop.folder / "place" / "parameters.npz").log_sha256) == 2
+    assert len(Identification.load(shop.folder / "place" / "parameters.npz").log_sha256) == 2

@@ -11,7 +11,7 @@ from test_stack import motion, simulated, stacked, truth
 import models
 from dynid.errors import Finding, WrongUsage
 from dynid.estimation.estimate import estimate, last_share
-from dynid.estimation.result_files import load
+from dynid.estimation.result import Identification
 from dynid.robot import EffectSpec
 
 
@@ -68,7 +68,9 @@ def test_what_is_saved_is_loaded(result, tmp_path):
         findings=(Finding("W402", "warning", "text", {"a": 1}),),
         header={**result.header, "logs": ["run.bag"], "log_sha256": ["ab"]},
     )
-    stored = load(noted.save(tmp_path / "parameters.npz", {"command": "dynid identify"}))
+    stored = Identification.load(
+        noted.save(tmp_path / "parameters.npz", {"command": "dynid identify"})
+    )
     for key in ("theta", "plain", "covariance", "std_error", "prior", "noise", "factors", "counts"):
         assert np.array_equal(getattr(stored, key), getattr(noted, key), equal_nan=True)
     for key in ("robot", "names", "method", "why", "knowledge", "joints", "findings", "cutoff"):
@@ -77,7 +79,7 @@ def test_what_is_saved_is_loaded(result, tmp_path):
     assert (stored.header["logs"], stored.log_sha256) == (["run.bag"], ("ab",))
     _, q, qd, qdd = motion(result.robot, 1.0, 7)
     assert np.array_equal(stored.inverse_dynamics(q, qd, qdd), noted.inverse_dynamics(q, qd, qdd))
-    again = load(stored.save(tmp_path / "again.npz"))
+    again = Identification.load(stored.save(tmp_path / "again.npz"))
     assert np.array_equal(again.theta, noted.theta)
 
 

@@ -1,0 +1,485 @@
+"""What an identification found, as data: parameters with what is known about them (the paper's Table 10)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from operator import attrgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynid.errors import Finding, WrongUsage
+from dynid.estimation.covariance import counted, normal_quantile
+from dynid.estimation.least_squares import Fit, relative_error
+from dynid.estimation.one_state import OneState, one_state
+from dynid.estimation.possible_arm import PhysicalParameters
+from dynid.estimation.residual_model import GROUP_NAMES, ModelError
+from dynid.model.base_model import BaseModel, model_torques
+from dynid.model.effects.interface import ArmMotion
+from dynid.model.parameters import body_columns, body_of
+from dynid.model.program import Program
+from dynid.model.reduce import Reduction
+from dynid.model.regressor import Model, build_model
+from dynid.robot import Robot
+from dynid.signals.conditioned_log import known_torque
+from dynid.table import Table
+from dynid.text import visible
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from dynid.estimation.stack import Stack
+
+Floats = NDArray[np.float64]
+
+#: Draws torques of some joints on the fitted logs, or only what is left of them; the workflow gives it to new results.
+Drawing = Callable[[Any, tuple[str, ...], bool], Any]
+#: How the text of what was held out ends where it is part of the fitted motion.
+SAME_MOTION = "the same motion"
+USED = {"physical": "the physical parameters", "plain": "the plain estimate"}
+
+
+@dataclass(frozen=True)
+class ExpectedError:
+    """How far predicted torques will be off.
+
+    Attributes:
+        fitted_percent: expected relative error on another recording of the fitted motion [%].
+        exciting_percent: the same on an exciting motion inside the arm's limits [%].
+        noise: expected rms of what no parameter explains, per joint, (n,) [N m or N].
+    """
+
+    fitted_percent: float
+    exciting_percent: float
+    noise: Floats
+
+    def facts(self) -> dict[str, Any]:
+        """Return the figures for JSON."""
+        return {
+            "fitted_motion_percent": self.fitted_percent,
+            "exciting_motion_percent": self.exciting_percent,
+            "noise_nm": self.noise.tolist(),
+        }
+
+    @classmethod
+    def of(cls, facts: dict[str, Any] | None) -> ExpectedError | None:
+        """Return what ``facts`` gave."""
+        if facts is None:
+            return None
+        noise = np.array(facts["noise_nm"])
+        return cls(
+            float(facts["fitted_motion_percent"]), float(facts["exciting_motion_percent"]), noise
+        )
+
+
+@dataclass(frozen=True)
+class JointQuality:
+    """How well one joint is explained.
+
+    Attributes:
+        joint: name.
+        rms: root mean square of the residual [N m or N].
+        relative_percent: residual over measured torque [%].
+        torque_rms: root mean square of the measured torque [N m or N].
+        heldout_rms: the residual on rows that were not fitted [N m or N].
+    """
+
+    joint: str
+    rms: float
+    relative_percent: float
+    torque_rms: float
+    heldout_rms: float | None
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How well a result describes its logs, and how much these say.
+
+    Attributes:
+        joints: quality of each joint.
+        relative_error_percent: 100 |tau - W theta| / |tau| on the rows that were fitted [%].
+        heldout_relative_error_percent: the same on rows that were not; None where nothing was held out [%].
+        heldout: what was held out.
+        rank: number of directions that the log excites.
+        condition_number: of W with columns as they are.
+        condition_number_scaled: of W with columns of unit length.
+        samples: instants in the stack.
+        expected: how far predicted torques will be off; None in a result of an earlier version.
+    """
+
+    joints: tuple[JointQuality, ...]
+    relative_error_percent: float
+    heldout_relative_error_percent: float | None
+    heldout: str
+    rank: int
+    condition_number: float
+    condition_number_scaled: float
+    samples: int
+    expected: ExpectedError | None = None
+
+
+def _part(path: str) -> Any:  # noqa: ANN401 - what it is stands beside it
+    """Return an attribute of a part of a result as an attribute of the result."""
+    return property(attrgetter(path), doc=f"The same as ``{path}``.")
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Identified:
+    """What an identification found; ``Identification`` says what each attribute is."""
+
+    robot: Robot
+    reduction: Reduction
+    fit: Fit
+    quality: Quality
+    why: str
+    theta: Floats
+    covariance: Floats
+    std_error: Floats
+    knowledge: tuple[str, ...]
+    prior: Floats
+    physical: PhysicalParameters
+    in_force: str
+    model_error: ModelError | None = None
+    findings: tuple[Finding, ...] = ()
+    header: dict[str, Any] = field(default_factory=dict)
+    path: Path = Path()
+    motions: tuple[Floats, ...] = ()
+    rigid: Program | None = None
+    stack: Stack | None = None
+    draw: Drawing | None = None
+
+    method = cast("str", _part("fit.method"))
+    plain = cast("Floats", _part("fit.theta"))
+    plain_covariance = cast("Floats", _part("fit.covariance"))
+    noise = cast("Floats", _part("fit.noise"))
+    factors = cast("Floats", _part("fit.factors"))
+    counts = cast("NDArray[np.int64]", _part("fit.counts"))
+    joints = cast("tuple[JointQuality, ...]", _part("quality.joints"))
+    relative_error_percent = cast("float", _part("quality.relative_error_percent"))
+    heldout_relative_error_percent = cast(
+        "float | None", _part("quality.heldout_relative_error_percent")
+    )
+    heldout = cast("str", _part("quality.heldout"))
+    rank = cast("int", _part("quality.rank"))
+    condition_number = cast("float", _part("quality.condition_number"))
+    condition_number_scaled = cast("float", _part("quality.condition_number_scaled"))
+    samples = cast("int", _part("quality.samples"))
+    expected = cast("ExpectedError | None", _part("quality.expected"))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what is derived: it is derived again where it is needed."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
+
+    @property
+    def cutoff(self) -> float:
+        """Cut-off frequency of the filter over torques and columns [Hz]."""
+        return float(self.header.get("cutoff_hz", 0.0))
+
+    @property
+    def delay(self) -> float:
+        """By how much the torques were late, and were moved back [s]."""
+        return float(self.header.get("delay_applied_s", 0.0))
+
+    @property
+    def log_sha256(self) -> tuple[str, ...]:
+        """Hashes of the logs that it was made from."""
+        return tuple(self.header.get("log_sha256", ()))
+
+    @property
+    def label(self) -> str:
+        """Its file, for messages."""
+        return str(self.path) if self.path.name else "the earlier result"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the base parameters, (p,)."""
+        return self.reduction.base_names
+
+    @cached_property
+    def base(self) -> BaseModel:
+        """Model and base parameters."""
+        model = build_model(self.robot) if self.rigid is None else Model(self.robot, self.rigid)
+        return BaseModel(model, self.reduction)
+
+    # ---------------------------------------------------------------- parameters
+    @property
+    def params(self) -> dict[str, float]:
+        """Values of the base parameters by name, those used for predictions, in their units."""
+        return dict(zip(self.names, self.theta.tolist(), strict=True))
+
+    def conf_int(self, level: float = 0.95) -> Floats:
+        """Return the interval of each parameter alone, (p, 2), in its unit; infinite where the log says nothing.
+
+        Args:
+            level: probability that the interval of a parameter holds its true value.
+        """
+        half = normal_quantile(0.5 + level / 2) * self.std_error
+        return np.column_stack([self.theta - half, self.theta + half])
+
+    def parameter_rows(self) -> list[dict[str, Any]]:
+        """Return one row per base parameter for JSON: name, value, unit, std_error, class, known, formula, prior."""
+        reduction, units = self.reduction, self.base.model.units
+        table = []
+        for i, name in enumerate(self.names):
+            terms = reduction.terms(i)
+            error = float(self.std_error[i])
+            table.append(
+                {
+                    "name": name,
+                    "value": float(self.theta[i]),
+                    "unit": units[reduction.names[reduction.base[i]]],
+                    "std_error": error if np.isfinite(error) else None,
+                    "class": "alone" if len(terms) == 1 else "combined",
+                    "known": self.knowledge[i],
+                    "formula": reduction.formulas[i] if reduction.formulas else None,
+                    "terms": terms,
+                    "prior": None if np.isnan(self.prior[i]) else float(self.prior[i]),
+                }
+            )
+        return table
+
+    def table(self) -> Table:
+        """Return one row per base parameter: value with 95 % interval, unit, class, how well it is known, prior."""
+        rows = [
+            {
+                "parameter": row["name"],
+                "value": row["value"],
+                "std error": row["std_error"],
+                "2.5 %": float(low),
+                "97.5 %": float(high),
+                "unit": row["unit"],
+                "class": row["class"],
+                "known": row["known"],
+                "prior": row["prior"],
+            }
+            for row, (low, high) in zip(self.parameter_rows(), self.conf_int(), strict=True)
+        ]
+        return Table(rows)
+
+    def to_dataframe(self) -> DataFrame:
+        """Return the table as a pandas DataFrame."""
+        return self.table().to_dataframe()
+
+    def joint_table(self) -> Table:
+        """Return one row per joint: rms error and rms torque [N m or N], what is unexplained [%], held-out error."""
+        rows = [
+            {
+                "joint": quality.joint,
+                "rms error": quality.rms,
+                "torque rms": quality.torque_rms,
+                "error %": quality.relative_percent,
+                "held out": quality.heldout_rms,
+                "unit": "A" if self.robot.torque.relative else joint.torque_unit,
+            }
+            for quality, joint in zip(self.joints, self.robot.joints, strict=True)
+        ]
+        return Table(rows)
+
+    def links(self) -> list[dict[str, Any]]:
+        """Return mass, centre of mass and inertia of each identified link, for JSON; ``origin`` is data or prior."""
+        x, names, origin = self.physical.x, self.physical.names, self.physical.origin
+        found = []
+        for link, columns in body_columns(self.base.model.parameters).items():
+            body = body_of(x[columns])
+            inertia = dict(
+                zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), body.inertia_com, strict=True)
+            )
+            found.append(
+                {
+                    "link": link,
+                    "mass_kg": body.mass,
+                    "com_m": list(body.com),
+                    "inertia_com_kg_m2": inertia,
+                    "origin": {names[k]: origin[names[k]] for k in columns},
+                }
+            )
+        return found
+
+    def residual_table(self) -> Table:
+        """Return one row per joint: rms torque [N m or N] of the model error by group in the fitted motion, and in all.
+
+        Position: angle offsets, springs, cables. Friction: friction that depends on position or speed. Load: friction
+        that grows with the torque. Empty where there is no model error.
+        """
+        error = self.model_error
+        if error is None:
+            return Table([])
+        rows = []
+        for name, parts in zip(self.robot.joint_names, error.rms.tolist(), strict=True):
+            rows.append({"joint": name, **dict(zip((*GROUP_NAMES, "all"), parts, strict=True))})
+        return Table(rows)
+
+    def residual_facts(self) -> dict[str, Any] | None:
+        """Return what the model error holds, for JSON; None where there is none."""
+        error = self.model_error
+        if error is None:
+            return None
+        return {
+            "log_evidence": error.evidence if np.isfinite(error.evidence) else None,
+            "size": dict(zip(GROUP_NAMES, error.size.tolist(), strict=True)),
+            "joints": list(self.residual_table()),
+        }
+
+    # ---------------------------------------------------------------- model
+    def inverse_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        t: ArrayLike | None = None,
+        *,
+        residual_model: bool = True,
+    ) -> Floats:
+        """Return the torques of the whole arm with its friction [N m or N], in DH quantities, in the shape of q.
+
+        Links that were not identified take part with their prior values.
+
+        Args:
+            q: positions of one state, (n,), or of a motion, (N, n) [rad or m].
+            qd: velocities [rad/s or m/s].
+            qdd: accelerations [rad/s^2 or m/s^2].
+            t: time of the samples since the motion began, (N,) [s]; needed where the robot file lists effects.
+            residual_model: add the mean of the model error, where the result has one.
+
+        Raises:
+            WrongUsage: the arrays have other shapes, or the model has effects that depend on the order of the samples
+                and their time is not given.
+        """
+        position, speed, acceleration = _state(self.robot.n, q, qd, qdd)
+        times = None if t is None else np.atleast_1d(np.asarray(t, dtype=float))
+        if position.ndim == 1:
+            if residual_model not in self._functions:
+                error = self.model_error if residual_model else None
+                self._functions[residual_model] = one_state(self.base, self.theta, error)
+            function = self._functions[residual_model]
+            if function is not None:
+                return np.array(function(position.tolist(), speed.tolist(), acceleration.tolist()))
+            found = self._torques(
+                position[None], speed[None], acceleration[None], times, residual_model
+            )
+            return np.asarray(found[0])
+        return self._torques(position, speed, acceleration, times, residual_model)
+
+    @cached_property
+    def _functions(self) -> dict[bool, OneState | None]:
+        """The inverse dynamics of single states, with and without the residual model, once they were asked for."""
+        return {}
+
+    def _torques(
+        self, q: Floats, qd: Floats, qdd: Floats, t: Floats | None, residual_model: bool
+    ) -> Floats:
+        model = self.base.model
+        tau = known_torque(model, q, qd, qdd)
+        error = self.model_error if residual_model else None
+        if model.added or error is not None:
+            W = self.regressor(q, qd, qdd, t)
+            if error is not None:
+                tau = tau + error.torque(W, error.shapes_at(q, qd, self.base.observer))
+            return np.asarray(tau + W @ self.theta)
+        return tau + self.base.observer.torque(self.theta, q, qd, qdd)
+
+    def regressor(self, q: Floats, qd: Floats, qdd: Floats, t: Floats | None = None) -> Floats:
+        """Return the base regressor Y with tau = Y theta, (N, n, p), in DH quantities (Paper Eq. 13).
+
+        Links that were not identified have no part in it.
+
+        Args:
+            q: positions, (N, n) [rad or m].
+            qd: velocities, (N, n) [rad/s or m/s].
+            qdd: accelerations, (N, n) [rad/s^2 or m/s^2].
+            t: time of the samples since the motion began, (N,) [s]; needed where the robot file lists effects.
+
+        Raises:
+            WrongUsage: as for ``inverse_dynamics``.
+        """
+        model = self.base.model
+        observer = self.base.observer
+        full = observer.dense(q, qd, qdd)
+        if model.added:
+            if t is None:
+                raise WrongUsage(
+                    "this model has effects that depend on the order of the samples",
+                    fix="give their time: t=[...]",
+                )
+            reference = model_torques(model, self.reduction, self.theta)
+            motion = ArmMotion(t, q, qd, qdd, self.robot, reference, lambda x: x)
+            wanted, count = observer.added_entries, len(observer.rows) - len(observer.added_entries)
+            full[:, observer.rows[count:], observer.cols[count:]] = model.added_entries(motion)[
+                wanted
+            ].T
+        return full
+
+    # ---------------------------------------------------------------- text
+    @property
+    def title(self) -> str:
+        """One line: the arm, the number of parameters, the estimator."""
+        return visible(
+            f"{self.robot.name}: {len(self.names)} base parameters, estimator {self.method} ({self.why})"
+        )
+
+    def verdict(self) -> list[str]:
+        """Return what the result is worth, line by line."""
+        error = f"torque error {self.relative_error_percent:.2f} % on the fitted rows"
+        if self.heldout_relative_error_percent is not None:
+            error += f", {self.heldout_relative_error_percent:.2f} % held out ({self.heldout})"
+        lines = [
+            error,
+            *self.expectation(),
+            f"used for predictions: {USED[self.in_force]}",
+            f"parameters known: {counted(self.knowledge)}",
+            f"condition number {self.condition_number_scaled:.3g} with normalised columns",
+        ]
+        return [visible(line) for line in lines]
+
+    def expectation(self) -> list[str]:
+        """Return the torque error to expect and what the model error holds, line by line."""
+        lines = []
+        if self.expected is not None:
+            fitted, exciting = self.expected.fitted_percent, self.expected.exciting_percent
+            lines.append(
+                f"expected torque error {fitted:.2g} % on another recording of the fitted motion, {exciting:.2g} % on "
+                "an exciting motion inside the limits"
+            )
+        if self.model_error is not None:
+            alone = relative_error(self.factors, self.theta)
+            lines.append(
+                f"torque error {self.relative_error_percent:.2f} % with the residual model, {alone:.2f} % without "
+                "it (URDF and other exports have the parameters only)"
+            )
+        return lines
+
+    def summary(self) -> str:
+        """Return a text with fit, verdict, joints, parameters and warnings."""
+        warnings = [visible(f"{finding.code} {finding.text}") for finding in self.findings]
+        parts = [self.title, *self.verdict(), "", repr(self.joint_table()), "", repr(self.table())]
+        return "\n".join([*parts, *(["", *warnings] if warnings else [])])
+
+    def __repr__(self) -> str:
+        """Return the arm and the verdict."""
+        return "\n".join([self.title, *self.verdict()])
+
+    def _repr_html_(self) -> str:
+        return Table(self.table(), self.title, self.verdict())._repr_html_()
+
+
+def _state(n: int, *given: ArrayLike) -> tuple[Floats, ...]:
+    """Return positions, velocities and accelerations as arrays of one shape, (n,) or (N, n).
+
+    Raises:
+        WrongUsage: they have another.
+    """
+    found = tuple(np.asarray(x, dtype=float) for x in given)
+    shape = found[0].shape
+    if any(x.shape != shape for x in found) or len(shape) not in (1, 2) or shape[-1] != n:
+        shapes = ", ".join(
+            f"{name} {x.shape}" for name, x in zip(("q", "qd", "qdd"), found, strict=True)
+        )
+        raise WrongUsage(
+            f"the shapes are {shapes}",
+            fix=f"({n},) for one state of this arm, or (N, {n}) for N samples, for all three",
+        )
+    return found
