@@ -78,12 +78,8 @@ def search_effects(
             ]
             problem = make_problem(shifted, base, kept, earlier)
         more = abs(delay) < LONGEST_DELAY and k < MOST_SELECTIONS - 1
-<<<<<<< HEAD
-        chosen = Search(problem, options, delay=more).run()
-=======
-        search = Search(problem, options, progress, delay=more)
+        search = Search(problem, options, delay=more)
         state, found, first_of_all = search.run()
->>>>>>> 7329a7f6 (A gap search's products have one layout: what is looked at alone comes first, a name is silenced by its prior and no matrix is cut; parts of a comparison of eras are plain sums; what links take up is asked of rows and model; figures of a joint belong to it)
         # Why once more although it is no name any more: the rest is small beside the noise, not beside its own error.
         if found is None or settled or not (first_of_all or delay):
             break
