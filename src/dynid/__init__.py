@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from dynid.workflows.compare import compare
     from dynid.workflows.drive_gains import find_drive_gains
     from dynid.workflows.export import ExportedModel, export
-    from dynid.workflows.gap import earlier_logs, find_gap
-    from dynid.workflows.gap_result import Gap, load
+    from dynid.workflows.gap import Gap, earlier_logs, find_gap, load
     from dynid.workflows.identify import find_payload, identify
     from dynid.workflows.model import base_model
     from dynid.workflows.options import (
@@ -45,11 +44,10 @@ if TYPE_CHECKING:
         ValidateOptions,
     )
     from dynid.workflows.parameters import Observations, observe
-    from dynid.workflows.plan import Plan
     from dynid.workflows.report import Report, report
     from dynid.workflows.simulate import Simulation, simulate
     from dynid.workflows.simulator_gap import compare_in_simulator
-    from dynid.workflows.trajectory import plan_trajectory
+    from dynid.workflows.trajectory import Plan, plan_trajectory
     from dynid.workflows.validate import Validation, validate
 
 
@@ -58,7 +56,7 @@ _HOMES = {
     "BaseModel": "dynid.model.base_model",
     "ExportOptions": "dynid.workflows.options",
     "ExportedModel": "dynid.workflows.export",
-    "Gap": "dynid.workflows.gap_result",
+    "Gap": "dynid.workflows.gap",
     "GapOptions": "dynid.workflows.options",
     "Identification": "dynid.estimation.result",
     "IdentifyOptions": "dynid.workflows.options",
@@ -67,7 +65,7 @@ _HOMES = {
     "ModelOptions": "dynid.workflows.options",
     "Motion": "dynid.motion",
     "Observations": "dynid.workflows.parameters",
-    "Plan": "dynid.workflows.plan",
+    "Plan": "dynid.workflows.trajectory",
     "PlanOptions": "dynid.trajectory.options",
     "Report": "dynid.workflows.report",
     "Robot": "dynid.robot",
@@ -84,7 +82,7 @@ _HOMES = {
     "find_gap": "dynid.workflows.gap",
     "find_payload": "dynid.workflows.identify",
     "identify": "dynid.workflows.identify",
-    "load": "dynid.workflows.gap_result",
+    "load": "dynid.workflows.gap",
     "load_log": "dynid.loading",
     "load_robot": "dynid.loading",
     "observe": "dynid.workflows.parameters",

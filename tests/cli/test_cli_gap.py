@@ -10,7 +10,7 @@ import yaml
 import hidden_effects as hidden
 import twolink
 from dynid.files.robotfile import load_robot
-from dynid.workflows.gap_result import robot_file_beside
+from dynid.workflows.gap import robot_file_beside
 
 ROOT = Path(__file__).parents[2]
 

@@ -22,7 +22,7 @@ from dynid.workflows.options import GapOptions
 
 if TYPE_CHECKING:
     from dynid.gap.record import GapEffect
-    from dynid.workflows.gap_result import Gap
+    from dynid.workflows.gap import Gap
 
 
 @dynid_command(
@@ -66,7 +66,7 @@ def command(
         what = "--apply and --no-apply cannot be used together"
         raise WrongUsage(what, fix="leave one of them out")
     stored = dynid.loading.load_run(parameters)
-    workflows.gap_result.selection_options(stored.robot, options)
+    workflows.gap.selection_options(stored.robot, options)
     folder, search = stored.path.parent, workflows.gap
     base = workflows.model.base_model_of(stored, folder)
     stage("read")
@@ -75,7 +75,7 @@ def command(
     earlier = search.earlier_logs(stored, read, options) if asks else []
     gap = search.find_gap(stored, read, options, earlier=earlier, base=base)
     stage("draw")
-    workflows.gap_result.remove_search(folder)
+    workflows.gap.remove_search(folder)
     # Why first: what a simulator does afterwards takes no answer away.
     wrote = [gap.save(folder / "gap.npz"), *(gap.write_figures(folder / "gap") if plot else [])]
     show(session, gap)
@@ -107,7 +107,7 @@ def add(
         The copy of the robot file, the result, further files, and what the simulator gave.
     """
     assert gap.analysis is not None
-    beside = workflows.gap_result.robot_file_beside(gap.analysis.problem.base.robot, chosen)
+    beside = workflows.gap.robot_file_beside(gap.analysis.problem.base.robot, chosen)
     copy = new_name or (session.out / beside.name if session.out else beside)
     may_write(session, copy, other="another name with --new-name")
     after = gap.apply(chosen, robot_file=copy)

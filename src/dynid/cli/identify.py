@@ -73,7 +73,7 @@ def command(
     limits = [parsed_limit(text) for text in fail_if]
     models = session.folder(robot.slug)
     folder = models if extras.payload_from is None else models.with_name(f"{models.name}_loaded")
-    run = workflows.identify_run.identify_run(
+    run = workflows.identify.identify_run(
         robot,
         logs,
         options,

@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from dynid.files.trajectoryfile import StoredTrajectory
     from dynid.robot import Robot
     from dynid.trajectory.preview import Drawing
-    from dynid.workflows.plan import Plan
-    from dynid.workflows.trajectory import Reviewed
+    from dynid.workflows.trajectory import Plan, Reviewed
 
 #: Names of the still and of the animation, beside trajectory.npz.
 PICTURES = ("preview.png", "preview.gif")
@@ -283,7 +282,7 @@ def reused(session: Session, robot: Robot, path: Path, *, accept: bool) -> Answe
 
     stored, seen = read_trajectory(path), None
     if answer := stored.facts.get("answer"):
-        session.sentences(workflows.plan.plan_sentence(robot, answer))
+        session.sentences(workflows.trajectory.plan_sentence(robot, answer))
     if accept and not stored.reviewed:
         drawn = stored.facts.get("pictures", [])
         seen = bool(drawn) and all((path.parent / name).is_file() for name in drawn)

@@ -24,7 +24,7 @@ from dynid.reports.gap_figures import simulator_figure
 from dynid.sim import tuning
 from dynid.sim.comparison import SimulatorGap
 from dynid.workflows.export import identified_arm
-from dynid.workflows.gap_result import Gap
+from dynid.workflows.gap import Gap
 
 Floats = NDArray[np.float64]
 

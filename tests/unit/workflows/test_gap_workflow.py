@@ -22,8 +22,8 @@ from dynid.errors import WrongUsage
 from dynid.loading import load_run
 from dynid.robot import Known
 from dynid.trajectory.options import PlanOptions
+from dynid.workflows.gap import Gap, joint_indices
 from dynid.workflows.gap_experiment import question_of
-from dynid.workflows.gap_result import Gap, joint_indices
 from dynid.workflows.identify import save_result
 from dynid.workflows.trajectory import plan_trajectory
 
