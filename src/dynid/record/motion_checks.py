@@ -17,7 +17,7 @@ from dynid.progress import stage
 from dynid.record import tuning
 from dynid.record.playing import PlayedMotion
 from dynid.robot import Robot
-from dynid.trajectory.clearance import Capsules, Distance, tool_speed
+from dynid.trajectory.clearance import Capsules, tool_speed
 from dynid.trajectory.limits import (
     Torque,
     Violation,
@@ -28,7 +28,7 @@ from dynid.trajectory.limits import (
     torque_violations,
 )
 from dynid.trajectory.preview import measure_poses, require_clear
-from dynid.trajectory.scene import Scene
+from dynid.trajectory.scene import Distance, Scene
 
 Floats = NDArray[np.float64]
 
@@ -222,14 +222,13 @@ def check_clearance(
         found = measure_poses(t, q, robot, urdf, scene)
     except PackageMissing:
         found = Capsules(robot, scene).distances(q, t)
-    everything = (*found.least, *found.usual)
     require_clear(
-        (d for d in everything if d.time < played.approach),
+        (d for d in found if d.time < played.approach),
         fix=APPROACH_FIX,
         slack=tuning.CLEARANCE_SLACK_M,
     )
-    require_clear(everything, slack=tuning.CLEARANCE_SLACK_M)
-    return found.least
+    require_clear(found, slack=tuning.CLEARANCE_SLACK_M)
+    return tuple(d for d in found if not d.usual)
 
 
 def check_torque(robot: Robot, played: PlayedMotion, torque: Torque) -> PeakTorque | None:

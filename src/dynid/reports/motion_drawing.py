@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.disk import written_whole
-from dynid.trajectory.clearance import Capsules, Distance
+from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.drawing import COLORS
 from dynid.trajectory.feasible import position_range
 from dynid.trajectory.plan import Trajectory
+from dynid.trajectory.scene import Distance
 
 Floats = NDArray[np.float64]
 
@@ -70,14 +71,18 @@ def _arm(axes: Any, ends: Floats, capsules: Capsules, everywhere: Floats) -> Non
     axes.tick_params(labelsize=6)
     axes.plot(*everywhere[:, -1, 1].T, color="#bbbbbb", linewidth=0.7)
     for i, link in enumerate(ends):
-        thick, color = 2 * capsules.radii[i] * width, COLORS[i % len(COLORS)]
-        axes.plot(*link.T, color=color, linewidth=thick, solid_capstyle="round", alpha=0.8)
+        axes.plot(
+            *link.T,
+            color=COLORS[i % len(COLORS)],
+            linewidth=2 * capsules.radii[i] * width,
+            solid_capstyle="round",
+            alpha=0.8,
+        )
     if scene.floor is not None:
         x, y = np.meshgrid(*zip(points.min(axis=0)[:2], points.max(axis=0)[:2], strict=True))
         axes.plot_surface(x, y, np.full((2, 2), scene.floor), color="#999999", alpha=0.2)
     for box in scene.obstacles:
-        size = np.subtract(box.upper, box.lower)
-        axes.bar3d(*box.lower, *size, color="#d55e00", alpha=0.3)
+        axes.bar3d(*box.lower, *np.subtract(box.upper, box.lower), color="#d55e00", alpha=0.3)
     axes.set_aspect("equal")
 
 

@@ -1,25 +1,22 @@
 """The child process of a preview: PyBullet loads the arm, measures distances and draws; run by ``preview.py`` only.
 
 PyBullet ends its process when it finds no display and writes to stdout from C, so it never runs in dynid's own process.
-Reads a pickled job on stdin, and writes the pickled answer on stdout.
 """
 
 from __future__ import annotations
 
-import os
-import pickle
-import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.errors import PackageMissing, WrongRobotFile
 from dynid.robot import Robot
 from dynid.trajectory import tuning
-from dynid.trajectory.drawing import Traces, animation, still
-from dynid.trajectory.scene import Scene
+from dynid.trajectory.drawing import Picture, Traces, animation, still
+from dynid.trajectory.scene import Distance, Scene
 
 Floats = NDArray[np.float64]
 #: Body, link of the arm and link of the body of two things that may come near each other.
@@ -33,8 +30,6 @@ YAW, PITCH, VIEW = 50.0, -20.0, 50.0
 TILES, FLOOR = 6, 2.4
 #: Pictures of the still and of the animation.
 STILLS, FRAMES = 6, 60
-#: Said when the window is there.
-READY = b"w"
 #: Colours of the links in turn, told apart by colour-blind people too.
 _BLUE, _ORANGE = (0.1, 0.45, 0.75, 1), (0.92, 0.62, 0.1, 1)
 _TILES = ((0.9, 0.9, 0.88, 1), (0.8, 0.8, 0.78, 1))
@@ -56,8 +51,8 @@ class Job:
         axes: direction and a point of every axis at the first of them, (k, n, 6).
         camera: what the camera looks at, and from how far [m].
         traces: what is drawn below the poses.
-        near: links that are as near as this in usual poses count as always near [m]; None to measure nothing.
-        pictures: whether a still and an animation are drawn.
+        near: links that are as near as this in usual poses count as always near [m].
+        pictures: whether a still and an animation are drawn; None to measure distances.
         title: line above the pictures.
         window: whether a window opens.
     """
@@ -73,27 +68,10 @@ class Job:
     axes: Floats
     camera: tuple[Floats, float]
     traces: Traces
-    near: float | None = None
-    pictures: tuple[bool, bool] = (False, False)
+    near: float = 0.0
+    pictures: tuple[bool, bool] | None = None
     title: str = ""
     window: bool = False
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What a child found.
-
-    Attributes:
-        axis_errors: largest angle [rad] and distance [m] of each joint's axis from the DH table, (n, 2); None when it
-            agrees, and nothing else is found otherwise.
-        distances: of each pair whether it is near in usual poses, its name, least distance [m], sample, and what that
-            distance should be at least [m]; the closest first.
-        pictures: the still and the animation, where they are wanted.
-    """
-
-    axis_errors: Floats | None
-    distances: Sequence[tuple[bool, str, float, int, float]] = ()
-    pictures: tuple[bytes | None, bytes | None] = (None, None)
 
 
 class World:
@@ -101,15 +79,29 @@ class World:
 
     Args:
         job: what is wanted.
+
+    Raises:
+        PackageMissing: PyBullet is not there.
+        WrongRobotFile: PyBullet cannot load the URDF, or an axis points elsewhere or lies elsewhere.
     """
 
     def __init__(self, job: Job) -> None:
-        import pybullet
-
+        try:
+            import pybullet
+        except ImportError:
+            raise PackageMissing(
+                "the preview needs PyBullet, which is not installed",
+                fix="pip install pybullet, which has wheels up to Python 3.11; or use --preview none",
+            ) from None
         self._job, self._bullet = job, pybullet
         pybullet.connect(pybullet.GUI if job.window else pybullet.DIRECT)
         flags = pybullet.URDF_USE_SELF_COLLISION | pybullet.URDF_USE_INERTIA_FROM_FILE
-        self._arm = pybullet.loadURDF(job.urdf, useFixedBase=True, flags=flags)
+        try:
+            self._arm = pybullet.loadURDF(job.urdf, useFixedBase=True, flags=flags)
+        except pybullet.error as error:
+            what = f"PyBullet cannot load {job.urdf}: pybullet.error: {error}"
+            fix = "check the URDF and its meshes"
+            raise WrongRobotFile(what, where=job.urdf, fix=fix) from None
         rows = [
             pybullet.getJointInfo(self._arm, k) for k in range(pybullet.getNumJoints(self._arm))
         ]
@@ -127,7 +119,7 @@ class World:
             )
         for k in self._names:
             pybullet.changeVisualShape(self._arm, k, rgbaColor=_BLUE if k % 2 else _ORANGE)
-        self.axis_errors = self._adopt()
+        self._adopt()
 
     def _box(
         self, lower: Sequence[float], upper: Sequence[float], color: tuple[float, ...] | None
@@ -160,23 +152,27 @@ class World:
         for joint, value in zip(self._joints, (q - self._offset) * self._sign, strict=True):
             self._bullet.resetJointState(self._arm, joint, float(value))
 
-    def _adopt(self) -> Floats | None:
+    def _adopt(self) -> None:
         """Take the first map from joint values to DH values under which the joint axes are those of the DH table.
 
         A URDF may have none (one made here), the simulator's or the driver's: q_dh = sign q + offset.
-
-        Returns:
-            None, or when no map fits the errors of the first one: angle [rad] and distance [m], (n, 2).
         """
-        robot, errors = self._job.robot, []
+        robot, urdf, errors = self._job.robot, self._job.urdf, []
+        allowed = [tuning.AXIS_ANGLE_RAD, tuning.AXIS_DISTANCE_M]
         plain = (np.ones(robot.n), np.zeros(robot.n))
         given = (robot.simulator, robot.driver.map if robot.driver else None)
         for sign, offset in (plain, *((each.sign, each.offset) for each in given if each)):
             self._sign, self._offset = np.array(sign), np.array(offset)
             errors.append(self._axis_errors())
-            if np.all(errors[-1] < [tuning.AXIS_ANGLE_RAD, tuning.AXIS_DISTANCE_M]):
-                return None
-        return errors[0]
+            if np.all(errors[-1] < allowed):
+                return
+        j = int(np.any(errors[0] > allowed, axis=1).argmax())
+        angle, across = np.degrees(errors[0][j, 0]), 1000 * errors[0][j, 1]
+        raise WrongRobotFile(
+            f"{robot.joint_names[j]}: axis in {urdf} is {angle:.1f} deg and {across:.1f} mm off the DH table",
+            where=urdf,
+            fix="correct the DH table, `base:`, or the signs and offsets under `simulator:` or `driver:`",
+        )
 
     def _axis_errors(self) -> Floats:
         """Return the largest angle and distance of each joint's axis from where it should be, (n, 2)."""
@@ -205,8 +201,8 @@ class World:
                 row[i] = min((float(point[8]) for point in near), default=row[i])
         return found
 
-    def distances(self, near: float) -> list[tuple[bool, str, float, int, float]]:
-        """Return the least distance along the motion of everything that can collide, as ``Answer`` says.
+    def distances(self) -> tuple[Distance, ...]:
+        """Return the least distance along the motion of everything that can collide, the closest pair first.
 
         Links that meet in a shoulder, an elbow or a wrist always overlap as plain shapes; the joint limits keep those
         apart, and only contact that is deeper than in every pose tells of something else. The foot stands on the floor.
@@ -225,7 +221,7 @@ class World:
         ]
         learned = self._distances(self._job.random, [*inner, *outer])
         least, linked = learned.min(axis=0), np.arange(len(labels)) < len(inner)
-        usual = linked & ((learned <= near).mean(axis=0) >= tuning.USUALLY_NEAR_SHARE)
+        usual = linked & ((learned <= self._job.near).mean(axis=0) >= tuning.USUALLY_NEAR_SHARE)
         # Why: links that pass each other closely in some poses and touch in none are harmless as they are built.
         built = usual | (linked & (least > tuning.DEEPER_CONTACT_M))
         wanted = np.array([scene.self_distance] * len(inner) + away)
@@ -233,18 +229,13 @@ class World:
         # Why: only what stands on the floor touches it at rest in every pose; an arm may reach down to it in many.
         kept = np.flatnonzero(linked | ~np.all(learned <= 0, axis=0))
         along = self._distances(self._job.q, [[*inner, *outer][k] for k in kept])
-        return [
-            (
-                bool(usual[kept[i]]),
-                labels[kept[i]],
-                float(along[:, i].min()),
-                int(along[:, i].argmin()),
-                float(wanted[kept[i]]),
-            )
-            for i in np.argsort(along.min(axis=0))
-        ]
+        closest, when = along.min(axis=0), self._job.t[along.argmin(axis=0)]
+        return tuple(
+            Distance(labels[k], float(closest[i]), float(when[i]), float(wanted[k]), bool(usual[k]))
+            for i, k in ((i, kept[i]) for i in np.argsort(closest))
+        )
 
-    def pictures(self, count: int) -> list[tuple[float, NDArray[np.uint8]]]:
+    def pictures(self, count: int) -> list[Picture]:
         """Return times [s] spread over the motion, and pictures of the arm there, (HEIGHT, WIDTH, 3)."""
         bullet, job = self._bullet, self._job
         target, distance = job.camera
@@ -258,19 +249,6 @@ class World:
             pixels = np.reshape(image, (HEIGHT, WIDTH, 4))[:, :, :3].astype(np.uint8)
             found.append((float(job.t[k]), pixels))
         return found
-
-    def answer(self) -> Answer:
-        """Return what is wanted; of an arm that is not that of the DH table only how far off it is."""
-        job = self._job
-        if self.axis_errors is not None:
-            return Answer(self.axis_errors)
-        first, second = (
-            write(self.pictures(count), job.traces, job.title) if wanted else None
-            for wanted, count, write in zip(
-                job.pictures, (STILLS, FRAMES), (still, animation), strict=True
-            )
-        )
-        return Answer(None, () if job.near is None else self.distances(job.near), (first, second))
 
     def play(self) -> None:
         """Show the motion until the window is closed; the space bar replays."""
@@ -288,16 +266,19 @@ class World:
                 time.sleep(0.02)
 
 
-def main() -> None:
-    """Do the job on stdin, and answer on what was stdout: a word that PyBullet prints would be taken for an answer."""
-    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-    job = pickle.load(sys.stdin.buffer)  # noqa: S301 - from dynid's own process
+def work(job: Job, send: Callable[[object], None]) -> None:
+    """Send distances, or the still and the animation where they are wanted; of a window that it is there."""
     world = World(job)
-    with answers:
-        if not job.window:
-            pickle.dump(world.answer(), answers)
-        elif world.axis_errors is None:
-            answers.write(READY)
-            answers.flush()
-            world.play()
+    if job.window:
+        send("open")
+        world.play()
+    elif job.pictures is None:
+        send(world.distances())
+    else:
+        kinds = zip(job.pictures, (STILLS, FRAMES), (still, animation), strict=True)
+        send(
+            [
+                draw(world.pictures(count), job.traces, job.title) if wanted else None
+                for wanted, count, draw in kinds
+            ]
+        )

@@ -17,7 +17,7 @@ from dynid.model.parameters import cylinders_of, link_cylinders
 from dynid.robot import Robot
 from dynid.trajectory import tuning
 from dynid.trajectory.feasible import position_range
-from dynid.trajectory.scene import Scene, nearest_of_segments, segment_to_box
+from dynid.trajectory.scene import Distance, Scene, nearest_of_segments, segment_to_box
 
 Floats = NDArray[np.float64]
 
@@ -32,41 +32,6 @@ def tool_speed(robot: Robot, q: Floats, qd: Floats) -> Floats:
     """
     jacobian = tip_jacobian(robot, link_frames(robot, q))
     return np.asarray(np.linalg.norm(np.sum(jacobian * qd[:, :, None], axis=1), axis=1))
-
-
-@dataclass(frozen=True)
-class Distance:
-    """The least distance of two things during a motion.
-
-    Attributes:
-        pair: their names, such as ``"link_5 - base"``.
-        distance: negative when they overlap [m].
-        time: when [s].
-        wanted: what it should be at least [m]; less than asked for where the arm is built nearer.
-    """
-
-    pair: str
-    distance: float
-    time: float
-    wanted: float
-
-
-@dataclass(frozen=True)
-class Distances:
-    """What was measured along a motion.
-
-    Attributes:
-        least: least distance of every pair that can keep clear, the closest pair first.
-        usual: the same of links that are near in usual poses; wanted is not to come nearer than there.
-    """
-
-    least: tuple[Distance, ...]
-    usual: tuple[Distance, ...] = ()
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """Names of the pairs of links that cannot keep clear."""
-        return tuple(sorted(distance.pair for distance in self.usual))
 
 
 @dataclass(frozen=True)
@@ -92,16 +57,6 @@ class Near:
     length: Floats | float = 1.0
     spare: Floats | float = tuning.SPARE_DISTANCE_M
     alone: NDArray[np.bool_] | bool = False
-
-    def least(self) -> Iterator[tuple[int, int]]:
-        """Yield sample and pair of the distances that are told of."""
-        alone = np.broadcast_to(self.alone, self.wanted.shape)
-        groups = [*np.flatnonzero(alone)[:, None], np.flatnonzero(~alone)]
-        for pairs in groups:
-            lack = self.distance[:, pairs] - self.wanted[pairs]
-            if len(pairs):
-                sample, k = np.unravel_index(lack.argmin(), lack.shape)
-                yield int(sample), int(pairs[k])
 
 
 @dataclass
@@ -137,8 +92,6 @@ class Capsules:
         self._wanted = np.minimum(wanted, tuning.CAPSULE_DISTANCE_SHARE * scene.self_distance)
         #: Whether a pair is near in usual poses.
         self._usual = near
-        #: Pairs of links that are near in usual poses as capsules of the guessed thickness.
-        self.left_out = tuple(self._names[k] for k in np.flatnonzero(near))
         floor = -np.inf if scene.floor is None else scene.floor
         height = points[..., 2] - self.radii[:, None]
         low = (height - floor < scene.distance).mean(axis=0) >= tuning.USUALLY_NEAR_SHARE
@@ -186,7 +139,6 @@ class Capsules:
             [(self._first, here, 1), (self._second, there, -1)],
             np.maximum(np.linalg.norm(apart, axis=2), 1e-9)[..., None],
             np.where(self._usual, 0.0, tuning.SPARE_DISTANCE_M),
-            # Why: links that always overlap are watched too, but the closest pair is that of the others.
             self._usual,
         )
         if scene.floor is not None and self._lifted.any():
@@ -247,10 +199,10 @@ class Capsules:
         lacks = [(near.distance - near.wanted).T for near in self._near(*self.ends(q))]
         return np.asarray(np.vstack(lacks).min(axis=0, initial=np.inf))
 
-    def distances(self, q: Floats, t: Floats | None = None) -> Distances:
+    def distances(self, q: Floats, t: Floats | None = None) -> tuple[Distance, ...]:
         """Return the least clearance between links, to floor and obstacles, and of the tool to its workspace.
 
-        Pairs of links that are near in usual poses come one by one.
+        The closest pair comes first; pairs of links that are near in usual poses come one by one.
 
         Args:
             q: joint positions, (N, n) [rad or m].
@@ -259,9 +211,14 @@ class Capsules:
         times = np.zeros(len(q)) if t is None else t
         found = []
         for near in self._near(*self.ends(q)):
-            for sample, k in near.least():
-                distance, wanted = float(near.distance[sample, k]), float(near.wanted[k])
-                found.append(Distance(near.names[k], distance, float(times[sample]), wanted))
-        found.sort(key=lambda one: one.distance)
-        usual = tuple(one for one in found if one.pair in self.left_out)
-        return Distances(tuple(one for one in found if one not in usual), usual)
+            usual = np.broadcast_to(near.alone, near.wanted.shape)
+            # Why: links that always overlap are watched too, but the closest pair is that of the others.
+            for pairs in (*np.flatnonzero(usual)[:, None], np.flatnonzero(~usual)):
+                if len(pairs):
+                    lack = near.distance[:, pairs] - near.wanted[pairs]
+                    sample, k = np.unravel_index(lack.argmin(), lack.shape)
+                    i = int(pairs[k])
+                    size, wanted = float(near.distance[sample, i]), float(near.wanted[i])
+                    time = float(times[sample])
+                    found.append(Distance(near.names[i], size, time, wanted, bool(usual[i])))
+        return tuple(sorted(found, key=lambda one: one.distance))

@@ -8,25 +8,22 @@ all starts finish, equal inputs give the equal plan.
 from __future__ import annotations
 
 import os
-import pickle
-import queue
-import subprocess
-import sys
 import time
-import traceback
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
-from functools import partial
+from itertools import chain
+from queue import Empty, SimpleQueue
+from subprocess import Popen
 from threading import Thread
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import children
 from dynid.progress import advance
 from dynid.trajectory import tuning
+from dynid.trajectory.child import answers, working
 from dynid.trajectory.feasible import coefficients, random_variables
 from dynid.trajectory.objective import ExcitationObjective, PlanProblem
 from dynid.trajectory.options import PlanOptions
@@ -67,7 +64,8 @@ def optimise(problem: PlanProblem, search: PlanOptions, limit: float) -> SearchO
     finished = 0
     ended: End = "all starts"
     begin = time.monotonic()
-    with _processes(problem, search) as (reports, running):
+    with ExitStack() as stack:
+        reports, running = _follow(stack, problem, search)
         try:
             while running:
                 left = begin + limit - time.monotonic()
@@ -75,7 +73,7 @@ def optimise(problem: PlanProblem, search: PlanOptions, limit: float) -> SearchO
                 if left <= 0 and best:
                     ended = "time"
                     break
-                with suppress(queue.Empty):
+                with suppress(Empty):
                     report = reports.get(timeout=min(max(left, 0.1), 0.5))
                     if isinstance(report, Exception):
                         raise report
@@ -111,82 +109,37 @@ def describe(problem: PlanProblem, value: float) -> str:
     return f"cost {np.exp(value):.3g}" if cost.kind == "paper" else f"-log det / p {value:.3f}"
 
 
-@contextmanager
-def _processes(
-    problem: PlanProblem, search: PlanOptions
-) -> Iterator[tuple[queue.SimpleQueue[Any], int]]:
-    """Run the search in processes that end with the block; yield their reports, None when one ends, and their number.
-
-    Not by multiprocessing: it runs the script that called dynid once more in each process, so that every script would
-    have to guard itself by ``if __name__ == "__main__"``.
-    """
-    reports: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    count = max(1, min(search.processes or os.cpu_count() or 1, search.restarts))
-    # Matrices are small: threads of linear algebra would fight for the cores.
-    modest = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    running: list[subprocess.Popen[bytes]] = []
-    try:
-        for k in range(count):
-            # A session of its own: Ctrl-C reaches every process of the terminal.
-            process = subprocess.Popen(
-                children.python("from dynid.trajectory.optimise import serve; serve()"),
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                env=os.environ | modest,
-                start_new_session=True,
-            )
-            running.append(process)
-            task = (problem, search.seed, range(k, search.restarts, count))
-            Thread(target=_follow, args=(process, task, reports), daemon=True).start()
-        yield reports, count
-    finally:
-        for process in running:
-            process.kill()
-            process.wait()
-
-
 def _follow(
-    process: subprocess.Popen[bytes], task: object, reports: queue.SimpleQueue[Any]
+    stack: ExitStack, problem: PlanProblem, search: PlanOptions
+) -> tuple[SimpleQueue[Any], int]:
+    """Run the search in processes that end with a stack; return their reports, None when one ends, and their number."""
+    reports: SimpleQueue[Any] = SimpleQueue()
+
+    def follow(process: Popen[bytes]) -> None:
+        for report in chain(answers(process), [None]):
+            reports.put(report)
+
+    count = max(1, min(search.processes or os.cpu_count() or 1, search.restarts))
+    for k in range(count):
+        task = (problem, search.seed, range(k, search.restarts, count))
+        process = stack.enter_context(working(search_starts, task))
+        Thread(target=follow, args=(process,), daemon=True).start()
+    return reports, count
+
+
+def search_starts(
+    task: tuple[PlanProblem, int, Sequence[int]], send: Callable[[object], None]
 ) -> None:
-    """Give a process its task and pass on what it reports, and None when it ends."""
-    assert process.stdin is not None
-    assert process.stdout is not None
-    # A process that is killed leaves half an object, or a pipe that nobody reads.
-    with suppress(OSError, EOFError, pickle.UnpicklingError), process.stdout as answers:
-        with process.stdin as stream:
-            pickle.dump(task, stream)
-        while True:
-            reports.put(pickle.load(answers))  # noqa: S301 - from a process of our own
-    reports.put(None)
+    """Search from starts of a seed; send the number of each, the best that it has met, and whether it is through."""
+    problem, seed, starts = task
+    for start in starts:
+        here = problem.of_start(start)
+        x = random_variables(here.basis, here.limits, np.random.default_rng((seed, start)))
 
+        def tell(met: Best, start: int = start, *, through: bool = False) -> None:
+            send((start, met, through))
 
-def serve() -> None:
-    """Do the task on standard input and send reports to standard output; a failure is a ``RuntimeError``.
-
-    A report is the number of a start, the best that it has met, and whether it is through.
-    """
-    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    # A word that a library prints would be taken for a report.
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-
-    def send(report: object) -> None:
-        pickle.dump(report, answers)
-        answers.flush()
-
-    def tell(start: int, met: Best, *, through: bool = False) -> None:
-        send((start, met, through))
-
-    try:
-        problem, seed, starts = pickle.load(sys.stdin.buffer)  # noqa: S301 - from our own process
-        for start in starts:
-            here = problem.of_start(start)
-            x = random_variables(here.basis, here.limits, np.random.default_rng((seed, start)))
-            found = descend(ExcitationObjective(here), x, partial(tell, start))
-            tell(start, found, through=True)
-    except BrokenPipeError:  # nobody reads reports any more
-        os._exit(1)
-    except Exception:  # noqa: BLE001 - work that failed would look like work that found nothing
-        send(RuntimeError(traceback.format_exc()))
+        tell(descend(ExcitationObjective(here), x, tell), through=True)
 
 
 def descend(

@@ -24,7 +24,7 @@ from dynid.progress import advance, stage
 from dynid.robot import Robot
 from dynid.trajectory import tuning
 from dynid.trajectory.basis import Quintic
-from dynid.trajectory.clearance import Capsules, Distance, Distances
+from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import Bounds, bounds, coefficients, random_variables
 from dynid.trajectory.limits import LimitCheck, check_trajectory, require_within_limits
@@ -39,6 +39,7 @@ from dynid.trajectory.preview import (
     measure_trajectory,
     require_clear,
 )
+from dynid.trajectory.scene import Distance
 
 Floats = NDArray[np.float64]
 Result = TypeVar("Result")
@@ -259,11 +260,11 @@ def require_safe(context: PlanningContext, trajectory: Trajectory) -> LimitCheck
     found = context.check(trajectory)
     require_within_limits(found, context.options.margin)
     near = _capsule_distances(context, trajectory)
-    require_clear((*near.least, *near.usual), fix=clearance_fix(context.robot, guessed=True))
+    require_clear(near, fix=clearance_fix(context.robot, guessed=True))
     return found
 
 
-def _capsule_distances(context: PlanningContext, trajectory: Trajectory) -> Distances:
+def _capsule_distances(context: PlanningContext, trajectory: Trajectory) -> tuple[Distance, ...]:
     motion = trajectory.sampled(tuning.CONTACT_RATE_HZ * trajectory.alpha)
     return context.capsules.distances(motion.q, motion.t)
 
@@ -273,16 +274,24 @@ class Clearance:
     """How far a motion stays away from everything.
 
     Attributes:
-        distances: least distance of every watched pair, the closest pair first.
-        left_out: pairs of links that are near in usual poses because of their guessed thickness, and not watched.
+        measured: least distance of every watched pair, the closest pair first.
         pictures: files that were drawn.
         findings: what is worth a warning.
     """
 
-    distances: tuple[Distance, ...]
-    left_out: tuple[str, ...] = ()
+    measured: tuple[Distance, ...]
     pictures: tuple[Path, ...] = ()
     findings: tuple[Finding, ...] = ()
+
+    @property
+    def distances(self) -> tuple[Distance, ...]:
+        """Those of pairs that can keep clear."""
+        return tuple(one for one in self.measured if not one.usual)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Pairs of links that are near in usual poses because of their guessed thickness."""
+        return tuple(sorted(one.pair for one in self.measured if one.usual))
 
 
 def require_clear_motion(
@@ -312,39 +321,36 @@ def require_clear_motion(
     finding = ""
     try:
         found = measure_trajectory(trajectory, robot, urdf, scene)
-    except PackageMissing:
-        if drawing.needed:
+    except (PackageMissing, KeyboardInterrupt) as reason:
+        missing = isinstance(reason, PackageMissing)
+        if missing and drawing.needed:
             raise
-        found = _capsule_distances(context, trajectory)
-        finding = "W605"
-        drawing = replace(
-            drawing, animation=None, picture=drawing.picture if drawing.sketch else None
-        )
-    except KeyboardInterrupt:
         found = once_more(lambda: _capsule_distances(context, trajectory))
-        finding = "W607"
-        drawing = Drawing()
+        finding = "W605" if missing else "W607"
+        shown = drawing.picture if missing and drawing.sketch else None
+        drawing = replace(drawing, animation=None, picture=shown)
+    clear = Clearance(found)
 
     def draw() -> None:
         if not finding:
             draw_trajectory(trajectory, robot, urdf, scene, drawing)
         elif drawing.sketch is not None and drawing.picture is not None:
-            near = found.least
+            near = clear.distances
             drawing.sketch(drawing.picture, trajectory, context.capsules, near, drawing.title)
 
     fix = clearance_fix(robot, guessed=urdf is None or bool(finding))
     try:
-        require_clear((*found.least, *found.usual), drawing.picture if given else None, fix)
+        require_clear(found, drawing.picture if given else None, fix)
     except Collision:
         if given:
             _drawn(drawing, draw)
         raise
     pictures = _drawn(drawing, draw)
     if not finding:
-        return Clearance(found.least, found.left_out, pictures)
+        return replace(clear, pictures=pictures)
     what = "the picture is a drawing" if pictures else "nothing was drawn"
     said = Finding(finding, "warning", f"{_WITHOUT_BULLET[finding]} {what}")
-    return Clearance(found.least, found.left_out, pictures, (said,))
+    return replace(clear, pictures=pictures, findings=(said,))
 
 
 #: What is said of a motion that PyBullet did not measure, by the code of the finding.
@@ -357,11 +363,10 @@ _WITHOUT_BULLET = {
 def _drawn(drawing: Drawing, draw: Callable[[], None]) -> tuple[Path, ...]:
     """Draw, and return which files there are; none when the person does not wait for them."""
     paths = tuple(path for path in (drawing.picture, drawing.animation) if path is not None)
-    if not paths:
-        return ()
-    stage("draw")
     try:
-        draw()
+        if paths:
+            stage("draw")
+            draw()
     except KeyboardInterrupt:
         stage("interrupt", "the motion is kept, but no picture was drawn")
         return ()

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import pickle
-import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -18,23 +16,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid import children
 from dynid.disk import written_whole
-from dynid.errors import Collision, NoDisplay, PackageMissing, WrongRobotFile
+from dynid.errors import Collision, NoDisplay, WrongRobotFile
 from dynid.model.kinematics import link_frames
 from dynid.robot import Robot
 from dynid.sim.urdf import write_urdf
 from dynid.trajectory import tuning
-from dynid.trajectory.bullet import HEIGHT, PITCH, READY, VIEW, WIDTH, YAW, Answer, Job
-from dynid.trajectory.clearance import Capsules, Distance, Distances
+from dynid.trajectory.bullet import HEIGHT, PITCH, VIEW, WIDTH, YAW, Job, work
+from dynid.trajectory.child import answers, working
+from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.feasible import position_range
 from dynid.trajectory.plan import Trajectory
-from dynid.trajectory.scene import Scene
+from dynid.trajectory.scene import Distance, Scene
 
 Floats = NDArray[np.float64]
 Sketch = Callable[[Path, Trajectory, Capsules, "Sequence[Distance]", str], None]
-
-_CHILD = children.python("from dynid.trajectory.bullet import main; main()")
 
 
 @dataclass(frozen=True)
@@ -59,7 +55,7 @@ class Drawing:
 
 def measure_trajectory(
     trajectory: Trajectory, robot: Robot, urdf: Path | None, scene: Scene
-) -> Distances:
+) -> tuple[Distance, ...]:
     """Measure distances all along a motion.
 
     Args:
@@ -79,18 +75,14 @@ def measure_trajectory(
     return measure_poses(*_poses(trajectory), robot, urdf, scene)
 
 
-def measure_poses(t: Floats, q: Floats, robot: Robot, urdf: Path | None, scene: Scene) -> Distances:
+def measure_poses(
+    t: Floats, q: Floats, robot: Robot, urdf: Path | None, scene: Scene
+) -> tuple[Distance, ...]:
     """Measure distances at poses in DH values, (N, n) [rad or m], at times (N,) [s]; see ``measure_trajectory``."""
     near = 0.0 if urdf else scene.self_distance
-    found = [
-        (usual, Distance(pair, distance, float(t[sample]), wanted))
-        for usual, pair, distance, sample, wanted in _answer(
-            t, q, robot, urdf, scene, near=near
-        ).distances
-    ]
-    return Distances(
-        *(tuple(one for usual, one in found if usual is kind) for kind in (False, True))
-    )
+    with _answered(t, q, robot, urdf, scene, near=near) as found:
+        distances: tuple[Distance, ...] = found
+        return distances
 
 
 def draw_trajectory(
@@ -103,12 +95,12 @@ def draw_trajectory(
         WrongRobotFile: the URDF cannot be read, lacks a joint, or describes another arm.
     """
     paths = (drawing.picture, drawing.animation)
-    wanted = tuple(path is not None for path in paths)
-    answer = _answer(*_poses(trajectory), robot, urdf, scene, pictures=wanted, title=drawing.title)
-    for path, picture in zip(paths, answer.pictures, strict=True):
-        if path is not None and picture is not None:
-            with written_whole(path) as stream:
-                stream.write(picture)
+    wanted, shown = tuple(path is not None for path in paths), _poses(trajectory)
+    with _answered(*shown, robot, urdf, scene, pictures=wanted, title=drawing.title) as pictures:
+        for path, picture in zip(paths, pictures, strict=True):
+            if path is not None:
+                with written_whole(path) as stream:
+                    stream.write(picture)
 
 
 @contextmanager
@@ -120,27 +112,8 @@ def window(trajectory: Trajectory, robot: Robot, urdf: Path | None, scene: Scene
     """
     if not has_display():
         raise NoDisplay("no display: PyBullet cannot open its window")
-    with (
-        _job(*_poses(trajectory), robot, urdf, scene, window=True) as job,
-        TemporaryFile() as task,
-        TemporaryFile() as log,
-    ):
-        pickle.dump(job, task)
-        task.seek(0)
-        with subprocess.Popen(_CHILD, stdin=task, stdout=subprocess.PIPE, stderr=log) as child:
-            late = Timer(tuning.WINDOW_TIMEOUT_S, child.kill)
-            try:
-                late.start()
-                assert child.stdout is not None
-                if child.stdout.read(1) != READY:
-                    log.seek(0)
-                    why = log.read()[-300:].decode(errors="replace")
-                    raise NoDisplay("PyBullet could not open its window", why=why)
-                late.cancel()
-                yield
-            finally:
-                late.cancel()
-                child.terminate()
+    with _answered(*_poses(trajectory), robot, urdf, scene, window=True):
+        yield
 
 
 def has_display() -> bool:
@@ -191,62 +164,30 @@ def _poses(trajectory: Trajectory) -> tuple[Floats, Floats]:
 
 
 # ---------------------------------------------------------------- the child
-def _answer(
+@contextmanager
+def _answered(
     t: Floats,
     q: Floats,
     robot: Robot,
     urdf: Path | None,
     scene: Scene,
     **wanted: Any,  # noqa: ANN401
-) -> Answer:
-    """Let the child do a job, whose other attributes are ``wanted``, and return what it found.
+) -> Iterator[Any]:
+    """Give what the child sends for a job, whose other attributes are ``wanted``, while it runs.
 
     Raises:
         PackageMissing: PyBullet is not there.
         WrongRobotFile: PyBullet cannot load the URDF, or an axis points elsewhere or lies elsewhere.
+        NoDisplay: no window opened.
     """
-    with _job(t, q, robot, urdf, scene, **wanted) as job:
-        done = subprocess.run(
-            _CHILD,
-            input=pickle.dumps(job),
-            capture_output=True,
-            timeout=tuning.DRAWING_TIMEOUT_S,
-            check=False,
-        )
-    shapes = urdf or job.urdf
-    if not done.stdout:
-        raise _failure(done.returncode, done.stderr.decode(errors="replace"), str(shapes))
-    answer: Answer = pickle.loads(done.stdout)  # noqa: S301 - from our own process
-    if (errors := answer.axis_errors) is not None:
-        allowed = [tuning.AXIS_ANGLE_RAD, tuning.AXIS_DISTANCE_M]
-        j = int(np.any(errors > allowed, axis=1).argmax())
-        words = f"{np.degrees(errors[j, 0]):.1f} deg and {1000 * errors[j, 1]:.1f} mm"
-        raise WrongRobotFile(
-            f"{robot.joint_names[j]}: axis in {shapes} is {words} off the DH table",
-            where=str(shapes),
-            fix="correct the DH table, `base:`, or the signs and offsets under `simulator:` or `driver:`",
-        )
-    return answer
-
-
-@contextmanager
-def _job(
-    t: Floats,
-    q: Floats,
-    robot: Robot,
-    urdf: Path | None,
-    scene: Scene,
-    **wanted: Any,  # noqa: ANN401
-) -> Iterator[Job]:
-    """Give a job for the child, whose other attributes are ``wanted``, while the URDF from the DH table exists."""
     lower, upper = position_range(robot)
     random = np.random.default_rng(0).uniform(lower, upper, (tuning.BULLET_LEARNING_POSES, robot.n))
     frames = link_frames(robot, random[: tuning.AXIS_POSES], world=True)
-    with TemporaryDirectory() as folder:
+    with TemporaryDirectory() as folder, TemporaryFile() as log:
         shapes = urdf or Path(folder) / f"{robot.slug}.urdf"
         if urdf is None:
             write_urdf(robot, None, shapes)
-        yield Job(
+        job = Job(
             robot=robot,
             urdf=str(shapes.resolve()),
             names=_urdf_names(robot, shapes),
@@ -260,6 +201,23 @@ def _job(
             traces=(robot.joint_names, t, (q - lower) / (upper - lower)),
             **wanted,
         )
+        patience = tuning.WINDOW_TIMEOUT_S if job.window else tuning.DRAWING_TIMEOUT_S
+        with working(work, job, log) as process:
+            late = Timer(patience, process.kill)
+            late.start()
+            try:
+                found = next(answers(process), None)
+            finally:
+                late.cancel()
+            if isinstance(found, Exception):
+                raise found
+            if found is None:
+                log.seek(0)
+                said = log.read()[-2000:].decode(errors="replace")
+                if job.window:
+                    raise NoDisplay("PyBullet could not open its window", why=said[-300:])
+                raise RuntimeError(f"the preview process ended without an answer:\n{said}")
+            yield found
 
 
 def _camera(robot: Robot, q: Floats) -> tuple[Floats, float]:
@@ -293,17 +251,3 @@ def _urdf_names(robot: Robot, urdf: Path) -> Sequence[str]:
     missing = ", ".join(name for name in robot.joint_names if name not in there)
     what = f"{urdf} lacks the joints {missing}; it has {', '.join(there)}"
     raise WrongRobotFile(what, where=str(urdf), fix="rename the joints")
-
-
-def _failure(status: int, log: str, urdf: str) -> Exception:
-    """Turn the end of a child into a mistake of the catalogue."""
-    if "No module named 'pybullet'" in log:
-        return PackageMissing(
-            "the preview needs PyBullet, which is not installed",
-            fix="pip install pybullet, which has wheels up to Python 3.11; or use --preview none",
-        )
-    if "cannot" in log.lower():
-        last = next((line for line in reversed(log.splitlines()) if line.strip()), "")
-        what = f"PyBullet cannot load {urdf}: {last}"
-        return WrongRobotFile(what, where=urdf, fix="check the URDF and its meshes")
-    return RuntimeError(f"the preview process ended with status {status}:\n{log[-2000:]}")

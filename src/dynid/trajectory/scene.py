@@ -58,6 +58,25 @@ class Scene:
         return asdict(self)
 
 
+@dataclass(frozen=True)
+class Distance:
+    """The least distance of two things during a motion.
+
+    Attributes:
+        pair: their names, such as ``"link_5 - base"``.
+        distance: negative when they overlap [m].
+        time: when [s].
+        wanted: what it should be at least [m]; less than asked for where the arm is built nearer.
+        usual: whether both are links that are near in usual poses; wanted is not to come nearer than there.
+    """
+
+    pair: str
+    distance: float
+    time: float
+    wanted: float
+    usual: bool
+
+
 def scene_from(facts: Mapping[str, Any]) -> Scene:
     """Return the scene of ``Scene.facts``."""
     boxes = tuple(Box(tuple(box["lower"]), tuple(box["upper"])) for box in facts["obstacles"])
