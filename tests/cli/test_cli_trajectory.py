@@ -130,16 +130,22 @@ def test_no_asks_what_to_change_old_pictures_go_and_an_unseen_motion_is_accepted
     out = dynid.folder / OUT
     out.mkdir(parents=True)
     (out / "preview.gif").write_bytes(b"of another motion")
-    keys = ["n\n", "alpha five\n", "alpha 0.1, seed 3\n", "y\n"]
+    keys = ["n\n", "alpha five\n", "alpha 0.1\n", "y\n"]
     done = dynid.typing(f"{LWR} {QUICK}", keys=keys)
     assert done.status == 0, done.err
     assert "change what? such as alpha 0.1, seed 1" in done.err
     assert "five is no number" in done.err
-    assert "alpha 0.1, seed 3" in done.err
     assert "reviewed: accepted unseen" in done.err
     assert not (out / "preview.gif").exists()
     stored = read_trajectory(out / "trajectory.npz")
     assert (stored.alpha, stored.review.seen) == (0.1, False)
+
+
+@pytest.mark.slow
+def test_person_is_asked_and_no_plans_another_motion(dynid):
+    done = dynid.typing(f"{LWR} {QUICK}", keys=["n\n", "seed 3\n", "y\n"])
+    assert done.status == 0, done.err
+    assert "alpha 0.2, seed 3" in done.err
 
 
 @pytest.mark.slow
