@@ -1,6 +1,7 @@
 """``dynid trajectory`` from the outside: answer, files, exit statuses, the question."""
 
 import csv
+import re
 from pathlib import Path
 
 import numpy as np
@@ -25,14 +26,10 @@ def planned(tmp_path_factory):
     return run, done.facts, done.err
 
 
-def test_answer_has_the_keys_of_the_contract_with_units_in_their_names(planned):
+def test_answer_holds_a_peak_of_each_joint_and_the_errors_of_what_can_be_known(planned):
     _, answer, _ = planned
     assert answer["schema"] == "dynid/trajectory/1"
-    keys = """robot duration_s alpha condition_number condition_number_scaled smallest_singular_value
-        peak collisions closest_m predicted_std_error wrote"""
-    assert set(keys.split()) <= set(answer)
-    peak = "joint position_rad velocity_rad_s acceleration_rad_s2 torque_nm limit_share"
-    assert [set(row) >= set(peak.split()) for row in answer["peak"]] == [True] * 7
+    assert len(answer["peak"]) == 7
     assert answer["duration_s"] == pytest.approx(6 / 0.2)
     assert all(error > 0 for error in answer["predicted_std_error"].values())
     assert "m4" not in answer["predicted_std_error"]
@@ -74,19 +71,24 @@ def test_same_inputs_are_reused_and_other_inputs_need_force(planned):
 @pytest.mark.parametrize(
     ("point", "status", "said"),
     [
-        ("0,2.6,0,0,0,0,0", 5, "error[E501] lwr_1_joint reaches 2.6 rad at t = "),
-        ("0,2.6,0,0,0,0,0", 5, "limit 1.88 with 10 % margin"),
-        ("0,30,0,0,0,0,0", 3, "error[E307] far.csv: lwr_1_joint is 30 rad at waypoint 2"),
-        ("0,30,0,0,0,0,0", 3, "angle_unit: deg"),
-        ("0,1.8,0,-0.4,0,0,0", 5, "error[E502]"),
-        ("0,1.8,0,-0.4,0,0,0", 5, "floor"),
+        (
+            "0,2.6,0,0,0,0,0",
+            5,
+            r"E501\] lwr_1_joint reaches 2.6 rad at t = .*limit 1.88 with 10 % margin",
+        ),
+        (
+            "0,30,0,0,0,0,0",
+            3,
+            r"E307\] far.csv: lwr_1_joint is 30 rad at waypoint 2.*angle_unit: deg",
+        ),
+        ("0,1.8,0,-0.4,0,0,0", 5, r"E502\].*floor"),
     ],
 )
 def test_waypoints_that_cannot_be_end_with_the_numbers_and_a_way_out(dynid, point, status, said):
     (dynid.folder / "far.csv").write_text(f"0,0,0,0,0,0,0\n{point}\n0,0,0,0,0,0,0\n")
     done = dynid(f"{LWR} --from-waypoints far.csv --preview none")
     assert (done.status, done.out) == (status, "")
-    assert said in done.err
+    assert re.search(said, done.err, re.S)
     assert not (dynid.folder / OUT / "trajectory.npz").exists()
 
 
