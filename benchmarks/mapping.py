@@ -154,11 +154,10 @@ class Remembered(Judge):
         return MEMORY[key]
 
     def _key(self, what, robot):
-        turns = tuple(
-            round(each % (2 * math.pi), 6) % round(2 * math.pi, 6)
-            for each in robot.driver.map.offset
-        )
         map_ = robot.driver.map
+        turns = tuple(
+            round(each % (2 * math.pi), 6) % round(2 * math.pi, 6) for each in map_.offset
+        )
         return (
             what,
             robot.name,
@@ -228,7 +227,7 @@ def verdict(judge, robot, wrong, raw, names, right, edits):
     if found is None or not found.wrong:
         if judge.same(wrong, robot):
             return "absorbed", ""
-        if check_ranges(unwrapped(to_dh(raw, wrong), wrong), wrong):
+        if any(check_ranges(unwrapped(to_dh(raw, wrong), wrong), wrong)):
             return "out of range", ""
         return "hidden" if hidden(wrong) else "silent", ""
     said = " and ".join(f"{edit.kind}{edit.value}" for edit in found.best[0].edits)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any, ClassVar
@@ -78,6 +80,16 @@ class DynidError(Exception):
         super().__init__(self.what)
         # Why: a notebook shows a traceback, whose last lines these are.
         self.add_note(f"fix: {self.fix}")
+
+
+@contextmanager
+def located(where: str) -> Iterator[None]:
+    """Give a mistake that does not say where it was found a place, such as the name of its log."""
+    try:
+        yield
+    except DynidError as error:
+        error.where = error.where or bounded(where)
+        raise
 
 
 def bounded(text: str) -> str:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
@@ -14,7 +14,7 @@ from dynid import arguments
 from dynid.arguments import one_thread, public
 from dynid.diagnose.diagnosis import diagnose
 from dynid.diagnose.gravity import check_gravity
-from dynid.errors import DynidError, Finding, NotAnArtifact, RobotNotFound, WrongUsage
+from dynid.errors import Finding, NotAnArtifact, RobotNotFound, WrongUsage, located
 from dynid.estimation.result import Identification
 from dynid.files import robotfile
 from dynid.files.logs import FORMATS
@@ -215,16 +215,6 @@ def check_weight(log: Log, robot: Robot) -> None:
     """Raise when the torques of a checked log have no weight of the arm in them (E317)."""
     with located(str(log.source or "log")):
         check_gravity(log, robot)
-
-
-@contextmanager
-def located(where: str) -> Iterator[None]:
-    """Give a mistake that does not say where it was found the name of its log."""
-    try:
-        yield
-    except DynidError as error:
-        error.where = error.where or where
-        raise
 
 
 def load_run(run: Path) -> Identification:

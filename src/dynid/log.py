@@ -97,9 +97,7 @@ class Log:
 
     def __post_init__(self) -> None:
         """Check shapes, number types and units."""
-        t = self._floats("t", self.t)
-        # Why not always: a view is another array, and what is known of these columns is known by the array.
-        self._set("t", t if t.ndim == 1 else t.reshape(-1))
+        self._set("t", self._floats("t", self.t).reshape(-1))
         q = self._floats("q", self.q)
         self._set("q", q[:, None] if q.ndim == 1 else q)
         if self.q.ndim != 2 or len(self.q) != len(self.t):

@@ -7,7 +7,7 @@ the robot, findings, and ``extra["clipped"]``, (N, n) bool. Cutting at gaps and 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import compress
 
@@ -23,6 +23,7 @@ from dynid.errors import (
     TorqueScale,
     VelocityInconsistent,
     WrongMessageType,
+    located,
 )
 from dynid.log import Log
 from dynid.model.regressor import expected_torque
@@ -95,32 +96,31 @@ def prepare(
         log = robot_columns(log, robot)
         few = check_amount([log], robot) if identify and alone else ()
         return with_findings(log, *(finding for finding in few if finding not in log.findings))
-    named = tuple(log.names[k] for k in matching_columns(log, robot)[0]) if log.names else ()
-    in_dh = log.dh
-    log = _usable_velocity(robot_columns(log, robot), robot)
-    gone = np.asarray(np.isnan(log.tau).all(axis=0))
-    if not gone.all():
-        log = replace(log, tau=np.where(gone, 0.0, log.tau))
-    log = with_rising_time(log, sort_time=sort_time)
-    check_finite(log, robot)
-    findings = list(check_gaps(log, exclude))
-    log = without_stale(in_si(log, robot), robot)
-    check_degrees(log, robot)
-    flat, flat_findings = clipped_samples(log, robot, gone)
-    log = with_even_clock(unwrapped(to_dh(log, robot), robot))
-    check_order(log, robot)
-    findings += check_slopes(log, robot)
-    findings += check_ranges(log, robot)
-    check_torque_scale(log, robot, gone)
-    check_rate(log, robot)
-    findings += check_repeats(log, robot) + check_position_noise(log, robot)
-    findings += check_zero(log, robot)
-    if identify and alone:
-        findings += check_amount([log], robot)
+    with located(log.topic):
+        named = tuple(log.names[k] for k in matching_columns(log, robot)[0]) if log.names else ()
+        in_dh = log.dh
+        log = _usable_velocity(robot_columns(log, robot), robot)
+        gone = np.asarray(np.isnan(log.tau).all(axis=0))
+        if not gone.all():
+            log = replace(log, tau=np.where(gone, 0.0, log.tau))
+        log = with_rising_time(log, sort_time=sort_time)
+        check_finite(log, robot)
+        findings = [*check_gaps(log, exclude)]
+        log = without_stale(in_si(log, robot), robot)
+        check_degrees(log, robot)
+        flat, flat_findings = clipped_samples(log, robot, gone)
+        log = with_even_clock(unwrapped(to_dh(log, robot), robot))
+        check_order(log, robot)
+        findings += check_slopes(log, robot)
+        findings += check_ranges(log, robot)
+        check_torque_scale(log, robot, gone)
+        check_rate(log, robot)
+        for check in (check_repeats, check_position_noise, check_zero):
+            findings += check(log, robot)
+        if identify and alone:
+            findings += check_amount([log], robot)
     clipped = flat if robot.coupling is None else flat @ joint_of_motor(robot)
-    extra = {**log.extra, "clipped": clipped}
-    if not in_dh:
-        extra["driver_columns"] = named
+    extra = {**log.extra, "clipped": clipped} | ({} if in_dh else {"driver_columns": named})
     log = replace(log, checked=True, extra=extra)
     return _trusted_velocity(with_findings(log, *findings, *flat_findings), robot)
 
@@ -166,31 +166,25 @@ def check_finite(log: Log, robot: Robot) -> None:
     Raises:
         NotFinite: names joint, quantity, count, first time and row.
     """
-    columns = {"position": log.q, "torque": log.tau}
-    columns |= {"velocity": log.qd} if log.qd is not None else {}
+    every = {"position": log.q, "torque": log.tau, "velocity": log.qd}
+    columns = {quantity: x for quantity, x in every.items() if x is not None}
     wrong = {quantity: ~measurable(x) for quantity, x in columns.items()}
     bad = np.any([flags.any(axis=1) for flags in wrong.values()], axis=0)
     if not bad.any():
         return
     row = int(np.argmax(bad))
-    quantity, flags = next((key, flags) for key, flags in wrong.items() if flags[row].any())
-    j = int(np.argmax(flags[row]))
-    value = float(columns[quantity][row, j])
-    kind = (
-        "not a number"
-        if np.isnan(value)
-        else "infinite"
-        if np.isinf(value)
-        else f"{value:.0e}, not measurable,"
-    )
-    text = f"{robot.joint_names[j]} {quantity} is {kind} in {int(flags[:, j].sum())} samples"
-    fix = (
-        "record again: no sample is complete"
-        if bad.all()
-        else f"leave it out: {_exclude_options(log.t[bad])}"
-    )
+    quantity = next(key for key, flags in wrong.items() if flags[row].any())
+    j = int(np.argmax(wrong[quantity][row]))
+    value, count = float(columns[quantity][row, j]), int(wrong[quantity][:, j].sum())
+    kind = f"{value:.0e}, not measurable,"
+    if not np.isfinite(value):
+        kind = "not a number" if np.isnan(value) else "infinite"
     raise NotFinite(
-        f"{text}, first at t = {log.t[row]:.3f} s (row {row + 1})", where=log.topic, fix=fix
+        f"{robot.joint_names[j]} {quantity} is {kind} in {count} samples, "
+        f"first at t = {log.t[row]:.3f} s (row {row + 1})",
+        fix="record again: no sample is complete"
+        if bad.all()
+        else f"leave it out: {_exclude_options(log.t[bad])}",
     )
 
 
@@ -204,11 +198,6 @@ def _exclude_options(t: Floats) -> str:
     )
 
 
-def _usual_speed(log: Log) -> Floats:
-    """Return the speed that a joint exceeds in one of twenty samples, (n,)."""
-    return np.asarray(np.percentile(np.abs(speed(log)), 95, axis=0))
-
-
 def check_degrees(log: Log, robot: Robot) -> None:
     """Raise when positions [declared rad] break the limits but would keep them as degrees; needs increasing time.
 
@@ -219,74 +208,45 @@ def check_degrees(log: Log, robot: Robot) -> None:
     """
     if units(log, robot)["position"] != "rad":
         return
-    as_is = to_dh(log, robot)
-    fast = _usual_speed(as_is)
-    wide = [
-        joint.revolute and _beyond_range(as_is.q[:, j], joint)
-        for j, joint in enumerate(robot.joints)
-    ]
-    fastest = [(joint.revolute and joint.limits.velocity) or np.inf for joint in robot.joints]
-    if not any(wide) and not np.any(fast > tuning.BEYOND_SPEED * np.array(fastest)):
-        return
-    as_degrees = to_dh(replace(log, q=np.radians(log.q)), robot)
-    slow, low, high = (
-        _usual_speed(as_degrees),
-        as_degrees.q.min(axis=0),
-        as_degrees.q.max(axis=0),
-    )
+    given, other = (to_dh(replace(log, q=q), robot) for q in (log.q, np.radians(log.q)))
+    # Why the percentile: it is a speed that one of twenty samples exceeds.
+    fast, slow = (np.percentile(np.abs(speed(each)), 95, axis=0) for each in (given, other))
     for j, joint in enumerate(robot.joints):
-        beyond = wide[j] and _within_range(float(low[j]), float(high[j]), joint)
-        quick = fast[j] > tuning.BEYOND_SPEED * fastest[j] and slow[j] <= fastest[j]
-        if beyond or quick:
+        limits, fits, text = joint.limits, False, ""
+        if not joint.revolute:
+            continue
+        if limits.position is not None:
+            low, high = limits.position
+            slack, q = 0.05 * (high - low), other.q[:, j]
+            beyond_range = _span(given.q[:, j]) > tuning.BEYOND_RANGE * (high - low)
+            fits = beyond_range and q.min() > low - slack and q.max() < high + slack
+            around = f"+-{high:.2f}" if np.isclose(-low, high) else f"{low:.2f} to {high:.2f}"
+            text = f"limits are {around} rad"
+        if not fits and limits.velocity is not None:
+            fits = fast[j] > tuning.BEYOND_SPEED * limits.velocity and slow[j] <= limits.velocity
+            text = f"the speed limit is {limits.velocity:.2f} rad/s"
+        if fits:
+            declared = {"position": "deg"}
+            v = speed(given)
+            if (
+                given.qd is not None
+                and 0.5 < np.sum(given.qd * v) / max(np.sum(v * v), 1e-12) < 1.5
+            ):
+                declared["velocity"] = "deg/s"
             raise PositionInDegrees(
-                f"{joint.name} position spans {np.ptp(log.q[:, j]):.1f}: degrees? {_limit_text(joint, beyond)}",
-                where=log.topic,
-                fix=_degrees_fix(as_is, robot),
+                f"{joint.name} position spans {np.ptp(log.q[:, j]):.1f}: degrees? {text}",
+                fix=unit_fix(robot, declared),
             )
 
 
-def _within_range(least: float, most: float, joint: Joint) -> bool:
-    if joint.limits.position is None:
-        return False
-    low, high = joint.limits.position
-    slack = 0.05 * (high - low)
-    return least > low - slack and most < high + slack
-
-
-def _beyond_range(q: Floats, joint: Joint) -> bool:
-    if joint.limits.position is None:
-        return False
-    low, high = joint.limits.position
-    least, most, (where, turns) = q.min(), q.max(), _full_turns(q)
-    # Why: a joint that is read modulo a full turn jumps now and then; degrees look like turns all the time.
-    if len(where) < tuning.RARE_TURNS * (len(q) - 1) and len(where):
-        ends = [(part.min(), part.max()) for part in np.split(q, where)]
-        back = 2 * np.pi * np.concatenate([[0.0], np.cumsum(turns)])
-        least, most = (
-            f(e[k] - b for e, b in zip(ends, back, strict=True)) for k, f in enumerate((min, max))
-        )
-    return bool(most - least > tuning.BEYOND_RANGE * (high - low))
-
-
-def _limit_text(joint: Joint, by_range: bool) -> str:
-    if by_range and joint.limits.position is not None:
-        low, high = joint.limits.position
-        return (
-            f"limits are +-{high:.2f} rad"
-            if np.isclose(-low, high)
-            else f"limits are {low:.2f} to {high:.2f} rad"
-        )
-    return f"the speed limit is {joint.limits.velocity:.2f} rad/s"
-
-
-def _degrees_fix(log: Log, robot: Robot) -> str:
-    """Name the velocity's unit too where it follows the position."""
-    given = {"position": "deg"}
-    if log.qd is not None:
-        v = speed(log)
-        if 0.5 < float(np.sum(log.qd * v) / max(np.sum(v * v), 1e-12)) < 1.5:
-            given["velocity"] = "deg/s"
-    return unit_fix(robot, given)
+def _span(q: Floats) -> float:
+    """Return the range of a joint; one that is read modulo a full turn jumps now and then, degrees all the time."""
+    where, turns = _full_turns(q)
+    if 0 < len(where) < tuning.RARE_TURNS * (len(q) - 1):
+        jumps = np.zeros(len(q))
+        jumps[where] = turns
+        q = q - 2 * np.pi * np.cumsum(jumps)
+    return float(np.ptp(q))
 
 
 def unit_fix(robot: Robot, given: dict[str, str]) -> str:
@@ -335,42 +295,35 @@ def check_torque_scale(log: Log, robot: Robot, gone: Flags) -> None:
         TorqueScale: far beyond the rating.
     """
     largest = np.abs(log.tau).max(axis=0)
-    if not np.any(largest >= tuning.LEAST_TORQUE):
+    silent = largest < tuning.LEAST_TORQUE
+    if silent.all():
         raise WrongMessageType(
             "effort is 0 in every sample of every joint",
-            where=log.topic,
             fix="make the driver publish the joint torques",
         )
     moves = np.ptp(log.q, axis=0) > per_joint(tuning.STILL_SPAN, robot)
-    silent = compress(robot.joint_names, moves & ~gone & (largest < tuning.LEAST_TORQUE))
-    if names := ", ".join(silent):
+    if names := ", ".join(compress(robot.joint_names, moves & ~gone & silent)):
         raise WrongMessageType(
             f"effort is 0 in every sample of {names}, which moves",
-            where=log.topic,
             fix="make the driver publish the torques of all joints",
         )
     if in_amperes(log, robot) and log.tau_unit == "A":
         return
+    # Why: a lone spike is a bad sample, not another unit.
+    high = np.percentile(np.abs(log.tau), 99, axis=0)
     for j, joint in enumerate(robot.joints):
         rating = joint.limits.torque
-        if rating is None or largest[j] <= tuning.BEYOND_RATING * rating:
+        if rating is None or high[j] <= tuning.BEYOND_RATING * rating:
             continue
-        # Why: a lone spike is a bad sample, not another unit.
-        high = float(np.percentile(np.abs(log.tau[:, j]), 99))
-        if high > tuning.BEYOND_RATING * rating:
-            top = f"{largest[j]:,.0f}".replace(",", " ")
-            unit = joint.torque_unit.replace(" ", "")
-            guess, fix = (
-                "raw counts",
-                "find out what the driver publishes; give the gain under `torque:`",
-            )
-            if high / 1000 <= tuning.BEYOND_RATING * rating:
-                guess, fix = "mNm", unit_fix(robot, {"effort": "mNm"})
-            raise TorqueScale(
-                f"{joint.name} torque reaches {top}: {guess}? rating {rating:g} {unit}",
-                where=log.topic,
-                fix=fix,
-            )
+        guess, fix = "mNm", unit_fix(robot, {"effort": "mNm"})
+        if high[j] / 1000 > tuning.BEYOND_RATING * rating:
+            guess = "raw counts"
+            fix = "find out what the driver publishes; give the gain under `torque:`"
+        top = f"{largest[j]:,.0f}".replace(",", " ")
+        unit = joint.torque_unit.replace(" ", "")
+        raise TorqueScale(
+            f"{joint.name} torque reaches {top}: {guess}? rating {rating:g} {unit}", fix=fix
+        )
 
 
 def clipped_samples(log: Log, robot: Robot, gone: Flags) -> tuple[Flags, tuple[Finding, ...]]:
@@ -446,57 +399,39 @@ def _flat_top(x: Floats, alive: Flags) -> Flags:
     return flat & (count >= max(tuning.FLAT_SHARE * second, near))
 
 
-def check_repeats(log: Log, robot: Robot) -> tuple[Finding, ...]:
-    """Return finding W314 when many samples in motion repeat the positions before them."""
+def check_repeats(log: Log, robot: Robot) -> Iterator[Finding]:
+    """Yield finding W314 when many samples in motion repeat the positions before them."""
     alive = any_moves(log, robot)[1:]
-    repeated = same_rows(log.q) & alive
-    share = float(repeated.sum() / alive.sum()) if alive.any() else 0.0
-    if share < tuning.REPEAT_SHARE:
-        return ()
-    new = log.rate * (1 - share)
-    return (
-        Finding(
-            "W314",
-            "warning",
-            f"{100 * share:.0f} % of the samples in motion repeat old positions: new ones come at {new:.0f} Hz",
-            {"share": share},
-        ),
-    )
+    share = float(np.sum(same_rows(log.q) & alive) / max(1, alive.sum()))
+    if share >= tuning.REPEAT_SHARE:
+        new = log.rate * (1 - share)
+        text = f"{100 * share:.0f} % of the samples in motion repeat old positions: new ones come at {new:.0f} Hz"
+        yield Finding("W314", "warning", text, {"share": share})
 
 
-def check_zero(log: Log, robot: Robot) -> tuple[Finding, ...]:
-    """Return findings W316 for joints that read a torque at rest although they carry no weight there.
+def check_zero(log: Log, robot: Robot) -> Iterator[Finding]:
+    """Yield findings W316 for joints that read a torque at rest although they carry no weight there.
 
     Why: only for sensors behind the gear; a motor at rest holds any torque up to its friction.
     """
-    poses = rest_slices(log, robot)
-    if (
-        robot.torque.source not in ("joint_sensor", "unknown", "gravity_free")
-        or log.tau_unit == "A"
-        or not poses
-    ):
-        return ()
-    q, tau = (
-        np.array([np.mean(values[part], axis=0) for part in poses]) for values in (log.q, log.tau)
-    )
-    load = np.abs(expected_torque(q, robot))
-    if robot.torque.source == "gravity_free":
-        load = np.zeros_like(load)
-    findings = []
-    for j, joint in enumerate(robot.joints):
-        rows = load[:, j] <= tuning.UNLOADED * max(load.max(), 1e-9)
+    sensors, poses = ("joint_sensor", "unknown", "gravity_free"), rest_slices(log, robot)
+    if robot.torque.source not in sensors or log.tau_unit == "A" or not poses:
+        return
+    q, tau = (np.array([x[part].mean(axis=0) for part in poses]) for x in (log.q, log.tau))
+    load = np.abs(expected_torque(q, robot)) * (robot.torque.source != "gravity_free")
+    unloaded = load <= tuning.UNLOADED * max(load.max(), 1e-9)
+    for joint, rows, x in zip(robot.joints, unloaded.T, tau.T, strict=True):
         rating = joint.limits.torque
         if rating is None or not rows.any():
             continue
-        mean = float(np.mean(tau[rows, j]))
+        mean = float(np.mean(x[rows]))
         if abs(mean) > tuning.ZERO_SHARE * rating:
             unit = joint.torque_unit.replace(" ", "")
             text = (
                 f"{joint.name} reads {mean:+.2g} {unit} with the arm at rest and gravity balanced: "
                 "zero the sensors before recording"
             )
-            findings.append(Finding("W316", "warning", text, {"joint": joint.name, "mean": mean}))
-    return tuple(findings)
+            yield Finding("W316", "warning", text, {"joint": joint.name, "mean": mean})
 
 
 def slopes(log: Log, robot: Robot) -> Floats:
@@ -525,79 +460,57 @@ def check_order(log: Log, robot: Robot) -> None:
     joints = np.flatnonzero((rows >= tuning.LEAST_SAMPLES) & (np.ptp(log.qd, axis=0) > 0.0))
     if len(joints) < 2:
         return
-    k = len(joints)
     # Why: a reversed sign is another mistake (E308), so it must not look like a wrong column.
-    likeness = np.abs(_correlation(log, joints))
-    if np.all(np.diag(likeness) >= tuning.WRONG_COLUMN):
+    likeness = np.abs(_correlation(speed(log), log.qd)[np.ix_(joints, joints)])
+    labelled = np.diag(likeness)
+    if np.all(labelled >= tuning.WRONG_COLUMN):
         return
     from scipy.optimize import linear_sum_assignment
 
     best = linear_sum_assignment(-likeness)[1]
-    for i in np.flatnonzero(best != np.arange(k)):
-        labelled, swapped = float(likeness[i, i]), float(likeness[i, best[i]])
-        if swapped > tuning.WRONG_COLUMN > labelled:
+    for i, swapped in enumerate(likeness[range(len(joints)), best]):
+        if best[i] != i and swapped > tuning.WRONG_COLUMN > labelled[i]:
             one, other = robot.joint_names[joints[i]], robot.joint_names[joints[best[i]]]
             raise JointNamesDiffer(
-                f"{one} and {other} look swapped (correlation {swapped:.2f} swapped, {labelled:.2f} as labelled)",
-                where=log.topic,
+                f"{one} and {other} look swapped "
+                f"(correlation {swapped:.2f} swapped, {labelled[i]:.2f} as labelled)",
                 why="the velocity column of one joint follows the position of the other",
                 fix="correct the columns of the log; if only the velocities are swapped: --velocity derived",
             )
 
 
-def _correlation(log: Log, joints: NDArray[np.intp]) -> Floats:
-    """Return how the change of position of each joint correlates with the measured velocity of each, (k, k)."""
-    assert log.qd is not None
-    v, qd = speed(log), log.qd
-    covariance = v.T @ qd / len(log) - np.outer(v.mean(axis=0), qd.mean(axis=0))
-    size = np.outer(v.std(axis=0)[joints], qd.std(axis=0)[joints])
-    return np.asarray(covariance[np.ix_(joints, joints)] / size)
+def _correlation(x: Floats, y: Floats) -> Floats:
+    """Return how each column of x correlates with each of y, (n, n), 0 for those that do not change."""
+    size = np.outer(x.std(axis=0), y.std(axis=0))
+    covariance = x.T @ y / len(x) - np.outer(x.mean(axis=0), y.mean(axis=0))
+    return np.asarray(covariance / np.where(size > 0.0, size, 1.0))
 
 
-def check_slopes(log: Log, robot: Robot) -> tuple[Finding, ...]:
-    """Return finding W308 for velocities that agree only roughly with the change of position.
+def check_slopes(log: Log, robot: Robot) -> Iterator[Finding]:
+    """Yield finding W308 for velocities that agree only roughly with the change of position.
 
     Raises:
         VelocityInconsistent: unit or sign is wrong.
     """
-    findings = []
-    for joint, slope in zip(robot.joints, slopes(log, robot), strict=True):
-        if np.isnan(slope) or tuning.SLOPE_AGREES[0] <= slope <= tuning.SLOPE_AGREES[1]:
+    for joint, slope in zip(robot.joints, slopes(log, robot).tolist(), strict=True):
+        if math.isnan(slope) or tuning.SLOPE_AGREES[0] <= slope <= tuning.SLOPE_AGREES[1]:
             continue
-        if joint.revolute:
-            _check_unit(joint.name, float(slope), log, robot)
+        text = f"{joint.name} velocity is {slope:.3g} x the change of position"
+        if joint.revolute and tuning.SLOPE_DEGREES[0] <= abs(slope) <= tuning.SLOPE_DEGREES[1]:
+            fix = f"{unit_fix(robot, {'velocity': 'deg/s'})}, or use --velocity derived"
+            raise VelocityInconsistent(f"{text}: deg/s", fix=fix)
+        if joint.revolute and tuning.SLOPE_RADIANS[0] <= abs(slope) <= tuning.SLOPE_RADIANS[1]:
+            fix = "are positions in degrees? declare `units:` under `driver:` in the robot file"
+            if units(log, robot)["velocity"] == "deg/s":
+                fix = f"{unit_fix(robot, {'velocity': 'rad/s'})}, or use --velocity derived"
+            raise VelocityInconsistent(f"{text}: rad/s, while positions are in degrees?", fix=fix)
         if tuning.SLOPE_REVERSED[0] <= slope <= tuning.SLOPE_REVERSED[1]:
             raise VelocityInconsistent(
                 f"{joint.name} velocity has the opposite sign (slope {slope:.2f} to the change of position)",
-                where=log.topic,
                 fix="correct the sign of the velocity or of the position in the log, or use --velocity derived",
             )
         text = f"{joint.name} velocity is {slope:.2f} x the change of position; --velocity derived is better"
-        findings.append(
-            Finding("W308", "warning", text, {"joint": joint.name, "slope": float(slope)})
-        )
-    return tuple(findings)
-
-
-def _check_unit(name: str, slope: float, log: Log, robot: Robot) -> None:
-    declared = units(log, robot)["velocity"]
-    text = f"{name} velocity is {slope:.3g} x the change of position"
-    if tuning.SLOPE_DEGREES[0] <= abs(slope) <= tuning.SLOPE_DEGREES[1]:
-        raise VelocityInconsistent(f"{text}: deg/s", where=log.topic, fix=_fix(robot, "deg/s"))
-    if tuning.SLOPE_RADIANS[0] <= abs(slope) <= tuning.SLOPE_RADIANS[1]:
-        right = "rad/s" if declared == "deg/s" else ""
-        fix = (
-            _fix(robot, right)
-            if right
-            else "are positions in degrees? declare `units:` under `driver:` in the robot file"
-        )
-        raise VelocityInconsistent(
-            f"{text}: rad/s, while positions are in degrees?", where=log.topic, fix=fix
-        )
-
-
-def _fix(robot: Robot, unit: str) -> str:
-    return f"{unit_fix(robot, {'velocity': unit})}, or use --velocity derived"
+        yield Finding("W308", "warning", text, {"joint": joint.name, "slope": slope})
 
 
 def beyond(joint: Joint, low: float, high: float) -> float:
@@ -611,25 +524,24 @@ def beyond(joint: Joint, low: float, high: float) -> float:
     return float(max(0.0, least - low, high - most))
 
 
-def check_ranges(log: Log, robot: Robot) -> tuple[Finding, ...]:
-    """Return findings W332, one for each joint of a log in DH quantities that moves beyond its limits."""
-    findings = []
-    for joint, low, high in zip(robot.joints, log.q.min(axis=0), log.q.max(axis=0), strict=True):
-        too_far = beyond(joint, float(low), float(high))
+def check_ranges(log: Log, robot: Robot) -> Iterator[Finding]:
+    """Yield findings W332, one for each joint of a log in DH quantities that moves beyond its limits."""
+    ends = np.transpose([log.q.min(axis=0), log.q.max(axis=0)])
+    for joint, (low, high) in zip(robot.joints, ends.tolist(), strict=True):
+        too_far = beyond(joint, low, high)
         if too_far <= tuning.BEYOND_LIMITS:
             continue
         unit, factor = ("deg", math.degrees(1.0)) if joint.revolute else ("m", 1.0)
         least, most = joint.limits.position or (0.0, 0.0)
-        quarters = (90, -90, 180) if joint.revolute else ()
-        fits = [
-            q for q in quarters if not beyond(joint, *(np.array([low, high]) + math.radians(q)))
-        ]
         text = (
             f"{joint.name} moves from {factor * low:.3g} to {factor * high:.3g} {unit}, {factor * too_far:.3g} {unit} "
             f"beyond its limits ({factor * least:.4g} to {factor * most:.4g}): its offset or these limits are wrong"
         )
-        text += (
-            f"; an offset of {' or '.join(f'{q:+d}' for q in fits)} deg would fit" if fits else ""
-        )
-        findings.append(Finding("W332", "warning", text, {"joint": joint.name, "beyond": too_far}))
-    return tuple(findings)
+        fits = [
+            f"{turn:+d}"
+            for turn in (90, -90, 180)
+            if joint.revolute and not beyond(joint, *(x + math.radians(turn) for x in (low, high)))
+        ]
+        if fits:
+            text += f"; an offset of {' or '.join(fits)} deg would fit"
+        yield Finding("W332", "warning", text, {"joint": joint.name, "beyond": too_far})

@@ -189,7 +189,7 @@ def _gain(log: Log, robot: Robot) -> tuple[Floats | None, str]:
     return np.array(gain, dtype=float), "A" if robot.torque.relative else "Nm"
 
 
-def take_samples(log: Log, keep: NDArray[np.intp]) -> Log:
+def take_samples(log: Log, keep: NDArray[np.intp] | slice) -> Log:
     """Return the log with some of its rows, in the given order."""
     extra = {
         key: value[keep] if has_rows(value, len(log)) else value for key, value in log.extra.items()

@@ -7,7 +7,7 @@ the columns of the robot file's effects are evaluated: they depend on the order 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import DynidError, Finding
+from dynid.errors import Finding, located
 from dynid.log import Log
 from dynid.model.effects.catalogue import delay_of
 from dynid.model.effects.friction import coulomb_sign
@@ -31,21 +31,16 @@ from dynid.signals.filters import (
     Filter,
     choose_cutoff,
     choose_filter,
-    choose_sign_cutoffs,
     decimate,
     despiked,
     lowpass_kernel,
+    sharp_velocity,
     too_short,
-    velocities,
-    velocity_kernel,
+    under,
 )
 from dynid.signals.motion import runs
 
 Floats = NDArray[np.float64]
-#: Gives a signal of a log on a part of an even grid.
-OnGrid = Callable[[NDArray[Any], slice], NDArray[Any]]
-#: What makes the velocity of each joint, whose signs are taken in these shapes.
-SignKernels = tuple[list[Floats], Sequence[Coulomb]]
 
 
 @dataclass(frozen=True)
@@ -114,20 +109,19 @@ def condition(
     Raises:
         LogTooShort: no part is longer than the filters.
     """
-    parts = _parts(log, chosen)
-    segments = [
-        _segment(log, part, chosen, measured_velocity and log.qd is not None, coulomb, sharp)
-        for part in parts
-    ]
-    return (
-        segments
-        if rest_speed is None
-        else [_without_rests(segment, rest_speed) for segment in segments]
-    )
+    found = []
+    for part in _parts(log, chosen):
+        moved = part.qd if measured_velocity else None
+        segment = _segment(part, chosen, moved, part.t - log.t[0])
+        if coulomb is not None:
+            sign = _coulomb_signs(part.q, moved, chosen, sharp or coulomb, [coulomb])[..., 0]
+            segment = replace(segment, coulomb_sign=sign)
+        found.append(segment if rest_speed is None else _without_rests(segment, rest_speed))
+    return found
 
 
-def _parts(log: Log, chosen: Filter) -> list[slice]:
-    """Return the samples between gaps that are longer than the filters.
+def _parts(log: Log, chosen: Filter) -> list[Log]:
+    """Return the parts between gaps that are longer than the filters, on even grids.
 
     Raises:
         LogTooShort: there are none.
@@ -138,22 +132,65 @@ def _parts(log: Log, chosen: Filter) -> list[slice]:
         chosen.second_kernel.shape[1] + chosen.second_step
     )
     edges = [0, *cuts.tolist(), len(log)]
-    found = [slice(start, end) for start, end in pairwise(edges) if end - start > needed]
-    if not found:
-        longest = max(end - start for start, end in pairwise(edges)) * step
-        raise too_short(
-            log, f"the longest part without a gap has {longest:.2f} s", chosen.cutoff, needed * step
-        )
-    return found
+    longest = max(end - start for start, end in pairwise(edges))
+    if longest <= needed:
+        what = f"the longest part without a gap has {longest * step:.2f} s"
+        raise too_short(log, what, chosen.cutoff, needed * step)
+    return [
+        _on_grid(take_samples(log, slice(start, end)), chosen.rate)
+        for start, end in pairwise(edges)
+        if end - start > needed
+    ]
+
+
+def _on_grid(log: Log, rate: float) -> Log:
+    """Return a part without gaps on an even grid."""
+    t = log.t
+    times = t[0] + np.arange(round((t[-1] - t[0]) * rate) + 1) / rate
+    if len(times) == len(t) and np.abs(t - times).max() < tuning.EVEN_STEP / rate:
+        return replace(log, t=times)
+    columns = {key: resampled(t, x, times) for key, x in log.columns.items()}
+    return log.with_columns(columns, t=times)
+
+
+def _segment(log: Log, chosen: Filter, moved: Floats | None, elapsed: Floats) -> Segment:
+    """Filter and differentiate a part on an even grid; of measured velocities, (N, n), where there are any."""
+    kernels, step = chosen.first_kernels, chosen.first_step
+    taps = kernels.shape[1]
+
+    def filtered(x: NDArray[Any], weights: Floats) -> Floats:
+        """Return a signal under kernels, (K, M, n)."""
+        found = decimate(np.ascontiguousarray(x.T, dtype=float), weights, step)
+        return np.ascontiguousarray(found.transpose(0, 2, 1))
+
+    q, qd, qdd = filtered(log.q, kernels)
+    if moved is not None:
+        qd, qdd = filtered(moved, kernels[:2])
+    clipped, command = log.extra.get("clipped"), log.extra.get("q_ref")
+    usable = np.ones(q.shape, dtype=bool)
+    if clipped is not None and clipped.any():
+        usable = filtered(clipped, np.ones((1, taps)))[0] < 0.5
+    centres = slice(taps // 2, taps // 2 + (len(q) - 1) * step + 1, step)
+    none = np.empty((len(q), 0))
+    return Segment(
+        t=log.t[centres],
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        tau=filtered(log.tau, kernels[:1])[0],
+        usable=usable,
+        raw_q=log.q[centres],
+        raw_qd=(np.gradient(log.q, log.t, axis=0) if log.qd is None else log.qd)[centres],
+        command_q=none if command is None else filtered(command, kernels[:1])[0],
+        effects=none,
+        elapsed=elapsed[centres],
+        coulomb_sign=none,
+    )
 
 
 def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
     """Mark samples of joints at rest: static friction holds any torque up to its limit, which no column describes."""
-    least = (
-        max(1, round(tuning.FRICTION_REST_S / (segment.t[1] - segment.t[0])))
-        if len(segment) > 1
-        else 1
-    )
+    least = max(1, round(tuning.FRICTION_REST_S / (segment.t[1] - segment.t[0])))
     usable = segment.usable.copy()
     for j in np.flatnonzero(rest_speed > 0.0):
         for rest in runs(np.abs(segment.qd[:, j]) < rest_speed[j], least):
@@ -161,61 +198,22 @@ def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
     return replace(segment, usable=usable)
 
 
-def _segment(
-    log: Log,
-    part: slice,
+def _coulomb_signs(
+    q: Floats,
+    measured: Floats | None,
     chosen: Filter,
-    measured: bool,
-    coulomb: Coulomb | None,
-    sharp: Coulomb | None,
-) -> Segment:
-    """Filter one part, block by block so that only the thinned result is stored."""
-    on_grid, times = _on_grid(log, part, chosen)
-    signs = None
-    if coulomb is not None:
-        kernels = _sign_kernels(log, on_grid, sharp or coulomb, chosen, measured)
-        signs = kernels, (coulomb,)
-    blocks = [
-        _block(log, on_grid, times[wanted], wanted, chosen, measured, signs)
-        for wanted in _blocks(len(times), chosen)
-    ]
-    found = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
-    count = len(found["t"])
-    return Segment(**found, effects=np.zeros((count, 0)), elapsed=found["t"] - log.t[0])
-
-
-def _on_grid(log: Log, part: slice, chosen: Filter) -> tuple[OnGrid, Floats]:
-    """Return what gives a signal of a part on an even grid, and the times of that grid, (N,) [s]."""
-    t = log.t[part]
-    times = t[0] + np.arange(round((t[-1] - t[0]) * chosen.rate) + 1) / chosen.rate
-    even = len(times) == len(t) and np.abs(t - times).max() < tuning.EVEN_STEP / chosen.rate
-
-    def on_grid(x: NDArray[Any], wanted: slice) -> NDArray[Any]:
-        return x[part][wanted] if even else resampled(t, x[part], times[wanted])
-
-    return on_grid, times
-
-
-def _blocks(count: int, chosen: Filter) -> list[slice]:
-    """Return which of so many samples are filtered together."""
-    taps, step = chosen.first_kernels.shape[1], chosen.first_step
-    outputs = (count - taps) // step + 1
-    edges = [*range(0, outputs, max(1, tuning.FILTER_BLOCK // step)), outputs]
-    return [slice(first * step, (last - 1) * step + taps) for first, last in pairwise(edges)]
-
-
-def _moved(log: Log, measured: bool) -> Floats:
-    """Return the signal that velocities are made from, (N, n)."""
-    return log.qd if measured and log.qd is not None else log.q
-
-
-def _sign_kernels(
-    log: Log, on_grid: OnGrid, sharp: Coulomb, chosen: Filter, measured: bool
-) -> list[Floats]:
-    """Return what makes the velocity of each joint whose sign is taken; its noise is small against ``sharp``."""
-    some = on_grid(_moved(log, measured), slice(0, tuning.ENOUGH_SAMPLES))
-    cutoffs = choose_sign_cutoffs(some, sharp, chosen.rate, chosen.cutoff, measured=measured)
-    return [velocity_kernel(f, chosen.rate, measured=measured) for f in cutoffs]
+    sharp: Coulomb,
+    shapes: Sequence[Coulomb],
+    most: int | None = None,
+) -> Floats:
+    """Return the Coulomb sign of each joint under the position filter in each shape, (M, n, shapes), M <= ``most``."""
+    kernels, step = chosen.first_kernels[:1], chosen.first_step
+    v = sharp_velocity(q, measured, sharp, chosen.rate, chosen.cutoff)
+    if most is not None:
+        v = v[: (most - 1) * step + kernels.shape[1]]
+    found = [coulomb_sign(x, shape, j) for j, x in enumerate(v.T) for shape in shapes]
+    smooth = decimate(np.array(found), kernels, step)[0]
+    return np.ascontiguousarray(smooth.T.reshape(-1, v.shape[1], len(shapes)))
 
 
 def signs_of_shapes(
@@ -237,81 +235,10 @@ def signs_of_shapes(
         measured_velocity: as for ``condition``.
         most: samples of the beginning of each segment that are wanted; None for all.
     """
-    measured, found = measured_velocity and log.qd is not None, []
-    for part in _parts(log, chosen):
-        on_grid, times = _on_grid(log, part, chosen)
-        signs = _sign_kernels(log, on_grid, sharp, chosen, measured), shapes
-        made = [
-            _coulomb_sign(on_grid, log, measured, each, chosen, signs)
-            for each in _blocks(len(times), chosen)
-            if most is None or each.start < most * chosen.first_step
-        ]
-        found.append(np.concatenate(made)[:most])
-    return found
-
-
-def _block(
-    log: Log,
-    on_grid: OnGrid,
-    grid: Floats,
-    wanted: slice,
-    chosen: Filter,
-    measured: bool,
-    signs: SignKernels | None,
-) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a segment, but for effects and elapsed time, on the part ``wanted`` of the even grid."""
-    kernels, step = chosen.first_kernels, chosen.first_step
-    taps = kernels.shape[1]
-    half = (taps - 1) // 2
-
-    def filtered(x: NDArray[Any], weights: Floats) -> Floats:
-        """Return a signal on the grid under kernels, (K, n, M)."""
-        return decimate(np.ascontiguousarray(x.T, dtype=float), weights, step)
-
-    q = on_grid(log.q, wanted)
-    motion = filtered(q, kernels)
-    if measured:
-        motion[1:] = filtered(on_grid(_moved(log, measured), wanted), kernels[:2])
-    count = motion.shape[2]
-    centres = slice(half, half + (count - 1) * step + 1, step)
-    clipped, command = log.extra.get("clipped"), log.extra.get("q_ref")
-    usable = np.ones((count, log.n), dtype=bool)
-    if clipped is not None and (some := on_grid(clipped, wanted)).any():
-        usable = filtered(some, np.ones((1, taps)))[0].T < 0.5
-    raw_qd = on_grid(log.qd, wanted) if log.qd is not None else np.gradient(q, grid, axis=0)
-    none = np.empty((count, 0))
-    smooth = (
-        none if x is None else np.ascontiguousarray(filtered(on_grid(x, wanted), kernels[:1])[0].T)
-        for x in (log.tau, command)
-    )
-    sign = (
-        none
-        if signs is None
-        else _coulomb_sign(on_grid, log, measured, wanted, chosen, signs)[..., 0]
-    )
-    return {
-        "t": grid[centres],
-        **dict(zip(("q", "qd", "qdd"), (np.ascontiguousarray(x.T) for x in motion), strict=True)),
-        **dict(zip(("tau", "command_q"), smooth, strict=True)),
-        "usable": usable,
-        "raw_q": q[centres],
-        "raw_qd": raw_qd[centres],
-        "coulomb_sign": sign,
-    }
-
-
-def _coulomb_sign(
-    on_grid: OnGrid, log: Log, measured: bool, wanted: slice, chosen: Filter, signs: SignKernels
-) -> Floats:
-    """Return the Coulomb sign of each joint under the position filter in each shape, (M, n, shapes)."""
-    kernels, shapes = signs
-    margin = max(map(len, kernels)) // 2
-    start = max(0, wanted.start - margin)
-    around = on_grid(_moved(log, measured), slice(start, wanted.stop + margin))
-    v = velocities(around, kernels)[wanted.start - start :][: wanted.stop - wanted.start]
-    found = [coulomb_sign(v[:, j], shape, j) for j in range(log.n) for shape in shapes]
-    smooth = decimate(np.array(found), chosen.first_kernels[:1], chosen.first_step)[0]
-    return np.ascontiguousarray(smooth.T.reshape(-1, log.n, len(shapes)))
+    return [
+        _coulomb_signs(part.q, part.qd if measured_velocity else None, chosen, sharp, shapes, most)
+        for part in _parts(log, chosen)
+    ]
 
 
 def resampled(t: Floats, x: Floats, grid: Floats) -> Floats:
@@ -351,14 +278,13 @@ def without_delay(log: Log, delay: float) -> Log:
     rows = np.flatnonzero((wanted >= log.t[0]) & (wanted <= log.t[-1]))
     right = np.clip(np.searchsorted(log.t, wanted[rows]), 1, len(log) - 1)
     # Why: a torque from the middle of a gap was never measured; its samples count as little as clipped ones.
-    unknown = log.t[right] - log.t[right - 1] > (tuning.GAP_SAMPLES + 0.5) / log.rate
-
-    kept, clipped = take_samples(log, rows), log.extra.get("clipped")
-    late = np.tile(unknown[:, None], log.n)
-    if clipped is not None:
-        late |= clipped[right] | clipped[right - 1]
-    tau = resampled(log.t, log.tau, wanted[rows])
-    return replace(kept, tau=tau, extra={**kept.extra, "clipped": late})
+    late = (log.t[right] - log.t[right - 1] > (tuning.GAP_SAMPLES + 0.5) / log.rate)[:, None]
+    clipped = log.extra.get("clipped", np.zeros(log.q.shape, dtype=bool))
+    columns = {
+        "tau": resampled(log.t, log.tau, wanted[rows]),
+        "clipped": late | clipped[right] | clipped[right - 1],
+    }
+    return take_samples(log, rows).with_columns(columns)
 
 
 def segment_without_delay(segment: Segment, delay: float) -> Segment:
@@ -445,7 +371,7 @@ def condition_log(
         LogTooShort: no interval without gaps is longer than the filters.
     """
     robot = model.robot
-    try:
+    with located(str(log.source or "")):
         chosen = choose_filter(log, robot, cutoff)
         clean, spikes = despiked(log, chosen.cutoff)
         sharp = robot.coulomb or robot.usual_coulomb
@@ -459,9 +385,6 @@ def condition_log(
             sharp=sharp,
             rest_speed=rest,
         )
-    except DynidError as error:
-        error.where = error.where or str(log.source or "")
-        raise
     late = delay_of(robot)
     conditioned = ConditionedLog(
         segments=[
@@ -502,26 +425,16 @@ def condition_logs(
             log, model, cutoff=shared, delay=delay, measured_velocity=measured_velocity
         )
         found.append(replace(each, name=each.name or f"log {k}"))
-        say_log(log, found[-1])
-    say_filter(found[0], cutoff)
-    return found
-
-
-def say_log(log: Log, conditioned: ConditionedLog) -> None:
-    """Tell what was read and noticed."""
-    where = conditioned.path or conditioned.name
-    stage("log", f"{where}: {len(log)} samples, {log.duration:.1f} s, {log.rate:.1f} Hz")
-    notice(conditioned.findings)
-
-
-def say_filter(conditioned: ConditionedLog, cutoff: float | None) -> None:
-    """Tell how a log was filtered; its cut-off comes from the motion's band when None [Hz]."""
-    how, chosen = "from the motion's band; " if cutoff is None else "", conditioned.filter
+        where = each.path or found[-1].name
+        stage("log", f"{where}: {len(log)} samples, {log.duration:.1f} s, {log.rate:.1f} Hz")
+        notice(each.findings)
+    how, chosen = "from the motion's band; " if cutoff is None else "", found[0].filter
     stage(
         "filter",
         f"zero-phase low-pass at {chosen.cutoff:.3g} Hz over torque and columns ({how}positions at "
         f"{chosen.position_cutoff:.3g} Hz), {chosen.kept_rate:.3g} Hz kept",
     )
+    return found
 
 
 def stretches(logs: Sequence[ConditionedLog], seconds: float) -> tuple[list[ConditionedLog], int]:
@@ -634,10 +547,8 @@ def arm_motion(
         model: the model.
         reference: torques that effects scale with.
     """
-    kernel = lowpass_kernel(
-        min(tuning.EFFECT_SMOOTHING_HZ, chosen.cutoff), chosen.rate / chosen.first_step
-    )[None]
-    smooth = partial(_smoothed, kernel)
+    rate = chosen.rate / chosen.first_step
+    kernel = lowpass_kernel(min(tuning.EFFECT_SMOOTHING_HZ, chosen.cutoff), rate)
     return ArmMotion(
         segment.elapsed,
         segment.q,
@@ -645,14 +556,6 @@ def arm_motion(
         segment.qdd,
         model.robot,
         reference,
-        smooth,
+        partial(under, kernel),
         segment.coulomb_sign,
-    )
-
-
-def _smoothed(kernel: Floats, x: Floats) -> Floats:
-    """Return a signal without what the kernel takes away, (N,)."""
-    half = (kernel.shape[1] - 1) // 2
-    return np.asarray(
-        decimate(np.pad(x, half, mode="reflect", reflect_type="odd")[None], kernel, 1)[0, 0]
     )

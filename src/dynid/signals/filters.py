@@ -9,7 +9,7 @@ samples that no arm can have produced are replaced: a filter would smear a spike
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -189,41 +189,39 @@ def choose_cutoff(logs: Sequence[Log], robot: Robot) -> float:
     return min([max(usual_cutoff(log, robot) for log in logs), *allowed])
 
 
-def check_position_noise(log: Log, robot: Robot) -> tuple[Finding, ...]:
-    """Return finding W327 when positions scatter so much that the cut-off is chosen for it."""
+def check_position_noise(log: Log, robot: Robot) -> Iterator[Finding]:
+    """Yield finding W327 when positions scatter so much that the cut-off is chosen for it."""
     noise = position_noise(log, robot)
     if noise is None or (noise.harmless and noise.cutoff >= usual_cutoff(log, robot)):
-        return ()
+        return
     joint = robot.joints[noise.joint]
-    what = f"{joint.name} position scatters by {noise.level[noise.joint]:.1g} {'rad' if joint.revolute else 'm'}"
+    text = (
+        "parameters are biased by it and their intervals are too narrow; record the commanded positions "
+        "too (--method iv), or use a finer encoder"
+    )
     if noise.harmless:
         text = (
-            f"{what}: everything is filtered at {noise.cutoff:.3g} Hz, where it is still {100 * noise.share:.2g} % of "
+            f"everything is filtered at {noise.cutoff:.3g} Hz, where it is still {100 * noise.share:.2g} % of "
             "the accelerations. The intervals of the physical set allow for that; those of the plain estimate may be "
             "too narrow. Commanded positions in the log (--method iv) avoid it"
         )
-    else:
-        text = (
-            f"{what}: parameters are biased by it and their intervals are too narrow; record the commanded positions "
-            "too (--method iv), or use a finer encoder"
-        )
-    evidence = {
-        "noise": noise.level.tolist(),
-        "cutoff_hz": noise.cutoff,
-        "share_of_acceleration": noise.share,
-    }
-    return (Finding("W327", "warning", text, evidence),)
-
-
-def level_of(log: Log) -> Floats:
-    """Return the noise of the positions from their third differences, in which motion vanishes, (n,) [rad or m]."""
-    bends = np.abs(np.diff(log.q, 3, axis=0))
-    return np.asarray(np.median(bends, axis=0) * 1.4826 / _THIRD)
+    scatter = f"{noise.level[noise.joint]:.1g} {'rad' if joint.revolute else 'm'}"
+    yield Finding(
+        "W327",
+        "warning",
+        f"{joint.name} position scatters by {scatter}: {text}",
+        {
+            "noise": noise.level.tolist(),
+            "cutoff_hz": noise.cutoff,
+            "share_of_acceleration": noise.share,
+        },
+    )
 
 
 def position_noise(log: Log, robot: Robot) -> Noise | None:
     """Return the noise of the positions where it is large enough for a cut-off of its own, else None."""
-    level = level_of(log)
+    # Why third differences: motion vanishes in them.
+    level = np.median(np.abs(np.diff(log.q, 3, axis=0)), axis=0) * 1.4826 / _THIRD
     if not np.any(level > per_joint(tuning.POSITION_NOISE, robot)):
         return None
     cutoffs = np.arange(
@@ -231,7 +229,8 @@ def position_noise(log: Log, robot: Robot) -> Noise | None:
         max(0.45 * log.rate, tuning.LOWEST_TRIED_HZ) + tuning.TRIED_STEP_HZ / 2,
         tuning.TRIED_STEP_HZ,
     )
-    share, moves = _shares(log, level, cutoffs), _moves(log, robot, level)
+    share, span = _shares(log, level, cutoffs), np.ptp(log.q, axis=0)
+    moves = span > np.minimum(per_joint(tuning.MOVING_SPEED, robot) * np.ptp(log.t), 20 * level)
     if not moves.any():
         return None
     worst = np.where(moves, share, 0.0).max(axis=1)
@@ -252,14 +251,6 @@ def _shares(log: Log, level: Floats, cutoffs: Floats) -> Floats:
     return np.asarray(noise / np.sqrt(np.maximum(power, noise**2)))
 
 
-def _moves(log: Log, robot: Robot, level: Floats) -> NDArray[np.bool_]:
-    """Return the joints that move by more than their noise, (n,)."""
-    span = np.ptp(log.q, axis=0)
-    return np.asarray(
-        (span > per_joint(tuning.MOVING_SPEED, robot) * np.ptp(log.t)) | (span > 20 * level)
-    )
-
-
 def white_noise(x: Floats) -> Floats:
     """Return the standard deviation of the white noise in slow signals x, (N, n), on an even grid, (n,) [unit of x]."""
     some = x[: tuning.ENOUGH_SAMPLES]
@@ -271,20 +262,29 @@ def white_noise(x: Floats) -> Floats:
     )
 
 
-def velocities(x: Floats, kernels: Sequence[Floats]) -> Floats:
-    """Return the velocity of each joint, (N, n), from signals on an even grid.
+def under(kernel: Floats, x: Floats) -> Floats:
+    """Return a signal under a kernel, as long as it was, (N,); reflected in its end points it goes on as it was."""
+    half = min(len(kernel) // 2, len(x) - 1)
+    padded = np.pad(x, half, mode="reflect", reflect_type="odd")
+    return np.asarray(decimate(padded[None], kernel[None], 1)[0, 0])
+
+
+def sharp_velocity(
+    q: Floats, measured: Floats | None, coulomb: Coulomb, rate: float, lowest: float
+) -> Floats:
+    """Return the velocity of each joint whose sign is taken: its noise is small against that of the sign, (N, n).
 
     Args:
-        x: positions [rad or m], or velocities [rad/s or m/s], (N, n).
-        kernels: for each joint what makes its velocity of them, from ``velocity_kernel``.
+        q: positions on an even grid, (N, n) [rad or m].
+        measured: velocities that are used instead where there are any, (N, n) [rad/s or m/s].
+        coulomb: shape of the sign.
+        rate: sample rate [Hz].
+        lowest: as for ``choose_sign_cutoffs`` [Hz].
     """
-    found = np.empty_like(x)
-    for j, kernel in enumerate(kernels):
-        half = min(len(kernel) // 2, len(x) - 1)
-        # Why: reflected in its end points a motion goes on as fast as it was.
-        padded = np.pad(x[:, j], half, mode="reflect", reflect_type="odd")
-        found[:, j] = decimate(padded[None], kernel[None], 1)[0, 0]
-    return found
+    x, given = (q, False) if measured is None else (measured, True)
+    cutoffs = choose_sign_cutoffs(x, coulomb, rate, lowest, measured=given)
+    kernels = [velocity_kernel(cutoff, rate, measured=given) for cutoff in cutoffs]
+    return np.column_stack([under(kernel, some) for kernel, some in zip(kernels, x.T, strict=True)])
 
 
 def choose_sign_cutoffs(

@@ -131,14 +131,8 @@ def check_amount(logs: Sequence[Log], robot: Robot) -> tuple[Finding, ...]:
     text = f"{seconds:.1f} s of motion; about {wanted} parameters need {about}"
     if count < tuning.SWINGS_PER_PARAMETER * wanted or seconds < tuning.LEAST_MOTION_S:
         raise LogTooShort(text, where=logs[0].topic)
-    return (
-        Finding(
-            "W313",
-            "warning",
-            f"{text}; what it does not determine comes from the prior",
-            {"seconds": seconds},
-        ),
-    )
+    text = f"{text}; what it does not determine comes from the prior"
+    return (Finding("W313", "warning", text, {"seconds": seconds}),)
 
 
 def sampled(t: Floats, q: Floats, rate: float = tuning.MOTION_HZ) -> Floats:
@@ -204,14 +198,11 @@ def motion_numbers(motions: Sequence[Floats]) -> tuple[int, ...]:
     Args:
         motions: positions of each recording from ``sampled``.
     """
-    firsts: list[int] = []
+    firsts: list[Floats] = []
     numbers = []
-    for k, motion in enumerate(motions):
-        same = next(
-            (n for n, first in enumerate(firsts) if same_motion(motions[first], motion)),
-            len(firsts),
-        )
-        if same == len(firsts):
-            firsts.append(k)
-        numbers.append(same)
+    for motion in motions:
+        same = (n for n, first in enumerate(firsts) if same_motion(first, motion))
+        numbers.append(next(same, len(firsts)))
+        if numbers[-1] == len(firsts):
+            firsts.append(motion)
     return tuple(numbers)

@@ -6,7 +6,7 @@ make every interval too narrow, and a held position is a velocity of zero follow
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +19,7 @@ from dynid.log import Log
 from dynid.robot import Robot
 from dynid.signals import tuning
 from dynid.signals.columns import take_samples
-from dynid.signals.motion import any_moves, bandwidth, moving, runs
+from dynid.signals.motion import bandwidth, moving, runs
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -37,7 +37,6 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
     if len(bad):
         raise NotFinite(
             f"the time is not a valid number in {len(bad)} samples, first in row {bad[0] + 1}",
-            where=log.topic,
             fix="remove these rows, or record again",
         )
     _check_length(log)
@@ -50,7 +49,6 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
         if rate > tuning.FASTEST_HZ:
             raise TimeNotIncreasing(
                 f"the samples are {1 / rate:.1e} s apart: is its time in seconds?",
-                where=log.topic,
                 fix="write the time in seconds",
             )
     later = np.concatenate([[True], step > 0])
@@ -62,7 +60,7 @@ def with_rising_time(log: Log, *, sort_time: bool) -> Log:
     if repeated - int(twice.sum()) > tuning.DUPLICATE_SHARE * len(log):
         text = f"time stands still in {repeated} of {len(log)} samples: the stamps are too coarse"
         raise TimeNotIncreasing(
-            text, where=log.topic, fix="write the time with more digits, or give --rate without it"
+            text, fix="write the time with more digits, or give --rate without it"
         )
     first = float(log.t[np.flatnonzero(~later)[0]])
     text = f"{repeated} samples repeat the time stamp of their predecessor, first at {first:.3f} s: dropped"
@@ -78,7 +76,6 @@ def _check_length(log: Log) -> None:
     if len(log) < tuning.LEAST_SAMPLES:
         raise LogTooShort(
             f"{len(log)} samples are too few: at least {tuning.LEAST_SAMPLES} are needed",
-            where=log.topic,
         )
 
 
@@ -97,7 +94,6 @@ def _check_order(log: Log) -> None:
     if len(back) > 3:
         raise TimeNotIncreasing(
             f"{text}, and {len(back) - 1} times more: stamps are shuffled?",
-            where=log.topic,
             fix="--sort-time",
         )
     overlap = " ".join(
@@ -105,7 +101,7 @@ def _check_order(log: Log) -> None:
         for i in back
     )
     fix = f"leave the overlap out with {overlap}, or use --sort-time if stamps are just shuffled"
-    raise TimeNotIncreasing(f"{text}: two recordings joined?", where=log.topic, fix=fix)
+    raise TimeNotIncreasing(f"{text}: two recordings joined?", fix=fix)
 
 
 def with_even_clock(log: Log) -> Log:
@@ -196,8 +192,8 @@ def without_intervals(log: Log, exclude: Sequence[tuple[float, float]]) -> Log:
     return take_samples(log, np.flatnonzero(keep))
 
 
-def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> tuple[Finding, ...]:
-    """Return finding W312 for gaps of a log with increasing time; excluded intervals are none.
+def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> Iterator[Finding]:
+    """Yield finding W312 for gaps of a log with increasing time; excluded intervals are none.
 
     Raises:
         TooManyLost: more than one sample in twenty is missing.
@@ -224,10 +220,9 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> tuple[Findin
     if share > tuning.LOST_SHARE:
         raise TooManyLost(
             f"{100 * share:.0f} % of the samples are missing ({len(gaps)} gaps, {where}); at most 5 % may be missing",
-            where=log.topic,
         )
     if not len(gaps):
-        return ()
+        return
     evidence = {"gaps": len(gaps), "longest_s": float(step[longest]), "at_s": log.t[gaps].tolist()}
     if len(pauses) == len(gaps):
         places = ", ".join(f"{step[k]:.1f} s at {log.t[k]:.2f} s" for k in pauses[:5])
@@ -235,7 +230,7 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> tuple[Findin
         text = f"the recording pauses ({places}{more}): cut into {len(pauses) + 1} segments"
     else:
         text = f"{len(gaps)} gap{'s' * (len(gaps) > 1)}, {where}: cut there"
-    return (Finding("W312", "warning", f"{log.name}: {text}, not bridged", evidence),)
+    yield Finding("W312", "warning", f"{log.name}: {text}, not bridged", evidence)
 
 
 def check_rate(log: Log, robot: Robot) -> None:
@@ -250,7 +245,6 @@ def check_rate(log: Log, robot: Robot) -> None:
         raise RateTooLow(
             f"joint states arrive at {log.rate:.1f} Hz; "
             f"the fastest motion, {fastest:.1f} Hz, needs >= {max(tuning.GOOD_RATE_HZ, needed):.0f} Hz",
-            where=log.topic,
             fix=driver_of(robot).rate_fix,
         )
 
@@ -267,20 +261,29 @@ def without_stale(log: Log, robot: Robot) -> Log:
         log: with increasing time and finite columns, in SI units.
         robot: its robot.
     """
-    busy = any_moves(log, robot)[1:]
-    same_q = same_rows(log.q)
+    alive = moving(log, robot)[1:]
+    busy, same_q = alive.any(axis=1), same_rows(log.q)
+
+    def many(flags: Flags) -> bool:
+        return bool(np.sum(flags & busy) > tuning.STALE_SHARE * busy.sum())
+
     stale = same_q & same_rows(log.tau)
-    if not _counts(stale & busy, busy) and _held(log, robot, busy, same_q):
-        stale = same_q
-    share = float(np.sum(stale & busy) / max(1, busy.sum()))
-    if not _counts(stale & busy, busy):
+    if not many(stale) and many(same_q):
+        # Held as a whole: where any joint changes, those that move change nearly all.
+        several = (alive.sum(axis=1) >= 2) & ~same_q
+        moved = (log.q[1:] != log.q[:-1])[several][alive[several]]
+        if moved.sum() > tuning.CHANGE_TOGETHER * len(moved):
+            stale = same_q
+    if not many(stale):
         return log
-    # Why also at rest: the samples of a driver that holds them are as far apart there.
-    kept = take_samples(log, np.flatnonzero(np.concatenate([[True], ~stale | ~_near_motion(busy)])))
+    share = float(np.sum(stale & busy) / busy.sum())
+    # Why also at rest between motions: the samples of a driver that holds them are as far apart there.
+    first, last = np.flatnonzero(busy)[[0, -1]]
+    stale[:first] = stale[last + 1 :] = False
+    kept = take_samples(log, np.flatnonzero(np.append(True, ~stale)))
     if len(kept) < tuning.LEAST_SAMPLES:
         raise LogTooShort(
-            f"only {len(kept)} of {len(log)} samples are not repeats of the one before",
-            where=log.topic,
+            f"only {len(kept)} of {len(log)} samples are not repeats of the one before"
         )
     new = log.rate * (1 - share)
     text = (
@@ -288,28 +291,6 @@ def without_stale(log: Log, robot: Robot) -> Log:
         f"new ones come at {new:.0f} Hz"
     )
     return with_findings(kept, Finding("W325", "warning", text, {"share": share, "rate_hz": new}))
-
-
-def _counts(stale: Flags, busy: Flags) -> bool:
-    return bool(busy.any()) and float(stale.sum()) > tuning.STALE_SHARE * float(busy.sum())
-
-
-def _near_motion(busy: Flags) -> Flags:
-    """Return the steps between the first and the last one in motion."""
-    where = np.flatnonzero(busy)
-    near = np.zeros(len(busy), dtype=bool)
-    near[where[0] : where[-1] + 1] = True
-    return near
-
-
-def _held(log: Log, robot: Robot, busy: Flags, same_q: Flags) -> bool:
-    """Return whether positions are held as a whole: where any joint changes, those that move change nearly all."""
-    if not _counts(same_q & busy, busy):
-        return False
-    alive = moving(log, robot)[1:]
-    several = (alive.sum(axis=1) >= 2) & ~same_q
-    moved = (log.q[1:] != log.q[:-1])[several][alive[several]]
-    return int(moved.sum()) > tuning.CHANGE_TOGETHER * len(moved)
 
 
 def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]:
@@ -324,9 +305,7 @@ def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]
     for number, log in enumerate(logs, start=1):
         keys = _keys(log)
         copied = _copied(keys, seen)
-        if number < len(logs):
-            # Why stable: it merges what rises already.
-            seen = np.sort(np.concatenate([seen, np.sort(keys[~copied])]), kind="stable")
+        seen = np.concatenate([seen, keys[~copied]])
         if not copied.any():
             kept.append(log)
             continue
@@ -344,17 +323,10 @@ def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]
 
 def _copied(keys: NDArray[np.uint64], seen: NDArray[np.uint64]) -> Flags:
     """Return which samples with such keys, (N,), are copies of earlier ones, or of those with keys that were seen."""
+    again = np.ones(len(keys), dtype=bool)
+    again[np.unique(keys, return_index=True)[1]] = False
     copied = np.zeros(len(keys), dtype=bool)
-    rising = np.sort(keys)
-    repeats = np.any(rising[1:] == rising[:-1])
-    again = np.zeros(len(keys), dtype=bool)
-    if len(seen):
-        again = seen[np.minimum(np.searchsorted(seen, keys), len(seen) - 1)] == keys
-    if not repeats and not again.any():
-        return copied
-    inside = np.ones(len(keys), dtype=bool)
-    inside[np.unique(keys, return_index=True)[1]] = False
-    for run in runs(again | inside, tuning.COPIED_ROWS):
+    for run in runs(again | np.isin(keys, seen), tuning.COPIED_ROWS):
         copied[run] = len(np.unique(keys[run])) >= tuning.COPIED_DISTINCT * (run.stop - run.start)
     return copied
 

@@ -202,7 +202,5 @@ ENOUGH_SAMPLES = 1 << 18
 OUTPUTS_TOGETHER = 20
 #: Signals from which on each of their stretches is multiplied where it is.
 MANY_SIGNALS = 64
-#: Samples of a block when a long log is filtered part by part.
-FILTER_BLOCK = 1 << 16
 #: Samples for each value of a torque from which on it is recorded in steps; noise of a step alone leaves about ten.
 VALUES_OF_STEPS = 20

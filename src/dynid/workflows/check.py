@@ -12,10 +12,10 @@ import numpy as np
 
 from dynid.answer import picked
 from dynid.arguments import one_thread
-from dynid.errors import Finding
+from dynid.errors import Finding, located
 from dynid.files.artifact import read_artifact, read_header
 from dynid.files.inspect import inspect
-from dynid.loading import checked_log, diagnose_logs, load_robot, located, read_log
+from dynid.loading import checked_log, diagnose_logs, load_robot, read_log
 from dynid.log import Log
 from dynid.model.effects.catalogue import added_effects
 from dynid.model.kinematics import tool_pose

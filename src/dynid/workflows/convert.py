@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dynid.errors import Finding, WrongMessageType
+from dynid.errors import Finding, WrongMessageType, located
 from dynid.files.convert import write_log
 from dynid.files.inspect import inspect
-from dynid.loading import located, read_log
+from dynid.loading import read_log
 from dynid.log import Log
 from dynid.options import LogOptions
 from dynid.robot import Robot
