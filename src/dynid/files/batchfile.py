@@ -59,8 +59,7 @@ def _paths(value: Value) -> tuple[Path, ...]:
 
 
 def _robot(value: Value) -> str:
-    text = value.text()
-    return str(_path(value)) if text.endswith((".yaml", ".yml")) else text
+    return str(_path(value)) if value.text().endswith((".yaml", ".yml")) else value.text()
 
 
 def _options(value: Value) -> dict[str, str]:

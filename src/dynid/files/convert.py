@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -39,12 +39,18 @@ def write_log(log: Log, path: Path) -> Path:
         WrongUsage: the suffix is not known.
         CannotWrite: the file cannot be written.
     """
-    if path.suffix not in WRITERS:
+    if path.suffix == ".npz":
+        return log.save(path)
+    if path.suffix != ".csv":
         raise WrongUsage(
-            f"'{path.name}' does not say what to write: {', '.join(WRITERS)}",
+            f"'{path.name}' does not say what to write: .npz, .csv",
             fix="name a file like log.npz; rosbags-convert writes bags",
         )
-    WRITERS[path.suffix](log, path)
+    columns = _columns(log)
+    with written_whole(path) as stream:
+        stream.write(",".join(map(column, columns)).encode() + b"\n")
+        for row in zip(*(values.tolist() for values in columns.values()), strict=True):
+            stream.write(",".join(map(repr, row)).encode() + b"\n")
     return path
 
 
@@ -63,21 +69,6 @@ def _columns(log: Log) -> dict[str, Any]:
         for k, name in enumerate(names):
             found[key if values.ndim == 1 else f"{key}_{name}"] = table[:, k]
     return found
-
-
-def _csv(log: Log, path: Path) -> None:
-    columns = _columns(log)
-    with written_whole(path) as stream:
-        stream.write(",".join(map(column, columns)).encode() + b"\n")
-        for row in zip(*(values.tolist() for values in columns.values()), strict=True):
-            stream.write(",".join(map(repr, row)).encode() + b"\n")
-
-
-#: What writes a log, by the suffix of its file.
-WRITERS: dict[str, Callable[[Log, Path], object]] = {
-    ".npz": lambda log, path: log.save(path),
-    ".csv": _csv,
-}
 
 
 # ---------------------------------------------------------------- a replay

@@ -88,20 +88,15 @@ class Inspected:
         arrays = [topic.name for topic in self.topics.values() if topic.type == MULTI_ARRAY]
         if chosen.topic and not chosen.has_torques and arrays:
             lines.append(f"  effort_topic: {yaml_word(arrays[0])}")
-        if chosen.log.names and (
-            not self.patterns or "name" in self.patterns or "{name}" in self.patterns["position"]
-        ):
+        position = self.patterns.get("position", "{name}")
+        if chosen.log.names and ("name" in self.patterns or "{name}" in position):
             names = ", ".join(map(yaml_word, chosen.log.names))
             lines.append(f"  joint_names: [{names}]    # put them in the order base to tip")
+        units = chosen.units
         if self.patterns:
             lines.append(f"  {snippet(self.patterns)}")
-        units = chosen.units
-        if (
-            self.patterns
-            and "effort" not in chosen.log.units
-            and in_amperes(self.patterns["effort"])
-        ):
-            units["effort"] = "A"
+            if "effort" not in chosen.log.units and in_amperes(self.patterns["effort"]):
+                units["effort"] = "A"
         if chosen.log.qd is not None and np.isfinite(chosen.log.qd).any():
             units["velocity"] = f"{units['position']}/s"
         order = ("position", "velocity", "effort")
@@ -123,21 +118,16 @@ def inspect(path: Path, rate: float | None = None) -> Inspected:
     kind = logs.format_of(path)
     if kind == "bag":
         topics = list_topics(path)
-        wanted = [
-            name for name, topic in topics.items() if topic.type == JOINT_STATE and topic.count
-        ]
+        filled = [topic for topic in topics.values() if topic.count]
+        wanted = [topic.name for topic in filled if topic.type == JOINT_STATE]
         groups, findings = read_topics(path, wanted) if wanted else ({}, ())
         joints = tuple(
             Joints(name, log) for name in wanted for log in groups.get(name, []) if log.n
         )
         # Why not those of Kinova: they are read where the robot file names their driver.
-        if not joints and not any(
-            topic.type in KINOVA_TYPES and topic.count for topic in topics.values()
-        ):
-            none = Finding(
-                "W333", "warning", f"no topic of {path.name} holds joint states ({JOINT_STATE})"
-            )
-            findings = (*findings, none)
+        if not joints and not any(topic.type in KINOVA_TYPES for topic in filled):
+            text = f"no topic of {path.name} holds joint states ({JOINT_STATE})"
+            findings = (*findings, Finding("W333", "warning", text))
         return Inspected(path, topics, (), joints, {}, findings)
     if kind == "table":
         return _table(path, rate)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import WrongUsage
-from dynid.files.convert import WRITERS, write_log
+from dynid.files.convert import write_log
 from dynid.files.logs import read_log
 from dynid.files.robotfile import parse_robot
 from dynid.options import LogOptions
@@ -21,11 +21,11 @@ TOPIC = "/lwr/joint_states"
 
 @pytest.fixture(scope="module")
 def log():
-    some = take_samples(lwr_log(), np.arange(300))
+    some = take_samples(lwr_log(), slice(300))
     return replace(some, t=np.arange(300) * 0.005, qd=None, findings=(), extra={})
 
 
-@pytest.mark.parametrize("suffix", WRITERS)
+@pytest.mark.parametrize("suffix", [".npz", ".csv"])
 def test_a_converted_recording_has_the_same_numbers(suffix, log, tmp_path):
     source = write_rosbag2(tmp_path / "bag", of_ros2(log, TOPIC))
     found = read_log(convert(source, tmp_path / f"new{suffix}").path, robot=lwr())
