@@ -28,7 +28,7 @@ ARMS = {"kuka_lwr4plus": "lwr4plus", "kinova_gen2": "kinova_gen2"}
 #: What the pictures of a search show.
 CAPTIONS = {
     "where": "Where the error is, joint by joint.",
-    "shrink": "The error on the motion held out, before and after.",
+    "shrink": "The held-out error, before and after.",
 }
 
 
@@ -84,14 +84,13 @@ def all_loops(
     session: Session, arm: Robot, robot: str, folder: Path, top: Path
 ) -> tuple[list[Chapter], dict[str, Any]]:
     """Derive the model, plan a motion, identify and validate; return chapters of the page and the facts."""
-    session.say("--- loop 1: dynid model", "bold")
-    invoke(session, "model", robot, "--reduce", "--json", "-o", folder)
+    model = step(session, "loop 1: dynid model", "model", robot, "--reduce", "-o", folder)
+    session.stage("model", f"{model['n_parameters']} parameters, {model['rank']} base parameters")
     wrote, planned = plan(session, arm, robot, folder)
     log, unseen, truth, physics = recordings(session, robot, arm, folder)
-    session.say(f"--- loop 3: dynid identify, on a log simulated by {physics}", "bold")
-    identified = invoke(session, "identify", robot, log, "-o", folder, "-f", "--no-report")
-    session.say("--- dynid validate, on another motion", "bold")
-    validated = invoke(session, "validate", folder, unseen, "-f")
+    title = f"loop 3: dynid identify, on a log simulated by {physics}"
+    identified = step(session, title, "identify", robot, log, "-o", folder, "-f", "--no-report")
+    validated = step(session, "dynid validate, on another motion", "validate", folder, unseen, "-f")
     counted = workflows.demo.against_truth(dynid.loading.load_run(folder), truth)
     inside = (
         "{inside_95_percent} of {parameters} true base parameters lie inside their 95 % interval."
@@ -101,11 +100,11 @@ def all_loops(
     chapters = [
         Chapter(
             "The model",
-            (f"{number} base parameters say everything about the torques of this arm.",),
+            (f"{number} base parameters determine the torques of this arm.",),
             (shell("dynid", "model", robot, "-o", folder),),
         ),
         Chapter(
-            "A motion that shows them",
+            "A motion that excites them",
             planned,
             (shell("dynid", "trajectory", robot, "-o", top / "motion"),),
             tuple((each, "The planned motion: the arm at several times.") for each in wrote),
@@ -129,7 +128,7 @@ def plan(
     session: Session, arm: Robot, robot: str, folder: Path
 ) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Judge the shipped motion of an arm, or plan a random one; return pictures, and what is said of it."""
-    session.say("--- loop 2: dynid trajectory, a motion that shows the parameters", "bold")
+    session.say("--- loop 2: dynid trajectory, a motion that excites the parameters", "bold")
     base = workflows.model.base_model(arm, folder)
     shown, work = Drawing(folder / "preview.png"), workflows.trajectory
     if robot in ARMS:
@@ -177,18 +176,17 @@ def find_hidden(session: Session, effect: str, folder: Path) -> tuple[dict[str, 
         The JSON answer, and the same for the page.
     """
     hidden = workflows.demo.hidden_effect(effect, session.seed)
-    what = "three motions, each driven twice"
-    session.say(f"--- a simulated LWR4+ with something hidden in it: {what}", "bold")
+    what = "three motions, each recorded twice"
+    session.say(f"--- a simulated LWR4+ with a hidden effect: {what}", "bold")
     robot, logs = workflows.demo.simulate_hidden(folder, hidden, session.seed)
-    session.say("--- dynid identify, on the first two motions", "bold")
-    identify = (robot, *logs[:4], "-o", folder)
-    invoke(session, "identify", *identify, "--no-feasible", "--no-report", "--json", "-f")
-    session.say("--- dynid gap, proved on the third motion", "bold")
+    title, identify = "dynid identify, on the first two motions", (robot, *logs[:4], "-o", folder)
+    step(session, title, "identify", *identify, "--no-feasible", "--no-report", "-f")
     added, result = folder / "with_effect", folder / "parameters.npz"
     search, copy = (result, *logs, "-o", added), folder / "arm_with_effect.yaml"
-    answer = invoke(session, "gap", *search, "--apply=best", f"--new-name={copy}", "-f")
+    apply = ("--apply=best", f"--new-name={copy}", "-f")
+    answer = step(session, "dynid gap, held out: the third motion", "gap", *search, *apply)
     right = workflows.demo.is_right_answer(hidden, answer)
-    where = f", {hidden.size:g} in size, at joint {hidden.joint + 1}" if hidden.size else ""
+    where = f" {hidden.size:g} on joint {hidden.joint + 1}" if hidden.size else ""
     verdict = "right" if right else "wrong"
     session.answer()
     session.fact("hidden", f"{hidden.name}{where} (seed {session.seed})")
@@ -198,9 +196,9 @@ def find_hidden(session: Session, effect: str, folder: Path) -> tuple[dict[str, 
     told = f"Hidden was {hidden.name}{where}: the answer is {verdict}."
     proof = f"{shell('dynid', 'validate', added, logs[-1])} --cutoff 10"
     pictures = [path for path in answer["wrote"] if path.suffix == ".png"]
-    known = "The effect that was found, on the motion held out."
+    known = "The effect that was found, on the held-out motion."
     chapter = Chapter(
-        "Something is hidden in the arm: find it, add it, see the gap shrink",
+        "A hidden effect: found, added, and how much smaller the gap is",
         (judged["sentence"], *judged["reasons"], *shrunk(answer), told),
         (
             f"{shell('dynid', 'identify', *identify)} --no-feasible",
@@ -222,6 +220,15 @@ def find_hidden(session: Session, effect: str, folder: Path) -> tuple[dict[str, 
         "gap": answer,
     }
     return facts, chapter
+
+
+def step(session: Session, title: str, name: str, *words: object) -> dict[str, Any]:
+    """Run a command and print its answer, with -v all that it prints; return its JSON answer."""
+    session.say(f"--- {title}", "bold")
+    answer = invoke(session, name, *words, *["--json"], *["--quiet"] * (not session.verbose))
+    if judged := answer.get("judgement"):
+        session.sentences(judged["sentence"], *judged["reasons"])
+    return answer
 
 
 def shrunk(answer: dict[str, Any]) -> list[str]:

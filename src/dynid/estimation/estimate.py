@@ -589,8 +589,8 @@ def physics_findings(
     if unexplained and not len(large) and not len(apart):
         joint = base.robot.joint_names[worst]
         text = (
-            f"the physical parameters explain {joint} worse than the plain fit: its torque error grows from "
-            f"{plain.rms[worst]:.3g} to {rms[worst]:.3g} N m; a missing effect (dynid gap), or units, signs, payload"
+            f"physically consistent parameters fit {joint} worse than least squares: torque error {rms[worst]:.3g} instead "
+            f"of {plain.rms[worst]:.3g} N m; look for a missing effect (dynid gap), wrong units or signs, a payload"
         )
         found.append(
             Finding("W404", "warning", text, {"joint": joint, "growth": float(growth[worst])})

@@ -76,8 +76,8 @@ def sentences(gathered: Gathered) -> list[str]:
     found, judged = gathered.result, gathered.judgement
     worst = max(found.joints, key=lambda joint: joint.relative_percent)
     fitted = (
-        f"On the fitted logs {found.relative_error_percent:.2g} % of the torque is unexplained; {worst.joint} is the "
-        f"weakest joint with {worst.relative_percent:.2g} %."
+        f"Relative torque error {found.relative_error_percent:.2g} % on the training logs, at most "
+        f"{worst.relative_percent:.2g} % on one joint ({worst.joint})."
     )
     known = sum(word in (KNOWN_WELL, NEGLIGIBLE) for word in found.knowledge)
     open_ = found.knowledge.count(NOT_DETERMINED)

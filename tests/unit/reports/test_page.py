@@ -166,9 +166,9 @@ def test_the_page_has_the_sentence_the_lights_and_the_steps_of_the_judgement(gat
 def test_the_verdict_ends_with_the_fit_and_the_parameters(gathered):
     count = len(gathered.result.names)
     assert sentences(gathered)[-2:] == [
-        f"On the fitted logs 1.4 % of the torque is unexplained; {NASTY} is the weakest joint with 1.4 %.",
-        f"{count - 1} of {count} base parameters are determined well enough for the torques, 1 are not determined "
-        "by the logs. Predictions use the physical parameters.",
+        f"Relative torque error 1.4 % on the training logs, at most 1.4 % on one joint ({NASTY}).",
+        f"{count - 1} of {count} base parameters are determined well enough for the torques, 1 are not determined by "
+        "the logs. Predictions use the physical parameters.",
     ]
 
 
