@@ -370,7 +370,7 @@ def _explained(
     edits = [pasted(each.edits, robot, bool(names)) for each in (best, *found.same, *found.tied)]
     raise WrongMapping(
         what,
-        why="with this robot file, no physically possible arm makes these torques"
+        why="with this robot file, no physically consistent parameters make these torques"
         + (f"; next likely: {'; '.join(others)}" if others else "")
         + "".join(f"; {finding.text}" for finding in beyond),
         fix=f"in {robot.editable}: {', or '.join(edits)}; or continue with --anyway",

@@ -446,7 +446,7 @@ def excitation_findings(
     condition = plain.solution.condition_number_scaled
     if cost > tuning.POORLY_EXCITED_PERCENT:
         text = (
-            f"this log determines some parameters badly: the plain estimate would miss {cost:.3g} % of the torque of "
+            f"this log determines some parameters badly: least squares would have a torque error of {cost:.3g} % on "
             f"an exciting motion; condition number {condition:.0f} (good: below 100)"
         )
         if not drop_weak:
@@ -572,7 +572,7 @@ def physics_findings(
             else "check sign and offset of each joint under `driver:` in the robot file"
         )
         level = "info" if physical or open_ > tuning.MANY_OPEN else "warning"
-        text = f"the mass matrix of the plain fit is not positive definite in {100 * share:.0f} % of poses: {cause}"
+        text = f"the mass matrix of the least squares fit is not positive definite in {100 * share:.0f} % of poses: {cause}"
         found.append(Finding("W405", level, text, {"share": share}))
     growth = rms / np.maximum(plain.rms, 1e-12)
     worst = int(np.argmax(growth))
@@ -597,9 +597,7 @@ def physics_findings(
         )
     if open_ > tuning.MANY_OPEN:
         count = f"{sum(word == NOT_DETERMINED for word in knowledge)} of {len(knowledge)} base parameters"
-        plain_text = (
-            "the plain estimate holds for motions like this one only; for others use --feasible"
-        )
+        plain_text = "least squares hold for motions like this one only; for others use --feasible"
         consequence = "their values come mostly from the prior" if physical else plain_text
         text = f"{count} are not determined by this log: {consequence}"
         found.append(Finding("W406", "warning", text, {"share": open_}))

@@ -40,7 +40,7 @@ Floats = NDArray[np.float64]
 Drawing = Callable[[Any, tuple[str, ...], bool], Any]
 #: How the text of what was held out ends where it is part of the fitted motion.
 SAME_MOTION = "the same motion"
-USED = {"physical": "the physical parameters", "plain": "the plain estimate"}
+USED = {"physical": "the physically consistent parameters", "plain": "least squares"}
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ SECTIONS = {
     "limits": "Limits of this result",
 }
 #: What predictions use.
-USED = {"physical": "physical parameters", "plain": "plain estimate"}
+USED = {"physical": "physically consistent parameters", "plain": "least squares estimate"}
 #: Stands for the page's text colour until the figure is written.
 INK = "#010203"
 #: What the page shows for the colours of figures; the style sheet has lighter ones for the dark.

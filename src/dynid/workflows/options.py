@@ -234,7 +234,7 @@ class IdentifyOptions(PriorOptions, LogOptions):
     )
     feasible: bool | None = option(
         None,
-        "Predict with the physically possible parameters, or with the plain estimate (default: the physically possible "
+        "Predict with physically consistent parameters, or with least squares (default: the physically consistent "
         "ones, unless --method names an estimator).",
         pair=True,
     )

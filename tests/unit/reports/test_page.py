@@ -168,7 +168,7 @@ def test_the_verdict_ends_with_the_fit_and_the_parameters(gathered):
     assert sentences(gathered)[-2:] == [
         f"Relative torque error 1.4 % on the training logs, at most 1.4 % on one joint ({NASTY}).",
         f"{count - 1} of {count} base parameters are determined well enough for the torques, 1 are not determined by "
-        "the logs. Predictions use the physical parameters.",
+        "the logs. Predictions use the physically consistent parameters.",
     ]
 
 
