@@ -38,7 +38,7 @@ WARNINGS: dict[str, str] = {
     "W402": "A base parameter is hardly excited by this log.",
     "W403": "The log determines fewer base parameters than the structure has; the rest comes from the prior.",
     "W404": "No physically consistent parameters near the prior fit the torques as well as least squares do.",
-    "W405": "The mass matrix of the least squares fit is not positive: too little motion, a missing effect, or a wrong sign.",
+    "W405": "The mass matrix of least squares is not positive: too little motion, a missing effect, or a wrong sign.",
     "W406": "Many base parameters are not determined: they come from the prior, or hold for such motions only.",
     "W408": "An exported file gives other torques in the program that loaded it than here, or is refused there.",
     "W409": "Exported links have masses or inertias that no body has; simulators may refuse or replace them.",

@@ -572,7 +572,7 @@ def physics_findings(
             else "check sign and offset of each joint under `driver:` in the robot file"
         )
         level = "info" if physical or open_ > tuning.MANY_OPEN else "warning"
-        text = f"the mass matrix of the least squares fit is not positive definite in {100 * share:.0f} % of poses: {cause}"
+        text = f"the mass matrix of least squares is not positive definite in {100 * share:.0f} % of poses: {cause}"
         found.append(Finding("W405", level, text, {"share": share}))
     growth = rms / np.maximum(plain.rms, 1e-12)
     worst = int(np.argmax(growth))
@@ -589,8 +589,8 @@ def physics_findings(
     if unexplained and not len(large) and not len(apart):
         joint = base.robot.joint_names[worst]
         text = (
-            f"physically consistent parameters fit {joint} worse than least squares: torque error {rms[worst]:.3g} instead "
-            f"of {plain.rms[worst]:.3g} N m; look for a missing effect (dynid gap), wrong units or signs, a payload"
+            f"physically consistent parameters fit {joint} worse than least squares: torque error {rms[worst]:.3g} "
+            f"instead of {plain.rms[worst]:.3g} N m; look for a missing effect (dynid gap), wrong units or signs, a payload"
         )
         found.append(
             Finding("W404", "warning", text, {"joint": joint, "growth": float(growth[worst])})
