@@ -590,7 +590,7 @@ def physics_findings(
         joint = base.robot.joint_names[worst]
         text = (
             f"physically consistent parameters fit {joint} worse than least squares: torque error {rms[worst]:.3g} "
-            f"instead of {plain.rms[worst]:.3g} N m; look for a missing effect (dynid gap), wrong units or signs, a payload"
+            f"instead of {plain.rms[worst]:.3g} N m; look for a missing effect (dynid gap), units, signs, payload"
         )
         found.append(
             Finding("W404", "warning", text, {"joint": joint, "growth": float(growth[worst])})
