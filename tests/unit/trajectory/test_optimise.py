@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynid.progress import Silent
+from dynid.progress import Silent, heard_by
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import bounds, random_variables
@@ -70,6 +70,7 @@ class Impatient(Silent):
 
 
 def test_interrupt_keeps_the_best_so_far(lwr):
-    found = optimise(problem(lwr), PlanOptions(restarts=100, processes=1), 300.0, Impatient())
+    with heard_by(Impatient()):
+        found = optimise(problem(lwr), PlanOptions(restarts=100, processes=1), 300.0)
     assert (found.ended, len(found.candidates)) == ("interrupt", 1)
     assert np.isfinite(found.candidates[0]).all()
