@@ -164,14 +164,14 @@ def of_gap(c: Case, *, nothing: bool) -> str:
 def unexplained(c: Case) -> str:
     """Return what is said where something is missing and no effect is proved."""
     gap = c.gap
-    if gap.events:
+    if gap.events and {one.joint for one in gap.events}.issuperset(gap.more):
         one = gap.events[0]
         times = f"from {one.start:.1f} to {one.end:.1f} s of {one.log}"
         return f"A disturbance that does not repeat: {one.size:.2g} {one.unit} on {one.joint}, {times}."
     for effect in gap.effects:
         if not effect.named and (effect.probability or 0.0) >= 0.5:
             return likely_effect(effect)
-    if gap.unrepeatable:
+    if gap.unrepeatable and {*gap.unrepeatable}.issuperset(gap.more):
         return f"The disturbance of {', '.join(gap.unrepeatable)} does not repeat, so it is no property of the arm."
     if (gap.surprise or 0.0) > tuning.EXPECTED[0]:
         return (
@@ -181,6 +181,8 @@ def unexplained(c: Case) -> str:
     rows = zip(gap.joints, gap.before, gap.allowed, strict=True)
     most = tuning.MISSING[not gap.repeats]
     names = ", ".join(gap.more or (name for name, error, noise in rows if error > most * noise))
+    if gap.effects and not names:
+        return likely_effect(gap.effects[0])
     return f"The residual{' of ' * bool(names)}{names} is above the noise, and no known effect explains it."
 
 
@@ -411,11 +413,11 @@ def _gap_steps(c: Case) -> Iterator[Step]:
         command = f"{shell('dynid', 'gap', c.run, *logs)} --apply best"
         yield Step(why, command, ("complete", "fit", "unseen motion", "physics"))
         return
-    for event in gap.events:
-        times = f"{max(0.0, event.start):.1f}-{event.end:.1f}"
-        why = f"Exclude the disturbance of {event.joint} at {event.start:.1f} s."
-        command = shell("dynid", "identify", e.robot, event.log, "--exclude", times)
-        yield Step(why, command, ("complete",))
+    if gap.events:
+        times = dict.fromkeys(f"{max(0.0, x.start):.1f}-{x.end:.1f}" for x in gap.events)
+        without = [word for time in times for word in ("--exclude", time)]
+        why = "Search again without the disturbances, or look for a contact or a cable there."
+        yield Step(why, shell("dynid", "gap", c.run, *logs, *without), ("complete",))
     if gap.unrepeatable and not gap.events:
         why = f"Look for contacts, cables or a drifting sensor on {', '.join(gap.unrepeatable)}, then record again."
         yield Step(why, shell("dynid", "check", logs[0], "--robot", e.robot), ("complete",))

@@ -373,7 +373,4 @@ def test_an_event_comes_with_the_option_that_leaves_it_out():
     )
     judged = judge(Evidence(asked="gap", gap=gap, robot="my_arm.yaml"))
     assert "15 N m on elbow, from 14.0 to 14.4 s of run.bag" in judged.sentence
-    assert any(
-        step.command == "dynid identify my_arm.yaml run.bag --exclude 14.0-14.4"
-        for step in judged.steps
-    )
+    assert any(step.command == "dynid gap RESULT LOG --exclude 14.0-14.4" for step in judged.steps)
