@@ -101,7 +101,7 @@ def test_gap_without_a_terminal_reports_and_adds_nothing(dynid, logs):
     line = "gap before/parameters.npz --effects load_friction,stribeck --joints 4 --no-plot"
     ended = dynid(line, *logs, **ONE)
     assert ended.status == 0, ended.err
-    assert ended.out.startswith("lwr_3_joint: friction that grows with the load")
+    assert ended.out.startswith("Missing effect on lwr_3_joint: friction that grows with the load")
     assert "(not asked: no terminal" in ended.err
     assert not list(dynid.folder.glob("arm+*"))
     assert not any(path.exists() for path in old)
