@@ -370,7 +370,7 @@ class JointStill(DynidError):
 
 
 class PoorlyExcited(DynidError):
-    """The log leaves so much undetermined that the plain estimate would miss half of the torque of other motions."""
+    """The log determines so little that the torque error of least squares on other motions would be 50 % or more."""
 
     code, status = "E402", ExitStatus.DATA
     why = "the log determines some parameters hardly better than noise"

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from dynid.cli import session
 from dynid.cli.session import Session
 from dynid.codes import codes
+from dynid.workflows.doctor import Check, Diagnosis, version_of
 
 ROOT = Path(__file__).parents[2]
 
@@ -112,7 +114,7 @@ def test_strict_turns_warnings_into_status_1(dynid, word, status):
         "warning[W202] arm.yaml:4: joints[0].twist = 1.5708 is 3.7e-06 rad from 90 deg; 90 deg is used "
         "(write `90 deg` to silence this)",
         "next       dynid model arm.yaml",
-        "           Find out which parameters of the arm torques show.",
+        "           Find out which parameters of the arm are identifiable.",
     ]
     assert done.out.splitlines()[0] == "arm.yaml can be used, but see the warning."
     assert done.out.splitlines()[-1] == "verdict    usable, 1 warning"
@@ -135,3 +137,10 @@ def test_sentences_are_folded_between_words_where_the_terminal_ends(monkeypatch,
     assert all(len(part) <= 80 and part.endswith("word") for part in (first, *more))
     assert all(part.startswith(" " * 11 + "word") for part in more)
     assert len(said("wrote")) == 1
+
+
+def test_a_required_package_that_is_missing_makes_dynid_unusable():
+    fine, optional = Check("numpy", True, "2.0"), Check("display", False, "none", "preview window")
+    assert Diagnosis((fine, optional)).usable
+    assert not Diagnosis((replace(fine, ok=False), optional)).usable
+    assert version_of("no-such-package") is None

@@ -6,8 +6,11 @@ import pytest
 from logs_of_arms import logs_of, model_of, sources_of
 
 import hidden_effects as hidden
+from dynid.estimation.estimate import estimate
+from dynid.estimation.stack import stack_logs
 from dynid.gap.analysis import analyse_gap
 from dynid.gap.candidates import SelectionOptions
+from dynid.gap.problem import kept_model
 from dynid.gap.verdict import labels
 
 pytestmark = pytest.mark.slow
@@ -59,6 +62,22 @@ def test_contacts_that_do_not_repeat_are_called_so():
     assert seen.search.problem.noise.unrepeatable == [2]
     assert "lwr_2_joint" in seen.verdict.advice
     assert "did not repeat" in seen.verdict.advice
+
+
+def test_the_same_motion_before_tells_a_change_from_what_was_missing_already():
+    """The model has lacked position friction on joint 4 all along; on joint 2 Coulomb friction grows."""
+    base, lacking = model_of(ARM), ("position_friction", 3)
+    before, now = (
+        logs_of(effects, 2.0, ARM, 33, seconds=SECONDS, trajectories=2)[0]
+        for effects in ([lacking], [lacking, ("coulomb_change", 1)])
+    )
+    earlier, same, new = (sources_of(x, base.model) for x in (before[::2], before[1::2], now[1::2]))
+    fit = estimate(stack_logs(earlier, base), base, method="wls", holdout=None)
+    for logs, changes in ((new, {("coulomb_change", (1,))}), (same, set())):
+        known, some = kept_model(fit), SelectionOptions()
+        seen = analyse_gap(logs, base, known, some, simulate=False, earlier=earlier)
+        assert seen.problem.same_motion
+        assert named(seen) == changes
 
 
 def test_joints_that_always_move_together_make_their_coupling_ambiguous(monkeypatch):

@@ -126,5 +126,5 @@ def show_next(session: Session, found: Sequence[Checked]) -> None:
         why = f"Identify the arm from {'it' if len(logs) == 1 else 'them'}."
         session.next(shell("dynid", "identify", robot.word, *logs), why)
     elif robot is not None:
-        why = "Find out which parameters of the arm torques show."
+        why = "Find out which parameters of the arm are identifiable."
         session.next(shell("dynid", "model", robot.word), why)

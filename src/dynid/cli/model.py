@@ -78,7 +78,7 @@ def command(
             return reduced(session, derived, options).facts()
         if answer is Answer.NO:
             session.headline(f"The equations of {robot.name} are ready.")
-            why = "Find out which of its parameters torques show, alone or in groups."
+            why = "Find out which of its parameters are identifiable, alone or in linear combinations."
             session.next(shell("dynid", "model", robot.word, "--reduce"), why)
             return derived.facts()
         source = str(robot.path or robot.source)

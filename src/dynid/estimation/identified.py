@@ -17,6 +17,7 @@ from dynid.estimation.covariance import counted, normal_quantile
 from dynid.estimation.least_squares import Fit, relative_error
 from dynid.estimation.one_state import OneState, one_state
 from dynid.estimation.possible_arm import PhysicalParameters
+from dynid.estimation.prediction import JointError
 from dynid.estimation.residual_model import GROUP_NAMES, ModelError
 from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.effects.interface import ArmMotion
@@ -77,21 +78,9 @@ class ExpectedError:
 
 
 @dataclass(frozen=True)
-class JointQuality:
-    """How well one joint is explained.
+class JointQuality(JointError):
+    """One joint on the training logs; ``heldout_rms`` is the residual on held-out rows [N m or N], None without any."""
 
-    Attributes:
-        joint: name.
-        rms: root mean square of the residual [N m or N].
-        relative_percent: residual over measured torque [%].
-        torque_rms: root mean square of the measured torque [N m or N].
-        heldout_rms: the residual on rows that were not fitted [N m or N].
-    """
-
-    joint: str
-    rms: float
-    relative_percent: float
-    torque_rms: float
     heldout_rms: float | None
 
 
@@ -265,13 +254,10 @@ class Identified:
         return self.table().to_dataframe()
 
     def joint_table(self) -> Table:
-        """Return one row per joint: rms error and rms torque [N m or N], what is unexplained [%], held-out error."""
+        """Return one row per joint: rms error and rms torque [N m or N], relative error [%], held-out error."""
         rows = [
             {
-                "joint": quality.joint,
-                "rms error": quality.rms,
-                "torque rms": quality.torque_rms,
-                "error %": quality.relative_percent,
+                **quality.row(),
                 "held out": quality.heldout_rms,
                 "unit": "A" if self.robot.torque.relative else joint.torque_unit,
             }
@@ -423,7 +409,7 @@ class Identified:
 
     def verdict(self) -> list[str]:
         """Return what the result is worth, line by line."""
-        error = f"torque error {self.relative_error_percent:.2f} % on the fitted rows"
+        error = f"relative torque error {self.relative_error_percent:.2f} % on the training logs"
         if self.heldout_relative_error_percent is not None:
             error += f", {self.heldout_relative_error_percent:.2f} % held out ({self.heldout})"
         lines = [

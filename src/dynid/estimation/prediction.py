@@ -132,21 +132,35 @@ def load(path: Path) -> tuple[EstimatedMotion, dict[str, Any]]:
 
 # ---------------------------------------------------------------- how wrong a prediction is
 @dataclass(frozen=True)
-class JointCheck:
-    """One joint on a log that was not fitted.
+class JointError:
+    """How well the torque of one joint is predicted.
 
     Attributes:
         joint: name.
-        rms: residual [N m].
+        rms: root mean square of the residual [N m or N].
         relative_percent: residual over measured torque [%].
-        torque_rms: measured torque [N m].
-        baseline_rms: residual of the baseline [N m].
+        torque_rms: root mean square of the measured torque [N m or N].
     """
 
     joint: str
     rms: float
     relative_percent: float
     torque_rms: float
+
+    def row(self) -> dict[str, Any]:
+        """Return it as the beginning of a row of a table."""
+        return {
+            "joint": self.joint,
+            "rms error": self.rms,
+            "torque rms": self.torque_rms,
+            "error %": self.relative_percent,
+        }
+
+
+@dataclass(frozen=True)
+class JointCheck(JointError):
+    """One joint on a held-out log; ``baseline_rms`` is the residual of a simpler model [N m or N]."""
+
     baseline_rms: float
 
 

@@ -132,4 +132,4 @@ class Identification(Identified):
         Raises:
             NotAnArtifact: the file is none of dynid's, or is damaged.
         """
-        return cls(**result_files.read(path))
+        return result_files.read(path, cls)

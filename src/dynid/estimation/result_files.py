@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,12 +52,14 @@ SCALARS = (
 FIT = ("plain", "noise", "plain_covariance", "factors", "counts")
 #: What is stored as arrays.
 ARRAYS = (*FIT, "theta", "covariance", "std_error", "prior")
-#: What files of results without joints apart lack, with its shape; zero there.
-APART_ARRAYS = {"apart": "n", "own": "np", "own_root": "npp", "own_slope": "npp"}
+#: What files of results without joints apart lack; zero there.
+APART_ARRAYS = ("apart", "own", "own_root", "own_slope")
+
+Result = TypeVar("Result", bound=Identified)
 
 
 def save(path: Path, found: Identified, facts: dict[str, Any] | None = None) -> Path:
-    """Write parameters.npz, which ``load`` reads.
+    """Write parameters.npz, which ``read`` reads.
 
     Args:
         path: where to.
@@ -155,8 +157,8 @@ SHAPES = {
 }
 
 
-def read(path: Path) -> dict[str, Any]:
-    """Return what parameters.npz holds, by the names of ``Identified``.
+def read(path: Path, kind: type[Result]) -> Result:
+    """Read parameters.npz as a kind of result.
 
     Raises:
         NotAnArtifact: the file is none of dynid's, or is damaged.
@@ -178,7 +180,7 @@ def read(path: Path) -> dict[str, Any]:
         known: dict[str, Any] = {"source": typed(file)} if h["robot_path"] else {"path": None}
         measured = {key: stored[key] for key in SCALARS if key in Quality.__annotations__}
         measured |= {"joints": _tuple(JointQuality, stored["joints"])}
-        found = Identified(
+        found = kind(
             robot=replace(robot, estimated_coulomb=coulomb_of(h), **known),
             reduction=reduction_from(h["reduction"], a),
             fit=Fit(stored["method"], *(a[key] for key in FIT)),
@@ -203,7 +205,7 @@ def read(path: Path) -> dict[str, Any]:
             raise ValueError("its joints do not match its robot")
         if {found.reduction.names, found.physical.names} != {parameter_names(found.robot)}:
             raise ValueError("its parameters do not match its robot")
-    return vars(found)
+    return found
 
 
 def _without(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
@@ -215,9 +217,9 @@ def _model_error(evidence: float | None, arrays: Mapping[str, NDArray[Any]]) -> 
     if evidence is None:
         return None
     given = _without("error_", arrays)
-    n, p, _ = given["slope"].transpose(0, 2, 1).shape
-    for key, shape in APART_ARRAYS.items():
-        given.setdefault(key, np.zeros([{"n": n, "p": p}[axis] for axis in shape]))
+    n, _, p = given["slope"].shape
+    for key, shape in zip(APART_ARRAYS, ((n,), (n, p), (n, p, p), (n, p, p)), strict=True):
+        given.setdefault(key, np.zeros(shape))
     return ModelError(**given, evidence=float(evidence))
 
 

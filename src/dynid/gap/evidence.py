@@ -33,7 +33,7 @@ from dynid.model.effects.interface import Floats
 Products = tuple[Floats, Floats]
 
 #: Prior precision of base parameters over what the rows know of them: none; and that of what is zero.
-FLAT, SILENT = 1e-16, 1e30
+FLAT, FIXED = 1e-16, 1e30
 #: Least and largest log rms of a kind of the rest, in units of the noise, and that of one that is not there.
 LOG_RMS, NONE = (-6.0, 5.0), -4.0
 #: How much quieter than measured a band may be, in the logarithm of its power.
@@ -276,7 +276,7 @@ class Evidence:
     def without(self, columns: slice) -> Evidence:
         """Return the evidence with some columns of T held at zero."""
         prior = self.prior.copy()
-        prior[columns, columns] += SILENT * np.eye(len(prior[columns]))
+        prior[columns, columns] += FIXED * np.eye(len(prior[columns]))
         return replace(self, prior=prior)
 
     def rest_of(self, joint: int) -> Floats:

@@ -86,7 +86,7 @@ def search_effects(
         settled = not first_of_all
         late, shift = found, found.values["delay"]
         delay += shift
-    selected = [] if first_of_all else search.told(state)
+    selected = [] if first_of_all else search.with_numbers(state)
     if late is not None:
         # Why of the last one: the first one is that of a slope of torques which are in another place.
         error, share = late.std_errors["delay"], abs(delay / late.values["delay"])

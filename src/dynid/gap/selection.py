@@ -220,9 +220,11 @@ class Search:
             small = self._late(state, Look(late.place, late, {}, 1.0, 0.0, state.evidence))
         return self._with_rivals(state, likely), small, False
 
-    def told(self, state: State) -> list[SelectedEffect]:
-        """Return the names with numbers; what always was is not told."""
-        return [self._told_as(state, k) for k, x in enumerate(state.named) if not x.place.always]
+    def with_numbers(self, state: State) -> list[SelectedEffect]:
+        """Return the names with numbers, without what was always there."""
+        return [
+            self._with_numbers(state, k) for k, x in enumerate(state.named) if not x.place.always
+        ]
 
     # ------------------------------------------------------------ looking
     def looks(self, state: State, own: Key | None = None) -> list[Look]:
@@ -411,7 +413,7 @@ class Search:
             std_errors={"delay": error},
         )
 
-    def _told_as(self, state: State, k: int) -> SelectedEffect:
+    def _with_numbers(self, state: State, k: int) -> SelectedEffect:
         """Return a name with sizes and errors, everything else and its own shape being integrated out."""
         one, part, effect = state.named[k], state.columns(k), state.named[k].place.effect
         beside = state.evidence.without(part)

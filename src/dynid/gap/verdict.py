@@ -102,8 +102,8 @@ def refusal(
             f"what is left of this joint is {left:.1f} times as large: it may stand in for something else",
         ),
         (not possible(one), "no physical body has these parameters"),
-        # Presliding of 0.1 to 0.9 mrad is told as a hysteresis of 2.00 mrad on 10 of 11 arms, a dead band as a hump.
-        (bool(end := at_an_end(one)), f"{end} lies at an end of what reversals can tell"),
+        # Presliding of 0.1 to 0.9 mrad looks like a hysteresis of 2.00 mrad on 10 of 11 arms, a dead band like a hump.
+        (bool(end := at_an_end(one)), f"{end} is at the lower end of its range, as of a reversal"),
         # All joints together, in units of their noise: parameters of all joints move with an effect.
         (
             ratio > 1.0,
@@ -241,7 +241,9 @@ def advice_of(
         return f"These logs show no change. --ask numbers searches for what the model has always lacked.{repeat}"
     if word == "nothing_missing":
         return f"The residual of every joint is at its noise.{repeat}"
-    if search.strays:
+    stray = unrepeatable(search)
+    alone = {*stray}.issuperset(remainder)
+    if search.strays and alone:
         robot = search.problem.base.robot
         said = (
             f"{joints[x.joint]} in {x.log} from {x.start:.1f} to {x.end:.1f} s "
@@ -252,7 +254,7 @@ def advice_of(
             f"Something disturbed {'; '.join(said)} and did not repeat: look for a contact or a cable, and record "
             "again or leave that time out with --exclude."
         )
-    if stray := unrepeatable(search):
+    if stray and alone:
         names = ", ".join(joints[j] for j in stray)
         return (
             f"The disturbance of {names} does not repeat: look for contacts, cables or a drifting sensor, then record "

@@ -125,10 +125,10 @@ def unseen_state(unseen: Unseen, evidence: Evidence) -> str:
 
 
 def worst_of(rows: Iterable[Unseen], evidence: Evidence) -> Unseen | None:
-    """Return the unseen rows that speak most against a model."""
+    """Return the unseen rows that speak most against a model; of two states alike those of another motion."""
 
-    def weight(row: Unseen) -> tuple[int, float]:
-        return STATES.index(unseen_state(row, evidence)), row.percent
+    def weight(row: Unseen) -> tuple[int, bool, float]:
+        return STATES.index(unseen_state(row, evidence)), not row.same_motion, row.percent
 
     return max(rows, key=weight, default=None)
 
@@ -160,10 +160,8 @@ def _fit(evidence: Evidence) -> Iterator[Fact]:
 
 def _unseen(evidence: Evidence) -> Iterator[Fact]:
     """The same motion again can only speak against a model; of all replays the worst says why."""
-    rows = [[u for u in evidence.unseen if u.same_motion is same] for same in (False, True)]
-    other, same = (worst_of(some, evidence) for some in rows)
-    states = [STATES.index(unseen_state(one, evidence)) if one else -1 for one in (other, same)]
-    if most := same if states[1] > max(states[0], 0) else other:
+    rows = [u for u in evidence.unseen if not u.same_motion or unseen_state(u, evidence) != "good"]
+    if most := worst_of(rows, evidence):
         far = farthest(most, evidence)
         expected = f", {most.expected:.2g} % expected" if most.expected else ""
         joint = f", {far[0].joint} {over_noise(far[2])}" if far else ""

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from dynid.estimation.covariance import KNOWN_WELL, NEGLIGIBLE, NOT_DETERMINED
+from dynid.estimation.identified import USED
 from dynid.estimation.residual_model import GROUP_NAMES
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.reports import figures, gap_figures, section_figures
@@ -40,8 +41,6 @@ SECTIONS = {
     "physics": "Physical possibility",
     "limits": "Limits of this result",
 }
-#: What predictions use.
-USED = {"physical": "physically consistent parameters", "plain": "least squares estimate"}
 #: Stands for the page's text colour until the figure is written.
 INK = "#010203"
 #: What the page shows for the colours of figures; the style sheet has lighter ones for the dark.
@@ -84,7 +83,7 @@ def sentences(gathered: Gathered) -> list[str]:
     rest = f", {open_} are not determined by the logs" if open_ else ""
     parameters = (
         f"{known} of {len(found.names)} base parameters are determined well enough for the torques{rest}. "
-        f"Predictions use the {USED[found.in_force]}."
+        f"Predictions use {USED[found.in_force]}."
     )
     return [judged.sentence, *judged.reasons, *judged.warnings, fitted, parameters]
 

@@ -202,8 +202,8 @@ def check_position_noise(log: Log, robot: Robot) -> Iterator[Finding]:
     if noise.harmless:
         text = (
             f"everything is filtered at {noise.cutoff:.3g} Hz, where it is still {100 * noise.share:.2g} % of "
-            "the accelerations. The intervals of the physical set allow for that; those of the plain estimate may be "
-            "too narrow. Commanded positions in the log (--method iv) avoid it"
+            "the accelerations. Intervals of physically consistent parameters allow for that; those of least squares "
+            "may be too narrow. Commanded positions in the log (--method iv) avoid it"
         )
     scatter = f"{noise.level[noise.joint]:.1g} {'rad' if joint.revolute else 'm'}"
     yield Finding(

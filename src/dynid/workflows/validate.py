@@ -104,13 +104,10 @@ class Validation(Judged):
         return replace(self.known, asked="replay", unseen=(*earlier, seen))
 
     def table(self) -> Table:
-        """Return one row per joint: rms error and rms torque [N m or N], what is unexplained [%], and the baseline."""
+        """Return one row per joint: rms error and rms torque [N m or N], relative error [%], and the baseline."""
         rows = [
             {
-                "joint": quality.joint,
-                "rms error": quality.rms,
-                "torque rms": quality.torque_rms,
-                "error %": quality.relative_percent,
+                **quality.row(),
                 "rms of baseline": quality.baseline_rms,
                 "unit": joint.torque_unit,
             }

@@ -48,8 +48,8 @@ def test_noisy_positions_lower_the_cutoff_and_are_said(noise, said):
     found = {each.code: each.text for each in check_position_noise(log, robot())}
     assert list(found) == ["W327"] * said
     assert (choose_cutoff([log], robot()) < tuning.LOWEST_CUTOFF_HZ) == said
-    # Why: of LWR logs with 2e-3 rad, 68 % of the true parameters lie in the intervals of the plain estimate.
-    assert not said or "the plain estimate may be too narrow" in found["W327"]
+    # Why: of LWR logs with 2e-3 rad, 68 % of the true parameters lie in the intervals of least squares.
+    assert not said or "those of least squares may be too narrow" in found["W327"]
 
 
 def test_noise_that_no_cutoff_takes_away_is_called_so():

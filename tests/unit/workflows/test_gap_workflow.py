@@ -339,7 +339,10 @@ def test_what_happened_once_is_told_with_the_option_that_leaves_it_out(arm):
     assert found.events[0]["log"] == "run1.csv"
     assert found.events[0]["start"] < 7.0 < found.events[0]["end"]
     assert found.judgement.sentence.startswith("A disturbance that does not repeat")
-    assert any(" --exclude " in step.command for step in found.judgement.steps)
+    again = next(x.command for x in found.judgement.steps if "--exclude" in x.command)
+    assert all(f"run{k}.csv" in again for k in range(4)), "no log is lost"
+    ends = [float(x) for x in again.rpartition("--exclude ")[2].split("-")]
+    assert ends == pytest.approx([found.events[0][key] for key in ("start", "end")], abs=0.06)
 
 
 # ---------------------------------------------------------------- the next experiment
