@@ -16,8 +16,8 @@ from dynid.text import html, visible
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-#: Cells that stand on the right: numbers, also with a unit, and the dash for what is not there.
-_NUMBER = re.compile(r"-|[-+<]?\d[\d.]*(e[-+]?\d+)?( [^\d_]+)?")
+#: Cells that stand on the right: numbers, also with a unit, which is no word, and the dash for what is not there.
+_NUMBER = re.compile(r"-|[-+<]?\d[\d.]*(e[-+]?\d+)?( (?![a-z]{5})[^\d_]+)?")
 #: Believed values below this are zero: a centre of mass turned into its DH frame is off an axis by rounding.
 ROUNDING = 1e-12
 

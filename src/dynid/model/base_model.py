@@ -117,7 +117,7 @@ class BaseModel:
         rows = []
         for j, joint in zip(numbers, self.robot.joints, strict=True):
             cells = {kind: symbols.get(f"{kind}{j}", "") for kind in kinds}
-            rows.append({"joint": f"{j}: {joint.name}", **cells})
+            rows.append({"joint": f"{j} {joint.name}", **cells})
         return Table(rows, self._title(), (self.legend,))
 
     @property
