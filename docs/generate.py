@@ -3,6 +3,7 @@
 They stand in their pages between two comments; ``make docs`` writes them anew, as a hook of mkdocs.
 """
 
+from collections import Counter
 from pathlib import Path
 
 from dynid.codes import codes, page
@@ -11,26 +12,30 @@ from dynid.model.effects.catalogue import CATALOGUE
 BEGIN, END = "<!-- made by docs/generate.py -->\n", "\n<!-- end -->"
 TOPICS = ("", "The command line", "Robot file", "Logs and results", "What the data can tell")
 TOPICS += ("Safety", "The machine", "Decisions")
-WHERE = {"joint": "a joint", "pair": "a joint, and another one it depends on", "arm": "the arm"}
+#: What is said of an effect that is not as most are: where it acts, and which question finds it.
+WHERE = {"pair": "acts on a joint and depends on another one", "arm": "acts on the whole arm"}
 USES = {
-    ("refit", "frozen"): "found by --ask numbers and --ask changed",
-    ("frozen",): "found by --ask changed only: identifying again absorbs it",
+    ("frozen",): "found by --ask changed only: a new fit absorbs it",
     ("arm",): "found by --ask arm: only implausible links imitate it",
 }
 
 
 def errors() -> list[str]:
-    """Return every code of the catalogue."""
-    lines, topic = [], ""
-    for code in codes():
-        if code[1] != topic:
-            topic = code[1]
-            lines += ["", f"## {TOPICS[int(topic)]}"]
-        parts = page(code)
-        lines += ["", f"### {code}", "", parts.pop("what"), *[""][: len(parts)]]
-        for label, text in parts.items():
-            escaped = text.replace("<", "&lt;").replace("*", "\\*")
-            lines.append(f"- **{label}**: {escaped}")
+    """Return every code of the catalogue; an exit status is given where it is not the usual one of the topic."""
+    lines, pages = [], {code: page(code) for code in codes()}
+    for topic, title in enumerate(TOPICS):
+        here = {code: parts for code, parts in pages.items() if code[1] == str(topic)}
+        exits = Counter(parts["exit"] for parts in here.values() if "exit" in parts)
+        if not exits:
+            continue
+        usual = exits.most_common(1)[0][0]
+        lines += ["", f"## {title}", "", f"Exit status {usual}, unless noted."]
+        for code, parts in here.items():
+            lines += ["", f"### {code}", "", parts["what"]]
+            if "exit" in parts:
+                fix = parts["fix"].replace("<", "&lt;").replace("*", "\\*")
+                noted = f" Exit status {parts['exit']}." if parts["exit"] != usual else ""
+                lines.append(f"**Why**: {parts['why']}. **Fix**: {fix}.{noted}")
     return lines
 
 
@@ -40,11 +45,14 @@ def effects() -> list[str]:
     for one in CATALOGUE.values():
         sizes = one.amplitudes(dict.fromkeys(one.shape_units, 1.0))
         lines += ["", f"## `{one.name}`: {one.title}", "", f"    {one.equation}", ""]
-        lines.append(f"- acts on {WHERE[one.scope]}; {USES[one.uses]}")
-        for label, units in (("amplitudes", sizes), ("shape", one.shape_units)):
-            words = ", ".join(f"`{name}` [{unit or '1'}]" for name, unit in units.items())
-            lines += [f"- {label}: {words}"] if units else []
-        lines += [f"- seen as: {one.signature}", f"- to tell it from others: {one.separate}"]
+        sized = [
+            f"{label} " + ", ".join(f"`{name}` [{unit or '1'}]" for name, unit in units.items())
+            for label, units in (("amplitudes", sizes), ("shape", one.shape_units))
+            if units
+        ]
+        unlike = [text for text in (WHERE.get(one.scope), USES.get(one.uses)) if text]
+        lines += [f"- {'; '.join(sized + unlike)}"]
+        lines += [f"- residual: {one.signature}", f"- separated by: {one.separate}"]
     return lines
 
 

@@ -24,9 +24,9 @@ _ALL = (
         more_of="fo",
         title="torque offset, or Coulomb friction that differs with the direction",
         equation="c",
-        signature="constant, whatever the joint does",
-        separate="a wide travel; a rest approached from both sides tells an offset from one-sided "
-        "friction",
+        signature="constant, independent of the motion",
+        separate="a wide range; a rest pose approached from both sides separates an offset from "
+        "one-sided friction",
         forms=("1",),
         family="position torque",
         units={"c": "N m"},
@@ -36,7 +36,7 @@ _ALL = (
         more_of="fv",
         title="viscous friction",
         equation="fv qd",
-        signature="in proportion to the joint's own speed",
+        signature="proportional to the joint's own speed",
         separate="several speeds, both ways",
         forms=("qd",),
         family="viscous",
@@ -113,9 +113,9 @@ _ALL = (
         name="torque_gain",
         title="gain error of one joint's torque sensor",
         equation="g tau",
-        signature="in proportion to the joint's own torque, and in the joints whose model shares "
+        signature="proportional to the joint's own torque, and in the joints whose model shares "
         "its parameters",
-        separate="a known payload, or a second sensor; a gain common to all joints cannot be seen "
+        separate="a known payload, or a second sensor; a gain common to all joints does not show "
         "without one",
         forms=("total",),
         needs_model=True,
@@ -125,7 +125,7 @@ _ALL = (
         name="torque_constant",
         title="torque constant that changes with speed",
         equation="c |qd| tau",
-        signature="in proportion to the joint's own torque where it is fast, nothing where it is "
+        signature="proportional to the joint's own torque where it is fast, nothing where it is "
         "slow",
         separate="the same load carried slowly and fast, with and against gravity",
         forms=("|qd| total",),
@@ -150,7 +150,7 @@ _ALL = (
         name="torque_drift",
         title="drift of the torque sensor",
         equation="a tc (1 - exp(-t / tc)); a t for a long tc",
-        signature="the mean of the residual moves with time and with nothing else",
+        signature="the mean of the residual changes with time and with nothing else",
         separate="repeat the same motion minutes apart",
         forms=("{tc} (1 - exp(-t / {tc}))",),
         family="time",
@@ -163,8 +163,8 @@ _ALL = (
         name="position_friction",
         title="friction that varies with the position",
         equation="(a cos(h q) + b sin(h q)) sign(qd)",
-        signature="friction differs between places of the joint's travel, both ways alike",
-        separate="cross the whole travel both ways at one slow speed",
+        signature="friction depends on the position of the joint, equally both ways",
+        separate="cross the whole range both ways at one slow speed",
         forms=("cos({h} q) sign(qd)", "sin({h} q) sign(qd)"),
         family="position",
         shape_units={"h": "1/rad"},
@@ -174,9 +174,9 @@ _ALL = (
     ),
     Effect(
         name="gear_friction",
-        title="friction that varies with the turn of a gear's wheel",
+        title="friction that varies with the angle of a gear wheel",
         equation="(a cos(k q) + b sin(k q)) sign(qd)",
-        signature="a wave over the joint's position that changes its sign with the direction",
+        signature="a wave over the joint's position that changes sign with the direction",
         separate="a slow, even motion over several waves, both ways: a ripple keeps its sign, "
         "this does not",
         forms=("cos({k} q) sign(qd)", "sin({k} q) sign(qd)"),
@@ -204,8 +204,8 @@ _ALL = (
         name="spring",
         title="spring or cable torque",
         equation="k1 q (+ k2 q^2 + k3 q^3) + c",
-        signature="rises over the joint's travel: one sign at one end, the other at the other end",
-        separate="dwell at both ends of the travel",
+        signature="rises over the joint's range: one sign at one end, the other at the other end",
+        separate="dwell at both ends of the range",
         forms_of=laws.spring_forms,
         units_of=laws.spring_units,
         shapes_of=laws.spring_shapes,
@@ -216,9 +216,9 @@ _ALL = (
         name="counterbalance",
         title="counterbalance (spring or cylinder)",
         equation="a sin(q) + b cos(q)",
-        signature="one wave over a whole turn of the joint, wherever the other joints are; carries "
-        "weight that no link has",
-        separate="turn the joint through its whole travel with the arm folded and stretched, "
+        signature="one wave over a whole turn of the joint, whatever the pose of the other joints; "
+        "carries weight that no link has",
+        separate="turn the joint through its whole range with the arm folded and stretched, "
         "which changes gravity alone",
         forms=("sin(q)", "cos(q)"),
         shapes_of=lambda m, j: [{}] if m.robot.joints[j].revolute else [],
@@ -230,7 +230,7 @@ _ALL = (
         name="end_stop",
         title="one-sided stop or cable that snags",
         equation="a max(0, side (q - q1))",
-        signature="only at one end of the joint's travel, the same both ways",
+        signature="only at one end of the joint's range, the same both ways",
         separate="pass q1 often and from both sides",
         # Why so: it is max(0, x) without another function.
         forms=("0.5 (({side}) (q - ({q1})) + |({side}) (q - ({q1}))|)",),
@@ -245,10 +245,10 @@ _ALL = (
         more_of="Im",
         title="rotor inertia",
         equation="Im qdd",
-        signature="in proportion to the joint's own acceleration; strongest at reversals of a fast "
+        signature="proportional to the joint's own acceleration; strongest at reversals of a fast "
         "joint",
-        separate="fast reversals; on the first joints it cannot be told from the link's own "
-        "inertia",
+        separate="fast reversals; on the first joints it cannot be separated from the link's "
+        "own inertia",
         forms=("qdd",),
         positive=True,
         units={"Im": "kg m^2"},
@@ -297,10 +297,10 @@ _ALL = (
         title="backlash of a gear with the encoder on the motor's side",
         equation="-a tau_rb while the link crosses the gap 2 b on its own, then the jolt that it "
         "lands with; a near 1",
-        signature="wherever the load of the joint changes its sign: no torque for a moment, then a "
+        signature="where the load of the joint changes sign: no torque for a moment, then a "
         "jolt, in several joints",
-        separate="let the load change its sign often, slowly and fast; elasticity follows the "
-        "torque's size instead",
+        separate="let the load change sign often, slowly and fast; elasticity follows the size "
+        "of the torque instead",
         many=laws.backlashes,
         spreads=True,
         positive=True,
@@ -344,8 +344,8 @@ _ALL = (
         name="base_tilt",
         title="base that is not level",
         equation="x tau_g(ex) + y tau_g(ey), and c cos(q1) + s sin(q1) on joint 1",
-        signature="the first joint feels gravity; the others a small turn of it",
-        separate="turn the first joint through its whole travel with the arm stretched out",
+        signature="gravity acts on the first joint, and turned by a small angle on the others",
+        separate="turn the first joint through its whole range with the arm stretched out",
         law=laws.base_tilt,
         scope="arm",
         needs_model=True,
@@ -380,8 +380,8 @@ _ALL = (
         more_of="body",
         title="payload that the model does not know",
         equation="ten parameters of the last link, the first `form` of them",
-        signature="joint 2 and 4 first, in proportion to gravity",
-        separate="nothing is needed: a payload shows at once",
+        signature="proportional to gravity, joints 2 and 4 first",
+        separate="any motion",
         law=laws.payload,
         units_of=laws.payload_units,
         scope="arm",
@@ -396,7 +396,7 @@ _ALL = (
         title="changed Coulomb friction",
         equation="c sign(qd)",
         signature="a step at each reversal, on one joint",
-        separate="nothing is needed: it shows at every reversal",
+        separate="any motion with reversals",
         forms=("sign(qd)",),
         uses=("frozen",),
         family="friction curve",
@@ -407,7 +407,7 @@ _ALL = (
         more_of="fv",
         title="changed viscous friction",
         equation="v qd",
-        signature="in proportion to the speed of one joint",
+        signature="proportional to the speed of one joint",
         separate="several speeds, both ways",
         forms=("qd",),
         uses=("frozen",),
