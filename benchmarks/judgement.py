@@ -164,6 +164,11 @@ def contradictions(answers):
         bad = "bad" in states.values()
         rules = {
             "a warning without a red light": said.startswith("Do not use") and not bad,
+            "praise beside a red light": said.startswith("The model predicts held-out motions")
+            and bad,
+            "praised for repeats that there are not": "repeat" in said
+            and said.startswith(("The model predicts", "No missing effect", "No change since"))
+            and any("lower bound" in each for each in judged["warnings"]),
             "good beside a light that is not": judged["state"] == "good"
             and bool({"fair", "bad"} & set(states.values())),
             "good without another motion": judged["state"] == "good"

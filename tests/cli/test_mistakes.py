@@ -320,6 +320,7 @@ def test_a_topic_that_is_not_there_lists_those_that_are(dynid):
     line = f"check {BAG} --robot kuka_lwr4plus --topic"
     refused(dynid(f"{line} /joint_state"), "E303", 3, "/lwr/joint_states", "--topic")
     assert dynid(f"{line} /lwr/joint_states").status == 0
+    refused(dynid(f"check {BAG} --robot kinova_gen2"), "E303", 3, "/lwr/joint_states", "--topic")
 
 
 def test_a_topic_of_another_kind_names_its_type(dynid):
@@ -332,13 +333,18 @@ def test_a_topic_of_another_kind_names_its_type(dynid):
     refused(run, "E304", 3, "kinova_msgs/(msg/)?JointAngles", "joint state")
 
 
-@pytest.mark.parametrize("kept", [20, 600])
-def test_a_bag_of_which_nothing_can_be_read_is_refused(dynid, kept):
-    (dynid.folder / "log.bag").write_bytes(BAG.read_bytes()[:kept])
-    run = dynid("check log.bag --robot kuka_lwr4plus")
-    assert (run.status, run.out) == (3, "")
-    assert re.match(r"error\[E30[15]\] ", run.err), run.err
-    assert len(run.err.splitlines()) <= 6
+@pytest.mark.parametrize(
+    ("name", "content", "code"),
+    [
+        ("log.bag", BAG.read_bytes()[:20], "E305"),
+        ("log.bag", BAG.read_bytes()[:600], "E305"),
+        ("notes.txt", b"no log\n", "E301"),
+        ("log.csv", b"t,q_shoulder,q_elbow\n0,1,2\n0.1,2,3\n", "E322"),
+    ],
+)
+def test_a_file_of_which_nothing_can_be_read_is_refused(arm, name, content, code):
+    (arm.folder / name).write_bytes(content)
+    refused(arm(f"check {name} --robot arm.yaml"), code)
 
 
 def test_a_bag_that_ends_early_is_read_as_far_as_it_goes(dynid):

@@ -16,9 +16,8 @@ from situations import (
     MAY_BE_EMPTY,
     OPEN_MAPS,
     PLACES,
-    SPOILT_LOGS,
     files,
-    logs,
+    short_log,
 )
 
 from dynid.files.artifact import read_artifact
@@ -115,8 +114,8 @@ def chapter(name: str, folder: Path) -> dict[str, dict[str, Any]]:
     files(dynid.folder)
     for line in BEFORE.get(name, []):
         assert dynid(*line.format(**PLACES).split()).status == 0, line
-    if name in SPOILT_LOGS:
-        logs(dynid.folder)
+    if (dynid.folder / "log.csv").exists():
+        short_log(dynid.folder)
     found: dict[str, dict[str, Any]] = {}
     for line in CHAPTERS[name]:
         again = sum(each.split(" #")[0] == line for each in found)

@@ -1,4 +1,4 @@
-"""The situations whose answers are frozen: command lines in chapters, and the spoilt files that they meet.
+"""The situations whose answers are frozen: command lines in chapters, and the files that they meet.
 
 A chapter is a folder of its own in which its command lines run one after the other. In a command line, ``{name}``
 stands for one of ``PLACES``.
@@ -6,10 +6,7 @@ stands for one of ``PLACES``.
 
 from __future__ import annotations
 
-import csv
-import math
-import re
-from collections.abc import Callable
+import shutil
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -78,76 +75,17 @@ def files(folder: Path) -> None:
     (folder / "batch.yaml").write_text(BATCH.format(**PLACES))
     (folder / "spoilt_batch.yaml").write_text(BATCH.format(**PLACES).replace("robot:", "robott:"))
     (folder / "two.urdf").write_text(URDF)
-    (folder / "notes.txt").write_text("no log\n")
     (folder / "config.yaml").write_text("identify: {methood: ols}\n")
-    robots(folder)
-    (folder / "cut.bag").write_bytes(Path(PLACES["unseen"]).read_bytes()[:600])
+    shutil.copy(ROOT / "robots/scara.yaml", folder / "good.yaml")
 
 
-def robots(folder: Path) -> None:
-    """Write copies of a shipped robot file, each wrong in one way."""
-    text = (ROOT / "robots/scara.yaml").read_text()
-    (folder / "good.yaml").write_text(text)
-    for name, (old, new) in {
-        "key": ("convention", "convetion"),
-        "text_number": ("a: 0.325", "a: 3e-1"),
-        "radians": ("angle_unit: deg\n", ""),
-        "convention": ("convention: standard\n", ""),
-        "gravity": ("-9.81", "-981"),
-        "twice": ("convention: standard", "convention: standard\nconvention: standard"),
-    }.items():
-        (folder / f"{name}.yaml").write_text(text.replace(old, new, 1))
+def short_log(folder: Path) -> None:
+    """Write the first 0.3 s of log.csv, a recording of the shipped arm."""
+    lines_ = (folder / "log.csv").read_text().splitlines(keepends=True)
+    (folder / "short.csv").write_text("".join(lines_[:61]))
 
 
-def logs(folder: Path) -> None:
-    """Write copies of log.csv, a recording of the shipped arm, each spoilt in one way."""
-    with (folder / "log.csv").open(newline="") as stream:
-        names, *rows = csv.reader(stream)
-    table = [[float(word) for word in row] for row in rows]
-    positions = [i for i, name in enumerate(names) if name.startswith("q_")]
-    torques = [i for i, name in enumerate(names) if name.startswith("tau_")]
-
-    def scaled(columns: list[int], factor: float) -> Callable[[list[float]], list[float]]:
-        return lambda row: [
-            value * factor if i in columns else value for i, value in enumerate(row)
-        ]
-
-    def write(name: str, rows: list[list[float]], kept: list[int] | None = None) -> None:
-        kept = list(range(len(names))) if kept is None else kept
-        with (folder / name).open("w", newline="") as stream:
-            writer = csv.writer(stream)
-            writer.writerows([[line[i] for i in kept] for line in [names, *rows]])
-
-    middle = len(table) // 2
-    write("degrees.csv", [*map(scaled(positions, 180 / math.pi), table)])
-    write("millinewton.csv", [*map(scaled(torques, 1000.0), table)])
-    write(
-        "not_a_number.csv",
-        [
-            [math.nan if i == torques[2] and 300 <= r < 312 else v for i, v in enumerate(row)]
-            for r, row in enumerate(table)
-        ],
-    )
-    write(
-        "six_joints.csv",
-        table,
-        [i for i in range(len(names)) if i not in (positions[-1], torques[-1])],
-    )
-    write("back.csv", [[row[0] - 5 * (r > middle), *row[1:]] for r, row in enumerate(table)])
-    write("gaps.csv", [row for r, row in enumerate(table) if r % 200 < 170])
-    write("short.csv", table[:60])
-    write("slow.csv", table[::20])
-    write(
-        "still.csv",
-        [[table[0][3] if i == positions[3] else v for i, v in enumerate(row)] for row in table],
-    )
-    write("no_torque.csv", table, [0, *positions])
-    shown = re.sub("lwr_", "other_", ",".join(names))
-    body = (folder / "log.csv").read_text().split("\n", 1)[1]
-    (folder / "names.csv").write_text(f"{shown}\n{body}")
-
-
-# ---------------------------------------------------------------- the command lines
+# ---------------------------------------------------------------- command lines; mistakes in files: test_mistakes.py
 ANSWERS = {
     "loops": """
         model {arm} --json
@@ -242,39 +180,6 @@ MISTAKES = {
         sim-driver {arm}
         record {arm} no_such.npz
     """,
-    "wrong robot files": """
-        check good.yaml
-        check key.yaml
-        check key.yaml --json
-        check text_number.yaml
-        check radians.yaml
-        check convention.yaml
-        check gravity.yaml
-        check twice.yaml
-        model key.yaml
-        check notes.txt
-    """,
-    "wrong logs": """
-        check log.csv --robot {arm}
-        check degrees.csv --robot {arm}
-        identify {arm} degrees.csv
-        check not_a_number.csv --robot {arm}
-        identify {arm} not_a_number.csv --json
-        check millinewton.csv --robot {arm}
-        check six_joints.csv --robot {arm}
-        check back.csv --robot {arm}
-        check gaps.csv --robot {arm}
-        check short.csv --robot {arm}
-        identify {arm} short.csv
-        check slow.csv --robot {arm}
-        check still.csv --robot {arm}
-        check no_torque.csv --robot {arm}
-        check names.csv --robot {arm}
-        check cut.bag --robot {arm}
-        check {unseen} --robot {arm} --topic /no_such_topic
-        check {unseen} --robot kinova_gen2
-        identify {arm} notes.txt
-    """,
     "limits and decisions": """
         identify {arm} {log} --no-report
         identify {arm} {log} --no-report
@@ -316,7 +221,5 @@ CHAPTERS: dict[str, list[str]] = {name: lines(text) for name, text in (ANSWERS |
 BEFORE = {
     "searches": lines("identify {arm} {log}"),
     "more of identify": lines("identify {arm} {log} --no-report"),
-    "wrong logs": lines("convert {log} -o log.csv"),
     "limits and decisions": lines("convert {log} -o log.csv"),
 }
-SPOILT_LOGS = {"wrong logs", "limits and decisions"}

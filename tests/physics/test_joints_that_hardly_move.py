@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recorded_lwr import ROBOT, recorded
 
 from dynid import IdentifyOptions, identify
 from dynid.workflows.validate import validate
+from recorded_lwr import ROBOT, recorded
 
 JOINT = 4
 OTHERS = np.delete(np.arange(7), JOINT)

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from follower import follow_motion
-from recorded_lwr import PLANT, ROBOT
 
 from dynid.estimation.drive_gains import find_gains, known_load
 from dynid.estimation.estimate import estimate
@@ -17,6 +16,7 @@ from dynid.signals.conditioned_log import ConditionedLog, condition
 from dynid.signals.filters import choose_filter
 from dynid.sim.sines import SineSpec, sines
 from dynid.workflows.model import base_model
+from recorded_lwr import PLANT, ROBOT
 
 ROTOR = (0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05)
 CONTROLLER = (2000.0, 2000, 1500, 1500, 800, 500, 250), (100.0, 100, 60, 60, 25, 15, 8)

@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 import pytest
-from recorded_lwr import ROBOT, recorded
 
 from dynid import IdentifyOptions, identify
 from dynid.workflows.validate import validate
+from recorded_lwr import ROBOT, recorded
 
 JOINT = 3
 

@@ -2,7 +2,6 @@
 
 import math
 import xml.etree.ElementTree as ET
-from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -10,12 +9,7 @@ import pytest
 
 from arms import (
     configuration,
-    pinocchio_model,
-    pinocchio_torques,
-    placements,
-    random_bodies,
     random_robot,
-    random_states,
 )
 from dynid.model.kinematics import fixed_poses
 from dynid.robot import Body, Joint, Limits, Robot, roll_pitch_yaw, rotation_rpy
@@ -55,31 +49,6 @@ def test_links_stand_where_the_dh_product_says(seed):
             @ fixed_poses(joint, robot.convention)[1]
         )
         np.testing.assert_allclose(found, expected, atol=1e-9)
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_bodies_keep_their_dynamics_in_the_frames_of_the_urdf(seed):
-    """Torques from the URDF equal those of the bodies put into the DH frames by hand."""
-    rng = np.random.default_rng(seed)
-    robot = replace(random_robot(rng), base_rpy=(0.0, 0.0, 0.0))
-    bodies = random_bodies(rng, robot.n)
-    q, qd, qdd = random_states(rng, robot.n, 4)
-    model = pin.buildModelFromXML(urdf_text(robot, bodies))
-    model.gravity.linear = np.array(robot.gravity)
-    found = pinocchio_torques(model, q, qd, qdd)
-    expected = pinocchio_torques(pinocchio_model(robot, bodies), q, qd, qdd)
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
-
-
-def test_the_hand_built_arm_has_the_same_frames():
-    """The placements of the other tests are right too: they give the textbook product."""
-    robot = random_robot(np.random.default_rng(5), n=6, convention="modified")
-    robot = replace(robot, base_xyz=(0.0, 0.0, 0.0), base_rpy=(0.0, 0.0, 0.0))
-    model = pinocchio_model(robot, random_bodies(np.random.default_rng(6), 6))
-    data, q = model.createData(), np.linspace(-1, 2, 6)
-    pin.forwardKinematics(model, data, q)
-    found = (data.oMi[6] * placements(robot)[5][1]).homogeneous
-    np.testing.assert_allclose(found, dh_product(robot, q)[5], atol=1e-12)
 
 
 def test_limits_and_types_are_those_of_the_robot_file():

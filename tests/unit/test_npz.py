@@ -49,7 +49,7 @@ def test_what_is_no_file_is_not_replaced(make, tmp_path):
     assert not list(tmp_path.glob(".dynid*"))
 
 
-def test_a_file_and_a_link_to_a_file_are_replaced(tmp_path):
+def test_a_file_and_a_link_to_a_file_are_replaced_once_the_new_one_is_whole(tmp_path):
     for name in ("a", "b"):
         (tmp_path / name).write_text("old")
     (tmp_path / "link").symlink_to("b")
@@ -57,6 +57,11 @@ def test_a_file_and_a_link_to_a_file_are_replaced(tmp_path):
         with written_whole(tmp_path / name) as stream:
             stream.write(b"new")
         assert (tmp_path / name).read_bytes() == b"new"
+    with suppress(ZeroDivisionError), written_whole(tmp_path / "new") as stream:
+        stream.write(b"half of")
+        raise ZeroDivisionError
+    assert (tmp_path / "new").read_bytes() == b"new"
+    assert not list(tmp_path.glob(".dynid*"))
 
 
 def test_equal_contents_give_equal_bytes(tmp_path):

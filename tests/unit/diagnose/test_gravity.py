@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from arms import pinocchio_model, pinocchio_torques, random_bodies, random_robot
+from arms import pinocchio_torques
 from dynid.diagnose.diagnosis import diagnose
 from dynid.diagnose.gravity import check_gravity
 from dynid.errors import GravityRemoved
@@ -17,23 +17,13 @@ from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model.regressor import expected_torque
-from dynid.robot import Prior, TorqueSource
+from dynid.robot import TorqueSource
 from dynid.signals.checks import check_zero, prepare
 from dynid.sim.urdf import urdf_text
 from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
 from motions import harmonics
 
 NOISE = np.random.default_rng(1).normal(0, 0.3, lwr_log().tau.shape)
-
-
-@pytest.mark.parametrize("convention", ["standard", "modified"])
-def test_the_expected_torque_of_known_bodies_is_pinocchios(convention):
-    rng = np.random.default_rng(0)
-    robot, bodies = random_robot(rng, 6, convention), random_bodies(rng, 6)
-    q = rng.uniform(-1, 1, (20, 6))
-    expected = pinocchio_torques(pinocchio_model(robot, bodies), q, 0 * q, 0 * q)
-    found = expected_torque(q, replace(robot, prior=Prior(links=bodies)))
-    np.testing.assert_allclose(found, expected, atol=1e-10)
 
 
 @pytest.mark.slow

@@ -5,11 +5,9 @@ from dataclasses import replace
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 import pytest
 from export_cases import SHIPPED, off_in_pinocchio, off_in_pybullet, random, shipped, written
 
-from arms import pinocchio_model, random_states
 from dynid.exporters import EFFECTS, FORMATS
 from dynid.exporters.full_model import model_of
 from dynid.robot import Body
@@ -32,22 +30,6 @@ def test_a_written_file_gives_dynids_torques_in_every_engine(case, format, tmp_p
     if format == "urdf":
         assert off_in_pybullet(source, path) < 1e-8
         assert EFFECTS.check(EFFECTS.text(source), source)[0].largest < 1e-8
-
-
-def test_dynids_side_of_the_comparison_is_the_arm_built_by_hand():
-    """The torques that files are compared with are Pinocchio's for the same bodies, put together by hand."""
-    source = random(7)
-    robot, full = source.full.robot, source.full
-    q, qd, qdd = random_states(np.random.default_rng(0), robot.n, 20)
-    model = pinocchio_model(robot, full.bodies)
-    data = model.createData()
-    expected = [pin.rnea(model, data, *state) for state in zip(q, qd, qdd, strict=True)]
-    friction = source.base.model.observer()
-    names = source.base.model.parameter_names
-    values = np.where(
-        [name[0] in "mI" and not name.startswith("Im") for name in names], full.values(names), 0.0
-    )
-    np.testing.assert_allclose(friction.torque(values, q, qd, qdd), expected, atol=1e-9)
 
 
 def test_mujoco_gets_rotors_and_friction_and_the_urdf_friction(tmp_path):

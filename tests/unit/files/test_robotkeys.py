@@ -95,6 +95,8 @@ def test_the_defaults_of_the_reference_are_those_of_a_file_that_leaves_the_keys_
             WrongRobotFile,
             r"torque\.noise: it is missing for a joint",
         ),
+        ("torque: {noise: -0.1}\n", WrongRobotFile, r"torque\.noise"),
+        ("torque: {noise: [0.1, 0.1, 0.1]}\n", WrongRobotFile, r"torque\.noise"),
         ("tool: {mass: -1}\n", WrongRobotFile, r"tool\.mass = -1 kg is negative"),
         ("prior: {}\n", WrongRobotFile, "prior needs one of cylinders, links"),
         ("known: {link_mass: {3: [0, 1]}}\n", UnknownKey, "unknown key '3'"),

@@ -14,7 +14,6 @@ from dynid.files.trajectoryfile import (
     StoredTrajectory,
     motion_hash,
     read_trajectory,
-    write_csv,
     write_joint_trajectory,
     write_trajectory,
 )
@@ -69,14 +68,6 @@ def test_trajectory_of_another_arm_is_refused(tmp_path):
     write_trajectory(tmp_path / "t.npz", stored(joints=tuple("abcdefg")))
     with pytest.raises(JointCountDiffers, match="has the joints a, b"):
         read_trajectory(tmp_path / "t.npz", ROBOT)
-
-
-def test_csv_has_the_columns_of_a_csv_log(tmp_path):
-    write_csv(tmp_path / "t.csv", ROBOT.joint_names, stored().motion)
-    header, first = (tmp_path / "t.csv").read_text().splitlines()[:2]
-    assert header.startswith("t,q_lwr_0_joint,q_lwr_1_joint")
-    assert "qd_lwr_0_joint" in header
-    assert np.allclose([float(x) for x in first.split(",")][1:8], stored().motion.q[0], rtol=1e-8)
 
 
 def test_joint_trajectory_speaks_the_drivers_language(tmp_path):

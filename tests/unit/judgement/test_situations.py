@@ -28,7 +28,13 @@ def test_no_two_commands_contradict_each_other_and_good_and_bad_are_right(rows):
 
 def test_the_reader_finds_statements_that_contradict_each_other():
     lights = [{"name": name, "state": "fair"} for name in ("fit", "unseen motion", "complete")]
-    said = {"state": "good", "sentence": "No missing effect found.", "lights": lights, "next": []}
+    said = {
+        "state": "good",
+        "sentence": "No missing effect found.",
+        "lights": lights,
+        "warnings": [],
+        "next": [],
+    }
     found = contradictions({"gap": {"judgement": said, "verdict": "nothing_missing", "named": []}})
     assert {text.removeprefix("gap: ") for text in found} >= {
         "good beside a light that is not",

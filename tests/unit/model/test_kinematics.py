@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dynid.files.robotfile import load_robot
-from dynid.model.kinematics import base_pose, fixed_poses, link_frames, tip_jacobian, tool_pose
+from dynid.model.kinematics import base_pose, link_frames, tip_jacobian, tool_pose
 from dynid.robot import Joint, Robot, rotation_rpy
 
 
@@ -53,16 +53,6 @@ def test_frames_are_the_product_of_turns_and_shifts(name):
     np.testing.assert_allclose(base_pose(robot) @ link_frames(robot, q).poses, expected, atol=1e-14)
     np.testing.assert_allclose(tool_pose(robot, q[3]), expected[3, -1], atol=1e-14)
     assert link_frames(robot, q.reshape(4, 5, -1)).axis.shape == (4, 5, robot.n, 3)
-
-
-@pytest.mark.parametrize("name", ARMS)
-def test_fixed_poses_and_the_motion_about_z_between_them_are_the_transform(name):
-    robot, here, q = ARMS[name], np.eye(4), np.linspace(0.3, -0.8, ARMS[name].n)
-    for joint, value in zip(robot.joints, q, strict=True):
-        before, after = fixed_poses(joint, robot.convention)
-        turn, shift = ((0, 0, value), (0, 0, 0)) if joint.revolute else ((0, 0, 0), (0, 0, value))
-        here = here @ before @ pose(rotation_rpy(turn), shift) @ after
-    np.testing.assert_allclose(here, link_frames(robot, q).poses[-1], atol=1e-14)
 
 
 @pytest.mark.parametrize("name", ARMS)

@@ -21,7 +21,8 @@ def scara():
         Joint("c", type="prismatic", twist=0.3, theta_offset=0.7),
         Joint("d", d=0.1),
     )
-    return Robot("scara", "modified", joints, gravity=(0.3, 0.1, -9.7))
+    wide = Coulomb("smooth", (0.2,) * 4)
+    return Robot("scara", "modified", joints, gravity=(0.3, 0.1, -9.7), coulomb=wide)
 
 
 def coupled():
@@ -71,23 +72,3 @@ def test_entries_are_those_of_the_observer():
     columns = rng.permutation(model.size)
     expected = model.observer(columns).dense(q, qd, qdd)
     assert np.abs(RegressorGradient(model, columns, 40).dense(q, qd, qdd) - expected).max() < 1e-12
-
-
-@pytest.mark.parametrize("name", ["scara", "coupled"])
-def test_each_friction_column_has_the_gradient_of_central_differences(name):
-    robot = replace(arms()[name], coulomb=Coulomb("smooth", (0.2,) * 4))
-    model = build_model(robot)
-    first = len(model.link_columns)
-    state = list(np.random.default_rng(3).standard_normal((3, 6, 4)))
-    for k in range(first, model.size):
-        columns = np.array([k])
-        regressor, observer = RegressorGradient(model, columns, 6), model.observer(columns)
-        weights = np.random.default_rng(k).standard_normal((6, *regressor.shape))
-        regressor.dense(*state)
-        for part, gradient in enumerate(regressor.gradient(weights)):
-            for j in range(4):
-                step = np.zeros((3, 6, 4))
-                step[part, :, j] = 1e-6
-                up, down = (observer.dense(*(np.array(state) + s * step)) for s in (1, -1))
-                slope = np.sum(weights * (up - down), axis=(1, 2)) / 2e-6
-                assert gradient[:, j] == pytest.approx(slope, abs=1e-8)

@@ -68,13 +68,3 @@ def test_a_newer_file_asks_for_an_upgrade(robot, tmp_path):
     write_artifact(path, "dynid/regressor/9", {}, {})
     with pytest.raises(NewerSchema):
         load_model(path, robot)
-
-
-def test_a_failed_write_leaves_the_old_file(tmp_path):
-    path = tmp_path / "x.npz"
-    write_artifact(path, "dynid/x/1", {"a": 1}, {})
-    before = path.read_bytes()
-    with pytest.raises(TypeError):
-        write_artifact(path, "dynid/x/1", {"a": object()}, {})
-    assert path.read_bytes() == before
-    assert [p.name for p in tmp_path.iterdir()] == ["x.npz"]

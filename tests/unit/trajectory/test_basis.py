@@ -68,9 +68,5 @@ def test_no_sample_of_a_fine_grid_exceeds_the_exact_extrema(family, order):
         assert -1e-6 * size < fine[:, j].min() - exact.min() + 1e-9 * size < 1e-4 * size
 
 
-def test_constant_stays_at_one(family):
-    assert np.allclose(family.matrix(np.linspace(0, family.duration, 9)) @ family.constant, 1.0)
-
-
 def test_family_is_made_again_from_its_facts(family):
     assert basis_from(family.facts) == family

@@ -8,26 +8,6 @@ from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.scene import Box, Scene
 
 
-@pytest.mark.parametrize(
-    "scene",
-    [
-        Scene(floor=0.3),
-        Scene(floor=None, obstacles=(Box((0.1, -0.3, 0.2), (0.5, 0.3, 0.9)),)),
-        Scene(floor=None, workspace=Box((-0.3, -0.3, 0.3), (0.3, 0.3, 1.0))),
-        Scene(floor=None, self_distance=0.12),
-    ],
-)
-def test_gradient_of_the_penalty_is_that_of_differences(gen2, scene):
-    capsules = Capsules(gen2.robot, scene)
-    rng = np.random.default_rng(3)
-    q, direction = rng.uniform(-2, 4, (30, 7)), rng.standard_normal((30, 7))
-    value, slope = capsules.value(q)
-    h = 1e-5
-    up, down = (capsules.value(q + s * h * direction)[0] for s in (1, -1))
-    assert value > 0
-    assert np.sum(slope * direction) == pytest.approx((up - down) / (2 * h), rel=1e-4)
-
-
 def test_upright_arm_is_clear_of_the_floor_and_a_fallen_one_is_not(lwr):
     capsules = Capsules(lwr.robot, Scene())
     fallen = np.array([0, np.radians(119), 0, 0, 0, 0, 0.0])

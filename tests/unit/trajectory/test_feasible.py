@@ -6,7 +6,7 @@ from randomplans import random_trajectory
 from scipy.interpolate import BPoly
 
 from dynid.trajectory.basis import Quintic
-from dynid.trajectory.feasible import Shaping, bounds
+from dynid.trajectory.feasible import bounds
 from dynid.trajectory.limits import check_trajectory
 
 
@@ -32,25 +32,6 @@ def test_none_of_100_random_plans_breaks_a_limit_at_10_khz_in_other_code(arm, re
 def test_every_joint_uses_one_of_its_limits_to_the_full(lwr, basis):
     found = check_trajectory(random_trajectory(lwr.robot, 3, basis), lwr.robot, bounds(lwr.robot))
     assert np.allclose([peak.share for peak in found.peaks], 1.0, atol=1e-6)
-
-
-def test_gradient_of_the_scaled_motion_is_that_of_differences(lwr):
-    basis = Quintic.even(4.0, 4)
-    shaping = Shaping(basis, bounds(lwr.robot), np.linspace(0.1, 3.9, 23))
-    rng = np.random.default_rng(6)
-    for _ in range(5):
-        x, direction = rng.standard_normal((2, 7 * (basis.size + 1)))
-        weights = [rng.standard_normal((23, 7)) for _ in range(3)]
-
-        def value(x, weights=weights):
-            return sum(np.sum(w * part) for w, part in zip(weights, shaping.motion(x), strict=True))
-
-        value(x)
-        slope = shaping.gradient(*weights) @ direction
-        h = 1e-6
-        assert slope == pytest.approx(
-            (value(x + h * direction) - value(x - h * direction)) / (2 * h), rel=1e-4
-        )
 
 
 def test_margin_is_taken_off_half_at_each_end(lwr):

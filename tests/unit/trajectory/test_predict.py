@@ -4,9 +4,6 @@ import numpy as np
 import pytest
 from randomplans import random_trajectory
 
-from arms import pinocchio_model, pinocchio_torques
-from dynid.model.base_model import prior_base_parameters
-from dynid.model.parameters import prior_bodies
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import bounds, coefficients, random_variables
@@ -71,15 +68,6 @@ def test_a_motion_without_one_joint_leaves_its_friction_unknown(lwr, other):
     assert found.torque_error == np.inf
 
 
-def test_earlier_logs_make_every_error_smaller(lwr, other):
-    noise = np.full(7, 0.1)
-    first, second = (random_trajectory(lwr.robot, seed).sampled(50) for seed in (4, 5))
-    known = information_of(lwr.model, lwr.reduction.base, first, noise)[1]
-    alone = predict(lwr.model, lwr.reduction.base, second, noise, other)
-    both = predict(lwr.model, lwr.reduction.base, second, noise, other, known)
-    assert np.all(both.std_error < alone.std_error)
-
-
 @pytest.mark.slow
 def test_a_motion_planned_after_an_earlier_log_adds_more_than_one_planned_without_it(lwr, other):
     columns, noise = lwr.reduction.base, default_noise(lwr.robot)
@@ -102,11 +90,3 @@ def test_a_motion_planned_after_an_earlier_log_adds_more_than_one_planned_withou
                 predict(lwr.model, columns, plan.sampled(100), noise, other, known).torque_error
             )
     assert np.mean(aware) < 0.95 * np.mean(unaware)
-
-
-def test_believed_base_parameters_give_the_torques_of_pinocchio(lwr):
-    arm = pinocchio_model(lwr.robot, prior_bodies(lwr.robot))
-    motion = random_trajectory(lwr.robot, 6).sampled(5)
-    theta = prior_base_parameters(lwr.model, lwr.reduction, unknown=0.0)
-    tau = lwr.model.observer(lwr.reduction.base).torque(theta, motion.q, motion.qd, motion.qdd)
-    assert np.allclose(tau, pinocchio_torques(arm, motion.q, motion.qd, motion.qdd), atol=1e-6)
