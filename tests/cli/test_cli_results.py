@@ -144,33 +144,6 @@ def test_a_file_that_is_no_urdf_is_refused(dynid):
     assert list(dynid.folder.iterdir()) == [dynid.folder / "two.urdf"]
 
 
-@pytest.mark.slow
-def test_a_result_is_as_its_baseline_and_a_scaled_torque_column_is_not(scaled):
-    """The regression job: the same log passes at a tolerance of 1 %, a column times 1.02 fails and is named."""
-    for name, log in (("again", IDENTIFY), ("scaled", "scaled.npz")):
-        line = f"identify kuka_lwr4plus {log} -o out/{name} --no-report"
-        assert scaled(line).status == 0
-    passed, failed = (
-        scaled(f"compare out/{name} --baseline out/arm --tolerance 1% --junit {name}.xml --json")
-        for name in ("again", "scaled")
-    )
-    answer = json.loads(failed.out)
-    assert (passed.status, failed.status, answer["passed"]) == (0, 1, False)
-    (comparison,) = answer["comparisons"]
-    moved = [each["name"] for each in comparison["beyond_tolerance"]]
-    assert moved[0] == "lwr_2_joint rms_nm"
-    assert {"Iyz3", "fo3"} <= set(moved)
-    torque = {
-        f["name"].split()[0]: f["percent"]
-        for f in comparison["figures"]
-        if "torque_rms_nm" in f["name"]
-    }
-    expected = {f"lwr_{k}_joint": 2.0 if k == 2 else 0.0 for k in range(7)}
-    assert torque == pytest.approx(expected, abs=1e-9)
-    for name, failures in (("again", "0"), ("scaled", "1")):
-        assert ET.parse(scaled.folder / f"{name}.xml").getroot().get("failures") == failures
-
-
 def test_runs_become_one_table(story):
     """Text, CSV and LaTeX; two runs of one arm."""
     runs = ["out/arm", "out/arm/parameters.npz"]

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,6 @@ import pytest
 from dynid.cli import session
 from dynid.cli.session import Session
 from dynid.codes import codes
-from dynid.workflows.doctor import Check, Diagnosis, version_of
 
 ROOT = Path(__file__).parents[2]
 
@@ -137,10 +135,3 @@ def test_sentences_are_folded_between_words_where_the_terminal_ends(monkeypatch,
     assert all(len(part) <= 80 and part.endswith("word") for part in (first, *more))
     assert all(part.startswith(" " * 11 + "word") for part in more)
     assert len(said("wrote")) == 1
-
-
-def test_a_required_package_that_is_missing_makes_dynid_unusable():
-    fine, optional = Check("numpy", True, "2.0"), Check("display", False, "none", "preview window")
-    assert Diagnosis((fine, optional)).usable
-    assert not Diagnosis((replace(fine, ok=False), optional)).usable
-    assert version_of("no-such-package") is None

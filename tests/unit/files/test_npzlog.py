@@ -81,14 +81,6 @@ def test_missing_arrays_and_odd_shapes_are_refused(tmp_path, change, words):
         read_npz_log(saved(tmp_path, **arrays))
 
 
-def test_a_truncated_file_is_no_log(tmp_path):
-    lwr_log().save(tmp_path / "log.npz")
-    content = (tmp_path / "log.npz").read_bytes()
-    (tmp_path / "log.npz").write_bytes(content[: len(content) // 2])
-    with pytest.raises(LogNotFound, match="damaged"):
-        read_npz_log(tmp_path / "log.npz")
-
-
 @pytest.mark.data
 def test_the_recorded_tx40_is_on_the_motor_side():
     assert read_npz_log(shared_data("tx40/exc.npz")).motor_side

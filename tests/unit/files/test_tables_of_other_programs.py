@@ -34,19 +34,24 @@ def each(form, start=0):
     return [form.format(k) for k in range(start, start + JOINTS)]
 
 
-EXCEL = codecs.BOM_UTF8.decode() + table(
-    ["Zeit [s]", *each("Position {} [rad]", 1), *each("Drehmoment {} [Nm]", 1)],
-    T,
-    Q,
-    TAU,
+def plain(time, position, torque, start=0, t=T, **options):
+    """Return a table of time, positions and torques."""
+    header = [time, *each(position, start), *each(torque, start)]
+    return table(header, t, Q, TAU, **options)
+
+
+EXCEL = codecs.BOM_UTF8.decode() + plain(
+    "Zeit [s]",
+    "Position {} [rad]",
+    "Drehmoment {} [Nm]",
+    1,
     delimiter=";",
     form=lambda x: f"{x:.6f}".replace(".", ","),
     end="\r\n",
 )
-HEADER = ["Time", *each("J{} angle", 1), *each("J{} torque", 1)]
 FILES = {
     "European Excel, empty rows at its end": (EXCEL + ";;;;;;\r\n" * 3).encode(),
-    "tabs": table(HEADER, T, Q, TAU, delimiter="\t").encode(),
+    "tabs": plain("Time", "J{} angle", "J{} torque", 1, delimiter="\t").encode(),
     "units in a second line": table(
         ["time", *each("pos_{}"), *each("trq_{}")],
         T,
@@ -172,9 +177,7 @@ FILES = {
         TAU,
         0 * TAU,
     ).encode(),
-    "microseconds": table(
-        ["time", *each("q{}"), *each("tau{}")], np.round(T * 1e6).astype(int), Q, TAU
-    ).encode(),
+    "microseconds": plain("time", "q{}", "tau{}", t=np.round(T * 1e6).astype(int)).encode(),
     "names in German letters": table(
         ["t", *(f"Gelenk_{x}.position" for x in "äöü"), *(f"Gelenk_{x}.moment" for x in "äöü")],
         T,
@@ -225,7 +228,7 @@ def test_joints_are_taken_by_their_names_where_a_table_holds_them(tmp_path):
 
 def test_a_row_of_words_among_the_numbers_is_named(tmp_path):
     path = tmp_path / "log.csv"
-    lines = table(["t", *each("q_{}"), *each("tau_{}")], T, Q, TAU).splitlines()
+    lines = plain("t", "q_{}", "tau_{}").splitlines()
     path.write_text("\n".join([*lines[:30], "the arm was stopped here", *lines[30:]]))
     with pytest.raises(LogLayout, match=r"log\.csv:31"):
         read_log(path, robot=robot_of("", tmp_path, ("0", "1", "2")))

@@ -81,19 +81,15 @@ def test_a_folder_without_torque_is_no_log(tmp_path):
         read_folder(tmp_path, rate=10)
 
 
-def test_a_word_among_the_numbers_is_named_with_its_line(tmp_path):
-    (folder(tmp_path) / "torque.txt").write_text("1 2 3\n1 two 3\n1 2 3\n1 2 3\n")
-    with pytest.raises(LogLayout, match=r"torque\.txt:2: 'two'"):
-        read_folder(tmp_path, rate=10)
-
-
-def test_a_short_row_is_named_with_its_line(tmp_path):
-    (folder(tmp_path) / "torque.txt").write_text("1 2 3\n1 2 3\n1 2\n1 2 3\n")
-    with pytest.raises(LogLayout, match=r"torque\.txt:3: 2 numbers, expected 3"):
-        read_folder(tmp_path, rate=10)
-
-
-def test_files_of_different_length_are_refused(tmp_path):
-    (folder(tmp_path) / "torque.txt").write_text("1 2 3\n")
-    with pytest.raises(LogLayout, match="1 rows, expected 4"):
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ("1 2 3\n1 two 3\n1 2 3\n1 2 3\n", r"torque\.txt:2: 'two'"),
+        ("1 2 3\n1 2 3\n1 2\n1 2 3\n", r"torque\.txt:3: 2 numbers, expected 3"),
+        ("1 2 3\n", "1 rows, expected 4"),
+    ],
+)
+def test_rows_that_do_not_fit_are_named_with_their_line(tmp_path, rows, said):
+    (folder(tmp_path) / "torque.txt").write_text(rows)
+    with pytest.raises(LogLayout, match=said):
         read_folder(tmp_path, rate=10)

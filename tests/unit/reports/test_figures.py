@@ -6,7 +6,6 @@ import pytest
 from dynid.reports.figures import (
     QUANTITIES,
     motion_figure,
-    write_motion_figures,
 )
 
 
@@ -58,14 +57,3 @@ def test_no_line_crosses_a_gap_in_time(motion, robot):
     x = np.asarray(axis.get_lines()[0].get_xdata())
     assert np.flatnonzero(np.isnan(x)).tolist() == [500]
     assert np.nanmax(np.diff(x)) < 0.011
-
-
-@pytest.mark.slow
-def test_the_four_figures_of_a_validation_are_written(motion, robot, tmp_path):
-    names = ["position", "velocity", "acceleration", "torque"]
-    assert write_motion_figures(tmp_path, motion, robot, "run") == [
-        tmp_path / f"{name}.png" for name in names
-    ]
-    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(
-        f"{n}{s}" for n in names for s in (".png", ".svg")
-    )

@@ -2,12 +2,11 @@
 
 import csv
 import io
-import xml.etree.ElementTree as ET
 from types import SimpleNamespace
 
 import numpy as np
 
-from dynid.reports.tables import JunitCase, junit, runs_csv, runs_latex
+from dynid.reports.tables import runs_csv, runs_latex
 
 
 def run(names, theta, error, robot="arm_1"):
@@ -49,20 +48,3 @@ def test_latex_shows_two_digits_of_the_error():
     assert r"$3.142 \pm 0.012$" in text
     assert "not determined" in text
     assert r"run\_1" in text
-
-
-def test_junit_counts_failures_and_errors_apart():
-    """A limit that was not met is a failure; a job that could not run is an error; names are escaped."""
-    text = junit(
-        "suite",
-        [
-            JunitCase("good", "arm"),
-            JunitCase("<b>", "arm", "moved & drifted"),
-            JunitCase("gone", "arm", "no file", error=True),
-        ],
-    )
-    suite = ET.fromstring(text).find("testsuite")
-    assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("3", "1", "1")
-    assert [case.get("name") for case in suite] == ["good", "<b>", "gone"]
-    assert suite[1].find("failure").get("message") == "moved & drifted"
-    assert suite[2].find("error") is not None

@@ -30,12 +30,26 @@ def run(arm, steps, tau=0.0):
     return np.array(states).T
 
 
-def test_a_body_falls_freely():
-    """s = g t^2 / 2, to the first order of the step; damping of the engine would show."""
-    with SimulatedArm(slider((0.0, 0.0, -9.81)), [Body(2.0, inertia_com=SPHERE)], dt=1e-4) as arm:
-        q, qd = run(arm, 5000)
-    assert qd[-1] == pytest.approx(-9.81 * 0.5, rel=1e-9)
-    assert q[-1] == pytest.approx(-9.81 * 0.25 / 2, rel=1e-3)
+SLIPPERY = Friction((4.0,), (0.0,), (0.0,), (0.01,))
+
+
+@pytest.mark.parametrize(
+    ("gravity", "options", "tau", "speed", "rel"),
+    [
+        (-9.81, {}, 0.0, -9.81 * 0.5, 1e-9),
+        (0.0, {"rotor_inertia": [3.0]}, 10.0, 10.0 / 5.0 * 0.5, 1e-9),
+        (0.0, {"friction": SLIPPERY}, 8.0, 2.0 * (1 - np.exp(-1.0)), 1e-3),
+    ],
+    ids=["v = g t", "v = F t / (m + Im)", "v = F / b (1 - exp(-b t / m))"],
+)
+def test_half_a_second_of_two_kilograms_is_that_of_the_textbook(gravity, options, tau, speed, rel):
+    """To the first order of the step; damping of the engine would show."""
+    body = Body(2.0, inertia_com=SPHERE)
+    with SimulatedArm(slider((0.0, 0.0, gravity)), [body], **options, dt=1e-4) as arm:
+        q, qd = run(arm, 5000, tau)
+    assert qd[-1] == pytest.approx(speed, rel=rel)
+    if not tau:
+        assert q[-1] == pytest.approx(gravity * 0.25 / 2, rel=1e-3)
 
 
 def test_the_base_pose_turns_gravity_with_the_arm():
@@ -47,21 +61,6 @@ def test_the_base_pose_turns_gravity_with_the_arm():
         with SimulatedArm(robot, [Body(2.0, inertia_com=SPHERE)]) as arm:
             ends.append(run(arm, 500)[0, -1])
     assert ends[1] == pytest.approx(ends[0], rel=1e-9)
-
-
-def test_a_rotor_adds_its_inertia_to_the_link():
-    """F = (m + Im) a."""
-    with SimulatedArm(slider(), [Body(2.0, inertia_com=SPHERE)], rotor_inertia=[3.0]) as arm:
-        _, qd = run(arm, 1000, tau=10.0)
-    assert qd[-1] == pytest.approx(10.0 / 5.0 * 0.5, rel=1e-9)
-
-
-def test_viscous_friction_makes_an_exponential():
-    """v = F / b (1 - exp(-b t / m))."""
-    friction = Friction((4.0,), (0.0,), (0.0,), (0.01,))
-    with SimulatedArm(slider(), [Body(2.0, inertia_com=SPHERE)], friction, dt=1e-4) as arm:
-        _, qd = run(arm, 5000, tau=8.0)
-    assert qd[-1] == pytest.approx(2.0 * (1 - np.exp(-1.0)), rel=1e-3)
 
 
 def test_coulomb_friction_slows_at_a_constant_rate_then_creeps():

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dynid.sim.follow import PointFollower, VelocityFollower
+from dynid.sim.follow import VelocityFollower
 
 DT = 1e-3
 
@@ -48,15 +48,3 @@ def test_a_stopped_arm_ignores_commands_until_it_is_started():
     follower.push(np.ones(1))
     steps(follower, 100)
     assert follower.goal[0] > 0
-
-
-def test_points_on_a_sine_are_followed_and_the_last_one_is_held():
-    follower, lead = PointFollower(np.zeros(1), DT), 0.05
-    for k in range(300):
-        t = 0.01 * k + lead
-        follower.push((np.array([1 - np.cos(t)]), np.array([np.sin(t)]), lead))
-        steps(follower, 10)
-    assert follower.goal[0] == pytest.approx(1 - np.cos(3.0), abs=1e-3)
-    path = steps(follower, 2000)
-    assert path[-1, 0] == pytest.approx(1 - np.cos(0.01 * 299 + lead), abs=1e-6)
-    assert abs(path[-1, 1]) < 1e-6

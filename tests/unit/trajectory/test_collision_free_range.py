@@ -62,15 +62,6 @@ def test_links_of_the_wrist_that_are_near_as_thick_cylinders_are_left_out_and_na
     assert "radius 0.06 m, a guess" in thickness(load_robot("ur5e"))
 
 
-def test_clear_poses_are_those_without_a_contact_below_the_wanted_distance():
-    capsules = Capsules(load_robot("ur5e"))
-    q = np.random.default_rng(1).uniform(-3, 3, (60, 6))
-    each = map(capsules.distances, q[:, None])
-    one_by_one = [all(c.distance >= c.wanted for c in d) for d in each]
-    assert list(capsules.margin(q) >= 0) == one_by_one
-    assert 0 < sum(one_by_one) < 60
-
-
 def test_links_left_out_are_still_watched_for_contact_deeper_than_in_usual_poses():
     robot = load_robot("franka_panda")
     capsules = Capsules(robot)

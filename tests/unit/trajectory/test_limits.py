@@ -133,14 +133,6 @@ def test_tool_speed_is_that_of_differentiated_positions_and_can_be_limited(gen2)
     assert suggested(caught.value) == pytest.approx(0.25, abs=0.0101)
 
 
-def test_shares_of_a_plan_inside_the_limits_are_at_most_one(lwr):
-    found = check_trajectory(
-        random_trajectory(lwr.robot, 5, margin=0.1), lwr.robot, bounds(lwr.robot, 0.1)
-    )
-    require_within_limits(found)
-    assert all(0 < peak.share <= 1 + 1e-6 for peak in found.peaks)
-
-
 def test_a_slide_beyond_its_limit_is_told_in_metres_and_newtons():
     robot = load_robot("scara")
     limits = bounds(robot)

@@ -22,18 +22,6 @@ def test_alpha_slows_position_speed_and_acceleration_by_its_powers(lwr):
     assert np.allclose(run.qdd, 0.04 * fast.qdd)
 
 
-def test_velocity_and_acceleration_of_a_slowed_run_are_derivatives_by_its_own_time(lwr):
-    motion = random_trajectory(lwr.robot, 2, alpha=0.5).sampled(2000)
-    assert np.abs(np.gradient(motion.q, motion.t, axis=0) - motion.qd)[1:-1].max() < 1e-4
-    assert np.abs(np.gradient(motion.qd, motion.t, axis=0) - motion.qdd)[1:-1].max() < 1e-2
-
-
-def test_samples_begin_and_end_at_rest(lwr):
-    motion = random_trajectory(lwr.robot, 3, alpha=0.37).sampled(100)
-    assert np.abs(motion.qd[[0, -1]]).max() < 1e-9
-    assert np.allclose(np.diff(motion.t), 0.01)
-
-
 @pytest.mark.parametrize("alpha", [0.0, -1.0, 1.5])
 def test_alpha_outside_zero_to_one_is_refused(lwr, alpha):
     with pytest.raises(WrongUsage, match="alpha"):

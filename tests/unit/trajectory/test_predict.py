@@ -24,19 +24,6 @@ def other(lwr):
     return held_out(lwr.model, lwr.reduction.base, bounds(lwr.robot))
 
 
-def test_predicted_errors_are_those_of_200_noisy_fits(lwr, other):
-    columns, noise = lwr.reduction.base, default_noise(lwr.robot)
-    motion = random_trajectory(lwr.robot, 1).sampled(100)
-    found = predict(lwr.model, columns, motion, noise, other)
-    W = lwr.model.observer(columns).dense(motion.q, motion.qd, motion.qdd)
-    rows = (W / noise[None, :, None]).reshape(-1, len(columns))
-    rng = np.random.default_rng(2)
-    errors = np.linalg.lstsq(rows, rng.standard_normal((len(rows), 200)), rcond=None)[0]
-    assert np.allclose(errors.std(axis=1), found.std_error, rtol=0.25)
-    torque = np.sqrt(np.mean(np.einsum("pk,pq,qk->k", errors, other, errors)) / 7)
-    assert torque == pytest.approx(found.torque_error, rel=0.1)
-
-
 def test_slowing_down_costs_accuracy_at_every_step(lwr, other):
     noise = np.full(7, 0.1)
     rows = alpha_table(

@@ -61,6 +61,7 @@ def test_texts_for_other_programs_hold_the_runs(result, scaled):
     assert r" & a & b\_2 \\" in found.latex()
     assert 'tests="1" failures="1" errors="0"' in found.junit()
     assert 'testcase name="b_2"' in found.junit()
+    assert 'name="&lt;b&gt;"' in compare([result, scaled], names=("a", "<b>")).junit()
 
 
 def test_a_data_frame_has_one_row_per_run(result, other):

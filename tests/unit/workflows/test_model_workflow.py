@@ -98,6 +98,9 @@ def test_a_model_in_a_folder_is_the_one_in_memory(tmp_path, base):
     first, second = (base_model(base.robot, tmp_path) for _ in range(2))
     assert first.names == second.names == base.names
     assert np.array_equal(first.reduction.K, second.reduction.K)
+    assert first.relations == second.relations
+    states = np.random.default_rng(0).normal(size=(3, 4, base.robot.n))
+    assert np.array_equal(first.model.regressor(*states), second.model.regressor(*states))
     assert {path.name for path in tmp_path.iterdir()} == {"regressor.npz", "fullregressor.npz"}
 
 

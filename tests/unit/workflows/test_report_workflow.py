@@ -13,6 +13,8 @@ from dynid.workflows.identify import save_result
 def test_a_new_result_has_a_report_with_its_motion_and_excitation(result):
     made = report(result)
     assert made.verdict[0] == result.judgement.sentence
+    assert made._repr_html_().count("<p>") == len(made.verdict)
+    assert made._repr_html_().count("<li>") == 5
     assert [light.name for light in made.judgement.lights] == [
         "fit",
         "unseen motion",
@@ -47,17 +49,6 @@ def test_the_singular_values_are_those_of_the_stack_with_columns_of_unit_length(
     rows = result.stack.rows.W[result.stack.rows.use]
     expected = np.linalg.svd(rows / np.linalg.norm(rows, axis=0), compute_uv=False)
     np.testing.assert_allclose(gather(result).singular_values, expected, rtol=1e-6)
-
-
-def test_the_page_and_the_summary_are_saved_and_a_notebook_shows_the_verdict(result, tmp_path):
-    made = report(result)
-    assert made.save(tmp_path) == [tmp_path / "report.html", tmp_path / "summary.md"]
-    assert (tmp_path / "report.html").read_text(encoding="utf-8") == made.html
-    assert (tmp_path / "summary.md").read_text(encoding="utf-8") == made.markdown
-    assert made.facts()["lights"] == {light.name: light.state for light in made.judgement.lights}
-    shown = made._repr_html_()
-    assert shown.count("<p>") == len(made.verdict)
-    assert shown.count("<li>") == 5
 
 
 def test_files_in_the_working_directory_are_not_taken_for_those_of_a_new_result(

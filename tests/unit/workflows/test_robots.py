@@ -9,7 +9,6 @@ from dynid.files.robotfile import load_robot as read_robot
 from dynid.loading import load_robot
 from dynid.robot import Joint, Robot
 from dynid.sim.urdf import write_urdf
-from dynid.units import joint_unit
 
 FORKED = """<robot name="two_arms"><link name="world"/><link name="torso"/>
 <joint name="lift" type="prismatic"><parent link="world"/><child link="torso"/><axis xyz="0 0 1"/></joint>
@@ -86,12 +85,3 @@ def test_alpha_in_the_dh_table_is_the_twist_and_said(tmp_path):
     robot = load_robot(own)
     assert robot == read_robot("ur5e")
     assert [finding.code for finding in robot.findings] == ["W203"] * 6
-
-
-@pytest.mark.parametrize(
-    ("turning", "sliding"),
-    [("N m", "N"), ("N m s/rad", "N s/m"), ("rad", "m"), ("rad/s", "m/s"), ("s", "s")],
-)
-def test_units_of_a_sliding_joint_are_those_of_forces(turning, sliding):
-    assert joint_unit(turning, revolute=True) == turning
-    assert joint_unit(turning, revolute=False) == sliding
