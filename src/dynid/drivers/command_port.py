@@ -104,8 +104,8 @@ class CommandPort(ABC):
         """Return what the driver's parameters say about the numbers it publishes."""
         if not self.namespace or not self.node.master().hasParam(self.namespace):
             return {}
-        found = self.node.master().getParam(self.namespace)
-        return found if isinstance(found, dict) else {"value": found}
+        values = self.node.master().getParam(self.namespace)
+        return values if isinstance(values, dict) else {"value": values}
 
     def gravity_removed(self) -> bool | None:
         """Return whether the driver says that its torques lack gravity; None when it does not say."""
@@ -118,14 +118,14 @@ class CommandPort(ABC):
             TopicSilent: nobody listens to the commands.
             ServiceMissing: the stop does not answer.
         """
-        silent = TopicSilent(
+        no_answer = TopicSilent(
             f"nobody listens to {self.command_topic}",
             where=self.command_topic,
             why="commands would go nowhere",
             fix="is the driver's controller for that topic running?",
         )
         # Why: without a queue a command leaves when it is published, or not at all; none waits for the next.
-        self.publisher = self.connected(self.command_topic, self.command_type(), silent, None)
+        self.publisher = self.connected(self.command_topic, self.command_type(), no_answer, None)
 
     def endpoints(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Return the topics the driver must listen to and the services it must have, to be moved and stopped."""

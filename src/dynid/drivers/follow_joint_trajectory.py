@@ -98,7 +98,7 @@ def choose_commands(
         types: message type of every topic.
         heard: topics somebody listens to.
         asked: the topic that the user named, None to choose.
-        usual: where a joint_trajectory_controller beside the joint states listens.
+        usual: where a joint_trajectory_controller next to the joint states listens.
 
     Raises:
         TopicMissing: several could be meant.
@@ -109,14 +109,14 @@ def choose_commands(
     if usual in heard:
         return usual, False
     for kind in (GOAL, TRAJECTORY):
-        found = sorted(name for name in heard if types.get(name) == kind)
-        if len(found) > 1:
+        topics = sorted(name for name in heard if types.get(name) == kind)
+        if len(topics) > 1:
             raise TopicMissing(
-                f"several topics take motions: {', '.join(found)}",
-                fix=f"name one of them: {shell('--command-topic', found[0])}",
+                f"several topics take motions: {', '.join(topics)}",
+                fix=f"name one of them: {shell('--command-topic', topics[0])}",
             )
-        if found:
-            return found[0], kind == GOAL
+        if topics:
+            return topics[0], kind == GOAL
     return usual, False
 
 
@@ -131,7 +131,7 @@ class FollowJointTrajectoryPort(CommandPort):
         self._alive = threading.Event()
 
     def default_command_topic(self) -> str:
-        """Return the goal topic of a joint_trajectory_controller beside the joint states."""
+        """Return the goal topic of a joint_trajectory_controller next to the joint states."""
         return f"{self.namespace}/joint_trajectory_controller/follow_joint_trajectory/goal"
 
     def _topic(self, name: str) -> str:
@@ -167,7 +167,7 @@ class FollowJointTrajectoryPort(CommandPort):
         Raises:
             GoalRefused: the controller gave it up.
         """
-        self._judge()
+        self._raise_refusal()
 
     def begin(self, at: Callable[[float], Target], duration: float) -> tuple[float, Any]:
         """Send the goal and wait until it is accepted; return when that was, and the goal.
@@ -185,7 +185,7 @@ class FollowJointTrajectoryPort(CommandPort):
                 f"{self.command_topic} did not accept the motion within {ACCEPT_PATIENCE:g} s"
             ),
         )
-        self._judge()
+        self._raise_refusal()
         return time.monotonic(), goal
 
     def _goal(self, at: Callable[[float], Target], duration: float) -> Any:  # noqa: ANN401
@@ -210,7 +210,7 @@ class FollowJointTrajectoryPort(CommandPort):
         """
         late = f"the controller did not reach the end within {FINISH_PATIENCE:g} s after it"
         _wait(lambda: self._state in ENDED, FINISH_PATIENCE, GoalRefused(late))
-        self._judge()
+        self._raise_refusal()
 
     def stop(self) -> str:
         """Cancel the goal and wait until the controller confirms it."""
@@ -225,7 +225,7 @@ class FollowJointTrajectoryPort(CommandPort):
         _wait(lambda: self._state in ENDED, SERVICE_PATIENCE, ServiceMissing(late, where=where))
         return f"goal {STATES[self._state]}"
 
-    def _judge(self) -> None:
+    def _raise_refusal(self) -> None:
         if self._state in ENDED and self._state != SUCCEEDED:
             reason = f": {self._text}" if self._text else ""
             raise GoalRefused(
@@ -258,10 +258,10 @@ def _generated() -> dict[str, Any]:
     """Return all classes by name."""
     line = "=" * 80
     parts = "".join(f"{line}\nMSG: {kind}\n{text}" for kind, text in _TEXTS.items())
-    found: dict[str, Any] = {}
+    classes: dict[str, Any] = {}
     for kind in (GOAL, RESULT, STATUS, CANCEL):
-        found |= message_classes(kind, _TEXTS[kind] + parts)
-    return found
+        classes |= message_classes(kind, _TEXTS[kind] + parts)
+    return classes
 
 
 def action_message(kind: str) -> Any:  # noqa: ANN401 - a generated class

@@ -28,7 +28,7 @@ class Driver:
         velocity_trusted: whether the reported velocity is what the joint does.
         velocity_note: why not.
         rate_fix: how to make it publish faster.
-        gravity_fix: how to make it publish the whole torque.
+        gravity_fix: how to make it publish the torque with gravity.
     """
 
     kind: ClassVar[str] = "generic"
@@ -132,7 +132,7 @@ class Driver:
 
 def _listed(topics: Mapping[str, str]) -> str:
     shown = [f"{name} ({kind.split('/')[-1]})" for name, kind in topics.items()]
-    # Why: a bag of a whole robot has a hundred topics; joint states are what is looked for.
+    # Why: a bag of a complete robot has a hundred topics; only joint states are needed.
     shown.sort(key=lambda text: "JointState)" not in text)
     more = f" and {len(shown) - 8} more" if len(shown) > 8 else ""
     return (", ".join(shown[:8]) + more) if shown else "no messages"

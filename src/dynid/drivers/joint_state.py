@@ -55,7 +55,7 @@ class Columns:
         self._known: dict[tuple[str, ...], list[int] | None] = {}
         map_, units = robot.columns.map, robot.columns.units
         turning = np.array([joint.revolute for joint in robot.joints])
-        # Why: one unit is given for all joints; `deg` says nothing about a sliding joint, which is then in metres.
+        # Why: one unit is given for all joints; `deg` does not fit a prismatic joint, which is then in metres.
         self._position, self._velocity = (
             np.where(turning == (units[key] in _ANGULAR), table[units[key]], 1.0)
             for key, table in (("position", POSITION), ("velocity", VELOCITY))
@@ -68,8 +68,8 @@ class Columns:
         """Return where the robot's joints stand in a message; None when one is missing."""
         key = tuple(names)
         if key not in self._known:
-            whole = set(self.names) <= set(key)
-            self._known[key] = [key.index(name) for name in self.names] if whole else None
+            complete = set(self.names) <= set(key)
+            self._known[key] = [key.index(name) for name in self.names] if complete else None
         return self._known[key]
 
     def sample(self, message: Any, arrival: float) -> Sample | None:  # noqa: ANN401

@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 
 
 class JointTrajectoryPort(CommandPort):
-    """Any driver with a JointTrajectory topic beside its joint states."""
+    """Any driver with a JointTrajectory topic next to its joint states."""
 
     #: The controller interpolates to a point so far ahead, as a command may be late before the run is stopped: the way
     #: never ends in between [s].
@@ -39,10 +39,10 @@ class JointTrajectoryPort(CommandPort):
 
         Why: a point without velocities is indexed unchecked by some drivers.
         """
-        found = self.command_type()()
-        found.joint_names = list(self.columns.names)
-        found.points = [point_of(self.columns, target, self.lead)]
-        return found
+        message = self.command_type()()
+        message.joint_names = list(self.columns.names)
+        message.points = [point_of(self.columns, target, self.lead)]
+        return message
 
     def stop(self) -> str:
         """Send an empty trajectory, which makes the controller hold where it is."""

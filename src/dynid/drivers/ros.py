@@ -25,7 +25,7 @@ from dynid.xdg import cache_folder
 
 T = TypeVar("T")
 
-#: Address of the master when nothing else is said.
+#: Address of the master by default.
 DEFAULT_MASTER = "http://localhost:11311"
 #: A master in the same laboratory answers in milliseconds; longer means there is none [s].
 PATIENCE = 2.0
@@ -99,13 +99,13 @@ def message_classes(kind: str, definition: str) -> dict[str, Any]:
     never does in that way. The module is in memory once it is imported, so the folder goes at once.
     """
     try:
-        found: dict[str, Any] = import_ros("genpy.dynamic").generate_dynamic(kind, definition)
+        classes: dict[str, Any] = import_ros("genpy.dynamic").generate_dynamic(kind, definition)
     finally:
         for folder in [each for each in sys.path if Path(each).name.startswith("genpy_")]:
             sys.path.remove(folder)
             shutil.rmtree(folder, ignore_errors=True)
         atexit.unregister(shutil.rmtree)
-    return found
+    return classes
 
 
 def within(seconds: float, function: Callable[[], T]) -> T:
@@ -213,9 +213,9 @@ def connect(name: str, given: str | None = None, patience: float = PATIENCE) -> 
         raise MasterSilent(f"no ROS master at {uri} ({reason.lower()})", where=uri) from error
     _environment(uri, address)
     rospy = import_ros("rospy")
-    plain = dict.fromkeys(("disable_signals", "disable_rosout", "disable_rostime"), True)
+    switches = dict.fromkeys(("disable_signals", "disable_rosout", "disable_rostime"), True)
     try:
-        within(5 * patience, lambda: rospy.init_node(name, argv=[], anonymous=True, **plain))
+        within(5 * patience, lambda: rospy.init_node(name, argv=[], anonymous=True, **switches))
     except (OSError, rospy.ROSException) as error:
         raise MasterSilent(
             f"the master at {uri} did not take this node ({error})", where=uri
@@ -228,7 +228,7 @@ def _environment(uri: str, address: str) -> None:
     """Tell ROS what it reads from variables only, before it is imported."""
     os.environ["ROS_MASTER_URI"] = uri
     if not os.environ.get("ROS_IP") and not os.environ.get("ROS_HOSTNAME"):
-        # Why: a host name that others cannot resolve is the usual reason why topics are listed but stay silent.
+        # Why: a host name that others cannot resolve is the usual reason why topics are listed but publish nothing.
         os.environ["ROS_IP"] = address
     os.environ.setdefault("ROS_LOG_DIR", str(cache_folder() / "ros"))
 

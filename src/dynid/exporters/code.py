@@ -47,7 +47,7 @@ SPELLED: dict[str, Callable[[str], str]] = {
     "c": lambda text: text.replace("abs(", "fabs(").replace("sign(", "dynid_sign("),
     "python": lambda text: re.sub(r"\[(\d+)\]", r"[..., \1]", text),
     "matlab": lambda text: re.sub(
-        r"\[(\d+)\]", lambda found: f"({int(found[1]) + 1})", text.replace("pow(", "power(")
+        r"\[(\d+)\]", lambda match: f"({int(match[1]) + 1})", text.replace("pow(", "power(")
     ),
 }
 _SIGN = {ADD: "+", SUB: "-", MUL: "*"}
@@ -80,7 +80,7 @@ def source_code(arm: IdentifiedArm, language: str) -> str:
     moving, inertial = _inertial(arm)
     friction = list[Entry]()
     for place, column in enumerate(reduction.base):
-        if len(model.link_columns) <= column < model.plain_size:
+        if len(model.link_columns) <= column < model.size_without_effects:
             parameter = model.parameters[column]
             target = inertial if parameter.kind == "Imc" else friction
             target += [(row, place, value) for row, value in _friction(arm.robot, parameter)]
@@ -104,7 +104,7 @@ def source_code(arm: IdentifiedArm, language: str) -> str:
         ],
         loads=any(column.signals & {"tau", "total"} for column in columns),
         rigid=int(np.sum(reduction.base < len(model.link_columns))),
-        plain=int(np.sum(reduction.base < model.plain_size)),
+        plain=int(np.sum(reduction.base < model.size_without_effects)),
         residual=None if error is None else _residual(arm, error),
     )
 
@@ -233,8 +233,8 @@ def _in_c(text: str, arm: IdentifiedArm) -> Loaded | None:
             library.dynid_inverse_dynamics(*map(pointer, rows))
         return tau
 
-    found = _loaded(arm, Path(compiler).name, theirs)
-    return found._replace(what=f"all, {arm.robot.n} joints")
+    loaded = _loaded(arm, Path(compiler).name, theirs)
+    return loaded._replace(what=f"all, {arm.robot.n} joints")
 
 
 def imported(text: str) -> ModuleType:

@@ -1,4 +1,4 @@
-"""Exported files in their simulators, driven along a recorded motion: the written text is loaded, nothing else.
+"""Exported files in their simulators, simulated along a recorded motion: the written text is loaded, nothing else.
 
 The measured torques act on the simulated arm, and one soft controller, the same for all arms, holds it near
 the recorded motion. Where the model is right the controller has nothing to do.
@@ -17,7 +17,7 @@ from scipy.interpolate import make_interp_spline
 from dynid.errors import NotSimulated, PackageMissing
 from dynid.exporters import effects_file, mjcf, urdf
 from dynid.exporters.code import imported
-from dynid.exporters.engines import bullet_body, module, silent
+from dynid.exporters.engines import bullet_body, module, quiet
 from dynid.exporters.full_model import world_gravity
 from dynid.exporters.interface import Floats, IdentifiedArm
 from dynid.sim import tuning
@@ -59,7 +59,7 @@ def drive(
 
     Raises:
         PackageMissing: the engine is not installed.
-        NotSimulated: the engine refuses the arm, or the arm flies apart.
+        NotSimulated: the engine refuses the arm, or the simulation diverges.
     """
     t, q, qd, tau = recorded
     simulator = module(engine)
@@ -73,27 +73,27 @@ def drive(
     damping = 2.0 * np.sqrt(stiffness * inertia)
     effects, load = imported(effects_file.text(arm)), {"mujoco": _mujoco, "pybullet": _pybullet}
     try:
-        with silent():
+        with quiet():
             step, close = load[engine](arm, simulator, effects, dt / steps, q[0], qd[0])
     except ValueError as error:
         raise NotSimulated(f"{engine} refuses the arm: {error}", why=FAR) from error
     fine = np.minimum(t[0] + dt / steps * np.arange(steps * len(t)), t[-1])
     wanted = make_interp_spline(t, np.hstack([q, qd, tau]), k=1)(fine)
-    found, added, here = list[Floats](), list[Floats](), (q[0], qd[0])
+    positions, added, here = list[Floats](), list[Floats](), (q[0], qd[0])
     try:
         for k, row in enumerate(wanted):
             goal, speed, push = np.split(row, 3)
             more = stiffness * (goal - here[0]) + damping * (speed - here[1])
             if k % steps == 0:
-                found.append(here[0])
+                positions.append(here[0])
                 added.append(more)
             here = step(push + more)
     finally:
         close()
-    if not np.all(np.isfinite(found)):
+    if not np.all(np.isfinite(positions)):
         fix = "identify it with --feasible"
         raise NotSimulated(f"in {engine} the arm flies apart", why=FAR, fix=fix)
-    return Driven(np.array(found), np.array(added))
+    return Driven(np.array(positions), np.array(added))
 
 
 def _mujoco(
@@ -108,14 +108,14 @@ def _mujoco(
     model = engine.MjModel.from_xml_string(mjcf.text(arm))
     model.opt.timestep = h
     # Why no stops: a recording ends before them, and a model that is wrong must not lean on them.
-    # Why no start anew: an arm that flies apart must be seen.
+    # Why no restart: a simulation that diverges must show.
     off = engine.mjtDisableBit
     model.opt.disableflags |= off.mjDSBL_LIMIT | off.mjDSBL_CONTACT | off.mjDSBL_AUTORESET
     model.jnt_actfrclimited[:] = 0
-    data, found = engine.MjData(model), effects.Mujoco(model)
-    places, dofs = found.places, found.dofs
+    data, hook = engine.MjData(model), effects.Mujoco(model)
+    places, dofs = hook.places, hook.dofs
     data.qpos[places], data.qvel[dofs] = q, qd
-    engine.set_mjcb_passive(found.passive)
+    engine.set_mjcb_passive(hook.passive)
 
     def step(torque: Floats) -> tuple[Floats, Floats]:
         data.qfrc_applied[dofs] = torque
@@ -139,17 +139,17 @@ def _pybullet(
     engine.setPhysicsEngineParameter(fixedTimeStep=h, numSubSteps=0, **server)
     for joint in range(-1, engine.getNumJoints(body, **server)):
         engine.changeDynamics(body, joint, linearDamping=0.0, angularDamping=0.0, **server)
-    found = effects.Bullet(body, client)
-    for joint, position, speed in zip(found.joints, q, qd, strict=True):
+    hook = effects.Bullet(body, client)
+    for joint, position, speed in zip(hook.joints, q, qd, strict=True):
         engine.resetJointState(body, joint, float(position), float(speed), **server)
 
     def step(torque: Floats) -> tuple[Floats, Floats]:
-        forces = found.forces(torque, h).tolist()
+        forces = hook.forces(torque, h).tolist()
         engine.setJointMotorControlArray(
-            body, found.joints, engine.TORQUE_CONTROL, forces=forces, **server
+            body, hook.joints, engine.TORQUE_CONTROL, forces=forces, **server
         )
         engine.stepSimulation(**server)
-        rows = engine.getJointStates(body, found.joints, **server)
+        rows = engine.getJointStates(body, hook.joints, **server)
         return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
 
     return step, lambda: engine.disconnect(**server)

@@ -8,7 +8,7 @@ import numpy as np
 
 from dynid.exporters import mjcf, urdf
 from dynid.exporters.code import imported, rendered
-from dynid.exporters.engines import module, own_torques, silent
+from dynid.exporters.engines import module, own_torques, quiet
 from dynid.exporters.formulas import written
 from dynid.exporters.interface import STEP_S, Floats, Format, IdentifiedArm, Loaded
 from dynid.exporters.simulated import numbers_of, simulated
@@ -16,26 +16,26 @@ from dynid.model.effects.laws import ANGLE_STEP
 from dynid.model.kinematics import fixed_poses
 from dynid.text import xml
 
-#: Formats that it stands beside.
+#: Formats that it accompanies.
 HOSTS = ("urdf", "mjcf")
 
 
 def text(arm: IdentifiedArm) -> str:
     """Return the file."""
-    found, (names, mapping) = simulated(arm), urdf.joints_of(arm)
+    simulation, (names, mapping) = simulated(arm), urdf.joints_of(arm)
     pairs = [fixed_poses(joint, arm.robot.convention) for joint in arm.robot.joints]
     return rendered(
         "effects.txt",
         arm=arm,
-        found=found,
-        full=found.full,
+        simulation=simulation,
+        full=simulation.full,
         joints=list(map(xml, arm.robot.joint_names)),
         urdf_joints=names,
         mapping=mapping,
         shape=arm.robot.coulomb_shape,
-        bristles=[column for column, _, _ in found.columns if "z" in column.signals],
-        loads=any(column.signals & {"tau", "total"} for column, _, _ in found.columns),
-        whole_arm=[one.effect.name for one in found.whole_arm],
+        bristles=[column for column, _, _ in simulation.columns if "z" in column.signals],
+        loads=any(column.signals & {"tau", "total"} for column, _, _ in simulation.columns),
+        arm_effects=[one.effect.name for one in simulation.arm_effects],
         written=written,
         angle_step=ANGLE_STEP,
         gravity=float(np.linalg.norm(arm.robot.gravity)),
@@ -59,23 +59,23 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
 
 def wanted(arm: IdentifiedArm, formats: tuple[str, ...]) -> bool:
     """Return whether a file of one of these formats lacks something that this file has."""
-    found = simulated(arm)
-    return any(found.in_effects_file(mjcf=name == "mjcf") for name in formats if name in HOSTS)
+    simulation = simulated(arm)
+    return any(simulation.in_effects_file(mjcf=name == "mjcf") for name in formats if name in HOSTS)
 
 
 def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
     """Load it with an MJCF in MuJoCo; what remembers is compared along the states."""
-    found, engine = simulated(arm), module("mujoco")
+    simulation, engine = simulated(arm), module("mujoco")
     if engine is None or mjcf.negative_numbers(arm):
         return None
-    with silent():
+    with quiet():
         model = engine.MjModel.from_xml_string(mjcf.text(arm))
-    bristles = {one.place[1]: one.loss for one in found.native if one.loss}
-    what = "all that is not left out" if found.left else "all"
+    bristles = {one.place[1]: one.loss for one in simulation.native if one.loss}
+    what = "all that is not left out" if simulation.left else "all"
     what += ", without the bristle of the file" * bool(bristles)
     theirs = stepped(imported(text).Mujoco(model))
     values = own_values(arm)
-    for column, _, native in found.columns:
+    for column, _, native in simulation.columns:
         if native and "z" in column.signals:
             values[column.name] = 0.0
             values[f"fc{column.joint + 1}"] -= bristles[column.joint]
@@ -84,11 +84,11 @@ def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
 
 def own_values(arm: IdentifiedArm) -> dict[str, float]:
     """Return the parameters by name that files with this one hold."""
-    found = simulated(arm)
-    whole = [column.parameter.name for added in found.whole_arm for column in added.columns]
+    simulation = simulated(arm)
+    of_arm = [column.parameter.name for added in simulation.arm_effects for column in added.columns]
     values = numbers_of(arm, "Im", "fv", "fc", "fo")
-    values |= {column.name: size for column, size, _ in found.columns}
-    return values | dict(zip(whole, arm.full.values(whole), strict=True))
+    values |= {column.name: size for column, size, _ in simulation.columns}
+    return values | dict(zip(of_arm, arm.full.values(of_arm), strict=True))
 
 
 def stepped(effects: Any) -> Any:  # noqa: ANN401 - a class of the written file
@@ -99,7 +99,7 @@ def stepped(effects: Any) -> Any:  # noqa: ANN401 - a class of the written file
         rows = []
         for state in zip(*states, strict=True):
             effects.step(state[0], STEP_S)
-            with silent():
+            with quiet():
                 rows.append(effects.inverse_dynamics(*state))
         return np.array(rows)
 

@@ -1,4 +1,4 @@
-"""Written files in MuJoCo, which computes their inverse dynamics, and in PyBullet; and dynid's own torques beside."""
+"""Written files in MuJoCo, which computes their inverse dynamics, and in PyBullet; dynid's own torques."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ def own_torques(arm: IdentifiedArm, values: Mapping[str, float]) -> Torques:
 def module(name: str) -> Any | None:  # noqa: ANN401 - engines have no types
     """Return a module if it is installed."""
     try:
-        with silent():
+        with quiet():
             return importlib.import_module(name)
     except ImportError:
         return None
 
 
 @contextmanager
-def silent() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Send what compiled code writes to the standard streams nowhere; it would break --json."""
     sys.stdout.flush()
     sys.stderr.flush()
@@ -77,7 +77,7 @@ def mujoco(text: str, names: Sequence[str], gravity: Floats) -> tuple[str, Torqu
     engine = module("mujoco")
     if engine is None:
         return None
-    with silent():
+    with quiet():
         model = engine.MjModel.from_xml_string(text)
     model.opt.gravity[:] = gravity
     model.opt.disableflags |= engine.mjtDisableBit.mjDSBL_CONSTRAINT
@@ -110,7 +110,7 @@ def bullet_body(text: str, gravity: Floats) -> tuple[int, int]:
     """
     engine = module("pybullet")
     assert engine is not None
-    with silent(), TemporaryDirectory() as folder:
+    with quiet(), TemporaryDirectory() as folder:
         bare = Path(folder) / "bare.urdf"
         bare.write_text(bare_urdf(text), encoding="utf-8")
         client = engine.connect(engine.DIRECT)

@@ -1,7 +1,7 @@
 """Effects of the catalogue as formulas, for every language and simulator.
 
 A formula is written in NumPy's spelling with elements ``q[0]``.
-Effects without one turn the torque of the whole arm, or are left out.
+Effects without one act on the torques of all joints, or are left out.
 """
 
 from __future__ import annotations
@@ -129,12 +129,12 @@ def phrase(added: Added, names: Sequence[str]) -> str:
 
 def without_torque(robot: Robot) -> tuple[str, ...]:
     """Return the effects of a robot file that are no torque of states, one phrase each with the reason."""
-    found = []
+    lines = []
     for spec in robot.effects:
         if spec.effect in CATALOGUE and (why := CATALOGUE[spec.effect].left_out):
             where = f" on {', '.join(spec.joints)}" if spec.joints else ""
-            found.append(f"effect {spec.effect}{where}: {why}")
-    return tuple(found)
+            lines.append(f"effect {spec.effect}{where}: {why}")
+    return tuple(lines)
 
 
 def why_not_code(added: Added) -> str:
@@ -142,5 +142,5 @@ def why_not_code(added: Added) -> str:
     columns = columns_of(added)
     if any(column.remembers for column in columns):
         return "it depends on what was before, and code keeps no state"
-    whole_arm = not columns and added.effect.more_of != "body"
-    return added.effect.left_out or "it turns the torque of the whole arm" * whole_arm
+    on_arm = not columns and added.effect.more_of != "body"
+    return added.effect.left_out or "it turns the torque of the whole arm" * on_arm

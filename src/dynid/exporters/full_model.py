@@ -1,6 +1,6 @@
 """All parameters of an arm as simulators need them: bodies, rotors, friction, where each number is from, and frames.
 
-Reads an identification. The physical set is possible by construction; the plain estimate gets the set nearest to it.
+Reads an identification. The physical set is consistent by construction; least squares get the nearest full set.
 """
 
 from __future__ import annotations
@@ -50,11 +50,11 @@ class FullModel:
     @property
     def by_name(self) -> dict[str, float]:
         """Every parameter by its name."""
-        found = dict(self.drives)
+        values = dict(self.drives)
         for i, body in enumerate(self.bodies, start=1):
             row = zip(BODY_PARAMETERS, body.parameters().tolist(), strict=True)
-            found |= {f"{name}{i}": value for name, value in row}
-        return found
+            values |= {f"{name}{i}": value for name, value in row}
+        return values
 
     def values(self, names: Sequence[str]) -> Floats:
         """Return the parameters of the given names, zero where there is none."""

@@ -90,16 +90,16 @@ class IdentifiedArm:
         """Name of its files, without suffix."""
         return file_name(self.robot.slug)
 
-    def head(self, escape: Callable[[str], str], *, whole: bool = False) -> str:
+    def head(self, escape: Callable[[str], str], *, holds_residual: bool = False) -> str:
         """Return the line at the head of every file: robot, method, logs, and whether it has the residual model.
 
         Args:
             escape: function of ``dynid.text`` for the place where the line is written.
-            whole: whether the format can hold the residual model.
+            holds_residual: whether the format can hold the residual model.
         """
         residual = ""
         if self.model_error is not None:
-            held = whole and self.residual_model
+            held = holds_residual and self.residual_model
             residual = (
                 "; with its residual model"
                 if held
@@ -207,10 +207,10 @@ class Format:
         """
         states = random_states(arm.robot, STATES, seed)
         try:
-            found = self.loaded(text, arm)
-            if found is None:
+            loaded = self.loaded(text, arm)
+            if loaded is None:
                 return []
-            expected, theirs = found.ours(*states), found.theirs(*states)
+            expected, theirs = loaded.ours(*states), loaded.theirs(*states)
         except (ValueError, RuntimeError, SystemError, subprocess.CalledProcessError) as error:
             raise LoadingFailed(" ".join(str(error).split())) from error
         except subprocess.TimeoutExpired as error:
@@ -222,4 +222,4 @@ class Format:
         largest = difference if np.isfinite(difference) else np.inf
         size = float(np.sqrt(np.mean(expected**2)))
         agrees = largest <= self.tolerance * max(1.0, size)
-        return [Agreement(found.engine, largest, size, STATES, found.what, agrees)]
+        return [Agreement(loaded.engine, largest, size, STATES, loaded.what, agrees)]

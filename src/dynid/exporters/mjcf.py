@@ -20,13 +20,13 @@ DRIVE = {"Im": "armature", "fv": "damping", "fc": "frictionloss"}
 
 def text(arm: IdentifiedArm) -> str:
     """Return the MJCF."""
-    found, robot = simulated(arm), arm.robot
+    simulation, robot = simulated(arm), arm.robot
     # Why no body for the base: Pinocchio's reader loses the pose of a body without a joint.
-    previous, links, drive, ends = base_pose(robot), [], _drive(found), link_cylinders(robot)
-    for i, (joint, body) in enumerate(zip(robot.joints, found.full.bodies, strict=True)):
+    previous, links, drive, ends = base_pose(robot), [], _drive(simulation), link_cylinders(robot)
+    for i, (joint, body) in enumerate(zip(robot.joints, simulation.full.bodies, strict=True)):
         before, to_dh = fixed_poses(joint, robot.convention)
         own = {DRIVE[kind]: repr(max(0.0, float(row[i]))) for kind, row in drive.items()}
-        for one in found.native:
+        for one in simulation.native:
             if one.place == ("spring", i):
                 own |= one.attributes
         links.append(
@@ -44,18 +44,18 @@ def text(arm: IdentifiedArm) -> str:
         "mjcf.xml",
         head=arm.head(str),
         robot=robot,
-        full=found.full,
+        full=simulation.full,
         gravity=world_gravity(robot),
         links=links,
         radius=cylinders_of(robot).radius,
-        motors=[one for one in found.native if one.place[0] != "spring"],
+        motors=[one for one in simulation.native if one.place[0] != "spring"],
     )
 
 
-def _drive(found: Simulated) -> dict[str, Floats]:
+def _drive(simulation: Simulated) -> dict[str, Floats]:
     """Return rotor inertia and friction of all joints, (n,) each."""
-    drive = {kind: found.full.of_joints(kind) for kind in DRIVE}
-    for one in found.native:
+    drive = {kind: simulation.full.of_joints(kind) for kind in DRIVE}
+    for one in simulation.native:
         drive["fc"][one.place[1]] -= one.loss
     return drive
 
@@ -81,15 +81,15 @@ def negative_numbers(arm: IdentifiedArm) -> list[str]:
 def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
     """Load it in MuJoCo; None where numbers had to be written as zero, so that torques cannot agree."""
     names, here = tuple(map(xml, arm.robot.joint_names)), simulated(arm)
-    found = mujoco(text, names, world_gravity(arm.robot))
-    if found is None or negative_numbers(arm):
+    engine_and_torques = mujoco(text, names, world_gravity(arm.robot))
+    if engine_and_torques is None or negative_numbers(arm):
         return None
     # Why not bristles: they only bend along a simulation.
     held = {c.name: size for c, size, native in here.columns if native and "z" not in c.signals}
     said = {attribute for one in here.native for attribute in one.attributes}
     what = "rigid body, rotors, viscous friction"
     what += ", springs" * ("stiffness" in said) + ", waves" * ("cogging" in said)
-    engine, torques = found
+    engine, torques = engine_and_torques
     return Loaded(engine, what, torques, own_torques(arm, numbers_of(arm, "Im", "fv") | held))
 
 

@@ -1,4 +1,4 @@
-"""Where each effect goes in a simulator: the numbers of a file, MuJoCo's own elements, or effects.py beside them."""
+"""Where each effect goes in a simulator: the numbers of a file, MuJoCo's own elements, or effects.py."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Simulated:
         numbers: effects that are in the numbers of every file, in words.
         native: elements of an MJCF.
         columns: columns of effects.py with their sizes, and whether an MJCF has an element for them.
-        whole_arm: effects of effects.py that turn the torque of the whole arm.
+        arm_effects: effects of effects.py that act on the torques of all joints.
     """
 
     full: FullModel
@@ -72,7 +72,7 @@ class Simulated:
     numbers: tuple[str, ...]
     native: list[Element] = field(default_factory=list)
     columns: list[tuple[Column, float, bool]] = field(default_factory=list)
-    whole_arm: list[Added] = field(default_factory=list)
+    arm_effects: list[Added] = field(default_factory=list)
 
     @property
     def elements(self) -> tuple[str, ...]:
@@ -80,20 +80,20 @@ class Simulated:
         names = self.full.robot.joint_names
         return tuple(f"{phrase(one.added, names)}: {one.where}" for one in self.native)
 
-    def effects_beside(self, *, mjcf: bool) -> list[str]:
+    def effects_in_file(self, *, mjcf: bool) -> list[str]:
         """Return the effects that effects.py adds to an MJCF, or to a URDF, one phrase each."""
         names = self.full.robot.joint_names
-        found = [phrase(one, names) for one in self.whole_arm]
+        phrases = [phrase(one, names) for one in self.arm_effects]
         for column, _, native in self.columns:
             if not (mjcf and native):
-                found.append(f"{column.added.effect.name} on {names[column.joint]}")
-        return list(dict.fromkeys(found))
+                phrases.append(f"{column.added.effect.name} on {names[column.joint]}")
+        return list(dict.fromkeys(phrases))
 
     def in_effects_file(self, *, mjcf: bool) -> list[str]:
         """Return all that effects.py adds to an MJCF, or to a URDF, one phrase each."""
         offsets = ["torque offsets fo"] * any(self.full.of_joints("fo"))
         rotors = ["rotor inertia"] * (not mjcf and any(self.full.of_joints("Im")))
-        return [*self.effects_beside(mjcf=mjcf), *offsets, *rotors]
+        return [*self.effects_in_file(mjcf=mjcf), *offsets, *rotors]
 
 
 def simulated(arm: IdentifiedArm) -> Simulated:
@@ -113,14 +113,16 @@ def simulated(arm: IdentifiedArm) -> Simulated:
             key = f"{target}{added.joints[0] + 1}"
             drives[key] = drives.get(key, 0.0) + sizes[0]
     full = replace(arm.full, bodies=tuple(bodies), drives=drives)
-    found = Simulated(full, without_torque(arm.robot), tuple(numbers))
+    simulation = Simulated(full, without_torque(arm.robot), tuple(numbers))
     for added, sizes in others:
-        element = _element(added, sizes, found)
-        found.native += [element] if element else []
+        element = _element(added, sizes, simulation)
+        simulation.native += [element] if element else []
         forms = columns_of(added)
-        found.columns += [(*one, element is not None) for one in zip(forms, sizes, strict=False)]
-        found.whole_arm += [added] * (not forms)
-    return found
+        simulation.columns += [
+            (*one, element is not None) for one in zip(forms, sizes, strict=False)
+        ]
+        simulation.arm_effects += [added] * (not forms)
+    return simulation
 
 
 def numbers_of(arm: IdentifiedArm, *kinds: str) -> dict[str, float]:
@@ -134,10 +136,10 @@ def numbers_of(arm: IdentifiedArm, *kinds: str) -> dict[str, float]:
 
 
 # ---------------------------------------------------------------- elements of MuJoCo
-def _element(added: Added, sizes: list[float], found: Simulated) -> Element | None:
+def _element(added: Added, sizes: list[float], simulation: Simulated) -> Element | None:
     """Return what MuJoCo has for an effect; None where it has nothing, or the joint has another one already."""
     name = added.effect.name
-    taken = any(one.place == (name, *added.joints) for one in found.native)
+    taken = any(one.place == (name, *added.joints) for one in simulation.native)
     if name == "spring" and not taken:
         return _spring(added, sizes)
     if not newest_elements():
@@ -146,7 +148,7 @@ def _element(added: Added, sizes: list[float], found: Simulated) -> Element | No
         return _wave(added, sizes)
     if name == "presliding_hysteresis" and not taken:
         size = sizes[0]
-        if 0.0 < size <= found.full.of_joints("fc")[added.joints[0]]:
+        if 0.0 < size <= simulation.full.of_joints("fc")[added.joints[0]]:
             lugre = numbers([size / added.shape["delta"], 0.0, size, size, 1.0])
             where = "lugre of a passive dcmotor, and as much less frictionloss"
             return Element(added, where, {"lugre": lugre}, size)

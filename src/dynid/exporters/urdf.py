@@ -56,12 +56,12 @@ def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
         return None
     names, mapping = joints_of(arm)
     try:
-        found = mujoco(bare_urdf(text), names, world_gravity(arm.robot))
+        engine_and_torques = mujoco(bare_urdf(text), names, world_gravity(arm.robot))
     except ValueError as error:
         raise (error if arm.urdf is None else NotTried(f"MuJoCo: {error}")) from error
-    if found is None:
+    if engine_and_torques is None:
         return None
-    engine, torques = found
+    engine, torques = engine_and_torques
     sign, offset = np.array(mapping.sign), np.array(mapping.offset)
 
     def theirs(q: Floats, qd: Floats, qdd: Floats) -> Floats:
@@ -81,9 +81,9 @@ def joints_of(arm: IdentifiedArm) -> tuple[tuple[str, ...], JointMap]:
 
 def beyond_joints(arm: IdentifiedArm, *, mjcf: bool) -> tuple[str, ...]:
     """Return what a simulator's format does not hold: coupled motors and effects of the catalogue."""
-    found = simulated(arm)
-    beside = [f"effect {phrase}" for phrase in found.effects_beside(mjcf=mjcf)]
-    return (*coupled_left_out(arm), *beside, *found.left, *residual_left_out(arm))
+    simulation = simulated(arm)
+    further = [f"effect {phrase}" for phrase in simulation.effects_in_file(mjcf=mjcf)]
+    return (*coupled_left_out(arm), *further, *simulation.left, *residual_left_out(arm))
 
 
 def coupled_left_out(arm: IdentifiedArm) -> tuple[str, ...]:

@@ -38,7 +38,7 @@ NOTHING = 1e-12
 
 @dataclass(frozen=True)
 class Attached:
-    """How a URDF's chain lies beside the DH frames.
+    """How a URDF's chain lies relative to the DH frames.
 
     Attributes:
         urdf: the file.
@@ -71,8 +71,8 @@ class Attached:
         bodies = []
         for joint, to_dh in zip(self.joints, self.to_dh, strict=True):
             own = self.urdf.bodies[joint.child] or Body(0.0)
-            whole = body_of(sum(self.hanging(joint.child).values(), own.parameters()))
-            bodies.append(moved(whole, np.asarray(np.linalg.inv(to_dh))))
+            total = body_of(sum(self.hanging(joint.child).values(), own.parameters()))
+            bodies.append(moved(total, np.asarray(np.linalg.inv(to_dh))))
         return Prior(links=tuple(bodies))
 
 
@@ -92,15 +92,15 @@ def attached(path: Path, robot: Robot) -> Attached:
             f"{path}: the joints up to '{names[-1]}' are {moving}; the robot file has {', '.join(names)}",
             where=str(path),
         )
-    misses = []
+    errors = []
     same = JointMap((1.0,) * robot.n, (0.0,) * robot.n)
     maps = (same, robot.simulator, robot.driver.map if robot.driver else None)
     for mapping in filter(None, maps):
         to_dh, miss = _compared(urdf, chain, robot, mapping)
         if miss.max() < SAME_ARM:
             return Attached(urdf, names, mapping, tuple(to_dh))
-        misses.append(miss)
-    best = min(misses, key=lambda miss: float(miss.max()))
+        errors.append(miss)
+    best = min(errors, key=lambda miss: float(miss.max()))
     worst = int(np.argmax(best > SAME_ARM))
     raise WrongUrdf(
         f"{path}: joint '{names[worst]}' is not where the robot file's DH table has it (off by {best[worst]:.3g} m)",
@@ -130,7 +130,7 @@ def _compared(
     q[0] = 0.0
     ends = [joint.child for joint in chain if joint.moves]
     poses = (urdf.poses(urdf.root, ends[-1], row) for row in q)
-    links = np.array([[found[link] for link in ends] for found in poses])
+    links = np.array([[each[link] for link in ends] for each in poses])
     there = np.array(mapping.sign) * q + np.array(mapping.offset)
     to_dh = np.linalg.inv(links) @ link_frames(robot, there, world=True).poses
     return np.asarray(to_dh[0]), np.asarray(np.abs(to_dh - to_dh[0]).max(axis=(0, 2, 3)))
@@ -162,13 +162,13 @@ def rewritten(path: Path, arm: IdentifiedArm, full: FullModel) -> str:
 def _own_share(place: Attached, link: str, body: Body) -> tuple[Body, list[str]]:
     """Return a link's body without what hangs on it, and the links that had to be emptied."""
     behind, parts = place.urdf.behind(link, place.names), place.hanging(link)
-    whole = body.parameters()
-    rest = whole - sum(parts.values())
-    if not parts or smallest_eigenvalues(rest) > -NOTHING or smallest_eigenvalues(whole) <= 0:
+    total = body.parameters()
+    rest = total - sum(parts.values())
+    if not parts or smallest_eigenvalues(rest) > -NOTHING or smallest_eigenvalues(total) <= 0:
         return body_of(rest), []
     own_joint = {joint.child for joint, _ in behind if joint.moves}
     free = {joint.child for joint, _ in behind if joint.parent in own_joint} | own_joint
-    rest = whole - sum(part for name, part in parts.items() if name in free)
+    rest = total - sum(part for name, part in parts.items() if name in free)
     if smallest_eigenvalues(rest) <= -NOTHING:
         raise NotPhysical(
             f"what moves on link '{link}' by itself ({', '.join(sorted(free))}) is heavier than the identified body"
@@ -197,7 +197,7 @@ def _places(raw: bytes) -> dict[str, tuple[int, int, str, str]]:
     """Return for each link the bytes that its inertial block replaces, its indentation, and what goes around it."""
     parser = expat.ParserCreate()
     stack: list[str] = []
-    found: dict[str, tuple[int, int, str, str]] = {}
+    places: dict[str, tuple[int, int, str, str]] = {}
     link, start = "", 0
 
     def begin(tag: str, attributes: dict[str, str]) -> None:
@@ -209,19 +209,19 @@ def _places(raw: bytes) -> dict[str, tuple[int, int, str, str]]:
             around = f"\n{outer}  {{}}"
             if closed := raw[:end].endswith(b"/>"):
                 around = f">{around}\n{outer}</link>"
-            found[link] = (end - 2 * closed, end, f"{outer}  ", around)
+            places[link] = (end - 2 * closed, end, f"{outer}  ", around)
         elif stack == ["robot", "link", "inertial"]:
             start = parser.CurrentByteIndex
 
     def finish(tag: str) -> None:
         if stack == ["robot", "link", "inertial"]:
             end = raw.index(b">", parser.CurrentByteIndex) + 1
-            found[link] = (start, end, _indent(raw, start), "{}")
+            places[link] = (start, end, _indent(raw, start), "{}")
         stack.pop()
 
     parser.StartElementHandler, parser.EndElementHandler = begin, finish
     parser.Parse(raw, True)
-    return found
+    return places
 
 
 def _indent(raw: bytes, at: int) -> str:

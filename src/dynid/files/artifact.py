@@ -81,7 +81,7 @@ def read_artifact(
     try:
         arrays = read_npz(path)
         header = json.loads(str(arrays.pop(HEADER)))
-        found = str(header["schema"])
+        name_of_schema = str(header["schema"])
     except FileNotFoundError as error:
         raise NotAnArtifact(f"no such file: {path}", where=path) from error
     except (OSError, *_DAMAGE) as error:
@@ -100,7 +100,7 @@ def read_artifact(
             )
             if not agree or arrays[name].dtype.kind not in "biuf":
                 raise ValueError(f"'{name}' is {arrays[name].dtype} {own}, expected ({shape})")
-    return Artifact(found, header, arrays)
+    return Artifact(name_of_schema, header, arrays)
 
 
 def require_schema(path: Path, header: Mapping[str, Any], schema: str) -> None:
@@ -110,16 +110,16 @@ def require_schema(path: Path, header: Mapping[str, Any], schema: str) -> None:
         NotAnArtifact: something else.
         NewerSchema: written by a newer dynid.
     """
-    found = str(header.get("schema"))
-    kind, _, number = found.rpartition("/")
+    present = str(header.get("schema"))
+    kind, _, number = present.rpartition("/")
     wanted, _, known = schema.rpartition("/")
     if kind == wanted and whole_number(number) > int(known):
         raise NewerSchema(
             f"{path} was written by dynid {header.get('dynid', '?')} (schema {number}); this is {__version__}",
             where=path,
         )
-    if found != schema:
-        raise NotAnArtifact(f"{path} holds {found}, expected {schema}", where=path)
+    if present != schema:
+        raise NotAnArtifact(f"{path} holds {present}, expected {schema}", where=path)
 
 
 def read_header(path: Path) -> dict[str, Any] | None:

@@ -69,7 +69,7 @@ def read_topics(
         return groups, ()
     if not groups:
         raise _nothing_readable(path, reasons[0])
-    logs = [log for found in groups.values() for log in found]
+    logs = [log for group in groups.values() for log in group]
     count, reason = sum(map(len, logs)), "; ".join(reasons[:3])
     seconds = max(float(np.ptp(log.extra["arrival_ns"])) for log in logs) * 1e-9
     text = (
@@ -173,9 +173,9 @@ def _scan(part: Path, topics: Collection[str] | None = None) -> Iterator[Message
     for op, fields, data in _walk(part):
         if op == _CHUNK:
             try:
-                for found in _messages(_unpacked(fields, data, part), known):
-                    if topics is None or found.topic.name in topics:
-                        yield found
+                for block in _messages(_unpacked(fields, data, part), known):
+                    if topics is None or block.topic.name in topics:
+                        yield block
             except Broken as error:
                 damage = damage or error
     if damage:
@@ -258,7 +258,7 @@ def _walk(path: Path, *, chunks: bool = True) -> Iterator[tuple[bytes, Fields, b
 
 def _messages(chunk: bytes, known: dict[bytes, Topic]) -> Iterator[Messages]:
     """Yield the messages of a chunk, whose topics become known; ``Broken`` behind them where one is damaged."""
-    at, found = 0, defaultdict[bytes, list[int]](list)
+    at, places_of = 0, defaultdict[bytes, list[int]](list)
     with suppress(struct.error):
         while at < len(chunk):
             body = at + 8 + _SIZE(chunk, at)[0]
@@ -268,10 +268,10 @@ def _messages(chunk: bytes, known: dict[bytes, Topic]) -> Iterator[Messages]:
             head = chunk[at + 4 : body - 4]
             time = head.find(_TIME)
             # Why: headers of the messages of a topic differ in the time alone.
-            found[head[:time] + head[time + _TIMED :]] += at, body, end
+            places_of[head[:time] + head[time + _TIMED :]] += at, body, end
             at = end
     content = np.frombuffer(chunk, np.uint8)
-    for places in found.values():
+    for places in places_of.values():
         starts, bodies, ends = np.reshape(places, (-1, 3)).T
         head = chunk[starts[0] + 4 : bodies[0] - 4]
         fields = _fields(head)
@@ -288,15 +288,15 @@ def _messages(chunk: bytes, known: dict[bytes, Topic]) -> Iterator[Messages]:
 
 def _fields(header: bytes) -> Fields:
     """Split a header into its fields: length, name=value."""
-    found, stream = Fields(bytes), io.BytesIO(header)
+    fields, stream = Fields(bytes), io.BytesIO(header)
     while head := stream.read(4):
         size = int.from_bytes(head, "little")
         content = stream.read(size)
         name, equals, value = content.partition(b"=")
         if len(content) != size or not equals:
             raise Broken("a record header is damaged")
-        found[name] = value
-    return found
+        fields[name] = value
+    return fields
 
 
 def _remembered(fields: Fields, data: bytes, known: dict[bytes, Topic]) -> Topic:

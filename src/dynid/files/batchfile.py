@@ -52,10 +52,10 @@ def _path(value: Value) -> Path:
 
 
 def _paths(value: Value) -> tuple[Path, ...]:
-    found = tuple(value.file.parent / text for text in _listed(value))
-    if not found:
+    paths = tuple(value.file.parent / text for text in _listed(value))
+    if not paths:
         raise value.wrong(" is empty")
-    return found
+    return paths
 
 
 def _robot(value: Value) -> str:

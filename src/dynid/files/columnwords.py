@@ -55,11 +55,11 @@ def is_time(name: str) -> bool:
 def time_unit(name: str) -> tuple[str, str]:
     """Return the name of a time column in small letters without its unit, and the unit s, ms, us or ns; "" for none."""
     name = name.lower().replace("\u03bc", "\u00b5")
-    found = _TIME_UNIT.search(name)
-    if not found:
+    match = _TIME_UNIT.search(name)
+    if not match:
         return name, ""
-    unit = {"s": "s", "m": "ms", "u": "us", "µ": "us", "n": "ns"}[found[1][0]]
-    return name[: found.start()].strip(" _[("), unit
+    unit = {"s": "s", "m": "ms", "u": "us", "µ": "us", "n": "ns"}[match[1][0]]
+    return name[: match.start()].strip(" _[("), unit
 
 
 def unit_of(name: str, word: str = "") -> str:
@@ -73,15 +73,15 @@ def unit_of(name: str, word: str = "") -> str:
 def matched(pattern: str, names: Sequence[str], joints: Sequence[str]) -> list[str]:
     """Return the columns of a pattern in chain order, [] where one is missing; numbers count from 0 or 1."""
     for first in (1, 0):
-        found = [
+        columns = [
             pattern.replace("{i}", str(first + k)).replace("{name}", joint)
             for k, joint in enumerate(joints)
         ]
         # Why: of an arm with six joints and columns 0 to 6, 0 to 5 are the arm and 6 is its gripper.
-        if set(found) <= set(names) and not (
+        if set(columns) <= set(names) and not (
             first and "{i}" in pattern and pattern.replace("{i}", "0") in names
         ):
-            return found
+            return columns
     return []
 
 
@@ -91,7 +91,7 @@ def numbered(pattern: str, names: Sequence[str]) -> list[str]:
 
 
 def usual_joints(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the joints of columns with the usual names; () where no position has a torque or a current beside it."""
+    """Return the joints of columns with the usual names; () where no position has a torque or a current."""
     own = [name[2:] for name in names if name.startswith("q_") and not name.startswith("q_ref_")]
     has_effort = any(f"{kind}_{joint}" in names for joint in own for kind in ("tau", "i"))
     return tuple(own) if has_effort else ()
@@ -100,7 +100,7 @@ def usual_joints(names: Sequence[str]) -> tuple[str, ...]:
 def members(pattern: str, names: Sequence[str]) -> list[str]:
     """Return what stands in place of ``{name}`` in the columns of a pattern, in their order."""
     form = re.escape(pattern).replace(re.escape("{name}"), "(.+)")
-    return [found[1] for name in names if (found := re.fullmatch(form, name))]
+    return [match[1] for name in names if (match := re.fullmatch(form, name))]
 
 
 def template(names: Sequence[str]) -> dict[str, str]:
@@ -120,11 +120,11 @@ def snippet(patterns: Mapping[str, str]) -> str:
 
 
 def suggested(names: Sequence[str]) -> dict[str, str]:
-    """Return patterns for ``driver: columns:`` that would find columns of these names; {} where none can be told."""
-    found = _paired(_numbers(names)) or _paired(_named(names))
+    """Return patterns for ``driver: columns:`` that would find columns of these names; {} if none is recognised."""
+    patterns = _paired(_numbers(names)) or _paired(_named(names))
     like = [name for name in names if re.search(r"time|stamp", name.lower())]
-    time = next((name for name in [*filter(is_time, names), *like]), "") if found else ""
-    return ({"time": time} if time else {}) | found
+    time = next((name for name in [*filter(is_time, names), *like]), "") if patterns else ""
+    return ({"time": time} if time else {}) | patterns
 
 
 def _paired(members: Iterable[tuple[str, str]]) -> dict[str, str]:
@@ -177,10 +177,10 @@ def in_amperes(pattern: str) -> bool:
 
 def _words(pattern: str) -> set[str]:
     """Return the words of a name: letters between other signs, and parts that begin with a capital."""
-    plain = re.sub(r"\{(i|name)\}", " ", pattern)
-    plain = re.sub(r"[\[(][^\[\]()]*[\])]\s*$", " ", plain)
-    plain = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", plain)
-    return {part.lower() for part in re.findall(r"[A-Za-z]+", plain)}
+    bare = re.sub(r"\{(i|name)\}", " ", pattern)
+    bare = re.sub(r"[\[(][^\[\]()]*[\])]\s*$", " ", bare)
+    bare = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", bare)
+    return {part.lower() for part in re.findall(r"[A-Za-z]+", bare)}
 
 
 def _numbers(names: Sequence[str]) -> Iterator[tuple[str, str]]:

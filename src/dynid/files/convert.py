@@ -1,4 +1,4 @@
-"""Logs as .npz and .csv, and a replay as MCAP: every number as it was recorded, whole, or not at all."""
+"""Logs as .npz and .csv, and a replay as MCAP: every number as it was recorded; files are complete or not written."""
 
 from __future__ import annotations
 
@@ -62,13 +62,13 @@ def _columns(log: Log) -> dict[str, Any]:
         for kind, values in log.columns.items()
         if COLUMNS[kind] and np.isfinite(values).any()
     }
-    found = {"t": log.t}
+    columns = {"t": log.t}
     for key, values in (tables | log.further()).items():
         table = values.reshape(len(log), -1)
         names = joints if values.shape == log.q.shape else range(table.shape[1])
         for k, name in enumerate(names):
-            found[key if values.ndim == 1 else f"{key}_{name}"] = table[:, k]
-    return found
+            columns[key if values.ndim == 1 else f"{key}_{name}"] = table[:, k]
+    return columns
 
 
 # ---------------------------------------------------------------- a replay

@@ -77,7 +77,7 @@ class Inspected:
     findings: tuple[Finding, ...]
 
     def snippet(self) -> str:
-        """Return the part of a robot file that reads this recording, "" where nothing can be told."""
+        """Return the part of a robot file that reads this recording, "" if it cannot be recognised."""
         if not self.joints:
             return f"driver:\n  kind: generic\n  {snippet(self.patterns)}" if self.patterns else ""
         # Why torques first: commands are published as joint states too, and more often.

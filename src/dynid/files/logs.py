@@ -74,7 +74,7 @@ def format_of(path: Path) -> str:
 
 
 def _nearby(path: Path) -> str:
-    """Return the logs beside a missing one, the most alike first."""
+    """Return the logs in the folder of a missing one, the most similar names first."""
     folder = path.parent
     if not folder.is_dir():
         return f"; there is no folder {folder}"
@@ -184,24 +184,24 @@ def read_npz_log(path: Path) -> Log:
 # ---------------------------------------------------------------- joint states of bags
 def _read_joint_states(path: Path, robot: Robot, topic: str | None) -> Log:
     """Read the joint states of a robot from a bag; the driver chooses the topic where None is given."""
-    topics = {name: found.type for name, found in list_topics(path).items()}
-    apart = robot.columns.effort_topic
+    topics = {name: state.type for name, state in list_topics(path).items()}
+    effort_topic = robot.columns.effort_topic
     # Why Kinova's own only where they are all: they are degrees, and come without stamps.
     own = [name for name, kind in topics.items() if kind in KINOVA_TYPES]
     pair = [name for end in ("angles", "torques") for name in own if name.endswith(f"joint_{end}")]
     kinova = JOINT_STATE not in topics.values() and len(pair) == 2 and topic in (None, *pair)
     if kinova:
-        chosen, apart = pair
+        chosen, effort_topic = pair
     else:
         chosen = driver_of(robot).choose_topic(topics, topic, robot, path.name)
-        if apart is not None and topics.get(apart) not in (JOINT_STATE, MULTI_ARRAY):
-            found = f"is {topics[apart]}" if apart in topics else "is not there"
+        if effort_topic is not None and topics.get(effort_topic) not in (JOINT_STATE, MULTI_ARRAY):
+            state = f"is {topics[effort_topic]}" if effort_topic in topics else "is not there"
             raise WrongMessageType(
-                f"the topic of the torques, {apart}, {found}; {JOINT_STATE} or {MULTI_ARRAY} is needed",
+                f"the topic of the torques, {effort_topic}, {state}; {JOINT_STATE} or {MULTI_ARRAY} is needed",
                 where=path.name,
                 fix="correct `effort_topic:` under `driver:` in the robot file",
             )
-    groups, findings = read_topics(path, {chosen, apart or chosen})
+    groups, findings = read_topics(path, {chosen, effort_topic or chosen})
     log = _of_robot(groups, robot, chosen)
     if kinova:
         n = min(robot.n, log.n)
@@ -214,8 +214,8 @@ def _read_joint_states(path: Path, robot: Robot, topic: str | None) -> Log:
             fix="make the driver fill the names of its JointState",
         )
     absent = set(log.extra["absent"])
-    if apart is not None:
-        log = _with_effort(log, _of_robot(groups, robot, apart), robot)
+    if effort_topic is not None:
+        log = _with_effort(log, _of_robot(groups, robot, effort_topic), robot)
         absent.discard("effort")
     for key in ("position", "effort"):
         if key in absent:

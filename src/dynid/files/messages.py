@@ -140,8 +140,8 @@ class Collector:
 
     def logs(self) -> list[Log]:
         """Return one raw log for each set of joint names, the largest first."""
-        found = (_log(*group, self._topic.name) for group in self._groups.values())
-        return sorted(found, key=len, reverse=True)
+        logs = (_log(*group, self._topic.name) for group in self._groups.values())
+        return sorted(logs, key=len, reverse=True)
 
     def _keep(self, layout: _Layout, arrival: Times, content: Bytes, starts: Times) -> None:
         names, width = layout.names, len(layout.names) or max(n for _, n in layout.fields)
@@ -236,10 +236,10 @@ def _log(names: tuple[str, ...], blocks: list[Columns], filled: set[str], topic:
     and as ``absent`` the fields that no message has; absent positions and efforts are NaN.
     """
     order = np.argsort(np.concatenate([block["arrival"] for block in blocks]), kind="stable")
-    found = {key: np.concatenate([block[key] for block in blocks])[order] for key in blocks[0]}
-    arrival, stamp = found["arrival"], found["stamp"]
+    columns = {key: np.concatenate([block[key] for block in blocks])[order] for key in blocks[0]}
+    arrival, stamp = columns["arrival"], columns["stamp"]
     # Why: a header stamp is taken where the sample is, so it is preferred; it may run on any epoch (some drivers stamp
-    # with the monotonic clock), but must tick. One clock serves the whole topic: two are never mixed. Zero is where
+    # with the monotonic clock), but must tick. One clock serves the topic: two are never mixed. Zero is where
     # the clock of a converted or simulated log begins; a driver without stamps writes zeros only.
     rising = len(stamp) > 1 and bool(np.all(np.diff(stamp) > 0))
     ticking = rising or len(np.unique(stamp)) >= max(2, tuning.LEAST_DISTINCT * len(stamp))
@@ -247,10 +247,10 @@ def _log(names: tuple[str, ...], blocks: list[Columns], filled: set[str], topic:
     ns = stamp if stamped else arrival
     return Log(
         t=(ns - ns[0]) * 1e-9,
-        q=found["position"],
-        tau=found["effort"],
+        q=columns["position"],
+        tau=columns["effort"],
         names=names,
-        qd=found["velocity"] if "velocity" in filled else None,
+        qd=columns["velocity"] if "velocity" in filled else None,
         topic=topic,
         extra={
             "clock": "header" if stamped else "arrival",

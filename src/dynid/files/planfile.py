@@ -38,7 +38,7 @@ from dynid.robot import Robot
 from dynid.units import ANGLE
 
 Floats = NDArray[np.float64]
-#: What is said beside a file of waypoints that cannot be used.
+#: Why a file of waypoints cannot be used, and the fix.
 _LAYOUT = {
     "why": "a motion goes through one pose per row, with one column per joint",
     "fix": "write one row per waypoint: positions [rad or m] in the order of the joints, or a heading with their names",

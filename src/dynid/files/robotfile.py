@@ -48,11 +48,11 @@ USUAL_ROBOTS = {
 
 def known_robots() -> dict[str, Path]:
     """Return the robots in ./robots and inside the package by name; ./robots wins."""
-    found: dict[str, Path] = {}
+    robots: dict[str, Path] = {}
     for folder in (packaged("robots"), Path("robots")):
         for path in sorted(folder.rglob("*.yaml")):
-            found[path.relative_to(folder).with_suffix("").as_posix()] = path
-    return found
+            robots[path.relative_to(folder).with_suffix("").as_posix()] = path
+    return robots
 
 
 def find_robot(name: str) -> Path:
@@ -113,21 +113,21 @@ def _parsed(text: str, path: Path) -> Robot:
     root = parse_yaml(text, path)
     if not root.is_mapping:
         raise NotYaml(f"{path} has no keys; it is not a robot file", where=path)
-    found = root.mapping(list(ROBOT), required=("name", "joints"))
-    if "convention" not in found:
+    values = root.mapping(list(ROBOT), required=("name", "joints"))
+    if "convention" not in values:
         raise MissingConvention(
             f"{path}: say which DH convention: standard or modified; they give different robots",
             where=path,
         )
     # Why first: all other keys depend on the number of joints and on which of them are revolute.
-    root = root.within(angle_unit=unit_of(found))
-    joints = read_joints(replace(found["joints"], context=root.context))
+    root = root.within(angle_unit=unit_of(values))
+    joints = read_joints(replace(values["joints"], context=root.context))
     given = root.within(joints=joints).read(ROBOT)
     base, mount = given.pop("base", {}), given.pop("mount", "floor")
     given.pop("angle_unit", None)
     robot = Robot(**given, **{f"base_{key}": place for key, place in base.items()}, path=path)
-    if "gravity" in found:
-        _check_gravity(found["gravity"], robot, mount)
+    if "gravity" in values:
+        _check_gravity(values["gravity"], robot, mount)
     elif mount == "ceiling":
         robot = replace(robot, gravity=(0.0, 0.0, 9.81))
     return replace(robot, findings=tuple(root.context.findings))
@@ -160,10 +160,10 @@ def text_of(robot: Robot, *, with_prior: bool = True) -> str:
     with suppress(DynidError, OSError, UnicodeDecodeError):
         if robot.path is not None:
             text = robot.path.read_text(encoding="utf-8")
-            found = parse_robot(text, robot.path)
+            parsed = parse_robot(text, robot.path)
             if not with_prior:
-                found = replace(found, prior=robot.prior, known=robot.known)
-            if robot == found:
+                parsed = replace(parsed, prior=robot.prior, known=robot.known)
+            if robot == parsed:
                 return text
     return robot_text(robot)
 

@@ -75,11 +75,11 @@ def positive(read: Reader, fix: str = "") -> Reader:
     """Return what refuses zero and below."""
 
     def checked(value: Value) -> float:
-        found: float = read(value)
-        if found < LEAST:
-            least = f", at least {LEAST:g}" if found > 0 else ""
-            raise value.wrong(f" = {found:g} must be positive{least}", fix)
-        return found
+        number: float = read(value)
+        if number < LEAST:
+            least = f", at least {LEAST:g}" if number > 0 else ""
+            raise value.wrong(f" = {number:g} must be positive{least}", fix)
+        return number
 
     return checked
 
@@ -133,8 +133,8 @@ def by_link(read: Reader) -> Reader:
 
     def every(value: Value) -> tuple[tuple[int, Any], ...]:
         numbers = range(1, len(value.context.joints) + 1)
-        found = value.mapping([str(number) for number in numbers])
-        return tuple((int(number), read(item)) for number, item in found.items())
+        items = value.mapping([str(number) for number in numbers])
+        return tuple((int(number), read(item)) for number, item in items.items())
 
     return every
 
@@ -192,18 +192,18 @@ def read_joints(value: Value) -> tuple[Joint, ...]:
 
 
 def _mass(value: Value) -> float:
-    found = value.number()
-    if found < 0:
-        raise value.wrong(f" = {found:g} kg is negative")
-    return found
+    mass = value.number()
+    if mass < 0:
+        raise value.wrong(f" = {mass:g} kg is negative")
+    return mass
 
 
 def _sign(value: Value) -> float:
-    found = value.number()
-    if found not in (1.0, -1.0):
-        whole = replace(value, path=value.path.partition("[")[0])
-        raise whole.wrong(f" entries are 1 or -1, not {found:g}")
-    return found
+    sign = value.number()
+    if sign not in (1.0, -1.0):
+        listed = replace(value, path=value.path.partition("[")[0])
+        raise listed.wrong(f" entries are 1 or -1, not {sign:g}")
+    return sign
 
 
 def _links(value: Value) -> tuple[int, ...]:
@@ -219,12 +219,12 @@ def _links(value: Value) -> tuple[int, ...]:
 def _share(value: Value) -> float:
     text = value.text().strip()
     try:
-        found = float(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
+        share = float(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
     except ValueError:
-        found = -1.0
-    if not 0.0 <= found < 1.0:
+        share = -1.0
+    if not 0.0 <= share < 1.0:
         raise value.wrong(f" = {text} must be a share from 0 to below 100 %", "such as 5%")
-    return found
+    return share
 
 
 def _torque(value: Value) -> TorqueSource:
@@ -235,10 +235,10 @@ def _torque(value: Value) -> TorqueSource:
 
 def _noise(value: Value) -> tuple[float, ...]:
     each = or_null(positive(NUMBER, "it is a standard deviation in N m"))
-    found: tuple[float, ...] = per_joint(each, shared=True)(value)
-    if None in found:
+    noise: tuple[float, ...] = per_joint(each, shared=True)(value)
+    if None in noise:
         raise value.wrong(": it is missing for a joint")
-    return found
+    return noise
 
 
 def _joint_map(value: Value, given: dict[str, Any]) -> JointMap:
@@ -289,15 +289,15 @@ def _numbers(value: Value) -> dict[str, float]:
 
 
 def _inertia(value: Value) -> tuple[float, ...]:
-    found = value.read(dict.fromkeys(INERTIA, NUMBER))
-    return tuple(found.get(name, 0.0) for name in INERTIA)
+    entries = value.read(dict.fromkeys(INERTIA, NUMBER))
+    return tuple(entries.get(name, 0.0) for name in INERTIA)
 
 
 def _body(value: Value) -> Body:
     """Read a body; say so where its inertia is one that no distribution of mass has (W207)."""
-    found = Body(**value.read(BODY, ["mass"]))
-    size = float(np.abs(found.inertia_com).max())
-    moments = np.linalg.eigvalsh(found.tensor / (size or 1.0))
+    body = Body(**value.read(BODY, ["mass"]))
+    size = float(np.abs(body.inertia_com).max())
+    moments = np.linalg.eigvalsh(body.tensor / (size or 1.0))
     if moments[0] + moments[1] - moments[2] < -tuning.ROUNDED_INERTIA:
         shown = [float(f"{size * moment:.3g}") for moment in moments]
         text = (
@@ -306,7 +306,7 @@ def _body(value: Value) -> Body:
             "and the largest is more than the other two together"
         )
         value.note("W207", text, principal_moments=shown)
-    return found
+    return body
 
 
 # ---------------------------------------------------------------- the keys
@@ -381,7 +381,7 @@ KNOWN: Keys = {
 }
 #: What is known before measuring.
 A_PRIOR = mapping(PRIOR, Prior, either=("cylinders", "links"))
-#: Why the joints are read apart: all other keys depend on their number and on which of them are revolute.
+#: Why the joints are read separately: all other keys depend on their number and on which of them are revolute.
 ROBOT: Keys = {
     "name": _name,
     "convention": choice("standard", "modified"),

@@ -139,10 +139,10 @@ def in_seconds(t: Floats, name: str, where: str) -> tuple[Floats, tuple[Finding,
 def _unit_of(start: float, count: int, step: float) -> str:
     """Return the unit of stamps that name none: from the calendar where they count from 1970, else from their step."""
     first, last = tuning.CALENDAR_S
-    told = [unit for unit, factor in SECONDS.items() if first < start * factor < last]
+    likely = [unit for unit, factor in SECONDS.items() if first < start * factor < last]
     if count >= tuning.LEAST_STAMPS:
-        told += [unit for unit, (low, high) in tuning.STEPS.items() if low <= step < high]
-    return told[0] if told else "s"
+        likely += [unit for unit, (low, high) in tuning.STEPS.items() if low <= step < high]
+    return likely[0] if likely else "s"
 
 
 # ---------------------------------------------------------------- which columns
@@ -157,13 +157,13 @@ def _columns(
     columns = {}
     for key, usual in USUAL.items():
         tried = (patterns[key],) if key in patterns else usual
-        found = [matched(pattern, table.names, joints) for pattern in tried]
+        candidates = [matched(pattern, table.names, joints) for pattern in tried]
         if key == "effort":
             named = [tried[0].replace("{name}", joint) for joint in joints]
             some = [name if name in table.names else "" for name in named]
-            found.insert(1 if sensors else len(found), some * any(some))
-        if any(found):
-            columns[key] = next(filter(None, found))
+            candidates.insert(1 if sensors else len(candidates), some * any(some))
+        if any(candidates):
+            columns[key] = next(filter(None, candidates))
         elif key in patterns or key in ("position", "effort"):
             patterns = suggested(table.names) or template(table.names)
             wanted = [tried[0].replace("{name}", joint) for joint in joints or ["<joint>"]]
@@ -185,9 +185,9 @@ def _time_column(table: TextTable, given: str | None, rate: float | None) -> str
     Raises:
         LogLayout: there is none, and no rate.
     """
-    found = given or next(filter(is_time, table.names), None)
-    if found in table.names or (rate is not None and not given):
-        return found
+    column = given or next(filter(is_time, table.names), None)
+    if column in table.names or (rate is not None and not given):
+        return column
     guess = suggested(table.names).get("time")
     fix = f"under `driver:` in the robot file: columns: {{time: {guess}}}" if guess else ""
     raise _absent(table, f"'{given or 't'}'", fix or "add the column t, or give --rate")
@@ -207,12 +207,12 @@ def _names_in_rows(table: TextTable, pattern: str) -> tuple[str, ...]:
 def _declared(columns: Mapping[str, Sequence[str]], table: TextTable) -> dict[str, str]:
     """Return the units that the header gives for all columns of a quantity."""
     below = dict(zip(table.names, table.units, strict=False))
-    found = {}
+    declared = {}
     for key in FACTORS:
         units = {unit_of(name, below.get(name, "")) for name in columns.get(key, ())}
         if len(units) == 1 and (unit := units.pop()) in FACTORS[key]:
-            found[key] = unit
-    return found
+            declared[key] = unit
+    return declared
 
 
 # ---------------------------------------------------------------- a folder of texts

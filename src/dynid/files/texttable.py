@@ -20,7 +20,7 @@ Words = tuple[str, ...]
 DELIMITERS = (";", "\t", ",")
 #: What lines that hold no numbers begin with, of which the last may be the header.
 COMMENT = "#%"
-#: Cells that say that there is no number, beside nan.
+#: Cells that mean no number, as nan does.
 NONE = ("", "na", "n/a", "null", "none")
 _WITH_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
 _NUMBER = re.compile(r"[+-]?\.?\d|nan\b", re.IGNORECASE | re.ASCII)
@@ -68,7 +68,7 @@ class TextTable:
             raise LogLayout(f"{self.path.name} has no samples", where=self.path)
         try:
             return np.loadtxt(
-                self._plain(),
+                self._decimal_lines(),
                 delimiter=self.delimiter,
                 comments=None,
                 quotechar='"',
@@ -84,10 +84,10 @@ class TextTable:
             if number >= self.start and line[0] not in COMMENT:
                 yield number, line
 
-    def _plain(self) -> Iterator[str]:
-        """Yield the lines of numbers with decimal points; ``ValueError`` where one needs a look at its cells."""
+    def _decimal_lines(self) -> Iterator[str]:
+        """Yield the lines of numbers with decimal points; ``ValueError`` where one has to be read by cells."""
         for _, line in self._lines():
-            # Points beside decimal commas group thousands: 1.234 must not be read.
+            # Points next to decimal commas group thousands: 1.234 must not be read.
             grouped = self.comma and "." in line
             if grouped or (self.delimiter and line.count(self.delimiter) != len(self.first) - 1):
                 raise ValueError
@@ -101,8 +101,8 @@ class TextTable:
         row = []
         for cell in map(cells.__getitem__, places):
             try:
-                plain = cell.replace(".", "?").replace(",", ".") if self.comma else cell
-                row.append(float("nan" if cell.lower() in NONE else plain))
+                decimal = cell.replace(".", "?").replace(",", ".") if self.comma else cell
+                row.append(float("nan" if cell.lower() in NONE else decimal))
             except ValueError as error:
                 raise self.wrong(f"'{cell[:40]}' is not a number", line=number) from error
         return row
@@ -128,10 +128,10 @@ def text_table(path: Path) -> TextTable:
             head.append((number, line))
         if len(rows) >= tuning.FIRST_ROWS or number >= tuning.FIRST_LINES:
             break
-    plain = [line for _, line in head if line[0] not in COMMENT]
-    model = (rows or plain[-1:] or [""])[0]
+    texts = [line for _, line in head if line[0] not in COMMENT]
+    model = (rows or texts[-1:] or [""])[0]
     delimiter = next((sign for sign in DELIMITERS if sign in model.strip()), None)
-    if delimiter == "," and len(model.split()) > 1 and plain and "," not in "".join(plain):
+    if delimiter == "," and len(model.split()) > 1 and texts and "," not in "".join(texts):
         # White space between decimal commas: the names have no comma.
         delimiter = None
     cells = [cell for line in rows for cell in cells_of(line, delimiter)]
@@ -151,7 +151,7 @@ def _header(table: TextTable, head: Sequence[tuple[int, str]]) -> tuple[Words, W
     """
     n = len(table.first)
     fits = {n, n - (n > 1 and not table.first[-1])}
-    plain: list[Words] = []
+    texts: list[Words] = []
     comments: list[Words] = [()]
     wrong: list[tuple[int, int]] = []
     for number, line in head:
@@ -159,18 +159,18 @@ def _header(table: TextTable, head: Sequence[tuple[int, str]]) -> tuple[Words, W
         if len(words) - 1 in fits and not words[-1]:
             words = words[:-1]
         if len(words) in fits:
-            (comments if line[0] in COMMENT else plain).append(words)
+            (comments if line[0] in COMMENT else texts).append(words)
         elif line[0] not in COMMENT and len(words) > 1:
             wrong.append((number, len(words)))
-    if not plain and wrong:
+    if not texts and wrong:
         number, count = wrong[-1]
         raise table.wrong(f"{count} names, but the rows have {n} numbers", line=number)
-    if not plain:
+    if not texts:
         return comments[-1], ()
     # Why the most words: a spreadsheet fills a title with empty cells.
-    at = max(range(len(plain)), key=lambda k: len(set(plain[k]) - {""}))
-    below = next(iter(plain[at + 1 :]), ())
-    return plain[at], below if len(below) == len(plain[at]) else ()
+    at = max(range(len(texts)), key=lambda k: len(set(texts[k]) - {""}))
+    below = next(iter(texts[at + 1 :]), ())
+    return texts[at], below if len(below) == len(texts[at]) else ()
 
 
 def cells_of(line: str, delimiter: str | None) -> list[str]:
@@ -199,7 +199,7 @@ def lines_of(path: Path) -> Iterator[tuple[int, str]]:
     try:
         with path.open(encoding="utf-8-sig") as stream:
             for number, text in enumerate(stream, 1):
-                # Why: a tab at an end stands beside an empty cell.
+                # Why: a tab at an end means an empty cell.
                 line = text.strip(" \r\n\f\v")
                 # Why: spreadsheets end with rows of delimiters alone.
                 if line.strip(';,\t" '):

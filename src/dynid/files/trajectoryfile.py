@@ -1,4 +1,4 @@
-"""trajectory.npz and its exports: a planned motion with its coefficients, its samples, and who has looked at it.
+"""trajectory.npz and its exports: a planned motion with its coefficients, its samples, and who has reviewed it.
 
 Also CSV with a header, and a ``trajectory_msgs/JointTrajectory`` in YAML for drivers and MoveIt, of ROS 1 and of ROS 2.
 """

@@ -4,7 +4,7 @@
 MESSAGES = 4096
 #: Least share of distinct header stamps among the messages of a topic: a clock ticks. Evidence: none yet.
 LEAST_DISTINCT = 0.5
-#: Lines from which the dialect of a table is told, and rows of numbers among them. Evidence: headers of recorders have
+#: Lines that show the dialect of a table, and rows of numbers among them. Evidence: headers of recorders have
 #: up to some tens of lines.
 FIRST_LINES, FIRST_ROWS = 200, 40
 
@@ -31,5 +31,5 @@ GRAVITY = (9.6, 9.9)
 ROUNDED_INERTIA = 1e-6
 #: Largest angle of a waypoint [rad], two turns in each direction: more is in degrees. Evidence: none yet.
 MOST_WAYPOINT_RAD = 4 * 3.141592653589793
-#: Least time between two waypoints [s]: what no arm can follow, splines cannot tell from no time. Evidence: none yet.
+#: Least time between two waypoints [s]: below it rounding decides in splines. Evidence: none yet.
 LEAST_WAYPOINT_STEP_S = 1e-3

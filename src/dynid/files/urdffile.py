@@ -108,25 +108,25 @@ class Urdf:
             link: name of a link.
             stop: names of joints that are not followed.
         """
-        found, queue = list[tuple[UrdfJoint, Floats]](), [(link, np.eye(4))]
+        chain, queue = list[tuple[UrdfJoint, Floats]](), [(link, np.eye(4))]
         while queue:
             name, pose = queue.pop(0)
             for joint in self.joints:
                 if joint.parent == name and joint.name not in stop:
-                    found.append((joint, pose @ joint.origin))
+                    chain.append((joint, pose @ joint.origin))
                     queue.append((joint.child, pose @ joint.origin))
-        return found
+        return chain
 
     def poses(self, start: str, end: str, q: Sequence[float] = ()) -> dict[str, Floats]:
         """Return the poses of a link and of all after it up to another, (4, 4) each, at values of joints or 0."""
         pose, values = np.eye(4), iter(q)
         for joint in self.chain(self.root, start):
             pose = pose @ joint.origin
-        found = {start: pose}
+        poses = {start: pose}
         for joint in self.chain(start, end):
             pose = pose @ joint.transform(next(values, 0.0) if joint.moves else 0.0)
-            found[joint.child] = pose
-        return found
+            poses[joint.child] = pose
+        return poses
 
     def known_link(self, name: str) -> str:
         """Return the name of a link after checking that it exists."""

@@ -111,25 +111,25 @@ class Value:
             raise WrongRobotFile(
                 f"{self.path or 'the file'} must have keys ({', '.join(known)})", where=self.where
             )
-        found: dict[str, Value] = {}
+        values: dict[str, Value] = {}
         for key_node, node in self.node.value:
             given, line = str(key_node.value), f"{self.file}:{key_node.start_mark.line + 1}"
             key = usual.get(given, given)
             if key != given:
                 text = f"{line}: `{given}:` is read as `{key}:`, its name in dynid"
                 self.note("W203", text, "info", given=given, used=key)
-            if key in found:
+            if key in values:
                 raise NotYaml(f"{line}: key '{key}' is given twice", where=line)
             if key not in known:
                 fix = f"rename or remove it; {self.path or 'the file'} may have: {', '.join(known)}"
                 raise UnknownKey(
                     f"{line}: unknown key '{key}'{closest(key, known)}", where=line, fix=fix
                 )
-            found[key] = replace(self, node=node, path=f"{self.path}.{key}".lstrip("."))
+            values[key] = replace(self, node=node, path=f"{self.path}.{key}".lstrip("."))
         for key in required:
-            if key not in found:
+            if key not in values:
                 raise self.wrong(f" lacks the key '{key}'")
-        return found
+        return values
 
     def read(
         self,
@@ -138,8 +138,8 @@ class Value:
         usual: Mapping[str, str] = MappingProxyType({}),
     ) -> dict[str, Any]:
         """Return the values of a mapping that are there, by key, each as its reader reads it; see ``mapping``."""
-        found = self.mapping(list(keys), required, usual)
-        return {key: read(found[key]) for key, read in keys.items() if key in found}
+        values = self.mapping(list(keys), required, usual)
+        return {key: read(values[key]) for key, read in keys.items() if key in values}
 
     def note(self, code: str, text: str, level: str = "warning", **evidence: object) -> None:
         """Keep what was noticed, for ``Robot.findings``."""
@@ -167,11 +167,11 @@ class Value:
         """Return a text value."""
         if not isinstance(self.node, yaml.ScalarNode) or self.is_null:
             raise self.wrong(" must be a word")
-        found = str(self.node.value)
+        word = str(self.node.value)
         # Why: no name of a file holds them, and what writes or opens one raises what nobody expects.
-        if _NOT_TEXT.search(found):
+        if _NOT_TEXT.search(word):
             raise self.wrong(" contains an invalid character")
-        return found
+        return word
 
     def choice(self, known: Sequence[str]) -> str:
         """Return a text value out of a few."""

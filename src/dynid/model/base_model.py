@@ -75,8 +75,8 @@ class BaseModel:
     @property
     def classes(self) -> dict[str, tuple[str, ...]]:
         """Names of the link, drive and friction parameters by class: alone, not identifiable, combined."""
-        found = self.reduction
-        return {"alone": found.alone, "not identifiable": found.none, "combined": found.combined}
+        base = self.reduction
+        return {"alone": base.alone, "not identifiable": base.none, "combined": base.combined}
 
     @property
     def relations(self) -> dict[str, str]:
@@ -122,21 +122,21 @@ class BaseModel:
 
     @property
     def sentence(self) -> str:
-        """What torques tell of the arm, in one sentence."""
-        found = self.reduction
-        alone, grouped, every = len(found.alone), len(found.combined), len(found.names)
+        """How many parameters of the arm are identifiable, in one sentence."""
+        base = self.reduction
+        alone, grouped, every = len(base.alone), len(base.combined), len(base.names)
         groups = self.rank - alone
         return (
             f"{self.robot.name}: of {every} parameters {alone} are identifiable alone, {grouped} only in {groups} "
-            f"linear combinations, {len(found.none)} not at all: {self.rank} base parameters."
+            f"linear combinations, {len(base.none)} not at all: {self.rank} base parameters."
         )
 
     @property
     def legend(self) -> str:
         """What the symbols of the class table mean, and how many parameters each class has."""
-        found = self.reduction
-        totals = f"totals  {len(found.alone)}   {len(found.combined)}   {len(found.none)}   = {len(found.names)}"
-        return f"# alone   + in a combination   . not identifiable   {totals}"
+        base = self.reduction
+        totals = f"totals  {len(base.alone)}   {len(base.combined)}   {len(base.none)}"
+        return f"# alone   + in a combination   . not identifiable   {totals}   = {len(base.names)}"
 
     def to_dataframe(self) -> DataFrame:
         """Return the table of base parameters as a pandas DataFrame.
@@ -179,11 +179,9 @@ def in_memory(robot: Robot, samples: int = 200, tolerance: float | None = None) 
         if len(_kept) >= KEPT:
             del _kept[next(iter(_kept))]
         _kept[key] = BaseModel(model, base_parameters(model, samples=samples, tolerance=tolerance))
-    found = _kept[key]
+    kept = _kept[key]
     return (
-        found
-        if found.robot is robot
-        else BaseModel(Model(robot, found.model.rigid), found.reduction)
+        kept if kept.robot is robot else BaseModel(Model(robot, kept.model.rigid), kept.reduction)
     )
 
 
@@ -320,7 +318,7 @@ def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]])
     Raises:
         ValueError: names, indices and the matrix contradict each other.
     """
-    found = Reduction(
+    read = Reduction(
         names=tuple(facts["parameters"]),
         base=arrays["base"].astype(np.intp),
         K=arrays["K"],
@@ -328,14 +326,14 @@ def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]])
         gap=np.inf if facts["gap"] is None else facts["gap"],
         **{key: tuple(facts[key]) for key in _LISTS},
     )
-    p, c = found.K.shape
-    known = set(found.names)
-    if len(known) != c or not known.issuperset((*found.alone, *found.none, *found.combined)):
+    p, c = read.K.shape
+    known = set(read.names)
+    if len(known) != c or not known.issuperset((*read.alone, *read.none, *read.combined)):
         raise ValueError("the names of its parameters contradict each other")
-    if p == 0 or found.base[-1] >= c or tuple(facts["base"]) != found.base_names:
+    if p == 0 or read.base[-1] >= c or tuple(facts["base"]) != read.base_names:
         raise ValueError("its base parameters are not among its parameters")
-    if not np.array_equal(found.K[:, found.base], np.eye(p)):
+    if not np.array_equal(read.K[:, read.base], np.eye(p)):
         raise ValueError("'K' is not the matrix of a reduction")
-    if found.formulas and len(found.formulas) != p:
+    if read.formulas and len(read.formulas) != p:
         raise ValueError("its numbers of formulas and base parameters differ")
-    return found
+    return read

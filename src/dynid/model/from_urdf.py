@@ -88,13 +88,13 @@ def _chains(urdf: Urdf, joint: UrdfJoint) -> tuple[int, list[str]]:
 
 def _next_moving(urdf: Urdf, link: str) -> list[UrdfJoint]:
     """Return the moving joints that hang on a link, directly or behind fixed ones."""
-    found, waiting = [], [link]
+    moving, waiting = [], [link]
     while waiting:
         before = waiting.pop()
         ahead = [joint for joint in urdf.joints if joint.parent == before]
-        found += [joint for joint in ahead if joint.moves]
+        moving += [joint for joint in ahead if joint.moves]
         waiting += [joint.child for joint in reversed(ahead) if not joint.moves]
-    return found
+    return moving
 
 
 def import_arm(
@@ -147,7 +147,7 @@ def import_arm(
     )
     if own > tuning.SAME_POSE:
         raise WrongUrdf(
-            f"{urdf.path}: the DH table found misses the URDF's pose by {own:.2g}",
+            f"{urdf.path}: the poses of the DH table and of the URDF differ by {own:.2g}",
             where=str(urdf.path),
         )
     if written > tuning.SAME_POSE:

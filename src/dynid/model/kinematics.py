@@ -68,9 +68,9 @@ class LinkFrames:
     @property
     def poses(self) -> Floats:
         """Homogeneous transforms of the link frames, (..., n, 4, 4)."""
-        found = np.zeros((*self.p.shape[:-1], 4, 4))
-        found[..., :3, :3], found[..., :3, 3], found[..., 3, 3] = self.R, self.p, 1.0
-        return found
+        poses = np.zeros((*self.p.shape[:-1], 4, 4))
+        poses[..., :3, :3], poses[..., :3, 3], poses[..., 3, 3] = self.R, self.p, 1.0
+        return poses
 
 
 def link_frames(robot: Robot, q: Floats, *, world: bool = False) -> LinkFrames:

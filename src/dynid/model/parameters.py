@@ -56,13 +56,13 @@ def numbered(kind: str, number: int, unit: str) -> Parameter:
 
 def link_parameters(robot: Robot) -> tuple[Parameter, ...]:
     """Return the 11 parameters of every link in the order of Table 5, (11 n)."""
-    found = []
+    parameters = []
     for link, joint in enumerate(robot.joints, start=1):
         for kind in LINK_PARAMETERS:
             mass = kind == "m" or (kind == "Im" and not joint.revolute)
             unit = "kg" if mass else "kg m" if kind.startswith("mc") else "kg m^2"
-            found.append(numbered(kind, link, unit))
-    return tuple(found)
+            parameters.append(numbered(kind, link, unit))
+    return tuple(parameters)
 
 
 def columns_of(parameters: Iterable[Parameter], *kinds: str) -> NDArray[np.intp]:
@@ -74,13 +74,13 @@ def columns_of(parameters: Iterable[Parameter], *kinds: str) -> NDArray[np.intp]
 
 def body_columns(parameters: Iterable[Parameter]) -> dict[int, NDArray[np.intp]]:
     """Return the columns of the ten body parameters of each link, (10,), by the link's number."""
-    found: dict[int, dict[str, int]] = {}
+    places: dict[int, dict[str, int]] = {}
     for k, parameter in enumerate(parameters):
         if parameter.of_body:
-            found.setdefault(parameter.number, {})[parameter.kind] = k
+            places.setdefault(parameter.number, {})[parameter.kind] = k
     return {
         link: np.array([of[kind] for kind in BODY_PARAMETERS], dtype=np.intp)
-        for link, of in sorted(found.items())
+        for link, of in sorted(places.items())
     }
 
 
@@ -100,7 +100,7 @@ def link_cylinders(robot: Robot) -> Floats:
     """Return the centres of both end faces of one cylinder a link, in its DH frame, (n, 2, 3) [m].
 
     It lies along the DH offset, from the point of the link's own joint axis where the previous link ends to the point
-    of the next axis that is fixed in this link; the travel of a sliding joint belongs to neither. A link without an
+    of the next axis that is fixed in this link; the travel of a prismatic joint belongs to neither. A link without an
     offset has a housing about the joint axis, two radii long.
     """
     radius, ends = cylinders_of(robot).radius, np.zeros((robot.n, 2, 3))

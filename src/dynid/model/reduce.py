@@ -80,15 +80,17 @@ def random_states(robot: Robot, count: int, seed: int) -> tuple[Floats, Floats, 
 def regressor_at(model: Model, samples: int = 200, seed: int = 0, *, still: bool = False) -> Floats:
     """Return the regressor at random states, or at rest, stacked, (samples * n, c) without added effects."""
     q, qd, qdd = random_states(model.robot, samples, seed)
-    return model.regressor(q, qd * (not still), qdd * (not still)).reshape(-1, model.plain_size)
+    return model.regressor(q, qd * (not still), qdd * (not still)).reshape(
+        -1, model.size_without_effects
+    )
 
 
 def reduce(model: Model, *, seed: int = 0) -> Reduction:
     """Find the base parameters of a model by singular values on random states, and those of added effects."""
-    return with_added(reduce_plain(model, seed=seed), model)
+    return with_added(reduce_without_effects(model, seed=seed), model)
 
 
-def reduce_plain(
+def reduce_without_effects(
     model: Model,
     *,
     samples: int = 200,
@@ -107,7 +109,7 @@ def reduce_plain(
 
     Source: Paper Eq. 13 and its functions X_i, X_ni, X_1, X_2.
     """
-    size, tolerance = model.plain_size, tolerance or tuning.DEPENDENT_COLUMN
+    size, tolerance = model.size_without_effects, tolerance or tuning.DEPENDENT_COLUMN
     W = regressor_at(model, max(samples, -(-2 * size // model.robot.n)), seed, still=still)
     norms = np.linalg.norm(W, axis=0)
     present = norms > tuning.ROUNDING_SHARE * norms.max()
@@ -136,25 +138,25 @@ def reduce_plain(
     )
 
 
-def with_added(plain: Reduction, model: Model) -> Reduction:
+def with_added(reduction: Reduction, model: Model) -> Reduction:
     """Return the base parameters of a model with those of added effects, each of which stands alone.
 
     Why not found like the others: they depend on the order of the samples, which random states do not have.
     """
-    size, total = model.plain_size, model.size
+    size, total = model.size_without_effects, model.size
     if total == size:
-        return plain
-    K = np.zeros((plain.rank + total - size, total))
-    K[: plain.rank, :size] = plain.K
-    K[plain.rank :, size:] = np.eye(total - size)
+        return reduction
+    K = np.zeros((reduction.rank + total - size, total))
+    K[: reduction.rank, :size] = reduction.K
+    K[reduction.rank :, size:] = np.eye(total - size)
     names = model.parameter_names
     return replace(
-        plain,
+        reduction,
         names=names,
-        base=np.append(plain.base, np.arange(size, total, dtype=np.intp)),
+        base=np.append(reduction.base, np.arange(size, total, dtype=np.intp)),
         K=K,
-        alone=plain.alone + names[size:],
-        formulas=plain.formulas + names[size:] if plain.formulas else (),
+        alone=reduction.alone + names[size:],
+        formulas=reduction.formulas + names[size:] if reduction.formulas else (),
     )
 
 

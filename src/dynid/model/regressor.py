@@ -97,7 +97,7 @@ class Model:
         return len(self.parameters)
 
     @property
-    def plain_size(self) -> int:
+    def size_without_effects(self) -> int:
         """Number of columns without those of added effects: what one sample is enough for."""
         return len(self.link_columns) + len(self.friction)
 
@@ -118,10 +118,10 @@ class Model:
         Returns:
             P with tau = P gamma, (N, n, c) [N m or N per unit of each parameter].
         """
-        return self.observer(np.arange(self.plain_size)).dense(q, qd, qdd)
+        return self.observer(np.arange(self.size_without_effects)).dense(q, qd, qdd)
 
     def added_entries(self, motion: ArmMotion) -> Floats:
-        """Return the entries of the added effects' columns over a whole stretch, (E, N)."""
+        """Return the entries of the added effects' columns over an interval, (E, N)."""
         parts = [effect.evaluate(motion) for effect in self.added]
         return np.concatenate(parts) if parts else np.zeros((0, len(motion)))
 
@@ -151,22 +151,22 @@ class Observer:
     ) -> None:
         self._made_of = model, columns
         links, robot = model.link_columns, model.robot
-        rigid, plain = columns < len(links), columns < model.plain_size
+        rigid, own_column = columns < len(links), columns < model.size_without_effects
         program = model.rigid.restricted(links[columns[rigid]])
         self._robot, self._samples = robot, samples
         self._rigid = evaluator(program, robot, samples)
-        own, last = np.flatnonzero(plain & ~rigid), np.flatnonzero(~plain)
+        own, last = np.flatnonzero(own_column & ~rigid), np.flatnonzero(~own_column)
         self._friction = [model.friction[k - len(links)] for k in columns[own]]
         added = [column.rows for effect in model.added for column in effect.columns]
         edges = np.cumsum([0, *map(len, added)])
-        wanted = columns[last] - model.plain_size
+        wanted = columns[last] - model.size_without_effects
         self.added_entries = _joined([np.arange(edges[c], edges[c + 1]) for c in wanted])
         rows = [*map(friction_rows, self._friction), *(added[c] for c in wanted)]
         places = (np.full(len(at), k) for k, at in zip((*own, *last), rows, strict=True))
         self.rows = _joined([program.rows, *rows])
         self.cols = _joined([np.flatnonzero(rigid)[program.cols], *places])
         self.shape = (robot.n, len(columns))
-        self._plain = len(self.rows) - len(self.added_entries)
+        self._own_entries = len(self.rows) - len(self.added_entries)
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle without the bound program, which cannot be."""
@@ -195,35 +195,35 @@ class Observer:
         self, q: Floats, qd: Floats, qdd: Floats, coulomb_sign: Floats | None = None
     ) -> Floats:
         """Return the entries that ``blocks`` yields, in one array, (E, N)."""
-        found = np.empty((self._plain, len(q)))
+        values = np.empty((self._own_entries, len(q)))
         for part, entries in self.blocks(q, qd, qdd, coulomb_sign):
-            found[:, part] = entries
-        return found
+            values[:, part] = entries
+        return values
 
     def _friction_entries(
         self, qd: Floats, qdd: Floats, coulomb_sign: Floats | None
     ) -> list[Floats]:
-        found = list[Floats]()
+        columns = list[Floats]()
         for parameter in self._friction:
             if coulomb_sign is not None and parameter.kind == "fc":
-                found.append(coulomb_sign[:, parameter.number - 1])
+                columns.append(coulomb_sign[:, parameter.number - 1])
             else:
-                found += friction_entries(parameter, self._robot, qd, qdd)
-        return found
+                columns += friction_entries(parameter, self._robot, qd, qdd)
+        return columns
 
     def coulomb_sign(self, qd: Floats) -> Floats:
         """Return the Coulomb sign of each joint's velocity, zero where it has no such column, (N, n)."""
-        found = np.zeros_like(qd)
+        sign = np.zeros_like(qd)
         for parameter in self._friction:
             if parameter.kind == "fc":
-                found[:, parameter.number - 1] = friction_entries(parameter, self._robot, qd, qd)[0]
-        return found
+                sign[:, parameter.number - 1] = friction_entries(parameter, self._robot, qd, qd)[0]
+        return sign
 
     def dense(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return the chosen columns as one array, those of added effects zero, (N, n, p)."""
         full = np.zeros((len(q), *self.shape))
         for part, entries in self.blocks(q, qd, qdd):
-            full[part, self.rows[: self._plain], self.cols[: self._plain]] = entries.T
+            full[part, self.rows[: self._own_entries], self.cols[: self._own_entries]] = entries.T
         return full
 
     def torque(self, theta: Floats, q: Floats, qd: Floats, qdd: Floats) -> Floats:
@@ -238,8 +238,10 @@ class Observer:
         Returns:
             tau, (N, n) [N m or N].
         """
-        spread = np.zeros((self.shape[0], self._plain))
-        spread[self.rows[: self._plain], np.arange(self._plain)] = theta[self.cols[: self._plain]]
+        spread = np.zeros((self.shape[0], self._own_entries))
+        spread[self.rows[: self._own_entries], np.arange(self._own_entries)] = theta[
+            self.cols[: self._own_entries]
+        ]
         tau = np.empty((len(q), self.shape[0]))
         for part, entries in self.blocks(q, qd, qdd):
             tau[part] = (spread @ entries).T
@@ -329,7 +331,7 @@ class ModelTorques:
 
     def total(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """Return rigid-body and friction torques, (N, n) [N m or N]."""
-        return self._of_first(self._model.plain_size, q, qd, qdd)
+        return self._of_first(self._model.size_without_effects, q, qd, qdd)
 
     def _of_first(self, size: int, *motion: Floats) -> Floats:
         """Return the torques of the first parameters, (N, n) [N m or N]."""

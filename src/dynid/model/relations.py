@@ -21,14 +21,14 @@ from dynid.errors import ReductionsDisagree
 from dynid.model import tuning
 from dynid.model.kinematics import dh_step, geometry, right_angle
 from dynid.model.parameters import TENSOR
-from dynid.model.reduce import Reduction, reduce_plain, with_added
+from dynid.model.reduce import Reduction, reduce_without_effects, with_added
 from dynid.model.regressor import Model
 
 Floats = NDArray[np.float64]
 #: A column as a combination of others, by their places; shares without a formula are plain numbers.
 Shares = dict[int, Expr]
 
-#: Length, offset, cosine and sine of the twist, cosine and sine of a sliding joint's angle.
+#: Length, offset, cosine and sine of the twist, cosine and sine of a prismatic joint's angle.
 A, D, CA, SA, C, S = map(Symbol, ("a", "d", "ca", "sa", "c", "s"))
 ZERO, ONE = Integer(0), Integer(1)
 
@@ -51,51 +51,51 @@ def base_parameters(
 ) -> Reduction:
     """Find the base parameters of a model, with a formula for each relation.
 
-    Args: as for ``reduce_plain``.
+    Args: as for ``reduce_without_effects``.
 
     Raises:
         ReductionsDisagree: the singular values leave the rank open.
     """
-    plain = reduce_plain(model, samples=samples, seed=seed, tolerance=tolerance)
-    values, rank = plain.singular_values / plain.singular_values[0], plain.rank
+    reduction = reduce_without_effects(model, samples=samples, seed=seed, tolerance=tolerance)
+    values, rank = reduction.singular_values / reduction.singular_values[0], reduction.rank
     if rank < len(values) and values[rank] > tuning.ROUNDED_VALUE:
         shown = ", ".join(f"{k}: {values[k - 1]:.1e}" for k in range(rank - 1, rank + 3))
         raise ReductionsDisagree(
             f"whether there are {rank} base parameters or more is open; singular values relative to the largest "
             f"are {shown}"
         )
-    relations, K = relations_of(model, plain), np.zeros_like(plain.K)
-    at = {name: k for k, name in enumerate(plain.names)}
+    relations, K = relations_of(model, reduction), np.zeros_like(reduction.K)
+    at = {name: k for k, name in enumerate(reduction.names)}
     for row, relation in zip(K, relations, strict=True):
         row[[at[term.name] for term in relation]] = [term.value for term in relation]
     formulas = tuple(f"{base_name(one)} = {_spelled(one, PLAIN)}" for one in relations)
-    return with_added(replace(plain, K=K, formulas=formulas), model)
+    return with_added(replace(reduction, K=K, formulas=formulas), model)
 
 
 def relations_of(
-    model: Model, found: Reduction | None = None, *, still: bool = False
+    model: Model, reduction: Reduction | None = None, *, still: bool = False
 ) -> tuple[Relation, ...]:
     """Return what each base parameter is made of.
 
     Args:
         model: the model.
-        found: its base parameters by numbers, without those of added effects; None finds them.
+        reduction: its base parameters by numbers, without those of added effects; None finds them.
         still: whether they are those of the torques at rest.
     """
-    found = found or reduce_plain(model, still=still)
+    reduction = reduction or reduce_without_effects(model, still=still)
     rules, numbers = _rules(model, still), geometry(model.robot)
-    base, columns, values = found.base.tolist(), list[Shares](), list[Floats]()
-    for k, own in enumerate(found.K.T):
+    base, columns, values = reduction.base.tolist(), list[Shares](), list[Floats]()
+    for k, own in enumerate(reduction.K.T):
         composed = {base.index(k): ONE} if k in base else _composed(rules.get(k, {}), columns)
-        value = np.zeros(found.rank)
+        value = np.zeros(reduction.rank)
         for row, share in composed.items():
             value[row] = _value(share, numbers)
         composed = {row: share for row, share in composed.items() if value[row]}
         tried = [(composed, value)]
         for column, size in zip(columns, values, strict=True):
             tried += [(column, size), ({row: -share for row, share in column.items()}, -size)]
-        whole = np.allclose(own, np.round(own))
-        known = (Integer(round(x)) if whole else Float(x) for x in own)
+        integers = np.allclose(own, np.round(own))
+        known = (Integer(round(x)) if integers else Float(x) for x in own)
         tried.append(({row: x for row, x in enumerate(known) if x}, own))
         near = 1e-7 * np.abs(own).max(initial=0.0)
         shares, value = next(one for one in tried if np.allclose(one[1], own, 1e-7, near))
@@ -104,7 +104,9 @@ def relations_of(
     groups = []
     for row, first in enumerate(base):
         order = [first, *(k for k, x in enumerate(columns) if row in x and k != first)]
-        groups.append(tuple(_term(found.names[k], columns[k][row], values[k][row]) for k in order))
+        groups.append(
+            tuple(_term(reduction.names[k], columns[k][row], values[k][row]) for k in order)
+        )
     return tuple(groups)
 
 
@@ -133,7 +135,7 @@ def _value(formula: Expr, numbers: Mapping[str, float]) -> float:
 def _rules(model: Model, still: bool) -> dict[int, Shares]:
     """Return columns of a link that pass through its joint, by those of it and of the link before."""
     robot, at = model.robot, {int(full): k for k, full in enumerate(model.link_columns)}
-    found: dict[int, Shares] = {}
+    rules: dict[int, Shares] = {}
     for link, joint in enumerate(robot.joints):
         places, number = list(range(11 * link, 11 * link + 11)), link + 1
         if link:
@@ -149,8 +151,8 @@ def _rules(model: Model, still: bool) -> dict[int, Shares]:
         for own, shares in local.items():
             if places[own] in at and all(places[k] in at for k in shares):
                 rule = {at[places[k]]: share.xreplace(symbols) for k, share in shares.items()}
-                found[at[places[own]]] = rule
-    return found
+                rules[at[places[own]]] = rule
+    return rules
 
 
 @lru_cache(maxsize=64)
@@ -375,7 +377,7 @@ def relations_json(model: Model, relations: tuple[Relation, ...]) -> dict[str, A
     ]
     alone = [relation[0].name for relation in relations if len(relation) == 1]
     used = {term.name for relation in relations for term in relation}
-    names, values = model.parameter_names[: model.plain_size], geometry(model.robot)
+    names, values = model.parameter_names[: model.size_without_effects], geometry(model.robot)
     return {
         "rank": len(relations),
         "classes": {

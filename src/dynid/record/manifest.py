@@ -21,9 +21,9 @@ SCHEMA = "dynid/manifest/1"
 
 
 def write_manifest(path: Path, facts: Mapping[str, Any]) -> None:
-    """Write facts as YAML, whole or not at all."""
-    plain = json.dumps(facts, default=lambda x: x.tolist() if hasattr(x, "tolist") else str(x))
-    write_text(path, yaml_text(json.loads(plain), width=110, default_flow_style=False))
+    """Write facts as YAML, complete or not at all."""
+    as_json = json.dumps(facts, default=lambda x: x.tolist() if hasattr(x, "tolist") else str(x))
+    write_text(path, yaml_text(json.loads(as_json), width=110, default_flow_style=False))
 
 
 def beginning(robot: Robot, node: Node, command: str) -> dict[str, Any]:

@@ -49,7 +49,7 @@ class Monitor:
     largest_lateness: float = 0.0
     largest_torque_share: float = 0.0
     _high: int = 0
-    _judged: float = -1.0
+    _last_checked: float = -1.0
 
     def __post_init__(self) -> None:
         """Collect the ratings."""
@@ -87,9 +87,9 @@ class Monitor:
             raise StateStale(
                 f"no joint state for {age:.2f} s (limit {self.rules.stale:g}): stopped at t = {time:.1f} s"
             )
-        if sample.arrival == self._judged:
+        if sample.arrival == self._last_checked:
             return
-        self._judged = sample.arrival
+        self._last_checked = sample.arrival
         self._tracking(sample, planned, time)
         self._torque(sample, time)
 

@@ -1,6 +1,6 @@
 """What a motion will do, before the arm does it: limits, clearance and torques of the very samples that are played.
 
-The judges are those of the planner; here they see the approach too, at the speed and as often as it will be played.
+The checks are those of the planner; here they include the approach, at the speed and as often as it will be played.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class PeakTorque:
 
 @dataclass(frozen=True)
 class Forecast:
-    """What a motion will do, as it was judged before the arm moved.
+    """What a motion will do, as checked before the arm moved.
 
     Attributes:
         seconds: length of all that is played [s].
@@ -155,14 +155,14 @@ def check_limits(robot: Robot, played: PlayedMotion) -> tuple[str, float]:
         LimitBroken: a limit is broken, the motion does not begin and end at rest, or its rates are not its derivatives.
     """
     motion = played.motion
-    _check_whole(motion)
+    _check_consistent(motion)
     raise_worst(_violations(robot, played), 0.0, _speed)
     peaks = np.abs(motion.qd).max(axis=0)
     return robot.joint_names[int(peaks.argmax())], float(peaks.max())
 
 
 def _violations(robot: Robot, played: PlayedMotion) -> list[Violation]:
-    motion, found = played.motion, list[Violation]()
+    motion, violations = played.motion, list[Violation]()
     for j, joint in enumerate(robot.joints):
         limits = joint.limits
         low, high = limits.position or (-np.inf, np.inf)
@@ -172,8 +172,10 @@ def _violations(robot: Robot, played: PlayedMotion) -> list[Violation]:
             ranges.append((quantity, values, -most, most, most))
         for quantity, values, lower, upper, size in ranges:
             within = lower, upper, 1e-6 * size
-            found += range_violations(joint, quantity, motion.t, values[:, j], within, played.speed)
-    return found
+            violations += range_violations(
+                joint, quantity, motion.t, values[:, j], within, played.speed
+            )
+    return violations
 
 
 def _speed(alpha: float) -> str:
@@ -181,7 +183,7 @@ def _speed(alpha: float) -> str:
     return f"--speed {floor2(100 * alpha):g}%"
 
 
-def _check_whole(motion: Motion) -> None:
+def _check_consistent(motion: Motion) -> None:
     if not all(np.isfinite(part).all() for part in (motion.t, motion.q, motion.qd, motion.qdd)):
         raise LimitBroken("the motion has values that are not a number", fix="plan it again")
     step = np.diff(motion.t)
@@ -219,16 +221,16 @@ def check_clearance(
     few = np.unique(np.linspace(0, len(motion) - 1, tuning.CLEARANCE_POSES).astype(int))
     t, q = motion.t[few], motion.q[few]
     try:
-        found = measure_poses(t, q, robot, urdf, scene)
+        distances = measure_poses(t, q, robot, urdf, scene)
     except PackageMissing:
-        found = Capsules(robot, scene).distances(q, t)
+        distances = Capsules(robot, scene).distances(q, t)
     require_clear(
-        (d for d in found if d.time < played.approach),
+        (d for d in distances if d.time < played.approach),
         fix=APPROACH_FIX,
         slack=tuning.CLEARANCE_SLACK_M,
     )
-    require_clear(found, slack=tuning.CLEARANCE_SLACK_M)
-    return tuple(d for d in found if not d.usual)
+    require_clear(distances, slack=tuning.CLEARANCE_SLACK_M)
+    return tuple(d for d in distances if not d.usual)
 
 
 def check_torque(robot: Robot, played: PlayedMotion, torque: Torque) -> PeakTorque | None:
@@ -249,10 +251,10 @@ def check_torque(robot: Robot, played: PlayedMotion, torque: Torque) -> PeakTorq
     tau, limit = torque(motion), tuning.PREDICTED_TORQUE_SHARE * rating
     if np.any(np.abs(tau) > limit):
         alpha = fitting_alpha(motion, limit, torque)
-        found = torque_violations(
+        violations = torque_violations(
             robot, limit, tau, motion.t, None if alpha is None else alpha * played.speed
         )
-        raise_worst(found, 1 - tuning.PREDICTED_TORQUE_SHARE, _speed)
+        raise_worst(violations, 1 - tuning.PREDICTED_TORQUE_SHARE, _speed)
     share = np.abs(tau) / rating
     k, j = np.unravel_index(share.argmax(), share.shape)
     return PeakTorque(robot.joint_names[j], float(share[k, j]), float(motion.t[k]))

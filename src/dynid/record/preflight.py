@@ -36,7 +36,7 @@ from dynid.robot import Robot
 
 Floats = NDArray[np.float64]
 
-#: The small state topics that drivers have beside their joint states.
+#: The small state topics that drivers have next to their joint states.
 STATE_TOPICS = ("joint_angles", "joint_torques", "joint_command", "FRI_data", "j_ext_ft")
 
 
@@ -210,7 +210,7 @@ def check_start(seen: ObservedState, robot: Robot, motion: Motion) -> None:
 
 
 def check_place(sample: Sample, robot: Robot, motion: Motion) -> None:
-    """Look again just before the first command: while a person was asked, the arm may have been moved or gone silent.
+    """Check again just before the first command: while a person was asked, the arm may have been moved or gone silent.
 
     Raises:
         StateStale: its joint states have ended.
@@ -288,6 +288,6 @@ def check_endpoints(port: CommandPort) -> None:
 def listener_of(node: Node, robot: Robot, topic: str) -> Listener:
     """Return a listener on the joint states and on the driver's other topics that belong to the record."""
     published = {name for name, _ in node.master().getPublishedTopics("")}
-    beside = [f"{topic.rsplit('/', 1)[0]}/{name}" for name in STATE_TOPICS]
-    extra = [name for name in beside if name in published and name != topic]
+    neighbours = [f"{topic.rsplit('/', 1)[0]}/{name}" for name in STATE_TOPICS]
+    extra = [name for name in neighbours if name in published and name != topic]
     return Listener(node, Columns(robot), topic, extra)

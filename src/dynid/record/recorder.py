@@ -176,7 +176,7 @@ class LogRecorder:
         self._queue.put((topic, time.time_ns(), b"", {}, message))
 
     def close(self) -> Tally:
-        """Write what is left, close the files, and return what came in; what is on the disk stays whatever happens."""
+        """Write the rest, close the files, and return what came in; what is on the disk stays whatever happens."""
         tally = self.listener.end()
         self._end.set()
         self._thread.join(10.0)

@@ -145,7 +145,7 @@ def _signals(halt: Callable[[], None]) -> Iterator[None]:
 def listen_only(
     recorder: LogRecorder, seconds: float | None, stale: float, poll: Callable[[float], bool]
 ) -> Outcome:
-    """Record while another program moves the arm, until told to stop.
+    """Record while another program moves the arm, until a stop is requested.
 
     Args:
         recorder: running.
@@ -171,8 +171,8 @@ def listen_only(
         except BaseException as error:  # noqa: BLE001 - files are closed by the caller
             outcome.failure = error
     outcome.seconds = time.monotonic() - begin
-    if (silent := silence()) > stale:
-        outcome.notes.append(f"joint states ended {silent:.1f} s before the recording")
+    if (silence_s := silence()) > stale:
+        outcome.notes.append(f"joint states ended {silence_s:.1f} s before the recording")
     return outcome
 
 
@@ -192,7 +192,7 @@ def _stop(port: CommandPort, listener: Listener, outcome: Outcome) -> None:
         outcome.stop = port.stop()
     except DynidError as error:
         outcome.stop_failure = error.what
-    except Exception as error:  # noqa: BLE001 - a stop that failed in an unknown way must still be told
+    except Exception as error:  # noqa: BLE001 - a stop that failed in an unknown way must still be reported
         outcome.stop_failure = f"{type(error).__name__}: {error}"
     outcome.still = _stands_still(listener)
 
@@ -218,9 +218,9 @@ class Stream(threading.Thread):
     Args:
         port: the driver.
         reference: the motion.
-        monitor: judges states and lateness, and stops the motion.
+        monitor: checks states and lateness, and stops the motion.
         latest: returns the newest joint state.
-        sent: told of every command, as (topic, message).
+        sent: called with every command, as (topic, message).
     """
 
     def __init__(
@@ -276,8 +276,8 @@ class Stream(threading.Thread):
         assert sample is not None  # preflight has seen one
         planned = self.reference.at(sample.arrival - start)
         self.monitor.state(sample, planned.q, now, now - start)
-        # Why: a driver that plays one command per period is told what that period needs, however late it is; others are
-        # told what comes after now.
+        # Why: a driver that plays one command per period gets what that period needs, however late it is; others are
+        # sent what comes after now.
         when = self.time if self.port.slotted else now - start
         self._keep(self.port.send(self.reference.at(when + self.port.lead), sample.q))
 
@@ -320,7 +320,7 @@ class MasterMonitor(threading.Thread):
         self._end.set()
 
     def run(self) -> None:
-        """Ask until told to end."""
+        """Ask until the end is requested."""
         missed = 0
         while not self._end.wait(tuning.MASTER_INTERVAL_S):
             try:

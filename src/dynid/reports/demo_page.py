@@ -40,7 +40,7 @@ def write_demo_page(
         chapters: its steps.
         program: word that starts dynid here.
     """
-    told = [
+    shown = [
         {
             "title": chapter.title,
             "text": chapter.text,
@@ -52,7 +52,7 @@ def write_demo_page(
         for chapter in chapters
     ]
     write_text(
-        path, templates().get_template("demo.html").render(robot=robot, lead=lead, chapters=told)
+        path, templates().get_template("demo.html").render(robot=robot, lead=lead, chapters=shown)
     )
     return path
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 P = ParamSpec("P")
 
-#: Colours that stay apart for colour-blind readers and in print (Okabe and Ito).
+#: Colours that are distinct for colour-blind readers and in print (Okabe and Ito).
 MEASURED, ESTIMATED, RESIDUAL = "#8c8c8c", "#0072b2", "#d55e00"
 GRID = "#e6e6e6"
 #: Width of a figure [inch]: its text is readable on a telephone and on a screen. Size of text [points].
@@ -160,7 +160,7 @@ def motion_figure(
         joints: names of the joints that are drawn, all without.
         title: above the figure; "" for none.
         quantity: what is drawn.
-        residual_only: draw what is left of the measured values alone, so that it fills the panel.
+        residual_only: draw the residual alone, so that it fills the panel.
     """
     numbers = [robot.joint_names.index(name) for name in joints] or list(range(robot.n))
     units = [quantity.units[not robot.joints[j].revolute] for j in numbers]
@@ -208,7 +208,7 @@ def save(figure: Figure, stream: IO[Any], kind: str, *, salt: str = "dynid") -> 
         figure: the figure.
         stream: where to.
         kind: ``"png"`` or ``"svg"``.
-        salt: keeps ids of several SVG elements on one page apart.
+        salt: keeps ids of several SVG elements on one page distinct.
     """
     from matplotlib import rc_context
 

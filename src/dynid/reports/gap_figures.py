@@ -1,4 +1,4 @@
-"""Pictures of the gap: where it is, joint by joint, and how far it shrank."""
+"""Figures of the gap search: the residual by joint, and the error before and after."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def residual_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str)
 def improvement_figure(
     improvement: HeldOutImprovement, joints: Sequence[str], units: Sequence[str], title: str
 ) -> Figure:
-    """Draw the held-out residual of each joint before and after, with the noise floor."""
+    """Draw the held-out residual of each joint before and after, with the noise level."""
     figure = new_figure(0.36 * len(joints) + 1.1)
     axis = figure.subplots()
     place = np.arange(len(joints))
@@ -93,10 +93,10 @@ def improvement_figure(
         ecolor=ink,
     )
     axis.vlines(
-        improvement.floor, place - 0.42, place + 0.42, color=MEASURED, lw=2.0, label="noise floor"
+        improvement.floor, place - 0.42, place + 0.42, color=MEASURED, lw=2.0, label="noise level"
     )
     name_rows(axis, [f"{name} [{unit}]" for name, unit in zip(joints, units, strict=True)])
-    axis.set_xlabel("root mean square on held-out rows, with 95 % interval")
+    axis.set_xlabel("rms on held-out data, with 95 % interval")
     axis.legend()
     figure.suptitle(label(title, TITLE_LENGTH))
     return figure
@@ -104,7 +104,7 @@ def improvement_figure(
 
 @styled
 def effect_figure(one: GapEffect, curve: HeldOutEffect, title: str) -> Figure:
-    """Draw an effect on held-out rows: the error over the worst stretch without and with it, and its curve in the data.
+    """Draw an effect on held-out rows: the residual without and with it over the worst interval, and its curve.
 
     Args:
         one: the effect.
@@ -115,24 +115,24 @@ def effect_figure(one: GapEffect, curve: HeldOutEffect, title: str) -> Figure:
     over_time, against = figure.subplots(2, 1, height_ratios=[2, 3])
     shown = _worst_stretch(curve.t, curve.residual)
     for values, color, words in (
-        (curve.residual, RESIDUAL, "error without it"),
-        (curve.left, ESTIMATED, "error with it"),
+        (curve.residual, RESIDUAL, "residual without it"),
+        (curve.left, ESTIMATED, "residual with it"),
     ):
         over_time.plot(curve.t[shown], values[shown], ".", ms=3, color=color, label=words)
     over_time.axhline(0, lw=0.6, color=MEASURED)
     over_time.set(
-        xlabel="time, worst stretch of unseen data [s]", ylabel=f"{label(one.joint)} [{one.unit}]"
+        xlabel="time, worst held-out interval [s]", ylabel=f"{label(one.joint)} [{one.unit}]"
     )
     centre, mean, spread = binned(curve.against, curve.data)
     says = binned(curve.against, curve.torque)[1]
     against.plot(curve.against, curve.data, ".", ms=1.5, color=MEASURED, alpha=0.4, rasterized=True)
     against.errorbar(
-        centre, mean, spread, fmt="o", ms=3.5, color=RESIDUAL, lw=0.8, label="unseen data"
+        centre, mean, spread, fmt="o", ms=3.5, color=RESIDUAL, lw=0.8, label="held-out data"
     )
     low, high = _interval(one)
     against.fill_between(centre, low * says, high * says, color=ESTIMATED, alpha=0.3, lw=0)
     against.plot(centre, says, color=ESTIMATED, lw=1.4, label="the effect, 95 % interval")
-    against.set(xlabel=label(curve.follows), ylabel=f"torque left for it [{one.unit}]")
+    against.set(xlabel=label(curve.follows), ylabel=f"residual [{one.unit}]")
     for axis in (over_time, against):
         axis.legend()
     if title:
@@ -154,7 +154,7 @@ def simulator_figure(gap: SimulatorGap) -> Figure:
             error = 1000 * (simulated[:, j] - gap.q[:, j])
             axis.plot(gap.t, error, color=color, lw=0.9, label=label(name))
         axis.locator_params(axis="y", nbins=4)
-    joint_legend(figure, f"simulated less measured position, {gap.engine}")
+    joint_legend(figure, f"simulated minus measured position, {gap.engine}")
     return figure
 
 

@@ -23,8 +23,8 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Unseen:
-    """A validation on a recording that was not used.
+class ValidatedLog:
+    """A validation on a held-out log.
 
     Attributes:
         name: of the recording.
@@ -47,9 +47,9 @@ class Gathered:
 
     Attributes:
         result: the result.
-        judgement: what is said of it.
+        judgement: lights, answer and next steps.
         motion: estimated and measured motion of the fitted logs; None when its file is gone.
-        unseen: validations found beside the result.
+        validations: those in the folder of the result.
         singular_values: of the normalised stack of the fitted logs, None when its file is gone.
         gap: what ``dynid gap`` stored, None when it was not run.
         driven: exported files in a simulator, without and with what it named; None where nothing was added.
@@ -58,7 +58,7 @@ class Gathered:
     result: Identification
     judgement: Judgement
     motion: EstimatedMotion | None = None
-    unseen: tuple[Unseen, ...] = ()
+    validations: tuple[ValidatedLog, ...] = ()
     singular_values: Floats | None = None
     gap: GapRecord | None = None
     driven: SimulatorGap | None = None
@@ -70,10 +70,10 @@ class Gathered:
 
 
 def gather(result: Identification) -> Gathered:
-    """Return what a report shows of a result: from the files beside it, or from memory where it was not saved.
+    """Return what a report shows of a result: from the files in its folder, or from memory if it was not saved.
 
     Raises:
-        JointCountDiffers: a file beside it is of another arm.
+        JointCountDiffers: a file in its folder is of another arm.
         NotAnArtifact: one is damaged.
     """
     if not result.path.name:
@@ -91,14 +91,14 @@ def gather(result: Identification) -> Gathered:
     return Gathered(
         result=result,
         motion=_motion(motion, robot)[0] if motion.is_file() else None,
-        unseen=tuple(
-            _unseen(file, robot)
+        validations=tuple(
+            _validated(file, robot)
             for file in sorted((folder / "validation").glob("*/estimatedmotion.npz"))
         ),
         singular_values=_singular_values(stack, result) if stack.is_file() else None,
         gap=record,
         driven=SimulatorGap.load(driven, robot) if driven.is_file() else None,
-        # Why last: it takes the files beside the result for those of this arm.
+        # Why last: it takes the files in the folder for those of this arm.
         judgement=result.judgement,
     )
 
@@ -110,7 +110,7 @@ def _motion(path: Path, robot: Robot) -> tuple[EstimatedMotion, dict[str, Any]]:
 
 
 def _singular_values(path: Path, result: Identification) -> Floats | None:
-    """Return those of the stack beside a result; None where it is that of another model of the arm."""
+    """Return those of the stack in the folder of a result; None if it is that of another model of the arm."""
     factors, header = load_factors(path)
     result.robot.require_joints(header["joints"], path)
     return _spectrum(factors) if tuple(header["base"]) == result.names else None
@@ -125,10 +125,10 @@ def _fitted_motion(stack: Stack, theta: Floats) -> EstimatedMotion:
     return EstimatedMotion(*map(np.concatenate, columns))
 
 
-def _unseen(path: Path, robot: Robot) -> Unseen:
+def _validated(path: Path, robot: Robot) -> ValidatedLog:
     motion, header = _motion(path, robot)
     checks, percent = prediction.check(motion, motion.tau_measured, robot.joint_names)
-    return Unseen(
+    return ValidatedLog(
         Path(header.get("log", path.parent.name)).name,
         motion,
         percent,

@@ -35,10 +35,10 @@ SECTIONS = {
     "excitation": "Excitation",
     "parameters": "Parameters",
     "torque": "Measured and predicted torque",
-    "unseen": "Unseen log",
+    "validation": "Validation",
     "residual": "Where the residual is",
     "gap": "Missing effects",
-    "physics": "Physical possibility",
+    "physics": "Physically consistent links",
     "limits": "Limits of this result",
 }
 #: Stands for the page's text colour until the figure is written.
@@ -72,20 +72,20 @@ def _rendered(name: str, gathered: Gathered) -> str:
 
 def sentences(gathered: Gathered) -> list[str]:
     """Return the verdict: the answer, why, what to beware of, and how well the parameters are known."""
-    found, judged = gathered.result, gathered.judgement
-    worst = max(found.joints, key=lambda joint: joint.relative_percent)
+    result, judgement = gathered.result, gathered.judgement
+    worst = max(result.joints, key=lambda joint: joint.relative_percent)
     fitted = (
-        f"Relative torque error {found.relative_error_percent:.2g} % on the training logs, at most "
+        f"Relative torque error {result.relative_error_percent:.2g} % on the training logs, at most "
         f"{worst.relative_percent:.2g} % on one joint ({worst.joint})."
     )
-    known = sum(word in (KNOWN_WELL, NEGLIGIBLE) for word in found.knowledge)
-    open_ = found.knowledge.count(NOT_DETERMINED)
+    known = sum(word in (KNOWN_WELL, NEGLIGIBLE) for word in result.knowledge)
+    open_ = result.knowledge.count(NOT_DETERMINED)
     rest = f", {open_} are not determined by the logs" if open_ else ""
     parameters = (
-        f"{known} of {len(found.names)} base parameters are determined well enough for the torques{rest}. "
-        f"Predictions use {USED[found.in_force]}."
+        f"{known} of {len(result.names)} base parameters are determined well enough for the torques{rest}. "
+        f"Predictions use {USED[result.in_force]}."
     )
-    return [judged.sentence, *judged.reasons, *judged.warnings, fitted, parameters]
+    return [judgement.sentence, *judgement.reasons, *judgement.warnings, fitted, parameters]
 
 
 def templates() -> Environment:

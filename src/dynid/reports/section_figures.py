@@ -60,7 +60,7 @@ def spectrum_figure(singular_values: Floats) -> Figure:
     figure = new_figure(2.0)
     axis = figure.subplots()
     axis.semilogy(np.arange(1, len(share) + 1), share, "o-", color=ESTIMATED, ms=2.5, lw=0.8)
-    _plain_decades(axis.yaxis)
+    _decimal_decades(axis.yaxis)
     axis.axhline(WEAK_DIRECTION, **DASHED)
     axis.set(xlabel="direction in the space of base parameters", ylabel="singular value / largest")
     return figure
@@ -68,7 +68,7 @@ def spectrum_figure(singular_values: Floats) -> Figure:
 
 @styled
 def coverage_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
-    """Draw the range of positions and speeds of each joint beside its limits."""
+    """Draw the range of positions and speeds of each joint and its limits."""
     figure = new_figure(0.2 * robot.n + 0.8)
     speeds = [(-v, v) if (v := joint.limits.velocity) else NO_LIMITS for joint in robot.joints]
     shown = {
@@ -89,12 +89,12 @@ def coverage_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
 
 # ---------------------------------------------------------------- parameters
 @styled
-def error_figure(found: Identification) -> Figure:
+def error_figure(result: Identification) -> Figure:
     """Draw the standard error of each base parameter in percent of its value; nothing where that is not determined."""
-    finite = np.isfinite(found.std_error) & (np.abs(found.theta) > 0)
-    share = 100 * found.std_error[finite] / np.abs(found.theta[finite])
-    negligible = np.array(found.knowledge)[finite] == NEGLIGIBLE
-    figure = new_figure(0.115 * len(found.theta) + 0.5)
+    finite = np.isfinite(result.std_error) & (np.abs(result.theta) > 0)
+    share = 100 * result.std_error[finite] / np.abs(result.theta[finite])
+    negligible = np.array(result.knowledge)[finite] == NEGLIGIBLE
+    figure = new_figure(0.115 * len(result.theta) + 0.5)
     axis = figure.subplots()
     axis.barh(
         np.flatnonzero(finite),
@@ -103,9 +103,9 @@ def error_figure(found: Identification) -> Figure:
         color=np.where(negligible, MEASURED, ESTIMATED).tolist(),
     )
     axis.set(xscale="log", xlim=(LEAST_ERROR, MOST_ERROR), xlabel="error / value [%]")
-    _plain_decades(axis.xaxis)
+    _decimal_decades(axis.xaxis)
     axis.axvline(10.0, **DASHED)
-    name_rows(axis, found.names)
+    name_rows(axis, result.names)
     return figure
 
 
@@ -132,7 +132,7 @@ def residual_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
 def residual_averages(
     motion: EstimatedMotion, joint: int, against: str
 ) -> tuple[Floats, Floats, Floats, float]:
-    """Return centres of bins over one of ``AGAINST``, mean and spread of the residual in each, and the whole spread."""
+    """Return bin centres over one of ``AGAINST``, mean and spread of the residual in each, and the spread of all."""
     usable = motion.usable[:, joint]
     residual = (motion.tau_measured[:, joint] - motion.tau_estimated[:, joint])[usable]
     values = {
@@ -154,21 +154,21 @@ def binned(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 @styled
-def residual_model_figure(found: Identification) -> Figure:
-    """Draw the rms torque that the residual model of a result holds by group, and what it leaves, by joint [%]."""
-    error = found.model_error
+def residual_model_figure(result: Identification) -> Figure:
+    """Draw the rms torque that the residual model of a result holds by group, and the residual, by joint [%]."""
+    error = result.model_error
     assert error is not None, "only results with a residual model have this figure"
-    torque = np.array([max(joint.torque_rms, 1e-12) for joint in found.joints])
-    left = 100 * np.array([joint.rms for joint in found.joints]) / torque
+    torque = np.array([max(joint.torque_rms, 1e-12) for joint in result.joints])
+    left = 100 * np.array([joint.rms for joint in result.joints]) / torque
     shares = [*(100 * error.rms[:, :-1] / torque[:, None]).T, left]
-    names = [*(f"held: {name}" for name in GROUP_NAMES), "left"]
+    names = [*(f"residual model: {name}" for name in GROUP_NAMES), "residual"]
     figure = new_figure(0.42 * len(torque) + 0.9)
     axis = figure.subplots()
     for k, (name, values, color) in enumerate(zip(names, shares, GROUP_COLORS, strict=True)):
         axis.barh(np.arange(len(torque)) + 0.2 * (k - 1.5), values, 0.2, color=color, label=name)
     axis.set_xlabel("rms, percent of the joint's torque")
     figure.legend(loc="outside upper center", ncols=2)
-    name_rows(axis, [joint.joint for joint in found.joints])
+    name_rows(axis, [joint.joint for joint in result.joints])
     return figure
 
 
@@ -216,8 +216,8 @@ def principal_moments(link: dict[str, Any]) -> Floats:
 
 def inertia_tensor(link: dict[str, Any]) -> Floats:
     """Return the inertia about the centre of mass, (3, 3) [kg m^2]."""
-    found = {name[1:]: value for name, value in link["inertia_com_kg_m2"].items()}
-    return np.array([[found["".join(sorted(a + b))] for b in "xyz"] for a in "xyz"])
+    entries = {name[1:]: value for name, value in link["inertia_com_kg_m2"].items()}
+    return np.array([[entries["".join(sorted(a + b))] for b in "xyz"] for a in "xyz"])
 
 
 # ---------------------------------------------------------------- parts of figures
@@ -228,12 +228,12 @@ def _with_unit(against: str, robot: Robot) -> str:
 
 
 def name_rows(axis: Axes, names: Sequence[str]) -> None:
-    """Write names beside the rows of bars, the first on top."""
+    """Write names at the rows of bars, the first on top."""
     axis.set_yticks(range(len(names)), [label(name) for name in names])
     axis.set_ylim(len(names) - 0.4, -0.6)
 
 
-def _plain_decades(axis: Axis) -> None:
+def _decimal_decades(axis: Axis) -> None:
     """Write the decades of a logarithmic axis as numbers: formulas take longer than the figure."""
     axis.set_major_formatter("{x:g}")
     axis.minorticks_off()

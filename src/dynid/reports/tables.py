@@ -115,10 +115,10 @@ def _cell(value: float | None, error: float | None) -> str:
     return rf"${value:.{places}f} \pm {error:.{places}f}$"
 
 
-def parameter_rows(found: Identification) -> list[dict[str, str]]:
+def parameter_rows(result: Identification) -> list[dict[str, str]]:
     """Return one row per base parameter as text, with the digits that its standard error leaves."""
     rows = []
-    for row in found.parameter_rows():
+    for row in result.parameter_rows():
         error, prior, terms = row["std_error"], row["prior"], row["terms"]
         combination = row["formula"] or " ".join(
             f"{factor:+.3g} {x}" for x, factor in terms.items()

@@ -1,4 +1,4 @@
-"""Simulated beside measured motion: position and torque errors of one or several models of an arm."""
+"""Simulated compared with measured motion: position and torque errors of one or several models of an arm."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SHAPES = {"t": "N", "q": "N n", "simulated": "models N n", "added": "models N n"
 
 @dataclass(frozen=True, repr=False)
 class SimulatorGap:
-    """Simulated beside measured motion of one or several models of an arm; N samples, n joints.
+    """Simulated compared with measured motion of one or several models of an arm; N samples, n joints.
 
     Attributes:
         robot: the arm.

@@ -126,7 +126,7 @@ class DriverLoop:
         self._zero = self._true + self._offset
 
     def run(self, publish: Callable[[Measured], None], alive: Callable[[], bool]) -> None:
-        """Simulate in real time until told to end; a late machine is caught up with, never skipped."""
+        """Simulate in real time until the end is requested; a late machine is caught up with, never skipped."""
         begin = time.monotonic()
         while alive():
             present = time.monotonic() - begin

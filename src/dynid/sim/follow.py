@@ -72,14 +72,14 @@ class Follower(ABC):
             self.move()
         omega = 2 * np.pi * tuning.SMOOTHING_FREQUENCY_HZ
         acceleration = omega**2 * (self.goal - self._q) + 2 * omega * (self.speed - self._qd)
-        found = self._q, self._qd, acceleration
+        state = self._q, self._qd, acceleration
         self.fastest = np.maximum(self.fastest, np.abs(self._qd))
         kept = self.hardest_stop if self._braking else self.hardest
         np.maximum(kept, np.abs(acceleration), out=kept)
         self._braking = max(0, self._braking - 1)
         self._qd = self._qd + self.dt * acceleration
         self._q = self._q + self.dt * self._qd
-        return found
+        return state
 
 
 class VelocityFollower(Follower):

@@ -93,7 +93,7 @@ def hidden_logs(
         hidden: what is hidden.
         rng: source of motions and noise.
         motions: number of different motions.
-        repeats: how often each is driven.
+        repeats: recordings of each motion.
         seconds: length of each.
     """
     spec = SineSpec(seconds, seconds, 0.5, 0.6, 0.4, 0.05)

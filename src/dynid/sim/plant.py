@@ -1,4 +1,4 @@
-"""The truth of a simulated arm: bodies, rotors, friction and sensors, as stored beside the logs made from it.
+"""The truth of a simulated arm: bodies, rotors, friction and sensors, as stored with the logs made from it.
 
 Reads ``trajectories/*_truth.yaml``; gives a ``Plant`` and its parameters by the names that identification uses.
 """

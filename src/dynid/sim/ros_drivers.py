@@ -71,14 +71,14 @@ class SimulatedDriver(ABC):
 
     def _joint_state(self, names: Sequence[str], stamp: int, *values: Floats) -> Any:  # noqa: ANN401
         """Return the message of positions, velocities and efforts at a time [ns]."""
-        found = self._state()
-        found.header.stamp.secs, found.header.stamp.nsecs = divmod(stamp, 10**9)
-        found.name = list(names)
+        message = self._state()
+        message.header.stamp.secs, message.header.stamp.nsecs = divmod(stamp, 10**9)
+        message.name = list(names)
         # Unit: both arms send 32-bit numbers.
-        found.position, found.velocity, found.effort = (
+        message.position, message.velocity, message.effort = (
             part.astype(np.float32).astype(float).tolist() for part in values
         )
-        return found
+        return message
 
     def _driver_values(self, measured: Measured) -> tuple[Floats, Floats, Floats]:
         of = self.columns
@@ -241,12 +241,12 @@ class SimulatedActionServer(SimulatedController):
         self._goal = None
 
     def _publish_status(self, state: int, text: str = "") -> None:
-        found = action_message(STATUS)()
+        message = action_message(STATUS)()
         if self._goal is not None:
             status = action_message("actionlib_msgs/GoalStatus")()
             status.goal_id, status.status, status.text = self._goal, state, text
-            found.status_list = [status]
-        self._statuses.publish(found)
+            message.status_list = [status]
+        self._statuses.publish(message)
 
 
 class SimulatedLwr(SimulatedController):

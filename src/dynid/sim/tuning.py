@@ -48,6 +48,6 @@ SOFT_FREQUENCY_HZ = 1.0
 #: It is at least so stiff that the spread of the measured torque would bend it by this [rad or m]: light wrists carry
 #: more than their own inertia. evidence: without it the wrist of the LWR4+ strays by 1 rad and says nothing.
 SOFT_DEFLECTION = 0.1
-#: What `dynid gap --apply` drives of a recording at most [s]: ten periods of that controller, 2 s of work an arm.
+#: Longest part of a recording that `dynid gap --apply` simulates [s]: ten periods of that controller, 2 s of work.
 #: evidence: errors of LWR4+ run 3 over its last 10 s and over all 25 s, 45.9 and 46.6 mrad.
 DRIVEN_S = 10.0

@@ -1,1 +1,1 @@
-"""Loop 2a, plan an excitation motion: limits and model -> trajectory.npz, seen and judged before anything moves."""
+"""Loop 2a, plan an exciting motion: limits and model -> trajectory.npz, previewed and checked before anything moves."""

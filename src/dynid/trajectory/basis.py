@@ -136,10 +136,10 @@ class Sines:
         w = 2 * np.pi / self.duration * k
         angle = t[:, None] * w + order * np.pi / 2
         still = np.full((len(t), 1), float(order == 0))
-        found: Floats = np.hstack([still, np.cos(angle) * w**order, np.sin(angle) * w**order]) @ (
+        rows: Floats = np.hstack([still, np.cos(angle) * w**order, np.sin(angle) * w**order]) @ (
             null_space(rest / weight) / weight[:, None]
         )
-        return found
+        return rows
 
 
 def basis_from(facts: dict[str, Any]) -> Quintic:
@@ -151,7 +151,7 @@ def basis_from(facts: dict[str, Any]) -> Quintic:
         KeyError: something is missing.
     """
     knots = np.array([float(t) for t in facts["knots"]])
-    apart, short = np.diff(knots) > tuning.NEAREST_KNOTS_S, np.abs(knots) < tuning.LONGEST_MOTION_S
-    if not (1 < len(knots) < tuning.MOST_KNOTS and np.all(apart) and np.all(short)):
+    clear, short = np.diff(knots) > tuning.NEAREST_KNOTS_S, np.abs(knots) < tuning.LONGEST_MOTION_S
+    if not (1 < len(knots) < tuning.MOST_KNOTS and np.all(clear) and np.all(short)):
         raise ValueError("its knots do not increase, or are too close together")
     return Quintic(tuple(knots.tolist()), facts["kind"] == "spline")

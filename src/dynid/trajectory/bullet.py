@@ -30,7 +30,7 @@ YAW, PITCH, VIEW = 50.0, -20.0, 50.0
 TILES, FLOOR = 6, 2.4
 #: Pictures of the still and of the animation.
 STILLS, FRAMES = 6, 60
-#: Colours of the links in turn, told apart by colour-blind people too.
+#: Colours of the links in turn, distinct for colour-blind people too.
 _BLUE, _ORANGE = (0.1, 0.45, 0.75, 1), (0.92, 0.62, 0.1, 1)
 _TILES = ((0.9, 0.9, 0.88, 1), (0.8, 0.8, 0.78, 1))
 
@@ -159,9 +159,9 @@ class World:
         """
         robot, urdf, errors = self._job.robot, self._job.urdf, []
         allowed = [tuning.AXIS_ANGLE_RAD, tuning.AXIS_DISTANCE_M]
-        plain = (np.ones(robot.n), np.zeros(robot.n))
+        unchanged = (np.ones(robot.n), np.zeros(robot.n))
         given = (robot.simulator, robot.driver.map if robot.driver else None)
-        for sign, offset in (plain, *((each.sign, each.offset) for each in given if each)):
+        for sign, offset in (unchanged, *((each.sign, each.offset) for each in given if each)):
             self._sign, self._offset = np.array(sign), np.array(offset)
             errors.append(self._axis_errors())
             if np.all(errors[-1] < allowed):
@@ -177,7 +177,7 @@ class World:
     def _axis_errors(self) -> Floats:
         """Return the largest angle and distance of each joint's axis from where it should be, (n, 2)."""
         bullet, expected = self._bullet, self._job.axes
-        found = np.empty_like(expected)
+        measured = np.empty_like(expected)
         for k, q in enumerate(self._job.random[: len(expected)]):
             self._set_pose(q)
             for j, joint in enumerate(self._joints):
@@ -185,27 +185,27 @@ class World:
                 state = bullet.getLinkState(self._arm, joint, computeForwardKinematics=True)
                 # Why: Bullet turns a joint axis into the frame of the link's inertia, not that of the link.
                 R = np.array(bullet.getMatrixFromQuaternion(state[1])).reshape(3, 3)
-                found[k, j] = [*(R @ axis * self._sign[j]), *state[4]]
+                measured[k, j] = [*(R @ axis * self._sign[j]), *state[4]]
         direction, point = expected[..., :3], expected[..., 3:]
-        angle = np.arccos(np.clip(np.sum(direction * found[..., :3], axis=2), -1, 1))
-        across = np.linalg.norm(np.cross(direction, found[..., 3:] - point), axis=2)
+        angle = np.arccos(np.clip(np.sum(direction * measured[..., :3], axis=2), -1, 1))
+        across = np.linalg.norm(np.cross(direction, measured[..., 3:] - point), axis=2)
         return np.stack([angle.max(axis=0), across.max(axis=0)], axis=1)
 
     def _distances(self, poses: Floats, pairs: list[Pair]) -> Floats:
         """Return the distances of pairs at poses, (N, pairs) [m]; at most the farthest that is measured."""
-        found = np.full((len(poses), len(pairs)), tuning.FARTHEST_MEASURED_M)
-        for row, q in zip(found, poses, strict=True):
+        distances = np.full((len(poses), len(pairs)), tuning.FARTHEST_MEASURED_M)
+        for row, q in zip(distances, poses, strict=True):
             self._set_pose(q)
             for i, (body, link, other) in enumerate(pairs):
                 near = self._bullet.getClosestPoints(self._arm, body, row[i], link, other)
                 row[i] = min((float(point[8]) for point in near), default=row[i])
-        return found
+        return distances
 
     def distances(self) -> tuple[Distance, ...]:
         """Return the least distance along the motion of everything that can collide, the closest pair first.
 
         Links that meet in a shoulder, an elbow or a wrist always overlap as plain shapes; the joint limits keep those
-        apart, and only contact that is deeper than in every pose tells of something else. The foot stands on the floor.
+        apart, and only contact that is deeper than in every pose means something else. The foot stands on the floor.
         """
         scene, names = self._job.scene, self._names
         room = dict(zip(self._joints, self._job.room, strict=True))
@@ -242,13 +242,13 @@ class World:
         view = bullet.computeViewMatrixFromYawPitchRoll(target.tolist(), distance, YAW, PITCH, 0, 2)
         projection = bullet.computeProjectionMatrixFOV(VIEW, WIDTH / HEIGHT, 0.05, 20)
         light = {"lightDirection": [1, -1, 2], "shadow": 1, "renderer": bullet.ER_TINY_RENDERER}
-        found = []
+        pictures = []
         for k in np.linspace(0, len(job.q) - 1, count).round().astype(int):
             self._set_pose(job.q[k])
             image = bullet.getCameraImage(WIDTH, HEIGHT, view, projection, **light)[2]
             pixels = np.reshape(image, (HEIGHT, WIDTH, 4))[:, :, :3].astype(np.uint8)
-            found.append((float(job.t[k]), pixels))
-        return found
+            pictures.append((float(job.t[k]), pixels))
+        return pictures
 
     def play(self) -> None:
         """Show the motion until the window is closed; the space bar replays."""

@@ -1,6 +1,6 @@
 """Distances of an arm to itself, the floor and boxes, with gradients: each link is a capsule.
 
-A capsule holds the cylinder that PyBullet judges the final motion with
+A capsule holds the cylinder that PyBullet checks the final motion with
 (preview.py), so what is clear here is clear there.
 """
 
@@ -46,7 +46,7 @@ class Near:
         pushes: links, (k,), points of them, (N, k, 3) [m], and 1 for those that go that way, -1 for the others.
         length: of the ways, (N, k, 1).
         spare: what the search keeps more than is wanted, (k,) [m].
-        alone: which pairs are told of one by one rather than by their least distance, (k,).
+        alone: which pairs are reported one by one rather than by their least distance, (k,).
     """
 
     distance: Floats
@@ -123,21 +123,21 @@ class Capsules:
         d, e = points[:, self._first, 1] - p, points[:, self._second, 1] - q
         s, t = nearest_of_segments(p, d, q, e)
         here, there = p + s[..., None] * d, q + t[..., None] * e
-        apart = np.linalg.norm(here - there, axis=2)
-        return apart - self.radii[self._first] - self.radii[self._second], here, there
+        between = np.linalg.norm(here - there, axis=2)
+        return between - self.radii[self._first] - self.radii[self._second], here, there
 
     def _near(self, points: Floats, frames: LinkFrames) -> Iterator[Near]:
         """Yield what the arm may come near: itself, the floor, the obstacles, the edge of the workspace."""
         scene, links = self.scene, np.arange(self.robot.n)
         distance, here, there = self._pairs(points)
-        apart = here - there
+        between = here - there
         yield Near(
             distance,
             self._wanted,
             self._names,
-            apart,
+            between,
             [(self._first, here, 1), (self._second, there, -1)],
-            np.maximum(np.linalg.norm(apart, axis=2), 1e-9)[..., None],
+            np.maximum(np.linalg.norm(between, axis=2), 1e-9)[..., None],
             np.where(self._usual, 0.0, tuning.SPARE_DISTANCE_M),
             self._usual,
         )
@@ -209,7 +209,7 @@ class Capsules:
             t: their times, (N,) [s]; 0 when None.
         """
         times = np.zeros(len(q)) if t is None else t
-        found = []
+        distances = []
         for near in self._near(*self.ends(q)):
             usual = np.broadcast_to(near.alone, near.wanted.shape)
             # Why: links that always overlap are watched too, but the closest pair is that of the others.
@@ -220,5 +220,5 @@ class Capsules:
                     i = int(pairs[k])
                     size, wanted = float(near.distance[sample, i]), float(near.wanted[i])
                     time = float(times[sample])
-                    found.append(Distance(near.names[i], size, time, wanted, bool(usual[i])))
-        return tuple(sorted(found, key=lambda one: one.distance))
+                    distances.append(Distance(near.names[i], size, time, wanted, bool(usual[i])))
+        return tuple(sorted(distances, key=lambda one: one.distance))

@@ -1,6 +1,6 @@
 """What makes a motion good: functions of its information matrix G = W^T W, each with its gradient (Paper Eq. 14).
 
-``condition`` and ``paper`` look at the ends of the spectrum, ``d`` at its product, ``i`` at the torque error that the
+``condition`` and ``paper`` depend on the ends of the spectrum, ``d`` at its product, ``i`` at the torque error that the
 identified model will make on other motions. docs/explanation/exciting-motions.md says which to choose.
 """
 

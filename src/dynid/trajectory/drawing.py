@@ -17,13 +17,13 @@ Picture = tuple[float, NDArray[np.uint8]]
 #: Names of the joints, times, (N,) [s], and positions as shares of the joints' ranges, (N, n).
 Traces = tuple[tuple[str, ...], Floats, Floats]
 
-#: Colours that colour-blind people tell apart (Okabe and Ito); repeated for arms of more joints.
+#: Colours that are distinct for colour-blind people (Okabe and Ito); repeated for arms of more joints.
 COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#000000", "#9a8a00")
 #: Heights of the title and of the traces, and space between poses [pixels].
 TITLE, TRACES, GAP = 26, 230, 4
 #: Space around the traces: left, top, right, bottom [pixels].
 BORDER = 46, 10, 150, 34
-#: Poses beside each other in a still, and length of the animation [ms].
+#: Poses side by side in a still, and length of the animation [ms].
 COLUMNS, SHOWN = 3, 6000
 
 

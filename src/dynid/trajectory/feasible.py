@@ -179,7 +179,7 @@ class Fit:
         shift: what is added to it then [rad or m].
         span: of its positions before [rad or m].
         middle: of these [rad or m].
-        room: what is left on each side of the limits [rad or m].
+        room: distance to the limits on each side [rad or m].
         active: derivative whose limit the motion reaches.
     """
 
@@ -234,8 +234,8 @@ def coefficients(basis: Quintic, limits: Bounds, x: Floats) -> Floats:
     fast, hard = (np.abs(extrema(basis, c, order)).max(axis=0) for order in (1, 2))
     # Why: a relative margin of rounding size, so that the limit itself is never exceeded.
     fit = fitted(limits, low, high, fast, hard, offset, 1 - 1e-9)
-    found: Floats = fit.scale * c + np.outer(basis.constant, fit.shift)
-    return found
+    scaled: Floats = fit.scale * c + np.outer(basis.constant, fit.shift)
+    return scaled
 
 
 def extrema(basis: Quintic, c: Floats, order: int) -> Floats:

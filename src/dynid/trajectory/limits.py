@@ -134,8 +134,8 @@ def check_trajectory(
     if speed is not None and fastest > speed * (1 + tuning.LIMIT_ROUNDING_SHARE):
         violations.append(Violation("tool", "speed", fastest, speed, time, alpha * speed / fastest))
     columns = (robot.joint_names, *peaks.tolist(), largest, np.max(shares, axis=0).tolist())
-    found = tuple(Peak(*row) for row in zip(*columns, strict=True))
-    return LimitCheck(found, tuple(violations), fastest)
+    largest_of_joints = tuple(Peak(*row) for row in zip(*columns, strict=True))
+    return LimitCheck(largest_of_joints, tuple(violations), fastest)
 
 
 def range_violations(
@@ -172,13 +172,13 @@ def range_violations(
     return [Violation(joint.name, quantity, value, limit, time, alpha, joint.revolute)]
 
 
-def require_within_limits(found: LimitCheck, margin: float = 0.0) -> None:
+def require_within_limits(check: LimitCheck, margin: float = 0.0) -> None:
     """Refuse a motion that breaks a limit.
 
     Raises:
         LimitBroken: with the worst violation, and the speed factor or change that would pass.
     """
-    raise_worst(found.violations, margin, lambda alpha: f"--alpha {floor2(alpha):g}")
+    raise_worst(check.violations, margin, lambda alpha: f"--alpha {floor2(alpha):g}")
 
 
 def raise_worst(
@@ -241,11 +241,11 @@ def torque_violations(
         t: their times, (N,) [s].
         alpha: speed factor at which all torques fit; None when there is none.
     """
-    found = list[Violation]()
+    violations = list[Violation]()
     for joint, most, own in zip(robot.joints, limit.tolist(), tau.T, strict=True):
         within = -most, most, tuning.LIMIT_ROUNDING_SHARE * most
-        found += range_violations(joint, "torque", t, own, within, alpha)
-    return found
+        violations += range_violations(joint, "torque", t, own, within, alpha)
+    return violations
 
 
 def fitting_alpha(path: Motion, limit: Floats, torque: Torque, high: float = 1.0) -> float | None:

@@ -78,7 +78,7 @@ def information(problem: PlanProblem, W: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What the search is told of one motion.
+    """What the search gets of one motion.
 
     Attributes:
         value: cost plus eased penalties.
@@ -100,7 +100,7 @@ class ExcitationObjective:
 
     def __init__(self, problem: PlanProblem) -> None:
         self.problem = problem
-        # Why: samples in the middle of equal parts weigh the path evenly and miss its two motionless ends.
+        # Why: samples in the middle of equal parts cover the path evenly and leave out its two motionless ends.
         fine = tuning.CONTACT_SAMPLES_A_SAMPLE * problem.samples
         t = problem.basis.duration * (np.arange(fine) + 0.5) / fine
         self.shaping = Shaping(problem.basis, problem.limits, t, refinement=2)

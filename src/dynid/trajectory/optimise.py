@@ -90,11 +90,11 @@ def optimise(problem: PlanProblem, search: PlanOptions, limit: float) -> SearchO
             if not best:
                 raise
             ended = "interrupt"
-    found = tuple(
+    candidates = tuple(
         coefficients(problem.basis, problem.of_start(start).limits, best[start][1])
         for start in sorted(best, key=lambda start: (best[start][0], start))
     )
-    return SearchOutcome(found, finished, ended)
+    return SearchOutcome(candidates, finished, ended)
 
 
 def describe(problem: PlanProblem, value: float) -> str:
@@ -158,18 +158,18 @@ def descend(
     from scipy.optimize import minimize
 
     seen: Best = (np.inf, x)
-    told = -np.inf
+    reported = -np.inf
 
     def measured(x: Floats, power: float, ease: float) -> tuple[float, Floats]:
-        nonlocal seen, told
-        found = objective(x, power, ease)
+        nonlocal seen, reported
+        cost = objective(x, power, ease)
         if np.isinf(power):
-            if found.full < seen[0]:
-                seen = (found.full, x.copy())
-            if time.monotonic() - told > tuning.REPORT_INTERVAL_S:
-                told = time.monotonic()
+            if cost.full < seen[0]:
+                seen = (cost.full, x.copy())
+            if time.monotonic() - reported > tuning.REPORT_INTERVAL_S:
+                reported = time.monotonic()
                 report(seen)
-        return found.value, found.gradient
+        return cost.value, cost.gradient
 
     smooth = objective.problem.cost.kind in ("d", "i")
     for power, ease, iterations in tuning.SMOOTH_STAGES if smooth else tuning.STAGES:

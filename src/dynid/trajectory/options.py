@@ -28,11 +28,11 @@ def _floats(value: Any) -> tuple[float, ...]:  # noqa: ANN401
 
 def numbers(value: Any, count: int, name: str) -> tuple[float, ...]:  # noqa: ANN401
     """Return ``count`` numbers, written with commas or given as a sequence."""
-    found = _floats(value)
-    if len(found) != count or not all(abs(x) <= MOST for x in found):
+    values = _floats(value)
+    if len(values) != count or not all(abs(x) <= MOST for x in values):
         what = f"{name} '{value}' is not {count} number{'s' * (count > 1)}"
         raise WrongUsage(what, fix=f"such as {name} {','.join(['0'] * count)}")
-    return found
+    return values
 
 
 def _weights(value: Any, name: str) -> tuple[float, float] | None:  # noqa: ANN401
@@ -61,8 +61,8 @@ def _box(value: Any, name: str) -> Box | None:  # noqa: ANN401
     if value is None or isinstance(value, Box):
         return value
     text = value.removeprefix("box").strip(":, ") if isinstance(value, str) else value
-    found = numbers(text, 6, name)
-    x, y, z = zip(found[:3], found[3:], strict=True)
+    corners = numbers(text, 6, name)
+    x, y, z = zip(corners[:3], corners[3:], strict=True)
     return Box((min(x), min(y), min(z)), (max(x), max(y), max(z)))
 
 
@@ -73,11 +73,11 @@ def _boxes(value: Any, name: str) -> tuple[Box, ...]:  # noqa: ANN401
 def _noise(value: Any, name: str) -> tuple[float, ...] | None:  # noqa: ANN401
     if value is None:
         return None
-    found = _floats(value)
-    if not found or not all(LEAST <= sigma <= MOST for sigma in found):
+    sigmas = _floats(value)
+    if not sigmas or not all(LEAST <= sigma <= MOST for sigma in sigmas):
         what = f"{name} '{value}' must be one positive number, or one per joint"
         raise WrongUsage(what, fix=f"such as {name} 0.1")
-    return found
+    return sigmas
 
 
 @dataclass(frozen=True)

@@ -70,12 +70,12 @@ class Trajectory:
 
     def stationary(self, order: int) -> list[tuple[Floats, Floats]]:
         """Return when q (0), qd (1) or qdd (2) of each joint may be extreme, times [s], and its values then."""
-        found = self.basis.stationary(self.coefficients, order)
-        return [(t / self.alpha, values * self.alpha**order) for t, values in found]
+        points = self.basis.stationary(self.coefficients, order)
+        return [(t / self.alpha, values * self.alpha**order) for t, values in points]
 
 
 def through_waypoints(waypoints: Floats, limits: Bounds, times: Floats | None = None) -> Trajectory:
-    """Join waypoints by quintic segments of least jerk and stretch the intervals in which a rate would be broken.
+    """Join waypoints by quintic segments of least jerk and lengthen the intervals that would break a rate limit.
 
     Args:
         waypoints: positions, (K, n) [rad or m].

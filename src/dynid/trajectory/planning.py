@@ -1,4 +1,4 @@
-"""From options to a motion that may be shown: search, repair, and the judges in their order.
+"""From options to a motion that may be shown: search, repair, and the checks in their order.
 
 Joint limits hold by construction; torque, tool speed and contact are checked, and a motion that fails is drawn towards
 a clear pose until it passes. PyBullet is asked last, because it is the slowest.
@@ -96,7 +96,7 @@ def planning_context(
     known: Floats | None = None,
     believed: Floats | None = None,
 ) -> PlanningContext:
-    """Prepare everything that motions are judged by.
+    """Prepare everything that motions are checked with.
 
     Args:
         base: model and base parameters.
@@ -217,18 +217,18 @@ def search_time(seconds: float) -> float:
     return seconds - min(tuning.AFTER_SEARCH_SHARE * seconds, tuning.AFTER_SEARCH_S)
 
 
-def proposals(context: PlanningContext, found: SearchOutcome | None) -> Iterator[Proposal]:
+def proposals(context: PlanningContext, outcome: SearchOutcome | None) -> Iterator[Proposal]:
     """Yield motions at the wanted speed factor, the most promising first, their repaired versions after them.
 
     Args:
         context: the arm and what is wanted.
-        found: what the search found; None for random motions of the seed.
+        outcome: of the search; None for random motions of the seed.
     """
     options, basis, limits = context.options, basis_of(context.options), context.limits
     draws = (np.random.default_rng((options.seed, k)) for k in range(tuning.RANDOM_MOTIONS))
     candidates = (
-        found.candidates
-        if found
+        outcome.candidates
+        if outcome
         else [coefficients(basis, limits, random_variables(basis, limits, rng)) for rng in draws]
     )
     home = once_more(lambda: clear_pose(context))
@@ -257,11 +257,11 @@ def require_safe(context: PlanningContext, trajectory: Trajectory) -> LimitCheck
         LimitBroken: a joint limit, a torque, or the tool's speed.
         Collision: contact of the arm's capsules.
     """
-    found = context.check(trajectory)
-    require_within_limits(found, context.options.margin)
+    check = context.check(trajectory)
+    require_within_limits(check, context.options.margin)
     near = _capsule_distances(context, trajectory)
     require_clear(near, fix=clearance_fix(context.robot, guessed=True))
-    return found
+    return check
 
 
 def _capsule_distances(context: PlanningContext, trajectory: Trajectory) -> tuple[Distance, ...]:
@@ -320,16 +320,16 @@ def require_clear_motion(
     robot, scene = context.robot, context.options.scene
     finding = ""
     try:
-        found = measure_trajectory(trajectory, robot, urdf, scene)
+        distances = measure_trajectory(trajectory, robot, urdf, scene)
     except (PackageMissing, KeyboardInterrupt) as reason:
         missing = isinstance(reason, PackageMissing)
         if missing and drawing.needed:
             raise
-        found = once_more(lambda: _capsule_distances(context, trajectory))
+        distances = once_more(lambda: _capsule_distances(context, trajectory))
         finding = "W605" if missing else "W607"
         shown = drawing.picture if missing and drawing.sketch else None
         drawing = replace(drawing, animation=None, picture=shown)
-    clear = Clearance(found)
+    clear = Clearance(distances)
 
     def draw() -> None:
         if not finding:
@@ -340,7 +340,7 @@ def require_clear_motion(
 
     fix = clearance_fix(robot, guessed=urdf is None or bool(finding))
     try:
-        require_clear(found, drawing.picture if given else None, fix)
+        require_clear(distances, drawing.picture if given else None, fix)
     except Collision:
         if given:
             _drawn(drawing, draw)
@@ -353,7 +353,7 @@ def require_clear_motion(
     return replace(clear, pictures=pictures, findings=(said,))
 
 
-#: What is said of a motion that PyBullet did not measure, by the code of the finding.
+#: Warning for a motion that PyBullet did not measure, by the code of the finding.
 _WITHOUT_BULLET = {
     "W605": "PyBullet is missing: distances are those of capsules along the links,",
     "W607": "interrupted: distances were measured on capsules along the links only, and",
@@ -397,15 +397,15 @@ def thickness(robot: Robot) -> str:
 
 def first_accepted(
     candidates: Iterable[Proposal],
-    judge: Callable[[Trajectory], Judgement],
+    test: Callable[[Trajectory], Judgement],
     until: float = math.inf,
 ) -> tuple[Proposal, Judgement]:
-    """Return the first motion that is not refused, with what the judge found.
+    """Return the first motion that is not refused, with what the test returned.
 
     Args:
         candidates: motions, the most promising first.
-        judge: raises what is wrong with a motion.
-        until: when the time is over, by ``time.monotonic``; the motion at hand is still judged [s].
+        test: raises what is wrong with a motion.
+        until: when the time is over, by ``time.monotonic``; the motion at hand is still checked [s].
 
     Raises:
         LimitBroken: no motion passed; this is why the last one failed.
@@ -417,7 +417,7 @@ def first_accepted(
             break
         advance(k, 0, f"motion {k + 1}, {100 * candidate.share:.0f} % of its size")
         try:
-            return candidate, judge(candidate.trajectory)
+            return candidate, test(candidate.trajectory)
         except (LimitBroken, Collision) as error:
             reason = error
     raise reason or LimitBroken(

@@ -35,7 +35,7 @@ class Prediction:
 
     Attributes:
         figures: condition numbers and smallest singular value of W, unweighted.
-        std_error: standard error of each base parameter, (p,); infinity where the motion shows nothing.
+        std_error: standard error of each base parameter, (p,); infinity where the motion does not determine it.
         torque_error: expected rms torque error on other motions, mean of all joints [N m].
     """
 
@@ -173,14 +173,14 @@ def alpha_table(
     for alpha in sorted({*tuning.RECOMMENDED_ALPHAS, trajectory.alpha}):
         slowed = replace(trajectory, alpha=alpha)
         motion = slowed.motion(slowed.duration * (np.arange(count) + 0.5) / count)
-        found = predict(model, columns, motion, noise, other, known)
+        prediction = predict(model, columns, motion, noise, other, known)
         rows.append(
             AlphaRow(
                 alpha,
                 slowed.duration,
-                found.torque_error,
-                found.figures.condition,
-                found.figures.condition_scaled,
+                prediction.torque_error,
+                prediction.figures.condition,
+                prediction.figures.condition_scaled,
             )
         )
     return tuple(rows)

@@ -1,4 +1,4 @@
-"""See a motion and let PyBullet judge it, in a child process: distances per pair, picture, animation, window."""
+"""Check and show a motion with PyBullet, in a child process: distances per pair, picture, animation, window."""
 
 from __future__ import annotations
 
@@ -80,8 +80,8 @@ def measure_poses(
 ) -> tuple[Distance, ...]:
     """Measure distances at poses in DH values, (N, n) [rad or m], at times (N,) [s]; see ``measure_trajectory``."""
     near = 0.0 if urdf else scene.self_distance
-    with _answered(t, q, robot, urdf, scene, near=near) as found:
-        distances: tuple[Distance, ...] = found
+    with _answered(t, q, robot, urdf, scene, near=near) as answer:
+        distances: tuple[Distance, ...] = answer
         return distances
 
 
@@ -206,18 +206,18 @@ def _answered(
             late = Timer(patience, process.kill)
             late.start()
             try:
-                found = next(answers(process), None)
+                answer = next(answers(process), None)
             finally:
                 late.cancel()
-            if isinstance(found, Exception):
-                raise found
-            if found is None:
+            if isinstance(answer, Exception):
+                raise answer
+            if answer is None:
                 log.seek(0)
                 said = log.read()[-2000:].decode(errors="replace")
                 if job.window:
                     raise NoDisplay("PyBullet could not open its window", why=said[-300:])
                 raise RuntimeError(f"the preview process ended without an answer:\n{said}")
-            yield found
+            yield answer
 
 
 def _camera(robot: Robot, q: Floats) -> tuple[Floats, float]:

@@ -116,8 +116,8 @@ def nearest_of_segments(p: Floats, d: Floats, q: Floats, e: Floats) -> tuple[Flo
 
 
 def _dot(a: Floats, b: Floats) -> Floats:
-    found: Floats = np.einsum("...x,...x->...", a, b)
-    return found
+    product: Floats = np.einsum("...x,...x->...", a, b)
+    return product
 
 
 def box_distance(points: Floats, box: Box) -> tuple[Floats, Floats]:

@@ -1,6 +1,6 @@
-"""The motion that answers a gap search: it tells apart what earlier logs could not, or stirs what is unexplained.
+"""The motion for a gap search: it separates effects that earlier logs could not, or excites an unexplained residual.
 
-Two explanations are apart when no numbers of the arm and of the second one can imitate the torque of the first: the
+Two effects are separated when no parameters of the arm and of the second one can imitate the torque of the first: the
 squares that are left of it, over the noise, are the lead in evidence that a log of the motion will give. Of what is
 unexplained nothing is known but its joint, so the motion shall determine many general columns of that joint well.
 Effects have no gradient by the motion, so the search climbs by trials; limits hold by construction as in any other.
@@ -56,7 +56,7 @@ class GapQuestion:
     """What a gap search left open.
 
     Attributes:
-        rivalries: pairs that were not told apart.
+        rivalries: pairs that were not separated.
         unexplained: joints with more left than noise, 0-based.
         noise: rms of each joint's torque noise after the filter of the search, (n,) [N m or N].
         theta: base parameters that effects scale with, (p,).
@@ -125,9 +125,9 @@ def _lead(arm: ArmMotion, pair: Rivalry, weight: Floats, Q: Floats) -> float:
 def _rows(arm: ArmMotion, effect: Effect, joints: Joints, shape: Shape, weight: Floats) -> Floats:
     """Return the columns of an effect over the noise, sample by sample and joint by joint, (N n, k)."""
     columns = effect.columns(arm, joints, shape)
-    found = np.zeros((len(arm), arm.n, len(columns)))
-    found[:, list(effect.rows(joints, arm.n))] = columns.transpose(2, 1, 0)
-    return _weighted(found, weight)
+    rows = np.zeros((len(arm), arm.n, len(columns)))
+    rows[:, list(effect.rows(joints, arm.n))] = columns.transpose(2, 1, 0)
+    return _weighted(rows, weight)
 
 
 def _weighted(columns: Floats, weight: Floats) -> Floats:
@@ -254,28 +254,28 @@ def separate(
         return least, best
 
     end = time.monotonic() + limit
-    found: list[tuple[float, Floats]] = []
+    climbs: list[tuple[float, Floats]] = []
     ended: End = "all starts"
     finished = 0
     try:
         while finished < search.restarts and ended == "all starts":
-            found.append(climb(np.random.default_rng((search.seed, finished))))
+            climbs.append(climb(np.random.default_rng((search.seed, finished))))
             if time.monotonic() > end:
                 ended = "time"
             else:
                 finished += 1
                 advance(finished, search.restarts, f"start {finished}")
     except KeyboardInterrupt:
-        if not found:
+        if not climbs:
             raise
         ended = "interrupt"
-    best = sorted(found, key=lambda one: one[0])
+    best = sorted(climbs, key=lambda one: one[0])
     return SearchOutcome(
         tuple(coefficients(problem.basis, problem.limits, x) for _, x in best), finished, ended
     )
 
 
 def run_of(trajectory: Trajectory) -> Motion:
-    """Return a run at the samples that it is judged by."""
+    """Return a motion at the samples of its evaluation."""
     t = trajectory.duration * (np.arange(tuning.RUN_SAMPLES) + 0.5) / tuning.RUN_SAMPLES
     return trajectory.motion(t)

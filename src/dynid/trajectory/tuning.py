@@ -1,15 +1,15 @@
 """The numbers of this folder that decide something: unit, meaning, evidence.
 
-Margins that keep a motion safe are not tuned on benchmarks: their evidence is a rating, a law, or the judge after them.
+Margins that keep a motion safe are not tuned on benchmarks: their evidence is a rating, a law, or the check after them.
 """
 
 import math
 
 # ---------------------------------------------------------------- limits that a robot file leaves out
-#: Range of a turning joint without position limits [rad]: it turns for ever, and no plan asks more than two turns each
+#: Range of a revolute joint without position limits [rad]: it turns for ever, and no plan asks more than two turns each
 #: way. evidence: none yet.
 ENDLESS_RANGE_RAD = (-4 * math.pi, 4 * math.pi)
-#: Range of a sliding joint without position limits [m], which no slide is without. evidence: none; it is not played.
+#: Range of a prismatic joint without position limits [m], which no slide is without. evidence: none; it is not played.
 SLIDE_RANGE_M = (-0.1, 0.1)
 #: Stand-ins for rates [rad/s or m/s, and per second]. evidence: none; a plan says that it took them, and is not played.
 DEFAULT_VELOCITY, DEFAULT_ACCELERATION = 1.0, 3.0
@@ -22,8 +22,8 @@ MOST_KNOTS = 512
 LONGEST_MOTION_S = 1e6
 #: No two knots are nearer [s]. evidence: its fifth power divides, 1e-30.
 NEAREST_KNOTS_S = 1e-6
-#: Rounds of the rule that stretches intervals between waypoints; each brings every interval to within a few percent,
-#: and what is left is stretched as a whole. evidence: none yet.
+#: Rounds of the rule that lengthens intervals between waypoints; each brings every interval to within a few percent,
+#: and the rest is lengthened by one factor. evidence: none yet.
 STRETCH_ROUNDS = 60
 
 # ---------------------------------------------------------------- limits of a motion
@@ -49,7 +49,7 @@ DEEPEST_POSES_SHARE, CAPSULE_ROUNDING_M = 0.05, 1e-3
 #: evidence: none yet.
 BUILT_LOW_M = 1e-3
 #: A capsule is longer than its cylinder at both ends: capsules may come to this share of the wanted distance.
-#: evidence: PyBullet judges the final motion with the cylinders.
+#: evidence: PyBullet checks the final motion with the cylinders.
 CAPSULE_DISTANCE_SHARE = 0.75
 #: The search keeps this much more than the wanted distance, because a penalty is never quite obeyed [m].
 #: evidence: none yet.
@@ -58,11 +58,11 @@ SPARE_DISTANCE_M = 0.01
 CONTACT_SCALE_M = 0.05
 #: Rounds of the golden section search along a segment. evidence: 0.618^40 is 4e-9 of its length.
 GOLDEN_SECTIONS = 40
-#: So far to both sides of the nearest point is looked for another direction, as a share of the segment.
+#: So far to both sides of the nearest point another direction is searched, as a share of the segment.
 #: evidence: none yet.
 KINK_SHARE = 1e-5
 
-# ---------------------------------------------------------------- PyBullet as the judge
+# ---------------------------------------------------------------- PyBullet as the check
 #: Poses from which is learned which links always touch. evidence: none yet.
 BULLET_LEARNING_POSES = 300
 #: Pairs that are always near are watched for contact that is deeper than in every one of those poses by this [m].
@@ -83,7 +83,7 @@ DRAWING_TIMEOUT_S, WINDOW_TIMEOUT_S = 600.0, 60.0
 CAMERA_POSES, CAMERA_FILLED_SHARE = 200, 0.92
 
 # ---------------------------------------------------------------- what a motion is searched by
-#: Samples at which contact is looked for, for each one of the regressor, and which of them that is. evidence: none yet.
+#: Samples at which contact is checked, for each one of the regressor, and which of them that is. evidence: none yet.
 CONTACT_SAMPLES_A_SAMPLE, MIDDLE_CONTACT_SAMPLE = 3, 1
 #: Weight of penalties against a logarithmic cost: 0.2 % of overload, or ``CONTACT_SCALE_M`` / 550 of contact, all along
 #: the path costs as much as 1 % of cost. evidence: none yet.
@@ -122,13 +122,13 @@ RANGE_MIDDLES, RANGE_MIDDLE_REACH_RAD = 100, math.pi / 3
 RANGE_SLICES, PASSABLE_SHARE, SLICED_POSES = 36, 0.04, 4000
 
 # ---------------------------------------------------------------- from the search to a motion that may be shown
-#: How far a motion is drawn towards the clear pose, step by step, until all judges agree. evidence: none yet.
+#: How far a motion is drawn towards the clear pose, step by step, until all checks pass. evidence: none yet.
 SHRINK_SHARES = (1.0, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2)
 #: Samples along the path for each segment, and at least. evidence: none yet.
 SAMPLES_A_SEGMENT, LEAST_SAMPLES = 12, 200
 #: Rate at which contact is checked on the capsules [Hz]. evidence: none yet.
 CONTACT_RATE_HZ = 50.0
-#: Random poses among which a clear one is looked for. evidence: none yet.
+#: Random poses among which a clear one is searched. evidence: none yet.
 CLEAR_POSES = 400
 #: Time for what comes after the search: this share of the whole, and this much at most [s]. evidence: none yet.
 AFTER_SEARCH_SHARE, AFTER_SEARCH_S = 0.4, 14.0

@@ -39,7 +39,7 @@ def test_every_effect_acts_in_mujoco_and_pybullet_as_in_dynid_or_has_a_reason(na
     assert any(name in phrase for phrase in where.elements) == (name in NATIVE)
     assert any(name in phrase for phrase in where.numbers) == (name in NUMBERS)
     assert any(name in phrase for phrase in where.left) == (name in LEFT)
-    beside = where.effects_beside(mjcf=True)
+    beside = where.effects_in_file(mjcf=True)
     assert any(name in phrase for phrase in beside) == (name not in NATIVE + NUMBERS + LEFT)
 
 

@@ -18,7 +18,7 @@ from dynid.judgement import evidence
 from dynid.judgement.judge import judge
 from dynid.model.parameters import columns_of
 from dynid.model.regressor import prior_vector
-from dynid.reports.gathered import Gathered, Unseen
+from dynid.reports.gathered import Gathered, ValidatedLog
 
 NASTY = '<b>x & "y"</b>'
 
@@ -109,6 +109,6 @@ def gathered(tmp_path_factory):
     header |= {"cutoff_hz": 5.0, "log_sha256": ["ab" * 32]}
     stored = replace(found, header=header, path=folder / "parameters.npz")
     checks, percent = check(unseen, unseen.tau_measured, robot.joint_names)
-    other = Unseen(NASTY, unseen, percent, np.array([one.relative_percent for one in checks]))
+    other = ValidatedLog(NASTY, unseen, percent, np.array([one.relative_percent for one in checks]))
     replayed = replace(evidence_of(stored), unseen=(evidence.Unseen(NASTY, other.percent),))
     return Gathered(stored, judge(replayed), seen, (other,), np.logspace(0, -2, p), None)

@@ -88,7 +88,7 @@ def test_a_search_comes_back_from_its_file(record, tmp_path):
 
 
 def test_the_report_names_the_effect_its_numbers_and_what_was_not_taken(record, gathered):
-    html = page(replace(gathered, gap=record, motion=None, unseen=(), singular_values=None))
+    html = page(replace(gathered, gap=record, motion=None, validations=(), singular_values=None))
     section = html[html.index('id="gap"') : html.index('id="physics"')]
     for text in (
         "friction that grows with the load",

@@ -16,8 +16,8 @@ DRAWINGS = [
     "singular values of the stack with normalised columns",
     "range of positions and velocities of each joint, and its limits",
     "standard error of each base parameter in percent of its value",
-    "measured and estimated torque of each joint, fitted logs",
-    f"measured and estimated torque of each joint, unseen: {NASTY}",
+    "measured and estimated torque of each joint, training logs",
+    f"measured and estimated torque of each joint, validation: {NASTY}",
     "mean and spread of the residual of each joint over velocity, position, load, time",
     "the arm from two sides with an ellipsoid for each link's mass and inertia",
 ]
@@ -75,7 +75,7 @@ def test_all_twelve_sections_are_there_in_their_order(html):
         "excitation",
         "parameters",
         "torque",
-        "unseen",
+        "validation",
         "residual",
         "gap",
         "physics",
@@ -106,14 +106,14 @@ def test_names_are_text_wherever_they_stand(html):
     assert "<b>x" not in html
     assert {anchor: text.count(NASTY) for anchor, text in by_section(html).items()} == {
         "": 2,  # title and heading
-        "verdict": 3,  # answer and light of the unseen log, weakest joint
+        "verdict": 3,  # answer and light of the validation, weakest joint
         "next": 1,  # the log to search
         "run": 3,  # robot, command, log
         "quality": 1,  # the finding
         "excitation": 1,  # an axis
         "parameters": 1,  # a row of the grid
         "torque": 2,  # row and panel of the joint
-        "unseen": 3,  # heading, list of joints, panel of the figure
+        "validation": 3,  # heading, list of joints, panel of the figure
         "residual": 1,  # a row of panels
         "gap": 0,
         "physics": 0,
@@ -174,10 +174,10 @@ def test_the_verdict_ends_with_the_fit_and_the_parameters(gathered):
 
 def test_an_old_run_without_its_other_files_still_has_a_report(gathered):
     """Only parameters.npz is needed: drawings of parameters and bodies are left, and what is missing is said."""
-    text = page(replace(gathered, motion=None, unseen=(), singular_values=None))
+    text = page(replace(gathered, motion=None, validations=(), singular_values=None))
     assert Elements(text).labels == [DRAWINGS[2], DRAWINGS[-1]]
-    assert by_section(text)["unseen"].count("No data was held out") == 1
-    assert by_section(text)["torque"].count("estimatedmotion.npz is not beside the result") == 1
+    assert by_section(text)["validation"].count("No data was held out") == 1
+    assert by_section(text)["torque"].count("estimatedmotion.npz is missing") == 1
 
 
 def test_the_summary_shows_names_as_they_are(gathered):
@@ -185,7 +185,7 @@ def test_the_summary_shows_names_as_they_are(gathered):
     lines = summary(gathered).splitlines()
     assert lines[0] == r'### \<b\>x \& "y"\</b\>'
     name = r'\<b\>x \& "y"\</b\>'
-    percent = f"{gathered.unseen[0].percent:.2g} %"
+    percent = f"{gathered.validations[0].percent:.2g} %"
     assert f"| 🟡 fair | validation | relative torque error {percent} on {name} |" in lines
     assert "| ⚪ untested | missing effects | not searched: dynid gap |" in lines
     assert f"| {name} | 0.01 N m | 1.4 % | - |" in lines

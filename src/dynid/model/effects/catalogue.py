@@ -54,27 +54,27 @@ class Added:
         Raises:
             WrongRobotFile: with these numbers it has no torque, such as a time constant of zero.
         """
-        found = self.effect.columns(motion, self.joints, self.shape).reshape(-1, len(motion))
-        if not np.all(np.isfinite(found)):
+        columns = self.effect.columns(motion, self.joints, self.shape).reshape(-1, len(motion))
+        if not np.all(np.isfinite(columns)):
             shown = (
                 ", ".join(f"{name} = {value:g}" for name, value in self.shape.items())
                 or "its formula"
             )
             place = _place(self.joints, motion.robot)
             _refuse(motion.robot, f"{self.effect.name} {place}: {shown} gives no finite torque")
-        return found
+        return columns
 
 
 def added_effects(robot: Robot) -> tuple[Added, ...]:
     """Return the effects of a robot file, joint by joint; a torque delay has no column (``delay_of``)."""
-    found: list[Added] = []
+    added: list[Added] = []
     for spec in robot.effects:
         effect = checked(spec, robot)
         if effect.name == "torque_delay":
             continue
         shape = {name: spec.parameters[name] for name in effect.shape_units}
         for joints in joints_of(spec, effect, robot):
-            alike = [one for one in found if (one.effect.name, one.joints) == (effect.name, joints)]
+            alike = [one for one in added if (one.effect.name, one.joints) == (effect.name, joints)]
             if any(one.shape == shape for one in alike):
                 _refuse(robot, f"{effect.name} is given twice {_place(joints, robot)}")
             rows = effect.rows(joints, robot.n)
@@ -89,8 +89,8 @@ def added_effects(robot: Robot) -> tuple[Added, ...]:
                 )
                 for name, unit in effect.amplitudes(shape).items()
             )
-            found.append(Added(effect, joints, shape, columns))
-    return tuple(found)
+            added.append(Added(effect, joints, shape, columns))
+    return tuple(added)
 
 
 def _place(joints: Joints, robot: Robot) -> str:
@@ -169,7 +169,7 @@ def delay_of(robot: Robot) -> float:
 
 
 def joined_motion(motions: list[ArmMotion]) -> ArmMotion:
-    """Return several stretches as one, for grids that depend on where the arm went."""
+    """Return several intervals as one, for grids that depend on where the arm went."""
     if len(motions) == 1:
         return motions[0]
     signals = ("t", "q", "qd", "qdd", "coulomb_sign")

@@ -76,10 +76,10 @@ def _python(text: str) -> str:
     """Return a formula in Python's notation: products, powers and absolute values written out."""
     words, place, ended, bars, depth = list[str](), 0, False, 0, 0
     while place < len(text):
-        found = _TOKEN.match(text, place)
-        if found is None:
+        token = _TOKEN.match(text, place)
+        if token is None:
             refuse(text, f"'{text[place:].strip()[:1]}' is not understood")
-        word, place = found[1], found.end()
+        word, place = token[1], token.end()
         opens = word == "(" or (word == "|" and not (bars and ended))
         if word == "|":
             bars += 1 if opens else -1

@@ -35,12 +35,12 @@ class Formula(Effect):
             needs_model=True,
         )
         self.text, self.revolute, self.joint = " ".join(text.split()), tuple(revolute), joint
-        whole = read(self.text)
-        parts = whole.parts if whole.head == "+" else (whole,)
+        tree = read(self.text)
+        parts = tree.parts if tree.head == "+" else (tree,)
         self.terms = tuple(term_of(part, self.text) for part in parts)
         if len({name for name, _ in self.terms}) < len(self.terms):
             refuse(self.text, "two terms have the same amplitude")
-        last = max(node.joint for node in whole.within())
+        last = max(node.joint for node in tree.within())
         if last > len(self.revolute):
             refuse(self.text, f"the arm has no joint {last}")
 
@@ -58,7 +58,7 @@ class Formula(Effect):
 
     def columns(self, motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
         """Return its columns in its rows; what is not finite there is a mistake in the formula."""
-        found = super().columns(motion, joints, shape)
-        if not np.all(np.isfinite(found)):
+        values = super().columns(motion, joints, shape)
+        if not np.all(np.isfinite(values)):
             refuse(self.text, "it is not finite along this motion")
-        return found
+        return values

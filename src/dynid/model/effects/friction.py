@@ -44,21 +44,21 @@ def friction_parameters(robot: Robot) -> tuple[Parameter, ...]:
     A motor that turns with the sum of two joints' speeds puts its torque on both: its columns are those of that speed,
     spread by the transposed coupling.
     """
-    found = []
+    parameters = []
     for j, joint in enumerate(robot.joints, start=1):
         slope = f"{joint.torque_unit} s/{'rad' if joint.revolute else 'm'}"
         for kind in joint.friction:
             unit = slope if kind == "viscous" else joint.torque_unit
-            found.append(numbered(FRICTION_PARAMETERS[kind], j, unit))
+            parameters.append(numbered(FRICTION_PARAMETERS[kind], j, unit))
     for k, row in enumerate(np.array(robot.coupling.matrix) if robot.coupling else ()):
         share = row / row[k] if row[k] else row
         if np.count_nonzero(share) > 1:
             units = {"Imc": "kg m^2", "fvc": "N m s/rad", "fcc": "N m"}
-            found += [
+            parameters += [
                 Parameter(kind, k + 1, unit, f"{kind}{k + 1}", tuple(share.tolist()))
                 for kind, unit in units.items()
             ]
-    return tuple(found)
+    return tuple(parameters)
 
 
 def friction_rows(parameter: Parameter) -> tuple[int, ...]:

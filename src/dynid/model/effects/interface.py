@@ -32,7 +32,7 @@ class Effect:
         title: name for people.
         equation: torque that it adds at joint j.
         signature: how it shows in the residual, for people.
-        separate: the motion that tells it from what looks like it.
+        separate: the motion that separates it from similar effects.
         forms: its columns as closed forms, in the words of ``effect: formula`` with shape parameters in braces; there
             is also ``total``, the torque with friction, and in code ``z``, how far a bristle bends before it slides.
         forms_of: the same by shape.

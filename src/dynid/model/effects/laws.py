@@ -16,7 +16,7 @@ Ints = NDArray[np.int64]
 
 #: Smallest step of a difference: of an angle [rad], and of a compliance [rad/N m], a hundredth of the softest gear.
 ANGLE_STEP, COMPLIANCE_STEP = 1e-5, 1e-6
-#: Turns of the load that are looked at together.
+#: Sign changes of the load that are evaluated together.
 TOGETHER = 1024
 
 
@@ -64,7 +64,7 @@ def wave_shapes(
     spacing: float = tuning.WAVE_SPACING_RAD,
     highest: float = tuning.FASTEST_WAVE,
 ) -> list[dict[str, float]]:
-    """Return the frequencies of waves over one joint's position that its travel tells apart.
+    """Return the frequencies of waves over one joint's position that its range separates.
 
     Args:
         motion: the motion.
@@ -89,11 +89,11 @@ def waves(q: Floats, shapes: Sequence[Shape]) -> list[Floats]:
     if len(k) < MANY or not np.allclose(steps, steps[0], rtol=1e-9, atol=0.0):
         return [np.array([np.cos(one * q), np.sin(one * q)]) for one in k]
     wave, turn = np.exp(1j * k[0] * q), np.exp(1j * (k[1] - k[0]) * q)
-    found = []
+    columns = []
     for _ in k:
-        found.append(np.stack([wave.real, wave.imag]))
+        columns.append(np.stack([wave.real, wave.imag]))
         wave = wave * turn
-    return found
+    return columns
 
 
 def ripples(motion: ArmMotion, joints: Joints, shapes: Sequence[Shape]) -> list[Floats]:
@@ -110,8 +110,8 @@ def spring_forms(shape: Shape) -> tuple[str, ...]:
 def spring_units(shape: Shape) -> dict[str, str]:
     """Return names and units of a spring's amplitudes."""
     powers = range(1, round(shape["order"]) + 1)
-    found = {f"k{i}": f"N m/rad^{i}" if i > 1 else "N m/rad" for i in powers}
-    return found | ({"c": "N m"} if shape["constant"] else {})
+    units = {f"k{i}": f"N m/rad^{i}" if i > 1 else "N m/rad" for i in powers}
+    return units | ({"c": "N m"} if shape["constant"] else {})
 
 
 def spring_shapes(motion: ArmMotion, joint: int) -> list[dict[str, float]]:
@@ -126,7 +126,7 @@ def end_shapes(motion: ArmMotion, joint: int) -> list[dict[str, float]]:
     return [{"side": side, "q1": float(q1)} for side in (-1.0, 1.0) for q1 in points]
 
 
-# ---------------------------------------------------------------- the whole arm
+# ---------------------------------------------------------------- the arm
 def encoder_offset(motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
     """Return the change of torque by an encoder's zero, per radian."""
     step = shape["at"] if abs(shape["at"]) > ANGLE_STEP else ANGLE_STEP
@@ -175,16 +175,16 @@ def crossings(t: Floats, push: Floats, gaps: Sequence[float]) -> list[Floats]:
     """
     turns = np.flatnonzero(np.diff(np.sign(push)) != 0) + 1
     step = np.diff(t, append=2 * t[-1] - t[-2])
-    found, free = [np.zeros_like(push) for _ in gaps], [0] * len(gaps)
+    jolts, free = [np.zeros_like(push) for _ in gaps], [0] * len(gaps)
     # Why in parts: so many turns times as many samples are 3 MB, however long the motion is.
     for part in np.array_split(turns, max(1, -(-len(turns) // TOGETHER))):
         for g, (lands, speed) in enumerate(zip(*_landings(push, step, part, gaps), strict=True)):
             for k, land, fast in zip(part.tolist(), lands.tolist(), speed.tolist(), strict=True):
                 if k >= free[g] and land < min(tuning.LONGEST_FLIGHT_SAMPLES, len(push) - k):
                     end = free[g] = k + land
-                    found[g][k:end] = -push[k:end]
-                    found[g][end] = fast / step[end] - push[end]
-    return found
+                    jolts[g][k:end] = -push[k:end]
+                    jolts[g][end] = fast / step[end] - push[end]
+    return jolts
 
 
 def _landings(

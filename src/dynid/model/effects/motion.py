@@ -1,4 +1,4 @@
-"""What the torque of an effect may depend on: a stretch of motion in order of time, and the current model."""
+"""What the torque of an effect may depend on: an interval of motion in order of time, and the current model."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class ReferenceTorques(Protocol):
 
 @dataclass(frozen=True)
 class ArmMotion:
-    """A stretch of motion in order of time, and the current model.
+    """An interval of motion in order of time, and the current model.
 
     Attributes:
         t: time since the recording began, (N,) [s].
