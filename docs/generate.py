@@ -31,11 +31,13 @@ def errors() -> list[str]:
         usual = exits.most_common(1)[0][0]
         lines += ["", f"## {title}", "", f"Exit status {usual}, unless noted."]
         for code, parts in here.items():
-            lines += ["", f"### {code}", "", parts["what"]]
+            what, fix = parts["what"], ""
             if "exit" in parts:
+                what = f"{what.rstrip('.')}; {parts['why']}."
                 fix = parts["fix"].replace("<", "&lt;").replace("*", "\\*")
-                noted = f" Exit status {parts['exit']}." if parts["exit"] != usual else ""
-                lines.append(f"**Why**: {parts['why']}. **Fix**: {fix}.{noted}")
+                noted = f" Exit status {parts['exit'][0]}." if parts["exit"] != usual else ""
+                fix = f" **Fix**: {fix}.{noted}"
+            lines += ["", f"### {code}", "", what + fix]
     return lines
 
 
@@ -52,7 +54,7 @@ def effects() -> list[str]:
         ]
         unlike = [text for text in (WHERE.get(one.scope), USES.get(one.uses)) if text]
         lines += [f"- {'; '.join(sized + unlike)}"]
-        lines += [f"- residual: {one.signature}", f"- separated by: {one.separate}"]
+        lines += [f"- residual: {one.signature}. Separated by: {one.separate}"]
     return lines
 
 
