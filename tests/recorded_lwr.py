@@ -38,7 +38,6 @@ def recorded(
     *,
     added=None,
     lead=None,
-    engine=ENGINE,
     noise=None,
     start=0.0,
 ):
@@ -51,7 +50,6 @@ def recorded(
         seconds: its length.
         added: torques that are hidden, by ``t, q, qd, rigid``, (N, n) [N m].
         lead: how far motors with their encoders are before the links, by the torques of the bodies, (N, n) [rad].
-        engine: Pinocchio's model of the bodies.
         noise: seed of the noise, where it is not that of the motion.
         start: its first stamp.
     """
@@ -60,7 +58,7 @@ def recorded(
     f, phase = rng.uniform(0.1, 0.3 if count == 1 else 0.5, (2, count, n))
     size, w = reach * rng.uniform(0.6, 1.0, (count, n)) * 1.2 / count, 2 * np.pi * f
     q, qd, qdd = tones(t, size, w, 2 * np.pi * phase)
-    rigid = pinocchio_torques(engine, q, qd, qdd)
+    rigid = pinocchio_torques(ENGINE, q, qd, qdd)
     ahead = np.zeros_like(q) if lead is None else lead(rigid)
     turning = qd + np.gradient(ahead, t, axis=0)
     tau = rigid + VISCOUS * turning + COULOMB * sharp(turning)

@@ -146,15 +146,10 @@ def test_parameters_then_identify_equals_identify_at_once_to_the_byte(arm, finis
     good(arm("identify arm.yaml"))
     made, expected = (folder / OUT / "parameters.yaml" for folder in (arm.folder, finished))
     assert made.read_bytes() == expected.read_bytes()
-    assert good(arm(IDENTIFY)).err.startswith("reused")
+    assert good(arm(IDENTIFY)).err.startswith("reused     out/arm/parameters.npz")
 
 
 # ---------------------------------------------------------------- P6
-def test_the_same_inputs_reuse_the_result(done):
-    path = done.folder / OUT / "parameters.npz"
-    before = path.stat().st_mtime_ns
-    assert good(done(IDENTIFY)).err.startswith("reused     out/arm/parameters.npz")
-    assert path.stat().st_mtime_ns == before
 
 
 @pytest.mark.parametrize(
@@ -207,17 +202,15 @@ def test_a_changed_robot_file_is_noticed_and_refused_or_built_again(done):
     was = "out/arm/regressor.npz was made from an older robot file (joints[1].a 0.3 -> 0.35)"
     assert f"error[E701] {was}" in frozen.err
     assert done.typing("model arm.yaml --reduce", keys=["n\n"]).status == 7
+    good(done.typing("model arm.yaml --reduce", keys=["y\n"]))
+    edit(done, "a: 0.35", "a: 0.3")
+    good(done("model arm.yaml --reduce --rebuild"))
+    edit(done, "a: 0.3", "a: 0.35")
     run = good(done("model arm.yaml"))
     assert "joints[1].a 0.3 -> 0.35" in run.err
     asked = "is stale. Rebuild? -> yes (not asked: no terminal; set with --rebuild/--frozen)"
     assert asked in run.err
     good(done("model arm.yaml --frozen"))
-
-
-@pytest.mark.parametrize(("word", "keys"), [("--reduce", ["y\n"]), ("--reduce --rebuild", [])])
-def test_rebuilding_is_asked_on_a_terminal(done, word, keys):
-    edit(done, "a: 0.3", "a: 0.35")
-    good(done.typing(f"model arm.yaml {word}", keys=keys))
 
 
 def test_comments_and_limits_do_not_make_a_model_stale(done):
@@ -263,25 +256,14 @@ def test_fail_if_gives_ci_a_threshold(done, limit, status):
     assert ("limit " in run.err) is (status == 1)
 
 
-@pytest.mark.parametrize(
-    ("words", "status"),
-    [
-        ("--max-rms 1 --max-unexplained 5%", 0),
-        ("--max-rms 0.001", 1),
-        ("--max-unexplained 0.01%", 1),
-        ("--max-unexplained lots", 2),
-        ("--max-rms -1", 2),
-    ],
-)
-def test_validate_exits_1_when_a_limit_is_not_met(done, words, status):
-    run = done(f"validate {OUT}/parameters.npz unseen.csv --no-plot {words}")
-    assert run.status == status
-    assert bool(run.out) is (status < 2)
-
-
 def test_wrong_words_are_refused_before_anything_is_read_or_written(arm):
-    for words in ("--cutoff fast", "--exclude 9-3", "--holdout 120%", "--method magic"):
-        run = arm(f"{IDENTIFY} {words}")
+    replay = f"validate {OUT}/parameters.npz log.csv"
+    wrong = {
+        IDENTIFY: ("--cutoff fast", "--exclude 9-3", "--holdout 120%", "--method magic"),
+        replay: ("--max-unexplained lots", "--max-rms -1"),
+    }
+    for line, words in ((line, words) for line, some in wrong.items() for words in some):
+        run = arm(f"{line} {words}")
         assert (run.status, run.out) == (2, ""), words
         assert not (arm.folder / "out").exists(), words
 

@@ -11,7 +11,6 @@ from scipy.signal import butter, sosfiltfilt
 from arms import pinocchio_model, pinocchio_torques, tensor_of
 from dynid.files.robotfile import load_robot
 from dynid.model.parameters import prior_bodies
-from dynid.model.regressor import build_model
 from dynid.sim.plant import read_plant
 
 FOLDER = Path(__file__).parents[2] / "trajectories"
@@ -103,17 +102,6 @@ def test_the_motion_uses_its_share_of_the_limits_and_no_more(log):
         reach = np.abs(q[:, k] - (low + high) / 2).max() / ((high - low) / 2)
         assert reach < 1.01 * made["reach"]
         assert np.abs(tau[:, k]).max() < 0.25 * joint.limits.torque
-
-
-@pytest.mark.parametrize("arm", ["lwr4plus", "kinova_gen2"])
-def test_the_truth_has_a_value_for_every_parameter_of_the_model_and_no_other(arm):
-    plant = read_plant(FOLDER / f"{arm}_truth.yaml")
-    found = plant.parameters()
-    assert set(found) == set(build_model(load_robot(plant.robot)).parameter_names)
-    for k, body in enumerate(plant.bodies, start=1):
-        assert (found[f"m{k}"], found[f"Im{k}"]) == (body.mass, plant.rotor_inertia[k - 1])
-        assert [found[f"mc{x}{k}"] for x in "xyz"] == [body.mass * c for c in body.com]
-        assert found[f"fv{k}"] == plant.friction.viscous[k - 1]
 
 
 def test_the_bodies_are_those_that_were_published():

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.errors import WrongUsage
 from dynid.files.convert import write_log
 from dynid.files.logs import read_log
 from dynid.files.robotfile import parse_robot
@@ -41,11 +40,6 @@ def test_names_that_break_a_table_are_written_out(log, tmp_path):
     assert len(lines) == len(log) + 2
     assert len({line.count(",") for line in lines[:-1]}) == 1
     assert lines[0].replace("\t", "").isprintable()
-
-
-def test_a_suffix_that_says_nothing_is_refused(log, tmp_path):
-    with pytest.raises(WrongUsage, match=r"\.npz, \.csv"):
-        convert(log.save(tmp_path / "a.npz"), tmp_path / "a.xyz")
 
 
 def test_a_recording_without_a_robot_tells_what_to_paste(log, tmp_path):

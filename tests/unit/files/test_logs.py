@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.errors import LogNotFound, TopicMissing, WrongMessageType
+from dynid.errors import TopicMissing, WrongMessageType
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from makelogs import (
@@ -22,13 +22,6 @@ from makelogs import (
     state_messages,
     write_bag,
 )
-
-
-@pytest.mark.parametrize("name", ["log.txt", "log.bag", "log.npz"])
-def test_a_file_of_another_kind_is_no_log(tmp_path, name):
-    (tmp_path / name).write_text("these are notes, not a recording")
-    with pytest.raises(LogNotFound):
-        read_log(tmp_path / name, robot=lwr())
 
 
 def test_kinovas_angles_are_refused_where_joint_states_are_recorded(tmp_path):

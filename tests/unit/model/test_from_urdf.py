@@ -14,7 +14,7 @@ from dynid.files.urdffile import read_urdf
 from dynid.log import Log
 from dynid.model.from_urdf import import_arm, possible_body
 from dynid.model.kinematics import tool_pose
-from dynid.model.reduce import random_states, reduce
+from dynid.model.reduce import random_states
 from dynid.model.regressor import build_model, prior_vector
 from dynid.robot import Body
 from motions import tones
@@ -190,22 +190,6 @@ def test_any_chain_gets_a_table_with_the_urdfs_kinematics_and_torques(seed, conv
     assert found.tip == "tip"
     assert pose_difference(path, found, robot, 20) < 1e-9
     assert torque_difference(path, robot, 10) < 1e-9
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
-def test_simulated_torques_give_the_base_parameters_of_the_urdfs_inertias(seed, tmp_path):
-    """Least squares on Pinocchio's torques recovers K gamma of the imported prior."""
-    path = tmp_path / "arm.urdf"
-    path.write_text(iiwa_urdf() if seed == 0 else random_urdf(np.random.default_rng(seed), 4))
-    _, robot = imported(path)
-    model = build_model(robot)
-    reduction = reduce(model)
-    states = random_states(robot, 200, 3)
-    tau = urdf_torques(path, robot, *states)
-    W = model.observer(reduction.base).dense(*states).reshape(-1, reduction.rank)
-    theta = np.linalg.lstsq(W, tau.ravel(), rcond=None)[0]
-    np.testing.assert_allclose(theta, reduction.K @ prior_vector(model), atol=1e-8)
 
 
 def test_the_iiwas_table_has_the_makers_lengths(tmp_path):

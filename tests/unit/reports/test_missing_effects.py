@@ -9,7 +9,7 @@ from dynid.errors import NotAnArtifact
 from dynid.gap.held_out import HeldOutEffect
 from dynid.gap.improvement import HeldOutImprovement
 from dynid.gap.localisation import JointGap, ResidualRegion
-from dynid.gap.record import SCHEMA, GapEffect, GapRecord, read_record, write_record
+from dynid.gap.record import SCHEMA, GapEffect, GapRecord, read_record
 from dynid.npz import write_artifact
 from dynid.reports.gap_figures import effect_figure
 from dynid.reports.page import page
@@ -67,24 +67,6 @@ def record(gathered):
         made_from="a",
         curves=(curve,),
     )
-
-
-def test_a_search_comes_back_from_its_file(record, tmp_path):
-    write_record(tmp_path / "gap.npz", record)
-    found = read_record(tmp_path / "gap.npz")
-    for name in ("before", "after", "ratio", "floor"):
-        np.testing.assert_array_equal(
-            getattr(found.improvement, name), getattr(record.improvement, name)
-        )
-    np.testing.assert_array_equal(found.simulation, record.simulation)
-    for name in ("t", "residual", "torque", "left", "against", "follows"):
-        np.testing.assert_array_equal(
-            getattr(found.curves[0], name), getattr(record.curves[0], name)
-        )
-    same = replace(
-        found, improvement=record.improvement, simulation=record.simulation, curves=record.curves
-    )
-    assert same == record
 
 
 def test_the_report_names_the_effect_its_numbers_and_what_was_not_taken(record, gathered):

@@ -13,7 +13,6 @@ from dynid.estimation.prediction import EstimatedMotion
 from dynid.model.parameters import second_moments
 from dynid.reports.figures import ESTIMATED, MEASURED
 from dynid.reports.section_figures import (
-    binned,
     bodies_figure,
     body_outline,
     coverage_figure,
@@ -72,16 +71,6 @@ def test_a_residual_of_so_few_samples_is_drawn(robot, count):
     some = np.ones((count, robot.n))
     motion = EstimatedMotion(np.arange(float(count)), *[some] * 6, 0.9 * some, 0.0 * some, some > 0)
     residual_figure(motion, robot).draw_without_rendering()
-
-
-def test_bins_hold_equally_many_samples_and_their_means():
-    """A straight line stays one; the spread of a uniform bin of width w is 3 w / sqrt(12)."""
-    x = np.random.default_rng(1).uniform(-1, 1, 4800)
-    centre, mean, spread = binned(x, 3 * x + 1)
-    np.testing.assert_allclose(mean, 3 * centre + 1, atol=1e-12)
-    edges = np.sort(x).reshape(24, 200)
-    np.testing.assert_allclose(centre, edges.mean(axis=1), atol=1e-12)
-    np.testing.assert_allclose(spread, 3 * edges.std(axis=1), atol=1e-12)
 
 
 def test_singular_values_are_shares_of_the_largest():

@@ -165,14 +165,3 @@ def test_sensors_add_what_they_say():
     assert log.qd is None
     assert np.diff(log.t).min() > 0
     assert np.abs(log.t - truth.t).max() <= 0.0045 + 1e-12
-
-
-def test_perfect_sensors_tell_the_truth():
-    """Nothing is added."""
-    some = np.random.default_rng(0).normal(size=(5, 2))
-    truth = SimulatedRun(np.arange(5) * 0.1, some, 2 * some, 3 * some, some)
-    log = Sensors.perfect(2).measure(truth, ("a", "b"), np.random.default_rng(0))
-    np.testing.assert_array_equal(log.t, truth.t)
-    np.testing.assert_array_equal(log.q, truth.q)
-    np.testing.assert_array_equal(log.qd, truth.qd)
-    np.testing.assert_array_equal(log.tau, truth.tau)

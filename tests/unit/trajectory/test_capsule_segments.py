@@ -3,21 +3,9 @@
 import numpy as np
 import pytest
 
-from dynid.trajectory.scene import Box, box_distance, nearest_of_segments, segment_to_box
+from dynid.trajectory.scene import Box, box_distance, segment_to_box
 
 GRID = np.linspace(0, 1, 401)
-
-
-def test_nearest_points_of_two_segments_are_those_of_a_grid():
-    rng = np.random.default_rng(0)
-    p, d, q, e = rng.uniform(-1, 1, (4, 60, 3))
-    d[:10] = e[:10] * rng.uniform(-2, 2, (10, 1))  # parallel ones
-    s, t = nearest_of_segments(p, d, q, e)
-    found = np.linalg.norm(p + s[:, None] * d - q - t[:, None] * e, axis=1)
-    for k in range(60):
-        apart = (p[k] + GRID[:, None] * d[k])[:, None] - (q[k] + GRID[:, None] * e[k])[None]
-        assert found[k] == pytest.approx(np.linalg.norm(apart, axis=2).min(), abs=5e-3)
-        assert found[k] <= np.linalg.norm(apart, axis=2).min() + 1e-12
 
 
 def test_least_distance_of_a_segment_to_a_box_is_that_of_a_grid_and_negative_inside():

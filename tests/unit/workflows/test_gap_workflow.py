@@ -14,7 +14,6 @@ from dynid import (
     find_gap,
     identify,
     load_log,
-    load_robot,
     validate,
 )
 from dynid.cli.session import plain
@@ -23,7 +22,6 @@ from dynid.loading import load_run
 from dynid.robot import Known
 from dynid.trajectory.options import PlanOptions
 from dynid.workflows.gap import Gap, joint_indices
-from dynid.workflows.gap_experiment import question_of
 from dynid.workflows.identify import save_result
 from dynid.workflows.trajectory import plan_trajectory
 
@@ -100,19 +98,6 @@ def test_what_is_saved_reads_back_and_prints_the_same(gap, tmp_path):
     assert again.chosen("spring") == gap.named
     with pytest.raises(WrongUsage, match="read from a file"):
         again.apply()
-
-
-def test_an_applied_effect_is_in_the_result_and_explains_another_log(gap, springy, tmp_path):
-    logs, result = springy
-    found = gap.apply(robot_file=tmp_path / "arm+spring.yaml")
-    k = found.names.index("spring2_k1")
-    assert abs(found.theta[k] - STIFFNESS) < 3 * found.std_error[k]
-    assert load_robot(tmp_path / "arm+spring.yaml").effects == found.robot.effects
-    assert found.log_sha256 == ("",) * 4
-    unseen = log(3, 99, STIFFNESS)
-    before, after = (validate(one, unseen) for one in (result, found))
-    assert after.joints[1].rms < 0.5 * before.joints[1].rms
-    assert find_gap(found, logs, GapOptions(effects=EFFECTS)).verdict == "nothing_missing"
 
 
 def test_effects_are_chosen_by_name_and_joint(gap):
@@ -319,6 +304,7 @@ def test_the_error_after_is_that_of_apply_and_then_validate_on_the_log_held_out(
     assert [one.effect for one in found.named] == [effect]
     assert len(found.unseen_logs) == 2
     applied = found.apply()
+    assert find_gap(applied, logs, effects=effect).verdict == "nothing_missing"
     replays = [validate(applied, each, cutoff=found.signals.cutoff) for each in found.unseen_logs]
     for j in range(2):
         rms = np.sqrt(np.mean([each.joints[j].rms ** 2 for each in replays]))
@@ -364,32 +350,24 @@ def left_open(gap, *rivals, verdict="ambiguous"):
     return replace(gap, named=(spring,), verdict=verdict, joints=joints)
 
 
-def test_the_question_is_every_pair_that_was_not_told_apart(gap, base, tmp_path):
-    rivals = ["counterbalance", "end_stop"]
-    left_open(gap, *rivals).save(tmp_path / "gap.npz")
-    asked = question_of(Gap.load(tmp_path / "gap.npz"), base, np.ones(base.reduction.rank))
-    assert [one.effect.name for one in asked.rivalries] == ["spring"] * 2
-    assert [one.rival.name for one in asked.rivalries] == rivals
-    assert asked.rivalries[0].shape == {"order": 1.0, "constant": 1.0}
-    np.testing.assert_array_equal(asked.rivalries[0].amplitudes, [3.0, 0.2])
-    assert asked.unexplained == ()
-
-
-def test_what_is_unexplained_is_asked_by_its_joint_and_nothing_else_or_of_another_arm(gap, base):
-    theta = np.ones(base.reduction.rank)
-    asked = question_of(left_open(gap, verdict="unexplained"), base, theta)
-    assert (asked.rivalries, asked.unexplained) == ((), (1,))
-    with pytest.raises(WrongUsage, match="left no question"):
-        question_of(left_open(gap, verdict="named"), base, theta)
-    with pytest.raises(WrongUsage, match="joints differ"):
-        question_of(replace(left_open(gap), joint_names=("x", "y")), base, theta)
-
-
-def test_the_planned_motion_promises_to_tell_them_apart(gap, base):
+def planned(base, record):
     options = PlanOptions(alpha=1.0, duration=6.0, segments=4, restarts=1, floor=None)
-    record = left_open(gap, "counterbalance")
-    plan = plan_trajectory(base.robot, options, base=base, for_gap=record)
-    (text,) = plan.outlook
-    assert "will be told apart" in text
-    assert plan.facts()["outlook"] == [text]
-    assert ("gap", text) in plan.lines()
+    return plan_trajectory(base.robot, options, base=base, for_gap=record)
+
+
+def test_the_planned_motion_promises_to_tell_every_pair_apart_that_was_not(gap, base, tmp_path):
+    left_open(gap, "counterbalance", "end_stop").save(tmp_path / "gap.npz")
+    plan = planned(base, tmp_path / "gap.npz")
+    assert [text.split(" on ")[0] for text in plan.outlook] == ["spring", "spring"]
+    for text, rival in zip(plan.outlook, ("counterbalance", "end_stop"), strict=True):
+        assert rival in text
+        assert ("gap", text) in plan.lines()
+    assert "will be told apart" in plan.outlook[0]
+    assert plan.facts()["outlook"] == list(plan.outlook)
+
+
+def test_a_search_that_left_nothing_open_or_was_of_another_arm_asks_for_no_motion(gap, base):
+    with pytest.raises(WrongUsage, match="left no question"):
+        planned(base, left_open(gap, verdict="named"))
+    with pytest.raises(WrongUsage, match="joints differ"):
+        planned(base, replace(left_open(gap, "end_stop"), joint_names=("x", "y")))
