@@ -28,6 +28,7 @@ from dynid.estimation.stack import stack_logs
 from dynid.loading import load_robot, load_run
 from dynid.model.parameters import prior_bodies
 from dynid.robot import Prior
+from dynid.runs import RunFolder
 from dynid.signals.conditioned_log import condition_logs
 from dynid.sim.sines import SineSpec, sines
 from dynid.workflows.gap import find_gap
@@ -248,7 +249,7 @@ def said_of(case, searched):
         found = validate(stored, replay, base=base)
         found = replace(found, log=str(Path(folder) / "replay.npz"))
         answers["validate"] = plain(found.facts())
-        found.save(found.folder(Path(folder) / "validation"))
+        found.save(RunFolder(Path(folder)).validation(found.log, found.log_sha256).path)
         if searched:
             answers["after_validate"] = plain(report(load_run(Path(folder))).facts())
             try:

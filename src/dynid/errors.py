@@ -366,7 +366,7 @@ class JointStill(DynidError):
 
     code, status = "E401", ExitStatus.DATA
     why = "its inertia and friction do not show in the torques"
-    fix = "record a motion in which every joint moves"
+    fix = "record a motion in which every joint moves, or identify --drop-weak: the prior stands in"
 
 
 class PoorlyExcited(DynidError):

@@ -16,6 +16,7 @@ from dynid.cli.session import Session
 from dynid.errors import DynidError, WrongUsage
 from dynid.judgement.rules import Step
 from dynid.progress import stage
+from dynid.runs import RunFolder
 from dynid.table import Table, cell_text
 from dynid.text import shell
 from dynid.workflows.options import GapOptions
@@ -67,23 +68,24 @@ def command(
         raise WrongUsage(what, fix="leave one of them out")
     stored = dynid.loading.load_run(parameters)
     workflows.gap.selection_options(stored.robot, options)
-    folder, search = stored.path.parent, workflows.gap
-    base = workflows.model.base_model_of(stored, folder)
+    run, search = RunFolder.of(stored.path), workflows.gap
+    base = workflows.model.base_model_of(stored, run.path)
     stage("read")
     read = [dynid.loading.load_log(path, base.robot, options, identify=False) for path in logs]
     asks = options.question in ("auto", "changed")
     earlier = search.earlier_logs(stored, read, options) if asks else []
     gap = search.find_gap(stored, read, options, earlier=earlier, base=base)
     stage("draw")
-    workflows.gap.remove_search(folder)
+    run.remove_search()
     # Why first: what a simulator does afterwards takes no answer away.
-    wrote = [gap.save(folder / "gap.npz"), *(gap.write_figures(folder / "gap") if plot else [])]
+    pictures = run.path / "gap"
+    wrote = [gap.save(run.search), *(gap.write_figures(pictures) if plot else [])]
     show(session, gap)
     chosen, simulator, steps = gap.chosen(apply or "best"), None, gap.judgement.steps
     effect = " and ".join(one.effect for one in chosen)
     given = bool(apply) if apply or no_apply else None
     if chosen and ask(session, "P7", given=given, effect=effect) is Answer.YES:
-        added, simulator = add(session, gap, chosen, new_name, folder, plot=plot)
+        added, simulator = add(session, gap, chosen, new_name, run, plot=plot)
         wrote += added
         steps = (proof(gap, added[1]),)
     session.wrote(*wrote)
@@ -97,7 +99,7 @@ def add(
     gap: Gap,
     chosen: tuple[GapEffect, ...],
     new_name: Path | None,
-    folder: Path,
+    run: RunFolder,
     *,
     plot: bool,
 ) -> tuple[list[Path], dict[str, Any] | None]:
@@ -111,7 +113,9 @@ def add(
     copy = new_name or (session.out / beside.name if session.out else beside)
     may_write(session, copy, other="another name with --new-name")
     after = gap.apply(chosen, robot_file=copy)
-    wrote = [copy, after.save((session.out or Path("out") / copy.stem) / "parameters.npz")]
+    folder_after = session.out or Path("out") / copy.stem
+    *others, path = workflows.identify.save_result(folder_after, after)
+    wrote = [copy, path, *others, *workflows.report.report(path).save(folder_after)]
     work = workflows.simulator_gap
     try:
         driven = work.gap_in_simulator(gap, after)
@@ -121,9 +125,9 @@ def add(
         return wrote, None
     session.sentences(driven.sentence())
     session.table(in_one_cell(driven.table()))
-    wrote.append(driven.save(folder / "simulator_gap.npz"))
+    wrote.append(driven.save(run.simulated))
     if plot:
-        wrote.append(work.save_figure(driven, folder / "gap/simulator.png"))
+        wrote.append(work.save_figure(driven, run.path / "gap/simulator.png"))
     return wrote, driven.facts()
 
 

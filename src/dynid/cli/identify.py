@@ -18,6 +18,7 @@ from dynid.cli.report import write_report
 from dynid.cli.runfile import write_run
 from dynid.cli.session import Session
 from dynid.errors import WrongUsage
+from dynid.runs import RunFolder
 from dynid.text import closest
 from dynid.workflows.options import Extras, IdentifyOptions
 
@@ -84,7 +85,7 @@ def command(
         header=session.header,
     )
     session.wrote(*run.beside, *run.wrote)
-    facts, page = run.facts(), run.folder / "report.html"
+    facts, page = run.facts(), RunFolder(run.folder).report
     if (report or open) and (run.wrote or not page.is_file()):
         facts["wrote"] += write_report(session, run.result.path, run.folder, run.base)[1]
     if run.gains is not None:

@@ -13,8 +13,9 @@ from dynid.cli.prompt import Answer, ask
 from dynid.cli.session import Session
 from dynid.errors import StaleCache
 from dynid.files import typed
-from dynid.model.base_model import key_of, paths
+from dynid.model.base_model import key_of
 from dynid.model.printing import as_latex, as_python
+from dynid.runs import RunFolder
 from dynid.text import shell
 from dynid.workflows.options import ModelOptions
 
@@ -98,7 +99,7 @@ def command(
 def derive(session: Session, robot: Robot, rebuild: bool | None) -> DerivedModel:
     """Return the stored model when it is this robot's, otherwise derive and store it."""
     folder, turning = session.folder(robot.slug), sum(joint.revolute for joint in robot.joints)
-    path = paths(folder)[0]
+    path = RunFolder(folder).model[0]
     kinds = f"{robot.n} joints ({turning} revolute, {robot.n - turning} prismatic)"
     file = typed(robot.path) if robot.path else robot.source
     session.stage("robot", f"{robot.name}, {kinds}, {robot.convention} DH, file {file}")
@@ -126,7 +127,8 @@ def derive(session: Session, robot: Robot, rebuild: bool | None) -> DerivedModel
 
 def reduced(session: Session, derived: DerivedModel, options: ModelOptions) -> DerivedModel:
     """Group the parameters into base parameters, and print their classes and relations."""
-    path, seed, name = paths(derived.folder)[1], session.seed, derived.model.robot.word
+    path, seed = RunFolder(derived.folder).model[1], session.seed
+    name = derived.model.robot.word
     made = workflows.model.reduce_model(derived, options, seed=seed)
     base, found = made.base, made.base.reduction
     if path in made.wrote:

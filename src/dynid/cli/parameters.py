@@ -22,6 +22,7 @@ from dynid.cli.runfile import write_run
 from dynid.cli.session import Session
 from dynid.judgement.rules import Step
 from dynid.options import LogOptions
+from dynid.runs import RunFolder
 
 if TYPE_CHECKING:
     from dynid.robot import Robot
@@ -60,7 +61,7 @@ def command(
         options, session = replace(options, cutoff=cutoff), replace(session, force=True)
     if answer is Answer.YES:
         out = session.folder(robot.slug)
-        found = invoke(session, "identify", robot.source, "--no-report", "-o", out)
+        found = invoke(session, "identify", robot.source, "-o", out)
         session.steps(*(Step(**each) for each in found["judgement"]["next"]))
     else:
         session.next(f"dynid identify {robot.word}")
@@ -72,7 +73,7 @@ def stacked(
 ) -> dict[str, Any]:
     """Stack logs, write fullnumericregressor.npz and estimatedmotion.npz, and return the answer."""
     folder, work = session.folder(robot.slug), workflows.parameters
-    path, wrote = folder / "fullnumericregressor.npz", []
+    path, wrote = RunFolder(folder).stack, []
     inputs = workflows.parameters.log_inputs(robot, logs) | options.texts()
     base = workflows.model.base_model(robot, folder)
     if may_write(session, path, inputs):

@@ -231,9 +231,9 @@ def may_write(
         return True
     fix, found = f"use --force, or {other}", None
     if inputs is not None:
-        from dynid.files.artifact import read_header
+        from dynid.runs import made_from
 
-        found = (read_header(path) or {}).get("inputs")
+        found = made_from(path)
         if found == dict(inputs) and not session.yes:
             reused = f"{path}       (made from the same inputs; --force makes it again)"
             session.stage("reused", reused)

@@ -12,6 +12,7 @@ import dynid
 from dynid import workflows
 from dynid.cli.options import PATH, Answered, dynid_command
 from dynid.cli.session import Session
+from dynid.runs import RunFolder
 
 if TYPE_CHECKING:
     from dynid.model.base_model import BaseModel
@@ -44,8 +45,8 @@ def renewed(session: Session, run: Path, base: BaseModel) -> list[Path]:
 
     Why: a command that writes beside a result makes the page there say less than is known, or something else.
     """
-    there = (run.parent / "report.html").is_file()
-    return write_report(session, run, run.parent, base)[1] if there else []
+    there = RunFolder.of(run)
+    return write_report(session, run, there.path, base)[1] if there.report.is_file() else []
 
 
 def write_report(

@@ -337,7 +337,7 @@ class Bar:
         # Why not with --json: what a program reads would depend on how busy the machine is.
         elif slow and not self._said and not self._session.json:
             self._said = True
-            self._session.stage(self._name, text or "...")
+            self._session.stage(self._name, "...")
 
     def findings(self, findings: Sequence[Finding]) -> None:
         """Say warnings below the stage that they belong to, each once."""

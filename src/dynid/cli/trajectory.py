@@ -23,6 +23,7 @@ from dynid.cli.prompt import ATTEMPTS, Answer, ask, ask_line, can_ask, may_write
 from dynid.cli.session import Session
 from dynid.errors import Declined, Finding, NoDisplay, WrongUsage
 from dynid.files.yamlfile import read_yaml
+from dynid.runs import RunFolder
 from dynid.text import shell
 from dynid.trajectory.options import PlanOptions
 
@@ -122,7 +123,7 @@ def command(
     if written.workspace is not None and options.workspace is None:
         changes["workspace"] = (*written.workspace[0], *written.workspace[1])
     options = replace(options, **changes)
-    path = session.folder(robot.slug) / "trajectory.npz"
+    path = RunFolder(session.folder(robot.slug)).trajectory
     if review is not None:
         look = view(session, preview, review.parent, accept=accept)
         return reviewed(session, robot, review, options, urdf, look)

@@ -14,6 +14,7 @@ from dynid.cli.prompt import may_write
 from dynid.cli.report import renewed
 from dynid.cli.session import Session
 from dynid.options import Options, option, share_or_none
+from dynid.runs import RunFolder
 from dynid.workflows.options import ValidateOptions
 
 
@@ -65,12 +66,12 @@ def command(
 ) -> Answered:
     """Compare predicted with measured torques on a recording that was not used to identify."""
     stored = dynid.loading.load_run(parameters)
-    parent = stored.path.parent
+    run = RunFolder.of(stored.path)
     if mcap is not None:
         may_write(session, mcap)
-    base = workflows.model.base_model_of(stored, parent)
+    base = workflows.model.base_model_of(stored, run.path)
     found = workflows.validate.validate(stored, log, options, base=base)
-    folder = found.folder(parent / "validation")
+    folder = run.validation(found.log, found.log_sha256).path
     wrote = [found.save(folder), *(found.write_figures(folder) if plot else [])]
     if mcap is not None:
         wrote.append(found.save_mcap(mcap, workflows.validate.urdf_of(stored, base)))

@@ -27,6 +27,7 @@ from dynid.judgement.evidence import (
     OtherArm,
     Unseen,
 )
+from dynid.runs import RunFolder
 
 #: Findings that say that no possible arm explains the torques, and that the robot file or the log is read wrongly.
 DOUBTS, ALARMS = ("W404", "W405"), ("W329",)
@@ -196,7 +197,7 @@ def _seconds(result: Identified) -> float | None:
 
 
 def _left_out(result: Identified) -> float | None:
-    rows = result.samples * len(result.joints)
+    rows = result.samples * np.count_nonzero(result.counts)
     return (
         max(0.0, 1.0 - float(result.counts.sum()) / rows) if rows and result.counts.size else None
     )
@@ -205,16 +206,13 @@ def _left_out(result: Identified) -> float | None:
 # ---------------------------------------------------------------- beside the file
 def _with_files(evidence: Evidence, result: Identified) -> Evidence:
     """Add replays and the search beside a result, where they were made with the parameters that it has now."""
-    folder = result.path.parent
-    replays = [
-        _replay(path, result)
-        for path in sorted((folder / "validation").glob("*/estimatedmotion.npz"))
-    ]
-    gap = folder / "gap.npz"
+    folder = RunFolder.of(result.path)
+    replays = [_replay(path, result) for path in folder.validations]
     return replace(
         evidence,
-        unseen=(*evidence.unseen, *(each for each in replays if each is not None)),
-        gap=_gap(gap, result) if gap.is_file() else None,
+        # A log of a changed arm says nothing of the model.
+        unseen=(*evidence.unseen, *(each for each in replays if each and not each.changed)),
+        gap=_gap(folder.search, result) if folder.search.is_file() else None,
     )
 
 

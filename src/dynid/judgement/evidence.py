@@ -76,6 +76,11 @@ class Unseen:
         """Error over the expected one; None where none was expected."""
         return self.percent / self.expected if self.expected else None
 
+    @property
+    def changed(self) -> bool:
+        """Whether a trained motion is predicted so much worse than expected that the arm is another one there."""
+        return self.same_motion and (self.surprise or 0.0) > tuning.EXPECTED[0]
+
 
 @dataclass(frozen=True)
 class EffectEvidence:

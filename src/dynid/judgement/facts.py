@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from math import isfinite
 from pathlib import PurePath
 from typing import Any
 
@@ -177,7 +178,8 @@ def _knowledge(evidence: Evidence) -> Iterator[Fact]:
         )
         yield "good" if evidence.known >= tuning.KNOWN else "fair", text
     if evidence.condition is not None and evidence.condition > tuning.CONDITION:
-        yield "fair", f"condition number {evidence.condition:.3g}"
+        size = f"condition number {evidence.condition:.3g}"
+        yield "fair", size if isfinite(evidence.condition) else "the regressor is rank deficient"
     if evidence.seconds is not None and evidence.seconds < tuning.SECONDS:
         yield "fair", f"only {evidence.seconds:.2g} s of motion"
 

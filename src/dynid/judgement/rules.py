@@ -76,7 +76,8 @@ def of_result(c: Case) -> str:
         return of_gap(c, nothing=False)
     if unseen == "open":
         error = f"Relative torque error {percent} % on {trained}. " if percent else ""
-        return f"{error}Not yet validated on another motion."
+        left = f"; {c.evidence.open} parameters are not determined" if c.evidence.open else ""
+        return f"{error}Not yet validated on another motion{left}."
     if unseen == "good" or not worst:
         weak = " and ".join(text for name, text in FAIR.items() if states[name] == "fair")
         but = f", but {weak}" if weak else ""
@@ -112,7 +113,7 @@ def of_replay(unseen: Unseen, c: Case) -> str:
         return f"The model predicts {unseen.name}, a motion not used for training, to within its noise."
     if (unseen.surprise or 0.0) > tuning.EXPECTED[0]:
         much = f"{error} (expected {unseen.expected:.2g} %)"
-        if unseen.same_motion:
+        if unseen.changed:
             return (
                 f"Something has changed since the model was identified. {much}, on the same motion."
             )

@@ -226,11 +226,6 @@ def key_of(robot: Robot) -> str:
     return f"{robot.model_key}-{DERIVATION}"
 
 
-def paths(out: Path) -> tuple[Path, Path]:
-    """Return the paths of regressor.npz and fullregressor.npz in a folder."""
-    return out / "regressor.npz", out / "fullregressor.npz"
-
-
 def stored_key(path: Path) -> str | None:
     """Return the key in a stored model, None when there is none."""
     header = read_header(path) if path.is_file() else None

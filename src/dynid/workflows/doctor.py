@@ -18,7 +18,7 @@ from dynid.xdg import LOCAL_CONFIG, cache_folder, config_file
 #: What dynid cannot do without.
 REQUIRED = (
     *("numpy", "scipy", "sympy", "pyyaml", "matplotlib", "click", "rich"),
-    *("rosbags", "lz4", "mcap", "jinja2", "threadpoolctl"),
+    *("rosbags", "lz4", "mcap", "jinja2", "threadpoolctl", "lazy_loader", "mujoco"),
 )
 
 

@@ -409,18 +409,6 @@ class Gap(Judged, GapRecord):
         return identify(base.robot, seen, options, like=before)
 
 
-def remove_search(folder: Path) -> None:
-    """Remove what an earlier search left beside a result: its pictures and what was driven say nothing of a new one.
-
-    Args:
-        folder: of the result.
-    """
-    pictures = ("where.png", "shrink.png", "simulator.png", "effect_*.png")
-    left = [path for pattern in pictures for path in (folder / "gap").glob(pattern)]
-    for path in (*left, folder / "gap.npz", folder / "simulator_gap.npz"):
-        path.unlink(missing_ok=True)
-
-
 def robot_file_beside(robot: Robot, effects: Sequence[GapEffect]) -> Path:
     """Return where the copy of a robot file with effects goes: beside a file of one's own, else ./robots or here."""
     shipped = packaged("robots").resolve()

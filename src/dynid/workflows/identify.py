@@ -60,12 +60,12 @@ from dynid.options import LogOptions
 from dynid.progress import Progress, heard_by, notice, stage
 from dynid.reports.figures import motion_figure
 from dynid.robot import Known, Prior, Robot
+from dynid.runs import RunFolder
 from dynid.text import yaml_text
 from dynid.workflows.drive_gains import find_drive_gains, gain_facts, needs_gains, write_robot
 from dynid.workflows.model import base_model
 from dynid.workflows.options import Extras, IdentifyOptions
 from dynid.workflows.parameters import (
-    STACK,
     Observations,
     load_observations,
     log_inputs,
@@ -176,7 +176,7 @@ def identify(
         seen = logs
     else:
         recordings = as_logs(logs, robot, options)
-        seen = observe(robot, recordings, options, base=base)
+        seen = observe(robot, recordings, options, base=base, drop_weak=options.drop_weak)
     robot = replace(robot, estimated_coulomb=seen.base.robot.estimated_coulomb)
     base = replace(seen.base, model=replace(seen.base.model, robot=robot))
     stack, header = seen.stack, seen.header()
@@ -375,15 +375,15 @@ def save_result(
     # Why both: a log is found from any working folder, and where the folders were moved together.
     if all(path and Path(path).exists() for path in logs):
         facts["logs_from_here"] = [os.path.relpath(path, folder) for path in logs]
-    motion, joints = folder / "estimatedmotion.npz", list(result.robot.joint_names)
+    there, joints = RunFolder(folder), list(result.robot.joint_names)
     header = {**facts, **result.header, "joints": joints, "torque_from": "identified"}
-    prediction.save(motion, _fitted(result), header)
+    prediction.save(there.motion, _fitted(result), header)
     # Why last: parameters.npz is what later commands look for, so it appears only when everything else is there.
     return [
-        motion,
+        there.motion,
         result.save_yaml(folder / "parameters.yaml"),
         result.save_csv(folder / "parameters.csv"),
-        result.save(folder / "parameters.npz", facts),
+        result.save(there.parameters, facts),
     ]
 
 
@@ -403,7 +403,12 @@ def answer_of(found: Identification) -> dict[str, Any]:
         **picked(found, "method", "rank", "samples", "condition_number", "condition_number_scaled"),
         **picked(found, "relative_error_percent", "heldout", held, "in_force"),
         "joints": [
-            {**picked(joint, "joint", **keys), "noise_floor_nm": floor}
+            {
+                "joint": joint.joint,
+                # Of a joint without torque in the log nothing is known.
+                **(picked(joint, **keys) if joint.torque_rms else dict.fromkeys(keys)),
+                "noise_floor_nm": floor or None,
+            }
             for joint, floor in zip_longest(found.joints, floors)
         ],
         "parameters": found.parameter_rows(),
@@ -509,13 +514,13 @@ def identify_run(
         written, robot = write_robot(folder, arm, gains)
         beside.append(written)
     inputs = _inputs(robot, folder, paths, options, extras, earlier)
-    base, path = base_model(robot, models), folder / "parameters.npz"
+    base, path = base_model(robot, models), RunFolder(folder).parameters
     updated = earlier is not None and path.exists() and path.samefile(earlier.path)
     if not updated and not may_write(path, inputs):
         result = _stored(path, base)
     else:
         if paths:
-            seen = observe(robot, logs(), options, base=base)
+            seen = observe(robot, logs(), options, base=base, drop_weak=options.drop_weak)
             own = {
                 k: text
                 for k, text in inputs.items()
@@ -523,7 +528,7 @@ def identify_run(
             }
             beside.append(seen.save_stack(folder, header(own)))
         else:
-            seen = load_observations(folder / STACK, base)
+            seen = load_observations(RunFolder(folder).stack, base)
         result = identify(robot, seen, options, update=earlier)
         wrote = save_result(folder, result, header(inputs))
     if unloaded is not None:
@@ -552,7 +557,7 @@ def _with_rows(
     if result.stack is not None:
         return result
     options = replace(options, cutoff=result.cutoff, delay=result.delay)
-    seen = observe(result.robot, logs(), options, base=base)
+    seen = observe(result.robot, logs(), options, base=base, drop_weak=True)
     return replace(result, stack=seen.stack)
 
 
@@ -583,7 +588,7 @@ def _inputs(
     }
     if logs:
         return log_inputs(robot, logs) | texts | hashed
-    path, default = folder / STACK, IdentifyOptions().texts()
+    path, default = RunFolder(folder).stack, IdentifyOptions().texts()
     inputs = dict(stored_key(path, robot).get("inputs", {}))
     for name in READING:
         text = texts.pop(name, None)

@@ -21,7 +21,6 @@ from dynid.model.base_model import (
     key_of,
     load_model,
     load_reduction,
-    paths,
     save_model,
     save_reduction,
     stored_key,
@@ -30,6 +29,7 @@ from dynid.model.reduce import Reduction
 from dynid.model.regressor import Model, build_model
 from dynid.progress import Progress, stage
 from dynid.robot import Robot
+from dynid.runs import RunFolder
 from dynid.text import whole_number
 from dynid.workflows.options import ModelOptions
 
@@ -108,7 +108,7 @@ class DerivedModel:
 
 def stored_differences(robot: Robot, folder: Path) -> str | None:
     """Return what differs between the robot of a stored regressor and this one; None where nothing does."""
-    path = paths(folder)[0]
+    path = RunFolder(folder).model[0]
     if stored_key(path) in (None, key_of(robot)):
         return None
     header, found = read_header(path) or {}, []
@@ -138,7 +138,7 @@ def derive_model(robot: Robot, folder: Path, *, rebuild: bool = False) -> Derive
         folder: where regressor.npz is kept.
         rebuild: whether to derive it again in any case.
     """
-    start, path = time.perf_counter(), paths(folder)[0]
+    start, path = time.perf_counter(), RunFolder(folder).model[0]
     stage("symbolic")
     new = rebuild or stored_key(path) != key_of(robot)
     model = build_model(robot) if new else load_model(path, robot)
@@ -165,7 +165,7 @@ def reduce_model(
     Raises:
         ReductionsDisagree: the singular values leave the rank open.
     """
-    start, path, model = time.perf_counter(), paths(derived.folder)[1], derived.model
+    start, path, model = time.perf_counter(), RunFolder(derived.folder).model[1], derived.model
     usual = options.tolerance is None and options.samples == ModelOptions().samples
     stored = not derived.wrote and usual and stored_key(path) == key_of(model.robot)
     if stored:

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from dynid import arguments
 from dynid.answer import picked
 from dynid.arguments import one_thread, public
 from dynid.disk import sha256
@@ -38,12 +39,10 @@ from dynid.model.base_model import BaseModel, in_memory, prior_base_parameters
 from dynid.options import LogOptions
 from dynid.progress import Progress, notice, stage
 from dynid.robot import Robot, coulomb_of
+from dynid.runs import RunFolder
 from dynid.signals.conditioned_log import without_delay
 from dynid.signals.motion import check_amount
 from dynid.signals.stamps import without_copies
-
-#: The stacked logs in a run's folder.
-STACK = "fullnumericregressor.npz"
 
 
 @dataclass(frozen=True, repr=False)
@@ -132,7 +131,7 @@ class Observations:
             folder: where to.
             facts: further facts for the headers, such as the inputs that they depend on.
         """
-        motion = folder / "estimatedmotion.npz"
+        motion = RunFolder(folder).motion
         prior = prior_base_parameters(self.base.model, self.base.reduction, unknown=0.0)
         words = "the prior; dynid identify puts the identified torque here"
         header = {"joints": list(self.stack.joints), "torque_from": words}
@@ -143,8 +142,9 @@ class Observations:
 
     def save_stack(self, folder: Path, facts: dict[str, Any] | None = None) -> Path:
         """Write fullnumericregressor.npz alone."""
-        observation_files.save(folder / STACK, self.stack, {**(facts or {}), **self.header()})
-        return folder / STACK
+        path = RunFolder(folder).stack
+        observation_files.save(path, self.stack, {**(facts or {}), **self.header()})
+        return path
 
 
 @public
@@ -154,6 +154,7 @@ def observe(
     options: LogOptions = LogOptions(),
     *,
     base: BaseModel | None = None,
+    drop_weak: bool = False,
     progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
 ) -> Observations:
@@ -164,6 +165,7 @@ def observe(
         logs: one or several logs, or their paths.
         options: how they are checked and filtered.
         base: the arm's base model, where it is there already.
+        drop_weak: take logs that are short, or in which a joint stands still.
         progress: reports how far the work is.
         changes: single options by name, such as ``cutoff=8``; see ``dynid.LogOptions``.
 
@@ -180,8 +182,10 @@ def observe(
         stage("model")
         base = in_memory(robot)
     base = with_coulomb(base, robot.estimated_coulomb)
-    given = [checked_log(log, base.robot, options, alone=len(several) == 1) for log in several]
-    few = check_amount(given, base.robot) if len(several) > 1 else ()
+    enough = not arguments.instance(drop_weak, bool, "drop_weak", "True or False")
+    how = {"identify": enough, "alone": len(several) == 1}
+    given = [checked_log(log, base.robot, options, **how) for log in several]
+    few = check_amount(given, base.robot) if enough and len(several) > 1 else ()
     checked, copies = without_copies(given)
     notice((*few, *copies))
     stack = stack_logs(condition_logs(checked, base.model, options), base)

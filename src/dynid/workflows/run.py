@@ -18,6 +18,7 @@ from dynid.disk import write_text
 from dynid.errors import ExitStatus, PackageMissing, SchedulerSilent, WrongUsage
 from dynid.files.batchfile import Job, folder_name, read_batch
 from dynid.options import Options, option
+from dynid.runs import RunFolder
 from dynid.text import closest, shell
 
 #: How long a scheduler that does not answer is waited for [s]. evidence: none yet.
@@ -149,7 +150,7 @@ def commands_of(job: Job, folder: Path) -> list[list[str]]:
         words += [flag] if value == "true" else [] if value == "false" else [flag, value]
     for limit in job.fail_if:
         words += ["--fail-if", limit]
-    result = str(folder / "parameters.npz")
+    result = str(RunFolder(folder).parameters)
     limits = ["--max-unexplained", job.max_unexplained] if job.max_unexplained else []
     commands = [["identify", *words, "--", job.robot, *map(str, job.logs)]]
     commands += [["validate", "--no-plot", *limits, "--", result, str(x)] for x in job.validate]
@@ -185,7 +186,7 @@ def facts_of(
         "outcome": ("beyond a limit" if status else "passed") if kept else "failed",
         "message": message,
         "seconds": seconds,
-        "reused": kept and str(folder / "parameters.npz") not in made,
+        "reused": kept and str(RunFolder(folder).parameters) not in made,
         "relative_error_percent": worst("identify"),
         "unseen_relative_error_percent": worst("validate"),
         "answers": answers,

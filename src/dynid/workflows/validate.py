@@ -20,7 +20,6 @@ from dynid.estimation.result import Identification
 from dynid.estimation.rows import rows_of
 from dynid.estimation.stack import scaled
 from dynid.exporters import FORMATS
-from dynid.files.artifact import read_header
 from dynid.files.convert import JointStates, write_replay
 from dynid.judgement.evidence import Evidence, Unseen
 from dynid.loading import (
@@ -36,6 +35,7 @@ from dynid.model.base_model import BaseModel
 from dynid.progress import Progress, stage
 from dynid.reports.figures import motion_figure, write_motion_figures
 from dynid.robot import Robot
+from dynid.runs import RunFolder
 from dynid.signals.motion import same_motion
 from dynid.table import Table
 from dynid.workflows.drive_gains import in_amperes
@@ -170,21 +170,9 @@ class Validation(Judged):
             found.append(f"total relative error {total:.2f} % > {100 * max_unexplained:g} %")
         return found
 
-    def folder(self, parent: Path) -> Path:
-        """Return where its files go below a folder: named after the log, and after its hash where another log has that.
-
-        Args:
-            parent: the folder of all validations of a result.
-        """
-        name = Path(self.log).stem
-        there = parent / name / "estimatedmotion.npz"
-        header = (read_header(there) if there.is_file() else None) or {}
-        taken = header.get("log_sha256", [self.log_sha256]) != [self.log_sha256]
-        return parent / (f"{name}_{self.log_sha256[:8]}" if taken else name)
-
     def save(self, folder: Path) -> Path:
         """Write estimatedmotion.npz."""
-        path = folder / "estimatedmotion.npz"
+        path = RunFolder(folder).motion
         header = {
             "robot": self.robot.name,
             "joints": list(self.robot.joint_names),
