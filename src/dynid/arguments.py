@@ -155,12 +155,12 @@ def path(value: str | Path, name: str) -> Path:
 
 def words(value: str | Sequence[str], name: str, known: Iterable[str] = ()) -> tuple[str, ...]:
     """Return one or several words, of those that are known where there are any."""
-    found = several(value, (str,), name, "a word or a list of words", empty=True)
-    for word in found:
+    items = several(value, (str,), name, "a word or a list of words", empty=True)
+    for word in items:
         if not isinstance(word, str) or (known and word not in known):
             among = f"one of {', '.join(known)}" if known else "words"
             raise refused(name, f"{among}{closest(str(word), known)}", word)
-    return tuple(found)
+    return tuple(items)
 
 
 def number(value: Any, name: str, wanted: str) -> float:  # noqa: ANN401
@@ -207,7 +207,7 @@ def several(
         or hasattr(value, "shape")
     ):
         raise refused(name, wanted, value)
-    found = list(value)
-    if not found and not empty:
+    items = list(value)
+    if not items and not empty:
         raise refusal(f"{name} is empty: it must be {wanted}")
-    return found
+    return items

@@ -99,9 +99,9 @@ def load_robot(source: RobotLike, *, base: str | None = None, tip: str | None = 
     if not path.is_file():
         robotfile.find_robot(str(path))  # ends with the message that a missing robot file gets
     tip = tip or (link if path != Path(source) else None)
-    found = import_arm(read_urdf(path), read_urdf(path, exact=True), base=base, tip=tip)
+    imported = import_arm(read_urdf(path), read_urdf(path, exact=True), base=base, tip=tip)
     return replace(
-        found.robot, source=str(source), findings=(*found.robot.findings, *found.findings)
+        imported.robot, source=str(source), findings=(*imported.robot.findings, *imported.findings)
     )
 
 
@@ -204,11 +204,11 @@ def diagnose_logs(logs: Sequence[Log], robot: Robot, options: LogOptions) -> tup
         GravityRemoved: the torques do not change with the weight of the arm (E317).
         WrongMapping: names the likeliest mistake, with the edit (E324); a finding (W329) with ``options.anyway``.
     """
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for log in logs:
         with located(str(log.source or "log")):
-            found += diagnose(log, robot, anyway=options.anyway)
-    return tuple(found)
+            findings += diagnose(log, robot, anyway=options.anyway)
+    return tuple(findings)
 
 
 def check_weight(log: Log, robot: Robot) -> None:
@@ -296,10 +296,12 @@ def as_motion(value: MotionLike, arm: Robot) -> Motion:
         with suppress(NotAnArtifact, KeyError):
             value = read_trajectory(value, arm)
     if isinstance(value, (Log, Path)):
-        found = _motion_of_log(value, arm)
+        motion = _motion_of_log(value, arm)
     else:
         held = getattr(value, "motion", value)
-        found = arguments.instance(held, Motion, "motion", _MOTION)
-    if found.q.shape[1] != arm.n:
-        raise arguments.refusal(f"motion has {found.q.shape[1]} joints, and {arm.name} has {arm.n}")
-    return found
+        motion = arguments.instance(held, Motion, "motion", _MOTION)
+    if motion.q.shape[1] != arm.n:
+        raise arguments.refusal(
+            f"motion has {motion.q.shape[1]} joints, and {arm.name} has {arm.n}"
+        )
+    return motion

@@ -87,7 +87,7 @@ def read_npz(path: Path, only: str | None = None) -> dict[str, NDArray[Any]]:
             for member in archive.infolist():
                 bounded(member.compress_size, member.file_size, f"{path}: {member.filename[:80]}")
         with np.load(path, allow_pickle=False) as stored:
-            found = {name: stored[name] for name in stored.files if only in (None, name)}
+            arrays = {name: stored[name] for name in stored.files if only in (None, name)}
     except (
         zipfile.BadZipFile,
         zlib.error,
@@ -102,9 +102,9 @@ def read_npz(path: Path, only: str | None = None) -> dict[str, NDArray[Any]]:
         TypeError,
     ) as error:
         raise ValueError(f"it is not a whole archive: {error}") from error
-    if not all(isinstance(array, np.ndarray) for array in found.values()):
+    if not all(isinstance(array, np.ndarray) for array in arrays.values()):
         raise ValueError("it holds something else than arrays")
-    return found
+    return arrays
 
 
 def _plain(value: object) -> object:

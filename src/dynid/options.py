@@ -68,9 +68,9 @@ def option(default: Any, help: str, **facts: Any) -> Any:  # noqa: ANN401
 
 def declaration_of(declared: Field[Any]) -> Declaration:
     """Return the declaration of a field."""
-    found = declared.metadata["option"]
-    assert isinstance(found, Declaration)
-    return found
+    declaration = declared.metadata["option"]
+    assert isinstance(declaration, Declaration)
+    return declaration
 
 
 def flag_of(declared: Field[Any]) -> str:
@@ -114,13 +114,13 @@ class Options:
 
     def texts(self) -> dict[str, str]:
         """Return the options as text, for the inputs of results: name and value, without what nobody gave."""
-        found = {}
+        texts = {}
         for each in fields(self):
             value = getattr(self, each.name)
             text = declaration_of(each).shown if value is None else _text(value)
             if text:
-                found[each.name] = text
-        return found
+                texts[each.name] = text
+        return texts
 
 
 #: What stands for a value in annotations of options that no function reads.
@@ -172,36 +172,36 @@ def frequency_or_auto(value: Any, name: str) -> float | None:  # noqa: ANN401
     """Return a frequency [Hz]; None for ``auto``."""
     if value is None or value == "auto":
         return None
-    found = number_or_nan(value)
-    if not 0 < found < float("inf"):
+    frequency = number_or_nan(value)
+    if not 0 < frequency < float("inf"):
         raise WrongUsage(
             f"{name} '{value}' is neither auto nor a frequency in Hz", fix=f"such as {name} 8"
         )
-    return found
+    return frequency
 
 
 def delay_or_auto(value: Any, name: str) -> float | None:  # noqa: ANN401
     """Return a delay [s]; None for ``auto``, 0 for ``off``."""
     if value is None or value == "auto":
         return None
-    found = 0.0 if value == "off" else number_or_nan(value)
-    if not abs(found) <= LONGEST_DELAY:
+    delay = 0.0 if value == "off" else number_or_nan(value)
+    if not abs(delay) <= LONGEST_DELAY:
         raise WrongUsage(
             f"{name} '{value}' is neither auto, off nor a time up to {LONGEST_DELAY:g} s",
             fix=f"such as {name} 0.008",
         )
-    return found
+    return delay
 
 
 def share(value: Any, name: str) -> float:  # noqa: ANN401
     """Return a share between 0 and 1, written as ``20%`` or ``0.2``."""
     text = str(value).strip()
-    found = number_or_nan(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
-    if not 0 < found < 1:
+    number = number_or_nan(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
+    if not 0 < number < 1:
         raise WrongUsage(
             f"{name} '{value}' is not a share between 0 and 100 %", fix=f"such as {name} 20%"
         )
-    return found
+    return number
 
 
 def share_or_none(value: Any, name: str) -> float | None:  # noqa: ANN401
@@ -212,7 +212,7 @@ def share_or_none(value: Any, name: str) -> float | None:  # noqa: ANN401
 def intervals(value: Any, name: str) -> tuple[tuple[float, float], ...]:  # noqa: ANN401
     """Return first and last time of each interval [s]: pairs of numbers, or words such as ``3.2-3.4,5-6``."""
     number = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
-    found = []
+    ends = []
     for item in (value,) if isinstance(value, str) else value:
         for word in item.split(",") if isinstance(item, str) else (item,):
             if isinstance(word, str):
@@ -223,8 +223,8 @@ def intervals(value: Any, name: str) -> tuple[tuple[float, float], ...]:  # noqa
                         fix=f"write first and last second: {name} 3.2-3.4",
                     )
                 word = match.groups()
-            found.append((float(word[0]), float(word[1])))
-    return tuple(found)
+            ends.append((float(word[0]), float(word[1])))
+    return tuple(ends)
 
 
 def number_or_nan(value: Any) -> float:  # noqa: ANN401

@@ -360,9 +360,9 @@ class Robot:
             JointCountDiffers: the arm has other joints.
         """
         if tuple(names) != self.joint_names:
-            found, expected = ", ".join(names), ", ".join(self.joint_names)
+            given, expected = ", ".join(names), ", ".join(self.joint_names)
             raise JointCountDiffers(
-                f"{where} has the joints {found}, the robot {expected}", where=where
+                f"{where} has the joints {given}, the robot {expected}", where=where
             )
 
     def joint_name(self, joint: int | str) -> str:

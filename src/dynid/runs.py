@@ -68,10 +68,10 @@ class RunFolder:
     def validation(self, log: str, sha256: str) -> RunFolder:
         """Return where a replay goes: named after the log, and after its hash where another log has that name."""
         name = Path(log).stem
-        found = RunFolder(self.path / "validation" / name)
-        header = (read_header(found.motion) if found.motion.is_file() else None) or {}
+        folder = RunFolder(self.path / "validation" / name)
+        header = (read_header(folder.motion) if folder.motion.is_file() else None) or {}
         taken = header.get("log_sha256", [sha256]) != [sha256]
-        return RunFolder(found.path.with_name(f"{name}_{sha256[:8]}")) if taken else found
+        return RunFolder(folder.path.with_name(f"{name}_{sha256[:8]}")) if taken else folder
 
     def remove_search(self) -> None:
         """Remove what an earlier search left: its pictures and what was driven say nothing of a new one."""
@@ -83,5 +83,5 @@ class RunFolder:
 
 def made_from(path: Path) -> Mapping[str, str] | None:
     """Return the inputs that a result file was made from, by name; None where it does not say them."""
-    found = (read_header(path) or {}).get("inputs")
-    return found if isinstance(found, dict) else None
+    inputs = (read_header(path) or {}).get("inputs")
+    return inputs if isinstance(inputs, dict) else None

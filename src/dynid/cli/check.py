@@ -61,14 +61,14 @@ def command(
     strict: bool,
 ) -> Answered:
     """Look for mistakes in robot files, logs and results."""
-    found = workflows.check.check(paths, dynid.load_robot(robot) if robot else None, options)
+    checks = workflows.check.check(paths, dynid.load_robot(robot) if robot else None, options)
     chosen = {**asdict(options), "convert": convert, "fix": fix}
-    wrote = [written(session, each, chosen) if convert or fix else [] for each in found]
-    findings = [finding for each in found for finding in each.findings]
+    wrote = [written(session, each, chosen) if convert or fix else [] for each in checks]
+    findings = [finding for each in checks for finding in each.findings]
     missing = [MISSING[each.code] for each in findings if each.code in MISSING]
-    warnings = sum(each.warnings for each in found)
-    session.headline(sentence(found, warnings, missing))
-    for i, (each, files) in enumerate(zip(found, wrote, strict=True)):
+    warnings = sum(each.warnings for each in checks)
+    session.headline(sentence(checks, warnings, missing))
+    for i, (each, files) in enumerate(zip(checks, wrote, strict=True)):
         if i:
             session.answer()
         for label, text in each.description:
@@ -78,8 +78,8 @@ def command(
     count = f", {warnings} warning{'s' * (warnings > 1)}" if warnings else ""
     session.fact("verdict", f"{missing[0] if missing else 'usable'}{count}")
     if not missing:
-        show_next(session, found)
-    checked = [{**each.answer(), "wrote": files} for each, files in zip(found, wrote, strict=True)]
+        show_next(session, checks)
+    checked = [{**each.answer(), "wrote": files} for each, files in zip(checks, wrote, strict=True)]
     facts = {
         "schema": "dynid/check/1",
         "checked": checked,
@@ -103,22 +103,22 @@ def written(session: Session, checked: Checked, chosen: dict[str, object]) -> li
     return [log.save(target, session.header(inputs))]
 
 
-def sentence(found: Sequence[Checked], warnings: int, missing: Sequence[str]) -> str:
+def sentence(checks: Sequence[Checked], warnings: int, missing: Sequence[str]) -> str:
     """Return whether the files can be used, in one sentence."""
-    *names, what = (Path(each.path).name for each in found)
+    *names, what = (Path(each.path).name for each in checks)
     what = f"{', '.join(names)} and {what}" if names else what
     if missing:
         return f"{what}: {missing[0]}."
-    if any(each.kind == "log" and each.robot is None for each in found):
+    if any(each.kind == "log" and each.robot is None for each in checks):
         return f"{what} can be read; only a robot file tells whether the numbers are right."
     but = f", but see the warning{'s' * (warnings > 1)}" if warnings else ": no mistake was found"
     return f"{what} can be used{but}."
 
 
-def show_next(session: Session, found: Sequence[Checked]) -> None:
+def show_next(session: Session, checks: Sequence[Checked]) -> None:
     """Say the next command and why, where the files tell it."""
-    robot = next((each.robot for each in found if each.robot is not None), None)
-    logs = [each.path for each in found if each.kind == "log"]
+    robot = next((each.robot for each in checks if each.robot is not None), None)
+    logs = [each.path for each in checks if each.kind == "log"]
     if logs and robot is None:
         why = "ROBOT is a robot file; the block above is the part of it that reads this recording."
         session.next(f"{shell('dynid', 'check', *logs)} --robot ROBOT", why)

@@ -43,7 +43,7 @@ def command(
 ) -> Answered:
     """Compare identification results: one table, drift of an arm, regression against a baseline."""
     paths = [dynid.loading.parameters_of(run) for run in runs]
-    found = workflows.compare.compare(
+    comparison = workflows.compare.compare(
         paths,
         baseline=baseline,
         tolerance=tolerance,
@@ -52,13 +52,17 @@ def command(
     )
     wrote = {kind: path for kind, path in files.items() if path is not None}
     for kind, path in wrote.items():
-        write_text(path, getattr(found, kind)())
+        write_text(path, getattr(comparison, kind)())
         session.wrote(path)
-    judged = [(run, run.judgement) for run in found.runs if run.reference or len(found.runs) == 1]
-    for run, judgement in judged:
-        if len(judged) > 1:
+    judgements = [
+        (run, run.judgement)
+        for run in comparison.runs
+        if run.reference or len(comparison.runs) == 1
+    ]
+    for run, judgement in judgements:
+        if len(judgements) > 1:
             session.answer(run.name)
-        session.judged(judgement)
+        session.judgement(judgement)
         changes = run.table()
         shown = changes if session.verbose else changes[:SHOWN]
         session.table(shown)
@@ -66,11 +70,11 @@ def command(
             session.answer()
         if len(changes) > len(shown):
             session.answer(f"and {len(changes) - SHOWN} more; all with -v or --json")
-    session.table(found.table())
-    for run in found.runs if found.baseline is not None else ():
+    session.table(comparison.table())
+    for run in comparison.runs if comparison.baseline is not None else ():
         if run.drift:
             session.say(f"limit      {run.name}: {run.drift}")
-    steps = [judgement.steps[0] for run, judgement in judged if run.changed]
+    steps = [judgement.steps[0] for run, judgement in judgements if run.changed]
     for step in steps[:1]:
         session.next(step.command, step.why)
-    return {**found.facts(), "wrote": list(wrote.values())}, not found.passed
+    return {**comparison.facts(), "wrote": list(wrote.values())}, not comparison.passed

@@ -95,7 +95,7 @@ def all_loops(
     inside = (
         "{inside_95_percent} of {parameters} true base parameters lie inside their 95 % interval."
     )
-    number, judged = len(identified["parameters"]), validated["judgement"]
+    number, judgement = len(identified["parameters"]), validated["judgement"]
     torque = folder / "validation" / unseen.stem / "torque.png"
     chapters = [
         Chapter(
@@ -116,7 +116,7 @@ def all_loops(
         ),
         Chapter(
             "Another motion",
-            (judged["sentence"], *judged["reasons"]),
+            (judgement["sentence"], *judgement["reasons"]),
             (shell("dynid", "validate", folder, unseen),),
             ((torque, "Measured and predicted torque."),),
         ),
@@ -137,8 +137,8 @@ def plan(
         clearance = work.review_trajectory(arm, stored, base=base, drawing=shown).clearance
     else:
         options = PlanOptions(optimise=False, duration=10.0, seed=session.seed)
-        found = work.plan_trajectory(arm, options, base=base, drawing=shown)
-        facts, clearance = found.facts(), found.clearance
+        planned = work.plan_trajectory(arm, options, base=base, drawing=shown)
+        facts, clearance = planned.facts(), planned.clearance
     size = f"condition number {facts['condition_number_scaled']:.3g}"
     said = [f"A motion of {facts['duration_s']:.0f} s inside all limits; {size}."]
     if facts["closest_m"] is not None:
@@ -192,14 +192,14 @@ def find_hidden(session: Session, effect: str, folder: Path) -> tuple[dict[str, 
     session.fact("hidden", f"{hidden.name}{where} (seed {session.seed})")
     session.fact("verdict", f"{answer['verdict']}: {verdict}")
     session.fact("picture", str(folder / "gap" / "shrink.png"))
-    judged = answer["judgement"]
-    told = f"Hidden was {hidden.name}{where}: the answer is {verdict}."
+    judgement = answer["judgement"]
+    truth = f"Hidden was {hidden.name}{where}: the answer is {verdict}."
     proof = f"{shell('dynid', 'validate', added, logs[-1])} --cutoff 10"
     pictures = [path for path in answer["wrote"] if path.suffix == ".png"]
     known = "The effect that was found, on the held-out motion."
     chapter = Chapter(
         "A hidden effect: found, added, and how much smaller the gap is",
-        (judged["sentence"], *judged["reasons"], *shrunk(answer), told),
+        (judgement["sentence"], *judgement["reasons"], *shrunk(answer), truth),
         (
             f"{shell('dynid', 'identify', *identify)} --no-feasible",
             f"{shell('dynid', 'gap', *search)} --apply best -f",
@@ -226,8 +226,8 @@ def step(session: Session, title: str, name: str, *words: object) -> dict[str, A
     """Run a command and print its answer, with -v all that it prints; return its JSON answer."""
     session.say(f"--- {title}", "bold")
     answer = invoke(session, name, *words, *["--json"], *["--quiet"] * (not session.verbose))
-    if judged := answer.get("judgement"):
-        session.sentences(judged["sentence"], *judged["reasons"])
+    if judgement := answer.get("judgement"):
+        session.sentences(judgement["sentence"], *judgement["reasons"])
     return answer
 
 

@@ -34,7 +34,7 @@ def sources(file: Path | None) -> Iterator[dict[str, Any]]:
     ctx = click.get_current_context()
     for name in sorted(COMMANDS, key="doctor".__ne__):
         command = command_of(name)
-        found = settings(command, file)
+        configured = settings(command, file)
         for key, option in keys_of(command).items():
             if key == "config":
                 continue
@@ -48,8 +48,8 @@ def sources(file: Path | None) -> Iterator[dict[str, Any]]:
                 value, source = ctx.params[key], "command line"
             elif names:
                 value, source = os.environ[names[0]], names[0]
-            elif key in found:
-                value, source = words_of(found[key]), found[key].where
+            elif key in configured:
+                value, source = words_of(configured[key]), configured[key].where
             if command is ctx.command if common else source != "default":
                 where = "" if common else name
                 yield {"command": where, "option": key, "value": value, "source": source}
@@ -82,17 +82,17 @@ def command(session: Session) -> Answered:
         note = "options of single commands are listed when they differ from their default"
         session.stage("note", note)
         return {"schema": "dynid/doctor/1", "settings": shown}
-    found = workflows.doctor.doctor()
-    checks = [asdict(each) for each in found.checks]
+    diagnosis = workflows.doctor.doctor()
+    checks = [asdict(each) for each in diagnosis.checks]
     session.table([{key: each[key] for key in ("name", "ok", "value")} for each in checks])
     session.answer()
-    session.fact("works", ", ".join(found.works))
-    for each in found.missing:
+    session.fact("works", ", ".join(diagnosis.works))
+    for each in diagnosis.missing:
         session.fact("does not", f"{each.name}; lost: {each.lost}")
     facts = {
         "schema": "dynid/doctor/1",
         "checks": checks,
-        "works": found.works,
-        "does_not_work": [each.name for each in found.missing],
+        "works": diagnosis.works,
+        "does_not_work": [each.name for each in diagnosis.missing],
     }
-    return facts, ExitStatus.DONE if found.usable else ExitStatus.MACHINE
+    return facts, ExitStatus.DONE if diagnosis.usable else ExitStatus.MACHINE

@@ -27,8 +27,8 @@ def use_color(stream: TextIO, mode: str) -> bool:
     """Return whether escape codes may go to a stream; the flag beats NO_COLOR, which beats the terminal."""
     if mode != "auto":
         return mode == "always"
-    plain = os.environ.get("NO_COLOR") or os.environ.get("TERM", "dumb") in ("dumb", "unknown")
-    return not plain and is_terminal(stream)
+    colorless = os.environ.get("NO_COLOR") or os.environ.get("TERM", "dumb") in ("dumb", "unknown")
+    return not colorless and is_terminal(stream)
 
 
 def is_terminal(stream: IO[str] | None) -> bool:

@@ -109,8 +109,8 @@ def add(
         The copy of the robot file, the result, further files, and what the simulator gave.
     """
     assert gap.analysis is not None
-    beside = workflows.gap.robot_file_beside(gap.analysis.problem.base.robot, chosen)
-    copy = new_name or (session.out / beside.name if session.out else beside)
+    usual = workflows.gap.robot_file_beside(gap.analysis.problem.base.robot, chosen)
+    copy = new_name or (session.out / usual.name if session.out else usual)
     may_write(session, copy, other="another name with --new-name")
     after = gap.apply(chosen, robot_file=copy)
     folder_after = session.out or Path("out") / copy.stem
@@ -153,7 +153,7 @@ CHANGES = {
 
 def in_one_cell(rows: Table) -> list[dict[str, str]]:
     """Return what was before and is after in one cell, for which a terminal of 80 columns has room."""
-    found = []
+    cells_by_joint = []
     for row in rows:
         cells = {"joint": row["joint"]}
         for what, (head, unit) in CHANGES.items():
@@ -161,13 +161,13 @@ def in_one_cell(rows: Table) -> list[dict[str, str]]:
                 before, after = (cell_text(row[f"{what} {when}"]) for when in ("before", "after"))
                 change = before if before == after else f"{before} -> {after}"
                 cells[head] = f"{change} {row[unit]}"
-        found.append(cells | {"noise": row["noise"]} if "noise" in row else cells)
-    return found
+        cells_by_joint.append(cells | {"noise": row["noise"]} if "noise" in row else cells)
+    return cells_by_joint
 
 
 def show(session: Session, gap: Gap) -> None:
     """Print the answer, why, and the gap joint by joint; with -v what was asked, tried and left."""
-    session.judged(gap.judgement)
+    session.judgement(gap.judgement)
     session.table(in_one_cell(gap.joint_table()))
     session.stage("noise", f"{gap.noise_text}; held out: {gap.heldout}")
     if not session.verbose:

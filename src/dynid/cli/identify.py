@@ -131,12 +131,12 @@ def show_payload(session: Session, payload: IdentifiedPayload) -> None:
     session.table([dict(zip(heads, row, strict=True)) for row in rows])
 
 
-def show_gains(session: Session, robot: Robot, found: Gains) -> None:
+def show_gains(session: Session, robot: Robot, gains: Gains) -> None:
     """Say how far the gains are known."""
-    if found.relative:
+    if gains.relative:
         unknown = "the size of the gains is unknown, so results are in A; see --loaded"
         session.say(f"amperes    {unknown}")
-    shares = found.std_error / found.gain
+    shares = gains.std_error / gains.gain
     worst = int(shares.argmax())
     if shares[worst] > UNCERTAIN:
         name = robot.joint_names[worst]
@@ -144,28 +144,28 @@ def show_gains(session: Session, robot: Robot, found: Gains) -> None:
 
 
 def show_result(
-    session: Session, robot: Robot, found: Identification, facts: Mapping[str, Any]
+    session: Session, robot: Robot, result: Identification, facts: Mapping[str, Any]
 ) -> None:
     """Print the answer, why, and the table of joints; with -v what is used, and every parameter."""
-    session.judged(found.judgement)
-    session.lights(found.judgement)
+    session.judgement(result.judgement)
+    session.lights(result.judgement)
     joints, relative = facts["joints"], robot.torque.relative
     unit = "a" if "rms_a" in joints[0] else "nm"
-    measured = {"noise_floor_{}": "noise"} if found.header.get("noise_repeats_s") else {}
+    measured = {"noise_floor_{}": "noise"} if result.header.get("noise_repeats_s") else {}
     columns = (COLUMNS | measured).items()
     rows = [{head: each[key.format(unit)] for key, head in columns} for each in joints]
     units = ["A" if relative else joint.torque_unit for joint in robot.joints]
     session.table([row | {"unit": each} for row, each in zip(rows, units, strict=True)])
-    total, held = found.relative_error_percent, found.heldout_relative_error_percent
-    beside = "" if held is None else f", held out {held:.2f} % ({found.heldout})"
-    session.sentences(f"total relative error {total:.2f} %{beside}")
+    total, held = result.relative_error_percent, result.heldout_relative_error_percent
+    held_out = "" if held is None else f", held out {held:.2f} % ({result.heldout})"
+    session.sentences(f"total relative error {total:.2f} %{held_out}")
     if session.verbose:
-        mass = sum(link["mass_kg"] for link in found.links())
+        mass = sum(link["mass_kg"] for link in result.links())
         size = "masses are unknown without motor gains" if relative else f"{mass:.3g} kg in all"
         session.answer()
-        session.sentences(*found.verdict(), f"links are in parameters.npz: {size}")
+        session.sentences(*result.verdict(), f"links are in parameters.npz: {size}")
         session.answer()
-        session.table(found.table())
+        session.table(result.table())
 
 
 # ---------------------------------------------------------------- --fail-if
@@ -201,7 +201,7 @@ def parsed_limit(text: str) -> Limit:
 
 def broken_limits(facts: Mapping[str, Any], limits: Sequence[Limit]) -> list[str]:
     """Return those limits that are broken, in words."""
-    found, joints = [], facts["joints"]
+    broken, joints = [], facts["joints"]
     for name, sign, limit in limits:
         # Why so: the largest figure of a joint is that of any joint that has one.
         key = name.removeprefix("max_")
@@ -211,5 +211,5 @@ def broken_limits(facts: Mapping[str, Any], limits: Sequence[Limit]) -> list[str
             what = f"--fail-if: nothing is held out, so there is no {name}"
             raise WrongUsage(what, fix="--holdout 20%")
         if SIGNS[sign](value, limit):
-            found.append(f"{name} = {value:.4g} {sign} {limit:g}")
-    return found
+            broken.append(f"{name} = {value:.4g} {sign} {limit:g}")
+    return broken

@@ -27,11 +27,11 @@ from dynid.workflows.options import ImportOptions
 @options_from(ImportOptions)
 def command(session: Session, urdf: Path, options: ImportOptions) -> Answered:
     """Make a robot file from a URDF: DH table, limits, inertias as prior."""
-    found = workflows.import_urdf.import_urdf(urdf, options)
-    session.findings(found.findings)
-    path, robot = session.folder(urdf.stem) / f"{urdf.stem}.yaml", found.robot
-    write_once(session, path, workflows.import_urdf.robot_file(found, urdf))
-    chain = f"{robot.n} joints from {found.base} to {found.tip}, {robot.convention} DH"
+    imported = workflows.import_urdf.import_urdf(urdf, options)
+    session.findings(imported.findings)
+    path, robot = session.folder(urdf.stem) / f"{urdf.stem}.yaml", imported.robot
+    write_once(session, path, workflows.import_urdf.robot_file(imported, urdf))
+    chain = f"{robot.n} joints from {imported.base} to {imported.tip}, {robot.convention} DH"
     session.fact("robot", f"{robot.name}, {chain}")
     session.table(
         [
@@ -46,7 +46,7 @@ def command(session: Session, urdf: Path, options: ImportOptions) -> Answered:
             for joint in robot.joints
         ]
     )
-    error = f"forward kinematics agree with the URDF to {found.largest:.1e} m and rad"
+    error = f"forward kinematics agree with the URDF to {imported.largest:.1e} m and rad"
     session.fact("check", error)
     unknown = "a URDF does not say what the effort column of a log is; write `torque: {source: ...}` into the file"
     session.fact("torque", unknown)
@@ -54,4 +54,4 @@ def command(session: Session, urdf: Path, options: ImportOptions) -> Answered:
         masses = ", ".join(f"{body.mass:.3g}" for body in robot.prior.links)
         session.fact("prior", f"masses {masses} kg, inertias moved into the DH frames")
     session.next(shell("dynid", "check", path))
-    return workflows.import_urdf.import_facts(found, path)
+    return workflows.import_urdf.import_facts(imported, path)

@@ -130,10 +130,10 @@ def reduced(session: Session, derived: DerivedModel, options: ModelOptions) -> D
     path, seed = RunFolder(derived.folder).model[1], session.seed
     name = derived.model.robot.word
     made = workflows.model.reduce_model(derived, options, seed=seed)
-    base, found = made.base, made.base.reduction
+    base, reduction = made.base, made.base.reduction
     if path in made.wrote:
-        size = f"{len(found.names)} -> {found.rank} columns, rank {found.rank}"
-        gap = f"gap between kept and dropped singular values {found.gap:.0e}, seed {seed}"
+        size = f"{len(reduction.names)} -> {reduction.rank} columns, rank {reduction.rank}"
+        gap = f"gap between kept and dropped singular values {reduction.gap:.0e}, seed {seed}"
         session.stage("reduced", f"{size}, {gap}")
         session.wrote(path)
     else:

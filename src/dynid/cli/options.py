@@ -53,8 +53,8 @@ def completed(words: Callable[[], Iterable[str]], *, files: bool = False) -> Any
 
     def offer(ctx: click.Context, param: click.Parameter, typed: str) -> list[CompletionItem]:
         before, comma, begun = typed.rpartition(",")
-        found = [f"{before}{comma}{word}" for word in words() if word.startswith(begun)]
-        return [*map(CompletionItem, found)] or [CompletionItem(typed, type="file")] * files
+        matching = [f"{before}{comma}{word}" for word in words() if word.startswith(begun)]
+        return [*map(CompletionItem, matching)] or [CompletionItem(typed, type="file")] * files
 
     return offer
 
@@ -182,7 +182,7 @@ def settings(command: click.Command, given: Path | None) -> dict[str, Value]:
         UnknownKey: a key is neither a common option, a command, nor an option of this command.
         WrongUsage: an option that takes one value is given a list.
     """
-    keys, found = keys_of(command), {}
+    keys, values = keys_of(command), {}
     common = [key for key in COMMON if key in keys]
     for path in [given] if given else filter(Path.is_file, (config_file(), LOCAL_CONFIG)):
         top = read_yaml(path).mapping([*common, *COMMANDS])
@@ -192,8 +192,8 @@ def settings(command: click.Command, given: Path | None) -> dict[str, Value]:
             if value.is_list and not keys[key].multiple:
                 raise value.wrong(" takes one value, not a list", kind=WrongUsage)
             if not value.is_null:
-                found[key] = value
-    return found
+                values[key] = value
+    return values
 
 
 def configure(ctx: click.Context, param: click.Parameter, value: Path | None) -> None:
@@ -207,8 +207,8 @@ def configure(ctx: click.Context, param: click.Parameter, value: Path | None) ->
 
 def take_defaults(ctx: click.Context, values: dict[str, Value]) -> None:
     """Make values of a file the defaults of a command, before those that it has from other files."""
-    found = ctx.meta["dynid.settings"] = ctx.meta.get("dynid.settings", {}) | values
-    ctx.default_map = {name: words_of(each) for name, each in found.items()}
+    settings_now = ctx.meta["dynid.settings"] = ctx.meta.get("dynid.settings", {}) | values
+    ctx.default_map = {name: words_of(each) for name, each in settings_now.items()}
 
 
 def words_of(value: Value) -> str | list[str]:

@@ -229,17 +229,17 @@ def may_write(
     """
     if session.force or not path.exists():
         return True
-    fix, found = f"use --force, or {other}", None
+    fix, inputs_then = f"use --force, or {other}", None
     if inputs is not None:
         from dynid.runs import made_from
 
-        found = made_from(path)
-        if found == dict(inputs) and not session.yes:
+        inputs_then = made_from(path)
+        if inputs_then == dict(inputs) and not session.yes:
             reused = f"{path}       (made from the same inputs; --force makes it again)"
             session.stage("reused", reused)
             return False
     if not session.yes and not can_ask(session):
-        difference = "" if inputs is None else f" and {_difference(found, inputs)}"
+        difference = "" if inputs is None else f" and {_difference(inputs_then, inputs)}"
         raise OutputExists(f"{path} exists{difference}", fix=fix)
     if ask(session, "P6", path=path) is not Answer.YES:
         raise Declined(f"{path} is left as it was", fix=fix)
@@ -255,12 +255,12 @@ def write_once(session: Session, path: Path, text: str) -> None:
         session.wrote(path)
 
 
-def _difference(found: object, inputs: Mapping[str, str]) -> str:
-    if not isinstance(found, Mapping):
+def _difference(inputs_then: object, inputs: Mapping[str, str]) -> str:
+    if not isinstance(inputs_then, Mapping):
         return "does not say what it was made from"
     changes = []
-    for name in sorted({*found, *inputs}):
-        old, new = (str(each.get(name, "none")) for each in (found, inputs))
+    for name in sorted({*inputs_then, *inputs}):
+        old, new = (str(each.get(name, "none")) for each in (inputs_then, inputs))
         if old != new:
             # Why: of hashes the beginning tells enough.
             hashes = any(re.fullmatch("[0-9a-f]{16,}", text) for text in (old, new))

@@ -106,9 +106,9 @@ def repeated(ctx: click.Context, args: list[str]) -> list[str]:
         raise WrongUsage(what, where=path)
     keys = runs[command.name].mapping(_KEYS, required=("arguments",))
     stored = [item.text() for item in keys["arguments"].items()]
-    asked = command.make_parser(ctx).parse_args([*stored])[0]
+    stored_values = command.make_parser(ctx).parse_args([*stored])[0]
     for param in command.params:
-        if getattr(param, "allow_from_autoenv", True) is False and param.name in asked:
+        if getattr(param, "allow_from_autoenv", True) is False and param.name in stored_values:
             flag = flag_of(param)
             raise WrongUsage(f"{path} sets {flag}", where=path, fix=f"give {flag} yourself")
     return stored + args

@@ -276,22 +276,22 @@ class Session(Options):
         self.stdout.file.flush()
 
     # ------------------------------------------------------------ judgements
-    def judged(self, judged: Judgement) -> None:
+    def judgement(self, judgement: Judgement) -> None:
         """Print the answer, why, and what to beware of."""
-        self.headline(judged.sentence)
-        self.sentences(*judged.reasons, *judged.warnings)
+        self.headline(judgement.sentence)
+        self.sentences(*judgement.reasons, *judgement.warnings)
         self.answer()
 
-    def lights(self, judged: Judgement) -> None:
+    def lights(self, judgement: Judgement) -> None:
         """Print what is behind the lights that are not green, with -v behind all, and the names of the others."""
-        told = ("bad", "fair", "good") if self.verbose else ("bad", "fair")
-        for light in judged.lights:
-            if light.state in told:
+        states = ("bad", "fair", "good") if self.verbose else ("bad", "fair")
+        for light in judgement.lights:
+            if light.state in states:
                 self.fact(light.shown, ": ".join(filter(None, (light.title, light.text))))
         for state, word in (("good", "good"), ("open", "untested")):
-            found = [light.title for light in judged.lights if light.state == state]
-            if found and state not in told:
-                self.fact(word, ", ".join(found))
+            titles = [light.title for light in judgement.lights if light.state == state]
+            if titles and state not in states:
+                self.fact(word, ", ".join(titles))
         self.answer()
 
     def steps(self, *steps: Step) -> None:

@@ -64,24 +64,24 @@ def command(
     arm = load_robot(session, robot, tip)
     target = session.folder(arm.slug) / "simulated.npz"
     inputs = {"robot": arm.model_key, **input_hashes({"motion": source}), **options.texts()}
-    found = workflows.simulate.simulate(arm, source, options)
-    session.stage("physics", f"{found.source}; the arm follows the motion exactly")
+    simulation = workflows.simulate.simulate(arm, source, options)
+    session.stage("physics", f"{simulation.source}; the arm follows the motion exactly")
     wrote = []
     if may_write(session, target, inputs):
         target.parent.mkdir(parents=True, exist_ok=True)
-        wrote.append(found.log.save(target, session.header(inputs)))
+        wrote.append(simulation.log.save(target, session.header(inputs)))
         session.wrote(target)
     session.next(f"dynid identify {arm.word} {shell(target)}")
-    return {**found.facts(), "wrote": wrote}
+    return {**simulation.facts(), "wrote": wrote}
 
 
 def compared(session: Session, before: Path, after: Path, log: Path, engine: str) -> Answered:
     """Drive the exported files of two results along a log and print the errors."""
     work = workflows.simulator_gap
-    found = work.compare_in_simulator([before, after], log, engine=engine)
+    gap = work.compare_in_simulator([before, after], log, engine=engine)
     folder = session.out or (after if after.is_dir() else after.parent)
-    wrote = [work.save_figure(found, folder / "simulator" / f"{log.stem}_{engine}.png")]
-    session.sentences(found.sentence())
-    session.table(found.table())
+    wrote = [work.save_figure(gap, folder / "simulator" / f"{log.stem}_{engine}.png")]
+    session.sentences(gap.sentence())
+    session.table(gap.table())
     session.wrote(*wrote)
-    return {**found.facts(), "wrote": wrote}
+    return {**gap.facts(), "wrote": wrote}

@@ -132,7 +132,7 @@ def command(
         return reused(session, robot, path, accept=accept)
     while True:
         look = view(session, preview, path.parent, accept=accept)
-        found = workflows.trajectory.plan_trajectory(
+        planned = workflows.trajectory.plan_trajectory(
             robot,
             options,
             waypoints=files["from_waypoints"] or written.waypoints,
@@ -142,13 +142,13 @@ def command(
             base=workflows.model.base_model(robot, path.parent),
             drawing=look.drawing,
         )
-        show(session, found)
-        answer = accepted(session, found, look)
+        show(session, planned)
+        answer = accepted(session, planned, look)
         if answer is Answer.QUIT:
-            remove(found.clearance.pictures)
+            remove(planned.clearance.pictures)
             raise Declined("the motion was not accepted", why="nothing was written")
         if answer is Answer.YES or not can_ask(session) or session.yes:
-            return saved(session, path, found, inputs, look if answer is Answer.YES else None)
+            return saved(session, path, planned, inputs, look if answer is Answer.YES else None)
         options, files["from_waypoints"] = changed(session, options, files["from_waypoints"])
         inputs = plan_inputs(robot, options, plan, files)
 
@@ -197,26 +197,26 @@ def changed(
 
 
 def saved(
-    session: Session, path: Path, found: Plan, inputs: dict[str, str], look: View | None
+    session: Session, path: Path, planned: Plan, inputs: dict[str, str], look: View | None
 ) -> Answered:
     """Write a plan, marked as accepted where a look is given."""
-    pictures, robot = found.clearance.pictures, found.robot
+    pictures, robot = planned.clearance.pictures, planned.robot
     seen = None if look is None else bool(pictures) or look.window
     if seen is not None:
-        found = found.accepted(seen=seen)
+        planned = planned.accepted(seen=seen)
     # Why: pictures of another motion beside this one would be taken for pictures of it.
     remove({path.parent / name for name in PICTURES} - set(pictures))
-    _, *texts = found.save(path, inputs)
+    _, *texts = planned.save(path, inputs)
     wrote_trajectory(session, path, seen)
     session.wrote(*texts)
-    if any(finding.code == "W606" for finding in found.findings):
+    if any(finding.code == "W606" for finding in planned.findings):
         # Why: dynid record would refuse it.
         limits = f"write `limits:` of every joint into {robot.editable}"
         session.next(f"{limits}, then plan with that file")
     else:
         show_next(session, robot, path, reviewed=look is not None)
     wrote = [path, *texts, *pictures]
-    return found.facts() | {"wrote": wrote, "reviewed": look is not None}
+    return planned.facts() | {"wrote": wrote, "reviewed": look is not None}
 
 
 def remove(pictures: Any) -> None:  # noqa: ANN401
@@ -231,20 +231,20 @@ def wrote_trajectory(session: Session, path: Path, seen: bool | None) -> None:
     session.wrote(path, note=f"reviewed: {marks[seen]}")
 
 
-def show(session: Session, found: Plan) -> None:
+def show(session: Session, planned: Plan) -> None:
     """Print the answer and the joints' peaks on stdout, and say on stderr why."""
-    session.findings(found.findings)
-    session.headline(found.sentence)
-    for label, text in found.lines():
+    session.findings(planned.findings)
+    session.headline(planned.sentence)
+    for label, text in planned.lines():
         session.stage(label, text)
-    for picture in found.clearance.pictures:
+    for picture in planned.clearance.pictures:
         session.stage("preview", str(picture))
-    session.table(found.table())
+    session.table(planned.table())
 
 
-def accepted(session: Session, found: Plan | Reviewed, look: View) -> Answer:
+def accepted(session: Session, motion: Plan | Reviewed, look: View) -> Answer:
     """Ask P2 while the window shows the motion."""
-    with found.window() if look.window else nullcontext():
+    with motion.window() if look.window else nullcontext():
         if look.window:
             session.stage("preview", "PyBullet window opened; press space there to replay")
         return ask(session, "P2", given=look.accept or None)
@@ -299,16 +299,16 @@ def reviewed(
 
     stored, seen = read_trajectory(path, robot), None
     base = workflows.model.base_model(robot, session.folder(robot.slug))
-    found = workflows.trajectory.review_trajectory(
+    review = workflows.trajectory.review_trajectory(
         robot, stored, options, urdf=urdf, base=base, drawing=look.drawing
     )
-    pictures = found.clearance.pictures
-    session.findings(found.clearance.findings)
+    pictures = review.clearance.pictures
+    session.findings(review.clearance.findings)
     for picture in pictures:
         session.stage("preview", str(picture))
-    if accepted(session, found, look) is Answer.YES:
+    if accepted(session, review, look) is Answer.YES:
         seen = bool(pictures) or look.window
-        stored = found.accepted(seen=seen)
+        stored = review.accepted(seen=seen)
     return marked(session, robot, path, stored, seen, *pictures)
 
 

@@ -70,20 +70,20 @@ def command(
     if mcap is not None:
         may_write(session, mcap)
     base = workflows.model.base_model_of(stored, run.path)
-    found = workflows.validate.validate(stored, log, options, base=base)
-    folder = run.validation(found.log, found.log_sha256).path
-    wrote = [found.save(folder), *(found.write_figures(folder) if plot else [])]
+    validation = workflows.validate.validate(stored, log, options, base=base)
+    folder = run.validation(validation.log, validation.log_sha256).path
+    wrote = [validation.save(folder), *(validation.write_figures(folder) if plot else [])]
     if mcap is not None:
-        wrote.append(found.save_mcap(mcap, workflows.validate.urdf_of(stored, base)))
-    broken = found.broken_limits(limits.max_rms, limits.max_unexplained)
+        wrote.append(validation.save_mcap(mcap, workflows.validate.urdf_of(stored, base)))
+    broken = validation.broken_limits(limits.max_rms, limits.max_unexplained)
     for sentence in broken:
         session.say(f"limit      {sentence}")
-    session.judged(found.judgement)
-    session.lights(found.judgement)
-    session.table(found.table())
-    total = f"total relative error {found.relative_error_percent:.2f} %"
-    session.sentences(f"{total}; baseline: {found.baseline}")
+    session.judgement(validation.judgement)
+    session.lights(validation.judgement)
+    session.table(validation.table())
+    total = f"total relative error {validation.relative_error_percent:.2f} %"
+    session.sentences(f"{total}; baseline: {validation.baseline}")
     session.wrote(*wrote)
     wrote += renewed(session, stored.path, base)
-    session.steps(*found.judgement.steps)
-    return {**found.facts(), "passed": not broken, "wrote": wrote}, bool(broken)
+    session.steps(*validation.judgement.steps)
+    return {**validation.facts(), "passed": not broken, "wrote": wrote}, bool(broken)

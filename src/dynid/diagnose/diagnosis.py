@@ -123,7 +123,7 @@ class _Search:
 
         No edit of a file but those of a joint's signs changes what its friction has to be.
         """
-        judge, found = self.judge, []
+        judge, ratios = self.judge, []
         # Why not what possible bodies leave alone: huge ones, held by friction that drives, follow any short log.
         ((least, _),) = judge.least([judge.robot])
         for j, suspect in enumerate(self.given.left > self.given.floor):
@@ -131,17 +131,17 @@ class _Search:
             files = [judge.robot, *(edited(judge.robot, Edit(kind, (float(j),))) for kind in kinds)]
             left = [np.hypot(judge.alone(file, j), self.noise[j]) for file in files if suspect]
             free = max(left[0][0], np.hypot(least[j], self.noise[j])) if left else np.inf
-            found.append(min((each[1] for each in left), default=0) > tuning.NOT_BRAKING * free)
-        return tuple(map(bool, found))
+            ratios.append(min((each[1] for each in left), default=0) > tuning.NOT_BRAKING * free)
+        return tuple(map(bool, ratios))
 
     def fit(self, edits: tuple[Edit, ...]) -> Hypothesis:
         """Return a hypothesis fitted with bodies that can exist."""
         if edits not in self.found:
             robot = with_edits(self.judge.robot, edits)
-            found = Hypothesis(edits, *self.judge.possible(robot), self.judge.outside(robot))
-            error = usual_error(self.judge.robot, found.left)
+            hypothesis = Hypothesis(edits, *self.judge.possible(robot), self.judge.outside(robot))
+            error = usual_error(self.judge.robot, hypothesis.left)
             self.least_error = np.minimum(self.least_error, error)
-            self.found[edits] = found
+            self.found[edits] = hypothesis
         return self.found[edits]
 
     def same(self, one: Hypothesis, other: Hypothesis) -> bool:
@@ -280,11 +280,11 @@ def usual_error(robot: Robot, left: Floats) -> Floats:
     scale = np.array([each or 1.0 for each in rated])
     if robot.torque.source in ("joint_sensor", "unknown", "gravity_free") or None in rated:
         scale = np.ones(robot.n)
-    found = np.zeros(robot.n)
+    error = np.zeros(robot.n)
     for kind in (turning, ~turning):
         if kind.any():
-            found[kind] = np.median(left[kind] / scale[kind]) * scale[kind]
-    return found
+            error[kind] = np.median(left[kind] / scale[kind]) * scale[kind]
+    return error
 
 
 def driver_columns(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
@@ -322,10 +322,10 @@ def diagnose(log: Log, robot: Robot, *, anyway: bool = False) -> tuple[Finding, 
         check_gravity(log, robot)
     except GravityRemoved:
         # Why: torques that seem not to change with the weight may only be mapped wrongly.
-        found = _explained(log, robot, anyway=anyway, least_gain=tuning.GAIN_OVER_GRAVITY)
-        if not any(finding.code == "W329" for finding in found):
+        findings = _explained(log, robot, anyway=anyway, least_gain=tuning.GAIN_OVER_GRAVITY)
+        if not any(finding.code == "W329" for finding in findings):
             raise
-        return found
+        return findings
     return _explained(log, robot, anyway=anyway)
 
 
@@ -337,25 +337,25 @@ def _explained(
     W334 where no robot file explains some joints.
     """
     columns, names = driver_columns(log, robot)
-    found = find_mistake(columns, robot, names, mapped="driver_columns" in log.extra)
-    if found is None:
+    diagnosis = find_mistake(columns, robot, names, mapped="driver_columns" in log.extra)
+    if diagnosis is None:
         return ()
-    beyond, best = _unexplained(found, robot), found.best[0]
-    if not found.wrong or found.given.unexplained < least_gain * best.unexplained:
+    beyond, best = _unexplained(diagnosis, robot), diagnosis.best[0]
+    if not diagnosis.wrong or diagnosis.given.unexplained < least_gain * best.unexplained:
         return beyond
-    what = f"{_improvement(found.given, best, robot)} with {said(best.edits, robot)}"
+    what = f"{_improvement(diagnosis.given, best, robot)} with {said(best.edits, robot)}"
     for words, alike in (
-        ("the same torques result with", found.same),
-        ("this log fits as well with", found.tied),
+        ("the same torques result with", diagnosis.same),
+        ("this log fits as well with", diagnosis.tied),
     ):
         if alike:
             what += f" ({words} {' or '.join(said(each.edits, robot) for each in alike)})"
     if anyway:
-        evidence: dict[str, object] = {"unexplained": found.given.unexplained}
+        evidence: dict[str, object] = {"unexplained": diagnosis.given.unexplained}
         for key, several in (
-            ("hypotheses", found.best),
-            ("same", found.same),
-            ("tied", found.tied),
+            ("hypotheses", diagnosis.best),
+            ("same", diagnosis.same),
+            ("tied", diagnosis.tied),
         ):
             evidence[key] = [
                 {
@@ -365,9 +365,11 @@ def _explained(
                 for each in several
             ]
         return (Finding("W329", "warning", what, evidence), *beyond)
-    next_best = [each for each in found.best[1:3] if each.edits and each not in found.tied]
+    next_best = [each for each in diagnosis.best[1:3] if each.edits and each not in diagnosis.tied]
     others = [f"{said(each.edits, robot)} ({100 * each.unexplained:.0f} %)" for each in next_best]
-    edits = [pasted(each.edits, robot, bool(names)) for each in (best, *found.same, *found.tied)]
+    edits = [
+        pasted(each.edits, robot, bool(names)) for each in (best, *diagnosis.same, *diagnosis.tied)
+    ]
     raise WrongMapping(
         what,
         why="with this robot file, no physically consistent parameters make these torques"
@@ -377,11 +379,11 @@ def _explained(
     )
 
 
-def _unexplained(found: Diagnosis, robot: Robot) -> tuple[Finding, ...]:
+def _unexplained(diagnosis: Diagnosis, robot: Robot) -> tuple[Finding, ...]:
     """Return W334 where no robot file explains the torques of some joints."""
-    if not found.beyond:
+    if not diagnosis.beyond:
         return ()
-    names = [robot.joint_names[j] for j in found.beyond]
+    names = [robot.joint_names[j] for j in diagnosis.beyond]
     good = ", ".join(name for name in robot.joint_names if name not in names)
     text = (
         f"no edit of the robot file explains the torques of {', '.join(names)}: their friction would not brake with "

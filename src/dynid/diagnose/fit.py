@@ -63,12 +63,12 @@ class Columns:
     def grams(self) -> Floats:
         """Products of the columns of bodies without what is a joint's own, (K, n, 10 n, 10 n)."""
         (K, n), p = self.own.shape[:2], self.bodies.shape[1]
-        found = np.zeros((K, n, p, p))
+        products = np.zeros((K, n, p, p))
         for j in range(n):
             B = self.of_joint(j).swapaxes(1, 2)
             own = B @ self.basis[:, j]
-            found[:, j, 10 * j :, 10 * j :] = B @ B.swapaxes(1, 2) - own @ own.swapaxes(1, 2)
-        return found
+            products[:, j, 10 * j :, 10 * j :] = B @ B.swapaxes(1, 2) - own @ own.swapaxes(1, 2)
+        return products
 
     def left(
         self, of: Sequence[int], tau: Floats, says: NDArray[np.bool_], *, apart: bool
@@ -132,7 +132,7 @@ class Judge:
         for k, (robot, (x, _)) in enumerate(zip(robots, moved, strict=True)):
             alike = tables.setdefault((robot.convention, robot.gravity), {})
             alike.setdefault(x.tobytes(), []).append(k)
-        found: dict[int, tuple[Floats, Floats]] = {}
+        least_left: dict[int, tuple[Floats, Floats]] = {}
         together = max(1, TOGETHER // len(self.tau))
         for files in (list(alike.values()) for alike in tables.values()):
             for start in range(0, len(files), together):
@@ -144,8 +144,8 @@ class Judge:
                 says = np.stack([self.says(robots[k]) for k in numbers])
                 floor = columns.floor(of, tau)
                 left = np.where(says, columns.left(of, tau, says, apart=self.apart), floor)
-                found |= dict(zip(numbers, zip(left, floor, strict=True), strict=True))
-        return [found[k] for k in range(len(robots))]
+                least_left |= dict(zip(numbers, zip(left, floor, strict=True), strict=True))
+        return [least_left[k] for k in range(len(robots))]
 
     def possible(self, robot: Robot) -> tuple[Floats, Floats]:
         """Return what bodies that can exist leave of each joint's torque, and what friction alone leaves, (n,) each."""
@@ -154,13 +154,13 @@ class Judge:
         parts = [_reduced(columns, tau, j, self._signed) for j in np.flatnonzero(says).tolist()]
         bodies = _corners(robot.convention, robot.joints, prior_bodies(robot))
         (floor,) = columns.floor([0], tau[None])
-        found = floor.copy()
+        remaining = floor.copy()
         if self.apart:
-            found[says] = [_cone([part], bodies, np.ones(1))[0] for part in parts]
+            remaining[says] = [_cone([part], bodies, np.ones(1))[0] for part in parts]
         elif says.any():
             (left,) = columns.left([0], tau[None], says[None], apart=False)
-            found[says] = _cone(parts, bodies, 1.0 / np.maximum(left[says], 1e-9))
-        return found, floor
+            remaining[says] = _cone(parts, bodies, 1.0 / np.maximum(left[says], 1e-9))
+        return remaining, floor
 
     def alone(self, robot: Robot, joint: int) -> tuple[float, float]:
         """Return what a joint leaves under an edited file with bodies of its own.
@@ -217,11 +217,11 @@ class Judge:
         map_, rows, sign = robot.columns.map, list(range(n)), np.ones(n)
         if self.mapped:
             rows, sign = self._order(robot), np.multiply(map_.sign, map_.torque_signs)
-        found = np.zeros((n, N, p + OWN * n))
+        columns_of_all = np.zeros((n, N, p + OWN * n))
         for j, row in enumerate(rows):
-            found[row, :, 10 * j : p] = sign[j] * columns.of_joint(j)[0]
-            found[row, :, p + OWN * j : p + OWN * (j + 1)] = columns.own[0, j]
-        return found.reshape(n * N, -1)
+            columns_of_all[row, :, 10 * j : p] = sign[j] * columns.of_joint(j)[0]
+            columns_of_all[row, :, p + OWN * j : p + OWN * (j + 1)] = columns.own[0, j]
+        return columns_of_all.reshape(n * N, -1)
 
     def _columns(self, robot: Robot, motions: Sequence[Floats]) -> Columns:
         """Return the columns of an edited file on motions in DH quantities, (3, N, n) each."""
@@ -301,11 +301,11 @@ def judge_of(log: Log, robot: Robot, *, mapped: bool = True) -> Judge | None:
     acceleration = smooth(np.gradient(velocity, smooth(clock), axis=0))
     torque, count = smooth(smooth(smooth(tau))), len(acceleration)
     position, velocity = (x[(len(x) - count) // 2 :][:count] for x in (position, velocity))
-    whole = t[span:][:count] - t[:count] < 1.5 * span * usual + 3 * usual
+    without_gaps = t[span:][:count] - t[:count] < 1.5 * span * usual + 3 * usual
     # Why: a log in rad that the robot file takes for degrees seems to stand still.
     unit = POSITION[robot.columns.units["position"]]
     slow = unit * per_joint(signal_tuning.MOVING_SPEED, robot)
-    rows = np.flatnonzero(np.any(np.abs(velocity) > slow, axis=1) & whole)
+    rows = np.flatnonzero(np.any(np.abs(velocity) > slow, axis=1) & without_gaps)
     if len(rows) < 50:
         return None
     independent = len(rows) / width
@@ -416,8 +416,8 @@ def _cone(
     cone = block_diag(*bodies, np.eye(stacked.shape[1] - 1 - 10 * len(bodies)))
     corners = R[:, :-1] @ cone
     scale = np.maximum(np.linalg.norm(corners, axis=0), 1e-12)
-    found = nnls(corners / scale, R[:, -1], maxiter=10 * corners.shape[1])[0] / scale
-    left = stacked[:, -1] - stacked[:, :-1] @ (cone @ found)
+    solution = nnls(corners / scale, R[:, -1], maxiter=10 * corners.shape[1])[0] / scale
+    left = stacked[:, -1] - stacked[:, :-1] @ (cone @ solution)
     return np.asarray(np.sqrt(np.mean(left.reshape(len(parts), -1) ** 2, axis=1)) / weights)
 
 
@@ -435,7 +435,7 @@ def _corners(
     robot = Robot("", convention, joints)
     frames = link_frames(robot, np.zeros((1, robot.n)))
     R, p = frames.R[0], np.concatenate([np.zeros((1, 3)), frames.p[0]])
-    found = []
+    corners = []
     for i in range(robot.n):
         ends = (p[i : i + 3] - p[i + 1]) @ R[i]
         reach = tuning.BOX_MARGIN_M + tuning.BOX_MARGIN_SHARE * np.abs(ends).max()
@@ -446,8 +446,8 @@ def _corners(
         grid = np.stack(np.meshgrid(*axes, indexing="ij")).reshape(3, -1)
         x, y, z = np.hstack([grid, _points(prior[i]).T])
         tensor = [y**2 + z**2, -x * y, -x * z, x**2 + z**2, -y * z, x**2 + y**2]
-        found.append(np.stack([np.ones_like(x), x, y, z, *tensor]))
-    return tuple(found)
+        corners.append(np.stack([np.ones_like(x), x, y, z, *tensor]))
+    return tuple(corners)
 
 
 def _points(body: Body) -> Floats:

@@ -43,11 +43,11 @@ def check_gravity(log: Log, robot: Robot) -> None:
     if known:
         carries |= change > max(tuning.LIGHTER_JOINT * change.max(), tuning.LIGHTER_LOAD_NM)
     alike = 1.0 if at_rest else tuning.SAMPLES_ALIKE
-    asked = (
+    compared = (
         _share(load[:, j], tau[:, j], [part[:, j] for part in besides], alike)
         for j in np.flatnonzero(carries)
     )
-    shares = list(filter(None, asked))
+    shares = list(filter(None, compared))
     largest = tuning.WEIGHT_SHARE_KNOWN if known else tuning.WEIGHT_SHARE_UNKNOWN
     # Why the errors: friction and noise of a motion that hardly lifts the arm hide its weight, whatever came out.
     most = [(share + 2.0 * error) / tuning.LEAST_WEIGHT for share, error in shares]

@@ -193,14 +193,14 @@ def _orders(names: Sequence[str]) -> Iterator[Edit]:
 
 def unlikeliness(edit: Edit) -> float:
     """Return how much less likely a mistake is than the likeliest one, in units of ``tuning.CLEAR``."""
-    found = tuning.UNLIKELY[edit.kind]
+    price = tuning.UNLIKELY[edit.kind]
     if edit.kind == "order":
         n = len(edit.value)
-        odd = tuning.COLUMN_MOVED * max(0, sum(k != at for at, k in enumerate(edit.value)) - 2)
+        moved = tuning.COLUMN_MOVED * max(0, sum(k != at for at, k in enumerate(edit.value)) - 2)
         # The reversed order, or the whole chain shifted.
         steps = {(b - a) % n for a, b in pairwise(edit.value)}
-        found += min(odd, tuning.REGULAR_ORDER) if steps in ({1.0}, {n - 1.0}) else odd
-    return found
+        price += min(moved, tuning.REGULAR_ORDER) if steps in ({1.0}, {n - 1.0}) else moved
+    return price
 
 
 def with_one_more(edits: tuple[Edit, ...], edit: Edit) -> tuple[Edit, ...] | None:

@@ -102,10 +102,10 @@ def farthest(unseen: Unseen, evidence: Evidence) -> tuple[JointEvidence, float, 
     if len(unseen.rms) != len(evidence.joints):
         return None
     pairs = zip(evidence.joints, unseen.rms, strict=True)
-    found = (
+    errors = (
         (joint, error, times) for joint, error in pairs if (times := joint.times(error)) is not None
     )
-    return max(found, key=lambda each: each[2], default=None)
+    return max(errors, key=lambda each: each[2], default=None)
 
 
 def at_noise(unseen: Unseen, evidence: Evidence) -> bool:
@@ -189,13 +189,13 @@ def _physics(evidence: Evidence) -> Iterator[Fact]:
         yield "good", "the parameters are physically consistent"
     if evidence.physical is False:
         yield "fair", "predictions use least squares, which need not be physically consistent"
-    possible, plain = evidence.possible, evidence.plain
-    if possible is not None and plain is not None:
-        near = grade(possible / max(plain, 1e-9), tuning.POSSIBLE)
+    possible, free = evidence.possible, evidence.plain
+    if possible is not None and free is not None:
+        near = grade(possible / max(free, 1e-9), tuning.POSSIBLE)
         state = "good" if possible <= tuning.HARMLESS else near
         # What a possible arm leaves may be friction: it is no more than fair.
         state = "fair" if state == "bad" and possible <= tuning.FIT[0] else state
-        text = f"relative torque error {possible:.2g} % if physically consistent, {plain:.2g} % by least squares"
+        text = f"relative torque error {possible:.2g} % if physically consistent, {free:.2g} % by least squares"
         yield unless_good(state, text)
     if evidence.doubts:
         codes = ", ".join(dict.fromkeys(evidence.doubts))
@@ -215,25 +215,25 @@ def _complete(evidence: Evidence) -> Iterator[Fact]:
 
 def of_search(gap: GapEvidence) -> list[Fact]:
     """Return what a search says of the logs that it has seen."""
-    found = []
+    facts = []
     for name, error, noise in zip(gap.joints, gap.errors, gap.allowed, strict=True):
         more = not noise or error > tuning.MISSING[not gap.repeats] * noise
         state = "fair" if more else "good"
-        found.append(unless_good(state, f"{name} {error:.2g}, noise {noise:.2g}"))
+        facts.append(unless_good(state, f"{name} {error:.2g}, noise {noise:.2g}"))
     if gap.surprise is not None:
         text = (
             f"relative torque error {gap.kept:.2g} % on the new logs, expected {gap.expected:.2g} %"
         )
-        found.append(unless_good(grade(gap.surprise, tuning.EXPECTED), text))
+        facts.append(unless_good(grade(gap.surprise, tuning.EXPECTED), text))
     if gap.missing or len(gap.effects) > len(gap.named):
         named = [f"{one.title} on {one.where}" for one in gap.missing]
         likely = [f"perhaps {one.title} on {one.where}" for one in gap.effects if not one.named]
-        found.append(("fair", ", ".join(named or likely)))
+        facts.append(("fair", ", ".join(named or likely)))
     if gap.more:
-        found.append(("fair", f"residual above the noise on {', '.join(gap.more)}"))
+        facts.append(("fair", f"residual above the noise on {', '.join(gap.more)}"))
     if joints := dict.fromkeys((*gap.unrepeatable, *(each.joint for each in gap.events))):
-        found.append(("fair", f"disturbance that does not repeat on {', '.join(joints)}"))
-    return found or [("fair", "the search compared no joint with its noise")]
+        facts.append(("fair", f"disturbance that does not repeat on {', '.join(joints)}"))
+    return facts or [("fair", "the search compared no joint with its noise")]
 
 
 def unsearched(evidence: Evidence) -> list[Unseen]:
@@ -258,13 +258,13 @@ LIGHTS = (
 
 def lights(evidence: Evidence) -> tuple[Light, ...]:
     """Return the lights of fit, unseen motion, parameters, physics and missing effects."""
-    found = []
+    lights_now = []
     for name, covered, unknown in LIGHTS:
         facts = list(covered(evidence))
         state = worst(each for each, _ in facts) if facts else OPEN
         text = "; ".join(text for each, text in facts if each == state and text)
-        found.append(Light(name, state, text if facts else unknown))
-    return tuple(found)
+        lights_now.append(Light(name, state, text if facts else unknown))
+    return tuple(lights_now)
 
 
 @dataclass(frozen=True)
@@ -291,8 +291,8 @@ class Case:
     @property
     def or_more(self) -> str:
         """What follows a noise level: without repeats it is a lower bound."""
-        asked = self.gap if self.evidence.asked == "gap" else self.evidence
-        return "" if asked.repeats else " or more"
+        source = self.gap if self.evidence.asked == "gap" else self.evidence
+        return "" if source.repeats else " or more"
 
     @cached_property
     def searched(self) -> bool:

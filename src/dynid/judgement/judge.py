@@ -38,8 +38,8 @@ class Judgement:
         states = {light.name: light.state for light in self.lights}
         if states["unseen motion"] == "good" and states["physics"] == "bad":
             states["physics"] = "fair"
-        found = worst(state for state in states.values() if state != OPEN)
-        return OPEN if found == "good" and states["unseen motion"] == OPEN else found
+        overall = worst(state for state in states.values() if state != OPEN)
+        return OPEN if overall == "good" and states["unseen motion"] == OPEN else overall
 
     def light(self, name: str) -> Light:
         """Return the light of one side: ``fit``, ``unseen motion``, ``knowledge``, ``physics`` or ``complete``."""
@@ -79,14 +79,14 @@ def judge(evidence: Evidence) -> Judgement:
     )
 
 
-def merged(found: Iterable[Step]) -> tuple[Step, ...]:
+def merged(every: Iterable[Step]) -> tuple[Step, ...]:
     """Return steps with each command once, without those for lights that earlier ones may turn green.
 
     What a first step may turn green needs no second one, which often only makes sense without the first.
     """
     kept: dict[str, Step] = {}
     covered: set[str] = set()
-    for step in found:
+    for step in every:
         if not step.lights or not covered.issuperset(step.lights):
             covered.update(step.lights)
             first = kept.get(step.command, step)

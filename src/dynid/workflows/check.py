@@ -88,17 +88,17 @@ def check(
     robots = {
         path: load_robot(path) for path, kind in zip(paths, kinds, strict=True) if kind == "robot"
     }
-    arm, found = robot or next(iter(robots.values()), None), []
+    arm, checks = robot or next(iter(robots.values()), None), []
     for path, kind in zip(paths, kinds, strict=True):
         if kind == "robot":
-            found.append(_check_robot(robots[path]))
+            checks.append(_check_robot(robots[path]))
         elif kind == "result":
-            found.append(_check_result(Path(path)))
+            checks.append(_check_result(Path(path)))
         elif arm is None:
-            found.append(inspected(Path(path), options))
+            checks.append(inspected(Path(path), options))
         else:
-            found.append(_check_log(Path(path), arm, options))
-    return tuple(found)
+            checks.append(_check_log(Path(path), arm, options))
+    return tuple(checks)
 
 
 def _kind_of(path: str) -> str:
@@ -219,15 +219,15 @@ def inspected(path: Path, options: LogOptions) -> Checked:
         DynidError: nothing of it can be read.
     """
     with located(str(path)):
-        found = inspect(path, options.rate)
+        contents = inspect(path, options.rate)
     lines = [
         ("topic", f"{topic.name}  {topic.type}, {topic.count} messages")
-        for topic in found.topics.values()
+        for topic in contents.topics.values()
     ]
-    if found.columns:
-        lines.append(("columns", ", ".join(found.columns)))
+    if contents.columns:
+        lines.append(("columns", ", ".join(contents.columns)))
     described = []
-    for each in found.joints:
+    for each in contents.joints:
         log, units = each.log, each.units
         effort = units["effort"] if each.has_torques else "no torques"
         rate = (len(log) - 1) / log.duration if log.duration > 0 else 0.0
@@ -248,15 +248,15 @@ def inspected(path: Path, options: LogOptions) -> Checked:
                 "span": span,
             }
         )
-    snippet = found.snippet()
+    snippet = contents.snippet()
     lines += [("" if k else "robot file", line) for k, line in enumerate(snippet.splitlines())]
     facts = {
-        "topics": [picked(t, "name", "type", messages="count") for t in found.topics.values()],
-        "columns": list(found.columns),
+        "topics": [picked(t, "name", "type", messages="count") for t in contents.topics.values()],
+        "columns": list(contents.columns),
         "joint_states": described,
         "snippet": snippet,
     }
-    return Checked(str(path), "log", tuple(lines), facts, found.findings)
+    return Checked(str(path), "log", tuple(lines), facts, contents.findings)
 
 
 def _lines(

@@ -136,20 +136,20 @@ class ComparedRun(Judged):
 
     def described(self) -> dict[str, Any]:
         """Return the run itself as the JSON answer has it."""
-        found, keys = self.result, {"rms_nm": "rms", "relative_error_percent": "relative_percent"}
+        result, keys = self.result, {"rms_nm": "rms", "relative_error_percent": "relative_percent"}
         same = ("relative_error_percent", "heldout_relative_error_percent")
-        numbers = zip(found.names, found.theta, found.std_error, strict=True)
+        numbers = zip(result.names, result.theta, result.std_error, strict=True)
         return {
             "run": self.name,
-            "path": str(found.path),
-            "robot": found.robot.name,
-            **picked(found, "method", "rank", "condition_number_scaled", *same),
-            "joints": [picked(joint, "joint", **keys) for joint in found.joints],
+            "path": str(result.path),
+            "robot": result.robot.name,
+            **picked(result, "method", "rank", "condition_number_scaled", *same),
+            "joints": [picked(joint, "joint", **keys) for joint in result.joints],
             "parameters": {
                 name: {"value": float(value), "std_error": float(error)}
                 for name, value, error in numbers
             },
-            "log_sha256": list(found.log_sha256),
+            "log_sha256": list(result.log_sha256),
         }
 
 
@@ -181,17 +181,17 @@ class RunComparison(Answer):
         """Return one row per run: robot, estimator, rank, condition number, errors."""
         rows = []
         for run in self.runs:
-            found = run.result
-            worst = max(found.joints, key=lambda joint: joint.relative_percent)
-            held = found.heldout_relative_error_percent
+            result = run.result
+            worst = max(result.joints, key=lambda joint: joint.relative_percent)
+            held = result.heldout_relative_error_percent
             rows.append(
                 {
                     "run": run.name,
-                    "robot": found.robot.name,
-                    "method": found.method,
-                    "rank": f"{found.rank}",
-                    "condition": f"{found.condition_number_scaled:.3g}",
-                    "unexplained": f"{found.relative_error_percent:.2f} %",
+                    "robot": result.robot.name,
+                    "method": result.method,
+                    "rank": f"{result.rank}",
+                    "condition": f"{result.condition_number_scaled:.3g}",
+                    "unexplained": f"{result.relative_error_percent:.2f} %",
                     "held out": "-" if held is None else f"{held:.2f} %",
                     "weakest joint": f"{worst.joint} {worst.relative_percent:.1f} %",
                 }

@@ -62,11 +62,11 @@ def convert(
         log = read_log(path, robot, LogOptions(topic=options.topic, rate=options.rate))
         return Converted(write_log(log, Path(target)), log, log.findings)
     with located(str(path)):
-        found = inspect(Path(path), options.rate)
-        logs = [each.log for each in found.joints if options.topic in (None, each.topic)]
+        contents = inspect(Path(path), options.rate)
+        logs = [each.log for each in contents.joints if options.topic in (None, each.topic)]
         if not logs:
-            have = ", ".join([*map(str, found.topics.values())] or found.columns) or "nothing"
+            have = ", ".join([*map(str, contents.topics.values())] or contents.columns) or "nothing"
             what = f"{path} has no topic that dynid can read as joint states; it has {have}"
             raise WrongMessageType(what, fix="give --robot")
     log = max(logs, key=len)
-    return Converted(write_log(log, Path(target)), log, found.findings)
+    return Converted(write_log(log, Path(target)), log, contents.findings)

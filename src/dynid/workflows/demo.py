@@ -118,11 +118,11 @@ def simulate_own(robot: Robot, folder: Path, seed: int) -> OwnArm:
     for k, seconds in enumerate(OWN_SECONDS):
         spec = SineSpec(seconds, 10.0, 0.8, 0.6, 0.6, -math.inf)
         motion = sines(arm, spec, OWN_STEP, np.random.default_rng([seed, k]))
-        found = simulate(arm, motion, seed=seed + k)
-        physics = found.source
-        paths.append(found.log.save(folder / f"motion{k + 1}.npz"))
+        simulation = simulate(arm, motion, seed=seed + k)
+        physics = simulation.source
+        paths.append(simulation.log.save(folder / f"motion{k + 1}.npz"))
     truth: dict[str, float] = {}
-    frictions = zip(bodies, found.viscous, found.coulomb, strict=True)
+    frictions = zip(bodies, simulation.viscous, simulation.coulomb, strict=True)
     for i, (body, viscous, coulomb) in enumerate(frictions, start=1):
         names = [f"{name}{i}" for name in (*LINK_PARAMETERS, "fv", "fc", "fo")]
         values = (*body.parameters().tolist(), 0.0, float(viscous), float(coulomb), 0.0)

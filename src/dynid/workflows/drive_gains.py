@@ -96,30 +96,30 @@ def find_drive_gains(
     return find_gains(stack_logs(conditioned, base), known, load, robot.torque.scale_error)
 
 
-def write_robot(folder: Path, robot: Robot, found: Gains) -> tuple[Path, Robot]:
+def write_robot(folder: Path, robot: Robot, gains: Gains) -> tuple[Path, Robot]:
     """Write a copy of the robot file with the gains, and return its path and the robot in it."""
     document = yaml.safe_load(text_of(robot, with_prior=False))
     # Why: what a load weighs with these gains is as uncertain as they are.
-    share = min(0.99, float(np.sqrt(np.mean((found.std_error / found.gain) ** 2))))
+    share = min(0.99, float(np.sqrt(np.mean((gains.std_error / gains.gain) ** 2))))
     document["torque"] = {
         "source": "motor_current",
-        "gain": [float(f"{value:.9g}") for value in found.gain],
-        **({"relative": True} if found.relative else {"gain_error": float(f"{share:.2g}")}),
+        "gain": [float(f"{value:.9g}") for value in gains.gain],
+        **({"relative": True} if gains.relative else {"gain_error": float(f"{share:.2g}")}),
     }
     path = folder / f"{robot.slug}.yaml"
-    what = "ratios of the gains; their size is unknown" if found.relative else "gains"
+    what = "ratios of the gains; their size is unknown" if gains.relative else "gains"
     head = f"Made by dynid identify: {printable(robot.path.name if robot.path else robot.name)} with {what}."
     write_text(path, yaml_text(document, head, width=140, default_flow_style=False))
     return path, replace(load_robot(path), prior=robot.prior, known=robot.known)
 
 
-def gain_facts(robot: Robot, found: Gains) -> dict[str, Any]:
+def gain_facts(robot: Robot, gains: Gains) -> dict[str, Any]:
     """Return the gains for JSON."""
-    pairs = zip(robot.joint_names, found.gain.tolist(), found.std_error.tolist(), strict=True)
+    pairs = zip(robot.joint_names, gains.gain.tolist(), gains.std_error.tolist(), strict=True)
     rows = [
         {"joint": joint, "gain_nm_per_a": gain, "std_error": error} for joint, gain, error in pairs
     ]
-    return {"gains": rows, "gains_relative": found.relative}
+    return {"gains": rows, "gains_relative": gains.relative}
 
 
 def in_amperes(facts: Any, robot: Robot) -> Any:  # noqa: ANN401
@@ -134,15 +134,15 @@ def in_amperes(facts: Any, robot: Robot) -> Any:  # noqa: ANN401
         if not isinstance(value, dict):
             return value
         gain = scale.get(str(value.get("joint")), gain) or 1.0
-        found = {}
+        facts = {}
         for key, inner in value.items():
             torque = key.endswith("_nm")
             if key == "unit" and isinstance(inner, str) and "std_error" in value:
                 inner = inner.replace("N m", "A") if "N m" in inner else f"{inner} A/(N m)"
             in_amperes = torque and isinstance(inner, float)
-            found[key[:-3] + "_a" if torque else key] = (
+            facts[key[:-3] + "_a" if torque else key] = (
                 inner / gain if in_amperes else renamed(inner, gain)
             )
-        return found
+        return facts
 
     return renamed(facts, 1.0)

@@ -239,12 +239,12 @@ def _write_draws(
     """Write arms drawn from the posterior about an arm, and ``draws.json`` with ranges and correlations."""
     drawn = result.draws(count, seed)
     texts: dict[str, str] = {}
-    digits, beside = len(str(count)), wanted(arm, tuple(hosts)) and bool(arm.base.model.added)
+    digits, with_effects = len(str(count)), wanted(arm, tuple(hosts)) and bool(arm.base.model.added)
     for k, (x, theta) in enumerate(zip(drawn.x, drawn.theta, strict=True), start=1):
         one = replace(arm, theta=theta, full=model_of(arm.base, drawn.names, x, arm.full.origin))
         stem = f"{arm.file_stem}_{k:0{digits}d}"
         texts |= {f"{stem}{FORMATS[name].suffix}": FORMATS[name].text(one) for name in hosts}
-        if beside:
+        if with_effects:
             texts[f"{stem}_{EFFECTS_FILE}"] = EFFECTS.text(one)
     texts["draws.json"] = json.dumps(drawn.facts(), indent=1) + "\n"
     for name, text in texts.items():
@@ -356,18 +356,18 @@ def _possible(
 
 def _proved(form: Format, path: Path, text: str, arm: IdentifiedArm, seed: int) -> ExportedFile:
     """Return a file's text with how well each engine that loads it agrees with dynid."""
-    found = ExportedFile(form.name, path, text, form.leaves_out(arm))
+    exported = ExportedFile(form.name, path, text, form.leaves_out(arm))
     try:
-        found = replace(found, agreements=tuple(form.check(text, arm, seed)))
+        exported = replace(exported, agreements=tuple(form.check(text, arm, seed)))
     except LoadingFailed as error:
-        found = replace(found, refused=str(error))
+        exported = replace(exported, refused=str(error))
     except NotTried as error:
-        found = replace(found, not_tried=str(error))
+        exported = replace(exported, not_tried=str(error))
     if form.name not in HOSTS:
-        return found
+        return exported
     where, mjcf = simulated(arm), form.name == "mjcf"
     return replace(
-        found,
+        exported,
         elements=where.numbers + (where.elements if mjcf else ()),
         beside=tuple(where.in_effects_file(mjcf=mjcf)),
     )

@@ -99,21 +99,21 @@ def selection_options(robot: Robot, options: GapOptions) -> SelectionOptions:
 
 def joint_indices(names: Sequence[str], text: str, option: str) -> tuple[int, ...]:
     """Return 0-based joints given by name, by number from 1, or as a range such as ``2-4``, separated by commas."""
-    found: list[int] = []
+    indices: list[int] = []
     for word in (w.strip() for w in text.split(",")):
         span = re.fullmatch(r"([0-9]{1,9})(?:-([0-9]{1,9}))?", word)
         if not word:
             continue
         if word in names:
-            found.append(list(names).index(word))
+            indices.append(list(names).index(word))
         elif span and 1 <= int(span[1]) <= int(span[2] or span[1]) <= len(names):
-            found += range(int(span[1]) - 1, int(span[2] or span[1]))
+            indices += range(int(span[1]) - 1, int(span[2] or span[1]))
         else:
             raise WrongUsage(
                 f"{option}: no joint '{word}'{closest(word, names)}",
                 fix=f"1 to {len(names)}, or a name",
             )
-    return tuple(dict.fromkeys(found))
+    return tuple(dict.fromkeys(indices))
 
 
 @dataclass(frozen=True, repr=False)
@@ -138,8 +138,8 @@ class Gap(Judged, GapRecord):
     def unseen_logs(self) -> tuple[Log, ...]:
         """The recordings that were held out as a whole; none where parts of recordings were."""
         names = self.heldout.split(", ")
-        found = tuple(log for log in self.recordings if log.name in names)
-        return found if 0 < len(found) == len(names) < len(self.recordings) else ()
+        logs = tuple(log for log in self.recordings if log.name in names)
+        return logs if 0 < len(logs) == len(names) < len(self.recordings) else ()
 
     @property
     def evidence(self) -> Evidence:
@@ -147,10 +147,10 @@ class Gap(Judged, GapRecord):
         record = picked(self, *(each.name for each in fields(GapRecord)))
         record |= {key: [asdict(one) for one in record[key]] for key in ("named", "closest")}
         delay = 0.0 if self.searched is None else self.searched.delay
-        found = gap_evidence(record, asdict(self.improvement), delay)
+        search = gap_evidence(record, asdict(self.improvement), delay)
         known = Evidence() if self.searched is None else evidence_of(self.searched)
         known = replace(known, result=known.result or self.made_from)
-        return replace(known, asked="gap", gap=found)
+        return replace(known, asked="gap", gap=search)
 
     @property
     def noise_text(self) -> str:
@@ -160,10 +160,10 @@ class Gap(Judged, GapRecord):
     @property
     def where_text(self) -> str:
         """On which joints the disagreement is, and where in their motion."""
-        loud = [one for one in self.joints if one.share > TOLD_SHARE and one.chi > 1 + NEGLIGIBLE]
+        above = [one for one in self.joints if one.share > TOLD_SHARE and one.chi > 1 + NEGLIGIBLE]
         texts = (
             f"{self.joint_names[one.joint]} ({100 * one.share:.0f} % of the disagreement) {one.text}"
-            for one in sorted(loud, key=lambda one: -one.share)
+            for one in sorted(above, key=lambda one: -one.share)
         )
         return "; ".join(texts) or "no joint is above its noise floor"
 
@@ -215,13 +215,13 @@ class Gap(Judged, GapRecord):
 
     def summary(self) -> str:
         """Return the verdict, the sizes of what is named, where the gap is, the noise and the advice, line by line."""
-        judged = self.judgement
+        judgement = self.judgement
         sizes = [f"{one.effect} on {one.where}: {', '.join(one.texts())}" for one in self.named]
         return "\n".join(
             [
-                judged.sentence,
-                *judged.reasons,
-                *judged.warnings,
+                judgement.sentence,
+                *judgement.reasons,
+                *judgement.warnings,
                 *sizes,
                 f"where: {self.where_text}",
                 f"noise: {self.noise_text}",
@@ -317,18 +317,18 @@ class Gap(Judged, GapRecord):
         name, _, where = text.partition("@")
         joints = joint_indices(self.joint_names, where, "--apply")
         every = (*self.named, *self.closest)
-        found = [
+        matching = [
             one
             for one in every
             if one.effect == name and (not joints or {*one.indices[:1]} & {*joints})
         ]
-        if not found:
+        if not matching:
             there = [
                 f"{one.effect}@{','.join(f'{j + 1}' for j in one.indices[:1])}" for one in every
             ]
             why = f"found: {', '.join(there) or 'nothing'}"
             raise WrongUsage(f"--apply {text}: this was not found", why=why)
-        return tuple(found)
+        return tuple(matching)
 
     def apply(
         self, effects: str | Sequence[GapEffect] = "best", *, robot_file: Path | str | None = None
@@ -350,8 +350,8 @@ class Gap(Judged, GapRecord):
             raise WrongUsage(
                 "a search that was read from a file cannot be applied", fix="find_gap(...).apply()"
             )
-        asked = self.chosen(effects) if isinstance(effects, str) else effects
-        wanted = [(one.effect, one.indices) for one in asked]
+        requested = self.chosen(effects) if isinstance(effects, str) else effects
+        wanted = [(one.effect, one.indices) for one in requested]
         every = (*analysis.verdict.named, *(one for one, _ in analysis.verdict.closest))
         chosen = [one for one in every if (one.name, one.joints) in wanted]
         if not chosen:
@@ -361,15 +361,15 @@ class Gap(Judged, GapRecord):
         specs = specs_of(chosen, robot)
         if robot_file is not None:
             write_robot(robot, specs, Path(robot_file))
-        found = self._identified(specs)
+        result = self._identified(specs)
         path = None if robot_file is None else Path(robot_file)
         header = {
-            **found.header,
-            "inputs": {f"log {k}": hashed for k, hashed in enumerate(found.log_sha256, start=1)},
+            **result.header,
+            "inputs": {f"log {k}": hashed for k, hashed in enumerate(result.log_sha256, start=1)},
             "effects": [asdict(spec) for spec in specs],
             "made_from": self.made_from,
         }
-        return replace(found, robot=replace(found.robot, path=path), header=header)
+        return replace(result, robot=replace(result.robot, path=path), header=header)
 
     @heard_by()
     def _identified(self, specs: Sequence[EffectSpec]) -> Identification:
@@ -456,10 +456,10 @@ def load(path: Path | str, kind: type[Any] = object) -> Any:
     }
     if schema not in readers:
         raise NotAnArtifact(f"{file} holds nothing that dynid.load reads", where=str(file))
-    found = readers[schema](file)
-    if not isinstance(found, kind):
-        raise arguments.refused("path", f"a file with an object of type {kind.__name__}", found)
-    return found
+    loaded = readers[schema](file)
+    if not isinstance(loaded, kind):
+        raise arguments.refused("path", f"a file with an object of type {kind.__name__}", loaded)
+    return loaded
 
 
 # ---------------------------------------------------------------- the search
@@ -524,20 +524,20 @@ def _answered(search: _Search, new: Sequence[Log], before: Sequence[Log]) -> Gap
         return search.of_the_arm(new, "the model was identified from these logs")
     if not before:
         why = "the logs that the model was identified from were not found"
-        found = search.of_the_arm(new, why)
-        named = not found.verdict.startswith("nothing")
-        if named or search.judged(found, new).verdict == found.verdict:
-            return found
+        gap = search.of_the_arm(new, why)
+        named = not gap.verdict.startswith("nothing")
+        if named or search.judged(gap, new).verdict == gap.verdict:
+            return gap
         # Why: new numbers for all parameters take in a load, and the model as it is does not.
         why += ", and the error of the model is larger than expected."
         changed = search.ask("changed", new, (), why)
-        return changed if changed.named else found
+        return changed if changed.named else gap
     changed = search.ask("changed", new, before, ASKED["changed"])
     if changed.named:
         return changed
     unchanged = changed.verdict == "nothing_changed"
-    told = "Nothing has changed" if unchanged else "No change could be named"
-    why = f"{changed.asked} {told}, so all {len(before) + len(new)} logs were searched"
+    answer = "Nothing has changed" if unchanged else "No change could be named"
+    why = f"{changed.asked} {answer}, so all {len(before) + len(new)} logs were searched"
     return search.of_the_arm([*before, *new], why)
 
 
@@ -559,10 +559,10 @@ class _Search:
 
     def checked(self, logs: Sequence[Log]) -> list[Log]:
         """Return checked recordings."""
-        found = [checked_log(log, self.base.robot, self.options, identify=False) for log in logs]
-        for log in found:
+        checked = [checked_log(log, self.base.robot, self.options, identify=False) for log in logs]
+        for log in checked:
             check_weight(log, self.base.robot)
-        return found
+        return checked
 
     def ask(
         self,
@@ -599,8 +599,8 @@ class _Search:
             then = relative_error(before, base, self.result.theta) if before else 0.0
             why += _kept_error(now, then, analysis.verdict.word == "nothing_changed")
             analysis = self._with_reestimated_payload(analysis, logs) if earlier else analysis
-        found = self._recorded(analysis, question, why)
-        return replace(found, recordings=tuple(logs), before=tuple(earlier), signals=options)
+        gap = self._recorded(analysis, question, why)
+        return replace(gap, recordings=tuple(logs), before=tuple(earlier), signals=options)
 
     @heard_by()
     def _replays(
@@ -718,18 +718,18 @@ class _Search:
 
     def _conditioned(self, logs: Sequence[Log], options: GapOptions) -> list[ConditionedLog]:
         """Return conditioned logs, of long ones stretches: minutes say what hours do, and all candidates fit."""
-        whole = condition_logs(logs, self.base.model, options)
-        found, parts = stretches(whole, LONGEST)
+        conditioned = condition_logs(logs, self.base.model, options)
+        searched, parts = stretches(conditioned, LONGEST)
         if parts:
             text = f"{LONGEST:.0f} s are searched, in {parts} stretches spread evenly over the logs"
             stage("stretches", text)
-        return found
+        return searched
 
     def of_the_arm(self, logs: Sequence[Log], why: str) -> Gap:
         """Ask which effects remain after refitting all parameters, and which only implausible links imitate."""
-        found = self.ask("numbers", logs, (), f"{why}: {ASKED['numbers']}")
-        assert found.analysis is not None
-        search, effects, joints = found.analysis.search, self.wanted.effects, self.wanted.joints
+        gap = self.ask("numbers", logs, (), f"{why}: {ASKED['numbers']}")
+        assert gap.analysis is not None
+        search, effects, joints = gap.analysis.search, self.wanted.effects, self.wanted.joints
         suspected = [
             one
             for one in suspicions(search.problem, search.selected)
@@ -739,17 +739,17 @@ class _Search:
         names = self.base.robot.joint_names
         sought = [one for one in suspected if one.searched]
         if not sought:
-            return _with_likely(found, suspected, names)
-        why = f"{found.asked} {_suspected(sought, names)}: {ASKED['arm']}"
-        analysis = with_counterbalances(found.analysis, self.wanted, [one.joint for one in sought])
+            return _with_likely(gap, suspected, names)
+        why = f"{gap.asked} {_suspected(sought, names)}: {ASKED['arm']}"
+        analysis = with_counterbalances(gap.analysis, self.wanted, [one.joint for one in sought])
         if any(one.name == COUNTERBALANCE for one in analysis.verdict.named):
             return replace(
                 self._recorded(analysis, "arm", why),
-                recordings=found.recordings,
-                signals=found.signals,
+                recordings=gap.recordings,
+                signals=gap.signals,
             )
-        found = replace(found, asked=f"{why} {_not_told(sought, analysis)}")
-        return _with_likely(found, sought, names)
+        gap = replace(gap, asked=f"{why} {_not_told(sought, analysis)}")
+        return _with_likely(gap, sought, names)
 
 
 def _suspected(suspected: Sequence[Suspicion], names: Sequence[str]) -> str:
@@ -763,8 +763,8 @@ def _suspected(suspected: Sequence[Suspicion], names: Sequence[str]) -> str:
 
 def _with_likely(gap: Gap, suspected: Sequence[Suspicion], names: Sequence[str]) -> Gap:
     """Return an answer with the counterbalances that an arm of other links would do for: what is odd is not nothing."""
-    told = [one for one in suspected if one.instead_of]
-    if not told or not gap.verdict.startswith("nothing"):
+    doubtful = [one for one in suspected if one.instead_of]
+    if not doubtful or not gap.verdict.startswith("nothing"):
         return gap
     effect = CATALOGUE[COUNTERBALANCE]
     likely = tuple(
@@ -784,12 +784,12 @@ def _with_likely(gap: Gap, suspected: Sequence[Suspicion], names: Sequence[str])
             why_not=f"torques alone cannot tell it from {one.instead_of}",
             probability=one.probability,
         )
-        for one in told
+        for one in doubtful
     )
     advice = (
-        f"Give the mass {_links(told)} from the data sheet with --link-mass and identify again."
+        f"Give the mass {_links(doubtful)} from the data sheet with --link-mass and identify again."
     )
-    verdict = "unexplained" if any(one.odd for one in told) else gap.verdict
+    verdict = "unexplained" if any(one.odd for one in doubtful) else gap.verdict
     return replace(gap, closest=(*likely, *gap.closest), verdict=verdict, advice=advice)
 
 

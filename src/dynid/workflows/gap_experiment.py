@@ -51,8 +51,8 @@ def question_of(record: GapRecord, base: BaseModel, theta: Floats) -> GapQuestio
         for one in record.named
         for key, text in zip(one.rival_keys, one.rivals, strict=True)
     )
-    loud = sorted(one.joint for one in record.joints if one.chi > LOUD)
-    unexplained = tuple(loud) if record.verdict == "unexplained" else ()
+    above = sorted(one.joint for one in record.joints if one.chi > LOUD)
+    unexplained = tuple(above) if record.verdict == "unexplained" else ()
     if not rivalries and not unexplained:
         verdict = record.verdict.replace("_", " ")
         raise WrongUsage(
@@ -62,9 +62,9 @@ def question_of(record: GapRecord, base: BaseModel, theta: Floats) -> GapQuestio
         )
     path = Path(record.made_from)
     if record.made_from and path.is_file():
-        found = load_run(path)
-        if tuple(found.names) == base.reduction.base_names:
-            theta = found.theta
+        result = load_run(path)
+        if tuple(result.names) == base.reduction.base_names:
+            theta = result.theta
     return GapQuestion(rivalries, unexplained, np.asarray(record.improvement.floor), theta)
 
 
@@ -131,21 +131,21 @@ class GapExperiment:
     def outlook(self, trajectory: Trajectory) -> tuple[str, ...]:
         """Return how much better the second search will be, a sentence for each open question."""
         after, before = separation(self.base, self.question, run_of(trajectory)), self.before
-        found, in_logs = [], "in the logs that were searched"
+        sentences, in_logs = [], "in the logs that were searched"
         for k, pair in enumerate(self.question.rivalries):
             then = "" if before is None else f", {before.leads[k]:.2g} {in_logs}"
-            told = after.leads[k] > SAFETY * CLEAR
-            sure = "will be told apart" if told else "may still fit equally well"
+            separated = after.leads[k] > SAFETY * CLEAR
+            sure = "will be told apart" if separated else "may still fit equally well"
             lead = f"expected lead {after.leads[k]:.2g}{then}; {CLEAR:g} is clear"
-            found.append(f"{pair.text} {sure}: {lead}")
+            sentences.append(f"{pair.text} {sure}: {lead}")
         if after.spread is not None:
             then = ""
             if before is not None and before.spread is not None:
                 then = f", {100 * np.exp(-before.spread / 2):.2g} % {in_logs}"
             where = ", ".join(self.base.robot.joint_names[j] for j in self.question.unexplained)
             size = f"will be known to {100 * np.exp(-after.spread / 2):.2g} % of the noise"
-            found.append(f"the unexplained torque on {where} {size}{then}")
-        return tuple(found)
+            sentences.append(f"the unexplained torque on {where} {size}{then}")
+        return tuple(sentences)
 
 
 #: Lead in evidence from which one explanation is better beyond doubt, and how many times as much a plan should promise.

@@ -61,6 +61,7 @@ from dynid.progress import Progress, heard_by, notice, stage
 from dynid.reports.figures import motion_figure
 from dynid.robot import Known, Prior, Robot
 from dynid.runs import RunFolder
+from dynid.signals.conditioned_log import ConditionedLog, stretches
 from dynid.text import yaml_text
 from dynid.workflows.drive_gains import find_drive_gains, gain_facts, needs_gains, write_robot
 from dynid.workflows.model import base_model
@@ -86,6 +87,8 @@ METHOD_TEXT = {
 }
 #: Share of each log that is held out where all logs are of one motion.
 AUTO_SHARE = 0.2
+#: So much of the logs tells another arm [s].
+ENOUGH = 60.0
 
 
 # ---------------------------------------------------------------- what is known besides the logs
@@ -185,7 +188,7 @@ def identify(
         stack = stack_of_result(update, stack.base) + stack
     holdout = _held_out(seen, stack, options)
     try:
-        found = estimate(
+        result = estimate(
             stack,
             base,
             method=options.method,
@@ -199,42 +202,43 @@ def identify(
     except DynidError:
         _diagnosed(seen, robot, options)
         raise
-    if _poor(found, base):
-        found = replace(found, findings=(*_diagnosed(seen, robot, options), *found.findings))
-    return _told(replace(found, header=header, draw=torque_figure), seen.checked)
+    if _poor(result, base):
+        result = replace(result, findings=(*_diagnosed(seen, robot, options), *result.findings))
+    return _reported(replace(result, header=header, draw=torque_figure))
 
 
-def _told(found: Identification, logs: Sequence[Log]) -> Identification:
+def _reported(result: Identification) -> Identification:
     """Return a result whose header tells noise and arm, after its fit was reported."""
-    assert found.stack is not None
-    noise = noise_floor(found.stack, found.theta, found.model_error)
+    assert result.stack is not None
+    noise = noise_floor(result.stack, result.theta, result.model_error)
     if noise is not None:
         facts = {"noise_floor_nm": noise.rms.tolist(), "noise_repeats_s": noise.repeats}
-        found = replace(found, header=found.header | facts)
-    if other := _other_arm(found, logs):
-        found = replace(found, header=found.header | {"other_arm": other})
-    stage("estimate", f"{METHOD_TEXT[found.method]}; {found.why}")
-    stage("", f"{len(found.names)} base parameters; held out: {found.heldout}")
-    conditions = f"{found.condition_number_scaled:.3g} with normalised columns ({found.condition_number:.3g} without)"
+        result = replace(result, header=result.header | facts)
+    if other := _other_arm(result):
+        result = replace(result, header=result.header | {"other_arm": other})
+    stage("estimate", f"{METHOD_TEXT[result.method]}; {result.why}")
+    stage("", f"{len(result.names)} base parameters; held out: {result.heldout}")
+    conditions = f"{result.condition_number_scaled:.3g} with normalised columns ({result.condition_number:.3g} without)"
     stage("excited", f"condition number {conditions}")
-    notice(found.findings)
-    return found
+    notice(result.findings)
+    return result
 
 
 # ---------------------------------------------------------------- is it another arm?
-def _other_arm(found: Identification, logs: Sequence[Log]) -> dict[str, Any] | None:
+def _other_arm(result: Identification) -> dict[str, Any] | None:
     """Return the shipped arm whose link lengths explain logs far better: name, and both errors [%]; None for none."""
-    noise = found.header.get("noise_floor_nm")
-    if not logs or not noise or not all(noise):
+    noise = result.header.get("noise_floor_nm")
+    if not noise or not all(noise):
         return None
     # Why not by the light, which lets an error pass that matters to nobody: wrong lengths leave little in slow torques.
-    ratios = (joint.rms / floor for joint, floor in zip(found.joints, noise, strict=True))
+    ratios = (joint.rms / floor for joint, floor in zip(result.joints, noise, strict=True))
     if median(ratios) <= tuning.OTHER_ARM:
         return None
     text = "most joints miss several times their noise: the link lengths of other arms are tried"
     stage("arm", text)
-    arm, cutoff = found.robot, LogOptions(cutoff=found.cutoff or None)
-    own, tried = _unexplained(arm, logs, cutoff), []
+    assert result.stack is not None
+    arm, (logs, _) = result.robot, stretches(result.stack.logs, ENOUGH)
+    own, tried = _unexplained(arm, logs), []
     for path in sorted(Path(packaged("robots")).glob("*.yaml")):
         other = load_robot(path)
         if (other.n, other.convention) != (arm.n, arm.convention):
@@ -246,17 +250,17 @@ def _other_arm(found: Identification, logs: Sequence[Log]) -> dict[str, Any] | N
         )
         if joints != arm.joints:
             changed = replace(arm, joints=joints, effects=())
-            tried.append((_unexplained(changed, logs, cutoff), path.stem))
+            tried.append((_unexplained(changed, logs), path.stem))
     percent, name = min(tried, default=(own, ""))
     better = percent < tuning.OTHER_ARM_GAIN * own
     return {"name": name, "percent": percent, "own": own} if better else None
 
 
 @heard_by()
-def _unexplained(robot: Robot, logs: Sequence[Log], options: LogOptions) -> float:
-    """Return what is unexplained of logs with the links of an arm [%]."""
+def _unexplained(robot: Robot, logs: Sequence[ConditionedLog]) -> float:
+    """Return the relative torque error on logs with the links of an arm [%]."""
     base = in_memory(replace(robot, prior=None, estimated_coulomb=None))
-    stack = stack_logs(condition_logs(logs, base.model, options), base)
+    stack = stack_logs(logs, base)
     fit = wls(stack, prior_base_parameters(base.model, base.reduction))
     return relative_error(stack.whole[0], fit.theta)
 
@@ -322,21 +326,21 @@ def _diagnosed(seen: Observations, robot: Robot, options: LogOptions) -> tuple[F
     return diagnose_logs(logs, robot, options)
 
 
-def _poor(found: Identification, base: BaseModel) -> bool:
+def _poor(result: Identification, base: BaseModel) -> bool:
     """Return whether a fit leaves much of a joint's torque, or fits what no arm with weight would make.
 
     The plain estimate is judged, without a residual model: it leaves least, and random columns take in mistakes.
     """
-    left = np.linalg.norm(found.factors @ np.append(found.plain, -1.0), axis=1)
-    size = np.linalg.norm(found.factors[:, :, -1], axis=1)
-    suspicious = {"W404", "W405", "W413"} & {finding.code for finding in found.findings}
+    left = np.linalg.norm(result.factors @ np.append(result.plain, -1.0), axis=1)
+    size = np.linalg.norm(result.factors[:, :, -1], axis=1)
+    suspicious = {"W404", "W405", "W413"} & {finding.code for finding in result.findings}
     if np.any(left >= mapping.UNEXPLAINED * size) or suspicious:
         return True
-    if found.stack is None or base.robot.torque.source == "gravity_free":
+    if result.stack is None or base.robot.torque.source == "gravity_free":
         return False
-    q = np.concatenate([segment.q for log in found.stack.logs for segment in log.segments])
+    q = np.concatenate([segment.q for log in result.stack.logs for segment in log.segments])
     q = q[:: max(1, len(q) // mapping.POSES_OF_WEIGHT)]
-    weight = base.observer.torque(found.plain, q, 0.0 * q, 0.0 * q)
+    weight = base.observer.torque(result.plain, q, 0.0 * q, 0.0 * q)
     expected = np.std(expected_torque(q, base.robot), axis=0)
     heaviest = int(np.argmax(expected))
     return bool(np.std(weight[:, heaviest]) < mapping.WEIGHT * expected[heaviest])
@@ -387,9 +391,9 @@ def save_result(
     ]
 
 
-def answer_of(found: Identification) -> dict[str, Any]:
+def answer_of(result: Identification) -> dict[str, Any]:
     """Return what the JSON answer of ``dynid identify`` says about a result."""
-    floors = found.header.get("noise_floor_nm") or ()
+    floors = result.header.get("noise_floor_nm") or ()
     keys = {
         "rms_nm": "rms",
         "torque_rms_nm": "torque_rms",
@@ -399,9 +403,11 @@ def answer_of(found: Identification) -> dict[str, Any]:
     held = "heldout_relative_error_percent"
     return {
         "schema": "dynid/identify/1",
-        "robot": found.robot.name,
-        **picked(found, "method", "rank", "samples", "condition_number", "condition_number_scaled"),
-        **picked(found, "relative_error_percent", "heldout", held, "in_force"),
+        "robot": result.robot.name,
+        **picked(
+            result, "method", "rank", "samples", "condition_number", "condition_number_scaled"
+        ),
+        **picked(result, "relative_error_percent", "heldout", held, "in_force"),
         "joints": [
             {
                 "joint": joint.joint,
@@ -409,16 +415,16 @@ def answer_of(found: Identification) -> dict[str, Any]:
                 **(picked(joint, **keys) if joint.torque_rms else dict.fromkeys(keys)),
                 "noise_floor_nm": floor or None,
             }
-            for joint, floor in zip_longest(found.joints, floors)
+            for joint, floor in zip_longest(result.joints, floors)
         ],
-        "parameters": found.parameter_rows(),
-        "physically_consistent": found.in_force == "physical",
-        f"{held}_by_set": {"physical": None, "plain": None, found.in_force: getattr(found, held)},
-        "expected_torque_error": None if found.expected is None else found.expected.facts(),
-        "residual_model": found.residual_facts(),
-        "links": found.links(),
-        "findings": [asdict(finding) for finding in found.findings],
-        "judgement": found.judgement.facts(),
+        "parameters": result.parameter_rows(),
+        "physically_consistent": result.in_force == "physical",
+        f"{held}_by_set": {"physical": None, "plain": None, result.in_force: getattr(result, held)},
+        "expected_torque_error": None if result.expected is None else result.expected.facts(),
+        "residual_model": result.residual_facts(),
+        "links": result.links(),
+        "findings": [asdict(finding) for finding in result.findings],
+        "judgement": result.judgement.facts(),
     }
 
 
@@ -508,11 +514,11 @@ def identify_run(
         stage("read")
         return [read_log(path, arm, options) for path in paths]
 
-    beside, wrote, payload = [], [], None
+    others, wrote, payload = [], [], None
     gains, robot = _gains(arm, logs if paths else list, options, extras, models), arm
     if gains is not None:
         written, robot = write_robot(folder, arm, gains)
-        beside.append(written)
+        others.append(written)
     inputs = _inputs(robot, folder, paths, options, extras, earlier)
     base, path = base_model(robot, models), RunFolder(folder).parameters
     updated = earlier is not None and path.exists() and path.samefile(earlier.path)
@@ -526,7 +532,7 @@ def identify_run(
                 for k, text in inputs.items()
                 if k in ("robot", *READING) or k.startswith("log ")
             }
-            beside.append(seen.save_stack(folder, header(own)))
+            others.append(seen.save_stack(folder, header(own)))
         else:
             seen = load_observations(RunFolder(folder).stack, base)
         result = identify(robot, seen, options, update=earlier)
@@ -534,9 +540,9 @@ def identify_run(
     if unloaded is not None:
         rows = _with_rows(result, base, logs, options) if paths else result
         payload = find_payload(rows, unloaded)
-        beside.append(_write_payload(folder, payload))
+        others.append(_write_payload(folder, payload))
     result = replace(result, path=path)
-    return IdentifyRun(result, base, inputs, tuple(wrote), tuple(beside), gains, payload)
+    return IdentifyRun(result, base, inputs, tuple(wrote), tuple(others), gains, payload)
 
 
 def _stored(path: Path, base: BaseModel) -> Identification:

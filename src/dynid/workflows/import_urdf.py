@@ -34,41 +34,41 @@ def import_urdf(path: Path, options: ImportOptions = ImportOptions()) -> Importe
     )
 
 
-def robot_file(found: Imported, urdf: Path) -> str:
+def robot_file(imported: Imported, urdf: Path) -> str:
     """Return the text of the robot file; its first lines say where it comes from and where the tip lies."""
-    xyz, rpy = _tip(found)
+    xyz, rpy = _tip(imported)
     head = (
-        f"Made by dynid import from {urdf.name}, link {found.base} to {found.tip}; joint values are the URDF's.\n"
-        f"The frame of {found.tip} in the last DH frame: xyz {xyz}, rpy {rpy} [m, rad].\n"
-        f"Forward kinematics agree with the URDF to {found.largest:.1e} m and rad.\n"
+        f"Made by dynid import from {urdf.name}, link {imported.base} to {imported.tip}; joint values are the URDF's.\n"
+        f"The frame of {imported.tip} in the last DH frame: xyz {xyz}, rpy {rpy} [m, rad].\n"
+        f"Forward kinematics agree with the URDF to {imported.largest:.1e} m and rad.\n"
         "What the effort column of your logs is, a URDF does not say. Write one of these:\n"
         "torque: {source: joint_sensor}     sensors behind the gears, as on KUKA LWR and iiwa, Franka\n"
         "torque: {source: motor_torque}     from the motors' currents, in N m, as on UR and most industrial arms\n"
         "torque: {source: motor_current}    in A, or in a unit that nobody knows (then with relative: true)"
     )
-    return robot_text(found.robot, head)
+    return robot_text(imported.robot, head)
 
 
-def import_facts(found: Imported, wrote: Path) -> dict[str, Any]:
+def import_facts(imported: Imported, wrote: Path) -> dict[str, Any]:
     """Return what the JSON answer of ``dynid import`` says."""
-    xyz, rpy = _tip(found)
-    robot = found.robot
+    xyz, rpy = _tip(imported)
+    robot = imported.robot
     lengths = {"a_m": "a", "twist_rad": "twist", "d_m": "d", "theta_offset_rad": "theta_offset"}
     return {
         "schema": "dynid/import/1",
         **picked(robot, "convention", robot="name", n_joints="n"),
-        **picked(found, "base", "tip", kinematics_largest_difference="largest"),
+        **picked(imported, "base", "tip", kinematics_largest_difference="largest"),
         "joints": [picked(joint, "type", joint="name", **lengths) for joint in robot.joints],
         "tip_in_last_frame": {"xyz_m": xyz, "rpy_rad": rpy},
         "mass_kg": sum(body.mass for body in robot.prior.links) if robot.prior else None,
-        "findings": [asdict(finding) for finding in found.findings],
+        "findings": [asdict(finding) for finding in imported.findings],
         "wrote": [wrote],
     }
 
 
-def _tip(found: Imported) -> tuple[list[float], list[float]]:
+def _tip(imported: Imported) -> tuple[list[float], list[float]]:
     """Return position [m] and roll, pitch, yaw [rad] of the tip in the last DH frame, rounding noise taken off."""
-    pose = found.tip_pose
+    pose = imported.tip_pose
     rows = (pose[:3, 3].tolist(), roll_pitch_yaw(pose[:3, :3]))
     xyz, rpy = ([round(float(value), 12) + 0.0 for value in row] for row in rows)
     return xyz, rpy

@@ -94,16 +94,16 @@ class DerivedModel:
             "operations": self.model.rigid.flops,
             **picked(self, "seconds", "wrote"),
         }
-        found = self.reduction
-        if found is None:
+        reduction = self.reduction
+        if reduction is None:
             return answer | dict.fromkeys(("rank", "classes", "groups"))
-        named = enumerate(zip(found.base_names, found.formulas, strict=True))
+        named = enumerate(zip(reduction.base_names, reduction.formulas, strict=True))
         groups = [
-            {"name": name, "terms": found.terms(i), "formula": formula}
+            {"name": name, "terms": reduction.terms(i), "formula": formula}
             for i, (name, formula) in named
         ]
-        classes = picked(found, "alone", "none", "combined")
-        return {**answer, **picked(found, "rank", "gap"), "classes": classes, "groups": groups}
+        classes = picked(reduction, "alone", "none", "combined")
+        return {**answer, **picked(reduction, "rank", "gap"), "classes": classes, "groups": groups}
 
 
 def stored_differences(robot: Robot, folder: Path) -> str | None:
@@ -111,12 +111,12 @@ def stored_differences(robot: Robot, folder: Path) -> str | None:
     path = RunFolder(folder).model[0]
     if stored_key(path) in (None, key_of(robot)):
         return None
-    header, found = read_header(path) or {}, []
+    header, differences = read_header(path) or {}, []
 
     def compare(name: str, old: object, new: object) -> None:
         if old != new:
             shown = (f"{x:g}" if isinstance(x, float) else f"{x}" for x in (old, new))
-            found.append(f"{name} {' -> '.join(shown)}")
+            differences.append(f"{name} {' -> '.join(shown)}")
 
     with reading(path):
         rows = header.get("geometry", [])
@@ -127,7 +127,7 @@ def stored_differences(robot: Robot, folder: Path) -> str | None:
     compare("number of joints", len(rows), robot.n)
     compare("convention", header.get("convention"), robot.convention)
     compare("gravity", header.get("gravity"), list(robot.gravity))
-    return "; ".join(found) or "other columns, links or version of dynid"
+    return "; ".join(differences) or "other columns, links or version of dynid"
 
 
 def derive_model(robot: Robot, folder: Path, *, rebuild: bool = False) -> DerivedModel:

@@ -44,10 +44,10 @@ def _unless(words: Sequence[str], read: Reader) -> Reader:
 def _numbers(value: Any, name: str, count: int) -> tuple[float, ...]:  # noqa: ANN401
     """Return so many numbers: text with commas between, a sequence, or the only one."""
     parts = value.split(",") if isinstance(value, str) else value
-    found = tuple(float(part) for part in ((parts,) if isinstance(parts, Real) else parts))
-    if len(found) != count:
+    numbers = tuple(float(part) for part in ((parts,) if isinstance(parts, Real) else parts))
+    if len(numbers) != count:
         raise ValueError(f"'{value}' must be {count} number{'s' * (count > 1)}")
-    return found
+    return numbers
 
 
 def _bounds(value: Any, name: str, count: int = 1) -> tuple[Any, Any]:  # noqa: ANN401
@@ -63,14 +63,14 @@ def _bounds(value: Any, name: str, count: int = 1) -> tuple[Any, Any]:  # noqa: 
 
 def _of_links(value: Any, name: str, count: int = 1) -> tuple[tuple[int, Any], ...]:  # noqa: ANN401
     """Return the bounds of links: words LINK=LOW:HIGH, or pairs of a link and its bounds."""
-    found = []
+    bounds_by_link = []
     for item in value:
         link, bounds = item.partition("=")[::2] if isinstance(item, str) else item
         number = whole_number(str(link).strip())
         if number < 1:
             raise ValueError(f"'{item}' does not begin with LINK=, the number of a link")
-        found.append((number, _bounds(bounds, name, count)))
-    return tuple(found)
+        bounds_by_link.append((number, _bounds(bounds, name, count)))
+    return tuple(bounds_by_link)
 
 
 def _words(value: Any, name: str) -> tuple[str, ...]:  # noqa: ANN401
@@ -111,10 +111,10 @@ def _holdout(value: Any, name: str) -> Any:  # noqa: ANN401
 
 def _effect_specs(value: Any, name: str) -> tuple[EffectSpec, ...]:  # noqa: ANN401
     """Return effects from NAME@JOINT,...:PARAMETER=NUMBER,... or from entries of a robot file."""
-    found = []
+    specs = []
     for item in (value,) if isinstance(value, (str, EffectSpec)) else value:
         if isinstance(item, EffectSpec):
-            found.append(item)
+            specs.append(item)
             continue
         head, _, numbers = item.partition(":")
         effect, _, joints = head.partition("@")
@@ -127,8 +127,8 @@ def _effect_specs(value: Any, name: str) -> tuple[EffectSpec, ...]:  # noqa: ANN
         if not all(abs(number) <= MOST for number in parameters.values()):
             raise ValueError(f"'{item}' has a number beyond what can be measured")
         named = tuple(joint for joint in joints.split(",") if joint)
-        found.append(EffectSpec(effect, named, parameters))
-    return tuple(found)
+        specs.append(EffectSpec(effect, named, parameters))
+    return tuple(specs)
 
 
 def _quantity(value: Any, name: str, unit: str, most: float) -> float:  # noqa: ANN401

@@ -128,8 +128,8 @@ def simulate(
 
 def _reference(robot: Robot, base: BaseModel | None) -> ModelTorques:
     """Return the rigid bodies of the robot file by dynid's own model."""
-    plain = replace(robot, effects=())
-    model = Model(plain, (base or base_model(plain)).model.rigid)
+    rigid = replace(robot, effects=())
+    model = Model(rigid, (base or base_model(rigid)).model.rigid)
     return ModelTorques(model, prior_vector(model))
 
 
@@ -142,8 +142,8 @@ def _effect_torque(
         WrongUsage: a parameter of an effect is missing.
         WrongRobotFile: there is no such effect in a robot file.
     """
-    states, plain = (motion.t, motion.q, motion.qd, motion.qdd), replace(robot, effects=())
-    path = ArmMotion(*states, plain, reference, lambda values: values)
+    states, rigid = (motion.t, motion.q, motion.qd, motion.qdd), replace(robot, effects=())
+    path = ArmMotion(*states, rigid, reference, lambda values: values)
     torque = np.zeros_like(motion.q)
     for spec in specs:
         numbers = ((joint, whole_number(joint)) for joint in spec.joints)

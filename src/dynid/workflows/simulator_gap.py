@@ -64,8 +64,8 @@ def compare_in_simulator(
     Example:
         dynid.compare_in_simulator(["out/before", "out/after"], "run3.bag")
     """
-    found = as_results(results)
-    robot, count = found[0].robot, len(found)
+    runs_of = as_results(results)
+    robot, count = runs_of[0].robot, len(runs_of)
     recording = as_log(log, robot, LogOptions())
     if arguments.words((engine,), "engine", ENGINES) != (engine,):
         raise WrongUsage(f"there is no engine '{engine}'", fix=" or ".join(ENGINES))
@@ -77,13 +77,13 @@ def compare_in_simulator(
         seconds = arguments.number(seconds, "seconds", wanted)
         if not seconds > 0.0:
             raise WrongUsage(f"{seconds:g} s cannot be driven", fix="seconds=10.0, or None for all")
-    if any(each.robot.joint_names != robot.joint_names for each in found):
+    if any(each.robot.joint_names != robot.joint_names for each in runs_of):
         raise WrongUsage("the results are of different arms", fix="results of one arm")
     if len(models) != count:
         raise WrongUsage(f"{len(models)} names for {count} results", fix="one name per result")
-    recorded = _recorded(found[0], recording, seconds)
-    arms = [identified_arm(each, ("mjcf",)) for each in found]
-    inertia, runs = _inertia(found[-1], recorded[1]), []
+    recorded = _recorded(runs_of[0], recording, seconds)
+    arms = [identified_arm(each, ("mjcf",)) for each in runs_of]
+    inertia, runs = _inertia(runs_of[-1], recorded[1]), []
     for name, arm in zip(models, arms, strict=True):
         stage("simulate", f"{name}, {len(recorded[0])} samples")
         runs.append(drive(arm, engine, recorded, inertia))
@@ -133,10 +133,10 @@ def _recorded(
 def _inertia(result: Identification, q: Floats) -> Floats:
     """Return what each joint moves, on average along a motion, (n,) [kg m^2 or kg]."""
     some = q[:: max(1, len(q) // 100)]
-    found = mass_matrices(lambda *state: result.base.observer.torque(result.theta, *state), some)
-    return np.asarray(np.abs(np.diagonal(found, axis1=1, axis2=2)).mean(axis=0))
+    matrices = mass_matrices(lambda *state: result.base.observer.torque(result.theta, *state), some)
+    return np.asarray(np.abs(np.diagonal(matrices, axis1=1, axis2=2)).mean(axis=0))
 
 
-def save_figure(found: SimulatorGap, path: Path) -> Path:
+def save_figure(gap: SimulatorGap, path: Path) -> Path:
     """Write the picture of the position errors."""
-    return write_figure(simulator_figure(found), path)
+    return write_figure(simulator_figure(gap), path)

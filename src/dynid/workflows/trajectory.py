@@ -171,17 +171,17 @@ class Plan(Answer):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What is worth a warning."""
-        assumed, found = assumed_limits(self.robot), [*self.clearance.findings]
+        assumed, findings = assumed_limits(self.robot), [*self.clearance.findings]
         if unsafe_to_play(assumed):
             text = f"the robot file has no limits for {'; '.join(assumed)} is assumed"
             text += "; dynid record refuses assumed rates"
-            found.append(Finding("W606", "warning", text, {"assumed": list(assumed)}))
+            findings.append(Finding("W606", "warning", text, {"assumed": list(assumed)}))
         error, noise = self.at_full_speed.torque_error, self.noise_rms
         if error > noise:
             text = f"expected torque error on other motions {error:.2g} {self.units[3]} even at full speed"
             text += f", more than the noise of one sample ({noise:.2g}); weakest: {self.weakest}"
-            found.append(Finding("W608", "warning", text, {"expected_torque_error_nm": error}))
-        return tuple(found)
+            findings.append(Finding("W608", "warning", text, {"expected_torque_error_nm": error}))
+        return tuple(findings)
 
     @property
     def noise_rms(self) -> float:
@@ -489,15 +489,15 @@ def _information(
     return total, prior if total is None else total + prior
 
 
-def _of_result(base: BaseModel, found: Identification) -> Floats:
-    names = {name: k for k, name in enumerate(found.names)}
+def _of_result(base: BaseModel, result: Identification) -> Floats:
+    names = {name: k for k, name in enumerate(result.names)}
     if not set(base.reduction.base_names) <= set(names):
-        what = f"{found.path} has different base parameters from the robot file"
+        what = f"{result.path} has different base parameters from the robot file"
         raise WrongUsage(what, fix="identify again with this robot file")
     # Why some: a motion is planned without the effects of the robot file, whatever they are.
     some = [names[name] for name in base.reduction.base_names]
     others = [k for k in names.values() if k not in some]
-    information = parameter_posterior(found).information
+    information = parameter_posterior(result).information
     known, shared = information[np.ix_(some, some)], information[np.ix_(some, others)]
     if others:
         rest = np.linalg.pinv(information[np.ix_(others, others)], hermitian=True)
@@ -509,9 +509,9 @@ def _of_log(base: BaseModel, log: Log) -> Floats:
     options = LogOptions(delay=0.0)
     conditioned = condition_logs([checked_log(log, base.robot)], base.model, options)
     factors, rows = stack_logs(conditioned, base).whole
-    found, p = weighted(factors, rows).noise, base.reduction.rank
+    noise, p = weighted(factors, rows).noise, base.reduction.rank
     return np.asarray(
-        sum(R[:, :p].T @ R[:, :p] / sigma**2 for R, sigma in zip(factors, found, strict=True))
+        sum(R[:, :p].T @ R[:, :p] / sigma**2 for R, sigma in zip(factors, noise, strict=True))
     )
 
 
@@ -519,22 +519,22 @@ def _of_log(base: BaseModel, log: Log) -> Floats:
 def _earlier_of(given: EarlierLike | Sequence[EarlierLike], robot: Robot) -> list[Earlier]:
     """Return logs, results and motions, each given by itself or by its path."""
     kinds, wanted = (Log, Identification, StoredTrajectory, Plan), "a log, a result or a motion"
-    found: list[Earlier] = []
+    sources: list[Earlier] = []
     single, several = (*kinds, str, Path), f"{wanted}; or a list of them"
     for each in arguments.several(given, single, "earlier", several, empty=True):
         if isinstance(each, (str, Path)):
-            found.append(_read_earlier(arguments.path(each, "earlier"), robot))
+            sources.append(_read_earlier(arguments.path(each, "earlier"), robot))
         elif not isinstance(each, kinds):
             raise arguments.refused("earlier", several, each)
         else:
-            found.append(each.stored() if isinstance(each, Plan) else each)
+            sources.append(each.stored() if isinstance(each, Plan) else each)
         # Of a log the columns are looked up.
-        if isinstance(found[-1], Identification):
-            robot.require_joints(found[-1].robot.joint_names, found[-1].label)
-        elif isinstance(found[-1], StoredTrajectory):
-            where = found[-1].source or "the earlier motion"
-            robot.require_joints(found[-1].joints, where)
-    return found
+        if isinstance(sources[-1], Identification):
+            robot.require_joints(sources[-1].robot.joint_names, sources[-1].label)
+        elif isinstance(sources[-1], StoredTrajectory):
+            where = sources[-1].source or "the earlier motion"
+            robot.require_joints(sources[-1].joints, where)
+    return sources
 
 
 def _waypoints_of(given: Waypoints | ArrayLike, robot: Robot) -> Waypoints:
@@ -606,7 +606,7 @@ def plan_trajectory(
     known, believed = _information(base, before, noise)
     context = planning_context(base, options, noise, known, believed)
     experiment = None if for_gap is None else GapExperiment.of(for_gap, context)
-    found, until = None, begin + options.seconds
+    outcome, until = None, begin + options.seconds
     if through is not None:
         stage("plan")
         path = through_waypoints(through.q, context.limits, through.times)
@@ -616,10 +616,10 @@ def plan_trajectory(
         stage("search")
         limit = search_time(until - time.monotonic())
         if experiment is not None:
-            found = experiment.search(context, limit)
+            outcome = experiment.search(context, limit)
         elif options.optimise:
-            found = optimise(plan_problem(context), options, limit)
-        candidates = proposals(context, found)
+            outcome = optimise(plan_problem(context), options, limit)
+        candidates = proposals(context, outcome)
     stage("clearance")
 
     def judged(motion: Trajectory) -> tuple[Any, Clearance]:
@@ -632,7 +632,7 @@ def plan_trajectory(
     chosen, (check, clearance) = first_accepted(candidates, judged, until)
     search = None
     if through is None:
-        ended, finished = ("no search", 0) if found is None else (found.ended, found.finished)
+        ended, finished = ("no search", 0) if outcome is None else (outcome.ended, outcome.finished)
         search = SearchRecord(options.seed, ended, finished, chosen.share)
     stage("predict")
     results = [each for each in before if isinstance(each, Identification) and each.expected]
@@ -654,7 +654,7 @@ def plan_trajectory(
         unexplained=float(left[0]) if left else None,
         outlook=() if experiment is None else experiment.outlook(chosen.trajectory),
     )
-    if found is not None and experiment is None and not before:
+    if outcome is not None and experiment is None and not before:
         require_teaching(plan)
     return plan
 

@@ -113,10 +113,10 @@ class Validation(Judged):
             }
             for quality, joint in zip(self.joints, self.robot.joints, strict=True)
         ]
-        judged = self.judgement
+        judgement = self.judgement
         percent = f"{self.relative_error_percent:.2f} %"
         total = f"total relative error {percent}, baseline: {self.baseline}"
-        return Table(rows, self.title, (judged.sentence, *judged.reasons, total))
+        return Table(rows, self.title, (judgement.sentence, *judgement.reasons, total))
 
     def plot_torque(self) -> Figure:
         """Return a figure of measured and estimated torque and their difference, one panel per joint."""
@@ -149,8 +149,8 @@ class Validation(Judged):
             "joints": [picked(joint, "joint", **keys) for joint in self.joints],
             "judgement": self.judgement.facts(),
         }
-        found: dict[str, Any] = in_amperes(answer, self.robot)
-        return found
+        facts: dict[str, Any] = in_amperes(answer, self.robot)
+        return facts
 
     def broken_limits(self, max_rms: float | None, max_unexplained: float | None) -> list[str]:
         """Return a sentence per limit that is not met.
@@ -159,16 +159,16 @@ class Validation(Judged):
             max_rms: largest rms error of a joint [N m or N].
             max_unexplained: largest total relative error, as a share.
         """
-        total, found = self.relative_error_percent, []
+        total, broken = self.relative_error_percent, []
         if max_rms is not None:
-            found = [
+            broken = [
                 f"{joint.joint}: rms error {joint.rms:.3g} N m > {max_rms:g}"
                 for joint in self.joints
                 if joint.rms > max_rms
             ]
         if max_unexplained is not None and total > 100 * max_unexplained:
-            found.append(f"total relative error {total:.2f} % > {100 * max_unexplained:g} %")
-        return found
+            broken.append(f"total relative error {total:.2f} % > {100 * max_unexplained:g} %")
+        return broken
 
     def save(self, folder: Path) -> Path:
         """Write estimatedmotion.npz."""
