@@ -28,7 +28,6 @@ from dynid.estimation.stack import stack_logs
 from dynid.loading import load_robot, load_run
 from dynid.model.parameters import prior_bodies
 from dynid.robot import Prior
-from dynid.runs import RunFolder
 from dynid.signals.conditioned_log import condition_logs
 from dynid.sim.sines import SineSpec, sines
 from dynid.workflows.gap import find_gap
@@ -249,7 +248,7 @@ def said_of(case, searched):
         found = validate(stored, replay, base=base)
         found = replace(found, log=str(Path(folder) / "replay.npz"))
         answers["validate"] = plain(found.facts())
-        found.save(RunFolder(Path(folder)).validation(found.log, found.log_sha256).path)
+        found.save(found.folder(Path(folder) / "validation"))
         if searched:
             answers["after_validate"] = plain(report(load_run(Path(folder))).facts())
             try:

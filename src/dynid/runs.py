@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-
-from dynid.files.artifact import read_header
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -65,14 +64,6 @@ class RunFolder:
         """The replays of other logs."""
         return sorted(self.path.glob("validation/*/estimatedmotion.npz"))
 
-    def validation(self, log: str, sha256: str) -> RunFolder:
-        """Return where a replay goes: named after the log, and after its hash where another log has that name."""
-        name = Path(log).stem
-        folder = RunFolder(self.path / "validation" / name)
-        header = (read_header(folder.motion) if folder.motion.is_file() else None) or {}
-        taken = header.get("log_sha256", [sha256]) != [sha256]
-        return RunFolder(folder.path.with_name(f"{name}_{sha256[:8]}")) if taken else folder
-
     def remove_search(self) -> None:
         """Remove what an earlier search left: its pictures and what was driven say nothing of a new one."""
         pictures = ("where.png", "shrink.png", "simulator.png", "effect_*.png")
@@ -81,7 +72,15 @@ class RunFolder:
             path.unlink(missing_ok=True)
 
 
-def made_from(path: Path) -> Mapping[str, str] | None:
-    """Return the inputs that a result file was made from, by name; None where it does not say them."""
-    inputs = (read_header(path) or {}).get("inputs")
-    return inputs if isinstance(inputs, dict) else None
+def header_of(path: Path) -> Mapping[str, Any]:
+    """Return the header of a result file, empty if there is none."""
+    from dynid.files.artifact import read_header  # with NumPy, and help must be fast
+
+    return (read_header(path) if path.is_file() else None) or {}
+
+
+def replay_folder(parent: Path, log: str, sha256: str) -> Path:
+    """Return where a replay goes: named after the log, and after its hash where another log has that name."""
+    name = Path(log).stem
+    other = header_of(RunFolder(parent / name).motion).get("log_sha256", [sha256]) != [sha256]
+    return parent / (f"{name}_{sha256[:8]}" if other else name)

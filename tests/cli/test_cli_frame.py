@@ -207,7 +207,7 @@ def test_a_table_wider_than_the_terminal_becomes_lines_with_whole_numbers(dynid)
 
 
 def test_quick_work_shows_no_progress_and_slow_work_one_line_a_stage_or_a_bar(dynid):
-    assert dynid("toy work").err.splitlines() == ["slow       link 1", "slow       done"]
+    assert dynid("toy work").err.splitlines() == ["slow       ...", "slow       done"]
     shown = dynid.typing("toy work").err
     assert "quick" not in shown
     assert "\x1b[?25h" in shown  # the cursor is back

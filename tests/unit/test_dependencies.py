@@ -36,7 +36,7 @@ def declared() -> dict[str, str]:
     lists = [
         re.search(rf"(?ms)^{name} = \[(.*?)\]$", text)[1] for name in ("dependencies", "cluster")
     ]
-    return dict(re.findall(r'"([A-Za-z0-9-]+)([^";]*)', " ".join(lists)))
+    return dict(re.findall(r'"([A-Za-z0-9_-]+)([^";]*)', " ".join(lists)))
 
 
 def imported() -> set[str]:

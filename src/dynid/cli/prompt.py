@@ -20,6 +20,7 @@ from dynid.cli.failure import is_terminal
 from dynid.cli.session import Session, plain
 from dynid.disk import sha256, write_text
 from dynid.errors import CannotAsk, Declined, OutputExists, WrongUsage
+from dynid.runs import header_of
 from dynid.text import shell, visible
 
 #: After so many answers that are none, the terminal is taken to be a machine.
@@ -231,9 +232,7 @@ def may_write(
         return True
     fix, inputs_then = f"use --force, or {other}", None
     if inputs is not None:
-        from dynid.runs import made_from
-
-        inputs_then = made_from(path)
+        inputs_then = header_of(path).get("inputs")
         if inputs_then == dict(inputs) and not session.yes:
             reused = f"{path}       (made from the same inputs; --force makes it again)"
             session.stage("reused", reused)

@@ -71,7 +71,7 @@ def command(
         may_write(session, mcap)
     base = workflows.model.base_model_of(stored, run.path)
     validation = workflows.validate.validate(stored, log, options, base=base)
-    folder = run.validation(validation.log, validation.log_sha256).path
+    folder = validation.folder(run.path / "validation")
     wrote = [validation.save(folder), *(validation.write_figures(folder) if plot else [])]
     if mcap is not None:
         wrote.append(validation.save_mcap(mcap, workflows.validate.urdf_of(stored, base)))

@@ -35,7 +35,7 @@ from dynid.model.base_model import BaseModel
 from dynid.progress import Progress, stage
 from dynid.reports.figures import motion_figure, write_motion_figures
 from dynid.robot import Robot
-from dynid.runs import RunFolder
+from dynid.runs import RunFolder, replay_folder
 from dynid.signals.motion import same_motion
 from dynid.table import Table
 from dynid.workflows.drive_gains import in_amperes
@@ -169,6 +169,10 @@ class Validation(Judged):
         if max_unexplained is not None and total > 100 * max_unexplained:
             broken.append(f"total relative error {total:.2f} % > {100 * max_unexplained:g} %")
         return broken
+
+    def folder(self, parent: Path) -> Path:
+        """Return where its files go below the folder of all validations of a result."""
+        return replay_folder(parent, self.log, self.log_sha256)
 
     def save(self, folder: Path) -> Path:
         """Write estimatedmotion.npz."""
