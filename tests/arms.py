@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +77,23 @@ def random_states(rng, n, count):
 def tensor_of(body):
     xx, xy, xz, yy, yz, zz = body.inertia_com
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def dh_product(robot, q):
+    """Return the poses of the link frames in the world from the textbook matrices."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = pin.rpy.rpyToMatrix(*robot.base_rpy), robot.base_xyz
+    poses = []
+    for j, v in zip(robot.joints, q, strict=True):
+        theta, d = (j.theta_offset + v, j.d) if j.revolute else (j.theta_offset, j.d + v)
+        c, s, ca, sa = math.cos(theta), math.sin(theta), math.cos(j.twist), math.sin(j.twist)
+        if robot.convention == "standard":
+            rows = [[c, -s * ca, s * sa, j.a * c], [s, c * ca, -c * sa, j.a * s], [0, sa, ca, d]]
+        else:
+            rows = [[c, -s, 0, j.a], [s * ca, c * ca, -sa, -d * sa], [s * sa, c * sa, ca, d * ca]]
+        pose = pose @ np.array([*rows, [0, 0, 0, 1]])
+        poses.append(pose)
+    return poses
 
 
 def placements(robot):

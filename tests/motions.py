@@ -36,3 +36,14 @@ def there_and_back(t, far, middle=0.0):
     shapes = s**4, 4 * w * s**3 * c, 4 * w**2 * (3 * s**2 * c**2 - s**4)
     q, qd, qdd = (np.outer(shape, far) for shape in shapes)
     return Motion(t, middle + q, qd, qdd)
+
+
+def pose_to_pose(goals, rate=100.0):
+    """Return t, q, qd, qdd through poses (k, n): a second on the way to the next one, and a second of rest in it."""
+    t = np.arange(0, 2.0 * (len(goals) - 1), 1 / rate)
+    part, way = np.divmod(t, 2.0)
+    here, x = goals[part.astype(int)], np.clip(way, 0, 1)[:, None]
+    step = goals[part.astype(int) + 1] - here
+    q = here + step * (10 * x**3 - 15 * x**4 + 6 * x**5)
+    qd = step * (30 * x**2 - 60 * x**3 + 30 * x**4)
+    return t, q, qd, step * (60 * x - 180 * x**2 + 120 * x**3)

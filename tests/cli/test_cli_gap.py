@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import yaml
 
-import hidden_effects as hidden
 import twolink
 from dynid.files.robotfile import load_robot
 from dynid.workflows.gap import robot_file_beside
+from recorded_lwr import only, recorded, sharp
 
 ROOT = Path(__file__).parents[2]
 
@@ -19,25 +19,21 @@ ONE = {"OMP_NUM_THREADS": "1"}
 KEYS = "schema robot verdict where named alternatives gap advice wrote"
 
 
-def record(folder, name, case, **options):
-    """Write logs of an LWR4+ with something hidden, and its robot file."""
-    (folder / "arm.yaml").write_text((ROOT / "robots" / "kuka_lwr4plus.yaml").read_text())
-    for k, (t, q, tau) in enumerate(hidden.simulate(case, seconds=15.0, **options), 1):
-        np.savez(folder / f"{name}{k}.npz", t=t, q=q, tau=tau)
-
-
-def known(run, *logs):
-    """Identify what the arm is like before the search."""
-    assert run("identify arm.yaml -q -o before --no-report", *logs).status == 0
-
-
 @pytest.fixture(scope="module")
 def shop(tmp_path_factory, runner):
     """A folder with logs of an LWR4+ with load-dependent friction on joint 4, its robot file and a first result."""
     folder = tmp_path_factory.mktemp("gap")
     run = runner(folder / "work", folder)
-    record(run.folder, "log", hidden.Case("lwr4plus", "load_friction", 3, 3.0, 22))
-    known(run, "log1.npz", "log3.npz")
+    shutil.copy(ROOT / "robots" / "kuka_lwr4plus.yaml", run.folder / "arm.yaml")
+
+    def load_friction(t, q, qd, rigid):
+        return only(3, 0.04 * np.abs(rigid[:, 3]) * sharp(qd[:, 3]))
+
+    for k in range(6):
+        one = recorded(k // 2, seconds=15.0, noise=10 + k, start=20.0 * k, added=load_friction)
+        np.savez(run.folder / f"log{k + 1}.npz", t=one.t, q=one.q, tau=one.tau)
+    line = "identify arm.yaml log1.npz log3.npz -q -o before --no-report"
+    assert run(line).status == 0
     return run.folder
 
 
@@ -121,22 +117,6 @@ def test_words_that_are_none_are_answered_with_those_that_are_meant(dynid, logs,
     ended = dynid(line)
     assert ended.status == 2
     assert said in ended.err
-
-
-@pytest.mark.slow
-def test_gap_with_a_kept_model_names_the_payload_that_is_new(dynid):
-    old, new = (hidden.Case("lwr4plus", "payload", 2, 3.0 * k, 40 + k) for k in (0, 1))
-    record(dynid.folder, "old", old, trajectories=2, repeats=1, plan_seed=7)
-    record(dynid.folder, "new", new, trajectories=2)
-    known(dynid, "old1.npz", "old2.npz")
-    some = "payload,tool_force,torque_offset,coulomb_change,base_tilt"
-    options = f"--mode frozen --effects {some} --no-apply --json --no-plot"
-    logs = [f"new{k}.npz" for k in (1, 2, 3, 4)]
-    answer = dynid(f"gap before/parameters.npz {options}", *logs, **ONE).facts
-    (named,) = answer["named"]
-    assert named["effect"] == "payload"
-    # Case 3.0 hangs a ball of 10 * 3.0 * 0.02 kg on the last link.
-    assert named["parameters"]["m"]["value"] == pytest.approx(0.6, rel=0.05)
 
 
 @pytest.mark.slow

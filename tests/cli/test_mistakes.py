@@ -14,6 +14,7 @@ import pytest
 import twolink
 from dynid.npz import write_artifact
 from makelogs import kinova, state_messages, write_bag
+from motions import pose_to_pose
 
 ROOT = Path(__file__).parents[2]
 BAG = ROOT / "trajectories/lwr4plus_validate.bag"
@@ -89,21 +90,10 @@ def poses(gravity=1.0, zero=0.0):
     """Return a change to a log of forty poses with rests between, with weight or without, a sensor zeroed or not."""
 
     def change(columns):
-        t = np.arange(0, 80, 0.01)
-        place = np.random.default_rng(4).uniform(-1, 1, (41, 2))
-        part, way = np.divmod(t, 2.0)
-        x = np.clip(way, 0, 1)[:, None]
-        step = place[part.astype(int) + 1] - place[part.astype(int)]
-        q = place[part.astype(int)] + step * (10 * x**3 - 15 * x**4 + 6 * x**5)
-        qd = step * (30 * x**2 - 60 * x**3 + 30 * x**4)
-        qdd = step * (60 * x - 180 * x**2 + 120 * x**3)
+        t, q, qd, qdd = pose_to_pose(np.random.default_rng(4).uniform(-1, 1, (41, 2)))
         weight = twolink.torque(q, 0 * q, 0 * q)
-        return {
-            "t": t,
-            "q": q,
-            "qd": qd,
-            "tau": twolink.torque(q, qd, qdd) - (1 - gravity) * weight + zero,
-        }
+        tau = twolink.torque(q, qd, qdd) - (1 - gravity) * weight + zero
+        return {"t": t, "q": q, "qd": qd, "tau": tau}
 
     return change
 

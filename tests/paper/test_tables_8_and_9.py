@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from dynid.files.robotfile import load_robot
 from dynid.model import build_model
@@ -85,12 +86,7 @@ def corrected_classes():
 
 def turn(theta, twist):
     """Return R_z(theta) R_x(twist) for each sample, (N, 3, 3)."""
-    c, s, o = np.cos(theta), np.sin(theta), np.zeros_like(theta)
-    about_z = np.stack(
-        [np.stack([c, -s, o], -1), np.stack([s, c, o], -1), np.stack([o, o, o + 1], -1)], -2
-    )
-    ca, sa = np.cos(twist), np.sin(twist)
-    return about_z @ np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]])
+    return (Rotation.from_euler("z", theta[:, None]) * Rotation.from_euler("x", twist)).as_matrix()
 
 
 def times(R, v):

@@ -1,36 +1,15 @@
-"""The URDF against the DH table and against the arm built by hand."""
+"""The URDF against the DH table."""
 
-import math
 import xml.etree.ElementTree as ET
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from arms import (
-    configuration,
-    random_robot,
-)
+from arms import configuration, dh_product, random_robot
 from dynid.model.kinematics import fixed_poses
 from dynid.robot import Body, Joint, Limits, Robot, roll_pitch_yaw, rotation_rpy
 from dynid.sim.urdf import urdf_text, write_urdf
-
-
-def dh_product(robot, q):
-    """Return the poses of the link frames in the world from the textbook matrices."""
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = pin.rpy.rpyToMatrix(*robot.base_rpy), robot.base_xyz
-    poses = []
-    for j, v in zip(robot.joints, q, strict=True):
-        theta, d = (j.theta_offset + v, j.d) if j.revolute else (j.theta_offset, j.d + v)
-        c, s, ca, sa = math.cos(theta), math.sin(theta), math.cos(j.twist), math.sin(j.twist)
-        if robot.convention == "standard":
-            rows = [[c, -s * ca, s * sa, j.a * c], [s, c * ca, -c * sa, j.a * s], [0, sa, ca, d]]
-        else:
-            rows = [[c, -s, 0, j.a], [s * ca, c * ca, -sa, -d * sa], [s * sa, c * sa, ca, d * ca]]
-        pose = pose @ np.array([*rows, [0, 0, 0, 1]])
-        poses.append(pose)
-    return poses
 
 
 @pytest.mark.parametrize("seed", range(40))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -21,7 +20,7 @@ from dynid.robot import TorqueSource
 from dynid.signals.checks import check_zero, prepare
 from dynid.sim.urdf import urdf_text
 from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
-from motions import harmonics
+from motions import harmonics, pose_to_pose
 
 NOISE = np.random.default_rng(1).normal(0, 0.3, lwr_log().tau.shape)
 
@@ -56,17 +55,9 @@ def test_a_short_motion_that_hardly_lifts_the_arm_does_not_tell_its_weight():
         check_gravity(*short_log(1.0, 0.3, 0, weight=0.0))
 
 
-def poses(robot, hold=1.0, rate=100.0, count=8, seed=0):
-    """A log that rests in several poses, with quick moves between them."""
-    rng = np.random.default_rng(seed)
-    goals = rng.uniform(-1, 1, (count, robot.n))
-    n = int(hold * rate)
-    shape = (1 - np.cos(np.linspace(0, np.pi, n)))[:, None] / 2
-    parts = []
-    for a, b in pairwise(goals):
-        parts += [np.repeat(a[None], n, axis=0), a + shape * (b - a)]
-    q = np.concatenate(parts)
-    return np.arange(len(q)) / rate, q
+def poses(robot):
+    """A motion that rests in several poses: time and positions."""
+    return pose_to_pose(np.random.default_rng(0).uniform(-1, 1, (8, robot.n)))[:2]
 
 
 def test_rests_in_several_poses_show_that_gravity_was_removed():

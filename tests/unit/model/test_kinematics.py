@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from arms import dh_product
 from dynid.files.robotfile import load_robot
 from dynid.model.kinematics import base_pose, link_frames, tip_jacobian, tool_pose
-from dynid.robot import Joint, Robot, rotation_rpy
+from dynid.robot import Joint, Robot
 
 
 def scara(convention="modified"):
@@ -15,25 +16,6 @@ def scara(convention="modified"):
         Joint("c", type="prismatic", twist=0.3, theta_offset=0.7, d=0.05),
     )
     return Robot("scara", convention, joints, base_xyz=(0.1, 0.2, 0.9), base_rpy=(0.1, 0.2, 0.3))
-
-
-def pose(R, p):
-    found = np.eye(4)
-    found[:3, :3], found[:3, 3] = R, p
-    return found
-
-
-def textbook(robot, q):
-    """Return the poses of the links in the world as products of turns and shifts along one axis each."""
-    here, found = pose(rotation_rpy(robot.base_rpy), robot.base_xyz), []
-    for joint, value in zip(robot.joints, q, strict=True):
-        theta = joint.theta_offset + (value if joint.revolute else 0.0)
-        d = joint.d + (0.0 if joint.revolute else value)
-        about_z = pose(rotation_rpy((0, 0, theta)), (0, 0, d))
-        about_x = pose(rotation_rpy((joint.twist, 0, 0)), (joint.a, 0, 0))
-        here = here @ (about_z @ about_x if robot.convention == "standard" else about_x @ about_z)
-        found.append(here)
-    return np.array(found)
 
 
 ARMS = {
@@ -48,7 +30,7 @@ ARMS = {
 def test_frames_are_the_product_of_turns_and_shifts(name):
     robot = ARMS[name]
     q = np.random.default_rng(1).uniform(-2, 2, (20, robot.n))
-    expected = np.array([textbook(robot, one) for one in q])
+    expected = np.array([dh_product(robot, one) for one in q])
     np.testing.assert_allclose(link_frames(robot, q, world=True).poses, expected, atol=1e-14)
     np.testing.assert_allclose(base_pose(robot) @ link_frames(robot, q).poses, expected, atol=1e-14)
     np.testing.assert_allclose(tool_pose(robot, q[3]), expected[3, -1], atol=1e-14)

@@ -7,11 +7,7 @@ import models
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.motion import Motion
 from dynid.trajectory import tuning
-from dynid.trajectory.feasible import coefficients, random_variables
-from dynid.trajectory.options import PlanOptions
-from dynid.trajectory.plan import Trajectory
-from dynid.trajectory.planning import plan_problem, planning_context
-from dynid.trajectory.separation import GapQuestion, Rivalry, run_of, separate, separation
+from dynid.trajectory.separation import GapQuestion, Rivalry, separation
 from motions import tones
 
 
@@ -72,20 +68,3 @@ def test_what_is_unexplained_shows_more_when_the_arm_moves_fast(base):
     asked = question(base, unexplained=(1,))
     still = Motion(motion.t, motion.q, 0.02 * motion.qd, 4e-4 * motion.qdd)
     assert separation(base, asked, motion).spread > separation(base, asked, still).spread
-
-
-def test_the_search_finds_a_better_motion_inside_the_limits_and_the_same_one_again(base):
-    options = PlanOptions(alpha=1.0, duration=10.0, segments=5, restarts=1, floor=None)
-    context = planning_context(base, options)
-    problem = plan_problem(context)
-    asked = question(base, rivals("spring", [1.0, 0.0], "counterbalance", order=1.0, constant=1.0))
-    first, again = (separate(problem, base, asked, options, 60.0) for _ in range(2))
-    np.testing.assert_array_equal(first.candidates[0], again.candidates[0])
-    assert (first.ended, first.finished, len(first.candidates)) == ("all starts", 1, 1)
-    x = random_variables(problem.basis, problem.limits, np.random.default_rng((0, 0)))
-    start = coefficients(problem.basis, problem.limits, x)
-    values = [
-        separation(base, asked, run_of(Trajectory(problem.basis, one))).value
-        for one in (start, first.candidates[0])
-    ]
-    assert values[1] > values[0]
