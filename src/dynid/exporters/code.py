@@ -51,7 +51,7 @@ SPELLED: dict[str, Callable[[str], str]] = {
     ),
 }
 _SIGN = {ADD: "+", SUB: "-", MUL: "*"}
-#: A compiler or Octave has this long [s]. Evidence: cc takes 0.8 s for the LWR4+ with its residual model.
+#: A compiler has this long [s]. Evidence: cc takes 0.8 s for the LWR4+ with its residual model.
 PATIENCE_S = 60.0
 
 
@@ -248,29 +248,6 @@ def _in_python(text: str, arm: IdentifiedArm) -> Loaded:
     return _loaded(arm, "NumPy", imported(text).inverse_dynamics)
 
 
-def _in_octave(text: str, arm: IdentifiedArm) -> Loaded | None:
-    octave, name = shutil.which("octave-cli"), identifier(arm.file_stem)
-    if octave is None:
-        return None
-
-    def theirs(*states: Floats) -> Floats:
-        n = arm.robot.n
-        script = (
-            f"s = load('states.txt'); t = zeros(size(s, 1), {n}); "
-            f"for k = 1:size(s, 1) r = reshape(s(k, :), {n}, 3); "
-            f"t(k, :) = {name}('inverse_dynamics', r(:, 1), r(:, 2), r(:, 3)); end; "
-            "save('-ascii', '-double', 'tau.txt', 't');"
-        )
-        with TemporaryDirectory() as folder:
-            (Path(folder) / f"{name}.m").write_text(text, encoding="utf-8")
-            np.savetxt(Path(folder) / "states.txt", np.hstack(states))
-            words = [octave, "--norc", "--quiet", "--eval", script]
-            run(words, cwd=folder, capture_output=True, check=True, timeout=PATIENCE_S)
-            return np.loadtxt(Path(folder) / "tau.txt", ndmin=2)
-
-    return _loaded(arm, "Octave", theirs)
-
-
 def _leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     names, said = arm.robot.joint_names, without_torque(arm.robot)
     for added in arm.base.model.added:
@@ -297,4 +274,4 @@ def _format(
 
 C = _format("c", ".c", _in_c)
 PYTHON = _format("python", ".py", _in_python)
-MATLAB = _format("matlab", ".m", _in_octave, _matlab_leaves_out)
+MATLAB = _format("matlab", ".m", lambda text, arm: None, _matlab_leaves_out)

@@ -7,7 +7,6 @@ the recorded motion. Where the model is right the controller has nothing to do.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
@@ -26,19 +25,6 @@ from dynid.sim import tuning
 FAR = "its parameters are far from those of the real arm"
 
 
-@dataclass(frozen=True)
-class Driven:
-    """What a simulated arm did along a recording; N samples, n joints.
-
-    Attributes:
-        q: positions, (N, n) [rad or m].
-        added: torque that the controller added to the measured one, (N, n) [N m or N].
-    """
-
-    q: Floats
-    added: Floats
-
-
 #: Applies torques of the drives for a step, and returns positions and velocities behind it.
 Step = Callable[[Floats], tuple[Floats, Floats]]
 
@@ -48,7 +34,7 @@ def drive(
     engine: str,
     recorded: tuple[Floats, Floats, Floats, Floats],
     inertia: Floats,
-) -> Driven:
+) -> tuple[Floats, Floats]:
     """Drive an exported arm along a recording.
 
     Args:
@@ -56,6 +42,9 @@ def drive(
         engine: ``"mujoco"`` or ``"pybullet"``.
         recorded: times, evenly spaced, (N,) [s], positions, velocities and torques, (N, n).
         inertia: what the controller takes each joint to move, (n,) [kg m^2 or kg].
+
+    Returns:
+        Positions, (N, n) [rad or m], and what the controller added to the measured torques, (N, n) [N m or N].
 
     Raises:
         PackageMissing: the engine is not installed.
@@ -93,7 +82,7 @@ def drive(
     if not np.all(np.isfinite(positions)):
         fix = "identify it with --feasible"
         raise NotSimulated(f"in {engine} the arm flies apart", why=FAR, fix=fix)
-    return Driven(np.array(positions), np.array(added))
+    return np.array(positions), np.array(added)
 
 
 def _mujoco(

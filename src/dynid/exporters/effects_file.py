@@ -70,16 +70,9 @@ def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
         return None
     with quiet():
         model = engine.MjModel.from_xml_string(mjcf.text(arm))
-    bristles = {one.place[1]: one.loss for one in simulation.native if one.loss}
     what = "all that is not left out" if simulation.left else "all"
-    what += ", without the bristle of the file" * bool(bristles)
     theirs = stepped(imported(text).Mujoco(model))
-    values = own_values(arm)
-    for column, _, native in simulation.columns:
-        if native and "z" in column.signals:
-            values[column.name] = 0.0
-            values[f"fc{column.joint + 1}"] -= bristles[column.joint]
-    return Loaded(f"MuJoCo {engine.__version__}", what, theirs, own_torques(arm, values))
+    return Loaded(f"MuJoCo {engine.__version__}", what, theirs, own_torques(arm, own_values(arm)))
 
 
 def own_values(arm: IdentifiedArm) -> dict[str, float]:

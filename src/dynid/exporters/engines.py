@@ -90,9 +90,7 @@ def mujoco(text: str, names: Sequence[str], gravity: Floats) -> tuple[str, Torqu
         for k in range(len(q)):
             data.qpos[places], data.qvel[dofs], data.qacc[dofs] = q[k], qd[k], qdd[k]
             engine.mj_inverse(model, data)
-            # Passive motors, such as cogging, act by themselves: a drive gives the rest.
-            engine.mj_fwdActuation(model, data)
-            tau[k] = (data.qfrc_inverse - data.qfrc_actuator)[dofs]
+            tau[k] = data.qfrc_inverse[dofs]
         return tau
 
     return f"MuJoCo {engine.__version__}", run

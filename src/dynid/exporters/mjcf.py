@@ -7,8 +7,8 @@ import numpy as np
 from dynid.exporters.code import rendered
 from dynid.exporters.engines import mujoco, own_torques
 from dynid.exporters.full_model import world_gravity
-from dynid.exporters.interface import Floats, Format, IdentifiedArm, Loaded
-from dynid.exporters.simulated import Simulated, numbers_of, simulated
+from dynid.exporters.interface import Format, IdentifiedArm, Loaded
+from dynid.exporters.simulated import numbers_of, simulated
 from dynid.exporters.urdf import beyond_joints
 from dynid.model.kinematics import base_pose, fixed_poses
 from dynid.model.parameters import cylinders_of, link_cylinders, moved
@@ -22,13 +22,11 @@ def text(arm: IdentifiedArm) -> str:
     """Return the MJCF."""
     simulation, robot = simulated(arm), arm.robot
     # Why no body for the base: Pinocchio's reader loses the pose of a body without a joint.
-    previous, links, drive, ends = base_pose(robot), [], _drive(simulation), link_cylinders(robot)
+    previous, links, ends = base_pose(robot), [], link_cylinders(robot)
+    drive = {name: simulation.full.of_joints(kind) for kind, name in DRIVE.items()}
     for i, (joint, body) in enumerate(zip(robot.joints, simulation.full.bodies, strict=True)):
         before, to_dh = fixed_poses(joint, robot.convention)
-        own = {DRIVE[kind]: repr(max(0.0, float(row[i]))) for kind, row in drive.items()}
-        for one in simulation.native:
-            if one.place == ("spring", i):
-                own |= one.attributes
+        own = {name: repr(max(0.0, float(row[i]))) for name, row in drive.items()}
         links.append(
             {
                 "joint": joint,
@@ -36,7 +34,7 @@ def text(arm: IdentifiedArm) -> str:
                 "axes": (previous @ before)[:3, :2].T,
                 "body": moved(body, to_dh),
                 "ends": ends[i] @ to_dh[:3, :3].T + to_dh[:3, 3],
-                "drive": own,
+                "drive": {**own, **simulation.springs.get(i, {})},
             }
         )
         previous = to_dh
@@ -48,16 +46,7 @@ def text(arm: IdentifiedArm) -> str:
         gravity=world_gravity(robot),
         links=links,
         radius=cylinders_of(robot).radius,
-        motors=[one for one in simulation.native if one.place[0] != "spring"],
     )
-
-
-def _drive(simulation: Simulated) -> dict[str, Floats]:
-    """Return rotor inertia and friction of all joints, (n,) each."""
-    drive = {kind: simulation.full.of_joints(kind) for kind in DRIVE}
-    for one in simulation.native:
-        drive["fc"][one.place[1]] -= one.loss
-    return drive
 
 
 def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
@@ -74,8 +63,8 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
 
 def negative_numbers(arm: IdentifiedArm) -> list[str]:
     """Return the names of numbers that MuJoCo refuses, and that were written as zero."""
-    drive = _drive(simulated(arm))
-    return [f"{kind}{i + 1}" for kind, row in drive.items() for i in np.flatnonzero(row < 0)]
+    full = simulated(arm).full
+    return [f"{kind}{i + 1}" for kind in DRIVE for i in np.flatnonzero(full.of_joints(kind) < 0)]
 
 
 def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
@@ -84,11 +73,8 @@ def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
     engine_and_torques = mujoco(text, names, world_gravity(arm.robot))
     if engine_and_torques is None or negative_numbers(arm):
         return None
-    # Why not bristles: they only bend along a simulation.
-    held = {c.name: size for c, size, native in here.columns if native and "z" not in c.signals}
-    said = {attribute for one in here.native for attribute in one.attributes}
-    what = "rigid body, rotors, viscous friction"
-    what += ", springs" * ("stiffness" in said) + ", waves" * ("cogging" in said)
+    held = {column.name: size for column, size, native in here.columns if native}
+    what = "rigid body, rotors, viscous friction" + ", springs" * bool(held)
     engine, torques = engine_and_torques
     return Loaded(engine, what, torques, own_torques(arm, numbers_of(arm, "Im", "fv") | held))
 

@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
-from xml.parsers import expat
+from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
@@ -177,53 +177,30 @@ def _own_share(place: Attached, link: str, body: Body) -> tuple[Body, list[str]]
 
 
 def _replaced(path: Path, new: dict[str, tuple[Body, str]], head: str) -> str:
-    """Splice new inertial blocks into the text; offsets come from the XML parser, so that nothing else is touched."""
-    raw = path.read_bytes()
-    places = _places(raw)
-    first = re.search(rb"<robot\b", raw)
-    assert first is not None
+    """Splice new inertial blocks into the text, so that nothing else is touched."""
+    text = path.read_bytes().decode("utf-8")
+    # What is commented out is no element.
+    seen = re.sub("<!--.*?-->", lambda found: " " * len(found[0]), text, flags=re.DOTALL)
     comment = xml_comment(f"inertial blocks of {', '.join(new)} by dynid: {head}")
-    pieces = [(first.start(), first.start(), f"<!--{comment}-->\n")]
+    pieces = [(seen.index("<robot"), seen.index("<robot"), f"<!--{comment}-->\n")]
     for link, (body, note) in new.items():
-        start, end, indent, around = places[link]
+        name = rf"""<link\s(?:[^>]*?\s)?name\s*=\s*["']{re.escape(escape(link))}["'][^>]*?"""
+        element = re.search(rf"{name}(?:/>|>.*?</link\s*>)", seen, re.DOTALL)
+        assert element is not None
+        own = re.compile(r"<inertial\b.*?</inertial\s*>", re.DOTALL).search(seen, *element.span())
+        at = (own or element).start()
+        before = text[text.rfind("\n", 0, at) + 1 : at]
+        indent, around = before if not before.strip() else "    ", "{}"
+        if own:
+            start, end = own.span()
+        else:
+            end = seen.index(">", at) + 1
+            start = end - 2 * (closed := seen[end - 2] == "/")
+            around = f"\n{indent}  {{}}"
+            around = f">{around}\n{indent}</link>" if closed else around
+            indent += "  "
         block = rendered("inertial.xml", body=body, note=note).strip().replace("\n", f"\n{indent}")
         pieces.append((start, end, around.format(block)))
-    for start, end, text in sorted(pieces, reverse=True):
-        raw = raw[:start] + text.encode() + raw[end:]
-    return raw.decode("utf-8")
-
-
-def _places(raw: bytes) -> dict[str, tuple[int, int, str, str]]:
-    """Return for each link the bytes that its inertial block replaces, its indentation, and what goes around it."""
-    parser = expat.ParserCreate()
-    stack: list[str] = []
-    places: dict[str, tuple[int, int, str, str]] = {}
-    link, start = "", 0
-
-    def begin(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal link, start
-        stack.append(tag)
-        if stack == ["robot", "link"]:
-            link, end = attributes["name"], raw.index(b">", parser.CurrentByteIndex) + 1
-            outer = _indent(raw, parser.CurrentByteIndex)
-            around = f"\n{outer}  {{}}"
-            if closed := raw[:end].endswith(b"/>"):
-                around = f">{around}\n{outer}</link>"
-            places[link] = (end - 2 * closed, end, f"{outer}  ", around)
-        elif stack == ["robot", "link", "inertial"]:
-            start = parser.CurrentByteIndex
-
-    def finish(tag: str) -> None:
-        if stack == ["robot", "link", "inertial"]:
-            end = raw.index(b">", parser.CurrentByteIndex) + 1
-            places[link] = (start, end, _indent(raw, start), "{}")
-        stack.pop()
-
-    parser.StartElementHandler, parser.EndElementHandler = begin, finish
-    parser.Parse(raw, True)
-    return places
-
-
-def _indent(raw: bytes, at: int) -> str:
-    line = raw[raw.rfind(b"\n", 0, at) + 1 : at]
-    return line.decode() if not line.strip() else "    "
+    for start, end, piece in sorted(pieces, reverse=True):
+        text = text[:start] + piece + text[end:]
+    return text

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import base64
+from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,23 +40,7 @@ def write_demo_page(
         chapters: its steps.
         program: word that starts dynid here.
     """
-    shown = [
-        {
-            "title": chapter.title,
-            "text": chapter.text,
-            "commands": [program + command.removeprefix("dynid") for command in chapter.commands],
-            "pictures": [
-                (_inline(file), text) for file, text in chapter.pictures if file.is_file()
-            ],
-        }
-        for chapter in chapters
-    ]
-    write_text(
-        path, templates().get_template("demo.html").render(robot=robot, lead=lead, chapters=shown)
-    )
+    page = templates().get_template("demo.html")
+    facts = {"robot": robot, "lead": lead, "chapters": chapters, "program": program}
+    write_text(path, page.render(facts, b64encode=b64encode))
     return path
-
-
-def _inline(path: Path) -> str:
-    """Return a picture as the address of its own bytes."""
-    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode("ascii")

@@ -6,12 +6,11 @@ Figures 3 to 6.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, wraps
 from io import BytesIO
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, ParamSpec
+from typing import IO, TYPE_CHECKING, Any, NamedTuple, ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +21,7 @@ from dynid.robot import Robot
 from dynid.text import TITLE_LENGTH, label
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Floats = NDArray[np.float64]
@@ -32,7 +32,7 @@ MEASURED, ESTIMATED, RESIDUAL = "#8c8c8c", "#0072b2", "#d55e00"
 GRID = "#e6e6e6"
 #: Width of a figure [inch]: its text is readable on a telephone and on a screen. Size of text [points].
 WIDTH, TEXT = 4.6, 8
-#: The look of all figures. Curves lose what is finer than a point, and no spike.
+#: The look of all figures. Few ticks, a faint grid, no frame; curves lose what is finer than a point, and no spike.
 STYLE: dict[Any, Any] = {
     "font.size": TEXT,
     "axes.titlesize": TEXT,
@@ -41,11 +41,18 @@ STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "legend.fontsize": TEXT - 1,
     "path.simplify_threshold": 1.0,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.color": GRID,
+    "grid.linewidth": 0.6,
+    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), TEXT - 1),
+    **dict.fromkeys(("xtick.major.size", "ytick.major.size"), 2),
 }
 
 
-@dataclass(frozen=True)
-class Quantity:
+class Quantity(NamedTuple):
     """What one figure shows, and its unit for turning and sliding joints."""
 
     key: str
@@ -64,20 +71,14 @@ QUANTITIES = (
 
 # ---------------------------------------------------------------- the look
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Give the figure of a function the look of all: few ticks, a faint grid, no frame."""
+    """Give the figure of a function the look of all."""
 
     @wraps(draw)
     def drawn(*args: P.args, **given: P.kwargs) -> Figure:
         from matplotlib import rc_context
 
         with rc_context(STYLE):
-            figure = draw(*args, **given)
-        for axis in figure.axes:
-            axis.grid(not axis.images)
-            axis.set_axisbelow(True)
-            axis.tick_params(labelsize=TEXT - 1, length=2, grid_color=GRID, grid_linewidth=0.6)
-            axis.spines[["top", "right"]].set_visible(False)
-        return figure
+            return draw(*args, **given)
 
     return drawn
 
@@ -133,12 +134,15 @@ def joint_panels(
     return figure, axes
 
 
-def joint_legend(figure: Figure, title: str) -> None:
-    """Write a title and the names of the curves above the panels over time of ``joint_panels``."""
-    inch = 1 / figure.get_figheight()
-    figure.suptitle(title, x=0.01, y=1 - 0.05 * inch, ha="left", va="top")
-    handles = figure.axes[0].get_legend_handles_labels()
-    figure.legend(*handles, loc="upper right", bbox_to_anchor=(0.98, 1 - 0.2 * inch), ncols=3)
+def bar_figure(
+    names: Sequence[str], each: float, more: float, columns: int = 1
+) -> tuple[Figure, Sequence[Axes]]:
+    """Return a figure with a row of bars per name, the first on top, and its axes; heights in inches."""
+    figure = new_figure(each * len(names) + more)
+    axes = figure.subplots(1, columns, sharey=True, squeeze=False)[0]
+    axes[0].set_yticks(range(len(names)), [label(name) for name in names])
+    axes[0].set_ylim(len(names) - 0.4, -0.6)
+    return figure, axes
 
 
 # ---------------------------------------------------------------- motion
@@ -163,37 +167,47 @@ def motion_figure(
         residual_only: draw the residual alone, so that it fills the panel.
     """
     numbers = [robot.joint_names.index(name) for name in joints] or list(range(robot.n))
-    units = [quantity.units[not robot.joints[j].revolute] for j in numbers]
-    titles = [
-        f"{label(robot.joints[j].name)} [{unit}]" for j, unit in zip(numbers, units, strict=True)
-    ]
-    figure, axes = joint_panels(titles, 0.85, ["time [s]"], over_time=True)
-    for axis, j in zip(axes[:, 0], numbers, strict=True):
+    titles, panels = [], []
+    for j in numbers:
+        joint = robot.joints[j]
+        titles.append(f"{label(joint.name)} [{quantity.units[not joint.revolute]}]")
         measured = getattr(motion, f"{quantity.key}_measured")[:, j]
         estimated = getattr(motion, f"{quantity.key}_estimated")[:, j]
         curves = {"measured": (measured, MEASURED, 2.2), "estimated": (estimated, ESTIMATED, 0.9)}
         if quantity is TORQUE:
             residual = {"residual": (measured - estimated, RESIDUAL, 0.7)}
             curves = residual if residual_only else curves | residual
+        panels.append(curves)
+    what = f"residual {quantity.title}" if residual_only else quantity.title
+    head = f"{label(title, TITLE_LENGTH)}: {what}" * bool(title)
+    return curves_over_time(titles, motion.t, panels, head)
+
+
+def curves_over_time(
+    titles: Sequence[str],
+    t: Floats,
+    panels: Sequence[Mapping[str, tuple[Floats, str, float]]],
+    head: str,
+) -> Figure:
+    """Draw curves by name, with colour and width, over times, (M,) [s], a panel for each joint."""
+    figure, axes = joint_panels(titles, 0.85, ["time [s]"], over_time=True)
+    for axis, curves in zip(axes[:, 0], panels, strict=True):
         for name, (values, color, width) in curves.items():
-            axis.plot(*broken(motion.t, values), color=color, lw=width, label=name)
+            axis.plot(*broken(t, values), color=color, lw=width, label=name)
         shown = np.concatenate([values for values, _, _ in curves.values()])
         low, high = np.nanpercentile(shown, [0.2, 99.8])
         room = 0.12 * max(high - low, 1e-9)
         axis.set_ylim(low - room, high + room)
         axis.locator_params(axis="y", nbins=4)
-    what = f"residual {quantity.title}" if residual_only else quantity.title
-    joint_legend(figure, f"{label(title, TITLE_LENGTH)}: {what}" * bool(title))
+    inch = 1 / figure.get_figheight()
+    figure.suptitle(head, x=0.01, y=1 - 0.05 * inch, ha="left", va="top")
+    handles = figure.axes[0].get_legend_handles_labels()
+    figure.legend(*handles, loc="upper right", bbox_to_anchor=(0.98, 1 - 0.2 * inch), ncols=3)
     return figure
 
 
 def broken(t: Floats, x: Floats) -> tuple[Floats, Floats]:
-    """Return a curve over time that breaks where time does: a line across a gap would show what nobody measured.
-
-    Args:
-        t: (M,) [s].
-        x: (M,).
-    """
+    """Return a curve over time, (M,) each, that breaks where time does: nobody measured what a line would show."""
     steps = np.diff(t)
     usual = np.median(steps) if len(steps) else 0.0
     gaps = np.flatnonzero(np.abs(steps) > 5 * max(usual, 1e-12)) + 1

@@ -17,12 +17,12 @@ from dynid.reports.figures import (
     RESIDUAL,
     TEXT,
     Floats,
-    joint_legend,
-    joint_panels,
+    bar_figure,
+    curves_over_time,
     new_figure,
     styled,
 )
-from dynid.reports.section_figures import binned, name_rows
+from dynid.reports.section_figures import binned
 from dynid.sim.comparison import SimulatorGap
 from dynid.text import TITLE_LENGTH, label
 
@@ -44,10 +44,10 @@ def residual_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str)
     for g in gaps:
         for r in g.regions:
             chi[g.joint, names.index((r.kind, r.name))] = r.chi
-    figure = new_figure(0.25 * len(joints) + 1.8)
-    axis = figure.subplots()
+    figure, (axis,) = bar_figure(joints, 0.25, 1.8)
     worst = max(WORST, float(np.nanmax(chi, initial=WORST)))
     shades = np.log10(np.clip(chi, 0.5, None))
+    axis.grid(visible=False)
     axis.imshow(shades, cmap="YlOrBr", vmin=0.0, vmax=np.log10(worst), aspect="auto")
     for j, k in zip(*np.nonzero(np.isfinite(chi)), strict=True):
         axis.text(
@@ -61,7 +61,6 @@ def residual_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str)
             # Why: it stands inside the axes; measuring hundreds of them takes longer than the rest.
             in_layout=False,
         )
-    name_rows(axis, joints)
     words = [f"{kind}: {name}" for kind, name in names]
     axis.set_xticks(range(len(names)), words, rotation=50, ha="right")
     if title:
@@ -74,9 +73,9 @@ def residual_figure(gaps: Sequence[JointGap], joints: Sequence[str], title: str)
 def improvement_figure(
     improvement: HeldOutImprovement, joints: Sequence[str], units: Sequence[str], title: str
 ) -> Figure:
-    """Draw the held-out residual of each joint before and after, with the noise level."""
-    figure = new_figure(0.36 * len(joints) + 1.1)
-    axis = figure.subplots()
+    """Draw the held-out residual of each joint before and after, with the noise floor."""
+    rows = [f"{name} [{unit}]" for name, unit in zip(joints, units, strict=True)]
+    figure, (axis,) = bar_figure(rows, 0.36, 1.1)
     place = np.arange(len(joints))
     axis.barh(place - 0.19, improvement.before, 0.36, color=RESIDUAL, label="before")
     # Why: of few rows an interval has no upper end.
@@ -95,8 +94,7 @@ def improvement_figure(
     axis.vlines(
         improvement.floor, place - 0.42, place + 0.42, color=MEASURED, lw=2.0, label="noise level"
     )
-    name_rows(axis, [f"{name} [{unit}]" for name, unit in zip(joints, units, strict=True)])
-    axis.set_xlabel("rms on held-out data, with 95 % interval")
+    axis.set_xlabel("root mean square on held-out rows, with 95 % interval")
     axis.legend()
     figure.suptitle(label(title, TITLE_LENGTH))
     return figure
@@ -147,15 +145,14 @@ def simulator_figure(gap: SimulatorGap) -> Figure:
     titles = [
         f"{label(joint.name)} [{'mrad' if joint.revolute else 'mm'}]" for joint in gap.robot.joints
     ]
-    figure, axes = joint_panels(titles, 0.85, ["time [s]"], over_time=True)
-    colors = (RESIDUAL, ESTIMATED, MEASURED)
-    for j, axis in enumerate(axes[:, 0]):
-        for name, simulated, color in zip(gap.models, gap.simulated, colors, strict=False):
-            error = 1000 * (simulated[:, j] - gap.q[:, j])
-            axis.plot(gap.t, error, color=color, lw=0.9, label=label(name))
-        axis.locator_params(axis="y", nbins=4)
-    joint_legend(figure, f"simulated minus measured position, {gap.engine}")
-    return figure
+    runs = list(zip(gap.models, gap.simulated, (RESIDUAL, ESTIMATED, MEASURED), strict=False))
+    panels = [
+        {label(name): (1000 * (q - gap.q)[:, j], color, 0.9) for name, q, color in runs}
+        for j in range(gap.robot.n)
+    ]
+    return curves_over_time(
+        titles, gap.t, panels, f"simulated less measured position, {gap.engine}"
+    )
 
 
 def _worst_stretch(t: Floats, error: Floats) -> slice:

@@ -13,7 +13,6 @@ from dynid.estimation import prediction
 from dynid.estimation.observation_files import load_factors
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification
-from dynid.estimation.stack import Stack
 from dynid.gap.record import GapRecord, read_record
 from dynid.judgement.judge import Judgement
 from dynid.robot import Robot
@@ -79,7 +78,9 @@ def gather(result: Identification) -> Gathered:
     if not result.path.name:
         if result.stack is None:
             return Gathered(result, result.judgement)
-        fitted = _fitted_motion(result.stack, result.theta)
+        motions = prediction.predict_logs(result.stack, result.theta)
+        columns = ([getattr(one, part.name) for one in motions] for part in fields(EstimatedMotion))
+        fitted = EstimatedMotion(*map(np.concatenate, columns))
         return Gathered(result, result.judgement, fitted, (), _spectrum(result.stack.whole[0]))
     folder, robot = result.path.parent, result.robot
     motion, stack, gap = (
@@ -114,15 +115,6 @@ def _singular_values(path: Path, result: Identification) -> Floats | None:
     factors, header = load_factors(path)
     result.robot.require_joints(header["joints"], path)
     return _spectrum(factors) if tuple(header["base"]) == result.names else None
-
-
-def _fitted_motion(stack: Stack, theta: Floats) -> EstimatedMotion:
-    """Return estimated and measured motion of the logs that a new result was made from, one after the other."""
-    motions = prediction.predict_logs(stack, theta)
-    columns = (
-        [getattr(motion, each.name) for motion in motions] for each in fields(EstimatedMotion)
-    )
-    return EstimatedMotion(*map(np.concatenate, columns))
 
 
 def _validated(path: Path, robot: Robot) -> ValidatedLog:

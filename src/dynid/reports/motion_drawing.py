@@ -1,104 +1,159 @@
-"""The picture of a motion where PyBullet is missing: capsules along the links, drawn with Matplotlib."""
+"""The picture and the animation of a motion: poses above the traces of all joints, as PyBullet shows them.
+
+Where PyBullet is missing, the still shows capsules along the links.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.disk import written_whole
+from dynid.robot import Robot
+from dynid.trajectory.bullet import Picture
 from dynid.trajectory.clearance import Capsules
-from dynid.trajectory.drawing import COLORS
 from dynid.trajectory.feasible import position_range
 from dynid.trajectory.plan import Trajectory
+from dynid.trajectory.preview import STILLS, Drawing
 from dynid.trajectory.scene import Distance
 
 Floats = NDArray[np.float64]
 
-#: Poses that are drawn one by one, and poses whose tool path is drawn behind them.
-POSES, PATH = 6, 400
-#: From where the arm is seen [deg], and the size of a view [inch].
-ELEVATION, AZIMUTH, SIZE = 18, -50, 4.0
-#: Points an inch, the unit of line widths.
-POINTS = 72
+#: Colours that colour-blind people tell apart (Okabe and Ito); repeated for arms of more joints.
+COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#000000", "#9a8a00")
+#: Poses beside each other, width and height of one and height of the traces [inch].
+COLUMNS, WIDE, HIGH, TRACES = 3, 4.8, 3.6, 2.4
+#: Poses whose tool path is drawn behind the capsules, and from where these are seen [deg].
+PATH, ELEVATION, AZIMUTH = 400, 18, -50
+#: Pixels an inch, points an inch (the unit of line widths), and length of the animation [ms].
+DPI, POINTS, SHOWN = 100, 72, 6000
 
 
 def draw_motion(
-    path: Path, trajectory: Trajectory, capsules: Capsules, nearest: Sequence[Distance], title: str
+    drawing: Drawing,
+    trajectory: Trajectory,
+    capsules: Capsules,
+    nearest: Sequence[Distance],
+    pictures: Sequence[Picture],
 ) -> None:
-    """Write the arm at times spread over a motion, at its nearest point, and the joints' traces below.
+    """Write the still and the animation of a motion, whole or not at all.
 
     Args:
-        path: the PNG file.
+        drawing: where to, and the title.
         trajectory: the motion.
         capsules: the arm and its surroundings.
-        nearest: least distances, the closest first; the pose of the first one is drawn too.
-        title: line above the pictures.
+        nearest: least distances, the closest first; capsules are drawn at the first one too.
+        pictures: PyBullet's, spread over the motion; capsules are drawn in place of none.
     """
+    from PIL import Image
+
+    pictures = pictures or _sketched(trajectory, capsules, nearest)
+    if drawing.picture is not None:
+        some = np.linspace(0, len(pictures) - 1, STILLS).round().astype(int)
+        sheet = _sheet(drawing.title, trajectory, capsules.robot, [pictures[k] for k in some])[0]
+        with written_whole(drawing.picture) as stream:
+            sheet.print_png(stream)
+    if drawing.animation is None:
+        return
+    canvas, (shown,), (line,) = _sheet(drawing.title, trajectory, capsules.robot, pictures[:1])
+    moving, frames = (shown, shown.axes.title, line), []
+    for artist in moving:
+        artist.set_animated(True)
+    canvas.draw()
+    still = canvas.copy_from_bbox(canvas.figure.bbox)
+    for time, pixels in pictures:
+        canvas.restore_region(still)
+        shown.set_data(pixels)
+        shown.axes.title.set_text(f"t = {time:.1f} s")
+        line.set_xdata([time, time])
+        for artist in moving:
+            artist.draw(canvas.get_renderer())
+        frames.append(Image.fromarray(_pixels(canvas)).quantize(64))
+    with written_whole(drawing.animation) as stream:
+        each = SHOWN // len(frames)
+        frames[0].save(
+            stream, "GIF", save_all=True, append_images=frames[1:], duration=each, loop=0
+        )
+
+
+def _canvas(width: float, height: float) -> Any:  # noqa: ANN401
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    times = np.linspace(0.0, trajectory.duration, POSES)
+    return FigureCanvasAgg(Figure(figsize=(width, height), dpi=DPI))
+
+
+def _pixels(canvas: Any) -> NDArray[np.uint8]:  # noqa: ANN401
+    return np.array(canvas.buffer_rgba())[..., :3]
+
+
+def _sheet(
+    title: str, trajectory: Trajectory, robot: Robot, pictures: Sequence[Picture]
+) -> tuple[Any, list[Any], list[Any]]:
+    """Draw pictures above the traces of all joints; return the canvas, its images and the lines at their times."""
+    columns = min(COLUMNS, len(pictures))
+    rows = -(-len(pictures) // columns)
+    canvas = _canvas(columns * WIDE, rows * HIGH + TRACES)
+    figure = canvas.figure
+    figure.set_layout_engine("constrained")
+    figure.suptitle(title)
+    grid, images = (
+        figure.add_gridspec(rows + 1, columns, height_ratios=[*[HIGH] * rows, TRACES]),
+        [],
+    )
+    for k, (time, pixels) in enumerate(pictures):
+        axes = figure.add_subplot(grid[k // columns, k % columns])
+        axes.set_title(f"t = {time:.1f} s", fontsize=10)
+        axes.axis("off")
+        images.append(axes.imshow(pixels))
+    motion = trajectory.motion(np.linspace(0.0, trajectory.duration, PATH))
+    (lower, upper), traces = position_range(robot), figure.add_subplot(grid[rows, :])
+    shares = ((motion.q - lower) / (upper - lower)).T
+    for j, (name, share) in enumerate(zip(robot.joint_names, shares, strict=True)):
+        traces.plot(motion.t, share, color=COLORS[j % len(COLORS)], label=name, lw=1.2)
+    traces.set(
+        xlabel="time [s]", ylabel="in the joint's range", xlim=(0, motion.t[-1]), ylim=(0, 1)
+    )
+    traces.set_yticks([0, 0.5, 1], ["lower", "middle", "upper"])
+    figure.legend(loc="outside lower center", ncols=2 * columns + 1, fontsize=7, frameon=False)
+    lines = [traces.axvline(time, color="#bbbbbb", lw=1.0) for time, _ in pictures]
+    return canvas, images, lines
+
+
+def _sketched(
+    trajectory: Trajectory, capsules: Capsules, nearest: Sequence[Distance]
+) -> list[Picture]:
+    """Return pictures of capsules spread over a motion, one of them where it is nearest to something."""
+    times, pictures = np.linspace(0.0, trajectory.duration, STILLS), []
     if nearest:
         times[np.abs(times - nearest[0].time).argmin()] = nearest[0].time
-    figure = Figure(figsize=(3 * SIZE, 2 * SIZE + 3), layout="constrained")
-    figure.suptitle(title)
-    grid = figure.add_gridspec(3, 3, height_ratios=(SIZE, SIZE, 2.6))
-    along = trajectory.motion(np.linspace(0.0, trajectory.duration, PATH))
-    everywhere = capsules.ends(along.q)[0]
-    poses = capsules.ends(trajectory.motion(times).q)[0]
-    for k, (time, ends) in enumerate(zip(times, poses, strict=True)):
-        axes: Any = figure.add_subplot(grid[k // 3, k % 3], projection="3d")
-        _arm(axes, ends, capsules, everywhere)
-        text = f"t = {time:.1f} s"
-        if nearest and time == nearest[0].time:
-            text += f"\n{nearest[0].pair}: {1000 * nearest[0].distance:.0f} mm"
-        axes.set_title(text, fontsize=10)
-    _traces(figure.add_subplot(grid[2, :]), trajectory, capsules, times)
-    with written_whole(path) as stream:
-        figure.savefig(stream, format="png", dpi=100)
-
-
-def _arm(axes: Any, ends: Floats, capsules: Capsules, everywhere: Floats) -> None:  # noqa: ANN401
-    """Draw the links at one pose, (n, 2, 3) [m], the tool's whole path, the floor and the boxes."""
-    scene = capsules.scene
-    corners = ([box.lower, box.upper] for box in scene.obstacles)
+    path = trajectory.motion(np.linspace(0.0, trajectory.duration, PATH))
+    everywhere, poses = (capsules.ends(q)[0] for q in (path.q, trajectory.motion(times).q))
+    scene, tool = capsules.scene, everywhere[:, -1, 1]
+    corners = [corner for box in scene.obstacles for corner in (box.lower, box.upper)]
     points = np.vstack([everywhere.reshape(-1, 3), *corners])
-    width = POINTS * SIZE * 0.6 / np.ptp(points, axis=0).max()
-    axes.view_init(ELEVATION, AZIMUTH)
-    axes.tick_params(labelsize=6)
-    axes.plot(*everywhere[:, -1, 1].T, color="#bbbbbb", linewidth=0.7)
-    for i, link in enumerate(ends):
-        axes.plot(
-            *link.T,
-            color=COLORS[i % len(COLORS)],
-            linewidth=2 * capsules.radii[i] * width,
-            solid_capstyle="round",
-            alpha=0.8,
-        )
-    if scene.floor is not None:
-        x, y = np.meshgrid(*zip(points.min(axis=0)[:2], points.max(axis=0)[:2], strict=True))
-        axes.plot_surface(x, y, np.full((2, 2), scene.floor), color="#999999", alpha=0.2)
-    for box in scene.obstacles:
-        axes.bar3d(*box.lower, *np.subtract(box.upper, box.lower), color="#d55e00", alpha=0.3)
-    axes.set_aspect("equal")
-
-
-def _traces(axes: Any, trajectory: Trajectory, capsules: Capsules, times: Floats) -> None:  # noqa: ANN401
-    """Draw every joint's position as a share of its range."""
-    motion = trajectory.motion(np.linspace(0.0, trajectory.duration, PATH))
-    lower, upper = position_range(capsules.robot)
-    for j, name in enumerate(capsules.robot.joint_names):
-        share = (motion.q[:, j] - lower[j]) / (upper[j] - lower[j])
-        axes.plot(motion.t, share, color=COLORS[j % len(COLORS)], label=name, linewidth=1.2)
-    for time in times:
-        axes.axvline(time, color="#bbbbbb", linewidth=0.8)
-    axes.set(
-        xlabel="t [s]",
-        ylabel="position in the joint's range",
-        ylim=(0, 1),
-        xlim=(0, trajectory.duration),
-    )
-    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), fontsize=7, frameon=False)
+    width = 2 * POINTS * HIGH * 0.75 / np.ptp(points, axis=0).max()
+    for time, ends in zip(times.tolist(), poses, strict=True):
+        canvas = _canvas(WIDE, HIGH)
+        axes = canvas.figure.add_axes((-0.15, -0.15, 1.3, 1.3), projection="3d")
+        axes.view_init(ELEVATION, AZIMUTH)
+        axes.tick_params(labelsize=6)
+        axes.plot(*tool.T, color="#bbbbbb", lw=0.7)
+        for i, (link, radius) in enumerate(zip(ends, capsules.radii, strict=True)):
+            look = {"color": COLORS[i % len(COLORS)], "alpha": 0.8}
+            axes.plot(*link.T, lw=radius * width, solid_capstyle="round", **look)
+        if scene.floor is not None:
+            x, y = np.meshgrid(*zip(points.min(axis=0)[:2], points.max(axis=0)[:2], strict=True))
+            axes.plot_surface(x, y, np.full((2, 2), scene.floor), color="#999999", alpha=0.2)
+        for box in scene.obstacles:
+            axes.bar3d(*box.lower, *np.subtract(box.upper, box.lower), color="#d55e00", alpha=0.3)
+        axes.set_aspect("equal")
+        if nearest and time == nearest[0].time:
+            words = f"{nearest[0].pair}: {1000 * nearest[0].distance:.0f} mm"
+            canvas.figure.text(0.5, 0.95, words, ha="center", fontsize=10)
+        canvas.draw()
+        pictures.append((time, _pixels(canvas)))
+    return pictures

@@ -17,8 +17,8 @@ from dynid.estimation.residual_model import GROUP_NAMES
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.reports import figures, gap_figures, section_figures
 from dynid.reports.gathered import Gathered
-from dynid.reports.tables import parameter_rows
 from dynid.robot import LINK_PARAMETERS
+from dynid.table import ROUNDING, with_error
 from dynid.text import html, markdown, printable, shell
 
 if TYPE_CHECKING:
@@ -110,7 +110,8 @@ def templates() -> Environment:
         "section_figures": section_figures,
         "gap_figures": gap_figures,
         "sentences": sentences,
-        "parameter_rows": parameter_rows,
+        "with_error": with_error,
+        "rounding": ROUNDING,
         "catalogue": CATALOGUE,
         "groups": GROUP_NAMES,
         "kinds": LINK_PARAMETERS,

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import sqrtm
 
 from dynid.estimation.covariance import NEGLIGIBLE
 from dynid.estimation.prediction import EstimatedMotion
-from dynid.estimation.residual_model import GROUP_NAMES
 from dynid.estimation.result import Identification
 from dynid.model.kinematics import link_frames
 from dynid.model.parameters import second_moments
@@ -18,6 +17,7 @@ from dynid.reports.figures import (
     ESTIMATED,
     MEASURED,
     RESIDUAL,
+    bar_figure,
     joint_panels,
     new_figure,
     styled,
@@ -26,7 +26,6 @@ from dynid.robot import Robot
 from dynid.text import label
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
@@ -36,19 +35,17 @@ Floats = NDArray[np.float64]
 WEAK_DIRECTION = 1e-3
 #: Errors are cut at these ends of their axis [%].
 LEAST_ERROR, MOST_ERROR = 0.05, 300.0
-#: Colours of the groups of the residual model, and of what it leaves.
-GROUP_COLORS = (ESTIMATED, "#009e73", "#cc79a7", RESIDUAL)
 #: The look of a line at a threshold.
 DASHED: dict[str, Any] = {"color": RESIDUAL, "lw": 1.0, "ls": "--"}
 NO_LIMITS = (np.nan, np.nan)
 #: Bins of the residual's mean and spread.
 BINS = 24
-#: What the residual is drawn over, with the units of turning and sliding joints.
+#: What the residual is drawn over: the name in a motion, and the units of turning and sliding joints.
 AGAINST = {
-    "velocity": ("rad/s", "m/s"),
-    "position": ("rad", "m"),
-    "load": ("N m", "N"),
-    "time": ("s", "s"),
+    "velocity": ("qd_estimated", "rad/s", "m/s"),
+    "position": ("q_estimated", "rad", "m"),
+    "load": ("tau_estimated", "N m", "N"),
+    "time": ("t", "s", "s"),
 }
 
 
@@ -68,22 +65,19 @@ def spectrum_figure(singular_values: Floats) -> Figure:
 
 @styled
 def coverage_figure(motion: EstimatedMotion, robot: Robot) -> Figure:
-    """Draw the range of positions and speeds of each joint and its limits."""
-    figure = new_figure(0.2 * robot.n + 0.8)
+    """Draw the range of positions and speeds of each joint beside its limits."""
+    figure, axes = bar_figure(robot.joint_names, 0.2, 0.8, 2)
     speeds = [(-v, v) if (v := joint.limits.velocity) else NO_LIMITS for joint in robot.joints]
-    shown = {
-        "position": (motion.q_estimated, [j.limits.position or NO_LIMITS for j in robot.joints]),
-        "velocity": (motion.qd_estimated, speeds),
-    }
-    for axis, (what, (values, limits)) in zip(
-        figure.subplots(1, 2, sharey=True), shown.items(), strict=True
-    ):
+    shown = (
+        ("position", motion.q_estimated, [j.limits.position or NO_LIMITS for j in robot.joints]),
+        ("velocity", motion.qd_estimated, speeds),
+    )
+    for axis, (what, values, limits) in zip(axes, shown, strict=True):
         low, high = np.array(limits).T
         axis.barh(range(robot.n), high - low, 0.7, low, color=MEASURED, alpha=0.4)
         low, high = values.min(axis=0), values.max(axis=0)
         axis.barh(range(robot.n), high - low, 0.35, low, color=ESTIMATED)
         axis.set_xlabel(_with_unit(what, robot))
-    name_rows(figure.axes[0], robot.joint_names)
     return figure
 
 
@@ -94,8 +88,7 @@ def error_figure(result: Identification) -> Figure:
     finite = np.isfinite(result.std_error) & (np.abs(result.theta) > 0)
     share = 100 * result.std_error[finite] / np.abs(result.theta[finite])
     negligible = np.array(result.knowledge)[finite] == NEGLIGIBLE
-    figure = new_figure(0.115 * len(result.theta) + 0.5)
-    axis = figure.subplots()
+    figure, (axis,) = bar_figure(result.names, 0.115, 0.5)
     axis.barh(
         np.flatnonzero(finite),
         np.clip(share, LEAST_ERROR, MOST_ERROR) - LEAST_ERROR,
@@ -105,7 +98,6 @@ def error_figure(result: Identification) -> Figure:
     axis.set(xscale="log", xlim=(LEAST_ERROR, MOST_ERROR), xlabel="error / value [%]")
     _decimal_decades(axis.xaxis)
     axis.axvline(10.0, **DASHED)
-    name_rows(axis, result.names)
     return figure
 
 
@@ -135,12 +127,8 @@ def residual_averages(
     """Return bin centres over one of ``AGAINST``, mean and spread of the residual in each, and the spread of all."""
     usable = motion.usable[:, joint]
     residual = (motion.tau_measured[:, joint] - motion.tau_estimated[:, joint])[usable]
-    values = {
-        "velocity": motion.qd_estimated[:, joint],
-        "position": motion.q_estimated[:, joint],
-        "load": motion.tau_estimated[:, joint],
-        "time": motion.t,
-    }[against][usable]
+    values = getattr(motion, AGAINST[against][0])
+    values = (values if values.ndim == 1 else values[:, joint])[usable]
     return *binned(values, residual), float(np.std(residual)) if usable.any() else 1.0
 
 
@@ -151,25 +139,6 @@ def binned(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
     rows = [(float(x[part].mean()), float(y[part].mean()), float(y[part].std())) for part in parts]
     centre, mean, spread = np.array(rows).reshape(-1, 3).T
     return centre, mean, spread
-
-
-@styled
-def residual_model_figure(result: Identification) -> Figure:
-    """Draw the rms torque that the residual model of a result holds by group, and the residual, by joint [%]."""
-    error = result.model_error
-    assert error is not None, "only results with a residual model have this figure"
-    torque = np.array([max(joint.torque_rms, 1e-12) for joint in result.joints])
-    left = 100 * np.array([joint.rms for joint in result.joints]) / torque
-    shares = [*(100 * error.rms[:, :-1] / torque[:, None]).T, left]
-    names = [*(f"residual model: {name}" for name in GROUP_NAMES), "residual"]
-    figure = new_figure(0.42 * len(torque) + 0.9)
-    axis = figure.subplots()
-    for k, (name, values, color) in enumerate(zip(names, shares, GROUP_COLORS, strict=True)):
-        axis.barh(np.arange(len(torque)) + 0.2 * (k - 1.5), values, 0.2, color=color, label=name)
-    axis.set_xlabel("rms, percent of the joint's torque")
-    figure.legend(loc="outside upper center", ncols=2)
-    name_rows(axis, [joint.joint for joint in result.joints])
-    return figure
 
 
 # ---------------------------------------------------------------- bodies
@@ -203,10 +172,9 @@ def body_outline(
     centre = (R @ np.array(link["com_m"]) + pose[:3, 3])[view]
     # Why 5: a uniform ellipsoid has semi-axes of sqrt(5) standard deviations.
     spread = 5 * second_moments(inertia_tensor(link)) / max(link["mass_kg"], 1e-9)
-    values, vectors = np.linalg.eigh((R @ spread @ R.T)[np.ix_(view, view)])
     angle = np.linspace(0, 2 * np.pi, count)
-    ring = np.sqrt(np.maximum(values, 0))[:, None] * np.array([np.cos(angle), np.sin(angle)])
-    return np.asarray(centre + (vectors @ ring).T)
+    root = sqrtm((R @ spread @ R.T)[np.ix_(view, view)]).real
+    return np.asarray(centre + np.column_stack([np.cos(angle), np.sin(angle)]) @ root)
 
 
 def principal_moments(link: dict[str, Any]) -> Floats:
@@ -223,14 +191,8 @@ def inertia_tensor(link: dict[str, Any]) -> Floats:
 # ---------------------------------------------------------------- parts of figures
 def _with_unit(against: str, robot: Robot) -> str:
     """Return one of ``AGAINST`` with its units for the joints of an arm."""
-    units = dict.fromkeys(AGAINST[against][not joint.revolute] for joint in robot.joints)
+    units = dict.fromkeys(AGAINST[against][1 + (not joint.revolute)] for joint in robot.joints)
     return f"{against} [{', '.join(units)}]"
-
-
-def name_rows(axis: Axes, names: Sequence[str]) -> None:
-    """Write names at the rows of bars, the first on top."""
-    axis.set_yticks(range(len(names)), [label(name) for name in names])
-    axis.set_ylim(len(names) - 0.4, -0.6)
 
 
 def _decimal_decades(axis: Axis) -> None:

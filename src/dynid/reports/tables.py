@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from dynid.answer import picked
 from dynid.estimation.result import Identification
-from dynid.table import ROUNDING, with_error
+from dynid.table import with_error
 from dynid.text import csv_row, latex, xml
 
 
@@ -59,20 +60,22 @@ def junit(suite: str, cases: Sequence[JunitCase]) -> str:
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
+#: What of a result stands before its parameters.
+FIGURES = (
+    "method",
+    "rank",
+    "condition_number_scaled",
+    "relative_error_percent",
+    "heldout_relative_error_percent",
+)
+
+
 def run_rows(names: Sequence[str], runs: Sequence[Identification]) -> list[dict[str, Any]]:
     """Return one row per run: figures, then every parameter with its standard error; None where a run has none."""
     parameters = list(dict.fromkeys(name for run in runs for name in run.names))
     rows = []
     for label, run in zip(names, runs, strict=True):
-        row: dict[str, Any] = {
-            "run": label,
-            "robot": run.robot.name,
-            "method": run.method,
-            "rank": run.rank,
-            "condition_number_scaled": run.condition_number_scaled,
-            "relative_error_percent": run.relative_error_percent,
-            "heldout_relative_error_percent": run.heldout_relative_error_percent,
-        }
+        row: dict[str, Any] = {"run": label, "robot": run.robot.name, **picked(run, *FIGURES)}
         place = {name: k for k, name in enumerate(run.names)}
         for name in parameters:
             k = place.get(name)
@@ -109,30 +112,4 @@ def _cell(value: float | None, error: float | None) -> str:
         return "--"
     if error is None:
         return "not determined"
-    if error <= 0:
-        return f"${value:.6g}$"
-    places = max(0, 1 - int(np.floor(np.log10(error))))
-    return rf"${value:.{places}f} \pm {error:.{places}f}$"
-
-
-def parameter_rows(result: Identification) -> list[dict[str, str]]:
-    """Return one row per base parameter as text, with the digits that its standard error leaves."""
-    rows = []
-    for row in result.parameter_rows():
-        error, prior, terms = row["std_error"], row["prior"], row["terms"]
-        combination = row["formula"] or " ".join(
-            f"{factor:+.3g} {x}" for x, factor in terms.items()
-        )
-        rows.append(
-            {
-                "name": row["name"],
-                "value": with_error(row["value"], error),
-                "error": "not determined" if error is None else f"{error:.2g}",
-                "unit": row["unit"],
-                "class": row["class"],
-                "known": row["known"],
-                "prior": "" if prior is None else f"{prior:.4g}" if abs(prior) > ROUNDING else "0",
-                "formula": combination.split(" = ", 1)[-1] if len(terms) > 1 else "",
-            }
-        )
-    return rows
+    return rf"${with_error(value, error)} \pm {with_error(error, error)}$"

@@ -13,26 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import PackageMissing, WrongRobotFile
-from dynid.robot import Robot
 from dynid.trajectory import tuning
-from dynid.trajectory.drawing import Picture, Traces, animation, still
-from dynid.trajectory.scene import Distance, Scene
+from dynid.trajectory.scene import Box, Distance, Scene
 
 Floats = NDArray[np.float64]
 #: Body, link of the arm and link of the body of two things that may come near each other.
 Pair = tuple[int, int, int]
+#: Time [s] and pixels of a pose, (height, width, 3).
+Picture = tuple[float, NDArray[np.uint8]]
 
 #: Size of a rendered picture; the tiny renderer needs no graphics library.
 WIDTH, HEIGHT = 480, 360
 #: From where the camera looks, in Bullet's angles, and its field of view upwards [deg].
 YAW, PITCH, VIEW = 50.0, -20.0, 50.0
-#: Tiles of the floor along each side, and the side's length over the arm's reach: size and depth are seen by them.
-TILES, FLOOR = 6, 2.4
-#: Pictures of the still and of the animation.
-STILLS, FRAMES = 6, 60
-#: Colours of the links in turn, distinct for colour-blind people too.
-_BLUE, _ORANGE = (0.1, 0.45, 0.75, 1), (0.92, 0.62, 0.1, 1)
-_TILES = ((0.9, 0.9, 0.88, 1), (0.8, 0.8, 0.78, 1))
+#: Length of a tile of the floor, by which size and depth are seen [m].
+TILE = 0.4
+#: Colours of the links in turn, told apart by colour-blind people too, and of obstacles.
+_BLUE, _ORANGE, _BROWN = (0.1, 0.45, 0.75, 1), (0.92, 0.62, 0.1, 1), (0.8, 0.45, 0.2, 0.9)
 
 
 @dataclass(frozen=True)
@@ -40,24 +37,19 @@ class Job:
     """What a child shall do.
 
     Attributes:
-        robot: the arm.
-        urdf: its shapes.
+        urdf: the arm's shapes.
         names: its joints, as the URDF calls them.
         scene: what surrounds it.
         room: distance to the floor that each link is wanted to keep as it is built [m]; None without a say.
         t: times, (N,) [s].
-        q: poses in DH values, (N, n) [rad or m].
-        random: random poses, from which is learned which links always touch, (K, n) [rad or m].
-        axes: direction and a point of every axis at the first of them, (k, n, 6).
+        q: positions of the URDF's joints, (N, n) [rad or m].
+        random: those of random poses, from which is learned which links always touch, (K, n) [rad or m].
         camera: what the camera looks at, and from how far [m].
-        traces: what is drawn below the poses.
         near: links that are as near as this in usual poses count as always near [m].
-        pictures: whether a still and an animation are drawn; None to measure distances.
-        title: line above the pictures.
+        pictures: how many pictures are drawn; 0 to measure distances.
         window: whether a window opens.
     """
 
-    robot: Robot
     urdf: str
     names: Sequence[str]
     scene: Scene
@@ -65,12 +57,9 @@ class Job:
     t: Floats
     q: Floats
     random: Floats
-    axes: Floats
     camera: tuple[Floats, float]
-    traces: Traces
     near: float = 0.0
-    pictures: tuple[bool, bool] | None = None
-    title: str = ""
+    pictures: int = 0
     window: bool = False
 
 
@@ -82,12 +71,13 @@ class World:
 
     Raises:
         PackageMissing: PyBullet is not there.
-        WrongRobotFile: PyBullet cannot load the URDF, or an axis points elsewhere or lies elsewhere.
+        WrongRobotFile: PyBullet cannot load the URDF.
     """
 
     def __init__(self, job: Job) -> None:
         try:
             import pybullet
+            import pybullet_data
         except ImportError:
             raise PackageMissing(
                 "the preview needs PyBullet, which is not installed",
@@ -111,85 +101,24 @@ class World:
         self._joints = [index[name] for name in job.names]
         self._things: dict[str, int] = {}
         if (floor := job.scene.floor) is not None:
-            self._things["floor"] = self._box((-5, -5, floor - 1), (5, 5, floor), None)
-            self._tiles(floor)
+            tiles = f"{pybullet_data.getDataPath()}/plane.urdf"
+            self._things["floor"] = pybullet.loadURDF(tiles, (0, 0, floor), globalScaling=TILE)
         for number, box in enumerate(job.scene.obstacles, start=1):
-            self._things[f"obstacle {number}"] = self._box(
-                box.lower, box.upper, (0.8, 0.45, 0.2, 0.9)
-            )
+            self._things[f"obstacle {number}"] = self._box(box)
         for k in self._names:
             pybullet.changeVisualShape(self._arm, k, rgbaColor=_BLUE if k % 2 else _ORANGE)
-        self._adopt()
 
-    def _box(
-        self, lower: Sequence[float], upper: Sequence[float], color: tuple[float, ...] | None
-    ) -> int:
-        """Place a box; without a colour it is felt and not seen."""
-        # Why: a body without a visual shape is drawn as it is felt; a speck in the middle of the box is not seen.
-        half = (np.subtract(upper, lower) / 2).tolist()
-        shape = self._bullet.createCollisionShape(self._bullet.GEOM_BOX, halfExtents=half)
-        look = self._look(half if color else [1e-4] * 3, color or _TILES[0])
-        middle = (np.add(lower, upper) / 2).tolist()
-        return int(self._bullet.createMultiBody(0, shape, look, middle))
-
-    def _look(self, half: list[float], color: tuple[float, ...]) -> int:
-        return int(
-            self._bullet.createVisualShape(self._bullet.GEOM_BOX, halfExtents=half, rgbaColor=color)
-        )
-
-    def _tiles(self, height: float) -> None:
-        """Lay tiles in two tones around the foot of the arm; they are seen and not felt."""
-        robot = self._job.robot
-        reach = float(sum(np.hypot(joint.a, joint.d) for joint in robot.joints)) or 1.0
-        side = FLOOR * reach / TILES
-        looks = [self._look([side / 2, side / 2, side / 50], color) for color in _TILES]
-        for i, j in np.ndindex(TILES, TILES):
-            x, y = (np.add((i, j), (1 - TILES) / 2) * side + robot.base_xyz[:2]).tolist()
-            self._bullet.createMultiBody(0, -1, looks[(i + j) % 2], [x, y, height - side / 50])
+    def _box(self, box: Box) -> int:
+        bullet, half = self._bullet, (np.subtract(box.upper, box.lower) / 2).tolist()
+        shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half)
+        look = bullet.createVisualShape(bullet.GEOM_BOX, halfExtents=half, rgbaColor=_BROWN)
+        middle = (np.add(box.lower, box.upper) / 2).tolist()
+        return int(bullet.createMultiBody(0, shape, look, middle))
 
     def _set_pose(self, q: Floats) -> None:
-        """Put the arm at a pose in DH values, (n,) [rad or m]."""
-        for joint, value in zip(self._joints, (q - self._offset) * self._sign, strict=True):
-            self._bullet.resetJointState(self._arm, joint, float(value))
-
-    def _adopt(self) -> None:
-        """Take the first map from joint values to DH values under which the joint axes are those of the DH table.
-
-        A URDF may have none (one made here), the simulator's or the driver's: q_dh = sign q + offset.
-        """
-        robot, urdf, errors = self._job.robot, self._job.urdf, []
-        allowed = [tuning.AXIS_ANGLE_RAD, tuning.AXIS_DISTANCE_M]
-        unchanged = (np.ones(robot.n), np.zeros(robot.n))
-        given = (robot.simulator, robot.driver.map if robot.driver else None)
-        for sign, offset in (unchanged, *((each.sign, each.offset) for each in given if each)):
-            self._sign, self._offset = np.array(sign), np.array(offset)
-            errors.append(self._axis_errors())
-            if np.all(errors[-1] < allowed):
-                return
-        j = int(np.any(errors[0] > allowed, axis=1).argmax())
-        angle, across = np.degrees(errors[0][j, 0]), 1000 * errors[0][j, 1]
-        raise WrongRobotFile(
-            f"{robot.joint_names[j]}: axis in {urdf} is {angle:.1f} deg and {across:.1f} mm off the DH table",
-            where=urdf,
-            fix="correct the DH table, `base:`, or the signs and offsets under `simulator:` or `driver:`",
-        )
-
-    def _axis_errors(self) -> Floats:
-        """Return the largest angle and distance of each joint's axis from where it should be, (n, 2)."""
-        bullet, expected = self._bullet, self._job.axes
-        measured = np.empty_like(expected)
-        for k, q in enumerate(self._job.random[: len(expected)]):
-            self._set_pose(q)
-            for j, joint in enumerate(self._joints):
-                axis = np.array(bullet.getJointInfo(self._arm, joint)[13])
-                state = bullet.getLinkState(self._arm, joint, computeForwardKinematics=True)
-                # Why: Bullet turns a joint axis into the frame of the link's inertia, not that of the link.
-                R = np.array(bullet.getMatrixFromQuaternion(state[1])).reshape(3, 3)
-                measured[k, j] = [*(R @ axis * self._sign[j]), *state[4]]
-        direction, point = expected[..., :3], expected[..., 3:]
-        angle = np.arccos(np.clip(np.sum(direction * measured[..., :3], axis=2), -1, 1))
-        across = np.linalg.norm(np.cross(direction, measured[..., 3:] - point), axis=2)
-        return np.stack([angle.max(axis=0), across.max(axis=0)], axis=1)
+        """Put the joints at positions, (n,) [rad or m]."""
+        for joint, value in zip(self._joints, q.tolist(), strict=True):
+            self._bullet.resetJointState(self._arm, joint, value)
 
     def _distances(self, poses: Floats, pairs: list[Pair]) -> Floats:
         """Return the distances of pairs at poses, (N, pairs) [m]; at most the farthest that is measured."""
@@ -235,15 +164,15 @@ class World:
             for i, k in ((i, kept[i]) for i in np.argsort(closest))
         )
 
-    def pictures(self, count: int) -> list[Picture]:
+    def pictures(self) -> list[Picture]:
         """Return times [s] spread over the motion, and pictures of the arm there, (HEIGHT, WIDTH, 3)."""
         bullet, job = self._bullet, self._job
         target, distance = job.camera
         view = bullet.computeViewMatrixFromYawPitchRoll(target.tolist(), distance, YAW, PITCH, 0, 2)
-        projection = bullet.computeProjectionMatrixFOV(VIEW, WIDTH / HEIGHT, 0.05, 20)
+        projection = bullet.computeProjectionMatrixFOV(VIEW, WIDTH / HEIGHT, 0.05, 3 * distance)
         light = {"lightDirection": [1, -1, 2], "shadow": 1, "renderer": bullet.ER_TINY_RENDERER}
-        pictures = []
-        for k in np.linspace(0, len(job.q) - 1, count).round().astype(int):
+        pictures: list[Picture] = []
+        for k in np.linspace(0, len(job.q) - 1, job.pictures).round().astype(int):
             self._set_pose(job.q[k])
             image = bullet.getCameraImage(WIDTH, HEIGHT, view, projection, **light)[2]
             pixels = np.reshape(image, (HEIGHT, WIDTH, 4))[:, :, :3].astype(np.uint8)
@@ -267,18 +196,10 @@ class World:
 
 
 def work(job: Job, send: Callable[[object], None]) -> None:
-    """Send distances, or the still and the animation where they are wanted; of a window that it is there."""
+    """Send distances, or pictures where they are wanted; of a window that it is there."""
     world = World(job)
     if job.window:
         send("open")
         world.play()
-    elif job.pictures is None:
-        send(world.distances())
     else:
-        kinds = zip(job.pictures, (STILLS, FRAMES), (still, animation), strict=True)
-        send(
-            [
-                draw(world.pictures(count), job.traces, job.title) if wanted else None
-                for wanted, count, draw in kinds
-            ]
-        )
+        send(world.pictures() if job.pictures else world.distances())

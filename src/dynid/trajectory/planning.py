@@ -34,9 +34,11 @@ from dynid.trajectory.options import PAPER_WEIGHTS, PlanOptions
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.predict import default_noise, held_out
 from dynid.trajectory.preview import (
+    FRAMES,
+    STILLS,
     Drawing,
-    draw_trajectory,
     measure_trajectory,
+    photographs,
     require_clear,
 )
 from dynid.trajectory.scene import Distance
@@ -327,16 +329,14 @@ def require_clear_motion(
             raise
         distances = once_more(lambda: _capsule_distances(context, trajectory))
         finding = "W605" if missing else "W607"
-        shown = drawing.picture if missing and drawing.sketch else None
-        drawing = replace(drawing, animation=None, picture=shown)
+        drawing = replace(drawing, animation=None, picture=drawing.picture if missing else None)
     clear = Clearance(distances)
 
     def draw() -> None:
-        if not finding:
-            draw_trajectory(trajectory, robot, urdf, scene, drawing)
-        elif drawing.sketch is not None and drawing.picture is not None:
-            near = clear.distances
-            drawing.sketch(drawing.picture, trajectory, context.capsules, near, drawing.title)
+        assert drawing.draw is not None
+        count = FRAMES if drawing.animation else STILLS
+        pictures = [] if finding else photographs(trajectory, robot, urdf, scene, count)
+        drawing.draw(drawing, trajectory, context.capsules, clear.distances, pictures)
 
     fix = clearance_fix(robot, guessed=urdf is None or bool(finding))
     try:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.disk import written_whole
 from dynid.errors import Collision, NoDisplay, WrongRobotFile
+from dynid.files.urdffile import UrdfJoint, read_urdf
 from dynid.model.kinematics import link_frames
-from dynid.robot import Robot
+from dynid.robot import JointMap, Robot
 from dynid.sim.urdf import write_urdf
 from dynid.trajectory import tuning
-from dynid.trajectory.bullet import HEIGHT, PITCH, VIEW, WIDTH, YAW, Job, work
+from dynid.trajectory.bullet import HEIGHT, PITCH, VIEW, WIDTH, YAW, Job, Picture, work
 from dynid.trajectory.child import answers, working
 from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.feasible import position_range
@@ -30,7 +29,10 @@ from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.scene import Distance, Scene
 
 Floats = NDArray[np.float64]
-Sketch = Callable[[Path, Trajectory, Capsules, "Sequence[Distance]", str], None]
+#: Draws a motion into the files of a ``Drawing``: with the arm's capsules, nearest distances, PyBullet's pictures.
+Draw = Callable[["Drawing", Trajectory, Capsules, "Sequence[Distance]", "Sequence[Picture]"], None]
+#: Pictures of an animation, and of a still.
+FRAMES, STILLS = 60, 6
 
 
 @dataclass(frozen=True)
@@ -42,15 +44,14 @@ class Drawing:
         animation: path of the animated picture; None for none.
         title: line above the pictures.
         needed: whether a missing PyBullet is an error.
-        sketch: draws the still where PyBullet is missing, from its path, the motion, the arm's capsules, the nearest
-            distances and the title.
+        draw: draws them; without pictures of PyBullet, where that is missing, the still alone.
     """
 
     picture: Path | None = None
     animation: Path | None = None
     title: str = ""
     needed: bool = False
-    sketch: Sketch | None = None
+    draw: Draw | None = None
 
 
 def measure_trajectory(
@@ -85,22 +86,18 @@ def measure_poses(
         return distances
 
 
-def draw_trajectory(
-    trajectory: Trajectory, robot: Robot, urdf: Path | None, scene: Scene, drawing: Drawing
-) -> None:
-    """Draw a motion; its pictures are written whole or not at all.
+def photographs(
+    trajectory: Trajectory, robot: Robot, urdf: Path | None, scene: Scene, count: int
+) -> list[Picture]:
+    """Return so many pictures of a motion, spread over it.
 
     Raises:
         PackageMissing: PyBullet is not there.
         WrongRobotFile: the URDF cannot be read, lacks a joint, or describes another arm.
     """
-    paths = (drawing.picture, drawing.animation)
-    wanted, shown = tuple(path is not None for path in paths), _poses(trajectory)
-    with _answered(*shown, robot, urdf, scene, pictures=wanted, title=drawing.title) as pictures:
-        for path, picture in zip(paths, pictures, strict=True):
-            if path is not None:
-                with written_whole(path) as stream:
-                    stream.write(picture)
+    with _answered(*_poses(trajectory), robot, urdf, scene, pictures=count) as found:
+        pictures: list[Picture] = found
+        return pictures
 
 
 @contextmanager
@@ -182,23 +179,21 @@ def _answered(
     """
     lower, upper = position_range(robot)
     random = np.random.default_rng(0).uniform(lower, upper, (tuning.BULLET_LEARNING_POSES, robot.n))
-    frames = link_frames(robot, random[: tuning.AXIS_POSES], world=True)
     with TemporaryDirectory() as folder, TemporaryFile() as log:
         shapes = urdf or Path(folder) / f"{robot.slug}.urdf"
         if urdf is None:
             write_urdf(robot, None, shapes)
+        names, mapping = _joints_of(robot, shapes, random[: tuning.AXIS_POSES])
+        sign, offset = np.array(mapping.sign), np.array(mapping.offset)
         job = Job(
-            robot=robot,
             urdf=str(shapes.resolve()),
-            names=_urdf_names(robot, shapes),
+            names=names,
             scene=scene,
             room=Capsules(robot, scene).room(),
             t=t,
-            q=q,
-            random=random,
-            axes=np.concatenate([frames.axis, frames.point], axis=2),
+            q=sign * (q - offset),
+            random=sign * (random - offset),
             camera=_camera(robot, q),
-            traces=(robot.joint_names, t, (q - lower) / (upper - lower)),
             **wanted,
         )
         patience = tuning.WINDOW_TIMEOUT_S if job.window else tuning.DRAWING_TIMEOUT_S
@@ -235,19 +230,53 @@ def _camera(robot: Robot, q: Floats) -> tuple[Floats, float]:
     return middle @ axes, float(max((away - (seen - middle)[:, 2:]).max(), 0.3))
 
 
-def _urdf_names(robot: Robot, urdf: Path) -> Sequence[str]:
-    """Return the robot's joints by the names that the URDF uses: the robot file's or the driver's."""
-    try:
-        root = ET.fromstring(urdf.read_bytes())
-    except (OSError, ET.ParseError, LookupError, ValueError) as error:
-        raise WrongRobotFile(
-            f"{urdf} is not a URDF: {error}", where=str(urdf), fix="give another --urdf"
-        ) from None
-    moving = ("revolute", "continuous", "prismatic")
-    there = [j.get("name", "") for j in root.iter("joint") if j.get("type") in moving]
-    for names in (robot.joint_names, robot.log_names):
-        if set(names) <= set(there):
-            return names
-    missing = ", ".join(name for name in robot.joint_names if name not in there)
-    what = f"{urdf} lacks the joints {missing}; it has {', '.join(there)}"
-    raise WrongRobotFile(what, where=str(urdf), fix="rename the joints")
+def _joints_of(robot: Robot, path: Path, poses: Floats) -> tuple[Sequence[str], JointMap]:
+    """Return the joints' names in a URDF, and the first map of their values that puts their axes at the DH table's.
+
+    A URDF may have the values of the robot file, of the simulator or of the driver: q_dh = sign q + offset. Axes are
+    compared at poses, (K, n) [rad or m].
+    """
+    urdf = read_urdf(path, exact=True)
+    there = {joint.name: joint for joint in urdf.joints if joint.moves}
+    names = robot.joint_names if set(robot.joint_names) <= there.keys() else robot.log_names
+    if not set(names) <= there.keys():
+        missing = ", ".join(name for name in robot.joint_names if name not in there)
+        what = f"{path} lacks the joints {missing}; it has {', '.join(there)}"
+        raise WrongRobotFile(what, where=str(path), fix="rename the joints")
+    chains = [urdf.chain(urdf.root, there[name].child) for name in names]
+    maps = (
+        JointMap((1.0,) * robot.n, (0.0,) * robot.n),
+        robot.simulator,
+        robot.driver.map if robot.driver else None,
+    )
+    expected, allowed = (
+        link_frames(robot, poses, world=True),
+        [tuning.AXIS_ANGLE_RAD, tuning.AXIS_DISTANCE_M],
+    )
+    errors: list[Floats] = []
+    for mapping in filter(None, maps):
+        sign = np.array(mapping.sign)
+        values = [dict(zip(names, q, strict=True)) for q in sign * (poses - mapping.offset)]
+        found = np.array([[_axis(chain, q) for chain in chains] for q in values])
+        axis, point = found[:, :, 0], found[:, :, 1]
+        along = np.sum(expected.axis * axis, axis=2) * sign
+        across = np.linalg.norm(np.cross(expected.axis, point - expected.point), axis=2)
+        largest = [each.max(axis=0) for each in (np.arccos(np.clip(along, -1, 1)), across)]
+        errors.append(np.stack(largest, axis=1))
+        if np.all(errors[-1] < allowed):
+            return names, mapping
+    j = int(np.any(errors[0] > allowed, axis=1).argmax())
+    angle, across = np.degrees(errors[0][j, 0]), 1000 * errors[0][j, 1]
+    raise WrongRobotFile(
+        f"{robot.joint_names[j]}: axis in {path} is {angle:.1f} deg and {across:.1f} mm off the DH table",
+        where=str(path),
+        fix="correct the DH table, `base:`, or the signs and offsets under `simulator:` or `driver:`",
+    )
+
+
+def _axis(chain: Sequence[UrdfJoint], values: Mapping[str, float]) -> Floats:
+    """Return direction and a point of the axis of a chain's last joint, (2, 3), at values of its joints or 0."""
+    pose = np.eye(4)
+    for joint in chain:
+        pose = pose @ joint.transform(values.get(joint.name, 0.0))
+    return np.stack([pose[:3, :3] @ chain[-1].axis, pose[:3, 3]])

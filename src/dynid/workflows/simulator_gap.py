@@ -94,8 +94,8 @@ def compare_in_simulator(
         models=models,
         t=recorded[0],
         q=recorded[1],
-        simulated=np.array([run.q for run in runs]),
-        added=np.array([run.added for run in runs]),
+        simulated=np.array([q for q, _ in runs]),
+        added=np.array([added for _, added in runs]),
     )
 
 

@@ -705,9 +705,9 @@ def trajectory_of(stored: StoredTrajectory) -> Trajectory:
 
 
 def _shown(drawing: Drawing, context: PlanningContext, trajectory: Trajectory) -> Drawing:
-    """Return what to draw of a motion, with its title and how it is sketched."""
+    """Return what to draw of a motion, with its title and what draws it."""
     title = f"{context.robot.name}, alpha {trajectory.alpha:g}, {trajectory.duration:.1f} s"
-    return replace(drawing, title=title, sketch=draw_motion)
+    return replace(drawing, title=title, draw=draw_motion)
 
 
 def _predicted(context: PlanningContext, trajectory: Trajectory) -> dict[str, Any]:

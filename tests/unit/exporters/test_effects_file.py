@@ -1,4 +1,4 @@
-"""Effects act in simulators as in dynid: by elements of MuJoCo, or by effects.py."""
+"""Effects act in simulators as in dynid: by numbers and springs of MuJoCo, or by effects.py."""
 
 import mujoco
 import numpy as np
@@ -11,9 +11,7 @@ from dynid.exporters.engines import bullet_body
 from dynid.exporters.full_model import world_gravity
 from dynid.exporters.simulated import simulated
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.effects.laws import presliding
 
-NATIVE = ("spring", "counterbalance", "torque_ripple", "presliding_hysteresis")
 NUMBERS = (
     "viscous",
     "viscous_change",
@@ -36,17 +34,15 @@ def test_every_effect_acts_in_mujoco_and_pybullet_as_in_dynid_or_has_a_reason(na
     assert found.largest < 1e-8
     assert off_in_pybullet(source, written(source, "urdf", tmp_path)) < 1e-8
     where = simulated(source)
-    assert any(name in phrase for phrase in where.elements) == (name in NATIVE)
+    assert any(name in phrase for phrase in where.elements) == (name == "spring")
     assert any(name in phrase for phrase in where.numbers) == (name in NUMBERS)
     assert any(name in phrase for phrase in where.left) == (name in LEFT)
     beside = where.effects_in_file(mjcf=True)
-    assert any(name in phrase for phrase in beside) == (name not in NATIVE + NUMBERS + LEFT)
+    assert any(name in phrase for phrase in beside) == (name not in ("spring", *NUMBERS, *LEFT))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", ["spring", "counterbalance", "torque_ripple", "viscous", "motor_inertia", "payload"]
-)
+@pytest.mark.parametrize("name", ["spring", "viscous", "motor_inertia", "payload"])
 def test_elements_of_mujoco_give_dynids_torques_alone(name, tmp_path):
     """Without effects.py; Pinocchio reads bodies and rotors of the same file."""
     source = with_effect(name)
@@ -54,24 +50,6 @@ def test_elements_of_mujoco_give_dynids_torques_alone(name, tmp_path):
     (found,) = FORMATS["mjcf"].check(path.read_text(), source)
     assert found.largest < 1e-8
     assert off_in_pinocchio(source, path) < 1e-8
-
-
-def test_the_bristle_of_mujoco_bends_as_the_formula_says():
-    """Along a motion with reversals, stepped by MuJoCo at 1 ms: 1 % of the friction."""
-    source = with_effect("presliding_hysteresis")
-    model = mujoco.MjModel.from_xml_string(FORMATS["mjcf"].text(source))
-    model.opt.timestep = 1e-3
-    data, (bristle,) = mujoco.MjData(model), simulated(source).native
-    dof = model.joint(source.robot.joint_names[bristle.place[1]]).dofadr[0]
-    assert model.dof_frictionloss[dof] == pytest.approx(source.full.drives["fc3"] - bristle.loss)
-    t = np.arange(3000) * 1e-3
-    q, qd, force = 0.3 * np.sin(3 * t), 0.9 * np.cos(3 * t), np.empty_like(t)
-    for k in range(len(t)):
-        data.qpos[dof], data.qvel[dof] = q[k], qd[k]
-        mujoco.mj_forward(model, data)
-        force[k] = -data.qfrc_actuator[dof]
-        mujoco.mj_step(model, data)
-    np.testing.assert_allclose(force, bristle.loss * presliding(q, 0.05), atol=0.01 * bristle.loss)
 
 
 def test_dry_friction_beyond_the_file_holds_an_arm_at_rest():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,7 +19,6 @@ from dynid.reports.section_figures import (
     inertia_tensor,
     residual_averages,
     residual_figure,
-    residual_model_figure,
     spectrum_figure,
 )
 
@@ -88,19 +86,6 @@ def test_bars_are_standard_errors_in_percent_cut_at_300(gathered):
     percent = np.clip(1 / np.abs(found.theta[shown]), 0.05, 300)
     ends = [bar.get_x() + bar.get_width() for bar in axis.patches]
     np.testing.assert_allclose(ends, percent)
-
-
-def test_the_residual_model_is_drawn_in_percent_of_each_joints_torque():
-    """Two joints of 10 and 2 N m: what is held by group, and what is left, as bars of one joint each."""
-    rms = np.array([[1.0, 0.5, 0.2, 1.2], [0.2, 0.4, 0.0, 0.5]])
-    joints = [
-        SimpleNamespace(joint="one", torque_rms=10.0, rms=0.3),
-        SimpleNamespace(joint="two", torque_rms=2.0, rms=0.1),
-    ]
-    found = SimpleNamespace(model_error=SimpleNamespace(rms=rms), joints=joints)
-    (axis,) = residual_model_figure(found).axes
-    wide = np.array([bar.get_width() for bar in axis.patches]).reshape(4, 2).T
-    np.testing.assert_allclose(wide, [[10.0, 5.0, 2.0, 3.0], [10.0, 20.0, 0.0, 5.0]])
 
 
 def test_the_outline_of_a_body_is_that_of_the_ellipsoid_with_its_mass_and_inertia(gathered):

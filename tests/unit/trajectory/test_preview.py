@@ -13,16 +13,18 @@ import pytest
 import dynid
 from dynid.errors import Collision, NoDisplay, WrongRobotFile
 from dynid.files.robotfile import load_robot
+from dynid.reports.motion_drawing import draw_motion
 from dynid.robot import Joint, JointMap
 from dynid.sim.urdf import write_urdf
 from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.feasible import bounds, position_range
 from dynid.trajectory.plan import through_waypoints
 from dynid.trajectory.preview import (
+    FRAMES,
     Drawing,
-    draw_trajectory,
     measure_poses,
     measure_trajectory,
+    photographs,
     require_clear,
     window,
 )
@@ -100,9 +102,9 @@ def test_picture_and_animation_show_the_arm_and_move(lwr, urdf, tmp_path):
     from PIL import Image
 
     look = Drawing(tmp_path / "a.png", tmp_path / "a.gif", "a title")
-    draw_trajectory(
-        towards(lwr.robot, 40, 60, 0, 60, 0, 0, 0), lwr.robot, urdf(lwr.robot), Scene(), look
-    )
+    plan = towards(lwr.robot, 40, 60, 0, 60, 0, 0, 0)
+    pictures = photographs(plan, lwr.robot, urdf(lwr.robot), Scene(), FRAMES)
+    draw_motion(look, plan, Capsules(lwr.robot), (), pictures)
     still = np.asarray(Image.open(look.picture).convert("RGB")).astype(int)
     assert still.shape[0] > 600
     assert still.shape[1] > 1000
