@@ -10,7 +10,8 @@ from dynid.exporters.engines import bare_urdf, mujoco, own_torques
 from dynid.exporters.full_model import world_gravity
 from dynid.exporters.interface import Floats, Format, IdentifiedArm, Loaded, NotTried
 from dynid.exporters.simulated import numbers_of, simulated
-from dynid.exporters.user_urdf import attached, rewritten
+from dynid.exporters.user_urdf import rewritten
+from dynid.model.attached import attached
 from dynid.robot import JointMap
 from dynid.sim.urdf import urdf_text
 from dynid.text import xml, xml_comment

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Collision, NoDisplay, WrongRobotFile
-from dynid.files.urdffile import UrdfJoint, read_urdf
+from dynid.errors import Collision, NoDisplay
+from dynid.model.attached import attached
 from dynid.model.kinematics import link_frames
-from dynid.robot import JointMap, Robot
+from dynid.robot import Robot
 from dynid.sim.urdf import write_urdf
 from dynid.trajectory import tuning
 from dynid.trajectory.bullet import HEIGHT, PITCH, VIEW, WIDTH, YAW, Job, Picture, work
@@ -71,7 +71,7 @@ def measure_trajectory(
 
     Raises:
         PackageMissing: PyBullet is not there.
-        WrongRobotFile: the URDF cannot be read, lacks a joint, or describes another arm.
+        WrongUrdf: the URDF cannot be read, lacks a joint, or describes another arm.
     """
     return measure_poses(*_poses(trajectory), robot, urdf, scene)
 
@@ -93,7 +93,7 @@ def photographs(
 
     Raises:
         PackageMissing: PyBullet is not there.
-        WrongRobotFile: the URDF cannot be read, lacks a joint, or describes another arm.
+        WrongUrdf: the URDF cannot be read, lacks a joint, or describes another arm.
     """
     with _answered(*_poses(trajectory), robot, urdf, scene, pictures=count) as found:
         pictures: list[Picture] = found
@@ -174,17 +174,21 @@ def _answered(
 
     Raises:
         PackageMissing: PyBullet is not there.
-        WrongRobotFile: PyBullet cannot load the URDF, or an axis points elsewhere or lies elsewhere.
+        WrongUrdf: the URDF cannot be read, or describes another arm.
+        WrongRobotFile: PyBullet cannot load it.
         NoDisplay: no window opened.
     """
     lower, upper = position_range(robot)
     random = np.random.default_rng(0).uniform(lower, upper, (tuning.BULLET_LEARNING_POSES, robot.n))
     with TemporaryDirectory() as folder, TemporaryFile() as log:
-        shapes = urdf or Path(folder) / f"{robot.slug}.urdf"
         if urdf is None:
+            shapes, names = Path(folder) / f"{robot.slug}.urdf", robot.joint_names
+            sign, offset = np.ones(robot.n), np.zeros(robot.n)
             write_urdf(robot, None, shapes)
-        names, mapping = _joints_of(robot, shapes, random[: tuning.AXIS_POSES])
-        sign, offset = np.array(mapping.sign), np.array(mapping.offset)
+        else:
+            place = attached(urdf, robot, tuning.SHAPES_WITHIN)
+            shapes, names = urdf, place.names
+            sign, offset = np.array(place.mapping.sign), np.array(place.mapping.offset)
         job = Job(
             urdf=str(shapes.resolve()),
             names=names,
@@ -228,55 +232,3 @@ def _camera(robot: Robot, q: Floats) -> tuple[Floats, float]:
     opening = tuning.CAMERA_FILLED_SHARE * np.tan(np.radians(VIEW / 2))
     away = np.abs(seen - middle)[:, :2] / [opening * WIDTH / HEIGHT, opening]
     return middle @ axes, float(max((away - (seen - middle)[:, 2:]).max(), 0.3))
-
-
-def _joints_of(robot: Robot, path: Path, poses: Floats) -> tuple[Sequence[str], JointMap]:
-    """Return the joints' names in a URDF, and the first map of their values that puts their axes at the DH table's.
-
-    A URDF may have the values of the robot file, of the simulator or of the driver: q_dh = sign q + offset. Axes are
-    compared at poses, (K, n) [rad or m].
-    """
-    urdf = read_urdf(path, exact=True)
-    there = {joint.name: joint for joint in urdf.joints if joint.moves}
-    names = robot.joint_names if set(robot.joint_names) <= there.keys() else robot.log_names
-    if not set(names) <= there.keys():
-        missing = ", ".join(name for name in robot.joint_names if name not in there)
-        what = f"{path} lacks the joints {missing}; it has {', '.join(there)}"
-        raise WrongRobotFile(what, where=str(path), fix="rename the joints")
-    chains = [urdf.chain(urdf.root, there[name].child) for name in names]
-    maps = (
-        JointMap((1.0,) * robot.n, (0.0,) * robot.n),
-        robot.simulator,
-        robot.driver.map if robot.driver else None,
-    )
-    expected, allowed = (
-        link_frames(robot, poses, world=True),
-        [tuning.AXIS_ANGLE_RAD, tuning.AXIS_DISTANCE_M],
-    )
-    errors: list[Floats] = []
-    for mapping in filter(None, maps):
-        sign = np.array(mapping.sign)
-        values = [dict(zip(names, q, strict=True)) for q in sign * (poses - mapping.offset)]
-        found = np.array([[_axis(chain, q) for chain in chains] for q in values])
-        axis, point = found[:, :, 0], found[:, :, 1]
-        along = np.sum(expected.axis * axis, axis=2) * sign
-        across = np.linalg.norm(np.cross(expected.axis, point - expected.point), axis=2)
-        largest = [each.max(axis=0) for each in (np.arccos(np.clip(along, -1, 1)), across)]
-        errors.append(np.stack(largest, axis=1))
-        if np.all(errors[-1] < allowed):
-            return names, mapping
-    j = int(np.any(errors[0] > allowed, axis=1).argmax())
-    angle, across = np.degrees(errors[0][j, 0]), 1000 * errors[0][j, 1]
-    raise WrongRobotFile(
-        f"{robot.joint_names[j]}: axis in {path} is {angle:.1f} deg and {across:.1f} mm off the DH table",
-        where=str(path),
-        fix="correct the DH table, `base:`, or the signs and offsets under `simulator:` or `driver:`",
-    )
-
-
-def _axis(chain: Sequence[UrdfJoint], values: Mapping[str, float]) -> Floats:
-    """Return direction and a point of the axis of a chain's last joint, (2, 3), at values of its joints or 0."""
-    pose = np.eye(4)
-    for joint in chain:
-        pose = pose @ joint.transform(values.get(joint.name, 0.0))
-    return np.stack([pose[:3, :3] @ chain[-1].axis, pose[:3, 3]])

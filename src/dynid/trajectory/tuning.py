@@ -70,11 +70,8 @@ BULLET_LEARNING_POSES = 300
 DEEPER_CONTACT_M = 0.005
 #: Distances beyond this are not measured [m]. evidence: none yet; wanted distances are centimetres.
 FARTHEST_MEASURED_M = 0.3
-#: Largest difference of joint axes between a user's URDF and the DH table: direction and distance.
-#: evidence: none yet.
-AXIS_ANGLE_RAD, AXIS_DISTANCE_M = 0.01, 0.01
-#: Poses at which axes are compared. evidence: none yet.
-AXIS_POSES = 10
+#: Largest difference between the frames of a user's URDF and those of the DH table [m and rad]. evidence: none yet.
+SHAPES_WITHIN = 0.01
 #: Poses that are measured for each second of the planned motion [Hz], and their number at most. evidence: none yet.
 MEASURED_RATE_HZ, MOST_MEASURED_POSES = 100.0, 3000
 #: A child that draws for so long, or a window that does not open for so long, hangs [s]. evidence: none yet.

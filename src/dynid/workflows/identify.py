@@ -34,7 +34,6 @@ from dynid.estimation.noise_floor import noise_floor
 from dynid.estimation.payload import IdentifiedPayload
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import Stack, scaled, stack_logs
-from dynid.exporters.user_urdf import attached
 from dynid.files import packaged, robotfile
 from dynid.judgement import tuning
 from dynid.loading import (
@@ -54,6 +53,7 @@ from dynid.loading import (
     read_log,
 )
 from dynid.log import Log
+from dynid.model.attached import attached
 from dynid.model.base_model import BaseModel, in_memory, prior_base_parameters
 from dynid.model.regressor import expected_torque
 from dynid.options import LogOptions

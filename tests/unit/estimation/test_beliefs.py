@@ -8,8 +8,8 @@ import pytest
 from loaded_arm import TRUTH, recorded
 
 from dynid.errors import WrongRobotFile
-from dynid.exporters.user_urdf import attached
 from dynid.files.robotfile import load_robot, parse_robot
+from dynid.model.attached import attached
 from dynid.sim.plant import read_plant
 from dynid.sim.urdf import write_urdf
 

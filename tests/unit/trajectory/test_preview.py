@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import dynid
-from dynid.errors import Collision, NoDisplay, WrongRobotFile
+from dynid.errors import Collision, NoDisplay, WrongUrdf
 from dynid.files.robotfile import load_robot
 from dynid.reports.motion_drawing import draw_motion
 from dynid.robot import Joint, JointMap
@@ -124,7 +124,7 @@ def test_own_urdf_whose_axes_differ_from_the_table_is_refused(lwr, urdf):
         joints=(*lwr.robot.joints[:3], Joint("lwr_3_joint", twist=1.4), *lwr.robot.joints[4:]),
     )
     plan = towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0)
-    with pytest.raises(WrongRobotFile, match=r"lwr_4_joint: axis in .* deg and .* mm off"):
+    with pytest.raises(WrongUrdf, match=r"joint 'lwr_4_joint' is not where .* \(off by 0\.\d+ m\)"):
         measure_trajectory(plan, tilted, urdf(lwr.robot), Scene())
 
 
@@ -142,7 +142,7 @@ def test_urdf_in_the_angles_of_a_simulator_is_seen_through_its_map(lwr, urdf):
     mapped = replace(lwr.robot, joints=tuple(joints), simulator=JointMap(sign, offset))
     plan = towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0)
     assert measure_trajectory(plan, mapped, path, Scene())
-    with pytest.raises(WrongRobotFile, match=r"lwr_0_joint: axis in .* is 180\.0 deg"):
+    with pytest.raises(WrongUrdf, match="joint 'lwr_0_joint' is not where"):
         measure_trajectory(plan, lwr.robot, path, Scene())
 
 
@@ -152,7 +152,7 @@ def test_urdf_without_a_joint_is_refused_with_what_it_has(lwr, urdf):
         driver=None,
         joints=(replace(lwr.robot.joints[0], name="shoulder"), *lwr.robot.joints[1:]),
     )
-    with pytest.raises(WrongRobotFile, match="lacks the joints shoulder; it has lwr_0_joint"):
+    with pytest.raises(WrongUrdf, match="has no joint shoulder; it has lwr_0_joint"):
         measure_trajectory(
             towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0), other, urdf(lwr.robot), Scene()
         )
