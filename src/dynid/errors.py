@@ -373,7 +373,7 @@ class PoorlyExcited(DynidError):
     """The log determines so little that the torque error of least squares on other motions would be 50 % or more."""
 
     code, status = "E402", ExitStatus.DATA
-    why = "the log determines some parameters hardly better than noise"
+    why = "some parameters are poorly excited"
     fix = "plan a better motion: dynid trajectory ROBOT --optimise"
 
 
@@ -413,7 +413,7 @@ class NotSimulated(DynidError):
     """The arm could not be simulated."""
 
     code, status = "E407", ExitStatus.DATA
-    why = "with impossible parameters the simulated arm flies apart"
+    why = "with inconsistent parameters the simulation diverges"
     fix = "identify with a log that determines the arm's parameters"
 
 
@@ -510,7 +510,7 @@ class GoalRefused(DynidError):
     """The arm's controller did not accept the motion, or gave it up."""
 
     code, status = "E509", ExitStatus.UNSAFE
-    why = "a controller with its own limits and tolerances judges the motion too"
+    why = "the controller has its own limits and tolerances"
     fix = "read the driver's output; use --speed 50%, or widen the controller's tolerances"
 
 

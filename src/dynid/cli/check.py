@@ -110,7 +110,7 @@ def sentence(checks: Sequence[Checked], warnings: int, missing: Sequence[str]) -
     if missing:
         return f"{what}: {missing[0]}."
     if any(each.kind == "log" and each.robot is None for each in checks):
-        return f"{what} can be read; only a robot file tells whether the numbers are right."
+        return f"{what} can be read; checking the numbers needs a robot file."
     but = f", but see the warning{'s' * (warnings > 1)}" if warnings else ": no mistake was found"
     return f"{what} can be used{but}."
 

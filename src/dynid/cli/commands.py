@@ -32,8 +32,8 @@ COMMANDS: dict[str, Entry] = {
         "Loop 3", "regressor on the log", "fullnumericregressor.npz, estimatedmotion.npz"
     ),
     "identify": Entry("Loop 3", "least squares", "parameters.npz, report.html"),
-    "validate": Entry("Then", "replay an unseen log", "how wrong is the model, per joint"),
-    "gap": Entry("Then", "name the missing effect, add it, show the gap shrink"),
+    "validate": Entry("Then", "predict a held-out log", "torque error of each joint"),
+    "gap": Entry("Then", "find, size and add a missing effect"),
     "check": Entry("", "look for mistakes in a robot file, a log or a result"),
     "convert": Entry("", "write a recording as .npz or .csv"),
     "import": Entry("", "make a robot file from a URDF"),

@@ -25,7 +25,9 @@ SHOWN = 12
     ),
 )
 @click.argument("runs", nargs=-1, required=True, type=PATH, metavar="RUN...")
-@click.option("--baseline", type=PATH, metavar="RUN", help="What the runs are judged against.")
+@click.option(
+    "--baseline", type=PATH, metavar="RUN", help="Result that the runs are compared with."
+)
 @click.option(
     "--tolerance",
     metavar="SHARE",

@@ -54,7 +54,7 @@ CAPTIONS = {
     help="Hide an effect in the simulated LWR4+, find it and add it.",
 )
 def command(session: Session, robot: str, effect: str | None) -> Answered:
-    """Run all four loops on a simulated arm whose truth is known, and show them on one page."""
+    """Run all four loops on a simulated arm with known parameters, and show them on one page."""
     top = session.out or Path("out/demo")
     if effect:
         facts, _ = find_hidden(session, effect, session.out or top / "effect")
@@ -196,9 +196,9 @@ def find_hidden(session: Session, effect: str, folder: Path) -> tuple[dict[str, 
     truth = f"Hidden was {hidden.name}{where}: the answer is {verdict}."
     proof = f"{shell('dynid', 'validate', added, logs[-1])} --cutoff 10"
     pictures = [path for path in answer["wrote"] if path.suffix == ".png"]
-    known = "The effect that was found, on the held-out motion."
+    known = "The named effect on the held-out motion."
     chapter = Chapter(
-        "A hidden effect: found, added, and how much smaller the gap is",
+        "A hidden effect: named, added, and the error before and after",
         (judgement["sentence"], *judgement["reasons"], *shrunk(answer), truth),
         (
             f"{shell('dynid', 'identify', *identify)} --no-feasible",

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 STILL = {
     True: "the arm stands still",
     False: "THE ARM STILL MOVES",
-    None: "no joint states come: look at the arm, use the physical stop button",
+    None: "no joint states arrive: use the physical stop button",
 }
 
 

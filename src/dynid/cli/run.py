@@ -71,8 +71,8 @@ def command(
                 {
                     "job": job["name"],
                     "outcome": job["outcome"],
-                    "unexplained %": job["relative_error_percent"],
-                    "unseen log %": job["unseen_relative_error_percent"],
+                    "error %": job["relative_error_percent"],
+                    "held out %": job["unseen_relative_error_percent"],
                     "what": job["message"] or None,
                 }
                 for job in jobs

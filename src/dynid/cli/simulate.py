@@ -29,7 +29,7 @@ THERE = click.Path(exists=True, path_type=Path)
         "dynid simulate ur5e out/ur5e/trajectory.npz",
         "dynid simulate my_arm.yaml log.bag --payload 2 --delay 0.004",
         "dynid simulate my_arm.yaml trajectory.npz --effect torque_offset@2:c=3",
-        "dynid simulate out/before out/after --compare run3.bag     exported files in MuJoCo beside a log",
+        "dynid simulate out/before out/after --compare run3.bag     exported files in MuJoCo, compared with a log",
     ),
 )
 @click.argument("robot", shell_complete=ROBOTS)

@@ -95,7 +95,7 @@ def take_options(ctx: click.Context, param: click.Parameter, plan: Path | None) 
     type=click.Choice(["auto", "gui", "video", "picture", "none"]),
     default="auto",
     show_default=True,
-    help="How to look at the motion.",
+    help="How to preview the motion.",
 )
 @click.option("--urdf", type=INPUT, metavar="FILE", help="URDF of the arm with its own meshes.")
 @click.option(
@@ -113,7 +113,7 @@ def command(
     accept: bool,
     **files: Any,  # noqa: ANN401
 ) -> Answered:
-    """Plan an excitation motion, prove it safe, preview it, and ask."""
+    """Plan an exciting motion, check limits and collisions, preview it, ask for approval."""
     from dynid.files.planfile import PlanFile, read_plan
 
     written = PlanFile() if plan is None else read_plan(plan, robot)

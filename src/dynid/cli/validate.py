@@ -39,9 +39,9 @@ class Limits(Options):
 @dynid_command(
     "validate",
     examples=(
-        "dynid validate out/kuka_lwr4plus unseen.bag",
-        "dynid validate out/arm unseen.bag --max-unexplained 5%     exit 1 when worse",
-        "dynid validate out/arm unseen.bag --mcap replay.mcap     for Foxglove, PlotJuggler, Rerun",
+        "dynid validate out/kuka_lwr4plus other.bag",
+        "dynid validate out/arm other.bag --max-unexplained 5%     exit 1 when worse",
+        "dynid validate out/arm other.bag --mcap replay.mcap     for Foxglove, PlotJuggler, Rerun",
     ),
 )
 @click.argument("parameters", type=PATH)

@@ -387,19 +387,19 @@ def _unexplained(diagnosis: Diagnosis, robot: Robot) -> tuple[Finding, ...]:
     good = ", ".join(name for name in robot.joint_names if name not in names)
     text = (
         f"no edit of the robot file explains the torques of {', '.join(names)}: their friction would not brake with "
-        f"either sign, so these are not all of the torque; the file is judged by {good}"
+        f"either sign, so these are not all of the torque; the file is checked with {good}"
     )
     return (Finding("W334", "warning", text, {"joints": names}),)
 
 
 def _improvement(given: Hypothesis, best: Hypothesis, robot: Robot) -> str:
-    """Return what the robot file leaves unexplained and what would be left, of all joints or of the one that gains."""
+    """Return the torque error with the robot file and with the edit, of all joints or of the one that gains."""
     before, after, whose = given.unexplained, best.unexplained, "the torques"
     if before < 2 * after:
         had, has = given.left / given.floor, best.left / best.floor
         j = int(np.argmax(had / np.maximum(has, 1e-3)))
         before, after, whose = had[j], has[j], f"the torque of {robot.joint_names[j]}"
     return (
-        f"with this robot file, {100 * before:.0f} % of {whose} beyond friction is unexplained; "
+        f"with this robot file, {100 * before:.0f} % of {whose} beyond friction is not explained; "
         f"it would be {100 * after:.0f} %"
     )

@@ -386,7 +386,7 @@ def weakly_excited(base: BaseModel, stack: Stack, prior: Floats) -> list[Finding
         much = f"{100 * relative[k]:.0f} % error" if np.isfinite(relative[k]) else "no trace"
         told.append(f"{stack.names[k]} ({much}: {_reason(base, stack, k)})")
     names, more = [stack.names[k] for k in weak], len(weak) - len(told)
-    text = "hardly excited: " + ", ".join(told) + f" and {more} more" * (more > 0)
+    text = "poorly excited: " + ", ".join(told) + f" and {more} more" * (more > 0)
     return [Finding("W402", "warning", text, {"parameters": names})]
 
 
@@ -437,7 +437,7 @@ def excitation_findings(
         open_ = np.abs(plain.solution.weak).max(axis=1)
         names = ", ".join(stack.names[k] for k in np.flatnonzero(open_ > 1e-3 * open_.max()))
         text = (
-            f"this log determines {rank} of {size} base parameters; it cannot tell apart: {names}"
+            f"this log determines {rank} of {size} base parameters; it does not separate: {names}"
         )
         if not drop_weak:
             fix = "record a motion in which every joint moves on its own, or continue with --drop-weak"

@@ -403,7 +403,7 @@ def require_possible_prior(constraints: PhysicalConstraints) -> None:
     if np.any(eigenvalues <= 0.0):
         worst = constraints.parameters[constraints.bodies[int(np.argmin(eigenvalues)), 0]].number
         raise NotPhysical(
-            f"the prior of link {worst} is not a physically possible body",
+            f"the prior of link {worst} is not a physically consistent body",
             fix="in the robot file each principal moment of inertia_com is at most the sum of the other two",
         )
 

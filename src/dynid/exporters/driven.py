@@ -81,7 +81,7 @@ def drive(
         close()
     if not np.all(np.isfinite(positions)):
         fix = "identify it with --feasible"
-        raise NotSimulated(f"in {engine} the arm flies apart", why=FAR, fix=fix)
+        raise NotSimulated(f"in {engine} the simulation diverges", why=FAR, fix=fix)
     return np.array(positions), np.array(added)
 
 

@@ -143,4 +143,4 @@ def why_not_code(added: Added) -> str:
     if any(column.remembers for column in columns):
         return "it depends on what was before, and code keeps no state"
     on_arm = not columns and added.effect.more_of != "body"
-    return added.effect.left_out or "it turns the torque of the whole arm" * on_arm
+    return added.effect.left_out or "it acts on the torques of all joints" * on_arm

@@ -54,7 +54,7 @@ class JointGap:
 
     Attributes:
         joint: index.
-        chi: mean square of the whitened residual; 1 at the noise floor.
+        chi: mean square of the whitened residual; 1 at the noise level.
         share: of what all joints have above their floors, 0 to 1.
         regions: its parts.
         text: where it is, in words.
@@ -80,7 +80,7 @@ def localise_residual(regression: Regression) -> list[JointGap]:
     found = []
     for j, each in enumerate(chi):
         regions = _regions(regression, j)
-        text = _words(regions) if each > 1 + NEGLIGIBLE else "at the noise floor"
+        text = _words(regions) if each > 1 + NEGLIGIBLE else "at the noise level"
         found.append(JointGap(j, each, float(shares[j]), tuple(regions), text))
     return found
 

@@ -132,8 +132,8 @@ def measure_noise(rows: GapRows, residual: Floats, pairs: Sequence[RepeatPair]) 
     parts = [(residual[k], rows.use[k]) for k in chosen if len(k) >= SHORTEST]
     if not parts:
         raise LogTooShort(
-            f"no part of the logs has {SHORTEST} usable rows, without which noise cannot be told from what is missing",
-            why="what is missing is judged against the noise",
+            f"no part of the logs has {SHORTEST} usable rows, which the noise level needs",
+            why="residuals are compared with the noise",
         )
     return _from_spectrum(rows.logs[0].filter, parts)
 

@@ -75,7 +75,7 @@ class GapEffect:
             return self.why_not
         if self.share is None:
             return "named"
-        return f"named; explains {100 * self.share:.0f} % of the gap of {self.joint}, the rest is unexplained"
+        return f"named; explains {100 * self.share:.0f} % of the gap of {self.joint}, not the rest"
 
     def facts(self) -> dict[str, Any]:
         """Return the effect as the JSON answer of ``dynid gap`` has it."""
@@ -318,7 +318,7 @@ def _noise_texts(analysis: GapAnalysis, names: Sequence[str]) -> tuple[str, str]
     elif problem.rows.compared:
         note = "earlier and new logs are fitted together; the search looks for effects in the new logs only"
     elif problem.noise.misfit:
-        note = f"more than noise was unexplained before on {', '.join(names[j] for j in problem.noise.misfit)}"
+        note = f"the earlier residual was above the noise on {', '.join(names[j] for j in problem.noise.misfit)}"
     return source, note
 
 

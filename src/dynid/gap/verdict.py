@@ -99,7 +99,7 @@ def refusal(
         # A dead band is half a gain: 0.75 of the noise left beside 0.4; a spring beside |qd2| qd1.
         (
             alone and left > 1.0,
-            f"what is left of this joint is {left:.1f} times as large: it may stand in for something else",
+            f"the remaining residual of this joint is {left:.1f} times as large: it may stand for something else",
         ),
         (not possible(one), "no physical body has these parameters"),
         # Presliding of 0.1 to 0.9 mrad looks like a hysteresis of 2.00 mrad on 10 of 11 arms, a dead band like a hump.
@@ -107,7 +107,7 @@ def refusal(
         # All joints together, in units of their noise: parameters of all joints move with an effect.
         (
             ratio > 1.0,
-            f"it does not reduce the error on unseen data ({ratio:.3f} times as large with it)",
+            f"it does not reduce the held-out error ({ratio:.3f} times as large with it)",
         ),
     )
     return next((text for no, text in reasons if no), "")
@@ -226,7 +226,7 @@ def advice_of(
     repeat = (
         ""
         if search.problem.noise.repeats
-        else " Record each motion twice: without repeats the noise floor is only a lower bound."
+        else " Record each motion twice: without repeats the noise level is only a lower bound."
     )
     if word == "ambiguous":
         one = next(f for f in named if f.rivals)

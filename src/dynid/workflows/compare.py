@@ -191,7 +191,7 @@ class RunComparison(Answer):
                     "method": result.method,
                     "rank": f"{result.rank}",
                     "condition": f"{result.condition_number_scaled:.3g}",
-                    "unexplained": f"{result.relative_error_percent:.2f} %",
+                    "error": f"{result.relative_error_percent:.2f} %",
                     "held out": "-" if held is None else f"{held:.2f} %",
                     "weakest joint": f"{worst.joint} {worst.relative_percent:.1f} %",
                 }

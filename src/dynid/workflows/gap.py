@@ -162,10 +162,10 @@ class Gap(Judged, GapRecord):
         """On which joints the disagreement is, and where in their motion."""
         above = [one for one in self.joints if one.share > TOLD_SHARE and one.chi > 1 + NEGLIGIBLE]
         texts = (
-            f"{self.joint_names[one.joint]} ({100 * one.share:.0f} % of the disagreement) {one.text}"
+            f"{self.joint_names[one.joint]} ({100 * one.share:.0f} % of the residual above the noise) {one.text}"
             for one in sorted(above, key=lambda one: -one.share)
         )
-        return "; ".join(texts) or "no joint is above its noise floor"
+        return "; ".join(texts) or "no joint is above its noise level"
 
     @property
     def verdict_text(self) -> str:
@@ -781,7 +781,7 @@ def _with_likely(gap: Gap, suspected: Sequence[Suspicion], names: Sequence[str])
             rms_before=float(gap.improvement.before[one.joint]),
             rms_after=None,
             unit=gap.torque_units[one.joint],
-            why_not=f"torques alone cannot tell it from {one.instead_of}",
+            why_not=f"torques alone do not separate it from {one.instead_of}",
             probability=one.probability,
         )
         for one in doubtful
@@ -797,7 +797,7 @@ def _not_told(suspected: Sequence[Suspicion], analysis: GapAnalysis) -> str:
     """Return why no counterbalance is named, and what would tell."""
     joints = [(one.joint,) for one in suspected]
     reasons = [text for one, text in analysis.verdict.closest if one.joints[:1] in joints]
-    what = "Torques alone cannot tell it from heavier links"
+    what = "Torques alone do not separate it from heavier links"
     if all(one.sure for one in suspected):
         what = "Without it, the logs fit as well only with implausible links"
     return (

@@ -135,7 +135,7 @@ class GapExperiment:
         for k, pair in enumerate(self.question.rivalries):
             then = "" if before is None else f", {before.leads[k]:.2g} {in_logs}"
             separated = after.leads[k] > SAFETY * CLEAR
-            sure = "will be told apart" if separated else "may still fit equally well"
+            sure = "will be separated" if separated else "may still fit equally well"
             lead = f"expected lead {after.leads[k]:.2g}{then}; {CLEAR:g} is clear"
             sentences.append(f"{pair.text} {sure}: {lead}")
         if after.spread is not None:

@@ -240,13 +240,13 @@ class IdentifyOptions(PriorOptions, LogOptions):
     )
     residual_model: bool | None = option(
         None,
-        "Fit a residual model to what rigid bodies and friction leave unexplained, and use it in predictions (default: "
-        "when the data support it).",
+        "Fit a residual model to the torque that rigid bodies and friction do not explain, and use it for prediction "
+        "(default: when the data support it).",
         pair=True,
     )
     holdout: float | str | Path | Log | None = option(
         "auto",
-        "Data kept back to judge the fit: a share at the end of each log, another log, or nothing; auto keeps back the "
+        "Held-out data: a share at the end of each log, another log, or none; auto holds out the "
         "last motion if the logs hold several, else the last 20 % of each log.",
         metavar="auto|SHARE|LOG|none",
         shown="auto",
@@ -338,7 +338,7 @@ class ExportOptions(Options):
         None, "Your URDF: its inertial blocks are replaced, the rest is kept.", kind="input"
     )
     allow_infeasible: bool = option(
-        False, "Also write bodies that cannot exist; simulators may refuse them."
+        False, "Also write physically inconsistent bodies; simulators may refuse them."
     )
     residual_model: bool = option(
         True,

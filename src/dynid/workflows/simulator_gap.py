@@ -58,7 +58,7 @@ def compare_in_simulator(
     Raises:
         WrongUsage: an argument is something else than what is wanted (E101).
         PackageMissing: the simulator is not installed.
-        NotSimulated: an arm flies apart.
+        NotSimulated: a simulation diverges.
         DynidError: the first serious fault of the log.
 
     Example:
@@ -108,7 +108,7 @@ def gap_in_simulator(gap: Gap, after: Identification) -> SimulatorGap:
 
     Raises:
         PackageMissing: no simulator is installed.
-        NotSimulated: an arm flies apart.
+        NotSimulated: a simulation diverges.
     """
     assert gap.searched is not None
     log = (*gap.unseen_logs, *reversed(gap.recordings))[0]

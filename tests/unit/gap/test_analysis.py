@@ -14,7 +14,7 @@ SOME = SelectionOptions(effects=("spring", "torque_offset", "asymmetric_viscous"
 def test_nothing_hidden_nothing_missing(twolinks):
     seen = analyse_gap(twolinks.logs(), twolinks.base, None, SOME, simulate=False)
     assert (seen.verdict.word, seen.verdict.named) == ("nothing_missing", ())
-    assert [gap.text for gap in seen.joints] == ["at the noise floor"] * 2
+    assert [gap.text for gap in seen.joints] == ["at the noise level"] * 2
     np.testing.assert_array_equal(seen.improvement.before, seen.improvement.after)
 
 

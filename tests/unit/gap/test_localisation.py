@@ -53,7 +53,7 @@ CASES = {
 
 def test_noise_is_nowhere(clean):
     for gap in localise_residual(with_residual(clean, nowhere)):
-        assert gap.text == "at the noise floor"
+        assert gap.text == "at the noise level"
         assert gap.chi == pytest.approx(1.0, abs=0.1)
 
 
@@ -66,7 +66,7 @@ def test_a_residual_is_found_on_its_joint_and_where_it_is(clean, text, joint):
     gaps = localise_residual(regression)
     assert gaps[joint].share > 0.95
     assert text in gaps[joint].text
-    assert gaps[1 - joint].text == "at the noise floor"
+    assert gaps[1 - joint].text == "at the noise level"
 
 
 def test_shares_are_of_power_in_torque_not_in_noise(clean):

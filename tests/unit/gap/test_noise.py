@@ -1,4 +1,4 @@
-"""The noise floor on signals whose noise is known."""
+"""The noise level on signals whose noise is known."""
 
 from dataclasses import replace
 from itertools import pairwise

@@ -375,7 +375,7 @@ def test_the_planned_motion_promises_to_tell_every_pair_apart_that_was_not(gap, 
     for text, rival in zip(plan.outlook, ("counterbalance", "end_stop"), strict=True):
         assert rival in text
         assert ("gap", text) in plan.lines()
-    assert "will be told apart" in plan.outlook[0]
+    assert "will be separated" in plan.outlook[0]
     assert plan.facts()["outlook"] == list(plan.outlook)
 
 
