@@ -85,24 +85,20 @@ def test_reversed_torques_come_right_with_torque_sign():
 
 
 @pytest.mark.slow
-def test_it_stops_with_the_edit_and_goes_on_when_asked():
-    wrong = edited(lwr(), Edit("sign", (1.0,)))
+@pytest.mark.parametrize(
+    ("mistake", "said"),
+    [(Edit("sign", (1.0,)), "lwr_1_joint reversed"), (Edit("gravity", (9.81, 0.0, 0.0)), "")],
+)
+def test_it_stops_with_the_edit_and_goes_on_when_asked(mistake, said):
+    """The second looks like torques without gravity."""
+    wrong = edited(lwr(), mistake)
     log = prepare(lwr_log(), wrong)
     with pytest.raises(WrongMapping) as caught:
         diagnose(log, wrong)
-    assert "lwr_1_joint reversed" in caught.value.what
-    assert pasted([Edit("sign", (1.0,))], wrong) in caught.value.fix
+    assert said in caught.value.what
+    assert not said or pasted([mistake], wrong) in caught.value.fix
     assert [finding.code for finding in diagnose(log, wrong, anyway=True)] == ["W329"]
     assert diagnose(prepare(lwr_log(), lwr()), lwr()) == ()
-
-
-@pytest.mark.slow
-def test_a_wrong_file_that_looks_like_removed_gravity_is_named_and_goes_on_when_asked():
-    wrong = edited(lwr(), Edit("gravity", (9.81, 0.0, 0.0)))
-    log = prepare(lwr_log(), wrong)
-    with pytest.raises(WrongMapping):
-        diagnose(log, wrong)
-    assert [finding.code for finding in diagnose(log, wrong, anyway=True)] == ["W329"]
 
 
 def test_a_log_in_dh_quantities_accuses_no_map_of_the_driver():

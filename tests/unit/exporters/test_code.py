@@ -20,12 +20,14 @@ from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.reduce import random_states
 from dynid.robot import Coulomb, EffectSpec
 
+PAPER = replace(load_robot("scara"), coulomb=Coulomb("threshold", (0.5,) * 4))
+
 
 @pytest.mark.parametrize("format", ["c", "python"])
-@pytest.mark.parametrize("robot", SHIPPED)
+@pytest.mark.parametrize("robot", [*SHIPPED, PAPER], ids=[*SHIPPED, "the paper's Eq. 7"])
 def test_written_code_gives_dynids_torques(robot, format):
-    """1000 states, friction included, coupled motors of the TX40 too: 1e-10 N m."""
-    source = shipped(robot)
+    """1000 states, friction included, coupled motors of the TX40 and the paper's Coulomb threshold too: 1e-10 N m."""
+    source = shipped(robot) if isinstance(robot, str) else made(robot)
     (agreement,) = FORMATS[format].check(FORMATS[format].text(source), source)
     assert agreement.states == 1000
     assert agreement.largest < 1e-10
@@ -156,15 +158,6 @@ def test_the_c_functions_are_those_of_the_python_module():
     ]
     for found, expected in pairs:
         np.testing.assert_allclose(found, expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("format", ["c", "python"])
-def test_the_papers_coulomb_threshold_is_written_too(format):
-    """Eq. 7: no friction below the velocity limit."""
-    robot = replace(load_robot("scara"), coulomb=Coulomb("threshold", (0.5,) * 4))
-    source = made(robot)
-    (agreement,) = FORMATS[format].check(FORMATS[format].text(source), source)
-    assert agreement.largest < 1e-10
 
 
 def test_parameters_that_the_data_did_not_determine_are_marked():

@@ -122,26 +122,21 @@ def test_a_fixed_part_that_is_heavier_than_the_link_is_emptied(tmp_path):
     assert FORMATS["urdf"].check(new.read_text(), source)[0].largest < 1e-6
 
 
-def test_a_finger_heavier_than_the_identified_link_is_refused(tmp_path):
-    """It would leave the hand a negative mass."""
-    _, source = own(tmp_path, OWN.replace('<mass value="0.05"/>', '<mass value="50"/>'))
-    with pytest.raises(NotPhysical, match="jaw"):
-        FORMATS["urdf"].text(source)
-
-
-def test_a_urdf_of_another_arm_is_refused_with_the_joint(tmp_path):
-    """Bodies would come into wrong frames."""
+@pytest.mark.parametrize(
+    ("old", "new", "error", "said"),
+    [
+        ('<mass value="0.05"/>', '<mass value="50"/>', NotPhysical, "jaw"),
+        ('xyz="0 0.3 0.05"', 'xyz="0.05 0.3 0.05"', WrongUrdf, "joint 'b' is not where"),
+        ('name="b"', 'name="elbow"', WrongUrdf, "no joint b; it has a, c, elbow, finger"),
+    ],
+)
+def test_a_finger_that_is_too_heavy_and_the_urdf_of_another_arm_are_refused(
+    tmp_path, old, new, error, said
+):
+    """A negative mass of the hand, and bodies in wrong frames."""
     path, source = own(tmp_path)
-    path.write_text(OWN.replace('xyz="0 0.3 0.05"', 'xyz="0.05 0.3 0.05"'), encoding="utf-8")
-    with pytest.raises(WrongUrdf, match="joint 'b' is not where"):
-        FORMATS["urdf"].text(source)
-
-
-def test_a_urdf_without_the_joints_names_those_it_has(tmp_path):
-    """Joints are found by name."""
-    path, source = own(tmp_path)
-    path.write_text(OWN.replace('name="b"', 'name="elbow"'), encoding="utf-8")
-    with pytest.raises(WrongUrdf, match="no joint b; it has a, c, elbow, finger"):
+    path.write_text(OWN.replace(old, new), encoding="utf-8")
+    with pytest.raises(error, match=said):
         FORMATS["urdf"].text(source)
 
 

@@ -68,27 +68,23 @@ def test_topics_of_equal_message_length_that_take_turns_are_told_apart(tmp_path)
             np.testing.assert_array_equal(groups[name][0].q[:, 1], np.array(rows) + 0.01)
 
 
-def test_header_stamps_of_the_monotonic_clock_are_used_as_they_tick(tmp_path):
-    path = write_bag(
-        tmp_path / "log.bag", state_messages(50, NAMES, header=lambda i: 5 * 10**9 + i * 11 * 10**6)
-    )
-    groups, _ = read_topics(path, ["/joint_states"])
-    (log,) = groups["/joint_states"]
-    assert log.extra["clock"] == "header"
-    np.testing.assert_allclose(log.t, 0.011 * np.arange(50), atol=1e-12)
-
-
 @pytest.mark.parametrize(
-    "header",
-    [lambda i: 0, lambda i: 7, lambda i: START if i else 0],
-    ids=["zero", "frozen", "partly"],
+    ("header", "clock", "step"),
+    [
+        (lambda i: 5 * 10**9 + i * 11 * 10**6, "header", 0.011),
+        (lambda i: 0, "arrival", 0.01),
+        (lambda i: 7, "arrival", 0.01),
+        (lambda i: START if i else 0, "arrival", 0.01),
+    ],
+    ids=["monotonic", "zero", "frozen", "partly"],
 )
-def test_one_unset_or_frozen_header_stamp_puts_the_whole_topic_on_the_bags_clock(tmp_path, header):
+def test_header_stamps_are_used_as_they_tick_and_the_bags_clock_where_one_is_unset_or_frozen(
+    tmp_path, header, clock, step
+):
     path = write_bag(tmp_path / "log.bag", state_messages(50, NAMES, header=header))
-    groups, _ = read_topics(path, ["/joint_states"])
-    (log,) = groups["/joint_states"]
-    assert log.extra["clock"] == "arrival"
-    np.testing.assert_allclose(log.t, 0.01 * np.arange(50), atol=1e-12)
+    (log,) = read_topics(path, ["/joint_states"])[0]["/joint_states"]
+    assert log.extra["clock"] == clock
+    np.testing.assert_allclose(log.t, step * np.arange(50), atol=1e-12)
 
 
 def test_topics_are_listed_with_type_and_count(tmp_path):

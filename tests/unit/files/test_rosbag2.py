@@ -65,35 +65,17 @@ def test_every_format_gives_the_same_numbers(kind, log, tmp_path):
     assert len(found.sha256) == 64
 
 
-def test_torques_of_their_own_topic_are_taken_at_the_time_of_the_positions(log, tmp_path):
-    states = [
-        (TOPIC, ns, ros2_state(ns, log.names, q)) for ns, q in zip(stamps(log), log.q, strict=True)
-    ]
-    torques = [("/tau", ns, ros2_array(tau)) for ns, tau in zip(stamps(log), log.tau, strict=True)]
-    path = write_rosbag2(tmp_path / "bag", sorted(states + torques, key=lambda entry: entry[1]))
-    robot = replace(lwr(), driver=replace(lwr().driver, effort_topic="/tau", joint_names=log.names))
-    found = read_log(path, robot=robot)
-    np.testing.assert_allclose(found.tau, log.tau, atol=1e-5 * np.abs(log.tau).max())
-    elsewhere = replace(robot, driver=replace(robot.driver, effort_topic="/nowhere"))
-    with pytest.raises(WrongMessageType, match="/nowhere, is not there"):
-        read_log(path, robot=elsewhere)
-
-
-@pytest.mark.parametrize("array", [True, False], ids=["Float64MultiArray", "JointState"])
-def test_torques_of_their_own_topic_are_taken_from_a_bag_of_ros_1(array, log, tmp_path):
-    states = [
-        (TOPIC, ns, joint_state(ns, log.names, q)) for ns, q in zip(stamps(log), log.q, strict=True)
-    ]
-    names, later = log.names[::-1], 1_000_000
-    torques = [
-        (
-            "/tau",
-            ns + later,
-            ros1_array(tau) if array else joint_state(ns + later, names, (), (), tau[::-1].copy()),
-        )
-        for ns, tau in zip(stamps(log), log.tau, strict=True)
-    ]
-    path = write_ros1(tmp_path / "a.bag", sorted(states + torques, key=lambda entry: entry[1]))
+@pytest.mark.parametrize("kind", ["ROS 2", "Float64MultiArray", "JointState"])
+def test_torques_of_their_own_topic_are_taken_at_the_time_of_the_positions(kind, log, tmp_path):
+    ros2, later, messages = kind == "ROS 2", 1_000_000, []
+    for ns, q, tau in zip(stamps(log), log.q, log.tau, strict=True):
+        state, array = (ros2_state, ros2_array) if ros2 else (joint_state, ros1_array)
+        names, turned = log.names[::-1], tau[::-1].copy()
+        torque = joint_state(ns + later, names, (), (), turned) if "State" in kind else array(tau)
+        messages += [(TOPIC, ns, state(ns, log.names, q)), ("/tau", ns + later, torque)]
+    path = (write_rosbag2 if ros2 else write_ros1)(
+        tmp_path / ("bag" if ros2 else "a.bag"), messages
+    )
     robot = replace(lwr(), driver=replace(lwr().driver, effort_topic="/tau", joint_names=log.names))
     found = read_log(path, robot=robot)
     between = np.stack([np.interp(log.t, log.t + 1e-3, tau) for tau in log.tau.T], axis=1)
@@ -102,6 +84,9 @@ def test_torques_of_their_own_topic_are_taken_from_a_bag_of_ros_1(array, log, tm
     np.testing.assert_allclose(
         found.tau[some], between[-len(found) :][some], atol=1e-6 * np.abs(log.tau).max()
     )
+    elsewhere = replace(robot, driver=replace(robot.driver, effort_topic="/nowhere"))
+    with pytest.raises(WrongMessageType, match="/nowhere, is not there"):
+        read_log(path, robot=elsewhere)
 
 
 @pytest.mark.parametrize("kind", ["single .db3", "MCAP"])

@@ -274,13 +274,10 @@ def test_two_waves_on_one_joint_have_names_of_their_own_and_one_effect_twice_is_
         with_waves(7.0, 7.0)
 
 
-def test_an_unknown_effect_is_an_error_with_a_suggestion(model):
-    robot = replace(model.robot, effects=(EffectSpec("stribek", ("lwr_2_joint",)),))
-    with pytest.raises(WrongRobotFile, match="did you mean 'stribeck'"):
-        _ = build_model(robot).parameter_names
-
-
-def test_a_listed_effect_without_its_shape_is_an_error(model):
-    robot = replace(model.robot, effects=(EffectSpec("stribeck", ("lwr_2_joint",), {"a": 1.0}),))
-    with pytest.raises(WrongRobotFile, match="vs"):
+@pytest.mark.parametrize(
+    ("effect", "said"), [("stribek", "did you mean 'stribeck'"), ("stribeck", "vs")]
+)
+def test_an_effect_of_another_name_or_without_its_shape_is_an_error(model, effect, said):
+    robot = replace(model.robot, effects=(EffectSpec(effect, ("lwr_2_joint",), {"a": 1.0}),))
+    with pytest.raises(WrongRobotFile, match=said):
         _ = build_model(robot).parameter_names

@@ -14,7 +14,7 @@ import dynid
 from dynid.errors import Collision, NoDisplay, WrongUrdf
 from dynid.files.robotfile import load_robot
 from dynid.reports.motion_drawing import draw_motion
-from dynid.robot import Joint, JointMap
+from dynid.robot import JointMap
 from dynid.sim.urdf import write_urdf
 from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.feasible import bounds, position_range
@@ -118,14 +118,20 @@ def test_picture_and_animation_show_the_arm_and_move(lwr, urdf, tmp_path):
     assert np.abs(first - last).max(axis=2).astype(bool).mean() > 0.01
 
 
-def test_own_urdf_whose_axes_differ_from_the_table_is_refused(lwr, urdf):
-    tilted = replace(
-        lwr.robot,
-        joints=(*lwr.robot.joints[:3], Joint("lwr_3_joint", twist=1.4), *lwr.robot.joints[4:]),
-    )
+@pytest.mark.parametrize(
+    ("k", "change", "said"),
+    [
+        (3, {"twist": 1.4}, r"joint 'lwr_4_joint' is not where .* \(off by 0\.\d+ m\)"),
+        (0, {"name": "shoulder"}, "has no joint shoulder; it has lwr_0_joint"),
+    ],
+)
+def test_own_urdf_with_other_axes_or_without_a_joint_is_refused(lwr, urdf, k, change, said):
+    joints = list(lwr.robot.joints)
+    joints[k] = replace(joints[k], **change)
+    other = replace(lwr.robot, joints=tuple(joints), driver=None)
     plan = towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0)
-    with pytest.raises(WrongUrdf, match=r"joint 'lwr_4_joint' is not where .* \(off by 0\.\d+ m\)"):
-        measure_trajectory(plan, tilted, urdf(lwr.robot), Scene())
+    with pytest.raises(WrongUrdf, match=said):
+        measure_trajectory(plan, other, urdf(lwr.robot), Scene())
 
 
 def test_urdf_in_the_angles_of_a_simulator_is_seen_through_its_map(lwr, urdf):
@@ -144,18 +150,6 @@ def test_urdf_in_the_angles_of_a_simulator_is_seen_through_its_map(lwr, urdf):
     assert measure_trajectory(plan, mapped, path, Scene())
     with pytest.raises(WrongUrdf, match="joint 'lwr_0_joint' is not where"):
         measure_trajectory(plan, lwr.robot, path, Scene())
-
-
-def test_urdf_without_a_joint_is_refused_with_what_it_has(lwr, urdf):
-    other = replace(
-        lwr.robot,
-        driver=None,
-        joints=(replace(lwr.robot.joints[0], name="shoulder"), *lwr.robot.joints[1:]),
-    )
-    with pytest.raises(WrongUrdf, match="has no joint shoulder; it has lwr_0_joint"):
-        measure_trajectory(
-            towards(lwr.robot, 0, 10, 0, 0, 0, 0, 0), other, urdf(lwr.robot), Scene()
-        )
 
 
 def test_window_without_a_display_is_a_named_mistake_and_not_the_end_of_the_process(
