@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, field, fields, is_dataclass
 from numbers import Integral, Real
 from pathlib import Path
@@ -22,7 +22,8 @@ LEAST, MOST = 1e-12, 1e12
 #: No driver is this late; a larger number is meant in milliseconds [s].
 LONGEST_DELAY = 0.5
 
-Reader = Callable[[Any, str], Any]
+#: Makes a value of an option from text or from a Python value.
+Reader = Callable[[Any], Any]
 
 
 @dataclass(frozen=True)
@@ -33,8 +34,7 @@ class Declaration:
         help: one full sentence or more, with the unit.
         metavar: what stands for the value on the command line; "" for a flag or where the choices say it.
         choices: the values that are possible; () for any.
-        read: makes the value from text or from a Python value, given the name to use in messages; None to take it as
-            it is.
+        read: makes the value from text or from a Python value; None to take it as it is.
         flag: long option of the command line; "" to make it from the field's name.
         pair: whether a flag can be switched off by ``--no-...``; its default may then be None, decided by the data.
         repeatable: whether it may be given several times.
@@ -109,8 +109,11 @@ class Options:
                 object.__setattr__(self, declared.name, _read(declared, value))
             except (TypeError, ValueError, ArithmeticError, LookupError, AttributeError) as error:
                 shown = f"{value:g}" if isinstance(value, float) else f"{value!r:.60}"
-                what = f"{flag_of(declared)} {shown} is not possible: {error}"
-                raise WrongUsage(what, fix=declaration_of(declared).help) from error
+                shown = _text(value) if isinstance(value, tuple) else shown
+                flag, said = flag_of(declared), declaration_of(declared)
+                what = f"{flag} {shown} is not possible: {error}"
+                fix = f"{flag} {said.metavar}: {said.help}" if said.metavar else said.help
+                raise WrongUsage(what, fix=fix) from error
 
     def texts(self) -> dict[str, str]:
         """Return the options as text, for the inputs of results: name and value, without what nobody gave."""
@@ -140,7 +143,7 @@ def _read(declared: Field[Any], value: Any) -> Any:  # noqa: ANN401
     if isinstance(value, bytes):  # a sequence of whole numbers, which nobody means
         raise TypeError("bytes are no value")
     if said.read is not None:
-        value = said.read(value, flag_of(declared))
+        value = said.read(value)
     elif set(types) <= set(_PLAIN):
         fits = any(isinstance(value, _PLAIN[word]) for word in types)
         if not fits or (isinstance(value, bool) and "bool" not in types):
@@ -167,64 +170,10 @@ def _text(value: Any) -> str:  # noqa: ANN401
     return str(value)
 
 
-# ---------------------------------------------------------------- readers of single values
-def frequency_or_auto(value: Any, name: str) -> float | None:  # noqa: ANN401
-    """Return a frequency [Hz]; None for ``auto``."""
-    if value is None or value == "auto":
-        return None
-    frequency = number_or_nan(value)
-    if not 0 < frequency < float("inf"):
-        raise WrongUsage(
-            f"{name} '{value}' is neither auto nor a frequency in Hz", fix=f"such as {name} 8"
-        )
-    return frequency
-
-
-def delay_or_auto(value: Any, name: str) -> float | None:  # noqa: ANN401
-    """Return a delay [s]; None for ``auto``, 0 for ``off``."""
-    if value is None or value == "auto":
-        return None
-    delay = 0.0 if value == "off" else number_or_nan(value)
-    if not abs(delay) <= LONGEST_DELAY:
-        raise WrongUsage(
-            f"{name} '{value}' is neither auto, off nor a time up to {LONGEST_DELAY:g} s",
-            fix=f"such as {name} 0.008",
-        )
-    return delay
-
-
-def share(value: Any, name: str) -> float:  # noqa: ANN401
-    """Return a share between 0 and 1, written as ``20%`` or ``0.2``."""
-    text = str(value).strip()
-    number = number_or_nan(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
-    if not 0 < number < 1:
-        raise WrongUsage(
-            f"{name} '{value}' is not a share between 0 and 100 %", fix=f"such as {name} 20%"
-        )
-    return number
-
-
-def share_or_none(value: Any, name: str) -> float | None:  # noqa: ANN401
-    """Return a share, None where none is given."""
-    return None if value is None else share(value, name)
-
-
-def intervals(value: Any, name: str) -> tuple[tuple[float, float], ...]:  # noqa: ANN401
-    """Return first and last time of each interval [s]: pairs of numbers, or words such as ``3.2-3.4,5-6``."""
-    number = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
-    ends = []
-    for item in (value,) if isinstance(value, str) else value:
-        for word in item.split(",") if isinstance(item, str) else (item,):
-            if isinstance(word, str):
-                match = re.fullmatch(f"{number}-{number}", word)
-                if match is None or float(match[1]) >= float(match[2]):
-                    raise WrongUsage(
-                        f"{name} {word} is not an interval of time",
-                        fix=f"write first and last second: {name} 3.2-3.4",
-                    )
-                word = match.groups()
-            ends.append((float(word[0]), float(word[1])))
-    return tuple(ends)
+# ---------------------------------------------------------------- readers; a ValueError says what is wrong
+def unless(words: Sequence[str], read: Reader) -> Reader:
+    """Return a reader that gives None for None and for some words."""
+    return lambda value: None if value is None or value in words else read(value)
 
 
 def number_or_nan(value: Any) -> float:  # noqa: ANN401
@@ -233,6 +182,53 @@ def number_or_nan(value: Any) -> float:  # noqa: ANN401
         return float(value)
     except (TypeError, ValueError):
         return float("nan")
+
+
+def numbers(value: Any, count: int = 0) -> tuple[float, ...]:  # noqa: ANN401
+    """Return numbers given as text with commas between, as a sequence, or as the only one; so many if a count is given."""
+    parts = value.split(",") if isinstance(value, str) else value
+    items = tuple(map(number_or_nan, (parts,) if isinstance(parts, Real) else parts))
+    if len(items) != (count or len(items)) or not all(abs(each) <= MOST for each in items):
+        raise ValueError(f"it is not {count or 'a list of'} number{'s' * (count != 1)}")
+    return items
+
+
+def share(value: Any) -> float:  # noqa: ANN401
+    """Return a share between 0 and 1, written as ``20%`` or ``0.2``."""
+    text = str(value).strip()
+    number = number_or_nan(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
+    if not 0 < number < 1:
+        raise ValueError("it is not a share between 0 and 100 %")
+    return number
+
+
+def _frequency(value: Any) -> float:  # noqa: ANN401
+    frequency = number_or_nan(value)
+    if not 0 < frequency < float("inf"):
+        raise ValueError("it is neither auto nor a frequency in Hz")
+    return frequency
+
+
+def _delay(value: Any) -> float:  # noqa: ANN401
+    delay = 0.0 if value == "off" else number_or_nan(value)
+    if not abs(delay) <= LONGEST_DELAY:
+        raise ValueError(f"it is neither auto, off nor a time up to {LONGEST_DELAY:g} s")
+    return delay
+
+
+def _intervals(value: Any) -> tuple[tuple[float, float], ...]:  # noqa: ANN401
+    """Return first and last time of each interval [s]: pairs of numbers, or words such as ``3.2-3.4,5-6``."""
+    number = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
+    ends = []
+    for item in (value,) if isinstance(value, str) else value:
+        for word in item.split(",") if isinstance(item, str) else (item,):
+            if isinstance(word, str):
+                match = re.fullmatch(f"{number}-{number}", word)
+                if match is None or float(match[1]) >= float(match[2]):
+                    raise ValueError(f"{word} is not an interval of time, first and last second")
+                word = match.groups()
+            ends.append((float(word[0]), float(word[1])))
+    return tuple(ends)
 
 
 @dataclass(frozen=True)
@@ -245,7 +241,7 @@ class LogOptions(Options):
         "auto takes it from the band of the motion.",
         metavar="auto|HZ",
         shown="auto",
-        read=frequency_or_auto,
+        read=unless(("auto",), _frequency),
     )
     velocity: str | None = option(
         None,
@@ -258,7 +254,7 @@ class LogOptions(Options):
         "Leave out an interval of the log [s], such as 3.2-3.4; may be repeated.",
         metavar="T0-T1",
         repeatable=True,
-        read=intervals,
+        read=_intervals,
     )
     delay: float | None = option(
         None,
@@ -266,7 +262,7 @@ class LogOptions(Options):
         "corrects it when it is clear.",
         metavar="auto|off|SECONDS",
         shown="auto",
-        read=delay_or_auto,
+        read=unless(("auto",), _delay),
     )
     topic: str | None = option(
         None, "ROS topic of the joint states (default: the driver's).", metavar="TOPIC"

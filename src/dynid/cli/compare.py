@@ -8,9 +8,10 @@ import click
 
 import dynid
 from dynid import workflows
-from dynid.cli.options import FILE, PATH, Answered, dynid_command
+from dynid.cli.options import FILE, PATH, Answered, dynid_command, options_from
 from dynid.cli.session import Session
 from dynid.disk import write_text
+from dynid.workflows.options import CompareOptions
 
 #: Rows of changed numbers that are shown without -v.
 SHOWN = 12
@@ -28,11 +29,7 @@ SHOWN = 12
 @click.option(
     "--baseline", type=PATH, metavar="RUN", help="Result that the runs are compared with."
 )
-@click.option(
-    "--tolerance",
-    metavar="SHARE",
-    help="Largest change of any number against the baseline; without it the noise is the measure.",
-)
+@options_from(CompareOptions)
 @click.option("--csv", type=FILE, metavar="FILE", help="Write one row per run as CSV.")
 @click.option("--latex", type=FILE, metavar="FILE", help="Write a LaTeX table.")
 @click.option("--junit", type=FILE, metavar="FILE", help="Write a JUnit XML report.")
@@ -40,7 +37,7 @@ def command(
     session: Session,
     runs: tuple[Path, ...],
     baseline: Path | None,
-    tolerance: str | None,
+    options: CompareOptions,
     **files: Path | None,
 ) -> Answered:
     """Compare identification results: one table, drift of an arm, regression against a baseline."""
@@ -48,7 +45,7 @@ def command(
     comparison = workflows.compare.compare(
         paths,
         baseline=baseline,
-        tolerance=tolerance,
+        tolerance=options.tolerance,
         names=workflows.compare.short_names(paths, runs),
         baseline_name=str(baseline or ""),
     )

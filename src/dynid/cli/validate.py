@@ -13,7 +13,7 @@ from dynid.cli.options import FILE, PATH, Answered, dynid_command, options_from
 from dynid.cli.prompt import may_write
 from dynid.cli.report import renewed
 from dynid.cli.session import Session
-from dynid.options import Options, option, share_or_none
+from dynid.options import Options, option, share, unless
 from dynid.runs import RunFolder
 from dynid.workflows.options import ValidateOptions
 
@@ -32,7 +32,7 @@ class Limits(Options):
         None,
         "Exit 1 if the total relative torque error is larger.",
         metavar="SHARE",
-        read=share_or_none,
+        read=unless((), share),
     )
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from dynid.errors import WrongUsage
-from dynid.options import LEAST, MOST, Options, option, share
+from dynid.options import LEAST, Options, numbers, option, share, unless
 
 if TYPE_CHECKING:
     from dynid.trajectory.scene import Box, Scene
@@ -17,67 +16,33 @@ COSTS = ("i", "d", "condition", "paper")
 PAPER_WEIGHTS = (1.0, 100.0)
 
 
-def _floats(value: Any) -> tuple[float, ...]:  # noqa: ANN401
-    """Return numbers, written with commas or given as a sequence; () for anything else."""
-    try:
-        parts = str(value).split(",") if isinstance(value, (str, float, int)) else value
-        return tuple(float(part) for part in parts)
-    except (TypeError, ValueError):
-        return ()
+def _weights(value: Any) -> tuple[float, ...]:  # noqa: ANN401
+    weights = numbers(value, 2)
+    if min(weights) < 0 or sum(weights) < LEAST:
+        raise ValueError("they are not weights: none is below 0, not both are 0")
+    return weights
 
 
-def numbers(value: Any, count: int, name: str) -> tuple[float, ...]:  # noqa: ANN401
-    """Return ``count`` numbers, written with commas or given as a sequence."""
-    values = _floats(value)
-    if len(values) != count or not all(abs(x) <= MOST for x in values):
-        what = f"{name} '{value}' is not {count} number{'s' * (count > 1)}"
-        raise WrongUsage(what, fix=f"such as {name} {','.join(['0'] * count)}")
-    return values
+def _margin(value: Any) -> float:  # noqa: ANN401
+    return 0.0 if str(value) in ("0", "0%", "0.0") else share(value)
 
 
-def _weights(value: Any, name: str) -> tuple[float, float] | None:  # noqa: ANN401
-    if value is None:
-        return None
-    first, second = numbers(value, 2, name)
-    if first < 0 or second < 0 or first + second < LEAST:
-        raise WrongUsage(
-            f"{name} '{value}' are not weights",
-            fix=f"such as {name} 1,100: none below 0, not both 0",
-        )
-    return first, second
-
-
-def _margin(value: Any, name: str) -> float:  # noqa: ANN401
-    return 0.0 if str(value) in ("0", "0%", "0.0") else share(value, name)
-
-
-def _floor(value: Any, name: str) -> float | None:  # noqa: ANN401
-    return None if value is None or value == "none" else numbers(value, 1, name)[0]
-
-
-def _box(value: Any, name: str) -> Box | None:  # noqa: ANN401
+def _box(value: Any) -> Box:  # noqa: ANN401
     from dynid.trajectory.scene import Box  # here: it needs numpy, and help must be fast
 
-    if value is None or isinstance(value, Box):
+    if isinstance(value, Box):
         return value
     text = value.removeprefix("box").strip(":, ") if isinstance(value, str) else value
-    corners = numbers(text, 6, name)
+    corners = numbers(text, 6)
     x, y, z = zip(corners[:3], corners[3:], strict=True)
     return Box((min(x), min(y), min(z)), (max(x), max(y), max(z)))
 
 
-def _boxes(value: Any, name: str) -> tuple[Box, ...]:  # noqa: ANN401
-    return tuple(box for item in value if (box := _box(item, name)) is not None)
-
-
-def _noise(value: Any, name: str) -> tuple[float, ...] | None:  # noqa: ANN401
-    if value is None:
-        return None
-    sigmas = _floats(value)
-    if not sigmas or not all(LEAST <= sigma <= MOST for sigma in sigmas):
-        what = f"{name} '{value}' must be one positive number, or one per joint"
-        raise WrongUsage(what, fix=f"such as {name} 0.1")
-    return sigmas
+def _noise(value: Any) -> tuple[float, ...]:  # noqa: ANN401
+    noise = numbers(value)
+    if not noise or min(noise) < LEAST:
+        raise ValueError("it must be one positive number, or one per joint")
+    return noise
 
 
 @dataclass(frozen=True)
@@ -112,7 +77,7 @@ class PlanOptions(Options):
         None,
         "Weights of the paper's Eq. 14; they choose --cost paper.",
         metavar="L1,L2",
-        read=_weights,
+        read=unless((), _weights),
     )
     restarts: int = option(
         5,
@@ -128,7 +93,11 @@ class PlanOptions(Options):
     )
     tool_speed: float | None = option(None, "Largest speed of the tool [m/s].", kind="positive")
     floor: float | None = option(
-        "0", "Height of the floor in the world [m].", metavar="Z|none", shown="", read=_floor
+        "0",
+        "Height of the floor in the world [m].",
+        metavar="Z|none",
+        shown="",
+        read=unless(("none",), lambda value: numbers(value, 1)[0]),
     )
     obstacles: tuple[Box, ...] = option(
         (),
@@ -136,20 +105,20 @@ class PlanOptions(Options):
         metavar="BOX",
         repeatable=True,
         flag="--obstacle",
-        read=_boxes,
+        read=lambda value: tuple(map(_box, value)),
     )
     workspace: Box | None = option(
         None,
         "Box x0,y0,z0,x1,y1,z1 in the world [m] that the tool stays in.",
         metavar="BOX",
-        read=_box,
+        read=unless((), _box),
     )
     noise: tuple[float, ...] | None = option(
         None,
         "Standard deviation of the torques [N m], one number or one per joint (default: the robot file's, or "
         "0.3 % of the rating).",
         metavar="NM[,NM...]",
-        read=_noise,
+        read=unless((), _noise),
     )
     rate: float = option(100.0, "Rate of the samples and of the coming log [Hz].", bounds=(1, 2000))
     seed: int = option(0, "Seed of every random choice.")

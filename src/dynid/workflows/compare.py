@@ -19,9 +19,9 @@ from dynid.judgement.evidence import Change as ChangedNumber
 from dynid.judgement.evidence import Evidence
 from dynid.judgement.judge import Judgement
 from dynid.loading import ResultLike, as_result, as_results
-from dynid.options import share_or_none
 from dynid.reports.tables import JunitCase, junit, run_rows, runs_csv, runs_latex
 from dynid.table import Table
+from dynid.workflows.options import CompareOptions
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -269,7 +269,7 @@ def compare(
     baseline_name = arguments.instance(baseline_name, str, "baseline_name", "a word")
     if baseline is None and tolerance is not None:
         raise WrongUsage("--tolerance needs a --baseline", fix="--baseline RUN")
-    share = share_or_none(tolerance, "--tolerance")
+    share = CompareOptions(tolerance).tolerance  # type: ignore[arg-type]  # it reads text
     shown = list(arguments.words(names, "names")) or short_names([result.path for result in given])
     if len(shown) != len(given):
         raise arguments.refused("names", f"one name for each of {len(given)} results", names)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from numbers import Integral, Real
+from numbers import Integral
 from pathlib import Path
 from typing import Any, Literal
 
 from dynid.errors import WrongUsage
 from dynid.log import Log
-from dynid.options import MOST, LogOptions, Options, Reader, number_or_nan, option, share
+from dynid.options import MOST, LogOptions, Options, number_or_nan, numbers, option, share, unless
 from dynid.robot import EffectSpec, Prior
 from dynid.text import whole_number
 
@@ -36,32 +36,18 @@ Corner = tuple[float, float, float]
 
 
 # ---------------------------------------------------------------- readers; a ValueError says what is wrong
-def _unless(words: Sequence[str], read: Reader) -> Reader:
-    """Return a reader that gives None for None and for some words."""
-    return lambda value, name: None if value is None or value in words else read(value, name)
-
-
-def _numbers(value: Any, name: str, count: int) -> tuple[float, ...]:  # noqa: ANN401
-    """Return so many numbers: text with commas between, a sequence, or the only one."""
-    parts = value.split(",") if isinstance(value, str) else value
-    numbers = tuple(float(part) for part in ((parts,) if isinstance(parts, Real) else parts))
-    if len(numbers) != count:
-        raise ValueError(f"'{value}' must be {count} number{'s' * (count > 1)}")
-    return numbers
-
-
-def _bounds(value: Any, name: str, count: int = 1) -> tuple[Any, Any]:  # noqa: ANN401
+def _bounds(value: Any, count: int = 1) -> tuple[Any, Any]:  # noqa: ANN401
     """Return the lower and upper bound of LOW:HIGH, or of a pair: numbers, or corners of so many."""
     parts = value.split(":") if isinstance(value, str) else value
     if len(parts) != 2:
         raise ValueError(f"'{value}' is not LOW:HIGH")
-    low, high = (_numbers(part, name, count) for part in parts)
+    low, high = (numbers(part, count) for part in parts)
     if not all(a < b for a, b in zip(low, high, strict=True)):
         raise ValueError(f"'{value}': the first must be the lower one")
     return (low, high) if count > 1 else (low[0], high[0])
 
 
-def _of_links(value: Any, name: str, count: int = 1) -> tuple[tuple[int, Any], ...]:  # noqa: ANN401
+def _of_links(value: Any, count: int = 1) -> tuple[tuple[int, Any], ...]:  # noqa: ANN401
     """Return the bounds of links: words LINK=LOW:HIGH, or pairs of a link and its bounds."""
     bounds_by_link = []
     for item in value:
@@ -69,11 +55,11 @@ def _of_links(value: Any, name: str, count: int = 1) -> tuple[tuple[int, Any], .
         number = whole_number(str(link).strip())
         if number < 1:
             raise ValueError(f"'{item}' does not begin with LINK=, the number of a link")
-        bounds_by_link.append((number, _bounds(bounds, name, count)))
+        bounds_by_link.append((number, _bounds(bounds, count)))
     return tuple(bounds_by_link)
 
 
-def _words(value: Any, name: str) -> tuple[str, ...]:  # noqa: ANN401
+def _words(value: Any) -> tuple[str, ...]:  # noqa: ANN401
     """Return words given as text with commas or one by one; () for ``all`` and for nothing."""
     items = [value] if isinstance(value, (str, int)) else list(value or ())
     if not all(isinstance(item, (str, int)) for item in items):
@@ -82,15 +68,15 @@ def _words(value: Any, name: str) -> tuple[str, ...]:  # noqa: ANN401
     return () if words == ["all"] else tuple(word for word in words if word)
 
 
-def _effects(value: Any, name: str) -> tuple[str, ...]:  # noqa: ANN401
-    words = () if value == "none" else _words(value, name)
+def _effects(value: Any) -> tuple[str, ...]:  # noqa: ANN401
+    words = () if value == "none" else _words(value)
     for word in words:
         if word not in EFFECTS:
             raise ValueError(f"no effect '{word}'; choose from {', '.join(EFFECTS)}, or none")
     return words
 
 
-def _links(value: Any, name: str) -> str:  # noqa: ANN401
+def _links(value: Any) -> str:  # noqa: ANN401
     if isinstance(value, str):
         return value
     if not all(isinstance(link, Integral) for link in value):
@@ -98,7 +84,7 @@ def _links(value: Any, name: str) -> str:  # noqa: ANN401
     return ",".join(str(link) for link in value)
 
 
-def _holdout(value: Any, name: str) -> Any:  # noqa: ANN401
+def _holdout(value: Any) -> Any:  # noqa: ANN401
     """Return a share, ``auto``, or a log (its path until it is read)."""
     if value == "auto" or isinstance(value, (Log, Path)):
         return value
@@ -106,10 +92,10 @@ def _holdout(value: Any, name: str) -> Any:  # noqa: ANN401
         raise TypeError("it is neither a share nor a log")
     text = str(value)
     digits = text.removesuffix("%").replace(".", "", 1)
-    return share(value, name) if digits.isdigit() else Path(text)
+    return share(value) if digits.isdigit() else Path(text)
 
 
-def _effect_specs(value: Any, name: str) -> tuple[EffectSpec, ...]:  # noqa: ANN401
+def _effect_specs(value: Any) -> tuple[EffectSpec, ...]:  # noqa: ANN401
     """Return effects from NAME@JOINT,...:PARAMETER=NUMBER,... or from entries of a robot file."""
     specs = []
     for item in (value,) if isinstance(value, (str, EffectSpec)) else value:
@@ -131,7 +117,7 @@ def _effect_specs(value: Any, name: str) -> tuple[EffectSpec, ...]:  # noqa: ANN
     return tuple(specs)
 
 
-def _quantity(value: Any, name: str, unit: str, most: float) -> float:  # noqa: ANN401
+def _quantity(value: Any, unit: str, most: float) -> float:  # noqa: ANN401
     """Return a positive number with a unit, up to the largest one; percent become a share."""
     text = str(value).strip()
     number = number_or_nan(text.removesuffix(unit)) * (0.01 if text.endswith("%") else 1.0)
@@ -150,19 +136,19 @@ class ModelOptions(Options):
         None,
         "Gravity in frame 0 [m/s^2], instead of the robot file's.",
         metavar="X,Y,Z",
-        read=_unless((), partial(_numbers, count=3)),
+        read=unless((), partial(numbers, count=3)),
     )
     effects: tuple[str, ...] | None = option(
         None,
         f"Columns of every joint: some of {','.join(EFFECTS)}; or none.",
         metavar="LIST",
-        read=_unless((), _effects),
+        read=unless((), _effects),
     )
     links: str | Sequence[int] | None = option(
         None,
         "Links to identify, such as 1-7 or 4,5,6; the others keep the prior.",
         metavar="LIST",
-        read=_unless((), _links),
+        read=unless((), _links),
     )
     samples: int = option(
         200,
@@ -174,7 +160,7 @@ class ModelOptions(Options):
         None,
         "Relative singular value below which columns count as dependent.",
         metavar="auto|X",
-        read=_unless(("auto",), lambda value, name: float(value)),
+        read=unless(("auto",), lambda value: float(value)),
         shown="auto",
     )
 
@@ -189,13 +175,13 @@ class PriorOptions(Options):
         "arm (default: those of the robot file).",
         metavar="FILE",
         kind="file",
-        read=_unless((), lambda value, name: value if isinstance(value, Prior) else Path(value)),
+        read=unless((), lambda value: value if isinstance(value, Prior) else Path(value)),
     )
     total_mass: Range | None = option(
         None,
         "Smallest and largest mass of all identified links together [kg].",
         metavar="LOW:HIGH",
-        read=_unless((), _bounds),
+        read=unless((), _bounds),
     )
     link_mass: tuple[tuple[int, Range], ...] = option(
         (),
@@ -250,7 +236,7 @@ class IdentifyOptions(PriorOptions, LogOptions):
         "last motion if the logs hold several, else the last 20 % of each log.",
         metavar="auto|SHARE|LOG|none",
         shown="auto",
-        read=_unless(("none",), _holdout),
+        read=unless(("none",), _holdout),
     )
     drop_weak: bool = option(
         False, "Continue when the log does not determine all parameters, or only badly."
@@ -377,6 +363,18 @@ class SimulateOptions(Options):
         read=_effect_specs,
     )
     seed: int = option(0, "Seed of the noise.")
+
+
+@dataclass(frozen=True)
+class CompareOptions(Options):
+    """Which changes count."""
+
+    tolerance: float | None = option(
+        None,
+        "Largest change of any number against the baseline; without it the noise is the measure.",
+        metavar="SHARE",
+        read=unless((), share),
+    )
 
 
 @dataclass(frozen=True)
