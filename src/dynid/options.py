@@ -185,7 +185,7 @@ def number_or_nan(value: Any) -> float:  # noqa: ANN401
 
 
 def numbers(value: Any, count: int = 0) -> tuple[float, ...]:  # noqa: ANN401
-    """Return numbers given as text with commas between, as a sequence, or as the only one; so many if a count is given."""
+    """Return numbers given as text with commas, as a sequence, or as the only one; so many if a count is given."""
     parts = value.split(",") if isinstance(value, str) else value
     items = tuple(map(number_or_nan, (parts,) if isinstance(parts, Real) else parts))
     if len(items) != (count or len(items)) or not all(abs(each) <= MOST for each in items):

@@ -215,7 +215,7 @@ def test_noise_of_the_robot_file_scales_the_predicted_errors_and_the_option_wins
     ("words", "says"),
     [
         ("--floor low", "--floor 'low'"),
-        ("--obstacle 1,2,3", "--obstacle '1,2,3' is not 6 numbers"),
+        ("--obstacle 1,2,3", "--obstacle 1,2,3 is not possible: it is not 6 numbers"),
     ],
 )
 def test_wrong_options_end_with_status_2_and_an_example(dynid, words, says):
