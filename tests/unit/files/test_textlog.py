@@ -35,28 +35,18 @@ def test_the_papers_folder_is_read_with_blanks_tabs_or_commas(tmp_path, separato
     assert log.names == ()
 
 
-def test_a_header_line_names_the_joints(tmp_path):
-    assert read_folder(folder(tmp_path, names=("a", "b", "c")), rate=100).names == ("a", "b", "c")
-
-
-def test_torque_columns_follow_the_names_of_the_position_file(tmp_path):
+def test_columns_follow_their_names_and_the_first_is_time_only_when_its_name_says_so(tmp_path):
     folder(tmp_path, names=("a", "b", "c"))
-    (tmp_path / "torque.txt").write_text(
-        "c a b\n" + "\n".join(f"{30 * i + 2} {30 * i} {30 * i + 1}" for i in range(4))
-    )
+    rows = "\n".join(f"{30 * i + 2} {30 * i} {30 * i + 1}" for i in range(4))
+    (tmp_path / "torque.txt").write_text(f"c a b\n{rows}")
     log = read_folder(tmp_path, rate=100)
-    np.testing.assert_array_equal(log.tau[:, 0], 30 * np.arange(4))
-    np.testing.assert_array_equal(log.tau[:, 2], 30 * np.arange(4) + 2)
-
-
-def test_the_first_column_is_time_only_when_its_name_says_so(tmp_path):
-    folder(tmp_path)
-    (tmp_path / "position.txt").write_text(
-        "time a b c\n" + "\n".join(f"{0.5 * i} 1 2 3" for i in range(4))
-    )
-    log = read_folder(tmp_path)
-    np.testing.assert_array_equal(log.t, 0.5 * np.arange(4))
     assert log.names == ("a", "b", "c")
+    np.testing.assert_array_equal(log.tau[:, [0, 2]].T, 30 * np.arange(4) + [[0], [2]])
+    rows = "\n".join(f"{0.5 * i} 1 2 3" for i in range(4))
+    (tmp_path / "position.txt").write_text(f"time a b c\n{rows}")
+    log = read_folder(tmp_path)
+    assert log.names == ("a", "b", "c")
+    np.testing.assert_array_equal(log.t, 0.5 * np.arange(4))
 
 
 def test_without_time_the_rate_is_asked_for(tmp_path):

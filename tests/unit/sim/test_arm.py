@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from dynid.files.robotfile import load_robot
-from dynid.motion import Motion
 from dynid.robot import Body, Joint, Limits, Robot
 from dynid.sim.arm import Friction, SimulatedArm, SimulatedRun, track
 from dynid.sim.plant import Sensors
@@ -114,15 +113,6 @@ def test_a_tracked_motion_needs_the_torques_of_inverse_dynamics():
         needed = rigid + friction.torque(qd[rows]) + 0.1 * qdd[rows]
     assert np.abs(made.q - made.q_ref).max() < np.radians(2.0)
     assert np.abs(needed - made.tau[rows]).max() < 0.01
-
-
-def test_only_every_so_many_steps_are_kept():
-    """The first is the motion's first state."""
-    motion = Motion(np.arange(11) * 5e-4, *(np.zeros((11, 1)) for _ in range(3)))
-    with SimulatedArm(slider(), [Body(1.0, inertia_com=SPHERE)]) as arm:
-        made = track(arm, motion, every=5)
-    np.testing.assert_allclose(made.t, [0.0, 0.0025, 0.005])
-    assert made.q.shape == made.qd.shape == made.tau.shape == (3, 1)
 
 
 def test_sines_rest_at_both_ends_and_keep_the_limits():
