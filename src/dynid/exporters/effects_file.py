@@ -9,7 +9,7 @@ import numpy as np
 from dynid.exporters import mjcf, urdf
 from dynid.exporters.code import imported, rendered
 from dynid.exporters.engines import module, own_torques, quiet
-from dynid.exporters.formulas import written
+from dynid.exporters.formulas import without_torque, written
 from dynid.exporters.interface import STEP_S, Floats, Format, IdentifiedArm, Loaded
 from dynid.exporters.simulated import numbers_of, simulated
 from dynid.model.effects.laws import ANGLE_STEP
@@ -54,7 +54,7 @@ def _carried(arm: IdentifiedArm) -> Floats:
 
 def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     """Return what not even this file holds."""
-    return (*simulated(arm).left, *urdf.coupled_left_out(arm), *urdf.residual_left_out(arm))
+    return simulated(arm).left
 
 
 def wanted(arm: IdentifiedArm, formats: tuple[str, ...]) -> bool:
@@ -65,12 +65,12 @@ def wanted(arm: IdentifiedArm, formats: tuple[str, ...]) -> bool:
 
 def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
     """Load it with an MJCF in MuJoCo; what remembers is compared along the states."""
-    simulation, engine = simulated(arm), module("mujoco")
+    engine = module("mujoco")
     if engine is None or mjcf.negative_numbers(arm):
         return None
     with quiet():
         model = engine.MjModel.from_xml_string(mjcf.text(arm))
-    what = "all that is not left out" if simulation.left else "all"
+    what = "all that is not left out" if without_torque(arm.robot) else "all"
     theirs = stepped(imported(text).Mujoco(model))
     return Loaded(f"MuJoCo {engine.__version__}", what, theirs, own_torques(arm, own_values(arm)))
 

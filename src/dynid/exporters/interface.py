@@ -24,6 +24,8 @@ Floats = NDArray[np.float64]
 #: Torques (N, n) [N m or N] of positions, velocities and accelerations, each (N, n) [rad or m, and per s and s^2].
 Torques = Callable[[Floats, Floats, Floats], Floats]
 
+#: What is said of the residual model where a format has no place for it.
+RESIDUAL = "the residual model: the file predicts by the parameters alone"
 #: Number of random states that a written file is compared on.
 STATES = 1000
 #: Time between two of them [s]; effects of the time and of bristles are compared along them.

@@ -9,7 +9,6 @@ from dynid.exporters.engines import mujoco, own_torques
 from dynid.exporters.full_model import world_gravity
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
 from dynid.exporters.simulated import numbers_of, simulated
-from dynid.exporters.urdf import beyond_joints
 from dynid.model.kinematics import base_pose, fixed_poses
 from dynid.model.parameters import cylinders_of, link_cylinders, moved
 from dynid.text import xml
@@ -58,7 +57,7 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
         f"the smooth start of Coulomb friction: {soft}": any(full.of_joints("fc")),
         f"{', '.join(negative)}: negative, which MuJoCo refuses; written as zero": negative,
     }
-    return (*filter(gone.get, gone), *beyond_joints(arm, mjcf=True))
+    return (*filter(gone.get, gone), *simulated(arm).left_out(mjcf=True))
 
 
 def negative_numbers(arm: IdentifiedArm) -> list[str]:

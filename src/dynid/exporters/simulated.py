@@ -10,7 +10,7 @@ import numpy as np
 from dynid.exporters.engines import module
 from dynid.exporters.formulas import Column, columns_of, phrase, without_torque
 from dynid.exporters.full_model import FullModel, lifted, numbers
-from dynid.exporters.interface import IdentifiedArm
+from dynid.exporters.interface import RESIDUAL, IdentifiedArm
 from dynid.model.effects.catalogue import Added
 from dynid.model.parameters import BODY_PARAMETERS, body_of
 
@@ -30,7 +30,7 @@ class Simulated:
 
     Attributes:
         full: bodies, rotors and friction, with the effects that are more of such a number.
-        left: effects that nothing holds, in words with the reason.
+        left: what no file holds: coupled motors, effects with the reason, the residual model.
         numbers: effects that are in the numbers of every file, in words.
         springs: attributes that an MJCF has for the spring of a joint, by its number, 0-based.
         elements: these effects in words.
@@ -56,6 +56,10 @@ class Simulated:
             if not (mjcf and native)
         ]
         return list(dict.fromkeys(phrases))
+
+    def left_out(self, *, mjcf: bool) -> tuple[str, ...]:
+        """Return what an MJCF, or a URDF, has no place for beyond the numbers of joints, one phrase each."""
+        return (*(f"effect {phrase}" for phrase in self.effects_in_file(mjcf=mjcf)), *self.left)
 
     def in_effects_file(self, *, mjcf: bool) -> list[str]:
         """Return all that effects.py adds to an MJCF, or to a URDF, one phrase each."""
@@ -90,7 +94,11 @@ def simulated(arm: IdentifiedArm) -> Simulated:
             arm_effects += [added] * (not forms)
     return Simulated(
         full=replace(arm.full, bodies=tuple(bodies), drives=drives),
-        left=without_torque(arm.robot),
+        left=(
+            *(f"coupled motors' {name}" for name in drives if name[:3] in ("Imc", "fvc", "fcc")),
+            *without_torque(arm.robot),
+            *[RESIDUAL] * (arm.model_error is not None),
+        ),
         numbers=tuple(in_numbers),
         springs=springs,
         elements=tuple(elements),

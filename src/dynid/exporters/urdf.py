@@ -44,7 +44,7 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
         "the smooth start of Coulomb friction: <dynamics friction> has only its size": fc
         and not own,
     }
-    return (*filter(gone.get, gone), *beyond_joints(arm, mjcf=False))
+    return (*filter(gone.get, gone), *simulated(arm).left_out(mjcf=False))
 
 
 def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
@@ -78,25 +78,6 @@ def joints_of(arm: IdentifiedArm) -> tuple[tuple[str, ...], JointMap]:
         place = attached(arm.urdf, robot)
         return tuple(map(xml, place.names)), place.mapping
     return tuple(map(xml, robot.joint_names)), JointMap((1.0,) * robot.n, (0.0,) * robot.n)
-
-
-def beyond_joints(arm: IdentifiedArm, *, mjcf: bool) -> tuple[str, ...]:
-    """Return what a simulator's format does not hold: coupled motors and effects of the catalogue."""
-    simulation = simulated(arm)
-    further = [f"effect {phrase}" for phrase in simulation.effects_in_file(mjcf=mjcf)]
-    return (*coupled_left_out(arm), *further, *simulation.left, *residual_left_out(arm))
-
-
-def coupled_left_out(arm: IdentifiedArm) -> tuple[str, ...]:
-    """Return the parameters of motors that drive several joints, for which no simulator has a place."""
-    names = (name for name in arm.full.drives if name[:3] in ("Imc", "fvc", "fcc"))
-    return tuple(f"coupled motors' {name}" for name in names)
-
-
-def residual_left_out(arm: IdentifiedArm) -> tuple[str, ...]:
-    """Return the residual model where the result has one."""
-    said = "the residual model: the file predicts by the parameters alone"
-    return () if arm.model_error is None else (said,)
 
 
 URDF = Format("urdf", ".urdf", text, leaves_out, loaded)

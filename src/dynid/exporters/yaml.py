@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid.exporters.interface import Format, IdentifiedArm, Loaded
-from dynid.exporters.urdf import residual_left_out
+from dynid.exporters.interface import RESIDUAL, Format, IdentifiedArm, Loaded
 from dynid.robot import LINK_PARAMETERS
 from dynid.text import yaml_text
 
@@ -61,7 +60,7 @@ def leaves_out(arm: IdentifiedArm) -> tuple[str, ...]:
     effects = (
         f"effect {effect.effect} on {', '.join(effect.joints)}" for effect in arm.robot.effects
     )
-    return (*effects, *residual_left_out(arm))
+    return (*effects, *[RESIDUAL] * (arm.model_error is not None))
 
 
 def loaded(text: str, arm: IdentifiedArm) -> Loaded:
