@@ -76,7 +76,7 @@ def _replaced(path: Path, new: dict[str, tuple[Body, str]], head: str) -> str:
     """Splice new inertial blocks into the text, so that nothing else is touched."""
     text = path.read_bytes().decode("utf-8")
     # What is commented out is no element.
-    seen = re.sub("<!--.*?-->", lambda found: " " * len(found[0]), text, flags=re.DOTALL)
+    seen = re.sub("<!--.*?-->", lambda match: " " * len(match[0]), text, flags=re.DOTALL)
     comment = xml_comment(f"inertial blocks of {', '.join(new)} by dynid: {head}")
     pieces = [(seen.index("<robot"), seen.index("<robot"), f"<!--{comment}-->\n")]
     for link, (body, note) in new.items():

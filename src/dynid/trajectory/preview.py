@@ -95,8 +95,8 @@ def photographs(
         PackageMissing: PyBullet is not there.
         WrongUrdf: the URDF cannot be read, lacks a joint, or describes another arm.
     """
-    with _answered(*_poses(trajectory), robot, urdf, scene, pictures=count) as found:
-        pictures: list[Picture] = found
+    with _answered(*_poses(trajectory), robot, urdf, scene, pictures=count) as answer:
+        pictures: list[Picture] = answer
         return pictures
 
 
