@@ -76,7 +76,8 @@ def of_result(c: Case) -> str:
         return of_gap(c, nothing=False)
     if unseen == "open":
         error = f"Relative torque error {percent} % on {trained}. " if percent else ""
-        left = f"; {c.evidence.open} parameters are not determined" if c.evidence.open else ""
+        poor = states["knowledge"] == "fair" and c.evidence.open
+        left = f"; {poor} parameters are not determined" if poor else ""
         return f"{error}Not yet validated on another motion{left}."
     if unseen == "good" or not worst:
         weak = " and ".join(text for name, text in FAIR.items() if states[name] == "fair")
