@@ -12,7 +12,7 @@ from dynid import workflows
 from dynid.cli.options import PATH, Answered, dynid_command, options_from
 from dynid.cli.prompt import write_once
 from dynid.cli.session import Session
-from dynid.workflows.options import SUFFIXES, ExportOptions
+from dynid.workflows.options import FORMATS, ExportOptions
 
 
 @dynid_command(
@@ -27,7 +27,7 @@ from dynid.workflows.options import SUFFIXES, ExportOptions
 @click.argument("run", type=PATH)
 @click.option(
     "--format",
-    type=click.Choice([*SUFFIXES, "all"]),
+    type=click.Choice([*FORMATS, "all"]),
     multiple=True,
     required=True,
     help="Format to write; may be given several times.",
@@ -42,7 +42,7 @@ def command(
         stored,
         session.out or stored.path.parent,
         options,
-        formats=[name for name in SUFFIXES if name in format or "all" in format],
+        formats=[name for name in FORMATS if name in format or "all" in format],
         seed=session.seed,
         write=partial(write_once, session),
     )

@@ -76,12 +76,12 @@ def of_result(c: Case) -> str:
         return of_gap(c, nothing=False)
     if unseen == "open":
         error = f"Relative torque error {percent} % on {trained}. " if percent else ""
-        poor = states["knowledge"] == "fair" and c.evidence.open
-        left = f"; {poor} parameters are not determined" if poor else ""
-        return f"{error}Not yet validated on another motion{left}."
+        count = states["knowledge"] == "fair" and c.evidence.open
+        rest = f"; {count} parameters are not determined." if count else "."
+        return f"{error}Not yet validated on another motion{rest}"
     if unseen == "good" or not worst:
-        weak = " and ".join(text for name, text in FAIR.items() if states[name] == "fair")
-        but = f", but {weak}" if weak else ""
+        weak = [text for name, text in FAIR.items() if states[name] == "fair"]
+        but = ", but " * bool(weak) + " and ".join(weak)
         return f"The model predicts held-out motions to within their noise{but}."
     return _of_unseen(worst, c)
 

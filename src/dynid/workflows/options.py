@@ -21,15 +21,8 @@ METHODS = ("auto", "wls", "ols", "irls", "iv", "ridge")
 #: The questions of a gap search, and the names that two of them had before.
 QUESTIONS = ("numbers", "arm", "changed")
 MODES = {"refit": "numbers", "frozen": "changed"}
-#: The formats by name with their suffixes, repeated from ``dynid.exporters`` so that help needs no import.
-SUFFIXES = {
-    "urdf": ".urdf",
-    "mjcf": ".xml",
-    "yaml": ".yaml",
-    "c": ".c",
-    "python": ".py",
-    "matlab": ".m",
-}
+#: Names of the formats, repeated from ``dynid.exporters`` so that help needs no import.
+FORMATS = ("urdf", "mjcf", "yaml", "c", "python", "matlab")
 
 Range = tuple[float, float]
 Corner = tuple[float, float, float]
