@@ -76,7 +76,7 @@ def header_of(path: Path) -> Mapping[str, Any]:
     """Return the header of a result file, empty if there is none."""
     from dynid.files.artifact import read_header  # with NumPy, and help must be fast
 
-    return (read_header(path) if path.is_file() else None) or {}
+    return read_header(path) or {}
 
 
 def replay_folder(parent: Path, log: str, sha256: str) -> Path:
