@@ -43,7 +43,6 @@ def hac_covariance(
     *,
     robust: bool = False,
     bread: Floats | None = None,
-    basis: Floats | None = None,
 ) -> Floats:
     """Return the covariance of an estimate, allowing for coloured residuals, (p, p).
 
@@ -53,9 +52,8 @@ def hac_covariance(
         noise: standard deviation of each joint that the estimator divided by, (n,) [N m or N].
         robust: whether the estimate had Huber weights.
         bread: sensitivity of the estimate to the scores, (p, p), where it was made from more than these rows.
-        basis: what the columns of the rows are combined to before, (columns, p); None to take them as they are.
     """
-    residual = rows.residual(theta if basis is None else basis @ theta)
+    residual = rows.residual(theta)
     limit = tuning.HUBER * noise if robust else np.full(len(noise), np.inf)
     weight = (rows.use & (np.abs(residual) <= limit)) / noise**2
     bounded = np.clip(residual, -limit, limit) / noise**2
@@ -64,9 +62,7 @@ def hac_covariance(
         Z = rows.instruments(j)
         scores += Z * bounded[:, [j]]
         if bread is None:
-            sensitivity += (Z * weight[:, [j]]).T @ rows.of_joint(j)
-    if basis is not None:
-        scores, sensitivity = scores @ basis, basis.T @ sensitivity @ basis
+            sensitivity += (Z * weight[:, [j]]).T @ rows.W[:, j]
     series = [scores[run] for run in rows.runs]
     if bread is None:
         scale = 1.0 / np.sqrt(np.abs(np.diagonal(sensitivity)))

@@ -11,7 +11,6 @@ a known load); here solved by Gauss-Newton on triangular factors, friction free 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +25,7 @@ from dynid.model.base_model import BaseModel
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -63,34 +63,20 @@ class _GainProblem:
     """Unknowns x: base parameters, friction and free parameters of the loaded log, log h of unknown gains.
 
     Attributes:
-        stacks: the logs.
-        changes: what their columns are combined to, (p, q + 1) each: those of the first q unknowns, and known torque.
+        rows: of all logs; the columns are those of the first q unknowns, and known torque. Torques are currents.
         known: gains, NaN where not, (n,).
     """
 
-    stacks: tuple[Stack, ...]
-    changes: tuple[Floats, ...]
+    rows: Rows
     known: Floats
 
     @property
     def q(self) -> int:
-        return len(self.changes[0].T) - 1
+        return self.rows.size - 1
 
     @property
     def unknown(self) -> Ints:
         return np.flatnonzero(np.isnan(self.known))
-
-    @cached_property
-    def factors(self) -> list[tuple[Floats, Floats]]:
-        """Rows of all logs in the combined columns, (m, q + 1), and their currents, (m,), joint by joint."""
-        wholes = [stack.whole[0] for stack in self.stacks]
-        return [
-            (
-                np.vstack([R[j][:, :-1] @ T for R, T in zip(wholes, self.changes, strict=True)]),
-                np.concatenate([R[j][:, -1] for R in wholes]),
-            )
-            for j in range(len(self.known))
-        ]
 
     def inverse(self, x: Floats) -> Floats:
         """Return h, (n,)."""
@@ -122,15 +108,20 @@ def find_gains(
     relative = load is None and bool(np.isnan(known).all())
     p = len(stack.names)
     nothing = np.zeros((p, 1 if load is None else load.free.shape[1] + 1))
-    logs = [(stack, np.hstack([np.eye(p), nothing]))]
+    logs = [(stack.rows, np.hstack([np.eye(p), nothing]))]
     if load is not None:
-        logs.append((load.stack, np.column_stack([np.eye(p), load.free, load.body])))
-    stacks, changes = zip(*logs, strict=True)
-    problem = _GainProblem(stacks, changes, known)
-    x, sigma = _solve(problem, _first_guess(problem))
-    h, unknown = problem.inverse(x), problem.unknown
-    variance = _variances(problem, x, sigma, relative)
-    gain, error = 1.0 / h, np.zeros(len(h))
+        logs.append((load.stack.rows, np.column_stack([np.eye(p), load.free, load.body])))
+    rows = joined([replace(rows, W=rows.W @ change) for rows, change in logs])
+    problem = _GainProblem(rows, known)
+    x, sigma = _solve(problem)
+    unknown, gain, error = problem.unknown, 1.0 / problem.inverse(x), np.zeros(len(known))
+    variance, lost = _variances(problem, x, sigma, relative)
+    if lost.any() and not relative:
+        joints = ", ".join(stack.joints[k] for k in unknown[lost])
+        raise RankDeficient(
+            f"these logs do not determine the gain of {joints}",
+            fix="move more joints at once and faster, or use a heavier load",
+        )
     error[unknown] = gain[unknown] * np.sqrt(variance)
     if relative:
         size = float(np.exp(np.mean(np.log(gain))))
@@ -163,80 +154,49 @@ def known_load(base: BaseModel, stack: Stack, mass: float | None) -> Load:
     return Load(stack, K @ tool.parameters(), rubbing)
 
 
-def _first_guess(problem: _GainProblem) -> Floats:
-    """Solve W theta - gain i = 0 linearly for everything at once; noise makes the gains a little small."""
-    size, rows, right = problem.q, [], []
-    for j, (A, current) in enumerate(problem.factors):
-        scale = 1.0 / max(float(np.linalg.norm(current)), np.finfo(float).tiny)
-        gain, own = np.nan_to_num(problem.known[j]), problem.unknown == j
-        rows.append(scale * np.hstack([A[:, :-1], -np.outer(current, own)]))
-        right.append(scale * (gain * current - A[:, -1]))
-    M, b = np.vstack(rows), np.concatenate(right)
-    length = np.linalg.norm(M, axis=0)
-    length = np.where(length > 0.0, length, 1.0)
-    if np.any(b):
-        x = np.linalg.lstsq(M / length, b, rcond=tuning.GAINS_RANK)[0] / length
-    else:
-        # Why the currents' columns stay as they are: each has length 1, so no gain is preferred over another.
-        x = np.linalg.svd(M / length)[2][-1] / length
-    x = x * np.sign(np.sum(x[size:]) or 1.0)
-    gains = x[size:]
-    middle = float(np.median(np.abs(gains))) or 1.0
-    return np.append(x[:size], -np.log(np.where(gains > 1e-3 * middle, gains, middle)))
-
-
-def _solve(problem: _GainProblem, x: Floats) -> tuple[Floats, Floats]:
+def _solve(problem: _GainProblem) -> tuple[Floats, Floats]:
     """Return the unknowns and each joint's noise [A], by Gauss-Newton with weights from the residuals."""
-    counts = np.maximum(sum(stack.whole[1] for stack in problem.stacks), 1)
+    factors, counts = problem.rows.factors(), np.maximum(problem.rows.counts, 1)
+    size = np.maximum(np.linalg.norm(factors[:, :, -1], axis=1), 1e-30)
+    # All joints begin with torques of one size: that of those whose gain is known.
+    told = np.delete(size * problem.known, problem.unknown)
+    torque = float(np.median(told)) if len(told) else 1.0
+    x = np.append(np.zeros(problem.q), np.log(size / torque)[problem.unknown])
     for step in range(tuning.GAINS_ROUNDS):
-        found = [problem.linear(A, j, x) for j, (A, _) in enumerate(problem.factors)]
-        pairs = zip(problem.factors, found, strict=True)
-        left = [current - fitted for (_, current), (fitted, _) in pairs]
-        sigma = np.sqrt(np.maximum([e @ e for e in left] / counts, 1e-30))
+        found = [problem.linear(F[:, :-1], j, x) for j, F in enumerate(factors)]
+        left = [F[:, -1] - fitted for F, (fitted, _) in zip(factors, found, strict=True)]
+        sigma = np.maximum(np.linalg.norm(left, axis=1) / np.sqrt(counts), 1e-15)
         J = np.vstack([J / s for (_, J), s in zip(found, sigma, strict=True)])
-        e = np.concatenate([e / s for e, s in zip(left, sigma, strict=True)])
         length = np.linalg.norm(J, axis=0)
         length = np.where(length > 0.0, length, 1.0)
+        e = np.concatenate([e / s for e, s in zip(left, sigma, strict=True)])
         change = np.linalg.lstsq(J / length, e, rcond=tuning.GAINS_RANK)[0] / length
         largest = float(np.abs(change[problem.q :]).max(initial=0.0))
         x = x + change * min(1.0, tuning.GAINS_LONGEST_STEP / max(largest, 1e-12))
-        if step and largest < tuning.GAINS_SETTLED:
+        if step > 1 and largest < tuning.GAINS_SETTLED:
             break
     return x, sigma
 
 
-def _linearised(problem: _GainProblem, x: Floats) -> Rows:
-    """Return the rows of all logs about a solution, for the covariance; what it leaves are their torques."""
-    found = []
-    for stack, change in zip(problem.stacks, problem.changes, strict=True):
-        rows = stack.rows
-        A = rows.W @ change
-        each = [problem.linear(A[:, j], j, x) for j in range(len(problem.known))]
-        fitted, J = (np.stack(part, axis=1) for part in zip(*each, strict=True))
-        found.append(replace(rows, columns=(J,), tau=rows.tau - fitted))
-    return joined(found)
-
-
-def _variances(problem: _GainProblem, x: Floats, sigma: Floats, relative: bool) -> Floats:
-    """Return the variance of log h, allowing for coloured residuals, of each unknown gain, (count,)."""
-    rows = _linearised(problem, x)
-    J = (rows.W * (rows.use / sigma)[:, :, None]).reshape(-1, len(x))
-    information = J.T @ J
+def _variances(
+    problem: _GainProblem, x: Floats, sigma: Floats, relative: bool
+) -> tuple[Floats, Mask]:
+    """Return the variance of log h of each unknown gain, allowing for coloured residuals, and which are lost."""
+    rows = problem.rows
+    each = [problem.linear(rows.W[:, j], j, x) for j in range(len(sigma))]
+    fitted, J = (np.stack(part, axis=1) for part in zip(*each, strict=True))
+    W = (J * (rows.use / sigma)[:, :, None]).reshape(-1, len(x))
+    information = W.T @ W
     length = np.sqrt(np.diagonal(information))
     length = np.where(length > 0.0, length, 1.0)
     values, axes = np.linalg.eigh(information / np.outer(length, length))
     kept = values > tuning.GAINS_RANK * values[-1]
-    lost = np.abs(axes[problem.q :, ~kept]).max(axis=1, initial=0.0) > 1e-3
-    if lost.any() and not relative:
-        joints = ", ".join(problem.stacks[0].joints[k] for k in problem.unknown[lost])
-        raise RankDeficient(
-            f"these logs do not determine the gain of {joints}",
-            fix="move more joints at once and faster, or use a heavier load",
-        )
     columns = axes[:, kept] / length[:, None]
-    reduced = replace(rows, columns=(rows.W @ columns,))
-    inner = hac_covariance(reduced, np.zeros(columns.shape[1]), sigma)
+    # What the solution leaves are the torques of the rows about it.
+    rows = replace(rows, W=J @ columns, tau=rows.tau - fitted)
+    inner = hac_covariance(rows, np.zeros(columns.shape[1]), sigma)
     spread = columns[problem.q :]
     if relative:
         spread = spread - spread.mean(axis=0)
-    return np.asarray(np.maximum(np.sum((spread @ inner) * spread, axis=1), 0.0))
+    variance = np.maximum(np.sum((spread @ inner) * spread, axis=1), 0.0)
+    return variance, np.abs(axes[problem.q :, ~kept]).max(axis=1, initial=0.0) > 1e-3

@@ -19,7 +19,7 @@ from dynid.errors import (
 from dynid.estimation import tuning
 from dynid.estimation.covariance import NOT_DETERMINED, judge
 from dynid.estimation.estimators import METHODS, choose, wls
-from dynid.estimation.identified import SAME_MOTION, JointQuality, Quality
+from dynid.estimation.identified import SAME_MOTION, JointQuality
 from dynid.estimation.least_squares import (
     Fit,
     condition_number,
@@ -194,17 +194,15 @@ def estimate(
         robot=base.robot,
         reduction=base.reduction,
         fit=plain,
-        quality=Quality(
-            joints=_qualities(stack, rms, None if unseen is None else unseen[0]),
-            relative_error_percent=total,
-            heldout_relative_error_percent=None if unseen is None else unseen[1],
-            heldout=holdout[2] if holdout else "nothing held out",
-            rank=plain.solution.rank,
-            condition_number=condition_number(plain.whitened, plain.solution.rank),
-            condition_number_scaled=plain.solution.condition_number_scaled,
-            samples=stack.samples,
-            expected=expected,
-        ),
+        joints=_qualities(stack, rms, None if unseen is None else unseen[0]),
+        relative_error_percent=total,
+        heldout_relative_error_percent=None if unseen is None else unseen[1],
+        heldout=holdout[2] if holdout else "nothing held out",
+        rank=plain.solution.rank,
+        condition_number=condition_number(plain.whitened, plain.solution.rank),
+        condition_number_scaled=plain.solution.condition_number_scaled,
+        samples=stack.samples,
+        expected=expected,
         why=why,
         theta=theta,
         covariance=covariance,

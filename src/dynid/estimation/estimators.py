@@ -121,7 +121,7 @@ def _solved(rows: Rows, weight: Floats) -> Floats:
     left, right = np.zeros((rows.size, rows.size)), np.zeros(rows.size)
     for j in range(weight.shape[1]):
         Z = rows.instruments(j) * weight[:, [j]]
-        left += Z.T @ rows.of_joint(j)
+        left += Z.T @ rows.W[:, j]
         right += Z.T @ rows.tau[:, j]
     scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(left)), np.finfo(float).tiny))
     scaled = scale[:, None] * left * scale

@@ -126,24 +126,22 @@ def evidence_of(result: Identified) -> Evidence:
 
 
 def _joints(result: Identified) -> tuple[JointEvidence, ...]:
-    noise = result.header.get("noise_floor_nm") or ()
-    units = [
-        "A" if result.robot.torque.relative else joint.torque_unit for joint in result.robot.joints
-    ]
-    limits = [joint.limits.torque for joint in result.robot.joints]
-    return tuple(
-        JointEvidence(
-            quality.joint,
-            unit,
-            quality.torque_rms / size,
-            quality.rms / size,
-            None if floor is None else floor / size,
-            None if limit is None else limit / size,
+    found, noise = [], result.header.get("noise_floor_nm") or ()
+    joints, sizes = result.robot.joints, _sizes(result)
+    for quality, joint, size, floor in zip_longest(
+        result.joints, joints, sizes, noise[: len(joints)]
+    ):
+        unit, limit = joint.torque_unit, joint.limits.torque
+        one = JointEvidence(
+            joint=quality.joint,
+            unit="A" if result.robot.torque.relative else unit,
+            torque=quality.torque_rms / size,
+            fitted=quality.rms / size,
+            noise=None if floor is None else floor / size,
+            limit=None if limit is None else limit / size,
         )
-        for quality, unit, size, floor, limit in zip_longest(
-            result.joints, units, _sizes(result), noise[: len(units)], limits
-        )
-    )
+        found.append(one)
+    return tuple(found)
 
 
 def _sizes(result: Identified) -> tuple[float, ...]:
@@ -154,21 +152,13 @@ def _sizes(result: Identified) -> tuple[float, ...]:
 
 
 def _held_out(result: Identified) -> tuple[Unseen, ...]:
-    percent, rms = (
-        result.heldout_relative_error_percent,
-        [joint.heldout_rms for joint in result.joints],
-    )
+    percent, text = result.heldout_relative_error_percent, result.heldout
     if percent is None:
         return ()
-    same = result.heldout.endswith(SAME_MOTION)
-    known = tuple(
-        error / size for error, size in zip(rms, _sizes(result), strict=True) if error is not None
-    )
-    return (
-        Unseen(
-            _held_out_name(result.heldout), percent, known if len(known) == len(rms) else (), same
-        ),
-    )
+    pairs = zip(result.joints, _sizes(result), strict=True)
+    rms = tuple(x.heldout_rms / size for x, size in pairs if x.heldout_rms is not None)
+    known = rms if len(rms) == len(result.joints) else ()
+    return (Unseen(_held_out_name(text), percent, known, text.endswith(SAME_MOTION)),)
 
 
 def _held_out_name(text: str) -> str:
@@ -224,24 +214,17 @@ def _replay(path: Path, result: Identified) -> Unseen | None:
         return None
     motion, header = prediction.load(path)
     result.robot.require_joints(header["joints"], path)
-    left = np.where(motion.usable, motion.tau_measured - motion.tau_estimated, 0.0)
-    torque = np.where(motion.usable, motion.tau_measured, 0.0)
-    percent = 100.0 * float(np.linalg.norm(left)) / max(float(np.linalg.norm(torque)), 1e-12)
-    rms = (
-        np.linalg.norm(left, axis=0)
-        / np.sqrt(np.maximum(1, motion.usable.sum(axis=0)))
-        / np.array(_sizes(result))
-    )
+    joints, percent = prediction.check(motion, motion.tau_measured, result.robot.joint_names)
+    rms = [one.rms / size for one, size in zip(joints, _sizes(result), strict=True)]
     log = found_path(result, str(header.get("log", path.parent.name)))
-    expected = header.get("expected_percent")
     return Unseen(
-        Path(log).name,
-        percent,
-        tuple(rms.tolist()),
-        bool(header.get("same_motion", False)),
-        expected,
-        True,
-        log,
+        name=Path(log).name,
+        percent=percent,
+        rms=tuple(rms),
+        same_motion=bool(header.get("same_motion", False)),
+        expected=header.get("expected_percent"),
+        replayed=True,
+        log=log,
     )
 
 
@@ -275,6 +258,9 @@ def gap_evidence(
     closest = [_effect(one, named=False) for one in record["closest"]]
     # Why not beside "nothing": what was looked at and is none, such as a delay below the sampling, is no finding.
     nothing = str(record["verdict"]).startswith("nothing")
+    numbers = {
+        name: tuple(map(float, arrays[name])) for name in ("before", "after", "floor", "known")
+    }
     effects += [] if nothing else closest
     return GapEvidence(
         question=str(record["question"]),
@@ -282,10 +268,10 @@ def gap_evidence(
         effects=tuple(effects),
         instead=tuple(one for one in closest if nothing and one.effect == "counterbalance"),
         joints=tuple(str(name) for name in record["joint_names"]),
-        before=tuple(float(x) for x in arrays["before"]),
-        after=tuple(float(x) for x in arrays["after"]),
-        noise=tuple(float(x) for x in arrays["floor"]),
-        known=tuple(float(x) for x in arrays["known"]),
+        before=numbers["before"],
+        after=numbers["after"],
+        noise=numbers["floor"],
+        known=numbers["known"],
         repeats=float(record.get("repeats") or 0.0) > 0.0,
         more=tuple(str(name) for name in record.get("more", ())),
         unrepeatable=tuple(str(name) for name in record["not_repeatable"]),

@@ -15,12 +15,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.estimation import tuning
+
 Floats = NDArray[np.float64]
 
 
 def triangle(rows: Floats) -> Floats:
-    """Return the triangular factor of rows (N, c), (min(N, c), c), in their units."""
-    return np.asarray(np.linalg.qr(rows, mode="r"))
+    """Return the triangular factor of rows (N, c), (c, c), in their units."""
+    R, size = np.asarray(rows[:0]), rows.shape[1]
+    # Why part by part: larger ones leave the cache.
+    for part in np.array_split(rows, -(-len(rows) // tuning.ROWS_FACTORED) or 1):
+        R = np.asarray(np.linalg.qr(np.vstack([R, part]), mode="r"))
+    return np.vstack([R, np.zeros((size - len(R), size))])
 
 
 @dataclass(frozen=True)
@@ -127,9 +133,3 @@ class Factor:
             own = Conditional(axes * (np.sqrt(size) * less), -told[:, :-1], told[:, -1])
             volume = self.volume + float(np.sum(np.log(less)))
             yield replace(self, rows=self.rows - (U * (1.0 - less)) @ along, volume=volume), own
-
-    @property
-    def triangle(self) -> Floats:
-        """The triangular factor of the rows, (c + 1, c + 1)."""
-        size = self.rows.shape[1]
-        return triangle(np.vstack([self.rows, np.zeros((max(0, size - len(self.rows)), size))]))

@@ -84,22 +84,26 @@ class JointQuality(JointError):
     heldout_rms: float | None
 
 
-@dataclass(frozen=True)
-class Quality:
-    """How well a result describes its logs, and how much these say.
+def _part(path: str) -> Any:  # noqa: ANN401 - what it is stands beside it
+    """Return an attribute of a part of a result as an attribute of the result."""
+    return property(attrgetter(path), doc=f"The same as ``{path}``.")
 
-    Attributes:
-        joints: quality of each joint.
-        relative_error_percent: 100 |tau - W theta| / |tau| on the rows that were fitted [%].
-        heldout_relative_error_percent: the same on rows that were not; None where nothing was held out [%].
-        heldout: what was held out.
-        rank: number of directions that the log excites.
-        condition_number: of W with columns as they are.
-        condition_number_scaled: of W with columns of unit length.
-        samples: instants in the stack.
-        expected: how far predicted torques will be off; None in a result of an earlier version.
-    """
 
+@dataclass(frozen=True, repr=False, eq=False, kw_only=True)
+class Identified:
+    """What an identification found; ``Identification`` says what each attribute is."""
+
+    robot: Robot
+    reduction: Reduction
+    fit: Fit
+    why: str
+    theta: Floats
+    covariance: Floats
+    std_error: Floats
+    knowledge: tuple[str, ...]
+    prior: Floats
+    physical: PhysicalParameters
+    in_force: str
     joints: tuple[JointQuality, ...]
     relative_error_percent: float
     heldout_relative_error_percent: float | None
@@ -109,29 +113,6 @@ class Quality:
     condition_number_scaled: float
     samples: int
     expected: ExpectedError | None = None
-
-
-def _part(path: str) -> Any:  # noqa: ANN401 - what it is stands beside it
-    """Return an attribute of a part of a result as an attribute of the result."""
-    return property(attrgetter(path), doc=f"The same as ``{path}``.")
-
-
-@dataclass(frozen=True, repr=False, eq=False)
-class Identified:
-    """What an identification found; ``Identification`` says what each attribute is."""
-
-    robot: Robot
-    reduction: Reduction
-    fit: Fit
-    quality: Quality
-    why: str
-    theta: Floats
-    covariance: Floats
-    std_error: Floats
-    knowledge: tuple[str, ...]
-    prior: Floats
-    physical: PhysicalParameters
-    in_force: str
     model_error: ModelError | None = None
     findings: tuple[Finding, ...] = ()
     header: dict[str, Any] = field(default_factory=dict)
@@ -147,17 +128,6 @@ class Identified:
     noise = cast("Floats", _part("fit.noise"))
     factors = cast("Floats", _part("fit.factors"))
     counts = cast("NDArray[np.int64]", _part("fit.counts"))
-    joints = cast("tuple[JointQuality, ...]", _part("quality.joints"))
-    relative_error_percent = cast("float", _part("quality.relative_error_percent"))
-    heldout_relative_error_percent = cast(
-        "float | None", _part("quality.heldout_relative_error_percent")
-    )
-    heldout = cast("str", _part("quality.heldout"))
-    rank = cast("int", _part("quality.rank"))
-    condition_number = cast("float", _part("quality.condition_number"))
-    condition_number_scaled = cast("float", _part("quality.condition_number_scaled"))
-    samples = cast("int", _part("quality.samples"))
-    expected = cast("ExpectedError | None", _part("quality.expected"))
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what is derived: it is derived again where it is needed."""

@@ -2,7 +2,7 @@
 
 Any number of rows ``[W tau]`` is represented by the R factor of their QR decomposition, (p + 1, p + 1): same solution,
 same residual sum of squares, and factors of several blocks or logs are merged by another QR. One factor per joint is
-kept, because joints differ in noise. Recursive least squares is ``accumulate`` on an old factor.
+kept, because joints differ in noise. Recursive least squares merges an old factor with new ones.
 
 Source: Demmel et al. 2012, "Communication-optimal parallel and sequential QR" (TSQR).
 """
@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,34 +46,6 @@ def solvable() -> Iterator[None]:
         ) from error
 
 
-def accumulate(R: Floats | None, W: Floats, tau: Floats) -> Floats:
-    """Add rows to a triangular factor.
-
-    Args:
-        R: factor of the rows so far, (p + 1, p + 1) [N m or N, as tau and W theta], or None.
-        W: new rows of the regressor, (N, p) [N m or N per unit of each parameter].
-        tau: their torques, (N,) [N m or N].
-
-    Returns:
-        The factor of all rows, (p + 1, p + 1), upper triangular, in the units of R.
-    """
-    p = W.shape[1]
-    R = np.zeros((p + 1, p + 1)) if R is None else R
-    if not len(W):
-        return R
-    rows = np.empty((p + 1 + min(tuning.ROWS_FACTORED, len(W)), p + 1))
-    # Why evenly: a few rows that are left over cost a factor of their own.
-    edges = np.linspace(0, len(W), -(-len(W) // tuning.ROWS_FACTORED) + 1).astype(int).tolist()
-    for start, end in pairwise(edges):
-        part = rows[: p + 1 + end - start]
-        part[: p + 1], part[p + 1 :, :-1], part[p + 1 :, -1] = R, W[start:end], tau[start:end]
-        # Why not with the zeros of a factor of no rows: they would take as long as rows, and become rounding.
-        R = triangle(part if start or R.any() else part[p + 1 :])
-        if len(R) <= p:
-            R = np.vstack([R, np.zeros((p + 1 - len(R), p + 1))])
-    return R
-
-
 def merge(factors: Floats, weights: Floats | None = None) -> Floats:
     """Merge factors into the factor of all their rows, each multiplied by its weight.
 
@@ -85,14 +56,10 @@ def merge(factors: Floats, weights: Floats | None = None) -> Floats:
     Returns:
         (p + 1, p + 1) upper triangular.
     """
-    scaled, size = (
-        factors if weights is None else factors * weights[:, None, None],
-        factors.shape[-1],
-    )
-    rows = scaled.reshape(-1, size)
+    scaled = factors if weights is None else factors * weights[:, None, None]
+    rows = scaled.reshape(-1, factors.shape[-1])
     # Why: a joint has no rows for the links before it, which are nearly half of all.
-    rows = rows[np.any(rows, axis=1)]
-    return triangle(np.vstack([rows, np.zeros((max(0, size - len(rows)), size))]))
+    return triangle(rows[np.any(rows, axis=1)])
 
 
 def symmetric_root(matrix: Floats) -> Floats:
@@ -284,9 +251,7 @@ def ridge(factors: Floats, counts: Ints, prior: Floats, prior_covariance: Floats
 def prior_rows(prior: Floats, covariance: Floats) -> Floats:
     """Return prior parameters, (p,) in their units, with covariance as a factor like whitened rows, (p + 1, p + 1)."""
     root = np.linalg.inv(np.linalg.cholesky(covariance))
-    return triangle(
-        np.vstack([np.column_stack([root, root @ prior]), np.zeros((1, len(prior) + 1))])
-    )
+    return triangle(np.column_stack([root, root @ prior]))
 
 
 def joint_rms(factors: Floats, counts: Ints, theta: Floats) -> Floats:

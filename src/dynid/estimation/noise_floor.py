@@ -13,6 +13,7 @@ from dynid.estimation import tuning
 from dynid.estimation.residual_model import ModelError, residuals
 from dynid.estimation.stack import Stack
 from dynid.signals.filters import Filter
+from dynid.signals.motion import squares_apart
 
 Floats = NDArray[np.float64]
 #: Part of a log without gaps: positions, what the model leaves, and the rows that count, (M, n) each.
@@ -104,19 +105,10 @@ def lag_of(one: Floats, other: Floats, shortest: int, least: int | None) -> floa
     if not moves.any() or min(len(one), len(other)) < shortest:
         return None
     x, y = ((q - one.mean(axis=0))[:, moves] / scale[moves] for q in (one, other))
-    size = 1 << (len(x) + len(y)).bit_length()
-    spectrum = np.conj(np.fft.rfft(x, size, axis=0)) * np.fft.rfft(y, size, axis=0)
-    lags = np.arange(1 - len(x), len(y))
-    product = np.fft.irfft(spectrum.sum(axis=1), size)[lags]
-    squares_x, squares_y = (np.concatenate([[0.0], np.cumsum((z**2).sum(axis=1))]) for z in (x, y))
-    start, end = np.maximum(0, -lags), np.minimum(len(x), len(y) - lags)
-    apart = (
-        (squares_x[end] - squares_x[start])
-        + (squares_y[end + lags] - squares_y[start + lags])
-        - 2.0 * product
-    )
-    wrong = (end - start < shortest) | (False if least is None else lags < least)
-    mean = np.where(wrong, np.inf, apart / np.maximum(end - start, 1) / moves.sum())
+    lags, squares, count = squares_apart(x, y)
+    apart = squares.sum(axis=1)
+    wrong = (count < shortest) | (False if least is None else lags < least)
+    mean = np.where(wrong, np.inf, apart / count / moves.sum())
     best = int(np.argmin(mean))
     if mean[best] > tuning.REPEATED**2 or not 0 < best < len(lags) - 1:
         return None

@@ -19,11 +19,11 @@ from dynid.errors import Finding, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.compare import same_parameters
 from dynid.estimation.factor import Factor, triangle
-from dynid.estimation.least_squares import solvable
+from dynid.estimation.least_squares import solvable, symmetric_root
 from dynid.estimation.possible_arm import fit_pooled
 from dynid.estimation.possible_set import make_constraints
-from dynid.estimation.posterior import ROBUST, ParameterPosterior, parameter_posterior
-from dynid.estimation.residual_model import centred, rows_under
+from dynid.estimation.posterior import ROBUST, information_of
+from dynid.estimation.residual_model import ModelError, centred, rows_under
 from dynid.estimation.result import Identification
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import BODY_PARAMETERS, body_columns, body_of, numbered
@@ -119,7 +119,7 @@ def find_payload(loaded: Identification, unloaded: Identification) -> Identified
     problem = LoadProblem.of(loaded, unloaded, K)
     found = fitted_body(*problem.solved(0.0, 0.0)[:3])
     # Why not with the loaded log's own parameters: their noise would seem to tell the scale of the torques.
-    problem = replace(problem, torque=problem.kept.theta + K @ found.body.parameters())
+    problem = replace(problem, torque=problem.theta + K @ found.body.parameters())
     told = loaded.robot.torque.scale_error
     return fitted_body(*problem.solved(told, problem.own_scale_error(told))[:3])
 
@@ -129,7 +129,10 @@ class LoadProblem:
     """Rows of a loaded log beside the posterior of the arm without the load; n joints, p parameters, k columns.
 
     Attributes:
-        kept: the posterior without the load.
+        theta: base parameters without the load, (p,).
+        root: R with R^T R their information, (p, p).
+        told: information of each joint's rows about them, (n, p, p).
+        error: the residual model without the load; None without, or where it cannot be told how it acts with it.
         factors: rows [Z W tau] of each joint with the load, whitened, (n, m, k + p + 1); k is 0 without residual model.
         torque: base parameters with the load, whose torques the gains multiply, (p,).
         free: columns of friction, which may have changed since, (f,).
@@ -137,7 +140,10 @@ class LoadProblem:
         real: whether there was evidence for more than the model has, as in recordings of all real arms.
     """
 
-    kept: ParameterPosterior
+    theta: Floats
+    root: Floats
+    told: Floats
+    error: ModelError | None
     factors: Floats
     torque: Floats
     free: NDArray[np.intp]
@@ -147,22 +153,30 @@ class LoadProblem:
     @classmethod
     def of(cls, loaded: Identification, unloaded: Identification, K: Floats) -> LoadProblem:
         """Return the problem of two results."""
-        kept, seen = parameter_posterior(unloaded), parameter_posterior(loaded)
-        noise, error, stack = loaded.noise, kept.error, loaded.stack
-        free = np.flatnonzero(friction(unloaded.base))
+        information, kept_noise = information_of(unloaded)
+        W = unloaded.factors[:, :, :-1] / kept_noise[:, None, None]
+        whiten, noise, stack = information_of(loaded)[1], loaded.noise, loaded.stack
+        given = error = unloaded.model_error
         if error is not None and stack is not None and stack.logs and stack.earlier is None:
             robust = loaded.plain if loaded.method in ROBUST else None
-            rows = rows_under(stack, error, seen.noise, noise, robust)
+            rows = rows_under(stack, error, whiten, noise, robust)
             rows = centred(rows, error.scale.shape[1], loaded.plain)
-            return cls(kept, rows, loaded.theta, free, K, True)
-        # Why: without its rows nothing is known of how the residual model acts in the loaded log.
-        unknown = (
-            seen.noise
-            if error is None
-            else np.hypot(seen.noise, error.rms[:, -1] * seen.noise / noise)
+        else:
+            # Why: without its rows nothing is known of how the residual model acts in the loaded log.
+            unknown = 0.0 if error is None else error.rms[:, -1] * whiten / noise
+            rows = loaded.factors / np.hypot(whiten, unknown)[:, None, None]
+            rows, error = centred(rows, 0, loaded.plain), None
+        return cls(
+            theta=unloaded.theta,
+            root=symmetric_root(information).T,
+            told=W.swapaxes(1, 2) @ W,
+            error=error,
+            factors=rows,
+            torque=loaded.theta,
+            free=np.flatnonzero(friction(unloaded.base)),
+            K=K,
+            real=given is not None,
         )
-        rows = centred(loaded.factors / unknown[:, None, None], 0, loaded.plain)
-        return cls(replace(kept, error=None), rows, loaded.theta, free, K, error is not None)
 
     def own_scale_error(self, told: float) -> float:
         """Return how far the gains of joints are off beyond what is told, each by itself, as a share.
@@ -190,11 +204,10 @@ class LoadProblem:
             scale_error: standard deviation of the torque's scale, as a share.
             own: the same of each joint's own, beyond that.
         """
-        theta, (moved, share) = self.kept.theta, self._gains(scale_error, own)
-        free = np.diag(1.0 / self._friction_change())
-        whitened, root = np.linalg.inv(np.linalg.cholesky(share)), self.kept.root()
-        problem = Factor.of({"arm": root}, root @ theta)
-        problem += Factor.of({"friction": free}, np.zeros(len(free)))
+        moved, share = self._gains(scale_error, own)
+        whitened, root = np.linalg.inv(np.linalg.cholesky(share)), self.root
+        problem = Factor.of({"arm": root}, root @ self.theta)
+        problem = problem.prior("friction", self._friction_change())
         problem += Factor.of({"gains": whitened}, np.zeros(len(share)))
         alone = []
         for j in range(len(self.factors)):
@@ -204,10 +217,10 @@ class LoadProblem:
             problem += rows
             alone.append(bare.rows)
         load = problem.without("arm", "friction", "gains")[0]
-        R, unexplained = load.triangle, triangle(np.vstack(alone))[-1, -1]
+        R, unexplained = triangle(load.rows), triangle(np.vstack(alone))[-1, -1]
         # Why: free parameters leave this of the loaded log; what a load leaves beyond it has changed in another way.
         beyond = max(0.0, float(R[-1, -1] ** 2 - unexplained**2))
-        freedom = max(1, int(np.linalg.matrix_rank(root)) - len(R) + 1 - len(free))
+        freedom = max(1, int(np.linalg.matrix_rank(root)) - len(R) + 1 - len(self.free))
         volume = load.without("load")[0].volume + float(np.sum(np.log(np.diagonal(whitened))))
         evidence = volume - 0.5 * float(R[-1, -1] ** 2)
         return R[:-1, :-1], R[:-1, -1], beyond / freedom, evidence
@@ -233,7 +246,7 @@ class LoadProblem:
 
     def _of_joint(self, joint: int, gains: Floats) -> tuple[Factor, Factor]:
         """Return rows of one joint in the unknowns, and in free base parameters, the residual model integrated out."""
-        F, error, theta = self.factors[joint], self.kept.error, self.kept.theta
+        F, error, theta = self.factors[joint], self.error, self.theta
         Z, W = np.split(F[:, :-1], [F.shape[1] - len(theta) - 1], axis=1)
         unknown = {"friction": W[:, self.free], "gains": W @ gains, "load": W @ self.K}
         alone = Factor.of({"columns": Z, "arm": W}, F[:, -1])
@@ -252,11 +265,10 @@ class LoadProblem:
         Each joint moves them as far as its rows decide them. Together they scale them all: the torques of an arm do not
         tell their own scale, and what came from the prior must not seem to.
         """
-        told = self.kept.by_joint
-        size = np.sqrt(np.maximum(np.diagonal(told.sum(axis=0)), 1e-300))
-        share = told / np.outer(size, size) + UNTOLD * np.eye(len(size))
+        size = np.sqrt(np.maximum(np.diagonal(self.told.sum(axis=0)), 1e-300))
+        share = self.told / np.outer(size, size) + UNTOLD * np.eye(len(size))
         return np.asarray(
-            np.linalg.solve(share.sum(axis=0), (share @ (size * self.kept.theta)).T) / size[:, None]
+            np.linalg.solve(share.sum(axis=0), (share @ (size * self.theta)).T) / size[:, None]
         )
 
     def _friction_change(self) -> Floats:
@@ -265,7 +277,7 @@ class LoadProblem:
         rows = max(1.0, float(np.max(np.sum(self.factors[:, :, -1] ** 2, axis=1))))
         size = np.linalg.norm(W, axis=1)
         joint = np.argmax(size, axis=0)
-        torque = np.linalg.norm(np.einsum("jmf,f->jm", W, self.kept.theta[self.free]), axis=1)
+        torque = np.linalg.norm(np.einsum("jmf,f->jm", W, self.theta[self.free]), axis=1)
         least = tuning.FRICTION_CHANGE_LEAST * np.sqrt(rows)
         largest = size.max(axis=0)
         return np.asarray(np.maximum(torque[joint], least) / np.where(largest > 0.0, largest, 1.0))

@@ -33,7 +33,6 @@ from dynid.estimation.possible_set import (
     PhysicalConstraints,
     basis,
     body_parameters,
-    hessian_at,
     make_constraints,
     minimise,
     pseudo_inertia,
@@ -235,8 +234,7 @@ def fit_physical(R: Floats, r: Floats, constraints: PhysicalConstraints) -> Phys
         The unique minimiser.
     """
     objective = _objective(R, r, constraints)
-    y, _, _ = minimise(objective, feasible_start(constraints))
-    return _report(objective, y, constraints)[0]
+    return _fit(objective, minimise(objective, feasible_start(constraints)), R, constraints)
 
 
 def fit_pooled(
@@ -244,6 +242,8 @@ def fit_pooled(
     r: Floats,
     constraints: PhysicalConstraints,
     near: Floats | None = None,
+    *,
+    sized: bool = False,
 ) -> tuple[PhysicalParameters, PhysicalConstraints]:
     """Fit like ``fit_physical``, and let joints lend each other the size of their friction and rotor inertia.
 
@@ -251,7 +251,10 @@ def fit_pooled(
     each kind to a common size s of all joints (for their ratings), minimised over s as well, is
     gamma * n * log(arithmetic / geometric mean): no unit and no size is preferred, only equality. Offsets are normally
     distributed with the common size of the Coulomb friction, from which a joint that moves one way only cannot tell
-    them. Good data override it. Bodies may be far from the prior's, see ``body_prior``.
+    them. Good data override it. Bodies may be far from the prior's, see ``curvature``. And where it is asked for, the
+    data say how heavy the prior's bodies are, all of them by one factor: default cylinders are a shape; nobody says
+    that the arm is made of their stuff. The likeliest factor came out about 1 on arms of 15 kg and 30 to 800 on a heavy
+    one, whose forces cylinders of a light arm would draw towards nothing.
     Source: empirical Bayes; solved by majorisation.
 
     Args:
@@ -259,25 +262,30 @@ def fit_pooled(
         r: whitened torques, (rows,), pure numbers.
         constraints: bounds and prior.
         near: possible parameters of a similar fit, (c,), where the search begins.
+        sized: whether the prior's bodies get the size that the data say.
 
     Returns:
         The fit, and the constraints with the sizes found as prior.
     """
-    start = feasible_start(constraints) if near is None else near
-    constraints = with_pooled_prior(constraints, start)
-    bound = constraints if near is None else _followed(constraints, near)
-    objective = _objective(*_with_spread(R, r, bound), bound)
-    here = minimise(objective, start, tuning.POOLING_TOLERANCE)
+    x = feasible_start(constraints) if near is None else near
+    constraints = with_pooled_prior(constraints, x)
+    bound = _followed(constraints, x)
     for _ in range(tuning.POOLING_ROUNDS):
-        before, constraints = bound, with_pooled_prior(constraints, here[0])
-        bound = _followed(constraints, here[0])
-        if _settled(before, bound):
+        x = minimise(_objective(R, r, bound), x, tuning.POOLING_TOLERANCE)
+        before, constraints = bound, with_pooled_prior(constraints, x)
+        bound = _followed(constraints, x)
+        if not _settled(before, bound):
+            continue
+        size = likeliest_size(constraints, x) if sized else 1.0
+        if abs(np.log(size)) < tuning.SIZE_SETTLED:
             break
-        objective = _objective(*_with_spread(R, r, bound), bound)
-        here = minimise(objective, here, tuning.POOLING_TOLERANCE)
-    y, _, _ = minimise(objective, here)
-    fit, logs = _report(objective, y, constraints)
-    return _honest(fit, R, logs, constraints), constraints
+        prior = constraints.prior.copy()
+        prior[constraints.bodies] *= size
+        constraints = replace(constraints, prior=prior)
+        bound = _followed(constraints, x)
+    objective = _objective(R, r, bound)
+    x = minimise(objective, x)
+    return _fit(objective, x, R, constraints, curvature(constraints, x)), constraints
 
 
 def _followed(constraints: PhysicalConstraints, x: Floats) -> PhysicalConstraints:
@@ -289,71 +297,12 @@ def _followed(constraints: PhysicalConstraints, x: Floats) -> PhysicalConstraint
 
 def _settled(before: PhysicalConstraints, after: PhysicalConstraints) -> bool:
     """Return whether neither sizes nor bodies of the prior moved."""
-    bodies = np.zeros(len(after.prior), dtype=bool)
-    bodies[after.bodies] = True
-    if not np.allclose(after.prior[~bodies], before.prior[~bodies], rtol=tuning.POOLING_SETTLED):
-        return False
+    others = np.delete(np.arange(len(after.prior)), after.bodies)
     moved = np.linalg.inv(before.prior_pseudo_inertia) @ after.prior_pseudo_inertia - np.eye(4)
-    return bool(np.einsum("lab,lba->l", moved, moved).max(initial=0.0) < tuning.POOLING_SETTLED**2)
-
-
-def _honest(
-    fit: PhysicalParameters, R: Floats, logs: Floats, constraints: PhysicalConstraints
-) -> PhysicalParameters:
-    """Return the fit with error bars for bodies that may be far from the prior's.
-
-    Args:
-        fit: with the curvature of entropic divergences.
-        R: whitened regressor, (rows, c).
-        logs: the curvature of the entropic prior there, (c, c).
-        constraints: with the prior's bodies.
-    """
-    data, entropic = R.T @ R, fit.hessian
-    change, columns = np.zeros_like(entropic), constraints.bodies
-    places = columns[:, :, None], columns[:, None, :]
-    change[places] = curvature(constraints, fit.x) - logs[places]
-    prior = tuning.PRIOR_COUNTED * (entropic + change - data)
-    covariance = _inverse(data + prior)
-    open_ = np.diagonal(_inverse(tuning.PRIOR_COUNTED * (logs + change)))
-    return replace(
-        fit,
-        hessian=data + prior,
-        covariance=covariance,
-        std_error=np.sqrt(np.maximum(np.diagonal(covariance), 0.0)),
-        data_share=_share(np.diagonal(covariance), open_),
+    return bool(
+        np.allclose(after.prior[others], before.prior[others], rtol=tuning.POOLING_SETTLED)
+        and np.einsum("lab,lba->l", moved, moved).max(initial=0.0) < tuning.POOLING_SETTLED**2
     )
-
-
-def fit_sized(
-    R: Floats,
-    r: Floats,
-    constraints: PhysicalConstraints,
-    near: Floats | None = None,
-) -> tuple[PhysicalParameters, PhysicalConstraints]:
-    """Fit like ``fit_pooled``, and let the data say how heavy the prior's bodies are, all of them by one factor.
-
-    Default cylinders are a shape; nobody says that the arm is made of their stuff. The likeliest factor came out about
-    1 on arms of 15 kg and 30 to 800 on a heavy one, whose forces cylinders of a light arm would draw towards nothing.
-
-    Args:
-        R: whitened regressor or its triangular factor, (rows, c).
-        r: whitened torques, (rows,).
-        constraints: bounds and prior.
-        near: possible parameters of a similar fit, (c,), where the search begins.
-
-    Returns:
-        The fit, and the constraints with the sizes of bodies, friction and rotors found as prior.
-    """
-    fit, found = fit_pooled(R, r, constraints, near)
-    for _ in range(tuning.SIZE_ROUNDS):
-        size = likeliest_size(found, fit.x)
-        if abs(np.log(size)) < tuning.SIZE_SETTLED:
-            break
-        prior = constraints.prior.copy()
-        prior[constraints.bodies] *= size
-        constraints = replace(constraints, prior=prior)
-        fit, found = fit_pooled(R, r, constraints, fit.x)
-    return fit, found
 
 
 def with_pooled_prior(constraints: PhysicalConstraints, x: Floats) -> PhysicalConstraints:
@@ -384,13 +333,6 @@ def with_pooled_prior(constraints: PhysicalConstraints, x: Floats) -> PhysicalCo
             constraints.ratings[offsets] * size,
         )
     return replace(constraints, prior=prior, spread=spread)
-
-
-def _with_spread(R: Floats, r: Floats, constraints: PhysicalConstraints) -> tuple[Floats, Floats]:
-    """Return the rows with those that hold parameters near zero."""
-    held = np.flatnonzero(np.isfinite(constraints.spread))
-    rows = np.eye(R.shape[1])[held] * (tuning.PRIOR_WEIGHT**0.5 / constraints.spread[held])[:, None]
-    return np.vstack([R, rows]), np.append(r, np.zeros(len(held)))
 
 
 def require_possible_prior(constraints: PhysicalConstraints) -> None:
@@ -441,9 +383,7 @@ def _move_inside(constraints: PhysicalConstraints, x: Floats) -> Floats:
     R, weights = np.eye(c, c + 1) / (1.0 + np.abs(x))[:, None], np.ones(k + 1)
     base = _objective(R, R @ y, constraints, 1.0)
     for weight in (1e2, 1e4, 1e6, 1e8):
-        y, _, _ = minimise(
-            replace(base, linear=np.append(base.linear, weight), G=G, h=h, mu=weights), y
-        )
+        y = minimise(replace(base, linear=np.append(base.linear, weight), G=G, h=h, mu=weights), y)
         if np.all(constraints.slack(y[:-1]) > 0.0):
             return np.asarray(y[:-1])
     broken = constraints.labels[int(np.argmin(constraints.slack(y[:-1]) / size))]
@@ -453,47 +393,62 @@ def _move_inside(constraints: PhysicalConstraints, x: Floats) -> Floats:
     )
 
 
-def _only_bounds(constraints: PhysicalConstraints) -> NDArray[np.bool_]:
-    """Return which bounds carry no prior value, (k,): all but those on a single parameter with a positive prior."""
-    G, h = constraints.G, constraints.h
-    with_prior = (np.count_nonzero(G, axis=1) == 1) & (h == 0.0) & (G @ constraints.prior > 0.0)
-    return np.asarray(~with_prior)
-
-
 def _objective(
     R: Floats, r: Floats, constraints: PhysicalConstraints, gamma: float = tuning.PRIOR_WEIGHT
 ) -> Objective:
-    linear = np.zeros(len(constraints.prior))
+    """Return the squares, with rows that hold parameters near zero, and the entropic divergence from the prior."""
+    held = np.flatnonzero(np.isfinite(constraints.spread))
+    rows = np.zeros((len(held), R.shape[1]))
+    rows[range(len(held)), held] = tuning.PRIOR_WEIGHT**0.5 / constraints.spread[held]
+    R, r = np.vstack([R, rows]), np.append(r, np.zeros(len(held)))
+    G, h, linear = constraints.G, constraints.h, np.zeros(len(constraints.prior))
     inverse = np.linalg.inv(constraints.prior_pseudo_inertia)
     linear[constraints.bodies] = gamma * np.einsum("lab,kba->lk", inverse, basis())
-    bound = _only_bounds(constraints)
     # A positive number with a prior gets the one-dimensional form of the same divergence: -log x + x / x0.
-    for row in constraints.G[~bound]:
-        linear += gamma * row / (row @ constraints.prior)
-    mu = np.where(bound, tuning.BOUND_WEIGHT, gamma)
-    weights = np.full(len(constraints.bodies), float(gamma))
-    return Objective(R, r, constraints.bodies, weights, linear, constraints.G, constraints.h, mu)
+    known = (np.count_nonzero(G, axis=1) == 1) & (h == 0.0) & (G @ constraints.prior > 0.0)
+    linear += gamma * np.sum(G[known] / (G[known] @ constraints.prior)[:, None], axis=0)
+    mu = np.where(known, gamma, tuning.BOUND_WEIGHT)
+    return Objective(R, r, constraints.bodies, gamma, linear, G, h, mu)
 
 
-def _report(
-    objective: Objective, y: Floats, constraints: PhysicalConstraints
-) -> tuple[PhysicalParameters, Floats]:
-    """Return the parameters at a minimum, and the curvature of the prior there, (c, c)."""
-    hessian, logs = hessian_at(objective, y)
-    residual = objective.R @ y - objective.r
-    covariance = _inverse(hessian)
+def _fit(
+    objective: Objective,
+    x: Floats,
+    R: Floats,
+    constraints: PhysicalConstraints,
+    bent: Floats | None = None,
+) -> PhysicalParameters:
+    """Return the parameters at a minimum with their error bars.
+
+    Args:
+        objective: what they minimise.
+        x: the parameters, (c,).
+        R: whitened regressor, (rows, c).
+        constraints: the set.
+        bent: curvature of the price of bodies that may be far from the prior's, (L, 10, 10); None for that of the
+            entropic divergence.
+    """
+    data, logs = R.T @ R, objective.curvature(*objective.relative(x))
+    held = objective.R.T @ objective.R - data
+    if bent is not None:
+        logs[constraints.bodies[:, :, None], constraints.bodies[:, None]] = bent
+        logs, held = tuning.PRIOR_COUNTED * logs, tuning.PRIOR_COUNTED * held
+    hessian = data + held + logs
+    covariance, residual = _inverse(hessian), objective.R @ x - objective.r
     after, before = np.maximum(np.diagonal(covariance), 0.0), np.diagonal(_inverse(logs))
-    found = PhysicalParameters(
+    known = before > 0.0
+    return PhysicalParameters(
         names=tuple(parameter.name for parameter in constraints.parameters),
-        x=y,
+        x=x,
         cost=float(0.5 * residual @ residual),
-        objective=objective.value(y),
-        data_share=_share(after, before),
+        objective=objective.value(x),
+        data_share=np.clip(
+            1.0 - np.where(known, after, 0.0) / np.where(known, before, 1.0), 0.0, 1.0
+        ),
         std_error=np.sqrt(after),
         covariance=covariance,
         hessian=hessian,
     )
-    return found, logs
 
 
 def with_honest_errors(
@@ -532,14 +487,6 @@ def with_honest_errors(
         std_error=np.sqrt(np.maximum(after, 0.0)),
         data_share=np.clip(1.0 - (1.0 - fit.data_share) * growth, 0.0, 1.0),
         inflation=fit.inflation * less,
-    )
-
-
-def _share(after: Floats, before: Floats) -> Floats:
-    """Return which part of the variance that the prior left open the data took away, (c,)."""
-    known = before > 0.0
-    return np.asarray(
-        np.clip(np.where(known, 1.0 - after / np.where(known, before, 1.0), 1.0), 0.0, 1.0)
     )
 
 

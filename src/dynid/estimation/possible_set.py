@@ -2,12 +2,11 @@
 
     f(x) = 1/2 |R x - r|^2 + g.x - sum_i gamma_i logdet P_i(x) - sum_k mu_k log(G x - h)_k
 
-A damped primal-dual Newton method minimises f. At the minimum each P_i has a multiplier Z_i with P_i Z_i = gamma_i 1
-(each bound one with slack * z = mu). The method solves these conditions together, in the scaling of Nesterov and Todd;
-primal steps alone would crawl along the boundary where the squares outweigh the logarithms.
+Newton's method minimises f, which is convex and self-concordant. Where the squares outweigh the logarithms at the
+start, all but the squares get a weight that falls to 1: from f itself, steps would crawl along the boundary.
 
 Source: Wensing, Kim, Slotine 2018, "Linear matrix inequalities for physically consistent inertial parameter
-identification" (the pseudo-inertia); Boyd, Vandenberghe 2004, sections 9.6 and 11; Nesterov, Todd 1998 (the scaling).
+identification" (the pseudo-inertia); Boyd, Vandenberghe 2004, sections 9.6 and 11 (the path of weights).
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,21 +136,26 @@ def make_constraints(
     Returns:
         Bounds and prior together.
     """
-    rows: list[tuple[dict[int, float], float, str]] = []
-    for k, parameter in enumerate(parameters):
-        if parameter.kind in nonnegative:
-            rows.append(({k: 1.0}, 0.0, f"{parameter.name} >= 0"))
+    rows = [
+        ({k: 1.0}, 0.0, f"{p.name} >= 0") for k, p in enumerate(parameters) if p.kind in nonnegative
+    ]
+
+    def between(terms: dict[int, float], bounds: tuple[float, float], what: str) -> None:
+        for sign, bound, word in zip((1.0, -1.0), bounds, (">=", "<="), strict=True):
+            side = {k: sign * value for k, value in terms.items()}
+            rows.append((side, sign * bound, f"{what} {word} {bound:g}"))
+
     bodies = body_columns(parameters)
     masses = {link: int(columns[0]) for link, columns in bodies.items()}
     if total_mass is not None:
-        rows += _between(dict.fromkeys(masses.values(), 1.0), total_mass, "total mass [kg]")
+        between(dict.fromkeys(masses.values(), 1.0), total_mass, "total mass [kg]")
     for link, bounds in (link_mass or {}).items():
-        rows += _between({masses[link]: 1.0}, bounds, f"m{link} [kg]")
-    for link, (low, high) in (com_box or {}).items():
-        for axis, (a, b) in enumerate(zip(low, high, strict=True)):
-            first, m, letter = int(bodies[link][1 + axis]), masses[link], "xyz"[axis]
-            rows.append(({first: 1.0, m: -float(a)}, 0.0, f"c{letter}{link} >= {a:g} m"))
-            rows.append(({first: -1.0, m: float(b)}, 0.0, f"c{letter}{link} <= {b:g} m"))
+        between({masses[link]: 1.0}, bounds, f"m{link} [kg]")
+    for link, box in (com_box or {}).items():
+        for axis, ends in enumerate(zip(*box, strict=True)):
+            for sign, end, word in zip((1.0, -1.0), ends, (">=", "<="), strict=True):
+                side = {int(bodies[link][1 + axis]): sign, masses[link]: -sign * float(end)}
+                rows.append((side, 0.0, f"c{'xyz'[axis]}{link} {word} {end:g} m"))
     G, h = np.zeros((len(rows), len(parameters))), np.array([row[1] for row in rows])
     for k, (terms, _, _) in enumerate(rows):
         G[k, list(terms)] = list(terms.values())
@@ -171,14 +174,6 @@ def make_constraints(
     )
 
 
-def _between(
-    terms: dict[int, float], bounds: tuple[float, float], what: str
-) -> list[tuple[dict[int, float], float, str]]:
-    low, high = bounds
-    negative = {k: -value for k, value in terms.items()}
-    return [(terms, low, f"{what} >= {low:g}"), (negative, -high, f"{what} <= {high:g}")]
-
-
 # ---------------------------------------------------------------- least squares inside the set
 @dataclass(frozen=True)
 class Objective:
@@ -188,7 +183,7 @@ class Objective:
         R: rows of the least squares, (rows, c).
         r: right side, (rows,).
         bodies: positions in x of the ten parameters of each link, (L, 10).
-        gamma: weight of each link's log-determinant, (L,); positive.
+        gamma: weight of each link's log-determinant; positive.
         linear: g, (c,).
         G: rows of the bounds, (k, c).
         h: right side of the bounds, (k,).
@@ -197,172 +192,76 @@ class Objective:
 
     R: Floats
     r: Floats
-    bodies: NDArray[np.int64]
-    gamma: Floats
+    bodies: Ints
+    gamma: float
     linear: Floats
     G: Floats
     h: Floats
     mu: Floats
 
     def value(self, x: Floats) -> float:
-        """Return f(x) of x, (c,), a pure number; infinite outside the set."""
-        P, slack = pseudo_inertia(x[self.bodies]), self.G @ x - self.h
-        if np.any(slack <= 0.0) or np.any(np.linalg.eigvalsh(P) <= 0.0):
-            return float("inf")
+        """Return f(x) of x, (c,), inside the set, a pure number."""
         residual = self.R @ x - self.r
-        barrier = self.gamma @ np.linalg.slogdet(P)[1] + self.mu @ np.log(slack)
+        barrier = self.gamma * np.linalg.slogdet(pseudo_inertia(x[self.bodies]))[1].sum()
+        barrier += self.mu @ np.log(self.G @ x - self.h)
         return float(0.5 * residual @ residual + self.linear @ x - barrier)
 
+    def relative(self, x: Floats) -> tuple[Floats, Floats]:
+        """Return how a unit of each parameter changes bodies and slacks in units of themselves, (L, 10, 4, 4), (k, c).
 
-#: Where the method is: x, (c,); multipliers of the pseudo-inertias, (L, 4, 4); multipliers of the bounds, (k,).
-Point: TypeAlias = tuple[Floats, Floats, Floats]
+        Raises:
+            LinAlgError: x is outside the set.
+        """
+        slack = self.G @ x - self.h
+        if np.any(slack <= 0.0):
+            raise np.linalg.LinAlgError
+        whiten = np.linalg.inv(np.linalg.cholesky(pseudo_inertia(x[self.bodies])))[:, None]
+        return whiten @ basis() @ whiten.swapaxes(-1, -2), self.G / slack[:, None]
+
+    def curvature(self, bodies: Floats, slacks: Floats) -> Floats:
+        """Return the Hessian of the logarithms, (c, c), from relative changes."""
+        found = slacks.T @ (self.mu[:, None] * slacks)
+        flat = bodies.reshape(-1, 10, 16)
+        places = self.bodies[:, :, None], self.bodies[:, None, :]
+        found[places] += self.gamma * (flat @ flat.swapaxes(-1, -2))
+        return np.asarray(found)
 
 
 def minimise(
-    objective: Objective, start: Floats | Point, tolerance: float = tuning.INTERIOR_TOLERANCE
-) -> Point:
+    objective: Objective, x: Floats, tolerance: float = tuning.INTERIOR_TOLERANCE
+) -> Floats:
     """Minimise the objective from an interior point.
 
     Args:
         objective: the function.
-        start: a point where f is finite, (c,), or where the method came to with a similar objective.
-        tolerance: relative error of the optimality conditions at which the method stops.
+        x: a point inside the set, (c,).
+        tolerance: how far above its minimum the objective may be where the method stops.
 
     Returns:
-        Where it stopped.
+        Where it stopped, (c,).
     """
-    RtR = objective.R.T @ objective.R
-    here = _cold(objective, start) if isinstance(start, np.ndarray) else start
-    P, slack = _primal(objective, here[0])
-    step = 0.0
+    RtR, weight, after = objective.R.T @ objective.R, 0.0, x
     for _ in range(tuning.INTERIOR_STEPS):
-        if step == 1.0 and _error(objective, here, P, slack) < tolerance:
-            break
         try:
-            after, step = _step(objective, RtR, here, P, slack)
-            primal = _primal(objective, after[0])
-            np.linalg.cholesky(primal[0])
+            bodies, slacks = objective.relative(after)
         except np.linalg.LinAlgError:  # at the limit of double precision
             break
-        here, (P, slack) = after, primal
-    return here
-
-
-def hessian_at(objective: Objective, x: Floats) -> tuple[Floats, Floats]:
-    """Return the Hessian of f at a point (c,), (c, c), and the part of it from the logarithms, (c, c)."""
-    P, slack = _primal(objective, x)
-    back = np.linalg.inv(np.linalg.cholesky(P))
-    logs = _curvature(
-        objective, objective.gamma[:, None, None] ** 0.25 * back, objective.mu / slack**2
-    )
-    return objective.R.T @ objective.R + logs, logs
-
-
-def _primal(objective: Objective, x: Floats) -> tuple[Floats, Floats]:
-    """Return the pseudo-inertias at a point, (L, 4, 4), and how far the bounds are kept, (k,)."""
-    return pseudo_inertia(x[objective.bodies]), objective.G @ x - objective.h
-
-
-def _cold(objective: Objective, x: Floats) -> Point:
-    P, slack = _primal(objective, x)
-    residual = objective.R @ x - objective.r
-    # Why: multipliers of the size of the force that they have to hold start near the central path.
-    pressure = float(residual @ residual) / (4 * len(P) + len(slack))
-    gamma, mu = np.maximum(objective.gamma, pressure), np.maximum(objective.mu, pressure)
-    return np.array(x, dtype=float), gamma[:, None, None] * np.linalg.inv(P), mu / slack
-
-
-def _error(objective: Objective, here: Point, P: Floats, slack: Floats) -> float:
-    """Return the relative error of the optimality conditions."""
-    _, Z, z = here
-    matrices = P @ Z / objective.gamma[:, None, None] - np.eye(4)
-    return float(
-        max(np.abs(matrices).max(initial=0.0), np.abs(slack * z / objective.mu - 1).max(initial=0))
-    )
-
-
-def _step(
-    objective: Objective, RtR: Floats, here: Point, P: Floats, slack: Floats
-) -> tuple[Point, float]:
-    """Take one Newton step, aiming straight at the optimum or, where that is blocked, back to the central path."""
-    x, Z, z = here
-    back, v, inverse = _nesterov_todd(P, Z)
-    ratio = z / slack
-    hessian = RtR + _curvature(objective, back, ratio)
-    gradients = (
-        _gradient(objective, x, inverse, slack),
-        _barrier_gradient(
-            objective, inverse, slack, np.ones_like(objective.gamma), np.ones_like(objective.mu)
-        ),
-    )
-    # Why two directions at once: the step towards a point of the central path is affine in that point's weight.
-    straight, centring = -solve_scaled(hessian, np.stack(gradients, axis=1)).T
-
-    def towards(aim: float) -> tuple[float, Point]:
-        dx = straight + aim * centring
-        ds = objective.G @ dx
-        # In scaled coordinates P and Z are the same diagonal matrix, v.
-        dP = back @ pseudo_inertia(dx[objective.bodies]) @ back.swapaxes(-1, -2)
-        dZ = ((objective.gamma + aim)[:, None] / v - v)[:, :, None] * np.eye(4) - dP
-        dz = (objective.mu + aim) / slack - z - ratio * ds
-        root = 1.0 / np.sqrt(v)
-        relative = np.concatenate([dP, dZ]) * np.tile(
-            root[:, :, None] * root[:, None, :], (2, 1, 1)
-        )
-        fall = min(
-            float(np.linalg.eigvalsh(relative).min(initial=0.0)),
-            float(np.concatenate([ds / slack, dz / z]).min(initial=0.0)),
-        )
-        return min(1.0, tuning.INTERIOR_REACH / -fall if fall < 0.0 else 1.0), (dx, dZ, dz)
-
-    weights = 4 * float(objective.gamma.sum()) + float(objective.mu.sum())
-    # What is zero in the limit: each matrix and slack times its multiplier.
-    excess = (float(np.sum(P * Z)) + float(slack @ z) - weights) / (4 * len(Z) + len(z))
-    step, (dx, dZ, dz) = towards(0.0)
-    if step < tuning.INTERIOR_REACH and excess > 0.0:
-        step, (dx, dZ, dz) = towards(excess * (1.0 - step))
-    Z = Z + step * back.swapaxes(-1, -2) @ dZ @ back
-    return (x + step * dx, 0.5 * (Z + Z.swapaxes(-1, -2)), z + step * dz), step
-
-
-def _barrier_gradient(
-    objective: Objective, inverse: Floats, slack: Floats, gamma: Floats, mu: Floats
-) -> Floats:
-    gradient = -objective.G.T @ (mu / slack)
-    gradient[objective.bodies] -= gamma[:, None] * (
-        inverse.reshape(-1, 16) @ basis().reshape(10, 16).T
-    )
-    return gradient
-
-
-def _gradient(objective: Objective, x: Floats, inverse: Floats, slack: Floats) -> Floats:
-    squares = objective.R.T @ (objective.R @ x - objective.r)
-    return (
-        squares
-        + objective.linear
-        + _barrier_gradient(objective, inverse, slack, objective.gamma, objective.mu)
-    )
-
-
-def _curvature(objective: Objective, back: Floats, ratio: Floats) -> Floats:
-    """Return the Hessian of the logarithms in x, with back^T back in place of P^-1 and ratio of 1/slack^2."""
-    scaled = (back[:, None] @ basis() @ back[:, None].swapaxes(-1, -2)).reshape(-1, 10, 16)
-    curvature = objective.G.T @ (ratio[:, None] * objective.G)
-    curvature[objective.bodies[:, :, None], objective.bodies[:, None, :]] += (
-        scaled @ scaled.swapaxes(-1, -2)
-    )
-    return curvature
-
-
-def _nesterov_todd(P: Floats, Z: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return B and v with B P B^T = B^-T Z B^-1 = diag(v), and the inverse of P."""
-    lower = np.linalg.cholesky(P)
-    value, vector = np.linalg.eigh(lower.swapaxes(-1, -2) @ Z @ lower)
-    if value.min(initial=1.0) <= 0.0:
-        raise np.linalg.LinAlgError
-    outwards = np.linalg.inv(lower)
-    back = value[:, :, None] ** 0.25 * (vector.swapaxes(-1, -2) @ outwards)
-    return back, np.sqrt(value), outwards.swapaxes(-1, -2) @ outwards
+        x, logs = after, objective.curvature(bodies, slacks)
+        slope = objective.linear - slacks.T @ objective.mu
+        slope[objective.bodies] -= objective.gamma * np.trace(bodies, axis1=2, axis2=3)
+        squares = objective.R.T @ (objective.R @ x - objective.r)
+        if not weight:
+            weight = max(1.0, float((squares + slope) @ solve_scaled(RtR + logs, squares + slope)))
+        gradient = squares + weight * slope
+        step = -solve_scaled(RtR + weight * logs, gradient)
+        excess = -0.5 * float(gradient @ step) / weight
+        if weight == 1.0 and excess < tolerance:
+            break
+        changes = np.einsum("lkab,lk->lab", bodies, step[objective.bodies])
+        fall = min(np.linalg.eigvalsh(changes).min(initial=0.0), (slacks @ step).min(initial=0.0))
+        after = x + step * (min(1.0, tuning.INTERIOR_REACH / -fall) if fall < 0.0 else 1.0)
+        weight = max(1.0, weight / 10.0) if excess < 0.5 else weight
+    return x
 
 
 def solve_scaled(H: Floats, b: Floats) -> Floats:

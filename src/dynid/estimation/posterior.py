@@ -1,9 +1,9 @@
 """One distribution of the parameters: those that predictions use, their covariance, how far torques will be off.
 
 From an estimate and the prior: the physically possible set, as heavy as the data say; then the model error, where the
-evidence wants it, and the set again with it. ``parameter_posterior`` gives the same of a result, new or from its file,
-as one value that loads and planned motions ask. Source: Lee, Wensing, Park 2020 for the prior; Laplace's approximation
-for the covariance; docs/explanation/estimators.md for what was tried.
+evidence wants it, and the set again with it. ``information_of`` gives what a result, new or from its file, knows.
+Source: Lee, Wensing, Park 2020 for the prior; Laplace's approximation for the covariance;
+docs/explanation/estimators.md for what was tried.
 """
 
 from __future__ import annotations
@@ -28,11 +28,10 @@ from dynid.estimation.possible_arm import (
     PhysicalParameters,
     constraints_of,
     curvature,
-    fit_sized,
+    fit_pooled,
     require_possible_prior,
     with_honest_errors,
 )
-from dynid.estimation.possible_set import PhysicalConstraints
 from dynid.estimation.recordings import changes, disagreement, parts_of
 from dynid.estimation.residual_model import (
     NONE,
@@ -87,20 +86,14 @@ class Posterior:
 
 
 @dataclass(frozen=True)
-class Arm:
-    """A possible arm that some rows ask for.
+class Arm(NormalPrior):
+    """A possible arm that some rows ask for, with its prior there.
 
     Attributes:
-        K: base parameters as combinations of all parameters, (p, c).
         fit: its parameters.
-        constraints: with the sizes of bodies, friction and rotors as prior.
-        held: Hessian of the prior there, (c, c).
     """
 
-    K: Floats
     fit: PhysicalParameters
-    constraints: PhysicalConstraints
-    held: Floats
 
     @classmethod
     def of(cls, base: BaseModel, rows: Floats, near: Arm | None = None) -> Arm:
@@ -108,27 +101,16 @@ class Arm:
 
         From the prior's own sizes: what no arm can make has made the bodies of the other one heavier.
         """
-        K = base.reduction.K
+        K, begin = base.reduction.K, None if near is None else near.x
         R = rows[:, :-1] @ K
-        begin = None if near is None else near.fit.x
-        fit, constraints = fit_sized(R, rows[:, -1], constraints_of(base), begin)
-        return cls(K, fit, constraints, fit.hessian - R.T @ R)
+        fit, _ = fit_pooled(R, rows[:, -1], constraints_of(base), begin, sized=True)
+        return cls(K, fit.x, fit.hessian - R.T @ R, fit)
 
     @classmethod
     def of_estimate(cls, base: BaseModel, estimate: Fit) -> Arm:
         """Return the arm that an estimate asks for."""
         A = estimate.whitened[:-1, :-1] / np.sqrt(estimate.inflation)
         return cls.of(base, np.column_stack([A, A @ estimate.theta]))
-
-    @property
-    def theta(self) -> Floats:
-        """Base parameters, (p,)."""
-        return self.K @ self.fit.x
-
-    @property
-    def prior(self) -> NormalPrior:
-        """The prior near it."""
-        return NormalPrior(self.K, self.fit.x, self.held)
 
 
 def physical_posterior(
@@ -169,7 +151,7 @@ def physical_posterior(
             base, stack, rows, arm, size, like, estimate, refit
         )
         released = rows.apart.any() or rows.free.any()
-        with_it, without = (log_evidence(rows, arm_of_all.prior, x)[0] for x in (size, NONE))
+        with_it, without = (log_evidence(rows, arm_of_all, x)[0] for x in (size, NONE))
         gain = with_it - without
         wanted = residual_model or gain >= tuning.RESIDUAL_EVIDENCE
         if released or wanted:
@@ -187,7 +169,7 @@ def physical_posterior(
         less = disagreement(parts, covariance, error, share < tuning.TOLD_SHARE)
         changed = changes(parts, base, arm.theta)
         fit = with_honest_errors(
-            fit, arm.held, constraints_of(base), less, np.linalg.pinv(K) @ changed
+            fit, arm.hessian, constraints_of(base), less, np.linalg.pinv(K) @ changed
         )
     return Posterior(fit, arm.theta, K @ fit.covariance @ K.T, alone, error, changed)
 
@@ -243,44 +225,34 @@ def _with_joints_apart(
         arm = Arm.of(free, rows.of_arm(NONE).rows, arm)
 
     def sized() -> Floats:
-        return best_size(rows, arm.prior) if given is None else given
+        return best_size(rows, arm) if given is None else given
 
     for _ in range(tuning.APART_ROUNDS):
         size = sized()
-        apart = joints_apart(rows, arm.prior, size)[0] if like is None else like.apart
+        apart = joints_apart(rows, arm, size)[0] if like is None else like.apart
         if np.array_equal(apart, rows.apart):
             break
         rows = replace(rows, apart=apart)
         arm = Arm.of(free, rows.of_arm(size).rows, arm)
-    if rows.apart.any():
-        rows, estimate, arm = _without_those_apart(free, stack, rows, refit)
-        apart, _ = joints_apart(rows, arm.prior, sized(), known=True)
-        rows = replace(rows, apart=apart)
-        arm = Arm.of(free, rows.of_arm(sized()).rows, arm)
-        size = sized()
-    return rows, size, arm, estimate
-
-
-def _without_those_apart(
-    base: BaseModel, stack: Stack, rows: Whitened, refit: Refit
-) -> tuple[Whitened, Fit, Arm]:
-    """Return rows that were made anew from an estimate of the joints that are not apart, this estimate and its arm.
-
-    Beside joints that contradict them the others look noisy, coloured and full of spikes, and what is no spike of
-    theirs gets the weight of one. The arm is not sought near the one of all joints: what these asked for together may
-    have driven a kind of parameter to zero, from where no pooled size leads back.
-    """
-    apart, (factors, counts) = np.flatnonzero(rows.apart), stack.whole
-    estimate = refit(stack.without(apart))
+    if not rows.apart.any():
+        return rows, size, arm, estimate
+    # The rows are made anew from an estimate of the other joints: beside those that contradict them these look noisy,
+    # coloured and full of spikes, and what is no spike of theirs gets the weight of one.
+    set_apart, (factors, counts) = np.flatnonzero(rows.apart), stack.whole
+    estimate = refit(stack.without(set_apart))
     noise = estimate.noise.copy()
-    for j in apart:
+    for j in set_apart:
         noise[j] = weighted(factors[[j]], counts[[j]]).noise[0]
     estimate = replace(estimate, noise=noise)
-    arm = Arm.of_estimate(base, estimate)
-    found = _rows_of(base, stack, estimate, arm.theta, rows.apart)
-    for joint in np.flatnonzero(rows.free.any(axis=1)):
-        found = found.freed(int(joint))
-    return found, estimate, arm
+    # Why not sought near the arm of all joints: what these asked for together may have driven a kind of parameter to
+    # zero, from where no pooled size leads back.
+    arm, freed = Arm.of_estimate(free, estimate), np.flatnonzero(rows.free.any(axis=1))
+    rows = _rows_of(free, stack, estimate, arm.theta, rows.apart)
+    for joint in freed.tolist():
+        rows = rows.freed(joint)
+    rows = replace(rows, apart=joints_apart(rows, arm, sized(), known=True)[0])
+    arm = Arm.of(free, rows.of_arm(sized()).rows, arm)
+    return rows, sized(), arm, estimate
 
 
 def contradicts(misfit: float, best: float) -> bool:
@@ -315,7 +287,7 @@ def _with_large_torques(base: BaseModel, rows: Whitened, arm: Arm) -> tuple[Whit
             break
         rows, arm, best, gain = other, found, least, gain + best - least
     # Why: a scaled or partial torque asks for a torque of the position as well, but for more beside it.
-    if gain and gain > joints_apart(given, first.prior, NONE)[1]:
+    if gain and gain > joints_apart(given, first, NONE)[1]:
         return rows, gain
     return given, 0.0
 
@@ -403,64 +375,34 @@ def _percent(error: float, torque: float) -> float:
 ROUNDING = 1e-13
 
 
-@dataclass(frozen=True)
-class ParameterPosterior:
-    """What a result knows; p base parameters, n joints.
-
-    Attributes:
-        theta: mean of the base parameters, (p,).
-        information: inverse of their covariance, zero along what nothing tells, (p, p).
-        by_joint: information of each joint's rows, (n, p, p).
-        error: the residual model for these parameters; None without.
-        noise: of a row, whitened with which rows are worth one independent row each, (n,) [N m or N].
-        rate: how many rows a second has [Hz]; 0 where that is not known.
-    """
-
-    theta: Floats
-    information: Floats
-    by_joint: Floats
-    error: ModelError | None
-    noise: Floats
-    rate: float
-
-    def sample_noise(self, rate: float) -> Floats:
-        """Return the white noise of samples at a rate [Hz] that tell as much as the rows did, (n,) [N m or N]."""
-        return self.noise * np.sqrt(rate / self.rate) if self.rate > 0.0 else self.noise
-
-    def root(self) -> Floats:
-        """Return R with R^T R the information, (p, p); parameters that it does not know have columns of zeros."""
-        return symmetric_root(self.information).T
-
-
-def parameter_posterior(found: Identified) -> ParameterPosterior:
-    """Return what a result knows about its parameters.
+def information_of(found: Identified) -> tuple[Floats, Floats]:
+    """Return what a result knows about its parameters; of the plain set nothing but its rows is known.
 
     Args:
-        found: a result; of the plain set nothing but its rows is known.
+        found: a result; p base parameters, n joints.
+
+    Returns:
+        The inverse of their covariance, zero along what nothing tells, (p, p); the noise of a row, whitened with which
+        rows are worth one independent row each, (n,) [N m or N].
     """
-    n, p = len(found.noise), len(found.theta)
-    factors = found.factors if found.factors.size else np.zeros((n, p + 1, p + 1))
-    A = merge(factors, 1.0 / found.noise)[:-1, :-1]
     if found.in_force == "physical" or not found.factors.size:
         worth, information = found.physical.inflation, _inverse(found.covariance)
     else:
+        A = merge(found.factors, 1.0 / found.noise)[:-1, :-1]
         # Why not the inverse of the covariance: that is estimated from few independent samples, and where it happens
         # to be too small its inverse would trust the log most.
         worth = max(float(np.sum((A @ found.covariance) * A)) / max(1, found.rank), 1e-300)
         information = np.asarray(A.T @ A) / worth
-    noise = found.noise * np.sqrt(worth)
-    rows = factors[:, :, :-1] / noise[:, None, None]
-    by_joint = rows.swapaxes(1, 2) @ rows
-    return ParameterPosterior(
-        found.theta, information, by_joint, found.model_error, noise, _rate(found)
-    )
+    return information, found.noise * np.sqrt(worth)
 
 
-def _rate(found: Identified) -> float:
-    """Return how many rows of a second were fitted [Hz]."""
+def sample_noise(found: Identified, rate: float) -> Floats:
+    """Return the white noise of samples at a rate [Hz] that tell as much as a result's rows, (n,) [N m or N]."""
+    rows = float(found.header.get("kept_rate_hz") or 0.0)
     if found.stack is not None and found.stack.logs:
-        return float(found.stack.logs[0].filter.kept_rate)
-    return float(found.header.get("kept_rate_hz") or 0.0)
+        rows = float(found.stack.logs[0].filter.kept_rate)
+    noise = information_of(found)[1]
+    return noise * np.sqrt(rate / rows) if rows > 0.0 else noise
 
 
 def _inverse(covariance: Floats) -> Floats:

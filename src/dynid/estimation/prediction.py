@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation.residual_model import ModelError, shapes_in
-from dynid.estimation.rows import Rows, parallel_filtered
+from dynid.estimation.rows import Rows, at_rows
 from dynid.estimation.stack import Stack
 from dynid.files.artifact import read_artifact
 from dynid.model.regressor import Observer
@@ -76,8 +76,9 @@ def predict(
     tau = rows.torque(theta)
     if error is not None and observer is not None:
         tau = tau + error.torque(rows.W, shapes_in(log, observer, error.speed))
-    pieces = zip(*(_pieces(segment, log.filter) for segment in log.segments), strict=True)
-    q, qd, qdd, raw_q, raw_qd, raw_qdd = map(np.concatenate, pieces)
+    q, qd, qdd = np.split(at_rows(log, lambda s: np.hstack([s.q, s.qd, s.qdd]).T), 3, axis=1)
+    raw = zip(*(_raw(segment, log.filter) for segment in log.segments), strict=True)
+    raw_q, raw_qd, raw_qdd = map(np.concatenate, raw)
     return EstimatedMotion(rows.t, raw_q, q, raw_qd, qd, raw_qdd, qdd, rows.tau, tau, rows.use)
 
 
@@ -92,14 +93,12 @@ def predict_logs(
     ]
 
 
-def _pieces(segment: Segment, chosen: Filter) -> tuple[Floats, ...]:
-    """Return filtered q, qd, qdd and raw q, qd, qdd of a segment at the instants of its rows."""
-    half = (chosen.second_kernel.shape[1] - 1) // 2
-    filtered = (parallel_filtered(x.T, chosen).T for x in (segment.q, segment.qd, segment.qdd))
-    q, qd, t = segment.raw_q, segment.raw_qd, segment.t
-    raw = (q, qd, np.gradient(np.gradient(q, t, axis=0), t, axis=0) if len(t) > 1 else 0.0 * q)
+def _raw(segment: Segment, chosen: Filter) -> tuple[Floats, ...]:
+    """Return raw q, qd, qdd of a segment at the instants of its rows."""
+    half, q, t = (chosen.second_kernel.shape[1] - 1) // 2, segment.raw_q, segment.t
+    qdd = np.gradient(np.gradient(q, t, axis=0), t, axis=0) if len(t) > 1 else 0.0 * q
     centres = slice(half, max(half, len(t) - half), chosen.second_step)
-    return (*filtered, *(x[centres] for x in raw))
+    return q[centres], segment.raw_qd[centres], qdd[centres]
 
 
 def joined(motions: Sequence[EstimatedMotion]) -> EstimatedMotion:

@@ -32,12 +32,12 @@ from numpy.typing import NDArray
 from dynid.estimation import tuning
 from dynid.estimation.factor import Factor, triangle
 from dynid.estimation.least_squares import symmetric_root
-from dynid.estimation.rows import parallel_filtered, pieces, row_times
+from dynid.estimation.rows import at_rows
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
 from dynid.robot import Robot
-from dynid.signals.conditioned_log import ConditionedLog
+from dynid.signals.conditioned_log import ConditionedLog, Segment
 
 Floats = NDArray[np.float64]
 
@@ -82,13 +82,12 @@ def loaded(shapes: Floats, torque: Floats) -> Floats:
 
 def shapes_in(log: ConditionedLog, observer: Observer, speed: Floats) -> Floats:
     """Return the columns of ``shapes_of`` at the rows of a log and under their filter, (M, n, k)."""
-    found = np.empty((len(row_times(log)), len(speed), len(GROUPS)))
-    for at, part in pieces(log):
+
+    def shapes(part: Segment) -> Floats:
         sign = part.coulomb_sign if part.coulomb_sign.size else observer.coulomb_sign(part.qd)
-        shapes = _shapes(part.q, part.qd, sign, speed)
-        kept = parallel_filtered(shapes.reshape(-1, len(part)), log.filter)
-        found[at] = kept.reshape(*shapes.shape[:2], -1).transpose(2, 0, 1)
-    return found
+        return _shapes(part.q, part.qd, sign, speed).reshape(-1, len(part))
+
+    return at_rows(log, shapes).reshape(-1, len(speed), len(GROUPS))
 
 
 def rms_speed(logs: Iterable[ConditionedLog], n: int) -> Floats:
@@ -119,7 +118,7 @@ def folded(
         weight = tuning.RESIDUAL_FAR / np.maximum(left, tuning.RESIDUAL_FAR)
     shapes = stack.along(lambda log: shapes_in(log, stack.observer, speed))
     D = loaded(shapes, rows.torque(reference))
-    return replace(rows, columns=(D, *rows.columns)).factors(weight)
+    return replace(rows, W=np.concatenate([D, rows.W], axis=2)).factors(weight)
 
 
 # ---------------------------------------------------------------- random effects
@@ -353,7 +352,7 @@ class Whitened:
             for apart, (left, _) in zip(self.apart, self.by_joint(size), strict=True)
         ]
         total = reduce(add, found)
-        return replace(total, rows=total.triangle)
+        return replace(total, rows=triangle(total.rows))
 
 
 def whitened_rows(
@@ -486,6 +485,11 @@ class NormalPrior:
     x: Floats
     hessian: Floats
 
+    @property
+    def theta(self) -> Floats:
+        """Base parameters, (p,)."""
+        return self.K @ self.x
+
     def evidence(self, S: Floats) -> tuple[float, Floats, Floats]:
         """Return the log evidence of rows with the parameters integrated out, up to a constant, and their posterior.
 
@@ -495,7 +499,7 @@ class NormalPrior:
         Returns:
             The evidence; the base parameters, (p,); the root of their covariance, (p, c).
         """
-        Sw, St, theta = S[:-1, :-1], S[:-1, -1], self.K @ self.x
+        Sw, St, theta = S[:-1, :-1], S[:-1, -1], self.theta
         gradient = self.K.T @ (St - Sw @ theta)
         rest = float(S[-1, -1]) - 2.0 * float(theta @ St) + float(theta @ Sw @ theta)
         H = self.K.T @ Sw @ self.K + self.hessian

@@ -26,8 +26,15 @@ class Identification(Identified):
         fit: what the estimator itself found. Its numbers are attributes of the result too: ``method``, ``plain`` (base
             parameters, (p,)) with ``plain_covariance`` (p, p), ``noise`` of the joints (n,) [N m or N], and what other
             logs can be added to: triangular ``factors`` of [W tau] (n, p + 1, p + 1) and their ``counts`` of rows (n,).
-        quality: how well it describes its logs; all of it are attributes of the result too, such as ``joints``,
-            ``relative_error_percent``, ``heldout_relative_error_percent``, ``rank``, ``samples`` and ``expected``.
+        joints: quality of each joint.
+        relative_error_percent: 100 |tau - W theta| / |tau| on the rows that were fitted [%].
+        heldout_relative_error_percent: the same on rows that were not; None where nothing was held out [%].
+        heldout: what was held out.
+        rank: number of directions that the log excites.
+        condition_number: of W with columns as they are.
+        condition_number_scaled: of W with columns of unit length.
+        samples: instants in the stack.
+        expected: how far predicted torques will be off; None in a result of an earlier version.
         why: why this estimator.
         theta: base parameters, those that predictions use, (p,).
         covariance: of ``theta``: of the posterior, or of the plain estimate where predictions use that, (p, p).

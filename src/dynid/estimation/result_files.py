@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dynid.disk import write_text
 from dynid.errors import Finding, NotAnArtifact
-from dynid.estimation.identified import ExpectedError, Identified, JointQuality, Quality
+from dynid.estimation.identified import ExpectedError, Identified, JointQuality
 from dynid.estimation.least_squares import Fit
 from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.residual_model import ModelError
@@ -178,15 +178,13 @@ def read(path: Path, kind: type[Result]) -> Result:
         file = Path(h["robot_path"])
         robot = parse_robot(h["robot_file"], file)
         known: dict[str, Any] = {"source": typed(file)} if h["robot_path"] else {"path": None}
-        measured = {key: stored[key] for key in SCALARS if key in Quality.__annotations__}
-        measured |= {"joints": _tuple(JointQuality, stored["joints"])}
         found = kind(
             robot=replace(robot, estimated_coulomb=coulomb_of(h), **known),
             reduction=reduction_from(h["reduction"], a),
             fit=Fit(stored["method"], *(a[key] for key in FIT)),
-            quality=Quality(**measured, expected=ExpectedError.of(stored["expected"])),
-            why=stored["why"],
-            in_force=stored["in_force"],
+            **{key: stored[key] for key in SCALARS if key not in ("method", "knowledge", "joints")},
+            joints=_tuple(JointQuality, stored["joints"]),
+            expected=ExpectedError.of(stored["expected"]),
             theta=a["theta"],
             covariance=a["covariance"],
             std_error=a["std_error"],

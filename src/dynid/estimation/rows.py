@@ -12,17 +12,18 @@ friction and inertia.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
-from dynid.estimation.least_squares import accumulate
+from dynid.estimation.factor import triangle
 from dynid.model.regressor import Observer
 from dynid.signals.conditioned_log import ConditionedLog, Segment
 from dynid.signals.filters import Filter, decimate
@@ -37,7 +38,7 @@ class Rows:
     """Rows in order of time: M instants of one log after the other, n joints, p columns.
 
     Attributes:
-        columns: of the regressor after the parallel filter, block by block, (M, n, p_b) each [N m or N per unit].
+        W: base regressor after the parallel filter, (M, n, p) [N m or N per unit of each parameter].
         tau: torques after the parallel filter, (M, n) [N m or N].
         use: rows that count, (M, n).
         t: time, (M,) [s].
@@ -48,7 +49,7 @@ class Rows:
         Z: instruments, (M, n, p): the regressor on the commanded motion, which knows no measurement noise.
     """
 
-    columns: tuple[Floats, ...]
+    W: Floats
     tau: Floats
     use: Mask
     t: Floats
@@ -63,22 +64,17 @@ class Rows:
         """Return the rows of one run without gaps, W (M, n, p) and tau (M, n), at times t, (M,) [s]."""
         t = np.arange(len(tau), dtype=float) if t is None else t
         zero, use = np.zeros(len(tau), dtype=np.int64), np.ones(tau.shape, dtype=bool)
-        return cls((W,), tau, use, t, zero, zero, np.arange(len(tau)) == 0)
-
-    @property
-    def W(self) -> Floats:
-        """Base regressor after the parallel filter, (M, n, p) [N m or N per unit of each parameter]."""
-        return self.columns[0] if len(self.columns) == 1 else np.concatenate(self.columns, axis=2)
+        return cls(W, tau, use, t, zero, zero, np.arange(len(tau)) == 0)
 
     @property
     def size(self) -> int:
         """Number of columns p."""
-        return sum(each.shape[2] for each in self.columns)
+        return int(self.W.shape[2])
 
     @cached_property
     def seen(self) -> Mask:
         """Columns that the rows of a joint have at all, (n, p): the links before it do not load it."""
-        return np.concatenate([each.any(axis=0) for each in self.columns], axis=1)
+        return np.asarray(self.W.any(axis=0))
 
     @property
     def runs(self) -> list[slice]:
@@ -86,20 +82,15 @@ class Rows:
         edges = np.append(np.flatnonzero(self.begins), len(self.t)).tolist()
         return [slice(*ends) for ends in pairwise(edges)]
 
-    def of_joint(self, joint: int) -> Floats:
-        """Return the regressor of one joint, (M, p)."""
-        parts = [each[:, joint] for each in self.columns]
-        return parts[0] if len(parts) == 1 else np.hstack(parts)
-
     def instruments(self, joint: int) -> Floats:
         """Return the instruments of one joint, (M, p); its regressor where there are none."""
-        return self.of_joint(joint) if self.Z is None else self.Z[:, joint]
+        return (self.W if self.Z is None else self.Z)[:, joint]
 
     def torque(self, theta: Floats) -> Floats:
         """Return W theta, (M, n) [N m or N], of parameters (p,), or of each joint its own, (n, p)."""
         n = self.tau.shape[1]
         each = np.broadcast_to(theta, (n, self.size))
-        return np.stack([self.of_joint(j) @ each[j] for j in range(n)], axis=1)
+        return np.stack([self.W[:, j] @ each[j] for j in range(n)], axis=1)
 
     def residual(self, theta: Floats) -> Floats:
         """Return tau - W theta, (M, n) [N m or N]; zero where rows do not count."""
@@ -112,10 +103,9 @@ class Rows:
         at = slice(int(k[0]), int(k[-1]) + 1) if whole else k
         return replace(
             self,
-            columns=tuple(each[at] for each in self.columns),
             Z=None if self.Z is None else self.Z[at],
             begins=self.begins[at] | (np.diff(k, prepend=-2) != 1),
-            **{name: getattr(self, name)[at] for name in ("tau", "use", "t", "log", "block")},
+            **{name: getattr(self, name)[at] for name in ("W", "tau", "use", "t", "log", "block")},
         )
 
     def factor(self, joint: int, weight: Floats | None = None) -> Floats:
@@ -126,11 +116,11 @@ class Rows:
             weight: factor on each row, (M,); None for ones.
         """
         use, seen, found = self.use[:, joint], self.seen[joint], np.zeros((self.size + 1,) * 2)
-        W, tau = self.of_joint(joint)[np.ix_(use, seen)], self.tau[use, joint]
+        W, tau = self.W[:, joint][np.ix_(use, seen)], self.tau[use, joint]
         if weight is not None:
             W, tau = W * weight[use, None], tau * weight[use]
         place = np.append(np.flatnonzero(seen), self.size)
-        found[np.ix_(place, place)] = accumulate(None, W, tau)
+        found[np.ix_(place, place)] = triangle(np.column_stack([W, tau]))
         return found
 
     def factors(self, weight: Floats | None = None) -> Floats:
@@ -151,14 +141,12 @@ def joined(parts: Sequence[Rows]) -> Rows:
         return parts[0]
     arrays: dict[str, Any] = {
         name: np.concatenate([getattr(each, name) for each in parts])
-        for name in ("tau", "use", "t", "log", "begins")
+        for name in ("W", "tau", "use", "t", "log", "begins")
     }
     first = np.cumsum([0, *(int(each.block.max()) + 1 for each in parts[:-1])])
     blocks = [k + each.block for k, each in zip(first, parts, strict=True)]
-    columns = zip(*(each.columns for each in parts), strict=True)
     return replace(
         parts[0],
-        columns=tuple(map(np.concatenate, columns)),
         block=np.concatenate(blocks),
         **arrays,
     )
@@ -173,31 +161,23 @@ def rows_of(log: ConditionedLog, observer: Observer, *, whole: bool = True) -> R
         observer: the columns to evaluate.
         whole: count rows at velocity reversals, too.
     """
-    chosen, n = log.filter, observer.shape[0]
-    counts = _counts(log)
-    t, tau = np.empty(sum(counts)), np.empty((sum(counts), n))
-    use = np.empty(tau.shape, dtype=bool)
-    for at, part in pieces(log):
-        t[at] = _centres(part.t, chosen)
-        tau[at] = parallel_filtered(part.tau.T, chosen).T
-        unusable = np.ascontiguousarray(~part.usable.T, dtype=float)
-        window = np.ones_like(chosen.second_kernel)
-        use[at] = decimate(unusable, window, chosen.second_step)[0].T < 0.5
-    first, begins = 0, np.zeros(len(t), dtype=bool)
-    for segment, count in zip(log.segments, counts, strict=True):
-        at = slice(first, first + count)
-        begins[at][:1], first = True, first + count
+    chosen, counts, t = log.filter, _counts(log), row_times(log)
+    edges = np.cumsum([0, *counts])
+    taps, step = chosen.second_kernel.shape[1], chosen.second_step
+    usable = [sliding_window_view(s.usable, taps, axis=0)[::step].all(axis=2) for s in pieces(log)]
+    use = np.concatenate(usable)
+    for segment, at in zip(log.segments, np.split(np.arange(len(t)), edges[1:-1]), strict=True):
         if not whole and segment.coulomb_sign.size:
             times = reversal_times(segment, chosen.position_cutoff)
             use[at] &= np.array([_far(t[at], each, chosen.cutoff) for each in times]).T
     return Rows(
-        columns=(regressor_of(log, observer),),
-        tau=tau,
+        W=regressor_of(log, observer),
+        tau=at_rows(log, lambda part: part.tau.T),
         use=use,
         t=t,
         log=np.zeros(len(t), dtype=np.int64),
         block=_blocks(counts, chosen),
-        begins=begins,
+        begins=np.isin(np.arange(len(t)), edges),
         cutoff=chosen.cutoff,
     )
 
@@ -207,12 +187,14 @@ def regressor_of(log: ConditionedLog, observer: Observer) -> Floats:
 
     Added effects come with the log, and so do Coulomb signs where it has them: filtered as the torques were.
     """
-    found = np.zeros((sum(_counts(log)), *observer.shape))
-    for at, part in pieces(log):
+
+    def entries(part: Segment) -> Floats:
         sign = part.coulomb_sign if part.coulomb_sign.size else None
-        entries = observer.entries(part.q, part.qd, part.qdd, sign)
-        entries = np.vstack([entries, part.effects.T[observer.added_entries]])
-        found[at, observer.rows, observer.cols] = parallel_filtered(entries, log.filter).T
+        plain = observer.entries(part.q, part.qd, part.qdd, sign)
+        return np.vstack([plain, part.effects.T[observer.added_entries]])
+
+    found = np.zeros((sum(_counts(log)), *observer.shape))
+    found[:, observer.rows, observer.cols] = at_rows(log, entries)
     return found
 
 
@@ -230,36 +212,29 @@ def on_command(log: ConditionedLog) -> ConditionedLog:
 
 def row_times(log: ConditionedLog) -> Floats:
     """Return the times of the rows of a log, (M,) [s]."""
-    return np.concatenate(
-        [_centres(part.t, log.filter) for _, part in pieces(log)] or [np.zeros(0)]
-    )
+    half, step = log.filter.second_kernel.shape[1] // 2, log.filter.second_step
+    return np.concatenate([part.t[half : len(part) - half : step] for part in pieces(log)])
 
 
-def pieces(log: ConditionedLog) -> Iterator[tuple[slice, Segment]]:
-    """Yield the segments of a log in pieces that are evaluated at once, and which rows each makes."""
+def at_rows(log: ConditionedLog, made: Callable[[Segment], Floats]) -> Floats:
+    """Return what is made of a motion, (C, N), at the rows of a log under the filter of the torques, (M, C)."""
+    return np.concatenate([parallel_filtered(made(part), log.filter).T for part in pieces(log)])
+
+
+def pieces(log: ConditionedLog) -> Iterator[Segment]:
+    """Yield the segments of a log in pieces that are evaluated at once; the rows of one follow those of the other."""
     step, taps = log.filter.second_step, log.filter.second_kernel.shape[1]
-    together, first = max(1, tuning.ROWS_EVALUATED // step), 0
+    together = max(1, tuning.ROWS_EVALUATED // step)
     for segment, count in zip(log.segments, _counts(log), strict=True):
         for start in range(0, count, together):
-            rows = min(together, count - start)
-            part = slice(start * step, (start + rows - 1) * step + taps)
-            yield (
-                slice(first + start, first + start + rows),
-                segment[part],
-            )
-        first += count
+            last = min(start + together, count) - 1
+            yield segment[start * step : last * step + taps]
 
 
 def parallel_filtered(signals: Floats, chosen: Filter) -> Floats:
     """Return signals under the filter of the torques, (C, N) -> (C, M)."""
     kernel, step = chosen.second_kernel, chosen.second_step
     return np.asarray(decimate(np.ascontiguousarray(signals), kernel, step)[0])
-
-
-def _centres(t: Floats, chosen: Filter) -> Floats:
-    """Return the times of the rows of a segment with times t, (M,) [s]."""
-    half = (chosen.second_kernel.shape[1] - 1) // 2
-    return t[half : len(t) - half : chosen.second_step]
 
 
 def _counts(log: ConditionedLog) -> list[int]:

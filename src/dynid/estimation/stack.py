@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from dynid.errors import Finding
 from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance, widened
-from dynid.estimation.factor import triangle
 from dynid.estimation.least_squares import Fit, merge, weighted
 from dynid.estimation.rows import (
     Rows,
@@ -203,21 +202,18 @@ def estimate_delay(stack: Stack) -> tuple[float, float]:
     Args:
         stack: the stacked logs; a rank that is short does no harm.
     """
-    from scipy.linalg import block_diag
-
     fit, rows = stack.first_fit, stack.rows
     whitened = fit.whitened[:-1, :-1]
     length = np.linalg.norm(whitened, axis=0)
     length = np.where(length > 0.0, length, 1.0)
     _, sigma, Vt = np.linalg.svd(whitened / length)
     # Why a basis: directions that the log leaves open would have no covariance.
-    basis = block_diag((Vt[sigma > tuning.RANK_TOLERANCE * sigma[0]] / length).T, np.eye(1))
+    basis = Vt[sigma > tuning.RANK_TOLERANCE * sigma[0]].T / length[:, None]
     tau = rows.torque(fit.theta)
     slope = np.concatenate([_slope(rows.t[run], tau[run]) for run in rows.runs])
-    rows = replace(rows, columns=(*rows.columns, -slope[:, :, None]))
-    factors = [triangle(R @ block_diag(basis, np.eye(1))) for R in rows.factors()]
-    found = weighted(np.array(factors), rows.counts)
-    covariance = hac_covariance(rows, found.theta, found.noise, bread=found.covariance, basis=basis)
+    rows = replace(rows, W=np.concatenate([rows.W @ basis, -slope[:, :, None]], axis=2))
+    found = weighted(rows.factors(), rows.counts)
+    covariance = hac_covariance(rows, found.theta, found.noise, bread=found.covariance)
     variance = widened(rows, found, covariance)[-1, -1]
     return float(found.theta[-1]), float(np.sqrt(variance))
 

@@ -20,12 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.estimation import tuning
+from dynid.estimation.one_state import coulomb, number, shape_texts, statements
 from dynid.estimation.residual_model import ModelError
 from dynid.exporters.formulas import (
     columns_of,
-    coulomb,
-    number,
     phrase,
     why_not_code,
     without_torque,
@@ -34,7 +32,6 @@ from dynid.exporters.formulas import (
 from dynid.exporters.full_model import numbers
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded, with_effects
 from dynid.model.parameters import Parameter
-from dynid.model.program import ADD, MUL, NEG, SUB, bound, input_of
 from dynid.robot import LINK_PARAMETERS, Robot
 from dynid.text import code, identifier, xml, xml_comment
 
@@ -50,7 +47,6 @@ SPELLED: dict[str, Callable[[str], str]] = {
         r"\[(\d+)\]", lambda match: f"({int(match[1]) + 1})", text.replace("pow(", "power(")
     ),
 }
-_SIGN = {ADD: "+", SUB: "-", MUL: "*"}
 #: A compiler has this long [s]. Evidence: cc takes 0.8 s for the LWR4+ with its residual model.
 PATIENCE_S = 60.0
 
@@ -122,20 +118,7 @@ def _inertial(arm: IdentifiedArm) -> tuple[list[tuple[str, str]], list[Entry]]:
             number_of = LINK_PARAMETERS.index(parameter.name.split("_")[1])
             places.setdefault(11 * (robot.n - 1) + number_of, []).append(place)
     program = model.rigid.restricted(np.array(list(places), dtype=np.intp))
-    known, inputs, steps = bound(program, robot)
-    text = ["" if value is None else number(value) for value in known]
-    variables = []
-    for slot, name in inputs:
-        text[slot] = name
-        kind, joint = input_of(name)
-        offset = robot.joints[joint].theta_offset
-        angle = f"q[{joint}]" + (f" + {number(offset)}" if offset else "")
-        function = {"c": "cos", "s": "sin"}.get(kind)
-        variables.append((name, f"{function}({angle})" if function else f"{kind}[{joint}]"))
-    for op, a, b, out in steps:
-        value = f"-{text[a]}" if op == NEG else f"{text[a]} {_SIGN[op]} {text[b]}"
-        text[out] = f"t{out}"
-        variables.append((text[out], value))
+    variables, text = statements(program, robot)
     entries = zip(program.rows.tolist(), program.cols, program.outputs, strict=True)
     into = list(places.values())
     return variables, [(row, to, text[slot]) for row, col, slot in entries for to in into[col]]
@@ -169,17 +152,7 @@ def _residual(arm: IdentifiedArm, error: ModelError) -> dict[str, Any]:
     sums = []
     for j, factors in enumerate(by_column.tolist()):
         sign = f"({coulomb(arm.robot, j, f'qd[{j}]') if j in moved else '0.0'})"
-        waves = [
-            f"{f}({k}.0 * q[{j}])"
-            for k in range(1, tuning.POSITION_HARMONICS + 1)
-            for f in ("sin", "cos")
-        ]
-        speeds = [
-            f"exp(-abs(qd[{j}]) / {number(least * error.speed[j])})"
-            for least in tuning.FRICTION_SPEEDS
-        ]
-        rest = [*waves[: 2 * tuning.FRICTION_HARMONICS], *speeds, f"abs(load[{j}])"]
-        shapes = [*waves, *(f"{sign} * {each}" for each in rest)]
+        shapes = shape_texts(j, error.speed[j], sign, f"load[{j}]")
         sums.append(
             " + ".join(f"{number(a)} * {shape}" for a, shape in zip(factors, shapes, strict=True))
         )

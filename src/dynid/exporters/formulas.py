@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from dynid.estimation.one_state import coulomb, number
 from dynid.model.effects.catalogue import CATALOGUE, Added
 from dynid.model.effects.expression import Node
 from dynid.robot import Robot
@@ -78,20 +79,6 @@ def coulomb_joint(node: Node) -> int:
 
 
 # ---------------------------------------------------------------- spelling
-def number(value: float) -> str:
-    """Return a number with all its digits, in brackets where it is negative."""
-    return repr(float(value)) if value >= 0 else f"({float(value)!r})"
-
-
-def coulomb(robot: Robot, joint: int, speed: str) -> str:
-    """Return the Coulomb sign of a joint, 0-based, as an expression."""
-    shape = robot.coulomb_shape
-    limit = number(shape.velocity[joint])
-    if shape.shape == "smooth":
-        return f"tanh({speed} / {limit})"
-    return f"(abs({speed}) >= {limit}) * sign({speed})"
-
-
 def written(node: Node, robot: Robot, bristle: int = 0) -> str:
     """Return a formula whose signals say their joints as an expression, in brackets where it is made of several.
 

@@ -19,7 +19,6 @@ from dynid.estimation.possible_arm import (
     constraints_of,
     fit_physical,
     fit_pooled,
-    fit_sized,
 )
 from dynid.estimation.possible_set import PhysicalConstraints
 from dynid.gap.gap_rows import EffectColumns
@@ -62,7 +61,7 @@ def sized_links(
 ) -> tuple[PhysicalParameters, PhysicalConstraints]:
     """Return the best possible arm beside further effects, and the prior of links in the size that the rows prefer."""
     rows = reduced(regression, more)
-    return fit_sized(rows.R @ base.reduction.K, rows.r, constraints_of(base))
+    return fit_pooled(rows.R @ base.reduction.K, rows.r, constraints_of(base), sized=True)
 
 
 def imitated_counterbalances(regression: Regression, base: BaseModel) -> dict[int, EffectColumns]:
@@ -178,7 +177,7 @@ def least_gain(
     # Why the size of the links with the effect: without it, links of a hundred tons carry what it carries. The sizes
     # of friction stay as they are found there too: with others, the objective would be another.
     # And never lighter than the prior's: that links might be light makes heavier ones no less possible.
-    fits = (fit(A, r, given)[1] for fit in (fit_sized, fit_pooled))
+    fits = (fit_pooled(A, r, given, sized=sized)[1] for sized in (True, False))
     size = max(fits, key=lambda each: each.prior[each.bodies[:, 0]].sum())
     gains = []
     for mass in masses:
@@ -187,7 +186,7 @@ def least_gain(
         held = replace(size, prior=prior)
         before, after = (2 * fit_physical(A, r, held).objective + rest for A, r, rest in pairs)
         gains.append(before - after)
-    return float(np.nan_to_num(min(gains), nan=0.0, neginf=0.0))
+    return float(np.nan_to_num(min(gains)))
 
 
 def _inverse(matrix: Floats) -> Floats:

@@ -90,34 +90,21 @@ def condition(
     chosen: Filter,
     *,
     measured_velocity: bool = False,
-    coulomb: Coulomb | None = None,
-    sharp: Coulomb | None = None,
-    rest_speed: Floats | None = None,
 ) -> list[Segment]:
     """Resample, filter and differentiate a log: one segment for each part without gaps.
 
     Args:
         log: a prepared log, in DH quantities of one robot.
         chosen: the filters.
-        coulomb: shape of the Coulomb sign, whose column then gets the filter that the torques get; None to leave the
-            sign to those who evaluate the columns.
-        sharp: shape whose width is large against the noise of the velocity whose sign is taken; ``coulomb`` when None.
-        rest_speed: speed below which the friction of a joint is undetermined, 0 where that does not matter, (n,)
-            [rad/s or m/s]; samples of a joint that stays slower for ``tuning.FRICTION_REST_S`` are not usable.
         measured_velocity: take the velocity that the driver measured, and differentiate only that, where there is one.
 
     Raises:
         LogTooShort: no part is longer than the filters.
     """
-    found = []
-    for part in _parts(log, chosen):
-        moved = part.qd if measured_velocity else None
-        segment = _segment(part, chosen, moved, part.t - log.t[0])
-        if coulomb is not None:
-            sign = _coulomb_signs(part.q, moved, chosen, sharp or coulomb, [coulomb])[..., 0]
-            segment = replace(segment, coulomb_sign=sign)
-        found.append(segment if rest_speed is None else _without_rests(segment, rest_speed))
-    return found
+    return [
+        _segment(part, chosen, part.qd if measured_velocity else None, part.t - log.t[0])
+        for part in _parts(log, chosen)
+    ]
 
 
 def _parts(log: Log, chosen: Filter) -> list[Log]:
@@ -189,31 +176,19 @@ def _segment(log: Log, chosen: Filter, moved: Floats | None, elapsed: Floats) ->
 
 
 def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
-    """Mark samples of joints at rest: static friction holds any torque up to its limit, which no column describes."""
+    """Mark samples of joints at rest: static friction holds any torque up to its limit, which no column describes.
+
+    Args:
+        segment: conditioned motion.
+        rest_speed: speed below which the friction of a joint is undetermined, 0 where that does not matter, (n,)
+            [rad/s or m/s]; samples of a joint that stays slower for ``tuning.FRICTION_REST_S`` are not usable.
+    """
     least = max(1, round(tuning.FRICTION_REST_S / (segment.t[1] - segment.t[0])))
     usable = segment.usable.copy()
     for j in np.flatnonzero(rest_speed > 0.0):
         for rest in runs(np.abs(segment.qd[:, j]) < rest_speed[j], least):
             usable[rest, j] = False
     return replace(segment, usable=usable)
-
-
-def _coulomb_signs(
-    q: Floats,
-    measured: Floats | None,
-    chosen: Filter,
-    sharp: Coulomb,
-    shapes: Sequence[Coulomb],
-    most: int | None = None,
-) -> Floats:
-    """Return the Coulomb sign of each joint under the position filter in each shape, (M, n, shapes), M <= ``most``."""
-    kernels, step = chosen.first_kernels[:1], chosen.first_step
-    v = sharp_velocity(q, measured, sharp, chosen.rate, chosen.cutoff)
-    if most is not None:
-        v = v[: (most - 1) * step + kernels.shape[1]]
-    found = [coulomb_sign(x, shape, j) for j, x in enumerate(v.T) for shape in shapes]
-    smooth = decimate(np.array(found), kernels, step)[0]
-    return np.ascontiguousarray(smooth.T.reshape(-1, v.shape[1], len(shapes)))
 
 
 def signs_of_shapes(
@@ -230,15 +205,21 @@ def signs_of_shapes(
     Args:
         log: a prepared log.
         chosen: the filters.
-        sharp: as for ``condition``.
+        sharp: shape whose width is large against the noise of the velocity whose sign is taken.
         shapes: of the sign.
         measured_velocity: as for ``condition``.
         most: samples of the beginning of each segment that are wanted; None for all.
     """
-    return [
-        _coulomb_signs(part.q, part.qd if measured_velocity else None, chosen, sharp, shapes, most)
-        for part in _parts(log, chosen)
-    ]
+    kernels, step, found = chosen.first_kernels[:1], chosen.first_step, []
+    for part in _parts(log, chosen):
+        moved = part.qd if measured_velocity else None
+        v = sharp_velocity(part.q, moved, sharp, chosen.rate, chosen.cutoff)
+        if most is not None:
+            v = v[: (most - 1) * step + kernels.shape[1]]
+        signs = [coulomb_sign(x, shape, j) for j, x in enumerate(v.T) for shape in shapes]
+        smooth = decimate(np.array(signs), kernels, step)[0]
+        found.append(np.ascontiguousarray(smooth.T.reshape(-1, v.shape[1], len(shapes))))
+    return found
 
 
 def resampled(t: Floats, x: Floats, grid: Floats) -> Floats:
@@ -263,28 +244,6 @@ def resampled(t: Floats, x: Floats, grid: Floats) -> Floats:
         weight = np.prod([(grid - other) / (t[own] - other) for other in others], axis=0)
         found += weight[:, None] * x[own]
     return found
-
-
-def without_delay(log: Log, delay: float) -> Log:
-    """Return a prepared log whose torque at t is the measured one at t + delay.
-
-    Args:
-        log: a prepared log.
-        delay: by how much the torques are late [s]; samples at the end without a torque are left out.
-    """
-    if delay == 0.0 or len(log) < 4:
-        return log
-    wanted = log.t + delay
-    rows = np.flatnonzero((wanted >= log.t[0]) & (wanted <= log.t[-1]))
-    right = np.clip(np.searchsorted(log.t, wanted[rows]), 1, len(log) - 1)
-    # Why: a torque from the middle of a gap was never measured; its samples count as little as clipped ones.
-    late = (log.t[right] - log.t[right - 1] > (tuning.GAP_SAMPLES + 0.5) / log.rate)[:, None]
-    clipped = log.extra.get("clipped", np.zeros(log.q.shape, dtype=bool))
-    columns = {
-        "tau": resampled(log.t, log.tau, wanted[rows]),
-        "clipped": late | clipped[right] | clipped[right - 1],
-    }
-    return take_samples(log, rows).with_columns(columns)
 
 
 def segment_without_delay(segment: Segment, delay: float) -> Segment:
@@ -338,12 +297,10 @@ def coarse_steps(tau: Floats) -> Floats:
     """Return the steps in which torques, (N, n), were recorded, 0 where nearly every value is another one, (n,)."""
     found = np.zeros(tau.shape[1])
     for j, x in enumerate(tau[: tuning.ENOUGH_SAMPLES].T):
-        steps = np.diff(
-            np.sort(x)
-        )  # np.unique and np.median import masked arrays, which takes a quarter of a second
-        steps = np.sort(steps[steps > 0.0])
+        steps = np.diff(np.sort(x))
+        steps = steps[steps > 0.0]
         if 0 < len(steps) < len(x) / tuning.VALUES_OF_STEPS - 1:
-            found[j] = 0.5 * (steps[(len(steps) - 1) // 2] + steps[len(steps) // 2])
+            found[j] = np.median(steps)
     return found
 
 
@@ -377,19 +334,17 @@ def condition_log(
         sharp = robot.coulomb or robot.usual_coulomb
         speeds = zip(sharp.velocity, robot.joints, strict=True)
         rest = np.array([v if "coulomb" in joint.friction else 0.0 for v, joint in speeds])
-        segments = condition(
-            without_delay(clean, delay),
-            chosen,
-            measured_velocity=measured_velocity,
-            coulomb=robot.coulomb_shape,
-            sharp=sharp,
-            rest_speed=rest,
+        segments = condition(clean, chosen, measured_velocity=measured_velocity)
+        signs = signs_of_shapes(
+            clean, chosen, sharp, [robot.coulomb_shape], measured_velocity=measured_velocity
         )
-    late = delay_of(robot)
+    late = delay + delay_of(robot)
+    segments = [
+        segment_without_delay(_without_rests(replace(s, coulomb_sign=sign[..., 0]), rest), late)
+        for s, sign in zip(segments, signs, strict=True)
+    ]
     conditioned = ConditionedLog(
-        segments=[
-            segment_without_delay(segment, late) for segment in without_known(segments, model)
-        ],
+        segments=without_known(segments, model),
         filter=chosen,
         name=log.source.name if log.source else "",
         path=str(log.source or ""),

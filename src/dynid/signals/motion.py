@@ -14,6 +14,7 @@ from dynid.signals import tuning
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Ints = NDArray[np.intp]
 
 
 def per_joint(pair: tuple[float, float], robot: Robot) -> Floats:
@@ -165,31 +166,30 @@ def same_motion(one: Floats, other: Floats) -> bool:
     # Why from the middle: squares of what both have in common would drown what differs.
     middle = one[:, moving].mean(axis=0)
     a, b = ((x[:, moving] - middle) / reach[moving] for x in (one, other))
-    needed = max(2, int(np.ceil(tuning.SAME_OVERLAP * min(len(a), len(b)))))
-    lags = np.arange(needed - len(b), len(a) - needed + 1)
-    first = np.maximum(0, lags)
-    count = np.minimum(len(a), lags + len(b)) - first
-    for x, y in zip(a.T, b.T, strict=True):
-        squares = (
-            _sums(x, first, count) + _sums(y, first - lags, count) - 2.0 * _products(x, y)[lags]
-        )
-        alike = squares < tuning.SAME_MOTION**2 * count
-        if not alike.any():
-            return False
-        lags, first, count = lags[alike], first[alike], count[alike]
-    return True
+    _, squares, count = squares_apart(a, b)
+    enough = count >= max(2, int(np.ceil(tuning.SAME_OVERLAP * min(len(a), len(b)))))
+    alike = squares < tuning.SAME_MOTION**2 * count[:, None]
+    return bool(np.any(enough & alike.all(axis=1)))
 
 
-def _sums(x: Floats, first: NDArray[np.intp], count: NDArray[np.intp]) -> Floats:
-    """Return sums of squares of one joint over so many rows from each place, (lags,)."""
-    total = np.concatenate([[0.0], np.cumsum(x**2)])
-    return np.asarray(total[first + count] - total[first])
+def squares_apart(one: Floats, other: Floats) -> tuple[Ints, Floats, Ints]:
+    """Return by how many rows the second of two signals is late, and how far they are apart then.
 
+    Args:
+        one: a signal, (M, n).
+        other: another one at the same rate, (N, n).
 
-def _products(a: Floats, b: Floats) -> Floats:
-    """Return sums of products of two motions of a joint by how many rows the second is moved, negative from the end."""
-    size = len(a) + len(b)
-    return np.asarray(np.fft.irfft(np.fft.rfft(a, size) * np.fft.rfft(b, size).conj(), size))
+    Returns:
+        The lags, (L,); the squared differences, summed over the rows in common, (L, n); the number of these, (L,).
+    """
+    size, lags = len(one) + len(other), np.arange(1 - len(one), len(other))
+    first, last = np.maximum(0, -lags), np.minimum(len(one), len(other) - lags)
+    spectra = np.conj(np.fft.rfft(one, size, axis=0)) * np.fft.rfft(other, size, axis=0)
+    squares = -2.0 * np.fft.irfft(spectra, size, axis=0)[lags]
+    for x, start, end in ((one, first, last), (other, first + lags, last + lags)):
+        total = np.vstack([np.zeros_like(x[:1]), np.cumsum(x**2, axis=0)])
+        squares += total[end] - total[start]
+    return lags, squares, last - first
 
 
 def motion_numbers(motions: Sequence[Floats]) -> tuple[int, ...]:

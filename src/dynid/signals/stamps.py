@@ -117,7 +117,7 @@ def with_even_clock(log: Log) -> Log:
     if count is None:
         return log
     number = np.concatenate([[0.0], np.cumsum(count, dtype=float)])
-    slope, start = _line(number, log.t)
+    slope, start = np.polyfit(number, log.t, 1)
     t = start + slope * number
     if np.abs(t - log.t).max() > tuning.GAP_SAMPLES * slope:
         return log
@@ -141,7 +141,7 @@ def _samples_between(step: Floats) -> NDArray[Any] | None:
     usual = float(np.mean(step[step < 1.5 * np.median(step)]))
     away = np.cumsum(step) / usual
     number = np.arange(len(step))
-    slope, start = _line(number, away)
+    slope, start = np.polyfit(number, away, 1)
     left = away - (start + slope * number)
     short, longer = divmod(len(left), max(4, len(step) // 25))
     ends = longer * (short + 1)
@@ -154,13 +154,6 @@ def _samples_between(step: Floats) -> NDArray[Any] | None:
     if np.any(count < 1) or np.any(unclear & (count < tuning.GAP_SAMPLES)):
         return None
     return count
-
-
-def _line(x: NDArray[Any], y: Floats) -> tuple[float, float]:
-    """Return slope and value at zero of the straight line that is closest to y, both (N,)."""
-    away = x - np.mean(x)
-    slope = float(away @ y / (away @ away))
-    return slope, float(np.mean(y) - slope * np.mean(x))
 
 
 def _bend(t: Floats, q: Floats, close: NDArray[np.bool_]) -> Floats:
@@ -299,13 +292,15 @@ def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]
     Args:
         logs: checked logs of one arm; those of which nothing is left are dropped.
     """
-    kept: list[Log] = []
-    findings: list[Finding] = []
-    seen = np.zeros(0, dtype=np.uint64)
-    for number, log in enumerate(logs, start=1):
-        keys = _keys(log)
-        copied = _copied(keys, seen)
-        seen = np.concatenate([seen, keys[~copied]])
+    keys, kept, findings = [_keys(log) for log in logs], list[Log](), list[Finding]()
+    again = np.ones(sum(map(len, keys)), dtype=bool)
+    again[np.unique(np.concatenate(keys), return_index=True)[1]] = False
+    for number, (log, own) in enumerate(zip(logs, keys, strict=True), start=1):
+        mine, again = again[: len(log)], again[len(log) :]
+        copied = np.zeros(len(log), dtype=bool)
+        for run in runs(mine, tuning.COPIED_ROWS):
+            distinct = len(np.unique(own[run])) / (run.stop - run.start)
+            copied[run] = distinct >= tuning.COPIED_DISTINCT
         if not copied.any():
             kept.append(log)
             continue
@@ -321,24 +316,11 @@ def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]
     return kept, tuple(findings)
 
 
-def _copied(keys: NDArray[np.uint64], seen: NDArray[np.uint64]) -> Flags:
-    """Return which samples with such keys, (N,), are copies of earlier ones, or of those with keys that were seen."""
-    again = np.ones(len(keys), dtype=bool)
-    again[np.unique(keys, return_index=True)[1]] = False
-    copied = np.zeros(len(keys), dtype=bool)
-    for run in runs(again | np.isin(keys, seen), tuning.COPIED_ROWS):
-        copied[run] = len(np.unique(keys[run])) >= tuning.COPIED_DISTINCT * (run.stop - run.start)
-    return copied
-
-
 def _keys(log: Log) -> NDArray[np.uint64]:
     """Return a hash of the positions and torques of each sample, (N,)."""
     # Why: odd factors keep every bit; a sum of products over a row is a hash as good as these logs need.
     factors = np.random.default_rng(0).integers(1, 2**63, 2 * log.n, dtype=np.uint64) * np.uint64(
         2
     ) + np.uint64(1)
-    keys = np.zeros(len(log), dtype=np.uint64)
-    for x, factor in zip((*log.q.T, *log.tau.T), factors, strict=True):
-        bits = (x + 0.0).view(np.uint64)
-        keys += (bits ^ (bits >> np.uint64(29))) * factor
-    return keys
+    bits = (np.hstack([log.q, log.tau]) + 0.0).view(np.uint64)
+    return np.asarray((bits ^ (bits >> np.uint64(29))) @ factors)

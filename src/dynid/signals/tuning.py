@@ -198,9 +198,5 @@ EFFECT_SMOOTHING_HZ = 4.0
 # Speed and memory: no result depends on them, but for the last digits.
 #: Samples at the beginning of a log of which noise and steps of torque are estimated. Evidence: none yet.
 ENOUGH_SAMPLES = 1 << 18
-#: Outputs computed together as one matrix product; measured best for 50 to 500 taps.
-OUTPUTS_TOGETHER = 20
-#: Signals from which on each of their stretches is multiplied where it is.
-MANY_SIGNALS = 64
 #: Samples for each value of a torque from which on it is recorded in steps; noise of a step alone leaves about ten.
 VALUES_OF_STEPS = 20

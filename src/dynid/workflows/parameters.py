@@ -40,7 +40,6 @@ from dynid.options import LogOptions
 from dynid.progress import Progress, notice, stage
 from dynid.robot import Robot, coulomb_of
 from dynid.runs import RunFolder
-from dynid.signals.conditioned_log import without_delay
 from dynid.signals.motion import check_amount
 from dynid.signals.stamps import without_copies
 
@@ -198,8 +197,9 @@ def observe(
         stack, delay, late = on_time(stack)
     applied = stack.logs[0].delay
     if base.robot.coulomb is None and base.robot.estimated_coulomb is None:
-        moved = [without_delay(log, options.delay or 0.0) for log in checked]
-        stack = with_estimated_step(stack, moved, measured_velocity=options.velocity == "measured")
+        stack = with_estimated_step(
+            stack, checked, measured_velocity=options.velocity == "measured"
+        )
     return Observations(
         base=stack.base,
         stack=stack,

@@ -20,7 +20,8 @@ from dynid.arguments import public
 from dynid.disk import sha256
 from dynid.errors import Finding, PlanTeachesLittle, WrongUsage
 from dynid.estimation.least_squares import weighted
-from dynid.estimation.posterior import parameter_posterior, prior_information
+from dynid.estimation.posterior import information_of as known_of
+from dynid.estimation.posterior import prior_information, sample_noise
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import stack_logs
 from dynid.files.artifact import read_header, reading
@@ -454,7 +455,7 @@ def _torque_noise(
         return np.broadcast_to(np.array(given), (robot.n,)).copy(), "given with --noise"
     for known in earlier:
         if isinstance(known, Identification):
-            noise = parameter_posterior(known).sample_noise(rate)
+            noise = sample_noise(known, rate)
             return noise, "as an earlier identification found it"
     assumed = "assumed (0.3 % of the rating, 0.1 N m without one)"
     return default_noise(robot), assumed if robot.torque.noise is None else "from the robot file"
@@ -497,7 +498,7 @@ def _of_result(base: BaseModel, result: Identification) -> Floats:
     # Why some: a motion is planned without the effects of the robot file, whatever they are.
     some = [names[name] for name in base.reduction.base_names]
     others = [k for k in names.values() if k not in some]
-    information = parameter_posterior(result).information
+    information = known_of(result)[0]
     known, shared = information[np.ix_(some, some)], information[np.ix_(some, others)]
     if others:
         rest = np.linalg.pinv(information[np.ix_(others, others)], hermitian=True)

@@ -8,7 +8,7 @@ import pytest
 
 from dynid.estimation import tuning
 from dynid.estimation.compare import compare, same_parameters
-from dynid.estimation.identified import Identified, JointQuality, Quality
+from dynid.estimation.identified import Identified, JointQuality
 from dynid.estimation.least_squares import Fit
 
 JOINTS = (
@@ -35,7 +35,14 @@ def result(theta, std_error, joints=JOINTS):
         "std_error": error,
         "knowledge": ("well",) * p,
         "prior": np.full(p, np.nan),
-        "quality": Quality(joints, 1.5, 1.6, "last 20 %", p, 50.0, 30.0, 1000),
+        "joints": joints,
+        "relative_error_percent": 1.5,
+        "heldout_relative_error_percent": 1.6,
+        "heldout": "last 20 %",
+        "rank": p,
+        "condition_number": 50.0,
+        "condition_number_scaled": 30.0,
+        "samples": 1000,
     }
     return Identified(**facts)
 

@@ -7,9 +7,9 @@ from test_stack import motion, stacked, truth
 import dynid
 import models
 from dynid.estimation.least_squares import relative_error, weighted
-from dynid.estimation.stack import estimate_delay, is_clear, on_time
+from dynid.estimation.stack import estimate_delay, is_clear, on_time, stack_logs
 from dynid.log import Log
-from dynid.signals.conditioned_log import without_delay
+from dynid.signals.conditioned_log import condition_log, torques_moved_back
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,8 @@ def test_a_delay_that_was_put_in_is_found_and_removed(base, delay):
     found, std_error = estimate_delay(stacked(base, log))
     assert is_clear(found, std_error, reach=0.05)
     assert found == pytest.approx(delay, abs=max(4 * std_error, 0.06 * abs(delay)))
-    left, _ = estimate_delay(stacked(base, without_delay(log, found)))
+    logs = [torques_moved_back(each, base.model, found) for each in stacked(base, log).logs]
+    left, _ = estimate_delay(stack_logs(logs, base))
     assert abs(left) < 1e-3
 
 
@@ -60,18 +61,17 @@ def test_torques_on_time_are_not_moved(base):
     assert not is_clear(*estimate_delay(stacked(base, late(base, 0.0))), reach=0.05)
 
 
-def test_the_torque_of_a_later_time_is_taken_and_the_end_is_cut(base):
-    t = np.arange(200) / 100.0
+def test_the_torque_of_a_later_time_is_taken_and_the_end_does_not_count(base):
+    t = np.arange(400) / 100.0
     x = np.column_stack([np.sin(t)] * base.robot.n)
     log = Log(t, x, x**2, base.robot.joint_names, dh=True)
-    moved = without_delay(log, 0.013)
-    assert len(moved) == 198
-    assert np.allclose(moved.tau[:, 0], np.sin(moved.t + 0.013) ** 2, atol=1e-7)
-    assert without_delay(log, 0.0) is log
-
-
-def test_torques_from_inside_a_gap_do_not_count(base):
-    t = np.concatenate([np.arange(100), np.arange(150, 250)]) / 100.0
-    x = np.column_stack([np.sin(t)] * base.robot.n)
-    moved = without_delay(Log(t, x, x, base.robot.joint_names, dh=True), 0.02)
-    assert moved.extra["clipped"][:, 0].sum() == 2
+    plain, moved = (
+        condition_log(log, base.model, cutoff=20.0, delay=delay).segments[0]
+        for delay in (0.0, 0.013)
+    )
+    good = moved.usable[:, 0] & (moved.t < 3.5)
+    assert moved.tau[good, 0] == pytest.approx(
+        np.interp(moved.t[good] + 0.013, plain.t, plain.tau[:, 0]), abs=1e-3
+    )
+    assert not moved.usable[moved.t + 0.013 > plain.t[-1]].any()
+    assert plain.usable[plain.t > 3.5].any()

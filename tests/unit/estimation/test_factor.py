@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from dynid.estimation.factor import Factor
+from dynid.estimation.factor import Factor, triangle
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def test_what_is_left_and_what_was_taken_are_the_joint_solution(problem):
     )
     H = A.T @ A + np.diag(1 / np.concatenate(scale) ** 2)
     whole, covariance = np.linalg.solve(H, A.T @ y), np.linalg.inv(H)
-    R = left.triangle
+    R = triangle(left.rows)
     theta = np.linalg.solve(R[:4, :4], R[:4, -1])
     assert theta == pytest.approx(whole[-4:], abs=1e-10)
     assert np.linalg.inv(R[:4, :4].T @ R[:4, :4]) == pytest.approx(covariance[-4:, -4:], abs=1e-10)

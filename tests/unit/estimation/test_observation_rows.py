@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.estimation.covariance import hac_covariance
 from dynid.estimation.rows import Rows, joined, robust_noise
 
 THETA = np.array([1.0, 2.0, 3.0])
@@ -35,12 +34,10 @@ def test_rows_that_do_not_count_leave_no_trace(rows):
     assert robust_noise(rows, THETA) == pytest.approx([0.0, 1.4826], abs=1e-6)
 
 
-def test_blocks_of_columns_are_one_matrix(rows):
-    both = replace(rows, columns=(rows.W[:, :, :1], rows.W[:, :, 1:]))
-    assert np.array_equal(both.W, rows.W)
-    for theta in (THETA, np.array([THETA, -THETA])):
-        expected = np.einsum("mjp,jp->mj", rows.W, np.broadcast_to(theta, (2, 3)))
-        assert both.torque(theta) == pytest.approx(expected)
+@pytest.mark.parametrize("theta", [THETA, np.array([THETA, -THETA])])
+def test_torques_are_those_of_the_parameters_of_all_or_of_each_joint(rows, theta):
+    expected = np.einsum("mjp,jp->mj", rows.W, np.broadcast_to(theta, (2, 3)))
+    assert rows.torque(theta) == pytest.approx(expected)
 
 
 def test_rows_taken_apart_and_joined_are_the_same_with_a_gap(rows):
@@ -49,10 +46,3 @@ def test_rows_taken_apart_and_joined_are_the_same_with_a_gap(rows):
     assert np.array_equal(both.W, rows.W)
     assert [run.start for run in both.runs] == [0, 50]
     assert rows.take(np.arange(120) % 60 > 9).runs == [slice(0, 50), slice(50, 100)]
-
-
-def test_scores_of_combined_columns_are_those_of_their_combinations(rows):
-    basis, noise = np.random.default_rng(8).standard_normal((3, 2)), np.array([1.0, 0.5])
-    mixed = replace(rows, columns=(rows.W @ basis,))
-    one = hac_covariance(rows, THETA[:2], noise, basis=basis)
-    assert one == pytest.approx(hac_covariance(mixed, THETA[:2], noise), rel=1e-9)

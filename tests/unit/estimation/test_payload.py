@@ -11,8 +11,7 @@ from dynid.estimation.estimate import estimate
 from dynid.estimation.payload import find_payload
 from dynid.estimation.possible_set import smallest_eigenvalues
 from dynid.estimation.stack import stack_logs
-from dynid.signals.conditioned_log import ConditionedLog, condition
-from dynid.signals.filters import choose_filter
+from dynid.signals.conditioned_log import condition_log
 
 pytestmark = pytest.mark.slow
 
@@ -23,8 +22,7 @@ def base():
 
 
 def identified(base, log, method="wls"):
-    chosen = choose_filter(log, base.robot, 6.0)
-    source = ConditionedLog(condition(log, chosen, coulomb=base.robot.coulomb_shape), chosen, "log")
+    source = condition_log(log, base.model, cutoff=6.0)
     return estimate(stack_logs([source], base), base, method=method, holdout=None, drop_weak=True)
 
 

@@ -8,7 +8,7 @@ import pytest
 import models
 from dynid.errors import Finding
 from dynid.estimation.evidence import evidence_of
-from dynid.estimation.identified import JointQuality, Quality
+from dynid.estimation.identified import JointQuality
 from dynid.estimation.least_squares import Fit
 from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.prediction import EstimatedMotion, check
@@ -85,16 +85,14 @@ def gathered(tmp_path_factory):
         std_error=error,
         knowledge=("not determined", *("well",) * (p - 1)),
         prior=np.full(p, np.nan),
-        quality=Quality(
-            tuple(JointQuality(j.name, 0.01, 1.4, 0.7, None) for j in robot.joints),
-            1.4,
-            None,
-            "nothing held out",
-            rank=p,
-            condition_number=50.0,
-            condition_number_scaled=30.0,
-            samples=400,
-        ),
+        joints=tuple(JointQuality(j.name, 0.01, 1.4, 0.7, None) for j in robot.joints),
+        relative_error_percent=1.4,
+        heldout_relative_error_percent=None,
+        heldout="nothing held out",
+        rank=p,
+        condition_number=50.0,
+        condition_number_scaled=30.0,
+        samples=400,
         physical=physical,
         in_force="physical",
         findings=(Finding("W402", "warning", NASTY),),

@@ -6,7 +6,7 @@ import pytest
 from dynid.log import Log
 from dynid.robot import Coulomb, Joint, Robot
 from dynid.signals import tuning
-from dynid.signals.conditioned_log import condition
+from dynid.signals.conditioned_log import condition, signs_of_shapes
 from dynid.signals.filters import choose_filter, choose_sign_cutoffs, lowpass_kernel, white_noise
 
 RATE = 1000.0
@@ -44,9 +44,9 @@ def test_a_filtered_sign_turns_when_the_joint_does():
     q, speed = braking(T)
     robot = Robot("one", "standard", (Joint("j"),))
     log = Log(T, q[:, None], np.tanh(speed / 0.01)[:, None], ("j",))
-    (segment,) = condition(log, choose_filter(log, robot, 5.0), coulomb=SIGN)
+    chosen = choose_filter(log, robot, 5.0)
+    (segment,), (sign,) = condition(log, chosen), signs_of_shapes(log, chosen, SIGN, [SIGN])
     sharp, late = (
-        np.abs(way - segment.tau).max()
-        for way in (segment.coulomb_sign, np.tanh(segment.qd / 0.01))
+        np.abs(way - segment.tau).max() for way in (sign[..., 0], np.tanh(segment.qd / 0.01))
     )
     assert sharp < 0.2 * late
