@@ -150,7 +150,7 @@ def test_runs_become_one_table(story):
     assert done.status == 0
     answer, _, head, *rows = done.out.splitlines()[:5]
     assert answer == "Nothing has changed since out/arm by more than its uncertainty."
-    columns = "run, robot, method, rank, condition, unexplained, held out, weakest joint"
+    columns = "run, robot, method, rank, condition, error, held out, weakest joint"
     assert re.split("  +", head) == columns.split(", ")
     assert [row.split()[0] for row in rows] == runs
     found = load_run(story.folder / "out/arm")

@@ -12,8 +12,7 @@ from dynid.estimation.payload import find_payload
 from dynid.estimation.stack import stack_logs
 from dynid.model.parameters import joined
 from dynid.robot import Body
-from dynid.signals.conditioned_log import ConditionedLog, condition
-from dynid.signals.filters import choose_filter
+from dynid.signals.conditioned_log import condition_log
 from dynid.sim.sines import SineSpec, sines
 from dynid.workflows.model import base_model
 from recorded_lwr import PLANT, ROBOT
@@ -48,10 +47,7 @@ def logged(seed, load=None, seconds=25.0):
 
 
 def stacked(base, log):
-    chosen = choose_filter(log, ROBOT, 6.0)
-    rest = np.array(ROBOT.coulomb_shape.velocity)
-    segments = condition(log, chosen, coulomb=ROBOT.coulomb_shape, rest_speed=rest)
-    return stack_logs([ConditionedLog(segments, chosen, "log")], base)
+    return stack_logs([condition_log(log, base.model, cutoff=6.0)], base)
 
 
 @pytest.fixture(scope="module")

@@ -61,7 +61,7 @@ from dynid.progress import Progress, heard_by, notice, stage
 from dynid.reports.figures import motion_figure
 from dynid.robot import Known, Prior, Robot
 from dynid.runs import RunFolder
-from dynid.signals.conditioned_log import ConditionedLog, stretches
+from dynid.signals.columns import take_samples
 from dynid.text import yaml_text
 from dynid.workflows.drive_gains import find_drive_gains, gain_facts, needs_gains, write_robot
 from dynid.workflows.model import base_model
@@ -87,7 +87,7 @@ METHOD_TEXT = {
 }
 #: Share of each log that is held out where all logs are of one motion.
 AUTO_SHARE = 0.2
-#: So much of the logs tells another arm [s].
+#: So much of each log tells another arm [s].
 ENOUGH = 60.0
 
 
@@ -204,17 +204,17 @@ def identify(
         raise
     if _poor(result, base):
         result = replace(result, findings=(*_diagnosed(seen, robot, options), *result.findings))
-    return _reported(replace(result, header=header, draw=torque_figure))
+    return _reported(replace(result, header=header, draw=torque_figure), seen.checked)
 
 
-def _reported(result: Identification) -> Identification:
+def _reported(result: Identification, logs: Sequence[Log]) -> Identification:
     """Return a result whose header tells noise and arm, after its fit was reported."""
     assert result.stack is not None
     noise = noise_floor(result.stack, result.theta, result.model_error)
     if noise is not None:
         facts = {"noise_floor_nm": noise.rms.tolist(), "noise_repeats_s": noise.repeats}
         result = replace(result, header=result.header | facts)
-    if other := _other_arm(result):
+    if other := _other_arm(result, logs):
         result = replace(result, header=result.header | {"other_arm": other})
     stage("estimate", f"{METHOD_TEXT[result.method]}; {result.why}")
     stage("", f"{len(result.names)} base parameters; held out: {result.heldout}")
@@ -225,10 +225,10 @@ def _reported(result: Identification) -> Identification:
 
 
 # ---------------------------------------------------------------- is it another arm?
-def _other_arm(result: Identification) -> dict[str, Any] | None:
+def _other_arm(result: Identification, logs: Sequence[Log]) -> dict[str, Any] | None:
     """Return the shipped arm whose link lengths explain logs far better: name, and both errors [%]; None for none."""
     noise = result.header.get("noise_floor_nm")
-    if not noise or not all(noise):
+    if not logs or not noise or not all(noise):
         return None
     # Why not by the light, which lets an error pass that matters to nobody: wrong lengths leave little in slow torques.
     ratios = (joint.rms / floor for joint, floor in zip(result.joints, noise, strict=True))
@@ -236,9 +236,9 @@ def _other_arm(result: Identification) -> dict[str, Any] | None:
         return None
     text = "most joints miss several times their noise: the link lengths of other arms are tried"
     stage("arm", text)
-    assert result.stack is not None
-    arm, (logs, _) = result.robot, stretches(result.stack.logs, ENOUGH)
-    own, tried = _unexplained(arm, logs), []
+    arm, cutoff = result.robot, LogOptions(cutoff=result.cutoff or None)
+    logs = [take_samples(log, np.flatnonzero(log.t < log.t[0] + ENOUGH)) for log in logs]
+    own, tried = _unexplained(arm, logs, cutoff), []
     for path in sorted(Path(packaged("robots")).glob("*.yaml")):
         other = load_robot(path)
         if (other.n, other.convention) != (arm.n, arm.convention):
@@ -250,17 +250,17 @@ def _other_arm(result: Identification) -> dict[str, Any] | None:
         )
         if joints != arm.joints:
             changed = replace(arm, joints=joints, effects=())
-            tried.append((_unexplained(changed, logs), path.stem))
+            tried.append((_unexplained(changed, logs, cutoff), path.stem))
     percent, name = min(tried, default=(own, ""))
     better = percent < tuning.OTHER_ARM_GAIN * own
     return {"name": name, "percent": percent, "own": own} if better else None
 
 
 @heard_by()
-def _unexplained(robot: Robot, logs: Sequence[ConditionedLog]) -> float:
+def _unexplained(robot: Robot, logs: Sequence[Log], options: LogOptions) -> float:
     """Return the relative torque error on logs with the links of an arm [%]."""
     base = in_memory(replace(robot, prior=None, estimated_coulomb=None))
-    stack = stack_logs(logs, base)
+    stack = stack_logs(condition_logs(logs, base.model, options), base)
     fit = wls(stack, prior_base_parameters(base.model, base.reduction))
     return relative_error(stack.whole[0], fit.theta)
 
