@@ -25,11 +25,6 @@ class RunFolder:
         return self.path / "regressor.npz", self.path / "fullregressor.npz"
 
     @property
-    def trajectory(self) -> Path:
-        """The planned motion."""
-        return self.path / "trajectory.npz"
-
-    @property
     def stack(self) -> Path:
         """The rows of the training logs."""
         return self.path / "fullnumericregressor.npz"
@@ -77,10 +72,3 @@ def header_of(path: Path) -> Mapping[str, Any]:
     from dynid.files.artifact import read_header  # with NumPy, and help must be fast
 
     return read_header(path) or {}
-
-
-def replay_folder(parent: Path, log: str, sha256: str) -> Path:
-    """Return where a replay goes: named after the log, and after its hash where another log has that name."""
-    name = Path(log).stem
-    other = header_of(RunFolder(parent / name).motion).get("log_sha256", [sha256]) != [sha256]
-    return parent / (f"{name}_{sha256[:8]}" if other else name)

@@ -23,7 +23,6 @@ from dynid.cli.prompt import ATTEMPTS, Answer, ask, ask_line, can_ask, may_write
 from dynid.cli.session import Session
 from dynid.errors import Declined, Finding, NoDisplay, WrongUsage
 from dynid.files.yamlfile import read_yaml
-from dynid.runs import RunFolder
 from dynid.text import shell
 from dynid.trajectory.options import PlanOptions
 
@@ -123,7 +122,7 @@ def command(
     if written.workspace is not None and options.workspace is None:
         changes["workspace"] = (*written.workspace[0], *written.workspace[1])
     options = replace(options, **changes)
-    path = RunFolder(session.folder(robot.slug)).trajectory
+    path = session.folder(robot.slug) / "trajectory.npz"
     if review is not None:
         look = view(session, preview, review.parent, accept=accept)
         return reviewed(session, robot, review, options, urdf, look)

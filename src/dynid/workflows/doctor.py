@@ -17,8 +17,20 @@ from dynid.xdg import LOCAL_CONFIG, cache_folder, config_file
 
 #: What dynid cannot do without.
 REQUIRED = (
-    *("numpy", "scipy", "sympy", "pyyaml", "matplotlib", "click", "rich"),
-    *("rosbags", "lz4", "mcap", "jinja2", "threadpoolctl", "lazy_loader", "mujoco"),
+    "numpy",
+    "scipy",
+    "sympy",
+    "pyyaml",
+    "matplotlib",
+    "click",
+    "rich",
+    "rosbags",
+    "lz4",
+    "mcap",
+    "jinja2",
+    "threadpoolctl",
+    "lazy_loader",
+    "mujoco",
 )
 
 

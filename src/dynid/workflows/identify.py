@@ -234,8 +234,7 @@ def _other_arm(result: Identification, logs: Sequence[Log]) -> dict[str, Any] | 
     ratios = (joint.rms / floor for joint, floor in zip(result.joints, noise, strict=True))
     if median(ratios) <= tuning.OTHER_ARM:
         return None
-    text = "most joints miss several times their noise: the link lengths of other arms are tried"
-    stage("arm", text)
+    stage("arm", "most joints are far above their noise: the link lengths of other arms are tried")
     arm, cutoff = result.robot, LogOptions(cutoff=result.cutoff or None)
     logs = [take_samples(log, np.flatnonzero(log.t < log.t[0] + ENOUGH)) for log in logs]
     own, tried = _unexplained(arm, logs, cutoff), []
@@ -252,8 +251,9 @@ def _other_arm(result: Identification, logs: Sequence[Log]) -> dict[str, Any] | 
             changed = replace(arm, joints=joints, effects=())
             tried.append((_unexplained(changed, logs, cutoff), path.stem))
     percent, name = min(tried, default=(own, ""))
-    better = percent < tuning.OTHER_ARM_GAIN * own
-    return {"name": name, "percent": percent, "own": own} if better else None
+    if percent >= tuning.OTHER_ARM_GAIN * own:
+        return None
+    return {"name": name, "percent": percent, "own": own}
 
 
 @heard_by()

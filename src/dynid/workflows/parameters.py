@@ -182,9 +182,9 @@ def observe(
         base = in_memory(robot)
     base = with_coulomb(base, robot.estimated_coulomb)
     enough = not arguments.instance(drop_weak, bool, "drop_weak", "True or False")
-    how = {"identify": enough, "alone": len(several) == 1}
-    given = [checked_log(log, base.robot, options, **how) for log in several]
-    few = check_amount(given, base.robot) if enough and len(several) > 1 else ()
+    alone = len(several) == 1
+    given = [checked_log(log, base.robot, options, identify=enough, alone=alone) for log in several]
+    few = check_amount(given, base.robot) if enough and not alone else ()
     checked, copies = without_copies(given)
     notice((*few, *copies))
     stack = stack_logs(condition_logs(checked, base.model, options), base)

@@ -35,7 +35,7 @@ from dynid.model.base_model import BaseModel
 from dynid.progress import Progress, stage
 from dynid.reports.figures import motion_figure, write_motion_figures
 from dynid.robot import Robot
-from dynid.runs import RunFolder, replay_folder
+from dynid.runs import RunFolder, header_of
 from dynid.signals.motion import same_motion
 from dynid.table import Table
 from dynid.workflows.drive_gains import in_amperes
@@ -171,8 +171,10 @@ class Validation(Judged):
         return broken
 
     def folder(self, parent: Path) -> Path:
-        """Return where its files go below the folder of all validations of a result."""
-        return replay_folder(parent, self.log, self.log_sha256)
+        """Return where its files go: named after the log, and after its hash where another log has that name."""
+        name, own = Path(self.log).stem, [self.log_sha256]
+        other = header_of(RunFolder(parent / name).motion).get("log_sha256", own) != own
+        return parent / (f"{name}_{self.log_sha256[:8]}" if other else name)
 
     def save(self, folder: Path) -> Path:
         """Write estimatedmotion.npz."""
