@@ -366,7 +366,7 @@ class JointStill(DynidError):
 
     code, status = "E401", ExitStatus.DATA
     why = "its inertia and friction do not show in the torques"
-    fix = "record a motion in which every joint moves, or identify --drop-weak: the prior stands in"
+    fix = "record a motion in which every joint moves, or add --drop-weak: its parameters come from the prior"
 
 
 class PoorlyExcited(DynidError):

@@ -1,4 +1,4 @@
-"""The folder of a run: where its files lie, whether one is current, and what to remove when it is not."""
+"""The folder of a run: where its files lie, what they were made from, and what a new search removes."""
 
 from __future__ import annotations
 

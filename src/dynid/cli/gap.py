@@ -153,7 +153,7 @@ CHANGES = {
 
 def in_one_cell(rows: Table) -> list[dict[str, str]]:
     """Return what was before and is after in one cell, for which a terminal of 80 columns has room."""
-    cells_by_joint = []
+    compact = []
     for row in rows:
         cells = {"joint": row["joint"]}
         for what, (head, unit) in CHANGES.items():
@@ -161,8 +161,8 @@ def in_one_cell(rows: Table) -> list[dict[str, str]]:
                 before, after = (cell_text(row[f"{what} {when}"]) for when in ("before", "after"))
                 change = before if before == after else f"{before} -> {after}"
                 cells[head] = f"{change} {row[unit]}"
-        cells_by_joint.append(cells | {"noise": row["noise"]} if "noise" in row else cells)
-    return cells_by_joint
+        compact.append(cells | {"noise": row["noise"]} if "noise" in row else cells)
+    return compact
 
 
 def show(session: Session, gap: Gap) -> None:

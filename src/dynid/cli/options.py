@@ -207,8 +207,8 @@ def configure(ctx: click.Context, param: click.Parameter, value: Path | None) ->
 
 def take_defaults(ctx: click.Context, values: dict[str, Value]) -> None:
     """Make values of a file the defaults of a command, before those that it has from other files."""
-    settings_now = ctx.meta["dynid.settings"] = ctx.meta.get("dynid.settings", {}) | values
-    ctx.default_map = {name: words_of(each) for name, each in settings_now.items()}
+    merged = ctx.meta["dynid.settings"] = ctx.meta.get("dynid.settings", {}) | values
+    ctx.default_map = {name: words_of(each) for name, each in merged.items()}
 
 
 def words_of(value: Value) -> str | list[str]:

@@ -61,8 +61,8 @@ def command(
         options, session = replace(options, cutoff=cutoff), replace(session, force=True)
     if answer is Answer.YES:
         out = session.folder(robot.slug)
-        answer_of_identify = invoke(session, "identify", robot.source, "-o", out)
-        session.steps(*(Step(**each) for each in answer_of_identify["judgement"]["next"]))
+        identified = invoke(session, "identify", robot.source, "-o", out)
+        session.steps(*(Step(**each) for each in identified["judgement"]["next"]))
     else:
         session.next(f"dynid identify {robot.word}")
     return facts

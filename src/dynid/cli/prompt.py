@@ -230,15 +230,15 @@ def may_write(
     """
     if session.force or not path.exists():
         return True
-    fix, inputs_then = f"use --force, or {other}", None
+    fix, stored = f"use --force, or {other}", None
     if inputs is not None:
-        inputs_then = header_of(path).get("inputs")
-        if inputs_then == dict(inputs) and not session.yes:
+        stored = header_of(path).get("inputs")
+        if stored == dict(inputs) and not session.yes:
             reused = f"{path}       (made from the same inputs; --force makes it again)"
             session.stage("reused", reused)
             return False
     if not session.yes and not can_ask(session):
-        difference = "" if inputs is None else f" and {_difference(inputs_then, inputs)}"
+        difference = "" if inputs is None else f" and {_difference(stored, inputs)}"
         raise OutputExists(f"{path} exists{difference}", fix=fix)
     if ask(session, "P6", path=path) is not Answer.YES:
         raise Declined(f"{path} is left as it was", fix=fix)
@@ -254,12 +254,12 @@ def write_once(session: Session, path: Path, text: str) -> None:
         session.wrote(path)
 
 
-def _difference(inputs_then: object, inputs: Mapping[str, str]) -> str:
-    if not isinstance(inputs_then, Mapping):
+def _difference(stored: object, inputs: Mapping[str, str]) -> str:
+    if not isinstance(stored, Mapping):
         return "does not say what it was made from"
     changes = []
-    for name in sorted({*inputs_then, *inputs}):
-        old, new = (str(each.get(name, "none")) for each in (inputs_then, inputs))
+    for name in sorted({*stored, *inputs}):
+        old, new = (str(each.get(name, "none")) for each in (stored, inputs))
         if old != new:
             # Why: of hashes the beginning tells enough.
             hashes = any(re.fullmatch("[0-9a-f]{16,}", text) for text in (old, new))

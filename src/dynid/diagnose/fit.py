@@ -132,7 +132,7 @@ class Judge:
         for k, (robot, (x, _)) in enumerate(zip(robots, moved, strict=True)):
             alike = tables.setdefault((robot.convention, robot.gravity), {})
             alike.setdefault(x.tobytes(), []).append(k)
-        least_left: dict[int, tuple[Floats, Floats]] = {}
+        errors: dict[int, tuple[Floats, Floats]] = {}
         together = max(1, TOGETHER // len(self.tau))
         for files in (list(alike.values()) for alike in tables.values()):
             for start in range(0, len(files), together):
@@ -144,8 +144,8 @@ class Judge:
                 says = np.stack([self.says(robots[k]) for k in numbers])
                 floor = columns.floor(of, tau)
                 left = np.where(says, columns.left(of, tau, says, apart=self.apart), floor)
-                least_left |= dict(zip(numbers, zip(left, floor, strict=True), strict=True))
-        return [least_left[k] for k in range(len(robots))]
+                errors |= dict(zip(numbers, zip(left, floor, strict=True), strict=True))
+        return [errors[k] for k in range(len(robots))]
 
     def possible(self, robot: Robot) -> tuple[Floats, Floats]:
         """Return what bodies that can exist leave of each joint's torque, and what friction alone leaves, (n,) each."""
@@ -217,11 +217,11 @@ class Judge:
         map_, rows, sign = robot.columns.map, list(range(n)), np.ones(n)
         if self.mapped:
             rows, sign = self._order(robot), np.multiply(map_.sign, map_.torque_signs)
-        columns_of_all = np.zeros((n, N, p + OWN * n))
+        stacked = np.zeros((n, N, p + OWN * n))
         for j, row in enumerate(rows):
-            columns_of_all[row, :, 10 * j : p] = sign[j] * columns.of_joint(j)[0]
-            columns_of_all[row, :, p + OWN * j : p + OWN * (j + 1)] = columns.own[0, j]
-        return columns_of_all.reshape(n * N, -1)
+            stacked[row, :, 10 * j : p] = sign[j] * columns.of_joint(j)[0]
+            stacked[row, :, p + OWN * j : p + OWN * (j + 1)] = columns.own[0, j]
+        return stacked.reshape(n * N, -1)
 
     def _columns(self, robot: Robot, motions: Sequence[Floats]) -> Columns:
         """Return the columns of an edited file on motions in DH quantities, (3, N, n) each."""

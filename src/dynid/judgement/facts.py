@@ -258,13 +258,13 @@ LIGHTS = (
 
 def lights(evidence: Evidence) -> tuple[Light, ...]:
     """Return the lights of fit, unseen motion, parameters, physics and missing effects."""
-    lights_now = []
+    rows = []
     for name, covered, unknown in LIGHTS:
         facts = list(covered(evidence))
         state = worst(each for each, _ in facts) if facts else OPEN
         text = "; ".join(text for each, text in facts if each == state and text)
-        lights_now.append(Light(name, state, text if facts else unknown))
-    return tuple(lights_now)
+        rows.append(Light(name, state, text if facts else unknown))
+    return tuple(rows)
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from dynid.estimation.result import Identification
 from dynid.gap.record import GapRecord, read_record
 from dynid.judgement.judge import Judgement
 from dynid.robot import Robot
+from dynid.runs import RunFolder
 from dynid.sim.comparison import SimulatorGap
 
 Floats = NDArray[np.float64]
@@ -82,23 +83,17 @@ def gather(result: Identification) -> Gathered:
         columns = ([getattr(one, part.name) for one in motions] for part in fields(EstimatedMotion))
         fitted = EstimatedMotion(*map(np.concatenate, columns))
         return Gathered(result, result.judgement, fitted, (), _spectrum(result.stack.whole[0]))
-    folder, robot = result.path.parent, result.robot
-    motion, stack, gap = (
-        folder / name for name in ("estimatedmotion.npz", "fullnumericregressor.npz", "gap.npz")
-    )
-    record, driven = read_record(gap) if gap.is_file() else None, folder / "simulator_gap.npz"
+    run, robot = RunFolder.of(result.path), result.robot
+    record = read_record(run.search) if run.search.is_file() else None
     if record is not None:
-        robot.require_joints(record.joint_names, gap)
+        robot.require_joints(record.joint_names, run.search)
     return Gathered(
         result=result,
-        motion=_motion(motion, robot)[0] if motion.is_file() else None,
-        validations=tuple(
-            _validated(file, robot)
-            for file in sorted((folder / "validation").glob("*/estimatedmotion.npz"))
-        ),
-        singular_values=_singular_values(stack, result) if stack.is_file() else None,
+        motion=_motion(run.motion, robot)[0] if run.motion.is_file() else None,
+        validations=tuple(_validated(file, robot) for file in run.validations),
+        singular_values=_singular_values(run.stack, result) if run.stack.is_file() else None,
         gap=record,
-        driven=SimulatorGap.load(driven, robot) if driven.is_file() else None,
+        driven=SimulatorGap.load(run.simulated, robot) if run.simulated.is_file() else None,
         # Why last: it takes the files in the folder for those of this arm.
         judgement=result.judgement,
     )

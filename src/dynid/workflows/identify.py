@@ -29,6 +29,7 @@ from dynid.estimation.estimate import (
     stack_of_result,
 )
 from dynid.estimation.estimators import wls
+from dynid.estimation.friction_step import LOOKED_AT_S
 from dynid.estimation.least_squares import relative_error
 from dynid.estimation.noise_floor import noise_floor
 from dynid.estimation.payload import IdentifiedPayload
@@ -87,8 +88,6 @@ METHOD_TEXT = {
 }
 #: Share of each log that is held out where all logs are of one motion.
 AUTO_SHARE = 0.2
-#: So much of each log tells another arm [s].
-ENOUGH = 60.0
 
 
 # ---------------------------------------------------------------- what is known besides the logs
@@ -236,7 +235,7 @@ def _other_arm(result: Identification, logs: Sequence[Log]) -> dict[str, Any] | 
         return None
     stage("arm", "most joints are far above their noise: the link lengths of other arms are tried")
     arm, cutoff = result.robot, LogOptions(cutoff=result.cutoff or None)
-    logs = [take_samples(log, np.flatnonzero(log.t < log.t[0] + ENOUGH)) for log in logs]
+    logs = [take_samples(log, np.flatnonzero(log.t < log.t[0] + LOOKED_AT_S)) for log in logs]
     own, tried = _unexplained(arm, logs, cutoff), []
     for path in sorted(Path(packaged("robots")).glob("*.yaml")):
         other = load_robot(path)

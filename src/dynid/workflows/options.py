@@ -42,14 +42,14 @@ def _bounds(value: Any, count: int = 1) -> tuple[Any, Any]:  # noqa: ANN401
 
 def _of_links(value: Any, count: int = 1) -> tuple[tuple[int, Any], ...]:  # noqa: ANN401
     """Return the bounds of links: words LINK=LOW:HIGH, or pairs of a link and its bounds."""
-    bounds_by_link = []
+    pairs = []
     for item in value:
         link, bounds = item.partition("=")[::2] if isinstance(item, str) else item
         number = whole_number(str(link).strip())
         if number < 1:
             raise ValueError(f"'{item}' does not begin with LINK=, the number of a link")
-        bounds_by_link.append((number, _bounds(bounds, count)))
-    return tuple(bounds_by_link)
+        pairs.append((number, _bounds(bounds, count)))
+    return tuple(pairs)
 
 
 def _words(value: Any) -> tuple[str, ...]:  # noqa: ANN401

@@ -64,8 +64,8 @@ def compare_in_simulator(
     Example:
         dynid.compare_in_simulator(["out/before", "out/after"], "run3.bag")
     """
-    runs_of = as_results(results)
-    robot, count = runs_of[0].robot, len(runs_of)
+    given = as_results(results)
+    robot, count = given[0].robot, len(given)
     recording = as_log(log, robot, LogOptions())
     if arguments.words((engine,), "engine", ENGINES) != (engine,):
         raise WrongUsage(f"there is no engine '{engine}'", fix=" or ".join(ENGINES))
@@ -77,13 +77,13 @@ def compare_in_simulator(
         seconds = arguments.number(seconds, "seconds", wanted)
         if not seconds > 0.0:
             raise WrongUsage(f"{seconds:g} s cannot be driven", fix="seconds=10.0, or None for all")
-    if any(each.robot.joint_names != robot.joint_names for each in runs_of):
+    if any(each.robot.joint_names != robot.joint_names for each in given):
         raise WrongUsage("the results are of different arms", fix="results of one arm")
     if len(models) != count:
         raise WrongUsage(f"{len(models)} names for {count} results", fix="one name per result")
-    recorded = _recorded(runs_of[0], recording, seconds)
-    arms = [identified_arm(each, ("mjcf",)) for each in runs_of]
-    inertia, runs = _inertia(runs_of[-1], recorded[1]), []
+    recorded = _recorded(given[0], recording, seconds)
+    arms = [identified_arm(each, ("mjcf",)) for each in given]
+    inertia, runs = _inertia(given[-1], recorded[1]), []
     for name, arm in zip(models, arms, strict=True):
         stage("simulate", f"{name}, {len(recorded[0])} samples")
         runs.append(drive(arm, engine, recorded, inertia))
