@@ -9,12 +9,9 @@ share of true base parameters inside their 95 % intervals, seconds; errors of th
 Source: Leboutet et al. 2021, "Inertial parameter identification in robotics: a survey" (BIRDy): noise levels, figures.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -109,12 +106,12 @@ class Arm:
     seed: int = 0
 
     @property
-    def robot(self) -> Robot:
+    def robot(self):
         return self.base.robot
 
 
 @cache
-def arm_of(name: str) -> Arm:
+def arm_of(name):
     """Return ``lwr`` or ``tx40``, with the best of 60 random commands by condition number."""
     arm = _lwr() if name == "lwr" else _tx40()
     t, reduction = np.linspace(0, SECONDS, 200), arm.base.reduction
@@ -128,7 +125,7 @@ def arm_of(name: str) -> Arm:
     return replace(arm, seed=int(np.argmin(conditions)))
 
 
-def _lwr() -> Arm:
+def _lwr():
     rows = zip(TWIST, OFFSET, LIMITS.T, strict=True)
     joints = tuple(
         Joint(
@@ -148,7 +145,7 @@ def _lwr() -> Arm:
     return _made(robot, MASS, length, rotor, friction, friction, gains, 1000, 60.0, 5)
 
 
-def _tx40() -> Arm:
+def _tx40():
     """BIRDy names no centres of mass that are at hand: cylinders of its masses, bent and stretched like the LWR's."""
     shipped = load_robot("staubli_tx40")
     joints = tuple(
@@ -172,7 +169,7 @@ def _tx40() -> Arm:
     return _made(robot, masses, length, rotor, *friction, gains, 5000, 0.0, 20)
 
 
-def _made(robot, masses, length, rotor, viscous, coulomb, gains, rate, smooth, harmonics) -> Arm:
+def _made(robot, masses, length, rotor, viscous, coulomb, gains, rate, smooth, harmonics):
     rng, true, believed = np.random.default_rng(0), [], []
     for mass, long in zip(masses, length, strict=True):
         stretch = np.eye(4) + rng.standard_normal((4, 4)) * np.array(
@@ -190,9 +187,7 @@ def _made(robot, masses, length, rotor, viscous, coulomb, gains, rate, smooth, h
     return Arm(base, beta, plant, viscous, coulomb, gains, rate, smooth, harmonics)
 
 
-def command(
-    arm: Arm, t: np.ndarray, seed: int | None = None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def command(arm, t, seed=None):
     """Return a random Fourier motion, scaled to the tightest limit of each joint."""
     rng, orders = np.random.default_rng(arm.seed if seed is None else seed), arm.harmonics
     drawn = rng.standard_normal((2, orders, arm.robot.n)) / np.arange(1, orders + 1)[:, None]
@@ -203,7 +198,7 @@ def command(
     return inside(*harmonics(t, *drawn), *np.array(limits).T)
 
 
-def recorded(name: str, regime: str, seed: int) -> Log:
+def recorded(name, regime, seed):
     """Move an arm along its command and log what a driver would."""
     arm = arm_of(name)
     encoder, torque = REGIMES[regime]
@@ -243,7 +238,7 @@ def recorded(name: str, regime: str, seed: int) -> Log:
     )
 
 
-def _driven(arm: Arm, reference, noise) -> tuple[np.ndarray, np.ndarray]:
+def _driven(arm, reference, noise):
     """Return measured positions and drive torques at the controller's rate."""
     plant, scratch, dt = arm.plant, arm.plant.createData(), 1.0 / arm.rate
     kp, kd = arm.gains
@@ -268,7 +263,7 @@ def _driven(arm: Arm, reference, noise) -> tuple[np.ndarray, np.ndarray]:
     return seen, tau
 
 
-def jobs() -> Iterator[tuple[str, str, int]]:
+def jobs():
     """Yield arm, regime and draw, the first draws of everything first."""
     for draw in range(COUNTED):
         for regime in REGIMES:
@@ -278,7 +273,7 @@ def jobs() -> Iterator[tuple[str, str, int]]:
                 yield "tx40", regime, draw
 
 
-def one(name: str, regime: str, draw: int) -> dict[str, list[float]]:
+def one(name, regime, draw):
     """Return the figures of all estimators on one log."""
     arm, log = arm_of(name), recorded(name, regime, draw)
     start = time.perf_counter()
@@ -300,7 +295,7 @@ def one(name: str, regime: str, draw: int) -> dict[str, list[float]]:
     return found
 
 
-def butterworth(arm: Arm, log: Log) -> list[float]:
+def butterworth(arm, log):
     """Return the figures of BIRDy's recipe: 50 Hz on positions, no filter on torques, textbook errors."""
     start = time.perf_counter()
     q = signal.sosfiltfilt(signal.butter(4, 50 / (LOGGED / 2), output="sos"), log.q, axis=0)
@@ -314,7 +309,7 @@ def butterworth(arm: Arm, log: Log) -> list[float]:
     return figures(arm, fit.theta, fit.covariance, fitted, seconds, fit.theta)
 
 
-def figures(arm: Arm, theta, covariance, fitted: float, seconds: float, whole) -> list[float]:
+def figures(arm, theta, covariance, fitted, seconds, whole):
     """Return the figures of merit of one estimate, in the order of ``FIGURES``."""
     beta = arm.beta
     inside = np.abs(theta - beta) <= 1.96 * np.sqrt(np.diagonal(covariance))
@@ -344,7 +339,7 @@ def figures(arm: Arm, theta, covariance, fitted: float, seconds: float, whole) -
     ]
 
 
-def tables(done: dict[str, dict[str, list[float]]]) -> Iterator[str]:
+def tables(done):
     """Yield Markdown: errors of each arm, share of true values inside the intervals, and seconds."""
     names = {name: done_of(done, name) for name in ("lwr", "tx40")}
     for name, regimes in names.items():
@@ -380,7 +375,7 @@ def tables(done: dict[str, dict[str, list[float]]]) -> Iterator[str]:
         yield f"| {name.upper()} | " + " | ".join(f"{t:.2f}" for t in times) + " |"
 
 
-def done_of(done, name: str) -> dict[str, list[dict[str, list[float]]]]:
+def done_of(done, name):
     """Return the runs of each regime of an arm."""
     runs = {
         regime: [v for key, v in done.items() if key.startswith(f"{name}/{regime}/")]
@@ -389,15 +384,15 @@ def done_of(done, name: str) -> dict[str, list[dict[str, list[float]]]]:
     return {regime: some for regime, some in runs.items() if some}
 
 
-def titled(regime: str, runs) -> str:
+def titled(regime, runs):
     return f"{regime.replace('_', ' ')} ({len(runs)})"
 
 
-def two(error: float, unseen: float) -> str:
+def two(error, unseen):
     return f"{error:.3f} / {unseen:.3f}" if error < 1 else f"{error:.1f} / {unseen:.1f}"
 
 
-def cell(runs, method: str, *, inside: bool = False) -> str:
+def cell(runs, method, *, inside=False):
     """Return the mean figures of a method; how many draws where not all have it."""
     rows = [found[method] for found in runs if method in found]
     if not rows:
@@ -407,7 +402,7 @@ def cell(runs, method: str, *, inside: bool = False) -> str:
     return (f"{mean[4]:.1f}" if inside else two(mean[0], mean[3])) + few
 
 
-def main() -> None:
+def main():
     options = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

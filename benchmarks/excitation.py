@@ -17,7 +17,6 @@ import json
 import platform
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -73,7 +72,7 @@ class Bench:
     other: np.ndarray
     costs: dict[str, tuple[np.ndarray, Cost]]
 
-    def row(self, trajectory: Trajectory, starts: int) -> dict[str, float]:
+    def row(self, trajectory, starts):
         """Return the figures of one motion, judged on 1,000 samples."""
         motion = trajectory.motion(np.linspace(0, trajectory.duration, 1000))
         found = predict(
@@ -95,7 +94,7 @@ class Bench:
         }
 
 
-def broken(trajectory: Trajectory, limits: Bounds, rate: float = 1e4) -> int:
+def broken(trajectory, limits, rate=1e4):
     """Count the broken limits of positions at 10 kHz and their differences.
 
     Differences are averages of the true rates over a step, so a motion inside its limits passes without any tolerance
@@ -112,7 +111,7 @@ def broken(trajectory: Trajectory, limits: Bounds, rate: float = 1e4) -> int:
     return int(sum(part.any(axis=0).sum() for part in over))
 
 
-def bench(name: str) -> Bench:
+def bench(name):
     """Prepare an arm."""
     robot = load_robot(name)
     robot = replace(
@@ -142,10 +141,10 @@ class _Over(Exception):
 class Best:
     """The best variables that were met until the processor time is spent."""
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds):
         self.end, self.value, self.kept = time.process_time() + seconds, np.inf, None
 
-    def note(self, value: float, x: np.ndarray) -> None:
+    def note(self, value, x):
         """Keep what is better.
 
         Raises:
@@ -157,7 +156,7 @@ class Best:
             raise _Over
 
 
-def search_motions(b: Bench, basis: Quintic, cost: str, seconds: float) -> dict[str, float]:
+def search_motions(b, basis, cost, seconds):
     """Search as ``dynid trajectory`` does, in one process, and judge the best."""
     columns, function = b.costs[cost]
     objective = ExcitationObjective(PlanProblem(b.model, columns, basis, b.limits, function))
@@ -171,9 +170,7 @@ def search_motions(b: Bench, basis: Quintic, cost: str, seconds: float) -> dict[
         return b.row(Trajectory(basis, coefficients(basis, b.limits, best.kept)), start + 1)
 
 
-def random_search(
-    b: Bench, basis: Quintic, costs: tuple[str, ...], seconds: float
-) -> dict[str, dict[str, float]]:
+def random_search(b, basis, costs, seconds):
     """Take the best of random motions for each cost, each motion scaled to its limits as in the search."""
     end, count = time.process_time() + seconds, 0
     t = DURATION * (np.arange(200) + 0.5) / 200
@@ -198,7 +195,7 @@ def random_search(
     }
 
 
-def papers_recipe(b: Bench, points: int, seconds: float) -> tuple[Trajectory, float, int]:
+def papers_recipe(b, points, seconds):
     """Choose free measurement points for Eq. 14, then join them by quintics as the paper does."""
     from scipy.optimize import minimize
 
@@ -211,7 +208,7 @@ def papers_recipe(b: Bench, points: int, seconds: float) -> tuple[Trajectory, fl
     half, middle = (b.limits.upper - b.limits.lower) / 2, (b.limits.upper + b.limits.lower) / 2
     scale = (half, b.limits.velocity, b.limits.acceleration)
 
-    def objective(x: np.ndarray, power: float) -> tuple[float, np.ndarray]:
+    def objective(x, power):
         u = np.tanh(x.reshape(3, points, n))
         W = regressor.dense(middle + half * u[0], scale[1] * u[1], scale[2] * u[2])
         rows = W.reshape(-1, len(b.base))
@@ -249,13 +246,11 @@ def papers_recipe(b: Bench, points: int, seconds: float) -> tuple[Trajectory, fl
 class Store:
     """Finished cells on disk, so that an interrupted run goes on where it was."""
 
-    def __init__(self, *, fresh: bool) -> None:
+    def __init__(self, *, fresh):
         there = STORE.is_file() and not fresh
         self.cells = json.loads(STORE.read_text())["cells"] if there else {}
 
-    def cell(
-        self, arm: str, part: str, label: str, make: Callable[[], dict[str, float]]
-    ) -> dict[str, float]:
+    def cell(self, arm, part, label, make):
         """Return a cell, made now when it is not there yet."""
         key = f"{arm}; {part}; {label}"
         if key not in self.cells:
@@ -266,7 +261,7 @@ class Store:
             )
         return self.cells[key]
 
-    def put(self, arm: str, part: str, label: str, found: dict[str, float]) -> None:
+    def put(self, arm, part, label, found):
         """Keep a cell."""
         self.cells[f"{arm}; {part}; {label}"] = found
         machine = (
@@ -276,13 +271,13 @@ class Store:
         print(f"{arm}; {part}: {line(label, found)}", flush=True)
 
 
-def line(label: str, f: dict[str, float]) -> str:
+def line(label, f):
     """Return one line of the table."""
     figures_ = f"{f['cond']:.1f} | {f['rigid']:.1f} | {f['scaled']:.2f} | {f['error']:.1f}"
     return f"| {label} | {figures_} | {f['broken']} | {f['length']:.0f} | {f['starts']} |"
 
 
-def grid(b: Bench, store: Store, arm: str) -> dict[str, str]:
+def grid(b, store, arm):
     """Fill the grid; return the best family of each cost by the figure it is after."""
     found = {
         cost: {
@@ -298,7 +293,7 @@ def grid(b: Bench, store: Store, arm: str) -> dict[str, str]:
     }
 
 
-def long(b: Bench, store: Store, arm: str, families: dict[str, str]) -> None:
+def long(b, store, arm, families):
     """Compare search, random search and the paper's recipe on the same budget."""
     seconds = LONG[arm]
     for cost in LONG_COSTS:
@@ -327,7 +322,7 @@ def long(b: Bench, store: Store, arm: str, families: dict[str, str]) -> None:
         )
 
 
-def slower(b: Bench, store: Store, arm: str) -> None:
+def slower(b, store, arm):
     """How slow may the limits be and still beat what FloBaRoID stored, and the limits of what FloBaRoID recorded."""
     basis = FAMILIES["quintic, 6 waypoints"]
     for s in (0.9, 0.8, 0.7):
@@ -344,7 +339,7 @@ def slower(b: Bench, store: Store, arm: str) -> None:
     store.cell(arm, "slower", label, lambda: search_motions(less, long_basis, "cond", SHORT))
 
 
-def table(store: Store) -> str:
+def table(store):
     """Return the page."""
     machine = json.loads(STORE.read_text())["machine"]
     columns = len(HEADER.split("|")) - 2
@@ -375,7 +370,7 @@ def table(store: Store) -> str:
     return "\n".join(text) + "\n"
 
 
-def main() -> None:
+def main():
     """Fill the store and write the table."""
     store = Store(fresh="--fresh" in sys.argv)
     for arm in ARMS:

@@ -12,8 +12,6 @@ largest of what stands there: ``relative``, ``absolute``, and ``std_errors`` tim
 error of the entry; ``may_grow`` allows entries that were not there.
 """
 
-from __future__ import annotations
-
 import argparse
 import ctypes
 import json
@@ -24,14 +22,12 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from importlib.util import find_spec
 from itertools import repeat
 from pathlib import Path
 from shutil import which
-from typing import Any
 
 # Why before NumPy: its linear algebra reads them once. With one kernel and one thread, sums are the
 # same on most machines.
@@ -174,13 +170,13 @@ class AbsentError(Exception):
     """A recording is not on this machine."""
 
 
-def rows(table: str) -> list[tuple[str, list[list[str]]]]:
+def rows(table):
     """Return the rows of a table: the first cell, and the words of each other one."""
     lines = [line.split("|") for line in table.strip().splitlines()]
     return [(name.strip(), [cell.split() for cell in cells]) for name, *cells in lines]
 
 
-def stored(figures: Any) -> Any:
+def stored(figures):
     """Return figures as they stand in the file, with 12 digits."""
     text = json.dumps(figures, default=list)
     return json.loads(
@@ -188,14 +184,14 @@ def stored(figures: Any) -> Any:
     )
 
 
-def summary(columns: Any) -> list[float]:
+def summary(columns):
     """Return rms and a random sum of each column: no change of an entry leaves both as they are."""
     x = np.asarray(columns, float).reshape(len(columns), -1)
     weights = np.random.default_rng(0).standard_normal(len(x)) / np.sqrt(len(x))
     return [*np.sqrt(np.mean(x**2, axis=0)), *(weights @ x)]
 
 
-def place(name: str, data: Path) -> str:
+def place(name, data):
     """Return the path of a file of this script, the project or the data, or the name of an arm."""
     for folder in (Path(), ROOT, data):
         if (folder / name).is_file():
@@ -205,7 +201,7 @@ def place(name: str, data: Path) -> str:
     return name
 
 
-def command(*words: str) -> tuple[int, Any]:
+def command(*words):
     """Return exit status and JSON answer of a command line of dynid, run in the working folder."""
     line = [sys.executable, "-m", "dynid", *words, "--json", "--no-input"]
     done = subprocess.run(
@@ -216,7 +212,7 @@ def command(*words: str) -> tuple[int, Any]:
     return done.returncode, json.loads(done.stdout)
 
 
-def simulated(robot: Any, motion: int, effects: list[str], seed: int) -> Any:
+def simulated(robot, motion, effects, seed):
     """Return the log of an arm that moves along five sines a joint, inside its limits."""
     random, t = np.random.default_rng(motion), np.arange(0.0, 15.0, 0.01)
     q = np.zeros((3, len(t), robot.n))
@@ -230,7 +226,7 @@ def simulated(robot: Any, motion: int, effects: list[str], seed: int) -> Any:
     return dynid.simulate(robot, dynid.Motion(t, *q), effects=effects, seed=seed).log
 
 
-def recording(word: str, robot: Any, data: Path) -> Any:
+def recording(word, robot, data):
     """Return a checked log: of a file, of one without an interval, or simulated with a seed."""
     if word.isdigit():
         return dynid.load_log(simulated(robot, int(word), [], int(word)), robot)
@@ -242,7 +238,7 @@ def recording(word: str, robot: Any, data: Path) -> Any:
     return replace(log, sha256="") if interval else log
 
 
-def fitted(case: str, data: Path) -> tuple[Any, Any]:
+def fitted(case, data):
     """Return the robot of a run, and its result."""
     (name,), words, _ = dict(rows(RUNS))[case]
     robot = dynid.load_robot(place(name, data))
@@ -251,7 +247,7 @@ def fitted(case: str, data: Path) -> tuple[Any, Any]:
 
 
 # ---------------------------------------------------------------- groups
-def logs(case: str, data: Path) -> dict[str, Any]:
+def logs(case, data):
     """Measure what is read from a recording, and what is found in it."""
     robot, path = (place(name, data) for name in case.split())
     status, answer = command("check", path, "--robot", robot)
@@ -266,7 +262,7 @@ def logs(case: str, data: Path) -> dict[str, Any]:
     return {"codes": codes, "arrays": {"samples": len(log), "begin": float(log.t[0]), **arrays}}
 
 
-def runs(case: str, data: Path) -> dict[str, Any]:
+def runs(case, data):
     """Measure parameters, and how far they are off, expected and seen, on what was not fitted."""
     robot, result = fitted(case, data)
     seen = dynid.validate(result, recording(dict(rows(RUNS))[case][2][0], robot, data))
@@ -280,7 +276,7 @@ def runs(case: str, data: Path) -> dict[str, Any]:
     }
 
 
-def models(case: str, data: Path) -> dict[str, Any]:
+def models(case, data):
     """Measure which parameters of an arm can be identified, and in which combinations."""
     _, answer = command("model", place(case, data), "-o", "model")
     classes = {name: " ".join(names) for name, names in answer["classes"].items()}
@@ -290,7 +286,7 @@ def models(case: str, data: Path) -> dict[str, Any]:
     }
 
 
-def exports(case: str, data: Path) -> dict[str, Any]:
+def exports(case, data):
     """Measure the torques of exported files at 100 random states, each run by what reads it."""
     robot, result = fitted(case, data)
     states = np.random.default_rng(0).uniform(-1.5, 1.5, (100, 3, robot.n))
@@ -307,7 +303,7 @@ def exports(case: str, data: Path) -> dict[str, Any]:
     return {"torques": {name: summary(tau) for name, tau in torques.items()}}
 
 
-def in_c(states: Any) -> Any:
+def in_c(states):
     """Return the torques of arm.c."""
     line = "cc -O1 -ffp-contract=off -shared -fPIC -o arm.so arm.c -lm"
     subprocess.run(line.split(), check=True)
@@ -319,7 +315,7 @@ def in_c(states: Any) -> Any:
     return tau
 
 
-def in_pinocchio(states: Any) -> Any:
+def in_pinocchio(states):
     """Return the torques of arm.urdf, which has no friction there."""
     import pinocchio
 
@@ -328,7 +324,7 @@ def in_pinocchio(states: Any) -> Any:
     return np.array([pinocchio.rnea(model, data, *state).copy() for state in states])
 
 
-def in_mujoco(states: Any) -> Any:
+def in_mujoco(states):
     """Return the torques of arm.xml without dry friction, which is no torque there."""
     import mujoco
 
@@ -341,7 +337,7 @@ def in_mujoco(states: Any) -> Any:
     return tau
 
 
-def gaps(case: str, data: Path) -> dict[str, Any]:
+def gaps(case, data):
     """Measure which missing effects are named, and their sizes."""
     (name,), hidden, options = dict(rows(GAPS))[case]
     robot = place(name, data)
@@ -368,7 +364,7 @@ def gaps(case: str, data: Path) -> dict[str, Any]:
     }
 
 
-def answers(case: str, _: Path) -> dict[str, Any]:
+def answers(case, _):
     """Record exit statuses and JSON keys of the commands of one arm."""
     found = {}
     for line in STORY.strip().splitlines():
@@ -377,7 +373,7 @@ def answers(case: str, _: Path) -> dict[str, Any]:
     return {case: found}
 
 
-def keys(answer: Any, path: str = "") -> Iterator[str]:
+def keys(answer, path=""):
     """Yield the paths of an answer, such as ``joints[].rms_nm``."""
     if isinstance(answer, list):
         for item in answer:
@@ -400,7 +396,7 @@ GROUPS = {
 }
 
 
-def measured(group: str, case: str, data: Path) -> Any:
+def measured(group, case, data):
     """Return the figures of one case, None where its recording is absent."""
     begin, (function, _) = time.perf_counter(), GROUPS[group]
     with tempfile.TemporaryDirectory() as folder:
@@ -421,7 +417,7 @@ def measured(group: str, case: str, data: Path) -> Any:
 
 
 # ---------------------------------------------------------------- comparison
-def leaves(figure: Any, path: str = "", size: float = 0.0) -> Iterator[tuple[str, Any, float]]:
+def leaves(figure, path="", size=0.0):
     """Yield every entry of a figure: where it is, what it is, and the largest number beside it."""
     if isinstance(figure, (dict, list)):
         items = figure if isinstance(figure, dict) else dict(enumerate(figure))
@@ -432,9 +428,7 @@ def leaves(figure: Any, path: str = "", size: float = 0.0) -> Iterator[tuple[str
         yield path, figure, size
 
 
-def moves(
-    old: dict[str, Any], new: dict[str, Any], kind: str, limit: dict[str, Any]
-) -> Iterator[tuple[str, float, float, Any, Any]]:
+def moves(old, new, kind, limit):
     """Yield where each entry of a figure is, its relative move, that in limits, both values."""
     before, after, errors = (
         {where: rest for where, *rest in leaves(figure)}
@@ -455,7 +449,7 @@ def moves(
             yield where, far, far, a, b
 
 
-def compare(table: dict[str, Any], new: dict[str, Any], mode: str, verbose: bool) -> bool:
+def compare(table, new, mode, verbose):
     """Print one row for each figure of each group; return whether all are within the limits."""
     print(f"{'figure':<22}{'entries':>9}{'moved':>7}{'most':>10}  where")
     limits, good = table["limits"][mode], True
@@ -481,7 +475,7 @@ def compare(table: dict[str, Any], new: dict[str, Any], mode: str, verbose: bool
     return good
 
 
-def main() -> int:
+def main():
     """Measure, then compare or write; return the exit status."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter

@@ -22,7 +22,6 @@ from pathlib import Path
 
 from dynid.errors import DynidError
 from dynid.files.robotfile import known_robots, load_robot
-from dynid.robot import Robot
 from dynid.trajectory.optimise import optimise
 from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.planning import plan_problem, planning_context, proposals
@@ -44,13 +43,13 @@ TORQUES = (1.0, 0.9, 0.8, 0.65)
 HEADER = "| arm | processor s | error N m | without obstacles | ratio | condition | nearest | always near | assumed |"
 
 
-def processor() -> float:
+def processor():
     """Return the processor time of this process and of its children that have ended [s]."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(one.ru_utime + one.ru_stime for one in used)
 
 
-def unhindered(robot: Robot, options: PlanOptions) -> float:
+def unhindered(robot, options):
     """Return the expected torque error of a plan for an arm that nothing can collide with [N m]."""
     base = base_model(robot)
     context = planning_context(base, options)
@@ -71,13 +70,13 @@ def unhindered(robot: Robot, options: PlanOptions) -> float:
     return float("nan")
 
 
-def measure(name: str) -> dict[str, object]:
+def measure(name):
     """Return the row of one arm."""
     robot = load_robot(name)
     options = PlanOptions(alpha=1.0, seconds=SECONDS, processes=PROCESSES, restarts=STARTS)
     base_model(robot)
     before = processor()
-    row: dict[str, object] = {"joints": robot.n}
+    row = {"joints": robot.n}
     with tempfile.TemporaryDirectory() as folder:
         drawing = Drawing(Path(folder) / "preview.png")
         try:
@@ -100,7 +99,7 @@ def measure(name: str) -> dict[str, object]:
     return row
 
 
-def line(name: str, row: dict[str, object]) -> str:
+def line(name, row):
     """Return the line of the table for one arm."""
     cost = f"| {name} | {row['processor']:.0f} |"
     if "refused" in row:
@@ -114,7 +113,7 @@ def line(name: str, row: dict[str, object]) -> str:
     )
 
 
-def table(rows: dict[str, dict[str, object]]) -> str:
+def table(rows):
     """Return the page of all arms."""
     slow = [name for name, row in rows.items() if row["processor"] > BUDGET]  # type: ignore[operator]
     held = [n for n, r in rows.items() if "error" in r and r["error"] <= WANTED * r["unhindered"]]  # type: ignore[operator]
@@ -139,7 +138,7 @@ def table(rows: dict[str, dict[str, object]]) -> str:
     )
 
 
-def main() -> None:
+def main():
     """Measure what is missing or named and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(

@@ -6,8 +6,6 @@ Kinematics are those of robot files, everything else is drawn: no truth comes fr
 torques, so that nothing is shared with the model; the effects that are hidden are written here.
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -57,7 +55,7 @@ class Arm:
     mass: float
 
     @cached_property
-    def truth(self) -> tuple[dict[str, float], pin.Model]:
+    def truth(self):
         """True parameters by name, and Pinocchio's copy."""
         rng, n = np.random.default_rng(self.seed), self.robot.n
         weight = np.exp(-0.25 * np.arange(n) + 0.5 * rng.normal(size=n))
@@ -85,7 +83,7 @@ class Arm:
             f"{kind}{i + 1}": v[i] for kind, v in drawn.items() for i in range(n)
         }, plant
 
-    def lumps(self, rng: np.random.Generator, i: int, mass: float) -> Body:
+    def lumps(self, rng, i, mass):
         """Return a body of 3 to 11 balls scattered around the link's axis."""
         joint, start, end = self.robot.joints[i], np.zeros(3), np.zeros(3)
         if self.robot.convention == "standard":
@@ -111,14 +109,12 @@ class Arm:
         return Body(mass, tuple(com), tuple(inertia[np.triu_indices(3)]))
 
     @cached_property
-    def rated(self) -> np.ndarray:
+    def rated(self):
         """Torques of the drives [N m]."""
         rated = [joint.limits.torque for joint in self.robot.joints]
         return np.array(rated) if all(rated) else 60.0 * np.exp(-0.45 * np.arange(self.robot.n))
 
-    def motion(
-        self, t: np.ndarray, rng: np.random.Generator, share: float
-    ) -> tuple[np.ndarray, ...]:
+    def motion(self, t, rng, share):
         """Return q, qd, qdd of five tones a joint inside the limits, (N, n) each."""
         found = []
         for joint in self.robot.joints:
@@ -132,7 +128,7 @@ class Arm:
             found.append(one + np.array([(low + high) / 2, 0.0, 0.0]))
         return tuple(np.moveaxis(found, (2, 1), (0, 1)))
 
-    def log(self, seed: int, seconds: float, share: float, hidden: tuple[str, ...] = ()) -> Log:
+    def log(self, seed, seconds, share, hidden=()):
         """Record a motion with white and coloured torque noise; what is hidden belongs to the arm."""
         rng, own = np.random.default_rng(seed), np.random.default_rng(self.seed + 1000)
         values, plant = self.truth
@@ -169,7 +165,7 @@ class Arm:
         )
 
 
-def judged(arm: Arm, seed: int, hidden: tuple[str, ...]) -> tuple[float, ...]:
+def judged(arm, seed, hidden):
     """Return shares inside (set in force, plain), medians of |z|, torque errors [%] and true over expected error."""
     seconds, share = MOTIONS[seed % len(MOTIONS)]
     result = identify(
@@ -209,7 +205,7 @@ def judged(arm: Arm, seed: int, hidden: tuple[str, ...]) -> tuple[float, ...]:
     )
 
 
-def rows(title: str, cases: dict[str, list[tuple[float, ...]]]) -> None:
+def rows(title, cases):
     """Print one table."""
     print(f"\n## {title}\n")
     print(
@@ -229,10 +225,10 @@ def rows(title: str, cases: dict[str, list[tuple[float, ...]]]) -> None:
         )
 
 
-def main() -> None:
+def main():
     """Print the tables."""
-    complete: dict[str, list[tuple[float, ...]]] = {}
-    hidden: dict[str, list[tuple[float, ...]]] = {}
+    complete = {}
+    hidden = {}
     seeds = range(int(sys.argv[1]) if len(sys.argv) > 1 else len(MOTIONS))
     print(
         f"# Arms with links of random lumps\n\nSeeds 0 to {len(seeds) - 1} of each arm; errors are geometric means."

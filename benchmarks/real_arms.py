@@ -7,11 +7,8 @@ timings. The Shanghai cobot: three motions, whose wrists nobody can explain; it 
 torques have the other sign than its URDF, which is mended. Of the other arms the first seconds are fitted and the rest is predicted.
 """
 
-from __future__ import annotations
-
 import itertools
 import sys
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,7 +17,6 @@ import numpy as np
 from dynid import IdentifyOptions, Log, Robot, identify, load_log, load_robot, validate
 from dynid.errors import DynidError
 from dynid.estimation.least_squares import relative_error
-from dynid.estimation.result import Identification
 from dynid.robot import DriverSpec, JointMap
 from dynid.signals.columns import take_samples
 from dynid.workflows.options import ValidateOptions
@@ -67,13 +63,13 @@ class Outcome:
     wls: float
 
 
-def part(log: Log, first: float, last: float) -> Log:
+def part(log, first, last):
     """Return what a log holds between two times since its begin [s]."""
     inside = (log.t - log.t[0] >= first) & (log.t - log.t[0] < last)
     return replace(take_samples(log, np.flatnonzero(inside)), sha256="")
 
 
-def pairs(data: Path) -> Iterator[Pair]:
+def pairs(data):
     """Yield all pairs of the recordings."""
     arm = load_robot("kuka_lwr4plus")
     logs = {k: load_log(data / f"kuka_lwr4plus/run{k}.bag", arm) for k in (1, 2, 3)}
@@ -113,9 +109,7 @@ def pairs(data: Path) -> Iterator[Pair]:
     )
 
 
-def several(
-    title: str, arm: Robot, logs: dict[int, Log], chosen: Sequence[tuple[int, ...]]
-) -> Iterator[Pair]:
+def several(title, arm, logs, chosen):
     """Yield numbered recordings, some of which are fitted and the others predicted."""
     for runs in chosen:
         rest = tuple((f"{title.split()[1]} {k}", logs[k]) for k in logs if k not in runs)
@@ -123,13 +117,13 @@ def several(
         yield Pair(f"{title} {' and '.join(map(str, runs))}", arm, fitted, rest)
 
 
-def both(arm: Robot, logs: dict[str, Log]) -> Iterator[Pair]:
+def both(arm, logs):
     """Yield two recordings, each fitted and the other one predicted."""
     for (name, log), (other, unseen) in itertools.permutations(logs.items(), 2):
         yield Pair(f"{arm.name} {name}", arm, (log,), ((other, unseen),))
 
 
-def least_squares(factors: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def least_squares(factors, weight):
     """Return least squares of rows, each joint with a weight; the shortest where rank is short."""
     rows = (factors * weight[:, None, None]).reshape(-1, factors.shape[-1])
     length = np.linalg.norm(rows[:, :-1], axis=0)
@@ -137,7 +131,7 @@ def least_squares(factors: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(rows[:, :-1] / length, rows[:, -1], rcond=1e-10)[0] / length
 
 
-def baseline(pair: Pair, unseen: Log, cutoff: float) -> tuple[float, ...]:
+def baseline(pair, unseen, cutoff):
     """Return the errors of ordinary and weighted least squares of the filtered rows on unseen ones [%]."""
     # Each log for itself: stacking two of one file would leave one out.
     options = IdentifyOptions(cutoff=cutoff, delay=0.0)
@@ -151,7 +145,7 @@ def baseline(pair: Pair, unseen: Log, cutoff: float) -> tuple[float, ...]:
     return tuple(relative_error(test, theta) for theta in found)
 
 
-def outcomes(pair: Pair) -> tuple[list[Outcome], Identification]:
+def outcomes(pair):
     """Return the errors on what was not fitted, and the default result."""
     options = IdentifyOptions(holdout=None)
     try:
@@ -176,7 +170,7 @@ def outcomes(pair: Pair) -> tuple[list[Outcome], Identification]:
     return found, result
 
 
-def from_data(result: Identification) -> np.ndarray:
+def from_data(result):
     """Return which base parameters' variance is mostly gone, compared with that of the prior alone, (p,)."""
     full = result.physical
     prior = full.std_error**2 / np.maximum(1.0 - full.data_share, 1e-12)
@@ -185,9 +179,7 @@ def from_data(result: Identification) -> np.ndarray:
     )
 
 
-def apart(
-    data: Path, results: dict[str, Identification]
-) -> Iterator[tuple[str, Identification, Identification]]:
+def apart(data, results):
     """Yield two results of one arm that were made from different rows."""
     for title in ("LWR4+ run", "Shanghai motion"):
         for one, two in itertools.combinations((1, 2, 3), 2):
@@ -213,7 +205,7 @@ def apart(
         yield f"{arm.name} first {seconds:g} s, rest", halves[0], halves[1]
 
 
-def intervals(a: Identification, b: Identification) -> list[str]:
+def intervals(a, b):
     """Return how many parameters agree within their errors, and the median of |z|: in force, from the data, plain."""
     cells, ours = [], from_data(a) & from_data(b)
     for theta, covariance, chosen in (
@@ -230,10 +222,10 @@ def intervals(a: Identification, b: Identification) -> list[str]:
     return cells
 
 
-def main() -> None:
+def main():
     """Print the table."""
     data = Path(sys.argv[1])
-    results: dict[str, Identification] = {}
+    results = {}
     every, refused = [], []
     for pair in pairs(data):
         try:

@@ -7,8 +7,6 @@ nothing in an empty folder. The logs are sums of sines with torques of the same 
 size, not for accuracy. Needs ``pip install -e '.[test]'``.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import platform

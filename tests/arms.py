@@ -1,7 +1,5 @@
 """Random arms, and the same arms built by hand in Pinocchio: no code of dynid between the DH table and the engine."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -9,7 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dynid.robot import Body, Joint, Robot
+from dynid import Robot
+from dynid.robot import Body, Joint
 
 #: How often an arm has 2, 3, ... 8 joints: deriving a long one takes half a second, so there are fewer of those.
 SIZES = (0.28, 0.25, 0.2, 0.13, 0.07, 0.04, 0.03)

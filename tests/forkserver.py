@@ -6,8 +6,6 @@ interpreter shows (its imports, its start-up, the kernels and threads of BLAS) i
 ``python tests/forkserver.py --call SOCKET WORDS...`` is the program for shells: it hands its streams over and waits.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import select
@@ -53,7 +51,7 @@ LIBRARIES = [
 
 # ---------------------------------------------------------------- whoever wants a command run
 @cache
-def server(ros: bool = False) -> str:
+def server(ros=False):
     """Start the server of this process, which ends with it, and return its socket; ``ros`` imports rospy, too."""
     folder = tempfile.TemporaryDirectory(prefix="commands-")
     place = f"{folder.name}/socket"
@@ -73,10 +71,10 @@ def server(ros: bool = False) -> str:
 
 
 #: The folder is removed, and the standard input of the server ends, with this process.
-_KEPT: list[object] = []
+_KEPT = []
 
 
-def program() -> str:
+def program():
     """Return what follows the name of an interpreter that stands for ``dynid`` in a shell."""
     return f'-I -S "{__file__}" --call {server()}'
 
@@ -84,7 +82,7 @@ def program() -> str:
 class Command:
     """``dynid WORDS`` on three file descriptors, as it runs in a fork of the server."""
 
-    def __init__(self, place: str, words, folder, env, streams) -> None:
+    def __init__(self, place, words, folder, env, streams):
         self.words = ["dynid", *map(str, words)]
         text = json.dumps(
             {"words": self.words[1:], "folder": os.fspath(folder), "env": env}
@@ -95,11 +93,11 @@ class Command:
         self.connection.sendall(text)
         (self.pid,) = struct.unpack("!i", _received(self.connection, 4))
 
-    def ended(self) -> bool:
+    def ended(self):
         """Whether ``wait`` would return at once, or has returned."""
         return self.connection.fileno() < 0 or bool(select.select([self.connection], [], [], 0)[0])
 
-    def wait(self, seconds: float | None = None) -> int:
+    def wait(self, seconds=None):
         """Return the exit status, -N where signal N has ended it.
 
         Raises:
@@ -114,7 +112,7 @@ class Command:
                 raise subprocess.TimeoutExpired(self.words, seconds) from None
 
 
-def _received(connection: socket.socket, size: int) -> bytes:
+def _received(connection, size):
     found = b""
     while len(found) < size:
         more = connection.recv(size - len(found))
@@ -125,7 +123,7 @@ def _received(connection: socket.socket, size: int) -> bytes:
 
 
 # ---------------------------------------------------------------- the server
-def load(ros: bool) -> None:
+def load(ros):
     """Import what commands import."""
     import importlib
     import pkgutil
@@ -145,7 +143,7 @@ def load(ros: bool) -> None:
             import_ros(name)
 
 
-def derive(*names: str) -> None:
+def derive(*names):
     """Derive the models of arms that many tests take; commands then store them as if they had derived them."""
     from dynid.files.robotfile import load_robot
     from dynid.model import regressor
@@ -161,7 +159,7 @@ def derive(*names: str) -> None:
     regressor.build_model = kept_or_built
 
 
-def serve(place: str, ros: bool) -> None:
+def serve(place, ros):
     """Fork a child for each request until standard input ends."""
     import gc
 
@@ -179,7 +177,7 @@ def serve(place: str, ros: bool) -> None:
     signal.set_wakeup_fd(told)
     signal.signal(signal.SIGCHLD, lambda *_: None)
     os.write(1, b"ready\n")
-    running: dict[int, socket.socket] = {}
+    running = {}
     while True:
         ready, _, _ = select.select([0, listener, ended], [], [])
         if 0 in ready:
@@ -202,7 +200,7 @@ def serve(place: str, ros: bool) -> None:
             _sent(connection, child)
 
 
-def _reap(running: dict[int, socket.socket]) -> None:
+def _reap(running):
     for child in list(running):
         found, how = os.waitpid(child, os.WNOHANG)
         if found:
@@ -210,12 +208,12 @@ def _reap(running: dict[int, socket.socket]) -> None:
                 _sent(connection, os.waitstatus_to_exitcode(how))
 
 
-def _sent(connection: socket.socket, number: int) -> None:
+def _sent(connection, number):
     with suppress(OSError):  # whoever wanted it has given up
         connection.sendall(struct.pack("!i", number))
 
 
-def become(request, streams) -> None:
+def become(request, streams):
     """Turn this fork into the process that a shell would have started; never returns."""
     import atexit
     import runpy
@@ -258,7 +256,7 @@ def become(request, streams) -> None:
         os._exit(status)
 
 
-def _writer(number: int, at_once: bool):
+def _writer(number, at_once):
     import io
 
     raw = open(number, "wb", 0, closefd=False)  # noqa: SIM115

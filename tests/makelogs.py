@@ -1,21 +1,15 @@
 """Recordings for tests: bags written with rosbags, and logs broken in one way each."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from dynid import load_robot
 from dynid.files.logs import read_log
-from dynid.files.robotfile import load_robot
-from dynid.log import Log
-from dynid.robot import Robot
 
 ROOT = Path(__file__).parents[1]
 STORE = get_typestore(Stores.ROS1_NOETIC)
@@ -26,24 +20,23 @@ for _name in KINOVA:
     STORE.register(get_types_from_msg(SEVEN_FLOATS, _name))
 
 
-def shared_data(name: str) -> Path:
+def shared_data(name):
     """Return a real recording; skip where they are absent (CI makes that a failure, see conftest)."""
     path = ROOT.parent / "shared" / "data" / name
-    for folder in ROOT.parents:
-        if (folder / "shared" / "data" / name).exists():
-            return folder / "shared" / "data" / name
-    pytest.skip(f"the recordings are not here: {path}")
+    if not path.exists():
+        pytest.skip(f"the recordings are not here: {path}")
+    return path
 
 
 def joint_state(
-    ns: int,
-    names: Sequence[str],
-    position: Any,
-    velocity: Any = (),
-    effort: Any = (),
-    frame: str = "",
-    seq: int = 0,
-) -> Any:
+    ns,
+    names,
+    position,
+    velocity=(),
+    effort=(),
+    frame="",
+    seq=0,
+):
     types = STORE.types
     stamp = types["builtin_interfaces/msg/Time"](sec=ns // 10**9, nanosec=ns % 10**9)
     header = types["std_msgs/msg/Header"](seq=seq, stamp=stamp, frame_id=frame)
@@ -51,18 +44,18 @@ def joint_state(
     return types[JOINT_STATE](header, list(names), *arrays)
 
 
-def kinova(kind: str, values: Sequence[float]) -> Any:
+def kinova(kind, values):
     padded = [*values, *([0.0] * (7 - len(values)))]
     return STORE.types[kind](*padded)
 
 
 def write_bag(
-    path: Path,
-    messages: Sequence[tuple[str, int, Any]],
-    compression: str = "none",
-    chunk: int | None = None,
-    closing: bool = True,
-) -> Path:
+    path,
+    messages,
+    compression="none",
+    chunk=None,
+    closing=True,
+):
     """Write (topic, arrival [ns], message) as a bag; ``closing`` False leaves it as a killed recorder does."""
     writer = Writer(path)
     if chunk is not None:
@@ -83,7 +76,7 @@ def write_bag(
             content_checksum=True,
             store_size=False,
         )
-    connections: dict[str, Any] = {}
+    connections = {}
     for topic, ns, message in messages:
         kind = message.__msgtype__
         if topic not in connections:
@@ -100,12 +93,12 @@ START = 1_460_000_000 * 10**9
 
 
 def state_messages(
-    n_messages: int,
-    names: Sequence[str],
-    topic: str = "/joint_states",
-    rate: float = 100.0,
-    header: Callable[[int], int] | None = None,
-) -> list[tuple[str, int, Any]]:
+    n_messages,
+    names,
+    topic="/joint_states",
+    rate=100.0,
+    header=None,
+):
     """JointStates whose numbers tell row and column: position row + column / 100, the others 10 and 100 times that."""
     found = []
     for i in range(n_messages):
@@ -117,22 +110,22 @@ def state_messages(
 
 
 @cache
-def lwr() -> Robot:
+def lwr():
     return load_robot(ROOT / "robots" / "kuka_lwr4plus.yaml")
 
 
 @cache
-def gen2() -> Robot:
+def gen2():
     return load_robot(ROOT / "robots" / "kinova_gen2.yaml")
 
 
 @cache
-def lwr_log() -> Log:
+def lwr_log():
     """The shipped simulation of the LWR4+ (20 s, 200 Hz), as it comes from the bag."""
     return read_log(ROOT / "trajectories" / "lwr4plus_validate.bag", robot=lwr())
 
 
 @cache
-def gen2_log() -> Log:
+def gen2_log():
     """The shipped simulation of the Gen2 (30 s, 100 Hz), with fingers and velocity."""
     return read_log(ROOT / "trajectories" / "kinova_gen2_validate.bag", robot=gen2())

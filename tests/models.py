@@ -3,8 +3,7 @@
 from functools import cache
 
 import twolink
-from dynid.files.robotfile import load_robot
-from dynid.model.base_model import BaseModel
+from dynid import BaseModel, load_robot
 from dynid.model.reduce import reduce
 from dynid.model.regressor import build_model
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dynid.motion import Motion
+from dynid import Motion
 
 
 def tones(t, size, w, phase=0.0):

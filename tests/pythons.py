@@ -5,8 +5,6 @@ without it. Wheels come from pip's cache after the first time; dynid's own is bu
 processor, which other work on the machine hardly changes.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -21,7 +19,7 @@ PLAN = "trajectory ur5e --seconds 60 --duration 10 --segments 4 --restarts 1 --p
 GAP = "gap out/demo/kuka_lwr4plus/parameters.npz {}/lwr4plus_validate.bag --no-input"
 
 
-def interpreter(version: str) -> str:
+def interpreter(version):
     """Return the Python of a version that is on the path or came with pyenv, "" where there is none."""
     pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
     here = [shutil.which(f"python{version}"), *sorted(pyenv.glob(f"{version}.*/bin/python"))]
@@ -33,7 +31,7 @@ def interpreter(version: str) -> str:
     return ""
 
 
-def ran(folder: Path, *words: object) -> str:
+def ran(folder, *words):
     """Return what a command says that ends well and finds no mistake, within half an hour."""
     clean = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
     done = subprocess.run(
@@ -52,7 +50,7 @@ def ran(folder: Path, *words: object) -> str:
     return done.stdout
 
 
-def measure(version: str, wheel: Path) -> None:
+def measure(version, wheel):
     """Install with one Python, run everything, and print a row; a plan has its picture and was accepted."""
     with tempfile.TemporaryDirectory(prefix=f"python{version}-") as name:
         folder, row = Path(name), [version]
@@ -74,7 +72,7 @@ def measure(version: str, wheel: Path) -> None:
         print("| " + " | ".join(row) + " |", flush=True)  # noqa: T201
 
 
-def main() -> None:
+def main():
     """Try every Python that is here; what fails ends it with a message."""
     here = [version for version in VERSIONS if interpreter(version)]
     print("| Python | install | demo | plan | gap search |\n|" + " --- |" * 5)  # noqa: T201

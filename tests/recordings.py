@@ -1,16 +1,12 @@
 """The same joint states in every container that people have, written with other people's libraries."""
 
-from __future__ import annotations
-
 import shutil
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from dynid.log import Log
 from makelogs import STORE as ROS1
 from makelogs import joint_state
 from makelogs import write_bag as write_ros1
@@ -20,7 +16,7 @@ KIND = "sensor_msgs/msg/JointState"
 ARRAY = "std_msgs/msg/Float64MultiArray"
 
 
-def stamps(log: Log, start: int = 1_700_000_000_000_000_000) -> list[int]:
+def stamps(log, start=1_700_000_000_000_000_000):
     return (start + np.round(log.t * 1e9).astype(np.int64)).tolist()
 
 
@@ -42,11 +38,11 @@ def array_of(store, values):
 ros1_array, ros2_array = partial(array_of, ROS1), partial(array_of, ROS2)
 
 
-def cdr(message) -> bytes:
+def cdr(message):
     return bytes(ROS2.serialize_cdr(message, message.__msgtype__))
 
 
-def write_rosbag2(folder: Path, messages, storage="sqlite3", compress=False) -> Path:
+def write_rosbag2(folder, messages, storage="sqlite3", compress=False):
     """Write (topic, arrival [ns], message) as a folder of rosbag2."""
     plugin = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}[storage]
     writer = Writer(folder, version=9, storage_plugin=plugin)
@@ -63,14 +59,14 @@ def write_rosbag2(folder: Path, messages, storage="sqlite3", compress=False) -> 
     return folder
 
 
-def single(folder: Path, target: Path) -> Path:
+def single(folder, target):
     """Copy the only storage file of a rosbag2 folder."""
     (part,) = [path for path in folder.iterdir() if path.suffix in (".db3", ".mcap")]
     shutil.copy(part, target)
     return target
 
 
-def write_mcap(path: Path, messages, compression: str = "none", chunk: int = 1 << 16) -> Path:
+def write_mcap(path, messages, compression="none", chunk=1 << 16):
     """Write (topic, arrival [ns], message) with the mcap library."""
     from mcap.writer import CompressionType
     from mcap.writer import Writer as McapWriter
@@ -93,7 +89,7 @@ def write_mcap(path: Path, messages, compression: str = "none", chunk: int = 1 <
     return path
 
 
-def states_of(make, log: Log, topic: str):
+def states_of(make, log, topic):
     return [
         (topic, ns, make(ns, log.names, q, (), tau))
         for ns, q, tau in zip(stamps(log), log.q, log.tau, strict=True)
@@ -103,16 +99,16 @@ def states_of(make, log: Log, topic: str):
 of_ros1, of_ros2 = partial(states_of, joint_state), partial(states_of, ros2_state)
 
 
-def write_bag(path: Path, log: Log, topic: str) -> Path:
+def write_bag(path, log, topic):
     return write_ros1(path, of_ros1(log, topic))
 
 
 def write_text(
-    path: Path,
-    log: Log,
-    delimiter: str = ",",
-    comma: bool = False,
-    head: str = "",
+    path,
+    log,
+    delimiter=",",
+    comma=False,
+    head="",
     pattern=None,
     unit=1.0,
 ):

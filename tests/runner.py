@@ -24,10 +24,22 @@ class Ended:
     err: str
 
     @property
+    def good(self):
+        """The same, of a command that went well."""
+        assert self.status == 0, self.err
+        return self
+
+    @property
     def facts(self):
         """The JSON answer of a command that went well."""
-        assert self.status == 0, self.err
-        return json.loads(self.out)
+        return json.loads(self.good.out)
+
+    def failed(self, status, *said):
+        """Return what a command said on stderr that ended so, without an answer; it said all of this."""
+        assert (self.status, self.out) == (status, ""), self.err
+        for each in said:
+            assert each in self.err, self.err
+        return self.err
 
 
 class Runner:

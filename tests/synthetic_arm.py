@@ -1,7 +1,5 @@
 """A seven-joint arm with known bodies, its regressor taken from Pinocchio: independent of dynid's own model."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -55,14 +53,14 @@ class Arm:
     def regressor(self, q, qd, qdd):
         return regressor(q, qd, qdd)
 
-    def motion(self, samples: int, alpha: float = 1.0, seed: int = 0):
+    def motion(self, samples, alpha=1.0, seed=0):
         """Five harmonics of 0.1 Hz at 500 samples in 10 s, slowed down by alpha."""
         rng = np.random.default_rng(seed)
         a, b = rng.standard_normal((2, 5, 7)) / np.arange(1, 6)[:, None] ** 0.5
         q, qd, qdd = harmonics(np.linspace(0, 10, samples), a, b)
         return q, alpha * qd, alpha**2 * qdd
 
-    def within_limits(self, samples: int, alpha: float = 1.0, seed: int = 0):
+    def within_limits(self, samples, alpha=1.0, seed=0):
         """The same kind of motion, each joint scaled to the tightest of its limits, then slowed down by alpha."""
         rng = np.random.default_rng(seed)
         a, b = rng.standard_normal((2, 5, 7)) / np.arange(1, 6)[:, None]
@@ -90,7 +88,7 @@ def _pinocchio_model():
     return model, model.createData()
 
 
-def regressor(q, qd, qdd) -> np.ndarray:
+def regressor(q, qd, qdd):
     model, scratch = _pinocchio_model()
     ours = [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]  # Pinocchio has Iyy before Ixz
     W = np.zeros((len(q), 7, 91))
@@ -105,7 +103,7 @@ def regressor(q, qd, qdd) -> np.ndarray:
 
 
 @lru_cache
-def seven_joint_arm() -> Arm:
+def seven_joint_arm():
     rng = np.random.default_rng(0)
     truth, prior = np.zeros(91), np.zeros(91)
     for i in range(7):
@@ -120,7 +118,7 @@ def seven_joint_arm() -> Arm:
     return Arm(truth, prior, make_constraints(PARAMETERS, prior))
 
 
-def arm_with_measured_friction() -> Arm:
+def arm_with_measured_friction():
     """The same arm with friction of the size measured on such arms: a third."""
     arm = seven_joint_arm()
     truth = arm.truth.copy()

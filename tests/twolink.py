@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from dynid import Log
 from dynid.files.robotfile import parse_robot
-from dynid.log import Log
 from motions import tones
 
 ROBOT = """\
@@ -77,7 +77,7 @@ def write_log(path, seed, change=None, **options):
     np.savetxt(path, table, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
 
 
-def write_arm(folder: Path, text: str = ROBOT):
+def write_arm(folder, text=ROBOT):
     """Write arm.yaml, log.csv and unseen.csv."""
     (folder / "arm.yaml").write_text(text)
     write_log(folder / "log.csv", seed=1)

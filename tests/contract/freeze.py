@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 
 
-def main() -> None:
+def main():
     sys.path.insert(0, str(Path(__file__).parents[1]))
     from frozen import TABLE, chapter, errors, options
     from situations import CHAPTERS

@@ -1,12 +1,9 @@
 """Run the situations and say what they give: exit status, codes on stderr, keys of the answer, names of files."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import yaml
 from situations import (
@@ -28,7 +25,7 @@ TABLE = Path(__file__).with_name("contract.json")
 NO_ROS = {"E601", "E602"}
 
 
-def keys(value: Any, within: str = "", name: str = "") -> set[str]:
+def keys(value, within="", name=""):
     """Return the paths of all keys in an answer: ``links[].com_m``; keys of an open map are one ``*``."""
     if isinstance(value, list):
         return set().union(*(keys(each, f"{within}[]") for each in value))
@@ -43,11 +40,11 @@ def keys(value: Any, within: str = "", name: str = "") -> set[str]:
     return found
 
 
-def lost(then: list[str], now: list[str]) -> list[str]:
+def lost(then, now):
     """Return the keys that are no longer there, but for those in something that is empty this time and may be."""
     here = set(now)
 
-    def empty(path: str) -> bool:
+    def empty(path):
         parts = re.findall(r"[^.\[\]]+|\[\]", path)
         return any(
             part in MAY_BE_EMPTY
@@ -59,7 +56,7 @@ def lost(then: list[str], now: list[str]) -> list[str]:
     return [path for path in then if path not in here and not empty(path)]
 
 
-def contents(path: Path) -> list[str]:
+def contents(path):
     """Return the keys of a YAML file, the columns of a table, the schema of a result; nothing for other files."""
     if path.suffix == ".npz":
         return [read_artifact(path).header["schema"]]
@@ -71,7 +68,7 @@ def contents(path: Path) -> list[str]:
     return []
 
 
-def seen(folder: Path) -> dict[str, int]:
+def seen(folder):
     """Return every file below a folder with the time of its last change."""
     return {
         str(path.relative_to(folder)): path.stat().st_mtime_ns
@@ -80,12 +77,12 @@ def seen(folder: Path) -> dict[str, int]:
     }
 
 
-def situation(dynid: Runner, line: str) -> dict[str, Any]:
+def situation(dynid, line):
     """Run one command line and return what of it is contract."""
     before = seen(dynid.folder)
     run = dynid(*line.format(**PLACES).split())
     after = seen(dynid.folder)
-    found: dict[str, Any] = {
+    found = {
         "status": run.status,
         "errors": [
             "no ROS" if code in NO_ROS else code
@@ -105,7 +102,7 @@ def situation(dynid: Runner, line: str) -> dict[str, Any]:
     return found
 
 
-def chapter(name: str, folder: Path) -> dict[str, dict[str, Any]]:
+def chapter(name, folder):
     """Run a chapter in an empty folder and return its situations by their command line."""
     for each in ("work", "home"):
         (folder / each).mkdir(parents=True)
@@ -116,14 +113,14 @@ def chapter(name: str, folder: Path) -> dict[str, dict[str, Any]]:
         assert dynid(*line.format(**PLACES).split()).status == 0, line
     if (dynid.folder / "log.csv").exists():
         short_log(dynid.folder)
-    found: dict[str, dict[str, Any]] = {}
+    found = {}
     for line in CHAPTERS[name]:
         again = sum(each.split(" #")[0] == line for each in found)
         found[line + (f" #{again + 1}" if again else "")] = situation(dynid, line)
     return found
 
 
-def options(dynid: Runner) -> dict[str, list[str]]:
+def options(dynid):
     """Return all commands with the names of their options, as their help shows them."""
     words = dynid("-h").out.split("Commands:")[1].split("\n\n")[0]
     commands = re.findall(r"^  (\S+)", words, re.MULTILINE)
@@ -135,7 +132,7 @@ def options(dynid: Runner) -> dict[str, list[str]]:
     }
 
 
-def errors(dynid: Runner) -> dict[str, int]:
+def errors(dynid):
     """Return the exit status of every error code."""
     codes = json.loads(dynid("explain", "--json").out)["codes"]
     return {

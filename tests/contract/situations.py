@@ -4,8 +4,6 @@ A chapter is a folder of its own in which its command lines run one after the ot
 stands for one of ``PLACES``.
 """
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
@@ -70,7 +68,7 @@ URDF = """\
 """
 
 
-def files(folder: Path) -> None:
+def files(folder):
     """Write what the command lines name besides shipped files and results of earlier ones."""
     (folder / "batch.yaml").write_text(BATCH.format(**PLACES))
     (folder / "spoilt_batch.yaml").write_text(BATCH.format(**PLACES).replace("robot:", "robott:"))
@@ -79,7 +77,7 @@ def files(folder: Path) -> None:
     shutil.copy(ROOT / "robots/scara.yaml", folder / "good.yaml")
 
 
-def short_log(folder: Path) -> None:
+def short_log(folder):
     """Write the first 0.3 s of log.csv, a recording of the shipped arm."""
     lines_ = (folder / "log.csv").read_text().splitlines(keepends=True)
     (folder / "short.csv").write_text("".join(lines_[:61]))
@@ -210,13 +208,13 @@ MISTAKES = {
 }
 
 
-def lines(text: str) -> list[str]:
+def lines(text):
     """Return the command lines of a chapter."""
     return [line.strip() for line in text.strip().splitlines()]
 
 
 #: Each chapter's command lines; the first words of a chapter may be commands that only prepare it.
-CHAPTERS: dict[str, list[str]] = {name: lines(text) for name, text in (ANSWERS | MISTAKES).items()}
+CHAPTERS = {name: lines(text) for name, text in (ANSWERS | MISTAKES).items()}
 #: What a chapter needs that other command lines make, without an entry in the table.
 BEFORE = {
     "searches": lines("identify {arm} {log}"),

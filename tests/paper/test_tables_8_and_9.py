@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dynid.files.robotfile import load_robot
+from dynid import load_robot
 from dynid.model import build_model
 from dynid.model.reduce import reduce
 

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from arms import pinocchio_model
-from dynid.log import Log
+from dynid import Log
 
 #: Midpoint steps of the physics within one sample of the controller.
 SUBSTEPS = 2

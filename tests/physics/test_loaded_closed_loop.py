@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from follower import follow_motion
 
+from dynid import base_model
 from dynid.estimation.drive_gains import find_gains, known_load
 from dynid.estimation.estimate import estimate
 from dynid.estimation.payload import find_payload
@@ -14,7 +15,6 @@ from dynid.model.parameters import joined
 from dynid.robot import Body
 from dynid.signals.conditioned_log import condition_log
 from dynid.sim.sines import SineSpec, sines
-from dynid.workflows.model import base_model
 from recorded_lwr import PLANT, ROBOT
 
 ROTOR = (0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05)

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from dynid import IdentifyOptions, identify
-from dynid.workflows.validate import validate
+from dynid import IdentifyOptions, identify, validate
 from recorded_lwr import ROBOT, recorded
 
 JOINT = 3

@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 
 import models
-from dynid import IdentifyOptions, Log, identify
+from dynid import IdentifyOptions, Log, LogOptions, identify, load_log, load_robot
 from dynid.estimation.least_squares import weighted
 from dynid.estimation.posterior import prior_information
 from dynid.estimation.stack import stack_logs
-from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import read_trajectory
-from dynid.loading import condition_logs, load_log
+from dynid.loading import condition_logs
 from dynid.model.base_model import prior_base_parameters
-from dynid.options import LogOptions
 from dynid.sim.arm import track
 from dynid.sim.plant import Sensors, read_plant
 from dynid.trajectory.basis import Quintic, basis_from

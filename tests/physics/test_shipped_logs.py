@@ -9,7 +9,7 @@ from rosbags.highlevel import AnyReader
 from scipy.signal import butter, sosfiltfilt
 
 from arms import pinocchio_model, pinocchio_torques, tensor_of
-from dynid.files.robotfile import load_robot
+from dynid import load_robot
 from dynid.model.parameters import prior_bodies
 from dynid.sim.plant import read_plant
 

@@ -7,8 +7,9 @@ import pinocchio as pin
 import pytest
 
 from arms import configuration, dh_product, random_robot
+from dynid import Robot
 from dynid.model.kinematics import fixed_poses
-from dynid.robot import Body, Joint, Limits, Robot, roll_pitch_yaw, rotation_rpy
+from dynid.robot import Body, Joint, Limits, roll_pitch_yaw, rotation_rpy
 from dynid.sim.urdf import urdf_text, write_urdf
 
 

@@ -10,17 +10,22 @@ import numpy as np
 import pytest
 import yaml
 
-from dynid.estimation.result import Identification
+from dynid import (
+    GapOptions,
+    Identification,
+    IdentifyOptions,
+    LogOptions,
+    ValidateOptions,
+    find_gap,
+    identify,
+    load_log,
+    load_robot,
+    validate,
+)
 from dynid.estimation.rows import rows_of
-from dynid.files.robotfile import load_robot
-from dynid.loading import condition_logs, load_log
+from dynid.loading import condition_logs
 from dynid.model import build_model
-from dynid.options import LogOptions
 from dynid.robot import Body
-from dynid.workflows.gap import find_gap
-from dynid.workflows.identify import identify
-from dynid.workflows.options import GapOptions, IdentifyOptions, ValidateOptions
-from dynid.workflows.validate import validate
 from gap_real import ball_torque, read
 
 pytestmark = pytest.mark.data

@@ -9,15 +9,21 @@ import time
 from pathlib import Path
 
 import numpy as np
+import yaml
 
-from dynid.files.robotfile import load_robot
+from dynid import load_robot
+from dynid.files.logs import read_log
 from dynid.files.trajectoryfile import Review, StoredTrajectory, motion_hash, write_trajectory
 from forkserver import Command, server
 from motions import there_and_back
-from runner import Ended, Runner
+from runner import Ended, Runner, split
 
 #: A process that has not ended by then hangs [s].
 LIMIT = 90
+KINOVA, LWR, UR = "kinova_gen2", "kuka_lwr4plus", "ur10"
+#: The controller of the third arm, and where motions go when they are sent as one goal.
+CONTROLLER = "/joint_trajectory_controller"
+ACTION = f"{CONTROLLER}/follow_joint_trajectory"
 
 
 class Child:
@@ -61,27 +67,46 @@ class Lab:
         self.env |= {"ROS_MASTER_URI": uri, "OMP_NUM_THREADS": "1", "TERM": ""}
 
     def start(self, *words, **options):
-        self.children.append(Child(words, self, **options))
+        """Start a process; text is a line as a person types it."""
+        line = [part for each in words for part in (split(each) if each is str(each) else [each])]
+        self.children.append(Child(line, self, **options))
         return self.children[-1]
 
     def driver(self, robot, *words):
-        """Start a simulated driver, which may have a fault, and wait until it publishes."""
-        child = self.start("watched-driver", robot, "--json", *words)
+        """Start a simulated driver and wait until it publishes."""
+        child = self.start(f"watched-driver {robot} --json", *words)
         child.wait_for("stop ")
         return child
 
+    def plan(self, robot, seconds=3.0, name="", **options):
+        """Write a trajectory that was reviewed."""
+        return store(
+            self.folder / (name or f"{robot}.npz"), robot, swing(robot, seconds), **options
+        )
+
+    def ready(self, robot, seconds=3.0, fault="", *words):
+        """Return a driver, which may have a fault, with its arm at the begin of a trajectory, and the trajectory."""
+        path = self.plan(robot, seconds)
+        return self.driver(robot, "--pose", path, f"--fault {fault}" if fault else "", *words), path
+
     def record(self, robot, *words, **options):
-        return self.start("record", robot, *words, **options).end()
+        return self.start(f"record {robot}", *words, **options).end()
 
     def move(self, robot, trajectory, *words):
-        return self.record(robot, trajectory, "--move", robot, *words)
+        return self.record(robot, trajectory, f"--move {robot}", *words)
 
     def moving(self, robot, trajectory, *words, **options):
         """Start a recording and wait until the arm moves."""
-        child = self.start("record", robot, trajectory, "--move", robot, *words, **options)
+        child = self.start(f"record {robot} --move {robot}", trajectory, *words, **options)
         child.wait_for("stops the arm")
         time.sleep(1.0)
         return child
+
+    def log(self, robot):
+        return read_log(self.folder / "out" / robot / "log.bag", robot=load_robot(robot))
+
+    def manifest(self, robot):
+        return yaml.safe_load((self.folder / "out" / robot / "manifest.yaml").read_text())
 
     def finish(self, driver):
         """End a simulated driver and return what it was sent."""
@@ -122,9 +147,9 @@ def start_master(folder):
 
 #: Poses about which the arms may swing: joints bent, nothing near the floor or another link.
 MIDDLE = {
-    "kinova_gen2": np.array([0.0, 2.6, 0.0, 2.2, 0.0, 3.6, 0.0]),
-    "kuka_lwr4plus": np.array([0.0, 0.5, 0.0, 0.9, 0.0, -0.7, 0.0]),
-    "ur10": np.array([0.0, -1.2, 1.2, 0.3, 0.5, 0.0]),
+    KINOVA: np.array([0.0, 2.6, 0.0, 2.2, 0.0, 3.6, 0.0]),
+    LWR: np.array([0.0, 0.5, 0.0, 0.9, 0.0, -0.7, 0.0]),
+    UR: np.array([0.0, -1.2, 1.2, 0.3, 0.5, 0.0]),
 }
 
 

@@ -5,128 +5,118 @@ import subprocess
 import time
 
 import pytest
-import yaml
+from lab import ACTION, KINOVA, LWR, UR
 
-from dynid.files import logs
 from dynid.files.bags import list_topics
-from dynid.files.logs import read_log
-from dynid.files.robotfile import load_robot
+from dynid.files.logs import read_topics
 
-KINOVA, LWR = "kinova_gen2", "kuka_lwr4plus"
+PRESS = "use the physical stop button now"
+#: How each arm is stopped; the third one by a goal that is cancelled.
+STOPPED = {
+    KINOVA: ("Arm stopped", "the arm stands still"),
+    LWR: ("emergency_stop is pressed", "the arm stands still"),
+    UR: ("the arm stands still",),
+}
 
 
-def log_of(lab, robot=KINOVA):
-    return read_log(lab.folder / "out" / robot / "log.bag", robot=load_robot(robot))
-
-
-def manifest_of(lab, robot=KINOVA):
-    return yaml.safe_load((lab.folder / "out" / robot / "manifest.yaml").read_text())
+def sent_as(robot):
+    """Return the words that send the motion as one goal where the arm takes goals."""
+    return f"--command-topic {ACTION}" if robot == UR else ""
 
 
 @pytest.mark.parametrize(
-    ("robot", "fault", "status", "code", "stopped"),
+    ("robot", "fault", "code", "said"),
     [
-        (KINOVA, "deaf@1", 5, "E504", True),
-        (LWR, "deaf@1", 5, "E504", True),
-        (KINOVA, "torque@1", 5, "E508", True),
-        (KINOVA, "silent@1", 5, "E506", True),
-        (LWR, "dies@1", 5, "E506", False),
+        (KINOVA, "deaf@1", "E504", "Arm stopped"),
+        (LWR, "deaf@1", "E504", "emergency_stop is pressed"),
+        (KINOVA, "torque@1", "E508", "Arm stopped"),
+        (KINOVA, "silent@1", "E506", "Arm stopped"),
+        (LWR, "dies@1", "E506", PRESS),
+        (UR, "deaf@0.5", "E504", "goal preempted"),
+        (UR, "silent@0.5", "E506", "goal preempted"),
+        (
+            UR,
+            "gives-up@0.5",
+            "E509",
+            "the controller says that the motion is aborted: a joint left its path",
+        ),
     ],
 )
-def test_a_fault_of_the_driver_stops_the_arm_and_keeps_the_log(
-    lab, plan, robot, fault, status, code, stopped
-):
-    trajectory = plan(robot, 4.0)
-    driver = lab.driver(robot, "--pose", trajectory, "--fault", fault)
-    done = lab.move(robot, trajectory, "--max-deviation", "0.1rad")
-    assert (done.status, done.out) == (status, "")
-    assert f"error[{code}]" in done.err
-    assert ("Arm stopped" in done.err or "emergency_stop is pressed" in done.err) == stopped
-    assert ("use the physical stop button now" in done.err) == (not stopped)
-    assert 0.9 < log_of(lab, robot).duration < 4.5
-    assert manifest_of(lab, robot)["verdict"].startswith(f"aborted, {code}")
+def test_a_fault_of_the_driver_stops_the_arm_and_keeps_the_log(lab, robot, fault, code, said):
+    driver, trajectory = lab.ready(robot, 4.0, fault)
+    done = lab.move(robot, trajectory, sent_as(robot), "--max-deviation 0.1rad")
+    err = done.failed(5, f"error[{code}]", said)
+    assert (PRESS in err) == (said == PRESS)
+    assert ("goal aborted" in err) == (code == "E509")
+    begin = float(fault.split("@")[1])
+    assert begin - 0.1 < lab.log(robot).duration < 2.5 + 2.0 * begin
+    assert lab.manifest(robot)["verdict"].startswith(f"aborted, {code}")
     if driver.running():
         sent = lab.finish(driver)
-        assert sent["commands"] < 330, "commands went on after the fault"
+        assert sent["commands"] < 330 or robot == UR, "commands went on after the fault"
         assert not sent["violations"]
 
 
-def test_a_stop_that_fails_is_said(lab, plan):
-    trajectory = plan(KINOVA, 4.0)
+@pytest.mark.parametrize("robot", [KINOVA, UR])
+def test_a_stop_that_fails_is_said(lab, robot):
     # Why: the arm goes deaf and the stop is tried once before the motion, so it fails from the first command on.
-    driver = lab.driver(KINOVA, "--pose", trajectory, "--fault", "stop-fails")
-    child = lab.moving(KINOVA, trajectory)
+    driver, trajectory = lab.ready(robot, 4.0, "stop-fails")
+    child = lab.moving(robot, trajectory, sent_as(robot))
     child.send(signal.SIGINT)
-    done = child.end()
-    assert done.status == 130
-    assert "FAILED" in done.err
-    assert "use the physical stop button now" in done.err
-    assert lab.finish(driver)["commands"] < 300
-
-
-def test_a_driver_without_a_stop_is_not_moved(lab, plan):
-    for robot in (KINOVA, LWR):
-        trajectory = plan(robot)
-        driver = lab.driver(robot, "--pose", trajectory, "--fault", "no-stop")
-        done = lab.move(robot, trajectory)
-        assert done.status == 6
-        assert "error[E607]" in done.err
-        assert lab.finish(driver)["commands"] == 0
-
-
-@pytest.mark.parametrize(("robot", "number"), [(KINOVA, signal.SIGINT), (LWR, signal.SIGTERM)])
-def test_a_signal_stops_the_arm_first_and_keeps_the_log(lab, plan, robot, number):
-    trajectory = plan(robot, 5.0)
-    driver = lab.driver(robot, "--pose", trajectory)
-    child = lab.moving(robot, trajectory)
-    child.send(number)
-    child.send(number)
-    done = child.end()
-    assert done.status == 130
-    assert ("Arm stopped" if robot == KINOVA else "emergency_stop is pressed") in done.err
-    assert "the arm stands still" in done.err
-    assert manifest_of(lab, robot)["verdict"] == "stopped by the operator"
-    assert len(log_of(lab, robot)) > 80
+    child.end().failed(130, PRESS, *["FAILED"] * (robot == KINOVA))
     sent = lab.finish(driver)
-    assert sent["commands"] < 300, "of the 500 of the motion"
-    assert sent["violations"] == [], (
-        "the last command before the stop keeps the limits like all others"
-    )
-    assert sent["stop_acceleration_share"] > 0, (
-        "how hard this driver brakes is told; dynid sends nothing then"
-    )
+    assert sent["commands"] < 300 if robot == KINOVA else sent["violations"] == []
 
 
-def test_a_killed_recorder_leaves_a_bag_of_which_99_percent_are_read(lab, plan):
-    trajectory = plan(LWR, 6.0)
-    driver = lab.driver(LWR, "--pose", trajectory, "--rate", "200")
+@pytest.mark.parametrize("robot", [KINOVA, LWR])
+def test_a_driver_without_a_stop_is_not_moved(lab, robot):
+    driver, trajectory = lab.ready(robot, 3.0, "no-stop")
+    lab.move(robot, trajectory).failed(6, "error[E607]")
+    assert lab.finish(driver)["commands"] == 0
+
+
+@pytest.mark.parametrize(
+    ("robot", "number"), [(KINOVA, signal.SIGINT), (LWR, signal.SIGTERM), (UR, signal.SIGINT)]
+)
+def test_a_signal_stops_the_arm_first_and_keeps_the_log(lab, robot, number):
+    driver, trajectory = lab.ready(robot, 5.0)
+    child = lab.moving(robot, trajectory, sent_as(robot))
+    child.send(number)
+    child.send(number)
+    child.end().failed(130, *STOPPED[robot])
+    assert lab.manifest(robot)["verdict"] == "stopped by the operator"
+    assert len(lab.log(robot)) > 80
+    sent = lab.finish(driver)
+    assert sent["violations"] == [], "the last command before the stop keeps the limits"
+    if robot != UR:
+        assert sent["commands"] < 300, "of the 500 of the motion"
+        assert sent["stop_acceleration_share"] > 0, "how hard it brakes; dynid sends nothing then"
+
+
+def test_a_killed_recorder_leaves_a_bag_of_which_99_percent_are_read(lab):
+    driver, trajectory = lab.ready(LWR, 6.0, "", "--rate 200")
     child = lab.moving(LWR, trajectory)
     time.sleep(3.0)
     killed = time.time()
     child.send(signal.SIGKILL)
     child.end()
-    path = lab.folder / "out" / LWR / "log.bag"
-    assert log_of(lab, LWR).findings[0].code == "W305"
-    log = logs.read_topics(path, ["/lwr/joint_states"])[0]["/lwr/joint_states"][0]
+    assert lab.log(LWR).findings[0].code == "W305"
+    path, topic = lab.folder / "out" / LWR / "log.bag", "/lwr/joint_states"
+    log = read_topics(path, [topic])[0][topic][0]
     first, last = (ns * 1e-9 for ns in log.extra["arrival_ns"])
     assert killed - last < 0.01 * (killed - first), "what came last is not in the file"
     assert len(log) >= 0.99 * 200 * (killed - first)
-    assert manifest_of(lab, LWR)["verdict"] == "running"
+    assert lab.manifest(LWR)["verdict"] == "running"
     assert lab.finish(driver)["commands"] < 520
 
 
-def test_a_master_that_dies_ends_the_motion_through_the_open_stop(lab, plan, master):
-    trajectory = plan(KINOVA, 6.0)
-    driver = lab.driver(KINOVA, "--pose", trajectory)
+def test_a_master_that_dies_ends_the_motion_through_the_open_stop(lab, master):
+    driver, trajectory = lab.ready(KINOVA, 6.0)
     child = lab.moving(KINOVA, trajectory)
     master[0].kill()
     master[0].wait()
-    done = child.end()
-    assert done.status == 6
-    assert "error[E602]" in done.err
-    assert "Arm stopped" in done.err
-    assert "the arm stands still" in done.err
-    assert len(log_of(lab)) > 80
+    child.end().failed(6, "error[E602]", *STOPPED[KINOVA])
+    assert len(lab.log(KINOVA)) > 80
     driver.send(signal.SIGKILL)
 
 
@@ -135,25 +125,17 @@ def small_disk(tmp_path):
     """A folder on a disk with room for one second of messages."""
     folder = tmp_path / "small"
     folder.mkdir()
-    mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=256k", "none", folder], capture_output=True
-    )
-    if mounted.returncode:
+    mount = f"mount -t tmpfs -o size=256k none '{folder}'"
+    if subprocess.run(mount, shell=True, capture_output=True).returncode:
         pytest.skip("a small disk cannot be mounted here (root only)")
     yield folder
     subprocess.run(["umount", "-l", folder], check=True)
 
 
-def test_a_full_disk_stops_the_arm_and_keeps_what_was_written(lab, plan, small_disk):
-    trajectory = plan(KINOVA, 5.0)
-    driver = lab.driver(KINOVA, "--pose", trajectory)
+def test_a_full_disk_stops_the_arm_and_keeps_what_was_written(lab, small_disk):
+    driver, trajectory = lab.ready(KINOVA, 5.0)
     done = lab.move(KINOVA, trajectory, "--out", small_disk)
-    assert done.status == 6
-    assert "error[E606]" in done.err
-    assert "No space left" in done.err
-    assert "Arm stopped" in done.err
-    assert "the arm stands still" in done.err
+    done.failed(6, "error[E606]", "No space left", *STOPPED[KINOVA])
     topic = "/j2s7s300_driver/out/joint_state"
     assert list_topics(small_disk / "log.bag")[topic].count > 40
-    sent = lab.finish(driver)
-    assert sent["commands"] < 400
+    assert lab.finish(driver)["commands"] < 400

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-import yaml
+from lab import ACTION, CONTROLLER, UR
 
 from dynid.drivers.follow_joint_trajectory import (
     CANCEL,
@@ -18,12 +18,7 @@ from dynid.drivers.follow_joint_trajectory import (
     choose_commands,
 )
 from dynid.files.bags import list_topics
-from dynid.files.logs import read_log
-from dynid.files.robotfile import load_robot
 
-UR = "ur10"
-CONTROLLER = "/joint_trajectory_controller"
-ACTION = f"{CONTROLLER}/follow_joint_trajectory"
 TOPIC = f"{CONTROLLER}/command"
 POINTS = "trajectory_msgs/JointTrajectory"
 
@@ -44,87 +39,39 @@ def test_classes_of_messages_leave_no_folder_when_the_program_is_killed(tmp_path
         "import os; from dynid.drivers.kinova_gen2 import kinova_message, kinova_service;"
         "kinova_message('JointVelocity'); kinova_service('Start'); os.kill(os.getpid(), 9)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], env=os.environ | {"TMPDIR": str(tmp_path)}
-    )
-    assert done.returncode == -signal.SIGKILL
+    env = os.environ | {"TMPDIR": str(tmp_path)}
+    assert subprocess.run([sys.executable, "-c", program], env=env).returncode == -signal.SIGKILL
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("words", [(), ("--command-topic", ACTION)])
-def test_an_arm_with_a_trajectory_controller_is_moved_and_recorded(lab, plan, words):
-    trajectory = plan(UR, 3.0)
-    driver = lab.driver(UR, "--pose", trajectory)
-    done = lab.move(UR, trajectory, *words, "--json")
-    assert done.status == 0, done.err
-    assert done.facts["lost"] == 0
-    assert done.facts["largest_deviation_rad"] < 0.1
-    assert done.facts["commands"] == 1 if words else done.facts["commands"] > 290
+@pytest.mark.parametrize("words", ["", f"--command-topic {ACTION}"])
+def test_an_arm_with_a_trajectory_controller_is_moved_and_recorded(lab, words):
+    driver, trajectory = lab.ready(UR)
+    facts = lab.move(UR, trajectory, words, "--json").facts
+    assert facts["lost"] == 0
+    assert facts["largest_deviation_rad"] < 0.1
+    assert facts["commands"] == 1 if words else facts["commands"] > 290
     sent = lab.finish(driver)
     assert sent["violations"] == []
     assert sent["reference_velocity_share"] <= 1
-    out = lab.folder / "out" / UR
-    log = read_log(out / "log.bag", robot=load_robot(UR))
-    assert np.ptp(log.q, axis=0).min() > 0.14
-    asked = f"{ACTION}/goal" if words else TOPIC
-    assert asked in list_topics(out / "log.bag"), "what was sent is in the log too"
-    assert yaml.safe_load((out / "manifest.yaml").read_text())["driver"]["command_topic"] == asked
-
-
-@pytest.mark.parametrize(
-    ("fault", "status", "said"),
-    [
-        (
-            "gives-up@0.5",
-            5,
-            "error[E509] the controller says that the motion is aborted: a joint left its path",
-        ),
-        ("deaf@0.5", 5, "error[E504]"),
-        ("silent@0.5", 5, "error[E506]"),
-    ],
-)
-def test_a_goal_that_goes_wrong_is_cancelled(lab, plan, fault, status, said):
-    trajectory = plan(UR, 4.0)
-    driver = lab.driver(UR, "--pose", trajectory, "--fault", fault)
-    done = lab.move(UR, trajectory, "--command-topic", ACTION, "--max-deviation", "0.1rad")
-    assert (done.status, done.out) == (status, "")
-    assert said in done.err
-    assert ("goal aborted" if "gives-up" in fault else "goal preempted") in done.err
-    log = read_log(lab.folder / "out" / UR / "log.bag", robot=load_robot(UR))
-    assert 0.4 < log.duration < 3.5
-    assert lab.finish(driver)["violations"] == []
-
-
-def test_ctrl_c_cancels_the_goal_and_a_cancel_that_nobody_confirms_is_said(lab, plan):
-    trajectory = plan(UR, 5.0)
-    for fault, said in (
-        ((), "the arm stands still"),
-        (("--fault", "stop-fails"), "use the physical stop button now"),
-    ):
-        driver = lab.driver(UR, "--pose", trajectory, *fault)
-        child = lab.moving(UR, trajectory, "--command-topic", ACTION, "--force")
-        child.send(signal.SIGINT)
-        done = child.end()
-        assert done.status == 130
-        assert said in done.err
-        assert lab.finish(driver)["violations"] == []
+    assert np.ptp(lab.log(UR).q, axis=0).min() > 0.14
+    topic = f"{ACTION}/goal" if words else TOPIC
+    bag = lab.folder / "out" / UR / "log.bag"
+    assert topic in list_topics(bag), "what was sent is in the log too"
+    assert lab.manifest(UR)["driver"]["command_topic"] == topic
 
 
 def test_where_to_send_motions_is_found_and_doubt_is_said():
-    types = {
-        TOPIC: POINTS,
-        f"{ACTION}/goal": GOAL,
-        "/other/command": POINTS,
-        "/joint_states": "sensor_msgs/JointState",
-    }
-    assert choose_commands(types, {TOPIC, f"{ACTION}/goal"}, None, TOPIC) == (TOPIC, False)
-    assert choose_commands(types, {f"{ACTION}/goal"}, None, TOPIC) == (f"{ACTION}/goal", True)
-    assert choose_commands(types, {"/other/command"}, None, TOPIC) == ("/other/command", False)
-    assert choose_commands(types, set(types), ACTION, TOPIC) == (f"{ACTION}/goal", True)
-    assert choose_commands(types, set(types), f"{ACTION}/goal", TOPIC) == (f"{ACTION}/goal", True)
-    assert choose_commands(types, set(types), "/other/command", TOPIC) == ("/other/command", False)
-    two = types | {"/third/command": POINTS}
-    with pytest.raises(
-        Exception, match="several topics take motions: /other/command, /third/command"
+    goal, other, third = f"{ACTION}/goal", "/other/command", "/third/command"
+    types = {TOPIC: POINTS, goal: GOAL, other: POINTS, "/joint_states": "sensor_msgs/JointState"}
+    for heard, asked, found in (
+        ({TOPIC, goal}, None, (TOPIC, False)),
+        ({goal}, None, (goal, True)),
+        ({other}, None, (other, False)),
+        ({*types}, ACTION, (goal, True)),
+        ({*types}, goal, (goal, True)),
+        ({*types}, other, (other, False)),
     ):
-        choose_commands(two, {"/other/command", "/third/command"}, None, "/none")
+        assert choose_commands(types, heard, asked, TOPIC) == found
+    with pytest.raises(Exception, match=f"several topics take motions: {other}, {third}"):
+        choose_commands(types | {third: POINTS}, {other, third}, None, "/none")

@@ -2,61 +2,46 @@
 
 import signal
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from lab import KINOVA, LWR
 
+from dynid import load_robot
 from dynid.disk import sha256
 from dynid.files.logs import read_log, read_npz_log
-from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.sim.plant import read_plant
 from forkserver import ROOT
 
-KINOVA, LWR = "kinova_gen2", "kuka_lwr4plus"
 TRUTH = {KINOVA: "kinova_gen2_truth.yaml", LWR: "lwr4plus_truth.yaml"}
 #: Two searched motions, each with another seed: one to identify from, one to predict.
-PLAN = ("--duration", "10", "--segments", "6", "--seconds", "20", "--restarts", "1", "--alpha", "1")
-
-
-def done(child):
-    ended = child.end()
-    assert ended.status == 0, ended.err
-    return ended
+PLAN = "--duration 10 --segments 6 --seconds 20 --restarts 1 --alpha 1 --preview picture -q"
 
 
 def planned(lab, robot, names):
     """Plan motions, look at their pictures unattended, and accept them; return their paths."""
+    line = f"trajectory {robot}"
     children = [
-        lab.start(
-            "trajectory", robot, *PLAN, "--seed", seed, "--preview", "picture", "--out", name, "-q"
-        )
-        for seed, name in enumerate(names)
+        lab.start(line, PLAN, f"--seed {seed} --out {name}") for seed, name in enumerate(names)
     ]
-    for child in children:
-        done(child)
     paths = [lab.folder / name / "trajectory.npz" for name in names]
-    for path in paths:
+    for child, path in zip(children, paths, strict=True):
+        assert child.end().good
         assert (path.parent / "preview.png").stat().st_size > 10_000
         assert not read_trajectory(path).reviewed, "nobody has said yes"
-    for child in [
-        lab.start("trajectory", robot, "--review", path, "--accept", "--preview", "none")
-        for path in paths
-    ]:
-        done(child)
-    assert all(read_trajectory(path).reviewed for path in paths)
+        accepted = ("--review", path, "--accept", "--preview", "none")
+        assert lab.start(line, *accepted).end().good
+        assert read_trajectory(path).reviewed
     return paths
 
 
 def recorded(lab, robot, trajectory, rate, *words):
     """Record a motion; return the log and the command's answer. Nothing is lost, and all commands keep the limits."""
-    driver = lab.driver(robot, "--pose", trajectory, "--rate", rate)
+    driver = lab.driver(robot, "--pose", trajectory, f"--rate {rate}")
     folder = trajectory.parent / "recording"
-    answer = done(
-        lab.start("record", robot, trajectory, "--move", robot, "--out", folder, *words, "--json")
-    ).facts
+    answer = lab.move(robot, trajectory, "--out", folder, *words, "--json").facts
     sent = lab.finish(driver)
     assert answer["lost"] == 0
     assert answer["rate_hz"] == pytest.approx(rate, rel=0.01)
@@ -74,20 +59,17 @@ def recorded(lab, robot, trajectory, rate, *words):
 def identified(lab, robot, log):
     """Identify from a log, step by step; return the parameters."""
     words = (robot, log, "--out", log.parent.parent / "found", "-q")
-    done(lab.start("parameters", *words))
-    done(lab.start("identify", *words, "--holdout", "none"))
+    assert lab.start("parameters", *words).end().good
+    assert lab.start("identify", *words, "--holdout none").end().good
     return log.parent.parent / "found" / "parameters.npz"
 
 
 def predicts(lab, robot, parameters, unseen):
     """Assert that a model predicts another recording within 1.2 times the noise that the simulator added."""
-    answer = done(lab.start("validate", parameters, unseen, "--no-plot", "--json")).facts
+    answer = lab.start("validate", parameters, unseen, "--no-plot --json").end().facts
     noise = read_plant(ROOT / "trajectories" / TRUTH[robot]).sensors.torque_noise
-    errors = [joint["rms_nm"] for joint in answer["joints"]]
-    assert all(error <= 1.2 * added for error, added in zip(errors, noise, strict=True)), (
-        errors,
-        noise,
-    )
+    errors = np.array([joint["rms_nm"] for joint in answer["joints"]])
+    assert np.all(errors <= 1.2 * np.array(noise)), (errors, noise)
 
 
 @pytest.mark.parametrize(("robot", "rates"), [(LWR, (1000, 200)), (KINOVA, (100, 100))])
@@ -107,9 +89,8 @@ def same_numbers(folder, robot, rate):
     """Bag, text files and log.npz hold the same numbers, and no sample is missing."""
     bag, text = (read_log(folder / part, robot=load_robot(robot)) for part in ("log.bag", "log"))
     where = [bag.names.index(name) for name in text.names]
-    np.testing.assert_array_equal(text.q, bag.q[:, where])
-    np.testing.assert_array_equal(text.qd, bag.qd[:, where])
-    np.testing.assert_array_equal(text.tau, bag.tau[:, where])
+    for key in ("q", "qd", "tau"):
+        np.testing.assert_array_equal(getattr(text, key), getattr(bag, key)[:, where])
     np.testing.assert_allclose(text.t, bag.t, atol=1e-9)
     np.testing.assert_array_equal(read_npz_log(folder / "log.npz").tau, bag.tau)
     # Why: the driver samples without a miss, so a lost message would be a gap of two periods.
@@ -117,30 +98,24 @@ def same_numbers(folder, robot, rate):
 
 
 def test_another_program_may_move_the_arm_while_it_is_recorded(lab):
-    driver = lab.driver(KINOVA, "--rate", "100")
-    done = lab.record(KINOVA, "--listen-only", "--duration", "2", "--json")
-    assert done.status == 0, done.err
-    assert 190 <= done.facts["messages"] <= 215
-    child = lab.start("record", KINOVA, "--listen-only", "--out", "until-stopped")
+    driver = lab.driver(KINOVA, "--rate 100")
+    facts = lab.record(KINOVA, "--listen-only --duration 2 --json").facts
+    assert 190 <= facts["messages"] <= 215
+    child = lab.start(f"record {KINOVA} --listen-only --out until-stopped")
     child.wait_for("listening")
     time.sleep(0.5)
     child.send(signal.SIGTERM)
-    assert child.end().status == 0
+    assert child.end().good
     assert lab.finish(driver)["commands"] == 0
 
 
-def test_dropped_and_late_messages_are_survived_and_told(lab, plan):
-    trajectory = plan(KINOVA, 3.0)
-    lab.driver(
-        KINOVA, "--pose", trajectory, "--drop", "0.05", "--latency", "0.02", "--jitter", "0.005"
-    )
-    done = lab.move(KINOVA, trajectory, "--json", "--no-convert")
-    assert done.status == 0, done.err
-    log = read_log(Path(lab.folder) / "out" / KINOVA / "log.bag", robot=load_robot(KINOVA))
+def test_dropped_and_late_messages_are_survived_and_told(lab):
+    late = "--drop 0.05 --latency 0.02 --jitter 0.005"
+    _, trajectory = lab.ready(KINOVA, 3.0, "", late)
+    assert lab.move(KINOVA, trajectory, "--json --no-convert").good
+    log, arm = lab.log(KINOVA), slice(load_robot(KINOVA).n)
     assert np.diff(log.t).max() >= 0.0199, "a dropped message is a gap in the stamps"
-    arm = slice(load_robot(KINOVA).n)
     derived = np.gradient(log.q, log.t, axis=0)[:, arm]
     doubled = np.sum(log.qd[:, arm] * derived, axis=0) / np.sum(derived**2, axis=0)
-    np.testing.assert_allclose(
-        doubled, 2, rtol=0.1, err_msg="kinova-ros doubles the firmware's velocity"
-    )
+    says = "kinova-ros doubles the firmware's velocity"
+    np.testing.assert_allclose(doubled, 2, rtol=0.1, err_msg=says)

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 import dynid
-from dynid import children
+from dynid import PlanOptions, children
 from dynid.trajectory.optimise import optimise
-from dynid.trajectory.options import PlanOptions
 
 SOURCE = str(Path(dynid.__file__).parents[1])
 
@@ -24,7 +23,7 @@ def wait_for(condition, seconds=20.0):
     return condition()
 
 
-def gone(process: int) -> bool:
+def gone(process):
     try:
         return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
     except FileNotFoundError:

@@ -30,7 +30,7 @@ FOUND = {
 }
 
 
-def declared() -> dict[str, str]:
+def declared():
     """Return the versions of the packages that dynid needs, or can use, as pyproject.toml gives them."""
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     lists = [
@@ -39,7 +39,7 @@ def declared() -> dict[str, str]:
     return dict(re.findall(r'"([A-Za-z0-9_-]+)([^";]*)', " ".join(lists)))
 
 
-def imported() -> set[str]:
+def imported():
     found = set()
     for path in Path(dynid.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

@@ -1,15 +1,13 @@
 """A log is made from arrays, says what does not fit, shows itself, and comes back from disk as it was saved."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from dynid import Log
 from dynid.errors import JointNamesDiffer, LogLayout
 from dynid.files.logs import read_log
-from dynid.log import Log
 from dynid.signals.checks import prepare
 from makelogs import lwr, lwr_log
 

@@ -14,11 +14,11 @@ from dynid.errors import CannotWrite, TooLarge
 from dynid.npz import read_npz, write_npz
 
 
-def make_pipe(path: Path) -> None:
+def make_pipe(path):
     os.mkfifo(path)
 
 
-def make_device(path: Path) -> None:
+def make_device(path):
     """Make a device like /dev/full that belongs to the test alone."""
     try:
         os.mknod(path, stat.S_IFCHR | 0o666, os.makedev(1, 7))
@@ -26,7 +26,7 @@ def make_device(path: Path) -> None:
         pytest.skip("only root makes devices")
 
 
-def make_link(path: Path) -> None:
+def make_link(path):
     os.mkfifo(path.with_name("other"))
     path.symlink_to("other")
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from dynid.files.robotfile import load_robot
+from dynid import load_robot
 
 
 @pytest.mark.parametrize(

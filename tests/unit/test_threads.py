@@ -11,7 +11,7 @@ from dynid.arguments import one_thread
 from dynid.progress import Silent
 
 
-def threads() -> set[int]:
+def threads():
     return {
         library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"
     }

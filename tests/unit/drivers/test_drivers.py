@@ -1,7 +1,5 @@
 """What to believe of what a driver publishes; its topics: test_logs.py."""
 
-from __future__ import annotations
-
 import pytest
 
 from dynid.drivers.interface import driver_of

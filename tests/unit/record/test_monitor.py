@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from dynid import load_robot
 from dynid.drivers.joint_state import Sample
 from dynid.errors import PacingLate, StateStale, TorqueHigh, TrackingLost
-from dynid.files.robotfile import load_robot
 from dynid.record.monitor import Monitor
 
 ARM = load_robot("kuka_lwr4plus")

@@ -3,9 +3,8 @@ import re
 import numpy as np
 import pytest
 
+from dynid import Motion, load_robot
 from dynid.errors import Collision, LimitBroken
-from dynid.files.robotfile import load_robot
-from dynid.motion import Motion
 from dynid.record.motion_checks import check_clearance, check_limits, check_torque
 from dynid.record.playing import PlayedMotion, approach, at_speed, joined
 from dynid.sim.arm import SimulatedArm

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dynid.files.robotfile import load_robot
+from dynid import load_robot
 from dynid.record.playing import ReferenceMotion, approach, at_speed, joined, nearest_turn, repeated
 from motions import there_and_back
 

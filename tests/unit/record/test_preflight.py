@@ -3,10 +3,9 @@ import time
 import numpy as np
 import pytest
 
+from dynid import Motion, load_robot
 from dynid.drivers.joint_state import Sample
 from dynid.errors import StartPoseOff, StateStale
-from dynid.files.robotfile import load_robot
-from dynid.motion import Motion
 from dynid.record.preflight import ObservedState, check_place, check_start
 
 ARM = load_robot("kuka_lwr4plus")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 import models
-from dynid.files.robotfile import load_robot
+from dynid import load_robot
 
 
 def arm(name):

@@ -5,16 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynid import Motion, PlanOptions, base_model, load_robot
 from dynid.errors import LimitsAssumed
-from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import StoredTrajectory
-from dynid.motion import Motion
-from dynid.robot import Limits
 from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.feasible import assumed_limits, position_range, unsafe_to_play
-from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.planning import planning_context, search_ranges, thickness
-from dynid.workflows.model import base_model
 from dynid.workflows.options import RecordOptions
 from dynid.workflows.record import require_usable
 
@@ -28,12 +24,9 @@ def without(robot, **limits):
 def test_what_the_robot_file_leaves_out_is_said_with_what_stands_in_for_it():
     robot = load_robot("ur5e")
     assert assumed_limits(robot) == ()
-    bare = replace(robot, joints=tuple(replace(joint, limits=Limits()) for joint in robot.joints))
-    assert [text.split(":")[0] for text in assumed_limits(bare)] == [
-        "position of all joints",
-        "velocity of all joints",
-        "acceleration of all joints",
-    ]
+    bare = without(robot, position=None, velocity=None, acceleration=None, torque=None)
+    named = [text.split(" of all joints:")[0] for text in assumed_limits(bare)]
+    assert named == ["position", "velocity", "acceleration"]
     assert (
         assumed_limits(without(robot, velocity=None))[0] == "velocity of all joints: 1 rad/s or m/s"
     )
@@ -75,10 +68,7 @@ def test_links_left_out_are_still_watched_for_contact_deeper_than_in_usual_poses
 
 def test_a_slide_without_travel_is_assumed_short_and_its_plan_is_not_played():
     robot = load_robot("scara")
-    bare = replace(
-        robot,
-        joints=tuple(replace(j, limits=replace(j.limits, position=None)) for j in robot.joints),
-    )
+    bare = without(robot, position=None)
     assert assumed_limits(bare) == (
         "position of shoulder, elbow, tool: turning without end, two turns each way",
         "travel of slide: 0.1 m each way",

@@ -7,8 +7,8 @@ import pytest
 from randomplans import random_trajectory
 
 from arms import pinocchio_model, pinocchio_torques
+from dynid import load_robot
 from dynid.errors import LimitBroken
-from dynid.files.robotfile import load_robot
 from dynid.model.base_model import prior_base_parameters
 from dynid.model.parameters import prior_bodies
 from dynid.trajectory.basis import Quintic
@@ -27,6 +27,13 @@ def scaled(limit, **factors):
     return Bounds(**{name: value * factors.get(name, 1.0) for name, value in vars(limit).items()})
 
 
+def refused(match, *checked, margin=0.0, **limits):
+    """Return the mistake that a motion is refused with."""
+    with pytest.raises(LimitBroken, match=match) as caught:
+        require_within_limits(check_trajectory(*checked, **limits), margin=margin)
+    return caught.value
+
+
 def suggested(error):
     assert error.fix.startswith("--alpha ")
     return float(error.fix.split()[1])
@@ -40,9 +47,7 @@ def test_broken_rate_is_refused_and_the_alpha_of_the_advice_passes(lwr, quantity
     found = check_trajectory(plan, lwr.robot, bounds(lwr.robot)).peaks
     peaks = np.array([getattr(peak, quantity) for peak in found])
     limit = replace(bounds(lwr.robot), **{quantity: share * peaks})
-    with pytest.raises(LimitBroken, match=r"lwr_\d_joint .* at t = .* s; limit") as caught:
-        require_within_limits(check_trajectory(plan, lwr.robot, limit))
-    alpha = suggested(caught.value)
+    alpha = suggested(refused(r"lwr_\d_joint .* at t = .* s; limit", plan, lwr.robot, limit))
     assert alpha == pytest.approx(share ** (1 / order), abs=0.01)
     assert check_trajectory(plan.slowed(alpha), lwr.robot, limit).violations == ()
 
@@ -65,10 +70,9 @@ def test_overshoot_between_samples_of_a_coarse_grid_is_seen(lwr):
 def test_broken_position_is_refused_and_says_that_slower_does_not_help(lwr):
     plan = random_trajectory(lwr.robot, 1)
     limit = scaled(bounds(lwr.robot), lower=0.3, upper=0.3)
-    with pytest.raises(LimitBroken, match="reaches") as caught:
-        require_within_limits(check_trajectory(plan, lwr.robot, limit), margin=0.1)
-    assert "10 % margin" in caught.value.what
-    assert "slower does not help" in caught.value.fix
+    mistake = refused("reaches", plan, lwr.robot, limit, margin=0.1)
+    assert "10 % margin" in mistake.what
+    assert "slower does not help" in mistake.fix
 
 
 def test_torque_limit_gives_an_alpha_that_keeps_it_or_says_the_pose_is_too_heavy(lwr):
@@ -78,16 +82,11 @@ def test_torque_limit_gives_an_alpha_that_keeps_it_or_says_the_pose_is_too_heavy
     def inertial(motion):
         return 5.0 * motion.qdd
 
-    with pytest.raises(LimitBroken, match="needs") as caught:
-        require_within_limits(check_trajectory(plan, lwr.robot, limit, inertial))
-    alpha = suggested(caught.value)
+    alpha = suggested(refused("needs", plan, lwr.robot, limit, inertial))
     assert check_trajectory(plan.slowed(alpha), lwr.robot, limit, inertial).violations == ()
     assert check_trajectory(plan.slowed(alpha * 1.1), lwr.robot, limit, inertial).violations
-    with pytest.raises(LimitBroken) as caught:
-        require_within_limits(
-            check_trajectory(plan, lwr.robot, limit, lambda motion: np.full_like(motion.q, 11.0))
-        )
-    assert "too heavy" in caught.value.fix
+    heavy = refused("needs", plan, lwr.robot, limit, lambda motion: np.full_like(motion.q, 11.0))
+    assert "too heavy" in heavy.fix
 
 
 @pytest.mark.slow
@@ -126,11 +125,8 @@ def test_tool_speed_is_that_of_differentiated_positions_and_can_be_limited(gen2)
     assert check_trajectory(plan, gen2.robot, bounds(gen2.robot)).tool_speed == pytest.approx(
         fastest, rel=1e-3
     )
-    with pytest.raises(LimitBroken, match="tool moves at") as caught:
-        require_within_limits(
-            check_trajectory(plan, gen2.robot, bounds(gen2.robot), speed=0.25 * fastest)
-        )
-    assert suggested(caught.value) == pytest.approx(0.25, abs=0.0101)
+    mistake = refused("tool moves at", plan, gen2.robot, bounds(gen2.robot), speed=0.25 * fastest)
+    assert suggested(mistake) == pytest.approx(0.25, abs=0.0101)
 
 
 def test_a_slide_beyond_its_limit_is_told_in_metres_and_newtons():
@@ -138,10 +134,7 @@ def test_a_slide_beyond_its_limit_is_told_in_metres_and_newtons():
     limits = bounds(robot)
     points = np.array([[0, 0, 0.1, 0], [0, 0, 0.5, 0]])
     there = through_waypoints(points, replace(limits, velocity=10 * limits.velocity))
-    with pytest.raises(LimitBroken, match=r"slide reaches 0\.5 m at"):
-        require_within_limits(check_trajectory(there, robot, limits))
+    refused(r"slide reaches 0\.5 m at", there, robot, limits)
     strong = replace(limits, torque=np.array([60.0, 30.0, 1.0, 6.0]))
     still = through_waypoints(np.array([[0, 0, 0.1, 0], [0, 0, 0.11, 0]]), limits)
-    found = check_trajectory(still, robot, strong, lambda motion: np.full((len(motion), 4), 2.0))
-    with pytest.raises(LimitBroken, match=r"slide needs 2 N at"):
-        require_within_limits(found)
+    refused("slide needs 2 N at", still, robot, strong, lambda x: np.full((len(x), 4), 2.0))

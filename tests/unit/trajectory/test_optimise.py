@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from dynid import PlanOptions
 from dynid.progress import Silent, heard_by
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.cost import Cost
@@ -10,7 +11,6 @@ from dynid.trajectory.feasible import bounds, random_variables
 from dynid.trajectory.limits import check_trajectory
 from dynid.trajectory.objective import ExcitationObjective, PlanProblem, information
 from dynid.trajectory.optimise import optimise
-from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.plan import Trajectory
 
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import dynid
+from dynid import load_robot
 from dynid.errors import Collision, NoDisplay, WrongUrdf
-from dynid.files.robotfile import load_robot
 from dynid.reports.motion_drawing import draw_motion
 from dynid.robot import JointMap
 from dynid.sim.urdf import write_urdf
@@ -34,16 +34,15 @@ pytest.importorskip("pybullet")
 
 
 def towards(robot, *degrees):
-    start = np.radians(
-        [0, 0, 0, 0, 0, 0, 0] if robot.gravity[2] < 0 else [0, 180, 0, 180, 0, 180, 0]
-    )
+    upright = np.radians([0, 180, 0, 180, 0, 180, 0])
+    start = 0 * upright if robot.gravity[2] < 0 else upright
     limits = bounds(robot)
     free = replace(limits, lower=limits.lower - 10, upper=limits.upper + 10)
     return through_waypoints(np.array([start, np.radians(degrees)]), free)
 
 
 @pytest.fixture
-def urdf(request, tmp_path):
+def urdf(tmp_path):
     def make(robot):
         write_urdf(robot, None, tmp_path / "arm.urdf")
         return tmp_path / "arm.urdf"
@@ -51,36 +50,38 @@ def urdf(request, tmp_path):
     return make
 
 
-COLLIDING = {
-    "lwr": [
-        (0, 119, 0, 0, 0, 0, 0),
-        (0, 120, -20, -120, 100, 0, -130),
-        (0, 0, 0, 165, 0, 0, 0),
-    ],
-    "gen2": [
-        (0, 300, 0, 180, 0, 180, 0),
-        (60, 170, -130, 310, -180, 290, 170),
-        (0, 270, 0, 100, 0, 180, 0),
-    ],
-}
+@pytest.fixture
+def measured(urdf):
+    """Measures the way to a pose, on the URDF of the arm itself."""
+
+    def measure(robot, *degrees, **scene):
+        return measure_trajectory(towards(robot, *degrees), robot, urdf(robot), Scene(**scene))
+
+    return measure
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("arm", "pose"), [(arm, pose) for arm, poses in COLLIDING.items() for pose in poses]
+    ("arm", "pose"),
+    [
+        ("lwr", (0, 119, 0, 0, 0, 0, 0)),
+        ("lwr", (0, 120, -20, -120, 100, 0, -130)),
+        ("lwr", (0, 0, 0, 165, 0, 0, 0)),
+        ("gen2", (0, 300, 0, 180, 0, 180, 0)),
+        ("gen2", (60, 170, -130, 310, -180, 290, 170)),
+        ("gen2", (0, 270, 0, 100, 0, 180, 0)),
+    ],
 )
 def test_colliding_and_floor_touching_plans_are_refused_with_pair_time_and_depth(
-    arm, pose, urdf, request
+    arm, pose, measured, request
 ):
-    robot = request.getfixturevalue(arm).robot
-    found = measure_trajectory(towards(robot, *pose), robot, urdf(robot), Scene())
+    found = measured(request.getfixturevalue(arm).robot, *pose)
     with pytest.raises(Collision, match=r"link_\d and .* at t = \d+\.\d s"):
         require_clear(found)
 
 
-def test_a_plan_in_free_air_passes_and_its_distance_to_the_floor_is_that_of_geometry(lwr, urdf):
-    plan = towards(lwr.robot, 0, 60, 0, 0, 0, 0, 0)
-    found = measure_trajectory(plan, lwr.robot, urdf(lwr.robot), Scene(floor=0.1))
+def test_a_plan_in_free_air_passes_and_its_distance_to_the_floor_is_that_of_geometry(lwr, measured):
+    found = measured(lwr.robot, 0, 60, 0, 0, 0, 0, 0, floor=0.1)
     require_clear(found)
     lowest = next(d for d in found if d.pair == "link_7 - floor")
     height = 0.3105 + (0.4 + 0.39 + 0.078) * 0.5 - 0.06 * np.sin(np.radians(60)) - 0.1
@@ -88,13 +89,12 @@ def test_a_plan_in_free_air_passes_and_its_distance_to_the_floor_is_that_of_geom
 
 
 @pytest.mark.slow
-def test_an_obstacle_in_the_way_is_named(lwr, urdf):
-    scene = Scene(obstacles=(Box((0.2, -0.2, 0.5), (0.6, 0.2, 0.9)),))
-    into = towards(lwr.robot, 0, -60, 0, 0, 0, 0, 0)
-    away = towards(lwr.robot, 0, 60, 0, 0, 0, 0, 0)
+def test_an_obstacle_in_the_way_is_named(lwr, measured):
+    boxes = (Box((0.2, -0.2, 0.5), (0.6, 0.2, 0.9)),)
+    into, away = (measured(lwr.robot, 0, x, 0, 0, 0, 0, 0, obstacles=boxes) for x in (-60, 60))
     with pytest.raises(Collision, match="obstacle 1"):
-        require_clear(measure_trajectory(into, lwr.robot, urdf(lwr.robot), scene))
-    require_clear(measure_trajectory(away, lwr.robot, urdf(lwr.robot), scene))
+        require_clear(into)
+    require_clear(away)
 
 
 @pytest.mark.slow
@@ -137,11 +137,9 @@ def test_own_urdf_with_other_axes_or_without_a_joint_is_refused(lwr, urdf, k, ch
 def test_urdf_in_the_angles_of_a_simulator_is_seen_through_its_map(lwr, urdf):
     sign, offset = (-1.0, 1.0, 1.0, -1.0, 1.0, 1.0, 1.0), (0.0, 0.5, 0.0, 0.0, 0.0, -0.3, 0.0)
     path = urdf(lwr.robot)
-    turned = path.read_text().replace('axis xyz="0 0 1"', 'axis xyz="0 0 -1"', 1)
-    first, fourth = turned.split("lwr_3_joint", 1)
-    path.write_text(
-        first + "lwr_3_joint" + fourth.replace('axis xyz="0 0 1"', 'axis xyz="0 0 -1"', 1)
-    )
+    parts = path.read_text().split("lwr_3_joint", 1)
+    axis = 'axis xyz="0 0 %d"'
+    path.write_text("lwr_3_joint".join(x.replace(axis % 1, axis % -1, 1) for x in parts))
     joints = list(lwr.robot.joints)
     for k in (1, 5):
         joints[k] = replace(joints[k], theta_offset=-offset[k])

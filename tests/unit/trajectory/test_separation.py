@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import models
+from dynid import Motion
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.motion import Motion
 from dynid.trajectory import tuning
 from dynid.trajectory.separation import GapQuestion, Rivalry, separation
 from motions import tones

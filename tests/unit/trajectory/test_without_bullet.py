@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from dynid import PlanOptions, plan_trajectory
 from dynid.errors import Collision, PackageMissing, PlanTeachesLittle
 from dynid.trajectory import planning
-from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.plan import through_waypoints
 from dynid.trajectory.preview import Drawing
-from dynid.workflows.trajectory import plan_trajectory, require_teaching
+from dynid.workflows.trajectory import require_teaching
 
 UP = np.radians([[0, 0, 0, 0, 0, 0, 0], [20, 40, 0, 40, 0, 0, 0]])
 DOWN = np.radians([[0, 0, 0, 0, 0, 0, 0], [0, 105, 0, 0, 0, 0, 0]])
