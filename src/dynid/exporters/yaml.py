@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from dynid.exporters.interface import RESIDUAL, Format, IdentifiedArm, Loaded
+from dynid.files.robotkeys import INERTIA
 from dynid.robot import LINK_PARAMETERS
 from dynid.text import yaml_text
 
-#: What a table of links holds of a joint, and of a body's inertia.
+#: What a table of links holds of a joint.
 DH = ("type", "a", "twist", "d", "theta_offset")
-TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def text(arm: IdentifiedArm) -> str:
@@ -26,7 +26,7 @@ def _document(arm: IdentifiedArm) -> dict[str, Any]:
     for i, (joint, body) in enumerate(zip(robot.joints, full.bodies, strict=True), start=1):
         names = [f"{name}{i}" for name in LINK_PARAMETERS]
         of_links.update(names)
-        tensor = zip(TENSOR, map(float, body.inertia_com), strict=True)
+        tensor = zip(INERTIA, map(float, body.inertia_com), strict=True)
         links.append(
             {
                 "joint": joint.name,

@@ -44,8 +44,6 @@ LEAST = 1e-12
 LONGEST_NAME = 100
 TORQUE_SOURCES = ("joint_sensor", "motor_torque", "motor_current", "gravity_free", "unknown")
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-#: Other usual names of keys of the DH table.
-USUAL_KEYS = {"alpha": "twist", "theta": "theta_offset", "offset": "theta_offset"}
 TEXT, NUMBER = Value.text, Value.number
 
 
@@ -183,7 +181,7 @@ def read_joints(value: Value) -> tuple[Joint, ...]:
     for number, item in enumerate(items, start=1):
         kind = item.entries().get("type")
         revolute = kind is None or kind.text() != "prismatic"
-        given = item.within(revolute=revolute).read(JOINT, usual=USUAL_KEYS)
+        given = item.within(revolute=revolute).read(JOINT)
         joint = Joint(**{"name": f"joint_{number}", **given})
         if joint.name in joints:
             raise value.wrong(f": two joints are called '{joint.name}'")

@@ -38,8 +38,6 @@ class UrdfJoint:
         origin: pose of the child's frame in the parent's at q = 0, (4, 4).
         axis: unit vector in the child's frame, (3,).
         limits: limits that the file gives.
-        damping: viscous friction of ``<dynamics>``.
-        friction: Coulomb friction of ``<dynamics>``.
     """
 
     name: str
@@ -49,8 +47,6 @@ class UrdfJoint:
     origin: Floats
     axis: Floats
     limits: Limits
-    damping: float = 0.0
-    friction: float = 0.0
 
     @property
     def moves(self) -> bool:
@@ -251,7 +247,6 @@ def _joint(joint: ET.Element, exact: bool) -> UrdfJoint:
             velocity=velocity if 0 < velocity < LARGEST else None,
             torque=effort if 0 < effort < LARGEST else None,
         )
-    dynamics = joint.find("dynamics")
     return UrdfJoint(
         name=name,
         type=kind,
@@ -260,6 +255,4 @@ def _joint(joint: ET.Element, exact: bool) -> UrdfJoint:
         origin=_pose(joint.find("origin"), exact),
         axis=axis,
         limits=limits,
-        damping=float(_numbers(dynamics, "damping")[0]),
-        friction=float(_numbers(dynamics, "friction")[0]),
     )

@@ -11,7 +11,6 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -26,6 +25,8 @@ if TYPE_CHECKING:
 #: Sizes of numbers other than 0, in whatever unit. Large ones are multiplied and squared many times in a model; small
 #: ones are added, and CAD programs round to them.
 SMALLEST, LARGEST = 1e-30, 1e12
+#: Other usual names of keys of the DH table.
+USUAL_KEYS = {"alpha": "twist", "theta": "theta_offset", "offset": "theta_offset"}
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _NOT_TEXT = re.compile("[\\0\ud800-\udfff]")
 _OCTAL = re.compile(r"[-+]?0\d+")
@@ -98,14 +99,12 @@ class Value:
         self,
         known: Sequence[str],
         required: Sequence[str] = (),
-        usual: Mapping[str, str] = MappingProxyType({}),
     ) -> dict[str, Value]:
         """Return the values by key, after checking that all keys are known, once given, and the required ones there.
 
         Args:
-            known: the keys that it may have.
+            known: the keys that it may have; one that another name of ``USUAL_KEYS`` stands for is noted (W203).
             required: those that it must have.
-            usual: other names of keys, which are understood and noted (W203).
         """
         if not self.is_mapping:
             raise WrongRobotFile(
@@ -114,7 +113,8 @@ class Value:
         values: dict[str, Value] = {}
         for key_node, node in self.node.value:
             given, line = str(key_node.value), f"{self.file}:{key_node.start_mark.line + 1}"
-            key = usual.get(given, given)
+            usual = USUAL_KEYS.get(given, given)
+            key = usual if usual in known and given not in known else given
             if key != given:
                 text = f"{line}: `{given}:` is read as `{key}:`, its name in dynid"
                 self.note("W203", text, "info", given=given, used=key)
@@ -135,10 +135,9 @@ class Value:
         self,
         keys: Mapping[str, Reader],
         required: Sequence[str] = (),
-        usual: Mapping[str, str] = MappingProxyType({}),
     ) -> dict[str, Any]:
         """Return the values of a mapping that are there, by key, each as its reader reads it; see ``mapping``."""
-        values = self.mapping(list(keys), required, usual)
+        values = self.mapping(list(keys), required)
         return {key: read(values[key]) for key, read in keys.items() if key in values}
 
     def note(self, code: str, text: str, level: str = "warning", **evidence: object) -> None:

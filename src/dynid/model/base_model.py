@@ -251,7 +251,7 @@ def save_model(path: Path, model: Model) -> None:
     header = _header(
         model.robot,
         program_inputs=list(p.inputs),
-        constants=list(p.constants),
+        constants=[],
         shape=list(p.shape),
         parameters=list(model.parameter_names),
         operations=p.flops,
@@ -267,7 +267,6 @@ def load_model(path: Path, robot: Robot) -> Model:
         rows, cols = map(int, h["shape"])
         program = Program(
             inputs=tuple(h["program_inputs"]),
-            constants=tuple(map(int, h["constants"])),
             shape=(rows, cols),
             **{name: artifact.arrays[name] for name in _PROGRAM},
         )

@@ -184,5 +184,5 @@ def _program(
         for rows in (list(recorder.operations), places)
     )
     (op, lhs, rhs), (row, col, out) = columns
-    program = Program(tuple(names), (), op, lhs, rhs, row, col, out, (n, 11 * n))
+    program = Program(tuple(names), op, lhs, rhs, row, col, out, (n, 11 * n))
     return program.restricted(np.arange(11 * n))

@@ -1,6 +1,6 @@
 """The regressor as a straight-line program: plain integer arrays, no code in files, and its evaluation on many samples.
 
-Slots are numbered: first the inputs, then the integer constants, then one slot an operation. An operation reads two
+Slots are numbered: first the inputs, then one slot an operation. An operation reads two
 earlier slots. Each non-zero entry of the regressor names its row, its column and the slot that holds it.
 
 For evaluation a program is bound to a robot's geometry, constants are folded, and the list of array operations is
@@ -44,7 +44,6 @@ class Program:
     Attributes:
         inputs: names of the inputs: ``c1 s1 q1 qd1 qdd1`` vary with the motion; ``a1 d1 ca1 sa1 gx gy gz`` (and
             ``c1 s1`` of a prismatic joint) belong to the robot's geometry.
-        constants: integer constants.
         op: operation codes, (M,).
         lhs: first operand's slot, (M,).
         rhs: second operand's slot, (M,); unused for a negation.
@@ -55,7 +54,6 @@ class Program:
     """
 
     inputs: tuple[str, ...]
-    constants: tuple[int, ...]
     op: Ints
     lhs: Ints
     rhs: Ints
@@ -66,17 +64,14 @@ class Program:
 
     def __post_init__(self) -> None:
         """Check names, and that no operation reads a slot that is not yet there: all may come from a file."""
-        first = len(self.inputs) + len(self.constants)
-        slots = first + np.arange(len(self.op))
+        slots = self.first + np.arange(self.flops)
         arrays = (self.op, self.lhs, self.rhs, self.rows, self.cols, self.outputs)
         sound = (
             all(_INPUT.fullmatch(name) for name in self.inputs)
-            and all(array.ndim == 1 and np.issubdtype(array.dtype, np.integer) for array in arrays)
-            and len(self.op) == len(self.lhs) == len(self.rhs)
-            and len(self.rows) == len(self.cols) == len(self.outputs)
+            and all(np.issubdtype(array.dtype, np.integer) for array in arrays)
             and all(_within(operand, slots) for operand in (self.lhs, self.rhs))
             and _within(self.op, NEG + 1)
-            and _within(self.outputs, first + len(self.op))
+            and _within(self.outputs, self.first + self.flops)
             and _within(self.rows, self.shape[0])
             and _within(self.cols, self.shape[1])
         )
@@ -86,7 +81,7 @@ class Program:
     @property
     def first(self) -> int:
         """Slot of the first operation."""
-        return len(self.inputs) + len(self.constants)
+        return len(self.inputs)
 
     @property
     def joints(self) -> int:
@@ -109,14 +104,12 @@ class Program:
             if needed[self.first + k]:
                 needed[self.lhs[k]] = True
                 needed[self.rhs[k]] = True
-        inputs = needed[: len(self.inputs)]
-        needed[len(inputs) : self.first] = True
+        inputs = needed[: self.first]
         renumbered = np.cumsum(needed) - 1
         live = needed[self.first :]
         as_int = np.int32
         return Program(
             tuple(compress(self.inputs, inputs)),
-            self.constants,
             self.op[live],
             renumbered[self.lhs[live]].astype(as_int),
             renumbered[self.rhs[live]].astype(as_int),
@@ -145,10 +138,7 @@ def bound(
         The number of each slot, None where it moves; slot and name of each input that moves; the steps that are left.
     """
     fixed = geometry(robot)
-    value = [
-        *(fixed.get(name) for name in program.inputs),
-        *(float(constant) for constant in program.constants),
-    ]
+    value = [fixed.get(name) for name in program.inputs]
     moving = [(slot, name) for slot, name in enumerate(program.inputs) if value[slot] is None]
     steps: list[Step] = []
     for op, lhs, rhs in np.stack([program.op, program.lhs, program.rhs], axis=1).tolist():

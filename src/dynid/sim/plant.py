@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.files import packaged
-from dynid.files.yamlfile import Value, read_yaml
+from dynid.files.robotkeys import BODY, NUMBER, TEXT, mapping, or_null, several
+from dynid.files.yamlfile import read_yaml
 from dynid.log import Log
 from dynid.model.parameters import prior_bodies
 from dynid.robot import LINK_PARAMETERS, Body, Robot
@@ -21,9 +22,9 @@ from dynid.sim.arm import Friction, SimulatedArm, SimulatedRun
 
 Floats = NDArray[np.float64]
 
-_TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _PLANT = ("robot", "links", "rotor_inertia", "friction", "sensors")
 _NOTES = ("about", "source", "motion", "logs")
+_BODY = mapping({"name": TEXT, **BODY}, lambda name="", **body: Body(**body), [*BODY])
 
 
 @dataclass(frozen=True)
@@ -114,35 +115,19 @@ def plant_of(robot: Robot) -> Plant:
 def read_plant(path: Path) -> Plant:
     """Read the truth of a simulated arm, a file such as ``trajectories/lwr4plus_truth.yaml``."""
     top = read_yaml(path).mapping(_PLANT + _NOTES, required=_PLANT)
-    bodies = tuple(_body(value) for value in top["links"].items())
-    n = len(bodies)
-    parts = ("viscous", "coulomb", "offset", "velocity")
-    friction = top["friction"].mapping(parts, required=parts)
-    sensing = ("torque_noise", "position_step", "velocity_noise", "stamp_jitter")
-    sensors = top["sensors"].mapping(sensing, required=sensing)
-    speed = sensors["velocity_noise"]
+    bodies = tuple(map(_BODY, top["links"].items()))
+    each = several(NUMBER, len(bodies))
+    friction = dict.fromkeys(("viscous", "coulomb", "offset", "velocity"), each)
+    sensors = {
+        "torque_noise": each,
+        "position_step": NUMBER,
+        "velocity_noise": or_null(NUMBER),
+        "stamp_jitter": NUMBER,
+    }
     return Plant(
         robot=top["robot"].text(),
         bodies=bodies,
-        rotor_inertia=_numbers(top["rotor_inertia"], n),
-        friction=Friction(**{part: _numbers(friction[part], n) for part in parts}),
-        sensors=Sensors(
-            torque_noise=_numbers(sensors["torque_noise"], n),
-            position_step=sensors["position_step"].number(),
-            velocity_noise=None if speed.is_null else speed.number(),
-            stamp_jitter=sensors["stamp_jitter"].number(),
-        ),
+        rotor_inertia=each(top["rotor_inertia"]),
+        friction=mapping(friction, Friction, [*friction])(top["friction"]),
+        sensors=mapping(sensors, Sensors, [*sensors])(top["sensors"]),
     )
-
-
-def _numbers(value: Value, n: int) -> tuple[float, ...]:
-    return tuple(item.number() for item in value.items(n))
-
-
-def _body(value: Value) -> Body:
-    needed = ("mass", "com", "inertia_com")
-    keys = value.mapping(("name", *needed), required=needed)
-    x, y, z = _numbers(keys["com"], 3)
-    tensor = keys["inertia_com"].mapping(_TENSOR, required=_TENSOR)
-    xx, xy, xz, yy, yz, zz = (tensor[name].number() for name in _TENSOR)
-    return Body(keys["mass"].number(), (x, y, z), (xx, xy, xz, yy, yz, zz))

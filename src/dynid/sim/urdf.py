@@ -1,7 +1,7 @@
 """A URDF from the DH table and one body per link, for PyBullet and for pictures.
 
 A URDF link's frame is its joint's frame, so link i of the URDF is DH frame i moved by a constant (``fixed_poses``); the
-joint variable of the URDF is q of the robot file. Reads a ``Robot`` and bodies; writes one file.
+joint variable of the URDF is q of the robot file. Reads a ``Robot`` and bodies.
 """
 
 from __future__ import annotations
@@ -10,12 +10,10 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.disk import write_text
 from dynid.model.kinematics import base_pose, fixed_poses
 from dynid.model.parameters import cylinders_of, link_cylinders, prior_bodies
 from dynid.robot import Body, Joint, Limits, Robot, roll_pitch_yaw, rotation_rpy
@@ -27,24 +25,18 @@ Floats = NDArray[np.float64]
 _NO_TRAVEL, _NO_LIMIT = 10.0, 1e3
 
 
-def write_urdf(robot: Robot, bodies: Sequence[Body] | None, path: Path) -> None:
-    """Write the arm as a URDF whose root link ``base`` is the world.
-
-    Args:
-        robot: the arm; ``base_xyz`` and ``base_rpy`` place frame 0, the prior's radius gives the shapes.
-        bodies: one body per link in its DH frame; the prior of the robot file when None.
-        path: the file to write.
-    """
-    write_text(path, urdf_text(robot, bodies))
-
-
 def without_stops(robot: Robot) -> Robot:
     """Return the arm without limits: a mechanical stop would be a torque that no model here has."""
     return replace(robot, joints=tuple(replace(joint, limits=Limits()) for joint in robot.joints))
 
 
 def urdf_text(robot: Robot, bodies: Sequence[Body] | None = None) -> str:
-    """Return the text that ``write_urdf`` writes."""
+    """Return the URDF of an arm, whose root link ``base`` is the world.
+
+    Args:
+        robot: the arm; ``base_xyz`` and ``base_rpy`` place frame 0, the prior's radius gives the shapes.
+        bodies: one body per link in its DH frame; the prior of the robot file when None.
+    """
     root = ET.Element("robot", name=xml(robot.slug))
     base = ET.SubElement(root, "link", name="base")
     # Why: Bullet complains on standard output about a link without mass, which would break --json.

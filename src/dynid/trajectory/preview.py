@@ -19,7 +19,7 @@ from dynid.errors import Collision, NoDisplay
 from dynid.model.attached import attached
 from dynid.model.kinematics import link_frames
 from dynid.robot import Robot
-from dynid.sim.urdf import write_urdf
+from dynid.sim.urdf import urdf_text
 from dynid.trajectory import tuning
 from dynid.trajectory.bullet import HEIGHT, PITCH, VIEW, WIDTH, YAW, Job, Picture, work
 from dynid.trajectory.child import answers, working
@@ -184,7 +184,7 @@ def _answered(
         if urdf is None:
             shapes, names = Path(folder) / f"{robot.slug}.urdf", robot.joint_names
             sign, offset = np.ones(robot.n), np.zeros(robot.n)
-            write_urdf(robot, None, shapes)
+            shapes.write_text(urdf_text(robot), encoding="utf-8")
         else:
             place = attached(urdf, robot, tuning.SHAPES_WITHIN)
             shapes, names = urdf, place.names

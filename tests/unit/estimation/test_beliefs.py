@@ -11,7 +11,7 @@ from dynid.errors import WrongRobotFile
 from dynid.files.robotfile import load_robot, parse_robot
 from dynid.model.attached import attached
 from dynid.sim.plant import read_plant
-from dynid.sim.urdf import write_urdf
+from dynid.sim.urdf import urdf_text
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_bounds_on_masses_and_centres_of_mass_are_kept(shop):
 
 def test_a_prior_from_a_urdf_lies_in_the_frames_of_the_dh_table(tmp_path):
     plant, robot = read_plant(TRUTH), load_robot("kuka_lwr4plus")
-    write_urdf(robot, plant.bodies, tmp_path / "arm.urdf")
+    (tmp_path / "arm.urdf").write_text(urdf_text(robot, plant.bodies))
     for found, true in zip(
         attached(tmp_path / "arm.urdf", robot).prior().links, plant.bodies, strict=True
     ):
@@ -59,7 +59,7 @@ def test_a_prior_from_a_urdf_lies_in_the_frames_of_the_dh_table(tmp_path):
 @pytest.mark.slow
 def test_a_prior_from_a_file_fills_what_the_log_leaves_open(shop):
     plant, robot = read_plant(TRUTH), load_robot("kuka_lwr4plus")
-    write_urdf(robot, plant.bodies, shop.folder / "arm.urdf")
+    (shop.folder / "arm.urdf").write_text(urdf_text(robot, plant.bodies))
     true = np.array([body.mass for body in plant.bodies])
     # Why root mean square: noise may move one link's mass by 10 % at the cost of its neighbour, over five such logs.
     with_prior, without = (

@@ -15,7 +15,7 @@ from dynid import load_robot
 from dynid.errors import Collision, NoDisplay, WrongUrdf
 from dynid.reports.motion_drawing import draw_motion
 from dynid.robot import JointMap
-from dynid.sim.urdf import write_urdf
+from dynid.sim.urdf import urdf_text
 from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.feasible import bounds, position_range
 from dynid.trajectory.plan import through_waypoints
@@ -44,7 +44,7 @@ def towards(robot, *degrees):
 @pytest.fixture
 def urdf(tmp_path):
     def make(robot):
-        write_urdf(robot, None, tmp_path / "arm.urdf")
+        (tmp_path / "arm.urdf").write_text(urdf_text(robot))
         return tmp_path / "arm.urdf"
 
     return make
@@ -166,7 +166,7 @@ def test_window_without_a_display_is_a_named_mistake_and_not_the_end_of_the_proc
 def test_window_opens_on_a_virtual_display_and_closes_after_the_question(tmp_path):
     script = """
 from dynid.files.robotfile import load_robot
-from dynid.sim.urdf import write_urdf
+from dynid.sim.urdf import urdf_text
 from dynid.trajectory.scene import Scene
 from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.feasible import bounds, position_range
@@ -175,7 +175,7 @@ from dynid.trajectory.preview import window
 from pathlib import Path
 import numpy as np
 robot = load_robot("kuka_lwr4plus")
-write_urdf(robot, None, Path("arm.urdf"))
+Path("arm.urdf").write_text(urdf_text(robot))
 plan = through_waypoints(np.array([np.zeros(7), np.full(7, 0.3)]), bounds(robot))
 with window(plan, robot, Path("arm.urdf"), Scene()):
     print("open")

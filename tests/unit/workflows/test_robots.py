@@ -8,7 +8,7 @@ from dynid.errors import RobotNotFound, WrongUrdf, WrongUsage
 from dynid.files.robotfile import load_robot as read_robot
 from dynid.loading import load_robot
 from dynid.robot import Joint, Robot
-from dynid.sim.urdf import write_urdf
+from dynid.sim.urdf import urdf_text
 
 FORKED = """<robot name="two_arms"><link name="world"/><link name="torso"/>
 <joint name="lift" type="prismatic"><parent link="world"/><child link="torso"/><axis xyz="0 0 1"/></joint>
@@ -61,7 +61,7 @@ def test_a_urdf_whose_arms_fork_names_its_tips_and_takes_one(tmp_path):
 
 def test_a_urdf_without_a_fork_needs_no_tip(tmp_path):
     arm = read_robot("ur5e")
-    write_urdf(arm, None, tmp_path / "mine.urdf")
+    (tmp_path / "mine.urdf").write_text(urdf_text(arm))
     robot = load_robot(tmp_path / "mine.urdf")
     assert (robot.n, robot.slug) == (6, "mine")
 

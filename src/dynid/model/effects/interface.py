@@ -39,7 +39,6 @@ class Effect:
         law: its columns where a closed form does not make them; a shape may hold ``at``, the size at which they are to
             be exact.
         many: the columns of several shapes at once, where that is faster.
-        family: effects that describe the same physics on one joint.
         scope: ``"joint"``, ``"pair"`` (joint and the other one it depends on) or ``"arm"``.
         neighbours: whether a pair is of joints that follow each other.
         spreads: whether one joint's effect changes the torques of all.
@@ -69,7 +68,6 @@ class Effect:
     forms_of: Callable[[Shape], tuple[str, ...]] | None = None
     law: Law | None = None
     many: Callable[[ArmMotion, Joints, Sequence[Shape]], list[Floats]] | None = None
-    family: str = ""
     scope: Literal["joint", "pair", "arm"] = "joint"
     neighbours: bool = False
     spreads: bool = False

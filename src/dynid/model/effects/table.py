@@ -28,7 +28,6 @@ _ALL = (
         separate="a wide range; a rest pose approached from both sides separates an offset from "
         "one-sided friction",
         forms=("1",),
-        family="position torque",
         units={"c": "N m"},
     ),
     Effect(
@@ -39,7 +38,6 @@ _ALL = (
         signature="proportional to the joint's own speed",
         separate="several speeds, both ways",
         forms=("qd",),
-        family="viscous",
         units={"fv": "N m s/rad"},
     ),
     Effect(
@@ -50,7 +48,6 @@ _ALL = (
         signature="a step at each reversal, the same size both ways",
         separate="several reversals at different speeds",
         forms=("sign(qd)",),
-        family="friction curve",
         units={"fc": "N m"},
     ),
     Effect(
@@ -61,7 +58,6 @@ _ALL = (
         "fast, small where it is slow",
         separate="drive the same path forwards and backwards",
         forms=("|qd|",),
-        family="viscous",
         units={"a": "N m s/rad"},
     ),
     Effect(
@@ -71,7 +67,6 @@ _ALL = (
         signature="a hump at low speed on both sides of each reversal that is gone at high speed",
         separate="sweeps at constant speed over two decades, down to a tenth of vs",
         forms=("exp(-(|qd| / {vs})^{d}) sign(qd)",),
-        family="friction curve",
         positive=True,
         shape_units={"vs": "rad/s", "d": ""},
         steps={"vs": ("times", 1.25), "d": ("times", 1.3)},
@@ -90,7 +85,6 @@ _ALL = (
         "highest",
         separate="move the joint at least five times faster than the bend",
         forms=("sign(1 qd) |qd|^{p}",),
-        family="friction curve",
         shape_units={"p": ""},
         steps={"p": ("times", 1.1)},
         shapes=_each("p", 0.3, 0.5, 0.7, 1.3, 1.6, 2.0, 2.5, 3.0),
@@ -104,7 +98,6 @@ _ALL = (
         "at low load",
         separate="the same motion with and without a payload",
         forms=("|tau| sign(qd)",),
-        family="load",
         positive=True,
         needs_model=True,
         units={"a": ""},
@@ -130,7 +123,6 @@ _ALL = (
         separate="the same load carried slowly and fast, with and against gravity",
         forms=("|qd| total",),
         needs_model=True,
-        family="load",
         units={"c": "s/rad"},
     ),
     Effect(
@@ -140,7 +132,6 @@ _ALL = (
         signature="friction is larger in the first minutes than later",
         separate="repeat the same motion cold and warm",
         forms=("exp(-t / {tw}) sign(qd)", "exp(-t / {tw}) qd"),
-        family="time",
         shape_units={"tw": "s"},
         steps={"tw": ("times", 1.4)},
         shapes=_each("tw", 12.0, 25.0, 50.0, 100.0, 250.0),
@@ -153,7 +144,6 @@ _ALL = (
         signature="the mean of the residual changes with time and with nothing else",
         separate="repeat the same motion minutes apart",
         forms=("{tc} (1 - exp(-t / {tc}))",),
-        family="time",
         shape_units={"tc": "s"},
         steps={"tc": ("times", 1.4)},
         shapes=_each("tc", 1000000.0, 10.0, 25.0, 60.0, 150.0),
@@ -166,7 +156,6 @@ _ALL = (
         signature="friction depends on the position of the joint, equally both ways",
         separate="cross the whole range both ways at one slow speed",
         forms=("cos({h} q) sign(qd)", "sin({h} q) sign(qd)"),
-        family="position",
         shape_units={"h": "1/rad"},
         shapes=_each("h", 0.5, 1.0, 1.5, 2.0, 2.5),
         steps={"h": ("plus", 0.25)},
@@ -182,7 +171,6 @@ _ALL = (
         forms=("cos({k} q) sign(qd)", "sin({k} q) sign(qd)"),
         many=laws.gear_frictions,
         shapes_of=laws.gear_shapes,
-        family="position",
         shape_units={"k": "1/rad"},
         steps={"k": ("plus", 0.2)},
         units={"a": "N m", "b": "N m"},
@@ -209,7 +197,6 @@ _ALL = (
         forms_of=laws.spring_forms,
         units_of=laws.spring_units,
         shapes_of=laws.spring_shapes,
-        family="position torque",
         shape_units={"order": "", "constant": ""},
     ),
     Effect(
@@ -223,7 +210,6 @@ _ALL = (
         forms=("sin(q)", "cos(q)"),
         shapes_of=lambda m, j: [{}] if m.robot.joints[j].revolute else [],
         uses=("arm",),
-        family="position torque",
         units={"a": "N m", "b": "N m"},
     ),
     Effect(
@@ -235,7 +221,6 @@ _ALL = (
         # Why so: it is max(0, x) without another function.
         forms=("0.5 (({side}) (q - ({q1})) + |({side}) (q - ({q1}))|)",),
         shapes_of=laws.end_shapes,
-        family="position torque",
         shape_units={"side": "", "q1": "rad"},
         steps={"q1": ("plus", 0.1)},
         units={"a": "N m/rad"},
@@ -262,7 +247,6 @@ _ALL = (
         forms=("qd", "sign(qd)"),
         neighbours=True,
         scope="pair",
-        family="cross",
         units={"a": "N m s/rad", "b": "N m"},
     ),
     Effect(
@@ -273,7 +257,6 @@ _ALL = (
         separate="load one joint while the other rests",
         forms=("tau",),
         scope="pair",
-        family="cross",
         needs_model=True,
         units={"a": ""},
     ),
@@ -305,7 +288,6 @@ _ALL = (
         spreads=True,
         positive=True,
         needs_model=True,
-        family="gear",
         shape_units={"b": "rad"},
         steps={"b": ("times", 1.5)},
         shapes=_each("b", 0.00025, 0.0005, 0.001, 0.002, 0.004, 0.008),
@@ -321,7 +303,6 @@ _ALL = (
         spreads=True,
         sized="offset",
         needs_model=True,
-        family="statics",
         units={"offset": "rad"},
     ),
     Effect(
@@ -336,7 +317,6 @@ _ALL = (
         positive=True,
         shape_units={"delta": "rad"},
         steps={"delta": ("times", 1.4)},
-        family="friction curve",
         shapes=_each("delta", *np.geomspace(0.002, 0.2, 9).tolist()),
         units={"a": "N m"},
     ),
@@ -349,7 +329,6 @@ _ALL = (
         law=laws.base_tilt,
         scope="arm",
         needs_model=True,
-        family="statics",
         units={"x": "rad", "y": "rad", "c": "N m", "s": "N m"},
     ),
     Effect(
@@ -372,7 +351,6 @@ _ALL = (
         separate="turn the wrist in many directions at each pose",
         law=lambda m, j, s: np.array([m.reference.tip_force(m.q, k).T for k in range(3)]),
         scope="arm",
-        family="statics",
         units={"x": "N", "y": "N", "z": "N"},
     ),
     Effect(
@@ -387,7 +365,6 @@ _ALL = (
         scope="arm",
         uses=("frozen",),
         shape_units={"form": ""},
-        family="statics",
         shapes=_each("form", 1.0, 4.0, 10.0),
     ),
     Effect(
@@ -399,7 +376,6 @@ _ALL = (
         separate="any motion with reversals",
         forms=("sign(qd)",),
         uses=("frozen",),
-        family="friction curve",
         units={"c": "N m"},
     ),
     Effect(
@@ -411,7 +387,6 @@ _ALL = (
         separate="several speeds, both ways",
         forms=("qd",),
         uses=("frozen",),
-        family="friction curve",
         units={"v": "N m s/rad"},
     ),
 )
