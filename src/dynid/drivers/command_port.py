@@ -9,14 +9,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.drivers.joint_state import Columns
 from dynid.drivers.ros import Node, within
 from dynid.errors import DynidError, ServiceMissing, TopicSilent
 from dynid.robot import Robot
-
-Floats = NDArray[np.float64]
 
 #: A service of a driver on the same network answers in milliseconds; a stop may not take longer [s].
 SERVICE_PATIENCE = 1.5

@@ -14,15 +14,13 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.drivers.command_port import CONNECT_PATIENCE, SERVICE_PATIENCE, CommandPort, Target
 from dynid.drivers.joint_trajectory import point_of
 from dynid.drivers.ros import import_ros, message_classes
 from dynid.errors import DynidError, GoalRefused, ServiceMissing, TopicMissing, TopicSilent
 from dynid.text import shell
-
-Floats = NDArray[np.float64]
 
 TRAJECTORY = "trajectory_msgs/JointTrajectory"
 #: Points of a goal [Hz]: with accelerations, controllers put a quintic between two of them.

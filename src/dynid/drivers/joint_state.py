@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import WrongUsage
 from dynid.robot import Robot
 from dynid.units import EFFORT, POSITION, VELOCITY
 
-Floats = NDArray[np.float64]
 _ANGULAR = ("rad", "deg", "rad/s", "deg/s", "rpm")
 
 

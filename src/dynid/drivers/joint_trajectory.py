@@ -8,14 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from dynid.arrays import Floats
 from dynid.drivers.command_port import CommandPort, Target
 from dynid.drivers.joint_state import Columns
 from dynid.drivers.ros import import_ros
-
-Floats = NDArray[np.float64]
 
 
 class JointTrajectoryPort(CommandPort):

@@ -13,13 +13,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.drivers.command_port import CommandPort, Target
 from dynid.drivers.ros import import_ros, message_classes
 from dynid.errors import ServiceMissing
-
-Floats = NDArray[np.float64]
 
 #: Velocity streaming drifts; the position error is fed back so slowly that encoder noise does not shake the arm [1/s].
 DRIFT_GAIN = 1.0

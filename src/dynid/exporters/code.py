@@ -18,8 +18,8 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.estimation.one_state import coulomb, number, shape_texts, statements
 from dynid.estimation.residual_model import ModelError
 from dynid.exporters.formulas import (
@@ -35,7 +35,6 @@ from dynid.model.parameters import Parameter
 from dynid.robot import LINK_PARAMETERS, Robot
 from dynid.text import code, identifier, xml, xml_comment
 
-Floats = NDArray[np.float64]
 #: An entry of the regressor: row, column and value.
 Entry = tuple[int, int, str]
 

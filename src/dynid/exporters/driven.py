@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from dynid.arrays import Floats
 from dynid.errors import NotSimulated, PackageMissing
 from dynid.exporters import effects_file, mjcf, urdf
 from dynid.exporters.code import imported
 from dynid.exporters.engines import bullet_body, module, quiet
 from dynid.exporters.full_model import world_gravity
-from dynid.exporters.interface import Floats, IdentifiedArm
+from dynid.exporters.interface import IdentifiedArm
 from dynid.sim import tuning
 
 #: What `why` says of an arm that no simulator moves.

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.exporters import mjcf, urdf
 from dynid.exporters.code import imported, rendered
 from dynid.exporters.engines import module, own_torques, quiet
 from dynid.exporters.formulas import without_torque, written
-from dynid.exporters.interface import STEP_S, Floats, Format, IdentifiedArm, Loaded
+from dynid.exporters.interface import STEP_S, Format, IdentifiedArm, Loaded
 from dynid.exporters.simulated import numbers_of, simulated
 from dynid.model.effects.laws import ANGLE_STEP
 from dynid.model.kinematics import fixed_poses

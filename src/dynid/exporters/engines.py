@@ -14,12 +14,10 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.exporters.interface import IdentifiedArm, Torques, with_effects
 from dynid.model.regressor import Model
-
-Floats = NDArray[np.float64]
 
 
 def own_torques(arm: IdentifiedArm, values: Mapping[str, float]) -> Torques:

@@ -9,16 +9,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.possible_set import body_parameters, pseudo_inertia, smallest_eigenvalues
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import Added
 from dynid.model.parameters import BODY_PARAMETERS, body_of, prior_bodies
 from dynid.robot import Body, Robot, rotation_rpy
-
-Floats = NDArray[np.float64]
 
 #: Size of a parameter of a link of a kilogram and a decimetre: what "nearest" is measured in.
 _SIZE = {

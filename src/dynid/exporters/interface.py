@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Ints
 from dynid.estimation.residual_model import ModelError
 from dynid.exporters.full_model import FullModel
 from dynid.model.base_model import BaseModel, model_torques
@@ -20,7 +20,6 @@ from dynid.model.regressor import Model
 from dynid.robot import Robot
 from dynid.text import file_name
 
-Floats = NDArray[np.float64]
 #: Torques (N, n) [N m or N] of positions, velocities and accelerations, each (N, n) [rad or m, and per s and s^2].
 Torques = Callable[[Floats, Floats, Floats], Floats]
 
@@ -119,7 +118,7 @@ class IdentifiedArm:
 def with_effects(
     arm: IdentifiedArm,
     model: Model,
-    columns: NDArray[np.intp],
+    columns: Ints,
     states: tuple[Floats, Floats, Floats],
 ) -> Floats:
     """Return columns of a model, those of added effects too, along states STEP_S apart, (N, n, c)."""

@@ -6,9 +6,10 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.exporters.engines import bare_urdf, mujoco, own_torques
 from dynid.exporters.full_model import world_gravity
-from dynid.exporters.interface import Floats, Format, IdentifiedArm, Loaded, NotTried
+from dynid.exporters.interface import Format, IdentifiedArm, Loaded, NotTried
 from dynid.exporters.simulated import numbers_of, simulated
 from dynid.exporters.user_urdf import rewritten
 from dynid.model.attached import attached

@@ -11,9 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dynid.errors import NotPhysical
 from dynid.estimation.possible_set import smallest_eigenvalues
 from dynid.exporters.code import rendered
@@ -26,7 +23,6 @@ from dynid.text import xml_comment
 if TYPE_CHECKING:
     from dynid.exporters.interface import IdentifiedArm
 
-Floats = NDArray[np.float64]
 
 #: What is left of a link when all its mass hangs on it, up to rounding.
 NOTHING = 1e-12

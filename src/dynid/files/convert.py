@@ -9,13 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.disk import written_whole
 from dynid.errors import WrongUsage
 from dynid.log import COLUMNS, Log
 from dynid.text import column
 from dynid.version import __version__
-
-Floats = NDArray[np.float64]
 
 STATE, TEXT = "sensor_msgs/msg/JointState", "std_msgs/msg/String"
 #: Viewers that join late are sent the description all the same.

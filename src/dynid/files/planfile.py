@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import (
     JointCountDiffers,
     LogLayout,
@@ -37,7 +37,6 @@ from dynid.files.yamlfile import LARGEST, Value, read_yaml
 from dynid.robot import Robot
 from dynid.units import ANGLE
 
-Floats = NDArray[np.float64]
 #: Why a file of waypoints cannot be used, and the fix.
 _LAYOUT = {
     "why": "a motion goes through one pose per row, with one column per joint",

@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import Finding, LogLayout, LogNotFound, WrongUsage
 from dynid.files import tuning
 from dynid.files.columnwords import (
@@ -27,8 +27,6 @@ from dynid.files.columnwords import (
 from dynid.files.texttable import TextTable, text_table
 from dynid.log import COLUMNS, Log
 from dynid.units import FACTORS
-
-Floats = NDArray[np.float64]
 
 #: What a robot file calls columns of joints; others have their own name there.
 WORDS = {"q": "position", "qd": "velocity", "tau": "effort", "q_ref": "reference"}

@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import LogLayout, LogNotFound
 from dynid.files import tuning
 
-Floats = NDArray[np.float64]
 Words = tuple[str, ...]
 
 DELIMITERS = (";", "\t", ",")

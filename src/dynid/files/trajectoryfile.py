@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.disk import write_text, written_whole
 from dynid.errors import NotAnArtifact
 from dynid.files.artifact import read_artifact, reading
@@ -24,7 +24,6 @@ from dynid.npz import write_artifact
 from dynid.robot import Robot
 from dynid.text import column, yaml_word
 
-Floats = NDArray[np.float64]
 SCHEMA = "dynid/trajectory/1"
 SHAPES = {"t": "T", "q": "T n", "qd": "T n", "qdd": "T n", "coefficients": "_ n"}
 

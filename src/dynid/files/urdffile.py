@@ -12,16 +12,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import WrongUrdf
 from dynid.files import tuning
 from dynid.files.robotkeys import INERTIA, snapped
 from dynid.files.yamlfile import LARGEST
 from dynid.robot import Body, Limits, rotation_rpy
 from dynid.text import closest, shell
-
-Floats = NDArray[np.float64]
 
 MOVING = ("revolute", "continuous", "prismatic")
 

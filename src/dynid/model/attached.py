@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import WrongUrdf
 from dynid.files.urdffile import Urdf, UrdfJoint, read_urdf
 from dynid.model.kinematics import link_frames
 from dynid.model.parameters import body_of, moved
 from dynid.robot import Body, JointMap, Prior, Robot
-
-Floats = NDArray[np.float64]
 
 #: The URDF and the DH table count as the same arm when their frames agree to this [m and rad].
 SAME_ARM = 1e-4

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import NotAnArtifact
 from dynid.files.artifact import read_artifact, read_header, reading
 from dynid.model.kinematics import geometry
@@ -29,8 +30,6 @@ from dynid.table import Table
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 #: What stands for a class in the table of classes.
 SYMBOLS = {"alone": "#", "combined": "+", "none": ".", "absent": ""}

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import Finding, WrongUrdf
 from dynid.files.robotkeys import SNAP_STEP
 from dynid.files.urdffile import MOVING, Urdf, UrdfJoint
@@ -20,8 +20,6 @@ from dynid.model import tuning
 from dynid.model.kinematics import link_frames
 from dynid.model.parameters import body_of, inertia_of, moved, second_moments
 from dynid.robot import MOST_JOINTS, Body, Joint, Prior, Robot, roll_pitch_yaw
-
-Floats = NDArray[np.float64]
 
 _GRAVITY = 9.81
 

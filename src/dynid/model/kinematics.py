@@ -12,11 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.robot import Joint, Robot, rotation_rpy
-
-Floats = NDArray[np.float64]
 
 
 def dh_step(

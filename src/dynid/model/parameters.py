@@ -11,12 +11,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Ints
 from dynid.model import tuning
 from dynid.robot import LINK_PARAMETERS, Body, Cylinders, Robot
-
-Floats = NDArray[np.float64]
 
 #: The ten parameters of a link that make a body; the eleventh, Im, belongs to the drive.
 BODY_PARAMETERS = LINK_PARAMETERS[:10]
@@ -65,14 +63,14 @@ def link_parameters(robot: Robot) -> tuple[Parameter, ...]:
     return tuple(parameters)
 
 
-def columns_of(parameters: Iterable[Parameter], *kinds: str) -> NDArray[np.intp]:
+def columns_of(parameters: Iterable[Parameter], *kinds: str) -> Ints:
     """Return the columns whose parameter is of one of these kinds, (k,)."""
     return np.array(
         [k for k, parameter in enumerate(parameters) if parameter.kind in kinds], dtype=np.intp
     )
 
 
-def body_columns(parameters: Iterable[Parameter]) -> dict[int, NDArray[np.intp]]:
+def body_columns(parameters: Iterable[Parameter]) -> dict[int, Ints]:
     """Return the columns of the ten body parameters of each link, (10,), by the link's number."""
     places: dict[int, dict[str, int]] = {}
     for k, parameter in enumerate(parameters):

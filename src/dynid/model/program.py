@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.model.kinematics import geometry
 from dynid.robot import Robot
 
 Ints = NDArray[np.int32]
-Floats = NDArray[np.float64]
 
 ADD, SUB, MUL, NEG = range(4)
 #: The operations on plain numbers.

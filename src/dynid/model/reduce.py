@@ -10,14 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Ints, Mask
 from dynid.model import tuning
 from dynid.model.regressor import Model
 from dynid.robot import Robot
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -123,7 +120,7 @@ def reduce_without_effects(
     mixed = np.abs(Vt[rank:]).max(axis=0, initial=0.0) > 1e-8
     names = model.parameter_names[:size]
 
-    def those(chosen: NDArray[np.bool_]) -> tuple[str, ...]:
+    def those(chosen: Mask) -> tuple[str, ...]:
         return tuple(names[k] for k in np.flatnonzero(chosen))
 
     return Reduction(
@@ -160,7 +157,7 @@ def with_added(reduction: Reduction, model: Model) -> Reduction:
     )
 
 
-def _regroup(W: Floats, present: NDArray[np.bool_], tolerance: float) -> tuple[Ints, Floats]:
+def _regroup(W: Floats, present: Mask, tolerance: float) -> tuple[Ints, Floats]:
     """Return the leftmost independent columns and how the others are made of them, for normalised columns.
 
     Source: Gautier 1991; a column that is made of those before it leaves nothing on the diagonal of R.

@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Ints
 from dynid.model import tuning
 from dynid.model.dynamics import derive
 from dynid.model.effects.catalogue import Added, added_effects
@@ -31,8 +32,6 @@ from dynid.model.parameters import (
 from dynid.model.program import Evaluator, Program
 from dynid.robot import Joint, Robot
 from dynid.units import ampere_unit
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,7 @@ class Model:
         return added_effects(self.robot)
 
     @cached_property
-    def link_columns(self) -> NDArray[np.intp]:
+    def link_columns(self) -> Ints:
         """Which of the 11 n rigid-body columns belong to this model: identified links, wanted rotor inertias."""
         kept = [
             11 * (link - 1) + p
@@ -101,7 +100,7 @@ class Model:
         """Number of columns without those of added effects: what one sample is enough for."""
         return len(self.link_columns) + len(self.friction)
 
-    def observer(self, columns: NDArray[np.intp] | None = None) -> Observer:
+    def observer(self, columns: Ints | None = None) -> Observer:
         """Return an evaluator of the given columns (all when None), in that order."""
         return Observer(
             self, np.arange(self.size) if columns is None else np.asarray(columns, dtype=np.intp)
@@ -145,7 +144,7 @@ class Observer:
     def __init__(
         self,
         model: Model,
-        columns: NDArray[np.intp],
+        columns: Ints,
         samples: int = tuning.BLOCK_SAMPLES,
         evaluator: type[Evaluator] = Evaluator,
     ) -> None:
@@ -248,7 +247,7 @@ class Observer:
         return tau
 
 
-def _joined(parts: Sequence[Sequence[int] | NDArray[Any]]) -> NDArray[np.intp]:
+def _joined(parts: Sequence[Sequence[int] | NDArray[Any]]) -> Ints:
     return np.concatenate([np.asarray(part, dtype=np.intp) for part in (*parts, [])])
 
 

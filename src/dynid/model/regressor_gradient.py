@@ -9,14 +9,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Ints
 from dynid.model.effects.friction import add_friction_gradient, friction_rows
 from dynid.model.program import MUL, NEG, SUB, Evaluator, Program, input_of
 from dynid.model.regressor import Model, Observer
 from dynid.robot import Robot
 
-Floats = NDArray[np.float64]
 #: Gradients by q, qd and qdd, each (N, n).
 Gradient = tuple[Floats, Floats, Floats]
 
@@ -81,7 +80,7 @@ class RegressorGradient(Observer):
         samples: most samples of a call.
     """
 
-    def __init__(self, model: Model, columns: NDArray[np.intp], samples: int) -> None:
+    def __init__(self, model: Model, columns: Ints, samples: int) -> None:
         super().__init__(model, columns, samples, Tape)
 
     def dense(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:

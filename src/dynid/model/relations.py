@@ -14,9 +14,9 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from sympy import Add, Expr, Float, Integer, Matrix, Symbol, cancel, expand, latex, zeros  # noqa: TID253
 
+from dynid.arrays import Floats
 from dynid.errors import ReductionsDisagree
 from dynid.model import tuning
 from dynid.model.kinematics import dh_step, geometry, right_angle
@@ -24,7 +24,6 @@ from dynid.model.parameters import TENSOR
 from dynid.model.reduce import Reduction, reduce_without_effects, with_added
 from dynid.model.regressor import Model
 
-Floats = NDArray[np.float64]
 #: A column as a combination of others, by their places; shares without a formula are plain numbers.
 Shares = dict[int, Expr]
 

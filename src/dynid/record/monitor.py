@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.drivers.joint_state import Sample
 from dynid.errors import PacingLate, StateStale, TorqueHigh, TrackingLost
 from dynid.record import tuning
 from dynid.robot import Robot
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.errors import LimitBroken, PackageMissing
 from dynid.motion import Motion
@@ -29,8 +28,6 @@ from dynid.trajectory.limits import (
 )
 from dynid.trajectory.preview import measure_poses, require_clear
 from dynid.trajectory.scene import Distance, Scene
-
-Floats = NDArray[np.float64]
 
 APPROACH_FIX = (
     "drive the arm nearer to the start by hand or joystick: the approach moves all joints at once"

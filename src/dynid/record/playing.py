@@ -7,17 +7,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline, CubicHermiteSpline, make_interp_spline
 
+from dynid.arrays import Floats
 from dynid.drivers.command_port import Target
 from dynid.motion import Motion
 from dynid.record import tuning
 from dynid.robot import Robot
 from dynid.sim.sines import rest_to_rest
 from dynid.trajectory.plan import rest_time
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.drivers.command_port import CommandPort
 from dynid.drivers.interface import driver_of
 from dynid.drivers.joint_state import Columns, Sample
@@ -33,8 +33,6 @@ from dynid.record.monitor import StopRules
 from dynid.record.playing import PlayedMotion, approach, at_speed, joined, nearest_turn, repeated
 from dynid.record.recorder import Listener
 from dynid.robot import Robot
-
-Floats = NDArray[np.float64]
 
 #: The small state topics that drivers have next to their joint states.
 STATE_TOPICS = ("joint_angles", "joint_torques", "joint_command", "FRI_data", "j_ext_ft")

@@ -15,6 +15,7 @@ from typing import IO, TYPE_CHECKING, Any, NamedTuple, ParamSpec
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.disk import written_whole
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.robot import Robot
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 P = ParamSpec("P")
 
 #: Colours that are distinct for colour-blind readers and in print (Okabe and Ito).

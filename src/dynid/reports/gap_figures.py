@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.gap.held_out import HeldOutEffect
 from dynid.gap.improvement import HeldOutImprovement
 from dynid.gap.localisation import JointGap
@@ -16,7 +17,6 @@ from dynid.reports.figures import (
     MEASURED,
     RESIDUAL,
     TEXT,
-    Floats,
     bar_figure,
     curves_over_time,
     new_figure,

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.estimation import prediction
 from dynid.estimation.observation_files import load_factors
 from dynid.estimation.prediction import EstimatedMotion
@@ -18,8 +18,6 @@ from dynid.judgement.judge import Judgement
 from dynid.robot import Robot
 from dynid.runs import RunFolder
 from dynid.sim.comparison import SimulatorGap
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

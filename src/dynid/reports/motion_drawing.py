@@ -20,8 +20,6 @@ from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.preview import STILLS, Drawing
 from dynid.trajectory.scene import Distance
 
-Floats = NDArray[np.float64]
-
 #: Colours that colour-blind people tell apart (Okabe and Ito); repeated for arms of more joints.
 COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#000000", "#9a8a00")
 #: Poses beside each other, width and height of one and height of the traces [inch].

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import sqrtm
 
+from dynid.arrays import Floats
 from dynid.estimation.covariance import NEGLIGIBLE
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.estimation.result import Identification
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 #: Share of the largest singular value below which noise is amplified a thousandfold.
 WEAK_DIRECTION = 1e-3

@@ -10,15 +10,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import PackageMissing
 from dynid.motion import Motion
 from dynid.robot import Body, Robot, rotation_rpy
 from dynid.sim import tuning
 from dynid.sim.urdf import urdf_text, without_stops
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.files.artifact import read_artifact, reading
 from dynid.npz import write_artifact
 from dynid.robot import Robot
 from dynid.table import Table
-
-Floats = NDArray[np.float64]
 
 SCHEMA = "dynid/simulator_gap/1"
 SHAPES = {"t": "N", "q": "N n", "simulated": "models N n", "added": "models N n"}

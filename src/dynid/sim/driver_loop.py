@@ -8,14 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.sim import tuning
 from dynid.sim.arm import SimulatedArm
 from dynid.sim.follow import Follower
 from dynid.sim.plant import stepped
-
-Floats = NDArray[np.float64]
 
 
 def step_of(rate: float) -> float:

@@ -8,12 +8,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from dynid.arrays import Floats
 from dynid.sim import tuning
 
-Floats = NDArray[np.float64]
 #: Position and velocity, (n,) each [rad or m, and per s], and time from now [s].
 Point = tuple[Floats, Floats, float]
 

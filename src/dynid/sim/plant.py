@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.files import packaged
 from dynid.files.robotkeys import BODY, NUMBER, TEXT, mapping, or_null, several
 from dynid.files.yamlfile import read_yaml
@@ -19,8 +19,6 @@ from dynid.model.parameters import prior_bodies
 from dynid.robot import LINK_PARAMETERS, Body, Robot
 from dynid.sim import tuning
 from dynid.sim.arm import Friction, SimulatedArm, SimulatedRun
-
-Floats = NDArray[np.float64]
 
 _PLANT = ("robot", "links", "rotor_inertia", "friction", "sensors")
 _NOTES = ("about", "source", "motion", "logs")

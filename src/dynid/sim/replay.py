@@ -10,13 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.robot import Robot
 from dynid.sim import tuning
 from dynid.sim.arm import SimulatedArm
-
-Floats = NDArray[np.float64]
 
 
 def replay(

@@ -13,8 +13,8 @@ from functools import partial
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.drivers.follow_joint_trajectory import (
     ACTIVE,
     CANCEL,
@@ -31,8 +31,6 @@ from dynid.drivers.ros import Node, import_ros
 from dynid.sim import tuning
 from dynid.sim.driver_loop import DriverLoop, Measured
 from dynid.sim.follow import Point
-
-Floats = NDArray[np.float64]
 
 
 class SimulatedDriver(ABC):

@@ -6,16 +6,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
+from dynid.arrays import Floats
 from dynid.errors import LimitBroken
 from dynid.model.kinematics import link_frames
 from dynid.motion import Motion
 from dynid.robot import Joint, Robot
 from dynid.sim import tuning
 
-Floats = NDArray[np.float64]
 _STEP = BPoly.from_derivatives([0.0, 1.0], [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
 
 

@@ -12,14 +12,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.model.kinematics import base_pose, fixed_poses
 from dynid.model.parameters import cylinders_of, link_cylinders, prior_bodies
 from dynid.robot import Body, Joint, Limits, Robot, roll_pitch_yaw, rotation_rpy
 from dynid.text import xml
-
-Floats = NDArray[np.float64]
 
 #: Stand-ins for limits that the robot file leaves out; the URDF format demands numbers.
 _NO_TRAVEL, _NO_LIMIT = 10.0, 1e3

@@ -10,13 +10,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BPoly, PPoly
 from scipy.linalg import null_space
 
+from dynid.arrays import Floats
 from dynid.trajectory import tuning
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

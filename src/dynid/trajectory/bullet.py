@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import PackageMissing, WrongRobotFile
 from dynid.trajectory import tuning
 from dynid.trajectory.scene import Box, Distance, Scene
 
-Floats = NDArray[np.float64]
 #: Body, link of the arm and link of the body of two things that may come near each other.
 Pair = tuple[int, int, int]
 #: Time [s] and pixels of a pose, (height, width, 3).

@@ -10,16 +10,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Ints, Mask
 from dynid.model.kinematics import LinkFrames, link_frames, tip_jacobian
 from dynid.model.parameters import cylinders_of, link_cylinders
 from dynid.robot import Robot
 from dynid.trajectory import tuning
 from dynid.trajectory.feasible import position_range
 from dynid.trajectory.scene import Distance, Scene, nearest_of_segments, segment_to_box
-
-Floats = NDArray[np.float64]
 
 
 def tool_speed(robot: Robot, q: Floats, qd: Floats) -> Floats:
@@ -53,10 +51,10 @@ class Near:
     wanted: Floats
     names: Sequence[str]
     way: Floats
-    pushes: Sequence[tuple[NDArray[np.intp], Floats, int]]
+    pushes: Sequence[tuple[Ints, Floats, int]]
     length: Floats | float = 1.0
     spare: Floats | float = tuning.SPARE_DISTANCE_M
-    alone: NDArray[np.bool_] | bool = False
+    alone: Mask | bool = False
 
 
 @dataclass

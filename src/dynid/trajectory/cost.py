@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from dynid.arrays import Floats
 
 #: Eigenvalues below this share of the largest are rounding noise: the motion does not determine that direction.
 FLOOR = 1e-15

@@ -10,13 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Ints
 from dynid.robot import Robot
 from dynid.trajectory import tuning
 from dynid.trajectory.basis import Quintic, Sines
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -188,7 +186,7 @@ class Fit:
     span: Floats
     middle: Floats
     room: Floats
-    active: NDArray[np.intp]
+    active: Ints
 
 
 def fitted(

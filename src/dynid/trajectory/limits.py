@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import LimitBroken
 from dynid.motion import Motion
 from dynid.robot import Joint, Robot
@@ -20,7 +20,6 @@ from dynid.trajectory.feasible import Bounds
 from dynid.trajectory.plan import Trajectory
 from dynid.units import joint_unit
 
-Floats = NDArray[np.float64]
 Torque = Callable[[Motion], Floats]
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Ints
 from dynid.model.regressor import Model
 from dynid.model.regressor_gradient import RegressorGradient
 from dynid.trajectory import tuning
@@ -18,8 +18,6 @@ from dynid.trajectory.basis import Quintic
 from dynid.trajectory.clearance import Capsules
 from dynid.trajectory.cost import Cost
 from dynid.trajectory.feasible import Bounds, Shaping
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,7 @@ class PlanProblem:
     """
 
     model: Model
-    columns: NDArray[np.intp]
+    columns: Ints
     basis: Quintic
     limits: Bounds
     cost: Cost

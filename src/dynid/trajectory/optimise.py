@@ -19,8 +19,8 @@ from threading import Thread
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.progress import advance
 from dynid.trajectory import tuning
 from dynid.trajectory.child import answers, working
@@ -28,7 +28,6 @@ from dynid.trajectory.feasible import coefficients, random_variables
 from dynid.trajectory.objective import ExcitationObjective, PlanProblem
 from dynid.trajectory.options import PlanOptions
 
-Floats = NDArray[np.float64]
 End = Literal["all starts", "time", "interrupt"]
 #: The least cost with penalties that a start has met, and its free variables, (size,).
 Best = tuple[float, Floats]

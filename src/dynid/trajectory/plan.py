@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import WrongUsage
 from dynid.motion import Motion
 from dynid.trajectory import tuning
 from dynid.trajectory.basis import Quintic
 from dynid.trajectory.feasible import Bounds
-
-Floats = NDArray[np.float64]
 
 #: Samples evaluated at once: Phi of a long motion at 1 kHz would not fit into memory comfortably.
 BLOCK = 4096

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import Collision, DynidError, Finding, LimitBroken, PackageMissing
 from dynid.model.base_model import BaseModel, prior_base_parameters
 from dynid.model.parameters import DEFAULT_CYLINDERS
@@ -43,7 +43,6 @@ from dynid.trajectory.preview import (
 )
 from dynid.trajectory.scene import Distance
 
-Floats = NDArray[np.float64]
 Result = TypeVar("Result")
 Judgement = TypeVar("Judgement")
 

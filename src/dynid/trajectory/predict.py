@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Ints, Mask
 from dynid.model.regressor import Model
 from dynid.motion import Motion
 from dynid.robot import Robot
@@ -15,8 +15,6 @@ from dynid.trajectory.basis import Sines
 from dynid.trajectory.cost import FLOOR, Figures, figures
 from dynid.trajectory.feasible import Bounds, Shaping, random_variables
 from dynid.trajectory.plan import Trajectory
-
-Floats = NDArray[np.float64]
 
 
 def default_noise(robot: Robot) -> Floats:
@@ -46,7 +44,7 @@ class Prediction:
 
 def predict(
     model: Model,
-    columns: NDArray[np.intp],
+    columns: Ints,
     motion: Motion,
     noise: Floats,
     other: Floats,
@@ -71,7 +69,7 @@ def predict(
 
 
 def information_of(
-    model: Model, columns: NDArray[np.intp], motion: Motion, noise: Floats
+    model: Model, columns: Ints, motion: Motion, noise: Floats
 ) -> tuple[Floats, Floats]:
     """Return W^T W of a motion, unweighted and in units of the noise, (p, p) each.
 
@@ -92,7 +90,7 @@ def information_of(
     return raw, weighted
 
 
-def _inverse(G: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+def _inverse(G: Floats) -> tuple[Floats, Mask]:
     """Return the inverse of a column-scaled information matrix and which parameters it determines."""
     s = 1 / np.sqrt(np.maximum(np.diag(G), np.finfo(float).tiny))
     values, U = np.linalg.eigh(G * np.outer(s, s))
@@ -106,7 +104,7 @@ def _inverse(G: Floats) -> tuple[Floats, NDArray[np.bool_]]:
 
 def held_out(
     model: Model,
-    columns: NDArray[np.intp],
+    columns: Ints,
     limits: Bounds,
     seed: int = 0,
     motions: int = tuning.OTHER_MOTIONS,
@@ -147,7 +145,7 @@ class AlphaRow:
 def alpha_table(
     trajectory: Trajectory,
     model: Model,
-    columns: NDArray[np.intp],
+    columns: Ints,
     noise: Floats,
     other: Floats,
     samples: int,

@@ -13,8 +13,8 @@ from threading import Timer
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import Collision, NoDisplay
 from dynid.model.attached import attached
 from dynid.model.kinematics import link_frames
@@ -28,7 +28,6 @@ from dynid.trajectory.feasible import position_range
 from dynid.trajectory.plan import Trajectory
 from dynid.trajectory.scene import Distance, Scene
 
-Floats = NDArray[np.float64]
 #: Draws a motion into the files of a ``Drawing``: with the arm's capsules, nearest distances, PyBullet's pictures.
 Draw = Callable[["Drawing", Trajectory, Capsules, "Sequence[Distance]", "Sequence[Picture]"], None]
 #: Pictures of an animation, and of a still.

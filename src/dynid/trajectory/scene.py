@@ -10,11 +10,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.trajectory import tuning
-
-Floats = NDArray[np.float64]
 
 _GOLDEN = (np.sqrt(5) - 1) / 2
 #: Segments whose directions differ by less than this (sine squared) count as parallel.

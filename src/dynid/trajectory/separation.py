@@ -12,8 +12,8 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.effects.interface import ArmMotion, Effect, Joints, Shape
 from dynid.motion import Motion
@@ -24,8 +24,6 @@ from dynid.trajectory.objective import PlanProblem
 from dynid.trajectory.optimise import End, SearchOutcome
 from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.plan import Trajectory
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,10 @@ from typing import NoReturn
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.errors import WrongRobotFile
 from dynid.model.effects.friction import sign_of
-from dynid.model.effects.motion import ArmMotion, Floats
+from dynid.model.effects.motion import ArmMotion
 
 #: Longest text, and deepest nesting: a formula that people read is shorter.
 LONGEST, DEEPEST = 1000, 20

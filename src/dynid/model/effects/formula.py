@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.model.effects.expression import Node, dimension_of, read, refuse, term_of, unit_of
 from dynid.model.effects.interface import Effect
-from dynid.model.effects.motion import ArmMotion, Floats, Joints, Shape
+from dynid.model.effects.motion import ArmMotion, Joints, Shape
 
 FORMULA = "formula"
 

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynid.model.effects.motion import ArmMotion, Floats
+from dynid.arrays import Floats
+from dynid.model.effects.motion import ArmMotion
 from dynid.model.parameters import Parameter, numbered
 from dynid.robot import FRICTION_PARAMETERS, Coulomb, Robot
 

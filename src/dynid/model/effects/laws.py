@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.model import tuning
 from dynid.model.effects.friction import sign_of
-from dynid.model.effects.motion import ArmMotion, Floats, Joints, Shape
+from dynid.model.effects.motion import ArmMotion, Joints, Shape
 from dynid.robot import LINK_PARAMETERS
 
 Ints = NDArray[np.int64]

@@ -8,11 +8,10 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.robot import Robot
 
-Floats = NDArray[np.float64]
 #: Where an effect sits: one joint (0-based), a joint and the one that it is driven by, or () for the whole arm.
 Joints = tuple[int, ...]
 Shape = Mapping[str, float]
