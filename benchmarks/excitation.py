@@ -13,16 +13,16 @@ import os
 
 os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")
 
-import json
-import platform
+import itertools
 import sys
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-import of_tests  # noqa: F401
+import study
 from dynid.files.robotfile import load_robot
 from dynid.model.regressor import Model
 from dynid.model.regressor_gradient import RegressorGradient
@@ -58,7 +58,9 @@ FIGURE = {
 LONG_COSTS = ("I-optimal", "D-optimal", "cond", "cond, normalised", "cond, rigid columns")
 #: Peak speeds and accelerations of FloBaRoID's recorded LWR4+ motion of 25 s, after a 5 Hz filter.
 RECORDED = ((0.49, 0.78, 0.85, 0.64, 0.77, 0.92, 0.64), (0.78, 2.75, 1.33, 0.97, 2.77, 1.39, 0.96))
-HEADER = "| motion | cond 62 | cond 43 | normalised 62 | error mN m | limits broken | length s | starts |"
+HEADER = (
+    "motion | cond 62 | cond 43 | normalised 62 | error mN m | limits broken | length s | starts"
+)
 
 
 @dataclass(frozen=True)
@@ -78,11 +80,8 @@ class Bench:
         found = predict(
             self.model, self.base, motion, np.full(self.model.robot.n, NOISE), self.other
         )
-        W = (
-            self.model.observer(self.rigid)
-            .dense(motion.q, motion.qd, motion.qdd)
-            .reshape(-1, len(self.rigid))
-        )
+        W = self.model.observer(self.rigid).dense(motion.q, motion.qd, motion.qdd)
+        W = W.reshape(-1, len(self.rigid))
         return {
             "cond": found.figures.condition,
             "rigid": figures(W.T @ W).condition,
@@ -103,8 +102,8 @@ def broken(trajectory, limits, rate=1e4):
     t = np.arange(0.0, trajectory.duration, 1 / rate)
     q = trajectory.motion(t).q
     qd, qdd = np.diff(q, axis=0) * rate, np.diff(q, 2, axis=0) * rate**2
-    over = [(q < limits.lower - 1e-9) | (q > limits.upper + 1e-9)]
-    over += [
+    over = [
+        (q < limits.lower - 1e-9) | (q > limits.upper + 1e-9),
         np.abs(qd) > limits.velocity * (1 + 1e-6),
         np.abs(qdd) > limits.acceleration * (1 + 1e-6),
     ]
@@ -243,142 +242,100 @@ def papers_recipe(b, points, seconds):
     )
 
 
-class Store:
-    """Finished cells on disk, so that an interrupted run goes on where it was."""
-
-    def __init__(self, *, fresh):
-        there = STORE.is_file() and not fresh
-        self.cells = json.loads(STORE.read_text())["cells"] if there else {}
-
-    def cell(self, arm, part, label, make):
-        """Return a cell, made now when it is not there yet."""
-        key = f"{arm}; {part}; {label}"
-        if key not in self.cells:
-            begin = time.process_time()
-            found = make()
-            self.put(
-                arm, part, label, found | {"processor_s": round(time.process_time() - begin, 1)}
-            )
-        return self.cells[key]
-
-    def put(self, arm, part, label, found):
-        """Keep a cell."""
-        self.cells[f"{arm}; {part}; {label}"] = found
-        machine = (
-            f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}"
-        )
-        STORE.write_text(json.dumps({"machine": machine, "cells": self.cells}, indent=1) + "\n")
-        print(f"{arm}; {part}: {line(label, found)}", flush=True)
+def cell(answers, arm, part, label, make):
+    """Return a cell, made now when it is not there yet."""
+    name = f"{arm}; {part}; {label}"
+    if name not in answers:
+        answers.keep(name, make())
+        print(name, *shown(answers[name]), flush=True)
+    return answers[name]
 
 
-def line(label, f):
-    """Return one line of the table."""
-    figures_ = f"{f['cond']:.1f} | {f['rigid']:.1f} | {f['scaled']:.2f} | {f['error']:.1f}"
-    return f"| {label} | {figures_} | {f['broken']} | {f['length']:.0f} | {f['starts']} |"
+def shown(f):
+    """Return the figures of one row of the table."""
+    figures_ = f"{f['cond']:.1f}", f"{f['rigid']:.1f}", f"{f['scaled']:.2f}", f"{f['error']:.1f}"
+    return *figures_, f["broken"], f"{f['length']:.0f}", f["starts"]
 
 
-def grid(b, store, arm):
+def grid(b, answers, arm):
     """Fill the grid; return the best family of each cost by the figure it is after."""
-    found = {
-        cost: {
-            f: store.cell(
-                arm, "grid", f"{f}; {cost}", lambda c=cost, y=basis: search_motions(b, y, c, SHORT)
+    best = {}
+    for cost in b.costs:
+        found = {
+            family: cell(
+                *(answers, arm, "grid", f"{family}; {cost}"),
+                partial(search_motions, b, basis, cost, SHORT),
             )
-            for f, basis in FAMILIES.items()
+            for family, basis in FAMILIES.items()
         }
-        for cost in b.costs
-    }
-    return {
-        cost: min(rows, key=lambda f, c=cost: rows[f][FIGURE[c]]) for cost, rows in found.items()
-    }
+        best[cost] = min(found, key=lambda family: found[family][FIGURE[cost]])
+    return best
 
 
-def long(b, store, arm, families):
+def long(b, answers, arm, families):
     """Compare search, random search and the paper's recipe on the same budget."""
-    seconds = LONG[arm]
+    seconds, there, add = LONG[arm], set(answers), partial(cell, answers, arm, "long")
     for cost in LONG_COSTS:
-        basis = FAMILIES[families[cost]]
-        store.cell(
-            arm,
-            "long",
-            f"{families[cost]}; {cost}",
-            lambda c=cost, y=basis: search_motions(b, y, c, seconds),
-        )
+        family = families[cost]
+        add(f"{family}; {cost}", partial(search_motions, b, FAMILIES[family], cost, seconds))
     family = families["cond"]
-    first = f"random search, {family}; {LONG_COSTS[0]}"
-    if f"{arm}; long; {first}" not in store.cells:
+    label = f"random search, {family}; "
+    if f"{arm}; long; {label}{LONG_COSTS[0]}" not in there:
         for cost, row in random_search(b, FAMILIES[family], LONG_COSTS, seconds).items():
-            store.put(arm, "long", first.replace(LONG_COSTS[0], cost), row)
-    if not any("paper" in key and key.startswith(f"{arm}; long") for key in store.cells):
-        joined, there, count = papers_recipe(b, 24, seconds)
-        label = f"the paper's recipe, 24 points (cond {there:.1f} at them), joined"
-        store.put(arm, "long", label, b.row(joined, count))
+            add(label + cost, lambda row=row: row)
+    if not any("paper" in name and name.startswith(f"{arm}; long") for name in there):
+        joined, at_them, count = papers_recipe(b, 24, seconds)
+        label = f"the paper's recipe, 24 points (cond {at_them:.1f} at them), joined"
+        add(label, lambda: b.row(joined, count))
         safe = through_waypoints(joined.motion(np.array(joined.basis.knots)).q, b.limits)
-        store.put(
-            arm,
-            "long",
-            "the same points of the paper's, intervals stretched to the limits",
-            b.row(safe, count),
-        )
+        label = "the same points of the paper's, intervals stretched to the limits"
+        add(label, lambda: b.row(safe, count))
 
 
-def slower(b, store, arm):
+def slower(b, answers, arm):
     """How slow may the limits be and still beat what FloBaRoID stored, and the limits of what FloBaRoID recorded."""
-    basis = FAMILIES["quintic, 6 waypoints"]
+    cases = {}
     for s in (0.9, 0.8, 0.7):
-        rates = replace(
-            b.limits, velocity=s * b.limits.velocity, acceleration=s**2 * b.limits.acceleration
-        )
-        less = replace(b, limits=rates)
+        rates = s * b.limits.velocity, s**2 * b.limits.acceleration
         label = f"speed limits x {s}, acceleration limits x {s**2:.2f}; cond"
-        store.cell(arm, "slower", label, lambda y=less: search_motions(y, basis, "cond", SHORT))
-    speed, acceleration = (np.array(part) for part in RECORDED)
-    less = replace(b, limits=replace(b.limits, velocity=speed, acceleration=acceleration))
-    long_basis = Quintic.even(25.0, 10)
+        cases[label] = FAMILIES["quintic, 6 waypoints"], rates
     label = "limits = peaks of FloBaRoID's recorded motion, 25 s; cond"
-    store.cell(arm, "slower", label, lambda: search_motions(less, long_basis, "cond", SHORT))
+    cases[label] = Quintic.even(25.0, 10), tuple(np.array(part) for part in RECORDED)
+    for label, (basis, (speed, acceleration)) in cases.items():
+        less = replace(b, limits=replace(b.limits, velocity=speed, acceleration=acceleration))
+        cell(answers, arm, "slower", label, partial(search_motions, less, basis, "cond", SHORT))
 
 
-def table(store):
+def table(answers):
     """Return the page."""
-    machine = json.loads(STORE.read_text())["machine"]
-    columns = len(HEADER.split("|")) - 2
-    text = ["# Exciting motions", "", f"Made by `python benchmarks/excitation.py`; {machine}.", ""]
-    text += __doc__.splitlines()[4:]
+    made = f"Made by `python benchmarks/excitation.py`; {study.MACHINE}, NumPy {np.__version__}."
+    text = ["# Exciting motions", "", made, "", *__doc__.splitlines()[4:]]
     parts = {
         "grid": "every family and cost, {:.0f} s of processor time each",
         "long": "search, random search and the paper's recipe, {:.0f} s of processor time each",
         "slower": "slower limits, {:.0f} s of processor time each",
     }
-    for arm, title in ARMS.items():
-        for part, words in parts.items():
-            rows = {
-                k.split("; ", 2)[2]: v
-                for k, v in store.cells.items()
-                if k.startswith(f"{arm}; {part};")
-            }
-            if rows:
-                seconds = {"grid": SHORT, "long": LONG[arm], "slower": SHORT}[part]
-                text += [
-                    "",
-                    f"## {title}: {words.format(seconds)}",
-                    "",
-                    HEADER,
-                    "| --- |" + " --- |" * (columns - 1),
-                ]
-                text += [line(label, row) for label, row in rows.items()]
+    for (arm, title), (part, words) in itertools.product(ARMS.items(), parts.items()):
+        head, seconds = f"{arm}; {part}; ", LONG[arm] if part == "long" else SHORT
+        rows = [
+            (name.removeprefix(head), *shown(row))
+            for name, row in answers.items()
+            if name.startswith(head)
+        ]
+        if rows:
+            text += ["", f"## {title}: {words.format(seconds)}", "", study.markdown(HEADER, rows)]
     return "\n".join(text) + "\n"
 
 
 def main():
     """Fill the store and write the table."""
-    store = Store(fresh="--fresh" in sys.argv)
+    answers = study.Answers(STORE, fresh="--fresh" in sys.argv)
     for arm in ARMS:
         b = bench(arm)
-        long(b, store, arm, grid(b, store, arm))
+        long(b, answers, arm, grid(b, answers, arm))
         if arm == "kuka_lwr4plus":
-            slower(b, store, arm)
-    TABLE.write_text(table(store))
+            slower(b, answers, arm)
+    TABLE.write_text(table(answers))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """``dynid gap`` on recordings of real arms: what it names as they are, and how often it finds what is put into them.
 
-    python benchmarks/gap_real.py --data ../shared/data [--draws 30] [--unchanged 24] [--out gap_real.json] [--table benchmarks/gap_real.md]
+    python benchmarks/gap_real.py [--data ../shared/data] [--draws 30] [--unchanged 24] [--out gap_real.json] [--table benchmarks/gap_real.md]
 
 With ``--unchanged``: pairs of recordings, and parts of recordings, of one arm that nothing was put into, drawn from the seed; each
 is asked what has changed.
@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-import of_tests  # noqa: F401
+import study
 from arms import pinocchio_model, pinocchio_torques
 from dynid.estimation.estimate import estimate, last_share
 from dynid.estimation.stack import stack_logs
@@ -238,32 +238,19 @@ def look(logs, base, found, earlier=None):
 
 
 def unchanged(data, draws, seed):
-    """Return the endings of drawn pairs of recordings, or parts of them, between which nothing was changed."""
-    rng, rows = np.random.default_rng([seed, 7]), []
+    """Print the endings of drawn pairs of recordings, or parts of them, between which nothing was changed."""
+    rng = np.random.default_rng([seed, 7])
     for arm in itertools.islice(itertools.cycle(SAME_ARM), draws):
         file, logs = SAME_ARM[arm]
-        first, second = drawn_pair(logs, rng)
+        pair = drawn_pair(logs, rng)
         robot = load_robot(file)
         base = base_of(robot)
-        source = source_of(read(data / first, robot), base.model)
-        verdict = look(
-            [read(data / second, robot)], base, identified([source], base), source
-        ).verdict
-        named = ", ".join(
-            f"{f.name} {'-'.join(str(k + 1) for k in f.joints) or 'arm'}" for f in verdict.named
-        )
-        differ = ", ".join(str(j + 1) for j in verdict.remainder)
-        rows.append(
-            [
-                arm,
-                *(x.split("/")[1] for x in (first, second)),
-                verdict.word,
-                named or "-",
-                differ or "-",
-            ]
-        )
-        print(*rows[-1], flush=True)
-    return rows
+        first, second = (read(data / part, robot) for part in pair)
+        source = source_of(first, base.model)
+        verdict = look([second], base, identified([source], base), source).verdict
+        named = ", ".join(f"{f.name} {places(f.joints)}" for f in verdict.named) or "-"
+        parts, differ = (part.split("/")[1] for part in pair), places(verdict.remainder)
+        print(arm, *parts, verdict.word, named, differ, flush=True)
 
 
 def drawn_pair(logs, rng):
@@ -286,74 +273,50 @@ def as_they_are(data):
         base = base_of(replace(robot, coupling=None) if "left out" in title else robot)
         seen = look([read(data / log, robot) for log in logs], base, None)
         ratio = seen.improvement.after / np.maximum(seen.improvement.before, 1e-12)
-        for f, why in [*((f, "named") for f in seen.verdict.named), *seen.verdict.closest]:
-            j = f.joint
-            interval = seen.improvement.ratio[j]
-            rows.append(
-                [
-                    title,
-                    seen.verdict.word,
-                    f.name,
-                    "-".join(str(k + 1) for k in f.joints) or "arm",
-                    f"{100 * (ratio[j] - 1):+.0f} % ({100 * (interval[0] - 1):+.0f} to {100 * (interval[1] - 1):+.0f})",
-                    why,
-                ]
-            )
-        if not seen.effects:
+        said = [*((f, "named") for f in seen.verdict.named), *seen.verdict.closest]
+        for f, why in said:
+            after, interval = ratio[f.joint], seen.improvement.ratio[f.joint]
+            ends = " to ".join(f"{100 * (end - 1):+.0f}" for end in interval)
+            change = f"{100 * (after - 1):+.0f} % ({ends})"
+            rows.append([title, seen.verdict.word, f.name, places(f.joints), change, why])
+        if not said:
             rows.append([title, seen.verdict.word, "-", "-", "-", "-"])
     return rows
 
 
+def places(joints):
+    return "-".join(str(k + 1) for k in joints) or "arm"
+
+
 def table(natural, rows):
-    lines = [
-        "| recording | verdict | candidate | joint | held-out error of its joint | said |",
-        "|---|---|---|---|---|---|",
-    ]
-    lines += [f"| {' | '.join(row)} |" for row in natural]
+    head = "recording | verdict | candidate | joint | held-out error of its joint | said"
+    text = study.markdown(head, natural)
     if not rows:
-        return "\n".join(lines)
-    lines += [
-        "",
-        f"Put in at {SIZE:g} times the residual, model kept:",
-        "",
-        "| recordings | put in | draws | right name and joint | "
-        "among names that fit equally well | not named | told as unexplained | other names that were not there before |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for arm in ARMS:
-        for name in (*INJECTED, "all", *NAMELESS):
-            some = [
-                r
-                for r in rows
-                if r["arm"] == arm
-                and name in (r["effect"], "all" if r["effect"] in INJECTED else "")
-            ]
-            others = sorted(
-                {
-                    f"{n} {'-'.join(str(k + 1) for k in p) or 'arm'}"
-                    for r in some
-                    for n, p in r["others"]
-                }
-            )
-            among = sum(r["among"] and not r["found"] for r in some)
-            nothing = sum(not r["named"] for r in some)
-            told = sum(r["word"] == "unexplained" for r in some)
-            lines.append(
-                f"| {arm} | {name} | {len(some)} | {sum(r['found'] for r in some)} | {among} | {nothing} | {told} | {', '.join(others) or '-'} |"
-            )
-    return "\n".join(lines)
+        return text
+    lines = []
+    for arm, name in itertools.product(ARMS, (*INJECTED, "all", *NAMELESS)):
+        names = INJECTED if name == "all" else (name,)
+        some = [r for r in rows if r["arm"] == arm and r["effect"] in names]
+        counts = (
+            sum(r["found"] for r in some),
+            sum(r["among"] and not r["found"] for r in some),
+            sum(not r["named"] for r in some),
+            sum(r["word"] == "unexplained" for r in some),
+        )
+        others = sorted({f"{n} {places(p)}" for r in some for n, p in r["others"]})
+        lines.append([arm, name, len(some), *counts, ", ".join(others) or "-"])
+    head = "recordings | put in | draws | right name and joint | among names that fit equally well"
+    head += " | not named | told as unexplained | other names that were not there before"
+    title = f"Put in at {SIZE:g} times the residual, model kept:"
+    return f"{text}\n\n{title}\n\n{study.markdown(head, lines)}"
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--data", type=Path, default=study.DATA)
     parser.add_argument("--draws", type=int, default=30, help="of each pair of recordings")
-    parser.add_argument(
-        "--unchanged",
-        type=int,
-        default=0,
-        help="pairs that nothing was put into; nothing else is run then",
-    )
+    text = "pairs that nothing was put into; nothing else is run then"
+    parser.add_argument("--unchanged", type=int, default=0, help=text)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("gap_real.json"))
     parser.add_argument("--table", type=Path)
@@ -370,17 +333,9 @@ def main():
         rows.append(one(arm, name, *drawn(name, arm, args.data, cache, rng), args.data, cache))
         args.out.write_text(json.dumps(rows))
         r = rows[-1]
-        print(
-            arm,
-            name,
-            r["joint"],
-            f"{r['size']:.3g}",
-            r["found"],
-            r["named"],
-            r["closest"],
-            f"{r['seconds']:.1f} s",
-            flush=True,
-        )
+        size, spent = f"{r['size']:.3g}", f"{r['seconds']:.1f} s"
+        said = (r["found"], r["named"], r["closest"], spent)
+        print(arm, name, r["joint"], size, *said, flush=True)
     text = table(natural, rows)
     print(text)
     if args.table:

@@ -5,7 +5,6 @@ Usage: python benchmarks/mapping.py [--every N] [--pairs N] [--only NAME] [--sto
 
 import argparse
 import itertools
-import json
 import math
 import random
 import sys
@@ -15,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-import of_tests  # noqa: F401
-from arms import pinocchio_model, pinocchio_torques
+import study
+from arms import lumped, pinocchio_model, pinocchio_torques
 from dynid.diagnose import diagnosis as mapping
 from dynid.diagnose import tuning
 from dynid.diagnose.fit import Judge, judge_of
@@ -25,30 +24,24 @@ from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.model.kinematics import link_frames
-from dynid.robot import Body
 from dynid.signals.checks import check_ranges, unwrapped
 from dynid.signals.columns import in_si, matching_columns, robot_columns, to_dh
 from motions import harmonics, inside
 
-ROOT = Path(__file__).parents[1]
-
 RATE, SECONDS, HARMONICS = 200, 20, 5
-SHARED = next(
-    (f / "shared" / "data" for f in ROOT.parents if (f / "shared" / "data").is_dir()), ROOT
-)
 RECORDED = [
-    ("kuka_lwr4plus", ROOT / "trajectories/lwr4plus_identify.bag"),
-    ("kuka_lwr4plus", ROOT / "trajectories/lwr4plus_validate.bag"),
-    ("kinova_gen2", ROOT / "trajectories/kinova_gen2_identify.bag"),
-    ("kinova_gen2", ROOT / "trajectories/kinova_gen2_validate.bag"),
-    ("kuka_lwr4plus", SHARED / "kuka_lwr4plus/run1.bag"),
-    ("kuka_lwr4plus", SHARED / "kuka_lwr4plus/run2.bag"),
-    ("kuka_lwr4plus", SHARED / "kuka_lwr4plus/run3.bag"),
-    ("ur10", SHARED / "ur10_salerno/exc.npz"),
-    ("staubli_tx40", SHARED / "tx40/exc.npz"),
-    ("franka_panda", SHARED / "panda_salerno/exc.npz"),
+    ("kuka_lwr4plus", study.ROOT / "trajectories/lwr4plus_identify.bag"),
+    ("kuka_lwr4plus", study.ROOT / "trajectories/lwr4plus_validate.bag"),
+    ("kinova_gen2", study.ROOT / "trajectories/kinova_gen2_identify.bag"),
+    ("kinova_gen2", study.ROOT / "trajectories/kinova_gen2_validate.bag"),
+    ("kuka_lwr4plus", study.DATA / "kuka_lwr4plus/run1.bag"),
+    ("kuka_lwr4plus", study.DATA / "kuka_lwr4plus/run2.bag"),
+    ("kuka_lwr4plus", study.DATA / "kuka_lwr4plus/run3.bag"),
+    ("ur10", study.DATA / "ur10_salerno/exc.npz"),
+    ("staubli_tx40", study.DATA / "tx40/exc.npz"),
+    ("franka_panda", study.DATA / "panda_salerno/exc.npz"),
 ]
-ROBOTS = sorted(path.stem for path in (ROOT / "robots").glob("*.yaml"))
+ROBOTS = sorted(path.stem for path in (study.ROOT / "robots").glob("*.yaml"))
 VERDICTS = ("first", "tied", "among three", "wrong", "silent", "out of range", "hidden", "absorbed")
 
 
@@ -97,9 +90,8 @@ def simulated(name, seed, speed=0.5):
     viscous, coulomb = (0.02, 0.04) if motor else (0.004, 0.005)
     tau += viscous * rated / fastest * qd + coulomb * rated * np.tanh(qd / 0.02)
     size = np.sqrt(np.mean((tau - tau.mean(axis=0)) ** 2, axis=0))
-    tau += 0.02 * size * np.sin(
-        8 * q + rng.uniform(0, 6, robot.n)
-    ) + 0.02 * size * rng.standard_normal(tau.shape)
+    ripple = np.sin(8 * q + rng.uniform(0, 6, robot.n))
+    tau += 0.02 * size * (ripple + rng.standard_normal(tau.shape))
     q = np.round(q / 2e-5) * 2e-5
     if robot.coupling is not None:
         matrix = np.array(robot.coupling.matrix)
@@ -129,9 +121,7 @@ def bodies_of(robot, rng):
         along = ends[0] if robot.convention == "standard" or i + 1 == robot.n else ends[2]
         com = 0.5 * along + rng.uniform(-0.03, 0.03, 3)
         cloud = rng.standard_normal((8, 3)) * (0.04 + 0.2 * np.abs(along))
-        arm = cloud - cloud.mean(axis=0)
-        tensor = mass / 8 * sum(r @ r * np.eye(3) - np.outer(r, r) for r in arm)
-        bodies.append(Body(float(mass), tuple(com), tuple(tensor[np.triu_indices(3)])))
+        bodies.append(lumped(np.full(8, mass / 8), com + cloud - cloud.mean(axis=0)))
     return bodies
 
 
@@ -187,9 +177,8 @@ def mistakes(judge, names, every, pairs, seed):
     return single[seed % every :: every] + random.Random(seed).sample(both, min(pairs, len(both)))
 
 
-def one(task):
-    """Return robot, source, seconds per question, false alarm, and mistake and verdict of each question."""
-    name, shown, source, every, pairs, seed = task
+def one(name, _, source, every, pairs, seed):
+    """Return seconds and false alarm of the right file, and edits, verdict and answer of each question."""
     MEMORY.clear()
     robot, log = loaded(name, source)
     raw, names = driver_columns(log, robot)
@@ -205,12 +194,11 @@ def one(task):
             wrong = with_edits(robot, edits)
             in_order = [names[robot.log_names.index(each)] for each in wrong.log_names]
             raw_wrong, _ = driver_columns(log, wrong)
-            answers.append(
-                (edits, *verdict(judge, robot, wrong, raw_wrong, in_order, right, edits))
-            )
+            said = verdict(judge, robot, wrong, raw_wrong, in_order, right, edits)
+            answers.append(([(edit.kind, edit.value) for edit in edits], *said))
     finally:
         mapping.judge_of = judge_of
-    return name, shown, seconds, alarm, answers
+    return {"seconds": seconds, "alarm": alarm, "asked": answers}
 
 
 def verdict(judge, robot, wrong, raw, names, right, edits):
@@ -246,68 +234,53 @@ def verdict(judge, robot, wrong, raw, names, right, edits):
 
 def main():
     parser = argparse.ArgumentParser()
-    parser.add_argument(
-        "--every", type=int, default=1, help="every how manyth single mistake is tried"
-    )
+    text = "every how manyth single mistake is tried"
+    parser.add_argument("--every", type=int, default=1, help=text)
     parser.add_argument("--pairs", type=int, default=20)
     parser.add_argument("--seed", type=int, default=7, help="of simulated arms and motions")
     parser.add_argument("--only", default="", help="part of a robot's or recording's name")
-    parser.add_argument("--store", type=Path, help="JSON of what was asked before, to go on with")
+    store = Path("mapping.json")
+    parser.add_argument("--store", type=Path, default=store, help="what was asked before")
     given = parser.parse_args()
-    answers = json.loads(given.store.read_text()) if given.store and given.store.is_file() else []
+    answers = study.Answers(given.store)
     for k, each in enumerate(recordings(given.seed)):
-        if given.only not in "".join(each[:2]) or [*each[:2]] in [answer[:2] for answer in answers]:
+        title = " | ".join(each[:2])
+        if given.only not in "".join(each[:2]) or title in answers:
             continue
-        name, shown, seconds, alarm, asked = one((*each, given.every, given.pairs, k))
-        said = [
-            ([(edit.kind, edit.value) for edit in edits], word, answer)
-            for edits, word, answer in asked
-        ]
-        answers.append([name, shown, seconds, alarm, said])
-        print(name, shown, f"{seconds:.1f}", alarm, file=sys.stderr, flush=True)
-        for edits, word, answer in said:
+        found = one(*each, given.every, given.pairs, k)
+        answers.keep(title, found)
+        print(title, f"{found['seconds']:.1f}", found["alarm"], file=sys.stderr, flush=True)
+        for edits, word, answer in found["asked"]:
             if word not in ("first", "absorbed"):
                 print("   ", word, edits, "->", answer, file=sys.stderr, flush=True)
-        if given.store:
-            given.store.write_text(json.dumps(answers))
-    table(answers)
-
-
-def table(answers):
-    """Print the pages's tables."""
     print(INTRODUCTION)
-    print(
-        "| robot | recording | mistakes |",
-        " | ".join(VERDICTS),
-        "| false alarm on the right file | s |",
+    print(tables(answers))
+
+
+def tables(answers):
+    """Return the page's tables."""
+    heads, rows, every = " | ".join(VERDICTS), [], []
+    for title, found in answers.items():
+        words = [word for _, word, _ in found["asked"]]
+        counts, alarm = map(words.count, VERDICTS), "yes" if found["alarm"] else "no"
+        rows.append([title, len(words), *counts, alarm, f"{found['seconds']:.1f}"])
+        every += [(edits, word) for edits, word, _ in found["asked"]]
+    first = study.markdown(
+        f"robot | recording | mistakes | {heads} | false alarm on the right file | s", rows
     )
-    print("| --- " * (len(VERDICTS) + 5) + "|")
-    for name, shown, seconds, alarm, asked in answers:
-        counts = [sum(word == each for _, word, _ in asked) for each in VERDICTS]
-        print(
-            f"| {name} | {shown} | {len(asked)} |",
-            " | ".join(map(str, counts)),
-            f"| {'yes' if alarm else 'no'} | {seconds:.1f} |",
-        )
-    print(
-        "\n| mistake | cases |",
-        " | ".join(VERDICTS),
-        "| first | first or tied | of all but absorbed |",
-    )
-    print("| --- " * (len(VERDICTS) + 5) + "|")
-    every = [(edits, word) for answer in answers for edits, word, _ in answer[4]]
-    kinds = sorted({kind for edits, _ in every for kind, _ in edits})
-    rows = [(kind, [w for e, w in every if len(e) == 1 and e[0][0] == kind]) for kind in kinds]
-    rows += [
-        ("all single", [w for e, w in every if len(e) == 1]),
-        ("pairs", [w for e, w in every if len(e) == 2]),
-    ]
-    for kind, words in rows:
+    single = [(edits[0][0], word) for edits, word in every if len(edits) == 1]
+    kinds = {kind: [w for k, w in single if k == kind] for kind in sorted({k for k, _ in single})}
+    kinds["all single"] = [word for _, word in single]
+    kinds["pairs"] = [word for edits, word in every if len(edits) == 2]
+    rows = []
+    for kind, words in kinds.items():
         counts = [words.count(each) for each in VERDICTS]
         visible, named = sum(counts[:5]), sum(counts[:2])
         shares = [(counts[0], visible), (named, visible), (named + counts[5], sum(counts[:7]))]
-        text = " | ".join(f"{100 * some / most:.1f} %" if most else "-" for some, most in shares)
-        print(f"| {kind} | {len(words)} |", " | ".join(map(str, counts)), f"| {text} |")
+        text = (f"{100 * some / most:.1f} %" if most else "-" for some, most in shares)
+        rows.append([kind, len(words), *counts, *text])
+    head = f"mistake | cases | {heads} | first | first or tied | of all but absorbed"
+    return f"{first}\n\n{study.markdown(head, rows)}"
 
 
 INTRODUCTION = """# Which mistake does a robot file have?

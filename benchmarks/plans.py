@@ -13,13 +13,12 @@ import os
 os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")
 
 import argparse
-import json
-import platform
 import resource
 import tempfile
 from dataclasses import replace
 from pathlib import Path
 
+import study
 from dynid.errors import DynidError
 from dynid.files.robotfile import known_robots, load_robot
 from dynid.trajectory.optimise import optimise
@@ -40,7 +39,7 @@ BUDGET = 120.0
 WANTED = 1.5
 #: Shares of the torque limits that the search without obstacles may use, until a motion holds the limits themselves.
 TORQUES = (1.0, 0.9, 0.8, 0.65)
-HEADER = "| arm | processor s | error N m | without obstacles | ratio | condition | nearest | always near | assumed |"
+HEADER = "arm | processor s | error N m | without obstacles | ratio | condition | nearest | always near | assumed"
 
 
 def processor():
@@ -81,9 +80,6 @@ def measure(name):
         drawing = Drawing(Path(folder) / "preview.png")
         try:
             plan = plan_trajectory(robot, options, drawing=drawing)
-        except DynidError as error:
-            row |= {"refused": f"{error.code} {error.what}"}
-        else:
             answer = plan.facts()
             row |= {
                 "error": answer["expected_torque_error_nm"],
@@ -94,64 +90,53 @@ def measure(name):
                 "assumed": answer["assumed_limits"],
                 "search": plan.search.text if plan.search else "",
             }
+        except DynidError as error:
+            row["refused"] = f"{error.code} {error.what}"
     row["processor"] = processor() - before
     row["unhindered"] = unhindered(robot, replace(options, restarts=1))
     return row
 
 
-def line(name, row):
-    """Return the line of the table for one arm."""
-    cost = f"| {name} | {row['processor']:.0f} |"
+def cells(name, row):
+    """Return the row of the table for one arm."""
+    unhindered, spent = f"{row['unhindered']:.3g}", f"{row['processor']:.0f}"
     if "refused" in row:
-        return f"{cost} none: {row['refused']} | {row['unhindered']:.3g} | | | | | |"
-    ratio = row["error"] / row["unhindered"]  # type: ignore[operator]
-    kinds = sorted({text.split()[0] for text in row["assumed"]})  # type: ignore[attr-defined]
-    return (
-        f"{cost} {row['error']:.3g} | {row['unhindered']:.3g} | {ratio:.2f} | {row['condition']:.0f} "
-        f"| {1000 * row['closest_m']:.0f} mm, {row['closest']} "  # type: ignore[operator]
-        f"| {', '.join(row['left_out']) or 'none'} | {', '.join(kinds) or 'none'} |"  # type: ignore[arg-type]
-    )
+        return [name, spent, f"none: {row['refused']}", unhindered, *[""] * 5]
+    return [
+        *(name, spent, f"{row['error']:.3g}", unhindered),
+        f"{row['error'] / row['unhindered']:.2f}",
+        f"{row['condition']:.0f}",
+        f"{1000 * row['closest_m']:.0f} mm, {row['closest']}",
+        ", ".join(row["left_out"]) or "none",
+        ", ".join(sorted({text.split()[0] for text in row["assumed"]})) or "none",
+    ]
 
 
 def table(rows):
     """Return the page of all arms."""
-    slow = [name for name, row in rows.items() if row["processor"] > BUDGET]  # type: ignore[operator]
-    held = [n for n, r in rows.items() if "error" in r and r["error"] <= WANTED * r["unhindered"]]  # type: ignore[operator]
+    slow = [name for name, row in rows.items() if row["processor"] > BUDGET]
+    held = [row for row in rows.values() if row.get("error", 1e9) <= WANTED * row["unhindered"]]
     missing = ", ".join(name for name in known_robots() if name not in rows)
-    intro = (__doc__ or "").split("\n\n")[0]
-    return "\n".join(
-        [
-            "# Plans for all robot files",
-            "",
-            intro,
-            "",
-            f"{len(held)} of {len(rows)} within {WANTED:g} times the error without obstacles; "
-            f"more than {BUDGET:g} s of processor: {', '.join(slow) or 'none'}. "
-            f"{f'Not measured yet: {missing}. ' if missing else ''}"
-            f"{platform.machine()}, Python {platform.python_version()}.",
-            "",
-            HEADER,
-            "|" + " --- |" * (HEADER.count("|") - 1),
-            *(line(name, row) for name, row in sorted(rows.items())),
-            "",
-        ]
-    )
+    return f"""# Plans for all robot files
+
+{__doc__.split(chr(10))[0]}
+
+{len(held)} of {len(rows)} within {WANTED:g} times the error without obstacles; more than {BUDGET:g} s of processor: \
+{", ".join(slow) or "none"}. {f"Not measured yet: {missing}. " if missing else ""}{study.MACHINE}.
+
+{study.markdown(HEADER, [cells(name, row) for name, row in sorted(rows.items())])}
+"""
 
 
 def main():
     """Measure what is missing or named and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "arms", nargs="*", help="robot files; those that the store lacks when none are given"
-    )
-    wanted = parser.parse_args().arms
-    rows = json.loads(STORE.read_text()) if STORE.is_file() else {}
-    for name in wanted or [name for name in known_robots() if name not in rows]:
-        row = measure(name)
-        # Why: another run may have measured other arms meanwhile.
-        rows = (json.loads(STORE.read_text()) if STORE.is_file() else {}) | {name: row}
-        print(line(name, rows[name]), flush=True)
-        STORE.write_text(json.dumps(rows, indent=1, sort_keys=True) + "\n")
+    text = "robot files; those that the store lacks when none are given"
+    parser.add_argument("arms", nargs="*", help=text)
+    rows = study.Answers(STORE)
+    for name in parser.parse_args().arms or [name for name in known_robots() if name not in rows]:
+        rows.keep(name, measure(name))
+        print(*cells(name, rows[name]), flush=True)
         TABLE.write_text(table(rows))
 
 

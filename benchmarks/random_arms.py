@@ -14,13 +14,12 @@ import numpy as np
 import pinocchio as pin
 from scipy.signal import lfilter
 
-import of_tests  # noqa: F401
-from arms import pinocchio_model, pinocchio_torques
-from dynid import IdentifyOptions, Log, Robot, identify, load_robot, validate
+import study
+from arms import lumped, pinocchio_model, pinocchio_torques
+from dynid import Log, Robot, identify, load_robot, validate
 from dynid.errors import DynidError
 from dynid.model import build_model
 from dynid.model.parameters import BODY_PARAMETERS
-from dynid.robot import Body
 from motions import tones
 
 #: Robot files and the mass of such an arm [kg], about which the true one is drawn.
@@ -61,52 +60,41 @@ class Arm:
         weight = np.exp(-0.25 * np.arange(n) + 0.5 * rng.normal(size=n))
         masses = self.mass * np.exp(0.3 * rng.normal()) * weight / weight.sum()
         bodies = [self.lumps(rng, i, mass) for i, mass in enumerate(masses)]
-        values = {
-            f"{kind}{i}": value
-            for i, body in enumerate(bodies, start=1)
-            for kind, value in zip(BODY_PARAMETERS, body.parameters(), strict=True)
-        }
+        values = {}
+        for i, body in enumerate(bodies, start=1):
+            values |= zip(
+                (f"{kind}{i}" for kind in BODY_PARAMETERS), body.parameters(), strict=True
+            )
         plant = pinocchio_model(self.robot, bodies)
         size = float(np.abs(np.diag(pin.crba(plant, plant.createData(), np.zeros(n)))).mean())
         plant.armature = 0.15 * size * np.exp(0.9 * rng.normal(size=n))
-        rotors = zip(self.robot.joints, plant.armature, strict=True)
-        plant.armature = np.array(
-            [value if joint.motor_inertia else 0.0 for joint, value in rotors]
-        )
+        plant.armature = plant.armature * [joint.motor_inertia for joint in self.robot.joints]
         drawn = {
             "Im": plant.armature,
             "fc": 0.04 * self.rated * np.exp(0.5 * rng.normal(size=n)),
             "fv": 0.03 * self.rated * np.exp(0.6 * rng.normal(size=n)),
             "fo": 0.005 * self.rated * rng.normal(size=n),
         }
-        return values | {
-            f"{kind}{i + 1}": v[i] for kind, v in drawn.items() for i in range(n)
-        }, plant
+        for kind, v in drawn.items():
+            values |= {f"{kind}{i + 1}": v[i] for i in range(n)}
+        return values, plant
 
     def lumps(self, rng, i, mass):
         """Return a body of 3 to 11 balls scattered around the link's axis."""
         joint, start, end = self.robot.joints[i], np.zeros(3), np.zeros(3)
         if self.robot.convention == "standard":
-            start = -joint.d * np.array([0, np.sin(joint.twist), np.cos(joint.twist)]) - [
-                joint.a,
-                0,
-                0,
-            ]
+            start = -joint.d * np.array([0, np.sin(joint.twist), np.cos(joint.twist)])
+            start = start - [joint.a, 0, 0]
         else:
-            end = np.array(
-                [self.robot.joints[i + 1].a if i + 1 < self.robot.n else 0.0, 0, -joint.d]
-            )
+            after = self.robot.joints[i + 1].a if i + 1 < self.robot.n else 0.0
+            end = np.array([after, 0, -joint.d])
         if np.linalg.norm(end - start) < 0.05:
             end = end + 0.06 * rng.normal(size=3)
         count = rng.integers(3, 12)
         places = start + rng.beta(0.8, 0.8, size=(count, 1)) * (end - start)
         places = places + rng.normal(size=(count, 3)) * rng.uniform(0.02, 0.07)
         parts = rng.dirichlet(np.full(count, 0.8)) * mass
-        com = parts @ places / mass
-        inertia = 0.4 * rng.uniform(0.015, 0.05) ** 2 * mass * np.eye(3)
-        for part, r in zip(parts, places - com, strict=True):
-            inertia += part * (r @ r * np.eye(3) - np.outer(r, r))
-        return Body(mass, tuple(com), tuple(inertia[np.triu_indices(3)]))
+        return lumped(parts, places, 0.4 * rng.uniform(0.015, 0.05) ** 2 * mass)
 
     @cached_property
     def rated(self):
@@ -134,11 +122,8 @@ class Arm:
         values, plant = self.truth
         n, t = self.robot.n, np.arange(0, seconds, 1 / RATE)
         q, qd, qdd = self.motion(t, rng, share)
-        offset, size, phase = (
-            own.normal(size=n),
-            np.exp(0.4 * own.normal(size=(5, n))),
-            own.uniform(0, 7, (2, n)),
-        )
+        offset, size = own.normal(size=n), np.exp(0.4 * own.normal(size=(5, n)))
+        phase = own.uniform(0, 7, (2, n))
         off = np.deg2rad(0.5) * offset if "angle" in hidden else 0.0
         rigid = pinocchio_torques(plant, q + off, qd, qdd)
         fv, fc, fo = (
@@ -168,87 +153,61 @@ class Arm:
 def judged(arm, seed, hidden):
     """Return shares inside (set in force, plain), medians of |z|, torque errors [%] and true over expected error."""
     seconds, share = MOTIONS[seed % len(MOTIONS)]
-    result = identify(
-        arm.robot,
-        arm.log(seed, seconds, share, hidden),
-        IdentifyOptions(holdout=None, drop_weak=True),
-    )
-    values = arm.truth[0]
+    log, other = arm.log(seed, seconds, share, hidden), arm.log(seed + 500, 20.0, 0.5, hidden)
+    result = identify(arm.robot, log, holdout=None, drop_weak=True)
+    seen, values = validate(result, other), arm.truth[0]
     true = result.reduction.K @ np.array([values[name] for name in result.reduction.names])
-    other = arm.log(seed + 500, 20.0, 0.5, hidden)
-    seen = validate(result, other)
-    q, qd, qdd = arm.motion(np.linspace(0, 20, 400), np.random.default_rng(seed + 700), 0.5)
-    W = (
-        build_model(arm.robot)
-        .observer(result.reduction.base)
-        .dense(q, qd, qdd)
-        .reshape(-1, len(true))
-    )
+    motion = arm.motion(np.linspace(0, 20, 400), np.random.default_rng(seed + 700), 0.5)
+    torque = build_model(arm.robot).observer(result.reduction.base).torque
     found = []
     for theta, covariance in (
         (result.theta, result.covariance),
         (result.plain, result.plain_covariance),
     ):
         z = np.abs(theta - true) / np.sqrt(np.diag(covariance))
-        error = 100 * np.linalg.norm(W @ (theta - true)) / np.linalg.norm(W @ true)
-        found.append((np.mean(z < 1.96), np.median(z), error))
+        size, off = (np.linalg.norm(torque(each, *motion)) for each in (true, theta - true))
+        found.append((np.mean(z < 1.96), np.median(z), 100 * off / size))
     (inside, median, error), (plain_inside, _, plain_error) = found
     ratio = seen.relative_error_percent / (seen.expected_percent or np.nan)
-    return (
-        inside,
-        plain_inside,
-        median,
-        error,
-        plain_error,
-        ratio,
-        float(result.model_error is not None),
-    )
+    on = result.model_error is not None
+    return inside, plain_inside, median, error, plain_error, ratio, float(on)
 
 
-def rows(title, cases):
-    """Print one table."""
-    print(f"\n## {title}\n")
-    print(
-        "| | logs | inside [%] | plain inside [%] | median of z | torque error [%] | plain [%] | true / expected | with residual model |"
-    )
-    print("| - | - | - | - | - | - | - | - | - |")
-    every = [row for each in cases.values() for row in each]
-    for name, found in [*cases.items(), ("all", every)]:
-        x = np.array(found)
-        if not len(x):
+def table(cases):
+    """Return one table."""
+    lines = []
+    for name, found in [*cases.items(), ("all", [row for each in cases.values() for row in each])]:
+        if not found:
             continue
+        x = np.array(found)
         inside, plain, median = 100 * x[:, 0].mean(), 100 * x[:, 1].mean(), np.median(x[:, 2])
-        error, other = np.exp(np.log(x[:, 3:5]).mean(axis=0))
-        ratio, on = np.median(x[:, 5]), int(x[:, 6].sum())
-        print(
-            f"| {name} | {len(x)} | {inside:.0f} | {plain:.0f} | {median:.2f} | {error:.2f} | {other:.2f} | {ratio:.2f} | {on} |"
-        )
+        errors = np.exp(np.log(x[:, 3:5]).mean(axis=0))
+        figures = (f"{y:.2f}" for y in (median, *errors, np.median(x[:, 5])))
+        lines.append([name, len(x), f"{inside:.0f}", f"{plain:.0f}", *figures, int(x[:, 6].sum())])
+    head = " | logs | inside [%] | plain inside [%] | median of z | torque error [%] | plain [%]"
+    return study.markdown(f"{head} | true / expected | with residual model", lines)
 
 
 def main():
     """Print the tables."""
-    complete = {}
-    hidden = {}
+    complete, hidden = {}, {}
     seeds = range(int(sys.argv[1]) if len(sys.argv) > 1 else len(MOTIONS))
-    print(
-        f"# Arms with links of random lumps\n\nSeeds 0 to {len(seeds) - 1} of each arm; errors are geometric means."
-    )
     for name, mass in ARMS.items():
         robot = replace(load_robot(name), coupling=None)
         for seed in seeds:
             arm = Arm(robot, 100 + seed, mass)
+            kinds = {(name,): name for name in HIDDEN if seed == 1}
+            kinds["angle", "load", "ripple", "stribeck"] = "four of them"
             plan = [((), complete.setdefault(name, []))]
-            plan += [((one,), hidden.setdefault(one, [])) for one in HIDDEN if seed == 1]
-            plan += [
-                (("angle", "load", "ripple", "stribeck"), hidden.setdefault("four of them", []))
-            ]
+            plan += [(what, hidden.setdefault(kind, [])) for what, kind in kinds.items()]
             for what, found in plan:
                 try:
                     found.append(judged(arm, seed, what))
                 except DynidError as error:
                     print(f"{name} {seed} {what}: {error}", file=sys.stderr)
-    rows("Complete models", complete)
-    rows("With hidden effects", hidden)
+    said = f"Seeds 0 to {len(seeds) - 1} of each arm; errors are geometric means."
+    print("# Arms with links of random lumps", said, "## Complete models", sep="\n\n")
+    print("", table(complete), "", "## With hidden effects", "", table(hidden), sep="\n")
 
 
 if __name__ == "__main__":

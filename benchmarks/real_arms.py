@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
+import study
 from dynid import IdentifyOptions, Log, Robot, identify, load_log, load_robot, validate
 from dynid.errors import DynidError
 from dynid.estimation.least_squares import relative_error
 from dynid.robot import DriverSpec, JointMap
 from dynid.signals.columns import take_samples
-from dynid.workflows.options import ValidateOptions
 from dynid.workflows.parameters import observe
 
 #: Robot, recording, and the seconds that are fitted.
@@ -77,36 +77,29 @@ def pairs(data):
     for robot, recording, seconds in PARTS:
         arm = load_robot(robot)
         log = load_log(data / recording, arm)
-        yield Pair(
-            f"{arm.name}, first {seconds:g} s",
-            arm,
-            (part(log, 0.0, seconds),),
-            (("the rest", part(log, seconds, 1e9)),),
-        )
+        yield begun(arm, log, seconds)
     arm = load_robot(data / "rokae_xmate3/rokae.yaml")
     log = load_log(data / "rokae_xmate3/joint_all.csv", arm)
     halves = {"A": part(log, 0.0, 10.0), "B": part(log, 10.0, 1e9)}
     yield from both(arm, halves)
     arm = load_robot(data / "airbot_play/airbot.urdf")
-    yield from both(
-        arm,
-        {name: load_log(data / f"airbot_play/{name}.csv", arm) for name in ("chirp", "trapezoid")},
-    )
+    names = "chirp", "trapezoid"
+    yield from both(arm, {k: load_log(data / f"airbot_play/{k}.csv", arm) for k in names})
     arm = load_robot(data / "shanghai_cobot/shanghai.yaml")
     logs = {k: load_log(data / f"shanghai_cobot/traj{k}.csv", arm) for k in (1, 2, 3)}
     yield from several("Shanghai motion", arm, logs, RUNS[::-1])
     arm = load_robot(data / "lbr_med7/med7.urdf")
-    arm = replace(
-        arm,
-        driver=DriverSpec(
-            "generic", None, arm.joint_names, JointMap((1.0,) * 7, (0.0,) * 7, (-1.0,) * 7)
-        ),
-    )
+    mirrored = JointMap((1.0,) * 7, (0.0,) * 7, (-1.0,) * 7)
+    arm = replace(arm, driver=DriverSpec("generic", None, arm.joint_names, mirrored))
     log = load_log(data / "lbr_med7/med7.csv", arm)
-    # Why at 12 s: it moves for 9 s from 3.7 s on.
-    yield Pair(
-        "LBR Med 7, first 10 s", arm, (part(log, 0.0, 10.0),), (("the rest", part(log, 10.0, 1e9)),)
-    )
+    # Why 10 s: it moves for 9 s from 3.7 s on.
+    yield begun(replace(arm, name="LBR Med 7"), log, 10.0)
+
+
+def begun(arm, log, seconds):
+    """Return a recording of which the first seconds are fitted and the rest is predicted."""
+    parts = part(log, 0.0, seconds), part(log, seconds, 1e9)
+    return Pair(f"{arm.name}, first {seconds:g} s", arm, parts[:1], (("the rest", parts[1]),))
 
 
 def several(title, arm, logs, chosen):
@@ -160,7 +153,7 @@ def outcomes(pair):
     found = []
     for name, log in pair.unseen:
         seen = validate(result, log)
-        alone = validate(result, log, ValidateOptions(residual_model=False))
+        alone = validate(result, log, residual_model=False)
         other = validate(plain, log)
         errors = (each.relative_error_percent for each in (seen, alone, other))
         least = baseline(pair, log, result.cutoff)
@@ -185,10 +178,8 @@ def apart(data, results):
         for one, two in itertools.combinations((1, 2, 3), 2):
             same = (results[f"{title} {k}"] for k in (one, two))
             yield f"{title.split()[0]} {one}, {two}", *same
-    rokae, airbot = (
-        load_robot(data / name).name
-        for name in ("rokae_xmate3/rokae.yaml", "airbot_play/airbot.urdf")
-    )
+    names = "rokae_xmate3/rokae.yaml", "airbot_play/airbot.urdf"
+    rokae, airbot = (load_robot(data / name).name for name in names)
     yield "Rokae halves", results[f"{rokae} A"], results[f"{rokae} B"]
     yield "AIRBOT chirp, trapezoid", results[f"{airbot} chirp"], results[f"{airbot} trapezoid"]
     for robot, recording, seconds in PARTS[1::3]:
@@ -225,46 +216,36 @@ def intervals(a, b):
 def main():
     """Print the table."""
     data = Path(sys.argv[1])
-    results = {}
-    every, refused = [], []
+    results, every, refused = {}, [], []
     for pair in pairs(data):
         try:
             found, results[pair.name] = outcomes(pair)
+            every += found
         except DynidError as error:
-            refused.append(f"{pair.name}: {error}")
-            continue
-        every += found
-    print(
-        "# Recordings of real arms\n\nTotal relative torque error on what was not fitted [%]. OLS and WLS are least"
-    )
-    print("squares of the filtered rows, without anything else.\n")
-    print(
-        "| pair | in force | default | parameters alone | plain | OLS | WLS | expected | true / expected |"
-    )
-    print("| - | - | - | - | - | - | - | - | - |")
-    for o in every:
-        figures = (o.default, o.alone, o.plain, o.ols, o.wls, o.expected, o.default / o.expected)
-        print(f"| {o.name} | {o.in_force} | " + " | ".join(f"{x:.2f}" for x in figures) + " |")
-    for line in refused:
-        print(f"\nRefused: {line}.")
+            refused.append(f"\nRefused: {pair.name}: {error}.")
     ratio = np.array([o.default / o.expected for o in every])
-    within, wide = (
-        np.mean((ratio < 1.5) & (ratio > 1 / 1.5)),
-        np.mean((ratio < 1.5) & (ratio > 0.5)),
-    )
-    print(
-        f"\nTrue over expected error: median {np.median(ratio):.2f}, {100 * within:.0f} % within a factor of 1.5,"
-    )
-    print(f"{100 * wide:.0f} % between 0.5 and 1.5.\n")
-    print(
-        "Parameters that agree between two recordings within 1.96 combined standard errors, and median |z|."
-    )
-    print(
-        f"Those count as from the data of which both runs took {100 * DOMINATED:.0f} % of the prior's variance.\n"
-    )
-    print("| recordings | in force | from the data | plain |\n| - | - | - | - |")
-    for name, a, b in apart(data, results):
-        print(f"| {name} | {' | '.join(intervals(a, b))} |")
+    within, wide = (100 * np.mean((ratio < 1.5) & (ratio > low)) for low in (1 / 1.5, 0.5))
+    rows = []
+    for o, over in zip(every, ratio, strict=True):
+        figures = (o.default, o.alone, o.plain, o.ols, o.wls, o.expected, over)
+        rows.append([o.name, o.in_force, *(f"{x:.2f}" for x in figures)])
+    head = "pair | in force | default | parameters alone | plain | OLS | WLS | expected"
+    print(f"""\
+# Recordings of real arms
+
+Total relative torque error on what was not fitted [%]. OLS and WLS are least
+squares of the filtered rows, without anything else.
+
+{study.markdown(f"{head} | true / expected", rows)}
+{"".join(refused)}
+True over expected error: median {np.median(ratio):.2f}, {within:.0f} % within a factor of 1.5,
+{wide:.0f} % between 0.5 and 1.5.
+
+Parameters that agree between two recordings within 1.96 combined standard errors, and median |z|.
+Those count as from the data of which both runs took {100 * DOMINATED:.0f} % of the prior's variance.
+""")
+    rows = [[name, *intervals(a, b)] for name, a, b in apart(data, results)]
+    print(study.markdown("recordings | in force | from the data | plain", rows))
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command does, befor
 import numpy as np
 import pinocchio as pin
 
-import of_tests  # noqa: F401
+import study  # noqa: F401
 from arms import pinocchio_model, random_bodies
 from conic import clarabel_optimum
 from dynid.estimation import tuning

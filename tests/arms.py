@@ -40,18 +40,19 @@ def random_robot(rng, n=None, convention=None):
     )
 
 
+def lumped(masses, points, own=0.0):
+    """A body of point masses, and about every axis what the points have of their own [kg m^2]."""
+    mass = masses.sum()
+    com = masses @ points / mass
+    tensor = own * np.eye(3)
+    for m, r in zip(masses, points - com, strict=True):
+        tensor = tensor + m * (r @ r * np.eye(3) - np.outer(r, r))
+    return Body(float(mass), tuple(com), tuple(tensor[np.triu_indices(3)]))
+
+
 def random_bodies(rng, n):
     """Physically consistent bodies: each a cloud of six point masses."""
-    bodies = []
-    for _ in range(n):
-        masses, points = rng.uniform(0.1, 1.0, 6), rng.uniform(-0.2, 0.2, (6, 3))
-        com = masses @ points / masses.sum()
-        arms = points - com
-        tensor = sum(
-            m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, arms, strict=True)
-        )
-        bodies.append(Body(float(masses.sum()), tuple(com), tuple(tensor[np.triu_indices(3)])))
-    return tuple(bodies)
+    return tuple(lumped(rng.uniform(0.1, 1.0, 6), rng.uniform(-0.2, 0.2, (6, 3))) for _ in range(n))
 
 
 def cylinder(mass, length, radius=0.06):

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from follower import follow_motion
 
-from dynid import base_model
+from arms import pinocchio_model
+from dynid import Log, base_model
 from dynid.estimation.drive_gains import find_gains, known_load
 from dynid.estimation.estimate import estimate
 from dynid.estimation.payload import find_payload
@@ -15,6 +15,7 @@ from dynid.model.parameters import joined
 from dynid.robot import Body
 from dynid.signals.conditioned_log import condition_log
 from dynid.sim.sines import SineSpec, sines
+from follower import follow_motion
 from recorded_lwr import PLANT, ROBOT
 
 ROTOR = (0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05)
@@ -33,17 +34,14 @@ def logged(seed, load=None, seconds=25.0):
     rng = np.random.default_rng(seed)
     motion = sines(ROBOT, SineSpec(seconds, 12.0, 0.8, 0.7, 0.7, 0.1), 1 / RATE, rng)
     bodies = PLANT.bodies if load is None else (*PLANT.bodies[:-1], joined(PLANT.bodies[-1], load))
-    return follow_motion(
-        ROBOT,
-        bodies,
-        PLANT.friction,
-        ROTOR,
-        motion,
-        CONTROLLER,
-        ENCODER,
-        PLANT.sensors.torque_noise,
-        rng,
-    )
+    encoder = ENCODER * rng.standard_normal(motion.q.shape)
+    plant = pinocchio_model(ROBOT, bodies, ROTOR)
+    seen, tau = follow_motion(plant, PLANT.friction.torque, motion, CONTROLLER, encoder)
+    # A torque is held from its sample to the next, so the mean of two belongs to the sample between them.
+    tau[1:] = 0.5 * (tau[1:] + tau[:-1])
+    tau += np.array(PLANT.sensors.torque_noise) * rng.standard_normal(tau.shape)
+    log = Log(motion.t, seen, tau, ROBOT.joint_names, tau_unit="Nm", dh=True)
+    return replace(log, extra={"q_ref": motion.q})
 
 
 def stacked(base, log):
