@@ -15,7 +15,7 @@ from dynid.errors import NotPhysical
 from dynid.estimation.possible_set import smallest_eigenvalues
 from dynid.exporters.code import rendered
 from dynid.exporters.full_model import FullModel
-from dynid.model.attached import Attached, attached
+from dynid.model.attached import Attached, attached, hanging
 from dynid.model.parameters import body_of, moved
 from dynid.robot import Body
 from dynid.text import xml_comment
@@ -53,7 +53,7 @@ def rewritten(path: Path, arm: IdentifiedArm, full: FullModel) -> str:
 
 def _own_share(place: Attached, link: str, body: Body) -> tuple[Body, list[str]]:
     """Return a link's body without what hangs on it, and the links that had to be emptied."""
-    behind, parts = place.urdf.behind(link, place.names), place.hanging(link)
+    behind, parts = place.urdf.behind(link, place.names), hanging(place.urdf, link, place.names)
     total = body.parameters()
     rest = total - sum(parts.values())
     if not parts or smallest_eigenvalues(rest) > -NOTHING or smallest_eigenvalues(total) <= 0:

@@ -41,22 +41,28 @@ class Attached:
         known = {joint.name: joint for joint in self.urdf.joints}
         return tuple(known[name] for name in self.names)
 
-    def hanging(self, link: str) -> dict[str, Floats]:
-        """Return the parameters, in a link's frame, of the bodies that hang on it up to the next joint, by link."""
-        return {
-            joint.child: moved(body, pose).parameters()
-            for joint, pose in self.urdf.behind(link, self.names)
-            if (body := self.urdf.bodies[joint.child])
-        }
-
     def prior(self) -> Prior:
         """Return the file's bodies in the DH frames: each link with all that hangs on it up to the next joint."""
         bodies = []
         for joint, to_dh in zip(self.joints, self.to_dh, strict=True):
-            own = self.urdf.bodies[joint.child] or Body(0.0)
-            total = body_of(sum(self.hanging(joint.child).values(), own.parameters()))
+            total = carried(self.urdf, joint.child, self.names)
             bodies.append(moved(total, np.asarray(np.linalg.inv(to_dh))))
         return Prior(links=tuple(bodies))
+
+
+def hanging(urdf: Urdf, link: str, stop: Sequence[str]) -> dict[str, Floats]:
+    """Return the parameters, in a link's frame, of the bodies that hang on it up to some joints, by link."""
+    return {
+        joint.child: moved(body, pose).parameters()
+        for joint, pose in urdf.behind(link, stop)
+        if (body := urdf.bodies[joint.child])
+    }
+
+
+def carried(urdf: Urdf, link: str, stop: Sequence[str]) -> Body:
+    """Return a link with all that hangs on it as one body."""
+    own = urdf.bodies[link] or Body(0.0)
+    return body_of(sum(hanging(urdf, link, stop).values(), own.parameters()))
 
 
 def attached(path: Path, robot: Robot, within: float = SAME_ARM) -> Attached:

@@ -17,8 +17,9 @@ from dynid.errors import Finding, WrongUrdf
 from dynid.files.robotkeys import SNAP_STEP
 from dynid.files.urdffile import MOVING, Urdf, UrdfJoint
 from dynid.model import tuning
-from dynid.model.kinematics import link_frames
-from dynid.model.parameters import body_of, inertia_of, moved, second_moments
+from dynid.model.attached import carried
+from dynid.model.kinematics import link_frames, pose_of
+from dynid.model.parameters import inertia_of, moved, second_moments
 from dynid.robot import MOST_JOINTS, Body, Joint, Prior, Robot, roll_pitch_yaw
 
 _GRAVITY = 9.81
@@ -234,8 +235,7 @@ def _across(direction: Floats, z: Floats) -> Floats | None:
 
 
 def _frame(x: Floats, z: Floats, origin: Floats) -> Floats:
-    pose = np.eye(4)
-    pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = x, np.cross(z, x), z, origin
+    pose = pose_of(np.transpose([x, np.cross(z, x), z]), origin)
     pose[:3] = np.where(np.abs(pose[:3]) < 1e-14, 0.0, pose[:3])
     return pose
 
@@ -272,16 +272,14 @@ def _bodies(
     bodies, findings, changed, empty = list[Body](), list[Finding](), list[str](), list[str]()
     for i, joint in enumerate(moving, start=1):
         to_dh = np.linalg.inv(dh[i - 1]) @ poses[joint.child]
-        behind = urdf.behind(joint.child, stop=names)
+        behind = urdf.behind(joint.child, names)
         loose = [other.name for other, _ in behind if other.moves]
         if loose:
             text = f"link {i} carries joints of its own ({', '.join(loose)}): its prior holds with them at zero"
             findings.append(Finding("W210", "info", text, {"link": i, "joints": loose}))
-        total = np.zeros(10)
-        for link, pose in [(joint.child, np.eye(4)), *((one.child, pose) for one, pose in behind)]:
-            if (part := urdf.bodies[link]) is not None:
-                total += moved(part, to_dh @ pose).parameters()
-        body = body_of(total)
+        body = carried(urdf, joint.child, names)
+        if body.mass:
+            body = moved(body, to_dh)
         bodies.append(possible_body(body) if body.mass else body)
         changed += [str(i)] * (bodies[-1] != body)
         empty += [str(i)] * (not body.mass)

@@ -7,11 +7,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dynid.arrays import Floats
 from dynid.robot import Joint, Robot, rotation_rpy
@@ -66,9 +66,7 @@ class LinkFrames:
     @property
     def poses(self) -> Floats:
         """Homogeneous transforms of the link frames, (..., n, 4, 4)."""
-        poses = np.zeros((*self.p.shape[:-1], 4, 4))
-        poses[..., :3, :3], poses[..., :3, 3], poses[..., 3, 3] = self.R, self.p, 1.0
-        return poses
+        return pose_of(self.R, self.p)
 
 
 def link_frames(robot: Robot, q: Floats, *, world: bool = False) -> LinkFrames:
@@ -120,7 +118,7 @@ def tip_jacobian(robot: Robot, where: LinkFrames) -> Floats:
 
 def base_pose(robot: Robot) -> Floats:
     """Return the pose of frame 0 in the world, (4, 4)."""
-    return _pose(rotation_rpy(robot.base_rpy), robot.base_xyz)
+    return pose_of(rotation_rpy(robot.base_rpy), robot.base_xyz)
 
 
 def tool_pose(robot: Robot, q: Floats) -> Floats:
@@ -140,17 +138,18 @@ def fixed_poses(joint: Joint, convention: str) -> tuple[Floats, Floats]:
     turned, still = (math.cos(joint.theta_offset), math.sin(joint.theta_offset)), (1.0, 0.0)
     twist = (math.cos(joint.twist), math.sin(joint.twist))
     if convention == "standard":
-        return _pose(*dh_step(convention, turned, still, 0.0, d_before)), _pose(
+        return pose_of(*dh_step(convention, turned, still, 0.0, d_before)), pose_of(
             *dh_step(convention, still, twist, joint.a, d_after)
         )
-    return _pose(*dh_step(convention, turned, twist, joint.a, d_before)), _pose(
+    return pose_of(*dh_step(convention, turned, twist, joint.a, d_before)), pose_of(
         *dh_step(convention, still, still, 0.0, d_after)
     )
 
 
-def _pose(R: Floats | list[list[float]], p: Sequence[float]) -> Floats:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = R, p
+def pose_of(R: ArrayLike, p: ArrayLike) -> Floats:
+    """Return the homogeneous transforms of rotations, (..., 3, 3), and origins, (..., 3) [m]; (..., 4, 4)."""
+    pose = np.zeros((*np.shape(p)[:-1], 4, 4))
+    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = R, p, 1.0
     return pose
 
 

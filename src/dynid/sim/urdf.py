@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from dynid.arrays import Floats
-from dynid.model.kinematics import base_pose, fixed_poses
+from dynid.model.kinematics import base_pose, fixed_poses, pose_of
 from dynid.model.parameters import cylinders_of, link_cylinders, prior_bodies
 from dynid.robot import Body, Joint, Limits, Robot, roll_pitch_yaw, rotation_rpy
 from dynid.text import xml
@@ -72,10 +72,8 @@ def _joint(root: ET.Element, joint: Joint, i: int, origin: Floats) -> None:
 def _inertial(link: ET.Element, body: Body, to_dh: Floats) -> None:
     """Add mass and inertia, given along its principal axes: Bullet finds those itself only to 1e-7."""
     moments, axes = np.linalg.eigh(body.tensor)
-    frame = np.eye(4)
-    frame[:3, :3], frame[:3, 3] = axes * np.linalg.det(axes), body.com
     element = ET.SubElement(link, "inertial")
-    _origin(element, to_dh @ frame)
+    _origin(element, to_dh @ pose_of(axes * np.linalg.det(axes), body.com))
     ET.SubElement(element, "mass", value=repr(float(body.mass)))
     xx, yy, zz = (repr(float(moment)) for moment in moments)
     ET.SubElement(element, "inertia", ixx=xx, ixy="0", ixz="0", iyy=yy, iyz="0", izz=zz)
@@ -85,10 +83,8 @@ def _shape(element: ET.Element, ends: Floats, radius: float, to_dh: Floats) -> N
     """Add a cylinder; that of a URDF lies along its own z axis about its middle."""
     length = float(np.linalg.norm(ends[1] - ends[0]))
     x, y, z = (ends[1] - ends[0]) / length
-    frame = np.eye(4)
-    frame[:3, :3] = rotation_rpy((0.0, math.atan2(math.hypot(x, y), z), math.atan2(y, x)))
-    frame[:3, 3] = ends.mean(axis=0)
-    _origin(element, to_dh @ frame)
+    turned = rotation_rpy((0.0, math.atan2(math.hypot(x, y), z), math.atan2(y, x)))
+    _origin(element, to_dh @ pose_of(turned, ends.mean(axis=0)))
     geometry = ET.SubElement(element, "geometry")
     ET.SubElement(geometry, "cylinder", radius=repr(float(radius)), length=repr(length))
 

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from export_cases import SHIPPED, made, random, random_model_error, shipped, with_effect, written
+from numpy.testing import assert_allclose
 
 from arms import pinocchio_model
 from dynid.exporters import FORMATS
@@ -63,8 +64,8 @@ def test_code_predicts_with_the_residual_model(robot, format):
     q, qd, qdd = random_states(source.robot, 20, 3)
     found = FORMATS[format].loaded(FORMATS[format].text(source), source)
     expected = by_hand(source, error, q, qd, qdd)
-    np.testing.assert_allclose(found.theirs(q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(found.ours(q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
+    assert_allclose(found.theirs(q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
+    assert_allclose(found.ours(q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
 
 
 def test_files_say_whether_they_have_the_residual_model():
@@ -97,7 +98,7 @@ def test_the_matlab_file_gives_dynids_torques_in_octave(robot, tmp_path):
     words = ["octave-cli", "--norc", "--quiet", "--eval", script]
     subprocess.run(words, cwd=tmp_path, capture_output=True, check=True)
     expected = source.base.observer.torque(source.theta, *states)
-    np.testing.assert_allclose(np.loadtxt(tmp_path / "tau.txt"), expected, atol=1e-10)
+    assert_allclose(np.loadtxt(tmp_path / "tau.txt"), expected, atol=1e-10)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -111,15 +112,13 @@ def test_mass_matrix_gravity_and_coriolis_are_pinocchios(seed):
     for q, qd, _ in zip(*random_states(robot, 10, seed), strict=True):
         upper = pin.crba(model, data, q)
         mass = np.triu(upper) + np.triu(upper, 1).T + np.diag(full.of_joints("Im"))
-        np.testing.assert_allclose(module.mass_matrix(q), mass, atol=1e-9)
-        np.testing.assert_allclose(
-            module.gravity(q), pin.computeGeneralizedGravity(model, data, q), atol=1e-9
-        )
+        assert_allclose(module.mass_matrix(q), mass, atol=1e-9)
+        assert_allclose(module.gravity(q), pin.computeGeneralizedGravity(model, data, q), atol=1e-9)
         coriolis = pin.nonLinearEffects(model, data, q, qd) - pin.computeGeneralizedGravity(
             model, data, q
         )
-        np.testing.assert_allclose(module.coriolis(q, qd), coriolis, atol=1e-9)
-        np.testing.assert_allclose(module.coriolis_matrix(q, qd) @ qd, coriolis, atol=1e-9)
+        assert_allclose(module.coriolis(q, qd), coriolis, atol=1e-9)
+        assert_allclose(module.coriolis_matrix(q, qd) @ qd, coriolis, atol=1e-9)
 
 
 def test_the_coriolis_matrix_is_that_of_the_christoffel_symbols():
@@ -129,7 +128,7 @@ def test_the_coriolis_matrix_is_that_of_the_christoffel_symbols():
     q, qd, h = rng.uniform(-2, 2, 7), rng.normal(size=7), 1e-5
     rate = (module.mass_matrix(q + h * qd) - module.mass_matrix(q - h * qd)) / (2 * h)
     skew = rate - 2 * module.coriolis_matrix(q, qd)
-    np.testing.assert_allclose(skew + skew.T, 0.0, atol=1e-7)
+    assert_allclose(skew + skew.T, 0.0, atol=1e-7)
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
@@ -157,7 +156,7 @@ def test_the_c_functions_are_those_of_the_python_module():
         (called("coriolis_matrix", (7, 7), q, qd), module.coriolis_matrix(q, qd)),
     ]
     for found, expected in pairs:
-        np.testing.assert_allclose(found, expected, atol=1e-12)
+        assert_allclose(found, expected, atol=1e-12)
 
 
 def test_parameters_that_the_data_did_not_determine_are_marked():
@@ -189,7 +188,7 @@ def test_a_formula_is_part_of_the_code(format):
     expected = form.loaded(form.text(bare), bare).theirs(q, qd, qdd)
     expected[:, 1] += law
     found = form.loaded(form.text(source), source).theirs(q, qd, qdd)
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
     assert FORMATS[format].leaves_out(source) == (
         f"effect formula on {names[3]}: it depends on what was before, and code keeps no state",
     )

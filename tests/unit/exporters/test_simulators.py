@@ -4,9 +4,9 @@ import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import mujoco
-import numpy as np
 import pytest
 from export_cases import SHIPPED, off_in_pinocchio, off_in_pybullet, random, shipped, written
+from numpy.testing import assert_allclose
 
 from dynid.exporters import EFFECTS, FORMATS
 from dynid.exporters.full_model import model_of
@@ -36,12 +36,12 @@ def test_mujoco_gets_rotors_and_friction_and_the_urdf_friction(tmp_path):
     """Armature, damping and friction loss of each joint are the identified numbers."""
     source = shipped("kuka_lwr4plus")
     model = mujoco.MjModel.from_xml_path(str(written(source, "mjcf", tmp_path)))
-    np.testing.assert_allclose(model.dof_armature, source.full.of_joints("Im"))
-    np.testing.assert_allclose(model.dof_damping.ravel()[:7], source.full.of_joints("fv"))
-    np.testing.assert_allclose(model.dof_frictionloss, source.full.of_joints("fc"))
+    assert_allclose(model.dof_armature, source.full.of_joints("Im"))
+    assert_allclose(model.dof_damping.ravel()[:7], source.full.of_joints("fv"))
+    assert_allclose(model.dof_frictionloss, source.full.of_joints("fc"))
     root = ET.parse(written(source, "urdf", tmp_path)).getroot()
     damping = [float(joint.find("dynamics").get("damping")) for joint in root.findall("joint")]
-    np.testing.assert_allclose(damping, source.full.of_joints("fv"))
+    assert_allclose(damping, source.full.of_joints("fv"))
 
 
 def test_what_a_format_cannot_hold_is_said():
@@ -88,6 +88,4 @@ def test_a_body_that_is_possible_up_to_rounding_is_written_as_mujoco_takes_it(tm
     assert full.impossible_links() == ()
     model = mujoco.MjModel.from_xml_string(FORMATS["mjcf"].text(replace(source, full=full)))
     assert (model.body_inertia[1:] > 0).all()
-    np.testing.assert_allclose(
-        full.values(source.base.model.parameter_names), gamma, rtol=1e-8, atol=1e-8
-    )
+    assert_allclose(full.values(source.base.model.parameter_names), gamma, rtol=1e-8, atol=1e-8)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from dynid.errors import BagTruncated
 from dynid.files.bags import list_topics, read_topics
@@ -23,12 +24,12 @@ def test_every_compression_and_chunk_size_gives_the_numbers_that_were_written(
     row = np.arange(500)[:, None] + np.arange(3) / 100
     assert log.names == NAMES
     assert findings == ()
-    np.testing.assert_array_equal(log.q, row)
-    np.testing.assert_array_equal(log.qd, 10 * row)
-    np.testing.assert_array_equal(log.tau, 100 * row)
+    assert_array_equal(log.q, row)
+    assert_array_equal(log.qd, 10 * row)
+    assert_array_equal(log.tau, 100 * row)
     assert (log.extra["clock"], log.extra["absent"]) == ("header", ())
     assert log.extra["arrival_ns"] == (START, START + 499 * 10**7)
-    np.testing.assert_allclose(log.t, 0.01 * np.arange(500), atol=1e-12)
+    assert_allclose(log.t, 0.01 * np.arange(500), atol=1e-12)
 
 
 def test_columns_follow_their_names_when_order_and_layout_change_within_a_bag(tmp_path):
@@ -47,7 +48,7 @@ def test_columns_follow_their_names_when_order_and_layout_change_within_a_bag(tm
     groups, _ = read_topics(write_bag(tmp_path / "log.bag", messages), ["/joint_states"])
     (log,) = groups["/joint_states"]
     columns = [log.names.index(name) for name in NAMES]
-    np.testing.assert_array_equal(log.q[:, columns], np.arange(40)[:, None] + np.arange(3) / 100)
+    assert_array_equal(log.q[:, columns], np.arange(40)[:, None] + np.arange(3) / 100)
     assert (log.qd, log.extra["absent"]) == (None, ("velocity",))
 
 
@@ -65,7 +66,7 @@ def test_topics_of_equal_message_length_that_take_turns_are_told_apart(tmp_path)
             write_bag(tmp_path / f"{chunk}.bag", messages, chunk=chunk), ["/mine", "/other"]
         )
         for name, rows in (("/mine", np.arange(300)), ("/other", [k for k in range(300) if k % 7])):
-            np.testing.assert_array_equal(groups[name][0].q[:, 1], np.array(rows) + 0.01)
+            assert_array_equal(groups[name][0].q[:, 1], np.array(rows) + 0.01)
 
 
 @pytest.mark.parametrize(
@@ -84,7 +85,7 @@ def test_header_stamps_are_used_as_they_tick_and_the_bags_clock_where_one_is_uns
     path = write_bag(tmp_path / "log.bag", state_messages(50, NAMES, header=header))
     (log,) = read_topics(path, ["/joint_states"])[0]["/joint_states"]
     assert log.extra["clock"] == clock
-    np.testing.assert_allclose(log.t, step * np.arange(50), atol=1e-12)
+    assert_allclose(log.t, step * np.arange(50), atol=1e-12)
 
 
 def test_topics_are_listed_with_type_and_count(tmp_path):

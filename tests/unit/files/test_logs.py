@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from dynid.errors import TopicMissing, WrongMessageType
 from dynid.files.logs import read_log
@@ -57,8 +58,8 @@ def test_kinovas_own_messages_are_read_where_nothing_else_was_recorded(tmp_path)
     log = read_log(write_bag(tmp_path / "log.bag", messages), robot=gen2())
     # The first angle comes before the first torque; torques at the angles' times are 0.1 samples older than numbered.
     assert len(log) == 199
-    np.testing.assert_allclose(np.degrees(log.q[:, 2]), np.arange(1, 200) + 1.0)
-    np.testing.assert_allclose(log.tau[:, 3], 2.0 * (np.arange(1, 200) - 0.1) + 3, atol=1e-6)
+    assert_allclose(np.degrees(log.q[:, 2]), np.arange(1, 200) + 1.0)
+    assert_allclose(log.tau[:, 3], 2.0 * (np.arange(1, 200) - 0.1) + 3, atol=1e-6)
     assert [f.code for f in log.findings] == ["W304"]
 
 
@@ -94,7 +95,7 @@ def test_calendar_stamps_of_a_csv_are_counted_from_the_first_sample(tmp_path):
     rows = "\n".join(f"{1.46e9 + 0.5 * i},{i},{i}" for i in range(5))
     (tmp_path / "log.csv").write_text(f"t,q_a,tau_a\n{rows}\n")
     log = read_log(tmp_path / "log.csv", robot=lwr())
-    np.testing.assert_allclose(log.t, 0.5 * np.arange(5))
+    assert_allclose(log.t, 0.5 * np.arange(5))
 
 
 @pytest.mark.data
@@ -112,9 +113,9 @@ def test_the_recorded_jaco2_equals_the_arrays_that_were_published_with_it():
     published = np.load(shared_data("jaco2_6dof/example_traj.npz"))
     assert (len(log), len(log.names)) == (420, 9)
     columns = [log.names.index(name) for name in robot.log_names]
-    np.testing.assert_array_equal(log.q[:, columns], published["q"])
-    np.testing.assert_allclose(log.tau[:, columns], published["tau"], rtol=1e-6)
-    np.testing.assert_allclose(log.t, published["t"], atol=1e-6)
+    assert_array_equal(log.q[:, columns], published["q"])
+    assert_allclose(log.tau[:, columns], published["tau"], rtol=1e-6)
+    assert_allclose(log.t, published["t"], atol=1e-6)
 
 
 @pytest.mark.parametrize("other", ["/joint_states", "/lwr/joint_states"])

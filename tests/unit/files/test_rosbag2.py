@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from dynid.errors import BagTruncated, DynidError, WrongMessageType
 from dynid.files.logs import read_log
@@ -58,9 +59,9 @@ def log():
 @pytest.mark.parametrize("kind", FORMATS)
 def test_every_format_gives_the_same_numbers(kind, log, tmp_path):
     found = read_log(FORMATS[kind](log, tmp_path), robot=lwr())
-    np.testing.assert_allclose(found.t, log.t, rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(found.q, log.q)
-    np.testing.assert_array_equal(found.tau, log.tau)
+    assert_allclose(found.t, log.t, rtol=0, atol=1e-15)
+    assert_array_equal(found.q, log.q)
+    assert_array_equal(found.tau, log.tau)
     assert set(lwr().log_names) <= set(found.names)
     assert len(found.sha256) == 64
 
@@ -80,8 +81,8 @@ def test_torques_of_their_own_topic_are_taken_at_the_time_of_the_positions(kind,
     found = read_log(path, robot=robot)
     between = np.stack([np.interp(log.t, log.t + 1e-3, tau) for tau in log.tau.T], axis=1)
     some = slice(1, len(found))
-    np.testing.assert_array_equal(found.q, log.q[-len(found) :])
-    np.testing.assert_allclose(
+    assert_array_equal(found.q, log.q[-len(found) :])
+    assert_allclose(
         found.tau[some], between[-len(found) :][some], atol=1e-6 * np.abs(log.tau).max()
     )
     elsewhere = replace(robot, driver=replace(robot.driver, effort_topic="/nowhere"))
@@ -116,7 +117,7 @@ def test_a_folder_without_metadata_or_with_a_wrong_one_is_read_by_its_files(log,
         (bag / "metadata.yaml").unlink(missing_ok=True)
         if text is not None:
             (bag / "metadata.yaml").write_text(text)
-        np.testing.assert_array_equal(read_log(bag, robot=lwr()).q, log.q)
+        assert_array_equal(read_log(bag, robot=lwr()).q, log.q)
 
 
 @pytest.mark.parametrize("store", ["sqlite3", "mcap"])
@@ -129,8 +130,8 @@ def test_a_recording_that_was_split_is_read_in_the_order_of_its_parts(store, log
         one = write_rosbag2(tmp_path / f"part{k}", of_ros2(part, TOPIC), store)
         next(one.glob(f"*{suffix}")).rename(tmp_path / "bag" / f"drive_{k}{suffix}")
     found = read_log(tmp_path / "bag", robot=lwr())
-    np.testing.assert_allclose(found.t, log.t, rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(found.tau, log.tau)
+    assert_allclose(found.t, log.t, rtol=0, atol=1e-15)
+    assert_array_equal(found.tau, log.tau)
 
 
 def test_joints_that_change_places_within_a_recording_keep_their_names(log, tmp_path):
@@ -146,8 +147,8 @@ def test_joints_that_change_places_within_a_recording_keep_their_names(log, tmp_
     ]
     found = read_log(write_mcap(tmp_path / "a.mcap", mixed), robot=lwr())
     places = [found.names.index(name) for name in log.names]
-    np.testing.assert_array_equal(found.q[:, places], log.q)
-    np.testing.assert_array_equal(found.tau[:, places], log.tau)
+    assert_array_equal(found.q[:, places], log.q)
+    assert_array_equal(found.tau[:, places], log.tau)
 
 
 def test_a_folder_whose_files_are_gone_is_an_error(log, tmp_path):

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from dynid.errors import LogLayout
 from dynid.files.tables import in_seconds, read_table
@@ -10,9 +11,9 @@ def test_a_csv_is_read_by_its_header_whatever_the_order(tmp_path):
     path.write_text("tau_b,q_a,t,q_b,tau_a,qd_a,qd_b\n4,1,0.0,2,3,5,6\n40,10,0.1,20,30,50,60\n")
     log = read_table(path, ())
     assert log.names == ("a", "b")
-    np.testing.assert_array_equal(log.q, [[1, 2], [10, 20]])
-    np.testing.assert_array_equal(log.tau, [[3, 4], [30, 40]])
-    np.testing.assert_array_equal(log.qd, [[5, 6], [50, 60]])
+    assert_array_equal(log.q, [[1, 2], [10, 20]])
+    assert_array_equal(log.tau, [[3, 4], [30, 40]])
+    assert_array_equal(log.qd, [[5, 6], [50, 60]])
 
 
 def test_currents_in_a_csv_are_amperes(tmp_path):
@@ -26,10 +27,10 @@ def test_currents_in_a_csv_are_amperes(tmp_path):
 def test_a_joint_without_torque_has_none_and_sensors_come_before_currents(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("t,q_a,q_b,tau_a,i_a,i_b\n0,1,2,3,4,5\n")
-    np.testing.assert_array_equal(read_table(path, (), sensors=True).tau, [[3, np.nan]])
-    np.testing.assert_array_equal(read_table(path, ()).tau, [[4, 5]])
+    assert_array_equal(read_table(path, (), sensors=True).tau, [[3, np.nan]])
+    assert_array_equal(read_table(path, ()).tau, [[4, 5]])
     path.write_text("t,q_a,q_b,tau_a\n0,1,2,3\n")
-    np.testing.assert_array_equal(read_table(path, ()).tau, [[3, np.nan]])
+    assert_array_equal(read_table(path, ()).tau, [[3, np.nan]])
 
 
 def test_an_empty_cell_is_not_a_number(tmp_path):
@@ -46,8 +47,8 @@ def test_columns_are_found_by_number_from_0_or_1(tmp_path):
             f"timestamp,actual_q_{first},actual_q_{first + 1},i_a,i_b\n0,1,2,3,4\n0.1,5,6,7,8\n"
         )
         log = read_table(path, ("a", "b"), patterns)
-        np.testing.assert_array_equal(log.q, [[1, 2], [5, 6]])
-        np.testing.assert_array_equal(log.tau, [[3, 4], [7, 8]])
+        assert_array_equal(log.q, [[1, 2], [5, 6]])
+        assert_array_equal(log.tau, [[3, 4], [7, 8]])
         assert log.names == ("a", "b")
 
 
@@ -68,12 +69,12 @@ def test_an_unknown_header_is_answered_with_the_columns_to_paste(tmp_path):
 @pytest.mark.parametrize(("start", "count"), [(0.0, 100), (1.7e9, 100), (1.7e9, 1_000_000)])
 def test_stamps_tell_their_unit(unit, factor, start, count):
     seconds, (said,) = in_seconds((start + np.arange(count) * 0.008) * factor, "t", "log.csv")
-    np.testing.assert_allclose(np.diff(seconds), 0.008, atol=1e-6)
+    assert_allclose(np.diff(seconds), 0.008, atol=1e-6)
     assert said.evidence == {"unit": unit, "seconds": pytest.approx(0.008 * (count - 1))}
 
 
 def test_stamps_in_seconds_stay_as_they_are():
     t = 1.7e9 + np.arange(100) * 0.5
     seconds, findings = in_seconds(t, "t", "log.csv")
-    np.testing.assert_array_equal(seconds, t)
+    assert_array_equal(seconds, t)
     assert findings == ()

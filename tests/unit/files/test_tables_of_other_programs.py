@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from dynid.errors import LogLayout, LogNotFound
 from dynid.files.inspect import inspect
@@ -19,69 +20,62 @@ Q, QD, TAU = (np.round(RNG.uniform(-scale, scale, (N, JOINTS)), 6) for scale in 
 NAMES = ("shoulder", "elbow", "wrist")
 
 
-def table(header, *columns, delimiter=",", form=repr, head="", end="\n"):
-    """Return a table; each column is (N,) or (N, k), of numbers or of words."""
+def table(header, *columns, start=0, delimiter=",", form=repr, head="", end="\n"):
+    """Return a table; a name with ``{}`` stands for all joints, a column is (N,) or (N, k), of numbers or words."""
+    names = []
+    for name in header.split("|"):
+        names += [name.format(k) for k in range(start, start + JOINTS)] if "{}" in name else [name]
     rows = [[] for _ in range(N)]
     for column in columns:
         for row, value in zip(rows, column, strict=True):
             values = np.ravel(value).tolist()
             row.extend(each if isinstance(each, str) else form(each) for each in values)
-    lines = [delimiter.join(header), *(delimiter.join(row) for row in rows)]
+    lines = [delimiter.join(names), *(delimiter.join(row) for row in rows)]
     return head + "".join(line + end for line in lines)
 
 
-def each(form, start=0):
-    return [form.format(k) for k in range(start, start + JOINTS)]
-
-
-def plain(time, position, torque, start=0, t=T, **options):
-    """Return a table of time, positions and torques."""
-    header = [time, *each(position, start), *each(torque, start)]
-    return table(header, t, Q, TAU, **options)
-
-
-EXCEL = codecs.BOM_UTF8.decode() + plain(
-    "Zeit [s]",
-    "Position {} [rad]",
-    "Drehmoment {} [Nm]",
-    1,
+EXCEL = codecs.BOM_UTF8.decode() + table(
+    "Zeit [s]|Position {} [rad]|Drehmoment {} [Nm]",
+    T,
+    Q,
+    TAU,
+    start=1,
     delimiter=";",
     form=lambda x: f"{x:.6f}".replace(".", ","),
     end="\r\n",
 )
+PLOTJUGGLER = table(
+    "|".join(
+        ["__time"]
+        + [
+            f"/joint_states/{name}/{kind}"
+            for kind in ("position", "velocity", "effort")
+            for name in NAMES
+        ]
+        + ["/battery/voltage"]
+    ),
+    T,
+    Q,
+    QD,
+    TAU,
+    [""] * N,
+)
 FILES = {
-    "European Excel, empty rows at its end": (EXCEL + ";;;;;;\r\n" * 3).encode(),
-    "tabs": plain("Time", "J{} angle", "J{} torque", 1, delimiter="\t").encode(),
+    "European Excel, empty rows at its end": EXCEL + ";;;;;;\r\n" * 3,
+    "tabs": table("Time|J{} angle|J{} torque", T, Q, TAU, start=1, delimiter="\t"),
     "units in a second line": table(
-        ["time", *each("pos_{}"), *each("trq_{}")],
-        T,
-        np.rad2deg(Q),
-        TAU,
-        head="Recorded by A. Person;2024-05-01\n",
-    )
-    .replace("trq_2\n", "trq_2\n[s],[deg],[deg],[deg],[Nm],[Nm],[Nm]\n")
-    .encode(),
+        "time|pos_{}|trq_{}", T, np.rad2deg(Q), TAU, head="Recorded by A. Person;2024-05-01\n"
+    ).replace("trq_2\n", "trq_2\n[s],[deg],[deg],[deg],[Nm],[Nm],[Nm]\n"),
     "quoted names": table(
-        [
-            '"Time, s"',
-            *(f'"{name}, position"' for name in NAMES),
-            *(f'"{name}, torque"' for name in NAMES),
-        ],
+        '"Time, s"|'
+        + "|".join(f'"{name}, {kind}"' for kind in ("position", "torque") for name in NAMES),
         T,
         Q,
         TAU,
-    ).encode(),
+    ),
     "rostopic echo -p": table(
-        [
-            "%time",
-            "field.header.seq",
-            "field.header.stamp",
-            "field.header.frame_id",
-            *each("field.name{}"),
-            *each("field.position{}"),
-            *each("field.velocity{}"),
-            *each("field.effort{}"),
-        ],
+        "%time|field.header.seq|field.header.stamp|field.header.frame_id|field.name{}|field.position{}|"
+        "field.velocity{}|field.effort{}",
         np.round(T * 1e9 + 1.7e18),
         np.arange(N),
         np.round(T * 1e9 + 1.7e18),
@@ -91,40 +85,15 @@ FILES = {
         QD,
         TAU,
         form=lambda x: f"{x:.0f}" if x == round(x) else repr(x),
-    ).encode(),
+    ),
     "PlotJuggler": "".join(
         # A row for each message of any topic; cells of the others are empty.
         line + ("\n" + ",".join([f"{T[k - 1] + 0.004}"] + [""] * 9 + ["7"]) if k else "") + "\n"
-        for k, line in enumerate(
-            table(
-                [
-                    "__time",
-                    *(
-                        f"/joint_states/{name}/{kind}"
-                        for kind in ("position", "velocity", "effort")
-                        for name in NAMES
-                    ),
-                    "/battery/voltage",
-                ],
-                T,
-                Q,
-                QD,
-                TAU,
-                [""] * N,
-            ).splitlines()
-        )
-    ).encode(),
+        for k, line in enumerate(PLOTJUGGLER.splitlines())
+    ),
     "ur_rtde": table(
-        [
-            "timestamp",
-            *each("target_q_{}"),
-            *each("target_qd_{}"),
-            *each("actual_q_{}"),
-            *each("actual_qd_{}"),
-            *each("actual_TCP_speed_{}"),
-            *each("target_moment_{}"),
-            *each("actual_torque_{}"),
-        ],
+        "timestamp|target_q_{}|target_qd_{}|actual_q_{}|actual_qd_{}|actual_TCP_speed_{}|target_moment_{}|"
+        "actual_torque_{}",
         T + 421.5,
         -Q,
         -QD,
@@ -134,22 +103,10 @@ FILES = {
         -TAU,
         TAU,
         delimiter=" ",
-    ).encode(),
+    ),
     "libfranka": table(
-        [
-            "duration",
-            " success rate",
-            *each(" q[{}]"),
-            *each(" q_d[{}]"),
-            *each("dq[{}]"),
-            *each("dq_d[{}]"),
-            *each("tau_J[{}]"),
-            *each("tau_ext_hat_filtered[{}]"),
-            "sent commands",
-            *each("q_d[{}]"),
-            *(f"O_T_EE_d[{k}]" for k in range(16)),
-            *each("tau_J_d[{}]"),
-        ],
+        "duration| success rate| q[{}]| q_d[{}]|dq[{}]|dq_d[{}]|tau_J[{}]|tau_ext_hat_filtered[{}]|sent commands|"
+        "q_d[{}]|" + "".join(f"O_T_EE_d[{k}]|" for k in range(16)) + "tau_J_d[{}]",
         T * 1e3,
         np.ones(N),
         Q,
@@ -162,28 +119,23 @@ FILES = {
         -Q,
         np.zeros((N, 16)),
         -TAU,
-    ).encode(),
+    ),
     "KUKA FRI": table(
-        [
-            "Time [ms]",
-            *each("msrJntPos A{}", 1),
-            *each("cmdJntPos A{}", 1),
-            *each("msrJntTrq A{}", 1),
-            *each("estExtJntTrq A{}", 1),
-        ],
+        "Time [ms]|msrJntPos A{}|cmdJntPos A{}|msrJntTrq A{}|estExtJntTrq A{}",
         T * 1e3,
         Q,
         -Q,
         TAU,
         0 * TAU,
-    ).encode(),
-    "microseconds": plain("time", "q{}", "tau{}", t=np.round(T * 1e6).astype(int)).encode(),
+        start=1,
+    ),
+    "microseconds": table("time|q{}|tau{}", np.round(T * 1e6).astype(int), Q, TAU),
     "names in German letters": table(
-        ["t", *(f"Gelenk_{x}.position" for x in "äöü"), *(f"Gelenk_{x}.moment" for x in "äöü")],
+        "t|" + "|".join(f"Gelenk_{x}.{kind}" for kind in ("position", "moment") for x in "äöü"),
         T,
         Q,
         TAU,
-    ).encode(),
+    ),
 }
 
 
@@ -205,30 +157,28 @@ def pasted(path, tmp_path):
 @pytest.mark.parametrize("name", FILES)
 def test_a_table_is_read_with_what_is_printed_to_paste(name, tmp_path):
     path = tmp_path / "log.csv"
-    path.write_bytes(FILES[name])
+    path.write_bytes(FILES[name].encode())
     log = pasted(path, tmp_path)
     assert len(log) == N
-    np.testing.assert_allclose(log.t - log.t[0], T, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(log.q, Q, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(log.tau, TAU, rtol=0, atol=1e-11)
+    assert_allclose(log.t - log.t[0], T, rtol=0, atol=1e-6)
+    assert_allclose(log.q, Q, rtol=0, atol=1e-12)
+    assert_allclose(log.tau, TAU, rtol=0, atol=1e-11)
 
 
 def test_joints_are_taken_by_their_names_where_a_table_holds_them(tmp_path):
     """What rostopic writes is in the order of the messages, which is that of the alphabet for many drivers."""
     path = tmp_path / "log.csv"
-    path.write_bytes(FILES["rostopic echo -p"])
+    path.write_text(FILES["rostopic echo -p"])
     robot = robot_of(
         inspect(path).snippet().replace("[shoulder, elbow, wrist]", "[wrist, shoulder, elbow]"),
         tmp_path,
     )
-    np.testing.assert_array_equal(
-        robot_columns(read_log(path, robot=robot), robot).q, Q[:, [2, 0, 1]]
-    )
+    assert_array_equal(robot_columns(read_log(path, robot=robot), robot).q, Q[:, [2, 0, 1]])
 
 
 def test_a_row_of_words_among_the_numbers_is_named(tmp_path):
     path = tmp_path / "log.csv"
-    lines = plain("t", "q_{}", "tau_{}").splitlines()
+    lines = table("t|q_{}|tau_{}", T, Q, TAU).splitlines()
     path.write_text("\n".join([*lines[:30], "the arm was stopped here", *lines[30:]]))
     with pytest.raises(LogLayout, match=r"log\.csv:31"):
         read_log(path, robot=robot_of("", tmp_path, ("0", "1", "2")))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 import dynid
 from dynid.errors import LogLayout, LogNotFound, WrongUsage
@@ -28,10 +29,10 @@ def test_the_papers_folder_is_read_with_blanks_tabs_or_commas(tmp_path, separato
     log = read_folder(
         folder(tmp_path, separator=separator, time=[0, 0.01, 0.02, 0.03], velocity=5 * Q)
     )
-    np.testing.assert_array_equal(log.q, Q)
-    np.testing.assert_array_equal(log.qd, 5 * Q)
-    np.testing.assert_array_equal(log.tau, 10 * Q)
-    np.testing.assert_array_equal(log.t, [0, 0.01, 0.02, 0.03])
+    assert_array_equal(log.q, Q)
+    assert_array_equal(log.qd, 5 * Q)
+    assert_array_equal(log.tau, 10 * Q)
+    assert_array_equal(log.t, [0, 0.01, 0.02, 0.03])
     assert log.names == ()
 
 
@@ -41,12 +42,12 @@ def test_columns_follow_their_names_and_the_first_is_time_only_when_its_name_say
     (tmp_path / "torque.txt").write_text(f"c a b\n{rows}")
     log = read_folder(tmp_path, rate=100)
     assert log.names == ("a", "b", "c")
-    np.testing.assert_array_equal(log.tau[:, [0, 2]].T, 30 * np.arange(4) + [[0], [2]])
+    assert_array_equal(log.tau[:, [0, 2]].T, 30 * np.arange(4) + [[0], [2]])
     rows = "\n".join(f"{0.5 * i} 1 2 3" for i in range(4))
     (tmp_path / "position.txt").write_text(f"time a b c\n{rows}")
     log = read_folder(tmp_path)
     assert log.names == ("a", "b", "c")
-    np.testing.assert_array_equal(log.t, 0.5 * np.arange(4))
+    assert_array_equal(log.t, 0.5 * np.arange(4))
 
 
 def test_without_time_the_rate_is_asked_for(tmp_path):
@@ -56,7 +57,7 @@ def test_without_time_the_rate_is_asked_for(tmp_path):
 
 
 def test_the_rate_gives_the_time(tmp_path):
-    np.testing.assert_allclose(read_folder(folder(tmp_path), rate=50).t, [0, 0.02, 0.04, 0.06])
+    assert_allclose(read_folder(folder(tmp_path), rate=50).t, [0, 0.02, 0.04, 0.06])
 
 
 @pytest.mark.parametrize("rate", [0.0, -5.0, float("nan")])

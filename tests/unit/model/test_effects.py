@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+from numpy.testing import assert_allclose
 from scipy.signal import butter, filtfilt
 
 from arms import pinocchio_torques, placements
@@ -50,7 +51,7 @@ def test_tool_force_is_the_transposed_jacobian(motion):
         pin.computeFrameJacobian(engine, data, q, frame, pin.LOCAL_WORLD_ALIGNED) for q in motion.q
     ]
     columns = CATALOGUE["tool_force"].columns(motion, (), {})
-    np.testing.assert_allclose(columns.transpose(2, 0, 1), -np.array(slopes)[:, :3], atol=1e-9)
+    assert_allclose(columns.transpose(2, 0, 1), -np.array(slopes)[:, :3], atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +61,7 @@ def test_waves_are_those_of_their_numbers_evenly_spaced_or_not(motion, waves):
     found = CATALOGUE["torque_ripple"].tried(motion, (2,), [{"k": k} for k in waves])
     for k, columns in zip(waves, found, strict=True):
         expected = np.array([np.cos(k * motion.q[:, 2]), np.sin(k * motion.q[:, 2])])
-        np.testing.assert_allclose(columns[:, 0], expected, atol=1e-9)
+        assert_allclose(columns[:, 0], expected, atol=1e-9)
 
 
 def test_base_tilt_is_gravity_turned(motion):
@@ -70,20 +71,20 @@ def test_base_tilt_is_gravity_turned(motion):
         pinocchio_torques(engine, motion.q, still, still) for engine in (ENGINE, turned)
     )
     column = CATALOGUE["base_tilt"].columns(motion, (), {})[0].T
-    np.testing.assert_allclose(1e-3 * column, leaning - upright, atol=1e-8)
+    assert_allclose(1e-3 * column, leaning - upright, atol=1e-8)
 
 
 def test_encoder_offset_is_the_slope_of_the_torque(motion):
     slope = (torque(motion, moved=1e-6) - torque(motion)) / 1e-6
     column = CATALOGUE["encoder_offset"].columns(motion, (1,), {})[0].T
-    np.testing.assert_allclose(column, slope, atol=2e-3)
+    assert_allclose(column, slope, atol=2e-3)
 
 
 def test_an_encoder_zero_is_exact_at_its_size(motion, model):
     named = EffectSpec("encoder_offset", (model.robot.joint_names[1],), {"offset": 0.12})
     column = checked(named, model.robot).columns(motion, (1,), {})[0].T
     change = torque(motion, moved=0.12) - torque(motion)
-    np.testing.assert_allclose(0.12 * column, change, atol=1e-8)
+    assert_allclose(0.12 * column, change, atol=1e-8)
 
 
 def test_a_bent_joint_is_nearly_exact_at_its_size():
@@ -122,7 +123,7 @@ def test_payload_is_a_body_on_the_last_link(motion):
     ten = np.concatenate([[mass], mass * com, tensor[np.triu_indices(3)]])
     columns = CATALOGUE["payload"].columns(motion, (), {"form": 10.0})
     change = torque(motion, heavy) - torque(motion)
-    np.testing.assert_allclose(np.tensordot(ten, columns, axes=1).T, change, atol=1e-9)
+    assert_allclose(np.tensordot(ten, columns, axes=1).T, change, atol=1e-9)
 
 
 def test_counterbalance_is_a_spring_between_two_links_of_mujoco(motion):
@@ -137,7 +138,7 @@ def test_counterbalance_is_a_spring_between_two_links_of_mujoco(motion):
         held.append(-data.qfrc_passive[0])
     columns = CATALOGUE["counterbalance"].columns(motion, (1,), {})[:, 0].T
     amplitudes = np.linalg.lstsq(columns, np.array(held), rcond=None)[0]
-    np.testing.assert_allclose(columns @ amplitudes, held, atol=1e-9)
+    assert_allclose(columns @ amplitudes, held, atol=1e-9)
     assert np.hypot(*amplitudes) == pytest.approx(900 * np.hypot(0.3, 0.2) * np.hypot(0.1, 0.4))
 
 
@@ -216,7 +217,7 @@ def test_gear_friction_is_a_mesh_whose_force_turns_with_the_wheel():
         [np.sign(qd), *CATALOGUE["gear_friction"].columns(motion, (0,), {"k": 20.0})[:, 0]]
     )
     found = np.linalg.lstsq(columns, torque - motion.rigid[:, 0], rcond=None)[0]
-    np.testing.assert_allclose(found, [0.3, 0.12 * np.cos(0.7), -0.12 * np.sin(0.7)], atol=1e-6)
+    assert_allclose(found, [0.3, 0.12 * np.cos(0.7), -0.12 * np.sin(0.7)], atol=1e-6)
 
 
 def test_torque_constant_is_a_motor_that_needs_more_current_when_it_is_fast(motion):
@@ -226,9 +227,7 @@ def test_torque_constant_is_a_motor_that_needs_more_current_when_it_is_fast(moti
     column = CATALOGUE["torque_constant"].columns(
         replace(motion, reference=Frictionless(motion.reference)), (3,), {}
     )
-    np.testing.assert_allclose(
-        0.01 * column[0, 0], logged - needed, atol=2e-3 * np.abs(needed).max()
-    )
+    assert_allclose(0.01 * column[0, 0], logged - needed, atol=2e-3 * np.abs(needed).max())
 
 
 class Frictionless:
@@ -245,7 +244,7 @@ def test_hysteresis_follows_the_dahl_equation_through_reversals():
     for k in range(1, len(q)):
         step = q[k] - q[k - 1]
         z[k] = z[k - 1] + step / 0.02 * (1 - z[k - 1] * np.sign(step))
-    np.testing.assert_allclose(presliding(q, 0.02), z, atol=5e-4)
+    assert_allclose(presliding(q, 0.02), z, atol=5e-4)
 
 
 def test_a_listed_effect_becomes_a_column_that_stands_alone(model):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from dynid.errors import WrongRobotFile
 from dynid.files.robotfile import load_robot, robot_text
@@ -34,7 +35,7 @@ def columns(text, motion, joint=1):
 
 def test_a_formula_is_what_it_says(motion):
     q, qd, qdd, t = motion.q, motion.qd, motion.qdd, motion.t
-    np.testing.assert_allclose(
+    assert_allclose(
         columns(
             "a cos(2 q4) |qd4| + b tau2*qd - 2 c clip(tau3, 0.5) sign(qd1) / (1 + t) + d (q2 - q3)^2 qdd1",
             motion,
@@ -46,17 +47,15 @@ def test_a_formula_is_what_it_says(motion):
             (q[:, 1] - q[:, 2]) ** 2 * qdd[:, 0],
         ],
     )
-    np.testing.assert_allclose(columns("-a", motion), [-np.ones(50)])
+    assert_allclose(columns("-a", motion), [-np.ones(50)])
 
 
 def test_precedence_is_that_of_algebra(motion):
     q = motion.q
-    np.testing.assert_allclose(
+    assert_allclose(
         columns("a (-2 q1^2 + q2 q3 / 4)", motion)[0], -2 * q[:, 0] ** 2 + q[:, 1] * q[:, 2] / 4
     )
-    np.testing.assert_allclose(
-        columns("a |q1 - abs(q2)|", motion)[0], np.abs(q[:, 0] - np.abs(q[:, 1]))
-    )
+    assert_allclose(columns("a |q1 - abs(q2)|", motion)[0], np.abs(q[:, 0] - np.abs(q[:, 1])))
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from arms import dh_product
 from dynid.files.robotfile import load_robot
@@ -31,9 +32,9 @@ def test_frames_are_the_product_of_turns_and_shifts(name):
     robot = ARMS[name]
     q = np.random.default_rng(1).uniform(-2, 2, (20, robot.n))
     expected = np.array([dh_product(robot, one) for one in q])
-    np.testing.assert_allclose(link_frames(robot, q, world=True).poses, expected, atol=1e-14)
-    np.testing.assert_allclose(base_pose(robot) @ link_frames(robot, q).poses, expected, atol=1e-14)
-    np.testing.assert_allclose(tool_pose(robot, q[3]), expected[3, -1], atol=1e-14)
+    assert_allclose(link_frames(robot, q, world=True).poses, expected, atol=1e-14)
+    assert_allclose(base_pose(robot) @ link_frames(robot, q).poses, expected, atol=1e-14)
+    assert_allclose(tool_pose(robot, q[3]), expected[3, -1], atol=1e-14)
     assert link_frames(robot, q.reshape(4, 5, -1)).axis.shape == (4, 5, robot.n, 3)
 
 
@@ -43,4 +44,4 @@ def test_the_jacobian_is_the_slope_of_the_tool_position(name):
     q, direction = rng.uniform(-1, 1, (2, robot.n))
     jacobian = tip_jacobian(robot, link_frames(robot, q, world=True))
     up, down = (tool_pose(robot, q + s * h * direction)[:3, 3] for s in (1, -1))
-    np.testing.assert_allclose(direction @ jacobian, (up - down) / (2 * h), atol=1e-8)
+    assert_allclose(direction @ jacobian, (up - down) / (2 * h), atol=1e-8)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from dynid.files.robotfile import load_robot
 from dynid.model.parameters import (
@@ -54,14 +55,14 @@ def test_standard_links_reach_from_the_previous_origin_to_their_own():
 def test_modified_links_reach_to_the_next_axis():
     """The row's own a belongs to the link before; the next row's lies in this one."""
     first, last = link_cylinders(two_links("modified", radius=0.05, density=1000.0))
-    np.testing.assert_allclose(first, [(0.0, 0.0, 0.0), (0.3, 0.0, 0.0)])
+    assert_allclose(first, [(0.0, 0.0, 0.0), (0.3, 0.0, 0.0)])
     assert np.linalg.norm(last[1] - last[0]) == pytest.approx(0.1)
 
 
 def test_a_link_without_length_is_a_housing_about_its_joint_axis():
     """Standard frame: the joint axis is z of the frame before, (0, sin twist, cos twist) in the link's own."""
     ((start, end),) = link_cylinders(Robot("r", "standard", (Joint("a", twist=math.pi / 2),)))
-    np.testing.assert_allclose(end - start, [0, 2 * DEFAULT_CYLINDERS.radius, 0], atol=1e-12)
+    assert_allclose(end - start, [0, 2 * DEFAULT_CYLINDERS.radius, 0], atol=1e-12)
 
 
 def test_explicit_bodies_are_taken_as_they_are():
@@ -74,8 +75,8 @@ def test_the_tool_rides_on_the_last_link():
     """Mass, first moment and inertia about the frame's origin add up."""
     tool = Body(0.7, (0.0, 0.1, 0.2), (0.01, 0.0, 0.0, 0.02, 0.0, 0.015))
     plain, loaded = prior_parameters(two_links()), prior_parameters(replace(two_links(), tool=tool))
-    np.testing.assert_allclose(loaded[:10], plain[:10])
-    np.testing.assert_allclose(loaded[10:], plain[10:] + tool.parameters(), rtol=1e-12)
+    assert_allclose(loaded[:10], plain[:10])
+    assert_allclose(loaded[10:], plain[10:] + tool.parameters(), rtol=1e-12)
 
 
 def test_two_point_masses_join_to_a_dumbbell():

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from arms import example_robots
 from dynid.files.robotfile import load_robot
@@ -125,7 +126,7 @@ def test_table_follows_the_chain_of_the_makers_description(name):
     chain, last = CHAINS[name]
     wobble, fixed = _largest_wobble(load_robot(name), chain)
     assert wobble < 1e-12
-    np.testing.assert_allclose(fixed[:3, 3], last, atol=1e-12)
+    assert_allclose(fixed[:3, 3], last, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -140,7 +141,7 @@ def test_table_follows_the_chain_of_the_makers_description(name):
 )
 def test_flange_at_zero_is_where_the_makers_drawing_has_it(name, pose):
     robot = load_robot(name)
-    np.testing.assert_allclose(tool_pose(robot, np.zeros(robot.n))[:3, 3], pose, atol=1e-9)
+    assert_allclose(tool_pose(robot, np.zeros(robot.n))[:3, 3], pose, atol=1e-9)
 
 
 #: Public URDFs: where the file is, the arm, its last link, and where that lies in the last frame of the table.
@@ -165,9 +166,9 @@ def test_table_follows_the_public_urdf(file, name, link, last):
     base = np.diag([-1.0, -1.0, 1.0, 1.0]) if name == "ur10" else np.eye(4)
     wobble, fixed = _largest_wobble(load_robot(name), urdf.chain(urdf.root, link), base)
     assert wobble < 1e-9
-    np.testing.assert_allclose(fixed[:3, 3], last, atol=1e-9)
+    assert_allclose(fixed[:3, 3], last, atol=1e-9)
     if name in ("xarm7", "franka_panda"):
-        np.testing.assert_allclose(fixed, np.eye(4), atol=1e-9)
+        assert_allclose(fixed, np.eye(4), atol=1e-9)
 
 
 def test_gen2_has_the_axes_of_kinova_description_and_its_tool_within_the_urdfs_own_offsets():
@@ -181,7 +182,7 @@ def test_gen2_has_the_axes_of_kinova_description_and_its_tool_within_the_urdfs_o
         (0, 0.10375, 0, -HALF, 0, PI),
     )
     wobble, fixed = _largest_wobble(load_robot("kinova_gen2"), chain)
-    np.testing.assert_allclose(np.abs(fixed[:3, :3]), np.eye(3), atol=1e-9)
+    assert_allclose(np.abs(fixed[:3, :3]), np.eye(3), atol=1e-9)
     assert wobble < 0.006
 
 

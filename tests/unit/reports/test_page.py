@@ -67,20 +67,10 @@ def test_all_twelve_sections_are_there_in_their_order(html):
     """And each can be reached from the list at the top."""
     found = Elements(html)
     anchors = list(SECTIONS)
-    assert anchors == [
-        "verdict",
-        "next",
-        "run",
-        "quality",
-        "excitation",
-        "parameters",
-        "torque",
-        "validation",
-        "residual",
-        "gap",
-        "physics",
-        "limits",
-    ]
+    assert " ".join(anchors) == (
+        "verdict next run quality excitation parameters torque validation residual "
+        "gap physics limits"
+    )
     assert [each for each in found.ids if each in anchors] == anchors
     assert [link for link in found.links if link[1:] in anchors] == [
         "#verdict",

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.colors import same_color
+from numpy.testing import assert_allclose, assert_array_equal
 
 from dynid.estimation.prediction import EstimatedMotion
 from dynid.model.parameters import second_moments
@@ -40,9 +41,9 @@ def test_coverage_shows_the_range_of_each_joint_over_its_limits(motion, robot):
         strict=True,
     ):
         done = np.column_stack([values.min(axis=0), np.ptp(values, axis=0)])
-        np.testing.assert_allclose(bars(axis, ESTIMATED), done)
+        assert_allclose(bars(axis, ESTIMATED), done)
         low, high = np.array(limits).T
-        np.testing.assert_allclose(bars(axis, MEASURED), np.column_stack([low, high - low]))
+        assert_allclose(bars(axis, MEASURED), np.column_stack([low, high - low]))
 
 
 def test_the_residual_over_velocity_shows_a_friction_step_that_was_left(robot):
@@ -60,7 +61,7 @@ def test_the_residual_over_velocity_shows_a_friction_step_that_was_left(robot):
     assert np.abs(np.abs(np.delete(line, [11, 12])) - 1).max() < 1e-12
     assert np.abs(residual_averages(motion, 0, "position")[1]).max() < 0.3
     shown = residual_figure(motion, robot).axes[0].get_lines()[-1].get_ydata()
-    np.testing.assert_array_equal(shown, line)
+    assert_array_equal(shown, line)
 
 
 @pytest.mark.slow
@@ -74,7 +75,7 @@ def test_a_residual_of_so_few_samples_is_drawn(robot, count):
 def test_singular_values_are_shares_of_the_largest():
     (axis,) = spectrum_figure(np.array([4.0, 0.4, 0.04, 0.002])).axes
     assert axis.get_yscale() == "log"
-    np.testing.assert_allclose(axis.get_lines()[0].get_ydata(), [1.0, 0.1, 0.01, 0.0005])
+    assert_allclose(axis.get_lines()[0].get_ydata(), [1.0, 0.1, 0.01, 0.0005])
 
 
 def test_bars_are_standard_errors_in_percent_cut_at_300(gathered):
@@ -85,7 +86,7 @@ def test_bars_are_standard_errors_in_percent_cut_at_300(gathered):
     (axis,) = error_figure(found).axes
     percent = np.clip(1 / np.abs(found.theta[shown]), 0.05, 300)
     ends = [bar.get_x() + bar.get_width() for bar in axis.patches]
-    np.testing.assert_allclose(ends, percent)
+    assert_allclose(ends, percent)
 
 
 def test_the_outline_of_a_body_is_that_of_the_ellipsoid_with_its_mass_and_inertia(gathered):
@@ -95,9 +96,7 @@ def test_the_outline_of_a_body_is_that_of_the_ellipsoid_with_its_mass_and_inerti
     inertia = {"Ixx": moments[0], "Iyy": moments[1], "Izz": moments[2]}
     inertia |= {"Ixy": 0.0, "Ixz": 0.0, "Iyz": 0.0}
     link = {"link": 1, "mass_kg": 2.0, "com_m": [0.0, 0.0, 0.5], "inertia_com_kg_m2": inertia}
-    np.testing.assert_allclose(
-        5 * second_moments(inertia_tensor(link)) / 2.0, np.diag(axes**2), atol=1e-12
-    )
+    assert_allclose(5 * second_moments(inertia_tensor(link)) / 2.0, np.diag(axes**2), atol=1e-12)
     pose = np.eye(4)
     pose[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
     x, z = body_outline(pose, link, (0, 2)).T

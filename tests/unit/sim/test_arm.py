@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from dynid.files.robotfile import load_robot
 from dynid.robot import Body, Joint, Limits, Robot
@@ -121,12 +122,8 @@ def test_sines_rest_at_both_ends_and_keep_the_limits():
     motion = sines(robot, SPEC, 1e-3, np.random.default_rng(1))
     for part in (motion.qd, motion.qdd):
         assert np.abs(part[[0, -1]]).max() == 0
-    np.testing.assert_allclose(
-        np.gradient(motion.q, 1e-3, axis=0)[1:-1], motion.qd[1:-1], atol=1e-3
-    )
-    np.testing.assert_allclose(
-        np.gradient(motion.qd, 1e-3, axis=0)[1:-1], motion.qdd[1:-1], atol=3e-2
-    )
+    assert_allclose(np.gradient(motion.q, 1e-3, axis=0)[1:-1], motion.qd[1:-1], atol=1e-3)
+    assert_allclose(np.gradient(motion.qd, 1e-3, axis=0)[1:-1], motion.qdd[1:-1], atol=3e-2)
     for i, joint in enumerate(robot.joints):
         assert np.abs(motion.q[:, i]).max() <= 0.5 * joint.limits.position[1] + 1e-12
         assert np.abs(motion.qd[:, i]).max() <= 0.6 * joint.limits.velocity + 1e-12
@@ -150,8 +147,8 @@ def test_sensors_add_what_they_say():
     log = Sensors((0.1, 0.02), 1e-3, None, 0.02).measure(
         truth, ("a", "b"), np.random.default_rng(0)
     )
-    np.testing.assert_allclose(log.tau.std(axis=0), [0.1, 0.02], rtol=0.03)
-    np.testing.assert_allclose(log.q, 0.123)
+    assert_allclose(log.tau.std(axis=0), [0.1, 0.02], rtol=0.03)
+    assert_allclose(log.q, 0.123)
     assert log.qd is None
     assert np.diff(log.t).min() > 0
     assert np.abs(log.t - truth.t).max() <= 0.0045 + 1e-12

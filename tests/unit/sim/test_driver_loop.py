@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from dynid.files.robotfile import load_robot
 from dynid.sim.arm import SimulatedArm
@@ -32,13 +33,13 @@ def test_torques_and_velocities_that_are_polled_later_belong_to_a_later_moment()
     fine, skewed = samples(1000), samples(100, skew=0.004)
     assert len(skewed) == 33
     for when, measured in skewed.items():
-        np.testing.assert_array_equal(measured.q, fine[when].q)
-        np.testing.assert_array_equal(measured.tau, fine[when + 4].tau)
-        np.testing.assert_array_equal(measured.qd, fine[when + 4].qd)
+        assert_array_equal(measured.q, fine[when].q)
+        assert_array_equal(measured.tau, fine[when + 4].tau)
+        assert_array_equal(measured.qd, fine[when + 4].qd)
 
 
 def test_kinova_doubles_velocities_and_wraps_them_afterwards():
-    np.testing.assert_allclose(
+    assert_allclose(
         np.degrees(doubled(np.radians([10.0, -80.0, 89.0, 91.0]))), [20, -160, 178, -178]
     )
 
