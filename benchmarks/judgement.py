@@ -31,7 +31,7 @@ from dynid.robot import Prior
 from dynid.signals.conditioned_log import condition_logs
 from dynid.sim.sines import SineSpec, sines
 from dynid.workflows.gap import find_gap
-from dynid.workflows.identify import answer_of, identify, save_result
+from dynid.workflows.identify import identify, save_result
 from dynid.workflows.model import base_model
 from dynid.workflows.report import report
 from dynid.workflows.simulate import simulate
@@ -244,7 +244,7 @@ def said_of(case, searched):
         result = identify(robot, fitted, base=base, anyway=True, drop_weak=True)
         save_result(Path(folder), result)
         stored = load_run(Path(folder))
-        answers["identify"] = plain(answer_of(stored))
+        answers["identify"] = plain(stored.facts())
         found = validate(stored, replay, base=base)
         found = replace(found, log=str(Path(folder) / "replay.npz"))
         answers["validate"] = plain(found.facts())

@@ -1,15 +1,24 @@
-"""What a command found: a table for people and facts for programs, the same on a terminal, in a notebook, as JSON."""
+"""What a command answers: one object that becomes text on a terminal, a cell in a notebook, and JSON."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
 
+from dynid.errors import Finding
 from dynid.judgement.evidence import Evidence
 from dynid.judgement.judge import Judgement, judge
+from dynid.judgement.rules import Step
 from dynid.table import Table
+from dynid.text import html
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+#: A sentence, a label with a sentence, a table, a warning, or what is said of a model.
+Part: TypeAlias = str | tuple[str, str] | Table | Finding | Judgement
 
 
 def picked(source: object, *same: str, **renamed: str) -> dict[str, Any]:
@@ -18,31 +27,107 @@ def picked(source: object, *same: str, **renamed: str) -> dict[str, Any]:
     return {name: getattr(source, own) for name, own in renamed.items()}
 
 
+@dataclass(frozen=True)
 class Answer:
-    """Base of what public functions return."""
+    """What a command answers.
 
-    def table(self) -> Table:
-        """Return what a person reads; its title and footer say what it is about."""
+    Attributes:
+        facts: its JSON answer, without the files that were written.
+        sentence: the answer in one sentence.
+        parts: what follows it, in this order.
+        details: what is behind that; shown with ``-v``.
+        notes: how it came about, each a label and a sentence; not part of the answer.
+        wrote: the files that were written.
+        next: what to do next, most urgent first.
+        limits: limits of the user that are not met, in words; with any, the exit status is 1.
+        status: another exit status.
+    """
+
+    facts: Mapping[str, Any]
+    sentence: str = ""
+    parts: Sequence[Part] = ()
+    details: Sequence[Part] = ()
+    notes: Sequence[tuple[str, str]] = ()
+    wrote: Sequence[Path] = ()
+    next: Sequence[Step] = ()
+    limits: Sequence[str] = ()
+    status: int = 0
+
+    def text(self, *, details: bool = True) -> str:
+        """Return the answer as text."""
+        return "\n".join(map(str, self._lines(self.details if details else ())))
+
+    def _repr_html_(self) -> str:
+        """Return the answer with its details for notebooks."""
+        return "".join(
+            f"<p>{html(line)}</p>" if isinstance(line, str) else line._repr_html_()
+            for line in self._lines(self.details)
+        )
+
+    def _lines(self, details: Sequence[Part]) -> Iterator[str | Table]:
+        """Yield lines of text, and tables."""
+        if self.sentence:
+            yield self.sentence
+        for part in (*self.parts, *self.notes, *details):
+            match part:
+                case Judgement():
+                    yield from part.sentences
+                case Finding():
+                    yield f"{part.code} {part.text}"
+                case Table() | str():
+                    yield part
+                case label, text:
+                    yield f"{label:<11}{text}"
+
+
+def lights(judgement: Judgement, *states: str) -> list[Part]:
+    """Return what is behind the lights of some states, one line each."""
+    chosen = (light for light in judgement.lights if light.state in states)
+    return [(light.shown, ": ".join(filter(None, (light.title, light.text)))) for light in chosen]
+
+
+def all_lights(judgement: Judgement) -> list[Part]:
+    """Return what is behind the lights that are not green, and the names of the others."""
+    names = {
+        word: ", ".join(light.title for light in judgement.lights if light.state == state)
+        for state, word in (("good", "good"), ("open", "untested"))
+    }
+    return [*lights(judgement, "bad", "fair"), *((k, v) for k, v in names.items() if v), ""]
+
+
+class Answered:
+    """Base of what public functions return: it prints as its answer."""
+
+    def answer(self) -> Answer:
+        """Return what its command prints."""
         raise NotImplementedError
 
     def facts(self) -> dict[str, Any]:
-        """Return what the JSON answer of its command says."""
-        raise NotImplementedError
+        """Return the JSON answer of its command."""
+        return dict(self.answer().facts)
+
+    def table(self) -> Table:
+        """Return the table that a person reads."""
+        return next(part for part in self.answer().parts if isinstance(part, Table))
 
     def to_dataframe(self) -> DataFrame:
         """Return the table as a pandas DataFrame."""
         return self.table().to_dataframe()
 
+    def summary(self) -> str:
+        """Return the answer as text, with its details."""
+        return self.answer().text()
+
     def __repr__(self) -> str:
-        """Return the table as text."""
-        return repr(self.table())
+        """Return the answer as text."""
+        return self.answer().text(details=False)
 
     def _repr_html_(self) -> str:
-        return self.table()._repr_html_()
+        return self.answer()._repr_html_()
 
 
-class Judged(Answer):
-    """An answer that is judged."""
+class Judged(Answered):
+    """An answer about a model, which is judged."""
 
     @property
     def evidence(self) -> Evidence:

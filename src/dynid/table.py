@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import PackageMissing
@@ -21,6 +22,14 @@ _NUMBER = re.compile(r"-|[-+<]?\d[\d.]*(e[-+]?\d+)?( (?![a-z]{5})[^\d_]+)?")
 #: Believed values below this are zero: a centre of mass turned into its DH frame is off an axis by rounding.
 ROUNDING = 1e-12
 
+#: What changes in tables of joints: heading in the compact form, and the column of its unit.
+CHANGES = {
+    "rms": ("held-out error", "unit"),
+    "simulated": ("error of simulated motion", "in"),
+    "position": ("position error", "in"),
+    "torque": ("torque error", "unit"),
+}
+
 
 class Table(list[dict[str, Any]]):
     """Rows that print as a table.
@@ -29,14 +38,20 @@ class Table(list[dict[str, Any]]):
         rows: dictionaries with the same keys, in the order of the columns.
         title: a line above the table.
         footer: lines below it.
+        styles: how words in it look on a terminal.
     """
 
     def __init__(
-        self, rows: Sequence[Mapping[str, Any]], title: str = "", footer: Sequence[str] = ()
+        self,
+        rows: Sequence[Mapping[str, Any]],
+        title: str = "",
+        footer: Sequence[str] = (),
+        styles: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         super().__init__(map(dict, rows))
         self.title = title
         self.footer = tuple(footer)
+        self.styles = styles
 
     def to_dataframe(self) -> DataFrame:
         """Return the rows as a pandas DataFrame.
@@ -49,6 +64,21 @@ class Table(list[dict[str, Any]]):
         except ImportError:
             raise PackageMissing("to_dataframe() needs pandas", fix="pip install pandas") from None
         return DataFrame([*self])
+
+    def compact(self) -> Table:
+        """Return what was before and is after in one cell, for which a terminal of 80 columns has room."""
+        rows = []
+        for row in self:
+            cells = {"joint": row["joint"]}
+            for what, (head, unit) in CHANGES.items():
+                if f"{what} before" in row:
+                    before, after = (
+                        cell_text(row[f"{what} {when}"]) for when in ("before", "after")
+                    )
+                    change = before if before == after else f"{before} -> {after}"
+                    cells[head] = f"{change} {row[unit]}"
+            rows.append(cells | {"noise": row["noise"]} if "noise" in row else cells)
+        return Table(rows)
 
     def __repr__(self) -> str:
         """Return the table as text with aligned columns."""

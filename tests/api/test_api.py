@@ -58,7 +58,7 @@ def test_mistakes_are_exceptions_of_the_catalogue():
 def test_a_validation_shows_a_table_and_a_residual(arm, checked):
     assert checked.relative_error_percent < 0.5
     assert [row["joint"] for row in checked.table()] == list(arm.joint_names)
-    assert repr(checked).splitlines()[1].split()[:3] == ["joint", "rms", "error"]
+    assert ["joint", "rms", "error"] in [line.split()[:3] for line in repr(checked).splitlines()]
     assert checked._repr_html_().count("<tr>") == 1 + arm.n
     drawn = checked.plot_residual(7).axes[0].lines[0].get_ydata()
     rms = np.sqrt(np.nanmean(drawn**2))

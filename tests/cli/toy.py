@@ -7,12 +7,14 @@ from pathlib import Path
 
 import click
 
+from dynid.answer import Answer
 from dynid.cli.commands import COMMANDS, Entry
 from dynid.cli.main import main
 from dynid.cli.options import dynid_command
 from dynid.cli.prompt import ask, confirm
 from dynid.cli.session import Session
-from dynid.errors import ExitStatus, Finding, NotFinite
+from dynid.errors import Finding, NotFinite
+from dynid.table import Table
 
 NAME = "kinova_gen2"
 
@@ -28,22 +30,22 @@ def types_name(session, move, **_):
 
 def values(session, samples, **_):
     session.answer(f"samples {samples} seed {session.seed} quiet {session.quiet} out {session.out}")
-    return {"schema": "dynid/toy/1", "samples": samples, "rms_nm": float("nan")}
+    return Answer({"schema": "dynid/toy/1", "samples": samples, "rms_nm": float("nan")})
 
 
 def talks(session, word, **_):
     session.stage("stage", f"about {word}")
     session.stage("detail", "only with -v", shown=bool(session.verbose))
-    session.findings([Finding("W316", "warning", f"{word} reads 1.8 Nm at rest")])
+    finding = Finding("W316", "warning", f"{word} reads 1.8 Nm at rest")
     rows = (word, "0.42 Nm"), ("joint_2", "0.31 Nm")
-    session.table(
-        [{"joint": joint, "rms error": error} for joint, error in rows], styles={"joint_2": "red"}
-    )
-    return {"schema": "dynid/toy/1", "joint": word}
+    errors = [{"joint": joint, "rms error": error} for joint, error in rows]
+    table = Table(errors, styles={"joint_2": "red"})
+    return Answer({"schema": "dynid/toy/1", "joint": word}, parts=[finding, table])
 
 
 def prints_wide(session, **_):
-    session.table([{"joint": "joint_1", **{f"quantity {i}": "1234.5678 Nm" for i in range(9)}}])
+    row = {"joint": "joint_1", **{f"quantity {i}": "1234.5678 Nm" for i in range(9)}}
+    session.part(Table([row]))
 
 
 def works(session, **_):
@@ -66,7 +68,7 @@ def crashes(**_):
 
 
 def misses_limit(**_):
-    return {}, ExitStatus.LIMIT_NOT_MET
+    return Answer({}, limits=["rms = 2 > 1"])
 
 
 def waits(session, **_):
@@ -102,7 +104,7 @@ JOBS = {
 @click.option("--move", allow_from_autoenv=False, help="The robot's name.")
 def command(session: Session, job, **words):
     """Do one of the jobs of the tests."""
-    return JOBS[job](session=session, **words)
+    return JOBS[job](session=session, **words) or Answer({})
 
 
 def install():

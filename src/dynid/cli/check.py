@@ -11,9 +11,11 @@ import click
 
 import dynid
 from dynid import workflows
-from dynid.cli.options import ROBOTS, Answered, dynid_command, options_from
+from dynid.answer import Answer, Part
+from dynid.cli.options import ROBOTS, dynid_command, options_from
 from dynid.cli.prompt import input_hashes, may_write
 from dynid.cli.session import Session
+from dynid.judgement.rules import Step
 from dynid.options import LogOptions
 from dynid.text import shell
 
@@ -59,7 +61,7 @@ def command(
     convert: bool,
     fix: bool,
     strict: bool,
-) -> Answered:
+) -> Answer:
     """Look for mistakes in robot files, logs and results."""
     checks = workflows.check.check(paths, dynid.load_robot(robot) if robot else None, options)
     chosen = {**asdict(options), "convert": convert, "fix": fix}
@@ -67,18 +69,11 @@ def command(
     findings = [finding for each in checks for finding in each.findings]
     missing = [MISSING[each.code] for each in findings if each.code in MISSING]
     warnings = sum(each.warnings for each in checks)
-    session.headline(sentence(checks, warnings, missing))
-    for i, (each, files) in enumerate(zip(checks, wrote, strict=True)):
-        if i:
-            session.answer()
-        for label, text in each.description:
-            session.fact(label, text)
-        session.findings(each.findings)
-        session.wrote(*files)
+    parts = list[Part]()
+    for each in checks:
+        parts += [*[""] * bool(parts), *each.description, *each.findings]
     count = f", {warnings} warning{'s' * (warnings > 1)}" if warnings else ""
-    session.fact("verdict", f"{missing[0] if missing else 'usable'}{count}")
-    if not missing:
-        show_next(session, checks)
+    parts.append(("verdict", f"{missing[0] if missing else 'usable'}{count}"))
     checked = [{**each.answer(), "wrote": files} for each, files in zip(checks, wrote, strict=True)]
     facts = {
         "schema": "dynid/check/1",
@@ -86,9 +81,15 @@ def command(
         "findings": [asdict(each) for each in findings],
         "warnings": warnings,
         "usable": not missing,
-        "wrote": [path for files in wrote for path in files],
     }
-    return facts, strict and warnings > 0
+    return Answer(
+        facts,
+        sentence(checks, warnings, missing),
+        parts,
+        wrote=[path for files in wrote for path in files],
+        next=[] if missing else steps(checks),
+        status=strict and warnings > 0,
+    )
 
 
 def written(session: Session, checked: Checked, chosen: dict[str, object]) -> list[Path]:
@@ -115,16 +116,17 @@ def sentence(checks: Sequence[Checked], warnings: int, missing: Sequence[str]) -
     return f"{what} can be used{but}."
 
 
-def show_next(session: Session, checks: Sequence[Checked]) -> None:
-    """Say the next command and why, where the files tell it."""
+def steps(checks: Sequence[Checked]) -> list[Step]:
+    """Return the next command and why, where the files tell it."""
     robot = next((each.robot for each in checks if each.robot is not None), None)
     logs = [each.path for each in checks if each.kind == "log"]
     if logs and robot is None:
         why = "ROBOT is a robot file; the block above is the part of it that reads this recording."
-        session.next(f"{shell('dynid', 'check', *logs)} --robot ROBOT", why)
-    elif robot is not None and logs:
+        return [Step(why, f"{shell('dynid', 'check', *logs)} --robot ROBOT")]
+    if robot is not None and logs:
         why = f"Identify the arm from {'it' if len(logs) == 1 else 'them'}."
-        session.next(shell("dynid", "identify", robot.word, *logs), why)
-    elif robot is not None:
+        return [Step(why, f"dynid identify {robot.word} {shell(*logs)}")]
+    if robot is not None:
         why = "Find out which parameters of the arm are identifiable."
-        session.next(shell("dynid", "model", robot.word), why)
+        return [Step(why, f"dynid model {robot.word}")]
+    return []

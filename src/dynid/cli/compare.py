@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
 import dynid
 from dynid import workflows
-from dynid.cli.options import FILE, PATH, Answered, dynid_command, options_from
+from dynid.answer import Answer
+from dynid.cli.options import FILE, PATH, dynid_command, options_from
 from dynid.cli.session import Session
 from dynid.disk import write_text
 from dynid.workflows.options import CompareOptions
-
-#: Rows of changed numbers that are shown without -v.
-SHOWN = 12
 
 
 @dynid_command(
@@ -39,7 +38,7 @@ def command(
     baseline: Path | None,
     options: CompareOptions,
     **files: Path | None,
-) -> Answered:
+) -> Answer:
     """Compare identification results: one table, drift of an arm, regression against a baseline."""
     paths = [dynid.loading.parameters_of(run) for run in runs]
     comparison = workflows.compare.compare(
@@ -52,28 +51,4 @@ def command(
     wrote = {kind: path for kind, path in files.items() if path is not None}
     for kind, path in wrote.items():
         write_text(path, getattr(comparison, kind)())
-        session.wrote(path)
-    judgements = [
-        (run, run.judgement)
-        for run in comparison.runs
-        if run.reference or len(comparison.runs) == 1
-    ]
-    for run, judgement in judgements:
-        if len(judgements) > 1:
-            session.answer(run.name)
-        session.judgement(judgement)
-        changes = run.table()
-        shown = changes if session.verbose else changes[:SHOWN]
-        session.table(shown)
-        if changes:
-            session.answer()
-        if len(changes) > len(shown):
-            session.answer(f"and {len(changes) - SHOWN} more; all with -v or --json")
-    session.table(comparison.table())
-    for run in comparison.runs if comparison.baseline is not None else ():
-        if run.drift:
-            session.say(f"limit      {run.name}: {run.drift}")
-    steps = [judgement.steps[0] for run, judgement in judgements if run.changed]
-    for step in steps[:1]:
-        session.next(step.command, step.why)
-    return {**comparison.facts(), "wrote": list(wrote.values())}, not comparison.passed
+    return replace(comparison.answer(), wrote=[*wrote.values()])

@@ -5,7 +5,8 @@ from __future__ import annotations
 import click
 from click.shell_completion import get_completion_class
 
-from dynid.cli.options import Answered, dynid_command
+from dynid.answer import Answer
+from dynid.cli.options import dynid_command
 from dynid.cli.session import Session
 
 
@@ -18,10 +19,10 @@ from dynid.cli.session import Session
     ),
 )
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
-def command(session: Session, shell: str) -> Answered:
+def command(session: Session, shell: str) -> Answer:
     """Print the completion script of a shell."""
     made, root = get_completion_class(shell), click.get_current_context().find_root().command
     assert made is not None
     script = made(root, {}, "dynid", "_DYNID_COMPLETE").source()
     session.answer(script)
-    return {"schema": "dynid/completion/1", "shell": shell, "script": script}
+    return Answer({"schema": "dynid/completion/1", "shell": shell, "script": script})

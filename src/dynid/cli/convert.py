@@ -8,7 +8,8 @@ import click
 
 import dynid
 from dynid import workflows
-from dynid.cli.options import FILE, PATH, Answered, dynid_command, options_from
+from dynid.answer import Answer
+from dynid.cli.options import FILE, PATH, dynid_command, options_from
 from dynid.cli.session import Session
 from dynid.errors import OutputExists, WrongUsage
 from dynid.text import shell
@@ -35,7 +36,7 @@ from dynid.workflows.options import ConvertOptions
 @options_from(ConvertOptions)
 def command(
     session: Session, log: Path, to: Path | None, robot: str | None, options: ConvertOptions
-) -> Answered:
+) -> Answer:
     """Write a recording as .npz or .csv; every number stays as it was recorded."""
     target = to or session.out
     if target is None:
@@ -45,8 +46,5 @@ def command(
         raise OutputExists(f"{target} exists", fix="--force, or another --to")
     arm = dynid.load_robot(robot) if robot else None
     done = workflows.convert.convert(log, target, arm, options)
-    session.findings(done.findings)
     size = f"{len(done.log)} samples, {done.log.duration:.1f} s, {done.log.n} joints"
-    session.fact("log", size)
-    session.wrote(done.path)
-    return done.facts()
+    return Answer(done.facts(), parts=(*done.findings, ("log", size)), wrote=[done.path])

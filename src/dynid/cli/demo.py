@@ -10,7 +10,8 @@ import click
 
 import dynid
 from dynid import workflows
-from dynid.cli.options import Answered, dynid_command, invoke, load_robot
+from dynid.answer import Answer
+from dynid.cli.options import dynid_command, invoke, load_robot
 from dynid.cli.session import Session, program
 from dynid.files import packaged
 from dynid.files.trajectoryfile import read_trajectory
@@ -53,12 +54,12 @@ CAPTIONS = {
     metavar="NAME|random",
     help="Hide an effect in the simulated LWR4+, find it and add it.",
 )
-def command(session: Session, robot: str, effect: str | None) -> Answered:
+def command(session: Session, robot: str, effect: str | None) -> Answer:
     """Run all four loops on a simulated arm with known parameters, and show them on one page."""
     top = session.out or Path("out/demo")
     if effect:
         facts, _ = find_hidden(session, effect, session.out or top / "effect")
-        return facts, not facts["right"]
+        return Answer(facts, status=not facts["right"])
     arm = load_robot(session, robot, None)
     folder = session.out or top / arm.slug
     chapters, facts = all_loops(session, arm, robot, folder, top)
@@ -70,14 +71,18 @@ def command(session: Session, robot: str, effect: str | None) -> Answered:
         chapters.append(chapter)
         facts |= {key: story[key] for key in ("hidden", "right", "gap")}
     page = write_demo_page(top / "index.html", arm.name, chapters[-1].text[0], chapters, program())
-    session.answer()
-    session.fact("truth", chapters[2].text[-1].removesuffix("."))
-    session.fact("page", str(page))
     own = "my_arm.yaml" if robot in ARMS else robot
     last = f"your log:  {shell('dynid', 'identify', own, 'my_log.bag')}"
     check = "your robot:  dynid check my_arm.yaml;  " if robot in ARMS else ""
-    session.fact("next", check + last)
-    return {"schema": "dynid/demo/1", "robot": robot, **facts, "page": page}
+    return Answer(
+        {"schema": "dynid/demo/1", "robot": robot, **facts, "page": page},
+        parts=(
+            "",
+            ("truth", chapters[2].text[-1].removesuffix(".")),
+            ("page", str(page)),
+            ("next", check + last),
+        ),
+    )
 
 
 def all_loops(
@@ -188,10 +193,13 @@ def find_hidden(session: Session, effect: str, folder: Path) -> tuple[dict[str, 
     right = workflows.demo.is_right_answer(hidden, answer)
     where = f" {hidden.size:g} on joint {hidden.joint + 1}" if hidden.size else ""
     verdict = "right" if right else "wrong"
-    session.answer()
-    session.fact("hidden", f"{hidden.name}{where} (seed {session.seed})")
-    session.fact("verdict", f"{answer['verdict']}: {verdict}")
-    session.fact("picture", str(folder / "gap" / "shrink.png"))
+    for part in (
+        "",
+        ("hidden", f"{hidden.name}{where} (seed {session.seed})"),
+        ("verdict", f"{answer['verdict']}: {verdict}"),
+        ("picture", str(folder / "gap" / "shrink.png")),
+    ):
+        session.part(part)
     judgement = answer["judgement"]
     truth = f"Hidden was {hidden.name}{where}: the answer is {verdict}."
     proof = f"{shell('dynid', 'validate', added, logs[-1])} --cutoff 10"
@@ -227,7 +235,8 @@ def step(session: Session, title: str, name: str, *words: object) -> dict[str, A
     session.say(f"--- {title}", "bold")
     answer = invoke(session, name, *words, *["--json"], *["--quiet"] * (not session.verbose))
     if judgement := answer.get("judgement"):
-        session.sentences(judgement["sentence"], *judgement["reasons"])
+        for sentence in (judgement["sentence"], *judgement["reasons"]):
+            session.part(sentence)
     return answer
 
 

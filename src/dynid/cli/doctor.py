@@ -4,26 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import click
 
 from dynid import workflows
+from dynid.answer import Answer
 from dynid.cli.commands import COMMANDS, command_of
-from dynid.cli.options import (
-    COMMON,
-    PATH,
-    Answered,
-    configure,
-    dynid_command,
-    keys_of,
-    settings,
-    words_of,
-)
+from dynid.cli.options import COMMON, PATH, configure, dynid_command, keys_of, settings, words_of
 from dynid.cli.session import Session
-from dynid.errors import ExitStatus
+from dynid.table import Table
 
 #: Value of --config that means: show the configuration.
 SHOW = Path("?show")
@@ -73,26 +64,12 @@ def sources(file: Path | None) -> Iterator[dict[str, Any]]:
         help="Show each option's value and source, those of FILE instead of ./dynid.yaml and the user's.",
     ),
 )
-def command(session: Session) -> Answered:
+def command(session: Session) -> Answer:
     """Look at this machine: Python, packages, simulator, ROS, display, folders, configuration."""
     config = click.get_current_context().meta["dynid.config"]
     if config is not None:
         shown = list(sources(None if config == SHOW else config))
-        session.table(shown)
         note = "options of single commands are listed when they differ from their default"
-        session.stage("note", note)
-        return {"schema": "dynid/doctor/1", "settings": shown}
-    diagnosis = workflows.doctor.doctor()
-    checks = [asdict(each) for each in diagnosis.checks]
-    session.table([{key: each[key] for key in ("name", "ok", "value")} for each in checks])
-    session.answer()
-    session.fact("works", ", ".join(diagnosis.works))
-    for each in diagnosis.missing:
-        session.fact("does not", f"{each.name}; lost: {each.lost}")
-    facts = {
-        "schema": "dynid/doctor/1",
-        "checks": checks,
-        "works": diagnosis.works,
-        "does_not_work": [each.name for each in diagnosis.missing],
-    }
-    return facts, ExitStatus.DONE if diagnosis.usable else ExitStatus.MACHINE
+        facts = {"schema": "dynid/doctor/1", "settings": shown}
+        return Answer(facts, parts=[Table(shown)], notes=[("note", note)])
+    return workflows.doctor.doctor()

@@ -9,7 +9,8 @@ import click
 
 import dynid
 from dynid import workflows
-from dynid.cli.options import PATH, Answered, dynid_command, options_from
+from dynid.answer import Answer
+from dynid.cli.options import PATH, dynid_command, options_from
 from dynid.cli.prompt import write_once
 from dynid.cli.session import Session
 from dynid.workflows.options import FORMATS, ExportOptions
@@ -33,9 +34,7 @@ from dynid.workflows.options import FORMATS, ExportOptions
     help="Format to write; may be given several times.",
 )
 @options_from(ExportOptions)
-def command(
-    session: Session, run: Path, format: tuple[str, ...], options: ExportOptions
-) -> Answered:
+def command(session: Session, run: Path, format: tuple[str, ...], options: ExportOptions) -> Answer:
     """Write the identified model as URDF, MJCF, YAML, C, Python or MATLAB."""
     stored = dynid.loading.load_run(run)
     made = workflows.export.export(
@@ -46,15 +45,4 @@ def command(
         seed=session.seed,
         write=partial(write_once, session),
     )
-    session.headline(made.sentence())
-    session.table(made.table())
-    for file in made.files:
-        session.sentences(*(f"{file.format} has {phrase}" for phrase in file.elements))
-        for phrase in file.leaves_out:
-            if phrase.removeprefix("effect ") not in file.beside:
-                session.sentences(f"{file.format} has no place for {phrase}")
-        if file.beside:
-            session.sentences(f"effects.py adds to {file.format}: {', '.join(file.beside)}")
-    if made.drawn:
-        session.wrote(made.drawn[-1].parent)
-    return made.facts(), not (made.agrees or made.findings)
+    return made.answer()

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 import dynid
 from dynid import workflows
-from dynid.cli.options import FILE, PATH, Answered, dynid_command, options_from
-from dynid.cli.prompt import Answer, ask, may_write
-from dynid.cli.report import renewed
+from dynid.answer import Answer, Part
+from dynid.cli.options import FILE, PATH, dynid_command, options_from
+from dynid.cli.prompt import Reply, ask, may_write
 from dynid.cli.session import Session
 from dynid.errors import DynidError, WrongUsage
 from dynid.judgement.rules import Step
 from dynid.progress import stage
 from dynid.runs import RunFolder
-from dynid.table import Table, cell_text
 from dynid.text import shell
 from dynid.workflows.options import GapOptions
 
@@ -61,7 +61,7 @@ def command(
     no_apply: bool,
     new_name: Path | None,
     plot: bool,
-) -> Answered:
+) -> Answer:
     """Find which effect the model lacks, add it, and show how much smaller the error becomes."""
     if apply and no_apply:
         what = "--apply and --no-apply cannot be used together"
@@ -78,23 +78,18 @@ def command(
     stage("draw")
     run.remove_search()
     # Why first: what a simulator does afterwards takes no answer away.
-    pictures = run.path / "gap"
-    wrote = [gap.save(run.search), *(gap.write_figures(pictures) if plot else [])]
-    show(session, gap)
-    chosen, simulator, steps = gap.chosen(apply or "best"), None, gap.judgement.steps
+    wrote = [gap.save(run.search), *(gap.write_figures(run.path / "gap") if plot else [])]
+    answer, chosen = gap.answer(), gap.chosen(apply or "best")
+    session.show(replace(answer, next=()))
     effect = " and ".join(one.effect for one in chosen)
     given = bool(apply) if apply or no_apply else None
-    if chosen and ask(session, "P7", given=given, effect=effect) is Answer.YES:
-        added, simulator = add(session, gap, chosen, new_name, run, plot=plot)
-        wrote += added
-        steps = (proof(gap, added[1]),)
-    session.wrote(*wrote)
-    wrote += renewed(session, stored.path, base)
-    session.steps(*steps)
-    return {**gap.facts(), "simulator": simulator, "wrote": wrote}
+    done = Answer({**answer.facts, "simulator": None}, next=answer.next)
+    if chosen and ask(session, "P7", given=given, effect=effect) is Reply.YES:
+        done = added(session, gap, chosen, new_name, run, plot=plot)
+    return replace(done, wrote=(*wrote, *done.wrote, *workflows.report.renewed(stored.path, base)))
 
 
-def add(
+def added(
     session: Session,
     gap: Gap,
     chosen: tuple[GapEffect, ...],
@@ -102,33 +97,29 @@ def add(
     run: RunFolder,
     *,
     plot: bool,
-) -> tuple[list[Path], dict[str, Any] | None]:
-    """Identify the arm with effects, and drive the exported files without and with them in a simulator.
-
-    Returns:
-        The copy of the robot file, the result, further files, and what the simulator gave.
-    """
+) -> Answer:
+    """Identify the arm with effects, and drive the exported files without and with them in a simulator."""
     assert gap.analysis is not None
     usual = workflows.gap.robot_file_beside(gap.analysis.problem.base.robot, chosen)
     copy = new_name or (session.out / usual.name if session.out else usual)
     may_write(session, copy, other="another name with --new-name")
     after = gap.apply(chosen, robot_file=copy)
-    folder_after = session.out or Path("out") / copy.stem
-    *others, path = workflows.identify.save_result(folder_after, after)
-    wrote = [copy, path, *others, *workflows.report.report(path).save(folder_after)]
-    work = workflows.simulator_gap
+    folder = session.out or Path("out") / copy.stem
+    *others, path = workflows.identify.save_result(folder, after)
+    wrote = [copy, path, *others, *workflows.report.report(path).save(folder)]
+    work, parts, simulator = workflows.simulator_gap, list[Part](), None
     try:
         driven = work.gap_in_simulator(gap, after)
     except (DynidError, ValueError) as error:
         # Why both: MuJoCo has no error of its own for a model that it refuses.
-        session.fact("simulator", f"not driven: {error}")
-        return wrote, None
-    session.sentences(driven.sentence())
-    session.table(in_one_cell(driven.table()))
-    wrote.append(driven.save(run.simulated))
-    if plot:
-        wrote.append(work.save_figure(driven, run.path / "gap/simulator.png"))
-    return wrote, driven.facts()
+        parts.append(("simulator", f"not driven: {error}"))
+    else:
+        parts, simulator = [driven.sentence(), driven.table().compact()], driven.facts()
+        wrote.append(driven.save(run.simulated))
+        if plot:
+            wrote.append(work.save_figure(driven, run.path / "gap/simulator.png"))
+    facts = {**gap.facts(), "simulator": simulator}
+    return Answer(facts, parts=parts, wrote=wrote, next=[proof(gap, path)])
 
 
 def proof(gap: Gap, path: Path) -> Step:
@@ -139,52 +130,3 @@ def proof(gap: Gap, path: Path) -> Step:
         return Step("LOG is one that was not used here.", command)
     command = shell("dynid", "validate", path, unseen[0], "--cutoff", f"{gap.signals.cutoff:g}")
     return Step("This log was held out: the errors are those of the table.", command)
-
-
-# ---------------------------------------------------------------- printing
-#: What changes in the tables of joints: heading, and the column of its unit.
-CHANGES = {
-    "rms": ("held-out error", "unit"),
-    "simulated": ("error of simulated motion", "in"),
-    "position": ("position error", "in"),
-    "torque": ("torque error", "unit"),
-}
-
-
-def in_one_cell(rows: Table) -> list[dict[str, str]]:
-    """Return what was before and is after in one cell, for which a terminal of 80 columns has room."""
-    compact = []
-    for row in rows:
-        cells = {"joint": row["joint"]}
-        for what, (head, unit) in CHANGES.items():
-            if f"{what} before" in row:
-                before, after = (cell_text(row[f"{what} {when}"]) for when in ("before", "after"))
-                change = before if before == after else f"{before} -> {after}"
-                cells[head] = f"{change} {row[unit]}"
-        compact.append(cells | {"noise": row["noise"]} if "noise" in row else cells)
-    return compact
-
-
-def show(session: Session, gap: Gap) -> None:
-    """Print the answer, why, and the gap joint by joint; with -v what was asked, tried and left."""
-    session.judgement(gap.judgement)
-    session.table(in_one_cell(gap.joint_table()))
-    session.stage("noise", f"{gap.noise_text}; held out: {gap.heldout}")
-    if not session.verbose:
-        return
-    session.answer()
-    session.sentences(*filter(None, gap.summary().splitlines()))
-    for clue in gap.clues:
-        session.fact("rest", clue)
-    if not len(gap.simulation):
-        why = (
-            "too little motion is held out, or a link is too light to be simulated from its torques"
-        )
-        session.fact("simulated", f"no: {why}")
-    hidden = [
-        f"{name} ({','.join(str(j + 1) for j in joints) or 'arm'})"
-        for name, joints in gap.cannot_judge.items()
-    ]
-    if hidden:
-        session.fact("not shown", f"these logs cannot show: {', '.join(hidden)}")
-    session.table(gap.table())

@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import click
 
 import dynid
 from dynid import workflows
-from dynid.cli.options import Answered, dynid_command, options_from, robot_argument
-from dynid.cli.prompt import Answer, ask
+from dynid.answer import Answer
+from dynid.cli.options import dynid_command, options_from, robot_argument
+from dynid.cli.prompt import Reply, ask
 from dynid.cli.session import Session
 from dynid.errors import StaleCache
 from dynid.files import typed
+from dynid.judgement.rules import Step
 from dynid.model.base_model import key_of
 from dynid.model.printing import as_latex, as_python
 from dynid.runs import RunFolder
-from dynid.text import shell
 from dynid.workflows.options import ModelOptions
 
 if TYPE_CHECKING:
     from dynid.robot import Robot
     from dynid.workflows.model import DerivedModel
-
-STYLES = {"#": "bold green", ".": "red"}
 
 
 @dynid_command(
@@ -68,20 +68,19 @@ def command(
     at_rest: bool,
     latex: bool,
     python: bool,
-) -> Answered:
+) -> Answer:
     """Derive the regressor of an arm from its DH table and group it into base parameters."""
     while True:
         derived = derive(session, workflows.model.adapted(robot, options), rebuild)
         if latex or python or groups:
             break
-        answer = ask(session, "P1", given=reduce)
-        if answer is Answer.YES:
-            return reduced(session, derived, options).facts()
-        if answer is Answer.NO:
-            session.headline(f"The equations of {robot.name} are ready.")
+        reply = ask(session, "P1", given=reduce)
+        if reply is Reply.YES:
+            return reduced(session, derived, options)
+        if reply is Reply.NO:
             why = "Find out which of its parameters are identifiable, alone or in linear combinations."
-            session.next(shell("dynid", "model", robot.word, "--reduce"), why)
-            return derived.facts()
+            step = Step(why, f"dynid model {robot.word} --reduce")
+            return Answer(derived.facts(), f"The equations of {robot.name} are ready.", next=[step])
         source = str(robot.path or robot.source)
         click.edit(filename=source)
         robot = dynid.load_robot(robot.source or source)
@@ -93,7 +92,7 @@ def command(
     else:
         facts, text = workflows.model.relations(model, str(groups), at_rest=at_rest)
     session.answer(text)
-    return facts
+    return Answer(facts)
 
 
 def derive(session: Session, robot: Robot, rebuild: bool | None) -> DerivedModel:
@@ -111,7 +110,7 @@ def derive(session: Session, robot: Robot, rebuild: bool | None) -> DerivedModel
         session.stage(
             "noticed", f"{path} was made from another version of the robot file: {changed}"
         )
-        if ask(session, "P8", path=path) is not Answer.YES:
+        if ask(session, "P8", path=path) is not Reply.YES:
             what = f"{path} belongs to an older robot file and was not rebuilt"
             raise StaleCache(what, fix="answer yes, or add --rebuild")
     derived = workflows.model.derive_model(robot, folder, rebuild=rebuild is True)
@@ -125,8 +124,8 @@ def derive(session: Session, robot: Robot, rebuild: bool | None) -> DerivedModel
     return derived
 
 
-def reduced(session: Session, derived: DerivedModel, options: ModelOptions) -> DerivedModel:
-    """Group the parameters into base parameters, and print their classes and relations."""
+def reduced(session: Session, derived: DerivedModel, options: ModelOptions) -> Answer:
+    """Group the parameters into base parameters, and answer with their classes and relations."""
     path, seed = RunFolder(derived.folder).model[1], session.seed
     name = derived.model.robot.word
     made = workflows.model.reduce_model(derived, options, seed=seed)
@@ -138,14 +137,13 @@ def reduced(session: Session, derived: DerivedModel, options: ModelOptions) -> D
         session.wrote(path)
     else:
         session.stage("reused", str(path))
-    session.headline(base.sentence)
-    session.answer()
-    session.table(base.class_table(), STYLES)
-    session.answer(base.legend)
-    for relation in (*base.relations.values(), base.where):
-        session.answer(f"  {relation}" if relation else "")
-    why = "Plan a motion that shows these parameters well."
-    session.next(shell("dynid", "trajectory", name), why)
-    why = "Identify them, where there is a recording already."
-    session.next(f"{shell('dynid', 'identify', name)} LOG", why)
-    return made
+    return replace(
+        base.answer(),
+        facts=made.facts(),
+        next=(
+            Step("Plan a motion that shows these parameters well.", f"dynid trajectory {name}"),
+            Step(
+                "Identify them, where there is a recording already.", f"dynid identify {name} LOG"
+            ),
+        ),
+    )

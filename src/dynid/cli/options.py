@@ -3,14 +3,14 @@
 Top-level keys of a configuration file set an option for every command; a key that is a command's name holds that
 command's options. ``./dynid.yaml`` wins over the user's file, and ``--config FILE`` stands in for both.
 
-A command is a function ``command(session, ...)`` under ``@dynid_command("name", examples=(...))``. It returns what its
-JSON answer says, or that and an exit status: 1, which is True, where a limit is not met.
+A command is a function ``command(session, ...)`` under ``@dynid_command("name", examples=(...))``. It returns an
+``Answer``, which is printed here and nowhere else.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import Field, fields, replace
 from functools import partial, wraps
 from pathlib import Path
@@ -21,6 +21,7 @@ from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
 import dynid
+from dynid.answer import Answer
 from dynid.cli.commands import COMMANDS, CONTEXT, command_of, shown
 from dynid.cli.runfile import repeated
 from dynid.cli.session import Session
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
     from dynid.files.yamlfile import Value
     from dynid.robot import Robot
 
-#: What a command returns.
-Answered = Mapping[str, Any] | tuple[Mapping[str, Any], int]
 Decorator = Callable[[Callable[..., Any]], Any]
 #: Options that every command has, and those of them with one letter.
 COMMON = tuple(each.name for each in fields(Session))
@@ -314,16 +313,14 @@ def dynid_command(
                 ]
                 inner = replace(ctx.obj, **{key: given[key] for key in typed})
                 with heard_by(inner.progress):
-                    answer = function(inner, **values)
-                inner.progress.end()
-                return answer[0] if isinstance(answer, tuple) else answer
+                    return answered(inner, function(inner, **values))
             with Session(**given) as session, heard_by(session.progress):
                 _say_settings(session)
                 answer = function(session, **values)
-                facts, status = answer if isinstance(answer, tuple) else (answer, 0)
-                if session.json and facts is not None:
+                facts = answered(session, answer)
+                if session.json:
                     session.emit_json(facts)
-                return int(status)
+                return int(answer.status or bool(answer.limits))
 
         decorated: Any = callback
         for each in reversed(fields(Session)):
@@ -343,6 +340,13 @@ def dynid_command(
         return command
 
     return decorate
+
+
+def answered(session: Session, answer: Answer) -> dict[str, Any]:
+    """Print an answer, and return it for programs."""
+    session.show(answer)
+    session.progress.end()
+    return {**answer.facts, "wrote": [*answer.facts.get("wrote", ()), *answer.wrote]}
 
 
 def invoke(session: Session, name: str, *words: object) -> dict[str, Any]:

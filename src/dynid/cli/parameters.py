@@ -9,15 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dynid import workflows
-from dynid.cli.options import (
-    PATH,
-    Answered,
-    dynid_command,
-    invoke,
-    options_from,
-    robot_argument,
-)
-from dynid.cli.prompt import Answer, ask, may_write
+from dynid.answer import Answer
+from dynid.cli.options import PATH, dynid_command, invoke, options_from, robot_argument
+from dynid.cli.prompt import Reply, ask, may_write
 from dynid.cli.runfile import write_run
 from dynid.cli.session import Session
 from dynid.judgement.rules import Step
@@ -50,22 +44,21 @@ def command(
     logs: tuple[Path, ...],
     options: LogOptions,
     identify: bool | None,
-) -> Answered:
+) -> Answer:
     """Filter logs, stack the base regressor over them, and say what they excite."""
     while True:
         facts = stacked(session, robot, logs, options)
-        answer = ask(session, "P5", given=identify)
-        if answer is not Answer.RETRY:
+        reply = ask(session, "P5", given=identify)
+        if reply is not Reply.RETRY:
             break
         cutoff: Any = click.prompt("cut-off [Hz] or auto", default="auto", err=True)
         options, session = replace(options, cutoff=cutoff), replace(session, force=True)
-    if answer is Answer.YES:
+    steps = [Step("", f"dynid identify {robot.word}")]
+    if reply is Reply.YES:
         out = session.folder(robot.slug)
         identified = invoke(session, "identify", robot.source, "-o", out)
-        session.steps(*(Step(**each) for each in identified["judgement"]["next"]))
-    else:
-        session.next(f"dynid identify {robot.word}")
-    return facts
+        steps = [Step(**each) for each in identified["judgement"]["next"]]
+    return Answer(facts, next=steps)
 
 
 def stacked(

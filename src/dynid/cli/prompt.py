@@ -27,8 +27,8 @@ from dynid.text import shell, visible
 ATTEMPTS = 5
 
 
-class Answer(Enum):
-    """What a person may answer."""
+class Reply(Enum):
+    """What a person may reply."""
 
     YES = "yes"
     NO = "no"
@@ -98,7 +98,7 @@ def can_ask(session: Session) -> bool:
     return not session.no_input and is_terminal(sys.stdin) and is_terminal(sys.stderr)
 
 
-def ask(session: Session, id: str, *, given: bool | None = None, **fill: object) -> Answer:
+def ask(session: Session, id: str, *, given: bool | None = None, **fill: object) -> Reply:
     """Ask a question of the table, or answer it as the table says and tell so.
 
     Args:
@@ -109,7 +109,7 @@ def ask(session: Session, id: str, *, given: bool | None = None, **fill: object)
     """
     question = QUESTIONS[id]
     if given is not None:
-        return Answer.YES if given else Answer.NO
+        return Reply.YES if given else Reply.NO
     text, letters = question.text.format(**fill), "/".join(question.choices)
     answer, reason = question.unasked, "end of input"
     if session.yes:
@@ -124,7 +124,7 @@ def ask(session: Session, id: str, *, given: bool | None = None, **fill: object)
             if line is None:
                 break
             word = line.strip().lower() or usual
-            for each in Answer:
+            for each in Reply:
                 if word and each.value.startswith(word) and each.value[0] in letters.lower():
                     return each
             session.say(f"  answer with one of {', '.join(question.choices.lower())}")
@@ -133,7 +133,7 @@ def ask(session: Session, id: str, *, given: bool | None = None, **fill: object)
             raise CannotAsk(f'cannot ask "{text}": {tried}', fix=f"add {question.flag}")
     shown = question.unasked_text if answer == "no" else answer
     session.say(f"? {text} -> {shown} (not asked: {reason}; set with {question.flag})", indent=2)
-    return Answer(answer)
+    return Reply(answer)
 
 
 def _reason(session: Session) -> str:
@@ -240,7 +240,7 @@ def may_write(
     if not session.yes and not can_ask(session):
         difference = "" if inputs is None else f" and {_difference(stored, inputs)}"
         raise OutputExists(f"{path} exists{difference}", fix=fix)
-    if ask(session, "P6", path=path) is not Answer.YES:
+    if ask(session, "P6", path=path) is not Reply.YES:
         raise Declined(f"{path} is left as it was", fix=fix)
     return True
 

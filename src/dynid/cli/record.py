@@ -10,12 +10,14 @@ import click
 
 import dynid
 from dynid import workflows
-from dynid.cli.options import INPUT, Answered, dynid_command, options_from, robot_argument
-from dynid.cli.prompt import Answer, ask, confirm, input_hashes, key_pressed, may_write
+from dynid.answer import Answer
+from dynid.cli.options import INPUT, dynid_command, options_from, robot_argument
+from dynid.cli.prompt import Reply, ask, confirm, input_hashes, key_pressed, may_write
 from dynid.cli.session import Session
 from dynid.drivers.ros import raise_priority
 from dynid.errors import WrongUsage
 from dynid.files.trajectoryfile import read_trajectory
+from dynid.judgement.rules import Step
 from dynid.text import shell
 from dynid.workflows.options import RecordOptions
 
@@ -95,7 +97,7 @@ def command(
     options: RecordOptions,
     convert: bool | None,
     parameters: Path | None,
-) -> Answered:
+) -> Answer:
     """Play a reviewed trajectory on the arm and record what its driver publishes."""
     if move is not None:
         # Why before anything is looked for: it names another arm, or does not belong here.
@@ -117,7 +119,7 @@ def command(
     )
     outcome = done.outcome
     if outcome is None:
-        return done.facts()
+        return Answer(done.facts())
     show(session, done, outcome)
     if done.failure is not None:
         raise done.failure
@@ -126,15 +128,15 @@ def command(
         error = f"largest error {outcome.largest_deviation:.3f} rad"
         torque = f"torque {100 * outcome.largest_torque_share:.0f} % of the rating"
         session.stage("moved", f"{outcome.commands} commands, {late}; {error}, {torque}")
-    wrote, bag = done.files, shell(done.bag)
-    if ask(session, "P4", given=convert) is Answer.YES:
-        header = session.header(input_hashes({"log": wrote[0]}))
-        wrote.append(workflows.record.convert(done, header))
-        session.wrote(wrote[-1])
+    steps, bag = [Step("", f"dynid identify {robot.word} {shell(done.bag)}")], done.files[0]
+    made = []
+    if ask(session, "P4", given=convert) is Reply.YES:
+        header = session.header(input_hashes({"log": bag}))
+        made = [workflows.record.convert(done, header)]
     else:
-        session.next(f"dynid check {bag} --robot {robot.word} --convert")
-    session.next(f"dynid identify {robot.word} {bag}")
-    return {**done.facts(), "wrote": wrote}
+        check = f"dynid check {shell(bag)} --robot {robot.word} --convert"
+        steps.insert(0, Step("", check))
+    return Answer({**done.facts(), "wrote": done.files}, wrote=made, next=steps)
 
 
 def show(session: Session, done: Recording, outcome: Outcome) -> None:

@@ -9,12 +9,14 @@ from typing import Any
 
 import click
 
-from dynid.cli.options import FILE, INPUT, Answered, dynid_command, options_from
+from dynid.answer import Answer
+from dynid.cli.options import FILE, INPUT, dynid_command, options_from
 from dynid.cli.session import Session
 from dynid.disk import write_text
 from dynid.errors import WrongUsage
 from dynid.reports.tables import JunitCase
 from dynid.reports.tables import junit as junit_xml
+from dynid.table import Table
 from dynid.workflows.run import RunOptions, run
 
 
@@ -35,7 +37,7 @@ from dynid.workflows.run import RunOptions, run
 )
 def command(
     session: Session, batch: Path, options: RunOptions, junit: Path | None, json_lines: bool
-) -> Answered:
+) -> Answer:
     """Identify, validate and compare many recordings from one YAML list."""
     if json_lines and session.json:
         what = "--json-lines and --json are two forms of the same answer"
@@ -56,34 +58,33 @@ def command(
     jobs = run(batch, options, session.out or Path("out"), words, ended)
     if junit is not None:
         write_text(junit, junit_xml("dynid run", [*map(case_of, jobs)]))
-        session.wrote(junit)
+    wrote = [] if junit is None else [junit]
     outcomes = Counter(job["outcome"] for job in jobs)
     facts = {
         "passed": outcomes["passed"],
         "beyond_limit": outcomes["beyond a limit"],
         "failed": outcomes["failed"],
-        "wrote": [junit] if junit else [],
     }
-    line("end", facts)
-    if not json_lines:
-        session.table(
-            [
-                {
-                    "job": job["name"],
-                    "outcome": job["outcome"],
-                    "error %": job["relative_error_percent"],
-                    "held out %": job["unseen_relative_error_percent"],
-                    "what": job["message"] or None,
-                }
-                for job in jobs
-            ]
-        )
-        session.answer()
-        counts = f"{facts['beyond_limit']} beyond a limit, {facts['failed']} failed"
-        session.fact("verdict", f"{facts['passed']} of {len(jobs)} passed, {counts}")
+    line("end", {**facts, "wrote": wrote})
     failed = [job["status"] for job in jobs if job["outcome"] == "failed"]
-    status = failed[0] if failed else max(job["status"] for job in jobs)
-    return {"schema": "dynid/run/1", "jobs": jobs, **facts}, status
+    columns = {
+        "job": "name",
+        "outcome": "outcome",
+        "error %": "relative_error_percent",
+        "held out %": "unseen_relative_error_percent",
+    }
+    rows = [
+        {**{head: job[key] for head, key in columns.items()}, "what": job["message"] or None}
+        for job in jobs
+    ]
+    counts = f"{facts['beyond_limit']} beyond a limit, {facts['failed']} failed"
+    verdict = ("verdict", f"{facts['passed']} of {len(jobs)} passed, {counts}")
+    return Answer(
+        {"schema": "dynid/run/1", "jobs": jobs, **facts},
+        parts=() if json_lines else (Table(rows), "", verdict),
+        wrote=wrote,
+        status=failed[0] if failed else max(job["status"] for job in jobs),
+    )
 
 
 def case_of(job: dict[str, Any]) -> JunitCase:

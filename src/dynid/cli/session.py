@@ -27,17 +27,16 @@ import click
 from rich.console import Console
 from rich.text import Text
 
+from dynid.answer import Answer, Part
 from dynid.cli.failure import is_terminal, silence_streams, use_color
 from dynid.errors import CannotWrite, Finding
+from dynid.judgement.judge import Judgement
 from dynid.options import Options, option
 from dynid.table import Table, cell_text
 from dynid.text import shell, visible, whole_number
 
 if TYPE_CHECKING:
     from rich.progress import Progress
-
-    from dynid.judgement.judge import Judgement
-    from dynid.judgement.rules import Step
 
 #: Width of the column of labels, and how far the further lines of a sentence are moved in.
 LABEL, SENTENCE = 11, 2
@@ -229,75 +228,55 @@ class Session(Options):
         for line in [] if self.json else text.split("\n"):
             self._print(self.stdout, line, style, indent, styles)
 
-    def headline(self, text: str) -> None:
-        """Print the sentence that answers the question."""
-        self.answer(text, "bold", SENTENCE)
-
-    def sentences(self, *texts: str) -> None:
-        """Print long lines of the answer."""
-        for text in texts:
-            self.answer(text, indent=SENTENCE)
-
-    def fact(self, name: str, text: str) -> None:
-        """Print a short label and a sentence."""
-        self.answer(f"{name:<{LABEL}}{text}", indent=None if name in COPYABLE else LABEL)
-
-    def page(self, markdown: str) -> None:
-        """Print a page of the documentation, laid out on a terminal and as it is elsewhere."""
-        from rich.markdown import Markdown
-
-        if not self.json:
-            terminal = is_terminal(self.stdout.file)
-            self.stdout.print(Markdown(markdown) if terminal else Text(markdown))
-
-    def table(self, rows: Sequence[Mapping[str, object]], styles: Styles = PLAIN) -> None:
-        """Print rows with the same keys as a table; one line a cell where it is wider than the terminal.
-
-        Args:
-            rows: values by their headings.
-            styles: how words in it look.
-        """
-        if not rows:
+    def table(self, table: Table) -> None:
+        """Print a table; one line a cell where it is wider than the terminal."""
+        if not table:
             return
-        head, *lines = repr(Table([*rows])).splitlines()
+        head, *lines = repr(Table(table)).splitlines()
         if max(map(len, (head, *lines))) > self.stdout.width:
-            width = max(map(len, rows[0]))
-            cells = [(name, value) for row in rows for name, value in row.items()]
+            width = max(map(len, table[0]))
+            cells = [(name, value) for row in table for name, value in row.items()]
             lines = [f"{name:<{width}}  {cell_text(value)}" for name, value in cells]
         else:
             self.answer(head, "bold")
         for line in lines:
-            self.answer(line, styles=styles)
+            self.answer(line, styles=table.styles)
+
+    def part(self, part: Part) -> None:
+        """Print a part of an answer; warnings go to stderr."""
+        match part:
+            case Finding():
+                self.findings([part])
+            case Judgement():
+                self.answer(part.sentence, "bold", SENTENCE)
+                for text in (*part.reasons, *part.warnings, ""):
+                    self.answer(text, indent=SENTENCE)
+            case Table():
+                self.table(part)
+            case str():
+                self.answer(part, indent=SENTENCE)
+            case label, text:
+                self.answer(f"{label:<{LABEL}}{text}", indent=None if label in COPYABLE else LABEL)
+
+    def show(self, answer: Answer) -> None:
+        """Print an answer, and say what was written and what to do next; with -v all of it."""
+        if answer.sentence:
+            self.answer(answer.sentence, "bold", SENTENCE)
+        for part in (*answer.parts, *(answer.details if self.verbose else ())):
+            self.part(part)
+        for name, text in answer.notes:
+            self.stage(name, text)
+        for text in answer.limits:
+            self.say(f"{'limit':<{LABEL}}{text}")
+        self.wrote(*answer.wrote)
+        for step in answer.next if self.verbose else answer.next[:STEPS]:
+            self.next(step.command, step.why)
 
     def emit_json(self, answer: Mapping[str, Any], indent: int | None = 2) -> None:
         """Print a JSON object on stdout at once, in so many lines or, without an indent, on one."""
         self.progress.end()
         self.stdout.out(json.dumps(plain(answer), indent=indent, allow_nan=False), highlight=False)
         self.stdout.file.flush()
-
-    # ------------------------------------------------------------ judgements
-    def judgement(self, judgement: Judgement) -> None:
-        """Print the answer, why, and what to beware of."""
-        self.headline(judgement.sentence)
-        self.sentences(*judgement.reasons, *judgement.warnings)
-        self.answer()
-
-    def lights(self, judgement: Judgement) -> None:
-        """Print what is behind the lights that are not green, with -v behind all, and the names of the others."""
-        states = ("bad", "fair", "good") if self.verbose else ("bad", "fair")
-        for light in judgement.lights:
-            if light.state in states:
-                self.fact(light.shown, ": ".join(filter(None, (light.title, light.text))))
-        for state, word in (("good", "good"), ("open", "untested")):
-            titles = [light.title for light in judgement.lights if light.state == state]
-            if titles and state not in states:
-                self.fact(word, ", ".join(titles))
-        self.answer()
-
-    def steps(self, *steps: Step) -> None:
-        """Say the most urgent things to do, each with its reason."""
-        for step in steps if self.verbose else steps[:STEPS]:
-            self.next(step.command, step.why)
 
 
 class Bar:

@@ -6,7 +6,8 @@ import signal
 from typing import TYPE_CHECKING
 
 from dynid import workflows
-from dynid.cli.options import Answered, dynid_command, options_from, robot_argument
+from dynid.answer import Answer
+from dynid.cli.options import dynid_command, options_from, robot_argument
 from dynid.cli.session import Session
 from dynid.drivers.ros import raise_priority
 from dynid.workflows.options import SimDriverOptions
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 )
 @robot_argument
 @options_from(SimDriverOptions)
-def command(session: Session, robot: Robot, options: SimDriverOptions) -> Answered:
+def command(session: Session, robot: Robot, options: SimDriverOptions) -> Answer:
     """Simulate an arm behind its driver's topics, in real time."""
 
     def started(topic: str, master: str) -> None:
@@ -41,8 +42,8 @@ def command(session: Session, robot: Robot, options: SimDriverOptions) -> Answer
     if done.interrupted:
         session.stage("stop", "interrupted", shown=bool(session.verbose))
     facts = done.facts()
-    session.fact("published", f"{done.published} joint states, {done.dropped} dropped")
+    parts = [("published", f"{done.published} joint states, {done.dropped} dropped")]
     if facts["stop_acceleration_share"]:
         share = f"{100 * facts['stop_acceleration_share']:.0f} % of the acceleration limits"
-        session.fact("stops", f"braking took {share}; this driver brakes as it can")
-    return facts
+        parts.append(("stops", f"braking took {share}; this driver brakes as it can"))
+    return Answer(facts, parts=parts)

@@ -7,16 +7,11 @@ from pathlib import Path
 import click
 
 from dynid import workflows
-from dynid.cli.options import (
-    ROBOTS,
-    TIP,
-    Answered,
-    dynid_command,
-    load_robot,
-    options_from,
-)
+from dynid.answer import Answer
+from dynid.cli.options import ROBOTS, TIP, dynid_command, load_robot, options_from
 from dynid.cli.prompt import input_hashes, may_write
 from dynid.cli.session import Session
+from dynid.judgement.rules import Step
 from dynid.text import shell
 from dynid.workflows.options import SimulateOptions
 
@@ -57,7 +52,7 @@ def command(
     options: SimulateOptions,
     compare: Path | None,
     engine: str,
-) -> Answered:
+) -> Answer:
     """Simulate the log of an arm that follows a motion: friction, noise, effects; no ROS is needed."""
     if compare is not None:
         return compared(session, Path(robot), source, compare, engine)
@@ -65,23 +60,22 @@ def command(
     target = session.folder(arm.slug) / "simulated.npz"
     inputs = {"robot": arm.model_key, **input_hashes({"motion": source}), **options.texts()}
     simulation = workflows.simulate.simulate(arm, source, options)
-    session.stage("physics", f"{simulation.source}; the arm follows the motion exactly")
     wrote = []
     if may_write(session, target, inputs):
         target.parent.mkdir(parents=True, exist_ok=True)
         wrote.append(simulation.log.save(target, session.header(inputs)))
-        session.wrote(target)
-    session.next(f"dynid identify {arm.word} {shell(target)}")
-    return {**simulation.facts(), "wrote": wrote}
+    return Answer(
+        simulation.facts(),
+        notes=[("physics", f"{simulation.source}; the arm follows the motion exactly")],
+        wrote=wrote,
+        next=[Step("", f"dynid identify {arm.word} {shell(target)}")],
+    )
 
 
-def compared(session: Session, before: Path, after: Path, log: Path, engine: str) -> Answered:
-    """Drive the exported files of two results along a log and print the errors."""
+def compared(session: Session, before: Path, after: Path, log: Path, engine: str) -> Answer:
+    """Drive the exported files of two results along a log and answer with the errors."""
     work = workflows.simulator_gap
     gap = work.compare_in_simulator([before, after], log, engine=engine)
     folder = session.out or (after if after.is_dir() else after.parent)
     wrote = [work.save_figure(gap, folder / "simulator" / f"{log.stem}_{engine}.png")]
-    session.sentences(gap.sentence())
-    session.table(gap.table())
-    session.wrote(*wrote)
-    return {**gap.facts(), "wrote": wrote}
+    return Answer(gap.facts(), parts=(gap.sentence(), gap.table()), wrote=wrote)

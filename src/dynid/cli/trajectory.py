@@ -10,19 +10,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from dynid import workflows
+from dynid.answer import Answer
 from dynid.cli.options import (
     INPUT,
     PATH,
-    Answered,
     dynid_command,
     options_from,
     robot_argument,
     take_defaults,
 )
-from dynid.cli.prompt import ATTEMPTS, Answer, ask, ask_line, can_ask, may_write
+from dynid.cli.prompt import ATTEMPTS, Reply, ask, ask_line, can_ask, may_write
 from dynid.cli.session import Session
 from dynid.errors import Declined, Finding, NoDisplay, WrongUsage
 from dynid.files.yamlfile import read_yaml
+from dynid.judgement.rules import Step
 from dynid.text import shell
 from dynid.trajectory.options import PlanOptions
 
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
 
 #: Names of the still and of the animation, beside trajectory.npz.
 PICTURES = ("preview.png", "preview.gif")
+#: What is said of a motion that nobody has accepted, that was accepted after somebody saw it, and unseen.
+MARKS = {None: "no", True: "yes", False: "accepted unseen"}
 
 
 class View(NamedTuple):
@@ -111,7 +114,7 @@ def command(
     preview: str,
     accept: bool,
     **files: Any,  # noqa: ANN401
-) -> Answered:
+) -> Answer:
     """Plan an exciting motion, check limits and collisions, preview it, ask for approval."""
     from dynid.files.planfile import PlanFile, read_plan
 
@@ -141,13 +144,13 @@ def command(
             base=workflows.model.base_model(robot, path.parent),
             drawing=look.drawing,
         )
-        show(session, planned)
-        answer = accepted(session, planned, look)
-        if answer is Answer.QUIT:
+        session.show(planned.answer())
+        reply = asked(session, planned, look)
+        if reply is Reply.QUIT:
             remove(planned.clearance.pictures)
             raise Declined("the motion was not accepted", why="nothing was written")
-        if answer is Answer.YES or not can_ask(session) or session.yes:
-            return saved(session, path, planned, inputs, look if answer is Answer.YES else None)
+        if reply is Reply.YES or not can_ask(session) or session.yes:
+            return saved(session, path, planned, inputs, look if reply is Reply.YES else None)
         options, files["from_waypoints"] = changed(session, options, files["from_waypoints"])
         inputs = plan_inputs(robot, options, plan, files)
 
@@ -197,25 +200,24 @@ def changed(
 
 def saved(
     session: Session, path: Path, planned: Plan, inputs: dict[str, str], look: View | None
-) -> Answered:
+) -> Answer:
     """Write a plan, marked as accepted where a look is given."""
-    pictures, robot = planned.clearance.pictures, planned.robot
-    seen = None if look is None else bool(pictures) or look.window
-    if seen is not None:
+    pictures, seen = planned.clearance.pictures, None
+    if look is not None:
+        seen = bool(pictures) or look.window
         planned = planned.accepted(seen=seen)
     # Why: pictures of another motion beside this one would be taken for pictures of it.
     remove({path.parent / name for name in PICTURES} - set(pictures))
-    _, *texts = planned.save(path, inputs)
-    wrote_trajectory(session, path, seen)
-    session.wrote(*texts)
+    wrote = planned.save(path, inputs)
+    session.wrote(path, note=f"reviewed: {MARKS[seen]}")
+    session.wrote(*wrote[1:])
+    step = next_step(planned.robot, path, reviewed=look is not None)
     if any(finding.code == "W606" for finding in planned.findings):
         # Why: dynid record would refuse it.
-        limits = f"write `limits:` of every joint into {robot.editable}"
-        session.next(f"{limits}, then plan with that file")
-    else:
-        show_next(session, robot, path, reviewed=look is not None)
-    wrote = [path, *texts, *pictures]
-    return planned.facts() | {"wrote": wrote, "reviewed": look is not None}
+        limits = f"write `limits:` of every joint into {planned.robot.editable}"
+        step = Step("", f"{limits}, then plan with that file")
+    facts = {"wrote": [*wrote, *pictures], "reviewed": look is not None}
+    return Answer(planned.facts() | facts, next=[step])
 
 
 def remove(pictures: Any) -> None:  # noqa: ANN401
@@ -224,24 +226,7 @@ def remove(pictures: Any) -> None:  # noqa: ANN401
         picture.unlink(missing_ok=True)
 
 
-def wrote_trajectory(session: Session, path: Path, seen: bool | None) -> None:
-    """Say that trajectory.npz was written, and whether its motion was accepted after somebody has seen it."""
-    marks = {None: "no", True: "yes", False: "accepted unseen"}
-    session.wrote(path, note=f"reviewed: {marks[seen]}")
-
-
-def show(session: Session, planned: Plan) -> None:
-    """Print the answer and the joints' peaks on stdout, and say on stderr why."""
-    session.findings(planned.findings)
-    session.headline(planned.sentence)
-    for label, text in planned.lines():
-        session.stage(label, text)
-    for picture in planned.clearance.pictures:
-        session.stage("preview", str(picture))
-    session.table(planned.table())
-
-
-def accepted(session: Session, motion: Plan | Reviewed, look: View) -> Answer:
+def asked(session: Session, motion: Plan | Reviewed, look: View) -> Reply:
     """Ask P2 while the window shows the motion."""
     with motion.window() if look.window else nullcontext():
         if look.window:
@@ -276,23 +261,24 @@ def view(session: Session, wanted: str, folder: Path, *, accept: bool) -> View:
 
 
 # ---------------------------------------------------------------- motions planned before
-def reused(session: Session, robot: Robot, path: Path, *, accept: bool) -> Answered:
+def reused(session: Session, robot: Robot, path: Path, *, accept: bool) -> Answer:
     """Answer from a motion that was planned before with the same inputs; accept it when asked to."""
     from dynid.files.trajectoryfile import read_trajectory
 
     stored, seen = read_trajectory(path), None
-    if answer := stored.facts.get("answer"):
-        session.sentences(workflows.trajectory.plan_sentence(robot, answer))
     if accept and not stored.reviewed:
         drawn = stored.facts.get("pictures", [])
         seen = bool(drawn) and all((path.parent / name).is_file() for name in drawn)
         stored = stored.accepted(seen=seen)
-    return marked(session, robot, path, stored, seen)
+    answer = marked(session, robot, path, stored, seen)
+    facts = stored.facts.get("answer")
+    sentence = workflows.trajectory.plan_sentence(robot, facts) if facts else ""
+    return replace(answer, parts=[sentence] * bool(facts))
 
 
 def reviewed(
     session: Session, robot: Robot, path: Path, options: PlanOptions, urdf: Path | None, look: View
-) -> Answered:
+) -> Answer:
     """Judge, preview and ask about a motion that was planned before, and mark it."""
     from dynid.files.trajectoryfile import read_trajectory
 
@@ -305,7 +291,7 @@ def reviewed(
     session.findings(review.clearance.findings)
     for picture in pictures:
         session.stage("preview", str(picture))
-    if accepted(session, review, look) is Answer.YES:
+    if asked(session, review, look) is Reply.YES:
         seen = bool(pictures) or look.window
         stored = review.accepted(seen=seen)
     return marked(session, robot, path, stored, seen, *pictures)
@@ -318,24 +304,22 @@ def marked(
     stored: StoredTrajectory,
     seen: bool | None,
     *pictures: Path,
-) -> Answered:
-    """Write a motion that was accepted now, say what to do with it, and return the JSON answer."""
+) -> Answer:
+    """Write a motion that was accepted now, and answer with it and what to do with it."""
     from dynid.files.trajectoryfile import write_trajectory
 
-    wrote = [*pictures]
+    facts = {**stored.facts.get("answer", {}), "wrote": [*pictures], "reviewed": stored.reviewed}
     if seen is not None:
         write_trajectory(path, stored)
-        wrote_trajectory(session, path, seen)
-        wrote = [path, *pictures]
-    show_next(session, robot, path, reviewed=stored.reviewed)
-    return {**stored.facts.get("answer", {}), "wrote": wrote, "reviewed": stored.reviewed}
+        session.wrote(path, note=f"reviewed: {MARKS[seen]}")
+        facts["wrote"] = [path, *pictures]
+    return Answer(facts, next=[next_step(robot, path, reviewed=stored.reviewed)])
 
 
-def show_next(session: Session, robot: Robot, path: Path, *, reviewed: bool) -> None:
-    """Say what to do with a motion: record it, or look at it before."""
+def next_step(robot: Robot, path: Path, *, reviewed: bool) -> Step:
+    """Return what to do with a motion: record it, or look at it before."""
     if reviewed:
         why = "Record it. This moves the arm and asks first."
-        session.next(shell("dynid", "record", robot.word, path), why)
-    else:
-        why = "Look at it and accept it: an arm plays no motion that nobody has seen."
-        session.next(shell("dynid", "trajectory", robot.word, "--review", path), why)
+        return Step(why, f"dynid record {robot.word} {shell(path)}")
+    why = "Look at it and accept it: an arm plays no motion that nobody has seen."
+    return Step(why, f"dynid trajectory {robot.word} {shell('--review', path)}")

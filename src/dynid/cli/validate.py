@@ -9,9 +9,9 @@ import click
 
 import dynid
 from dynid import workflows
-from dynid.cli.options import FILE, PATH, Answered, dynid_command, options_from
+from dynid.answer import Answer
+from dynid.cli.options import FILE, PATH, dynid_command, options_from
 from dynid.cli.prompt import may_write
-from dynid.cli.report import renewed
 from dynid.cli.session import Session
 from dynid.options import Options, option, share, unless
 from dynid.runs import RunFolder
@@ -63,7 +63,7 @@ def command(
     limits: Limits,
     mcap: Path | None,
     plot: bool,
-) -> Answered:
+) -> Answer:
     """Compare predicted with measured torques on a recording that was not used to identify."""
     stored = dynid.loading.load_run(parameters)
     run = RunFolder.of(stored.path)
@@ -75,15 +75,5 @@ def command(
     wrote = [validation.save(folder), *(validation.write_figures(folder) if plot else [])]
     if mcap is not None:
         wrote.append(validation.save_mcap(mcap, workflows.validate.urdf_of(stored, base)))
-    broken = validation.broken_limits(limits.max_rms, limits.max_unexplained)
-    for sentence in broken:
-        session.say(f"limit      {sentence}")
-    session.judgement(validation.judgement)
-    session.lights(validation.judgement)
-    session.table(validation.table())
-    total = f"total relative error {validation.relative_error_percent:.2f} %"
-    session.sentences(f"{total}; baseline: {validation.baseline}")
-    session.wrote(*wrote)
-    wrote += renewed(session, stored.path, base)
-    session.steps(*validation.judgement.steps)
-    return {**validation.facts(), "passed": not broken, "wrote": wrote}, bool(broken)
+    wrote += workflows.report.renewed(stored.path, base)
+    return validation.answer(limits.max_rms, limits.max_unexplained, wrote)

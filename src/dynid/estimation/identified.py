@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import Finding, WrongUsage
-from dynid.estimation.covariance import counted, normal_quantile
+from dynid.estimation.covariance import normal_quantile
 from dynid.estimation.least_squares import Fit, relative_error
 from dynid.estimation.one_state import OneState, one_state
 from dynid.estimation.possible_arm import PhysicalParameters
@@ -28,11 +28,8 @@ from dynid.model.regressor import Model, build_model
 from dynid.robot import Robot
 from dynid.signals.conditioned_log import known_torque
 from dynid.table import Table
-from dynid.text import visible
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
-
     from dynid.estimation.stack import Stack
 
 Floats = NDArray[np.float64]
@@ -219,22 +216,6 @@ class Identified:
         ]
         return Table(rows)
 
-    def to_dataframe(self) -> DataFrame:
-        """Return the table as a pandas DataFrame."""
-        return self.table().to_dataframe()
-
-    def joint_table(self) -> Table:
-        """Return one row per joint: rms error and rms torque [N m or N], relative error [%], held-out error."""
-        rows = [
-            {
-                **quality.row(),
-                "held out": quality.heldout_rms,
-                "unit": "A" if self.robot.torque.relative else joint.torque_unit,
-            }
-            for quality, joint in zip(self.joints, self.robot.joints, strict=True)
-        ]
-        return Table(rows)
-
     def links(self) -> list[dict[str, Any]]:
         """Return mass, centre of mass and inertia of each identified link, for JSON; ``origin`` is data or prior."""
         x, names, origin = self.physical.x, self.physical.names, self.physical.origin
@@ -369,28 +350,6 @@ class Identified:
             ].T
         return full
 
-    # ---------------------------------------------------------------- text
-    @property
-    def title(self) -> str:
-        """One line: the arm, the number of parameters, the estimator."""
-        return visible(
-            f"{self.robot.name}: {len(self.names)} base parameters, estimator {self.method} ({self.why})"
-        )
-
-    def verdict(self) -> list[str]:
-        """Return what the result is worth, line by line."""
-        error = f"relative torque error {self.relative_error_percent:.2f} % on the training logs"
-        if self.heldout_relative_error_percent is not None:
-            error += f", {self.heldout_relative_error_percent:.2f} % held out ({self.heldout})"
-        lines = [
-            error,
-            *self.expectation(),
-            f"used for predictions: {USED[self.in_force]}",
-            f"parameters known: {counted(self.knowledge)}",
-            f"condition number {self.condition_number_scaled:.3g} with normalised columns",
-        ]
-        return [visible(line) for line in lines]
-
     def expectation(self) -> list[str]:
         """Return the torque error to expect and what the model error holds, line by line."""
         lines = []
@@ -407,19 +366,6 @@ class Identified:
                 "it (URDF and other exports have the parameters only)"
             )
         return lines
-
-    def summary(self) -> str:
-        """Return a text with fit, verdict, joints, parameters and warnings."""
-        warnings = [visible(f"{finding.code} {finding.text}") for finding in self.findings]
-        parts = [self.title, *self.verdict(), "", repr(self.joint_table()), "", repr(self.table())]
-        return "\n".join([*parts, *(["", *warnings] if warnings else [])])
-
-    def __repr__(self) -> str:
-        """Return the arm and the verdict."""
-        return "\n".join([self.title, *self.verdict()])
-
-    def _repr_html_(self) -> str:
-        return Table(self.table(), self.title, self.verdict())._repr_html_()
 
 
 def _state(n: int, *given: ArrayLike) -> tuple[Floats, ...]:

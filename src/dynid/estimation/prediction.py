@@ -146,15 +146,6 @@ class JointError:
     relative_percent: float
     torque_rms: float
 
-    def row(self) -> dict[str, Any]:
-        """Return it as the beginning of a row of a table."""
-        return {
-            "joint": self.joint,
-            "rms error": self.rms,
-            "torque rms": self.torque_rms,
-            "error %": self.relative_percent,
-        }
-
 
 @dataclass(frozen=True)
 class JointCheck(JointError):

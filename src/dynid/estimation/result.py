@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dynid.answer import Answer, Judged, all_lights, lights, picked
 from dynid.errors import WrongUsage
 from dynid.estimation import result_files
+from dynid.estimation.covariance import counted
 from dynid.estimation.draws import Draws, draws
 from dynid.estimation.evidence import evidence_of
-from dynid.estimation.identified import Identified
+from dynid.estimation.identified import USED, Identified
 from dynid.judgement.evidence import Evidence
-from dynid.judgement.judge import Judgement, judge
+from dynid.table import Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class Identification(Identified):
+class Identification(Identified, Judged):
     """Base parameters of an arm with what is known about them; p parameters, n joints.
 
     Attributes:
@@ -62,14 +67,98 @@ class Identification(Identified):
         """
         return evidence_of(self)
 
-    @property
-    def judgement(self) -> Judgement:
-        """What is said of it: lights, the first sentence, what to do next, from all evidence there is of it.
+    def facts(self) -> dict[str, Any]:
+        """Return what the JSON answer of ``dynid identify`` says about it."""
+        floors = self.header.get("noise_floor_nm") or ()
+        keys = {
+            "rms_nm": "rms",
+            "torque_rms_nm": "torque_rms",
+            "relative_error_percent": "relative_percent",
+            "heldout_rms_nm": "heldout_rms",
+        }
+        held = "heldout_relative_error_percent"
+        conditions = "condition_number", "condition_number_scaled"
+        return {
+            "schema": "dynid/identify/1",
+            "robot": self.robot.name,
+            **picked(self, "method", "rank", "samples", *conditions),
+            **picked(self, "relative_error_percent", "heldout", held, "in_force"),
+            "joints": [
+                {
+                    "joint": joint.joint,
+                    # Of a joint without torque in the log nothing is known.
+                    **(picked(joint, **keys) if joint.torque_rms else dict.fromkeys(keys)),
+                    "noise_floor_nm": floor or None,
+                }
+                for joint, floor in zip_longest(self.joints, floors)
+            ],
+            "parameters": self.parameter_rows(),
+            "physically_consistent": self.in_force == "physical",
+            f"{held}_by_set": {"physical": None, "plain": None, self.in_force: getattr(self, held)},
+            "expected_torque_error": None if self.expected is None else self.expected.facts(),
+            "residual_model": self.residual_facts(),
+            "links": self.links(),
+            "findings": [asdict(finding) for finding in self.findings],
+            "judgement": self.judgement.facts(),
+        }
 
-        Raises:
-            NotAnArtifact: a replay or a search beside its file is damaged.
+    def answer(self, facts: Mapping[str, Any] | None = None) -> Answer:
+        """Return what ``dynid identify`` answers about it.
+
+        Args:
+            facts: its facts where they are in other units.
         """
-        return judge(self.evidence)
+        facts, judgement = facts or self.facts(), self.judgement
+        total, held = self.relative_error_percent, self.heldout_relative_error_percent
+        held_out = "" if held is None else f", held out {held:.2f} % ({self.heldout})"
+        mass = f"{sum(link['mass_kg'] for link in facts['links']):.3g} kg in all"
+        if self.robot.torque.relative:
+            mass = "masses are unknown without motor gains"
+        return Answer(
+            facts,
+            parts=(
+                judgement,
+                *all_lights(judgement),
+                self._joint_table(facts["joints"]),
+                f"total relative error {total:.2f} %{held_out}",
+            ),
+            details=(
+                *lights(judgement, "good"),
+                "",
+                f"{len(self.names)} base parameters, estimator {self.method} ({self.why})",
+                *self.expectation(),
+                f"used for predictions: {USED[self.in_force]}",
+                f"parameters known: {counted(self.knowledge)}",
+                f"condition number {self.condition_number_scaled:.3g} with normalised columns",
+                f"links are in parameters.npz: {mass}",
+                "",
+                self.table(),
+                *self.findings,
+            ),
+            next=judgement.steps,
+        )
+
+    def _joint_table(self, joints: Sequence[Mapping[str, Any]]) -> Table:
+        """Return the joints of the JSON answer as a person reads them."""
+        unit, floor = "a" if "rms_a" in joints[0] else "nm", "noise level"
+        if self.header.get("noise_repeats_s"):
+            floor = "noise"
+        columns = {
+            "joint": "joint",
+            "rms error": f"rms_{unit}",
+            floor: f"noise_floor_{unit}",
+            "torque rms": f"torque_rms_{unit}",
+            "error %": "relative_error_percent",
+            "held out": f"heldout_rms_{unit}",
+        }
+        relative = self.robot.torque.relative
+        units = ["A" if relative else joint.torque_unit for joint in self.robot.joints]
+        return Table(
+            [
+                {head: row[key] for head, key in columns.items()} | {"unit": each}
+                for row, each in zip(joints, units, strict=True)
+            ]
+        )
 
     # ---------------------------------------------------------------- figures
     def plot_torque(self) -> Figure:

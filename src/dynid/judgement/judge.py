@@ -30,6 +30,11 @@ class Judgement:
     steps: tuple[Step, ...]
 
     @property
+    def sentences(self) -> tuple[str, ...]:
+        """The answer, why, and what to beware of."""
+        return (self.sentence, *self.reasons, *self.warnings)
+
+    @property
     def state(self) -> str:
         """``"bad"`` or ``"fair"`` as the worst light, ``"good"`` when proved on unseen motion, else ``"open"``.
 
@@ -59,7 +64,7 @@ class Judgement:
     def __repr__(self) -> str:
         """Return the answer, why, and what to do next."""
         next_steps = (f"next: {step.command}\n      {step.why}" for step in self.steps[:2])
-        return "\n".join([self.sentence, *self.reasons, *self.warnings, *next_steps])
+        return "\n".join([*self.sentences, *next_steps])
 
 
 def judge(evidence: Evidence) -> Judgement:

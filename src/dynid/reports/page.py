@@ -11,7 +11,6 @@ import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from dynid.estimation.covariance import KNOWN_WELL, NEGLIGIBLE, NOT_DETERMINED
 from dynid.estimation.identified import USED
 from dynid.estimation.residual_model import GROUP_NAMES
 from dynid.model.effects.catalogue import CATALOGUE
@@ -70,24 +69,6 @@ def _rendered(name: str, gathered: Gathered) -> str:
     return templates().get_template(name).render(facts, gathered=gathered)
 
 
-def sentences(gathered: Gathered) -> list[str]:
-    """Return the verdict: the answer, why, what to beware of, and how well the parameters are known."""
-    result, judgement = gathered.result, gathered.judgement
-    worst = max(result.joints, key=lambda joint: joint.relative_percent)
-    fitted = (
-        f"Relative torque error {result.relative_error_percent:.2g} % on the training logs, at most "
-        f"{worst.relative_percent:.2g} % on one joint ({worst.joint})."
-    )
-    known = sum(word in (KNOWN_WELL, NEGLIGIBLE) for word in result.knowledge)
-    open_ = result.knowledge.count(NOT_DETERMINED)
-    rest = f", {open_} are not determined by the logs" if open_ else ""
-    parameters = (
-        f"{known} of {len(result.names)} base parameters are determined well enough for the torques{rest}. "
-        f"Predictions use {USED[result.in_force]}."
-    )
-    return [judgement.sentence, *judgement.reasons, *judgement.warnings, fitted, parameters]
-
-
 def templates() -> Environment:
     """Return the templates of pages: every text is escaped, drawings are dynid's own, the style sheet is at hand."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -109,7 +90,6 @@ def templates() -> Environment:
         "figures": figures,
         "section_figures": section_figures,
         "gap_figures": gap_figures,
-        "sentences": sentences,
         "with_error": with_error,
         "rounding": ROUNDING,
         "catalogue": CATALOGUE,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid import arguments
-from dynid.answer import Answer, Judged, picked
+from dynid.answer import Answer, Answered, Judged, Part, picked
 from dynid.arguments import public
 from dynid.errors import WrongUsage
 from dynid.estimation.compare import Change, Comparison, FigureOfMerit, same_parameters
@@ -25,6 +25,9 @@ from dynid.workflows.options import CompareOptions
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+#: Rows of changed numbers that are shown without -v.
+SHOWN = 12
 
 
 @dataclass(frozen=True)
@@ -94,18 +97,6 @@ class ComparedRun(Judged):
             chance = getattr(each, "p_value", float("nan"))
             yield each, chance if chance == chance else None
 
-    def summary(self) -> str:
-        """Return how many values changed, in one sentence; empty where nothing was compared."""
-        if self.comparison is None:
-            return ""
-        measure = "more than noise explains"
-        if self.tolerance is not None:
-            measure = f"by more than {100 * self.tolerance:g} %"
-        return (
-            f"{self.name} against {self.reference}: {len(self.changed)} values changed {measure}; "
-            f"probability that noise alone makes the largest change: {self.comparison.p_value:.2g}"
-        )
-
     def table(self) -> Table:
         """Return the numbers that changed."""
         rows = [
@@ -154,7 +145,7 @@ class ComparedRun(Judged):
 
 
 @dataclass(frozen=True, repr=False)
-class RunComparison(Answer):
+class RunComparison(Answered):
     """Several results side by side.
 
     Attributes:
@@ -198,9 +189,25 @@ class RunComparison(Answer):
             )
         return Table(rows)
 
-    def __repr__(self) -> str:
-        """Return the table and one sentence per comparison."""
-        return "\n".join([repr(self.table()), *filter(None, (run.summary() for run in self.runs))])
+    def answer(self) -> Answer:
+        """Return what ``dynid compare`` answers."""
+        judged = [run for run in self.runs if run.reference or len(self.runs) == 1]
+        parts, details = list[Part](), list[Part]()
+        for run in judged:
+            changes = run.table()
+            parts += [*[run.name] * (len(judged) > 1), run.judgement, Table(changes[:SHOWN])]
+            parts += [""] * bool(changes)
+            if len(changes) > SHOWN:
+                parts.append(f"and {len(changes) - SHOWN} more; all with -v or --json")
+                details += [run.name, changes]
+        drifts = [f"{run.name}: {run.drift}" for run in self.runs if run.drift]
+        return Answer(
+            self.facts(),
+            parts=(*parts, self.table()),
+            details=details,
+            next=[run.judgement.steps[0] for run in judged if run.changed][:1],
+            limits=[] if self.baseline is None else drifts,
+        )
 
     def to_dataframe(self) -> DataFrame:
         """Return one row per run: figures, then every parameter with its standard error.

@@ -8,10 +8,13 @@ import platform
 import shutil
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from dynid.answer import Answer, picked
 from dynid.drivers.ros import APT, master_uri, missing_modules, ping_master, ros_folders
+from dynid.errors import ExitStatus
+from dynid.table import Table
 from dynid.version import __version__
 from dynid.xdg import LOCAL_CONFIG, cache_folder, config_file
 
@@ -51,35 +54,27 @@ class Check:
     lost: str = ""
 
 
-@dataclass(frozen=True)
-class Diagnosis:
-    """What was found on this machine.
-
-    Attributes:
-        checks: everything that was looked at.
-    """
-
-    checks: tuple[Check, ...]
-
-    @property
-    def works(self) -> list[str]:
-        """Names of what works."""
-        return [check.name for check in self.checks if check.ok]
-
-    @property
-    def missing(self) -> list[Check]:
-        """What does not work."""
-        return [check for check in self.checks if check.ok is False]
-
-    @property
-    def usable(self) -> bool:
-        """Whether dynid as a whole can run."""
-        return not any(check.name in ("Python", *REQUIRED) for check in self.missing)
-
-
-def doctor() -> Diagnosis:
+def doctor() -> Answer:
     """Look at Python, packages, simulator, ROS, display, folders and configuration files."""
-    return Diagnosis((*_packages(), *_ros(), *_surroundings()))
+    checks = (*_packages(), *_ros(), *_surroundings())
+    works = [check.name for check in checks if check.ok]
+    missing = [check for check in checks if check.ok is False]
+    usable = not any(check.name in ("Python", *REQUIRED) for check in missing)
+    return Answer(
+        {
+            "schema": "dynid/doctor/1",
+            "checks": [asdict(check) for check in checks],
+            "works": works,
+            "does_not_work": [check.name for check in missing],
+        },
+        parts=(
+            Table([picked(check, "name", "ok", "value") for check in checks]),
+            "",
+            ("works", ", ".join(works)),
+            *(("does not", f"{check.name}; lost: {check.lost}") for check in missing),
+        ),
+        status=ExitStatus.DONE if usable else ExitStatus.MACHINE,
+    )
 
 
 def version_of(package: str) -> str | None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dynid import arguments
-from dynid.answer import Answer, picked
+from dynid.answer import Answer, Answered, picked
 from dynid.arguments import public
 from dynid.disk import write_text
 from dynid.errors import Finding, NotAnArtifact, NotPhysical, WrongUsage
@@ -98,7 +98,7 @@ class ExportedFile:
 
 
 @dataclass(frozen=True, repr=False)
-class ExportedModel(Answer):
+class ExportedModel(Answered):
     """The files of one export.
 
     Attributes:
@@ -146,7 +146,7 @@ class ExportedModel(Answer):
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid export`` says."""
-        files, full = [file.path for file in self.files], self.arm.full
+        full = self.arm.full
         return {
             "schema": "dynid/export/1",
             "robot": self.arm.robot.name,
@@ -155,8 +155,28 @@ class ExportedModel(Answer):
             "origin": dict(full.origin),
             "findings": [asdict(finding) for finding in self.findings],
             "draws": [str(path) for path in self.drawn],
-            "wrote": [str(path) for path in (*files, *self.drawn[-1:])],
+            "wrote": [str(file.path) for file in self.files],
         }
+
+    def answer(self) -> Answer:
+        """Return what ``dynid export`` answers."""
+        parts = []
+        for file in self.files:
+            parts += [f"{file.format} has {phrase}" for phrase in file.elements]
+            parts += [
+                f"{file.format} has no place for {phrase}"
+                for phrase in file.leaves_out
+                if phrase.removeprefix("effect ") not in file.beside
+            ]
+            if file.beside:
+                parts.append(f"effects.py adds to {file.format}: {', '.join(file.beside)}")
+        return Answer(
+            self.facts(),
+            self.sentence(),
+            (self.table(), *parts),
+            wrote=self.drawn[-1:],
+            status=not (self.agrees or self.findings),
+        )
 
 
 @public

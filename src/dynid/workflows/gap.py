@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid import arguments
-from dynid.answer import Judged, picked
+from dynid.answer import Answer, Judged, picked
 from dynid.arguments import public
 from dynid.disk import sha256
 from dynid.errors import DynidError, NotAnArtifact, WrongUsage
@@ -191,9 +191,7 @@ class Gap(Judged, GapRecord):
             }
             for one in (*self.named, *self.closest)
         ]
-        return Table(
-            rows, f"{self.robot}: {self.verdict_text}", (f"where: {self.where_text}", self.advice)
-        )
+        return Table(rows, f"{self.robot}: {self.verdict_text}")
 
     def joint_table(self) -> Table:
         """Return one row per joint: held-out rms before and after, noise [N m or N], errors of the simulated motion."""
@@ -213,25 +211,36 @@ class Gap(Judged, GapRecord):
             rows.append(row)
         return Table(rows, f"{self.robot}: held-out error ({self.heldout})")
 
-    def summary(self) -> str:
-        """Return the verdict, the sizes of what is named, where the gap is, the noise and the advice, line by line."""
-        judgement = self.judgement
+    def answer(self) -> Answer:
+        """Return what ``dynid gap`` answers."""
         sizes = [f"{one.effect} on {one.where}: {', '.join(one.texts())}" for one in self.named]
-        return "\n".join(
-            [
-                judgement.sentence,
-                *judgement.reasons,
-                *judgement.warnings,
-                *sizes,
-                f"where: {self.where_text}",
-                f"noise: {self.noise_text}",
-                *([self.asked] if self.asked else []),
-                self.advice,
-            ]
+        simulated = (
+            "too little motion is held out, or a link is too light to be simulated from its torques"
         )
-
-    def _repr_html_(self) -> str:
-        return self.table()._repr_html_() + self.joint_table()._repr_html_()
+        hidden = [
+            f"{name} ({','.join(str(j + 1) for j in joints) or 'arm'})"
+            for name, joints in self.cannot_judge.items()
+        ]
+        lines = {
+            "where": self.where_text,
+            "asked": self.asked,
+            "simulated": "" if len(self.simulation) else f"no: {simulated}",
+            "not shown": f"these logs cannot show: {', '.join(hidden)}" * bool(hidden),
+        }
+        return Answer(
+            self.facts(),
+            parts=(self.judgement, self.joint_table().compact()),
+            details=(
+                "",
+                *sizes,
+                *((label, text) for label, text in lines.items() if text),
+                *(("rest", clue) for clue in self.clues),
+                *filter(None, (self.advice,)),
+                self.table(),
+            ),
+            notes=(("noise", f"{self.noise_text}; held out: {self.heldout}"),),
+            next=self.judgement.steps,
+        )
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid gap`` says."""

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
-from itertools import zip_longest
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynid.answer import picked
+from dynid.answer import Answer, Part, picked
 from dynid.arguments import public
 from dynid.diagnose import tuning as mapping
 from dynid.disk import sha256, write_text
@@ -63,8 +62,15 @@ from dynid.reports.figures import motion_figure
 from dynid.robot import Known, Prior, Robot
 from dynid.runs import RunFolder
 from dynid.signals.columns import take_samples
+from dynid.table import Table
 from dynid.text import yaml_text
-from dynid.workflows.drive_gains import find_drive_gains, gain_facts, needs_gains, write_robot
+from dynid.workflows.drive_gains import (
+    find_drive_gains,
+    gain_facts,
+    in_amperes,
+    needs_gains,
+    write_robot,
+)
 from dynid.workflows.model import base_model
 from dynid.workflows.options import Extras, IdentifyOptions
 from dynid.workflows.parameters import (
@@ -88,6 +94,8 @@ METHOD_TEXT = {
 }
 #: Share of each log that is held out where all logs are of one motion.
 AUTO_SHARE = 0.2
+#: Relative standard error of a gain from which on it is called uncertain.
+UNCERTAIN = 0.1
 
 
 # ---------------------------------------------------------------- what is known besides the logs
@@ -390,43 +398,6 @@ def save_result(
     ]
 
 
-def answer_of(result: Identification) -> dict[str, Any]:
-    """Return what the JSON answer of ``dynid identify`` says about a result."""
-    floors = result.header.get("noise_floor_nm") or ()
-    keys = {
-        "rms_nm": "rms",
-        "torque_rms_nm": "torque_rms",
-        "relative_error_percent": "relative_percent",
-        "heldout_rms_nm": "heldout_rms",
-    }
-    held = "heldout_relative_error_percent"
-    return {
-        "schema": "dynid/identify/1",
-        "robot": result.robot.name,
-        **picked(
-            result, "method", "rank", "samples", "condition_number", "condition_number_scaled"
-        ),
-        **picked(result, "relative_error_percent", "heldout", held, "in_force"),
-        "joints": [
-            {
-                "joint": joint.joint,
-                # Of a joint without torque in the log nothing is known.
-                **(picked(joint, **keys) if joint.torque_rms else dict.fromkeys(keys)),
-                "noise_floor_nm": floor or None,
-            }
-            for joint, floor in zip_longest(result.joints, floors)
-        ],
-        "parameters": result.parameter_rows(),
-        "physically_consistent": result.in_force == "physical",
-        f"{held}_by_set": {"physical": None, "plain": None, result.in_force: getattr(result, held)},
-        "expected_torque_error": None if result.expected is None else result.expected.facts(),
-        "residual_model": result.residual_facts(),
-        "links": result.links(),
-        "findings": [asdict(finding) for finding in result.findings],
-        "judgement": result.judgement.facts(),
-    }
-
-
 # ---------------------------------------------------------------- all that the command does in a folder
 #: Options of reading and filtering: without logs they are those of the stored observations.
 READING = ("cutoff", "velocity", "exclude", "delay", "topic", "rate", "sort_time")
@@ -440,17 +411,15 @@ class IdentifyRun:
         result: the result, new or the one that was there.
         base: its base model.
         inputs: what it depends on.
-        wrote: files of the result; () where it was there.
-        beside: other files.
+        wrote: files that are new; those of the result last.
         gains: gains of the drives, where the logs hold currents and not all were known.
-        payload: the load, where a result without it was given; payload.yaml is the last of ``beside`` then.
+        payload: the load, where a result without it was given.
     """
 
     result: Identification
     base: BaseModel
     inputs: dict[str, str]
     wrote: tuple[Path, ...]
-    beside: tuple[Path, ...]
     gains: Gains | None = None
     payload: IdentifiedPayload | None = None
 
@@ -463,18 +432,52 @@ class IdentifyRun:
         """Return what the JSON answer of ``dynid identify`` says."""
         delays = ("delay_s", "delay_std_error_s", "delay_applied_s")
         facts = {
-            **answer_of(self.result),
-            "wrote": list(self.wrote),
+            **self.result.facts(),
             **{key: self.result.header.get(key) for key in delays},
             **(gain_facts(self.base.robot, self.gains) if self.gains else {}),
             "folder": self.folder,
             "inputs": self.inputs,
         }
         if self.payload is not None:
-            facts["wrote"].append(self.beside[-1])
             facts["payload"] = self.payload.facts()
             facts["findings"] += map(asdict, self.payload.findings())
         return facts
+
+    def answer(self) -> Answer:
+        """Return what ``dynid identify`` answers."""
+        facts = in_amperes(self.facts(), self.base.robot)
+        answer = self.result.answer(facts)
+        gains = () if self.gains is None else (Table(facts["gains"]),)
+        return replace(
+            answer,
+            parts=(*gains, *answer.parts, *self._payload_parts()),
+            notes=() if self.gains is None else tuple(_doubts(self.base.robot, self.gains)),
+            wrote=self.wrote,
+        )
+
+    def _payload_parts(self) -> tuple[Part, ...]:
+        """Return the load as a person reads it; nothing where none was asked for."""
+        payload = self.payload
+        if payload is None:
+            return ()
+        names = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
+        units = ("kg", *("m",) * 3, *("kg m^2",) * 6)
+        columns = names, payload.numbers, *payload.intervals.T, units
+        heads = ("load", "value", "2.5 %", "97.5 %", "unit")
+        rows = [dict(zip(heads, row, strict=True)) for row in zip(*columns, strict=True)]
+        title = "load on the last link, in its frame (inertia about the centre of mass)"
+        return *payload.findings(), "", title, Table(rows)
+
+
+def _doubts(robot: Robot, gains: Gains) -> Iterator[tuple[str, str]]:
+    """Yield how far the gains of the drives are known, where that is not far."""
+    if gains.relative:
+        yield "amperes", "the size of the gains is unknown, so results are in A; see --loaded"
+    shares = gains.std_error / gains.gain
+    worst = int(shares.argmax())
+    if shares[worst] > UNCERTAIN:
+        name, percent = robot.joint_names[worst], 100 * shares[worst]
+        yield "uncertain", f"the gain of {name} is known to {percent:.0f} % only"
 
 
 def identify_run(
@@ -513,11 +516,11 @@ def identify_run(
         stage("read")
         return [read_log(path, arm, options) for path in paths]
 
-    others, wrote, payload = [], [], None
+    wrote: list[Path] = []
     gains, robot = _gains(arm, logs if paths else list, options, extras, models), arm
     if gains is not None:
         written, robot = write_robot(folder, arm, gains)
-        others.append(written)
+        wrote.append(written)
     inputs = _inputs(robot, folder, paths, options, extras, earlier)
     base, path = base_model(robot, models), RunFolder(folder).parameters
     updated = earlier is not None and path.exists() and path.samefile(earlier.path)
@@ -531,17 +534,18 @@ def identify_run(
                 for k, text in inputs.items()
                 if k in ("robot", *READING) or k.startswith("log ")
             }
-            others.append(seen.save_stack(folder, header(own)))
+            wrote.append(seen.save_stack(folder, header(own)))
         else:
             seen = load_observations(RunFolder(folder).stack, base)
         result = identify(robot, seen, options, update=earlier)
-        wrote = save_result(folder, result, header(inputs))
+        wrote += save_result(folder, result, header(inputs))
+    payload = None
     if unloaded is not None:
         rows = _with_rows(result, base, logs, options) if paths else result
         payload = find_payload(rows, unloaded)
-        others.append(_write_payload(folder, payload))
+        wrote.insert(0, _write_payload(folder, payload))
     result = replace(result, path=path)
-    return IdentifyRun(result, base, inputs, tuple(wrote), tuple(others), gains, payload)
+    return IdentifyRun(result, base, inputs, tuple(wrote), gains, payload)
 
 
 def _stored(path: Path, base: BaseModel) -> Identification:

@@ -2,37 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from dynid.answer import Answer, Answered, all_lights
 from dynid.arguments import public
 from dynid.disk import write_text
 from dynid.judgement.judge import Judgement
 from dynid.loading import ResultLike, as_result
+from dynid.model.base_model import BaseModel
 from dynid.progress import Progress, stage
 from dynid.reports.gathered import gather
-from dynid.reports.page import page, sentences, summary
-from dynid.text import html
+from dynid.reports.page import page, summary
+from dynid.runs import RunFolder
 
 
-@dataclass(frozen=True)
-class Report:
+@dataclass(frozen=True, repr=False)
+class Report(Answered):
     """A report.
 
     Attributes:
         robot: name of the arm.
-        verdict: the answer, why, and what to beware of, in sentences.
         judgement: what is good and what is not, and what to do next.
         html: the page; it needs no network and runs no script.
         markdown: the summary.
     """
 
     robot: str
-    verdict: tuple[str, ...]
     judgement: Judgement
-    html: str = field(repr=False)
-    markdown: str = field(repr=False)
+    html: str
+    markdown: str
+
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """The answer, why, and what to beware of, in sentences."""
+        return self.judgement.sentences
 
     def save(self, folder: Path | str) -> list[Path]:
         """Write report.html and summary.md to a folder and return their paths."""
@@ -46,15 +51,15 @@ class Report:
         return {
             "schema": "dynid/report/1",
             "robot": self.robot,
-            "verdict": list(self.verdict),
+            "verdict": [*self.verdict],
             "lights": {light.name: light.state for light in self.judgement.lights},
             "judgement": self.judgement.facts(),
         }
 
-    def _repr_html_(self) -> str:
-        said = "".join(f"<p>{html(sentence)}</p>" for sentence in self.verdict)
-        lights = (f"{light.name}: {light.state}, {light.text}" for light in self.judgement.lights)
-        return f"{said}<ul>{''.join(f'<li>{html(light)}</li>' for light in lights)}</ul>"
+    def answer(self) -> Answer:
+        """Return what ``dynid report`` answers."""
+        judgement = self.judgement
+        return Answer(self.facts(), parts=(judgement, *all_lights(judgement)), next=judgement.steps)
 
 
 @public
@@ -75,10 +80,15 @@ def report(result: ResultLike, *, progress: Progress | None = None) -> Report:
     result = as_result(result)
     stage("report")
     gathered = gather(result)
-    return Report(
-        result.robot.name,
-        tuple(sentences(gathered)),
-        gathered.judgement,
-        page(gathered),
-        summary(gathered),
-    )
+    return Report(result.robot.name, gathered.judgement, page(gathered), summary(gathered))
+
+
+def renewed(path: Path, base: BaseModel, *, first: bool = False) -> list[Path]:
+    """Write the report beside a result again, where there is one or it is the first, and return its files.
+
+    Why: what is written beside a result makes the page there say less than is known, or something else.
+    """
+    run = RunFolder.of(path)
+    if not (first or run.report.is_file()):
+        return []
+    return report(replace(as_result(path), rigid=base.model.rigid)).save(run.path)

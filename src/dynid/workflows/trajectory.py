@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid import arguments
-from dynid.answer import Answer, picked
+from dynid.answer import Answer, Answered, picked
 from dynid.arguments import public
 from dynid.disk import sha256
 from dynid.errors import Finding, PlanTeachesLittle, WrongUsage
@@ -126,7 +126,7 @@ class SearchRecord:
 
 
 @dataclass(frozen=True, repr=False)
-class Plan(Answer):
+class Plan(Answered):
     """A motion that keeps all limits and stays clear of everything, with what it will teach.
 
     Attributes:
@@ -311,11 +311,17 @@ class Plan(Answer):
             }
             for peak in self.check.peaks
         ]
-        return Table(rows, footer=self.summary().splitlines())
+        return Table(rows)
 
-    def summary(self) -> str:
-        """Return what the motion is, uses, teaches and costs, one line each."""
-        return "\n".join(f"{label:<11}{text}" for label, text in self.lines())
+    def answer(self) -> Answer:
+        """Return what ``dynid trajectory`` answers."""
+        pictures = [("preview", str(picture)) for picture in self.clearance.pictures]
+        return Answer(
+            self.facts(),
+            self.sentence,
+            (*self.findings, self.table()),
+            notes=(*self.lines(), *pictures),
+        )
 
     def lines(self) -> list[tuple[str, str]]:
         """Return the lines of the summary, each as a label and a sentence."""

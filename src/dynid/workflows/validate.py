@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynid.answer import Judged, picked
+from dynid.answer import Answer, Judged, all_lights, lights, picked
 from dynid.arguments import public
 from dynid.errors import SameRecording
 from dynid.estimation import prediction
@@ -107,16 +108,47 @@ class Validation(Judged):
         """Return one row per joint: rms error and rms torque [N m or N], relative error [%], and the baseline."""
         rows = [
             {
-                **quality.row(),
-                "rms of baseline": quality.baseline_rms,
+                "joint": error.joint,
+                "rms error": error.rms,
+                "torque rms": error.torque_rms,
+                "error %": error.relative_percent,
+                "rms of baseline": error.baseline_rms,
                 "unit": joint.torque_unit,
             }
-            for quality, joint in zip(self.joints, self.robot.joints, strict=True)
+            for error, joint in zip(self.joints, self.robot.joints, strict=True)
         ]
-        judgement = self.judgement
-        percent = f"{self.relative_error_percent:.2f} %"
-        total = f"total relative error {percent}, baseline: {self.baseline}"
-        return Table(rows, self.title, (judgement.sentence, *judgement.reasons, total))
+        return Table(rows, self.title)
+
+    def answer(
+        self,
+        max_rms: float | None = None,
+        max_unexplained: float | None = None,
+        wrote: Sequence[Path] = (),
+    ) -> Answer:
+        """Return what ``dynid validate`` answers.
+
+        Args:
+            max_rms: largest rms error of a joint that is allowed [N m or N].
+            max_unexplained: largest total relative error that is allowed, as a share.
+            wrote: files of this replay.
+        """
+        judgement, total = self.judgement, self.relative_error_percent
+        limits = [
+            f"{joint.joint}: rms error {joint.rms:.3g} N m > {max_rms:g}"
+            for joint in self.joints
+            if max_rms is not None and joint.rms > max_rms
+        ]
+        if max_unexplained is not None and total > 100 * max_unexplained:
+            limits.append(f"total relative error {total:.2f} % > {100 * max_unexplained:g} %")
+        text = f"total relative error {total:.2f} %; baseline: {self.baseline}"
+        return Answer(
+            self.facts() | {"passed": not limits},
+            parts=(judgement, *all_lights(judgement), self.table(), text),
+            details=lights(judgement, "good"),
+            wrote=wrote,
+            next=judgement.steps,
+            limits=limits,
+        )
 
     def plot_torque(self) -> Figure:
         """Return a figure of measured and estimated torque and their difference, one panel per joint."""
@@ -151,24 +183,6 @@ class Validation(Judged):
         }
         facts: dict[str, Any] = in_amperes(answer, self.robot)
         return facts
-
-    def broken_limits(self, max_rms: float | None, max_unexplained: float | None) -> list[str]:
-        """Return a sentence per limit that is not met.
-
-        Args:
-            max_rms: largest rms error of a joint [N m or N].
-            max_unexplained: largest total relative error, as a share.
-        """
-        total, broken = self.relative_error_percent, []
-        if max_rms is not None:
-            broken = [
-                f"{joint.joint}: rms error {joint.rms:.3g} N m > {max_rms:g}"
-                for joint in self.joints
-                if joint.rms > max_rms
-            ]
-        if max_unexplained is not None and total > 100 * max_unexplained:
-            broken.append(f"total relative error {total:.2f} % > {100 * max_unexplained:g} %")
-        return broken
 
     def folder(self, parent: Path) -> Path:
         """Return where its files go: named after the log, and after its hash where another log has that name."""

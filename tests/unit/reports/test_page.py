@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 
 import pytest
 
-from dynid.reports.page import SECTIONS, page, sentences, summary
+from dynid.reports.page import SECTIONS, page, summary
 from dynid.text import printable
 
 NASTY = '<b>x & "y"</b>'
@@ -96,7 +96,7 @@ def test_names_are_text_wherever_they_stand(html):
     assert "<b>x" not in html
     assert {anchor: text.count(NASTY) for anchor, text in by_section(html).items()} == {
         "": 2,  # title and heading
-        "verdict": 3,  # answer and light of the validation, weakest joint
+        "verdict": 2,  # answer and light of the validation
         "next": 1,  # the log to search
         "run": 3,  # robot, command, log
         "quality": 1,  # the finding
@@ -143,7 +143,7 @@ def test_drawings_follow_the_colours_of_the_page(html):
 
 def test_the_page_has_the_sentence_the_lights_and_the_steps_of_the_judgement(gathered, html):
     found, judged = by_section(html), gathered.judgement
-    assert printable(judged.sentence) in found["verdict"]
+    assert all(printable(sentence) in found["verdict"] for sentence in judged.sentences)
     for light in judged.lights:
         assert printable(light.text) in found["verdict"]
     assert re.findall(r'<li class="(good|fair|bad|open)">', html) == [
@@ -151,15 +151,6 @@ def test_the_page_has_the_sentence_the_lights_and_the_steps_of_the_judgement(gat
     ]
     for step in judged.steps:
         assert step.command in found["next"]
-
-
-def test_the_verdict_ends_with_the_fit_and_the_parameters(gathered):
-    count = len(gathered.result.names)
-    assert sentences(gathered)[-2:] == [
-        f"Relative torque error 1.4 % on the training logs, at most 1.4 % on one joint ({NASTY}).",
-        f"{count - 1} of {count} base parameters are determined well enough for the torques, 1 are not determined by "
-        "the logs. Predictions use the physically consistent parameters.",
-    ]
 
 
 def test_an_old_run_without_its_other_files_still_has_a_report(gathered):
