@@ -38,7 +38,7 @@ from dynid.signals.columns import (
     to_dh,
     units,
 )
-from dynid.signals.filters import check_position_noise
+from dynid.signals.filters import check_position_noise, check_rate
 from dynid.signals.motion import (
     any_moves,
     check_amount,
@@ -50,7 +50,6 @@ from dynid.signals.motion import (
 )
 from dynid.signals.stamps import (
     check_gaps,
-    check_rate,
     same_rows,
     with_even_clock,
     with_findings,

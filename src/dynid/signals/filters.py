@@ -17,15 +17,14 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from dynid.errors import Finding, LogTooShort
+from dynid.drivers.interface import driver_of
+from dynid.errors import Finding, LogTooShort, RateTooLow
 from dynid.log import Log
 from dynid.robot import Coulomb, Robot
 from dynid.signals import tuning
 from dynid.signals.motion import bandwidth, per_joint
 
 Floats = NDArray[np.float64]
-#: What third differences make of white noise of unit variance: sqrt(1 + 9 + 9 + 1).
-_THIRD = 20**0.5
 #: Power of a Hann window.
 _HANN = 0.375
 
@@ -151,22 +150,41 @@ class Noise:
         return self.share <= tuning.NOISE_SHARE
 
 
-def usual_cutoff(log: Log, robot: Robot) -> float:
-    """Return the cut-off that the band of a log's motion asks for [Hz]."""
-    return max(tuning.LOWEST_CUTOFF_HZ, tuning.CUTOFF_OVER_MOTION * bandwidth(log, robot))
+def usual_cutoff(band: float) -> float:
+    """Return the cut-off that a motion of some band asks for [Hz]."""
+    return max(tuning.LOWEST_CUTOFF_HZ, tuning.CUTOFF_OVER_MOTION * band)
 
 
 def choose_cutoff(logs: Sequence[Log], robot: Robot) -> float:
     """Return one cut-off for several logs [Hz]: what the fastest motion asks for and the noisiest positions allow."""
     noises = [position_noise(log, robot) for log in logs]
     allowed = [noise.cutoff for noise in noises if noise is not None]
-    return min([max(usual_cutoff(log, robot) for log in logs), *allowed])
+    return min([usual_cutoff(max(bandwidth(log, robot) for log in logs)), *allowed])
+
+
+def check_rate(log: Log, robot: Robot) -> None:
+    """Raise when samples arrive too rarely for the motion.
+
+    Raises:
+        RateTooLow: its fix says how the driver publishes faster.
+    """
+    fastest = bandwidth(log, robot)
+    cutoff, noise = usual_cutoff(fastest), position_noise(log, robot, encoder_noise(log.q))
+    # Why: what the steps of the encoder hide is filtered away, and needs no samples.
+    cutoff = cutoff if noise is None else min(cutoff, noise.cutoff)
+    needed = max(tuning.LEAST_RATE_HZ, tuning.SAMPLES_PER_CUTOFF * cutoff)
+    if fastest and log.rate < needed:
+        raise RateTooLow(
+            f"joint states arrive at {log.rate:.1f} Hz; "
+            f"the fastest motion, {fastest:.1f} Hz, needs >= {max(tuning.GOOD_RATE_HZ, needed):.0f} Hz",
+            fix=driver_of(robot).rate_fix,
+        )
 
 
 def check_position_noise(log: Log, robot: Robot) -> Iterator[Finding]:
     """Yield finding W327 when positions scatter so much that the cut-off is chosen for it."""
     noise = position_noise(log, robot)
-    if noise is None or (noise.harmless and noise.cutoff >= usual_cutoff(log, robot)):
+    if noise is None or (noise.harmless and noise.cutoff >= usual_cutoff(bandwidth(log, robot))):
         return
     joint = robot.joints[noise.joint]
     text = (
@@ -192,10 +210,24 @@ def check_position_noise(log: Log, robot: Robot) -> Iterator[Finding]:
     )
 
 
-def position_noise(log: Log, robot: Robot) -> Noise | None:
-    """Return the noise of the positions where it is large enough for a cut-off of its own, else None."""
-    # Why third differences: motion vanishes in them.
-    level = np.median(np.abs(np.diff(log.q, 3, axis=0)), axis=0) * 1.4826 / _THIRD
+def encoder_noise(q: Floats) -> Floats:
+    """Return the noise that rounding to the steps of an encoder makes of positions q, (N, n), (n,) [rad or m]."""
+    change = np.abs(np.diff(q, axis=0))
+    step = np.min(change, axis=0, where=change > 0.0, initial=np.inf)
+    return np.where(np.isfinite(step), step, 0.0) / 12**0.5
+
+
+def position_noise(log: Log, robot: Robot, level: Floats | None = None) -> Noise | None:
+    """Return the noise of the positions where it is large enough for a cut-off of its own, else None.
+
+    Args:
+        log: a prepared log.
+        robot: its robot.
+        level: standard deviation of the noise, (n,) [rad or m]; when None what is measured, or the steps of the encoder
+            where it often rests on one of them.
+    """
+    if level is None:
+        level = np.maximum(white_noise(log.q), encoder_noise(log.q))
     if not np.any(level > per_joint(tuning.POSITION_NOISE, robot)):
         return None
     cutoffs = np.arange(
@@ -222,7 +254,7 @@ def _shares(log: Log, level: Floats, cutoffs: Floats) -> Floats:
     below = np.cumsum((2 * np.pi * f[:, None]) ** 4 * waves**2, axis=0)
     power = 2 / (_HANN * len(q) ** 2) * below[np.searchsorted(f, cutoffs) - 1]
     noise = np.outer((2 * np.pi) ** 2 * cutoffs**2.5 * np.sqrt(2 / (5 * log.rate)), level)
-    return np.asarray(noise / np.sqrt(np.maximum(power, noise**2)))
+    return np.asarray(noise / np.sqrt(np.maximum(power, np.maximum(noise**2, 1e-300))))
 
 
 def white_noise(x: Floats) -> Floats:

@@ -74,25 +74,14 @@ def rest_slices(log: Log, robot: Robot) -> list[slice]:
 
 
 def bandwidth(log: Log, robot: Robot) -> float:
-    """Return the frequency below which nearly all of every moving joint's velocity lies [Hz].
-
-    Or all of its position but half a step of its encoder: what is faster may be these steps.
-    """
-    v, least = speed(log), per_joint(tuning.MOVING_SPEED, robot)
-    alive = np.any(np.abs(v) > least, axis=0)
-    if not alive.any():
-        return 0.0
-    frequency, window, last = np.fft.rfftfreq(len(v), 1.0 / log.rate), np.hanning(len(v)), 0
-    for j in np.flatnonzero(alive):
-        power = np.abs(np.fft.rfft(v[:, j] * window)) ** 2
-        missing = np.cumsum(power) / np.sum(power) < tuning.POWER_SHARE
-        if np.sum(missing) > last:
-            waves = np.abs(np.fft.rfft(log.q[:, j] * window)) ** 2
-            above = np.cumsum(waves[::-1])[::-1] * 2 / (len(v) * np.sum(window**2))
-            change = np.abs(np.diff(log.q[:, j]))
-            missing &= above > (np.min(change[change > 0.0]) / 2) ** 2
-            last = max(last, int(np.sum(missing)))
-    return float(frequency[last])
+    """Return the frequency below which nearly all of every moving joint's velocity lies [Hz]."""
+    v = speed(log)
+    v = v[:, np.any(np.abs(v) > per_joint(tuning.MOVING_SPEED, robot), axis=0)]
+    last, window = 0, np.hanning(len(v))
+    for x in v.T:
+        power = np.cumsum(np.abs(np.fft.rfft(x * window)) ** 2)
+        last = max(last, int(np.sum(power < tuning.POWER_SHARE * power[-1])))
+    return last * log.rate / len(v)
 
 
 def swings(log: Log, robot: Robot) -> NDArray[np.int64]:

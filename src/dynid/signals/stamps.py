@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.drivers.interface import driver_of
-from dynid.errors import Finding, LogTooShort, NotFinite, RateTooLow, TimeNotIncreasing, TooManyLost
+from dynid.errors import Finding, LogTooShort, NotFinite, TimeNotIncreasing, TooManyLost
 from dynid.log import Log
 from dynid.robot import Robot
 from dynid.signals import tuning
 from dynid.signals.columns import take_samples
-from dynid.signals.motion import bandwidth, moving, runs
+from dynid.signals.motion import moving, runs
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -224,22 +223,6 @@ def check_gaps(log: Log, exclude: Sequence[tuple[float, float]]) -> Iterator[Fin
     else:
         text = f"{len(gaps)} gap{'s' * (len(gaps) > 1)}, {where}: cut there"
     yield Finding("W312", "warning", f"{log.name}: {text}, not bridged", evidence)
-
-
-def check_rate(log: Log, robot: Robot) -> None:
-    """Raise when samples arrive too rarely for the motion.
-
-    Raises:
-        RateTooLow: its fix says how the driver publishes faster.
-    """
-    fastest = bandwidth(log, robot)
-    needed = max(tuning.LEAST_RATE_HZ, tuning.SAMPLES_PER_PERIOD * fastest)
-    if fastest and log.rate < needed:
-        raise RateTooLow(
-            f"joint states arrive at {log.rate:.1f} Hz; "
-            f"the fastest motion, {fastest:.1f} Hz, needs >= {max(tuning.GOOD_RATE_HZ, needed):.0f} Hz",
-            fix=driver_of(robot).rate_fix,
-        )
 
 
 def with_findings(log: Log, *findings: Finding) -> Log:

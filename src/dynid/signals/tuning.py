@@ -20,8 +20,8 @@ LEAST_SEGMENT_S = 5.0
 DUPLICATE_SHARE = 0.2
 #: Below this rate [Hz] the step of the friction at a reversal falls between two samples. Evidence: none yet.
 LEAST_RATE_HZ = 20.0
-#: The low-pass keeps five times the fastest motion and must stay below 80 % of half the rate: 5 * 2 / 0.8.
-SAMPLES_PER_PERIOD = 12.5
+#: The cut-off must stay below 80 % of half the rate: 2 / 0.8.
+SAMPLES_PER_CUTOFF = 2.5
 #: Rate [Hz] that is comfortable for an arm, named in the advice. Evidence: none yet.
 GOOD_RATE_HZ = 50.0
 #: Fewer samples than this are no recording, and fewer in motion show nothing. Evidence: none yet.

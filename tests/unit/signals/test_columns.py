@@ -48,12 +48,8 @@ def driver(**more):
 def test_columns_are_taken_by_name_whatever_their_order():
     shuffled = [6, 0, 3, 2, 5, 1, 4]
     log = lwr_log()
-    mixed = replace(
-        log,
-        q=log.q[:, shuffled],
-        tau=log.tau[:, shuffled],
-        names=tuple(log.names[i] for i in shuffled),
-    )
+    columns = {key: x[:, shuffled] for key, x in log.columns.items()}
+    mixed = log.with_columns(columns, names=tuple(log.names[i] for i in shuffled))
     one, two = prepare(log, lwr()), prepare(mixed, lwr())
     np.testing.assert_array_equal(one.q, two.q)
     np.testing.assert_array_equal(one.tau, two.tau)

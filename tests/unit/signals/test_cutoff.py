@@ -5,9 +5,14 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 from signal_cases import robot
 
+from dynid.errors import RateTooLow
+from dynid.files.logs import read_log
+from dynid.files.robotfile import load_robot
 from dynid.log import Log
 from dynid.signals import tuning
-from dynid.signals.filters import check_position_noise, choose_cutoff, position_noise
+from dynid.signals.checks import prepare
+from dynid.signals.filters import check_position_noise, check_rate, choose_cutoff, position_noise
+from makelogs import shared_data
 
 RATE, SECONDS = 200.0, 60.0
 T = np.arange(round(RATE * SECONDS)) / RATE
@@ -50,6 +55,37 @@ def test_noisy_positions_lower_the_cutoff_and_are_said(noise, said):
     assert (choose_cutoff([log], robot()) < tuning.LOWEST_CUTOFF_HZ) == said
     # Why: of LWR logs with 2e-3 rad, 68 % of the true parameters lie in the intervals of least squares.
     assert not said or "those of least squares may be too narrow" in found["W327"]
+
+
+def coarse(frequency, reach, rate=50.0, step=0.0015):
+    """Return a swing of the first joint as an encoder of 12 bit shows it."""
+    t = np.arange(0, SECONDS, 1 / rate)
+    q = np.outer(reach * np.sin(2 * np.pi * frequency * t), [1.0, 0.0])
+    return Log(t, step * np.round(q / step), 5 * np.cos(q), ("joint_1", "joint_2"))
+
+
+@pytest.mark.parametrize(
+    ("frequency", "reach", "codes"),
+    [(0.11, 0.02, ["W327"]), (0.29, 0.02, ["W327"]), (1.47, 0.2, [])],
+)
+def test_steps_of_a_coarse_encoder_are_noise_and_no_fast_motion(frequency, reach, codes):
+    log = coarse(frequency, reach)
+    check_rate(log, robot())
+    assert [each.code for each in check_position_noise(log, robot())] == codes
+
+
+def test_fast_motion_that_a_coarse_encoder_shows_needs_its_samples():
+    with pytest.raises(RateTooLow, match=r"the fastest motion, 4\.5 Hz, needs >= 5\d Hz"):
+        check_rate(coarse(4.5, 0.1), robot())
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", ["large_amplitude", "reaching_points", "multisine"])
+def test_hops_of_a_hobby_arm_are_filtered_below_the_noise_of_its_encoder(name):
+    arm = load_robot(shared_data("so101/so101.yaml"))
+    log = prepare(read_log(shared_data(f"so101/{name}.csv"), robot=arm), arm)
+    assert "W327" in [each.code for each in log.findings]
+    assert choose_cutoff([log], arm) < 6.0
 
 
 def test_noise_that_no_cutoff_takes_away_is_called_so():

@@ -95,8 +95,7 @@ def test_conditioning_finds_speed_and_acceleration_also_on_uneven_stamps(jitter)
 
 def test_a_gap_is_cut_and_not_bridged():
     log = sine_log()
-    keep = (log.t < 8) | (log.t > 9)
-    parts = condition(Log(log.t[keep], log.q[keep], log.tau[keep]), choose_filter(log, ARM))
+    parts = condition(without_intervals(log, [(8, 9)]), choose_filter(log, ARM))
     assert len(parts) == 2
     assert parts[0].t[-1] < 8
     assert parts[1].t[0] > 9
@@ -138,12 +137,9 @@ def test_one_percent_of_spikes_is_found_and_replaced_by_values_like_those_around
     hit = rng.random(tau.shape) < 0.01
     spoilt = tau + hit * 5 * rng.choice([-1, 1], tau.shape)
     cured, findings = despiked(log_with(spoilt), 5.0)
-    assert (
-        np.mean(np.abs(cured.tau - clean)[hit] < 1.0) > 0.97
-    )  # why not all: three of five may be hit
-    assert (
-        np.mean((cured.tau != spoilt)[~hit]) < 1e-3
-    )  # a sample between two spikes is taken for a third
+    # Why not all: three of five may be hit, and a sample between two spikes is taken for a third.
+    assert np.mean(np.abs(cured.tau - clean)[hit] < 1.0) > 0.97
+    assert np.mean((cured.tau != spoilt)[~hit]) < 1e-3
     assert findings[0].evidence["samples"] == pytest.approx(hit.sum(axis=0), rel=0.03)
 
 
@@ -153,15 +149,9 @@ def test_torques_without_spikes_come_back_as_they_are(noise):
     assert despiked(log, 5.0) == (log, ())
 
 
-def test_a_log_too_slow_to_tell_a_spike_from_a_motion_is_left_alone():
+@pytest.mark.parametrize(("hit", "rate"), [(slice(100, 101), 50.0), (slice(None, None, 20), 200.0)])
+def test_what_may_be_motion_and_spikes_too_many_for_accidents_stay(hit, rate):
     tau = torques()[1]
-    tau[100] += 50
-    log = log_with(tau, rate=50.0)
-    assert despiked(log, 5.0) == (log, ())
-
-
-def test_spikes_that_are_too_many_are_no_accidents():
-    tau = torques()[1]
-    tau[::20] += 5
-    log = log_with(tau)
+    tau[hit] += 50 if rate == 50.0 else 5
+    log = log_with(tau, rate)
     assert despiked(log, 5.0) == (log, ())

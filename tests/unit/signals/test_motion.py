@@ -58,12 +58,9 @@ def test_a_short_stretch_of_motion_is_named():
 
 
 def test_a_log_that_never_moves_raises_nothing_unless_it_is_to_identify_from():
-    rng = np.random.default_rng(0)
-    n = len(lwr_log())
-    still = replace(
-        lwr_log(), q=np.repeat(lwr_log().q[:1], n, axis=0) + rng.normal(0, 1e-5, (n, 7))
-    )
-    assert len(prepare(still, lwr(), identify=False)) == n
+    q = lwr_log().q
+    still = replace(lwr_log(), q=q[0] + np.random.default_rng(0).normal(0, 1e-5, q.shape))
+    assert len(prepare(still, lwr(), identify=False)) == len(q)
     with pytest.raises(LogTooShort, match=r"0\.0 s of motion"):
         prepare(still, lwr())
 

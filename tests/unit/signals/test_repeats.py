@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from signal_cases import RNG, moving_log, robot
 
+from dynid.signals.columns import take_samples
 from dynid.signals.stamps import with_rising_time, without_copies, without_stale
 
 
@@ -13,7 +14,7 @@ from dynid.signals.stamps import with_rising_time, without_copies, without_stale
 def test_samples_held_by_the_driver_are_left_out(every):
     log = moving_log()
     index = np.arange(len(log)) // every * every
-    kept = without_stale(replace(log, q=log.q[index], tau=log.tau[index]), robot())
+    kept = without_stale(replace(take_samples(log, index), t=log.t), robot())
     np.testing.assert_array_equal(kept.t, log.t[::every])
     np.testing.assert_array_equal(kept.q, log.q[::every])
     assert [finding.code for finding in kept.findings] == ["W325"]
@@ -35,7 +36,7 @@ def test_encoders_so_coarse_that_positions_repeat_are_no_held_samples():
 
 def test_an_arm_at_rest_repeats_nothing():
     log = moving_log()
-    still = replace(log, q=np.zeros_like(log.q) + log.q[0], tau=np.zeros_like(log.tau) + log.tau[0])
+    still = replace(take_samples(log, np.zeros(len(log), dtype=int)), t=log.t)
     assert without_stale(still, robot()) is still
 
 
@@ -48,9 +49,7 @@ def test_a_clean_log_is_the_same_object():
 def test_samples_stored_twice_under_one_stamp_are_dropped():
     log = moving_log()
     index = np.repeat(np.arange(len(log)), 2)
-    kept = with_rising_time(
-        replace(log, t=log.t[index], q=log.q[index], tau=log.tau[index]), sort_time=False
-    )
+    kept = with_rising_time(take_samples(log, index), sort_time=False)
     np.testing.assert_array_equal(kept.t, log.t)
     assert [finding.code for finding in kept.findings] == ["W311"]
 
@@ -66,7 +65,7 @@ def test_a_log_given_again_is_left_out_whatever_its_clock_says():
 def test_the_part_of_a_log_that_an_earlier_one_has_is_left_out():
     log = moving_log()
     half = len(log) // 2
-    first = replace(log, t=log.t[:half], q=log.q[:half], tau=log.tau[:half])
+    first = take_samples(log, slice(half))
     kept, findings = without_copies([first, log])
     assert kept[0] is first
     np.testing.assert_array_equal(kept[1].t, log.t[half:])
@@ -75,15 +74,15 @@ def test_the_part_of_a_log_that_an_earlier_one_has_is_left_out():
 
 def test_a_recording_joined_to_itself_counts_once():
     log = moving_log()
-    t = np.concatenate([log.t, log.t + log.t[-1] + 0.01])
-    twice = replace(log, t=t, q=np.tile(log.q, (2, 1)), tau=np.tile(log.tau, (2, 1)))
+    twice = take_samples(log, np.tile(np.arange(len(log)), 2))
+    twice = replace(twice, t=np.append(log.t, log.t + log.t[-1] + 0.01))
     kept, _ = without_copies([twice])
     np.testing.assert_array_equal(kept[0].q, log.q)
 
 
 def test_copies_are_found_among_many_logs():
     log = moving_log()
-    part = replace(log, t=log.t[:200], q=log.q[:200], tau=log.tau[:200])
+    part = take_samples(log, slice(200))
     logs = [replace(part, q=part.q + 0.01 * RNG.standard_normal(part.q.shape)) for _ in range(300)]
     kept, findings = without_copies([*logs, logs[7], logs[250], *logs[:100]])
     assert kept == logs

@@ -26,26 +26,24 @@ def with_units(robot, fix):
     return replace(robot, driver=replace(robot.driver, units={**robot.driver.units, **units}))
 
 
-def test_an_infinite_position_is_named():
-    q = lwr_log().q.copy()
-    q[10, 0] = np.inf
-    with pytest.raises(NotFinite, match="lwr_0_joint position is infinite in 1 samples"):
-        prepare(replace(lwr_log(), q=q), lwr())
+def spoilt(log, name, where, value):
+    """Return a log in which some entries of a column have another value."""
+    values = getattr(log, name).copy()
+    values[where] = value
+    return replace(log, **{name: values})
 
 
-def test_a_flipped_bit_that_makes_a_huge_number_is_named():
-    q = lwr_log().q.copy()
-    q[10, 0] = 3e150
-    with pytest.raises(
-        NotFinite, match=r"lwr_0_joint position is 3e\+150, not measurable, in 1 samples"
-    ):
-        prepare(replace(lwr_log(), q=q), lwr())
+@pytest.mark.parametrize(
+    ("value", "kind"), [(np.inf, "infinite"), (3e150, r"3e\+150, not measurable,")]
+)
+def test_a_position_that_is_infinite_or_that_a_flipped_bit_made_huge_is_named(value, kind):
+    with pytest.raises(NotFinite, match=f"lwr_0_joint position is {kind} in 1 samples"):
+        prepare(spoilt(lwr_log(), "q", (10, 0), value), lwr())
 
 
 def test_a_finger_that_is_no_number_does_not_matter():
-    tau = gen2_log().tau.copy()
-    tau[:, -1] = np.nan
-    assert len(prepare(replace(gen2_log(), tau=tau), gen2())) == len(gen2_log())
+    log = spoilt(gen2_log(), "tau", (slice(None), -1), np.nan)
+    assert len(prepare(log, gen2())) == len(log)
 
 
 def test_degrees_of_joints_without_position_limits_are_seen_at_the_speed():
@@ -66,9 +64,8 @@ def test_a_continuous_joint_that_has_turned_many_times_is_not_in_degrees():
 
 
 def test_a_jump_by_a_full_turn_is_taken_out():
-    q = lwr_log().q.copy()
-    q[2000:, 6] -= 2 * np.pi
-    log = prepare(replace(lwr_log(), q=q), lwr())
+    turned = lwr_log().q[2000:, 6] - 2 * np.pi
+    log = prepare(spoilt(lwr_log(), "q", (slice(2000, None), 6), turned), lwr())
     np.testing.assert_allclose(log.q, prepare(lwr_log(), lwr()).q, atol=1e-9)
     (finding,) = log.findings
     assert finding.code == "W315"
@@ -76,9 +73,7 @@ def test_a_jump_by_a_full_turn_is_taken_out():
 
 
 def test_one_spike_in_the_torque_is_not_another_unit():
-    tau = lwr_log().tau.copy()
-    tau[1234, 0] = 5000.0
-    prepare(replace(lwr_log(), tau=tau), lwr())
+    prepare(spoilt(lwr_log(), "tau", (1234, 0), 5000.0), lwr())
 
 
 def test_efforts_that_are_all_zero_are_no_torques():
@@ -87,17 +82,13 @@ def test_efforts_that_are_all_zero_are_no_torques():
 
 
 def test_flat_tops_are_found_where_they_are_and_nowhere_else():
-    tau = lwr_log().tau.copy()
-    level = np.quantile(tau[:, 1], 0.97)
-    over = tau[:, 1] >= level
-    tau[over, 1] = level
-    log = prepare(replace(lwr_log(), tau=tau), lwr())
+    level = np.quantile(lwr_log().tau[:, 1], 0.97)
+    over = lwr_log().tau[:, 1] >= level
+    log = prepare(spoilt(lwr_log(), "tau", (over, 1), level), lwr())
     (finding,) = log.findings
     assert finding.code == "W319"
-    assert re.match(
-        rf"lwr_1_joint torque sits at {level:.4g} Nm for .* s: clipped samples are left out",
-        finding.text,
-    )
+    text = rf"lwr_1_joint torque sits at {level:.4g} Nm for .* s: clipped samples are left out"
+    assert re.match(text, finding.text)
     clipped = log.extra["clipped"]
     assert clipped.shape == log.tau.shape
     assert not clipped[:, [0, 2, 3, 4, 5, 6]].any()
@@ -113,16 +104,12 @@ def test_a_coarsely_quantised_torque_is_not_clipped():
 
 
 def test_a_torque_that_stays_while_its_joint_moves_to_and_fro_is_none():
-    log, stuck = lwr_log(), slice(500, None)
-    tau = log.tau.copy()
-    tau[stuck, 3] = tau[500, 3]
-    found = prepare(replace(log, tau=tau), lwr())
+    level, stuck = lwr_log().tau[500, 3], slice(500, None)
+    found = prepare(spoilt(lwr_log(), "tau", (stuck, 3), level), lwr())
     (finding,) = found.findings
     assert finding.code == "W319"
-    assert re.match(
-        rf"lwr_3_joint torque stays at {tau[500, 3]:.4g} Nm for .* to and fro: these samples",
-        finding.text,
-    )
+    text = rf"lwr_3_joint torque stays at {level:.4g} Nm for .* to and fro: these samples"
+    assert re.match(text, finding.text)
     assert found.extra["clipped"][stuck, 3].all()
     assert not found.extra["clipped"][:500].any()
 
