@@ -32,7 +32,7 @@ def written_whole(path: Path | str) -> Iterator[IO[bytes]]:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=".dynid-", dir=path.parent)
     except OSError as error:
-        raise CannotWrite(f"cannot write {path}: {error.strerror}", where=str(path)) from error
+        raise CannotWrite(f"cannot write {path}: {error.strerror}", where=path) from error
     temporary = Path(name)
     try:
         with os.fdopen(handle, "wb") as stream:
@@ -46,7 +46,7 @@ def written_whole(path: Path | str) -> Iterator[IO[bytes]]:
         require_file(path)
         temporary.replace(path)
     except OSError as error:
-        raise CannotWrite(f"cannot write {path}: {error.strerror}", where=str(path)) from error
+        raise CannotWrite(f"cannot write {path}: {error.strerror}", where=path) from error
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -55,3 +55,7 @@ class Motion:
     def __len__(self) -> int:
         """Return the number of samples."""
         return len(self.t)
+
+    def at_speed(self, share: float) -> Motion:
+        """Return the same path at a share of its speed (Paper Eq. 19)."""
+        return Motion(self.t / share, self.q, self.qd * share, self.qdd * share**2)

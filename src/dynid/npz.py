@@ -42,7 +42,7 @@ def bounded(packed: int, unpacked: int, where: Path | str) -> None:
         where: the file, and the place in it.
     """
     if unpacked > max(_SMALL, _EXPANSION * packed):
-        raise TooLarge(f"{where}: {packed} bytes unpack to {unpacked}", where=str(where))
+        raise TooLarge(f"{where}: {packed} bytes unpack to {unpacked}", where=where)
 
 
 # ---------------------------------------------------------------- .npz

@@ -44,8 +44,8 @@ class Column:
     @property
     def dry_size(self) -> Node | None:
         """What multiplies the Coulomb sign of its own joint, None where it is no dry friction."""
-        factors = _factors(self.node)
-        rest = [one for one in factors if coulomb_joint(one) != self.joint + 1]
+        factors = self.node.factors()
+        rest = [one for one in factors if not one.coulomb or one.coulomb.joint != self.joint + 1]
         if len(rest) != len(factors) - 1:
             return None
         return Node("*", (Node("number", value=1.0), *rest))
@@ -68,16 +68,6 @@ def _placed(node: Node, joint: int) -> Node:
     return Node("signal", text=node.text, joint=node.joint or joint)
 
 
-def _factors(node: Node) -> list[Node]:
-    return [one for part in node.parts for one in _factors(part)] if node.head == "*" else [node]
-
-
-def coulomb_joint(node: Node) -> int:
-    """Return the joint, from 1, of a node that is a Coulomb sign, else 0."""
-    speed = node.head == "sign" and node.parts[0].text == "qd"
-    return node.parts[0].joint if speed else 0
-
-
 # ---------------------------------------------------------------- spelling
 def written(node: Node, robot: Robot, bristle: int = 0) -> str:
     """Return a formula whose signals say their joints as an expression, in brackets where it is made of several.
@@ -87,8 +77,9 @@ def written(node: Node, robot: Robot, bristle: int = 0) -> str:
         robot: the arm, for the shape of its Coulomb signs.
         bristle: number of its bristle, where it has one.
     """
-    if joint := coulomb_joint(node):
-        return f"({coulomb(robot, joint - 1, f'qd[{joint - 1}]')})"
+    if speed := node.coulomb:
+        j = speed.joint - 1
+        return f"({coulomb(robot, j, f'qd[{j}]')})"
     parts = [written(part, robot, bristle) for part in node.parts]
     match node.head:
         case "number":

@@ -103,8 +103,8 @@ class StoredTrajectory:
 
 def motion_hash(motion: Motion) -> str:
     """Return the sha256 of a motion's samples: what was seen is what may run."""
-    arrays = (motion.t, motion.q, motion.qd, motion.qdd)
-    return hashlib.sha256(b"".join(np.asarray(x, "<f8").tobytes() for x in arrays)).hexdigest()
+    arrays = (np.asarray(x, "<f8").tobytes() for x in vars(motion).values())
+    return hashlib.sha256(b"".join(arrays)).hexdigest()
 
 
 def write_trajectory(path: Path, stored: StoredTrajectory) -> None:
@@ -139,7 +139,7 @@ def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
     artifact = read_artifact(path, SCHEMA, SHAPES)
     header, arrays = dict(artifact.header), artifact.arrays
     with reading(path):
-        motion = Motion(arrays["t"], arrays["q"], arrays["qd"], arrays["qdd"])
+        motion = Motion(*(arrays[key] for key in ("t", "q", "qd", "qdd")))
         review = header.pop("review")
         stored = StoredTrajectory(
             robot=header.pop("robot"),
@@ -164,7 +164,7 @@ def read_trajectory(path: Path, robot: Robot | None = None) -> StoredTrajectory:
 def write_csv(path: Path, joints: tuple[str, ...], motion: Motion) -> None:
     """Write a motion as CSV in DH quantities, with the columns of a CSV log and ``qdd_<name>``."""
     header = ["t", *(column(f"{kind}_{name}") for kind in ("q", "qd", "qdd") for name in joints)]
-    table = np.column_stack([motion.t, motion.q, motion.qd, motion.qdd])
+    table = np.column_stack([*vars(motion).values()])
     with written_whole(path) as stream:
         stream.write((",".join(header) + "\n").encode())
         np.savetxt(stream, table, fmt="%.9g", delimiter=",")
@@ -195,7 +195,7 @@ def write_joint_trajectory(
     names = ", ".join(map(yaml_word, robot.log_names))
     header, duration = _SPELT[ros]
     lines = [header, f"joint_names: [{names}]", "points:"]
-    for t, q, qd, qdd in zip(motion.t, motion.q, motion.qd, motion.qdd, strict=True):
+    for t, q, qd, qdd in zip(*vars(motion).values(), strict=True):
         lines += [
             f"- positions: {_row((q - offset) * sign)}",
             f"  velocities: {_row(qd * sign)}",

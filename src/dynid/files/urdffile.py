@@ -90,7 +90,7 @@ class Urdf:
         carrier, joints, link = {joint.child: joint for joint in self.joints}, [], tip
         while link != base:
             if link not in carrier:
-                raise _wrong(self.path, f": link '{tip}' is not connected to '{base}'")
+                raise wrong_urdf(self.path, f": link '{tip}' is not connected to '{base}'")
             joints.append(carrier[link])
             link = carrier[link].parent
         return tuple(reversed(joints))
@@ -126,11 +126,12 @@ class Urdf:
         """Return the name of a link after checking that it exists."""
         if name not in self.bodies:
             text = f" has no link '{name}'{closest(name, self.bodies)}"
-            raise _wrong(self.path, text, f"links: {', '.join(self.bodies)}")
+            raise wrong_urdf(self.path, text, f"links: {', '.join(self.bodies)}")
         return name
 
 
-def _wrong(path: Path, text: str, fix: str = "") -> WrongUrdf:
+def wrong_urdf(path: Path, text: str, fix: str = "") -> WrongUrdf:
+    """Return the mistake that a URDF is."""
     return WrongUrdf(f"{path}{text}", where=path, fix=fix)
 
 
@@ -152,17 +153,17 @@ def read_urdf(path: Path, *, exact: bool = False) -> Urdf:
         line = f"{path}:{error.position[0]}"
         raise WrongUrdf(f"{path} is not XML: {error}", where=line) from error
     except (LookupError, ValueError) as error:
-        raise _wrong(path, f" is not XML in a known encoding: {error}") from error
+        raise wrong_urdf(path, f" is not XML in a known encoding: {error}") from error
     if top.tag != "robot":
-        raise _wrong(path, f" holds <{top.tag}>, not <robot>: it is not a URDF")
+        raise wrong_urdf(path, f" holds <{top.tag}>, not <robot>: it is not a URDF")
     if any("ros.org/wiki/xacro" in element.tag for element in top.iter()):
-        raise _wrong(path, " is a xacro", f"{shell('xacro', path)} > arm.urdf")
+        raise wrong_urdf(path, " is a xacro", f"{shell('xacro', path)} > arm.urdf")
     try:
         bodies = {link.attrib["name"]: _body(link) for link in top.findall("link")}
         joints = tuple(_joint(joint, exact) for joint in top.findall("joint"))
     except (KeyError, ValueError) as error:
         text = f": a link or joint lacks something or has a value that is not a number: {error}"
-        raise _wrong(path, text) from error
+        raise wrong_urdf(path, text) from error
     urdf = Urdf(top.get("name", path.stem), bodies, joints, path)
     _check_tree(urdf)
     return urdf
@@ -172,13 +173,13 @@ def _check_tree(urdf: Urdf) -> None:
     for joint in urdf.joints:
         for link in {joint.parent, joint.child} - urdf.bodies.keys():
             text = f": joint '{joint.name}' names link '{link}', which is not there"
-            raise _wrong(urdf.path, text)
+            raise wrong_urdf(urdf.path, text)
     links, joints = len(urdf.bodies), len(urdf.joints)
     if not len({joint.child for joint in urdf.joints}) == joints == links - 1:
-        raise _wrong(urdf.path, f" is not one tree: {links} links, {joints} joints")
+        raise wrong_urdf(urdf.path, f" is not one tree: {links} links, {joints} joints")
     reached = {urdf.root, *(joint.child for joint, _ in urdf.behind(urdf.root))}
     for link in urdf.bodies.keys() - reached:
-        raise _wrong(urdf.path, f" is not one tree: link '{link}' is its own parent")
+        raise wrong_urdf(urdf.path, f" is not one tree: link '{link}' is its own parent")
 
 
 def _numbers(

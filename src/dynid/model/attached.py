@@ -10,7 +10,7 @@ import numpy as np
 
 from dynid.arrays import Floats
 from dynid.errors import WrongUrdf
-from dynid.files.urdffile import Urdf, UrdfJoint, read_urdf
+from dynid.files.urdffile import Urdf, UrdfJoint, read_urdf, wrong_urdf
 from dynid.model.kinematics import link_frames
 from dynid.model.parameters import body_of, moved
 from dynid.robot import Body, JointMap, Prior, Robot
@@ -82,10 +82,10 @@ def attached(path: Path, robot: Robot, within: float = SAME_ARM) -> Attached:
     chain = urdf.chain(urdf.root, known[names[-1]].child)
     if [joint.name for joint in chain if joint.name in names] != list(names):
         moving = ", ".join(joint.name for joint in chain if joint.moves)
-        raise WrongUrdf(
-            f"{path}: the joints up to '{names[-1]}' are {moving}; the robot file has {', '.join(names)}",
-            where=str(path),
+        text = (
+            f": the joints up to '{names[-1]}' are {moving}; the robot file has {', '.join(names)}"
         )
+        raise wrong_urdf(path, text)
     errors = []
     same = JointMap((1.0,) * robot.n, (0.0,) * robot.n)
     maps = (same, robot.simulator, robot.driver.map if robot.driver else None)
@@ -98,7 +98,7 @@ def attached(path: Path, robot: Robot, within: float = SAME_ARM) -> Attached:
     worst = int(np.argmax(best > within))
     raise WrongUrdf(
         f"{path}: joint '{names[worst]}' is not where the robot file's DH table has it (off by {best[worst]:.3g} m)",
-        where=str(path),
+        where=path,
         why="its links would be put into the wrong places",
         fix="give signs and offsets under `simulator:` and the base's pose under `base:` in the robot file",
     )
@@ -110,10 +110,7 @@ def _names(urdf: Urdf, robot: Robot) -> tuple[str, ...]:
         if set(names) <= there:
             return names
     missing = ", ".join(name for name in robot.joint_names if name not in there)
-    raise WrongUrdf(
-        f"{urdf.path} has no joint {missing}; it has {', '.join(sorted(there))}",
-        where=str(urdf.path),
-    )
+    raise wrong_urdf(urdf.path, f" has no joint {missing}; it has {', '.join(sorted(there))}")
 
 
 def _compared(

@@ -277,9 +277,7 @@ def load_model(path: Path, robot: Robot) -> Model:
             **{name: artifact.arrays[name] for name in _PROGRAM},
         )
     if program.shape != (robot.n, 11 * robot.n) or program.joints > robot.n:
-        raise NotAnArtifact(
-            f"{path} is damaged: its joints do not match its robot", where=str(path)
-        )
+        raise NotAnArtifact(f"{path} is damaged: its joints do not match its robot", where=path)
     return Model(robot, program)
 
 
@@ -328,12 +326,15 @@ def reduction_from(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]])
     )
     p, c = read.K.shape
     known = set(read.names)
-    if len(known) != c or not known.issuperset((*read.alone, *read.none, *read.combined)):
-        raise ValueError("the names of its parameters contradict each other")
-    if p == 0 or read.base[-1] >= c or tuple(facts["base"]) != read.base_names:
-        raise ValueError("its base parameters are not among its parameters")
-    if not np.array_equal(read.K[:, read.base], np.eye(p)):
-        raise ValueError("'K' is not the matrix of a reduction")
-    if read.formulas and len(read.formulas) != p:
-        raise ValueError("its numbers of formulas and base parameters differ")
+    agree = (
+        len(known) == c
+        and known.issuperset((*read.alone, *read.none, *read.combined))
+        and p > 0
+        and read.base[-1] < c
+        and tuple(facts["base"]) == read.base_names
+        and np.array_equal(read.K[:, read.base], np.eye(p))
+        and len(read.formulas) in (0, p)
+    )
+    if not agree:
+        raise ValueError("its parameters and base parameters contradict each other")
     return read

@@ -13,9 +13,9 @@ from typing import Literal
 import numpy as np
 
 from dynid.arrays import Floats
-from dynid.errors import Finding, WrongUrdf
+from dynid.errors import Finding
 from dynid.files.robotkeys import SNAP_STEP
-from dynid.files.urdffile import MOVING, Urdf, UrdfJoint
+from dynid.files.urdffile import MOVING, Urdf, UrdfJoint, wrong_urdf
 from dynid.model import tuning
 from dynid.model.attached import carried
 from dynid.model.kinematics import link_frames, pose_of
@@ -61,10 +61,10 @@ def ends_of(urdf: Urdf, base: str | None, tip: str | None) -> tuple[str, str]:
     branches = [_chains(urdf, joint) for joint in ahead]
     if not count or any(longest > count for longest, _ in branches):
         tips = ", ".join(end for _, ends in branches for end in ends)
-        raise WrongUrdf(
-            f"{urdf.path}: the joints fork at link '{link}'; the arm may end at {tips or 'no link: no joint moves'}",
-            where=str(urdf.path),
-            fix="name the last link of the arm with --tip LINK, and its first with --base LINK (dynid import)",
+        raise wrong_urdf(
+            urdf.path,
+            f": the joints fork at link '{link}'; the arm may end at {tips or 'no link: no joint moves'}",
+            "name the last link of the arm with --tip LINK, and its first with --base LINK (dynid import)",
         )
     while (
         len(fixed := [joint for joint in urdf.joints if joint.parent == link and not joint.moves])
@@ -145,10 +145,8 @@ def import_arm(
         for source in (urdf, raw)
     )
     if own > tuning.SAME_POSE:
-        raise WrongUrdf(
-            f"{urdf.path}: the poses of the DH table and of the URDF differ by {own:.2g}",
-            where=str(urdf.path),
-        )
+        text = f": the poses of the DH table and of the URDF differ by {own:.2g}"
+        raise wrong_urdf(urdf.path, text)
     if written > tuning.SAME_POSE:
         text = f"the URDF's angles are rounded, the DH table's are exact: that moves the tip by {written:.1e} m or rad"
         findings.append(Finding("W202", "warning", text, {"largest": written}))
@@ -161,7 +159,7 @@ def _moving(urdf: Urdf, chain: Sequence[UrdfJoint]) -> list[UrdfJoint]:
     Raises:
         WrongUrdf: one is of another kind, none moves, or too many do.
     """
-    path, moving = urdf.path, [joint for joint in chain if joint.moves]
+    moving = [joint for joint in chain if joint.moves]
     what = fix = ""
     if other := next((joint for joint in chain if joint.type not in (*MOVING, "fixed")), None):
         what = f"joint '{other.name}' is {other.type}; a DH table has turning and sliding joints"
@@ -172,7 +170,7 @@ def _moving(urdf: Urdf, chain: Sequence[UrdfJoint]) -> list[UrdfJoint]:
         what = f"{len(moving)} joints move; a robot has at most {MOST_JOINTS}"
         fix = "choose a part of the chain with --base and --tip"
     if what:
-        raise WrongUrdf(f"{path}: {what}", where=str(path), fix=fix)
+        raise wrong_urdf(urdf.path, f": {what}", fix)
     return moving
 
 

@@ -181,7 +181,7 @@ def _speed(alpha: float) -> str:
 
 
 def _check_consistent(motion: Motion) -> None:
-    if not all(np.isfinite(part).all() for part in (motion.t, motion.q, motion.qd, motion.qdd)):
+    if not all(np.isfinite(part).all() for part in vars(motion).values()):
         raise LimitBroken("the motion has values that are not a number", fix="plan it again")
     step = np.diff(motion.t)
     if len(step) == 0 or step.min() <= 0:
@@ -244,7 +244,8 @@ def check_torque(robot: Robot, played: PlayedMotion, torque: Torque) -> PeakTorq
     rating = np.array([joint.limits.torque or np.inf for joint in robot.joints])
     if not np.isfinite(rating).any():
         return None
-    motion = _thinned(played.motion)
+    some = slice(None, None, 1 + len(played.motion) // tuning.TORQUE_POSES)
+    motion = Motion(*(x[some] for x in vars(played.motion).values()))
     tau, limit = torque(motion), tuning.PREDICTED_TORQUE_SHARE * rating
     if np.any(np.abs(tau) > limit):
         alpha = fitting_alpha(motion, limit, torque)
@@ -255,8 +256,3 @@ def check_torque(robot: Robot, played: PlayedMotion, torque: Torque) -> PeakTorq
     share = np.abs(tau) / rating
     k, j = np.unravel_index(share.argmax(), share.shape)
     return PeakTorque(robot.joint_names[j], float(share[k, j]), float(motion.t[k]))
-
-
-def _thinned(motion: Motion) -> Motion:
-    some = slice(None, None, 1 + len(motion) // tuning.TORQUE_POSES)
-    return Motion(motion.t[some], motion.q[some], motion.qd[some], motion.qdd[some])

@@ -33,11 +33,6 @@ class PlayedMotion:
     speed: float = 1.0
 
 
-def at_speed(motion: Motion, speed: float) -> Motion:
-    """Return the same path at a share of its speed (Paper Eq. 19)."""
-    return Motion(motion.t / speed, motion.q, motion.qd * speed, motion.qdd * speed**2)
-
-
 def approach(robot: Robot, start: Floats, end: Floats) -> Motion:
     """Return a slow quintic from rest to rest between two poses, (n,) each [rad or m]."""
     distance = np.abs(end - start)

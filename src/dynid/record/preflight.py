@@ -30,7 +30,7 @@ from dynid.motion import Motion
 from dynid.progress import stage
 from dynid.record import tuning
 from dynid.record.monitor import StopRules
-from dynid.record.playing import PlayedMotion, approach, at_speed, joined, nearest_turn, repeated
+from dynid.record.playing import PlayedMotion, approach, joined, nearest_turn, repeated
 from dynid.record.recorder import Listener
 from dynid.robot import Robot
 
@@ -255,7 +255,7 @@ def motion_to_play(
     Raises:
         StartPoseOff: the arm moves, or is elsewhere and no approach was asked for.
     """
-    motion = nearest_turn(robot, repeated(robot, at_speed(planned, speed), repeat), seen.q)
+    motion = nearest_turn(robot, repeated(robot, planned.at_speed(speed), repeat), seen.q)
     try:
         check_start(seen, robot, motion)
     except StartPoseOff:

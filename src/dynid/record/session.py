@@ -181,7 +181,7 @@ def disk_error(recorder: LogRecorder) -> CannotWrite:
     reason = recorder.failure.strerror if recorder.failure else "unknown"
     return CannotWrite(
         f"cannot write {recorder.bag_path}: {reason}; {recorder.written} messages are in it",
-        where=str(recorder.bag_path),
+        where=recorder.bag_path,
         fix="make room, or record elsewhere with --out",
     )
 

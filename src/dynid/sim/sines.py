@@ -15,6 +15,8 @@ from dynid.motion import Motion
 from dynid.robot import Joint, Robot
 from dynid.sim import tuning
 
+#: Values over time with their first two derivatives, (N,) each.
+Curve = tuple[Floats, Floats, Floats]
 _STEP = BPoly.from_derivatives([0.0, 1.0], [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
 
 
@@ -62,7 +64,7 @@ def sines(robot: Robot, spec: SineSpec, dt: float, rng: np.random.Generator) -> 
     )
 
 
-def _window(t: Floats, duration: float) -> tuple[Floats, Floats, Floats]:
+def _window(t: Floats, duration: float) -> Curve:
     """Return a smooth 0-1-0 window with its first two derivatives, (N,) each."""
     rising = np.clip((t - tuning.WINDOW_REST_S) / tuning.WINDOW_RISE_S, 0.0, 1.0)
     falling = np.clip((duration - tuning.WINDOW_REST_S - t) / tuning.WINDOW_RISE_S, 0.0, 1.0)
@@ -76,9 +78,7 @@ def rest_to_rest(s: Floats, duration: float) -> tuple[Floats, ...]:
     return tuple(_STEP(s, order) / duration**order for order in range(3))
 
 
-def _shape(
-    t: Floats, window: tuple[Floats, Floats, Floats], period: float, rng: np.random.Generator
-) -> tuple[Floats, Floats, Floats]:
+def _shape(t: Floats, window: Curve, period: float, rng: np.random.Generator) -> Curve:
     """Return one windowed sum of sines of arbitrary size with its derivatives, (N,) each."""
     count = tuning.SINES_A_JOINT
     harmonics = 1 + rng.choice(tuning.HIGHEST_HARMONIC, count, replace=False)
@@ -91,9 +91,7 @@ def _shape(
     return w * s, wd * s + w * sd, wdd * s + 2 * wd * sd + w * sdd
 
 
-def _fitted(
-    joint: Joint, shape: tuple[Floats, Floats, Floats], spec: SineSpec
-) -> tuple[Floats, Floats, Floats]:
+def _fitted(joint: Joint, shape: Curve, spec: SineSpec) -> Curve:
     """Scale a shape to the first limit it meets, about the middle of the joint's travel."""
     limits = joint.limits
     free = tuning.FREE_TURN_RAD if joint.revolute else tuning.FREE_SLIDE_M

@@ -258,8 +258,7 @@ def fitting_alpha(path: Motion, limit: Floats, torque: Torque, high: float = 1.0
     """
 
     def fits(alpha: float) -> bool:
-        slowed = Motion(path.t / alpha, path.q, path.qd * alpha, path.qdd * alpha**2)
-        return bool(np.all(np.abs(torque(slowed)) <= limit * (1 - 1e-3)))
+        return bool(np.all(np.abs(torque(path.at_speed(alpha))) <= limit * (1 - 1e-3)))
 
     low = 1e-3
     if not fits(low):

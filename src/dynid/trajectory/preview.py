@@ -148,7 +148,7 @@ def require_clear(
     what = f"{worst.pair.replace(' - ', ' and ', 1)}: {touch} at t = {worst.time:.1f} s"
     if len(broken) > 1:
         what += f"; {len(broken) - 1} more pairs are too close"
-    raise Collision(what, where=str(picture) if picture else "", fix=fix)
+    raise Collision(what, where=picture or "", fix=fix)
 
 
 def _poses(trajectory: Trajectory) -> tuple[Floats, Floats]:

@@ -162,13 +162,7 @@ def usual_sizes(arm: ArmMotion, joint: int) -> Floats:
     qd, qdd = (
         rng.uniform(-0.5, 0.5, q.shape) * most for most in (limits.velocity, limits.acceleration)
     )
-    usual = replace(
-        arm,
-        t=np.arange(tuning.USUAL_STATES, dtype=float),
-        q=q,
-        qd=qd,
-        qdd=qdd,
-    )
+    usual = replace(arm, t=np.arange(tuning.USUAL_STATES, dtype=float), q=q, qd=qd, qdd=qdd)
     return np.asarray(np.sqrt(np.mean(general_columns(usual, joint) ** 2, axis=1)))
 
 
@@ -231,10 +225,9 @@ def separate(
     shaping = Shaping(problem.basis, problem.limits, t)
 
     def cost(x: Floats) -> float:
-        q, qd, qdd = shaping.motion(x)
-        penalty = 0.0 if problem.capsules is None else problem.capsules.value(q)[0]
-        run = Motion(t / search.alpha, q, search.alpha * qd, search.alpha**2 * qdd)
-        return penalty - separation(base, question, run).value
+        motion = Motion(t, *shaping.motion(x))
+        penalty = 0.0 if problem.capsules is None else problem.capsules.value(motion.q)[0]
+        return penalty - separation(base, question, motion.at_speed(search.alpha)).value
 
     def climb(rng: np.random.Generator) -> tuple[float, Floats]:
         """Return the best of so many trials, each near the best before it."""

@@ -6,7 +6,7 @@ import pytest
 from dynid import Motion, load_robot
 from dynid.errors import Collision, LimitBroken
 from dynid.record.motion_checks import check_clearance, check_limits, check_torque
-from dynid.record.playing import PlayedMotion, approach, at_speed, joined
+from dynid.record.playing import PlayedMotion, approach, joined
 from dynid.sim.arm import SimulatedArm
 from dynid.trajectory.scene import Box, Scene, scene_from
 from motions import there_and_back
@@ -45,9 +45,9 @@ def test_a_broken_rate_is_refused_with_the_speed_that_passes():
     ) as caught:
         check_limits(LWR, PlayedMotion(motion))
     speed = advised(caught.value)
-    check_limits(LWR, PlayedMotion(at_speed(motion, speed), speed=speed))
+    check_limits(LWR, PlayedMotion(motion.at_speed(speed), speed=speed))
     with pytest.raises(LimitBroken):
-        check_limits(LWR, PlayedMotion(at_speed(motion, 1.1 * speed), speed=1.1 * speed))
+        check_limits(LWR, PlayedMotion(motion.at_speed(1.1 * speed), speed=1.1 * speed))
 
 
 def test_a_position_out_of_range_is_not_cured_by_a_lower_speed():
@@ -63,9 +63,9 @@ def test_a_torque_near_the_rating_is_refused_with_the_speed_that_passes(bullet):
     ) as caught:
         check_torque(LWR, PlayedMotion(motion), bullet)
     speed = advised(caught.value)
-    load = check_torque(LWR, PlayedMotion(at_speed(motion, speed), speed=speed), bullet)
+    load = check_torque(LWR, PlayedMotion(motion.at_speed(speed), speed=speed), bullet)
     assert load.share <= 0.7
-    faster = at_speed(motion, 1.08 * speed)
+    faster = motion.at_speed(1.08 * speed)
     assert np.abs(bullet(faster)[:, 1]).max() > 0.7 * 176
 
 

@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from dynid import load_robot
-from dynid.record.playing import ReferenceMotion, approach, at_speed, joined, nearest_turn, repeated
+from dynid.record.playing import ReferenceMotion, approach, joined, nearest_turn, repeated
 from motions import there_and_back
 
 ARM = load_robot("kinova_gen2")
@@ -34,7 +34,7 @@ def test_the_gap_to_the_start_dies_away_and_the_rates_are_its_derivatives():
 
 
 def test_half_the_speed_is_a_quarter_of_the_acceleration():
-    slow = at_speed(sine(), 0.5)
+    slow = sine().at_speed(0.5)
     assert slow.t[-1] == pytest.approx(4.0)
     assert_allclose(np.gradient(slow.q, slow.t, axis=0)[1:-1], slow.qd[1:-1], atol=1e-3)
     assert_allclose(slow.qdd, sine().qdd / 4)

@@ -126,7 +126,7 @@ def checked(spec: EffectSpec, robot: Robot) -> Effect:
 
 
 def _refuse(robot: Robot, what: str, fix: str = "") -> NoReturn:
-    raise WrongRobotFile(f"effects: {what}", where=str(robot.path or robot.name), fix=fix)
+    raise WrongRobotFile(f"effects: {what}", where=robot.path or robot.name, fix=fix)
 
 
 def _formula(spec: EffectSpec, robot: Robot) -> Effect:

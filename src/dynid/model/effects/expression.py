@@ -55,6 +55,17 @@ class Node:
         """Return it and all nodes in it."""
         return [self, *(node for part in self.parts for node in part.within())]
 
+    def factors(self) -> list[Node]:
+        """Return what its product is made of, itself where it is none."""
+        return (
+            [one for part in self.parts for one in part.factors()] if self.head == "*" else [self]
+        )
+
+    @property
+    def coulomb(self) -> Node | None:
+        """The velocity whose Coulomb sign it is, None where it is none."""
+        return self.parts[0] if self.head == "sign" and self.parts[0].text == "qd" else None
+
 
 def refuse(text: str, what: str) -> NoReturn:
     """Say what is wrong with a formula."""
@@ -145,18 +156,12 @@ def _number(tree: ast.expr, text: str) -> float:
 
 def term_of(node: Node, text: str) -> tuple[str, Node]:
     """Return the amplitude of a term and what it multiplies."""
-    factors = _factors(node)
+    factors = node.factors()
     names = [one.text for one in factors if one.head == "name"]
     if len(names) != 1 or sum(one.head == "name" for one in node.within()) != 1:
         refuse(text, "each term of the sum needs one amplitude, a name such as a, as a factor")
     rest = tuple(one for one in factors if one.head != "name")
     return names[0], Node("*", rest) if rest else Node("number", value=1.0)
-
-
-def _factors(node: Node) -> tuple[Node, ...]:
-    return (
-        tuple(one for part in node.parts for one in _factors(part)) if node.head == "*" else (node,)
-    )
 
 
 # ---------------------------------------------------------------- meaning
@@ -169,9 +174,8 @@ def value_of(node: Node, motion: ArmMotion, own: int) -> Floats:
     if node.head in ("signal", "name"):
         values = getattr(motion, "rigid" if node.text == "tau" else node.text)
         return np.asarray(values[:, node.joint - 1 if node.joint else own])
-    inner = node.parts[0]
-    if node.head == "sign" and inner.head == "signal" and inner.text == "qd":
-        return sign_of(motion, inner.joint - 1 if inner.joint else own)
+    if speed := node.coulomb:
+        return sign_of(motion, speed.joint - 1 if speed.joint else own)
     parts = [value_of(part, motion, own) for part in node.parts]
     if node.head == "^":
         return np.asarray(parts[0] ** node.value)
