@@ -3,53 +3,43 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import erfc, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.estimation import tuning
 from dynid.estimation.covariance import NOT_DETERMINED
 from dynid.estimation.identified import Identified
 
-Floats = NDArray[np.float64]
+
+@dataclass(frozen=True)
+class FigureOfMerit:
+    """One number in two results.
+
+    Attributes:
+        name: key of the JSON answer, a joint's figure with the joint in front; or base parameter.
+        before: in the baseline.
+        after: in the other.
+        percent: change [%]; of a parameter against its value, or against ten standard errors where that is more.
+    """
+
+    name: str
+    before: float
+    after: float
+    percent: float
 
 
 @dataclass(frozen=True)
-class Change:
+class Change(FigureOfMerit):
     """One parameter in two results.
 
     Attributes:
-        name: base parameter.
-        before: value in the baseline.
-        after: value in the other.
-        percent: change against the value, or against ten standard errors where that is more [%].
         p_value: chance of such a change by noise alone; NaN where a result does not determine the parameter.
         significant: whether it stands out among all parameters (Holm).
     """
 
-    name: str
-    before: float
-    after: float
-    percent: float
     p_value: float
     significant: bool
-
-
-@dataclass(frozen=True)
-class FigureOfMerit:
-    """One figure of merit in two results.
-
-    Attributes:
-        name: key of the JSON answer, a joint's figure with the joint in front.
-        before: in the baseline.
-        after: in the other.
-        percent: change [%].
-    """
-
-    name: str
-    before: float
-    after: float
-    percent: float
 
 
 @dataclass(frozen=True)
@@ -71,18 +61,16 @@ class Comparison:
         """Parameters that changed more than their errors allow, the most certain first."""
         return tuple(sorted((c for c in self.changes if c.significant), key=lambda c: c.p_value))
 
-    def beyond(self, tolerance: float) -> tuple[Change | FigureOfMerit, ...]:
+    def beyond(self, tolerance: float) -> tuple[FigureOfMerit, ...]:
         """Return the numbers that moved by more than a share, the largest move first."""
-        every: list[Change | FigureOfMerit] = [*self.figures, *self.changes]
-        moved = [each for each in every if not abs(each.percent) <= 100 * tolerance]
+        moved = [x for x in (*self.figures, *self.changes) if not abs(x.percent) <= 100 * tolerance]
         return tuple(sorted(moved, key=lambda each: -abs(each.percent)))
 
 
 def same_parameters(one: Identified, other: Identified) -> bool:
     """Return whether two results have the same base parameters and joints, so that they can be compared."""
-    return one.names == other.names and [j.joint for j in one.joints] == [
-        j.joint for j in other.joints
-    ]
+    joints, others = ([joint.joint for joint in result.joints] for result in (one, other))
+    return one.names == other.names and joints == others
 
 
 def compare(baseline: Identified, other: Identified) -> Comparison:
@@ -96,53 +84,32 @@ def compare(baseline: Identified, other: Identified) -> Comparison:
         residuals; Holm 1979 for many tests at once.
     """
     # Why the plain estimates: what the physical sets take from their common prior would hide a change.
-    difference = other.plain - baseline.plain
     variance = np.diag(baseline.plain_covariance) + np.diag(other.plain_covariance)
-    tested = _determined(baseline) & _determined(other) & (variance > 0)
-    p_values = np.full(len(difference), np.nan)
-    sigma = np.sqrt(variance[tested])
-    p_values[tested] = _two_sided(difference[tested] / sigma)
-    significant = _holm(p_values)
+    tested = variance > 0
+    for result in (baseline, other):
+        tested &= np.isfinite(result.std_error) & (np.array(result.knowledge) != NOT_DETERMINED)
+    z = np.abs(other.plain - baseline.plain) / np.sqrt(np.where(tested, variance, 1.0))
+    p_values = np.where(tested, [erfc(each / sqrt(2.0)) for each in z], np.nan)
+    order, count = np.argsort(p_values), int(tested.sum())
+    holm = tuning.CHANGE_FALSE_ALARM / np.arange(count, 0, -1)
+    significant = np.zeros(len(z), dtype=bool)
+    significant[order[:count]] = np.logical_and.accumulate(p_values[order[:count]] <= holm)
     error = np.where(np.isfinite(baseline.std_error), baseline.std_error, 0.0)
     scale = np.maximum(np.abs(baseline.theta), tuning.CHANGE_FLOOR_ERRORS * error)
+    columns = [x.tolist() for x in (baseline.theta, other.theta, scale, p_values, significant)]
     changes = tuple(
-        Change(
-            name,
-            float(before),
-            float(after),
-            _percent(float(before), float(after), float(size)),
-            float(p),
-            bool(sure),
-        )
-        for name, before, after, size, p, sure in zip(
-            baseline.names, baseline.theta, other.theta, scale, p_values, significant, strict=True
-        )
+        Change(name, before, after, _percent(before, after, size), p_value, sure)
+        for name, before, after, size, p_value, sure in zip(baseline.names, *columns, strict=True)
+    )
+    before, after = _figures(baseline), _figures(other)
+    figures = tuple(
+        FigureOfMerit(name, x, after[name], _percent(x, after[name], abs(x)))
+        for name, x in before.items()
+        if name in after
     )
     # Why no joint Wald test: with 69 parameters a HAC covariance inverted tells two logs of one arm apart (1e-43).
-    smallest = min(1.0, float(np.nanmin(p_values)) * int(tested.sum())) if tested.any() else 1.0
-    return Comparison(changes, _figures(baseline, other), smallest)
-
-
-def _determined(result: Identified) -> NDArray[np.bool_]:
-    known = np.array([known != NOT_DETERMINED for known in result.knowledge])
-    return known & np.isfinite(result.std_error)
-
-
-def _two_sided(z: Floats) -> Floats:
-    from scipy.special import ndtr
-
-    return np.asarray(2 * ndtr(-np.abs(z)))
-
-
-def _holm(p_values: Floats) -> NDArray[np.bool_]:
-    """Return which tests hold at a false-alarm chance for all of them together."""
-    found = np.zeros(len(p_values), dtype=bool)
-    order = [k for k in np.argsort(p_values) if np.isfinite(p_values[k])]
-    for rank, k in enumerate(order):
-        if p_values[k] > tuning.CHANGE_FALSE_ALARM / (len(order) - rank):
-            break
-        found[k] = True
-    return found
+    smallest = min(1.0, count * float(p_values[order[0]])) if count else 1.0
+    return Comparison(changes, figures, smallest)
 
 
 def _percent(before: float, after: float, scale: float) -> float:
@@ -151,19 +118,13 @@ def _percent(before: float, after: float, scale: float) -> float:
     return 100.0 * (after - before) / scale if scale else float("inf")
 
 
-def _figures(baseline: Identified, other: Identified) -> tuple[FigureOfMerit, ...]:
-    pairs: list[tuple[str, float | None, float | None]] = [
-        ("relative_error_percent", baseline.relative_error_percent, other.relative_error_percent),
-        (
-            "heldout_relative_error_percent",
-            baseline.heldout_relative_error_percent,
-            other.heldout_relative_error_percent,
-        ),
-    ]
-    for one, two in zip(baseline.joints, other.joints, strict=True):
-        pairs += [
-            (f"{one.joint} rms_nm", one.rms, two.rms),
-            (f"{one.joint} torque_rms_nm", one.torque_rms, two.torque_rms),
-        ]
-    found = [(name, float(a), float(b)) for name, a, b in pairs if a is not None and b is not None]
-    return tuple(FigureOfMerit(name, a, b, _percent(a, b, abs(a))) for name, a, b in found)
+def _figures(result: Identified) -> dict[str, float]:
+    """Return the figures of merit that a result has, by name."""
+    figures = {
+        "relative_error_percent": result.relative_error_percent,
+        "heldout_relative_error_percent": result.heldout_relative_error_percent,
+    }
+    for joint in result.joints:
+        figures |= {f"{joint.joint} rms_nm": joint.rms}
+        figures |= {f"{joint.joint} torque_rms_nm": joint.torque_rms}
+    return {name: float(value) for name, value in figures.items() if value is not None}

@@ -18,29 +18,14 @@ from numpy.typing import NDArray
 from dynid.errors import RankDeficient, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance
+from dynid.estimation.factor import triangle
+from dynid.estimation.least_squares import solve
 from dynid.estimation.payload import friction, last_link
 from dynid.estimation.rows import Rows, joined
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Mask = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Load:
-    """What is known about the body on the last link in the second log.
-
-    Attributes:
-        stack: the second log.
-        body: K_n phi, the change of the base parameters by what is known of the body, (p,).
-        free: their change by each of its unknown parameters, and by friction, which may have changed since, (p, k).
-    """
-
-    stack: Stack
-    body: Floats
-    free: Floats
 
 
 @dataclass(frozen=True)
@@ -58,81 +43,11 @@ class Gains:
     relative: bool
 
 
-@dataclass(frozen=True)
-class _GainProblem:
-    """Unknowns x: base parameters, friction and free parameters of the loaded log, log h of unknown gains.
+def known_load(base: BaseModel, stack: Stack, mass: float | None) -> Rows:
+    """Return the rows of a log with a load whose mass is known, or else the whole of it: the robot file's tool.
 
-    Attributes:
-        rows: of all logs; the columns are those of the first q unknowns, and known torque. Torques are currents.
-        known: gains, NaN where not, (n,).
-    """
-
-    rows: Rows
-    known: Floats
-
-    @property
-    def q(self) -> int:
-        return self.rows.size - 1
-
-    @property
-    def unknown(self) -> Ints:
-        return np.flatnonzero(np.isnan(self.known))
-
-    def inverse(self, x: Floats) -> Floats:
-        """Return h, (n,)."""
-        h = 1.0 / self.known
-        h[self.unknown] = np.exp(x[self.q :])
-        return h
-
-    def linear(self, A: Floats, joint: int, x: Floats) -> tuple[Floats, Floats]:
-        """Return the currents of a joint for rows (N, q + 1), (N,), and their derivative by x, (N, P)."""
-        found = self.inverse(x)[joint] * A
-        current = found @ np.append(x[: self.q], 1.0)
-        return current, np.hstack([found[:, :-1], np.outer(current, self.unknown == joint)])
-
-
-def find_gains(
-    stack: Stack, known: Floats, load: Load | None = None, scale_error: float = 0.0
-) -> Gains:
-    """Find the unknown gains, all positive.
-
-    Args:
-        stack: rows whose torques are currents [A].
-        known: gains that are known, NaN where not, (n,) [N m per A].
-        load: a second log with a load of known mass.
-        scale_error: standard deviation of the known gains as a share, common to all: the others follow their size.
-
-    Raises:
-        RankDeficient: the logs do not determine the gains.
-    """
-    relative = load is None and bool(np.isnan(known).all())
-    p = len(stack.names)
-    nothing = np.zeros((p, 1 if load is None else load.free.shape[1] + 1))
-    logs = [(stack.rows, np.hstack([np.eye(p), nothing]))]
-    if load is not None:
-        logs.append((load.stack.rows, np.column_stack([np.eye(p), load.free, load.body])))
-    rows = joined([replace(rows, W=rows.W @ change) for rows, change in logs])
-    problem = _GainProblem(rows, known)
-    x, sigma = _solve(problem)
-    unknown, gain, error = problem.unknown, 1.0 / problem.inverse(x), np.zeros(len(known))
-    variance, lost = _variances(problem, x, sigma, relative)
-    if lost.any() and not relative:
-        joints = ", ".join(stack.joints[k] for k in unknown[lost])
-        raise RankDeficient(
-            f"these logs do not determine the gain of {joints}",
-            fix="move more joints at once and faster, or use a heavier load",
-        )
-    error[unknown] = gain[unknown] * np.sqrt(variance)
-    if relative:
-        size = float(np.exp(np.mean(np.log(gain))))
-        gain, error = gain / size, error / size
-    if len(unknown) < len(known):
-        error = np.hypot(error, scale_error * gain)
-    return Gains(gain, error, relative)
-
-
-def known_load(base: BaseModel, stack: Stack, mass: float | None) -> Load:
-    """Return a log with a load, and what is known about the load: its mass, or else the robot file's tool.
+    Their columns are those of the base parameters, of friction, which may have changed since, and of what is unknown
+    of the load; the last one is the torque of what is known.
 
     Args:
         base: model and base parameters.
@@ -143,60 +58,99 @@ def known_load(base: BaseModel, stack: Stack, mass: float | None) -> Load:
         WrongUsage: nothing is known about the load.
     """
     K, tool = base.reduction.K[:, last_link(base)], base.robot.tool
-    rubbing = np.eye(len(K))[:, friction(base)]
     if mass is not None:
-        return Load(stack, K[:, 0] * mass, np.hstack([rubbing, K[:, 1:]]))
-    if tool is None:
+        known, unknown = K[:, 0] * mass, K[:, 1:]
+    elif tool is not None:
+        known, unknown = K @ tool.parameters(), K[:, :0]
+    else:
         raise WrongUsage(
             "--loaded needs the mass of the load",
             fix="--load-mass KG, or `tool:` in the robot file",
         )
-    return Load(stack, K @ tool.parameters(), rubbing)
+    every = np.eye(len(K))
+    W = stack.rows.W @ np.column_stack([every, every[:, friction(base)], unknown, known])
+    return replace(stack.rows, W=W)
 
 
-def _solve(problem: _GainProblem) -> tuple[Floats, Floats]:
-    """Return the unknowns and each joint's noise [A], by Gauss-Newton with weights from the residuals."""
-    factors, counts = problem.rows.factors(), np.maximum(problem.rows.counts, 1)
+def find_gains(
+    stack: Stack, known: Floats, load: Rows | None = None, scale_error: float = 0.0
+) -> Gains:
+    """Find the unknown gains, all positive.
+
+    Args:
+        stack: rows whose torques are currents [A].
+        known: gains that are known, NaN where not, (n,) [N m per A].
+        load: a second log with a load of known mass, from ``known_load``.
+        scale_error: standard deviation of the known gains as a share, common to all: the others follow their size.
+
+    Raises:
+        RankDeficient: the logs do not determine the gains.
+    """
+    relative = load is None and bool(np.isnan(known).all())
+    rows, others = stack.rows, 1 if load is None else load.size - stack.rows.size
+    rows = replace(rows, W=np.pad(rows.W, ((0, 0), (0, 0), (0, others))))
+    rows = rows if load is None else joined([rows, load])
+    gain, variance, lost = _solved(rows, known, relative)
+    unknown = np.isnan(known)
+    if lost.any() and not relative:
+        joints = ", ".join(np.array(stack.joints)[unknown][lost])
+        raise RankDeficient(
+            f"these logs do not determine the gain of {joints}",
+            fix="move more joints at once and faster, or use a heavier load",
+        )
+    error = np.zeros(len(known))
+    error[unknown] = gain[unknown] * np.sqrt(variance)
+    if relative:
+        size = float(np.exp(np.mean(np.log(gain))))
+        gain, error = gain / size, error / size
+    if not unknown.all():
+        error = np.hypot(error, scale_error * gain)
+    return Gains(gain, error, relative)
+
+
+def _solved(rows: Rows, known: Floats, relative: bool) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Return gains, (n,), the variance of the logarithm of each unknown one, and which of them are not determined.
+
+    Gauss-Newton in the factors of the columns but the last, a known torque, and the logarithms of the unknown h, with
+    weights from the residuals. Variances allow for coloured residuals.
+    """
+    unknown, q = np.flatnonzero(np.isnan(known)), rows.size - 1
+    factors, counts = rows.factors(), np.maximum(rows.counts, 1)
+
+    def inverse(x: Floats) -> Floats:
+        h = 1.0 / known
+        h[unknown] = np.exp(x[q:])
+        return h
+
+    def linear(A: Floats, x: Floats) -> tuple[Floats, Floats]:
+        """Return currents for columns (n, N, q + 1), (n, N), and their derivative by the unknowns."""
+        A = inverse(x)[:, None, None] * A
+        current = A @ np.append(x[:q], 1.0)
+        own = current[:, :, None] * np.eye(len(known))[:, None, unknown]
+        return current, np.concatenate([A[:, :, :-1], own], axis=2)
+
     size = np.maximum(np.linalg.norm(factors[:, :, -1], axis=1), 1e-30)
     # All joints begin with torques of one size: that of those whose gain is known.
-    told = np.delete(size * problem.known, problem.unknown)
-    torque = float(np.median(told)) if len(told) else 1.0
-    x = np.append(np.zeros(problem.q), np.log(size / torque)[problem.unknown])
+    torques = np.delete(size * known, unknown)
+    torque = float(np.median(torques)) if len(torques) else 1.0
+    x = np.append(np.zeros(q), np.log(size / torque)[unknown])
     for step in range(tuning.GAINS_ROUNDS):
-        found = [problem.linear(F[:, :-1], j, x) for j, F in enumerate(factors)]
-        left = [F[:, -1] - fitted for F, (fitted, _) in zip(factors, found, strict=True)]
-        sigma = np.maximum(np.linalg.norm(left, axis=1) / np.sqrt(counts), 1e-15)
-        J = np.vstack([J / s for (_, J), s in zip(found, sigma, strict=True)])
-        length = np.linalg.norm(J, axis=0)
-        length = np.where(length > 0.0, length, 1.0)
-        e = np.concatenate([e / s for e, s in zip(left, sigma, strict=True)])
-        change = np.linalg.lstsq(J / length, e, rcond=tuning.GAINS_RANK)[0] / length
-        largest = float(np.abs(change[problem.q :]).max(initial=0.0))
-        x = x + change * min(1.0, tuning.GAINS_LONGEST_STEP / max(largest, 1e-12))
+        current, J = linear(factors[:, :, :-1], x)
+        residual = factors[:, :, -1] - current
+        sigma = np.maximum(np.linalg.norm(residual, axis=1) / np.sqrt(counts), 1e-15)
+        whitened = np.concatenate([J, residual[:, :, None]], axis=2) / sigma[:, None, None]
+        solution = solve(triangle(whitened.reshape(-1, len(x) + 1)))
+        largest = float(np.abs(solution.theta[q:]).max(initial=0.0))
+        x = x + solution.theta * min(1.0, tuning.GAINS_LONGEST_STEP / max(largest, 1e-12))
         if step > 1 and largest < tuning.GAINS_SETTLED:
             break
-    return x, sigma
-
-
-def _variances(
-    problem: _GainProblem, x: Floats, sigma: Floats, relative: bool
-) -> tuple[Floats, Mask]:
-    """Return the variance of log h of each unknown gain, allowing for coloured residuals, and which are lost."""
-    rows = problem.rows
-    each = [problem.linear(rows.W[:, j], j, x) for j in range(len(sigma))]
-    fitted, J = (np.stack(part, axis=1) for part in zip(*each, strict=True))
-    W = (J * (rows.use / sigma)[:, :, None]).reshape(-1, len(x))
-    information = W.T @ W
-    length = np.sqrt(np.diagonal(information))
-    length = np.where(length > 0.0, length, 1.0)
-    values, axes = np.linalg.eigh(information / np.outer(length, length))
-    kept = values > tuning.GAINS_RANK * values[-1]
-    columns = axes[:, kept] / length[:, None]
+    current, J = (each.swapaxes(0, 1) for each in linear(rows.W.swapaxes(0, 1), x))
     # What the solution leaves are the torques of the rows about it.
-    rows = replace(rows, W=J @ columns, tau=rows.tau - fitted)
-    inner = hac_covariance(rows, np.zeros(columns.shape[1]), sigma)
-    spread = columns[problem.q :]
+    rows = replace(rows, W=J, tau=rows.tau - current)
+    covariance = hac_covariance(rows, np.zeros(len(x)), sigma, bread=solution.inverse)[q:, q:]
     if relative:
-        spread = spread - spread.mean(axis=0)
-    variance = np.maximum(np.sum((spread @ inner) * spread, axis=1), 0.0)
-    return variance, np.abs(axes[problem.q :, ~kept]).max(axis=1, initial=0.0) > 1e-3
+        centred = np.eye(len(known)) - 1.0 / len(known)
+        covariance = centred @ covariance @ centred
+    weak = solution.weak * np.linalg.norm(whitened[:, :, :-1], axis=(0, 1))[:, None]
+    lost = np.abs(weak[q:]).max(axis=1, initial=0.0) > 1e-3
+    return 1.0 / inverse(x), np.maximum(np.diagonal(covariance), 0.0), lost

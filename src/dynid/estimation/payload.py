@@ -117,78 +117,80 @@ def find_payload(loaded: Identification, unloaded: Identification) -> Identified
                 f"{result.label} holds no triangular factors", fix="identify its log again"
             )
     problem = LoadProblem.of(loaded, unloaded, K)
-    found = fitted_body(*problem.solved(0.0, 0.0)[:3])
+    body = fitted_body(*problem.solved(0.0, 0.0)[:3]).body
     # Why not with the loaded log's own parameters: their noise would seem to tell the scale of the torques.
-    problem = replace(problem, torque=problem.theta + K @ found.body.parameters())
-    told = loaded.robot.torque.scale_error
-    return fitted_body(*problem.solved(told, problem.own_scale_error(told))[:3])
+    problem = replace(problem, torque=problem.theta + K @ body.parameters())
+    known = loaded.robot.torque.scale_error
+    return fitted_body(*problem.solved(known, problem.own_scale_error(known))[:3])
 
 
 @dataclass(frozen=True)
 class LoadProblem:
-    """Rows of a loaded log beside the posterior of the arm without the load; n joints, p parameters, k columns.
+    """Rows of a loaded log, and the posterior of the arm without the load; n joints, p parameters, k columns.
 
     Attributes:
         theta: base parameters without the load, (p,).
         root: R with R^T R their information, (p, p).
-        told: information of each joint's rows about them, (n, p, p).
-        error: the residual model without the load; None without, or where it cannot be told how it acts with it.
+        joint_information: of each joint's rows about them, (n, p, p).
+        residual: the residual model without the load; None without, or where it is unknown how it acts with it.
         factors: rows [Z W tau] of each joint with the load, whitened, (n, m, k + p + 1); k is 0 without residual model.
         torque: base parameters with the load, whose torques the gains multiply, (p,).
-        free: columns of friction, which may have changed since, (f,).
+        friction: columns of friction, which may have changed since, (f,).
         K: change of the base parameters by the ten parameters of the load, (p, 10).
-        real: whether there was evidence for more than the model has, as in recordings of all real arms.
+        drift: standard deviation of each gain's change between the two logs, as a share.
     """
 
     theta: Floats
     root: Floats
-    told: Floats
-    error: ModelError | None
+    joint_information: Floats
+    residual: ModelError | None
     factors: Floats
     torque: Floats
-    free: NDArray[np.intp]
+    friction: NDArray[np.intp]
     K: Floats
-    real: bool
+    drift: float
 
     @classmethod
     def of(cls, loaded: Identification, unloaded: Identification, K: Floats) -> LoadProblem:
         """Return the problem of two results."""
-        information, kept_noise = information_of(unloaded)
-        W = unloaded.factors[:, :, :-1] / kept_noise[:, None, None]
+        information, noise_unloaded = information_of(unloaded)
+        W = unloaded.factors[:, :, :-1] / noise_unloaded[:, None, None]
         whiten, noise, stack = information_of(loaded)[1], loaded.noise, loaded.stack
-        given = error = unloaded.model_error
-        if error is not None and stack is not None and stack.logs and stack.earlier is None:
+        residual = unloaded.model_error
+        # Why of real arms only: the residual model is evidence for more than the model has.
+        drift = 0.0 if residual is None else tuning.SCALE_DRIFT
+        if residual is not None and stack is not None and stack.logs and stack.earlier is None:
             robust = loaded.plain if loaded.method in ROBUST else None
-            rows = rows_under(stack, error, whiten, noise, robust)
-            rows = centred(rows, error.scale.shape[1], loaded.plain)
+            rows = rows_under(stack, residual, whiten, noise, robust)
+            rows = centred(rows, residual.scale.shape[1], loaded.plain)
         else:
             # Why: without its rows nothing is known of how the residual model acts in the loaded log.
-            unknown = 0.0 if error is None else error.rms[:, -1] * whiten / noise
+            unknown = 0.0 if residual is None else residual.rms[:, -1] * whiten / noise
             rows = loaded.factors / np.hypot(whiten, unknown)[:, None, None]
-            rows, error = centred(rows, 0, loaded.plain), None
+            rows, residual = centred(rows, 0, loaded.plain), None
         return cls(
             theta=unloaded.theta,
             root=symmetric_root(information).T,
-            told=W.swapaxes(1, 2) @ W,
-            error=error,
+            joint_information=W.swapaxes(1, 2) @ W,
+            residual=residual,
             factors=rows,
             torque=loaded.theta,
-            free=np.flatnonzero(friction(unloaded.base)),
+            friction=np.flatnonzero(friction(unloaded.base)),
             K=K,
-            real=given is not None,
+            drift=drift,
         )
 
-    def own_scale_error(self, told: float) -> float:
-        """Return how far the gains of joints are off beyond what is told, each by itself, as a share.
+    def own_scale_error(self, known: float) -> float:
+        """Return how far the gains of joints are off beyond what is known, each by itself, as a share.
 
         Each joint weighs the load with its own gain. Where they disagree by more than their errors, the evidence of the
         rows says by how much.
 
         Args:
-            told: what the robot file says of the torque's scale.
+            known: what the robot file says of the torque's scale.
         """
         sizes = np.array(tuning.OWN_SCALE_ERRORS)
-        evidence = np.array([self.solved(told, x)[3] for x in sizes.tolist()])
+        evidence = np.array([self.solved(known, x)[3] for x in sizes.tolist()])
         weight = np.exp(evidence - evidence.max())
         return float(np.sqrt(weight @ sizes**2 / weight.sum()))
 
@@ -198,89 +200,75 @@ class LoadProblem:
         Last comes the log evidence of the rows, up to a constant that no scale error changes.
 
         Unknown are the base parameters and the residual model, known by the posterior; what friction has changed by;
-        the gain of each joint, which was the same without the load but for its drift; and the load.
+        the gain of each joint, the same in both logs, and its drift; and the load.
 
         Args:
             scale_error: standard deviation of the torque's scale, as a share.
             own: the same of each joint's own, beyond that.
         """
-        moved, share = self._gains(scale_error, own)
-        whitened, root = np.linalg.inv(np.linalg.cholesky(share)), self.root
-        problem = Factor.of({"arm": root}, root @ self.theta)
+        n, common = len(self.factors), tuning.COMMON_SCALE_SHARE * scale_error**2
+        covariance = common + (scale_error**2 - common + own**2) * np.eye(n)
+        scale = symmetric_root(covariance)
+        problem = Factor.of({"arm": self.root}, self.root @ self.theta)
         problem = problem.prior("friction", self._friction_change())
-        problem += Factor.of({"gains": whitened}, np.zeros(len(share)))
+        problem = problem.prior("scale", np.ones(n)).prior("drift", np.ones(n))
         alone = []
-        for j in range(len(self.factors)):
-            gains = moved.copy()
-            gains[:, j :: len(self.factors)] += self.torque[:, None]
-            rows, bare = self._of_joint(j, gains)
+        for j, moved in enumerate(self._moved_by_gains()):
+            rows, bare = self._of_joint(j, moved @ scale)
             problem += rows
             alone.append(bare.rows)
-        load = problem.without("arm", "friction", "gains")[0]
+        load = problem.without("arm", "friction", "scale", "drift")[0]
         R, unexplained = triangle(load.rows), triangle(np.vstack(alone))[-1, -1]
         # Why: free parameters leave this of the loaded log; what a load leaves beyond it has changed in another way.
         beyond = max(0.0, float(R[-1, -1] ** 2 - unexplained**2))
-        freedom = max(1, int(np.linalg.matrix_rank(root)) - len(R) + 1 - len(self.free))
-        volume = load.without("load")[0].volume + float(np.sum(np.log(np.diagonal(whitened))))
-        evidence = volume - 0.5 * float(R[-1, -1] ** 2)
-        return R[:-1, :-1], R[:-1, -1], beyond / freedom, evidence
+        freedom = int(np.linalg.matrix_rank(self.root)) - len(R) + 1 - len(self.friction)
+        evidence = load.without("load")[0].volume - 0.5 * float(R[-1, -1] ** 2)
+        return R[:-1, :-1], R[:-1, -1], beyond / max(1, freedom), evidence
 
-    def _gains(self, scale_error: float, own: float) -> tuple[Floats, Floats]:
-        """Return how gains that are wrong move the kept parameters, (p, k), and their covariance, (k, k).
+    def _of_joint(self, joint: int, moved: Floats) -> tuple[Factor, Factor]:
+        """Return rows of one joint in the unknowns, and in free base parameters, the residual model integrated out.
 
-        k is n for each cause: the same in both logs, and of a real arm different ones.
+        Args:
+            joint: its number.
+            moved: change of the parameters of its rows by the unknown scales, (p, n).
         """
-        from scipy.linalg import block_diag
-
-        n, moved, shares = len(self.factors), [np.zeros((len(self.torque), 0))], [np.zeros((0, 0))]
-        if scale_error > 0.0 or own > 0.0:
-            common = tuning.COMMON_SCALE_SHARE * scale_error**2
-            moved.append(-self._moved())
-            shares.append(
-                common + ((1.0 - tuning.COMMON_SCALE_SHARE) * scale_error**2 + own**2) * np.eye(n)
-            )
-        if self.real:
-            moved.append(np.zeros((len(self.torque), n)))
-            shares.append(tuning.SCALE_DRIFT**2 * np.eye(n))
-        return np.hstack(moved), block_diag(*shares)
-
-    def _of_joint(self, joint: int, gains: Floats) -> tuple[Factor, Factor]:
-        """Return rows of one joint in the unknowns, and in free base parameters, the residual model integrated out."""
-        F, error, theta = self.factors[joint], self.error, self.theta
+        F, residual, theta = self.factors[joint], self.residual, self.theta
         Z, W = np.split(F[:, :-1], [F.shape[1] - len(theta) - 1], axis=1)
-        unknown = {"friction": W[:, self.free], "gains": W @ gains, "load": W @ self.K}
+        drift = np.zeros((len(F), len(self.factors)))
+        drift[:, joint] = self.drift * (W @ self.torque)
+        unknown = {"friction": W[:, self.friction], "scale": W @ moved, "drift": drift}
         alone = Factor.of({"columns": Z, "arm": W}, F[:, -1])
-        rows = Factor.of({"columns": Z, "arm": W, **unknown}, F[:, -1])
-        if error is None:
+        rows = Factor.of({"columns": Z, "arm": W, **unknown, "load": W @ self.K}, F[:, -1])
+        if residual is None:
             return rows, alone
-        told = np.asarray(np.linalg.inv(error.root[joint]))
-        slope, mean = told @ error.slope[joint], told @ error.mean[joint]
-        rows += Factor.of({"columns": told, "arm": -slope}, mean - slope @ theta)
-        alone += Factor.of({"columns": told}, mean)
+        inverse = np.asarray(np.linalg.inv(residual.root[joint]))
+        slope, mean = inverse @ residual.slope[joint], inverse @ residual.mean[joint]
+        rows += Factor.of({"columns": inverse, "arm": -slope}, mean - slope @ theta)
+        alone += Factor.of({"columns": inverse}, mean)
         return rows.without("columns")[0], alone.without("columns")[0]
 
-    def _moved(self) -> Floats:
-        """Return by how much the kept parameters move when the gain of each joint does, (p, n).
+    def _moved_by_gains(self) -> Floats:
+        """Return by how much a wrong gain of each joint moves what the rows of each have, (n, p, n).
 
-        Each joint moves them as far as its rows decide them. Together they scale them all: the torques of an arm do not
-        tell their own scale, and what came from the prior must not seem to.
+        Each joint moves the parameters as far as its rows decide them. Together they scale them all: the torques of an
+        arm do not tell their own scale, and what came from the prior must not seem to.
         """
-        size = np.sqrt(np.maximum(np.diagonal(self.told.sum(axis=0)), 1e-300))
-        share = self.told / np.outer(size, size) + UNTOLD * np.eye(len(size))
-        return np.asarray(
-            np.linalg.solve(share.sum(axis=0), (share @ (size * self.theta)).T) / size[:, None]
-        )
+        information, n = self.joint_information, len(self.factors)
+        size = np.sqrt(np.maximum(np.diagonal(information.sum(axis=0)), 1e-300))
+        share = information / np.outer(size, size) + UNTOLD * np.eye(len(size))
+        moved = np.linalg.solve(share.sum(axis=0), (share @ (size * self.theta)).T) / size[:, None]
+        return np.asarray(np.einsum("p,jk->jpk", self.torque, np.eye(n)) - moved)
 
     def _friction_change(self) -> Floats:
         """Return by how much friction may have changed: each column by all the friction of its joint, (f,)."""
-        W = self.factors[:, :, -len(self.torque) - 1 : -1][:, :, self.free]
+        W = self.factors[:, :, -len(self.torque) - 1 : -1][:, :, self.friction]
         rows = max(1.0, float(np.max(np.sum(self.factors[:, :, -1] ** 2, axis=1))))
         size = np.linalg.norm(W, axis=1)
-        joint = np.argmax(size, axis=0)
-        torque = np.linalg.norm(np.einsum("jmf,f->jm", W, self.theta[self.free]), axis=1)
+        torque = np.linalg.norm(W @ self.theta[self.friction], axis=1)
+        torque = torque[np.argmax(size, axis=0)]
         least = tuning.FRICTION_CHANGE_LEAST * np.sqrt(rows)
         largest = size.max(axis=0)
-        return np.asarray(np.maximum(torque[joint], least) / np.where(largest > 0.0, largest, 1.0))
+        return np.asarray(np.maximum(torque, least) / np.where(largest > 0.0, largest, 1.0))
 
 
 def last_link(base: BaseModel) -> NDArray[np.intp]:

@@ -101,32 +101,30 @@ def _raw(segment: Segment, chosen: Filter) -> tuple[Floats, ...]:
     return q[centres], segment.raw_qd[centres], qdd[centres]
 
 
+def concatenated(motions: Sequence[EstimatedMotion]) -> EstimatedMotion:
+    """Return motions one after the other as one, times as they are."""
+    names = [field.name for field in fields(EstimatedMotion)]
+    return EstimatedMotion(**{x: np.concatenate([getattr(m, x) for m in motions]) for x in names})
+
+
 def joined(motions: Sequence[EstimatedMotion]) -> EstimatedMotion:
     """Return motions one after the other, a second apart, as one."""
     starts = np.cumsum([0.0, *(float(np.ptp(motion.t)) + 1.0 for motion in motions[:-1])])
-    parts = [replace(m, t=m.t - m.t[0] + start) for m, start in zip(motions, starts, strict=True)]
-    return EstimatedMotion(
-        **{f.name: np.concatenate([getattr(m, f.name) for m in parts]) for f in fields(parts[0])}
-    )
+    pairs = zip(motions, starts, strict=True)
+    return concatenated([replace(m, t=m.t - m.t[0] + start) for m, start in pairs])
 
 
 def save(path: Path, motions: Sequence[EstimatedMotion], header: dict[str, Any]) -> None:
     """Write estimatedmotion.npz; several logs follow each other, ``log`` says which is which."""
-    arrays: dict[str, NDArray[Any]] = {
-        field.name: np.concatenate([getattr(m, field.name) for m in motions])
-        for field in fields(EstimatedMotion)
-    }
-    arrays["log"] = np.concatenate([np.full(len(m.t), k) for k, m in enumerate(motions)])
-    write_artifact(path, SCHEMA, header, arrays)
+    log = np.repeat(np.arange(len(motions)), [len(motion.t) for motion in motions])
+    write_artifact(path, SCHEMA, header, {**vars(concatenated(motions)), "log": log})
 
 
 def load(path: Path) -> tuple[EstimatedMotion, dict[str, Any]]:
     """Read estimatedmotion.npz as one motion, and its header."""
     artifact = read_artifact(path, SCHEMA, SHAPES)
-    found = EstimatedMotion(
-        **{field.name: artifact.arrays[field.name] for field in fields(EstimatedMotion)}
-    )
-    return found, dict(artifact.header)
+    names = [field.name for field in fields(EstimatedMotion)]
+    return EstimatedMotion(**{x: artifact.arrays[x] for x in names}), dict(artifact.header)
 
 
 # ---------------------------------------------------------------- how wrong a prediction is
@@ -164,21 +162,19 @@ def check(
         baseline: torques of the simpler model, (M, n) [N m].
         joints: joint names.
     """
-    usable = motion.usable
-    residual = np.where(usable, motion.tau_measured - motion.tau_estimated, 0.0)
-    torque = np.where(usable, motion.tau_measured, 0.0)
-    other = np.where(usable, motion.tau_measured - baseline, 0.0)
-    count = np.maximum(usable.sum(axis=0), 1)
-    rms, size, base = (np.sqrt((x**2).sum(axis=0) / count) for x in (residual, torque, other))
+    count = np.maximum(motion.usable.sum(axis=0), 1)
+    measured = motion.tau_measured
+    squares = np.array(
+        [
+            np.sum(np.where(motion.usable, x, 0.0) ** 2, axis=0)
+            for x in (measured - motion.tau_estimated, measured, measured - baseline)
+        ]
+    )
     checks = [
-        JointCheck(
-            joint,
-            float(rms[j]),
-            float(100 * rms[j] / size[j]) if size[j] else 0.0,
-            float(size[j]),
-            float(base[j]),
+        JointCheck(joint, rms, 100 * rms / size if size else 0.0, size, base)
+        for joint, (rms, size, base) in zip(
+            joints, np.sqrt(squares / count).T.tolist(), strict=True
         )
-        for j, joint in enumerate(joints)
     ]
-    total = np.linalg.norm(torque)
-    return checks, float(100 * np.linalg.norm(residual) / total) if total else 0.0
+    residual, torque = np.sqrt(squares[:2].sum(axis=1)).tolist()
+    return checks, 100 * residual / torque if torque else 0.0

@@ -252,9 +252,6 @@ LOAD_MISFIT = 4.0
 #: Gauss-Newton ends when no gain changes by more than this share, at the latest after so many steps.
 #: evidence: none yet.
 GAINS_SETTLED, GAINS_ROUNDS = 1e-6, 60
-#: Singular value, relative to the largest of normalised columns, below which a direction is not determined.
-#: evidence: none yet.
-GAINS_RANK = 1e-9
 #: A joint's gain changes by at most this factor in a step; the problem is bilinear and a first guess may be poor.
 #: evidence: none yet.
 GAINS_LONGEST_STEP = np.log(3.0)
