@@ -35,8 +35,8 @@ class Draws:
         result: what they were drawn from.
         names: parameters, (c,).
         x: their values, bodies possible, (D, c).
-        residual: factors of the residual model's columns, (D, n, k) [N m or N]; (D, n, 0) where there is no such model.
-        own: what the parameters of joints that contradict the others differ by, (D, a, p) for a of them.
+        residual: of each joint, factors of the residual model's columns, and what the parameters of one that
+            contradicts the others differ by, (D, k) or (D, k + p) [N m or N; units of the parameters]; () without one.
         noise: rms of what repeats in no draw, such as noise and torques without a name, (n,) [N m or N].
         seed: of the draws.
     """
@@ -44,8 +44,7 @@ class Draws:
     result: Identified
     names: tuple[str, ...]
     x: Floats
-    residual: Floats
-    own: Floats
+    residual: tuple[Floats, ...]
     noise: Floats
     seed: int
 
@@ -71,11 +70,9 @@ class Draws:
         W = result.regressor(q, qd, qdd, t)
         tau = np.einsum("mjp,dp->dmj", W, self.theta, optimize=True)
         if error is not None:
-            Z = error.columns(W, error.shapes_at(q, qd, result.base.observer))
-            tau += np.einsum("mjk,djk->dmj", Z, self.residual, optimize=True)
-            tau[:, :, error.joints_apart] += np.einsum(
-                "map,dap->dma", W[:, error.joints_apart], self.own, optimize=True
-            )
+            columns = error.columns(W, error.shapes_at(q, qd, result.base.observer))
+            for j, b in enumerate(self.residual):
+                tau[:, :, j] += b @ columns[:, j, : b.shape[1]].T
         return np.asarray(tau)
 
     def band(
@@ -142,23 +139,15 @@ def draws(result: Identified, count: int, seed: int = 0) -> Draws:
     physical, K = result.physical, result.reduction.K
     constraints = constraints_of(result.base)
     x = possible_draws(physical.x, symmetric_root(physical.covariance), constraints, count, rng)
-    error = result.model_error
-    residual, own = np.zeros((count, len(result.noise), 0)), np.zeros((count, 0, len(K)))
+    error, residual, moved = result.model_error, [], (x - physical.x) @ K.T
     if error is not None:
-        z, apart = rng.normal(size=(count, *error.mean.shape)), error.joints_apart
-        moved = np.repeat((x @ K.T - K @ physical.x)[:, None], len(result.noise), axis=1)
-        if len(apart):
-            d = np.einsum("apq,daq->dap", error.own_slope[apart], moved[:, apart])
-            d += np.einsum("apq,daq->dap", error.own_root[apart], rng.normal(size=d.shape))
-            own = error.own[apart] + d
-            moved[:, apart] += d
-        residual = (
-            error.mean
-            + np.einsum("jkp,djp->djk", error.slope, moved)
-            + np.einsum("jkl,djl->djk", error.root, z)
-        )
+        for j, apart in enumerate(error.apart):
+            size = None if apart else error.k
+            root, slope = error.root[j, :size, :size], error.slope[j, :size]
+            z = rng.normal(size=(count, len(root)))
+            residual.append(error.mean[j, :size] + moved @ slope.T + z @ root.T)
     noise = result.noise if result.expected is None else result.expected.noise
-    return Draws(result, physical.names, x, residual, own, noise, seed)
+    return Draws(result, physical.names, x, tuple(residual), noise, seed)
 
 
 def possible_draws(

@@ -8,28 +8,25 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import (
-    Finding,
-    NothingChanged,
-    PoorlyExcited,
-    RankDeficient,
-    WeakInstruments,
-    WrongUsage,
-)
+from dynid.errors import NothingChanged, WeakInstruments, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.covariance import NOT_DETERMINED, judge
-from dynid.estimation.estimators import METHODS, choose, wls
+from dynid.estimation.estimators import METHODS, choose
+from dynid.estimation.findings import (
+    apart_findings,
+    excitation_findings,
+    physics_findings,
+    sensor_findings,
+)
 from dynid.estimation.identified import SAME_MOTION, JointQuality
 from dynid.estimation.least_squares import (
     Fit,
     condition_number,
-    joint_rms,
     relative_error,
     solvable,
 )
-from dynid.estimation.payload import friction
 from dynid.estimation.posterior import (
-    Refit,
+    Posterior,
     contradicts,
     expected_error,
     physical_posterior,
@@ -40,9 +37,7 @@ from dynid.estimation.result import Identification
 from dynid.estimation.rows import Rows
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel, prior_base_parameters
-from dynid.model.regressor import indefinite_share, random_poses
 from dynid.signals.conditioned_log import ConditionedLog
-from dynid.signals.filters import decimate
 from dynid.signals.motion import motion_numbers, sampled
 
 Floats = NDArray[np.float64]
@@ -163,67 +158,67 @@ def estimate(
     plain = METHODS[name](stack, prior)
     if name == "iv":
         _require_followed(stack, plain)
+    physical = method == "auto" if feasible is None else feasible
 
     def refit(part: Stack) -> Fit:
         # Why also where one was asked for: joints that are left out leave parameters open.
         chosen = choose(part)[0] if method == "auto" or part.first_fit.leaves_open else method
         return METHODS[chosen](part, prior)
 
+    def in_force(post: Posterior, fit: Fit) -> Posterior:
+        none = post.changes[:, :0]
+        own = replace(post, theta=fit.theta, covariance=fit.covariance, error=None, changes=none)
+        return post if physical else own
+
     post = physical_posterior(
         base, plain, stack, refit=refit, residual_model=residual_model, size=size
     )
-    physical = method == "auto" if feasible is None else feasible
-    theta, covariance, error, changes = (
-        (post.theta, post.covariance, post.error, post.changes)
-        if physical
-        else (plain.theta, plain.covariance, None, None)
-    )
+    used = in_force(post, plain)
     # Why: where the prior carries what the rows leave open there is an answer, and the posterior says how little.
     cost = uncertainty(base, plain.covariance, post.theta)
     excitation = excitation_findings(stack, plain, cost, drop_weak=drop_weak or physical)
     if physical:
         _require_change(prior, plain=plain.theta, physical=post.theta)
-    unseen = None
+    held_rms, held_percent = None, None
     if holdout is not None:
-        like = post.error if physical else None
-        unseen = _held_out(base, holdout, prior, name, refit, physical=physical, like=like)
-    rms, total = _of_squares(stack, squares(stack, theta, error))
-    expected = expected_error(base, stack, theta, covariance, error, rms, changes)
-    std_error, knowledge = _certainty(plain, theta, covariance, physical=physical)
+        train, test, _ = holdout
+        fit, error = METHODS[name](train, prior), used.error
+        if physical:
+            again = physical_posterior(
+                base, fit, train, refit=refit, residual_model=error is not None, like=error
+            )
+            held_rms, held_percent = _errors(test, again.theta, again.error)
+        else:
+            held_rms, held_percent = _errors(test, fit.theta, None)
+    rms, total = _errors(stack, used.theta, used.error)
+    std_error, knowledge = _certainty(plain, used, physical=physical)
     return Identification(
         robot=base.robot,
         reduction=base.reduction,
         fit=plain,
-        joints=_qualities(stack, rms, None if unseen is None else unseen[0]),
+        joints=_qualities(stack, rms, held_rms),
         relative_error_percent=total,
-        heldout_relative_error_percent=None if unseen is None else unseen[1],
+        heldout_relative_error_percent=held_percent,
         heldout=holdout[2] if holdout else "nothing held out",
         rank=plain.solution.rank,
         condition_number=condition_number(plain.whitened, plain.solution.rank),
         condition_number_scaled=plain.solution.condition_number_scaled,
         samples=stack.samples,
-        expected=expected,
+        expected=expected_error(base, stack, used, rms),
         why=why,
-        theta=theta,
-        covariance=covariance,
+        theta=used.theta,
+        covariance=used.covariance,
         std_error=std_error,
         knowledge=knowledge,
         prior=prior,
         physical=post.physical,
         in_force="physical" if physical else "plain",
-        model_error=error,
+        model_error=used.error,
         findings=(
             *excitation,
             *sensor_findings(base),
-            *physics_findings(
-                base,
-                plain,
-                joint_rms(*stack.whole, post.alone),
-                knowledge,
-                error,
-                physical=physical,
-            ),
-            *apart_findings(base, stack, theta, error),
+            *physics_findings(base, plain, stack, post.alone, knowledge, used.error, physical),
+            *apart_findings(base, stack, used.theta, used.error),
         ),
         header=_header(base, stack),
         motions=tuple(log_motion(log)[: tuning.MOTION_SAMPLES] for log in stack.logs),
@@ -247,76 +242,34 @@ def _header(base: BaseModel, stack: Stack) -> dict[str, Any]:
     return header
 
 
-def _of_squares(stack: Stack, left: Floats) -> tuple[Floats, float]:
-    """Return the rms residual of each joint, (n,) [N m or N], and the total relative error [%], from squared sums."""
+def _errors(stack: Stack, theta: Floats, error: ModelError | None) -> tuple[Floats, float]:
+    """Return the rms residual of each joint on any rows, (n,) [N m or N], and the total relative error [%]."""
     factors, counts = stack.whole
+    left = squares(stack, theta, error)
     torque = max(float(np.linalg.norm(factors[:, :, -1])), 1e-300)
     return np.sqrt(left / np.maximum(counts, 1)), float(100.0 * np.sqrt(left.sum()) / torque)
-
-
-def _held_out(
-    base: BaseModel,
-    holdout: HoldOut,
-    prior: Floats,
-    method: str,
-    refit: Refit,
-    *,
-    physical: bool,
-    like: ModelError | None,
-) -> tuple[Floats, float]:
-    """Return the errors on the held-out rows of what is fitted without them, as ``_of_squares`` does.
-
-    Args:
-        base: model and base parameters.
-        holdout: rows that are fitted, and those that judge.
-        prior: prior base parameters, (p,).
-        method: the estimator.
-        refit: makes such an estimate of some joints.
-        physical: whether possible parameters predict.
-        like: model error whose sizes and joints apart are taken; None for none.
-    """
-    train, test, _ = holdout
-    fit = METHODS[method](train, prior)
-    if not physical:
-        return _of_squares(test, squares(test, fit.theta, None))
-    again = physical_posterior(
-        base, fit, train, refit=refit, residual_model=like is not None, like=like
-    )
-    return _of_squares(test, squares(test, again.theta, again.error))
 
 
 def _qualities(stack: Stack, rms: Floats, held: Floats | None) -> tuple[JointQuality, ...]:
     factors, counts = stack.whole
     torque = np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=1) / np.maximum(counts, 1))
     percent = 100.0 * rms / np.where(torque > 0.0, torque, np.inf)
-    return tuple(
-        JointQuality(
-            joint=joint,
-            rms=float(rms[j]),
-            relative_percent=float(percent[j]),
-            torque_rms=float(torque[j]),
-            heldout_rms=None if held is None else float(held[j]),
-        )
-        for j, joint in enumerate(stack.joints)
-    )
+    held_out = [None] * len(rms) if held is None else held.tolist()
+    columns = (rms.tolist(), percent.tolist(), torque.tolist(), held_out)
+    return tuple(JointQuality(*row) for row in zip(stack.joints, *columns, strict=True))
 
 
-def _certainty(
-    plain: Fit, theta: Floats, covariance: Floats, *, physical: bool
-) -> tuple[Floats, tuple[str, ...]]:
+def _certainty(plain: Fit, used: Posterior, *, physical: bool) -> tuple[Floats, tuple[str, ...]]:
     """Return standard errors and how well each parameter is known.
 
     Directions that the log leaves open are infinite for the plain estimate; for the physical set they are as wide as
     the prior, and not determined all the same.
     """
-    std_error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    open_ = np.abs(plain.solution.weak).max(axis=1, initial=0.0) > 1e-9
+    std_error = np.sqrt(np.maximum(np.diag(used.covariance), 0.0))
     if not physical:
-        std_error[open_] = np.inf
-    effect = np.linalg.norm(plain.whitened[:, :-1], axis=0) / np.sqrt(max(1, plain.counts.sum()))
-    judged = judge(theta, std_error, effect)
-    words = (NOT_DETERMINED if o else word for word, o in zip(judged, open_, strict=True))
-    return std_error, tuple(words)
+        std_error[plain.open] = np.inf
+    words = np.array(judge(used.theta, std_error, plain.effect))
+    return std_error, tuple(np.where(plain.open, NOT_DETERMINED, words).tolist())
 
 
 def _require_change(prior: Floats, *, plain: Floats, physical: Floats) -> None:
@@ -326,11 +279,11 @@ def _require_change(prior: Floats, *, plain: Floats, physical: Floats) -> None:
         NothingChanged: with the number of parameters.
     """
     known = np.isfinite(prior)
-
-    def same(theta: Floats) -> NDArray[np.bool_]:
-        return np.asarray(np.isclose(theta, prior, rtol=tuning.PRIOR_UNCHANGED, atol=1e-12)[known])
-
-    if known.any() and same(physical).all() and not same(plain).all():
+    moved, moved_plain = (
+        ~np.isclose(theta, prior, rtol=tuning.PRIOR_UNCHANGED, atol=1e-12)[known]
+        for theta in (physical, plain)
+    )
+    if known.any() and not moved.any() and moved_plain.any():
         count = int(known.sum())
         raise NothingChanged(
             f"nothing changed: the physical parameters equal the prior in {count} of {count}"
@@ -348,255 +301,3 @@ def _require_followed(stack: Stack, fit: Fit) -> None:
     )
     if contradicts(left, least):
         raise WeakInstruments(f"iv leaves {left:.3g} % of the torque, wls {least:.3g} %")
-
-
-# ---------------------------------------------------------------- what logs and fits are worth, as findings
-def weakly_excited(base: BaseModel, stack: Stack, prior: Floats) -> list[Finding]:
-    """Name the base parameters that this log leaves uncertain, why, and what would help.
-
-    A parameter's error falls in proportion to the size of its column: for an inertia that is the acceleration, for
-    viscous friction the speed. It falls with the root of the length of the log.
-
-    Args:
-        base: model and base parameters.
-        stack: the stacked logs.
-        prior: prior base parameters, NaN where nothing is known, (p,).
-
-    Returns:
-        Finding W402, which names the worst.
-    """
-    fit = wls(stack, prior)
-    error = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    error[np.abs(fit.solution.weak).max(axis=1, initial=0.0) > 1e-9] = np.inf
-    size = np.maximum(np.abs(fit.theta), np.abs(np.nan_to_num(prior)))
-    rows = max(1, int(stack.whole[1].sum()))
-    harmless = (
-        error * np.linalg.norm(fit.whitened[:, :-1], axis=0) / np.sqrt(rows)
-        <= tuning.HARMLESS_TORQUE
-    )
-    relative = error / np.maximum(size, np.finfo(float).tiny)
-    order = np.argsort(-relative).tolist()
-    weak = [k for k in order if relative[k] > tuning.ROUGH_ERROR and not harmless[k]]
-    if not weak:
-        return []
-    told = []
-    for k in weak[: tuning.FINDINGS_WORDED]:
-        much = f"{100 * relative[k]:.0f} % error" if np.isfinite(relative[k]) else "no trace"
-        told.append(f"{stack.names[k]} ({much}: {_reason(base, stack, k)})")
-    names, more = [stack.names[k] for k in weak], len(weak) - len(told)
-    text = "poorly excited: " + ", ".join(told) + f" and {more} more" * (more > 0)
-    return [Finding("W402", "warning", text, {"parameters": names})]
-
-
-def _reason(base: BaseModel, stack: Stack, k: int) -> str:
-    """Say which signal shows a base parameter and how small it is in these logs."""
-    parameter = base.model.parameters[base.reduction.base[k]]
-    kind, j = parameter.kind, parameter.number - 1
-    joint = base.robot.joints[j]
-    unit = "rad" if joint.revolute else "m"
-    segments = [segment for log in stack.logs for segment in log.segments]
-    if kind.startswith("I"):
-        # Why filtered once more: behind the position filter alone, encoder noise still looks like acceleration.
-        largest = max(
-            float(
-                np.abs(decimate(s.qdd[:, j][None, :], log.filter.second_kernel, 1)).max(initial=0.0)
-            )
-            for log in stack.logs
-            for s in log.segments
-        )
-        return f"{joint.name} never accelerates beyond {largest:.2g} {unit}/s^2"
-    if kind in ("fv", "fvc"):
-        largest = max(float(np.abs(s.qd[:, j]).max()) for s in segments)
-        return f"{joint.name} never moves faster than {largest:.2g} {unit}/s"
-    if kind in ("fc", "fo", "fcc"):
-        reversals = sum(int(np.sum(np.diff(np.sign(s.qd[:, j])) != 0)) for s in segments)
-        return f"{joint.name} reverses only {reversals} times"
-    spans = [float(np.ptp(s.q[:, j])) for s in segments]
-    return f"{joint.name} covers only {max(spans):.2g} {unit}: gravity and speed change little"
-
-
-def excitation_findings(
-    stack: Stack, plain: Fit, cost: float, *, drop_weak: bool
-) -> tuple[Finding, ...]:
-    """Say when the logs do not determine all base parameters, or some only through what is left of noise.
-
-    Args:
-        stack: the stacked logs.
-        plain: their fit.
-        cost: torque error on an exciting motion that its uncertain parameters cost [%].
-        drop_weak: go on nevertheless.
-
-    Raises:
-        RankDeficient: the logs determine fewer base parameters than the structure has.
-        PoorlyExcited: they determine all, but some only through what is left of noise.
-    """
-    rank, size = plain.solution.rank, len(plain.theta)
-    if rank < size:
-        open_ = np.abs(plain.solution.weak).max(axis=1)
-        names = ", ".join(stack.names[k] for k in np.flatnonzero(open_ > 1e-3 * open_.max()))
-        text = (
-            f"this log determines {rank} of {size} base parameters; it does not separate: {names}"
-        )
-        if not drop_weak:
-            fix = "record a motion in which every joint moves on its own, or continue with --drop-weak"
-            raise RankDeficient(text, fix=fix)
-        return (Finding("W403", "warning", text, {"rank": rank, "structural_rank": size}),)
-    condition = plain.solution.condition_number_scaled
-    if cost > tuning.POORLY_EXCITED_PERCENT:
-        text = (
-            f"this log determines some parameters badly: least squares would have a torque error of {cost:.3g} % on "
-            f"an exciting motion; condition number {condition:.0f} (good: below 100)"
-        )
-        if not drop_weak:
-            fix = "plan a better motion: dynid trajectory ROBOT --optimise; or continue with --drop-weak"
-            raise PoorlyExcited(text, fix=fix)
-        evidence = {"expected_percent": cost, "condition_number_scaled": condition}
-        return (Finding("W402", "warning", text, evidence),)
-    return ()
-
-
-def sensor_findings(base: BaseModel) -> list[Finding]:
-    """Say what a torque sensor between gear and link cannot see."""
-    reduction, table = base.reduction, base.model.parameters
-    rotors = [
-        name
-        for name, k in zip(reduction.base_names, reduction.base, strict=True)
-        if table[k].kind == "Im"
-    ]
-    source, named = base.robot.torque.source, ", ".join(rotors)
-    if source not in ("joint_sensor", "unknown") or not rotors:
-        return []
-    text = (
-        f"torques come from joint sensors after the gears: {named} and friction describe the link side of "
-        "the sensor only; rotor inertia and motor friction are largely invisible"
-    )
-    if source == "unknown":
-        text = (
-            f"the robot file does not say what the effort column is: behind joint sensors, {named} and "
-            "friction would describe the link side only; write `torque: {source: joint_sensor}`, motor_torque or "
-            "motor_current"
-        )
-    return [Finding("W410", "info", text, {"parameters": rotors})]
-
-
-def apart_findings(
-    base: BaseModel, stack: Stack, theta: Floats, error: ModelError | None
-) -> list[Finding]:
-    """Say which joints have torques that contradict those of the others, and by which factor where it is only one.
-
-    Args:
-        base: model and base parameters.
-        stack: the fitted rows.
-        theta: base parameters in force, (p,).
-        error: the model error in force, None without.
-    """
-    apart = () if error is None else error.joints_apart
-    if error is None or not len(apart):
-        return []
-    names = [base.robot.joint_names[j] for j in apart]
-    scales = {
-        name: scale_of(base, stack, theta, error, int(j))
-        for name, j in zip(names, apart, strict=True)
-    }
-    told = [
-        f"{name} has {scale:.2f} times what they ask for"
-        for name, scale in scales.items()
-        if scale is not None
-    ]
-    cause = (
-        "; ".join(told)
-        or "another scale or sign, a part of it, a stuck reading, or what the model lacks"
-    )
-    text = (
-        f"the torques of {', '.join(names)} contradict those of the other joints: {cause}. They have parameters of "
-        "their own in predictions and no say in those of the arm"
-    )
-    return [Finding("W413", "warning", text, {"joints": names, "scales": scales})]
-
-
-def scale_of(
-    base: BaseModel, stack: Stack, theta: Floats, error: ModelError, joint: int
-) -> float | None:
-    """Return how many times the torque that the other joints ask for a joint has; None where it is not only a scale.
-
-    Friction is left out: no other joint tells it.
-
-    Args:
-        base: model and base parameters.
-        stack: the fitted rows.
-        theta: base parameters of the arm, (p,).
-        error: the model error, in which the joint is apart.
-        joint: its number.
-    """
-    W = stack.whole[0][joint][:, :-1]
-    rubs = friction(base)
-    Q = np.linalg.qr(W[:, rubs & W.any(axis=0)])[0]
-    asked, more = ((W[:, ~rubs] @ each[~rubs]) for each in (theta, error.own[joint]))
-    asked, more = (each - Q @ (Q.T @ each) for each in (asked, more))
-    scale = 1.0 + float(asked @ more) / max(float(asked @ asked), 1e-300)
-    rest = np.linalg.norm(more - (scale - 1.0) * asked)
-    return scale if rest < tuning.SCALE_REST * np.linalg.norm(more) else None
-
-
-def physics_findings(
-    base: BaseModel,
-    plain: Fit,
-    rms: Floats,
-    knowledge: tuple[str, ...],
-    error: ModelError | None,
-    *,
-    physical: bool,
-) -> list[Finding]:
-    """Say when the plain numbers belong to no arm, when no arm comes near them, and when the log says little.
-
-    Args:
-        base: model and base parameters.
-        plain: the plain estimate.
-        rms: residual of the physical set at each joint, (n,) [N m or N].
-        knowledge: how well each parameter is known, (p,).
-        error: the model error in force, None without.
-        physical: whether the possible parameters are.
-    """
-    found = []
-    open_ = sum(word == NOT_DETERMINED for word in knowledge) / len(knowledge)
-    poses = random_poses(base.robot, tuning.ALARM_POSES)
-    share = indefinite_share(
-        lambda q, qd, qdd: base.observer.torque(plain.theta, q, qd, qdd), poses
-    )
-    if share:
-        cause = (
-            "too little motion, or a wrong sign or offset under `driver:`"
-            if open_ > tuning.MANY_OPEN
-            else "check sign and offset of each joint under `driver:` in the robot file"
-        )
-        level = "info" if physical or open_ > tuning.MANY_OPEN else "warning"
-        text = f"the mass matrix of least squares is not positive definite in {100 * share:.0f} % of poses: {cause}"
-        found.append(Finding("W405", level, text, {"share": share}))
-    growth = rms / np.maximum(plain.rms, 1e-12)
-    worst = int(np.argmax(growth))
-    large = () if error is None else error.free
-    apart = () if error is None else error.joints_apart
-    for j in large:
-        joint = base.robot.joint_names[j]
-        text = (
-            f"{joint} has a large torque that depends on its position and that links cannot make (a spring, a "
-            "counterbalance?): the residual model predicts it, the parameters do not; dynid gap may name it"
-        )
-        found.append(Finding("W404", "warning", text, {"joint": joint, "growth": float(growth[j])}))
-    unexplained = growth[worst] > tuning.CONTRADICTION and rms[worst] > plain.rms[worst] + 1e-6
-    if unexplained and not len(large) and not len(apart):
-        joint = base.robot.joint_names[worst]
-        text = (
-            f"physically consistent parameters fit {joint} worse than least squares: torque error {rms[worst]:.3g} "
-            f"instead of {plain.rms[worst]:.3g} N m; look for a missing effect (dynid gap), units, signs, payload"
-        )
-        found.append(
-            Finding("W404", "warning", text, {"joint": joint, "growth": float(growth[worst])})
-        )
-    if open_ > tuning.MANY_OPEN:
-        count = f"{sum(word == NOT_DETERMINED for word in knowledge)} of {len(knowledge)} base parameters"
-        plain_text = "least squares hold for motions like this one only; for others use --feasible"
-        consequence = "their values come mostly from the prior" if physical else plain_text
-        text = f"{count} are not determined by this log: {consequence}"
-        found.append(Finding("W406", "warning", text, {"share": open_}))
-    return found

@@ -9,7 +9,6 @@ Source: Bierman 1977, "Factorization methods for discrete sequential estimation"
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -111,25 +110,3 @@ class Factor:
         k = len(self.rows)
         root = np.asarray(np.linalg.inv(self.rows[:, :k]))
         return Conditional(root, -root @ self.rows[:, k:-1], root @ self.rows[:, -1])
-
-    def released(
-        self, name: str, root: Floats, sizes: Iterable[float]
-    ) -> Iterator[tuple[Factor, Conditional]]:
-        """Yield what these rows say of a block from which their own differs by d ~ N(0, size root root^T).
-
-        Args:
-            name: of the only block.
-            root: (c, c).
-            sizes: factors on that covariance that are tried; with 0 the rows stay as they are.
-
-        Yields:
-            The rows of the block, and d for given values of it.
-        """
-        U, sigma, Vt = np.linalg.svd(self[name] @ root, full_matrices=False)
-        along, axes = U.T @ self.rows, root @ Vt.T
-        for size in sizes:
-            less = 1.0 / np.sqrt(1.0 + size * sigma**2)
-            told = (axes * (size * sigma * less**2)) @ along
-            own = Conditional(axes * (np.sqrt(size) * less), -told[:, :-1], told[:, -1])
-            volume = self.volume + float(np.sum(np.log(less)))
-            yield replace(self, rows=self.rows - (U * (1.0 - less)) @ along, volume=volume), own

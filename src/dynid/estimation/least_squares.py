@@ -171,6 +171,22 @@ class Fit:
         return solve(self.whitened)
 
     @property
+    def robust(self) -> Floats | None:
+        """Parameters from which large residuals are spikes, (p,); None where these got their whole weight."""
+        return self.theta if self.method in ("irls", "iv") else None
+
+    @property
+    def open(self) -> NDArray[np.bool_]:
+        """Parameters along which the rows leave a direction open, (p,)."""
+        return np.asarray(np.abs(self.solution.weak).max(axis=1, initial=0.0) > 1e-9)
+
+    @property
+    def effect(self) -> Floats:
+        """Root mean square of each whitened column of the regressor, (p,): noise a unit of theta."""
+        size = np.linalg.norm(self.whitened[:, :-1], axis=0)
+        return np.asarray(size / np.sqrt(max(1, self.counts.sum())))
+
+    @property
     def leaves_open(self) -> bool:
         """Whether the rows leave parameters open, for which instruments have no answer."""
         return self.solution.rank < len(self.theta)

@@ -22,8 +22,8 @@ from dynid.estimation.factor import Factor, triangle
 from dynid.estimation.least_squares import solvable, symmetric_root
 from dynid.estimation.possible_arm import fit_pooled
 from dynid.estimation.possible_set import make_constraints
-from dynid.estimation.posterior import ROBUST, information_of
-from dynid.estimation.residual_model import ModelError, centred, rows_under
+from dynid.estimation.posterior import information_of
+from dynid.estimation.residual_model import ModelError, centred
 from dynid.estimation.result import Identification
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import BODY_PARAMETERS, body_columns, body_of, numbered
@@ -160,9 +160,8 @@ class LoadProblem:
         # Why of real arms only: the residual model is evidence for more than the model has.
         drift = 0.0 if residual is None else tuning.SCALE_DRIFT
         if residual is not None and stack is not None and stack.logs and stack.earlier is None:
-            robust = loaded.plain if loaded.method in ROBUST else None
-            rows = rows_under(stack, residual, whiten, noise, robust)
-            rows = centred(rows, residual.scale.shape[1], loaded.plain)
+            rows = residual.factors(stack, noise, loaded.fit.robust) / whiten[:, None, None]
+            rows = centred(rows, residual.k, loaded.plain)
         else:
             # Why: without its rows nothing is known of how the residual model acts in the loaded log.
             unknown = 0.0 if residual is None else residual.rms[:, -1] * whiten / noise
@@ -233,16 +232,20 @@ class LoadProblem:
             moved: change of the parameters of its rows by the unknown scales, (p, n).
         """
         F, residual, theta = self.factors[joint], self.residual, self.theta
-        Z, W = np.split(F[:, :-1], [F.shape[1] - len(theta) - 1], axis=1)
+        k, p = F.shape[1] - len(theta) - 1, len(theta)
+        W, size = F[:, k:-1], k + p * (residual is not None and residual.apart[joint] > 0.0)
         drift = np.zeros((len(F), len(self.factors)))
         drift[:, joint] = self.drift * (W @ self.torque)
         unknown = {"friction": W[:, self.friction], "scale": W @ moved, "drift": drift}
-        alone = Factor.of({"columns": Z, "arm": W}, F[:, -1])
-        rows = Factor.of({"columns": Z, "arm": W, **unknown, "load": W @ self.K}, F[:, -1])
+        alone = Factor.of({"columns": F[:, :size], "arm": W}, F[:, -1])
+        rows = Factor.of(
+            {"columns": F[:, :size], "arm": W, **unknown, "load": W @ self.K}, F[:, -1]
+        )
         if residual is None:
             return rows, alone
-        inverse = np.asarray(np.linalg.inv(residual.root[joint]))
-        slope, mean = inverse @ residual.slope[joint], inverse @ residual.mean[joint]
+        inverse = np.asarray(np.linalg.inv(residual.root[joint, :size, :size]))
+        slope = inverse @ residual.slope[joint, :size]
+        mean = inverse @ residual.mean[joint, :size]
         rows += Factor.of({"columns": inverse, "arm": -slope}, mean - slope @ theta)
         alone += Factor.of({"columns": inverse}, mean)
         return rows.without("columns")[0], alone.without("columns")[0]

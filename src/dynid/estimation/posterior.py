@@ -17,49 +17,29 @@ from numpy.typing import NDArray
 
 from dynid.estimation import tuning
 from dynid.estimation.identified import ExpectedError, Identified
-from dynid.estimation.least_squares import (
-    Fit,
-    merge,
-    relative_error,
-    symmetric_root,
-    weighted,
-)
-from dynid.estimation.possible_arm import (
-    PhysicalParameters,
-    constraints_of,
-    curvature,
-    fit_pooled,
-    require_possible_prior,
-    with_honest_errors,
-)
-from dynid.estimation.recordings import changes, disagreement, parts_of
+from dynid.estimation.least_squares import Fit, merge, relative_error, symmetric_root, weighted
+from dynid.estimation.possible_arm import PhysicalParameters, constraints_of, with_honest_errors
+from dynid.estimation.prior import exciting_states, prior_covariance
+from dynid.estimation.recordings import Parts
 from dynid.estimation.residual_model import (
     NONE,
+    Arm,
+    JointRows,
     ModelError,
-    NormalPrior,
-    Whitened,
     best_size,
-    exciting_speed,
     joints_apart,
     log_evidence,
-    model_error,
-    random_states,
     torque_variance,
-    whitened_rows,
 )
 from dynid.estimation.stack import Stack
-from dynid.model.base_model import BaseModel, prior_base_parameters
+from dynid.model.base_model import BaseModel
 from dynid.robot import Known
 
 Floats = NDArray[np.float64]
 
 
-#: Estimators that give spikes little weight.
-ROBUST = ("irls", "iv")
 #: Errors of noise-free torques, which are rounding [%].
 NOISE_FREE = 1e-6
-
-
 #: Makes an estimate of a stack, as that of all rows was made.
 Refit: TypeAlias = Callable[[Stack], Fit]
 
@@ -83,34 +63,6 @@ class Posterior:
     alone: Floats
     error: ModelError | None
     changes: Floats
-
-
-@dataclass(frozen=True)
-class Arm(NormalPrior):
-    """A possible arm that some rows ask for, with its prior there.
-
-    Attributes:
-        fit: its parameters.
-    """
-
-    fit: PhysicalParameters
-
-    @classmethod
-    def of(cls, base: BaseModel, rows: Floats, near: Arm | None = None) -> Arm:
-        """Return the arm that whitened rows [W tau] ask for, (m, p + 1), sought near another one.
-
-        From the prior's own sizes: what no arm can make has made the bodies of the other one heavier.
-        """
-        K, begin = base.reduction.K, None if near is None else near.x
-        R = rows[:, :-1] @ K
-        fit, _ = fit_pooled(R, rows[:, -1], constraints_of(base), begin, sized=True)
-        return cls(K, fit.x, fit.hessian - R.T @ R, fit)
-
-    @classmethod
-    def of_estimate(cls, base: BaseModel, estimate: Fit) -> Arm:
-        """Return the arm that an estimate asks for."""
-        A = estimate.whitened[:-1, :-1] / np.sqrt(estimate.inflation)
-        return cls.of(base, np.column_stack([A, A @ estimate.theta]))
 
 
 def physical_posterior(
@@ -141,7 +93,7 @@ def physical_posterior(
     alone, error, noise, worth = arm.theta, None, estimate.noise, estimate.inflation
     if has_rows and residual_model is not False:
         size = size if like is None else like.size
-        rows, large = _rows_of(base, stack, estimate, alone, np.zeros(base.robot.n)), 0.0
+        rows, large = JointRows.of(base, stack, estimate, alone, np.zeros(base.robot.n)), 0.0
         if like is not None:
             for joint in like.free:
                 rows = rows.freed(joint)
@@ -159,49 +111,29 @@ def physical_posterior(
             if rows.apart.any():
                 alone = Arm.of(base, rows.of_arm(NONE).rows, arm_of_all).theta
             arm = Arm.of(base, rows.of_arm(size).rows, arm_of_all)
-            error = model_error(rows, size, gain + large, arm.theta, stack.whole[1])
+            error = rows.residual(size, gain + large, arm.theta, stack.whole[1])
     K, fit = arm.K, replace(arm.fit, inflation=worth)
-    changed, covariance = np.zeros((len(K), 0)), K @ fit.covariance @ K.T
+    changes, covariance = np.zeros((len(K), 0)), K @ fit.covariance @ K.T
     if has_rows and like is None:
-        robust = estimate.theta if estimate.method in ROBUST else None
         share = np.diagonal(covariance) / np.maximum(np.diagonal(prior_covariance(base)), 1e-300)
-        parts = parts_of(stack, arm.theta, error, noise, worth, robust)
-        less = disagreement(parts, covariance, error, share < tuning.TOLD_SHARE)
-        changed = changes(parts, base, arm.theta)
-        fit = with_honest_errors(
-            fit, arm.hessian, constraints_of(base), less, np.linalg.pinv(K) @ changed
-        )
-    return Posterior(fit, arm.theta, K @ fit.covariance @ K.T, alone, error, changed)
-
-
-def _rows_of(
-    base: BaseModel, stack: Stack, estimate: Fit, reference: Floats, apart: Floats
-) -> Whitened:
-    """Return the rows of all joints, of which an estimate is the one of the joints that are not apart.
-
-    Args:
-        base: model and base parameters.
-        stack: the stacked logs.
-        estimate: of the joints that are not apart.
-        reference: base parameters that give the torque of the load, (p,).
-        apart: lambda of each joint, (n,).
-    """
-    robust = estimate.theta if estimate.method in ROBUST else None
-    worth, spread = estimate.inflation, prior_covariance(base)
-    rows = whitened_rows(stack, base, reference, estimate.noise, worth, spread, robust)
-    return replace(rows, apart=apart).centred(estimate.theta)
+        parts = Parts.of(stack, arm.theta, error, noise, worth, estimate.robust)
+        less = parts.disagreement(covariance, error, share < tuning.TOLD_SHARE)
+        changes = parts.changes(base, arm.theta)
+        of_all = np.linalg.pinv(K) @ changes
+        fit = with_honest_errors(fit, arm.hessian, constraints_of(base), less, of_all)
+    return Posterior(fit, arm.theta, K @ fit.covariance @ K.T, alone, error, changes)
 
 
 def _with_joints_apart(
     base: BaseModel,
     stack: Stack,
-    rows: Whitened,
+    rows: JointRows,
     arm: Arm,
     given: Floats | None,
     like: ModelError | None,
     estimate: Fit,
     refit: Refit,
-) -> tuple[Whitened, Floats, Arm, Fit]:
+) -> tuple[JointRows, Floats, Arm, Fit]:
     """Find the sizes of the groups of columns, and the joints whose torques contradict those of the others.
 
     The columns come first: where friction or a cable is what a joint has beyond the model, it contradicts nobody.
@@ -247,7 +179,7 @@ def _with_joints_apart(
     # Why not sought near the arm of all joints: what these asked for together may have driven a kind of parameter to
     # zero, from where no pooled size leads back.
     arm, freed = Arm.of_estimate(free, estimate), np.flatnonzero(rows.free.any(axis=1))
-    rows = _rows_of(free, stack, estimate, arm.theta, rows.apart)
+    rows = JointRows.of(free, stack, estimate, arm.theta, rows.apart)
     for joint in freed.tolist():
         rows = rows.freed(joint)
     rows = replace(rows, apart=joints_apart(rows, arm, sized(), known=True)[0])
@@ -260,7 +192,7 @@ def contradicts(misfit: float, best: float) -> bool:
     return misfit > tuning.CONTRADICTION * best and misfit - best > NOISE_FREE
 
 
-def _with_large_torques(base: BaseModel, rows: Whitened, arm: Arm) -> tuple[Whitened, float]:
+def _with_large_torques(base: BaseModel, rows: JointRows, arm: Arm) -> tuple[JointRows, float]:
     """Let joints have a large torque of their position, one after the other, while the evidence gains by it.
 
     Args:
@@ -273,10 +205,10 @@ def _with_large_torques(base: BaseModel, rows: Whitened, arm: Arm) -> tuple[Whit
     """
     given, gain, first = rows, 0.0, arm
 
-    def cost(rows: Whitened) -> tuple[float, Arm, Whitened]:
-        left = rows.of_arm(NONE)
-        found = Arm.of(base, left.rows, arm)
-        return found.fit.objective - left.volume, found, rows
+    def cost(rows: JointRows) -> tuple[float, Arm, JointRows]:
+        of_arm = rows.of_arm(NONE)
+        found = Arm.of(base, of_arm.rows, arm)
+        return found.fit.objective - of_arm.volume, found, rows
 
     best, arm, _ = cost(rows)
     for _ in range(tuning.LARGE_TORQUE_JOINTS):
@@ -293,50 +225,33 @@ def _with_large_torques(base: BaseModel, rows: Whitened, arm: Arm) -> tuple[Whit
 
 
 # ---------------------------------------------------------------- what a set is worth
-def expected_error(
-    base: BaseModel,
-    stack: Stack,
-    theta: Floats,
-    covariance: Floats,
-    error: ModelError | None,
-    rms: Floats,
-    changes: Floats | None = None,
-) -> ExpectedError:
+def expected_error(base: BaseModel, stack: Stack, post: Posterior, rms: Floats) -> ExpectedError:
     """Return how far the torques of a set will be off, on the fitted motion and on an exciting one.
 
     Args:
         base: model and base parameters.
         stack: the fitted rows.
-        theta: base parameters, (p,).
-        covariance: theirs, (p, p).
-        error: the model error, None without.
+        post: the parameters with their covariance, of which ``changes`` are no doubt about these recordings.
         rms: residual of each joint on the fitted rows, (n,) [N m or N].
-        changes: A with A A^T what of the covariance is no doubt about these recordings, (p, k); None for nothing.
     """
-    factors, counts = stack.whole
-    root = symmetric_root(covariance)
-    count = np.maximum(counts, 1)
-    rows = factors[:, :, :-1]
-    doubt = rows @ root if error is None else [error.spread(j, W, root) for j, W in enumerate(rows)]
-    spread = np.array([np.sum(each**2) for each in doubt]) / count
-    other = (
-        np.zeros(len(spread))
-        if changes is None
-        else np.sum((rows @ changes) ** 2, axis=(1, 2)) / count
-    )
+    (factors, counts), error = stack.whole, post.error
+    W, count, root = factors[:, :, :-1], np.maximum(counts, 1), symmetric_root(post.covariance)
+    doubt, larger, other = W @ root, 1.0, np.sum((W @ post.changes) ** 2, axis=(1, 2)) / count
     if error is not None:
-        other = np.where(error.apart == 0.0, other, 0.0)
+        # Why: a fit takes from the residuals what it cannot take from those of another recording.
+        larger, other = tuning.UNSEEN_RESIDUAL, np.where(error.apart == 0.0, other, 0.0)
+        of_own = W @ error.root[:, error.k :]
+        doubt = np.concatenate([doubt + W @ error.slope[:, error.k :] @ root, of_own], axis=2)
+    spread = np.sum(doubt**2, axis=(1, 2)) / count
     size = np.sum(factors[:, :, -1] ** 2, axis=1) / count
-    # Why: a fit takes from the residuals what it cannot take from those of another recording.
-    noise = np.sqrt(rms**2 + np.maximum(spread - other, 0.0)) * (
-        1.0 if error is None else tuning.UNSEEN_RESIDUAL
-    )
+    noise = larger * np.sqrt(rms**2 + np.maximum(spread - other, 0.0))
     q, qd, qdd = exciting_states(base)
     W = base.observer.dense(q, qd, qdd)
-    tau, shapes = W @ theta, None if error is None else error.shapes_at(q, qd, base.observer)
-    variance = torque_variance(W, covariance, error, shapes)
-    if error is not None and shapes is not None:
+    tau, shapes = W @ post.theta, None
+    if error is not None:
+        shapes = error.shapes_at(q, qd, base.observer)
         tau = tau + error.torque(W, shapes)
+    variance = torque_variance(W, post.covariance, error, shapes)
     return ExpectedError(
         _percent(np.sum(noise**2 + spread), np.sum(size)),
         _percent(np.sum(np.mean(variance, axis=0) + noise**2), np.sum(np.mean(tau**2, axis=0))),
@@ -356,16 +271,6 @@ def uncertainty(base: BaseModel, covariance: Floats, reference: Floats) -> float
     return _percent(np.sum((W @ symmetric_root(covariance)) ** 2), np.sum((W @ reference) ** 2))
 
 
-def exciting_states(
-    base: BaseModel, count: int = tuning.RANDOM_STATES
-) -> tuple[Floats, Floats, Floats]:
-    """Return positions, velocities and accelerations of an exciting motion inside the limits, (count, n) each."""
-    speed = exciting_speed(base.robot)
-    q, qd, _ = random_states(base.robot, speed, count, seed=1)
-    fastest = 2 * np.pi * tuning.EXCITING_FREQUENCY * speed
-    return q, qd, np.random.default_rng(2).normal(size=q.shape) * fastest
-
-
 def _percent(error: float, torque: float) -> float:
     return float(100.0 * np.sqrt(error / torque)) if torque > 0.0 else 0.0
 
@@ -375,34 +280,43 @@ def _percent(error: float, torque: float) -> float:
 ROUNDING = 1e-13
 
 
-def information_of(found: Identified) -> tuple[Floats, Floats]:
+def information_of(result: Identified) -> tuple[Floats, Floats]:
     """Return what a result knows about its parameters; of the plain set nothing but its rows is known.
 
     Args:
-        found: a result; p base parameters, n joints.
+        result: p base parameters, n joints.
 
     Returns:
         The inverse of their covariance, zero along what nothing tells, (p, p); the noise of a row, whitened with which
         rows are worth one independent row each, (n,) [N m or N].
     """
-    if found.in_force == "physical" or not found.factors.size:
-        worth, information = found.physical.inflation, _inverse(found.covariance)
+    if result.in_force == "physical" or not result.factors.size:
+        worth, information = result.physical.inflation, _inverse(result.covariance)
     else:
-        A = merge(found.factors, 1.0 / found.noise)[:-1, :-1]
+        A = merge(result.factors, 1.0 / result.noise)[:-1, :-1]
         # Why not the inverse of the covariance: that is estimated from few independent samples, and where it happens
         # to be too small its inverse would trust the log most.
-        worth = max(float(np.sum((A @ found.covariance) * A)) / max(1, found.rank), 1e-300)
+        worth = max(float(np.sum((A @ result.covariance) * A)) / max(1, result.rank), 1e-300)
         information = np.asarray(A.T @ A) / worth
-    return information, found.noise * np.sqrt(worth)
+    return information, result.noise * np.sqrt(worth)
 
 
-def sample_noise(found: Identified, rate: float) -> Floats:
+def sample_noise(result: Identified, rate: float) -> Floats:
     """Return the white noise of samples at a rate [Hz] that tell as much as a result's rows, (n,) [N m or N]."""
-    rows = float(found.header.get("kept_rate_hz") or 0.0)
-    if found.stack is not None and found.stack.logs:
-        rows = float(found.stack.logs[0].filter.kept_rate)
-    noise = information_of(found)[1]
+    rows = float(result.header.get("kept_rate_hz") or 0.0)
+    if result.stack is not None and result.stack.logs:
+        rows = float(result.stack.logs[0].filter.kept_rate)
+    noise = information_of(result)[1]
     return noise * np.sqrt(rate / rows) if rows > 0.0 else noise
+
+
+def prior_information(base: BaseModel) -> Floats:
+    """Return what is known of the base parameters before anything is measured, the inverse of their covariance, (p, p).
+
+    Raises:
+        NotPhysical: a body of the prior cannot exist.
+    """
+    return _inverse(prior_covariance(base))
 
 
 def _inverse(covariance: Floats) -> Floats:
@@ -412,45 +326,3 @@ def _inverse(covariance: Floats) -> Floats:
     return np.asarray(
         (axes / np.maximum(values, ROUNDING * values[-1])) @ axes.T / np.outer(scale, scale)
     )
-
-
-def prior_information(base: BaseModel) -> Floats:
-    """Return what is known of the base parameters before anything is measured, the inverse of their covariance, (p, p).
-
-    Args:
-        base: model and base parameters.
-
-    Raises:
-        NotPhysical: a body of the prior cannot exist.
-    """
-    return _inverse(prior_covariance(base))
-
-
-def prior_covariance(base: BaseModel) -> Floats:
-    """Return the covariance of the base parameters before anything is measured, (p, p), in products of their units.
-
-    Bodies are possible and resemble the prior's; nothing else of a joint (friction, rotor) needs more torque on an
-    exciting motion than its bodies do.
-
-    Args:
-        base: model and base parameters.
-
-    Raises:
-        NotPhysical: a body of the prior cannot exist.
-    """
-    constraints, K = constraints_of(base), base.reduction.K
-    require_possible_prior(constraints)
-    q, qd, qdd = exciting_states(base)
-    W = base.observer.dense(q, qd, qdd)
-    theta = prior_base_parameters(base.model, base.reduction, unknown=0.0)
-    torque = np.sqrt(np.mean((W @ theta) ** 2, axis=0))
-    torque = np.maximum(torque, max(tuning.LEAST_TORQUE * float(torque.max()), 1e-6))
-    covariance = np.zeros((K.shape[1], K.shape[1]))
-    others = np.delete(np.arange(K.shape[1]), constraints.bodies)
-    columns = base.model.observer(others).dense(q, qd, qdd)
-    size = np.sqrt(np.mean(columns**2, axis=0)) / torque[:, None]
-    covariance[others, others] = 1.0 / np.maximum(size.max(axis=0, initial=0.0), 1e-9) ** 2
-    bodies = constraints.bodies
-    bent = np.linalg.inv(tuning.PRIOR_COUNTED * curvature(constraints, constraints.prior))
-    covariance[bodies[:, :, None], bodies[:, None]] = bent
-    return np.asarray(K @ covariance @ K.T)

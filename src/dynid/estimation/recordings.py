@@ -20,124 +20,133 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
-from dynid.estimation.residual_model import ModelError, rows_under
+from dynid.estimation.residual_model import ModelError
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 
 Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Part:
-    """Rows of some seconds of a recording, whitened.
+class Parts:
+    """P parts of recordings, whitened; joints that are apart have no say.
 
     Attributes:
-        log: number of the recording.
-        grams: of [Z W left] of each joint, where left is what the estimate leaves, (n, k + p + 1, k + p + 1).
+        log: number of the recording of each, (P,).
+        grams: of [Z W residual] of each joint about the estimate, (P, n, k + p + 1, k + p + 1).
     """
 
-    log: int
+    log: NDArray[np.int64]
     grams: Floats
 
+    @classmethod
+    def of(
+        cls,
+        stack: Stack,
+        theta: Floats,
+        error: ModelError | None,
+        noise: Floats,
+        inflation: float,
+        robust: Floats | None,
+    ) -> Parts:
+        """Return the quarters of each recording.
 
-def parts_of(
-    stack: Stack,
-    theta: Floats,
-    error: ModelError | None,
-    noise: Floats,
-    worth: float,
-    robust: Floats | None,
-) -> list[Part]:
-    """Return what each quarter of each recording says; joints that are apart have no say.
-
-    Args:
-        stack: the fitted rows.
-        theta: base parameters, (p,).
-        error: the residual model; None without.
-        noise: sigma of each joint, (n,) [N m or N].
-        worth: how many rows are worth one independent row, as far as the covariance counts it.
-        robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
-    """
-    whiten, found = noise * np.sqrt(worth), []
-    for log in range(len(stack.logs)):
-        of_log = np.unique(stack.rows.block[stack.rows.log == log])
-        for blocks in np.array_split(of_log, tuning.PARTS_OF_LOG):
-            if len(blocks):
-                part = stack.take(np.isin(stack.rows.block, blocks))
+        Args:
+            stack: the fitted rows.
+            theta: base parameters, (p,).
+            error: the residual model; None without.
+            noise: sigma of each joint, (n,) [N m or N].
+            inflation: how many rows are worth one independent row, as far as the covariance counts it.
+            robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
+        """
+        logs, grams, rows = [], [], stack.rows
+        for log in range(len(stack.logs)):
+            of_log = np.unique(rows.block[rows.log == log])
+            for blocks in filter(len, np.array_split(of_log, tuning.PARTS_OF_LOG)):
+                part = stack.take(np.isin(rows.block, blocks))
                 if error is None:
-                    rows, b = part.whole[0] / whiten[:, None, None], np.zeros((len(noise), 0))
+                    F, estimate = part.whole[0], np.tile(theta, (len(noise), 1))
                 else:
-                    rows = rows_under(part, error, whiten, noise, robust)
-                    rows, b = rows * (error.apart == 0.0)[:, None, None], error.mean
-                estimate = np.hstack([b, np.tile(theta, (len(b), 1))])
-                rows[:, :, -1] -= np.einsum("jmk,jk->jm", rows[:, :, :-1], estimate)
-                found.append(Part(log, rows.swapaxes(1, 2) @ rows))
-    return found
+                    F = error.factors(part, noise, robust) * (error.apart == 0.0)[:, None, None]
+                    estimate = error.mean.copy()
+                    estimate[:, error.k :] = theta
+                F = F / (noise * np.sqrt(inflation))[:, None, None]
+                F[:, :, -1] -= np.einsum("jmk,jk->jm", F[:, :, :-1], estimate)
+                logs.append(log)
+                grams.append(F.swapaxes(1, 2) @ F)
+        return cls(np.array(logs), np.array(grams))
 
+    def disagreement(
+        self, covariance: Floats, error: ModelError | None, informed: NDArray[np.bool_]
+    ) -> float:
+        """Return how many times more parts move the parameters than their rows let expect, at least 1.
 
-def disagreement(
-    parts: list[Part], covariance: Floats, error: ModelError | None, told: Mask
-) -> float:
-    """Return how many times more the parts of recordings move the parameters than their rows let expect, at least 1.
+        When the parameters move, the columns of the residual model follow them.
 
-    Args:
-        parts: quarters of recordings.
-        covariance: of the parameters, (p, p).
-        error: the residual model; None without.
-        told: which parameters come from the rows, (p,).
-    """
-    weight = np.where(told, 1.0 / np.diagonal(covariance), 0.0)
-    numbers = sorted({part.log for part in parts})
-    logs = [[part for part in parts if part.log == log] for log in numbers]
-    found = [1.0]
-    for each in ([[part] for part in parts], logs):
-        sums = [_told(np.sum([part.grams for part in some], axis=0), error) for some in each]
-        if len(sums) > 1 and told.any():
-            moved = sum(float((covariance @ score) ** 2 @ weight) for score, _, _ in sums)
-            usual = sum(
-                float(
-                    np.sum(covariance * ((S - taken - S @ covariance @ S) @ covariance), axis=0)
-                    @ weight
-                )
-                for _, S, taken in sums
-            )
-            found.append(moved / max(usual, 1e-300))
-    return min(max(found), tuning.LARGEST_INFLATION)
+        Args:
+            covariance: of the parameters, (p, p).
+            error: the residual model; None without.
+            informed: which parameters come from the rows, (p,).
+        """
+        p, n = len(covariance), self.grams.shape[1]
+        k, slope, root = 0, np.zeros((n, 0, p)), np.zeros((n, 0, 0))
+        if error is not None:
+            k, slope, root = error.k, error.slope, error.root
+        T = np.concatenate([slope[:, :k], np.tile(np.eye(p), (n, 1, 1))], axis=1)
+        weight = np.where(informed, 1.0 / np.diagonal(covariance), 0.0)
+        ratios = [1.0]
+        for number in (np.arange(len(self.log)), self.log):
+            member = number == np.unique(number)[:, None]
+            if len(member) > 1 and informed.any():
+                G = T.swapaxes(1, 2) @ np.tensordot(member, self.grams[:, :, :-1], axes=1)
+                score, S = G[..., -1].sum(axis=1), (G[..., :-1] @ T).sum(axis=1)
+                taken = G[..., :k] @ root[:, :k, :k]  # what columns may take of the information
+                S_left = S - (taken @ taken.swapaxes(2, 3)).sum(axis=1) - S @ covariance @ S
+                usual = np.diagonal(covariance @ S_left @ covariance, axis1=1, axis2=2)
+                moved = float(np.sum((score @ covariance) ** 2 @ weight))
+                ratios.append(moved / max(float(np.sum(usual @ weight)), 1e-300))
+        return min(max(ratios), tuning.LARGEST_INFLATION)
 
+    def changes(self, base: BaseModel, theta: Floats) -> Floats:
+        """Return A with A A^T what other recordings will add to the covariance of the parameters, (p, 2 n).
 
-def _told(grams: Floats, error: ModelError | None) -> tuple[Floats, Floats, Floats]:
-    """Return what rows say against the parameters, (p,), how much, and how much of it columns may take, (p, p) each.
+        Args:
+            base: model and base parameters.
+            theta: base parameters, (p,).
+        """
+        count = len(np.unique(self.log))
+        directions = _directions(base, theta)
+        sizes = [np.sqrt(self._variance(each) / count) for each in directions]
+        return np.concatenate([d * size for d, size in zip(directions, sizes, strict=True)], axis=1)
 
-    When the parameters move, the columns of the residual model follow them.
-    """
-    if error is None:
-        S = grams.sum(axis=0)
-        return S[:-1, -1], S[:-1, :-1], 0.0 * S[:-1, :-1]
-    n, k, p = error.slope.shape
-    T = np.concatenate([error.slope, np.broadcast_to(np.eye(p), (n, p, p))], axis=1)
-    G = T.swapaxes(1, 2) @ grams[:, :-1]
-    taken = G[:, :, :k] @ error.root
-    return (
-        G[:, :, -1].sum(axis=0),
-        (G[:, :, :-1] @ T).sum(axis=0),
-        (taken @ taken.swapaxes(1, 2)).sum(axis=0),
-    )
+    def _variance(self, directions: Floats) -> float:
+        """Return the variance by which the size of some directions, (p, n), differs between recordings.
 
-
-# ---------------------------------------------------------------- what differs between recordings
-def changes(parts: list[Part], base: BaseModel, theta: Floats) -> Floats:
-    """Return A with A A^T what other recordings will add to the covariance of the parameters, (p, 2 n).
-
-    Args:
-        parts: quarters of recordings.
-        base: model and base parameters.
-        theta: base parameters, (p,).
-    """
-    directions = _directions(base, theta)
-    count = len({part.log for part in parts})
-    found = [column * np.sqrt(_variance(parts, column) / count) for column in directions]
-    return np.concatenate(found, axis=1)
+        Each part says by how much the size of each joint's direction is another there, a, with a variance v. Within a
+        recording these differ by s, and the means of recordings by ``CHANGE_BETWEEN`` times s; the result is from the
+        posterior mean of s^2 on a grid, so that few parts leave it large.
+        """
+        p = len(directions)
+        W = self.grams[:, :, -p - 1 : -1, -p - 1 :]
+        along = np.einsum("pj,ljpq->ljq", directions, W)
+        information = np.einsum("ljp,pj->lj", along[..., :-1], directions)
+        sizes = np.geomspace(*tuning.CHANGE_SIZES, tuning.CHANGE_GRID)
+        freedom = tuning.CHANGE_FREEDOM
+        share = (sizes / tuning.CHANGE_PRIOR) ** 2 / freedom
+        value = np.log(sizes) - 0.5 * (freedom + 1.0) * np.log1p(share)
+        together = tuning.CHANGE_BETWEEN**2 * (self.log[:, None] == self.log)
+        for j in np.flatnonzero(np.all(information > 0.0, axis=0) & (len(W) > 1)):
+            v = 1.0 / information[:, j]
+            a = along[:, j, -1] * v
+            covariance = np.diag(v) + sizes[:, None, None] ** 2 * (np.eye(len(a)) + together)
+            # Why without the mean: the estimate has taken it.
+            weight = np.linalg.inv(covariance)
+            total = weight.sum(axis=(1, 2))
+            away = a - (weight.sum(axis=1) @ a / total)[:, None]
+            squares = np.einsum("sl,slm,sm->s", away, weight, away)
+            value -= 0.5 * (np.linalg.slogdet(covariance)[1] + np.log(total) + squares)
+        chance = np.exp(value - value.max())
+        return float(tuning.CHANGE_BETWEEN**2 * (chance @ sizes**2) / chance.sum())
 
 
 def _directions(base: BaseModel, theta: Floats) -> tuple[Floats, Floats]:
@@ -152,53 +161,3 @@ def _directions(base: BaseModel, theta: Floats) -> tuple[Floats, Floats]:
             if k is not None:
                 level[k, j] = theta[k]
     return offset, level
-
-
-def _variance(parts: list[Part], directions: Floats) -> float:
-    """Return the variance by which the size of some directions, (p, n), differs between recordings.
-
-    Each part says by how much the size of each joint's direction is another there, a, with a variance v. Within a
-    recording these differ by s, and the means of recordings by ``CHANGE_BETWEEN`` times s; what is asked for is the
-    posterior mean of s^2 on a grid, so that few parts leave it large.
-    """
-    p = len(directions)
-    logs = sorted({part.log for part in parts})
-    told = np.array(
-        [
-            [_size(part.grams[j], directions[:, j], p) for j in range(directions.shape[1])]
-            for part in parts
-        ]
-    )
-    number = np.array([logs.index(part.log) for part in parts])
-    sizes = np.geomspace(*tuning.CHANGE_SIZES, tuning.CHANGE_GRID)
-    freedom = tuning.CHANGE_FREEDOM
-    value = np.log(sizes) - 0.5 * (freedom + 1.0) * np.log1p(
-        (sizes / tuning.CHANGE_PRIOR) ** 2 / freedom
-    )
-    for j in range(directions.shape[1]):
-        a, v = told[:, j].T
-        if not np.all(np.isfinite(v)) or len(a) < 2:
-            continue
-        together = tuning.CHANGE_BETWEEN**2 * (number[:, None] == number)
-        for k, size in enumerate(sizes):
-            covariance = np.diag(v) + size**2 * (np.eye(len(a)) + together)
-            # Why without the mean: the estimate has taken it.
-            weight = np.linalg.inv(covariance)
-            total = weight.sum()
-            mean = weight.sum(axis=0) @ a / total
-            value[k] -= 0.5 * (
-                np.linalg.slogdet(covariance)[1] + np.log(total) + (a - mean) @ weight @ (a - mean)
-            )
-    chance = np.exp(value - value.max())
-    return float(tuning.CHANGE_BETWEEN**2 * (chance @ sizes**2) / chance.sum())
-
-
-def _size(gram: Floats, direction: Floats, p: int) -> tuple[float, float]:
-    """Return by how much rows ask for more of a direction, (p,), and the variance of that; infinite without rows."""
-    W = gram[-p - 1 : -1, -p - 1 : -1]
-    told = float(direction @ W @ direction)
-    return (
-        (float(direction @ gram[-p - 1 : -1, -1]) / told, 1.0 / told)
-        if told > 0.0
-        else (0.0, np.inf)
-    )

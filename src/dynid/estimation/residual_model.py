@@ -1,6 +1,6 @@
 """What a rigid body with its friction cannot say, as random effects: columns per joint whose sizes the data choose.
 
-    tau_j = W_j theta + Z_j b_j + e_j,     b_jk ~ N(0, lambda_g sigma_j^2)
+    tau_j = W_j (theta + d_j) + Z_j b_j + e_j,     b_jk ~ N(0, lambda_g sigma_j^2)
 
 The columns D of a joint are sines of its position (angle offsets, springs, cable forces), its Coulomb sign times sines
 of the position and times shapes of the speed (friction that depends on both), and its Coulomb sign times the torque
@@ -30,16 +30,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.estimation import tuning
-from dynid.estimation.factor import Factor, triangle
-from dynid.estimation.least_squares import symmetric_root
+from dynid.estimation.factor import Conditional, Factor, triangle
+from dynid.estimation.least_squares import Fit, symmetric_root
+from dynid.estimation.possible_arm import PhysicalParameters, constraints_of, fit_pooled
+from dynid.estimation.prior import exciting_speed, prior_covariance, random_states
 from dynid.estimation.rows import at_rows
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
-from dynid.robot import Robot
 from dynid.signals.conditioned_log import ConditionedLog, Segment
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
 
 
 # ---------------------------------------------------------------- columns
@@ -48,6 +50,12 @@ GROUPS = np.repeat(
     [0, 1, 2],
     [2 * tuning.POSITION_HARMONICS, 2 * tuning.FRICTION_HARMONICS + len(tuning.FRICTION_SPEEDS), 1],
 )
+#: Names of the groups, for people.
+GROUP_NAMES = ("position", "friction", "load")
+#: Columns by which a joint may have a large torque of its position that no possible arm has, and their variances over
+#: that of the joint's torque: springs and counterbalances are smooth, so that higher harmonics are small.
+FREE = np.flatnonzero(GROUPS == 0)
+FREE_SIZE = np.repeat(np.arange(1.0, tuning.POSITION_HARMONICS + 1), 2) ** -4.0
 
 
 def shapes_of(q: Floats, qd: Floats, sign: Floats, speed: Floats) -> Floats:
@@ -73,13 +81,6 @@ def _shapes(q: Floats, qd: Floats, sign: Floats, speed: Floats) -> Floats:
     return np.stack([*waves, *friction, sign], axis=1)
 
 
-def loaded(shapes: Floats, torque: Floats) -> Floats:
-    """Return columns (M, n, k) with the one of the load times the size of a torque, (M, n)."""
-    D = shapes.copy()
-    D[:, :, -1] *= np.abs(torque)
-    return D
-
-
 def shapes_in(log: ConditionedLog, observer: Observer, speed: Floats) -> Floats:
     """Return the columns of ``shapes_of`` at the rows of a log and under their filter, (M, n, k)."""
 
@@ -90,93 +91,38 @@ def shapes_in(log: ConditionedLog, observer: Observer, speed: Floats) -> Floats:
     return at_rows(log, shapes).reshape(-1, len(speed), len(GROUPS))
 
 
-def rms_speed(logs: Iterable[ConditionedLog], n: int) -> Floats:
+def _loaded(shapes: Floats, torque: Floats) -> Floats:
+    """Return columns (M, n, k) with the one of the load times the size of a torque, (M, n)."""
+    D = shapes.copy()
+    D[:, :, -1] *= np.abs(torque)
+    return D
+
+
+def _rms_speed(logs: Iterable[ConditionedLog], n: int) -> Floats:
     """Return the rms speed of each joint, never quite zero, (n,) [rad/s or m/s]."""
-    squares, count = np.zeros(n), 0
-    for log in logs:
-        for segment in log.segments:
-            squares += np.sum(segment.qd**2, axis=0)
-            count += len(segment)
-    return np.maximum(np.sqrt(squares / max(1, count)), 1e-3)
-
-
-def folded(
-    stack: Stack, speed: Floats, reference: Floats, noise: Floats, robust: Floats | None
-) -> Floats:
-    """Return triangular factors of [D W tau] per joint, weighted like the estimate, (n, k + p + 1, k + p + 1).
-
-    Args:
-        stack: the rows.
-        speed: rms speed of each joint, (n,) [rad/s or m/s].
-        reference: base parameters that give the torque of the load, (p,).
-        noise: sigma of each joint, (n,) [N m or N].
-        robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
-    """
-    rows, weight = stack.rows, None
-    if robust is not None:
-        left = np.abs(rows.tau - rows.torque(robust)) / noise
-        weight = tuning.RESIDUAL_FAR / np.maximum(left, tuning.RESIDUAL_FAR)
-    shapes = stack.along(lambda log: shapes_in(log, stack.observer, speed))
-    D = loaded(shapes, rows.torque(reference))
-    return replace(rows, W=np.concatenate([D, rows.W], axis=2)).factors(weight)
-
-
-# ---------------------------------------------------------------- random effects
-#: Columns by which a joint may have a large torque of its position that no possible arm has, and their variances over
-#: that of the joint's torque: springs and counterbalances are smooth, so that higher harmonics are small.
-FREE = np.flatnonzero(GROUPS == 0)
-FREE_SIZE = np.repeat(np.arange(1.0, tuning.POSITION_HARMONICS + 1), 2) ** -4.0
-#: Names of the groups, for people.
-GROUP_NAMES = ("position", "friction", "load")
-#: Relative change of the logarithms of the sizes at which their slopes count as none.
-SETTLED = 1e-12
-#: Sizes of the groups without any model error.
-NONE = np.full(len(GROUP_NAMES), tuning.RESIDUAL_NOTHING)
-#: Change of the log evidence that tells nothing: a size without which it falls by less is none.
-UNTOLD = 1e-4
-#: Pivot of a Cholesky factor, of a matrix with a diagonal of ones, below which rounding has a say in its inverse.
-SINGULAR = 1e-5
+    qd = np.concatenate([np.zeros((1, n)), *(part.qd for log in logs for part in log.segments)])
+    rms = np.sqrt(np.sum(qd**2, axis=0) / max(1, len(qd) - 1))
+    return np.asarray(np.maximum(rms, 1e-3))
 
 
 @dataclass(frozen=True)
-class ModelError:
-    """Random columns of each joint with their posterior; n joints, k columns, p parameters.
+class Columns:
+    """The columns Z = D / scale - W B of each joint; n joints, k columns, p parameters.
 
     Attributes:
         speed: rms speed of each joint in the fitted motion, (n,) [rad/s or m/s].
         reference: base parameters whose torque the column of the load scales with, (p,).
         scale: rms of each column in the fitted rows, (n, k).
         projection: B, the part of each column of unit rms that parameters describe over the workspace, (n, p, k).
-        mean: posterior mean of b, (n, k) [N m or N].
-        root: M_j with M_j M_j^T the covariance of b_j for known parameters, (n, k, k) [N m or N].
-        slope: change of the mean of b_j by the parameters, (n, k, p).
-        size: lambda of each group.
-        rms: rms torque of each group, and of all together, on the fitted rows, (n, 4) [N m or N].
-        evidence: gain of the log evidence by the model error.
-        apart: how far the parameters of each joint's own may be from those of the arm, lambda_j; 0 of joints that
-            agree with the others, (n,).
-        own: what these parameters of a joint's own differ by, d, (n, p).
-        own_root: M_j with M_j M_j^T the covariance of d for known parameters, (n, p, p).
-        own_slope: change of d by the parameters, (n, p, p).
     """
 
     speed: Floats
     reference: Floats
     scale: Floats
     projection: Floats
-    mean: Floats
-    root: Floats
-    slope: Floats
-    size: Floats
-    rms: Floats
-    evidence: float
-    apart: Floats
-    own: Floats
-    own_root: Floats
-    own_slope: Floats
 
     @property
-    def free(self) -> NDArray[np.intp]:
+    def free(self) -> Ints:
         """Numbers of the joints with a large torque of the position that no possible arm has."""
         return np.flatnonzero(~self.projection[:, :, FREE].any(axis=(1, 2)))
 
@@ -185,41 +131,88 @@ class ModelError:
         return shapes_of(q, qd, observer.coulomb_sign(qd), self.speed)
 
     def columns(self, W: Floats, shapes: Floats) -> Floats:
-        """Return Z for a base regressor, (M, n, p), and the shapes there, (M, n, k)."""
-        D = loaded(shapes, W @ self.reference)
-        described = np.einsum("mjp,jpk->mjk", W, self.projection, optimize=True)
-        return np.asarray(D / self.scale - described)
+        """Return [Z W] for a base regressor, (M, n, p), and the shapes there, (M, n, k); (M, n, k + p)."""
+        Z = _loaded(shapes, W @ self.reference) / self.scale
+        Z -= np.einsum("mjp,jpk->mjk", W, self.projection, optimize=True)
+        return np.concatenate([Z, W], axis=2)
 
-    def torque(self, W: Floats, shapes: Floats) -> Floats:
-        """Return the mean torque of the model error for a base regressor and the shapes there, (M, n) [N m or N]."""
-        D, (by_column, by_parameter) = loaded(shapes, W @ self.reference), self.mean_by_rows
-        return np.asarray(
-            np.einsum("mjk,jk->mj", D, by_column) + np.einsum("mjp,jp->mj", W, by_parameter)
-        )
+    def factors(self, stack: Stack, noise: Floats, robust: Floats | None) -> Floats:
+        """Return triangular factors of [Z W tau] per joint, weighted like the estimate, (n, k + p + 1, k + p + 1).
+
+        Args:
+            stack: the rows, of any logs.
+            noise: sigma of each joint, (n,) [N m or N].
+            robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
+        """
+        rows, weight = stack.rows, None
+        if robust is not None:
+            left = np.abs(rows.tau - rows.torque(robust)) / noise
+            weight = tuning.RESIDUAL_FAR / np.maximum(left, tuning.RESIDUAL_FAR)
+        shapes = stack.along(lambda log: shapes_in(log, stack.observer, self.speed))
+        D = _loaded(shapes, rows.torque(self.reference))
+        return self.changed(replace(rows, W=np.concatenate([D, rows.W], axis=2)).factors(weight))
+
+    def changed(self, factors: Floats) -> Floats:
+        """Return factors of [Z W tau] from those of [D W tau]: Z is linear in D and W."""
+        k = self.scale.shape[1]
+        change = np.tile(np.eye(factors.shape[-1]), (len(factors), 1, 1))
+        change[:, range(k), range(k)] = 1.0 / self.scale
+        change[:, k:-1, :k] = -self.projection
+        return np.array([triangle(each) for each in factors @ change])
+
+
+# ---------------------------------------------------------------- the residual model
+@dataclass(frozen=True)
+class ModelError(Columns):
+    """Random columns of each joint, and the parameters of its own of a joint apart, with their posterior.
+
+    Attributes:
+        mean: posterior mean of the factors (b, d) of [Z W], (n, k + p) [N m or N; units of the parameters]; d is zero
+            where a joint agrees with the others.
+        root: M_j with M_j M_j^T their covariance for known parameters, (n, k + p, k + p).
+        slope: change of their mean by the parameters, (n, k + p, p).
+        size: lambda of each group.
+        rms: rms torque of each group, and of all together, on the fitted rows, (n, 4) [N m or N].
+        evidence: gain of the log evidence by the model error.
+        apart: how far the parameters of each joint's own may be from those of the arm, lambda_j; 0 of joints that
+            agree with the others, (n,).
+    """
+
+    mean: Floats
+    root: Floats
+    slope: Floats
+    size: Floats
+    rms: Floats
+    evidence: float
+    apart: Floats
 
     @property
-    def joints_apart(self) -> NDArray[np.intp]:
+    def k(self) -> int:
+        """Number of columns Z of a joint."""
+        return int(self.scale.shape[1])
+
+    @property
+    def joints_apart(self) -> Ints:
         """Numbers of the joints whose torques contradict those of the others."""
         return np.flatnonzero(self.apart)
 
     @property
+    def own(self) -> Floats:
+        """What the parameters of a joint's own differ by, (n, p)."""
+        return self.mean[:, self.k :]
+
+    @property
     def mean_by_rows(self) -> tuple[Floats, Floats]:
         """The mean torque as a combination of D, (n, k), and of W, (n, p)."""
-        return self.mean / self.scale, self.own - np.einsum(
-            "jpk,jk->jp", self.projection, self.mean
+        b = self.mean[:, : self.k]
+        return b / self.scale, self.own - np.einsum("jpk,jk->jp", self.projection, b)
+
+    def torque(self, W: Floats, shapes: Floats) -> Floats:
+        """Return the mean torque of the model error for a base regressor and the shapes there, (M, n) [N m or N]."""
+        D, (by_column, by_parameter) = _loaded(shapes, W @ self.reference), self.mean_by_rows
+        return np.asarray(
+            np.einsum("mjk,jk->mj", D, by_column) + np.einsum("mjp,jp->mj", W, by_parameter)
         )
-
-    def spread(self, j: int, W: Floats, root: Floats) -> Floats:
-        """Return how far a joint's own parameters let its torques be off, by rows of W, (M, r).
-
-        Args:
-            j: number of the joint.
-            W: its rows, (M, p), each with what its columns of the model error do by the parameters.
-            root: of the covariance of the arm's parameters, (p, q).
-        """
-        if not self.apart[j]:
-            return np.asarray(W @ root)
-        return np.hstack([(W + W @ self.own_slope[j]) @ root, W @ self.own_root[j]])
 
 
 def torque_variance(
@@ -236,200 +229,11 @@ def torque_variance(
     root = symmetric_root(covariance)
     if error is None or shapes is None:
         return np.stack([np.sum((each @ root) ** 2, axis=1) for each in W.swapaxes(0, 1)], axis=1)
-    found, Z = np.empty(W.shape[:2]), error.columns(W, shapes)
+    variance, ZW = np.empty(W.shape[:2]), error.columns(W, shapes)
     for j in range(W.shape[1]):
-        spread = error.spread(j, W[:, j] + Z[:, j] @ error.slope[j], root)
-        found[:, j] = np.sum(spread**2, axis=1) + np.sum((Z[:, j] @ error.root[j]) ** 2, axis=1)
-    return found
-
-
-# ---------------------------------------------------------------- states
-def exciting_speed(robot: Robot) -> Floats:
-    """Return the rms speed of an exciting motion inside the limits, (n,) [rad/s or m/s]."""
-    limits = [(joint.limits.velocity, joint.revolute) for joint in robot.joints]
-    return np.array(
-        [tuning.EXCITING_SPEED * v if v else tuning.FREE_SPEED[turns] for v, turns in limits]
-    )
-
-
-def random_states(
-    robot: Robot, speed: Floats, count: int = tuning.RANDOM_STATES, seed: int = 0
-) -> tuple[Floats, Floats, Floats]:
-    """Return positions inside the limits with velocities and accelerations of the order of a motion, (count, n) each.
-
-    Args:
-        robot: the arm.
-        speed: rms speed of each joint, (n,) [rad/s or m/s].
-        count: number of states.
-        seed: of the random draws.
-    """
-    rng = np.random.default_rng(seed)
-    reach = [tuning.FREE_REACH[joint.revolute] for joint in robot.joints]
-    limits = [j.limits.position or (-r, r) for j, r in zip(robot.joints, reach, strict=True)]
-    low, high = np.array(limits, dtype=float).T
-    q = rng.uniform(low, high, (count, robot.n))
-    qd = rng.uniform(-2.0, 2.0, q.shape) * speed
-    return q, qd, rng.uniform(-4.0, 4.0, q.shape) * speed
-
-
-# ---------------------------------------------------------------- fit
-@dataclass(frozen=True)
-class Whitened:
-    """Rows [Z W tau] of each joint as triangular factors, divided by noise and by what coloured residuals are worth.
-
-    Attributes:
-        factors: per joint, (n, k + p + 1, k + p + 1).
-        noise: sigma of each joint, (n,) [N m or N].
-        inflation: how many rows are worth one independent row.
-        speed: rms speed of each joint, (n,) [rad/s or m/s].
-        reference: base parameters, (p,).
-        scale: rms of each column, (n, k).
-        projection: B, (n, p, k).
-        free: variance of the factors of columns that are free, in units of sigma^2, zero for all others, (n, k).
-        apart: lambda of each joint: how far its own parameters may be from those of the arm, (n,).
-        spread: L with L L^T = C, which lambda multiplies, (p, p).
-    """
-
-    factors: Floats
-    noise: Floats
-    inflation: float
-    speed: Floats
-    reference: Floats
-    scale: Floats
-    projection: Floats
-    free: Floats
-    apart: Floats
-    spread: Floats
-
-    def freed(self, joint: int) -> Whitened:
-        """Return rows in which the columns of the position of one joint may be large and overlap with the parameters.
-
-        Where a spring or a counterbalance is missing in the model, what the parameters can say of it asks for
-        impossible links, so it must not be left to them.
-
-        Args:
-            joint: its number.
-        """
-        k, F, change = self.k, self.factors.copy(), np.eye(self.factors.shape[1])
-        change[k:-1, FREE] = self.projection[joint][:, FREE]
-        F[joint] = triangle(F[joint] @ change)
-        projection, free = self.projection.copy(), self.free.copy()
-        projection[joint][:, FREE] = 0.0
-        torque = float(np.sum(F[joint][:, -1] ** 2)) / float(np.sum(F[joint][:, 0] ** 2))
-        free[joint, FREE] = FREE_SIZE * torque / self.noise[joint] ** 2
-        return replace(self, factors=F, projection=projection, free=free)
-
-    def deviations(self, size: Floats) -> Floats:
-        """Return the standard deviation of the factor of each column, (n, k) [N m or N], for sizes of the groups."""
-        return np.sqrt(np.where(self.free > 0.0, self.free, size[GROUPS])) * self.noise[:, None]
-
-    def centred(self, theta: Floats) -> Whitened:
-        """Return rows of which theta is the estimate where there is no model error, (p,).
-
-        Instruments find other parameters than least squares of the same rows; the model error must not undo that.
-        """
-        factors, others = self.factors.copy(), self.apart == 0.0
-        factors[others] = centred(factors[others], self.k, theta)
-        return replace(self, factors=factors)
-
-    @property
-    def k(self) -> int:
-        """Number of columns per joint."""
-        return int(self.scale.shape[1])
-
-    def by_joint(self, size: Floats) -> list[tuple[Factor, Factor]]:
-        """Return what each joint says of its parameters, and of its columns beside them, for sizes of the groups."""
-        blocks = {"columns": self.k, "arm": self.factors.shape[2] - self.k - 1}
-        return [
-            Factor(F, blocks).prior("columns", sd).without("columns")
-            for F, sd in zip(self.factors, self.deviations(size), strict=True)
-        ]
-
-    def of_arm(self, size: Floats) -> Factor:
-        """Return what the rows say of the parameters of the arm, (p,), as a triangle, for sizes of the groups."""
-        found = [
-            next(left.released("arm", self.spread, [float(apart)]))[0] if apart else left
-            for apart, (left, _) in zip(self.apart, self.by_joint(size), strict=True)
-        ]
-        total = reduce(add, found)
-        return replace(total, rows=triangle(total.rows))
-
-
-def whitened_rows(
-    stack: Stack,
-    base: BaseModel,
-    reference: Floats,
-    noise: Floats,
-    inflation: float,
-    prior_covariance: Floats,
-    robust: Floats | None = None,
-) -> Whitened:
-    """Fold the rows of a stack with the columns of the model error into triangular factors; walks over the rows once.
-
-    Reversals and spikes weigh as little as in the estimate: columns that say how friction depends on the speed would
-    explain them with a friction that the arm does not have.
-
-    Args:
-        stack: the stacked logs.
-        base: model and base parameters.
-        reference: base parameters that give the torque of the load, (p,).
-        noise: sigma of each joint, (n,) [N m or N].
-        inflation: how many rows are worth one independent row.
-        prior_covariance: of the base parameters before anything is measured, (p, p), in products of their units.
-        robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
-    """
-    speed = rms_speed(stack.logs, len(stack.joints))
-    factors = folded(stack, speed, reference, noise, robust)
-    counts = np.maximum(stack.whole[1], 1)
-    scale = np.linalg.norm(factors[:, :, : len(GROUPS)], axis=1) / np.sqrt(counts)[:, None]
-    scale = np.where(scale > 1e-9, scale, 1.0)  # a joint without rows has no columns of unit size
-    projection = _projection(base, stack.observer, speed, reference, scale)
-    weight = 1.0 / (noise * np.sqrt(inflation))
-    factors = _changed(factors, scale, projection) * weight[:, None, None]
-    spread = symmetric_root(prior_covariance)
-    none = np.zeros_like(scale), np.zeros(len(noise))
-    return Whitened(factors, noise, inflation, speed, reference, scale, projection, *none, spread)
-
-
-def centred(factors: Floats, k: int, theta: Floats) -> Floats:
-    """Return factors [Z W tau] of which theta is the least-squares solution without Z, (n, m, k + p + 1)."""
-    F = factors.copy()
-    W, tau = F[:, :, k:-1].reshape(-1, len(theta)), F[:, :, -1].ravel()
-    length = np.linalg.norm(W, axis=0)
-    length = np.where(length > 0.0, length, 1.0)
-    found = np.linalg.lstsq(W / length, tau, rcond=1e-13)[0] / length
-    F[:, :, -1] += F[:, :, k:-1] @ (theta - found)
-    return F
-
-
-def rows_under(
-    stack: Stack, error: ModelError, whiten: Floats, noise: Floats, robust: Floats | None
-) -> Floats:
-    """Return factors [Z W tau] of each joint of any stack for a residual model found elsewhere, (n, m, k + p + 1).
-
-    Args:
-        stack: the stacked logs.
-        error: the residual model.
-        whiten: what rows are divided by, so that each counts as an independent one, (n,) [N m or N].
-        noise: sigma of each joint, (n,) [N m or N].
-        robust: estimate from which residuals are spikes, (p,); None where it gave them their whole weight.
-    """
-    factors = folded(stack, error.speed, error.reference, noise, robust)
-    return _changed(factors, error.scale, error.projection) / whiten[:, None, None]
-
-
-def squares(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
-    """Return the sum of squared residuals of each joint on any rows, (n,) [N^2 m^2 or N^2].
-
-    Args:
-        stack: the rows.
-        theta: base parameters, (p,).
-        error: the model error whose mean is part of the prediction; None without.
-    """
-    if error is None:
-        return np.asarray(np.sum((stack.whole[0] @ np.append(theta, -1.0)) ** 2, axis=1))
-    left = np.where(stack.rows.use, residuals(stack, theta, error), 0.0)
-    return np.asarray(np.sum(left**2, axis=0))
+        arm = (W[:, j] + ZW[:, j] @ error.slope[j]) @ root
+        variance[:, j] = np.sum(arm**2, axis=1) + np.sum((ZW[:, j] @ error.root[j]) ** 2, axis=1)
+    return variance
 
 
 def residuals(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
@@ -441,49 +245,244 @@ def residuals(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
     return left - error.torque(stack.rows.W, shapes)
 
 
-def _changed(factors: Floats, scale: Floats, projection: Floats) -> Floats:
-    """Return factors of [Z W tau] from those of [D W tau]: Z is linear in D and W, so no row is looked at again."""
-    found, k = np.empty_like(factors), scale.shape[1]
-    for j, F in enumerate(factors):
-        change = np.eye(F.shape[1])
-        change[:k, :k] = np.diag(1.0 / scale[j])
-        change[k:-1, :k] = -projection[j]
-        found[j] = triangle(F @ change)
-    return found
+def squares(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
+    """Return the sum of squared residuals of each joint on any rows, (n,) [N^2 m^2 or N^2]; as for ``residuals``."""
+    if error is None:
+        return np.asarray(np.sum((stack.whole[0] @ np.append(theta, -1.0)) ** 2, axis=1))
+    return np.asarray(np.sum(residuals(stack, theta, error) ** 2, axis=0, where=stack.rows.use))
 
 
-def _projection(
-    base: BaseModel, observer: Observer, speed: Floats, reference: Floats, scale: Floats
-) -> Floats:
+# ---------------------------------------------------------------- rows in the parameters and the columns
+@dataclass(frozen=True)
+class JointRows:
+    """Rows [Z W tau] of each joint as triangular factors, divided by noise and by what coloured residuals are worth.
+
+    Attributes:
+        factors: per joint, (n, k + p + 1, k + p + 1).
+        noise: sigma of each joint, (n,) [N m or N].
+        inflation: how many rows are worth one independent row.
+        columns: what Z is.
+        free: variance of the factors of columns that are free, in units of sigma^2, zero for all others, (n, k).
+        apart: lambda of each joint: how far its own parameters may be from those of the arm, (n,).
+        spread: L with L L^T = C, which lambda multiplies, (p, p).
+    """
+
+    factors: Floats
+    noise: Floats
+    inflation: float
+    columns: Columns
+    free: Floats
+    apart: Floats
+    spread: Floats
+
+    @classmethod
+    def of(
+        cls, base: BaseModel, stack: Stack, estimate: Fit, reference: Floats, apart: Floats
+    ) -> JointRows:
+        """Return the rows of a stack; an estimate solves those of the joints not apart where there is no model error.
+
+        Reversals and spikes weigh as little as in the estimate: columns that say how friction depends on the speed
+        would explain them with a friction that the arm does not have.
+
+        Args:
+            base: model and base parameters.
+            stack: the stacked logs.
+            estimate: of the base parameters.
+            reference: base parameters that give the torque of the load, (p,).
+            apart: lambda of each joint, (n,).
+        """
+        n, k, noise = len(stack.joints), len(GROUPS), estimate.noise
+        none = np.zeros((n, len(reference), k))
+        columns = Columns(_rms_speed(stack.logs, n), reference, np.ones((n, k)), none)
+        factors = columns.factors(stack, noise, estimate.robust)
+        counts = np.maximum(stack.whole[1], 1)
+        scale = np.linalg.norm(factors[:, :, :k], axis=1) / np.sqrt(counts)[:, None]
+        columns = replace(columns, scale=np.where(scale > 1e-9, scale, 1.0))  # of joints with rows
+        columns = replace(columns, projection=_projection(base, stack.observer, columns))
+        factors = columns.changed(factors)
+        factors /= (noise * np.sqrt(estimate.inflation))[:, None, None]
+        agree = apart == 0.0
+        factors[agree] = centred(factors[agree], k, estimate.theta)
+        return cls(
+            factors=factors,
+            noise=noise,
+            inflation=estimate.inflation,
+            columns=columns,
+            free=np.zeros((n, k)),
+            apart=apart,
+            spread=symmetric_root(prior_covariance(base)),
+        )
+
+    @property
+    def k(self) -> int:
+        """Number of columns per joint."""
+        return int(self.free.shape[1])
+
+    def freed(self, joint: int) -> JointRows:
+        """Return rows in which the columns of the position of one joint may be large and overlap with the parameters.
+
+        Where a spring or a counterbalance is missing in the model, what the parameters can say of it asks for
+        impossible links, so it must not be left to them.
+
+        Args:
+            joint: its number.
+        """
+        k, F, change = self.k, self.factors.copy(), np.eye(self.factors.shape[1])
+        projection, free = self.columns.projection.copy(), self.free.copy()
+        change[k:-1, FREE] = projection[joint][:, FREE]
+        F[joint] = triangle(F[joint] @ change)
+        projection[joint][:, FREE] = 0.0
+        torque = float(np.sum(F[joint][:, -1] ** 2)) / float(np.sum(F[joint][:, 0] ** 2))
+        free[joint, FREE] = FREE_SIZE * torque / self.noise[joint] ** 2
+        columns = replace(self.columns, projection=projection)
+        return replace(self, factors=F, columns=columns, free=free)
+
+    def deviations(self, size: Floats) -> Floats:
+        """Return the standard deviation of the factor of each column, (n, k) [N m or N], for sizes of the groups."""
+        return np.sqrt(np.where(self.free > 0.0, self.free, size[GROUPS])) * self.noise[:, None]
+
+    def by_joint(self, size: Floats) -> list[tuple[Factor, Conditional]]:
+        """Return what each joint says of its own parameters, and its columns for these, for sizes of the groups."""
+        blocks = {"columns": self.k, "arm": self.factors.shape[2] - self.k - 1}
+        pairs = (
+            Factor(F, blocks).prior("columns", sd).without("columns")
+            for F, sd in zip(self.factors, self.deviations(size), strict=True)
+        )
+        return [(arm, columns.conditional) for arm, columns in pairs]
+
+    def released(self, own: Factor, size: float) -> tuple[Factor, Conditional]:
+        """Return what rows of own parameters theta + d say of theta, and d for it, d ~ N(0, size C); with 0 themselves.
+
+        Args:
+            own: rows of a joint's own parameters.
+            size: lambda.
+        """
+        W, p = own["arm"], len(self.spread)
+        if not size:
+            return own, Conditional(np.zeros((p, p)), np.zeros((p, p)), np.zeros(p))
+        both = Factor.of({"own": W @ self.spread, "arm": W}, own.rows[:, -1])
+        both = replace(both, volume=own.volume).prior("own", np.full(p, np.sqrt(size)))
+        arm, d = both.without("own")
+        of = d.conditional
+        return arm, Conditional(*(self.spread @ x for x in (of.root, of.slope, of.mean)))
+
+    def of_arm(self, size: Floats) -> Factor:
+        """Return what the rows say of the parameters of the arm, (p,), as a triangle, for sizes of the groups."""
+        each = zip(self.by_joint(size), self.apart.tolist(), strict=True)
+        total = reduce(add, [self.released(own, apart)[0] for (own, _), apart in each])
+        return replace(total, rows=triangle(total.rows))
+
+    def residual(
+        self, size: Floats, evidence: float, theta: Floats, counts: NDArray[np.int64]
+    ) -> ModelError:
+        """Return the model error that belongs to parameters.
+
+        Args:
+            size: lambda of each group.
+            evidence: gain of the log evidence.
+            theta: base parameters, (p,).
+            counts: number of rows of each joint, (n,).
+        """
+        n, k, p = len(counts), self.k, len(theta)
+        mean, root, slope = (
+            np.zeros((n, k + p)),
+            np.zeros((n, k + p, k + p)),
+            np.zeros((n, k + p, p)),
+        )
+        for j, (own, b) in enumerate(self.by_joint(size)):
+            d = self.released(own, float(self.apart[j]))[1]
+            slope[j] = np.vstack([b.slope @ (np.eye(p) + d.slope), d.slope])
+            root[j] = np.block([[b.root, b.slope @ d.root], [np.zeros((p, k)), d.root]])
+            mean[j] = np.append(b.mean + b.slope @ d.mean, d.mean) + slope[j] @ theta
+        part = mean[:, :k, None]
+        parts = np.concatenate([part * (GROUPS[:, None] == range(len(size))), part], axis=2)
+        torque = np.linalg.norm(self.factors[:, :, :k] @ parts, axis=1)
+        rms = torque * (self.noise * np.sqrt(self.inflation / np.maximum(counts, 1)))[:, None]
+        return ModelError(
+            **vars(self.columns),
+            mean=mean,
+            root=root,
+            slope=slope,
+            size=size,
+            rms=rms,
+            evidence=evidence,
+            apart=self.apart,
+        )
+
+
+def centred(factors: Floats, k: int, theta: Floats) -> Floats:
+    """Return factors [Z W tau] of which theta is the least-squares solution without Z, (n, m, k + p + 1).
+
+    Instruments find other parameters than least squares of the same rows; the model error must not undo that.
+    """
+    F = factors.copy()
+    W, tau = F[:, :, k:-1].reshape(-1, len(theta)), F[:, :, -1].ravel()
+    length = np.linalg.norm(W, axis=0)
+    length = np.where(length > 0.0, length, 1.0)
+    found = np.linalg.lstsq(W / length, tau, rcond=1e-13)[0] / length
+    F[:, :, -1] += F[:, :, k:-1] @ (theta - found)
+    return F
+
+
+def _projection(base: BaseModel, observer: Observer, columns: Columns) -> Floats:
     """Regress the columns on the parameters over random states inside the limits, (n, p, k).
 
     Their speeds are at least those of an exciting motion: what a joint that crawls leaves to the columns would grow
     with the speed of another motion without bounds.
     """
-    q, qd, qdd = random_states(base.robot, np.maximum(speed, exciting_speed(base.robot)))
+    q, qd, qdd = random_states(base.robot, np.maximum(columns.speed, exciting_speed(base.robot)))
     W = observer.dense(q, qd, qdd)
-    D = loaded(shapes_of(q, qd, observer.coulomb_sign(qd), speed), W @ reference)
-    found = np.zeros((W.shape[1], W.shape[2], D.shape[2]))
+    D = _loaded(columns.shapes_at(q, qd, observer), W @ columns.reference) / columns.scale
+    projection = np.zeros_like(columns.projection)
     for j in range(W.shape[1]):
         seen = np.any(W[:, j] != 0.0, axis=0)
-        found[j, seen] = np.linalg.lstsq(W[:, j, seen], D[:, j] / scale[j], rcond=1e-8)[0]
-    return found
+        projection[j, seen] = np.linalg.lstsq(W[:, j, seen], D[:, j], rcond=1e-8)[0]
+    return projection
 
 
-# ---------------------------------------------------------------- sizes, and joints that contradict the others
+# ---------------------------------------------------------------- an arm that rows ask for, and their evidence
+#: Relative change of the logarithms of the sizes at which their slopes count as none.
+SETTLED = 1e-12
+#: Sizes of the groups without any model error.
+NONE = np.full(len(GROUP_NAMES), tuning.RESIDUAL_NOTHING)
+#: Change of the log evidence that tells nothing: a size without which it falls by less is none.
+UNTOLD = 1e-4
+#: Pivot of a Cholesky factor, of a matrix with a diagonal of ones, below which rounding has a say in its inverse.
+SINGULAR = 1e-5
+
+
 @dataclass(frozen=True)
-class NormalPrior:
-    """What is known of all parameters before anything is measured, as a normal distribution near a possible arm.
+class Arm:
+    """A possible arm that some rows ask for, and the prior there as a normal distribution.
 
     Attributes:
         K: base parameters as combinations of all parameters, (p, c).
-        x: all parameters, where it is approximated, (c,).
+        x: all parameters, (c,).
         hessian: of the price of the prior there, (c, c).
+        fit: the parameters with their errors.
     """
 
     K: Floats
     x: Floats
     hessian: Floats
+    fit: PhysicalParameters
+
+    @classmethod
+    def of(cls, base: BaseModel, rows: Floats, near: Arm | None = None) -> Arm:
+        """Return the arm that whitened rows [W tau] ask for, (m, p + 1), sought near another one.
+
+        From the prior's own sizes: what no arm can make has made the bodies of the other one heavier.
+        """
+        K, begin = base.reduction.K, None if near is None else near.x
+        R = rows[:, :-1] @ K
+        fit, _ = fit_pooled(R, rows[:, -1], constraints_of(base), begin, sized=True)
+        return cls(K, fit.x, fit.hessian - R.T @ R, fit)
+
+    @classmethod
+    def of_estimate(cls, base: BaseModel, estimate: Fit) -> Arm:
+        """Return the arm that an estimate asks for."""
+        A = estimate.whitened[:-1, :-1] / np.sqrt(estimate.inflation)
+        return cls.of(base, np.column_stack([A, A @ estimate.theta]))
 
     @property
     def theta(self) -> Floats:
@@ -499,19 +498,33 @@ class NormalPrior:
         Returns:
             The evidence; the base parameters, (p,); the root of their covariance, (p, c).
         """
-        Sw, St, theta = S[:-1, :-1], S[:-1, -1], self.theta
-        gradient = self.K.T @ (St - Sw @ theta)
-        rest = float(S[-1, -1]) - 2.0 * float(theta @ St) + float(theta @ Sw @ theta)
+        Sw, theta = S[:-1, :-1], self.theta
+        away = np.append(theta, -1.0)
+        gradient = -self.K.T @ (S[:-1] @ away)
         H = self.K.T @ Sw @ self.K + self.hessian
         scale = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
         root, volume = _inverse_root(scale[:, None] * H * scale)
         weights = root.T @ (scale * gradient)
-        evidence = -0.5 * (rest - float(weights @ weights)) + volume + float(np.sum(np.log(scale)))
+        evidence = -0.5 * float(away @ S @ away - weights @ weights)
         root = self.K @ (scale[:, None] * root)
-        return evidence, theta + root @ weights, root
+        return evidence + volume + float(np.sum(np.log(scale))), theta + root @ weights, root
 
 
-def log_evidence(rows: Whitened, prior: NormalPrior, size: Floats) -> tuple[float, Floats]:
+def _inverse_root(H: Floats) -> tuple[Floats, float]:
+    """Return B with B B^T = H^-1, (c, c), and the logarithm of its determinant, of H with a diagonal of ones."""
+    try:
+        lower = np.linalg.cholesky(H)
+        if np.min(np.diagonal(lower)) > SINGULAR:
+            return np.asarray(np.linalg.inv(lower).T), -float(np.sum(np.log(np.diagonal(lower))))
+    except np.linalg.LinAlgError:
+        pass
+    # Why eigenvalues, which take ten times as long: noise-free rows make H singular in double precision.
+    value, vector = np.linalg.eigh(H)
+    value = np.maximum(value, 1e-14)
+    return np.asarray(vector / np.sqrt(value)), -0.5 * float(np.sum(np.log(value)))
+
+
+def log_evidence(rows: JointRows, arm: Arm, size: Floats) -> tuple[float, Floats]:
     """Return the log evidence of sizes, up to a constant, and its slopes by their logarithms, (groups,).
 
     The columns and the parameters are integrated out; joints that are apart have no say. The slope is that of the
@@ -520,17 +533,17 @@ def log_evidence(rows: Whitened, prior: NormalPrior, size: Floats) -> tuple[floa
 
     Args:
         rows: rows of all joints.
-        prior: of the parameters.
+        arm: prior of the parameters.
         size: lambda of each group, (groups,).
     """
     joints, sd = np.flatnonzero(rows.apart == 0.0), rows.deviations(size)
     each = rows.by_joint(size)
     total = sum(each[j][0].rows.T @ each[j][0].rows for j in joints)
-    evidence, theta, root = prior.evidence(np.asarray(total))
+    evidence, theta, root = arm.evidence(np.asarray(total))
     slope = np.zeros(len(size))
     for j in joints:
-        left, columns = each[j][0], each[j][1].conditional
-        evidence += left.volume
+        own, columns = each[j]
+        evidence += own.volume
         squares = (columns.mean + columns.slope @ theta) ** 2
         for part in (columns.slope @ root, columns.root):
             squares += np.sum(part**2, axis=1)
@@ -539,24 +552,19 @@ def log_evidence(rows: Whitened, prior: NormalPrior, size: Floats) -> tuple[floa
     return evidence, slope
 
 
-def best_size(rows: Whitened, prior: NormalPrior) -> Floats:
+def best_size(rows: JointRows, arm: Arm) -> Floats:
     """Return the sizes of the groups that make the data most likely, (groups,)."""
     from scipy.optimize import minimize, root  # here: their import takes as long as the search
 
     low, high = np.log([NONE, tuning.RESIDUAL_LARGEST])
 
     def negative(logs: Floats) -> tuple[float, Floats]:
-        evidence, slope = log_evidence(rows, prior, np.exp(logs))
+        evidence, slope = log_evidence(rows, arm, np.exp(logs))
         return -evidence, -slope
 
+    bounds = np.c_[low, high]
     found = [
-        minimize(
-            negative,
-            start,
-            jac=True,
-            method="L-BFGS-B",
-            bounds=np.c_[low, high],
-        )
+        minimize(negative, start, jac=True, method="L-BFGS-B", bounds=bounds)
         for start in np.log(tuning.RESIDUAL_BEGIN)
     ]
     best = min(found, key=lambda each: each.fun)
@@ -580,7 +588,7 @@ def best_size(rows: Whitened, prior: NormalPrior) -> Floats:
 
 
 def joints_apart(
-    rows: Whitened, prior: NormalPrior, size: Floats, *, known: bool = False
+    rows: JointRows, arm: Arm, size: Floats, *, known: bool = False
 ) -> tuple[Floats, float]:
     """Return the lambda of each joint, 0 of those that agree with the others, (n,), and what the log evidence gains.
 
@@ -590,25 +598,26 @@ def joints_apart(
 
     Args:
         rows: rows of all joints.
-        prior: of the parameters.
+        arm: prior of the parameters.
         size: lambda of each group of columns, (groups,).
         known: whether it is known which joints are apart, and only their sizes are asked for.
     """
-    left, sizes = [each[0] for each in rows.by_joint(size)], np.append(0.0, tuning.APART_SIZES)
-    whole = [[each for each, _ in one.released("arm", rows.spread, sizes)] for one in left]
-    S = np.array([[one.rows.T @ one.rows for one in some] for some in whole])
-    volume = np.array([[one.volume for one in some] for some in whole])
-    told = rows.spread.T @ S[:, 0, :-1, :-1] @ rows.spread
-    if np.linalg.norm(told, 2, axis=(1, 2)).max(initial=0.0) > tuning.APART_TOLD:
+    sizes = np.append(0.0, tuning.APART_SIZES)
+    released = [
+        [rows.released(own, each)[0] for each in sizes.tolist()] for own, _ in rows.by_joint(size)
+    ]
+    S = np.array([[one.rows.T @ one.rows for one in some] for some in released])
+    volume = np.array([[one.volume for one in some] for some in released])
+    narrowed = rows.spread.T @ S[:, 0, :-1, :-1] @ rows.spread
+    if np.linalg.norm(narrowed, 2, axis=(1, 2)).max(initial=0.0) > tuning.APART_TOLD:
         return rows.apart, 0.0
-    joints = np.arange(len(left))
-    before = rows.apart > 0.0
+    joints, before = np.arange(len(S)), rows.apart > 0.0
 
-    def worth(place: NDArray[np.intp]) -> float:
+    def worth(place: Ints) -> float:
         if np.all(place):  # the last one has nobody left to contradict
             return -np.inf
-        found = prior.evidence(S[joints, place].sum(axis=0))[0] + volume[joints, place].sum()
-        return float(found) - tuning.APART_EVIDENCE * np.count_nonzero(place)
+        evidence = arm.evidence(S[joints, place].sum(axis=0))[0] + volume[joints, place].sum()
+        return float(evidence) - tuning.APART_EVIDENCE * np.count_nonzero(place)
 
     place = np.searchsorted(sizes, rows.apart)
     none, best = worth(np.zeros_like(place)), worth(place)
@@ -623,62 +632,3 @@ def joints_apart(
         if not worths[first] > best + tuning.APART_SETTLED:
             return sizes[place], best - none
         best, place = worths[first], others[first]
-
-
-def _inverse_root(H: Floats) -> tuple[Floats, float]:
-    """Return B with B B^T = H^-1, (c, c), and the logarithm of its determinant, of H with a diagonal of ones."""
-    try:
-        lower = np.linalg.cholesky(H)
-        if np.min(np.diagonal(lower)) > SINGULAR:
-            return np.asarray(np.linalg.inv(lower).T), -float(np.sum(np.log(np.diagonal(lower))))
-    except np.linalg.LinAlgError:
-        pass
-    # Why eigenvalues, which take ten times as long: noise-free rows make H singular in double precision.
-    value, vector = np.linalg.eigh(H)
-    value = np.maximum(value, 1e-14)
-    return np.asarray(vector / np.sqrt(value)), -0.5 * float(np.sum(np.log(value)))
-
-
-def model_error(
-    rows: Whitened, size: Floats, evidence: float, theta: Floats, counts: NDArray[np.int64]
-) -> ModelError:
-    """Return the model error that belongs to parameters.
-
-    Args:
-        rows: rows of all joints.
-        size: lambda of each group.
-        evidence: gain of the log evidence.
-        theta: base parameters, (p,).
-        counts: number of rows of each joint, (n,).
-    """
-    k, n, p = rows.k, len(counts), len(theta)
-    own, own_root, own_slope = np.zeros((n, p)), np.zeros((n, p, p)), np.zeros((n, p, p))
-    each = rows.by_joint(size)
-    for j in np.flatnonzero(rows.apart):
-        _, found = next(each[j][0].released("arm", rows.spread, [float(rows.apart[j])]))
-        own[j] = found.mean + found.slope @ theta
-        own_root[j], own_slope[j] = found.root, found.slope
-    root, slope, mean = (
-        np.array([getattr(columns.conditional, name) for _, columns in each])
-        for name in ("root", "slope", "mean")
-    )
-    mean = mean + np.einsum("jkp,jp->jk", slope, theta + own)
-    parts = np.stack([*(np.where(g == GROUPS, mean, 0.0) for g in range(len(size))), mean], axis=2)
-    torque = np.linalg.norm(rows.factors[:, :, :k] @ parts, axis=1)
-    rms = torque * (rows.noise * np.sqrt(rows.inflation / np.maximum(counts, 1)))[:, None]
-    return ModelError(
-        rows.speed,
-        rows.reference,
-        rows.scale,
-        rows.projection,
-        mean,
-        root,
-        slope,
-        size,
-        rms,
-        evidence,
-        rows.apart,
-        own,
-        own_root,
-        own_slope,
-    )

@@ -52,8 +52,8 @@ SCALARS = (
 FIT = ("plain", "noise", "plain_covariance", "factors", "counts")
 #: What is stored as arrays.
 ARRAYS = (*FIT, "theta", "covariance", "std_error", "prior")
-#: What files of results without joints apart lack; zero there.
-APART_ARRAYS = ("apart", "own", "own_root", "own_slope")
+#: Axes of arrays of a residual model along which parameters of a joint's own follow its columns.
+OWN_AXES = {"mean": [1], "root": [1, 2], "slope": [1]}
 
 Result = TypeVar("Result", bound=Identified)
 
@@ -71,8 +71,11 @@ def save(path: Path, found: Identified, facts: dict[str, Any] | None = None) -> 
     arrays = {key: getattr(found, key) for key in ARRAYS} | reduction_arrays
     arrays |= _arrays("full", physical)
     if error is not None:
-        lacks = () if len(error.joints_apart) else APART_ARRAYS
-        arrays |= _arrays("error", {k: x for k, x in asdict(error).items() if k not in lacks})
+        arrays |= _arrays("error", vars(error))
+        if not error.apart.any():
+            del arrays["error_apart"]
+            arrays |= {f"error_{x}": getattr(error, x)[:, : error.k] for x in OWN_AXES}
+            arrays["error_root"] = arrays["error_root"][:, :, : error.k]
     arrays |= {f"motion_{k}": motion.astype(np.float32) for k, motion in enumerate(found.motions)}
     scalars = {key: getattr(found, key) for key in SCALARS} | {
         "physical": {key: x for key, x in physical.items() if f"full_{key}" not in arrays},
@@ -214,11 +217,14 @@ def _without(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
 def _model_error(evidence: float | None, arrays: Mapping[str, NDArray[Any]]) -> ModelError | None:
     if evidence is None:
         return None
-    given = _without("error_", arrays)
-    n, _, p = given["slope"].shape
-    for key, shape in zip(APART_ARRAYS, ((n,), (n, p), (n, p, p), (n, p, p)), strict=True):
-        given.setdefault(key, np.zeros(shape))
-    return ModelError(**given, evidence=float(evidence))
+    parts = _without("error_", arrays)
+    n, _, p = parts["slope"].shape
+    if "apart" not in parts:
+        parts["apart"] = np.zeros(n)
+        for name, axes in OWN_AXES.items():
+            widths = [(0, p if k in axes else 0) for k in range(parts[name].ndim)]
+            parts[name] = np.pad(parts[name], widths)
+    return ModelError(**parts, evidence=float(evidence))
 
 
 def _tuple(kind: Any, rows: Iterable[dict[str, Any]]) -> tuple[Any, ...]:  # noqa: ANN401

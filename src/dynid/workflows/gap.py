@@ -17,7 +17,7 @@ from dynid.answer import Answer, Judged, picked
 from dynid.arguments import public
 from dynid.disk import sha256
 from dynid.errors import DynidError, NotAnArtifact, WrongUsage
-from dynid.estimation.evidence import evidence_of, fingerprint, found_log, gap_evidence
+from dynid.estimation.evidence import evidence_of, fingerprint, found_path, gap_evidence
 from dynid.estimation.payload import find_payload
 from dynid.estimation.result import Identification
 from dynid.files import packaged
@@ -865,7 +865,8 @@ def earlier_logs(
     """
     result = as_result(result)
     new = {log.sha256 for log in as_logs(logs, result.robot, options, empty=True) if log.sha256}
-    before = [(found_log(result, k), sha) for k, sha in enumerate(result.log_sha256)]
+    pairs = zip(result.header.get("logs", []), result.log_sha256, strict=False)
+    before = [(Path(found_path(result, name)), sha) for name, sha in pairs]
     own = new & {sha for _, sha in before}
     if own and options.question == "auto":
         return []

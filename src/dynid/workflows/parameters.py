@@ -13,7 +13,7 @@ from dynid.arguments import one_thread, public
 from dynid.disk import sha256
 from dynid.errors import Finding, LogNotFound, NotAnArtifact
 from dynid.estimation import observation_files, prediction
-from dynid.estimation.estimate import weakly_excited
+from dynid.estimation.findings import weakly_excited
 from dynid.estimation.friction_step import with_coulomb, with_estimated_step
 from dynid.estimation.least_squares import condition_number, merge, solve
 from dynid.estimation.stack import (

@@ -10,16 +10,15 @@ import models
 from dynid.estimation import tuning
 from dynid.estimation.estimators import irls, wls
 from dynid.estimation.factor import Factor
-from dynid.estimation.posterior import physical_posterior, prior_covariance
+from dynid.estimation.posterior import physical_posterior
 from dynid.estimation.residual_model import (
     NONE,
-    NormalPrior,
+    Arm,
+    JointRows,
     best_size,
     log_evidence,
-    model_error,
     squares,
     torque_variance,
-    whitened_rows,
 )
 from dynid.model.base_model import prior_base_parameters
 
@@ -48,8 +47,12 @@ def fitted(base):
     """The rows of a log with something hidden, their estimate, and both for the residual model."""
     stack = stacked(base, hidden(base, 0))
     estimate = again(base)(stack)
-    C = prior_covariance(base)
-    return stack, estimate, whitened_rows(stack, base, estimate.theta, estimate.noise, 4.0, C)
+    rows = JointRows.of(base, stack, estimate, estimate.theta, np.zeros(base.robot.n))
+    return (
+        stack,
+        estimate,
+        replace(rows, inflation=4.0, factors=rows.factors * (rows.inflation / 4.0) ** 0.5),
+    )
 
 
 def posterior(base, stack, estimate):
@@ -72,7 +75,7 @@ def test_parameters_own_ones_and_columns_are_the_joint_solution_of_all_unknowns(
     size = np.array([0.1, 0.2, 0.3])
     left = rows.of_arm(size).rows
     theta = np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=None)[0]
-    error = model_error(rows, size, 0.0, theta, stack.whole[1])
+    error = rows.residual(size, 0.0, theta, stack.whole[1])
     n, k, p = len(stack.joints), rows.k, len(theta)
     whole = all_unknowns(rows, size, 1).prior("own", np.full(p, 0.3**0.5))
     blocks = {**{f"columns{j}": k for j in range(n)}, "own": p, "arm": p}
@@ -81,10 +84,10 @@ def test_parameters_own_ones_and_columns_are_the_joint_solution_of_all_unknowns(
     x = covariance @ A[:, :-1].T @ A[:, -1]
     assert theta == pytest.approx(x[-p:], rel=1e-5, abs=1e-7)
     assert error.own[1] == pytest.approx(rows.spread @ x[n * k : -p], rel=1e-4, abs=1e-6)
-    assert error.mean.ravel() == pytest.approx(x[: n * k], rel=1e-4, abs=1e-6)
+    assert error.mean[:, :k].ravel() == pytest.approx(x[: n * k], rel=1e-4, abs=1e-6)
     rng = np.random.default_rng(0)
     W, shapes = rng.normal(size=(5, n, p)), rng.normal(size=(5, n, k))
-    row, Z = np.zeros(len(x)), error.columns(W, shapes)
+    row, Z = np.zeros(len(x)), error.columns(W, shapes)[:, :, :k]
     row[k : 2 * k], row[n * k : -p], row[-p:] = Z[0, 1], W[0, 1] @ rows.spread, W[0, 1]
     variance = torque_variance(W, covariance[-p:, -p:], error, shapes)
     assert variance[0, 1] == pytest.approx(row @ covariance @ row, rel=1e-4)
@@ -93,7 +96,7 @@ def test_parameters_own_ones_and_columns_are_the_joint_solution_of_all_unknowns(
 def test_the_evidence_is_that_of_the_normal_distribution_of_all_rows(fitted):
     _, estimate, rows = fitted
     sd = 1.0 + np.abs(estimate.theta)
-    known = NormalPrior(np.eye(len(sd)), np.zeros(len(sd)), np.diag(1 / sd**2))
+    known = Arm(np.eye(len(sd)), np.zeros(len(sd)), np.diag(1 / sd**2), None)
     size = best_size(rows, known)
 
     def density(size):
@@ -128,11 +131,12 @@ def test_an_arm_with_a_complete_model_has_no_model_error(base):
     assert np.mean(z < 1.96) >= 0.85
 
 
-def test_without_model_error_the_rows_give_the_estimate_that_they_are_centred_on(fitted):
+def test_without_model_error_the_rows_give_the_estimate_that_they_are_centred_on(base, fitted):
     """Instruments find other parameters than least squares of the same rows."""
-    _, estimate, rows = fitted
+    stack, estimate, _ = fitted
     other = estimate.theta * (1.0 + 0.01 * np.arange(len(estimate.theta)))
-    left = rows.centred(other).of_arm(np.full(3, 1e-9)).rows
+    rows = JointRows.of(base, stack, replace(estimate, theta=other), other, np.zeros(base.robot.n))
+    left = rows.of_arm(np.full(3, 1e-9)).rows
     assert np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=None)[0] == pytest.approx(
         other, rel=1e-5, abs=1e-6
     )

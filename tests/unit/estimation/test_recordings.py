@@ -9,7 +9,7 @@ from test_stack import simulated, stacked
 import models
 from dynid.estimation import tuning
 from dynid.estimation.estimators import wls
-from dynid.estimation.recordings import Part, changes, disagreement, parts_of
+from dynid.estimation.recordings import Parts
 
 
 @pytest.fixture(scope="module")
@@ -27,8 +27,8 @@ def asked(stack, fit, like):
     A = like.whitened[:-1, :-1]
     told = np.ones(len(fit.theta), dtype=bool)
     covariance = np.linalg.inv(A.T @ A) * like.inflation
-    parts = parts_of(stack, fit.theta, None, like.noise, like.inflation, None)
-    return disagreement(parts, covariance, None, told)
+    parts = Parts.of(stack, fit.theta, None, like.noise, like.inflation, None)
+    return parts.disagreement(covariance, None, told)
 
 
 def test_parts_that_differ_by_noise_alone_widen_nothing(scara):
@@ -48,8 +48,8 @@ def test_torques_whose_scale_changes_in_the_recording_widen_unless_the_fit_count
 def wandering(base, theta, within, between, logs=3, seed=0, error=0.002):
     """Return parts whose levels of friction differ, known to an error: within recordings, and between these."""
     rng, p, n = np.random.default_rng(seed), len(theta), base.robot.n
-    found = []
-    for log in range(logs):
+    every = []
+    for _ in range(logs):
         level = between * rng.normal(size=n)
         for _ in range(tuning.PARTS_OF_LOG):
             grams = np.zeros((n, p + 1, p + 1))
@@ -59,8 +59,8 @@ def wandering(base, theta, within, between, logs=3, seed=0, error=0.002):
                 grams[j, k, k] = told
                 asked_for = theta[k] * (level[j] + within * rng.normal() + error * rng.normal())
                 grams[j, k, -1] = grams[j, -1, k] = told * asked_for
-            found.append(Part(log, grams))
-    return found
+            every.append(grams)
+    return Parts(np.repeat(np.arange(logs), tuning.PARTS_OF_LOG), np.array(every))
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def friction(scara):
 def added(base, theta, parts):
     """What a further recording adds to the standard error of each joint's Coulomb friction, as a share of it."""
     places = [base.names.index(f"fc{j + 1}") for j in range(base.robot.n)]
-    return np.sqrt(np.sum(changes(parts, base, theta) ** 2, axis=1))[places] / theta[places]
+    return np.sqrt(np.sum(parts.changes(base, theta) ** 2, axis=1))[places] / theta[places]
 
 
 def test_what_differs_between_recordings_is_the_error_of_their_mean(scara, friction):

@@ -58,21 +58,19 @@ def random_model_error(arm, seed=0):
     """A residual model of random numbers; every column of every joint has its part."""
     rng = np.random.default_rng(seed)
     n, p, k = arm.robot.n, len(arm.theta), len(GROUPS)
+    own = np.vstack([0.2 * rng.normal(size=(1, p)), np.zeros((n - 1, p))])
     return ModelError(
         speed=rng.uniform(0.2, 1.0, n),
         reference=arm.theta * rng.uniform(0.9, 1.1, p),
         scale=rng.uniform(0.5, 2.0, (n, k)),
         projection=0.1 * rng.normal(size=(n, p, k)),
-        mean=rng.normal(size=(n, k)),
-        root=np.zeros((n, k, k)),
-        slope=np.zeros((n, k, p)),
+        mean=np.hstack([rng.normal(size=(n, k)), own]),
+        root=np.zeros((n, k + p, k + p)),
+        slope=np.zeros((n, k + p, p)),
         size=np.ones(3),
         rms=np.ones((n, 4)),
         evidence=10.0,
         apart=np.r_[1.0, np.zeros(n - 1)],
-        own=np.vstack([0.2 * rng.normal(size=(1, p)), np.zeros((n - 1, p))]),
-        own_root=np.zeros((n, p, p)),
-        own_slope=np.zeros((n, p, p)),
     )
 
 

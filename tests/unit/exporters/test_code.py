@@ -50,7 +50,7 @@ def by_hand(arm, error, q, qd, qdd):
                 sign * abs(W[m, j] @ error.reference),
             ]
         )
-        tau[m, j] += (columns / error.scale[j] - W[m, j] @ error.projection[j]) @ error.mean[j]
+        tau[m, j] += (columns / error.scale[j] - W[m, j] @ error.projection[j]) @ error.mean[j, :14]
         tau[m, j] += W[m, j] @ error.own[j]
     return tau
 

@@ -1,0 +1,263 @@
+"""What logs and fits are worth, as findings."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import Finding, PoorlyExcited, RankDeficient
+from dynid.estimation import tuning
+from dynid.estimation.covariance import NOT_DETERMINED
+from dynid.estimation.estimators import wls
+from dynid.estimation.least_squares import Fit, joint_rms
+from dynid.estimation.payload import friction
+from dynid.estimation.residual_model import ModelError
+from dynid.estimation.stack import Stack
+from dynid.model.base_model import BaseModel
+from dynid.model.regressor import indefinite_share, random_poses
+from dynid.signals.filters import decimate
+
+Floats = NDArray[np.float64]
+
+
+def weakly_excited(base: BaseModel, stack: Stack, prior: Floats) -> list[Finding]:
+    """Name the base parameters that this log leaves uncertain, why, and what would help.
+
+    A parameter's error falls in proportion to the size of its column: for an inertia that is the acceleration, for
+    viscous friction the speed. It falls with the root of the length of the log.
+
+    Args:
+        base: model and base parameters.
+        stack: the stacked logs.
+        prior: prior base parameters, NaN where nothing is known, (p,).
+
+    Returns:
+        Finding W402, which names the worst.
+    """
+    fit = wls(stack, prior)
+    error = np.where(fit.open, np.inf, np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)))
+    size = np.maximum(np.abs(fit.theta), np.abs(np.nan_to_num(prior)))
+    relative = error / np.maximum(size, np.finfo(float).tiny)
+    uncertain = (relative > tuning.ROUGH_ERROR) & ~(error * fit.effect <= tuning.HARMLESS_TORQUE)
+    weak = [k for k in np.argsort(-relative).tolist() if uncertain[k]]
+    if not weak:
+        return []
+    worst = []
+    for k in weak[: tuning.FINDINGS_WORDED]:
+        much = f"{100 * relative[k]:.0f} % error" if np.isfinite(relative[k]) else "no trace"
+        worst.append(f"{stack.names[k]} ({much}: {_reason(base, stack, k)})")
+    more = len(weak) - len(worst)
+    text = "poorly excited: " + ", ".join(worst) + f" and {more} more" * (more > 0)
+    return [Finding("W402", "warning", text, {"parameters": [stack.names[k] for k in weak]})]
+
+
+def _reason(base: BaseModel, stack: Stack, k: int) -> str:
+    """Say which signal shows a base parameter and how small it is in these logs."""
+    parameter = base.model.parameters[base.reduction.base[k]]
+    kind, j = parameter.kind, parameter.number - 1
+    joint = base.robot.joints[j]
+    unit = "rad" if joint.revolute else "m"
+    segments = [(log, segment) for log in stack.logs for segment in log.segments]
+    if kind.startswith("I"):
+        # Why filtered once more: behind the position filter alone, encoder noise still looks like acceleration.
+        largest = max(
+            np.abs(decimate(s.qdd[None, :, j], log.filter.second_kernel, 1)).max(initial=0.0)
+            for log, s in segments
+        )
+        return f"{joint.name} never accelerates beyond {largest:.2g} {unit}/s^2"
+    if kind in ("fv", "fvc"):
+        largest = max(np.abs(s.qd[:, j]).max() for _, s in segments)
+        return f"{joint.name} never moves faster than {largest:.2g} {unit}/s"
+    if kind in ("fc", "fo", "fcc"):
+        reversals = sum(np.count_nonzero(np.diff(np.sign(s.qd[:, j]))) for _, s in segments)
+        return f"{joint.name} reverses only {reversals} times"
+    largest = max(np.ptp(s.q[:, j]) for _, s in segments)
+    return f"{joint.name} covers only {largest:.2g} {unit}: gravity and speed change little"
+
+
+def excitation_findings(
+    stack: Stack, plain: Fit, cost: float, *, drop_weak: bool
+) -> tuple[Finding, ...]:
+    """Say when the logs do not determine all base parameters, or some only through what is left of noise.
+
+    Args:
+        stack: the stacked logs.
+        plain: their fit.
+        cost: torque error on an exciting motion that its uncertain parameters cost [%].
+        drop_weak: go on nevertheless.
+
+    Raises:
+        RankDeficient: the logs determine fewer base parameters than the structure has.
+        PoorlyExcited: they determine all, but some only through what is left of noise.
+    """
+    rank, size = plain.solution.rank, len(plain.theta)
+    if rank < size:
+        weak = np.abs(plain.solution.weak).max(axis=1)
+        names = ", ".join(stack.names[k] for k in np.flatnonzero(weak > 1e-3 * weak.max()))
+        text = (
+            f"this log determines {rank} of {size} base parameters; it does not separate: {names}"
+        )
+        if not drop_weak:
+            fix = "record a motion in which every joint moves on its own, or continue with --drop-weak"
+            raise RankDeficient(text, fix=fix)
+        return (Finding("W403", "warning", text, {"rank": rank, "structural_rank": size}),)
+    if cost <= tuning.POORLY_EXCITED_PERCENT:
+        return ()
+    condition = plain.solution.condition_number_scaled
+    text = (
+        f"this log determines some parameters badly: least squares would have a torque error of {cost:.3g} % on "
+        f"an exciting motion; condition number {condition:.0f} (good: below 100)"
+    )
+    if not drop_weak:
+        fix = (
+            "plan a better motion: dynid trajectory ROBOT --optimise; or continue with --drop-weak"
+        )
+        raise PoorlyExcited(text, fix=fix)
+    evidence = {"expected_percent": cost, "condition_number_scaled": condition}
+    return (Finding("W402", "warning", text, evidence),)
+
+
+def sensor_findings(base: BaseModel) -> list[Finding]:
+    """Say what a torque sensor between gear and link cannot see."""
+    parameters = zip(base.reduction.base_names, base.reduction.base, strict=True)
+    rotors = [name for name, k in parameters if base.model.parameters[k].kind == "Im"]
+    source, named = base.robot.torque.source, ", ".join(rotors)
+    if source not in ("joint_sensor", "unknown") or not rotors:
+        return []
+    text = (
+        f"torques come from joint sensors after the gears: {named} and friction describe the link side of "
+        "the sensor only; rotor inertia and motor friction are largely invisible"
+    )
+    if source == "unknown":
+        text = (
+            f"the robot file does not say what the effort column is: behind joint sensors, {named} and "
+            "friction would describe the link side only; write `torque: {source: joint_sensor}`, motor_torque or "
+            "motor_current"
+        )
+    return [Finding("W410", "info", text, {"parameters": rotors})]
+
+
+def apart_findings(
+    base: BaseModel, stack: Stack, theta: Floats, error: ModelError | None
+) -> list[Finding]:
+    """Say which joints have torques that contradict those of the others, and by which factor where it is only one.
+
+    Args:
+        base: model and base parameters.
+        stack: the fitted rows.
+        theta: base parameters in force, (p,).
+        error: the model error in force, None without.
+    """
+    if error is None or not error.apart.any():
+        return []
+    names = base.robot.joint_names
+    scales = {names[j]: scale_of(base, stack, theta, error.own[j], j) for j in error.joints_apart}
+    factors = [
+        f"{name} has {scale:.2f} times what they ask for"
+        for name, scale in scales.items()
+        if scale is not None
+    ]
+    unknown = "another scale or sign, a part of it, a stuck reading, or what the model lacks"
+    text = (
+        f"the torques of {', '.join(scales)} contradict those of the other joints: "
+        f"{'; '.join(factors) or unknown}. They have parameters of "
+        "their own in predictions and no say in those of the arm"
+    )
+    return [Finding("W413", "warning", text, {"joints": list(scales), "scales": scales})]
+
+
+def scale_of(base: BaseModel, stack: Stack, theta: Floats, own: Floats, joint: int) -> float | None:
+    """Return how many times the torque that the other joints ask for a joint has; None where it is not only a scale.
+
+    Friction is left out: no other joint tells it.
+
+    Args:
+        base: model and base parameters.
+        stack: the fitted rows.
+        theta: base parameters of the arm, (p,).
+        own: what those of the joint differ by, (p,).
+        joint: its number.
+    """
+    W, rubs = stack.whole[0][joint][:, :-1], friction(base)
+    Q = np.linalg.qr(W[:, rubs & W.any(axis=0)])[0]
+    torque, more = ((np.eye(len(Q)) - Q @ Q.T) @ W[:, ~rubs] @ x[~rubs] for x in (theta, own))
+    scale = 1.0 + float(torque @ more) / max(float(torque @ torque), 1e-300)
+    rest = np.linalg.norm(more - (scale - 1.0) * torque)
+    return scale if rest < tuning.SCALE_REST * np.linalg.norm(more) else None
+
+
+def physics_findings(
+    base: BaseModel,
+    plain: Fit,
+    stack: Stack,
+    alone: Floats,
+    knowledge: tuple[str, ...],
+    error: ModelError | None,
+    physical: bool,
+) -> list[Finding]:
+    """Say when the plain numbers belong to no arm, when no arm comes near them, and when the log says little.
+
+    Args:
+        base: model and base parameters.
+        plain: the plain estimate.
+        stack: the fitted rows.
+        alone: the best possible parameters without a residual model, (p,).
+        knowledge: how well each parameter is known, (p,).
+        error: the model error in force, None without.
+        physical: whether the possible parameters are.
+    """
+    findings = []
+    count = knowledge.count(NOT_DETERMINED)
+    many_open = count / len(knowledge) > tuning.MANY_OPEN
+    poses = random_poses(base.robot, tuning.ALARM_POSES)
+    share = indefinite_share(
+        lambda q, qd, qdd: base.observer.torque(plain.theta, q, qd, qdd), poses
+    )
+    if share:
+        cause = (
+            "too little motion, or a wrong sign or offset under `driver:`"
+            if many_open
+            else "check sign and offset of each joint under `driver:` in the robot file"
+        )
+        level = "info" if physical or many_open else "warning"
+        text = f"the mass matrix of least squares is not positive definite in {100 * share:.0f} % of poses: {cause}"
+        findings.append(Finding("W405", level, text, {"share": share}))
+    findings += _unexplained(base, plain, joint_rms(*stack.whole, alone), error)
+    if many_open:
+        consequence = (
+            "their values come mostly from the prior"
+            if physical
+            else "least squares hold for motions like this one only; for others use --feasible"
+        )
+        text = (
+            f"{count} of {len(knowledge)} base parameters are not determined by this log: "
+            f"{consequence}"
+        )
+        findings.append(Finding("W406", "warning", text, {"share": count / len(knowledge)}))
+    return findings
+
+
+def _unexplained(
+    base: BaseModel, plain: Fit, rms: Floats, error: ModelError | None
+) -> list[Finding]:
+    """Say which joints have torques that no possible parameters make, whose residual is rms, (n,) [N m or N]."""
+    growth = rms / np.maximum(plain.rms, 1e-12)
+    worst = int(np.argmax(growth))
+    unexplained = growth[worst] > tuning.CONTRADICTION and rms[worst] > plain.rms[worst] + 1e-6
+    findings, texts = [], {}
+    if error is not None and len(error.free):
+        texts = dict.fromkeys(
+            error.free.tolist(),
+            "{} has a large torque that depends on its position and that links cannot make (a spring, a "
+            "counterbalance?): the residual model predicts it, the parameters do not; dynid gap may name it",
+        )
+    elif unexplained and (error is None or not error.apart.any()):
+        texts[worst] = (
+            f"physically consistent parameters fit {{}} worse than least squares: torque error {rms[worst]:.3g} "
+            f"instead of {plain.rms[worst]:.3g} N m; look for a missing effect (dynid gap), units, signs, payload"
+        )
+    for j, text in texts.items():
+        joint = base.robot.joint_names[j]
+        facts = {"joint": joint, "growth": float(growth[j])}
+        findings.append(Finding("W404", "warning", text.format(joint), facts))
+    return findings
