@@ -22,7 +22,8 @@ from scipy import signal
 import study
 from arms import cylinder, pinocchio_model
 from dynid import BaseModel, Log, Motion, Robot, load_robot
-from dynid.estimation.estimators import METHODS, choose
+from dynid.estimation.estimators import choose
+from dynid.estimation.estimators import fitted as estimated
 from dynid.estimation.least_squares import ordinary, relative_error
 from dynid.estimation.possible_set import body_parameters, pseudo_inertia
 from dynid.estimation.posterior import physical_posterior
@@ -231,9 +232,9 @@ def one(name, regime, draw):
     found = {"OLS 50 Hz": butterworth(arm, log)}
     for method in PLAIN:
         start = time.perf_counter()
-        each = METHODS[method](replace(rows), prior)
+        each = estimated(replace(rows), method, prior)
         seconds = made + time.perf_counter() - start
-        again = partial(METHODS[method], prior=prior)
+        again = partial(estimated, method=method, prior=prior)
         whole = physical_posterior(arm.base, each, rows, refit=again, residual_model=False).theta
         fitted = relative_error(rows.whole[0], each.theta)
         found[method] = figures(arm, each.theta, each.covariance, fitted, seconds, whole)

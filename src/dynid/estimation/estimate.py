@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynid.errors import NothingChanged, WeakInstruments, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.covariance import NOT_DETERMINED, judge
-from dynid.estimation.estimators import METHODS, choose
+from dynid.estimation.estimators import choose, fitted
 from dynid.estimation.findings import (
     apart_findings,
     excitation_findings,
@@ -140,7 +140,7 @@ def estimate(
     Args:
         stack: the stacked logs.
         base: model and base parameters.
-        method: a name in ``METHODS``, or ``"auto"``.
+        method: an estimator of ``fitted``, or ``"auto"``.
         holdout: what is held out, None for nothing.
         drop_weak: go on when the logs do not determine all base parameters.
         feasible: predict with the possible parameters, or with the plain estimate; None takes the possible ones unless
@@ -155,7 +155,7 @@ def estimate(
     """
     prior = prior_base_parameters(base.model, base.reduction)
     name, why = choose(stack) if method == "auto" else (method, "as asked")
-    plain = METHODS[name](stack, prior)
+    plain = fitted(stack, name, prior)
     if name == "iv":
         _require_followed(stack, plain)
     physical = method == "auto" if feasible is None else feasible
@@ -163,7 +163,7 @@ def estimate(
     def refit(part: Stack) -> Fit:
         # Why also where one was asked for: joints that are left out leave parameters open.
         chosen = choose(part)[0] if method == "auto" or part.first_fit.leaves_open else method
-        return METHODS[chosen](part, prior)
+        return fitted(part, chosen, prior)
 
     def in_force(post: Posterior, fit: Fit) -> Posterior:
         none = post.changes[:, :0]
@@ -182,7 +182,7 @@ def estimate(
     held_rms, held_percent = None, None
     if holdout is not None:
         train, test, _ = holdout
-        fit, error = METHODS[name](train, prior), used.error
+        fit, error = fitted(train, name, prior), used.error
         if physical:
             again = physical_posterior(
                 base, fit, train, refit=refit, residual_model=error is not None, like=error

@@ -12,9 +12,7 @@ instrumental variable approach for industrial robot identification" (IV).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +20,7 @@ from numpy.typing import NDArray
 from dynid.errors import RankDeficient, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance, widened
-from dynid.estimation.least_squares import Fit, merge, ordinary, ridge, solve, weighted
+from dynid.estimation.least_squares import Fit, merge, ordinary, solve, weighted
 from dynid.estimation.rows import Rows, robust_noise
 from dynid.estimation.stack import Stack
 
@@ -41,13 +39,12 @@ def look_for_spikes(rows: Rows, theta: Floats) -> tuple[Floats, bool]:
         Share of spikes of each joint, (n,), and whether the robust fit is worth its small loss of efficiency: many
         spikes and heavy tails at a joint.
     """
-    left, count = rows.residual(theta) / robust_noise(rows, theta), np.maximum(rows.counts, 1)
-    beyond = np.sum(np.abs(left) > tuning.SPIKE_ERRORS, axis=0) / count
-    left = np.where(rows.use, left - left.sum(axis=0) / count, 0.0)
-    square, fourth = (np.sum(left**power, axis=0) / count for power in (2, 4))
-    tails = fourth / np.maximum(square**2, 1e-300)
-    found = (beyond > tuning.SPIKE_SHARE) & (tails > tuning.SPIKE_KURTOSIS)
-    return beyond, bool(np.any(found))
+    scaled, count = rows.residual(theta) / robust_noise(rows, theta), np.maximum(rows.counts, 1)
+    shares = np.sum(np.abs(scaled) > tuning.SPIKE_ERRORS, axis=0) / count
+    centred = np.where(rows.use, scaled - scaled.sum(axis=0) / count, 0.0)
+    square, fourth = (np.sum(centred**power, axis=0) / count for power in (2, 4))
+    heavy = fourth > tuning.SPIKE_KURTOSIS * np.maximum(square**2, 1e-300)
+    return shares, bool(np.any((shares > tuning.SPIKE_SHARE) & heavy))
 
 
 def huber(rows: Rows, start: Fit, max_rounds: int = 50) -> Fit:
@@ -61,21 +58,17 @@ def huber(rows: Rows, start: Fit, max_rounds: int = 50) -> Fit:
     Returns:
         The fit, with the robust standard deviation of each joint; its covariance is that of white residuals.
     """
-    theta, rounds = np.array(start.theta, dtype=float), 0
-    while True:
-        noise = np.where(
-            start.counts < tuning.NOISE_LEAST_ROWS, start.noise, robust_noise(rows, theta)
-        )
-        factors = rows.factors(np.sqrt(huber_weight(rows.residual(theta), noise)))
-        R = merge(factors, 1.0 / noise)
+    theta, few = start.theta, start.counts < tuning.NOISE_LEAST_ROWS
+    for _ in range(max_rounds):
+        noise = np.where(few, start.noise, robust_noise(rows, theta))
+        R = merge(rows.factors(np.sqrt(huber_weight(rows.residual(theta), noise))), 1.0 / noise)
         solution = solve(R)
-        change, theta, rounds = solution.theta - theta, solution.theta, rounds + 1
+        change, theta = solution.theta - theta, solution.theta
         # Why not each parameter by its error: of those that the rows leave open both are rounding.
         moved = np.linalg.norm(R[:-1, :-1] @ change) / np.sqrt(max(1, solution.rank))
-        if moved < tuning.HUBER_SETTLED or rounds == max_rounds:
-            return replace(
-                start, method="irls", theta=theta, noise=noise, covariance=solution.inverse
-            )
+        if moved < tuning.HUBER_SETTLED:
+            break
+    return replace(start, method="irls", theta=theta, noise=noise, covariance=solution.inverse)
 
 
 def huber_weight(residual: Floats, noise: Floats) -> Floats:
@@ -83,7 +76,6 @@ def huber_weight(residual: Floats, noise: Floats) -> Floats:
     return np.minimum(1.0, tuning.HUBER / np.maximum(np.abs(residual / noise), 1e-12))
 
 
-# ---------------------------------------------------------------- instruments
 def instrumental(rows: Rows, plain: Fit, max_rounds: int = 50) -> Fit:
     """Estimate with the instruments that come with the rows, with little weight for spikes (Huber).
 
@@ -98,9 +90,9 @@ def instrumental(rows: Rows, plain: Fit, max_rounds: int = 50) -> Fit:
     Raises:
         RankDeficient: the instruments do not move with the regressor.
     """
-    noise, theta, weight = np.ones(len(plain.noise)), np.zeros(0), rows.use * 1.0
+    noise, weight = np.ones(len(plain.noise)), rows.use * 1.0
     for k in range(max_rounds):
-        theta = _solved(rows, weight / noise**2)
+        theta = _by_instruments(rows, weight / noise**2)
         before, noise = noise, robust_noise(rows, theta)
         if k and np.all(np.abs(noise - before) <= 1e-4 * before):
             break
@@ -116,74 +108,67 @@ def instrumental(rows: Rows, plain: Fit, max_rounds: int = 50) -> Fit:
     )
 
 
-def _solved(rows: Rows, weight: Floats) -> Floats:
+def _by_instruments(rows: Rows, weight: Floats) -> Floats:
     """Return (Z^T S W)^-1 Z^T S tau, (p,), with weights of the rows, (M, n)."""
-    left, right = np.zeros((rows.size, rows.size)), np.zeros(rows.size)
+    ZW, Ztau = np.zeros((rows.size, rows.size)), np.zeros(rows.size)
     for j in range(weight.shape[1]):
         Z = rows.instruments(j) * weight[:, [j]]
-        left += Z.T @ rows.W[:, j]
-        right += Z.T @ rows.tau[:, j]
-    scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(left)), np.finfo(float).tiny))
-    scaled = scale[:, None] * left * scale
+        ZW += Z.T @ rows.W[:, j]
+        Ztau += Z.T @ rows.tau[:, j]
+    scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(ZW)), np.finfo(float).tiny))
+    scaled = scale[:, None] * ZW * scale
     condition = float(np.linalg.cond(scaled))
     if not condition < tuning.INSTRUMENTS_WORST_CONDITION:
         raise RankDeficient(
             f"the commanded motion does not follow the measured one: condition number {condition:.1e}",
             fix="use --method wls, or check that the log's commanded positions belong to this recording",
         )
-    return np.asarray(scale * np.linalg.solve(scaled, scale * right))
+    return np.asarray(scale * np.linalg.solve(scaled, scale * Ztau))
 
 
 # ---------------------------------------------------------------- the estimators
-#: From stacked logs and the prior's base parameters, (p,), NaN where it says nothing, to parameters with error bars.
-Estimator: TypeAlias = Callable[[Stack, Floats], Fit]
+def fitted(stack: Stack, method: str, prior: Floats | None = None) -> Fit:
+    """Return what an estimator makes of a stack, with a covariance that allows for coloured residuals.
 
-
-def ols(stack: Stack, prior: Floats) -> Fit:
-    """Ordinary least squares, the paper's choice (Eq. 24)."""
-    return _with_covariance(stack, ordinary(*stack.whole))
-
-
-def wls(stack: Stack, prior: Floats) -> Fit:
-    """Least squares with one noise level per joint."""
-    return _with_covariance(stack, weighted(*stack.whole))
-
-
-def irls(stack: Stack, prior: Floats) -> Fit:
-    """Least squares in which spikes have little weight (Huber)."""
-    return _with_covariance(stack, huber(stack.rows, stack.first_fit), robust=True)
-
-
-def iv(stack: Stack, prior: Floats) -> Fit:
-    """Instrumental variables from the commanded motion, which knows nothing of the encoders' noise."""
-    if not all(each.command_q.size for log in stack.logs for each in log.segments):
-        raise WrongUsage(
-            "--method iv needs the commanded motion, and the log has none (q_ref)",
-            fix="use --method wls, or a log recorded by dynid record",
-        )
-    return instrumental(stack.instrumented, stack.first_fit)
-
-
-def ridge_to_prior(stack: Stack, prior: Floats) -> Fit:
-    """Weighted pseudo-inverse with prior data, in base parameters (the paper's last remark on estimation)."""
-    known = np.nan_to_num(prior)
-    spread = np.maximum(
-        tuning.RIDGE_SPREAD * np.abs(known),
-        tuning.RIDGE_FLOOR * max(1.0, float(np.abs(known).max())),
-    )
-    return ridge(
-        *stack.whole, known, np.diag(np.where(np.isnan(prior), 1e3 * spread.max(), spread) ** 2)
-    )
-
-
-#: The estimators by name.
-METHODS: dict[str, Estimator] = {
-    "wls": wls,
-    "ols": ols,
-    "irls": irls,
-    "iv": iv,
-    "ridge": ridge_to_prior,
-}
+    Args:
+        stack: the stacked logs.
+        method: ``"wls"`` with one noise level per joint, ``"ols"`` (the paper's choice, Eq. 24), ``"irls"`` with little
+            weight for spikes, ``"iv"`` with the commanded motion as instruments, which knows nothing of the encoders'
+            noise, or ``"ridge"``, the weighted pseudo-inverse with prior data (the paper's last remark on estimation).
+        prior: prior base parameters, which ridge needs, (p,), NaN where nothing is known.
+    """
+    (factors, counts), rows, earlier = stack.whole, stack.rows, stack.earlier
+    if method == "iv":
+        if not all(each.command_q.size for log in stack.logs for each in log.segments):
+            raise WrongUsage(
+                "--method iv needs the commanded motion, and the log has none (q_ref)",
+                fix="use --method wls, or a log recorded by dynid record",
+            )
+        return instrumental(stack.instrumented, stack.first_fit)
+    if method == "ridge" and prior is not None:
+        known = np.nan_to_num(prior)
+        floor = tuning.RIDGE_FLOOR * max(1.0, float(np.abs(known).max()))
+        spread = np.maximum(tuning.RIDGE_SPREAD * np.abs(known), floor)
+        spread = np.where(np.isnan(prior), 1e3 * spread.max(), spread)
+        near = np.column_stack([np.diag(1.0 / spread), known / spread])
+        return replace(weighted(factors, counts, near), method="ridge")
+    if method == "irls":
+        fit = huber(rows, stack.first_fit)
+    else:
+        fit = ordinary(factors, counts) if method == "ols" else weighted(factors, counts)
+    fit, robust = replace(fit, factors=factors, counts=counts), method == "irls"
+    inverse = fit.solution.inverse
+    if earlier is not None:
+        # The scores of old and new logs vary independently.
+        R = earlier.whitened[:-1, :-1]
+        sensitivity = inverse @ R.T @ R
+        new = hac_covariance(rows, fit.theta, fit.noise, bread=inverse)
+        return replace(fit, covariance=sensitivity @ earlier.covariance @ sensitivity.T + new)
+    # Why a pseudo-inverse where the rank is short: what coloured residuals are worth shows in the other directions.
+    bread = None if robust and not fit.leaves_open else inverse
+    covariance = hac_covariance(rows, fit.theta, fit.noise, robust=robust, bread=bread)
+    wide = inverse if fit.leaves_open else widened(rows, fit, covariance)
+    return replace(fit, covariance=wide, uncorrected=covariance)
 
 
 def choose(stack: Stack) -> tuple[str, str]:
@@ -195,29 +180,3 @@ def choose(stack: Stack) -> tuple[str, str]:
         share = f"up to {100 * float(np.max(shares)):.1f} % of a joint's samples"
         return "irls", f"the residual has spikes ({share}), which get little weight"
     return "wls", "no spikes in the residual"
-
-
-def _with_covariance(stack: Stack, fit: Fit, *, robust: bool = False) -> Fit:
-    """Return a fit with the factors of all rows as they are, and a covariance that allows for coloured residuals."""
-    factors, counts = stack.whole
-    fit = replace(fit, factors=factors, counts=counts)
-    if stack.earlier is not None:
-        return replace(fit, covariance=_with_earlier(stack, stack.earlier, fit))
-    # Why a pseudo-inverse where the rank is short: what coloured residuals are worth shows in the other directions.
-    bread = None if robust and not fit.leaves_open else fit.solution.inverse
-    rows = stack.rows
-    covariance = hac_covariance(rows, fit.theta, fit.noise, robust=robust, bread=bread)
-    return replace(
-        fit,
-        covariance=fit.solution.inverse if fit.leaves_open else widened(rows, fit, covariance),
-        uncorrected=covariance,
-    )
-
-
-def _with_earlier(stack: Stack, earlier: Fit, fit: Fit) -> Floats:
-    """Return the covariance of an updated estimate: the scores of old and new logs vary independently."""
-    bread = fit.solution.inverse
-    old = merge(earlier.factors, 1.0 / earlier.noise)[:-1, :-1]
-    sensitivity = bread @ old.T @ old
-    new = hac_covariance(stack.rows, fit.theta, fit.noise, bread=bread)
-    return np.asarray(sensitivity @ earlier.covariance @ sensitivity.T + new)

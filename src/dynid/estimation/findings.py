@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from dynid.errors import Finding, PoorlyExcited, RankDeficient
 from dynid.estimation import tuning
 from dynid.estimation.covariance import NOT_DETERMINED
-from dynid.estimation.estimators import wls
+from dynid.estimation.estimators import fitted
 from dynid.estimation.least_squares import Fit, joint_rms
 from dynid.estimation.payload import friction
 from dynid.estimation.residual_model import ModelError
@@ -34,7 +34,7 @@ def weakly_excited(base: BaseModel, stack: Stack, prior: Floats) -> list[Finding
     Returns:
         Finding W402, which names the worst.
     """
-    fit = wls(stack, prior)
+    fit = fitted(stack, "wls")
     error = np.where(fit.open, np.inf, np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)))
     size = np.maximum(np.abs(fit.theta), np.abs(np.nan_to_num(prior)))
     relative = error / np.maximum(size, np.finfo(float).tiny)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -218,7 +218,12 @@ def ordinary(factors: Floats, counts: Ints) -> Fit:
         The fit; the noise is the same for all joints, and the covariance is that of white residuals.
     """
     plain = solve(merge(factors))
-    noise = (plain.residual / _freedom(counts.sum(), plain.rank)) ** 0.5
+    total = float(counts.sum())
+    if total <= plain.rank:
+        raise LogTooShort(
+            f"{total:.0f} rows for {plain.rank} parameters", fix="record a longer motion"
+        )
+    noise = (plain.residual / (total - plain.rank)) ** 0.5
     same = np.full(len(counts), max(noise, _floor(factors, counts).min()))
     solution = solve(merge(factors, 1.0 / same))
     return Fit("ols", solution.theta, same, solution.inverse, factors, counts)
@@ -232,42 +237,26 @@ def weighted(
     Args:
         factors: one factor per joint, (n, p + 1, p + 1) [N m or N].
         counts: number of rows of each joint, (n,).
-        prior: factor of prior rows in units of their standard deviation, (p + 1, p + 1); see ``prior_rows``.
+        prior: rows [P pi] of prior parameters pi in units of their standard deviation, (r, p + 1).
         max_rounds: limit of the iteration.
 
     Returns:
         The fit; its covariance is that of white residuals and includes the prior.
     """
+    more = np.zeros((0, factors.shape[-1])) if prior is None else prior
+
+    def solved(noise: Floats) -> Solution:
+        return solve(triangle(np.vstack([merge(factors, 1.0 / noise), more])))
+
     first = ordinary(factors, counts)
     noise = _joint_noise(factors, counts, first.theta, first.noise, first.covariance)
     for _ in range(max_rounds):
-        found = _solved(factors, noise, prior)
-        before, noise = noise, _joint_noise(factors, counts, found.theta, noise, found.inverse)
+        solution, before = solved(noise), noise
+        noise = _joint_noise(factors, counts, solution.theta, noise, solution.inverse)
         if np.all(np.abs(noise - before) <= 1e-4 * before):
             break
-    found = _solved(factors, noise, prior)
-    return Fit("wls", found.theta, noise, found.inverse, factors, counts)
-
-
-def ridge(factors: Floats, counts: Ints, prior: Floats, prior_covariance: Floats) -> Fit:
-    """Fit near prior base parameters: the weighted pseudo-inverse with prior data of the paper.
-
-    Args:
-        factors: one factor per joint, (n, p + 1, p + 1) [N m or N].
-        counts: number of rows of each joint, (n,).
-        prior: prior base parameters, (p,), each in its unit.
-        prior_covariance: how well they are known, (p, p), in products of their units.
-
-    Returns:
-        The fit, weighted by joint; its covariance includes the prior.
-    """
-    return replace(weighted(factors, counts, prior_rows(prior, prior_covariance)), method="ridge")
-
-
-def prior_rows(prior: Floats, covariance: Floats) -> Floats:
-    """Return prior parameters, (p,) in their units, with covariance as a factor like whitened rows, (p + 1, p + 1)."""
-    root = np.linalg.inv(np.linalg.cholesky(covariance))
-    return triangle(np.column_stack([root, root @ prior]))
+    solution = solved(noise)
+    return Fit("wls", solution.theta, noise, solution.inverse, factors, counts)
 
 
 def joint_rms(factors: Floats, counts: Ints, theta: Floats) -> Floats:
@@ -282,38 +271,22 @@ def relative_error(factors: Floats, theta: Floats) -> float:
     return float(100.0 * np.linalg.norm(residual) / np.linalg.norm(factors[..., -1]))
 
 
-def _solved(factors: Floats, noise: Floats, prior: Floats | None) -> Solution:
-    whitened = merge(factors, 1.0 / noise)
-    return solve(whitened if prior is None else merge(np.stack([whitened, prior])))
-
-
 def _joint_noise(
     factors: Floats, counts: Ints, theta: Floats, noise: Floats, covariance: Floats
 ) -> Floats:
     """Return residual rms per joint, corrected for the parameters that each joint's own rows have spent."""
     scaled = factors[:, :, :-1] / noise[:, None, None]
     spent = np.einsum("jab,bc,jac->j", scaled, covariance, scaled, optimize=True)
-    rms = joint_rms(factors, counts, theta)
+    free = counts - spent
     # Why: what a joint's few rows leave of its noise says nothing once as many parameters were fitted to them.
-    found = rms * np.sqrt(counts / np.maximum(counts - spent, tuning.LEAST_ROWS_LEFT))
-    return np.asarray(
-        np.maximum(
-            np.where(counts - spent > tuning.LEAST_ROWS_LEFT, found, noise), _floor(factors, counts)
-        )
+    own = joint_rms(factors, counts, theta) * np.sqrt(
+        counts / np.maximum(free, tuning.LEAST_ROWS_LEFT)
     )
+    own = np.where(free > tuning.LEAST_ROWS_LEFT, own, noise)
+    return np.asarray(np.maximum(own, _floor(factors, counts)))
 
 
 def _floor(factors: Floats, counts: Ints) -> Floats:
     """Return the rounding error of each joint's torque: noise-free simulations must not divide by zero."""
-    torque = np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=-1) / np.maximum(counts, 1))
-    return np.asarray(
-        np.maximum(1e-12 * torque, 1e-12 * max(float(torque.max(initial=0.0)), 1e-30))
-    )
-
-
-def _freedom(rows: float, spent: float) -> float:
-    if rows <= spent:
-        raise LogTooShort(
-            f"{rows:.0f} rows for {spent:.0f} parameters", fix="record a longer motion"
-        )
-    return float(rows - spent)
+    torque = joint_rms(factors, counts, np.zeros(factors.shape[-1] - 1))
+    return np.asarray(1e-12 * np.maximum(torque, max(float(torque.max(initial=0.0)), 1e-30)))

@@ -27,7 +27,7 @@ from dynid.estimation.estimate import (
     last_share,
     stack_of_result,
 )
-from dynid.estimation.estimators import wls
+from dynid.estimation.estimators import fitted
 from dynid.estimation.friction_step import LOOKED_AT_S
 from dynid.estimation.least_squares import relative_error
 from dynid.estimation.noise_floor import noise_floor
@@ -54,7 +54,7 @@ from dynid.loading import (
 )
 from dynid.log import Log
 from dynid.model.attached import attached
-from dynid.model.base_model import BaseModel, in_memory, prior_base_parameters
+from dynid.model.base_model import BaseModel, in_memory
 from dynid.model.regressor import expected_torque
 from dynid.options import LogOptions
 from dynid.progress import Progress, heard_by, notice, stage
@@ -268,7 +268,7 @@ def _unexplained(robot: Robot, logs: Sequence[Log], options: LogOptions) -> floa
     """Return the relative torque error on logs with the links of an arm [%]."""
     base = in_memory(replace(robot, prior=None, estimated_coulomb=None))
     stack = stack_logs(condition_logs(logs, base.model, options), base)
-    fit = wls(stack, prior_base_parameters(base.model, base.reduction))
+    fit = fitted(stack, "wls")
     return relative_error(stack.whole[0], fit.theta)
 
 

@@ -10,7 +10,6 @@ from dynid.estimation.least_squares import (
     condition_number,
     merge,
     ordinary,
-    ridge,
     solve,
     weighted,
 )
@@ -62,11 +61,12 @@ def test_noise_is_unbiased_although_few_rows_fit_many_parameters():
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.08)
 
 
-def test_ridge_is_the_bayesian_posterior_mean():
+def test_with_prior_rows_it_is_the_bayesian_posterior_mean():
     W, tau = rows(50)
     prior, covariance = TRUTH + 0.3, np.diag([0.1, 0.2, 0.1, 0.4, 0.1]) ** 2
     covariance[0, 1] = covariance[1, 0] = 0.01
-    fit = ridge(*factors(W, tau), prior, covariance)
+    root = np.linalg.inv(np.linalg.cholesky(covariance))
+    fit = weighted(*factors(W, tau), np.column_stack([root, root @ prior]))
     X, y = (W / fit.noise[:, None]).reshape(-1, 5), (tau / fit.noise).ravel()
     precision = X.T @ X + np.linalg.inv(covariance)
     assert np.allclose(

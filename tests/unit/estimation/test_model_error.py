@@ -8,7 +8,7 @@ from test_stack import simulated, stacked, truth
 
 import models
 from dynid.estimation import tuning
-from dynid.estimation.estimators import irls, wls
+from dynid.estimation.estimators import fitted as estimated
 from dynid.estimation.factor import Factor
 from dynid.estimation.posterior import physical_posterior
 from dynid.estimation.residual_model import (
@@ -20,12 +20,11 @@ from dynid.estimation.residual_model import (
     squares,
     torque_variance,
 )
-from dynid.model.base_model import prior_base_parameters
 
 
-def again(base):
-    """Return what estimates the rows of some joints anew."""
-    return lambda part: wls(part, prior_base_parameters(base.model, base.reduction))
+def again(part):
+    """Estimate the rows of some joints anew."""
+    return estimated(part, "wls")
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +45,7 @@ def hidden(base, seed, noise=0.05):
 def fitted(base):
     """The rows of a log with something hidden, their estimate, and both for the residual model."""
     stack = stacked(base, hidden(base, 0))
-    estimate = again(base)(stack)
+    estimate = again(stack)
     rows = JointRows.of(base, stack, estimate, estimate.theta, np.zeros(base.robot.n))
     return (
         stack,
@@ -56,7 +55,7 @@ def fitted(base):
 
 
 def posterior(base, stack, estimate):
-    return physical_posterior(base, estimate, stack, refit=again(base), residual_model=None)
+    return physical_posterior(base, estimate, stack, refit=again, residual_model=None)
 
 
 def all_unknowns(rows, size, released=None):
@@ -124,7 +123,7 @@ def test_a_hidden_friction_is_found_and_predicted_on_another_motion(base, fitted
 
 def test_an_arm_with_a_complete_model_has_no_model_error(base):
     stack = stacked(base, simulated(base, noise=0.05), cutoff=15.0)
-    post = posterior(base, stack, again(base)(stack))
+    post = posterior(base, stack, again(stack))
     assert post.error is None
     true = base.reduction.K @ truth(base)
     z = np.abs(post.theta - true) / np.sqrt(np.diag(post.covariance))
@@ -152,5 +151,5 @@ def test_spikes_are_not_taken_for_friction(base):
         replace(log, tau=log.tau + hit * rng.choice([-30.0, 30.0], log.tau.shape)),
         cutoff=15.0,
     )
-    estimate = irls(spiky, prior_base_parameters(base.model, base.reduction))
+    estimate = estimated(spiky, "irls")
     assert posterior(base, spiky, estimate).error is None

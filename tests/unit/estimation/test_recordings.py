@@ -8,7 +8,7 @@ from test_stack import simulated, stacked
 
 import models
 from dynid.estimation import tuning
-from dynid.estimation.estimators import wls
+from dynid.estimation.estimators import fitted as estimated
 from dynid.estimation.recordings import Parts
 
 
@@ -19,7 +19,7 @@ def scara():
 
 def fitted(base, log):
     stack = stacked(base, log)
-    return stack, wls(stack, np.full(len(base.names), np.nan))
+    return stack, estimated(stack, "wls")
 
 
 def asked(stack, fit, like):
