@@ -69,7 +69,7 @@ def drive(
         raise NotSimulated(f"{engine} refuses the arm: {error}", why=FAR) from error
     fine = np.minimum(t[0] + dt / steps * np.arange(steps * len(t)), t[-1])
     wanted = make_interp_spline(t, np.hstack([q, qd, tau]), k=1)(fine)
-    positions, added, here = list[Floats](), list[Floats](), (q[0], qd[0])
+    positions, added, here = [], [], (q[0], qd[0])
     try:
         for k, row in enumerate(wanted):
             goal, speed, push = np.split(row, 3)

@@ -25,7 +25,7 @@ def own_torques(arm: IdentifiedArm, values: Mapping[str, float]) -> Torques:
     model = Model(replace(arm.robot, links=()), arm.base.model.rigid)
     gamma = np.array([values.get(name, 0.0) for name in model.parameter_names])
     every = np.arange(model.size)
-    return lambda q, qd, qdd: np.asarray(with_effects(arm, model, every, (q, qd, qdd)) @ gamma)
+    return lambda q, qd, qdd: with_effects(arm, model, every, (q, qd, qdd)) @ gamma
 
 
 def module(name: str) -> Any | None:  # noqa: ANN401 - engines have no types

@@ -71,9 +71,9 @@ class Simulated:
 def simulated(arm: IdentifiedArm) -> Simulated:
     """Return where each effect of an arm goes."""
     names, bodies, drives = arm.robot.joint_names, list(arm.full.bodies), dict(arm.full.drives)
-    in_numbers, elements, arm_effects = list[str](), list[str](), list[Added]()
-    springs: dict[int, dict[str, str]] = {}
-    columns: list[tuple[Column, float, bool]] = []
+    in_numbers, elements, arm_effects = [], [], []
+    springs = {}
+    columns = []
     for added in arm.base.model.added:
         target, sizes = added.effect.more_of, arm.full.sizes(added)
         if target:

@@ -67,7 +67,7 @@ def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
     sign, offset = np.array(mapping.sign), np.array(mapping.offset)
 
     def theirs(q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        return np.asarray(sign * torques(sign * (q - offset), sign * qd, sign * qdd))
+        return sign * torques(sign * (q - offset), sign * qd, sign * qdd)
 
     return Loaded(engine, "rigid body", theirs, own_torques(arm, numbers_of(arm)))
 

@@ -38,7 +38,7 @@ def rewritten(path: Path, arm: IdentifiedArm, full: FullModel) -> str:
     """
     place = attached(path, arm.robot)
     moving = [joint.name for joint in place.urdf.joints if joint.moves]
-    new: dict[str, tuple[Body, str]] = {}
+    new = {}
     for i, (joint, body) in enumerate(zip(place.joints, full.bodies, strict=True), start=1):
         own, emptied = _own_share(place, joint.child, moved(body, place.to_dh[i - 1]))
         new[joint.child] = (own, full.origin_of_link(i))

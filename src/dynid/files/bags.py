@@ -56,7 +56,7 @@ def read_topics(
         TooLarge: a chunk unpacks like a bomb.
     """
     collectors: dict[str, Collector] = {}
-    reasons: list[str] = []
+    reasons = []
     for part in parts_of(path):
         try:
             for some in _scan(part, names):

@@ -48,7 +48,7 @@ USUAL_ROBOTS = {
 
 def known_robots() -> dict[str, Path]:
     """Return the robots in ./robots and inside the package by name; ./robots wins."""
-    robots: dict[str, Path] = {}
+    robots = {}
     for folder in (packaged("robots"), Path("robots")):
         for path in sorted(folder.rglob("*.yaml")):
             robots[path.relative_to(folder).with_suffix("").as_posix()] = path

@@ -177,7 +177,7 @@ def read_joints(value: Value) -> tuple[Joint, ...]:
         raise value.wrong(f": {len(items)} joints; a robot has at most {MOST_JOINTS}")
     if not items:
         raise value.wrong(" is empty")
-    joints: dict[str, Joint] = {}
+    joints = {}
     for number, item in enumerate(items, start=1):
         kind = item.entries().get("type")
         revolute = kind is None or kind.text() != "prismatic"

@@ -116,7 +116,7 @@ def text_table(path: Path) -> TextTable:
         LogNotFound: it cannot be read, or is no text.
         LogLayout: the header names another number of columns than the rows have.
     """
-    head: list[tuple[int, str]] = []
+    head = []
     rows: list[str] = []
     start = 0
     for number, line in lines_of(path):
@@ -152,7 +152,7 @@ def _header(table: TextTable, head: Sequence[tuple[int, str]]) -> tuple[Words, W
     fits = {n, n - (n > 1 and not table.first[-1])}
     texts: list[Words] = []
     comments: list[Words] = [()]
-    wrong: list[tuple[int, int]] = []
+    wrong = []
     for number, line in head:
         words = tuple(cells_of(line.lstrip("#% "), table.delimiter))
         if len(words) - 1 in fits and not words[-1]:

@@ -60,7 +60,7 @@ class UrdfJoint:
             x, y, z = self.axis
             K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
             pose[:3, :3] = np.eye(3) + math.sin(q) * K + (1 - math.cos(q)) * K @ K
-        return np.asarray(self.origin @ pose)
+        return self.origin @ pose
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Urdf:
             link: name of a link.
             stop: names of joints that are not followed.
         """
-        chain, queue = list[tuple[UrdfJoint, Floats]](), [(link, np.eye(4))]
+        chain, queue = [], [(link, np.eye(4))]
         while queue:
             name, pose = queue.pop(0)
             for joint in self.joints:

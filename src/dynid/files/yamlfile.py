@@ -110,7 +110,7 @@ class Value:
             raise WrongRobotFile(
                 f"{self.path or 'the file'} must have keys ({', '.join(known)})", where=self.where
             )
-        values: dict[str, Value] = {}
+        values = {}
         for key_node, node in self.node.value:
             given, line = str(key_node.value), f"{self.file}:{key_node.start_mark.line + 1}"
             usual = USUAL_KEYS.get(given, given)

@@ -104,7 +104,7 @@ def derive(robot: Robot) -> Program:
     w = dw = np.array([0, 0, 0], dtype=object)
     # Why: an upward acceleration of the base replaces gravity on every link.
     dv = np.array([-inputs[f"g{x}"] if g else 0 for x, g in zip("xyz", robot.gravity, strict=True)])
-    steps = list[Step]()
+    steps = []
     for i, joint in enumerate(robot.joints):
         steps.append(_step(robot, i, inputs))
         R, r, z = steps[i]

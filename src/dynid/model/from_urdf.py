@@ -77,7 +77,7 @@ def ends_of(urdf: Urdf, base: str | None, tip: str | None) -> tuple[str, str]:
 
 def _chains(urdf: Urdf, joint: UrdfJoint) -> tuple[int, list[str]]:
     """Return the number of moving joints in the longest chain that begins with one, and the last links of all."""
-    count, layer, tips = 0, [joint], list[str]()
+    count, layer, tips = 0, [joint], []
     while layer:
         ahead = [(one.child, _next_moving(urdf, one.child)) for one in layer]
         tips += [link for link, more in ahead if not more]
@@ -229,7 +229,7 @@ def _across(direction: Floats, z: Floats) -> Floats | None:
     """Return the part of a direction across z as a unit vector, None when it is along z."""
     rest = direction - z * (z @ direction)
     size = float(np.linalg.norm(rest))
-    return None if size < 1e-6 else np.asarray(rest / size)
+    return None if size < 1e-6 else rest / size
 
 
 def _frame(x: Floats, z: Floats, origin: Floats) -> Floats:
@@ -267,7 +267,7 @@ def _bodies(
 ) -> tuple[tuple[Body, ...], list[Finding]]:
     """Return one body a link in its DH frame: the link's own and all that hangs on it up to the next joint."""
     names = [joint.name for joint in moving]
-    bodies, findings, changed, empty = list[Body](), list[Finding](), list[str](), list[str]()
+    bodies, findings, changed, empty = [], [], [], []
     for i, joint in enumerate(moving, start=1):
         to_dh = np.linalg.inv(dh[i - 1]) @ poses[joint.child]
         behind = urdf.behind(joint.child, names)

@@ -140,7 +140,7 @@ def bound(
     fixed = geometry(robot)
     value = [fixed.get(name) for name in program.inputs]
     moving = [(slot, name) for slot, name in enumerate(program.inputs) if value[slot] is None]
-    steps: list[Step] = []
+    steps = []
     for op, lhs, rhs in np.stack([program.op, program.lhs, program.rhs], axis=1).tolist():
         a, b = value[lhs], 0.0 if op == NEG else value[rhs]
         if a is None or b is None:

@@ -202,7 +202,7 @@ class Observer:
     def _friction_entries(
         self, qd: Floats, qdd: Floats, coulomb_sign: Floats | None
     ) -> list[Floats]:
-        columns = list[Floats]()
+        columns = []
         for parameter in self._friction:
             if coulomb_sign is not None and parameter.kind == "fc":
                 columns.append(coulomb_sign[:, parameter.number - 1])

@@ -134,7 +134,7 @@ def _value(formula: Expr, numbers: Mapping[str, float]) -> float:
 def _rules(model: Model, still: bool) -> dict[int, Shares]:
     """Return columns of a link that pass through its joint, by those of it and of the link before."""
     robot, at = model.robot, {int(full): k for k, full in enumerate(model.link_columns)}
-    rules: dict[int, Shares] = {}
+    rules = {}
     for link, joint in enumerate(robot.joints):
         places, number = list(range(11 * link, 11 * link + 11)), link + 1
         if link:

@@ -159,7 +159,7 @@ def check_limits(robot: Robot, played: PlayedMotion) -> tuple[str, float]:
 
 
 def _violations(robot: Robot, played: PlayedMotion) -> list[Violation]:
-    motion, violations = played.motion, list[Violation]()
+    motion, violations = played.motion, []
     for j, joint in enumerate(robot.joints):
         limits = joint.limits
         low, high = limits.position or (-np.inf, np.inf)

@@ -144,7 +144,7 @@ class SimulatedKinova(SimulatedDriver):
 def doubled(qd: Floats) -> Floats:
     """Return velocities, (n,) [rad/s], as kinova-ros publishes them: doubled, then wrapped above 180 deg/s."""
     degrees = 2 * np.degrees(qd)
-    return np.asarray(np.radians(np.where(degrees > 180, degrees - 360, degrees)))
+    return np.radians(np.where(degrees > 180, degrees - 360, degrees))
 
 
 class SimulatedController(SimulatedDriver):

@@ -171,7 +171,7 @@ class World:
         view = bullet.computeViewMatrixFromYawPitchRoll(target.tolist(), distance, YAW, PITCH, 0, 2)
         projection = bullet.computeProjectionMatrixFOV(VIEW, WIDTH / HEIGHT, 0.05, 3 * distance)
         light = {"lightDirection": [1, -1, 2], "shadow": 1, "renderer": bullet.ER_TINY_RENDERER}
-        pictures: list[Picture] = []
+        pictures = []
         for k in np.linspace(0, len(job.q) - 1, job.pictures).round().astype(int):
             self._set_pose(job.q[k])
             image = bullet.getCameraImage(WIDTH, HEIGHT, view, projection, **light)[2]

@@ -240,7 +240,7 @@ def torque_violations(
         t: their times, (N,) [s].
         alpha: speed factor at which all torques fit; None when there is none.
     """
-    violations = list[Violation]()
+    violations = []
     for joint, most, own in zip(robot.joints, limit.tolist(), tau.T, strict=True):
         within = -most, most, tuning.LIMIT_ROUNDING_SHARE * most
         violations += range_violations(joint, "torque", t, own, within, alpha)

@@ -245,7 +245,7 @@ def separate(
         return least, best
 
     end = time.monotonic() + limit
-    climbs: list[tuple[float, Floats]] = []
+    climbs = []
     ended: End = "all starts"
     finished = 0
     try:

@@ -178,7 +178,7 @@ def value_of(node: Node, motion: ArmMotion, own: int) -> Floats:
         return sign_of(motion, speed.joint - 1 if speed.joint else own)
     parts = [value_of(part, motion, own) for part in node.parts]
     if node.head == "^":
-        return np.asarray(parts[0] ** node.value)
+        return parts[0] ** node.value
     if node.head == "clip":
         return np.clip(parts[0], -node.value, node.value)
     if node.head in FUNCTIONS:
