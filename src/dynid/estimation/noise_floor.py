@@ -55,7 +55,7 @@ def noise_floor(stack: Stack, theta: Floats, error: ModelError | None = None) ->
     if seconds >= tuning.SHORTEST_REPEAT_S:
         return NoiseFloor(_rms(differences), float(seconds))
     left = [(left, use) for _, left, use in parts if len(left) >= tuning.SPECTRUM_ROWS]
-    return NoiseFloor(_from_spectrum(left, chosen), 0.0) if left else None
+    return NoiseFloor(floor_from_spectrum(left, chosen), 0.0) if left else None
 
 
 def _parts(stack: Stack, theta: Floats, error: ModelError | None) -> Iterator[Part]:
@@ -135,8 +135,15 @@ def _rms(parts: Iterable[tuple[Floats, NDArray[np.bool_]]]) -> Floats:
     return np.asarray(np.sqrt(squares / np.maximum(1, sum(use.sum(axis=0) for _, use in parts))))
 
 
-def _from_spectrum(parts: Sequence[tuple[Floats, NDArray[np.bool_]]], chosen: Filter) -> Floats:
-    """Return the rms that white noise has after the filter, which is as high as the upper part of its pass band."""
+def floor_from_spectrum(
+    parts: Sequence[tuple[Floats, NDArray[np.bool_]]], chosen: Filter
+) -> Floats:
+    """Return the rms that white noise has after the filter, which is as high as the upper part of its pass band, (n,).
+
+    Args:
+        parts: what a model leaves of rows without gaps, and the rows that count, (M, n) each.
+        chosen: the filters that they went through.
+    """
     kernel, step = chosen.second_kernel[0], chosen.second_step
     powers: list[Floats] = []
     for left, _ in parts:

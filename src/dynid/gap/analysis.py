@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.errors import PackageMissing
 from dynid.estimation.least_squares import solvable
 from dynid.gap.candidates import SelectionOptions
@@ -14,7 +15,14 @@ from dynid.gap.change import still_changed
 from dynid.gap.counterbalance import counterbalances
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.gap_rows import gap_rows
-from dynid.gap.improvement import HeldOutImprovement, fitted_with, held_out_improvement
+from dynid.gap.held_out import (
+    HeldOutImprovement,
+    HeldOutRows,
+    fitted_with,
+    held_out_improvement,
+    held_out_rows,
+    rms_of,
+)
 from dynid.gap.localisation import JointGap, localise_residual
 from dynid.gap.possible_arm import COUNTERBALANCE
 from dynid.gap.problem import GapProblem, KeptModel, judged_by_possible, make_problem
@@ -22,7 +30,6 @@ from dynid.gap.search import EffectSearch, search_effects
 from dynid.gap.selected_effects import SelectedEffect, with_columns
 from dynid.gap.verdict import GapVerdict, judge, refusal
 from dynid.model.base_model import BaseModel, model_torques
-from dynid.model.effects.interface import Floats
 from dynid.signals.conditioned_log import ConditionedLog
 
 #: Cut-off of the search [Hz]: below, what happens at reversals is gone; above, noise of the positions comes in.
@@ -108,8 +115,7 @@ def with_counterbalances(
         return analysis
     search = analysis.search
     found = counterbalances(search.problem, search.selected, joints)
-    problem = judged_by_possible(search.problem, arm=True)
-    search = replace(search, problem=problem, selected=found)
+    search = replace(search, problem=judged_by_possible(search.problem), selected=found)
     return _proved(analysis.logs, analysis.problem, search, options, simulate=simulate)
 
 
@@ -135,23 +141,28 @@ def _proved(
     # Why not of the same motion: what always was cancels there.
     asked = problem.rows.compared and not problem.same_motion
     changed = still_changed(first, []).joints if asked and effects else None
+    # Why the same noise: it weighs the joints, and another weight is another fit.
+    in_time = replace(first, noise=problem.noise, in_force=problem.in_force)
 
-    def improved(some: Sequence[SelectedEffect]) -> HeldOutImprovement:
+    def held_out(some: Sequence[SelectedEffect]) -> list[HeldOutRows]:
         late = any(one.name == "torque_delay" for one in some)
-        now = problem if late else replace(first, noise=problem.noise, in_force=problem.in_force)
-        return held_out_improvement(first, replace(now, arm=problem.arm), some, search.errors)
+        return held_out_rows(problem if late else in_time, some)
+
+    def error(rows: Sequence[HeldOutRows]) -> float:
+        return float(np.sqrt(np.mean((rms_of(rows) / problem.noise.floor) ** 2)))
 
     while True:
-        improvement, failing = improved(effects), []
+        after, failing = held_out(effects), []
         for one in effects:
-            rest = improved([other for other in effects if other is not one])
-            ratio = improvement.left / max(rest.left, 1e-12)
+            without = held_out([other for other in effects if other is not one])
+            ratio = error(after) / max(error(without), 1e-12)
             if why := refusal(search, one, options.sure, changed, ratio):
                 failing.append((one, why))
         if not failing:
             break
         refused.append(min(failing, key=lambda pair: pair[0].log_odds))
         effects.remove(refused[-1][0])
+    improvement = held_out_improvement(problem, held_out([]), after, search.errors)
     search = replace(search, selected=effects)
     invisible: dict[str, list[int]] = {}
     for (name, where), share in search.visibility.items():

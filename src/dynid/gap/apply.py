@@ -9,13 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.disk import write_text
 from dynid.estimation.stack import Stack, settled, stack_logs
 from dynid.files.robotfile import text_of
-from dynid.gap.record import GapEffect
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.base_model import BaseModel, model_torques
-from dynid.model.effects.interface import Floats
 from dynid.model.reduce import with_added
 from dynid.model.regressor import Model
 from dynid.robot import EffectSpec, Robot
@@ -109,13 +108,3 @@ def write_robot(robot: Robot, specs: Sequence[EffectSpec], path: Path) -> None:
     without = re.sub(r"(?m)^effects:.*\n?(?:^[ \t\-].*\n?|^\s*\n)*", "", text + "\n")
     note = "# Added by dynid gap; amplitudes are identified again with everything else."
     write_text(path, f"{without.rstrip()}\n\n{note}\n{block}")
-
-
-def new_name(robot: Robot, effects: Sequence[EffectSpec | GapEffect]) -> str:
-    """Return the name of the copy, such as ``arm+stribeck2``."""
-    index = {name: str(k + 1) for k, name in enumerate(robot.joint_names)}
-    parts = [
-        s.effect + ("_".join(index[j] for j in s.joints) if len(s.joints) < robot.n else "")
-        for s in effects
-    ]
-    return "+".join([robot.slug, *parts])

@@ -14,9 +14,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.fft import dct
 
-from dynid.gap.gap_rows import GapRows, Ints
+from dynid.arrays import Floats, Ints
+from dynid.gap.gap_rows import GapRows
 from dynid.gap.noise import NoiseModel, RepeatPair, whitened
-from dynid.model.effects.interface import Floats
 
 #: Upper end of the lowest band [Hz]; each further one ends an octave higher, the last one at the cut-off.
 LOWEST_HZ, OCTAVES = 0.1, 7

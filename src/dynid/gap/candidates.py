@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.gap import tuning
 from dynid.gap.evidence import Evidence, EvidenceRows, Products, forward, lower_root
 from dynid.gap.gap_rows import EffectColumns, on_joint
 from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import Key
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.effects.interface import Effect, Floats, Joints
+from dynid.model.effects.interface import Effect, Joints
 
 #: Log Bayes factor of what cannot be.
 NEVER = -1e9

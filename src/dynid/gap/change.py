@@ -21,14 +21,14 @@ from functools import cached_property
 
 import numpy as np
 
+from dynid.arrays import Floats, Ints, Mask
 from dynid.estimation import tuning
 from dynid.estimation.residual_model import GROUPS, shapes_of
-from dynid.gap.gap_rows import GapRows, Ints, Mask
+from dynid.gap.gap_rows import GapRows
 from dynid.gap.known_errors import reversal_columns
 from dynid.gap.problem import GapProblem, unwhitened_fit
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_columns, with_selected
 from dynid.model.effects.friction import sign_of
-from dynid.model.effects.interface import Floats
 
 #: A joint has changed when its common fit is this much worse, beyond 1, than that of unlike halves of the same logs, or
 #: the new logs leave this much more, beyond 1, than one half leaves over the other: between two motions all joints are
@@ -91,7 +91,8 @@ def still_changed(problem: GapProblem, selected: Sequence[SelectedEffect]) -> Ch
     """
     selected, rows = with_columns(selected), problem.rows
     fit = with_selected(problem.regression(), selected)
-    rows = replace(rows, tau=rows.tau - torque_in_rows(fit.rows, selected, fit.amplitudes))
+    torques = torque_in_rows(fit.rows, selected, fit.amplitudes)
+    rows = replace(rows, tau=rows.tau - sum(torques))
     left = unwhitened_fit(rows.only(~rows.is_new))[1]
     old = [part for part in rows.parts if not rows.is_new[part.start]]
     power = [np.mean(left[part][rows.use[part].all(axis=1)] ** 2, axis=0) for part in old]

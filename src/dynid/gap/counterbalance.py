@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import expit
 from scipy.stats import chi2
 
+from dynid.arrays import Floats
 from dynid.estimation.possible_arm import PhysicalParameters, constraints_of
 from dynid.gap import tuning
 from dynid.gap.gap_rows import EffectColumns
@@ -29,7 +30,6 @@ from dynid.gap.regression import Regression
 from dynid.gap.selected_effects import Key, SelectedEffect, with_selected
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.effects.interface import Floats
 from dynid.model.parameters import link_cylinders
 
 #: What is left of a counterbalance, when links have taken up the most of it, is taken for one of these.

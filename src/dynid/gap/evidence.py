@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack, solve_triangular
 
+from dynid.arrays import Floats
 from dynid.gap import tuning
 from dynid.gap.bands import Bands, instants
 from dynid.gap.gap_rows import EffectColumns, GapRows, on_joint
 from dynid.gap.known_errors import SHARP, KnownErrors, error_columns
 from dynid.gap.noise import NoiseModel, RepeatPair
 from dynid.gap.rest import rest_columns
-from dynid.model.effects.interface import Floats
 
 #: Products of columns with themselves and with [R, torque, T], band by band, (B, k, k) and (B, k, s).
 Products = tuple[Floats, Floats]

@@ -10,12 +10,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.estimation.possible_arm import constraints_of, fit_pooled
+from dynid.gap.apply import specs_of, with_specs
 from dynid.gap.problem import GapProblem, information_root
 from dynid.gap.regression import Regression
-from dynid.gap.selected_effects import SelectedEffect, effect_torque
+from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.base_model import BaseModel, model_torques
-from dynid.model.effects.interface import ArmMotion, Floats, ReferenceTorques
+from dynid.model.effects.interface import ArmMotion, ReferenceTorques
 from dynid.model.parameters import BODY_PARAMETERS, body_columns
 from dynid.robot import Body
 from dynid.signals.conditioned_log import arm_motion
@@ -29,46 +31,39 @@ CHECKED = 200
 
 
 def simulate_held_out(
-    problem: GapProblem, regression: Regression, selected: Sequence[SelectedEffect]
+    problem: GapProblem, fit: Regression, selected: Sequence[SelectedEffect]
 ) -> Floats | None:
     """Replay the longest held-out segment through a model; return the errors of the positions, (n,) [rad or m].
 
     Args:
         problem: the problem.
-        regression: the fitted model, with the effects.
+        fit: the fitted model, with the effects.
         selected: these effects.
 
     Returns:
         The errors; None when little is held out, or when the arm is too light somewhere to be replayed.
     """
-    rows, base = problem.rows, problem.base
+    rows, bare = problem.rows, problem.base
     # Of equally long ones, the last.
     count, k = max((int(rows.held[part].sum()), k) for k, part in enumerate(rows.parts))
     if count < 2 * rows.rate:
         return None
-    p = base.reduction.rank
-    theta = nearest_possible(
-        base, regression.theta[:p], regression.root[:p] @ regression.root[:p].T
-    )
-    carried = [
-        one
-        for one in selected
-        if one.name == "payload" and base.robot.n in body_columns(base.model.parameters)
-    ]
-    theta = theta + sum((load_parameters(base, one) for one in carried), np.zeros(p))
+    p, sizes = bare.rank, fit.amplitudes.copy()
+    theta = nearest_possible(bare, fit.theta[:p], fit.root[:p] @ fit.root[:p].T)
+    ends = np.cumsum([0, *(len(one.amplitudes) for one in selected)])
+    for one, *edges in zip(selected, ends[:-1], ends[1:], strict=True):
+        # Why not as a torque: what is carried moves with the arm, which is lighter without it and follows noise more.
+        if one.name == "payload" and bare.robot.n in body_columns(bare.model.parameters):
+            theta += load_parameters(bare, one)
+            sizes[slice(*edges)] = 0.0
+    base, theta = with_specs(bare, specs_of(selected, bare.robot)), np.append(theta, sizes)
     log, held = rows.logs[k], rows.held & (rows.part == k)
     segment = log.segments[0]
-    first, last = rows.t[held][[0, -1]]
-    part = slice(*np.searchsorted(segment.elapsed, [first, last]).tolist())
+    part = slice(*np.searchsorted(segment.elapsed, rows.t[held][[0, -1]]).tolist())
     reference = model_torques(base.model, base.reduction, theta)
-    motion = arm_motion(segment, log.filter, base.model, reference)
     # Why along the measured motion: states such as a bristle's need the path, and the windows stay close to it.
-    extra = own_effects(base, theta, motion).T
-    extra += effect_torque(motion, selected, regression.amplitudes)
-    # Why not as a torque: what is carried moves with the arm, which is lighter without it and follows noise further.
-    sizes = [one.values[name] for one in carried for name in one.amplitudes]
-    extra -= effect_torque(motion, carried, np.array(sizes))
-    tau = segment.tau[part] - extra.T[part]
+    motion = arm_motion(segment, log.filter, base.model, reference)
+    tau = segment.tau[part] - torque_of_effects(base, theta, motion)[part]
     some = slice(part.start, part.stop, max(1, (part.stop - part.start) // CHECKED))
     if least_inertia(reference, segment.q[some]) < LEAST_INERTIA:
         return None
@@ -109,8 +104,8 @@ def load_parameters(base: BaseModel, load: SelectedEffect) -> Floats:
     return np.asarray(base.reduction.K[:, body_columns(base.model.parameters)[base.robot.n]] @ body)
 
 
-def own_effects(base: BaseModel, theta: Floats, motion: ArmMotion) -> Floats:
-    """Return the torque of the effects that the model has already, along a motion, (N, n).
+def torque_of_effects(base: BaseModel, theta: Floats, motion: ArmMotion) -> Floats:
+    """Return the torque of all effects of a model along a motion, (N, n).
 
     Args:
         base: model and base parameters.

@@ -9,23 +9,21 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dynid.arrays import Floats, Ints, Mask
 from dynid.estimation.rows import parallel_filtered, rows_of
 from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.effects.catalogue import joined_motion
 from dynid.model.effects.interface import (
     ArmMotion,
     Effect,
-    Floats,
     Joints,
     ReferenceTorques,
     Shape,
 )
 from dynid.signals.conditioned_log import ConditionedLog, arm_motion, with_effects
 
-Mask = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 #: Columns of one effect by joint, such as {joint: (k, M)}.
 EffectColumns = dict[int, Floats]
 

@@ -1,19 +1,30 @@
-"""What an effect says on rows that were never fitted, and what is left of joints that no effect explains."""
+"""What was found on rows that were never fitted: errors before and after, each effect by itself, and what is left."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.gap.improvement import fitted_with
+from dynid.arrays import Floats, Ints
+from dynid.gap.known_errors import KnownErrors
+from dynid.gap.possible_arm import possible_fit
 from dynid.gap.problem import GapProblem
 from dynid.gap.regression import Regression
 from dynid.gap.search import EffectSearch
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_columns, with_selected
-from dynid.model.effects.interface import Floats
 
+#: Residuals of the held-out rows of a joint that count, and the number of the block of time of each, (M_j,) and (M_j,).
+HeldOutRows = tuple[Floats, Ints]
+
+#: Blocks of time that errors are taken from: longer than the memory of whitened residuals [s], and so many of them if
+#: the rows last long enough.
+SHORTEST_BLOCK, LONGEST_BLOCK, BLOCKS = 0.25, 1.0, 40
+#: Fewest blocks of time whose spread says anything.
+MIN_BLOCKS = 3
+#: Draws of the block bootstrap: the ends of a 95 % interval come from the ten outermost on either side.
+DRAWS = 400
 #: Parts of a signal's range that tell whether the residual follows it, and the share of its power from which it does.
 PARTS, FOLLOWED = 12, 0.1
 #: Bins in which the quantity that an effect follows is sought.
@@ -22,6 +33,114 @@ BINS = 24
 TIME_LEAD = 0.1
 
 
+# ---------------------------------------------------------------- the error before and after
+@dataclass(frozen=True)
+class HeldOutImprovement:
+    """The gap before and after, on held-out rows; (n,) each.
+
+    Attributes:
+        before: rms without the effects [N m or N].
+        after: rms with them [N m or N].
+        ratio: lower and upper end of the 95 % interval of after / before, (n, 2).
+        floor: the noise [N m or N].
+        known: rms of what no effect has to explain, but for noise: what recorder, filter and reversals do, and base
+            parameters that the searched rows leave unsure [N m or N].
+    """
+
+    before: Floats
+    after: Floats
+    ratio: Floats
+    floor: Floats
+    known: Floats
+
+
+def fitted_with(problem: GapProblem, selected: Sequence[SelectedEffect]) -> Regression:
+    """Fit model and effects together to the training rows, without what is not judged.
+
+    Effects that follow the model's torque follow that of the fit.
+    """
+    regression = with_selected(problem.regression(nuisance=False), selected)
+    if not selected:
+        return regression
+    theta = regression.theta[: problem.base.rank]
+    return with_selected(problem.regression(theta, nuisance=False), selected)
+
+
+def prediction(
+    problem: GapProblem, selected: Sequence[SelectedEffect]
+) -> tuple[Floats, list[Floats]]:
+    """Return what model and effects, fitted together, leave of all rows, and the torque of each effect, (M, n) each."""
+    effects, rows = with_columns(selected), problem.rows
+    fit = fitted_with(replace(problem, noise=problem.in_force or problem.noise), effects)
+    theta, sizes = fit.theta[: fit.base], fit.amplitudes
+    if problem.in_force is not None:
+        theta, sizes = possible_fit(fit, problem.base)
+    torques = torque_in_rows(replace(fit.rows, use=rows.use), effects, sizes)
+    return rows.tau - rows.W @ theta - sum(torques), torques
+
+
+def held_out_rows(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[HeldOutRows]:
+    """Return the held-out rows of each joint as they are left by model and effects."""
+    rows = problem.rows.only(problem.rows.held)
+    # Why longer: what a joint leaves of a comparison with earlier logs goes on for longer.
+    shortest = LONGEST_BLOCK if problem.since else SHORTEST_BLOCK
+    seconds = float(rows.use.any(axis=1).sum()) / rows.rate
+    length = min(LONGEST_BLOCK, max(shortest, seconds / BLOCKS))
+    block = 1_000_000 * rows.part + rows.at // max(1, round(length * rows.rate))
+    left, _ = prediction(problem, selected)
+    use = (problem.noise.counting(rows, j) for j in range(left.shape[1]))
+    return [(e[chosen], block[chosen]) for e, chosen in zip(left.T, use, strict=True)]
+
+
+def rms_of(joints: Sequence[HeldOutRows]) -> Floats:
+    """Return the rms of each joint, (n,) [N m or N]."""
+    return np.array([np.sqrt(np.mean(e**2)) if len(e) else 0.0 for e, _ in joints])
+
+
+def held_out_improvement(
+    problem: GapProblem,
+    before: Sequence[HeldOutRows],
+    after: Sequence[HeldOutRows],
+    errors: KnownErrors,
+) -> HeldOutImprovement:
+    """Return the gap on held-out rows before and after.
+
+    Args:
+        problem: the problem.
+        before: held-out rows without effects.
+        after: and with them.
+        errors: what no effect has to explain.
+    """
+    ratio = [_ratio(b, a, j) for j, (b, a) in enumerate(zip(before, after, strict=True))]
+    # Rms of what no effect has to explain on held-out rows, but for noise.
+    rows = problem.rows.only(problem.rows.held)
+    use = np.array([problem.noise.counting(rows, j) for j in range(len(before))]).T
+    power = np.sum(np.where(use, errors.power(rows), 0.0), axis=0)
+    known = np.sqrt(power / np.maximum(use.sum(axis=0), 1))
+    floor = problem.noise.floor
+    return HeldOutImprovement(rms_of(before), rms_of(after), np.array(ratio), floor, known)
+
+
+def _ratio(before: HeldOutRows, after: HeldOutRows, seed: int) -> Floats:
+    """Return the 95 % interval of the ratio of rms values, (2,), of blocks of time."""
+    names, block = np.unique(before[1], return_inverse=True)
+    if len(names) < MIN_BLOCKS or len(before[0]) != len(after[0]):
+        return np.array([0.0, np.inf])
+    sums = [np.bincount(block, x[0] ** 2, len(names)).astype(np.float64) for x in (before, after)]
+    return ratio_interval(sums[0], sums[1], seed)
+
+
+def ratio_interval(before: Floats, after: Floats, seed: int) -> Floats:
+    """Return the 95 % interval of the ratio of rms values, from sums of squares of B blocks, (B,) each, as (2,)."""
+    counts = np.random.default_rng(seed).multinomial(
+        len(before), np.full(len(before), 1 / len(before)), DRAWS
+    )
+    ratios = np.sqrt(counts @ after / np.maximum(counts @ before, 1e-30))
+    interval: Floats = np.quantile(ratios, [0.025, 0.975])
+    return interval
+
+
+# ---------------------------------------------------------------- each effect
 @dataclass(frozen=True)
 class HeldOutEffect:
     """An effect on rows that were never fitted, of the joint that shows it most.
@@ -64,10 +183,9 @@ def held_out_effect(
     """
     rows, robot = problem.rows, problem.base.robot
     use = rows.use[:, joint] & rows.held
-    residual = _left_by(problem, others)[0][use, joint]
-    left, regression = _left_by(problem, [*others, one])
-    own = regression.amplitudes[-len(one.amplitudes) :]
-    torque = torque_in_rows(regression.rows, [one], own)[use, joint]
+    residual = prediction(problem, others)[0][use, joint]
+    left, torques = prediction(problem, [*others, one])
+    torque = torques[-1][use, joint]
     quantities = {"time [s]": rows.t}
     for j in dict.fromkeys((joint, *one.joints)):
         unit, name = "rad" if robot.joints[j].revolute else "m", robot.joints[j].name
@@ -90,13 +208,6 @@ def _follows(x: Floats, y: Floats) -> float:
     means = np.array([z.mean() for z in parts])
     between = np.average((means - y.mean()) ** 2, weights=[len(z) for z in parts])
     return float(between / max(float(y.var()), 1e-30))
-
-
-def _left_by(problem: GapProblem, selected: Sequence[SelectedEffect]) -> tuple[Floats, Regression]:
-    """Return what effects, fitted with the model to the training rows, leave of all rows, (M, n), and that fit."""
-    fit = fitted_with(problem, selected)
-    left = problem.rows.tau - problem.rows.W @ fit.theta[: fit.base]
-    return left - torque_in_rows(fit.rows, selected, fit.amplitudes), fit
 
 
 # ---------------------------------------------------------------- what no effect explains

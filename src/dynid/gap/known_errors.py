@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.gap import tuning
 from dynid.gap.gap_rows import GapRows
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.friction import sign_of
-from dynid.model.effects.interface import Floats
 from dynid.robot import FRICTION_PARAMETERS
 from dynid.signals.filters import Filter, white_noise
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from dynid.arrays import Floats
 from dynid.gap.problem import GapProblem
-from dynid.model.effects.interface import Floats
 from dynid.options import LONGEST_DELAY
 
 #: Delays that are tried [s]: closer than half a period of what moves an arm, and further than the slope reaches.

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.gap.regression import Regression
-from dynid.model.effects.interface import Floats
 
 #: Share of the noise's power that may be left: a joint with more is above its noise floor. Clean joints have 0.9 to 1.1
 #: of the power that repeats tell.

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_toeplitz
 
+from dynid.arrays import Floats, Mask
 from dynid.errors import LogTooShort
 from dynid.estimation.covariance import autocorrelation_time
-from dynid.estimation.noise_floor import lag_of, shifted
+from dynid.estimation.noise_floor import floor_from_spectrum, lag_of, shifted
 from dynid.estimation.tuning import SHORTEST_REPEAT_S
 from dynid.gap import tuning
-from dynid.gap.gap_rows import GapRows, Mask
-from dynid.model.effects.interface import Floats
+from dynid.gap.gap_rows import GapRows
 from dynid.signals.filters import Filter
 
 #: Order of the autoregressive model: the parallel filter and a slow coloured part.
@@ -217,35 +217,16 @@ def _drift(parts: Sequence[Floats], rate: float) -> float:
 
 
 def _from_spectrum(chosen: Filter, parts: Sequence[tuple[Floats, Mask]]) -> NoiseModel:
-    """Take the noise as white before the filter, its level from the upper part of the pass band of the residual."""
-    kernel, n = chosen.second_kernel[0], parts[0][0].shape[1]
+    """Take the noise as white before the filter."""
+    kernel = chosen.second_kernel[0]
     shape = np.correlate(kernel, kernel, "full")[len(kernel) - 1 :: chosen.second_step]
     covariance = np.pad(shape, (0, ORDER))[: ORDER + 1]
     covariance[0] *= 1.0 + tuning.STOP_BAND
-    ar = yule_walker(covariance)
-    level, left = np.zeros(n), np.full(n, np.inf)
-    for j in range(n):
-        powers, kept = [], []
-        for r, use in parts:
-            white = whitened(r[:, j], ar)[ORDER:]
-            kept.append(white[use[ORDER:, j]])
-            window = np.hanning(len(white))
-            power = np.abs(np.fft.rfft((white - white.mean()) * window)) ** 2 / (0.375 * len(white))
-            f = np.fft.rfftfreq(len(white), 1 / chosen.kept_rate) / chosen.cutoff
-            inside = (f > 0.55) & (f < 1.0)
-            # Why: of a part of few rows, no frequency may lie there.
-            powers.append(power[inside if inside.any() else [np.argmin(np.abs(f - 0.775))]])
-        # Why the median: a reversal of friction is a short burst of high frequencies, not noise.
-        level[j] = np.sqrt(np.median(np.concatenate(powers)) / np.log(2))
-        # Why: rows that do not count, at rest or clipped, are in the spectrum; noise is no larger than what is left.
-        white = np.concatenate(kept)
-        if len(white):
-            rows = np.concatenate([r[use[:, j], j] for r, use in parts])
-            level[j], left[j] = min(level[j], np.sqrt(np.mean(white**2))), np.sqrt(np.mean(rows**2))
-    scale = np.sqrt(covariance[0] / max(1e-30, covariance[0] - ar @ covariance[1:]))
-    sigma, nothing = np.maximum(level, 1e-9), np.zeros(n)
-    floor = np.maximum(np.minimum(sigma * scale, left), 1e-9)
-    return NoiseModel(np.tile(ar, (n, 1)), sigma, floor, nothing, nothing, np.ones(n))
+    ar, floor = yule_walker(covariance), floor_from_spectrum(parts, chosen)
+    sigma = floor * np.sqrt(max(1e-30, 1.0 - ar @ covariance[1:] / covariance[0]))
+    sigma, nothing = np.maximum(sigma, 1e-9), np.zeros(len(floor))
+    ar = np.tile(ar, (len(floor), 1))
+    return NoiseModel(ar, sigma, np.maximum(floor, 1e-9), nothing, nothing, nothing + 1.0)
 
 
 def with_misfit(noise: NoiseModel, rows: GapRows, residual: Floats, level: Floats) -> NoiseModel:

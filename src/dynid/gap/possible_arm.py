@@ -1,9 +1,7 @@
-"""What only an implausible arm would absorb: the rows of a search with the prior of possible links.
+"""What only an implausible arm would absorb: rows of a search explained by possible links.
 
 A counterbalance vanishes in masses and centres of mass that no link has. The entropic prior of possible links
-(``estimation/possible_arm.py``) says what such links cost. Near the best possible arm it is a parabola
-(Laplace), so it joins the search as further rows on the base parameters; that ranks candidates well and overstates
-large gains, so what is taken is fitted again exactly. And the prior's own masses may be wrong: the least gain over
+(``estimation/possible_arm.py``) says what such links cost. The prior's own masses may be wrong: the least gain over
 several of them counts.
 """
 
@@ -14,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.estimation.possible_arm import (
     PhysicalParameters,
     constraints_of,
@@ -25,7 +24,6 @@ from dynid.gap.gap_rows import EffectColumns
 from dynid.gap.regression import Regression
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.effects.interface import Floats
 
 #: Masses of the prior's links that a name has to outlive, times those that fit best jointly with it.
 MASSES = (1.0, 3.0, 10.0, 30.0)
@@ -35,8 +33,6 @@ LEAST_GAIN = 25.0
 COUNTERBALANCE = "counterbalance"
 #: Visible share of its power up to which links imitate a counterbalance: what they cannot is found without asking.
 IMITATED = 0.1
-#: Links are held by their prior at most so many times as firmly as by the data (information).
-STIFFEST = 1e4
 #: Directions of information below this share of the strongest are none.
 NONE = 1e-10
 
@@ -114,45 +110,17 @@ def reduced(regression: Regression, more: Sequence[EffectColumns] = ()) -> Reduc
     return ReducedRows(root[:, None] * V[:, seen].T * length, r, float(kept[p, p] - r @ r))
 
 
-def near_possible(regression: Regression, base: BaseModel, *, exactly: bool) -> Regression:
-    """Return a regression held near the best possible arm jointly with its effects.
-
-    Args:
-        regression: the rows, with effects.
-        base: model and base parameters.
-        exactly: whether at that arm, fitted exactly. The parabola near it is wide, and lets links be what no arm has.
-    """
-    fit, sized = sized_links(regression, base)
-    if not exactly:
-        return replace(regression, prior=prior_rows(regression, base.reduction.K, sized))
-    theta = base.reduction.K @ fit.x
-    stiff = np.sqrt(STIFFEST) * reduced(replace(regression, effects=())).R
-    return replace(regression, prior=np.column_stack([stiff, stiff @ theta]))
+def amplitudes_beside(regression: Regression, theta: Floats) -> Floats:
+    """Return everything but the base parameters as it fits best beside given ones, (p,)."""
+    gram, p = regression.gram.sum(axis=0), regression.base
+    own = gram[p:-1]
+    return np.asarray(_inverse(own[:, p:-1]) @ (own[:, -1] - own[:, :p] @ theta))
 
 
-def prior_rows(regression: Regression, K: Floats, links: PhysicalConstraints) -> Floats:
-    """Return rows [L, L theta0] that hold base parameters near possible arms, as at the best one, (k, p + 1).
-
-    Args:
-        regression: the rows, with effects.
-        K: base parameters as combinations of all parameters, (p, c).
-        links: the prior of possible links.
-    """
-    rows, bare = reduced(regression), reduced(replace(regression, effects=()))
-    A = rows.R @ K
-    fit, _ = fit_pooled(A, rows.r, links)
-    H = fit.hessian - A.T @ A
-    held = np.diag(H) > NONE * np.maximum(np.diag(fit.hessian), 1e-300)
-    # Why in units of the data: at a bound the parabola is a wall, ten orders stiffer than on other numbers. Of the
-    # rows without effects: these take up what the prior knows of.
-    wide = bare.R @ K[:, held]
-    spread, V = np.linalg.eigh(wide @ _inverse(H[np.ix_(held, held)]) @ wide.T)
-    root = np.sqrt(np.maximum(spread, 1 / STIFFEST))
-    theta = K @ fit.x
-    pull = np.linalg.lstsq(bare.R.T, rows.R.T @ (rows.R @ theta - rows.r), rcond=None)[0]
-    found = (V / root).T @ bare.R
-    found = np.column_stack([found, found @ theta + root * (V.T @ pull)])
-    return np.asarray(found - _along(found[:, :-1] @ K[:, ~held]) @ found)
+def possible_fit(regression: Regression, base: BaseModel) -> tuple[Floats, Floats]:
+    """Return the base parameters of the best possible arm jointly with effects, (p,), and the amplitudes of these."""
+    theta = base.reduction.K @ sized_links(regression, base)[0].x
+    return theta, amplitudes_beside(regression, theta)
 
 
 def least_gain(
@@ -195,12 +163,3 @@ def _inverse(matrix: Floats) -> Floats:
     size = np.where(length > 0.0, length, 1.0)
     inverse = np.linalg.pinv(matrix / np.outer(size, size), rcond=NONE, hermitian=True)
     return np.asarray(inverse / np.outer(size, size))
-
-
-def _along(directions: Floats) -> Floats:
-    """Return the projection on directions, (k, m), as (k, k)."""
-    if not directions.size:
-        return np.zeros((len(directions), len(directions)))
-    U, sizes, _ = np.linalg.svd(directions, full_matrices=False)
-    U = U[:, sizes > NONE**0.5 * sizes[0]]
-    return np.asarray(U @ U.T)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import scale_with_model, settled_stack
 from dynid.gap.gap_rows import GapRows, gap_rows
@@ -21,7 +22,6 @@ from dynid.gap.noise import (
 )
 from dynid.gap.regression import Regression, whitened_regression
 from dynid.model.base_model import BaseModel, model_torques
-from dynid.model.effects.interface import Floats
 from dynid.signals.conditioned_log import ConditionedLog, with_effects
 
 #: Share of each log that is held out where there are fewer than three motions, as ``dynid identify`` does.
@@ -93,7 +93,6 @@ class GapProblem:
             none, and where its logs are among the rows.
         in_force: noise with which held-out rows are judged by the best possible arm, as what is applied will be; None
             where the plain estimate is in force.
-        arm: whether that arm is fitted exactly, because only an implausible one would absorb what is looked for.
     """
 
     base: BaseModel
@@ -105,7 +104,6 @@ class GapProblem:
     since: bool = False
     prior: Floats | None = None
     in_force: NoiseModel | None = None
-    arm: bool = False
 
     @property
     def same_motion(self) -> bool:
@@ -169,19 +167,15 @@ def make_problem(
     return GapProblem(base, rows, text, repeats, noise, theta, kept is not None, prior)
 
 
-def judged_by_possible(problem: GapProblem, *, arm: bool = False) -> GapProblem:
+def judged_by_possible(problem: GapProblem) -> GapProblem:
     """Return a problem whose held-out rows are judged by the best possible arm jointly with the effects.
 
     A refit without bounds moves what the rows hardly determine, and with it joints that an effect has nothing to do
     with. What parameters without any bounds do not explain says nothing about links.
-
-    Args:
-        problem: the problem.
-        arm: whether that arm is fitted exactly.
     """
     residual = unwhitened_fit(problem.rows)[1]
     noise = with_misfit(problem.noise, problem.rows, residual, _rms(problem.rows, residual))
-    return replace(problem, in_force=noise, arm=arm)
+    return replace(problem, in_force=noise)
 
 
 def _first_guess(logs: Sequence[ConditionedLog], base: BaseModel) -> Floats:

@@ -9,15 +9,15 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.files.artifact import read_artifact, reading
-from dynid.gap import held_out, improvement, localisation, selected_effects
+from dynid.gap import held_out, localisation, selected_effects
 from dynid.gap.analysis import GapAnalysis
-from dynid.gap.held_out import HeldOutEffect, clue, held_out_effect
-from dynid.gap.improvement import HeldOutImprovement
+from dynid.gap.held_out import HeldOutEffect, HeldOutImprovement, clue, held_out_effect
 from dynid.gap.localisation import JointGap
 from dynid.gap.selected_effects import SelectedEffect, with_columns
 from dynid.gap.verdict import LIKELY, explained_share, joints_text, labels, unrepeatable
-from dynid.model.effects.interface import Floats, Joints
+from dynid.model.effects.interface import Joints
 from dynid.npz import write_artifact
 from dynid.robot import Robot
 from dynid.units import joint_unit
@@ -189,6 +189,16 @@ class GapRecord:
         """Return the named effects that have a torque of their own, each with its curve."""
         effects = [one for one in self.named if one.effect != "torque_delay"]
         return list(zip(effects, self.curves, strict=False))
+
+
+def new_name(robot: Robot, effects: Sequence[GapEffect]) -> str:
+    """Return the name of the copy, such as ``arm+stribeck2``."""
+    index = {name: str(k + 1) for k, name in enumerate(robot.joint_names)}
+    parts = [
+        s.effect + ("_".join(index[j] for j in s.joints) if len(s.joints) < robot.n else "")
+        for s in effects
+    ]
+    return "+".join([robot.slug, *parts])
 
 
 def record_of(
@@ -379,7 +389,7 @@ def _read_as(kind: Any, stored: Any) -> Any:  # noqa: ANN401
     """Return what ``_stored`` made of a value of some type."""
     origin, inner = get_origin(kind), get_args(kind)
     if isinstance(kind, type) and is_dataclass(kind):
-        names = {**vars(selected_effects), **vars(localisation), **vars(improvement)}
+        names = {**vars(selected_effects), **vars(localisation)}
         hints = get_type_hints(kind, localns=names | vars(held_out))
         return kind(**{name: _read_as(hints[name], value) for name, value in stored.items()})
     if origin is tuple and len(inner) == 2 and inner[1] is not ...:

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.gap.gap_rows import GapRows
 from dynid.model.effects.friction import sign_of
-from dynid.model.effects.interface import Floats
 
 #: Columns of each kind, and its smoothness in half ranges of its variable.
 PLACE, PLACE_SIGN, SPEED, LOAD = (12, 0.15), (8, 0.2), (10, 0.2), (5, 0.25)

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.gap.gap_rows import GapRows
 from dynid.gap.regression import Regression
-from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints
+from dynid.model.effects.interface import Effect, Joints
 
 #: Identifier and joints of an effect.
 Key = tuple[str, Joints]
@@ -80,27 +81,21 @@ def with_selected(regression: Regression, selected: Sequence[SelectedEffect]) ->
     )
 
 
-def torque_in_rows(rows: GapRows, selected: Sequence[SelectedEffect], amplitudes: Floats) -> Floats:
-    """Return the torque of effects in rows, (M, n) [N m or N]; nothing where they do not act yet."""
-    raw = [effect_torque(motion, selected, amplitudes) for motion in rows.motions]
-    return (rows.filtered(raw) * rows.is_new).T
-
-
-def effect_torque(
-    motion: ArmMotion, selected: Sequence[SelectedEffect], amplitudes: Floats
-) -> Floats:
-    """Return the torque of effects along a motion, (n, N) [N m or N].
+def torque_in_rows(
+    rows: GapRows, selected: Sequence[SelectedEffect], amplitudes: Floats
+) -> list[Floats]:
+    """Return the torque of each effect in rows, (M, n) [N m or N]; nothing where it does not act yet.
 
     Args:
-        motion: the motion.
+        rows: the rows.
         selected: the effects.
         amplitudes: of all their columns, one after the other.
     """
-    torque = np.zeros((motion.n, len(motion)))
-    at = 0
+    torques, at = [], 0
     for one in selected:
-        columns = one.effect.columns(motion, one.joints, one.shape)
-        rows = list(one.effect.rows(one.joints, motion.n))
-        torque[rows] += np.tensordot(amplitudes[at : at + len(columns)], columns, axes=1)
-        at += len(columns)
-    return torque
+        own = amplitudes[at : at + len(one.amplitudes)]
+        at += len(own)
+        torques.append(np.zeros(rows.tau.shape))
+        for j, columns in rows.columns(one.effect, one.joints, [one.shape]).items():
+            torques[-1][:, j] = own @ columns[0]
+    return torques

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc
 
+from dynid.arrays import Floats
 from dynid.gap import tuning
 from dynid.gap.candidates import (
     Candidate,
@@ -27,7 +28,6 @@ from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import Key, SelectedEffect
 from dynid.gap.shapes import integrated
 from dynid.gap.sizes import sizes_of
-from dynid.model.effects.interface import Floats
 from dynid.progress import advance
 
 #: Joints whose rest is sized beside an effect that acts on all: those that show it most.

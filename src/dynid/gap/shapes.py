@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.gap import tuning
 from dynid.gap.candidates import Candidate, candidate, gains
 from dynid.gap.evidence import Evidence, EvidenceRows
 from dynid.gap.gap_rows import EffectColumns
-from dynid.model.effects.interface import Effect, Floats
+from dynid.model.effects.interface import Effect
 
 #: Halvings of the step towards the best shape.
 HALVINGS = 6

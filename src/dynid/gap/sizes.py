@@ -11,11 +11,11 @@ from itertools import product
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.gap.candidates import Place, candidate, gains
 from dynid.gap.evidence import Evidence, EvidenceRows
 from dynid.gap.gap_rows import EffectColumns
 from dynid.gap.shapes import ends_of, from_steps, in_steps
-from dynid.model.effects.interface import Floats
 
 #: Points of a lattice along each axis, and half of what lies between the outermost, in spacings.
 POINTS = 9

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynid.arrays import Floats, Ints
 from dynid.gap import tuning
-from dynid.gap.gap_rows import GapRows, Ints
+from dynid.gap.gap_rows import GapRows
 from dynid.gap.known_errors import error_columns
 from dynid.gap.selection import State
-from dynid.model.effects.interface import Floats
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import expit
 
+from dynid.arrays import Floats
 from dynid.estimation.possible_set import pseudo_inertia
 from dynid.gap import tuning
 from dynid.gap.change import still_changed
@@ -15,7 +16,7 @@ from dynid.gap.possible_arm import COUNTERBALANCE
 from dynid.gap.search import EffectSearch
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.effects.interface import Floats, Joints
+from dynid.model.effects.interface import Joints
 from dynid.model.parameters import BODY_PARAMETERS
 
 #: A delay below this share of the sampling period is how a recorder reads position and torque, not a missing effect.

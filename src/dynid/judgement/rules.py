@@ -7,7 +7,7 @@ pasted, and with the lights that it may turn green: a later step for lights that
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import PurePath
 
 from dynid.judgement import tuning
@@ -284,12 +284,19 @@ def _gap_reasons(c: Case) -> Iterator[str]:
     yield from map(likely_effect, gap.instead)
     rows = list(zip(gap.joints, gap.before, gap.after, gap.noise, strict=True))
     noises = dict(zip(gap.joints, gap.noise, strict=True))
-    for one in gap.named:
-        if one.before is not None and one.after is not None:
-            noise = f"; noise {noises[one.joint]:.3g}" if one.joint in noises else ""
-            what = "without and with the correction" if one.corrected else "on held-out data"
-            sizes = f"{one.before:.3g} -> {one.after:.3g} {one.unit}"
-            yield f"Error of {one.joint} {what} {sizes}{noise}."
+    proved = [one for one in gap.named if one.before is not None and one.after is not None]
+    told = {one.joint: one for one in proved}
+    if proved and rows:
+        # An effect changes parameters of other joints too, and one of these may gain more than its own.
+        name, before, after, _ = max(rows, key=lambda row: (row[1] - row[2]) / max(row[3], 1e-12))
+        unit = units.get(name, proved[0].unit).strip()
+        most = replace(proved[0], joint=name, before=before, after=after, unit=unit)
+        told = {name: most} | (told if len(told) > 1 else {})
+    for one in told.values():
+        noise = f"; noise {noises[one.joint]:.3g}" if one.joint in noises else ""
+        what = "without and with the correction" if one.corrected else "on held-out data"
+        sizes = f"{one.before:.3g} -> {one.after:.3g} {one.unit}"
+        yield f"Error of {one.joint} {what} {sizes}{noise}."
     left = [row for row in rows if row[0] in gap.more]
     if gap.named and left:
         name, _, after, floor_ = max(left, key=lambda row: row[2] / max(row[3], 1e-12))

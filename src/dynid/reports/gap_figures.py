@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynid.arrays import Floats
-from dynid.gap.held_out import HeldOutEffect
-from dynid.gap.improvement import HeldOutImprovement
+from dynid.gap.held_out import HeldOutEffect, HeldOutImprovement
 from dynid.gap.localisation import JointGap
 from dynid.gap.record import GapEffect
 from dynid.reports.figures import (

@@ -31,14 +31,21 @@ from dynid.gap.analysis import (
     relative_error,
     with_counterbalances,
 )
-from dynid.gap.apply import new_name, specs_of, stacked_with, write_robot
+from dynid.gap.apply import specs_of, stacked_with, write_robot
 from dynid.gap.candidates import SelectionOptions
 from dynid.gap.counterbalance import Suspicion, suspicions
 from dynid.gap.loads import named_load, with_reestimated_payload
 from dynid.gap.localisation import NEGLIGIBLE
 from dynid.gap.possible_arm import COUNTERBALANCE
 from dynid.gap.problem import kept_model
-from dynid.gap.record import GapEffect, GapRecord, read_record, record_of, write_record
+from dynid.gap.record import (
+    GapEffect,
+    GapRecord,
+    new_name,
+    read_record,
+    record_of,
+    write_record,
+)
 from dynid.judgement.evidence import Evidence
 from dynid.loading import (
     LogsLike,

@@ -87,6 +87,7 @@ SIZES = {
     "torque_constant": {"c": 0.03},
     "warmup_friction": {"a1": 0.6, "a2": 0.4, "tw": 7.0},
     "torque_drift": {"a": 0.1, "tc": 5.0},
+    "offset_step": {"c": 0.1, "since": 5.0},
     "position_friction": {"a": 0.3, "b": -0.2, "h": 2.0},
     "gear_friction": {"a": 0.2, "b": 0.1, "k": 23.4},
     "torque_ripple": {"a": 0.2, "b": -0.1, "k": 12.0},

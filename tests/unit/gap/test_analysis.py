@@ -18,6 +18,21 @@ def test_nothing_hidden_nothing_missing(twolinks):
     np.testing.assert_array_equal(seen.improvement.before, seen.improvement.after)
 
 
+@pytest.mark.parametrize(
+    ("torque", "name"),
+    [
+        (lambda t: np.where(t > 27.0, 0.2, 0.0), "offset_step"),
+        (lambda t: 0.004 * t, "torque_drift"),
+    ],
+)
+def test_an_offset_that_jumps_is_no_drift(twolinks, on_joint, torque, name):
+    sources = on_one_clock(twolinks.logs(lambda t, q, qd, qdd: on_joint(1, torque(t))))
+    some = SelectionOptions(("torque_offset", "torque_drift", "offset_step", "spring"))
+    seen = analyse_gap(sources, twolinks.base, None, some, simulate=False)
+    assert [one.key for one in seen.verdict.named] == [(name, (1,))]
+    assert seen.verdict.word == "named"
+
+
 def test_what_these_logs_cannot_show_is_listed(twolinks):
     """A zero of the first joint is a turn of gravity, which the links' centres of mass take up."""
     some = SelectionOptions(effects=("encoder_offset", "asymmetric_viscous"))

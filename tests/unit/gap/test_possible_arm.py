@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from dynid.estimation.possible_arm import constraints_of, fit_pooled
 from dynid.gap.analysis import analyse_gap, with_counterbalances
 from dynid.gap.candidates import SelectionOptions
-from dynid.gap.possible_arm import least_gain, prior_rows, reduced
+from dynid.gap.possible_arm import amplitudes_beside, least_gain, reduced
 from dynid.model.effects.catalogue import CATALOGUE
 
 #: Torque of a counterbalance at the shoulder [N m], several times the arm's weight.
@@ -33,14 +32,13 @@ def test_rows_that_are_reduced_to_base_parameters_have_the_same_least_squares_fi
     assert left == pytest.approx(squares, rel=1e-9)
 
 
-def test_with_the_prior_as_rows_the_fit_is_the_best_possible_arm(twolinks, clean):
-    """Laplace's parabola has its least value where the objective has it."""
+def test_beside_the_base_parameters_of_a_fit_all_else_is_as_in_it(clean):
+    spring = CATALOGUE["spring"]
     regression = clean.regression(nuisance=False)
-    K, links, rows = twolinks.base.reduction.K, constraints_of(twolinks.base), reduced(regression)
-    best = K @ fit_pooled(rows.R @ K, rows.r, links)[0].x
-    held = prior_rows(regression, K, links)
-    A, y = np.vstack([rows.R, held[:, :-1]]), np.append(rows.r, held[:, -1])
-    np.testing.assert_allclose(np.linalg.lstsq(A, y, rcond=None)[0], best, rtol=1e-3, atol=1e-5)
+    shape = {"order": 3.0, "constant": 1.0}
+    fit = regression.with_effects([regression.columns_of(spring, (1,), shape)])
+    beside = amplitudes_beside(fit, fit.theta[: fit.base])
+    np.testing.assert_allclose(beside, fit.amplitudes, rtol=1e-6, atol=1e-9)
 
 
 def test_a_counterbalance_vanishes_in_links_that_no_arm_has(carried):

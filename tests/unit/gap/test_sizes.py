@@ -6,7 +6,7 @@ import pytest
 import twolink
 from dynid.gap.analysis import on_one_clock
 from dynid.gap.candidates import SelectionOptions
-from dynid.gap.improvement import held_out_improvement
+from dynid.gap.held_out import held_out_improvement, held_out_rows
 from dynid.gap.search import search_effects
 
 OFFSET = 0.12
@@ -62,6 +62,7 @@ SHAPES = {
         lambda t, q, qd: 0.6 * np.exp(-t / 20) * np.tanh(qd / 0.01),
         {"a1": 0.6, "a2": 0.0, "tw": 20.0},
     ),
+    "offset_step": (lambda t, q, qd: np.where(t > 27.0, 0.3, 0.0), {"c": 0.3, "since": 27.0}),
 }
 
 
@@ -89,8 +90,13 @@ def test_a_delay_comes_back_with_its_error(twolinks):
     assert one.std_errors["delay"] < 1e-3
 
 
+def improvement(search, effects):
+    before, after = (held_out_rows(search.problem, some) for some in ([], effects))
+    return held_out_improvement(search.problem, before, after, search.errors)
+
+
 def test_the_held_out_gap_shrinks_to_the_noise_where_the_effect_was(offset):
-    found = held_out_improvement(offset.problem, offset.problem, offset.selected, offset.errors)
+    found = improvement(offset, offset.selected)
     visible = OFFSET * np.sqrt(offset.visibility["torque_offset", (1,)])
     assert np.sqrt(found.before[1] ** 2 - found.floor[1] ** 2) == pytest.approx(visible, rel=0.5)
     np.testing.assert_allclose(found.after, found.floor, rtol=0.15)
@@ -100,7 +106,7 @@ def test_the_held_out_gap_shrinks_to_the_noise_where_the_effect_was(offset):
 
 
 def test_without_effects_nothing_shrinks(offset):
-    found = held_out_improvement(offset.problem, offset.problem, [], offset.errors)
+    found = improvement(offset, [])
     np.testing.assert_array_equal(found.before, found.after)
     np.testing.assert_allclose(found.ratio, 1.0)
 

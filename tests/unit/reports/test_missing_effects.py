@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import NotAnArtifact
-from dynid.gap.held_out import HeldOutEffect
-from dynid.gap.improvement import HeldOutImprovement
+from dynid.gap.held_out import HeldOutEffect, HeldOutImprovement
 from dynid.gap.localisation import JointGap, ResidualRegion
 from dynid.gap.record import SCHEMA, GapEffect, GapRecord, read_record
 from dynid.npz import write_artifact

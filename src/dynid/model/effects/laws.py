@@ -127,6 +127,12 @@ def end_shapes(motion: ArmMotion, joint: int) -> list[dict[str, float]]:
     return [{"side": side, "q1": float(q1)} for side in (-1.0, 1.0) for q1 in points]
 
 
+def step_times(motion: ArmMotion, joint: int) -> list[dict[str, float]]:
+    """Return the times of a step that are tried."""
+    times = np.quantile(motion.t, np.linspace(0.03, 0.97, 40))
+    return [{"since": float(t)} for t in times]
+
+
 # ---------------------------------------------------------------- the arm
 def encoder_offset(motion: ArmMotion, joints: Joints, shape: Shape) -> Floats:
     """Return the change of torque by an encoder's zero, per radian."""

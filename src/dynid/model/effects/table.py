@@ -150,6 +150,20 @@ _ALL = (
         units={"a": "N m/s"},
     ),
     Effect(
+        name="offset_step",
+        left_out="it happened once, at a time of the log",
+        title="torque offset that jumps once and stays",
+        equation="c after the time `since`",
+        signature="the mean of the residual jumps at one time, and stays where it is",
+        separate="zero the torque sensors and record again",
+        # Why a ramp of 50 ms: the low-pass filter of the torques knows no faster one.
+        forms=("clip(20 (t - {since}), 0.5) + 0.5",),
+        shapes_of=laws.step_times,
+        shape_units={"since": "s"},
+        steps={"since": ("plus", 0.5)},
+        units={"c": "N m"},
+    ),
+    Effect(
         name="position_friction",
         title="friction that varies with the position",
         equation="(a cos(h q) + b sin(h q)) sign(qd)",
