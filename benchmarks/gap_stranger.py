@@ -26,8 +26,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
-from scipy import signal
+from scipy import signal, stats
 from scipy.interpolate import CubicSpline, make_interp_spline
+
+import study
 
 #: One cycle of 15 cases; four cycles are a seed.
 CYCLE = [
@@ -1063,13 +1065,12 @@ def run_case(folder, truth):
 
 def wilson(hits):
     """Return the share of what is true with its 95 % interval of Wilson, as text."""
-    hits, of = sum(hits), len(hits)
-    if not of:
+    if not hits:
         return "-"
-    z, p = 1.96, hits / of
-    middle, half = p + z * z / 2 / of, z * np.sqrt(p * (1 - p) / of + z * z / 4 / of**2)
-    ends = [100 * (middle + sign * half) / (1 + z * z / of) for sign in (-1, 1)]
-    return f"{hits} of {of} ({100 * p:.0f} %; {ends[0]:.0f} to {ends[1]:.0f})"
+    found = stats.binomtest(sum(hits), len(hits))
+    low_, high = found.proportion_ci(method="wilson")
+    share = f"{100 * found.statistic:.0f} %; {100 * low_:.0f} to {100 * high:.0f}"
+    return f"{found.k} of {found.n} ({share})"
 
 
 def table(rows):
@@ -1112,14 +1113,14 @@ def table(rows):
         "unchanged: nothing said": [row["kind"] == "nothing" for row in unchanged],
         "true sizes inside 95 %": [each[-1] for row in rows for each in row["sizes"]],
     }
-    lines = ["| rate | measured |", "|---|---|"]
-    lines += [f"| {name} | {wilson(hits)} |" for name, hits in rates.items()]
-    lines += [f"| wrong names in all cases | {wrong} in {len(rows)} |"]
     spent = f"{np.median(seconds):.1f} s, {max(seconds):.1f} s"
-    lines += [f"| processor time of the search, median and largest | {spent} |"]
-    return "\n".join(
-        [*lines, "", "| probability given | names | right |", "|---|---|---|", *reliability(rows)]
-    )
+    lines = [(name, wilson(hits)) for name, hits in rates.items()]
+    lines += [
+        ("wrong names in all cases", f"{wrong} in {len(rows)}"),
+        ("processor time of the search, median and largest", spent),
+    ]
+    given = study.markdown("probability given | names | right", reliability(rows))
+    return f"{study.markdown('rate | measured', lines)}\n\n{given}"
 
 
 def reliability(rows):
@@ -1130,18 +1131,20 @@ def reliability(rows):
     pairs = []
     for row in rows:
         hidden = {(name, joint) for name, joint, *_ in (*row["effects"], *row["always"])}
+        laws = {name for name, _ in hidden}
         told = [(name, joints, p) for name, joints, p, _ in row.get("told", ())]
-        for name, joints, p in [*told, *((n, j, p) for n, j, _, p in row.get("closest", ()))]:
+        told += [(name, joints, p) for name, joints, _, p in row.get("closest", ())]
+        for name, joints, p in told:
             first = int(joints[0].removeprefix("axis_")) if joints else 0
-            somewhere = name in WHOLE and name in {each for each, _ in hidden}
             if p is not None:
-                pairs.append((p, (name, first) in hidden or somewhere))
+                right = (name, first) in hidden or (name in WHOLE and name in laws)
+                pairs.append((p, right))
     ends = (0, 0.2, 0.5, 0.8, 0.9, 0.95, 0.99, 0.999, 1.01)
     for least, most in itertools.pairwise(ends):
         chosen = [good for p, good in pairs if least <= p < most]
         if chosen:
             shown = f"{100 * least:g} to {min(100, 100 * most):g} %"
-            yield f"| {shown} | {len(chosen)} | {wilson(chosen)} |"
+            yield shown, len(chosen), wilson(chosen)
 
 
 def numbers(text):
@@ -1152,11 +1155,8 @@ def numbers(text):
 
 def commit():
     """Return which code runs: its commit, with a plus where it was changed since."""
-    asked = ["git", "describe", "--always", "--dirty=+", "--exclude=*"]
-    place = Path(__file__).parent
-    return subprocess.run(
-        asked, cwd=place, capture_output=True, text=True, check=True
-    ).stdout.strip()
+    line = "git describe --always --dirty=+ --exclude=*"
+    return subprocess.check_output(line.split(), cwd=study.ROOT, text=True).strip()
 
 
 def work(folder, seed, k):

@@ -42,12 +42,11 @@ def cdr(message):
     return bytes(ROS2.serialize_cdr(message, message.__msgtype__))
 
 
-def write_rosbag2(folder, messages, storage="sqlite3", compress=False):
-    """Write (topic, arrival [ns], message) as a folder of rosbag2."""
-    plugin = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}[storage]
-    writer = Writer(folder, version=9, storage_plugin=plugin)
-    if compress:
-        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+def write_rosbag2(folder, messages, storage="sqlite3", compress="none"):
+    """Write (topic, arrival [ns], message) as a folder of rosbag2; ``compress`` the ``storage`` or each ``message``."""
+    writer = Writer(folder, version=9, storage_plugin=StoragePlugin[storage.upper()])
+    if compress != "none":
+        writer.set_compression(CompressionMode[compress.upper()], CompressionFormat.ZSTD)
     connections = {}
     with writer:
         for topic, ns, message in messages:

@@ -3,6 +3,7 @@
 import json
 import os
 import pty
+import re
 import select
 import shlex
 import subprocess
@@ -107,6 +108,12 @@ class Runner:
             status = process.wait(5)
             os.close(master)
             return Ended(status, read(out), shown.decode())
+
+
+def rows(text):
+    """Return the rows of a table that is written as text, its cells between bars."""
+    lines = (re.split(r" \|(?: |$)", line) for line in text.strip().splitlines())
+    return [tuple(cell.strip() for cell in line) for line in lines]
 
 
 def split(line, *more):

@@ -50,22 +50,16 @@ class Arm:
     prior: np.ndarray
     constraints: PhysicalConstraints
 
-    def regressor(self, q, qd, qdd):
-        return regressor(q, qd, qdd)
+    def regressor(self, *motion):
+        return regressor(*motion)
 
     def motion(self, samples, alpha=1.0, seed=0):
         """Five harmonics of 0.1 Hz at 500 samples in 10 s, slowed down by alpha."""
-        rng = np.random.default_rng(seed)
-        a, b = rng.standard_normal((2, 5, 7)) / np.arange(1, 6)[:, None] ** 0.5
-        q, qd, qdd = harmonics(np.linspace(0, 10, samples), a, b)
-        return q, alpha * qd, alpha**2 * qdd
+        return slowed(_harmonics(samples, seed, 0.5), alpha)
 
     def within_limits(self, samples, alpha=1.0, seed=0):
         """The same kind of motion, each joint scaled to the tightest of its limits, then slowed down by alpha."""
-        rng = np.random.default_rng(seed)
-        a, b = rng.standard_normal((2, 5, 7)) / np.arange(1, 6)[:, None]
-        q, qd, qdd = inside(*harmonics(np.linspace(0, 10, samples), a, b), *LIMITS)
-        return q, alpha * qd, alpha**2 * qdd
+        return slowed(inside(*_harmonics(samples, seed, 1.0), *LIMITS), alpha)
 
     def whitened(self, samples=2000, alpha=1.0, noise=1.0, seed=1, motion=None):
         """Triangular factor (R, r) of noisy whitened rows."""
@@ -75,6 +69,15 @@ class Arm:
         rows = np.concatenate([W, tau[:, :, None]], axis=2) / (noise * NOISE)[:, None]
         F = np.linalg.qr(rows.reshape(-1, 92), mode="r")
         return F[:91, :91], F[:91, 91]
+
+
+def _harmonics(samples, seed, power):
+    sizes = np.random.default_rng(seed).standard_normal((2, 5, 7))
+    return harmonics(np.linspace(0, 10, samples), *sizes / np.arange(1, 6)[:, None] ** power)
+
+
+def slowed(motion, alpha):
+    return tuple(alpha**order * x for order, x in enumerate(motion))
 
 
 @lru_cache

@@ -1,14 +1,13 @@
 """check on logs: what it says, what it writes, what it refuses."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import twolink
 from dynid.files.logs import read_npz_log
+from runner import ROOT
 
-BAG = Path(__file__).parents[2] / "trajectories/lwr4plus_identify.bag"
+BAG = ROOT / "trajectories/lwr4plus_identify.bag"
 
 
 @pytest.mark.slow
@@ -28,16 +27,13 @@ def test_a_bag_is_described_and_converted_once_and_read_back(dynid):
 
 
 def test_a_log_without_a_robot_says_what_it_holds(dynid):
-    done = dynid(f"check {BAG}")
-    assert done.status == 0, done.err
-    assert "/lwr/joint_states  sensor_msgs/JointState, " in done.out
-    assert "joint_names: [lwr_0_joint, lwr_1_joint" in done.out
+    shown = dynid(f"check {BAG}").good.out
+    assert "/lwr/joint_states  sensor_msgs/JointState, " in shown
+    assert "joint_names: [lwr_0_joint, lwr_1_joint" in shown
 
 
 def test_the_robot_file_among_the_paths_serves_the_logs(arm):
-    done = arm("check arm.yaml log.csv")
-    assert done.status == 0, done.err
-    assert "matched by name: shoulder, elbow" in done.out
+    assert "matched by name: shoulder, elbow" in arm("check arm.yaml log.csv").good.out
 
 
 def test_fix_repairs_without_loss_and_lists_each_repair(arm):
@@ -45,9 +41,8 @@ def test_fix_repairs_without_loss_and_lists_each_repair(arm):
         columns["q"][1500:, 1] += 2 * np.pi
 
     twolink.write_log(arm.folder / "log.csv", 1, turn)
-    done = arm("check arm.yaml log.csv --fix")
-    assert done.status == 0, done.err
-    assert "warning[W315] elbow jumps by 6.28 rad at 15.00 s; unwrapped" in done.err
+    said = arm("check arm.yaml log.csv --fix").good.err
+    assert "warning[W315] elbow jumps by 6.28 rad at 15.00 s; unwrapped" in said
     log = read_npz_log(arm.folder / "out/arm/log.npz")
     assert np.abs(np.diff(log.q[:, 1])).max() < 0.1
 
@@ -57,6 +52,5 @@ def test_a_faulty_log_is_not_converted(arm):
         columns["tau"][300:312, 1] = np.nan
 
     twolink.write_log(arm.folder / "log.csv", 1, broken)
-    done = arm("check arm.yaml log.csv --convert")
-    assert (done.status, done.out) == (3, "")
+    arm("check arm.yaml log.csv --convert").failed(3)
     assert not (arm.folder / "out").exists()

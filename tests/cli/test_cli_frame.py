@@ -14,15 +14,9 @@ from dynid.cli.main import loop_map
 from dynid.codes import catalogue
 from dynid.errors import EXIT_MEANING, WrongUsage
 from dynid.options import Options
+from runner import rows
 
 ESCAPE = "\x1b"
-
-
-def ended(done, status, said=""):
-    """Assert how a command ended without an answer, and the begin of what it said."""
-    assert (done.status, done.out) == (status, "")
-    assert done.err.startswith(said)
-    return done.err
 
 
 # ---------------------------------------------------------------- help
@@ -83,22 +77,22 @@ def test_version_names_python_numpy_simulator_and_ros(dynid):
 # ---------------------------------------------------------------- wrong words and errors
 @pytest.mark.parametrize(
     ("line", "said"),
-    [
-        ("doctr", "no command 'doctr'; did you mean 'doctor'?"),
-        ("toy values --sampels 3", "no such option: --sampels; did you mean '--samples'?"),
-        ("toy values --samples x", ""),
-        ("toy", ""),
-        ("toy values --color blue", ""),
-        ("toy nothing", ""),
-    ],
+    rows("""
+        doctr                   | no command 'doctr'; did you mean 'doctor'?
+        toy values --sampels 3  | no such option: --sampels; did you mean '--samples'?
+        toy values --samples x  |
+        toy                     |
+        toy values --color blue |
+        toy nothing             |
+    """),
 )
 def test_wrong_usage_exits_2_in_the_style_of_the_catalogue_with_the_nearest_word(dynid, line, said):
-    err = ended(dynid(line), 2, f"error[E101] {said}")
-    assert "fix     dynid " in err
+    err = dynid(line).failed(2, "fix     dynid ")
+    assert err.startswith(f"error[E101] {said}")
 
 
 def test_an_error_has_four_parts_and_its_exit_status_and_debug_shows_the_traceback(dynid):
-    err = ended(dynid("toy error"), 3)
+    err = dynid("toy error").failed(3)
     assert re.findall(r"^ *(\S+)", err, re.M) == ["error[E306]", "where", "why", "fix"]
     assert "Traceback" in dynid("toy error --debug").err
     assert "Traceback" in dynid("toy crash", DYNID_DEBUG="1").err
@@ -116,11 +110,11 @@ def test_an_error_is_one_json_object_too(dynid):
 
 
 def test_an_unforeseen_exception_leaves_a_crash_file_and_status_70(dynid):
-    err = ended(dynid("toy crash"), 70)
+    done = dynid("toy crash")
+    (file,) = (dynid.home / ".cache/dynid").glob("crash-*.txt")
+    err = done.failed(70, str(file))
     assert len(err.splitlines()) == 2
     assert "Traceback" not in err
-    (file,) = (dynid.home / ".cache/dynid").glob("crash-*.txt")
-    assert str(file) in err
     text = file.read_text()
     assert "ZeroDivisionError: something unforeseen" in text
     assert "command: dynid toy crash" in text
@@ -240,19 +234,16 @@ def test_common_options_stand_at_the_top_of_the_file(dynid):
 
 @pytest.mark.parametrize(
     ("text", "status", "message"),
-    [
-        (
-            "toy:\n  sampels: 1\n",
-            3,
-            "error[E201] dynid.yaml:2: unknown key 'sampels'; did you mean 'samples'?",
-        ),
-        ("seeed: 1\n", 3, "error[E201] dynid.yaml:1: unknown key 'seeed'; did you mean 'seed'?"),
-        ("toy:\n  samples: many\n", 2, "where   dynid.yaml:2"),
-    ],
+    rows("""
+        toy:\\n  sampels: 1 | 3 | error[E201] dynid.yaml:2: unknown key 'sampels'; did you mean 'samples'?
+        seeed: 1 | 3 | error[E201] dynid.yaml:1: unknown key 'seeed'; did you mean 'seed'?
+        toy:\\n  samples: many | 2 | where   dynid.yaml:2
+    """),
 )
 def test_wrong_keys_and_values_are_named_by_file_and_line(dynid, text, status, message):
-    (dynid.folder / "dynid.yaml").write_text(text)
-    assert message in ended(dynid("toy values"), status, "error[")
+    (dynid.folder / "dynid.yaml").write_text(text.replace("\\n", "\n"))
+    err = dynid("toy values").failed(int(status), message)
+    assert err.startswith("error[")
 
 
 def test_doctor_shows_value_and_source_of_each_option(dynid):

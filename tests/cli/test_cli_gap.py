@@ -1,18 +1,16 @@
 """``dynid gap`` from outside: its JSON keys, the copy of the robot file, and the effect that stays from then on."""
 
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
 import twolink
-from dynid.files.robotfile import load_robot
+from dynid import load_robot
 from dynid.workflows.gap import robot_file_beside
 from recorded_lwr import only, recorded, sharp
-
-ROOT = Path(__file__).parents[2]
+from runner import ROOT, rows
 
 #: One thread: several processes share the machine when all tests run.
 ONE = {"OMP_NUM_THREADS": "1"}
@@ -33,7 +31,7 @@ def shop(tmp_path_factory, runner):
         one = recorded(k // 2, seconds=15.0, noise=10 + k, start=20.0 * k, added=load_friction)
         np.savez(run.folder / f"log{k + 1}.npz", t=one.t, q=one.q, tau=one.tau)
     line = "identify arm.yaml log1.npz log3.npz -q -o before --no-report"
-    assert run(line).status == 0
+    assert run(line).good
     return run.folder
 
 
@@ -69,7 +67,7 @@ def test_gap_names_adds_and_the_tool_has_it_from_then_on(dynid, logs):
     (before, after) = (model["position_rms_rad"][3] for model in driven["models"])
     assert after < before, "the exported file with the effect strays less in the simulator"
     assert (dynid.folder / "before" / "gap" / "simulator.png").is_file()
-    assert dynid("report before -q").status == 0
+    assert dynid("report before -q").good
     page = (dynid.folder / "before" / "report.html").read_text()
     assert f"Position error in {driven['engine']}" in page
 
@@ -95,8 +93,7 @@ def test_gap_without_a_terminal_reports_and_adds_nothing(dynid, logs):
     for path in (*old, before / "gap" / "own.png", before / "report.html"):
         path.write_text("old")
     line = "gap before/parameters.npz --effects load_friction,stribeck --joints 4 --no-plot"
-    ended = dynid(line, *logs, **ONE)
-    assert ended.status == 0, ended.err
+    ended = dynid(line, *logs, **ONE).good
     assert ended.out.startswith("Missing effect on lwr_3_joint: friction that grows with the load")
     assert "(not asked: no terminal" in ended.err
     assert not list(dynid.folder.glob("arm+*"))
@@ -107,16 +104,14 @@ def test_gap_without_a_terminal_reports_and_adds_nothing(dynid, logs):
 
 @pytest.mark.parametrize(
     ("line", "said"),
-    [
-        ("gap before/parameters.npz log1.npz --effects stribek", "did you mean 'stribeck'"),
-        ("gap", "PARAMETERS"),
-        ("demo --effect sprng", "did you mean 'spring'"),
-    ],
+    rows("""
+        gap before/parameters.npz log1.npz --effects stribek | did you mean 'stribeck'
+        gap | PARAMETERS
+        demo --effect sprng | did you mean 'spring'
+    """),
 )
 def test_words_that_are_none_are_answered_with_those_that_are_meant(dynid, logs, line, said):
-    ended = dynid(line)
-    assert ended.status == 2
-    assert said in ended.err
+    dynid(line).failed(2, said)
 
 
 @pytest.mark.slow

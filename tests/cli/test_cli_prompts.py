@@ -5,16 +5,17 @@ import subprocess
 
 import pytest
 
-# question, what is asked, Enter, nobody there, with -y, its option
-TABLE = [
-    ("P1", "Reduce to base parameters now?", "yes", "yes", "yes", "--reduce/--no-reduce"),
-    ("P2", "Does this motion look safe?", "no", "no", "no", "--accept"),
-    ("P4", "Convert to log.npz now?", "yes", "yes", "yes", "--convert/--no-convert"),
-    ("P5", "Identify now?", "yes", "no", "yes", "--identify/--no-identify"),
-    ("P6", "Overwrite x.npz?", "no", "no", "yes", "--force"),
-    ("P7", "Add coulomb to a copy of the robot file?", "no", "no", "no", "--apply/--no-apply"),
-    ("P8", "x.npz is stale. Rebuild?", "yes", "yes", "yes", "--rebuild/--frozen"),
-]
+from runner import rows
+
+TABLE = rows("""
+    P1 | Reduce to base parameters now?           | yes | yes | yes | --reduce/--no-reduce
+    P2 | Does this motion look safe?              | no  | no  | no  | --accept
+    P4 | Convert to log.npz now?                  | yes | yes | yes | --convert/--no-convert
+    P5 | Identify now?                            | yes | no  | yes | --identify/--no-identify
+    P6 | Overwrite x.npz?                         | no  | no  | yes | --force
+    P7 | Add coulomb to a copy of the robot file? | no  | no  | no  | --apply/--no-apply
+    P8 | x.npz is stale. Rebuild?                 | yes | yes | yes | --rebuild/--frozen
+""")
 
 
 @pytest.mark.parametrize(("row", "text", "enter", "unasked", "yes", "flag"), TABLE)
@@ -36,20 +37,25 @@ def test_the_documented_answer_is_taken_by_enter_without_a_terminal_and_by_yes(
 
 @pytest.mark.parametrize(
     ("row", "keys", "answer", "said"),
-    [
-        ("P1", ["r\n"], "retry", ""),
-        ("P1", ["No\n"], "no", ""),
-        ("P2", ["q\n"], "quit", ""),
-        ("P2", ["y\n"], "yes", ""),
-        ("P1", ["x\n", "n\n"], "no", "answer with one of y, n, r"),
-        ("P5", ["\x04"], "no", "not asked: end of input"),
-        ("P1 --no-input", [], "yes", "not asked: --no-input"),
-    ],
+    rows("""
+        P1            | r   | retry |
+        P1            | No  | no    |
+        P2            | q   | quit  |
+        P2            | y   | yes   |
+        P1            | x n | no    | answer with one of y, n, r
+        P1 --no-input |     | yes   | not asked: --no-input
+    """),
 )
 def test_letters_and_words_are_understood_on_a_terminal(dynid, row, keys, answer, said):
-    done = dynid.typing(f"toy ask {row}", keys=keys)
+    done = dynid.typing(f"toy ask {row}", keys=[f"{key}\n" for key in keys.split()])
     assert done.out == answer + "\n"
     assert said in done.err
+
+
+def test_the_end_of_input_is_an_answer_that_nobody_gave(dynid):
+    done = dynid.typing("toy ask P5", keys=["\x04"])
+    assert done.out == "no\n"
+    assert "not asked: end of input" in done.err
 
 
 def test_a_terminal_that_never_answers_sensibly_ends_with_e703(dynid):
@@ -65,10 +71,8 @@ def test_a_variable_asks_nothing_on_a_terminal_either(dynid):
 # ---------------------------------------------------------------- P3
 @pytest.mark.parametrize("words", ["", "-y", "--no-input", "--force -y"])
 def test_nothing_but_the_typed_name_moves_the_arm(dynid, words):
-    done = dynid(f"toy typed {words}")
-    assert (done.status, done.out) == (7, "")
-    assert done.err.startswith("error[E703]")
-    assert "--move kinova_gen2" in done.err
+    err = dynid(f"toy typed {words}").failed(7, "--move kinova_gen2")
+    assert err.startswith("error[E703]")
 
 
 def test_neither_variable_nor_file_stands_in_for_the_typed_name(dynid):

@@ -8,15 +8,15 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dynid.loading import load_run
 from dynid.workflows.model import base_model_of
+from runner import ROOT, rows
 
-IDENTIFY = Path(__file__).parents[2] / "trajectories" / "lwr4plus_identify.bag"
+IDENTIFY = ROOT / "trajectories" / "lwr4plus_identify.bag"
 INERTIA = '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>'
 URDF = f"""<robot name="two"><link name="base"/>
 <joint name="a" type="revolute"><parent link="base"/><child link="one"/><origin xyz="0 0 0.3"/><axis xyz="0 0 1"/>
@@ -43,15 +43,16 @@ def test_every_format_gives_the_torques_of_the_result_and_impossible_bodies_are_
     answer = story("export out/arm --format all --set physical -o all --json").facts
     assert (answer["schema"], answer["impossible_links"]) == ("dynid/export/1", [])
     found = {file["format"]: file["checks"] for file in answer["files"]}
-    assert {name: [check["engine"].split()[0] for check in found[name]] for name in found} == {
-        "urdf": ["MuJoCo"],
-        "mjcf": ["MuJoCo"],
-        "yaml": ["dynid"],
-        "effects": ["MuJoCo"],
-        "c": ["cc"],
-        "python": ["NumPy"],
-        "matlab": [],
-    }
+    engines = [(name, *(check["engine"].split()[0] for check in found[name])) for name in found]
+    assert sorted(engines) == rows("""
+        c       | cc
+        effects | MuJoCo
+        matlab
+        mjcf    | MuJoCo
+        python  | NumPy
+        urdf    | MuJoCo
+        yaml    | dynid
+    """)
     for name, checks in found.items():
         for check in checks:
             assert check["agrees"]
@@ -77,44 +78,37 @@ def test_every_format_gives_the_torques_of_the_result_and_impossible_bodies_are_
     (story.folder / "out/bad").mkdir()
     replace(stored, fit=opposite).save(story.folder / "out/bad/parameters.npz")
     line = "export out/bad --format urdf --set plain -o plain"
-    refused = story(line)
-    assert (refused.status, refused.out) == (1, "")
-    assert refused.err.startswith("error[E404] no body has the parameters of link ")
+    says = "no body has the parameters of link "
+    assert story(line).failed(1).startswith(f"error[E404] {says}")
     assert not (story.folder / "plain").exists()
-    allowed = story(f"{line} --allow-infeasible")
-    assert allowed.status == 0
-    assert allowed.err.startswith("warning[W409] no body has the parameters of link ")
+    allowed = story(f"{line} --allow-infeasible").good
+    assert allowed.err.startswith(f"warning[W409] {says}")
     assert (story.folder / "plain/kuka_lwr4plus.urdf").is_file()
 
 
 def test_exporting_twice_reuses_the_file_and_another_file_is_not_overwritten(story):
     """The same bytes are fine; a file that somebody changed needs --force."""
     line, path = "export out/arm --format matlab", story.folder / "out/arm/kuka_lwr4plus.m"
-    assert story(line).status == 0
-    again = story(line)
-    assert again.status == 0
-    assert again.err.splitlines()[0] == "reused     out/arm/kuka_lwr4plus.m       (the same bytes)"
+    assert story(line).good
+    again = story(line).good.err.splitlines()[0]
+    assert again == "reused     out/arm/kuka_lwr4plus.m       (the same bytes)"
     path.write_text("mine")
-    refused = story(line)
-    assert refused.status == 7
-    assert refused.err.startswith("error[E702] out/arm/kuka_lwr4plus.m exists")
+    assert story(line).failed(7).startswith("error[E702] out/arm/kuka_lwr4plus.m exists")
     assert path.read_text() == "mine"
-    assert story(f"{line} --force").status == 0
+    assert story(f"{line} --force").good
     assert path.read_text().startswith("function out = kuka_lwr4plus(what")
 
 
 @pytest.mark.parametrize(
     ("line", "said"),
-    [
-        ("export out/arm --format c --urdf two.urdf -o none", "--urdf is for --format urdf"),
-        ("compare out/arm --tolerance 1%", "--tolerance needs a --baseline"),
-    ],
+    rows("""
+        export out/arm --format c --urdf two.urdf -o none | --urdf is for --format urdf
+        compare out/arm --tolerance 1% | --tolerance needs a --baseline
+    """),
 )
 def test_an_option_that_would_be_ignored_is_wrong_usage(story, line, said):
     (story.folder / "two.urdf").write_text(URDF)
-    done = story(line)
-    assert (done.status, done.out) == (2, "")
-    assert done.err.splitlines()[0] == f"error[E101] {said}"
+    assert story(line).failed(2).splitlines()[0] == f"error[E101] {said}"
     assert not (story.folder / "none").exists()
 
 
@@ -137,17 +131,14 @@ def test_a_urdf_becomes_a_robot_file_that_the_other_commands_read(dynid):
 def test_a_file_that_is_no_urdf_is_refused(dynid):
     """With its own code, on stderr only."""
     (dynid.folder / "two.urdf").write_text("<sdf/>")
-    done = dynid("import two.urdf")
-    assert (done.status, done.out) == (3, "")
-    assert done.err.startswith("error[E210] two.urdf")
+    assert dynid("import two.urdf").failed(3).startswith("error[E210] two.urdf")
     assert list(dynid.folder.iterdir()) == [dynid.folder / "two.urdf"]
 
 
 def test_runs_become_one_table(story):
     """Text, CSV and LaTeX; two runs of one arm."""
     runs = ["out/arm", "out/arm/parameters.npz"]
-    done = story("compare", *runs, "--csv", "all.csv", "--latex", "all.tex")
-    assert done.status == 0
+    done = story("compare --csv all.csv --latex all.tex", *runs).good
     answer, _, head, *rows = done.out.splitlines()[:5]
     assert answer == "Nothing has changed since out/arm by more than its uncertainty."
     columns = "run, robot, method, rank, condition, error, held out, weakest joint"
@@ -219,9 +210,8 @@ def test_the_report_is_one_file_beside_the_result(story):
     lights = re.findall(r'<li class="(\w+)"><span class="dot"', page)
     assert lights == list(answer["lights"].values())
     assert summary.splitlines()[0] == "### KUKA LWR4+"
-    again = story("report out/arm")
-    assert again.status == 0
-    assert again.out.splitlines()[: len(answer["verdict"])] == answer["verdict"]
+    again = story("report out/arm").good.out.splitlines()
+    assert again[: len(answer["verdict"])] == answer["verdict"]
     assert (story.folder / "out/arm/report.html").read_text(encoding="utf-8") == page
 
 

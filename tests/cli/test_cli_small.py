@@ -3,15 +3,13 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from dynid.cli import session
 from dynid.cli.session import Session
 from dynid.codes import codes
-
-ROOT = Path(__file__).parents[2]
+from runner import ROOT, rows
 
 
 # ---------------------------------------------------------------- explain
@@ -26,16 +24,14 @@ def test_explain_alone_lists_every_code(dynid):
 
 @pytest.mark.parametrize(
     ("word", "said"),
-    [
-        ("E30", "no code or page 'E30'; did you mean 'E320'?"),
-        ("307", "no code or page '307'; did you mean 'E307'?"),
-        ("foo", "no code or page 'foo'"),
-    ],
+    rows("""
+        E30 | no code or page 'E30'; did you mean 'E320'?
+        307 | no code or page '307'; did you mean 'E307'?
+        foo | no code or page 'foo'
+    """),
 )
 def test_a_misspelt_code_is_suggested(dynid, word, said):
-    done = dynid(f"explain {word}")
-    assert (done.status, done.out) == (2, "")
-    assert done.err.splitlines()[0] == f"error[E101] {said}"
+    assert dynid(f"explain {word}").failed(2).splitlines()[0] == f"error[E101] {said}"
 
 
 def test_explain_shows_a_page_of_the_documentation(dynid):
@@ -48,13 +44,13 @@ def test_explain_shows_a_page_of_the_documentation(dynid):
 # ---------------------------------------------------------------- completion
 @pytest.mark.parametrize(
     ("line", "expected"),
-    [
-        ("dynid doc", "doctor"),
-        ("dynid check --str", "--strict"),
-        ("dynid identify kuka", "kuka_lwr4plus"),
-        ("dynid gap --effects spring,stri", "spring,stribeck"),
-        ("dynid explain E30", "E307"),
-    ],
+    rows("""
+        dynid doc                       | doctor
+        dynid check --str               | --strict
+        dynid identify kuka             | kuka_lwr4plus
+        dynid gap --effects spring,stri | spring,stribeck
+        dynid explain E30               | E307
+    """),
 )
 def test_the_shell_completes_commands_options_robots_effects_and_codes(dynid, line, expected):
     words = len(line.split()) - 1

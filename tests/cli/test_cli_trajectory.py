@@ -2,19 +2,18 @@
 
 import csv
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
 from dynid.files.trajectoryfile import read_trajectory
-from runner import Runner
+from runner import ROOT, Runner, rows
 
 LWR = "trajectory kuka_lwr4plus"
 QUICK = "--no-optimise --duration 6 --segments 4 --preview none"
 OUT = "out/kuka_lwr4plus"
-TRAJECTORIES = Path(__file__).parents[2] / "trajectories"
+TRAJECTORIES = ROOT / "trajectories"
 
 
 @pytest.fixture(scope="module")
@@ -63,32 +62,21 @@ def test_same_inputs_are_reused_and_other_inputs_need_force(planned):
     again = run(f"{LWR} {QUICK} --json")
     assert "reused" in again.err
     assert again.facts["condition_number"] == answer["condition_number"]
-    other = run(f"{LWR} {QUICK} --alpha 0.5")
-    assert other.status == 7
-    assert "error[E702]" in other.err
+    run(f"{LWR} {QUICK} --alpha 0.5").failed(7, "error[E702]")
 
 
 @pytest.mark.parametrize(
     ("point", "status", "said"),
-    [
-        (
-            "0,2.6,0,0,0,0,0",
-            5,
-            r"E501\] lwr_1_joint reaches 2.6 rad at t = .*limit 1.88 with 10 % margin",
-        ),
-        (
-            "0,30,0,0,0,0,0",
-            3,
-            r"E307\] far.csv: lwr_1_joint is 30 rad at waypoint 2.*angle_unit: deg",
-        ),
-        ("0,1.8,0,-0.4,0,0,0", 5, r"E502\].*floor"),
-    ],
+    rows(r"""
+        0,2.6,0,0,0,0,0    | 5 | E501\] lwr_1_joint reaches 2.6 rad at t = .*limit 1.88 with 10 % margin
+        0,30,0,0,0,0,0     | 3 | E307\] far.csv: lwr_1_joint is 30 rad at waypoint 2.*angle_unit: deg
+        0,1.8,0,-0.4,0,0,0 | 5 | E502\].*floor
+    """),
 )
 def test_waypoints_that_cannot_be_end_with_the_numbers_and_a_way_out(dynid, point, status, said):
     (dynid.folder / "far.csv").write_text(f"0,0,0,0,0,0,0\n{point}\n0,0,0,0,0,0,0\n")
     done = dynid(f"{LWR} --from-waypoints far.csv --preview none")
-    assert (done.status, done.out) == (status, "")
-    assert re.search(said, done.err, re.S)
+    assert re.search(said, done.failed(int(status)), re.S)
     assert not (dynid.folder / OUT / "trajectory.npz").exists()
 
 
@@ -100,19 +88,14 @@ def test_arm_built_lower_than_the_wanted_distance_is_planned_and_still_kept_off_
     more = "--duration 6 --segments 4 --seconds 60 --restarts 3 --json"
     assert dynid(f"{line} {more}").facts["closest_m"] > 0.03
     (dynid.folder / "down.csv").write_text("0,0.5\n0,-0.5\n0,0.5\n")
-    down = dynid(f"{line} --from-waypoints down.csv -o down")
-    assert down.status == 5
-    assert "error[E502]" in down.err
-    assert "floor" in down.err
+    dynid(f"{line} --from-waypoints down.csv -o down").failed(5, "error[E502]", "floor")
 
 
 def test_too_fast_a_tool_is_told_the_alpha_that_passes_and_that_alpha_passes(dynid):
     (dynid.folder / "w.csv").write_text("0,0,0,0,0,0,0\n0.5,0.8,0,0.4,0,0,0\n0,0,0,0,0,0,0\n")
     line = f"{LWR} --from-waypoints w.csv --preview none --tool-speed 0.25"
-    done = dynid(f"{line} --alpha 1")
-    assert done.status == 5
-    alpha = done.err.split("--alpha ")[1].split()[0]
-    assert dynid(f"{line} --alpha {alpha}").status == 0
+    alpha = dynid(f"{line} --alpha 1").failed(5).split("--alpha ")[1].split()[0]
+    assert dynid(f"{line} --alpha {alpha}").good
 
 
 @pytest.mark.slow
@@ -133,12 +116,11 @@ def test_no_asks_what_to_change_old_pictures_go_and_an_unseen_motion_is_accepted
     out.mkdir(parents=True)
     (out / "preview.gif").write_bytes(b"of another motion")
     keys = ["n\n", "alpha five\n", "seed 3\n", "n\n", "alpha 0.1\n", "y\n"]
-    done = dynid.typing(f"{LWR} {QUICK}", keys=keys)
-    assert done.status == 0, done.err
-    assert "change what? such as alpha 0.1, seed 1" in done.err
-    assert "five is no number" in done.err
-    assert "alpha 0.2, seed 3" in done.err
-    assert "reviewed: accepted unseen" in done.err
+    said = dynid.typing(f"{LWR} {QUICK}", keys=keys).good.err
+    assert "change what? such as alpha 0.1, seed 1" in said
+    assert "five is no number" in said
+    assert "alpha 0.2, seed 3" in said
+    assert "reviewed: accepted unseen" in said
     assert not (out / "preview.gif").exists()
     stored = read_trajectory(out / "trajectory.npz")
     assert (stored.alpha, stored.review.seen) == (0.1, False)
@@ -152,10 +134,8 @@ def test_declining_for_good_writes_nothing_and_ends_with_status_7(dynid):
 
 @pytest.mark.slow
 def test_gui_without_a_display_is_status_6_and_pictures_are_the_default(dynid):
-    done = dynid(f"{LWR} {QUICK} --preview gui")
-    assert done.status == 6
-    assert "error[E604]" in done.err
-    assert dynid(f"{LWR} {QUICK.removesuffix('--preview none')}").status == 0
+    dynid(f"{LWR} {QUICK} --preview gui").failed(6, "error[E604]")
+    assert dynid(f"{LWR} {QUICK.removesuffix('--preview none')}").good
     assert (dynid.folder / OUT / "preview.png").stat().st_size > 20_000
     assert (dynid.folder / OUT / "preview.gif").read_bytes()[:6] == b"GIF89a"
 
@@ -167,7 +147,7 @@ def errors_of(done):
 @pytest.mark.slow
 def test_earlier_log_and_what_was_identified_from_it_make_every_predicted_error_smaller(dynid):
     bag = TRAJECTORIES / "kinova_gen2_identify.bag"
-    assert dynid(f"identify kinova_gen2 {bag} --no-report -o before").status == 0
+    assert dynid(f"identify kinova_gen2 {bag} --no-report -o before").good
     line = f"trajectory kinova_gen2 {QUICK} --json"
     alone = errors_of(dynid(f"{line} --noise 0.1 -o alone"))
     log = errors_of(dynid(f"{line} --noise 0.1 --earlier {bag} -o log"))
@@ -180,27 +160,18 @@ def test_earlier_log_and_what_was_identified_from_it_make_every_predicted_error_
     assert told["torque_noise_from"] == "as an earlier identification found it"
 
 
-@pytest.fixture
-def noisy(dynid):
-    """Writes the LWR4+ to a file of its own, with a torque noise."""
-    text = (TRAJECTORIES.parent / "robots" / "kuka_lwr4plus.yaml").read_text()
-
-    def make(noise):
-        told = text.replace("{source: joint_sensor}", f"{{source: joint_sensor, noise: {noise}}}")
-        (dynid.folder / "arm.yaml").write_text(told)
-
-    return make
-
-
 @pytest.mark.slow
-def test_noise_of_the_robot_file_scales_the_predicted_errors_and_the_option_wins(dynid, noisy):
+def test_noise_of_the_robot_file_scales_the_predicted_errors_and_the_option_wins(dynid):
     errors = []
-    for noise, words, source in (
-        ("0.1", "", "from the robot file"),
-        ("0.3", "", "from the robot file"),
-        ("0.3", "--noise 0.1", "given with --noise"),
-    ):
-        noisy(noise)
+    cases = rows("""
+        0.1 |             | from the robot file
+        0.3 |             | from the robot file
+        0.3 | --noise 0.1 | given with --noise
+    """)
+    text = (TRAJECTORIES.parent / "robots" / "kuka_lwr4plus.yaml").read_text()
+    for noise, words, source in cases:
+        noisy = text.replace("{source: joint_sensor}", f"{{source: joint_sensor, noise: {noise}}}")
+        (dynid.folder / "arm.yaml").write_text(noisy)
         done = dynid(f"trajectory arm.yaml {QUICK} {words} --json --force")
         assert done.facts["torque_noise_from"] == source
         errors.append(errors_of(done))
@@ -213,12 +184,10 @@ def test_noise_of_the_robot_file_scales_the_predicted_errors_and_the_option_wins
 
 @pytest.mark.parametrize(
     ("words", "says"),
-    [
-        ("--floor low", "--floor 'low'"),
-        ("--obstacle 1,2,3", "--obstacle 1,2,3 is not possible: it is not 6 numbers"),
-    ],
+    rows("""
+        --floor low      | --floor 'low'
+        --obstacle 1,2,3 | --obstacle 1,2,3 is not possible: it is not 6 numbers
+    """),
 )
 def test_wrong_options_end_with_status_2_and_an_example(dynid, words, says):
-    done = dynid(f"{LWR} {QUICK} {words}")
-    assert done.status == 2
-    assert says in done.err
+    dynid(f"{LWR} {QUICK} {words}").failed(2, says)

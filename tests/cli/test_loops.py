@@ -17,9 +17,8 @@ import yaml
 
 import twolink
 from dynid.files.artifact import read_artifact
-from runner import Runner
+from runner import Runner, rows
 
-ROOT = Path(__file__).parents[2]
 OUT = "out/arm"
 IDENTIFY = "identify arm.yaml log.csv"
 
@@ -40,11 +39,6 @@ def done(dynid, finished):
     shutil.copytree(finished, dynid.folder, dirs_exist_ok=True)
     dynid.env["DYNID_IDENTIFY_REPORT"] = "no"
     return dynid
-
-
-def good(run):
-    assert run.status == 0, run.err
-    return run
 
 
 def edit(runner, old, new):
@@ -84,7 +78,7 @@ def test_validate_is_as_good_on_the_unseen_log_as_the_sensor_noise(done):
     ],
 )
 def test_stdout_is_the_answer_and_stderr_the_rest(done, line):
-    quiet, usual, loud = (good(done(f"{line} --force {more}")) for more in ("-q", "", "-v"))
+    quiet, usual, loud = (done(f"{line} --force {more}").good for more in ("-q", "", "-v"))
     answered = [line for line in quiet.out.splitlines() if not line.startswith("values ")]
     assert usual.out.splitlines()[: len(answered)] == answered
     # Why only its first line: -v tells what is behind each light that the usual answer gathers in one line.
@@ -97,16 +91,16 @@ def test_stdout_is_the_answer_and_stderr_the_rest(done, line):
 # ---------------------------------------------------------------- P1, P5
 @pytest.mark.parametrize(
     ("line", "question", "made", "unasked"),
-    [
-        ("model arm.yaml", "? Reduce to base parameters now?", "fullregressor.npz", "yes"),
-        ("parameters arm.yaml log.csv", "? Identify now?", "parameters.npz", "no"),
-    ],
+    rows("""
+        model arm.yaml              | ? Reduce to base parameters now? | fullregressor.npz | yes
+        parameters arm.yaml log.csv | ? Identify now?                  | parameters.npz    | no
+    """),
 )
 def test_the_next_step_is_asked_on_a_terminal_and_said_where_nobody_is(
     arm, line, question, made, unasked
 ):
     path = arm.folder / OUT / made
-    assert f"{question} -> {unasked} (not asked: no terminal" in good(arm(line)).err
+    assert f"{question} -> {unasked} (not asked: no terminal" in arm(line).good.err
     assert path.exists() is (unasked == "yes")
     names = {"regressor.npz"}
     if line.startswith("parameters"):
@@ -114,7 +108,7 @@ def test_the_next_step_is_asked_on_a_terminal_and_said_where_nobody_is(
     assert names <= {each.name for each in path.parent.iterdir()}
     for key, there in (("n\n", False), ("\n", True)):
         shutil.rmtree(path.parent)
-        good(arm.typing(line, keys=[key]))
+        assert arm.typing(line, keys=[key]).good
         assert path.exists() is there
 
 
@@ -123,30 +117,30 @@ def test_the_answer_r_opens_the_editor_and_builds_again(arm):
     editor.write_text('#!/bin/sh\nsed -i "s/a: 0.3/a: 0.35/" "$1"\n')
     editor.chmod(0o755)
     env = dict.fromkeys(("EDITOR", "VISUAL"), str(editor))
-    run = good(arm.typing("model arm.yaml", keys=["r\n", "y\n", "y\n"], **env))
+    run = arm.typing("model arm.yaml", keys=["r\n", "y\n", "y\n"], **env).good
     assert "joints[1].a 0.3 -> 0.35" in run.err
     assert "a2 = 0.35 m" in run.out
 
 
 @pytest.mark.parametrize("word", ["-y", "--identify"])
 def test_parameters_goes_on_to_identify_when_told_to(arm, word):
-    run = good(arm(f"parameters arm.yaml log.csv {word}"))
+    run = arm(f"parameters arm.yaml log.csv {word}").good
     assert (arm.folder / OUT / "parameters.npz").is_file()
     assert "total relative error" in run.out
 
 
 def test_the_answer_r_changes_the_filter_and_stacks_again(arm):
-    run = good(arm.typing("parameters arm.yaml log.csv", keys=["r\n", "3\n", "n\n"]))
+    run = arm.typing("parameters arm.yaml log.csv", keys=["r\n", "3\n", "n\n"]).good
     assert "low-pass at 3 Hz" in run.err
     assert read_artifact(arm.folder / OUT / "fullnumericregressor.npz").header["cutoff_hz"] == 3.0
 
 
 def test_parameters_then_identify_equals_identify_at_once_to_the_byte(arm, finished):
-    good(arm("parameters arm.yaml log.csv"))
-    good(arm("identify arm.yaml"))
+    assert arm("parameters arm.yaml log.csv").good
+    assert arm("identify arm.yaml").good
     made, expected = (folder / OUT / "parameters.yaml" for folder in (arm.folder, finished))
     assert made.read_bytes() == expected.read_bytes()
-    assert good(arm(IDENTIFY)).err.startswith("reused     out/arm/parameters.npz")
+    assert arm(IDENTIFY).good.err.startswith("reused     out/arm/parameters.npz")
 
 
 # ---------------------------------------------------------------- P6
@@ -154,20 +148,17 @@ def test_parameters_then_identify_equals_identify_at_once_to_the_byte(arm, finis
 
 @pytest.mark.parametrize(
     ("words", "named"),
-    [
-        ("unseen.csv", "log 1 sha"),
-        ("unseen.csv --no-input", "log 1 sha"),
-        ("log.csv --method ols", "method auto -> ols"),
-        ("log.csv --cutoff 4", "cutoff auto -> 4"),
-    ],
+    rows("""
+        unseen.csv            | log 1 sha
+        unseen.csv --no-input | log 1 sha
+        log.csv --method ols  | method auto -> ols
+        log.csv --cutoff 4    | cutoff auto -> 4
+    """),
 )
 def test_other_inputs_are_refused_and_named(done, words, named):
-    run = done(f"identify arm.yaml {words}")
-    assert (run.status, run.out) == (7, "")
-    first = run.err.splitlines()[0]
+    first = done(f"identify arm.yaml {words}").failed(7, "--force").splitlines()[0]
     assert first.startswith("error[E702] out/arm/parameters.npz exists and differs in inputs (")
     assert named in first
-    assert "--force" in run.err
 
 
 @pytest.mark.parametrize(
@@ -175,7 +166,7 @@ def test_other_inputs_are_refused_and_named(done, words, named):
     ["--force", *(pytest.param(w, marks=pytest.mark.slow) for w in ("-f", "-y", "--out else"))],
 )
 def test_the_advice_of_e702_works(done, words):
-    good(done(f"identify arm.yaml unseen.csv {words}"))
+    assert done(f"identify arm.yaml unseen.csv {words}").good
 
 
 def test_on_a_terminal_overwriting_is_asked(done):
@@ -183,7 +174,7 @@ def test_on_a_terminal_overwriting_is_asked(done):
     refused = done.typing(line, keys=["n\n"])
     assert refused.status == 7
     assert "error[E704]" in refused.err
-    good(done.typing(line, keys=["y\n"]))
+    assert done.typing(line, keys=["y\n"]).good
 
 
 def test_a_foreign_file_in_the_way_is_not_overwritten(arm):
@@ -197,20 +188,18 @@ def test_a_foreign_file_in_the_way_is_not_overwritten(arm):
 # ---------------------------------------------------------------- P8
 def test_a_changed_robot_file_is_noticed_and_refused_or_built_again(done):
     edit(done, "a: 0.3", "a: 0.35")
-    frozen = done("model arm.yaml --frozen")
-    assert (frozen.status, frozen.out) == (7, "")
     was = "out/arm/regressor.npz was made from an older robot file (joints[1].a 0.3 -> 0.35)"
-    assert f"error[E701] {was}" in frozen.err
+    done("model arm.yaml --frozen").failed(7, f"error[E701] {was}")
     assert done.typing("model arm.yaml --reduce", keys=["n\n"]).status == 7
-    good(done.typing("model arm.yaml --reduce", keys=["y\n"]))
+    assert done.typing("model arm.yaml --reduce", keys=["y\n"]).good
     edit(done, "a: 0.35", "a: 0.3")
-    good(done("model arm.yaml --reduce --rebuild"))
+    assert done("model arm.yaml --reduce --rebuild").good
     edit(done, "a: 0.3", "a: 0.35")
-    run = good(done("model arm.yaml"))
+    run = done("model arm.yaml").good
     assert "joints[1].a 0.3 -> 0.35" in run.err
     asked = "is stale. Rebuild? -> yes (not asked: no terminal; set with --rebuild/--frozen)"
     assert asked in run.err
-    good(done("model arm.yaml --frozen"))
+    assert done("model arm.yaml --frozen").good
 
 
 def test_comments_and_limits_do_not_make_a_model_stale(done):
@@ -222,7 +211,7 @@ def test_comments_and_limits_do_not_make_a_model_stale(done):
 # ---------------------------------------------------------------- run.yaml, limits
 def test_a_run_is_repeated_from_run_yaml_without_the_variables_and_files_it_was_made_with(arm):
     (arm.folder / "dynid.yaml").write_text("seed: 7\n")
-    good(arm(f"{IDENTIFY} --no-feasible", DYNID_CUTOFF="5"))
+    assert arm(f"{IDENTIFY} --no-feasible", DYNID_CUTOFF="5").good
     (arm.folder / "dynid.yaml").unlink()
     del arm.env["DYNID_IDENTIFY_REPORT"]
     run = yaml.safe_load((arm.folder / OUT / "run.yaml").read_text())["identify"]
@@ -232,8 +221,8 @@ def test_a_run_is_repeated_from_run_yaml_without_the_variables_and_files_it_was_
     )
     before = (arm.folder / OUT / "parameters.yaml").read_bytes()
     line = f"identify --from {OUT}/run.yaml"
-    assert good(arm(line)).err.startswith("reused")
-    good(arm(f"{line} --force"))
+    assert arm(line).good.err.startswith("reused")
+    assert arm(f"{line} --force").good
     assert (arm.folder / OUT / "parameters.yaml").read_bytes() == before
     assert "method" in arm(f"{line} --method ols").err
     assert "holds no run of 'parameters'; it has" in arm(f"parameters --from {OUT}/run.yaml").err
@@ -263,8 +252,7 @@ def test_wrong_words_are_refused_before_anything_is_read_or_written(arm):
         replay: ("--max-unexplained lots", "--max-rms -1"),
     }
     for line, words in ((line, words) for line, some in wrong.items() for words in some):
-        run = arm(f"{line} {words}")
-        assert (run.status, run.out) == (2, ""), words
+        arm(f"{line} {words}").failed(2)
         assert not (arm.folder / "out").exists(), words
 
 
@@ -290,7 +278,7 @@ def whole(folder):
 def ended_at_random(arm, line, number, count):
     """Yield runs that a signal reaches at a random moment: their status, and what they said last."""
     generator, began = random.Random(5), time.monotonic()
-    good(arm(line))
+    assert arm(line).good
     longest = 0.9 * (time.monotonic() - began)
     for _ in range(count):
         shutil.rmtree(arm.folder / "out", ignore_errors=True)
@@ -309,7 +297,7 @@ def test_a_run_killed_at_any_moment_leaves_only_whole_files(arm):
     del arm.env["DYNID_IDENTIFY_REPORT"]
     line = "parameters arm.yaml log.csv --identify --force"
     assert list(ended_at_random(arm, line, signal.SIGKILL, 6))
-    good(arm(line))
+    assert arm(line).good
     assert "parameters.npz" in whole(arm.folder)
 
 
@@ -346,9 +334,7 @@ def test_a_read_only_folder_ends_in_a_message(arm):
     try:
         for line in ("model arm.yaml", "demo"):
             run = arm.fresh(line, preexec_fn=without_privileges)
-            assert run.status == 6, run.err
-            assert "error[E606] cannot write" in run.err
-            assert "Traceback" not in run.err
+            assert "Traceback" not in run.failed(6, "error[E606] cannot write")
     finally:
         arm.folder.chmod(0o755)
 

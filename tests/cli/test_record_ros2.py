@@ -1,22 +1,19 @@
 """The page "Record with ROS 2": what a plan writes is what ROS 2 takes, and what its recorder writes is read."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from arms import pinocchio_torques
-from dynid.files.robotfile import load_robot
+from dynid import Motion, load_robot
 from dynid.files.trajectoryfile import write_joint_trajectory
-from dynid.motion import Motion
 from dynid.sim.urdf import urdf_text
 from motions import tones
 from recordings import ROS2 as HUMBLE
-from recordings import ros2_state
+from recordings import ros2_state, write_rosbag2
 
 ROBOT = load_robot("ur5e")
 T = np.linspace(0, 12, 1201)
@@ -63,52 +60,42 @@ def test_a_plan_is_a_joint_trajectory_of_ros_2(goal, tmp_path):
     assert np.allclose([point.positions for point in message.points], MOTION.q, atol=1e-8)
 
 
-def recorded(folder: Path, plugin: StoragePlugin, packed: bool = False) -> None:
+def recorded(folder, storage, compress="none"):
     """Write what ``ros2 bag record`` leaves: a folder with metadata.yaml, by a library that is not dynid's."""
-    kind = "sensor_msgs/msg/JointState"
     arm, qd = pin.buildModelFromXML(urdf_text(ROBOT)), MOTION.qd
     tau = pinocchio_torques(arm, MOTION.q, qd, MOTION.qdd) + 2 * qd
     tau += np.random.default_rng(0).normal(0, 0.2, qd.shape)
-    writer = Writer(folder, version=9, storage_plugin=plugin)
-    if packed:
-        writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
-    with writer:
-        connection = writer.add_connection("/joint_states", kind, typestore=HUMBLE)
-        writer.add_connection("/rosout", "rcl_interfaces/msg/Log", typestore=HUMBLE)
-        for t, q, effort in zip(T, MOTION.q, tau, strict=True):
-            ns = START * 10**9 + round(t * 1e9)
-            message = ros2_state(ns, ROBOT.log_names, q, np.zeros(6), effort)
-            writer.write(connection, ns, HUMBLE.serialize_cdr(message, kind))
+    messages = []
+    for t, q, effort in zip(T, MOTION.q, tau, strict=True):
+        ns = START * 10**9 + round(t * 1e9)
+        message = ros2_state(ns, ROBOT.log_names, q, np.zeros(6), effort)
+        messages.append(("/joint_states", ns, message))
+    return write_rosbag2(folder, messages, storage, compress)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("plugin", list(StoragePlugin))
-def test_a_recording_of_ros_2_is_checked_and_identified(plugin, dynid):
-    recorded(dynid.folder / "recording", plugin)
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_a_recording_of_ros_2_is_checked_and_identified(storage, dynid):
+    recorded(dynid.folder / "recording", storage)
     assert (dynid.folder / "recording" / "metadata.yaml").is_file()
     assert dynid("check recording --robot ur5e --json").facts["schema"] == "dynid/check/1"
     found = dynid("identify ur5e recording --no-input --no-report --json").facts
     assert found["relative_error_percent"] < 5
 
 
-@pytest.mark.parametrize("plugin", list(StoragePlugin))
-def test_messages_that_were_packed_one_by_one_are_told(plugin, dynid):
-    recorded(dynid.folder / "recording", plugin, packed=True)
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_messages_that_were_packed_one_by_one_are_told(storage, dynid):
+    recorded(dynid.folder / "recording", storage, "message")
     for words in ("--robot ur5e", ""):
-        done = dynid(f"check recording {words}")
-        assert done.status == 3
-        assert "error[E304] every message of the recording is compressed" in done.err
+        said = "error[E304] every message of the recording is compressed"
+        dynid(f"check recording {words}").failed(3, said)
 
 
-@pytest.mark.parametrize("plugin", list(StoragePlugin))
-def test_a_recording_without_joint_states_is_not_usable(plugin, dynid):
-    kind = "std_msgs/msg/String"
-    with Writer(dynid.folder / "recording", version=9, storage_plugin=plugin) as writer:
-        connection = writer.add_connection("/chatter", kind, typestore=HUMBLE)
-        for k in range(20):
-            writer.write(
-                connection, 10**9 * k, HUMBLE.serialize_cdr(HUMBLE.types[kind]("hello"), kind)
-            )
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_a_recording_without_joint_states_is_not_usable(storage, dynid):
+    hello = HUMBLE.types["std_msgs/msg/String"]("hello")
+    messages = [("/chatter", 10**9 * k, hello) for k in range(20)]
+    write_rosbag2(dynid.folder / "recording", messages, storage)
     answer = json.loads(dynid("check recording --json").out)
     assert not answer["usable"]
     assert [finding["code"] for finding in answer["findings"]] == ["W333"]

@@ -12,7 +12,6 @@ from dynid.cli.commands import COMMANDS, Entry
 from dynid.cli.main import main
 from dynid.cli.options import dynid_command
 from dynid.cli.prompt import ask, confirm
-from dynid.cli.session import Session
 from dynid.errors import Finding, NotFinite
 from dynid.table import Table
 
@@ -102,7 +101,7 @@ JOBS = {
 @click.option("--given/--not-given", default=None, help="Answer of the question.")
 @click.option("--samples", type=int, default=200, help="A number.")
 @click.option("--move", allow_from_autoenv=False, help="The robot's name.")
-def command(session: Session, job, **words):
+def command(session, job, **words):
     """Do one of the jobs of the tests."""
     return JOBS[job](session=session, **words) or Answer({})
 

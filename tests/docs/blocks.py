@@ -100,14 +100,17 @@ def run(line, folder):
 
 def alike(shown, real):
     """Return whether the shown output is the real one but for numbers; ``...`` stands for any lines."""
-    pattern = ""
-    for line in shown.rstrip("\n").splitlines():
-        masked = re.sub(r"\s+", " ", VARIABLE.sub("#", line)).strip()
-        pattern += r"(.*\n)*?" if masked == "..." else re.escape(masked) + "\n"
-    text = "".join(
-        re.sub(r"\s+", " ", VARIABLE.sub("#", line)).strip() + "\n" for line in real.splitlines()
+    pattern = "".join(
+        r"(.*\n)*?" if line == "..." else re.escape(line) + "\n"
+        for line in masked(shown.rstrip("\n"))
     )
-    return re.fullmatch(pattern, text) is not None
+    return re.fullmatch(pattern, "".join(f"{line}\n" for line in masked(real))) is not None
+
+
+def masked(text):
+    """Return the lines of an output without numbers and the width of its columns."""
+    lines = VARIABLE.sub("#", text).splitlines()
+    return [re.sub(r"\s+", " ", line).strip() for line in lines]
 
 
 def refreshed(text, folder):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid import IdentifyOptions, identify, validate
+from dynid import identify, validate
 from recorded_lwr import ROBOT, recorded
 
 JOINT = 4
@@ -31,11 +31,8 @@ def check(found, other):
 @pytest.mark.parametrize("crawl", [0.012, 0.05])
 def test_a_joint_that_crawls_is_answered_from_the_prior(other, crawl):
     """In the slower case no row of its own is left: all of them are near standstill."""
-    found = identify(
-        ROBOT,
-        recorded(1, reach=np.where(np.arange(7) == JOINT, crawl, 1.0)),
-        IdentifyOptions(holdout=None),
-    )
+    log = recorded(1, reach=np.where(np.arange(7) == JOINT, crawl, 1.0))
+    found = identify(ROBOT, log, holdout=None)
     check(found, other)
     assert "W406" in [finding.code for finding in found.findings]
 
@@ -44,4 +41,4 @@ def test_a_torque_that_is_stuck_leaves_its_joint_to_the_prior(other):
     log = recorded(1)
     tau = log.tau.copy()
     tau[:, JOINT] = 0.7
-    check(identify(ROBOT, replace(log, tau=tau), IdentifyOptions(holdout=None)), other)
+    check(identify(ROBOT, replace(log, tau=tau), holdout=None), other)

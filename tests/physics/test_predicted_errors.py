@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import models
-from dynid import IdentifyOptions, Log, LogOptions, identify, load_log, load_robot
+from dynid import Log, LogOptions, identify, load_log, load_robot
 from dynid.estimation.least_squares import weighted
 from dynid.estimation.posterior import prior_information
 from dynid.estimation.stack import stack_logs
@@ -86,7 +86,7 @@ def test_expected_torque_errors_come_true_of_what_is_identified_by_default_from_
             tau = tau + arm.friction.torque(motion.qd) + arm.rotor_inertia * motion.qdd
         tau = tau + noise * rng.normal(size=tau.shape)
         log = Log(motion.t, motion.q, tau, robot.joint_names, tau_unit="Nm", dh=True)
-        found = identify(robot, log, IdentifyOptions(holdout=None), base=base)
+        found = identify(robot, log, holdout=None, base=base)
         known = plant.parameters()
         miss = found.theta - base.reduction.K @ np.array(
             [known[name] for name in base.reduction.names]

@@ -11,11 +11,8 @@ import pytest
 import yaml
 
 from dynid import (
-    GapOptions,
     Identification,
-    IdentifyOptions,
     LogOptions,
-    ValidateOptions,
     find_gap,
     identify,
     load_log,
@@ -27,8 +24,10 @@ from dynid.loading import condition_logs
 from dynid.model import build_model
 from dynid.robot import Body
 from gap_real import ball_torque, read
+from real_arms import part
 
 pytestmark = pytest.mark.data
+AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
 
 
 def test_the_jaco_torques_agree_with_the_official_inertias(recordings):
@@ -43,9 +42,7 @@ def test_the_jaco_torques_agree_with_the_official_inertias(recordings):
     (source,) = condition_logs([log], model, LogOptions())
     gamma = np.zeros(model.size)
     for k, link in enumerate(table["links_dh"], start=1):
-        inertia = tuple(
-            link["inertia_com"][key] for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        )
+        inertia = tuple(link["inertia_com"][f"i{axes}"] for axes in AXES)
         first = model.parameter_names.index(f"m{k}")
         gamma[first : first + 10] = Body(link["mass"], tuple(link["com"]), inertia).parameters()
     rows = rows_of(source, model.observer())
@@ -73,9 +70,8 @@ def runs_of_the_lwr(recordings):
 
 @pytest.fixture(scope="module")
 def results_of_the_lwr(runs_of_the_lwr):
-    arm, options = load_robot("kuka_lwr4plus"), IdentifyOptions(holdout=None)
     return {
-        runs: identify(arm, [runs_of_the_lwr[k] for k in runs], options)
+        runs: identify("kuka_lwr4plus", [runs_of_the_lwr[k] for k in runs], holdout=None)
         for runs in {pair[0] for pair in PAIRS}
     }
 
@@ -95,16 +91,17 @@ def test_what_the_default_misses_on_a_run_that_was_not_fitted(
     """Two-sided: a better figure is news too."""
     result, seen = results_of_the_lwr[fitted], unseen_of_the_lwr[fitted, unseen]
     assert seen.relative_error_percent == pytest.approx(default, abs=0.08)
-    without = validate(result, runs_of_the_lwr[unseen], ValidateOptions(residual_model=False))
+    without = validate(result, runs_of_the_lwr[unseen], residual_model=False)
     assert without.relative_error_percent == pytest.approx(alone, abs=0.08)
     assert seen.same_motion == (unseen == 2 and fitted == (1,))
 
 
 def test_the_expected_error_is_right(unseen_of_the_lwr):
     """Of each pair within 0.5 to 1.5, as benchmarks/real_arms.md counts, and of all but one within a factor of 1.5."""
-    found = np.array(
-        [seen.relative_error_percent / seen.expected_percent for seen in unseen_of_the_lwr.values()]
-    )
+    found = [
+        one.relative_error_percent / one.expected_percent for one in unseen_of_the_lwr.values()
+    ]
+    found = np.array(found)
     assert np.all((found > 0.5) & (found < 1.5))
     assert np.count_nonzero((found < 1 / 1.5) | (found > 1.5)) <= 1
     assert 0.75 < np.median(found) < 1.3
@@ -127,10 +124,7 @@ def test_the_spring_of_joint_7_named_on_two_runs_of_a_motion_holds_on_another_mo
     assert np.all(rms[1] < 1.15 * rms[0])
     assert unseen[1].relative_error_percent < 0.95 * unseen[0].relative_error_percent
     assert unseen[1].relative_error_percent == pytest.approx(2.71, abs=0.08)
-    alone = [
-        validate(r, runs_of_the_lwr[3], ValidateOptions(residual_model=False))
-        for r in (before, after)
-    ]
+    alone = [validate(r, runs_of_the_lwr[3], residual_model=False) for r in (before, after)]
     assert alone[1].relative_error_percent < 0.98 * alone[0].relative_error_percent
 
 
@@ -141,14 +135,13 @@ def test_a_load_put_on_or_taken_off_between_two_motions_of_a_ur10_has_its_mass_i
 ):
     """A ball of 2.805 kg, whose torques Pinocchio gives: model from the first 60 % of the log, change in the rest."""
     mass, centre, arm = 2.805, np.array([0.01, 0.02, 0.04]), load_robot("ur10")
-    parts = [
-        read(recordings / f"ur10_salerno/exc.npz:{share}", arm) for share in ("0:0.6", "0.6:1")
-    ]
-    loaded = 1 if direction > 0 else 0
-    part = parts[loaded]
-    parts[loaded] = replace(part, tau=part.tau + mass * ball_torque(arm, part.t, part.q), qd=None)
-    kept = identify(arm, parts[0], IdentifyOptions(holdout=None, drop_weak=True))
-    gap = find_gap(kept, [parts[1]], GapOptions(ask="changed"), earlier=[parts[0]])
+    log = recordings / "ur10_salerno/exc.npz"
+    parts = [read(f"{log}:{share}", arm) for share in ("0:0.6", "0.6:1")]
+    loaded = parts[direction > 0]
+    more = mass * ball_torque(arm, loaded.t, loaded.q)
+    parts[direction > 0] = replace(loaded, tau=loaded.tau + more, qd=None)
+    kept = identify(arm, parts[0], holdout=None, drop_weak=True)
+    gap = find_gap(kept, parts[1], ask="changed", earlier=parts[0])
     assert [one.effect for one in gap.named] == ["payload"]
     found, error = gap.named[0].values, gap.named[0].std_errors
     truth = direction * mass * np.array([1.0, *centre])
@@ -190,23 +183,12 @@ def test_the_first_part_of_a_recording_predicts_the_rest(
     """Two-sided, and the expected error is right within a factor of 1.5; the TX40's wrist is coupled."""
     robot = load_robot(name)
     log = load_log(recordings / recording, robot)
-    parts = [
-        replace(
-            log,
-            t=log.t[k],
-            q=log.q[k],
-            tau=log.tau[k],
-            qd=None if log.qd is None else log.qd[k],
-            extra={},
-        )
-        for k in (log.t - log.t[0] < seconds, log.t - log.t[0] >= seconds)
-    ]
-    result = identify(robot, parts[0], IdentifyOptions(holdout=None))
-    rest = replace(parts[1], sha256="")
+    result = identify(robot, part(log, 0.0, seconds), holdout=None)
+    rest = part(log, seconds, 1e9)
     seen = validate(result, rest)
     assert (result.in_force, result.rank) == ("physical", rank)
     assert seen.relative_error_percent == pytest.approx(default, abs=0.15)
-    without = validate(result, rest, ValidateOptions(residual_model=False))
+    without = validate(result, rest, residual_model=False)
     assert without.relative_error_percent == pytest.approx(alone, abs=0.15)
     assert 1 / 1.5 < seen.relative_error_percent / seen.expected_percent < 1.5
 
@@ -221,6 +203,5 @@ def test_a_result_with_a_residual_model_is_read_back(results_of_the_lwr, tmp_pat
         kept.inverse_dynamics(q, qd, qdd), kept.inverse_dynamics(q, qd, qdd, residual_model=False)
     )
     assert again.residual_facts() == kept.residual_facts()
-    assert np.all(
-        kept.physical.x[[name.startswith(("fv", "fc", "Im")) for name in kept.physical.names]] >= 0
-    )
+    drives = [name.startswith(("fv", "fc", "Im")) for name in kept.physical.names]
+    assert np.all(kept.physical.x[drives] >= 0)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from lab import KINOVA, LWR
+from numpy.testing import assert_allclose, assert_array_equal
 
 from dynid import load_robot
 from dynid.disk import sha256
@@ -90,11 +91,11 @@ def same_numbers(folder, robot, rate):
     bag, text = (read_log(folder / part, robot=load_robot(robot)) for part in ("log.bag", "log"))
     where = [bag.names.index(name) for name in text.names]
     for key in ("q", "qd", "tau"):
-        np.testing.assert_array_equal(getattr(text, key), getattr(bag, key)[:, where])
-    np.testing.assert_allclose(text.t, bag.t, atol=1e-9)
-    np.testing.assert_array_equal(read_npz_log(folder / "log.npz").tau, bag.tau)
+        assert_array_equal(getattr(text, key), getattr(bag, key)[:, where])
+    assert_allclose(text.t, bag.t, atol=1e-9)
+    assert_array_equal(read_npz_log(folder / "log.npz").tau, bag.tau)
     # Why: the driver samples without a miss, so a lost message would be a gap of two periods.
-    np.testing.assert_allclose(np.diff(bag.t), 1 / rate, atol=1e-6)
+    assert_allclose(np.diff(bag.t), 1 / rate, atol=1e-6)
 
 
 def test_another_program_may_move_the_arm_while_it_is_recorded(lab):
@@ -118,4 +119,4 @@ def test_dropped_and_late_messages_are_survived_and_told(lab):
     derived = np.gradient(log.q, log.t, axis=0)[:, arm]
     doubled = np.sum(log.qd[:, arm] * derived, axis=0) / np.sum(derived**2, axis=0)
     says = "kinova-ros doubles the firmware's velocity"
-    np.testing.assert_allclose(doubled, 2, rtol=0.1, err_msg=says)
+    assert_allclose(doubled, 2, rtol=0.1, err_msg=says)

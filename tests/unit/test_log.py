@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from dynid import Log
 from dynid.errors import JointNamesDiffer, LogLayout
@@ -56,8 +57,8 @@ def test_a_table_has_one_column_for_each_quantity_of_each_joint():
     q = np.arange(10.0).reshape(5, 2)
     table = Log(T, q, 10 * q, ("a", "b"), qd=-q).to_dataframe()
     assert list(table.columns) == ["q_a", "q_b", "qd_a", "qd_b", "tau_a", "tau_b"]
-    np.testing.assert_array_equal(table["tau_b"], 10 * q[:, 1])
-    np.testing.assert_array_equal(table.index, T)
+    assert_array_equal(table["tau_b"], 10 * q[:, 1])
+    assert_array_equal(table.index, T)
     assert list(Log(T, q, q).to_dataframe().columns)[:2] == ["q_joint_1", "q_joint_2"]
 
 
@@ -68,7 +69,7 @@ def test_what_is_saved_is_read_back(tmp_path):
     for log in (made, prepare(lwr_log(), lwr())):
         again = read_log(log.save(tmp_path / "log.npz"), robot=lwr())
         for key in ("t", "q", "tau"):
-            np.testing.assert_array_equal(getattr(again, key), getattr(log, key))
+            assert_array_equal(getattr(again, key), getattr(log, key))
         assert (again.names, again.tau_unit, again.dh, again.checked) == (
             log.names,
             log.tau_unit,
@@ -76,22 +77,22 @@ def test_what_is_saved_is_read_back(tmp_path):
             False,
         )
         if log is made:
-            np.testing.assert_array_equal(again.extra["q_ref"], 3 * ones)
+            assert_array_equal(again.extra["q_ref"], 3 * ones)
             assert (again.qd, again.units["position"]) == (None, "deg")
 
 
 def test_a_checked_log_that_was_saved_is_the_same_after_the_checks(tmp_path):
     log = prepare(lwr_log(), lwr())
     again = prepare(read_log(log.save(tmp_path / "log.npz"), robot=lwr()), lwr())
-    np.testing.assert_allclose(again.t, log.t, atol=1e-9)
-    np.testing.assert_array_equal(again.q, log.q)
-    np.testing.assert_array_equal(again.tau, log.tau)
+    assert_allclose(again.t, log.t, atol=1e-9)
+    assert_array_equal(again.q, log.q)
+    assert_array_equal(again.tau, log.tau)
 
 
 def test_a_checked_log_is_not_checked_again_but_still_cut_and_asked_for_enough_motion():
     log = prepare(lwr_log(), lwr())
     assert log.checked
-    np.testing.assert_array_equal(prepare(log, lwr()).q, log.q)
+    assert_array_equal(prepare(log, lwr()).q, log.q)
     assert prepare(log, lwr(), exclude=[(-1.0, 5.0)]).t[0] > 5.0
     short = [(2.0, 1e9)]
     assert "W313" in [finding.code for finding in prepare(log, lwr(), exclude=short).findings]

@@ -5,18 +5,18 @@ from dataclasses import replace
 import pytest
 
 import dynid
+from dynid import observe
 from dynid.diagnose.mistakes import Edit, edited
 from dynid.errors import GravityRemoved, WrongMapping
 from dynid.signals.checks import prepare
-from dynid.workflows.options import IdentifyOptions
-from dynid.workflows.parameters import load_observations, observe
+from dynid.workflows.parameters import load_observations
 from makelogs import lwr, lwr_log
 
 pytestmark = pytest.mark.slow
 
 
 def identified(log, robot, **options):
-    return dynid.identify(robot, [log], IdentifyOptions(**options))
+    return dynid.identify(robot, [log], **options)
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynid import load_robot
 from dynid.diagnose.diagnosis import diagnose, find_mistake
 from dynid.diagnose.mistakes import Edit, edited, pasted, said, with_edits
 from dynid.errors import WrongMapping
 from dynid.files.logs import read_log
-from dynid.files.robotfile import load_robot
 from dynid.signals.checks import prepare
 from dynid.signals.columns import in_si, robot_columns, take_samples
 from makelogs import lwr, lwr_log, shared_data

@@ -1,7 +1,5 @@
 """Torques are compared with the weight of the arm: removed gravity and unzeroed sensors are seen."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +7,11 @@ import pinocchio as pin
 import pytest
 
 from arms import pinocchio_torques
+from dynid import Log, load_robot
 from dynid.diagnose.diagnosis import diagnose
 from dynid.diagnose.gravity import check_gravity
 from dynid.errors import GravityRemoved
 from dynid.files.logs import read_log
-from dynid.files.robotfile import load_robot
-from dynid.log import Log
 from dynid.model.regressor import expected_torque
 from dynid.robot import TorqueSource
 from dynid.signals.checks import check_zero, prepare

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dynid.files.robotfile import load_robot
-from dynid.log import Log
+from dynid import Log, load_robot
 from dynid.model.parameters import joined
 from dynid.robot import Body
 from dynid.sim.plant import read_plant

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from loaded_arm import TRUTH, recorded
 
+from dynid import load_robot
 from dynid.errors import WrongRobotFile
-from dynid.files.robotfile import load_robot, parse_robot
+from dynid.files.robotfile import parse_robot
 from dynid.model.attached import attached
 from dynid.sim.plant import read_plant
 from dynid.sim.urdf import urdf_text

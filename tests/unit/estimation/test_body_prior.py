@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynid import load_robot
 from dynid.estimation import tuning
 from dynid.estimation.possible_arm import (
     curvature,
@@ -19,7 +20,6 @@ from dynid.estimation.possible_set import (
     pseudo_inertia,
     smallest_eigenvalues,
 )
-from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.regressor import prior_vector
 

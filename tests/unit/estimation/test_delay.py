@@ -6,9 +6,9 @@ from test_stack import motion, stacked, truth
 
 import dynid
 import models
+from dynid import Log
 from dynid.estimation.least_squares import relative_error, weighted
 from dynid.estimation.stack import estimate_delay, is_clear, on_time, stack_logs
-from dynid.log import Log
 from dynid.signals.conditioned_log import condition_log, torques_moved_back
 
 

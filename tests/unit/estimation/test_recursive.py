@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from loaded_arm import recorded
 
-from dynid.estimation.result import Identification
+from dynid import Identification
 from makelogs import ROOT
 
 pytestmark = pytest.mark.slow

@@ -9,9 +9,9 @@ import pytest
 from test_stack import motion, simulated, stacked, truth
 
 import models
+from dynid import Identification
 from dynid.errors import Finding, WrongUsage
 from dynid.estimation.estimate import estimate, last_share
-from dynid.estimation.result import Identification
 from dynid.robot import EffectSpec
 
 

@@ -12,7 +12,7 @@ TRUTH = np.array([3.0, -1.0, 0.5])
 NOISE = np.array([0.1, 2.0])
 
 
-def recording(spikes: float, seed: int = 0, samples: int = 2000) -> Rows:
+def recording(spikes, seed=0, samples=2000):
     rng = np.random.default_rng(seed)
     W = rng.standard_normal((samples, 2, 3))
     tau = W @ TRUTH + NOISE * rng.standard_normal((samples, 2))

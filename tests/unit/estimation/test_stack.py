@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import models
+from dynid import Log
 from dynid.errors import RankDeficient
 from dynid.estimation import observation_files
 from dynid.estimation.estimate import estimate, last_share
 from dynid.estimation.stack import stack_logs
-from dynid.log import Log
 from dynid.model.base_model import prior_base_parameters
 from dynid.model.parameters import columns_of
 from dynid.model.regressor import prior_vector

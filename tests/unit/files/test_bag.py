@@ -1,7 +1,5 @@
 """Bags are read and written without ROS, with the numbers, names and stamps that were written."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal

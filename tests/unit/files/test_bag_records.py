@@ -1,7 +1,5 @@
 """A damaged bag gives back what is readable, and says how much that is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

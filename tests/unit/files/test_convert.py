@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
+from dynid import LogOptions
 from dynid.files.convert import write_log
 from dynid.files.logs import read_log
 from dynid.files.robotfile import parse_robot
-from dynid.options import LogOptions
 from dynid.signals.columns import take_samples
 from dynid.workflows.check import inspected
 from dynid.workflows.convert import convert
@@ -28,9 +29,9 @@ def log():
 def test_a_converted_recording_has_the_same_numbers(suffix, log, tmp_path):
     source = write_rosbag2(tmp_path / "bag", of_ros2(log, TOPIC))
     found = read_log(convert(source, tmp_path / f"new{suffix}").path, robot=lwr())
-    np.testing.assert_allclose(found.t, log.t, rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(found.q, log.q)
-    np.testing.assert_array_equal(found.tau, log.tau)
+    assert_allclose(found.t, log.t, rtol=0, atol=1e-15)
+    assert_array_equal(found.q, log.q)
+    assert_array_equal(found.tau, log.tau)
 
 
 def test_names_that_break_a_table_are_written_out(log, tmp_path):

@@ -1,7 +1,5 @@
 """The reader is chosen by the kind of file; topics and drivers' traps are named."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

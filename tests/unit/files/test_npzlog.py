@@ -1,7 +1,5 @@
 """The .npz log comes back as it was written; plain npz files are read with an assumed order."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

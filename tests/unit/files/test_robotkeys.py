@@ -1,7 +1,5 @@
 """The robot file is read by the declarations of its keys, and what the reference says of a key is what holds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -9,7 +7,7 @@ import pytest
 from dynid.errors import NotANumber, UnknownKey, WrongRobotFile
 from dynid.files import robotkeys
 from dynid.files.robotfile import parse_robot
-from dynid.robot import Joint, Robot
+from dynid.robot import Joint
 
 ROOT = Path(__file__).parents[3]
 LEAST = (
@@ -17,7 +15,7 @@ LEAST = (
 )
 
 
-def read(text: str = "") -> Robot:
+def read(text=""):
     return parse_robot(LEAST + text, Path("arm.yaml"))
 
 
@@ -42,7 +40,7 @@ TABLES = {
 }
 
 
-def reference() -> dict[str, dict[str, list[str]]]:
+def reference():
     """Return the rows of the page by table and key: type, unit, default, meaning."""
     tables, title = {"": {}}, ""
     for line in (ROOT / "docs" / "reference" / "robot-file.md").read_text().splitlines():

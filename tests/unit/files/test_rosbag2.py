@@ -29,7 +29,7 @@ FORMATS = {
     "rosbag2 with SQLite": lambda log, at: write_rosbag2(at / "bag", of_ros2(log, TOPIC)),
     "rosbag2 with MCAP": lambda log, at: write_rosbag2(at / "bag", of_ros2(log, TOPIC), "mcap"),
     "packed MCAP": lambda log, at: write_rosbag2(
-        at / "bag", of_ros2(log, TOPIC), "mcap", compress=True
+        at / "bag", of_ros2(log, TOPIC), "mcap", compress="storage"
     ),
     "single .db3": lambda log, at: single(
         write_rosbag2(at / "bag", of_ros2(log, TOPIC)), at / "one.db3"

@@ -1,7 +1,5 @@
 """The paper's text files and CSV are read with or without names, and refused with file and line."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal

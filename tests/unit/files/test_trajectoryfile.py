@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
+from dynid import Motion
 from dynid.errors import JointCountDiffers, NotAnArtifact
 from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import (
@@ -17,7 +18,6 @@ from dynid.files.trajectoryfile import (
     write_joint_trajectory,
     write_trajectory,
 )
-from dynid.motion import Motion
 from dynid.robot import DriverSpec, JointMap
 
 SHIPPED = Path(__file__).parents[3] / "trajectories"

@@ -7,11 +7,10 @@ import pytest
 
 import models
 import twolink
+from dynid import BaseModel, Log
 from dynid.estimation.estimate import estimate
 from dynid.estimation.stack import stack_logs
 from dynid.gap.problem import kept_model, make_problem
-from dynid.log import Log
-from dynid.model.base_model import BaseModel
 from dynid.signals.conditioned_log import condition_log
 
 #: Standard deviation of the torque noise before the filter [N m].

@@ -3,8 +3,8 @@
 import pytest
 
 import twolink
+from dynid import load_robot
 from dynid.estimation.estimate import estimate
-from dynid.files.robotfile import load_robot
 from dynid.gap.analysis import analyse_gap, on_one_clock
 from dynid.gap.apply import specs_of, stacked_with, with_specs, write_robot
 from dynid.gap.candidates import SelectionOptions

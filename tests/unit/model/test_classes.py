@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dynid import Robot, load_robot
 from dynid.errors import ReductionsDisagree
-from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.reduce import random_states, reduce
 from dynid.model.relations import base_name, base_parameters, relations_of
-from dynid.robot import Coupling, Joint, Robot
+from dynid.robot import Coupling, Joint
 
 ROBOTS = Path(__file__).parents[3] / "robots"
 PAPER = ROBOTS / "paper"

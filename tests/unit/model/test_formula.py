@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from dynid import load_robot
 from dynid.errors import WrongRobotFile
-from dynid.files.robotfile import load_robot, robot_text
+from dynid.files.robotfile import robot_text
 from dynid.model.effects.formula import Formula
 from dynid.model.effects.interface import ArmMotion
 from dynid.model.regressor import build_model

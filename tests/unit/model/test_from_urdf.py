@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from numpy.testing import assert_allclose
 
 from arms import configuration, example_robots, pinocchio_torques, relative_error
+from dynid import Log
 from dynid.diagnose.diagnosis import find_mistake
 from dynid.errors import WrongUrdf
 from dynid.files.robotfile import parse_robot, robot_text
 from dynid.files.urdffile import read_urdf
-from dynid.log import Log
 from dynid.model.from_urdf import import_arm, possible_body
 from dynid.model.kinematics import tool_pose
 from dynid.model.reduce import random_states
@@ -197,10 +198,8 @@ def test_the_iiwas_table_has_the_makers_lengths(tmp_path):
     path = tmp_path / "iiwa.urdf"
     path.write_text(iiwa_urdf())
     _, robot = imported(path)
-    np.testing.assert_allclose(
-        [abs(j.d) for j in robot.joints[:6]], [0.36, 0, 0.42, 0, 0.4, 0], atol=1e-12
-    )
-    np.testing.assert_allclose([j.a for j in robot.joints], 0.0, atol=1e-12)
+    assert_allclose([abs(j.d) for j in robot.joints[:6]], [0.36, 0, 0.42, 0, 0.4, 0], atol=1e-12)
+    assert_allclose([j.a for j in robot.joints], 0.0, atol=1e-12)
     assert {abs(round(np.degrees(j.twist))) for j in robot.joints[:6]} == {90}
 
 
@@ -276,5 +275,5 @@ def test_an_inertia_of_no_body_becomes_the_nearest_that_one_has():
     wrong = Body(2.0, (0.1, 0.0, 0.0), (5.0, 0.0, 0.0, 1.0, 0.0, 2.0))
     near = possible_body(wrong)
     assert (near.mass, near.com) == (wrong.mass, wrong.com)
-    np.testing.assert_allclose(near.inertia_com, (5.0, 0.0, 0.0, 2.003, 0.0, 3.003), atol=1e-12)
+    assert_allclose(near.inertia_com, (5.0, 0.0, 0.0, 2.003, 0.0, 3.003), atol=1e-12)
     assert possible_body(near) == near

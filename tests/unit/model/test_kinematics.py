@@ -5,9 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from arms import dh_product
-from dynid.files.robotfile import load_robot
+from dynid import Robot, load_robot
 from dynid.model.kinematics import base_pose, link_frames, tip_jacobian, tool_pose
-from dynid.robot import Joint, Robot
+from dynid.robot import Joint
 
 
 def scara(convention="modified"):

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from dynid.files.robotfile import load_robot
+from dynid import load_robot
 from dynid.model import build_model
 from dynid.model.parameters import link_parameters
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from dynid.files.robotfile import load_robot
+from dynid import Robot, load_robot
 from dynid.model.parameters import (
     DEFAULT_CYLINDERS,
     cylinder_body,
@@ -16,7 +16,7 @@ from dynid.model.parameters import (
     prior_bodies,
     prior_parameters,
 )
-from dynid.robot import Body, Cylinders, Joint, Prior, Robot
+from dynid.robot import Body, Cylinders, Joint, Prior
 
 
 def two_links(convention="standard", **prior):

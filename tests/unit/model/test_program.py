@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynid.files.robotfile import load_robot
+from dynid import load_robot
 from dynid.model import build_model, tuning
 from dynid.model.printing import as_latex, as_python
 

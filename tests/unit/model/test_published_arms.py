@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from arms import example_robots
-from dynid.files.robotfile import load_robot
+from dynid import load_robot
 from dynid.files.urdffile import UrdfJoint, read_urdf
 from dynid.model.kinematics import tool_pose
 from dynid.robot import Limits, rotation_rpy

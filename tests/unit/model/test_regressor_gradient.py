@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dynid.files.robotfile import load_robot
+from dynid import Robot, load_robot
 from dynid.model.regressor import build_model
 from dynid.model.regressor_gradient import RegressorGradient
-from dynid.robot import Coulomb, Coupling, Joint, Robot
+from dynid.robot import Coulomb, Coupling, Joint
 
 ROBOTS = Path(__file__).parents[3] / "robots"
 

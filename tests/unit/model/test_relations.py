@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dynid.files.robotfile import load_robot
+from dynid import Robot, load_robot
 from dynid.model import build_model
 from dynid.model.reduce import reduce
 from dynid.model.relations import (
@@ -17,7 +17,7 @@ from dynid.model.relations import (
     relations_text,
     unnamed,
 )
-from dynid.robot import Joint, Robot
+from dynid.robot import Joint
 
 PAPER = Path(__file__).parents[3] / "robots" / "paper"
 GEN2 = load_robot(PAPER / "kinova_gen2_table6.yaml")

@@ -2,9 +2,9 @@
 
 import pytest
 
+from dynid import load_robot
 from dynid.errors import NewerSchema, NotAnArtifact
 from dynid.files.artifact import read_artifact
-from dynid.files.robotfile import load_robot
 from dynid.model import build_model
 from dynid.model.base_model import (
     load_model,

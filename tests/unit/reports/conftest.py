@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 import models
+from dynid import Identification, load_robot
 from dynid.errors import Finding
 from dynid.estimation.evidence import evidence_of
 from dynid.estimation.identified import JointQuality
 from dynid.estimation.least_squares import Fit
 from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.prediction import EstimatedMotion, check
-from dynid.estimation.result import Identification
-from dynid.files.robotfile import load_robot
 from dynid.judgement import evidence
 from dynid.judgement.judge import judge
 from dynid.model.parameters import columns_of

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from dynid.reports.figures import (
     QUANTITIES,
@@ -32,8 +33,8 @@ def test_each_panel_shows_measured_and_estimated_of_its_joint(motion, robot, qua
         found = curves(axis)
         measured = getattr(motion, f"{quantity.key}_measured")[:, j]
         estimated = getattr(motion, f"{quantity.key}_estimated")[:, j]
-        np.testing.assert_array_equal(found["measured"], measured)
-        np.testing.assert_array_equal(found["estimated"], estimated)
+        assert_array_equal(found["measured"], measured)
+        assert_array_equal(found["estimated"], estimated)
         assert set(found) == {"measured", "estimated"} | (
             {"residual"} if quantity.key == "tau" else set()
         )
@@ -44,7 +45,7 @@ def test_the_residual_is_measured_minus_estimated_torque(motion, robot):
         (axis,) = panels(motion_figure(motion, robot, joints=("slide",), residual_only=only))
         found = curves(axis)
         j = robot.joint_names.index("slide")
-        np.testing.assert_array_equal(
+        assert_array_equal(
             found["residual"], motion.tau_measured[:, j] - motion.tau_estimated[:, j]
         )
         assert set(found) == ({"residual"} if only else {"measured", "estimated", "residual"})

@@ -1,7 +1,5 @@
 """The figures of sections show the numbers that they are made from."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from dynid import Log
 from dynid.files.robotfile import parse_robot
-from dynid.log import Log
 
 RNG = np.random.default_rng(5)
 _ROBOT = """

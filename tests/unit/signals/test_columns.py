@@ -1,19 +1,17 @@
 """Columns become DH quantities by name, unit, sign, offset and coupling."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
+from dynid import Log, Robot, load_robot
 from dynid.diagnose.diagnosis import driver_columns
 from dynid.errors import JointNamesDiffer, LogLayout
 from dynid.files.convert import write_log
 from dynid.files.logs import read_log, read_npz_log
-from dynid.files.robotfile import load_robot
-from dynid.log import Log
-from dynid.robot import Coupling, DriverSpec, Joint, JointMap, Limits, Robot, TorqueSource
+from dynid.robot import Coupling, DriverSpec, Joint, JointMap, Limits, TorqueSource
 from dynid.signals.checks import prepare
 from dynid.signals.columns import in_si, matching_columns, robot_columns, take_samples, to_dh
 from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
@@ -51,8 +49,8 @@ def test_columns_are_taken_by_name_whatever_their_order():
     columns = {key: x[:, shuffled] for key, x in log.columns.items()}
     mixed = log.with_columns(columns, names=tuple(log.names[i] for i in shuffled))
     one, two = prepare(log, lwr()), prepare(mixed, lwr())
-    np.testing.assert_array_equal(one.q, two.q)
-    np.testing.assert_array_equal(one.tau, two.tau)
+    assert_array_equal(one.q, two.q)
+    assert_array_equal(one.tau, two.tau)
 
 
 def test_fingers_are_left_over():
@@ -65,31 +63,31 @@ def test_sign_and_offset_are_applied_as_the_robot_file_says():
     robot = replace(TWO, driver=driver(map=JointMap((-1.0, 1.0), (0.5, 0.1))))
     log = raw()
     dh = converted(log, robot)
-    np.testing.assert_allclose(dh.q, log.q * [-1, 1] + [0.5, 0.1])
-    np.testing.assert_allclose(dh.qd, log.qd * [-1, 1])
-    np.testing.assert_allclose(dh.tau, log.tau * [-1, 1])
+    assert_allclose(dh.q, log.q * [-1, 1] + [0.5, 0.1])
+    assert_allclose(dh.qd, log.qd * [-1, 1])
+    assert_allclose(dh.tau, log.tau * [-1, 1])
 
 
 def test_degrees_and_millinewtonmetres_become_si_and_leave_the_sliding_joint_alone():
     units = {"position": "deg", "velocity": "deg/s", "effort": "mNm"}
     log = raw()
     dh = converted(log, replace(TWO, driver=driver(units=units)))
-    np.testing.assert_allclose(dh.q, log.q * [np.pi / 180, 1])
-    np.testing.assert_allclose(dh.qd, log.qd * [np.pi / 180, 1])
-    np.testing.assert_allclose(dh.tau, log.tau / 1000)
+    assert_allclose(dh.q, log.q * [np.pi / 180, 1])
+    assert_allclose(dh.qd, log.qd * [np.pi / 180, 1])
+    assert_allclose(dh.tau, log.tau / 1000)
 
 
 def test_currents_with_known_gains_become_torques():
     robot = replace(TWO, torque=TorqueSource("motor_current", (2.0, 3.0)))
     dh = converted(raw(tau_unit="A"), robot)
     assert dh.tau_unit == "Nm"
-    np.testing.assert_allclose(dh.tau, raw().tau * [2, 3])
+    assert_allclose(dh.tau, raw().tau * [2, 3])
 
 
 def test_currents_without_gains_stay_currents():
     dh = converted(raw(), replace(TWO, torque=TorqueSource("motor_current", (2.0, None))))
     assert dh.tau_unit == "A"
-    np.testing.assert_array_equal(dh.tau, raw().tau)
+    assert_array_equal(dh.tau, raw().tau)
 
 
 def test_coupling_keeps_the_power():
@@ -98,8 +96,8 @@ def test_coupling_keeps_the_power():
     log = raw()
     dh = converted(log, robot)
     # Virtual work: what the motors do is what the joints do.
-    np.testing.assert_allclose(np.sum(dh.tau * dh.qd, axis=1), np.sum(log.tau * log.qd, axis=1))
-    np.testing.assert_allclose(dh.q @ np.array(matrix).T, log.q, atol=1e-12)
+    assert_allclose(np.sum(dh.tau * dh.qd, axis=1), np.sum(log.tau * log.qd, axis=1))
+    assert_allclose(dh.q @ np.array(matrix).T, log.q, atol=1e-12)
 
 
 def test_motor_columns_without_gear_ratios_are_refused():
@@ -115,8 +113,8 @@ def test_a_converted_log_is_not_converted_twice(tmp_path):
     once.save(tmp_path / "log.npz")
     free = replace(robot, torque=TorqueSource("gravity_free"))
     twice = prepare(read_log(tmp_path / "log.npz", robot=robot), free, identify=False)
-    np.testing.assert_array_equal(once.q, twice.q)
-    np.testing.assert_array_equal(once.tau, twice.tau)
+    assert_array_equal(once.q, twice.q)
+    assert_array_equal(once.tau, twice.tau)
     assert twice.names == robot.joint_names
 
 
@@ -169,6 +167,6 @@ def test_a_checked_log_may_be_cut_by_hand(samples):
     whole, names = driver_columns(log, robot)
     found, same = driver_columns(take_samples(cut, np.arange(3)), robot)
     assert (len(names), same) == (robot.n, names)
-    np.testing.assert_array_equal(found.q, whole.q[:3])
+    assert_array_equal(found.q, whole.q[:3])
     with pytest.raises(LogLayout, match=r"array '(clipped|qd_reported)' is \(3000, 7\)"):
         replace(cut, extra=log.extra)

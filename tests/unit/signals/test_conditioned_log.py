@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dynid import Log, load_robot
 from dynid.errors import LogTooShort
-from dynid.files.robotfile import load_robot
-from dynid.log import Log
 from dynid.model import build_model
 from dynid.model.regressor import prior_vector
 from dynid.signals.conditioned_log import (

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.log import Log
-from dynid.robot import Joint, Robot
+from dynid import Log, Robot
+from dynid.robot import Joint
 from dynid.signals.conditioned_log import condition
 from dynid.signals.filters import (
     choose_filter,

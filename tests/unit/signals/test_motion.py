@@ -1,17 +1,15 @@
 """How much motion there is: still joints and too few swings are named, good recordings pass."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
+from dynid import Log, load_robot
 from dynid.errors import LogTooShort
 from dynid.files.logs import read_log
-from dynid.files.robotfile import load_robot
-from dynid.log import Log
 from dynid.signals.checks import prepare
 from dynid.signals.columns import take_samples
 from dynid.signals.describe import describe
@@ -29,7 +27,7 @@ def tone(frequency, seconds=20.0, rate=200.0):
 def test_the_speed_of_a_tone_is_its_derivative():
     log = tone(0.5)
     expected = np.pi * np.cos(np.pi * log.t)
-    np.testing.assert_allclose(speed(log)[50:-50, 0], expected[50:-50], atol=0.02)
+    assert_allclose(speed(log)[50:-50, 0], expected[50:-50], atol=0.02)
 
 
 @pytest.mark.parametrize("frequency", [0.2, 0.5, 1.5])
@@ -69,12 +67,10 @@ def test_a_log_is_described_by_its_numbers():
     found = describe(gen2_log(), gen2())
     assert (found.samples, found.gaps, len(found.matched), len(found.ignored)) == (3000, 0, 7, 6)
     assert found.rate == pytest.approx(100, rel=0.01)
-    np.testing.assert_allclose(found.span, np.ptp(gen2_log().q[:, :7], axis=0))
-    np.testing.assert_allclose(found.velocity_slope, 1.0, rtol=0.02)
+    assert_allclose(found.span, np.ptp(gen2_log().q[:, :7], axis=0))
+    assert_allclose(found.velocity_slope, 1.0, rtol=0.02)
     ratings = [joint.limits.torque for joint in gen2().joints]
-    np.testing.assert_allclose(
-        found.torque_share, np.max(np.abs(gen2_log().tau[:, :7]), axis=0) / ratings
-    )
+    assert_allclose(found.torque_share, np.max(np.abs(gen2_log().tau[:, :7]), axis=0) / ratings)
 
 
 def test_a_broken_log_can_still_be_described():

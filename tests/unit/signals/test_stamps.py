@@ -1,15 +1,13 @@
 """Time: what goes back, stands still, is missing or too slow is named, and the fix that is printed mends it."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from dynid import Log
 from dynid.errors import LogTooShort, NotFinite, RateTooLow, TimeNotIncreasing, TooManyLost
-from dynid.log import Log
 from dynid.signals.checks import prepare
 from dynid.signals.columns import take_samples
 from dynid.signals.stamps import with_even_clock

@@ -1,16 +1,14 @@
 """Columns with wrong numbers in them are named, and the fix that is printed mends them."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from dynid import load_robot
 from dynid.errors import NotFinite, PositionInDegrees, WrongMessageType
 from dynid.files.logs import read_log
-from dynid.files.robotfile import load_robot
 from dynid.signals.checks import prepare
 from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
 

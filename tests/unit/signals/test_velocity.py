@@ -1,7 +1,5 @@
 """Measured velocity against the change of position: unit, sign, column."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

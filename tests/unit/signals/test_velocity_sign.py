@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dynid.log import Log
-from dynid.robot import Coulomb, Joint, Robot
+from dynid import Log, Robot
+from dynid.robot import Coulomb, Joint
 from dynid.signals import tuning
 from dynid.signals.conditioned_log import condition, signs_of_shapes
 from dynid.signals.filters import choose_filter, choose_sign_cutoffs, lowpass_kernel, white_noise

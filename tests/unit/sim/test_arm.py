@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from dynid.files.robotfile import load_robot
-from dynid.robot import Body, Joint, Limits, Robot
+from dynid import Robot, load_robot
+from dynid.robot import Body, Joint, Limits
 from dynid.sim.arm import Friction, SimulatedArm, SimulatedRun, track
 from dynid.sim.plant import Sensors
 from dynid.sim.sines import SineSpec, lowest_point, sines

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from dynid.files.robotfile import load_robot
+from dynid import load_robot
 from dynid.sim.arm import SimulatedArm
 from dynid.sim.driver_loop import DriverLoop, Imperfections
 from dynid.sim.follow import PointFollower

@@ -1,7 +1,5 @@
 """Checks of files return what was found, for programs that call them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

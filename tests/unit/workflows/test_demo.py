@@ -1,16 +1,14 @@
 """A demo on somebody's own arm: what is simulated has known parameters, and they are found."""
 
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import twolink
+from dynid import identify, load_robot, simulate
 from dynid.files.logs import read_log
-from dynid.files.robotfile import load_robot
 from dynid.loading import as_motion
 from dynid.model.parameters import prior_bodies
 from dynid.workflows.demo import against_truth, simulate_own
-from dynid.workflows.identify import identify
-from dynid.workflows.simulate import simulate
 
 BARE = {"viscous": 0.0, "coulomb": 0.0, "noise": 0.0, "resolution": 0.0}
 
@@ -37,9 +35,9 @@ def test_the_motion_of_a_log_is_simulated_with_the_torques_of_the_arm_on_it(arm)
     motion = as_motion(folder / "log.csv", robot)
     t, q, qd, qdd = twolink.motion(1)
     inside = slice(20, -20)
-    np.testing.assert_allclose(motion.q[inside], q[inside], atol=1e-6)
-    np.testing.assert_allclose(motion.qd[inside], qd[inside], atol=1e-3)
-    np.testing.assert_allclose(motion.qdd[inside], qdd[inside], atol=0.05)
+    assert_allclose(motion.q[inside], q[inside], atol=1e-6)
+    assert_allclose(motion.qd[inside], qd[inside], atol=1e-3)
+    assert_allclose(motion.qdd[inside], qdd[inside], atol=0.05)
     log = simulate(robot, motion, **BARE).log
     assert len(log) == len(t)
-    np.testing.assert_allclose(log.q, motion.q)
+    assert_allclose(log.q, motion.q)

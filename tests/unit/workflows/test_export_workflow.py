@@ -63,7 +63,7 @@ def test_a_program_with_an_indefinite_mass_matrix_is_refused_and_says_so_where_i
 ):
     """Its own mass matrix, loaded from the file, has a negative eigenvalue."""
     with pytest.raises(NotPhysical, match="mass matrix is not positive definite in 200 of 200"):
-        export(impossible(result), tmp_path, ExportOptions(parameters="plain"), formats=("python",))
+        export(impossible(result), tmp_path, parameters="plain", formats=("python",))
     assert not list(tmp_path.iterdir())
     options = ExportOptions(parameters="plain", allow_infeasible=True)
     export(impossible(result), tmp_path / "arm.py", options)
@@ -127,7 +127,7 @@ def test_a_number_of_draws_that_is_none_is_refused(result, count):
 
 
 def test_draws_are_written_as_models_that_mujoco_loads_and_one_file_of_ranges(result, tmp_path):
-    made = export(result, tmp_path, ExportOptions(draws=3), formats=("mjcf", "c"), seed=5)
+    made = export(result, tmp_path, draws=3, formats=("mjcf", "c"), seed=5)
     assert [path.name for path in made.drawn] == [
         "arm_1.xml",
         "arm_2.xml",
@@ -141,4 +141,4 @@ def test_draws_are_written_as_models_that_mujoco_loads_and_one_file_of_ranges(re
     assert len(facts["correlation"]) == len(facts["correlated"])
     assert [each["joint"] for each in facts["random_torque_nm"]] == list(result.robot.joint_names)
     with pytest.raises(WrongUsage, match="URDF or MJCF"):
-        export(result, tmp_path, ExportOptions(draws=3), formats=("c",))
+        export(result, tmp_path, draws=3, formats=("c",))

@@ -8,23 +8,23 @@ import pytest
 
 import twolink
 from dynid import (
+    Gap,
     GapOptions,
-    IdentifyOptions,
+    PlanOptions,
     earlier_logs,
     find_gap,
     identify,
     load_log,
     load_robot,
+    plan_trajectory,
     validate,
 )
 from dynid.cli.session import plain
 from dynid.errors import WrongUsage
 from dynid.loading import load_run
 from dynid.robot import Known
-from dynid.trajectory.options import PlanOptions
-from dynid.workflows.gap import Gap, joint_indices
+from dynid.workflows.gap import joint_indices
 from dynid.workflows.identify import save_result
-from dynid.workflows.trajectory import plan_trajectory
 
 EFFECTS = "spring,torque_offset,asymmetric_viscous"
 STIFFNESS = 2.0
@@ -53,13 +53,13 @@ def rubbing(one, plan, friction):
 def springy(arm):
     """Two motions, each twice, of an arm with a spring, and what is identified without one."""
     logs = twice(1, 2, spring=STIFFNESS)
-    return logs, identify(arm, logs[::2], IdentifyOptions(feasible=False))
+    return logs, identify(arm, logs[::2], feasible=False)
 
 
 @pytest.fixture(scope="module")
 def gap(springy):
     logs, result = springy
-    return find_gap(result, logs, GapOptions(effects=EFFECTS))
+    return find_gap(result, logs, effects=EFFECTS)
 
 
 def test_what_was_hidden_is_named_with_its_size(gap):
@@ -112,7 +112,7 @@ def test_an_applied_effect_is_in_the_result_and_explains_another_log(gap, spring
     unseen = log(3, 99, STIFFNESS)
     before, after = (validate(one, unseen) for one in (result, found))
     assert after.joints[1].rms < 0.5 * before.joints[1].rms
-    assert find_gap(found, logs, GapOptions(effects=EFFECTS)).verdict == "nothing_missing"
+    assert find_gap(found, logs, effects=EFFECTS).verdict == "nothing_missing"
 
 
 def test_effects_are_chosen_by_name_and_joint(gap):
@@ -129,7 +129,7 @@ def test_effects_are_chosen_by_name_and_joint(gap):
 
 
 def test_nothing_can_be_applied_where_nothing_is_named(result):
-    found = find_gap(result, [log(1, 5), log(1, 6)], GapOptions(effects=EFFECTS))
+    found = find_gap(result, [log(1, 5), log(1, 6)], effects=EFFECTS)
     assert found.verdict == "nothing_missing"
     with pytest.raises(WrongUsage, match="no effect is named"):
         found.apply()
@@ -140,7 +140,7 @@ def test_a_kept_model_is_compared_with_the_same_motion_before(arm, springy):
     """The arm had a spring that its model lacks; now its elbow has more friction, and that alone is new."""
     logs, result = springy
     new = [rubbing(log(plan, 49 + plan, STIFFNESS), plan, 0.4) for plan in (1, 2)]
-    found = find_gap(result, new, GapOptions(mode="frozen"), earlier=logs[::2])
+    found = find_gap(result, new, mode="frozen", earlier=logs[::2])
     assert [(one.effect, one.indices) for one in found.named] == [("coulomb_change", (1,))]
     assert found.named[0].values["c"] == pytest.approx(0.4, rel=0.1)
     assert "row by row" in found.noise_text
@@ -202,7 +202,7 @@ def test_other_logs_are_asked_for_changes_first_which_are_applied_to_the_new_log
 @pytest.mark.slow
 def test_where_nothing_has_changed_all_logs_are_searched_for_what_was_always_missing(arm):
     old, new = twice(1, 2, spring=STIFFNESS), twice(5, 6, spring=STIFFNESS)
-    found = find_gap(identify(arm, old), new, GapOptions(effects=EFFECTS), earlier=old)
+    found = find_gap(identify(arm, old), new, effects=EFFECTS, earlier=old)
     assert (found.question, found.mode) == ("numbers", "refit")
     assert [one.effect for one in found.named] == ["spring"]
     assert f"all {len(old) + len(new)} logs" in found.asked
@@ -213,8 +213,8 @@ def test_where_nothing_has_changed_all_logs_are_searched_for_what_was_always_mis
 def test_nothing_has_changed_is_another_sentence_than_nothing_is_missing(before_and_after):
     result, old, _ = before_and_after
     new = twice(5, 6)
-    changed = find_gap(result, new, GapOptions(ask="changed"), earlier=old)
-    missing = find_gap(result, new, GapOptions(ask="numbers"))
+    changed = find_gap(result, new, ask="changed", earlier=old)
+    missing = find_gap(result, new, ask="numbers")
     assert (changed.verdict, missing.verdict) == ("nothing_changed", "nothing_missing")
     assert changed.verdict_text == "nothing has changed since the model was identified"
     assert missing.verdict_text == "no missing effect"

@@ -6,18 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynid import ModelOptions, base_model, load_robot
 from dynid.errors import PackageMissing
-from dynid.files.robotfile import load_robot
 from dynid.model.base_model import key_of, stored_key
 from dynid.model.parameters import columns_of
-from dynid.workflows.model import (
-    adapted,
-    base_model,
-    derive_model,
-    reduce_model,
-    stored_differences,
-)
-from dynid.workflows.options import ModelOptions
+from dynid.workflows.model import adapted, derive_model, reduce_model, stored_differences
 
 
 @pytest.fixture(scope="module")

@@ -6,11 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid import find_gap, identify, load_robot
+from dynid import find_gap, identify, load_robot, simulate
 from dynid.model.parameters import prior_bodies
 from dynid.robot import Prior
 from dynid.sim.sines import SineSpec, sines
-from dynid.workflows.simulate import simulate
 
 
 @pytest.fixture(scope="module")

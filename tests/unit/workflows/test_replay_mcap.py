@@ -5,12 +5,14 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from numpy.testing import assert_allclose, assert_array_equal
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 import twolink
+from dynid import validate
 from dynid.workflows.model import base_model_of
-from dynid.workflows.validate import urdf_of, validate
+from dynid.workflows.validate import urdf_of
 
 KINDS = ("measured", "predicted", "residual")
 
@@ -56,13 +58,9 @@ def test_rosbags_reads_the_numbers_and_the_description(replay):
             rows[connection.topic.split("/")[1]].append((stamp, message.position, message.effort))
     for kind, tau in (("measured", motion.tau_measured), ("predicted", motion.tau_estimated)):
         stamps, q, effort = (np.array(each) for each in zip(*rows[kind], strict=True))
-        np.testing.assert_allclose((stamps - stamps[0]) / 1e9, motion.t - motion.t[0], atol=2e-9)
-        np.testing.assert_array_equal(effort[motion.usable], tau[motion.usable])
-        np.testing.assert_array_equal(
-            q, getattr(motion, {"measured": "q_measured"}.get(kind, "q_estimated"))
-        )
+        assert_allclose((stamps - stamps[0]) / 1e9, motion.t - motion.t[0], atol=2e-9)
+        assert_array_equal(effort[motion.usable], tau[motion.usable])
+        assert_array_equal(q, getattr(motion, {"measured": "q_measured"}.get(kind, "q_estimated")))
     residual = np.array([row[2] for row in rows["residual"]])[motion.usable]
-    np.testing.assert_array_equal(
-        residual, (motion.tau_measured - motion.tau_estimated)[motion.usable]
-    )
+    assert_array_equal(residual, (motion.tau_measured - motion.tau_estimated)[motion.usable])
     assert residual.std() < 0.02  # the noise of the log before the filter [N m]

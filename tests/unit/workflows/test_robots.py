@@ -4,10 +4,10 @@ import shutil
 
 import pytest
 
+from dynid import Robot, load_robot
 from dynid.errors import RobotNotFound, WrongUrdf, WrongUsage
 from dynid.files.robotfile import load_robot as read_robot
-from dynid.loading import load_robot
-from dynid.robot import Joint, Robot
+from dynid.robot import Joint
 from dynid.sim.urdf import urdf_text
 
 FORKED = """<robot name="two_arms"><link name="world"/><link name="torso"/>

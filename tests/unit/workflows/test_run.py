@@ -1,7 +1,5 @@
 """A batch gives the same bytes wherever it runs, does nothing twice, and names what failed."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 import twolink
+from dynid import identify
 from dynid.errors import LogTooShort
 from dynid.signals.columns import take_samples
-from dynid.workflows.identify import identify
-from dynid.workflows.options import IdentifyOptions
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +23,7 @@ def pieces():
 
 def test_one_alone_is_answered_with_wide_intervals_and_a_moment_is_refused(arm, pieces):
     """2.5 s: the prior carries what they leave open, and most true parameters lie inside their intervals."""
-    found = identify(arm, pieces[0], IdentifyOptions(holdout=None))
+    found = identify(arm, pieces[0], holdout=None)
     assert found.in_force == "physical"
     assert "W313" in [finding["code"] for finding in found.header["log_findings"]]
     friction = dict(zip(("fv1", "fv2"), twolink.VISCOUS, strict=True))
@@ -39,7 +38,7 @@ def test_one_alone_is_answered_with_wide_intervals_and_a_moment_is_refused(arm, 
 
 
 def test_together_they_are_enough_and_a_short_one_can_be_held_out(arm, pieces):
-    found = identify(arm, pieces[:7], IdentifyOptions(holdout=pieces[7]))
+    found = identify(arm, pieces[:7], holdout=pieces[7])
     assert found.heldout == "part7"
     assert found.heldout_relative_error_percent < 2.0
     viscous = {row["name"]: row["value"] for row in found.parameter_rows()}

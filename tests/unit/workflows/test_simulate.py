@@ -4,15 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
+from dynid import Motion, SimulateOptions, base_model, load_robot, simulate
 from dynid.errors import PackageMissing, WrongUsage
-from dynid.files.robotfile import load_robot
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.motion import Motion
 from dynid.robot import Body, Prior
-from dynid.workflows.model import base_model
-from dynid.workflows.options import SimulateOptions
-from dynid.workflows.simulate import simulate
 from motions import tones
 
 BARE = SimulateOptions(viscous=0.0, coulomb=0.0, noise=0.0, resolution=0.0)
@@ -63,7 +60,7 @@ def test_mujoco_and_the_own_model_agree(name, monkeypatch):
     other = simulate(robot, path, BARE)
     assert [each.source.split("'")[0] for each in (one, other)] == ["MuJoCo", "dynid"]
     largest = np.abs(one.torque).max()
-    np.testing.assert_allclose(other.torque, one.torque, atol=2e-4 * largest)
+    assert_allclose(other.torque, one.torque, atol=2e-4 * largest)
 
 
 def test_payload_weighs_what_it_weighs_on_the_sliding_joint(arm, motion):
@@ -81,21 +78,19 @@ def test_an_effect_of_the_catalogue_is_added_with_its_numbers(arm, motion):
         simulate(arm, motion, BARE),
         simulate(arm, motion, BARE, effects=("viscous@2:fv=4.5",)),
     )
-    np.testing.assert_allclose(
-        bent.torque[:, 1] - plain.torque[:, 1], 4.5 * motion.qd[:, 1], atol=1e-9
-    )
-    np.testing.assert_allclose(np.delete(bent.torque - plain.torque, 1, axis=1), 0.0, atol=1e-12)
+    assert_allclose(bent.torque[:, 1] - plain.torque[:, 1], 4.5 * motion.qd[:, 1], atol=1e-9)
+    assert_allclose(np.delete(bent.torque - plain.torque, 1, axis=1), 0.0, atol=1e-12)
 
 
 def test_delay_noise_and_resolution_are_as_large_as_asked(arm, motion):
     plain = simulate(arm, motion, BARE)
     late = simulate(arm, motion, BARE, delay=0.05)
-    np.testing.assert_allclose(late.log.tau[5:], plain.log.tau[:-5], atol=1e-9)
+    assert_allclose(late.log.tau[5:], plain.log.tau[:-5], atol=1e-9)
     coarse = simulate(arm, motion, BARE, resolution=1e-3)
     assert np.abs(coarse.log.q - motion.q).max() <= 0.5e-3 + 1e-12
     noisy = simulate(arm, motion, BARE, noise=0.01)
     rated = np.array([joint.limits.torque for joint in arm.joints])
-    np.testing.assert_allclose((noisy.log.tau - plain.log.tau).std(axis=0) / rated, 0.01, rtol=0.25)
+    assert_allclose((noisy.log.tau - plain.log.tau).std(axis=0) / rated, 0.01, rtol=0.25)
 
 
 @pytest.mark.parametrize(
