@@ -169,7 +169,7 @@ def _scan(part: Path, topics: Collection[str] | None = None) -> Iterator[Message
                     yield Messages(_topic(each), np.array(arrival), content, edges[:-1], edges[1:])
         return
     known: dict[bytes, Topic] = {}
-    damage: Broken | None = None
+    damage = None
     for op, fields, data in _walk(part):
         if op == _CHUNK:
             try:
@@ -316,7 +316,7 @@ def _unpacked(fields: Fields, data: bytes, path: Path) -> bytes:
         return data
     size = int.from_bytes(fields[b"size"], "little")
     bounded(len(data), size, path)
-    machine: Any = bz2.BZ2Decompressor()
+    machine = bz2.BZ2Decompressor()
     if fields[b"compression"] == b"lz4":
         from lz4.frame import LZ4FrameDecompressor
 

@@ -149,7 +149,7 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
             **_LAYOUT,
         )
     names = [name.removeprefix("q_") for name in table.names]
-    times: Floats | None = None
+    times = None
     # Why: the last line of comments, as wide as the rows, may be anything.
     if any(line[0] not in COMMENT for number, line in lines_of(path) if number < table.start):
         times = rows[:, names.index("t")] if "t" in names else None

@@ -277,7 +277,7 @@ def read_text(path: Path) -> str:
 def parse_yaml(text: str, path: Path) -> Value:
     """Parse YAML text that came from ``path``."""
     where, problem = str(path), " is empty"
-    node: yaml.Node | None = None
+    node = None
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
     except RecursionError:

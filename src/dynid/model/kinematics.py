@@ -123,8 +123,7 @@ def base_pose(robot: Robot) -> Floats:
 
 def tool_pose(robot: Robot, q: Floats) -> Floats:
     """Return the pose of the last frame in the world at joint positions (..., n) [rad or m], (..., 4, 4)."""
-    pose: Floats = link_frames(robot, q, world=True).poses[..., -1, :, :]
-    return pose
+    return link_frames(robot, q, world=True).poses[..., -1, :, :]
 
 
 def fixed_poses(joint: Joint, convention: str) -> tuple[Floats, Floats]:

@@ -162,9 +162,9 @@ def _regroup(W: Floats, present: Mask, tolerance: float) -> tuple[Ints, Floats]:
 
     Source: Gautier 1991; a column that is made of those before it leaves nothing on the diagonal of R.
     """
-    R: Floats = np.asarray(np.linalg.qr(W, mode="r"))
+    R = np.asarray(np.linalg.qr(W, mode="r"))
     base = np.flatnonzero(np.abs(np.diag(R)) > tolerance)
-    K: Floats = np.asarray(np.linalg.lstsq(R[:, base], R, rcond=None)[0], dtype=np.float64)
+    K = np.linalg.lstsq(R[:, base], R, rcond=None)[0]
     K[:, base] = np.eye(len(base))
     K[:, ~present] = 0.0
     return base, K

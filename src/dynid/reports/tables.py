@@ -75,7 +75,7 @@ def run_rows(names: Sequence[str], runs: Sequence[Identification]) -> list[dict[
     parameters = list(dict.fromkeys(name for run in runs for name in run.names))
     rows = []
     for label, run in zip(names, runs, strict=True):
-        row: dict[str, Any] = {"run": label, "robot": run.robot.name, **picked(run, *FIGURES)}
+        row = {"run": label, "robot": run.robot.name, **picked(run, *FIGURES)}
         place = {name: k for k, name in enumerate(run.names)}
         for name in parameters:
             k = place.get(name)

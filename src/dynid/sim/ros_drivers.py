@@ -284,7 +284,7 @@ class SimulatedLwr(SimulatedController):
 def simulated_driver(node: Node, loop: DriverLoop, topic: str) -> SimulatedDriver:
     """Return the simulation of the driver that the robot file names."""
     kind = loop.robot.columns.kind
-    drivers: dict[str, type[SimulatedDriver]] = {
+    drivers = {
         "kinova_gen2": SimulatedKinova,
         "lwr4plus": SimulatedLwr,
     }

@@ -232,8 +232,7 @@ def coefficients(basis: Quintic, limits: Bounds, x: Floats) -> Floats:
     fast, hard = (np.abs(extrema(basis, c, order)).max(axis=0) for order in (1, 2))
     # Why: a relative margin of rounding size, so that the limit itself is never exceeded.
     fit = fitted(limits, low, high, fast, hard, offset, 1 - 1e-9)
-    scaled: Floats = fit.scale * c + np.outer(basis.constant, fit.shift)
-    return scaled
+    return fit.scale * c + np.outer(basis.constant, fit.shift)
 
 
 def extrema(basis: Quintic, c: Floats, order: int) -> Floats:

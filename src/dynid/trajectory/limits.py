@@ -119,7 +119,7 @@ def check_trajectory(
         peaks[1] / limits.velocity,
         peaks[2] / limits.acceleration,
     ]
-    largest: list[float | None] = [None] * robot.n
+    largest = [None] * robot.n
     if torque is not None:
         tau, slower = torque(motion), None
         if np.any(np.abs(tau) > limits.torque * (1 + tuning.LIMIT_ROUNDING_SHARE)):

@@ -156,7 +156,7 @@ def descend(
     """
     from scipy.optimize import minimize
 
-    seen: Best = (np.inf, x)
+    seen = (np.inf, x)
     reported = -np.inf
 
     def measured(x: Floats, power: float, ease: float) -> tuple[float, Floats]:

@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from dynid.arrays import Floats
-from dynid.errors import Collision, DynidError, Finding, LimitBroken, PackageMissing
+from dynid.errors import Collision, Finding, LimitBroken, PackageMissing
 from dynid.model.base_model import BaseModel, prior_base_parameters
 from dynid.model.parameters import DEFAULT_CYLINDERS
 from dynid.motion import Motion
@@ -410,7 +410,7 @@ def first_accepted(
         LimitBroken: no motion passed; this is why the last one failed.
         Collision: the same.
     """
-    reason: DynidError | None = None
+    reason = None
     for k, candidate in enumerate(candidates):
         if reason is not None and time.monotonic() > until:
             break
