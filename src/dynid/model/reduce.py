@@ -74,14 +74,6 @@ def random_states(robot: Robot, count: int, seed: int) -> tuple[Floats, Floats, 
     return q, qd, qdd
 
 
-def regressor_at(model: Model, samples: int = 200, seed: int = 0, *, still: bool = False) -> Floats:
-    """Return the regressor at random states, or at rest, stacked, (samples * n, c) without added effects."""
-    q, qd, qdd = random_states(model.robot, samples, seed)
-    return model.regressor(q, qd * (not still), qdd * (not still)).reshape(
-        -1, model.size_without_effects
-    )
-
-
 def reduce(model: Model, *, seed: int = 0) -> Reduction:
     """Find the base parameters of a model by singular values on random states, and those of added effects."""
     return with_added(reduce_without_effects(model, seed=seed), model)
@@ -107,7 +99,8 @@ def reduce_without_effects(
     Source: Paper Eq. 13 and its functions X_i, X_ni, X_1, X_2.
     """
     size, tolerance = model.size_without_effects, tolerance or tuning.DEPENDENT_COLUMN
-    W = regressor_at(model, max(samples, -(-2 * size // model.robot.n)), seed, still=still)
+    q, qd, qdd = random_states(model.robot, max(samples, -(-2 * size // model.robot.n)), seed)
+    W = model.regressor(q, qd * (not still), qdd * (not still)).reshape(-1, size)
     norms = np.linalg.norm(W, axis=0)
     present = norms > tuning.ROUNDING_SHARE * norms.max()
     scale = np.where(present, norms, 1.0)
