@@ -30,6 +30,7 @@ from dynid.exporters import (
 )
 from dynid.exporters.effects_file import HOSTS, wanted
 from dynid.exporters.full_model import model_of
+from dynid.exporters.interface import RESIDUAL
 from dynid.exporters.simulated import simulated
 from dynid.loading import ResultLike, as_result
 from dynid.model.base_model import BaseModel
@@ -105,12 +106,14 @@ class ExportedModel(Answered):
         arm: what was written.
         files: one per format.
         findings: warnings.
+        fitted_percent: relative error of the result with all that it holds on the fitted logs [%].
         drawn: files of arms drawn from the posterior, and at the end their ranges and correlations.
     """
 
     arm: IdentifiedArm
     files: tuple[ExportedFile, ...]
     findings: tuple[Finding, ...]
+    fitted_percent: float
     drawn: tuple[Path, ...] = ()
 
     @property
@@ -170,6 +173,10 @@ class ExportedModel(Answered):
             ]
             if file.beside:
                 parts.append(f"effects.py adds to {file.format}: {', '.join(file.beside)}")
+        if any(RESIDUAL in file.leaves_out for file in self.files):
+            alone = self.arm.provenance.relative_error_percent
+            both = f"{self.fitted_percent:.2g} % with the residual model, {alone:.2g} % without it"
+            parts.append(f"relative torque error on the training logs: {both}")
         return Answer(
             self.facts(),
             self.sentence(),
@@ -245,7 +252,7 @@ def export(
             raise WrongUsage("draws are written as URDF or MJCF", fix="add --format mjcf")
         stage("draw", f"{options.draws} arms")
         drawn = _write_draws(result, arm, options.draws, seed, folder / "draws", hosts)
-    return ExportedModel(arm, tuple(files), findings, drawn)
+    return ExportedModel(arm, tuple(files), findings, result.relative_error_percent, drawn)
 
 
 def _write_draws(
