@@ -104,7 +104,7 @@ class Answered:
 
     def facts(self) -> dict[str, Any]:
         """Return the JSON answer of its command."""
-        return dict(self.answer().facts)
+        raise NotImplementedError
 
     def table(self) -> Table:
         """Return the table that a person reads."""

@@ -71,4 +71,4 @@ def header_of(path: Path) -> Mapping[str, Any]:
     """Return the header of a result file, empty if there is none."""
     from dynid.files.artifact import read_header  # with NumPy, and help must be fast
 
-    return read_header(path) or {}
+    return read_header(path)

@@ -16,13 +16,13 @@ from dynid.cli.session import Session, program
 from dynid.files import packaged
 from dynid.files.trajectoryfile import read_trajectory
 from dynid.reports.demo_page import Chapter, write_demo_page
-from dynid.sim.plant import read_plant
 from dynid.text import shell
 from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.preview import Drawing
 
 if TYPE_CHECKING:
     from dynid.robot import Robot
+    from dynid.workflows.demo import KnownArm
 
 #: The shipped logs and the robot of each.
 ARMS = {"kuka_lwr4plus": "lwr4plus", "kinova_gen2": "kinova_gen2"}
@@ -92,11 +92,12 @@ def all_loops(
     model = step(session, "loop 1: dynid model", "model", robot, "--reduce", "-o", folder)
     session.stage("model", f"{model['n_parameters']} parameters, {model['rank']} base parameters")
     wrote, planned = plan(session, arm, robot, folder)
-    log, unseen, truth, physics = recordings(session, robot, arm, folder)
-    title = f"loop 3: dynid identify, on a log simulated by {physics}"
+    known = recordings(session, robot, arm, folder)
+    log, unseen = known.logs
+    title = f"loop 3: dynid identify, on a log simulated by {known.physics}"
     identified = step(session, title, "identify", robot, log, "-o", folder, "-f", "--no-report")
     validated = step(session, "dynid validate, on another motion", "validate", folder, unseen, "-f")
-    counted = workflows.demo.against_truth(dynid.loading.load_run(folder), truth)
+    counted = workflows.demo.against_truth(dynid.loading.load_run(folder), known.truth)
     inside = (
         "{inside_95_percent} of {parameters} true base parameters lie inside their 95 % interval."
     )
@@ -153,20 +154,14 @@ def plan(
     return clearance.pictures, tuple(said)
 
 
-def recordings(
-    session: Session, robot: str, arm: Robot, folder: Path
-) -> tuple[Path, Path, dict[str, float], str]:
-    """Return a log to identify from, an unseen one, the true parameters, and what simulated them."""
+def recordings(session: Session, robot: str, arm: Robot, folder: Path) -> KnownArm:
+    """Return a log to identify from, an unseen one, and what is true of the arm."""
     if robot in ARMS:
-        stem = packaged("trajectories") / ARMS[robot]
-        seen, unseen = (Path(f"{stem}_{which}.bag") for which in ("identify", "validate"))
-        return seen, unseen, read_plant(Path(f"{stem}_truth.yaml")).parameters(), "PyBullet"
+        return workflows.demo.shipped(ARMS[robot])
     what = "with bodies up to 20 % off those of its file, friction, noise"
     session.say(f"--- two motions of the arm, {what}", "bold")
     folder.mkdir(parents=True, exist_ok=True)
-    own = workflows.demo.simulate_own(arm, folder, session.seed)
-    seen, unseen = own.logs
-    return seen, unseen, own.truth, own.physics
+    return workflows.demo.simulate_own(arm, folder, session.seed)
 
 
 def find_hidden(session: Session, effect: str, folder: Path) -> tuple[dict[str, Any], Chapter]:

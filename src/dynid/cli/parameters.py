@@ -47,7 +47,8 @@ def command(
 ) -> Answer:
     """Filter logs, stack the base regressor over them, and say what they excite."""
     while True:
-        facts = stacked(session, robot, logs, options)
+        answer = stacked(session, robot, logs, options)
+        session.show(answer)
         reply = ask(session, "P5", given=identify)
         if reply is not Reply.RETRY:
             break
@@ -58,13 +59,11 @@ def command(
         out = session.folder(robot.slug)
         identified = invoke(session, "identify", robot.source, "-o", out)
         steps = [Step(**each) for each in identified["judgement"]["next"]]
-    return Answer(facts, next=steps)
+    return Answer({**answer.facts, "wrote": answer.wrote}, next=steps)
 
 
-def stacked(
-    session: Session, robot: Robot, logs: tuple[Path, ...], options: LogOptions
-) -> dict[str, Any]:
-    """Stack logs, write fullnumericregressor.npz and estimatedmotion.npz, and return the answer."""
+def stacked(session: Session, robot: Robot, logs: tuple[Path, ...], options: LogOptions) -> Answer:
+    """Stack logs, and write fullnumericregressor.npz and estimatedmotion.npz."""
     folder, work = session.folder(robot.slug), workflows.parameters
     path, wrote = RunFolder(folder).stack, []
     inputs = workflows.parameters.log_inputs(robot, logs) | options.texts()
@@ -72,15 +71,7 @@ def stacked(
     if may_write(session, path, inputs):
         seen = work.observe(robot, logs, options, base=base)
         wrote = seen.save(folder, session.header(inputs))
-        session.wrote(*wrote)
         write_run(folder, inputs)
     else:
         seen = work.load_observations(path, base)
-    facts = seen.facts()
-    session.stage(
-        "excites",
-        f"rank {facts['rank']} of {facts['structural_rank']}, "
-        f"condition number {facts['condition_number_scaled']:.3g} with normalised columns",
-    )
-    session.findings(seen.weakly_excited())
-    return {**facts, "wrote": wrote}
+    return replace(seen.answer(), wrote=wrote)

@@ -167,7 +167,7 @@ def _held_out(result: Identified) -> tuple[Unseen, ...]:
 # ---------------------------------------------------------------- beside the file
 def _replay(path: Path, result: Identified) -> Unseen | None:
     """Return a replay; None where it was made with other parameters."""
-    if (read_header(path) or {}).get("of") != fingerprint(result):
+    if read_header(path).get("of") != fingerprint(result):
         return None
     motion, header = prediction.load(path)
     result.robot.require_joints(header["joints"], path)
@@ -186,7 +186,7 @@ def _replay(path: Path, result: Identified) -> Unseen | None:
 
 def _gap(path: Path, result: Identified) -> GapEvidence | None:
     """Return what a search found; None where it asked about other parameters."""
-    header = read_header(path) or {}
+    header = read_header(path)
     if dict(header.get("record") or {}).get("of") != fingerprint(result):
         return None
     artifact = read_artifact(path)

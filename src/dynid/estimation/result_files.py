@@ -166,7 +166,7 @@ def read(path: Path, kind: type[Result]) -> Result:
     Raises:
         NotAnArtifact: the file is none of dynid's, or is damaged.
     """
-    header = read_header(path) or {}
+    header = read_header(path)
     if header.get("schema") == SCHEMA and "reduction" not in header:
         raise NotAnArtifact(
             f"{path} was written by an earlier version of dynid",

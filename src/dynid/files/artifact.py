@@ -122,9 +122,14 @@ def require_schema(path: Path, header: Mapping[str, Any], schema: str) -> None:
         raise NotAnArtifact(f"{path} holds {present}, expected {schema}", where=path)
 
 
-def read_header(path: Path) -> dict[str, Any] | None:
-    """Return only the header of a result file, or None when it is none."""
+def read_header(path: Path) -> dict[str, Any]:
+    """Return only the header of a result file, empty when it is none."""
     try:
         return dict(json.loads(str(read_npz(path, HEADER)[HEADER])))
     except (OSError, *_DAMAGE, TooLarge):
-        return None
+        return {}
+
+
+def kind_of(path: Path) -> str:
+    """Return what a result file holds, such as ``dynid/log``; empty when it is none."""
+    return str(read_header(path).get("schema", "")).rpartition("/")[0]

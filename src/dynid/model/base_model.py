@@ -234,8 +234,8 @@ def key_of(robot: Robot) -> str:
 
 def stored_key(path: Path) -> str | None:
     """Return the key in a stored model, None when there is none."""
-    header = read_header(path) if path.is_file() else None
-    return str(header["key"]) if header and "key" in header else None
+    key = read_header(path).get("key")
+    return None if key is None else str(key)
 
 
 def _header(robot: Robot, **facts: object) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import numpy as np
 from dynid.answer import picked
 from dynid.arguments import one_thread
 from dynid.errors import Finding, located
-from dynid.files.artifact import read_artifact, read_header
+from dynid.files.artifact import kind_of, read_artifact
 from dynid.files.inspect import inspect
 from dynid.loading import checked_log, diagnose_logs, load_robot, read_log
 from dynid.log import Log
@@ -105,10 +105,9 @@ def _kind_of(path: str) -> str:
     """Return what a path is taken for: ``"robot"``, ``"result"`` or ``"log"``."""
     file = Path(path.partition(".urdf#")[0] + ".urdf" * (".urdf#" in path))
     if file.suffix == ".npz" and file.is_file():
-        header = read_header(file)
-        if header is None:
-            return "log" if zipfile.is_zipfile(file) else "result"
-        return "log" if str(header.get("schema", "")).startswith("dynid/log/") else "result"
+        kind = kind_of(file)
+        # Why: arrays without a header are a log that somebody has saved.
+        return "log" if kind == "dynid/log" or (not kind and zipfile.is_zipfile(file)) else "result"
     return "log" if file.is_dir() or file.suffix not in (*ROBOT_SUFFIXES, "") else "robot"
 
 

@@ -90,8 +90,8 @@ def is_right_answer(hidden: Hidden, answer: dict[str, Any]) -> bool:
 
 
 @dataclass(frozen=True)
-class OwnArm:
-    """Logs of a simulated arm of somebody's own, and what is true of it.
+class KnownArm:
+    """Logs of a simulated arm, and what is true of it.
 
     Attributes:
         logs: to identify from, and for the proof.
@@ -104,7 +104,14 @@ class OwnArm:
     physics: str
 
 
-def simulate_own(robot: Robot, folder: Path, seed: int) -> OwnArm:
+def shipped(stem: str) -> KnownArm:
+    """Return the logs that come with dynid."""
+    start = packaged("trajectories") / stem
+    logs = tuple(Path(f"{start}_{which}.bag") for which in ("identify", "validate"))
+    return KnownArm(logs, read_plant(Path(f"{start}_truth.yaml")).parameters(), "PyBullet")
+
+
+def simulate_own(robot: Robot, folder: Path, seed: int) -> KnownArm:
     """Write two logs of a simulated arm whose bodies differ from what its file says of them.
 
     Args:
@@ -127,7 +134,7 @@ def simulate_own(robot: Robot, folder: Path, seed: int) -> OwnArm:
         names = [f"{name}{i}" for name in (*LINK_PARAMETERS, "fv", "fc", "fo")]
         values = (*body.parameters().tolist(), 0.0, float(viscous), float(coulomb), 0.0)
         truth |= zip(names, values, strict=True)
-    return OwnArm(tuple(paths), truth, physics)
+    return KnownArm(tuple(paths), truth, physics)
 
 
 def _other(body: Body, rng: np.random.Generator) -> Body:

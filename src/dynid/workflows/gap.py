@@ -21,7 +21,7 @@ from dynid.estimation.evidence import evidence_of, fingerprint, found_path, gap_
 from dynid.estimation.payload import find_payload
 from dynid.estimation.result import Identification
 from dynid.files import packaged
-from dynid.files.artifact import read_header
+from dynid.files.artifact import kind_of
 from dynid.files.trajectoryfile import StoredTrajectory, read_trajectory
 from dynid.gap.analysis import (
     CUTOFF,
@@ -80,14 +80,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-#: What the verdicts mean.
-VERDICTS = {
-    "named": "named",
-    "nothing_missing": "no missing effect",
-    "nothing_changed": "nothing has changed since the model was identified",
-    "unexplained": "a residual above the noise that no effect of the catalogue explains",
-    "ambiguous": "several effects fit equally well",
-}
 #: A joint with a larger share of the disagreement of all joints is told.
 TOLD_SHARE = 0.1
 
@@ -174,15 +166,6 @@ class Gap(Judged, GapRecord):
         )
         return "; ".join(texts) or "no joint is above its noise level"
 
-    @property
-    def verdict_text(self) -> str:
-        """The verdict in words."""
-        text = VERDICTS[self.verdict]
-        if self.verdict != "ambiguous":
-            return text
-        groups = ([f"{one.effect} on {one.where}", *one.rivals] for one in self.named if one.rivals)
-        return f"{text}: {'; '.join(' or '.join(group) for group in groups)}"
-
     def table(self) -> Table:
         """Return one row per candidate: size, held-out rms of its joint before and, if it is named, after, p-value."""
         rows = [
@@ -198,7 +181,7 @@ class Gap(Judged, GapRecord):
             }
             for one in (*self.named, *self.closest)
         ]
-        return Table(rows, f"{self.robot}: {self.verdict_text}")
+        return Table(rows, self.robot)
 
     def joint_table(self) -> Table:
         """Return one row per joint: held-out rms before and after, noise [N m or N], errors of the simulated motion."""
@@ -464,7 +447,7 @@ def load(path: Path | str, kind: type[Any] = object) -> Any:
     """
     arguments.instance(kind, type, "kind", "a type such as dynid.Identification")
     file = parameters_of(arguments.path(path, "path"))
-    schema = str((read_header(file) or {}).get("schema", "")).rpartition("/")[0]
+    schema = kind_of(file)
     readers: dict[str, Callable[[Path], object]] = {
         "dynid/identification": load_run,
         "dynid/trajectory": read_trajectory,

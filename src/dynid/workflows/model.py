@@ -111,7 +111,7 @@ def stored_differences(robot: Robot, folder: Path) -> str | None:
     path = RunFolder(folder).model[0]
     if stored_key(path) in (None, key_of(robot)):
         return None
-    header, differences = read_header(path) or {}, []
+    header, differences = read_header(path), []
 
     def compare(name: str, old: object, new: object) -> None:
         if old != new:

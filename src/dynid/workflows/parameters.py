@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dynid import arguments
-from dynid.answer import picked
+from dynid.answer import Answer, Answered, picked
 from dynid.arguments import one_thread, public
 from dynid.disk import sha256
 from dynid.errors import Finding, LogNotFound, NotAnArtifact
@@ -45,7 +45,7 @@ from dynid.signals.stamps import without_copies
 
 
 @dataclass(frozen=True, repr=False)
-class Observations:
+class Observations(Answered):
     """Logs stacked for one arm, ready to be identified from.
 
     Attributes:
@@ -67,13 +67,6 @@ class Observations:
     applied_delay: float
     findings: tuple[Finding, ...]
     checked: tuple[Log, ...] = ()
-
-    def __repr__(self) -> str:
-        """Return arm, logs, size and findings, one line each."""
-        size = f"{self.stack.samples} samples, {len(self.base.names)} base parameters, cut-off {self.cutoff:g} Hz"
-        return "\n".join(
-            [self.base.robot.name, *self.logs, size, *(finding.text for finding in self.findings)]
-        )
 
     @property
     def cutoff(self) -> float:
@@ -122,6 +115,16 @@ class Observations:
             "condition_number": condition_number(R, solution.rank),
             "findings": [*header["log_findings"], *weak],
         }
+
+    def answer(self) -> Answer:
+        """Return what ``dynid parameters`` answers."""
+        facts = self.facts()
+        ranks = f"rank {facts['rank']} of {facts['structural_rank']}"
+        condition = (
+            f"condition number {facts['condition_number_scaled']:.3g} with normalised columns"
+        )
+        notes = (("excites", f"{ranks}, {condition}"),)
+        return Answer(facts, parts=self.weakly_excited(), notes=notes)
 
     def save(self, folder: Path, facts: dict[str, Any] | None = None) -> list[Path]:
         """Write fullnumericregressor.npz and, with the torques of the prior, estimatedmotion.npz.

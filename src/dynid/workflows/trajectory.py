@@ -24,7 +24,7 @@ from dynid.estimation.posterior import information_of as known_of
 from dynid.estimation.posterior import prior_information, sample_noise
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import stack_logs
-from dynid.files.artifact import read_header, reading
+from dynid.files.artifact import kind_of, reading
 from dynid.files.planfile import Waypoints, read_waypoints
 from dynid.files.trajectoryfile import (
     Review,
@@ -55,7 +55,7 @@ from dynid.table import Table
 from dynid.trajectory.basis import basis_from
 from dynid.trajectory.feasible import Bounds, assumed_limits, unsafe_to_play
 from dynid.trajectory.limits import LimitCheck, require_within_limits
-from dynid.trajectory.optimise import optimise
+from dynid.trajectory.optimise import SearchOutcome, optimise
 from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.plan import Trajectory, through_waypoints
 from dynid.trajectory.planning import (
@@ -115,6 +115,13 @@ class SearchRecord:
     ended: str
     finished_starts: int
     share: float
+
+    @classmethod
+    def of(cls, outcome: SearchOutcome | None, seed: int, share: float) -> SearchRecord:
+        """Return the record of a search, or that there was none."""
+        if outcome is None:
+            return cls(seed, "no search", 0, share)
+        return cls(seed, outcome.ended, outcome.finished, share)
 
     @property
     def text(self) -> str:
@@ -431,8 +438,7 @@ def _read_earlier(path: Path, robot: Robot) -> Earlier:
     """Return what a file holds: parameters.npz, trajectory.npz, or else a log."""
     # Why: a recording of rosbag2 is a folder as well.
     path = parameters_of(path) if parameters_of(path).is_file() else path
-    header = read_header(path) if path.suffix == ".npz" else None
-    kind = str((header or {}).get("schema", "")).rpartition("/")[0]
+    kind = kind_of(path) if path.suffix == ".npz" else ""
     if kind == "dynid/identification":
         return load_run(path)
     return read_trajectory(path, robot) if kind == "dynid/trajectory" else read_log(path, robot)
@@ -620,30 +626,19 @@ def plan_trajectory(
         candidates: Iterable[Proposal] = [Proposal(path.slowed(options.alpha))]
         until = np.inf
     else:
-        stage("search")
-        limit = search_time(until - time.monotonic())
-        if experiment is not None:
-            outcome = experiment.search(context, limit)
-        elif options.optimise:
-            outcome = optimise(plan_problem(context), options, limit)
+        outcome = _searched(context, experiment, until)
         candidates = proposals(context, outcome)
     stage("clearance")
 
-    def judged(motion: Trajectory) -> tuple[Any, Clearance]:
+    def safe(motion: Trajectory) -> tuple[LimitCheck, Clearance]:
         given, shown = through is not None, _shown(drawing, context, motion)
         return (
             once_more(lambda: require_safe(context, motion)),
             require_clear_motion(context, motion, urdf, shown, given=given),
         )
 
-    chosen, (check, clearance) = first_accepted(candidates, judged, until)
-    search = None
-    if through is None:
-        ended, finished = ("no search", 0) if outcome is None else (outcome.ended, outcome.finished)
-        search = SearchRecord(options.seed, ended, finished, chosen.share)
+    chosen, (check, clearance) = first_accepted(candidates, safe, until)
     stage("predict")
-    results = [each for each in before if isinstance(each, Identification) and each.expected]
-    left = [np.sqrt(np.mean(each.expected.noise**2)) for each in results if each.expected]
     plan = Plan(
         robot=context.robot,
         options=options,
@@ -656,14 +651,34 @@ def plan_trajectory(
         **once_more(lambda: _predicted(context, chosen.trajectory)),
         noise=noise,
         noise_from=source,
-        search=search,
+        search=None if through else SearchRecord.of(outcome, options.seed, chosen.share),
         urdf=urdf,
-        unexplained=float(left[0]) if left else None,
+        unexplained=_unexplained(before),
         outlook=() if experiment is None else experiment.outlook(chosen.trajectory),
     )
     if outcome is not None and experiment is None and not before:
         require_teaching(plan)
     return plan
+
+
+def _searched(
+    context: PlanningContext, experiment: GapExperiment | None, until: float
+) -> SearchOutcome | None:
+    """Search until a time for the motion that tells most; None where a random one is wanted."""
+    stage("search")
+    limit = search_time(until - time.monotonic())
+    if experiment is not None:
+        return experiment.search(context, limit)
+    options = context.options
+    return optimise(plan_problem(context), options, limit) if options.optimise else None
+
+
+def _unexplained(earlier: Sequence[Earlier]) -> float | None:
+    """Return the rms torque that the first of earlier results leaves whatever the parameters; None without one."""
+    for each in earlier:
+        if isinstance(each, Identification) and each.expected:
+            return float(np.sqrt(np.mean(each.expected.noise**2)))
+    return None
 
 
 def require_teaching(plan: Plan) -> None:

@@ -11,14 +11,15 @@ import numpy as np
 
 from dynid.answer import Answer, Judged, all_lights, lights, picked
 from dynid.arguments import public
+from dynid.arrays import Floats
 from dynid.errors import SameRecording
 from dynid.estimation import prediction
 from dynid.estimation.estimate import log_motion
 from dynid.estimation.evidence import evidence_of, fingerprint, here
 from dynid.estimation.prediction import EstimatedMotion, JointCheck
-from dynid.estimation.residual_model import shapes_in, torque_variance
+from dynid.estimation.residual_model import ModelError, shapes_in, torque_variance
 from dynid.estimation.result import Identification
-from dynid.estimation.rows import rows_of
+from dynid.estimation.rows import Rows, rows_of
 from dynid.estimation.stack import scaled
 from dynid.exporters import FORMATS
 from dynid.files.convert import JointStates, write_replay
@@ -280,13 +281,7 @@ def validate(
     rows = rows_of(replayed, observer)
     error = None if options.residual_model is False else result.model_error
     motion = prediction.predict(replayed, rows, result.theta, error, observer)
-    expected = None
-    if result.expected is not None and np.isfinite(result.std_error).all():
-        shapes = None if error is None else shapes_in(replayed, observer, error.speed)
-        spread = torque_variance(rows.W, result.covariance, error, shapes)
-        variance = float(np.sum((spread + result.expected.noise**2)[rows.use]))
-        torque = float(np.sum(rows.tau[rows.use] ** 2))
-        expected = float(100.0 * np.sqrt(variance / torque)) if torque else None
+    shapes = None if error is None else shapes_in(replayed, observer, error.speed)
     simpler, baseline = rows.torque(np.nan_to_num(result.prior)), "the prior of the robot file"
     if base.robot.prior is None:
         measured, baseline = motion.tau_measured, "a constant torque"
@@ -301,12 +296,24 @@ def validate(
         baseline=baseline,
         motion=motion,
         cutoff=replayed.filter.cutoff,
-        expected_percent=expected,
+        expected_percent=_expected(result, rows, error, shapes),
         same_motion=any(same_motion(one, log_motion(replayed)) for one in result.motions),
         start_ns=int(log.extra.get("start_ns", 0)),
         of=fingerprint(result),
         known=evidence_of(result),
     )
+
+
+def _expected(
+    result: Identification, rows: Rows, error: ModelError | None, shapes: Floats | None
+) -> float | None:
+    """Return the relative error that the posterior of a result expects on rows [%]; None without one."""
+    torque = float(np.sum(rows.tau[rows.use] ** 2))
+    if result.expected is None or not np.isfinite(result.std_error).all() or not torque:
+        return None
+    spread = torque_variance(rows.W, result.covariance, error, shapes)
+    variance = float(np.sum((spread + result.expected.noise**2)[rows.use]))
+    return float(100.0 * np.sqrt(variance / torque))
 
 
 def urdf_of(result: Identification, base: BaseModel) -> str:

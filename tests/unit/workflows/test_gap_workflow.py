@@ -216,8 +216,8 @@ def test_nothing_has_changed_is_another_sentence_than_nothing_is_missing(before_
     changed = find_gap(result, new, ask="changed", earlier=old)
     missing = find_gap(result, new, ask="numbers")
     assert (changed.verdict, missing.verdict) == ("nothing_changed", "nothing_missing")
-    assert changed.verdict_text == "nothing has changed since the model was identified"
-    assert missing.verdict_text == "no missing effect"
+    assert changed.judgement.sentence.startswith("No change since the model was identified")
+    assert missing.judgement.sentence.startswith("No missing effect found")
     assert "error of the model" in changed.asked
 
 
