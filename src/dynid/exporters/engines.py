@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 
 from dynid.arrays import Floats
-from dynid.exporters.interface import IdentifiedArm, Torques, with_effects
+from dynid.exporters.full_model import world_gravity
+from dynid.exporters.interface import IdentifiedArm, Loaded, Torques, with_effects
 from dynid.model.regressor import Model
+from dynid.robot import JointMap
 
 
 def own_torques(arm: IdentifiedArm, values: Mapping[str, float]) -> Torques:
@@ -67,31 +69,47 @@ def bare_urdf(text: str) -> str:
     return ET.tostring(root, encoding="unicode")
 
 
-def mujoco(text: str, names: Sequence[str], gravity: Floats) -> tuple[str, Torques] | None:
+def in_mujoco(
+    text: str,
+    names: Sequence[str],
+    arm: IdentifiedArm,
+    what: str,
+    values: Mapping[str, float],
+    mapping: JointMap | None = None,
+) -> Loaded | None:
     """Load an MJCF or a bare URDF in MuJoCo; None where that is not installed.
 
     Dry friction is left out: there it is a soft constraint, not a torque. Joints without a name here stay at zero.
+
+    Args:
+        text: of the file.
+        names: its joints in the order of the arm.
+        arm: what was written.
+        what: what is compared.
+        values: parameters by name whose torques the file has.
+        mapping: from its joint values to the arm's; None where they are the same.
     """
     engine = module("mujoco")
     if engine is None:
         return None
     with quiet():
         model = engine.MjModel.from_xml_string(text)
-    model.opt.gravity[:] = gravity
+    model.opt.gravity[:] = world_gravity(arm.robot)
     model.opt.disableflags |= engine.mjtDisableBit.mjDSBL_CONSTRAINT
     data, joints = engine.MjData(model), [model.joint(name) for name in names]
     places = [joint.qposadr[0] for joint in joints]
     dofs = [joint.dofadr[0] for joint in joints]
+    sign, offset = np.array([mapping.sign, mapping.offset] if mapping else [[1.0], [0.0]])
 
     def run(q: Floats, qd: Floats, qdd: Floats) -> Floats:
         tau = np.empty_like(q)
-        for k in range(len(q)):
-            data.qpos[places], data.qvel[dofs], data.qacc[dofs] = q[k], qd[k], qdd[k]
+        for k, state in enumerate(zip(q - offset, qd, qdd, strict=True)):
+            data.qpos[places], data.qvel[dofs], data.qacc[dofs] = sign * state
             engine.mj_inverse(model, data)
-            tau[k] = data.qfrc_inverse[dofs]
+            tau[k] = sign * data.qfrc_inverse[dofs]
         return tau
 
-    return f"MuJoCo {engine.__version__}", run
+    return Loaded(f"MuJoCo {engine.__version__}", what, run, own_torques(arm, values))
 
 
 def bullet_body(text: str, gravity: Floats) -> tuple[int, int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dynid.exporters.code import rendered
-from dynid.exporters.engines import mujoco, own_torques
+from dynid.exporters.engines import in_mujoco
 from dynid.exporters.full_model import world_gravity
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded
 from dynid.exporters.simulated import numbers_of, simulated
@@ -68,14 +68,12 @@ def negative_numbers(arm: IdentifiedArm) -> list[str]:
 
 def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
     """Load it in MuJoCo; None where numbers had to be written as zero, so that torques cannot agree."""
-    names, here = tuple(map(xml, arm.robot.joint_names)), simulated(arm)
-    engine_and_torques = mujoco(text, names, world_gravity(arm.robot))
-    if engine_and_torques is None or negative_numbers(arm):
+    if negative_numbers(arm):
         return None
-    held = {column.name: size for column, size, native in here.columns if native}
+    held = {column.name: size for column, size, native in simulated(arm).columns if native}
     what = "rigid body, rotors, viscous friction" + ", springs" * bool(held)
-    engine, torques = engine_and_torques
-    return Loaded(engine, what, torques, own_torques(arm, numbers_of(arm, "Im", "fv") | held))
+    names = tuple(map(xml, arm.robot.joint_names))
+    return in_mujoco(text, names, arm, what, numbers_of(arm, "Im", "fv") | held)
 
 
 MJCF = Format("mjcf", ".xml", text, leaves_out, loaded)

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 
-import numpy as np
-
-from dynid.arrays import Floats
-from dynid.exporters.engines import bare_urdf, mujoco, own_torques
-from dynid.exporters.full_model import world_gravity
+from dynid.exporters.engines import bare_urdf, in_mujoco
 from dynid.exporters.interface import Format, IdentifiedArm, Loaded, NotTried
 from dynid.exporters.simulated import numbers_of, simulated
 from dynid.exporters.user_urdf import rewritten
@@ -58,18 +54,9 @@ def loaded(text: str, arm: IdentifiedArm) -> Loaded | None:
         return None
     names, mapping = joints_of(arm)
     try:
-        engine_and_torques = mujoco(bare_urdf(text), names, world_gravity(arm.robot))
+        return in_mujoco(bare_urdf(text), names, arm, "rigid body", numbers_of(arm), mapping)
     except ValueError as error:
         raise (error if arm.urdf is None else NotTried(f"MuJoCo: {error}")) from error
-    if engine_and_torques is None:
-        return None
-    engine, torques = engine_and_torques
-    sign, offset = np.array(mapping.sign), np.array(mapping.offset)
-
-    def theirs(q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        return sign * torques(sign * (q - offset), sign * qd, sign * qdd)
-
-    return Loaded(engine, "rigid body", theirs, own_torques(arm, numbers_of(arm)))
 
 
 def joints_of(arm: IdentifiedArm) -> tuple[tuple[str, ...], JointMap]:
