@@ -184,12 +184,12 @@ def judge(theta: Floats, std_error: Floats, effect: Floats) -> tuple[str, ...]:
     harmless = (std_error * effect <= tuning.HARMLESS_TORQUE) & (effect > 0.0)
     size = np.abs(theta)
     known = harmless | (std_error <= tuning.WELL_ERROR * size)
-    told = [
+    levels = [
         known & (std_error <= ZERO_INSIDE * size),
         known,
         std_error <= tuning.ROUGH_ERROR * size,
     ]
-    return tuple(np.select(told, WORDS[:3], NOT_DETERMINED).tolist())
+    return tuple(np.select(levels, WORDS[:3], NOT_DETERMINED).tolist())
 
 
 def counted(knowledge: tuple[str, ...]) -> str:

@@ -57,18 +57,18 @@ def last_share(stack: Stack, share: float) -> HoldOut | None:
         stack: the stacked logs.
         share: between 0 and 1.
     """
-    rows, judged = stack.rows, np.zeros(len(stack.rows.t), dtype=bool)
+    rows, held = stack.rows, np.zeros(len(stack.rows.t), dtype=bool)
     for log in np.unique(rows.log):
         blocks = np.unique(rows.block[rows.log == log])
         cut = max(1, len(blocks) - max(1, round(share * len(blocks))))
-        judged |= np.isin(rows.block, blocks[cut:])
-    return _split(stack, judged, f"last {100 * share:.0f} % of each log, {SAME_MOTION}")
+        held |= np.isin(rows.block, blocks[cut:])
+    return _split(stack, held, f"last {100 * share:.0f} % of each log, {SAME_MOTION}")
 
 
-def _split(stack: Stack, judged: NDArray[np.bool_], what: str) -> HoldOut | None:
+def _split(stack: Stack, held: NDArray[np.bool_], what: str) -> HoldOut | None:
     """Return rows to fit, those that judge, (M,), and what these are; None without any."""
-    train, test = stack.take(~judged), replace(stack.take(judged), earlier=None)
-    return (train, test, what) if judged.any() else None
+    train, test = stack.take(~held), replace(stack.take(held), earlier=None)
+    return (train, test, what) if held.any() else None
 
 
 def last_motion(stack: Stack, share: float) -> HoldOut | None:
@@ -81,11 +81,11 @@ def last_motion(stack: Stack, share: float) -> HoldOut | None:
     numbers = motion_numbers([log_motion(log) for log in stack.logs])
     last = [k for k, number in enumerate(numbers) if number == max(numbers)]
     rows = stack.rows
-    judged = np.isin(rows.log, last)
+    held = np.isin(rows.log, last)
     # Why the size: a motion that is most of the rows has to be fitted.
-    if max(numbers, default=0) == 0 or rows.use[judged].sum() > 0.5 * stack.whole[1].sum():
+    if max(numbers, default=0) == 0 or rows.use[held].sum() > 0.5 * stack.whole[1].sum():
         return last_share(stack, share)
-    return _split(stack, judged, f"another motion: {', '.join(stack.logs[k].name for k in last)}")
+    return _split(stack, held, f"another motion: {', '.join(stack.logs[k].name for k in last)}")
 
 
 def log_motion(log: ConditionedLog) -> Floats:

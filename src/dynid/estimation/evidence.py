@@ -191,15 +191,15 @@ def _gap(path: Path, result: Identified) -> GapEvidence | None:
         return None
     artifact = read_artifact(path)
     with reading(path):
-        found = partial(found_path, result)
-        return gap_evidence(dict(artifact.header["record"]), artifact.arrays, result.delay, found)
+        where = partial(found_path, result)
+        return gap_evidence(dict(artifact.header["record"]), artifact.arrays, result.delay, where)
 
 
 def gap_evidence(
     record: dict[str, Any],
     arrays: Any,  # noqa: ANN401
     delay: float,
-    found: Callable[[str], str] = here,
+    path_of: Callable[[str], str] = here,
 ) -> GapEvidence:
     """Return the evidence of a search.
 
@@ -207,7 +207,7 @@ def gap_evidence(
         record: its record as plain values.
         arrays: its held-out errors by name.
         delay: by how much the searched model moves torques back [s].
-        found: returns where a recording is now.
+        path_of: returns where a recording is now.
     """
     named = tuple(_effect(one, delay) for one in record["named"])
     closest = tuple(_effect(one) for one in record["closest"])
@@ -225,11 +225,11 @@ def gap_evidence(
         instead=tuple(one for one in closest if nothing and one.effect == "counterbalance"),
         **known,
         repeats=float(record.get("repeats") or 0.0) > 0.0,
-        events=tuple(replace(event, log=found(event.log)) for event in events),
+        events=tuple(replace(event, log=path_of(event.log)) for event in events),
         kept=_number(record.get("kept")),
         expected=_number(record.get("expected")),
         kept_rms=tuple(map(float, record.get("kept_rms", ()))),
-        logs=tuple(found(str(path)) for path in record["logs"]),
+        logs=tuple(path_of(str(path)) for path in record["logs"]),
     )
 
 

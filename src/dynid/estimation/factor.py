@@ -99,8 +99,8 @@ class Factor:
         rows, k = self.over(blocks), sum(self.blocks[name] for name in names)
         touched = rows[:, :k].any(axis=1)
         R = triangle(rows[touched])
-        told = np.maximum(np.abs(np.diagonal(R)[:k]), np.finfo(float).tiny)
-        volume = self.volume - float(np.sum(np.log(told)))
+        pivots = np.maximum(np.abs(np.diagonal(R)[:k]), np.finfo(float).tiny)
+        volume = self.volume - float(np.sum(np.log(pivots)))
         others = np.vstack([R[k:, k:], rows[~touched, k:]])
         return Factor(others, left, volume), Factor(R[:k], blocks)
 

@@ -78,12 +78,12 @@ def with_estimated_step(stack: Stack, logs: Sequence[Log], *, measured_velocity:
         interval[j] = float(low), float(high)
         # The usual width stays where the interval holds it: small changes would only move other decisions.
         velocity[j] = velocity[j] if low < velocity[j] < high else float(mean)
-    found = Coulomb("smooth", tuple(velocity), tuple(interval))
-    base, logs_then = with_coulomb(stack.base, found), []
-    if found.velocity == usual.velocity:
+    step = Coulomb("smooth", tuple(velocity), tuple(interval))
+    base, logs_then = with_coulomb(stack.base, step), []
+    if step.velocity == usual.velocity:
         return replace(stack, base=base)
     for k, log in enumerate(stack.logs):
-        pairs = zip(log.segments, signs([found], k), strict=True)
+        pairs = zip(log.segments, signs([step], k), strict=True)
         segments = [replace(segment, coulomb_sign=sign[..., 0]) for segment, sign in pairs]
         logs_then.append(with_effects(replace(log, segments=segments), base.model))
     return settled_stack(logs_then, base)

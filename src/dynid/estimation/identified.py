@@ -200,41 +200,30 @@ class Identified:
 
     def table(self) -> Table:
         """Return one row per base parameter: value with 95 % interval, unit, class, how well it is known, prior."""
-        rows = [
-            {
-                "parameter": row["name"],
-                "value": row["value"],
-                "std error": row["std_error"],
-                "2.5 %": float(low),
-                "97.5 %": float(high),
-                "unit": row["unit"],
-                "class": row["class"],
-                "known": row["known"],
-                "prior": row["prior"],
-            }
-            for row, (low, high) in zip(self.parameter_rows(), self.conf_int(), strict=True)
-        ]
-        return Table(rows)
+        keys = ("value", "std_error", "2.5 %", "97.5 %", "unit", "class", "known", "prior")
+        rows = self.parameter_rows()
+        for row, interval in zip(rows, self.conf_int().tolist(), strict=True):
+            row |= zip(keys[2:4], interval, strict=True)
+        columns = {"parameter": "name", **{key.replace("_", " "): key for key in keys}}
+        return Table([{name: row[key] for name, key in columns.items()} for row in rows])
 
     def links(self) -> list[dict[str, Any]]:
         """Return mass, centre of mass and inertia of each identified link, for JSON; ``origin`` is data or prior."""
-        x, names, origin = self.physical.x, self.physical.names, self.physical.origin
-        found = []
+        physical, links = self.physical, []
         for link, columns in body_columns(self.base.model.parameters).items():
-            body = body_of(x[columns])
-            inertia = dict(
-                zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), body.inertia_com, strict=True)
-            )
-            found.append(
+            body = body_of(physical.x[columns])
+            moments = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), body.inertia_com, strict=True)
+            names = (physical.names[k] for k in columns)
+            links.append(
                 {
                     "link": link,
                     "mass_kg": body.mass,
                     "com_m": list(body.com),
-                    "inertia_com_kg_m2": inertia,
-                    "origin": {names[k]: origin[names[k]] for k in columns},
+                    "inertia_com_kg_m2": dict(moments),
+                    "origin": {name: physical.origin[name] for name in names},
                 }
             )
-        return found
+        return links
 
     def residual_table(self) -> Table:
         """Return one row per joint: rms torque [N m or N] of the model error by group in the fitted motion, and in all.
@@ -242,13 +231,10 @@ class Identified:
         Position: angle offsets, springs, cables. Friction: friction that depends on position or speed. Load: friction
         that grows with the torque. Empty where there is no model error.
         """
-        error = self.model_error
-        if error is None:
-            return Table([])
-        rows = []
-        for name, parts in zip(self.robot.joint_names, error.rms.tolist(), strict=True):
-            rows.append({"joint": name, **dict(zip((*GROUP_NAMES, "all"), parts, strict=True))})
-        return Table(rows)
+        rms = [] if self.model_error is None else self.model_error.rms.tolist()
+        keys = ("joint", *GROUP_NAMES, "all")
+        rows = zip(self.robot.joint_names, rms, strict=False)
+        return Table([dict(zip(keys, (name, *parts), strict=True)) for name, parts in rows])
 
     def residual_facts(self) -> dict[str, Any] | None:
         """Return what the model error holds, for JSON; None where there is none."""
@@ -286,38 +272,30 @@ class Identified:
             WrongUsage: the arrays have other shapes, or the model has effects that depend on the order of the samples
                 and their time is not given.
         """
-        position, speed, acceleration = _state(self.robot.n, q, qd, qdd)
-        times = None if t is None else np.atleast_1d(np.asarray(t, dtype=float))
-        if position.ndim == 1:
+        states = _state(self.robot.n, q, qd, qdd)
+        error = self.model_error if residual_model else None
+        if states[0].ndim == 1:
             if residual_model not in self._functions:
-                error = self.model_error if residual_model else None
                 self._functions[residual_model] = one_state(self.base, self.theta, error)
             function = self._functions[residual_model]
             if function is not None:
-                return np.array(function(position.tolist(), speed.tolist(), acceleration.tolist()))
-            found = self._torques(
-                position[None], speed[None], acceleration[None], times, residual_model
-            )
-            return np.asarray(found[0])
-        return self._torques(position, speed, acceleration, times, residual_model)
+                return np.array(function(*(x.tolist() for x in states)))
+        q, qd, qdd = (np.atleast_2d(x) for x in states)
+        tau, observer = known_torque(self.base.model, q, qd, qdd), self.base.observer
+        if self.base.model.added or error is not None:
+            times = None if t is None else np.atleast_1d(np.asarray(t, dtype=float))
+            W = self.regressor(q, qd, qdd, times)
+            tau = tau + W @ self.theta
+            if error is not None:
+                tau = tau + error.torque(W, error.shapes_at(q, qd, observer))
+        else:
+            tau = tau + observer.torque(self.theta, q, qd, qdd)
+        return np.asarray(tau).reshape(states[0].shape)
 
     @cached_property
     def _functions(self) -> dict[bool, OneState | None]:
         """The inverse dynamics of single states, with and without the residual model, once they were asked for."""
         return {}
-
-    def _torques(
-        self, q: Floats, qd: Floats, qdd: Floats, t: Floats | None, residual_model: bool
-    ) -> Floats:
-        model = self.base.model
-        tau = known_torque(model, q, qd, qdd)
-        error = self.model_error if residual_model else None
-        if model.added or error is not None:
-            W = self.regressor(q, qd, qdd, t)
-            if error is not None:
-                tau = tau + error.torque(W, error.shapes_at(q, qd, self.base.observer))
-            return np.asarray(tau + W @ self.theta)
-        return tau + self.base.observer.torque(self.theta, q, qd, qdd)
 
     def regressor(self, q: Floats, qd: Floats, qdd: Floats, t: Floats | None = None) -> Floats:
         """Return the base regressor Y with tau = Y theta, (N, n, p), in DH quantities (Paper Eq. 13).
@@ -354,10 +332,9 @@ class Identified:
         """Return the torque error to expect and what the model error holds, line by line."""
         lines = []
         if self.expected is not None:
-            fitted, exciting = self.expected.fitted_percent, self.expected.exciting_percent
             lines.append(
-                f"expected torque error {fitted:.2g} % on another recording of the fitted motion, {exciting:.2g} % on "
-                "an exciting motion inside the limits"
+                f"expected torque error {self.expected.fitted_percent:.2g} % on another recording of the fitted "
+                f"motion, {self.expected.exciting_percent:.2g} % on an exciting motion inside the limits"
             )
         if self.model_error is not None:
             alone = relative_error(self.factors, self.theta)
@@ -374,14 +351,12 @@ def _state(n: int, *given: ArrayLike) -> tuple[Floats, ...]:
     Raises:
         WrongUsage: they have another.
     """
-    found = tuple(np.asarray(x, dtype=float) for x in given)
-    shape = found[0].shape
-    if any(x.shape != shape for x in found) or len(shape) not in (1, 2) or shape[-1] != n:
-        shapes = ", ".join(
-            f"{name} {x.shape}" for name, x in zip(("q", "qd", "qdd"), found, strict=True)
-        )
+    states = tuple(np.asarray(x, dtype=float) for x in given)
+    shape = states[0].shape
+    if any(x.shape != shape for x in states) or len(shape) not in (1, 2) or shape[-1] != n:
+        named = zip(("q", "qd", "qdd"), states, strict=True)
         raise WrongUsage(
-            f"the shapes are {shapes}",
+            f"the shapes are {', '.join(f'{name} {x.shape}' for name, x in named)}",
             fix=f"({n},) for one state of this arm, or (N, {n}) for N samples, for all three",
         )
-    return found
+    return states

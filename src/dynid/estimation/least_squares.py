@@ -217,13 +217,13 @@ def ordinary(factors: Floats, counts: Ints) -> Fit:
     Returns:
         The fit; the noise is the same for all joints, and the covariance is that of white residuals.
     """
-    plain = solve(merge(factors))
+    solution_of_all = solve(merge(factors))
     total = float(counts.sum())
-    if total <= plain.rank:
+    if total <= solution_of_all.rank:
         raise LogTooShort(
-            f"{total:.0f} rows for {plain.rank} parameters", fix="record a longer motion"
+            f"{total:.0f} rows for {solution_of_all.rank} parameters", fix="record a longer motion"
         )
-    noise = (plain.residual / (total - plain.rank)) ** 0.5
+    noise = (solution_of_all.residual / (total - solution_of_all.rank)) ** 0.5
     same = np.full(len(counts), max(noise, _floor(factors, counts).min()))
     solution = solve(merge(factors, 1.0 / same))
     return Fit("ols", solution.theta, same, solution.inverse, factors, counts)

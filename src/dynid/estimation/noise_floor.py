@@ -50,12 +50,12 @@ def noise_floor(stack: Stack, theta: Floats, error: ModelError | None = None) ->
     chosen = stack.logs[0].filter
     parts = list(_parts(stack, theta, error))
     pairs = [(one, other) for a, one in enumerate(parts) for other in parts[a:]]
-    differences = [found for one, other in pairs for found in _difference(one, other, chosen)]
-    seconds = sum(len(left) for left, _ in differences) / chosen.kept_rate
+    differences = [each for pair in pairs for each in _difference(*pair, chosen)]
+    seconds = sum(len(residual) for residual, _ in differences) / chosen.kept_rate
     if seconds >= tuning.SHORTEST_REPEAT_S:
         return NoiseFloor(_rms(differences), float(seconds))
-    left = [(left, use) for _, left, use in parts if len(left) >= tuning.SPECTRUM_ROWS]
-    return NoiseFloor(floor_from_spectrum(left, chosen), 0.0) if left else None
+    long = [part[1:] for part in parts if len(part[1]) >= tuning.SPECTRUM_ROWS]
+    return NoiseFloor(floor_from_spectrum(long, chosen), 0.0) if long else None
 
 
 def _parts(stack: Stack, theta: Floats, error: ModelError | None) -> Iterator[Part]:
@@ -80,15 +80,14 @@ def _difference(
     lag = lag_of(q, other_q, shortest, shortest if one is other else None)
     if lag is None:
         return
-    whole = int(np.floor(lag))
-    start, end = max(0, -whole), min(len(q), len(other_q) - whole)
-    moved = shifted(other_left, lag - whole)[start + whole : end + whole]
+    rows = int(np.floor(lag))
+    start, end = max(0, -rows), min(len(q), len(other_q) - rows)
+    moved = shifted(other_left, lag - rows)[start + rows : end + rows]
     e = (left[start:end] - moved) / np.sqrt(2.0)
-    both = use[start:end] & other_use[start + whole : end + whole]
-    edge = np.zeros(len(e), dtype=bool)
-    edge[8:-8] = True
+    both = use[start:end] & other_use[start + rows : end + rows]
+    both[:8] = both[len(both) - 8 :] = False
     line = np.column_stack([np.ones(len(e)), np.linspace(-1.0, 1.0, len(e))])
-    yield e - line @ np.linalg.lstsq(line, e, rcond=None)[0], both & edge[:, None]
+    yield e - line @ np.linalg.lstsq(line, e, rcond=None)[0], both
 
 
 def lag_of(one: Floats, other: Floats, shortest: int, least: int | None) -> float | None:
@@ -145,20 +144,19 @@ def floor_from_spectrum(
         chosen: the filters that they went through.
     """
     kernel, step = chosen.second_kernel[0], chosen.second_step
+    low, high = np.array(tuning.NOISE_BAND) * chosen.cutoff
     powers: list[Floats] = []
-    for left, _ in parts:
-        f = np.fft.rfftfreq(len(left), 1.0 / chosen.kept_rate)
-        window = np.hanning(len(left))
-        power = np.abs(
-            np.fft.rfft((left - left.mean(axis=0)) * window[:, None], axis=0)
-        ) ** 2 / np.sum(window**2)
-        inside = (f > tuning.NOISE_BAND[0] * chosen.cutoff) & (
-            f < tuning.NOISE_BAND[1] * chosen.cutoff
+    for residual, _ in parts:
+        f, window = (
+            np.fft.rfftfreq(len(residual), 1.0 / chosen.kept_rate),
+            np.hanning(len(residual)),
         )
+        spectrum = np.fft.rfft((residual - residual.mean(axis=0)) * window[:, None], axis=0)
+        inside = (f > low) & (f < high)
         turns = np.outer(f[inside] / (step * chosen.kept_rate), np.arange(len(kernel)))
-        gain = np.abs(np.exp(-2j * np.pi * turns) @ kernel) ** 2
+        gain = np.abs(np.exp(-2j * np.pi * turns) @ kernel) ** 2 * np.sum(window**2)
         # Why the step: thinned rows spread the same power over a narrower band.
-        powers.append(step * power[inside] / gain[:, None])
+        powers.append(step * np.abs(spectrum[inside]) ** 2 / gain[:, None])
     # Why the median: a reversal of friction is a short burst of high frequencies, not noise.
     level = np.median(np.concatenate(powers), axis=0) / np.log(2.0)
     return np.asarray(np.minimum(np.sqrt(level * np.sum(kernel**2)), _rms(parts)))

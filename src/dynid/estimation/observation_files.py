@@ -91,5 +91,5 @@ def _log(
 
 def load_factors(path: Path) -> tuple[Floats, dict[str, Any]]:
     """Return the triangular factors of [W tau] in fullnumericregressor.npz, (n, p + 1, p + 1), and its header."""
-    found = read_artifact(path, SCHEMA, SHAPES)
-    return found.arrays["R"], dict(found.header)
+    artifact = read_artifact(path, SCHEMA, SHAPES)
+    return artifact.arrays["R"], dict(artifact.header)

@@ -92,17 +92,17 @@ def one_state(base: BaseModel, theta: Floats, error: ModelError | None) -> OneSt
     if model.added or robot.coupling is not None:
         return None
     # Links that keep their prior take part.
-    whole = Model(replace(robot, links=tuple(range(1, n + 1))), model.rigid)
-    names, size = whole.parameter_names, len(whole.link_columns)
+    every_link = Model(replace(robot, links=tuple(range(1, n + 1))), model.rigid)
+    names, size = every_link.parameter_names, len(every_link.link_columns)
     own = [names.index(model.parameter_names[k]) for k in base.reduction.base]
-    others = [p.of_body and p.number not in robot.identified_links for p in whole.parameters]
+    others = [p.of_body and p.number not in robot.identified_links for p in every_link.parameters]
     # Why values of each joint: the residual model is orthogonal to the parameters joint by joint.
-    values, loads = np.zeros((2, n, whole.size))
-    values += np.where(others, prior_vector(whole), 0.0)
+    values, loads = np.zeros((2, n, every_link.size))
+    values += np.where(others, prior_vector(every_link), 0.0)
     values[:, own] = theta if error is None else theta + error.mean_by_rows[1]
     loads[:, own] = 0.0 if error is None else error.reference
     wanted = np.flatnonzero((values + abs(loads))[:, :size].any(axis=0))
-    program = model.rigid.restricted(whole.link_columns[wanted])
+    program = model.rigid.restricted(every_link.link_columns[wanted])
     variables, text = statements(program, robot)
     signs = [
         coulomb(robot, j, f"qd[{j}]") if "coulomb" in joint.friction else "0.0"
@@ -113,11 +113,11 @@ def one_state(base: BaseModel, theta: Floats, error: ModelError | None) -> OneSt
     def torque(values: Floats, j: int) -> str:
         """Return the torque of a joint for values of its columns, (columns,)."""
         mine = program.rows == j
-        rubs = [k for k, p in enumerate(whole.friction) if p.number == j + 1]
+        rubs = [k for k, p in enumerate(every_link.friction) if p.number == j + 1]
         spelled = {"fv": f"qd[{j}]", "fc": f"sign{j}", "fo": "1.0"}
         columns = [*wanted[program.cols[mine]], *(size + k for k in rubs)]
         terms = [text[slot] for slot in program.outputs[mine]]
-        terms += [spelled[whole.friction[k].kind] for k in rubs]
+        terms += [spelled[every_link.friction[k].kind] for k in rubs]
         return _sum(values[columns].tolist(), terms)
 
     torques = [torque(values[j], j) for j in range(n)]

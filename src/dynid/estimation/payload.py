@@ -64,8 +64,8 @@ class IdentifiedPayload:
     @property
     def intervals(self) -> Floats:
         """95 % intervals of the numbers, (10, 2); masses and moments of inertia are never negative."""
-        found = self.numbers[:, None] + WIDTH * self.std_error[:, None] * [-1.0, 1.0]
-        return np.where(POSITIVE[:, None], np.maximum(found, 0.0), found)
+        ends = self.numbers[:, None] + WIDTH * self.std_error[:, None] * [-1.0, 1.0]
+        return np.where(POSITIVE[:, None], np.maximum(ends, 0.0), ends)
 
     def facts(self) -> dict[str, Any]:
         """Return the body for JSON."""

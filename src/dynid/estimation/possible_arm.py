@@ -52,6 +52,15 @@ Floats = NDArray[np.float64]
 THIN, ROUNDED = 1e-6, 1e-12
 
 
+def with_bodies(
+    constraints: PhysicalConstraints, P: Floats, links: NDArray[np.bool_] | slice = slice(None)
+) -> PhysicalConstraints:
+    """Return the constraints with other prior bodies of some links, pseudo-inertias (L, 4, 4)."""
+    prior = constraints.prior.copy()
+    prior[constraints.bodies[links]] = body_parameters(P[links])
+    return replace(constraints, prior=prior)
+
+
 def rounded(constraints: PhysicalConstraints) -> PhysicalConstraints:
     """Return the constraints with every prior body a little like the mean one, the mass of all links the same.
 
@@ -64,15 +73,11 @@ def rounded(constraints: PhysicalConstraints) -> PhysicalConstraints:
     mass = P[:, 3, 3]
     com = P[:, :3, 3] / mass[:, None]
     extent = np.trace(P[:, :3, :3], axis1=1, axis2=2) / mass - np.sum(com**2, axis=1)
-    ball = np.zeros_like(P)
-    ball[:, :3, :3] = np.eye(3) * float(np.mean(extent)) / 3
     point = np.hstack([com, np.ones((len(P), 1))])
-    ball += point[:, :, None] * point[:, None, :]
-    prior = constraints.prior.copy()
-    prior[constraints.bodies] = body_parameters(
-        (P + tuning.BALL_SHARE * np.mean(mass) * ball) / (1.0 + tuning.BALL_SHARE)
-    )
-    return replace(constraints, prior=prior)
+    ball = np.diag([1.0, 1.0, 1.0, 0.0]) * np.mean(extent) / 3
+    ball = ball + point[:, :, None] * point[:, None, :]
+    share = tuning.BALL_SHARE
+    return with_bodies(constraints, (P + share * np.mean(mass) * ball) / (1.0 + share))
 
 
 def widened(constraints: PhysicalConstraints, shapes: Floats) -> PhysicalConstraints:
@@ -88,24 +93,22 @@ def widened(constraints: PhysicalConstraints, shapes: Floats) -> PhysicalConstra
     P = constraints.prior_pseudo_inertia.copy()
     if not len(P):
         return constraints
-    mass, about_origin = P[:, 3, 3].copy(), P[:, :3, :3]
-    com = P[:, :3, 3] / np.where(mass > 0.0, mass, 1.0)[:, None]
-    own = about_origin - mass[:, None, None] * com[:, :, None] * com[:, None, :]
-    least, every, whole = (
-        np.linalg.eigvalsh(own)[:, 0],
-        *(np.trace(x, axis1=1, axis2=2) for x in (own, about_origin)),
-    )
-    thin = np.abs(least) <= THIN * every + ROUNDED * whole
-    middle = shapes[:, :3, 3]
-    P[thin, :3, :3] += (
-        mass[:, None, None] * (shapes[:, :3, :3] - middle[:, :, None] * middle[:, None, :])
-    )[thin]
-    light, alone = mass == 0.0, (mass > 0.0) & (whole == 0.0)
+
+    def about_centre(P: Floats, mass: Floats) -> Floats:
+        point = P[:, :3, 3]
+        of_point = point[:, :, None] * point[:, None, :]
+        return np.asarray(P[:, :3, :3] - of_point / np.where(mass > 0.0, mass, 1.0)[:, None, None])
+
+    mass = P[:, 3, 3].copy()
+    own, about_origin = about_centre(P, mass), np.trace(P[:, :3, :3], axis1=1, axis2=2)
+    extent = THIN * np.trace(own, axis1=1, axis2=2) + ROUNDED * about_origin
+    thin = np.abs(np.linalg.eigvalsh(own)[:, 0]) <= extent
+    width = about_centre(shapes, np.ones(len(P)))
+    P[thin, :3, :3] += (mass[:, None, None] * width)[thin]
+    light, alone = mass == 0.0, (mass > 0.0) & (about_origin == 0.0)
     P[light] += tuning.BALL_SHARE * np.mean(mass) * shapes[light]
     P[alone] = mass[alone, None, None] * shapes[alone]
-    prior = constraints.prior.copy()
-    prior[constraints.bodies[thin | light]] = body_parameters(P[thin | light])
-    return replace(constraints, prior=prior)
+    return with_bodies(constraints, P, thin | light)
 
 
 def followed(constraints: PhysicalConstraints, x: Floats) -> Floats:
@@ -152,7 +155,6 @@ class PhysicalParameters:
     Attributes:
         names: parameter names, (c,).
         x: their values, (c,), in their units.
-        std_error: posterior standard deviation, data and prior together, (c,).
         data_share: how much of each value comes from the data, 0 (prior) to 1, (c,).
         cost: 1/2 |R x - r|^2, the penalty that holds offsets near zero with it.
         objective: cost plus divergence from the prior.
@@ -163,13 +165,17 @@ class PhysicalParameters:
 
     names: tuple[str, ...]
     x: Floats
-    std_error: Floats
     data_share: Floats
     cost: float
     objective: float
     covariance: Floats
     hessian: Floats
     inflation: float = 1.0
+
+    @property
+    def std_error(self) -> Floats:
+        """Posterior standard deviation, data and prior together, (c,)."""
+        return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0)))
 
     @property
     def origin(self) -> dict[str, str]:
@@ -184,7 +190,7 @@ class PhysicalParameters:
 def constraints_of(base: BaseModel) -> PhysicalConstraints:
     """Return the robot's prior and what is known about it, for all parameters of the model."""
     known, identified = base.robot.known, base.robot.identified_links
-    found = make_constraints(
+    constraints = make_constraints(
         base.model.parameters,
         prior_vector(base.model),
         total_mass=known.total_mass,
@@ -196,13 +202,13 @@ def constraints_of(base: BaseModel) -> PhysicalConstraints:
     )
     # Why: bodies that somebody gave are meant; cylinders that nobody gave are as short as a DH offset may be.
     if not (base.robot.prior and base.robot.prior.links):
-        return rounded(found)
+        return rounded(constraints)
     radius = cylinders_of(base.robot).radius
     cylinders = np.array(
         [cylinder_body(ends, radius, 1.0).parameters() for ends in link_cylinders(base.robot)]
     )
-    links = [found.parameters[k].number - 1 for k in found.bodies[:, 0]]
-    return widened(found, pseudo_inertia(cylinders[links]))
+    links = [constraints.parameters[k].number - 1 for k in constraints.bodies[:, 0]]
+    return widened(constraints, pseudo_inertia(cylinders[links]))
 
 
 def friction_ratings(robot: Robot) -> dict[str, float]:
@@ -210,14 +216,13 @@ def friction_ratings(robot: Robot) -> dict[str, float]:
 
     Coulomb friction goes with the rated torque, viscous friction with rated torque over speed.
     """
-    limits = [(joint.limits.torque, joint.limits.velocity) for joint in robot.joints]
-    rated = [(torque, velocity) for torque, velocity in limits if torque and velocity]
-    if robot.torque.source != "motor_torque" or len(rated) < robot.n:
-        return {}
-    ratings = {f"fc{k}": torque for k, (torque, _) in enumerate(rated, start=1)}
-    return ratings | {
-        f"fv{k}": torque / velocity for k, (torque, velocity) in enumerate(rated, start=1)
-    }
+    ratings: dict[str, float] = {}
+    for k, joint in enumerate(robot.joints, start=1):
+        torque, velocity = joint.limits.torque, joint.limits.velocity
+        if robot.torque.source != "motor_torque" or not torque or not velocity:
+            return {}
+        ratings |= {f"fc{k}": torque, f"fv{k}": torque / velocity}
+    return ratings
 
 
 # ---------------------------------------------------------------- fits
@@ -279,9 +284,7 @@ def fit_pooled(
         size = likeliest_size(constraints, x) if sized else 1.0
         if abs(np.log(size)) < tuning.SIZE_SETTLED:
             break
-        prior = constraints.prior.copy()
-        prior[constraints.bodies] *= size
-        constraints = replace(constraints, prior=prior)
+        constraints = with_bodies(constraints, size * constraints.prior_pseudo_inertia)
         bound = _followed(constraints, x)
     objective = _objective(R, r, bound)
     x = minimise(objective, x)
@@ -290,9 +293,7 @@ def fit_pooled(
 
 def _followed(constraints: PhysicalConstraints, x: Floats) -> PhysicalConstraints:
     """Return the constraints with the prior whose entropic divergence bounds the price of the bodies from above."""
-    prior = constraints.prior.copy()
-    prior[constraints.bodies] = body_parameters(followed(constraints, x))
-    return replace(constraints, prior=prior)
+    return with_bodies(constraints, followed(constraints, x))
 
 
 def _settled(before: PhysicalConstraints, after: PhysicalConstraints) -> bool:
@@ -436,16 +437,13 @@ def _fit(
     hessian = data + held + logs
     covariance, residual = _inverse(hessian), objective.R @ x - objective.r
     after, before = np.maximum(np.diagonal(covariance), 0.0), np.diagonal(_inverse(logs))
-    known = before > 0.0
+    rest = np.divide(after, before, out=np.zeros_like(after), where=before > 0.0)
     return PhysicalParameters(
         names=tuple(parameter.name for parameter in constraints.parameters),
         x=x,
         cost=float(0.5 * residual @ residual),
         objective=objective.value(x),
-        data_share=np.clip(
-            1.0 - np.where(known, after, 0.0) / np.where(known, before, 1.0), 0.0, 1.0
-        ),
-        std_error=np.sqrt(after),
+        data_share=np.clip(1.0 - rest, 0.0, 1.0),
         covariance=covariance,
         hessian=hessian,
     )
@@ -474,9 +472,9 @@ def with_honest_errors(
     open_ = held.copy()
     for columns in (constraints.bodies.ravel(), *constraints.pools):
         along = held[np.ix_(columns, columns)] @ fit.x[columns]
-        whole = float(along @ fit.x[columns])
-        if len(columns) > 1 and whole > 0.0:
-            open_[np.ix_(columns, columns)] -= np.outer(along, along) / whole
+        curved = float(along @ fit.x[columns])
+        if len(columns) > 1 and curved > 0.0:
+            open_[np.ix_(columns, columns)] -= np.outer(along, along) / curved
     covariance = _inverse(open_ + (fit.hessian - held) / less) + changes @ changes.T
     before, after = np.diagonal(fit.covariance), np.diagonal(covariance)
     growth = np.divide(after, before, out=np.ones_like(after), where=before > 0.0)
@@ -484,7 +482,6 @@ def with_honest_errors(
         fit,
         hessian=_inverse(covariance),
         covariance=covariance,
-        std_error=np.sqrt(np.maximum(after, 0.0)),
         data_share=np.clip(1.0 - (1.0 - fit.data_share) * growth, 0.0, 1.0),
         inflation=fit.inflation * less,
     )

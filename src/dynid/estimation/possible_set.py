@@ -159,18 +159,21 @@ def make_constraints(
     G, h = np.zeros((len(rows), len(parameters))), np.array([row[1] for row in rows])
     for k, (terms, _, _) in enumerate(rows):
         G[k, list(terms)] = list(terms.values())
-    labels, prior = tuple(row[2] for row in rows), np.asarray(prior, dtype=float)
-    pools = tuple(
-        found[prior[found] <= 0.0]
-        for found in (columns_of(parameters, kind) for kind in nonnegative)
-    )
+    prior = np.asarray(prior, dtype=float)
+    kinds = (columns_of(parameters, kind) for kind in nonnegative)
     # Why of fc: an offset is the part of the friction that does not change its sign.
     rated = [f"fc{p.number}" if p.kind == "fo" else p.name for p in parameters]
     proportion = np.array([(ratings or {}).get(name, 1.0) for name in rated])
-    nowhere = np.full(len(parameters), np.inf)
-    links = np.array(list(bodies.values()), dtype=np.intp).reshape(-1, 10)
     return PhysicalConstraints(
-        tuple(parameters), links, prior, G, h, labels, pools, proportion, nowhere
+        parameters=tuple(parameters),
+        bodies=np.array(list(bodies.values()), dtype=np.intp).reshape(-1, 10),
+        prior=prior,
+        G=G,
+        h=h,
+        labels=tuple(row[2] for row in rows),
+        pools=tuple(columns[prior[columns] <= 0.0] for columns in kinds),
+        ratings=proportion,
+        spread=np.full(len(parameters), np.inf),
     )
 
 
@@ -220,11 +223,11 @@ class Objective:
 
     def curvature(self, bodies: Floats, slacks: Floats) -> Floats:
         """Return the Hessian of the logarithms, (c, c), from relative changes."""
-        found = slacks.T @ (self.mu[:, None] * slacks)
+        hessian = slacks.T @ (self.mu[:, None] * slacks)
         flat = bodies.reshape(-1, 10, 16)
         places = self.bodies[:, :, None], self.bodies[:, None, :]
-        found[places] += self.gamma * (flat @ flat.swapaxes(-1, -2))
-        return np.asarray(found)
+        hessian[places] += self.gamma * (flat @ flat.swapaxes(-1, -2))
+        return np.asarray(hessian)
 
 
 def minimise(

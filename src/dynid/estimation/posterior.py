@@ -129,7 +129,7 @@ def _with_joints_apart(
     stack: Stack,
     rows: JointRows,
     arm: Arm,
-    given: Floats | None,
+    sizes_known: Floats | None,
     like: ModelError | None,
     estimate: Fit,
     refit: Refit,
@@ -143,7 +143,7 @@ def _with_joints_apart(
         stack: the stacked logs.
         rows: rows of all joints.
         arm: the arm that they ask for.
-        given: sizes that are known already.
+        sizes_known: those that are known already, None to find them.
         like: model error whose joints apart are taken.
         estimate: of all joints.
         refit: makes such an estimate of some joints.
@@ -157,7 +157,7 @@ def _with_joints_apart(
         arm = Arm.of(free, rows.of_arm(NONE).rows, arm)
 
     def sized() -> Floats:
-        return best_size(rows, arm) if given is None else given
+        return best_size(rows, arm) if sizes_known is None else sizes_known
 
     for _ in range(tuning.APART_ROUNDS):
         size = sized()
@@ -203,25 +203,25 @@ def _with_large_torques(base: BaseModel, rows: JointRows, arm: Arm) -> tuple[Joi
     Returns:
         The rows with free columns, and the gain of the log evidence by them.
     """
-    given, gain, first = rows, 0.0, arm
+    rows_given, gain, first = rows, 0.0, arm
 
     def cost(rows: JointRows) -> tuple[float, Arm, JointRows]:
         of_arm = rows.of_arm(NONE)
-        found = Arm.of(base, of_arm.rows, arm)
-        return found.fit.objective - of_arm.volume, found, rows
+        candidate = Arm.of(base, of_arm.rows, arm)
+        return candidate.fit.objective - of_arm.volume, candidate, rows
 
     best, arm, _ = cost(rows)
     for _ in range(tuning.LARGE_TORQUE_JOINTS):
         joints = np.flatnonzero(~rows.free.any(axis=1) & rows.factors.any(axis=(1, 2)))
         tried = [cost(rows.freed(int(j))) for j in joints]
-        least, found, other = min(tried, key=lambda each: each[0], default=(best, arm, rows))
+        least, candidate, other = min(tried, key=lambda each: each[0], default=(best, arm, rows))
         if best - least < tuning.LARGE_TORQUE_EVIDENCE:
             break
-        rows, arm, best, gain = other, found, least, gain + best - least
+        rows, arm, best, gain = other, candidate, least, gain + best - least
     # Why: a scaled or partial torque asks for a torque of the position as well, but for more beside it.
-    if gain and gain > joints_apart(given, first, NONE)[1]:
+    if gain and gain > joints_apart(rows_given, first, NONE)[1]:
         return rows, gain
-    return given, 0.0
+    return rows_given, 0.0
 
 
 # ---------------------------------------------------------------- what a set is worth

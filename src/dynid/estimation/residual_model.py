@@ -419,8 +419,8 @@ def centred(factors: Floats, k: int, theta: Floats) -> Floats:
     W, tau = F[:, :, k:-1].reshape(-1, len(theta)), F[:, :, -1].ravel()
     length = np.linalg.norm(W, axis=0)
     length = np.where(length > 0.0, length, 1.0)
-    found = np.linalg.lstsq(W / length, tau, rcond=1e-13)[0] / length
-    F[:, :, -1] += F[:, :, k:-1] @ (theta - found)
+    solution = np.linalg.lstsq(W / length, tau, rcond=1e-13)[0] / length
+    F[:, :, -1] += F[:, :, k:-1] @ (theta - solution)
     return F
 
 
@@ -563,11 +563,11 @@ def best_size(rows: JointRows, arm: Arm) -> Floats:
         return -evidence, -slope
 
     bounds = np.c_[low, high]
-    found = [
+    searches = [
         minimize(negative, start, jac=True, method="L-BFGS-B", bounds=bounds)
         for start in np.log(tuning.RESIDUAL_BEGIN)
     ]
-    best = min(found, key=lambda each: each.fun)
+    best = min(searches, key=lambda each: each.fun)
     logs = best.x
     for k in range(len(logs)):
         without = np.where(np.arange(len(logs)) == k, low, logs)

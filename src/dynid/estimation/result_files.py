@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -35,10 +35,7 @@ SCHEMA = "dynid/identification/1"
 TABLE = "dynid/parameters-table/1"
 #: What is stored as it is, by its name in the result.
 SCALARS = (
-    "method",
     "why",
-    "knowledge",
-    "joints",
     "relative_error_percent",
     "heldout_relative_error_percent",
     "heldout",
@@ -51,97 +48,85 @@ SCALARS = (
 #: Arrays of the estimator's own fit, in its order.
 FIT = ("plain", "noise", "plain_covariance", "factors", "counts")
 #: What is stored as arrays.
-ARRAYS = (*FIT, "theta", "covariance", "std_error", "prior")
+ARRAYS = ("theta", "covariance", "std_error", "prior")
 #: Axes of arrays of a residual model along which parameters of a joint's own follow its columns.
 OWN_AXES = {"mean": [1], "root": [1, 2], "slope": [1]}
 
 Result = TypeVar("Result", bound=Identified)
 
 
-def save(path: Path, found: Identified, facts: dict[str, Any] | None = None) -> Path:
+def save(path: Path, result: Identified, facts: dict[str, Any] | None = None) -> Path:
     """Write parameters.npz, which ``read`` reads.
 
     Args:
         path: where to.
-        found: the result.
+        result: the result.
         facts: further facts for the header, such as the inputs that it depends on.
     """
-    reduction, reduction_arrays = reduction_facts(found.reduction)
-    physical, error = asdict(found.physical), found.model_error
-    arrays = {key: getattr(found, key) for key in ARRAYS} | reduction_arrays
-    arrays |= _arrays("full", physical)
+    reduction, reduction_arrays = reduction_facts(result.reduction)
+    physical, error = asdict(result.physical), result.model_error
+    arrays = {key: getattr(result, key) for key in FIT + ARRAYS} | reduction_arrays
+    arrays |= {f"full_{k}": x for k, x in physical.items() if isinstance(x, np.ndarray)}
     if error is not None:
-        arrays |= _arrays("error", vars(error))
+        arrays |= {f"error_{k}": x for k, x in vars(error).items() if isinstance(x, np.ndarray)}
         if not error.apart.any():
             del arrays["error_apart"]
             arrays |= {f"error_{x}": getattr(error, x)[:, : error.k] for x in OWN_AXES}
             arrays["error_root"] = arrays["error_root"][:, :, : error.k]
-    arrays |= {f"motion_{k}": motion.astype(np.float32) for k, motion in enumerate(found.motions)}
-    scalars = {key: getattr(found, key) for key in SCALARS} | {
+    arrays |= {f"motion_{k}": motion.astype(np.float32) for k, motion in enumerate(result.motions)}
+    scalars = {key: getattr(result, key) for key in ("method", "knowledge", *SCALARS)} | {
         "physical": {key: x for key, x in physical.items() if f"full_{key}" not in arrays},
         "model_error_evidence": None if error is None else error.evidence,
-        "expected": None if found.expected is None else found.expected.facts(),
+        "expected": None if result.expected is None else result.expected.facts(),
     }
     header = {
         **(facts or {}),
-        **found.header,
-        "cutoff_hz": found.cutoff,
-        "delay_applied_s": found.delay,
-        "log_sha256": list(found.log_sha256),
-        "result": scalars | {"joints": [asdict(joint) for joint in found.joints]},
-        "findings": [asdict(f) for f in found.findings],
+        **result.header,
+        "cutoff_hz": result.cutoff,
+        "delay_applied_s": result.delay,
+        "log_sha256": list(result.log_sha256),
+        "result": scalars | {"joints": [asdict(joint) for joint in result.joints]},
+        "findings": [asdict(f) for f in result.findings],
         "reduction": reduction,
-        "robot_file": text_of(found.robot),
-        "robot_path": str(found.robot.path or ""),
+        "robot_file": text_of(result.robot),
+        "robot_path": str(result.robot.path or ""),
     }
     write_artifact(path, SCHEMA, header, arrays)
     return path
 
 
-def _arrays(part: str, values: dict[str, Any]) -> dict[str, NDArray[Any]]:
-    """Return what is an array in a part of a result, by its name in the file."""
-    return {f"{part}_{k}": x for k, x in values.items() if isinstance(x, np.ndarray)}
-
-
-def save_csv(path: Path, found: Identified) -> Path:
+def save_csv(path: Path, result: Identified) -> Path:
     """Write one row per base parameter, for spreadsheets; no value and no error where the logs determine none."""
     columns = ("name", "value", "std_error", "unit", "class", "known", "prior", "formula")
-    rows = [[row[column] for column in columns] for row in found.parameter_rows()]
+    rows = [[row[column] for column in columns] for row in result.parameter_rows()]
     write_text(path, "\n".join([csv_row(columns), *map(csv_row, rows), ""]))
     return path
 
 
-def save_yaml(path: Path, found: Identified) -> Path:
+def save_yaml(path: Path, result: Identified) -> Path:
     """Write parameters.yaml; equal results give equal bytes."""
-    rows = []
-    for row in found.parameter_rows():
-        error = row["std_error"]
-        terms = {name: float(f"{factor:.10g}") for name, factor in row["terms"].items()}
-        shown = {
-            **row,
-            "value": _digits(row["value"], error)
-            if row["known"] != "not determined" or error
-            else None,
-            "std_error": None if error is None else float(f"{error:.2g}"),
-            "terms": terms,
-            "prior": None if row["prior"] is None else float(f"{row['prior']:.6g}"),
-        }
-        rows.append(shown)
-    coulomb = found.robot.coulomb_shape
+    rows = result.parameter_rows()
+    for row in rows:
+        error, unknown = row["std_error"], row["known"] == "not determined"
+        row["value"] = None if unknown and not error else _digits(row["value"], error)
+        row["std_error"] = None if error is None else float(f"{error:.2g}")
+        row["terms"] = {name: float(f"{factor:.10g}") for name, factor in row["terms"].items()}
+        row["prior"] = None if row["prior"] is None else float(f"{row['prior']:.6g}")
+    coulomb = result.robot.coulomb_shape
     document = {
         "schema": TABLE,
-        "robot": found.robot.name,
-        "logs_sha256": list(found.log_sha256),
-        "method": found.method,
-        "cutoff_hz": float(f"{found.cutoff:.6g}"),
+        "robot": result.robot.name,
+        "logs_sha256": list(result.log_sha256),
+        "method": result.method,
+        "cutoff_hz": float(f"{result.cutoff:.6g}"),
         "coulomb": {
             "shape": coulomb.shape,
             "velocity": list(coulomb.velocity),
             **({"interval": [list(each) for each in coulomb.interval]} if coulomb.interval else {}),
         },
-        "relative_error_percent": float(f"{found.relative_error_percent:.4g}"),
+        "relative_error_percent": float(f"{result.relative_error_percent:.4g}"),
         "parameters": rows,
-        "not_identifiable": list(found.reduction.none),
+        "not_identifiable": list(result.reduction.none),
     }
     write_text(path, yaml_text(document))
     return path
@@ -154,7 +139,7 @@ SHAPES = {
     **dict.fromkeys(("covariance", "plain_covariance"), "p p"),
     **dict.fromkeys(("noise", "counts"), "n"),
     "factors": "n p+1 p+1",
-    **dict.fromkeys(("full_x", "full_std_error", "full_data_share"), "c"),
+    **dict.fromkeys(("full_x", "full_data_share"), "c"),
     "full_covariance": "c c",
     "full_hessian": "d d",
 }
@@ -177,36 +162,39 @@ def read(path: Path, kind: type[Result]) -> Result:
     h, a = dict(artifact.header), artifact.arrays
     with reading(path):
         stored: dict[str, Any] = dict(h["result"])
-        full = {**stored["physical"], **_without("full_", a)}
+        full = {
+            **stored["physical"],
+            **_without("full_", a),
+            "names": tuple(stored["physical"]["names"]),
+        }
+        full.pop("std_error", None)  # files of earlier versions
         file = Path(h["robot_path"])
         robot = parse_robot(h["robot_file"], file)
         known: dict[str, Any] = {"source": typed(file)} if h["robot_path"] else {"path": None}
-        found = kind(
+        values: dict[str, Any] = {key: stored[key] for key in SCALARS}
+        values |= {key: a[key] for key in ARRAYS}
+        result = kind(
             robot=replace(robot, estimated_coulomb=coulomb_of(h), **known),
             reduction=reduction_from(h["reduction"], a),
             fit=Fit(stored["method"], *(a[key] for key in FIT)),
-            **{key: stored[key] for key in SCALARS if key not in ("method", "knowledge", "joints")},
-            joints=_tuple(JointQuality, stored["joints"]),
+            joints=tuple(JointQuality(**row) for row in stored["joints"]),
             expected=ExpectedError.of(stored["expected"]),
-            theta=a["theta"],
-            covariance=a["covariance"],
-            std_error=a["std_error"],
-            prior=a["prior"],
+            **values,
             knowledge=tuple(stored["knowledge"]),
-            physical=PhysicalParameters(**full | {"names": tuple(full["names"])}),
+            physical=PhysicalParameters(**full),
             model_error=_model_error(stored["model_error_evidence"], a),
-            findings=_tuple(Finding, h["findings"]),
+            findings=tuple(Finding(**row) for row in h["findings"]),
             motions=tuple(
                 a[f"motion_{k}"].astype(np.float64) for k in range(len(a)) if f"motion_{k}" in a
             ),
             header=h,
             path=path,
         )
-        if len(found.joints) != found.robot.n:
+        if len(result.joints) != result.robot.n:
             raise ValueError("its joints do not match its robot")
-        if {found.reduction.names, found.physical.names} != {parameter_names(found.robot)}:
+        if {result.reduction.names, result.physical.names} != {parameter_names(result.robot)}:
             raise ValueError("its parameters do not match its robot")
-    return found
+    return result
 
 
 def _without(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
@@ -227,14 +215,10 @@ def _model_error(evidence: float | None, arrays: Mapping[str, NDArray[Any]]) -> 
     return ModelError(**parts, evidence=float(evidence))
 
 
-def _tuple(kind: Any, rows: Iterable[dict[str, Any]]) -> tuple[Any, ...]:  # noqa: ANN401
-    return tuple(kind(**row) for row in rows)
-
-
-def _digits(value: float | None, error: float | None) -> float | None:
+def _digits(value: float, error: float | None) -> float | None:
     """Keep two digits of the error: more would pretend a knowledge that is not there."""
-    if value is None or not np.isfinite(value):
+    if not np.isfinite(value):
         return None
     if not error or not np.isfinite(error):
         return float(f"{value:.6g}")
-    return round(value, max(0, 2 - 1 - int(np.floor(np.log10(error))))) + 0.0
+    return round(value, max(0, 1 - int(np.floor(np.log10(error))))) + 0.0

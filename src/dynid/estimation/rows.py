@@ -32,6 +32,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+#: Arrays of rows that are joined and taken.
+ARRAYS = ("W", "tau", "use", "t", "log", "block", "begins")
+
 
 @dataclass(frozen=True)
 class Rows:
@@ -99,13 +102,13 @@ class Rows:
     def take(self, chosen: Mask) -> Rows:
         """Return some of the rows, (M,); views of them where they follow each other."""
         k = np.flatnonzero(chosen)
-        whole = len(k) and k[-1] - k[0] == len(k) - 1
-        at = slice(int(k[0]), int(k[-1]) + 1) if whole else k
+        consecutive = len(k) and k[-1] - k[0] == len(k) - 1
+        at = slice(int(k[0]), int(k[-1]) + 1) if consecutive else k
         return replace(
             self,
             Z=None if self.Z is None else self.Z[at],
             begins=self.begins[at] | (np.diff(k, prepend=-2) != 1),
-            **{name: getattr(self, name)[at] for name in ("W", "tau", "use", "t", "log", "block")},
+            **{name: getattr(self, name)[at] for name in ARRAYS if name != "begins"},
         )
 
     def factor(self, joint: int, weight: Floats | None = None) -> Floats:
@@ -115,13 +118,13 @@ class Rows:
             joint: its number.
             weight: factor on each row, (M,); None for ones.
         """
-        use, seen, found = self.use[:, joint], self.seen[joint], np.zeros((self.size + 1,) * 2)
+        use, seen, R = self.use[:, joint], self.seen[joint], np.zeros((self.size + 1,) * 2)
         W, tau = self.W[:, joint][np.ix_(use, seen)], self.tau[use, joint]
         if weight is not None:
             W, tau = W * weight[use, None], tau * weight[use]
         place = np.append(np.flatnonzero(seen), self.size)
-        found[np.ix_(place, place)] = triangle(np.column_stack([W, tau]))
-        return found
+        R[np.ix_(place, place)] = triangle(np.column_stack([W, tau]))
+        return R
 
     def factors(self, weight: Floats | None = None) -> Floats:
         """Return the factor of each joint, (n, p + 1, p + 1) [N m or N]; weight (M, n), None for ones."""
@@ -137,19 +140,12 @@ class Rows:
 def joined(parts: Sequence[Rows]) -> Rows:
     """Return the rows of several, one after the other; logs as they are numbered, blocks numbered anew."""
     parts = [each for each in parts if len(each.t)] or parts[:1]
-    if len(parts) == 1:
-        return parts[0]
-    arrays: dict[str, Any] = {
-        name: np.concatenate([getattr(each, name) for each in parts])
-        for name in ("W", "tau", "use", "t", "log", "begins")
-    }
     first = np.cumsum([0, *(int(each.block.max()) + 1 for each in parts[:-1])])
-    blocks = [k + each.block for k, each in zip(first, parts, strict=True)]
-    return replace(
-        parts[0],
-        block=np.concatenate(blocks),
-        **arrays,
-    )
+    parts = [replace(each, block=k + each.block) for k, each in zip(first, parts, strict=True)]
+    arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(each, name) for each in parts]) for name in ARRAYS
+    }
+    return replace(parts[0], **arrays) if len(parts) > 1 else parts[0]
 
 
 # ---------------------------------------------------------------- evaluation
@@ -190,12 +186,12 @@ def regressor_of(log: ConditionedLog, observer: Observer) -> Floats:
 
     def entries(part: Segment) -> Floats:
         sign = part.coulomb_sign if part.coulomb_sign.size else None
-        plain = observer.entries(part.q, part.qd, part.qdd, sign)
-        return np.vstack([plain, part.effects.T[observer.added_entries]])
+        rigid = observer.entries(part.q, part.qd, part.qdd, sign)
+        return np.vstack([rigid, part.effects.T[observer.added_entries]])
 
-    found = np.zeros((sum(_counts(log)), *observer.shape))
-    found[:, observer.rows, observer.cols] = at_rows(log, entries)
-    return found
+    W = np.zeros((sum(_counts(log)), *observer.shape))
+    W[:, observer.rows, observer.cols] = at_rows(log, entries)
+    return W
 
 
 def on_command(log: ConditionedLog) -> ConditionedLog:
@@ -247,12 +243,12 @@ def _blocks(counts: Sequence[int], chosen: Filter) -> Ints:
     """Return the number of the block of time of each row; blocks of a segment are as long as each other."""
     seconds = round(chosen.kept_rate * tuning.BLOCK_SECONDS)
     length = max(1, seconds, -(-sum(counts) // tuning.MOST_BLOCKS))
-    found, first = [np.zeros(0, dtype=np.int64)], 0
+    numbers, first = [np.zeros(0, dtype=np.int64)], 0
     for count in filter(None, counts):
         edges = np.linspace(0, count, max(1, round(count / length)) + 1).astype(int)
-        found.append(first + np.searchsorted(edges, np.arange(count), side="right") - 1)
+        numbers.append(first + np.searchsorted(edges, np.arange(count), side="right") - 1)
         first += len(edges) - 1
-    return np.concatenate(found)
+    return np.concatenate(numbers)
 
 
 def _far(t: Floats, times: Floats, cutoff: float) -> Mask:
@@ -270,25 +266,22 @@ def reversal_times(segment: Segment, cutoff: float) -> tuple[Floats, ...]:
         segment: conditioned motion with Coulomb signs.
         cutoff: cut-off frequency of the position filter [Hz].
     """
-    found = []
-    for joint in range(segment.coulomb_sign.shape[1]):
-        sign, t = segment.coulomb_sign[:, joint], segment.t
+    reversals = []
+    for sign in segment.coulomb_sign.T:
         k = np.flatnonzero(np.signbit(sign[1:]) != np.signbit(sign[:-1]))
-        times = t[k] + sign[k] / (sign[k] - sign[k + 1]) * (t[k + 1] - t[k])
+        times = segment.t[k] + sign[k] / (sign[k] - sign[k + 1]) * np.diff(segment.t)[k]
         first = np.flatnonzero(np.diff(times, prepend=-np.inf) > 1.0 / cutoff)
-        found.append(
-            np.add.reduceat(times, first) / np.diff(first, append=len(times))
-            if len(times)
-            else times
-        )
-    return tuple(found)
+        if len(times):
+            times = np.add.reduceat(times, first) / np.diff(first, append=len(times))
+        reversals.append(times)
+    return tuple(reversals)
 
 
 def robust_noise(rows: Rows, theta: Floats) -> Floats:
     """Return the standard deviation that the middle of each joint's residuals suggests, (n,) [N m or N]."""
     size = np.abs(rows.residual(theta))
-    spread = [
-        1.4826 * float(np.median(x[good])) if good.any() else 0.0
-        for x, good in zip(size.T, rows.use.T, strict=True)
+    middle = [
+        np.median(x[use]) if use.any() else 0.0 for x, use in zip(size.T, rows.use.T, strict=True)
     ]
-    return np.maximum(spread, 1e-12 * max(float(size.max(initial=0.0)), 1e-18))
+    least = 1e-12 * max(float(size.max(initial=0.0)), 1e-18)
+    return np.maximum(1.4826 * np.array(middle), least)

@@ -140,10 +140,10 @@ def stack_logs(logs: Sequence[ConditionedLog], base: BaseModel) -> Stack:
         rows = rows_of(log, base.observer, whole=False)
         parts.append(replace(rows, log=rows.log + k))
         advance(k + 1.0, len(logs), log.name)
-    found = Stack(base, tuple(logs), joined(parts))
-    size = f"{int(found.rows.use.sum())} x {len(found.names)}"
-    stage("stacked", f"{found.samples} samples x {len(found.joints)} joints -> W {size}")
-    return found
+    stacked = Stack(base, tuple(logs), joined(parts))
+    size = f"{int(stacked.rows.use.sum())} x {len(stacked.names)}"
+    stage("stacked", f"{stacked.samples} samples x {len(stacked.joints)} joints -> W {size}")
+    return stacked
 
 
 # ---------------------------------------------------------------- effects that scale with what is identified
@@ -157,10 +157,10 @@ def settled(logs: Sequence[ConditionedLog], base: BaseModel) -> list[Conditioned
         logs: conditioned logs.
         base: model and base parameters.
     """
-    found = list(logs)
+    settled_logs = list(logs)
     for _ in range(tuning.SCALED_ROUNDS if scale_with_model(base) else 0):
-        found = scaled(found, base, stack_logs(found, base).first_fit.theta)
-    return found
+        settled_logs = scaled(settled_logs, base, stack_logs(settled_logs, base).first_fit.theta)
+    return settled_logs
 
 
 @heard_by()
@@ -212,10 +212,10 @@ def estimate_delay(stack: Stack) -> tuple[float, float]:
     tau = rows.torque(fit.theta)
     slope = np.concatenate([_slope(rows.t[run], tau[run]) for run in rows.runs])
     rows = replace(rows, W=np.concatenate([rows.W @ basis, -slope[:, :, None]], axis=2))
-    found = weighted(rows.factors(), rows.counts)
-    covariance = hac_covariance(rows, found.theta, found.noise, bread=found.covariance)
-    variance = widened(rows, found, covariance)[-1, -1]
-    return float(found.theta[-1]), float(np.sqrt(variance))
+    extended = weighted(rows.factors(), rows.counts)
+    covariance = hac_covariance(rows, extended.theta, extended.noise, bread=extended.covariance)
+    variance = widened(rows, extended, covariance)[-1, -1]
+    return float(extended.theta[-1]), float(np.sqrt(variance))
 
 
 def _slope(t: Floats, tau: Floats) -> Floats:

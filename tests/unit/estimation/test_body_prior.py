@@ -11,7 +11,6 @@ from dynid.estimation.possible_arm import (
     curvature,
     fit_physical,
     fit_pooled,
-    followed,
     rounded,
 )
 from dynid.estimation.possible_set import (
@@ -112,8 +111,3 @@ def test_rounded_cylinders_weigh_the_same_together_and_none_is_a_needle(constrai
     assert smallest_eigenvalues(found.prior[found.bodies]).min() > 0.0
     empty = replace(constraints, bodies=constraints.bodies[:0])
     assert rounded(empty) is empty
-
-
-def test_the_prior_follows_half_way(constraints):
-    x = 3.0 * constraints.prior
-    assert followed(constraints, x) == pytest.approx(2.0 * constraints.prior_pseudo_inertia)

@@ -1,7 +1,5 @@
 """Least squares from triangular factors against the textbook formulas on all rows."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -105,18 +103,6 @@ def test_noise_free_rows_give_the_truth():
 def test_fewer_rows_than_parameters_are_refused():
     with pytest.raises(LogTooShort):
         weighted(*factors(*rows(1)))
-
-
-def test_unusable_rows_do_not_count():
-    W, tau = rows()
-    usable = np.ones(tau.shape, dtype=bool)
-    usable[::7, 1] = False
-    spoilt = np.where(usable, tau, 1e6)
-    R, count = replace(Rows.of(W, spoilt), use=usable).factors(), usable.sum(axis=0)
-    assert list(count) == [400, usable[:, 1].sum(), 400]
-    keep = usable.ravel()
-    expected = np.linalg.lstsq(W.reshape(-1, 5)[keep], tau.ravel()[keep], rcond=None)[0]
-    assert np.allclose(ordinary(R, count).theta, expected)
 
 
 def test_joints_without_rows_for_the_first_links_are_merged_as_all_rows_are():

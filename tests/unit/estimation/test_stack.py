@@ -65,17 +65,6 @@ def stacked(base, *logs, cutoff=None):
     return stack_logs(sources, base)
 
 
-def test_factors_hold_the_same_normal_equations_as_all_rows(base):
-    found = stacked(base, simulated(base), simulated(base, seed=3))
-    rows, (factors, counts) = found.rows, found.whole
-    for j in range(base.robot.n):
-        A = np.column_stack([rows.W[:, j], rows.tau[:, j]])
-        assert factors[j].T @ factors[j] == pytest.approx(
-            A.T @ A, rel=1e-9, abs=1e-9 * np.abs(A.T @ A).max()
-        )
-        assert counts[j] == len(A)
-
-
 def test_noise_free_motion_gives_the_true_base_parameters(base):
     """To a millionth of their size; only filter and resampling are between the sines and the fit."""
     found = estimate(stacked(base, simulated(base), cutoff=15.0), base, method="wls", holdout=None)
@@ -210,14 +199,3 @@ def test_the_prior_of_a_base_parameter_is_the_sum_of_its_terms(base):
         terms = base.reduction.terms(k)
         assert values[k] == pytest.approx(sum(x * links[name] for name, x in terms.items()))
     assert np.isnan(values[base.names.index("fv1")])
-
-
-def test_a_stack_without_a_joint_is_that_of_the_rows_of_the_others(base):
-    stack = stacked(base, simulated(base, seed=0, noise=0.05))
-    part = stack.without(np.array([1]))
-    kept = [0, 2, 3]
-    assert part.whole[1][1] == 0
-    assert not part.rows.use[:, 1].any()
-    assert part.rows.use[:, kept].all()
-    assert (part.whole[0][kept] == stack.whole[0][kept]).all()
-    assert not part.whole[0][1].any()
