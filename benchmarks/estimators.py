@@ -235,7 +235,7 @@ def one(name, regime, draw):
         each = estimated(replace(rows), method, prior)
         seconds = made + time.perf_counter() - start
         again = partial(estimated, method=method, prior=prior)
-        whole = physical_posterior(arm.base, each, rows, refit=again, residual_model=False).theta
+        whole = physical_posterior(each, rows, refit=again, residual_model=False).theta
         fitted = relative_error(rows.whole[0], each.theta)
         found[method] = figures(arm, each.theta, each.covariance, fitted, seconds, whole)
     found["auto"] = found[choose(rows)[0]]

@@ -90,7 +90,7 @@ def source_of(log, model, cutoff=CUTOFF):
 
 def identified(sources, base):
     stacked = stack_logs(sources, base)
-    return estimate(stacked, base, method="wls", holdout=last_share(stacked, 0.2), drop_weak=True)
+    return estimate(stacked, method="wls", holdout=last_share(stacked, 0.2), drop_weak=True)
 
 
 def ball_torque(robot, t, q):

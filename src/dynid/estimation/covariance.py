@@ -15,14 +15,12 @@ from collections.abc import Iterable, Sequence
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.estimation import tuning
 from dynid.estimation.least_squares import Fit, symmetric_root
 from dynid.estimation.rows import Rows
 from dynid.signals.filters import lowpass_kernel
-
-Floats = NDArray[np.float64]
 
 #: Relative standard error from which on zero lies inside the 95 % interval.
 ZERO_INSIDE = 1 / 1.96

@@ -11,17 +11,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Mask
 from dynid.errors import WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.identified import Identified
 from dynid.estimation.least_squares import symmetric_root
 from dynid.estimation.possible_arm import constraints_of
 from dynid.estimation.possible_set import PhysicalConstraints, pseudo_inertia
-
-Floats = NDArray[np.float64]
-
 
 #: More arms than this are no sample any more but a load on the disk.
 MOST = 100_000
@@ -205,7 +202,7 @@ def _apart(x: Floats, root: Floats, constraints: PhysicalConstraints) -> tuple[F
     return root @ vectors[:, free], root @ vectors[:, ~free]
 
 
-def _possible(x: Floats, constraints: PhysicalConstraints) -> NDArray[np.bool_]:
+def _possible(x: Floats, constraints: PhysicalConstraints) -> Mask:
     """Return which parameters, (D, c), are inside the possible set, (D,)."""
     P = pseudo_inertia(x[:, constraints.bodies])
     # Why determinants: of matrices so small they take a quarter of the time of eigenvalues.

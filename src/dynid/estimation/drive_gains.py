@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Mask
 from dynid.errors import RankDeficient, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance
@@ -24,8 +24,6 @@ from dynid.estimation.payload import friction, last_link
 from dynid.estimation.rows import Rows, joined
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -108,7 +106,7 @@ def find_gains(
     return Gains(gain, error, relative)
 
 
-def _solved(rows: Rows, known: Floats, relative: bool) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+def _solved(rows: Rows, known: Floats, relative: bool) -> tuple[Floats, Floats, Mask]:
     """Return gains, (n,), the variance of the logarithm of each unknown one, and which of them are not determined.
 
     Gauss-Newton in the factors of the columns but the last, a known torque, and the logarithms of the unknown h, with

@@ -6,8 +6,8 @@ from dataclasses import asdict, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Mask
 from dynid.errors import NothingChanged, WeakInstruments, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.covariance import NOT_DETERMINED, judge
@@ -40,8 +40,6 @@ from dynid.model.base_model import BaseModel, prior_base_parameters
 from dynid.signals.conditioned_log import ConditionedLog
 from dynid.signals.motion import motion_numbers, sampled
 
-Floats = NDArray[np.float64]
-
 #: Methods that need nothing but triangular factors, and can add a log to an earlier result.
 UPDATABLE = ("wls", "ols", "ridge")
 
@@ -65,7 +63,7 @@ def last_share(stack: Stack, share: float) -> HoldOut | None:
     return _split(stack, held, f"last {100 * share:.0f} % of each log, {SAME_MOTION}")
 
 
-def _split(stack: Stack, held: NDArray[np.bool_], what: str) -> HoldOut | None:
+def _split(stack: Stack, held: Mask, what: str) -> HoldOut | None:
     """Return rows to fit, those that judge, (M,), and what these are; None without any."""
     train, test = stack.take(~held), replace(stack.take(held), earlier=None)
     return (train, test, what) if held.any() else None
@@ -124,7 +122,6 @@ def stack_of_result(earlier: Identification, base: BaseModel) -> Stack:
 @solvable()
 def estimate(
     stack: Stack,
-    base: BaseModel,
     *,
     method: str = "auto",
     holdout: HoldOut | None,
@@ -139,7 +136,6 @@ def estimate(
 
     Args:
         stack: the stacked logs.
-        base: model and base parameters.
         method: an estimator of ``fitted``, or ``"auto"``.
         holdout: what is held out, None for nothing.
         drop_weak: go on when the logs do not determine all base parameters.
@@ -153,6 +149,7 @@ def estimate(
         PoorlyExcited: they determine all, but some only through what is left of noise.
         NothingChanged: the physical set in force is the prior although the torques say otherwise.
     """
+    base = stack.base
     prior = prior_base_parameters(base.model, base.reduction)
     name, why = choose(stack) if method == "auto" else (method, "as asked")
     plain = fitted(stack, name, prior)
@@ -170,9 +167,7 @@ def estimate(
         own = replace(post, theta=fit.theta, covariance=fit.covariance, error=None, changes=none)
         return post if physical else own
 
-    post = physical_posterior(
-        base, plain, stack, refit=refit, residual_model=residual_model, size=size
-    )
+    post = physical_posterior(plain, stack, refit=refit, residual_model=residual_model, size=size)
     used = in_force(post, plain)
     # Why: where the prior carries what the rows leave open there is an answer, and the posterior says how little.
     cost = uncertainty(base, plain.covariance, post.theta)
@@ -185,7 +180,7 @@ def estimate(
         fit, error = fitted(train, name, prior), used.error
         if physical:
             again = physical_posterior(
-                base, fit, train, refit=refit, residual_model=error is not None, like=error
+                fit, train, refit=refit, residual_model=error is not None, like=error
             )
             held_rms, held_percent = _errors(test, again.theta, again.error)
         else:
@@ -204,7 +199,7 @@ def estimate(
         condition_number=condition_number(plain.whitened, plain.solution.rank),
         condition_number_scaled=plain.solution.condition_number_scaled,
         samples=stack.samples,
-        expected=expected_error(base, stack, used, rms),
+        expected=expected_error(stack, used, rms),
         why=why,
         theta=used.theta,
         covariance=used.covariance,
@@ -217,21 +212,21 @@ def estimate(
         findings=(
             *excitation,
             *sensor_findings(base),
-            *physics_findings(base, plain, stack, post.alone, knowledge, used.error, physical),
-            *apart_findings(base, stack, used.theta, used.error),
+            *physics_findings(plain, stack, post.alone, knowledge, used.error, physical),
+            *apart_findings(stack, used.theta, used.error),
         ),
-        header=_header(base, stack),
+        header=_header(stack),
         motions=tuple(log_motion(log)[: tuning.MOTION_SAMPLES] for log in stack.logs),
         rigid=base.model.rigid,
         stack=stack,
     )
 
 
-def _header(base: BaseModel, stack: Stack) -> dict[str, Any]:
+def _header(stack: Stack) -> dict[str, Any]:
     """Return where a result comes from, for its file."""
     header: dict[str, Any] = {
-        "robot": base.robot.name,
-        "key": base.robot.model_key,
+        "robot": stack.base.robot.name,
+        "key": stack.base.robot.model_key,
         "log_sha256": [log.sha256 for log in stack.logs],
         "logs": [log.path or log.name for log in stack.logs],
         "log_findings": [asdict(finding) for log in stack.logs for finding in log.findings],

@@ -15,16 +15,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import RankDeficient, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance, widened
 from dynid.estimation.least_squares import Fit, merge, ordinary, solve, weighted
 from dynid.estimation.rows import Rows, robust_noise
 from dynid.estimation.stack import Stack
-
-Floats = NDArray[np.float64]
 
 
 # ---------------------------------------------------------------- spikes

@@ -12,11 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.estimation import tuning
-
-Floats = NDArray[np.float64]
 
 
 def triangle(rows: Floats) -> Floats:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import Finding, PoorlyExcited, RankDeficient
 from dynid.estimation import tuning
 from dynid.estimation.covariance import NOT_DETERMINED
@@ -17,17 +17,14 @@ from dynid.model.base_model import BaseModel
 from dynid.model.regressor import indefinite_share, random_poses
 from dynid.signals.filters import decimate
 
-Floats = NDArray[np.float64]
 
-
-def weakly_excited(base: BaseModel, stack: Stack, prior: Floats) -> list[Finding]:
+def weakly_excited(stack: Stack, prior: Floats) -> list[Finding]:
     """Name the base parameters that this log leaves uncertain, why, and what would help.
 
     A parameter's error falls in proportion to the size of its column: for an inertia that is the acceleration, for
     viscous friction the speed. It falls with the root of the length of the log.
 
     Args:
-        base: model and base parameters.
         stack: the stacked logs.
         prior: prior base parameters, NaN where nothing is known, (p,).
 
@@ -45,14 +42,15 @@ def weakly_excited(base: BaseModel, stack: Stack, prior: Floats) -> list[Finding
     worst = []
     for k in weak[: tuning.FINDINGS_WORDED]:
         much = f"{100 * relative[k]:.0f} % error" if np.isfinite(relative[k]) else "no trace"
-        worst.append(f"{stack.names[k]} ({much}: {_reason(base, stack, k)})")
+        worst.append(f"{stack.names[k]} ({much}: {_reason(stack, k)})")
     more = len(weak) - len(worst)
     text = "poorly excited: " + ", ".join(worst) + f" and {more} more" * (more > 0)
     return [Finding("W402", "warning", text, {"parameters": [stack.names[k] for k in weak]})]
 
 
-def _reason(base: BaseModel, stack: Stack, k: int) -> str:
+def _reason(stack: Stack, k: int) -> str:
     """Say which signal shows a base parameter and how small it is in these logs."""
+    base = stack.base
     parameter = base.model.parameters[base.reduction.base[k]]
     kind, j = parameter.kind, parameter.number - 1
     joint = base.robot.joints[j]
@@ -137,21 +135,18 @@ def sensor_findings(base: BaseModel) -> list[Finding]:
     return [Finding("W410", "info", text, {"parameters": rotors})]
 
 
-def apart_findings(
-    base: BaseModel, stack: Stack, theta: Floats, error: ModelError | None
-) -> list[Finding]:
+def apart_findings(stack: Stack, theta: Floats, error: ModelError | None) -> list[Finding]:
     """Say which joints have torques that contradict those of the others, and by which factor where it is only one.
 
     Args:
-        base: model and base parameters.
         stack: the fitted rows.
         theta: base parameters in force, (p,).
         error: the model error in force, None without.
     """
     if error is None or not error.apart.any():
         return []
-    names = base.robot.joint_names
-    scales = {names[j]: scale_of(base, stack, theta, error.own[j], j) for j in error.joints_apart}
+    names = stack.joints
+    scales = {names[j]: scale_of(stack, theta, error.own[j], j) for j in error.joints_apart}
     factors = [
         f"{name} has {scale:.2f} times what they ask for"
         for name, scale in scales.items()
@@ -166,19 +161,18 @@ def apart_findings(
     return [Finding("W413", "warning", text, {"joints": list(scales), "scales": scales})]
 
 
-def scale_of(base: BaseModel, stack: Stack, theta: Floats, own: Floats, joint: int) -> float | None:
+def scale_of(stack: Stack, theta: Floats, own: Floats, joint: int) -> float | None:
     """Return how many times the torque that the other joints ask for a joint has; None where it is not only a scale.
 
     Friction is left out: no other joint tells it.
 
     Args:
-        base: model and base parameters.
         stack: the fitted rows.
         theta: base parameters of the arm, (p,).
         own: what those of the joint differ by, (p,).
         joint: its number.
     """
-    W, rubs = stack.whole[0][joint][:, :-1], friction(base)
+    W, rubs = stack.whole[0][joint][:, :-1], friction(stack.base)
     Q = np.linalg.qr(W[:, rubs & W.any(axis=0)])[0]
     torque, more = ((np.eye(len(Q)) - Q @ Q.T) @ W[:, ~rubs] @ x[~rubs] for x in (theta, own))
     scale = 1.0 + float(torque @ more) / max(float(torque @ torque), 1e-300)
@@ -187,7 +181,6 @@ def scale_of(base: BaseModel, stack: Stack, theta: Floats, own: Floats, joint: i
 
 
 def physics_findings(
-    base: BaseModel,
     plain: Fit,
     stack: Stack,
     alone: Floats,
@@ -198,7 +191,6 @@ def physics_findings(
     """Say when the plain numbers belong to no arm, when no arm comes near them, and when the log says little.
 
     Args:
-        base: model and base parameters.
         plain: the plain estimate.
         stack: the fitted rows.
         alone: the best possible parameters without a residual model, (p,).
@@ -206,7 +198,7 @@ def physics_findings(
         error: the model error in force, None without.
         physical: whether the possible parameters are.
     """
-    findings = []
+    findings, base = [], stack.base
     count = knowledge.count(NOT_DETERMINED)
     many_open = count / len(knowledge) > tuning.MANY_OPEN
     poses = random_poses(base.robot, tuning.ALARM_POSES)

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.estimation import tuning
 from dynid.estimation.covariance import autocorrelation_time
 from dynid.estimation.rows import joined, parallel_filtered, rows_of
@@ -21,8 +21,6 @@ from dynid.log import Log
 from dynid.model.base_model import BaseModel
 from dynid.robot import Coulomb
 from dynid.signals.conditioned_log import signs_of_shapes, with_effects
-
-Floats = NDArray[np.float64]
 
 #: Widths that are tried, in usual widths; the narrowest is a step for what logs can tell, 0.3 to 30 mrad/s.
 WIDTHS = np.geomspace(0.03, 3.0, 17)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import Finding, WrongUsage
 from dynid.estimation.covariance import normal_quantile
 from dynid.estimation.least_squares import Fit, relative_error
@@ -32,7 +33,6 @@ from dynid.table import Table
 if TYPE_CHECKING:
     from dynid.estimation.stack import Stack
 
-Floats = NDArray[np.float64]
 
 #: Draws torques of some joints on the fitted logs, or only what is left of them; the workflow gives it to new results.
 Drawing = Callable[[Any, tuple[str, ...], bool], Any]

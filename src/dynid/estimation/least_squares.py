@@ -17,11 +17,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Mask
 from dynid.errors import LogTooShort, RankDeficient
 from dynid.estimation import tuning
 from dynid.estimation.factor import triangle
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
@@ -176,7 +176,7 @@ class Fit:
         return self.theta if self.method in ("irls", "iv") else None
 
     @property
-    def open(self) -> NDArray[np.bool_]:
+    def open(self) -> Mask:
         """Parameters along which the rows leave a direction open, (p,)."""
         return np.asarray(np.abs(self.solution.weak).max(axis=1, initial=0.0) > 1e-9)
 

@@ -7,17 +7,16 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Mask
 from dynid.estimation import tuning
 from dynid.estimation.residual_model import ModelError, residuals
 from dynid.estimation.stack import Stack
 from dynid.signals.filters import Filter
 from dynid.signals.motion import squares_apart
 
-Floats = NDArray[np.float64]
 #: Part of a log without gaps: positions, what the model leaves, and the rows that count, (M, n) each.
-Part: TypeAlias = tuple[Floats, Floats, NDArray[np.bool_]]
+Part: TypeAlias = tuple[Floats, Floats, Mask]
 
 
 @dataclass(frozen=True)
@@ -71,9 +70,7 @@ def _parts(stack: Stack, theta: Floats, error: ModelError | None) -> Iterator[Pa
             yield place, left[at], rows.use[at]
 
 
-def _difference(
-    one: Part, other: Part, chosen: Filter
-) -> Iterator[tuple[Floats, NDArray[np.bool_]]]:
+def _difference(one: Part, other: Part, chosen: Filter) -> Iterator[tuple[Floats, Mask]]:
     """Yield what two runs of one motion do not have in common, over the root of two, and the rows that count."""
     shortest = round(tuning.SHORTEST_REPEAT_S * chosen.kept_rate)
     (q, left, use), (other_q, other_left, other_use) = one, other
@@ -128,15 +125,13 @@ def shifted(x: Floats, rows: float) -> Floats:
     )
 
 
-def _rms(parts: Iterable[tuple[Floats, NDArray[np.bool_]]]) -> Floats:
+def _rms(parts: Iterable[tuple[Floats, Mask]]) -> Floats:
     """Return the root mean square of each joint over the rows that count, (n,)."""
     squares = sum(np.sum(np.where(use, x, 0.0) ** 2, axis=0) for x, use in parts)
     return np.asarray(np.sqrt(squares / np.maximum(1, sum(use.sum(axis=0) for _, use in parts))))
 
 
-def floor_from_spectrum(
-    parts: Sequence[tuple[Floats, NDArray[np.bool_]]], chosen: Filter
-) -> Floats:
+def floor_from_spectrum(parts: Sequence[tuple[Floats, Mask]], chosen: Filter) -> Floats:
     """Return the rms that white noise has after the filter, which is as high as the upper part of its pass band, (n,).
 
     Args:

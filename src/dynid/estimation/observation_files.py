@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.estimation.stack import Stack
 from dynid.files.artifact import read_artifact, reading
 from dynid.npz import write_artifact
@@ -23,7 +23,6 @@ from dynid.signals.filters import Filter, pulse_width
 
 SCHEMA = "dynid/fullnumericregressor/1"
 _ARRAYS = tuple(field.name for field in fields(Segment))
-Floats = NDArray[np.float64]
 SHAPES = {
     **dict.fromkeys(("q", "qd", "qdd", "tau", "raw_q", "raw_qd", "usable"), "N n"),
     **dict.fromkeys(("t", "elapsed"), "N"),

@@ -13,8 +13,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.estimation import tuning
 from dynid.estimation.residual_model import ModelError
 from dynid.model.base_model import BaseModel
@@ -22,7 +22,6 @@ from dynid.model.program import ADD, MUL, NEG, SUB, Program, bound, input_of
 from dynid.model.regressor import Model, prior_vector
 from dynid.robot import Robot
 
-Floats = NDArray[np.float64]
 #: Returns the torques of positions, velocities and accelerations of all joints.
 OneState = Callable[[list[float], list[float], list[float]], list[float]]
 _SIGN = {ADD: "+", SUB: "-", MUL: "*"}

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Mask
 from dynid.errors import Finding, WrongUsage
 from dynid.estimation import tuning
 from dynid.estimation.compare import same_parameters
@@ -28,8 +29,6 @@ from dynid.estimation.result import Identification
 from dynid.model.base_model import BaseModel
 from dynid.model.parameters import BODY_PARAMETERS, body_columns, body_of, numbered
 from dynid.robot import Body
-
-Floats = NDArray[np.float64]
 
 #: Information of a joint, relative to the largest, that makes parameters which no row tells move with all joints alike.
 UNTOLD = 1e-9
@@ -289,7 +288,7 @@ def last_link(base: BaseModel) -> NDArray[np.intp]:
     return columns
 
 
-def friction(base: BaseModel) -> NDArray[np.bool_]:
+def friction(base: BaseModel) -> Mask:
     """Return which base parameters are the friction of joints or motors, (p,)."""
     kinds = [base.model.parameters[k].kind for k in base.reduction.base]
     return np.array([kind in FRICTION for kind in kinds])

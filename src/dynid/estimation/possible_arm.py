@@ -24,8 +24,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Mask
 from dynid.errors import NotPhysical
 from dynid.estimation import tuning
 from dynid.estimation.possible_set import (
@@ -43,9 +43,6 @@ from dynid.model.parameters import cylinder_body, cylinders_of, link_cylinders
 from dynid.model.regressor import prior_vector
 from dynid.robot import Robot
 
-Floats = NDArray[np.float64]
-
-
 # ---------------------------------------------------------------- how far a link may be from the prior's body
 #: Second moment of a body along an axis, as a share of all of it, below which the body has no width there, and the same
 #: as a share of all of it about the frame's origin: what rounding leaves of a point.
@@ -53,7 +50,7 @@ THIN, ROUNDED = 1e-6, 1e-12
 
 
 def with_bodies(
-    constraints: PhysicalConstraints, P: Floats, links: NDArray[np.bool_] | slice = slice(None)
+    constraints: PhysicalConstraints, P: Floats, links: Mask | slice = slice(None)
 ) -> PhysicalConstraints:
     """Return the constraints with other prior bodies of some links, pseudo-inertias (L, 4, 4)."""
     prior = constraints.prior.copy()

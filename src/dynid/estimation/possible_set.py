@@ -16,14 +16,10 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Ints
 from dynid.estimation import tuning
 from dynid.model.parameters import Parameter, body_columns, columns_of, inertia_of
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
-
 
 # ---------------------------------------------------------------- the set
 #: Parameters that no real drive has with a minus sign: rotor inertia, viscous and Coulomb friction.

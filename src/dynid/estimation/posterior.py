@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.estimation import tuning
 from dynid.estimation.identified import ExpectedError, Identified
 from dynid.estimation.least_squares import Fit, merge, relative_error, symmetric_root, weighted
@@ -34,9 +34,6 @@ from dynid.estimation.residual_model import (
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 from dynid.robot import Known
-
-Floats = NDArray[np.float64]
-
 
 #: Errors of noise-free torques, which are rounding [%].
 NOISE_FREE = 1e-6
@@ -66,7 +63,6 @@ class Posterior:
 
 
 def physical_posterior(
-    base: BaseModel,
     estimate: Fit,
     stack: Stack,
     *,
@@ -78,7 +74,6 @@ def physical_posterior(
     """Find the physically possible parameters that data and prior agree on best, and the model error beside them.
 
     Args:
-        base: model and base parameters.
         estimate: base parameters from the data.
         stack: the rows that it was made from.
         refit: makes such an estimate of the rows of some joints, where the others contradict these.
@@ -89,18 +84,19 @@ def physical_posterior(
     Raises:
         NotPhysical: the prior of the robot file is itself not physical.
     """
-    arm, has_rows = Arm.of_estimate(base, estimate), stack.logs and stack.earlier is None
+    base, has_rows = stack.base, stack.logs and stack.earlier is None
+    arm = Arm.of_estimate(base, estimate)
     alone, error, noise, worth = arm.theta, None, estimate.noise, estimate.inflation
     if has_rows and residual_model is not False:
         size = size if like is None else like.size
-        rows, large = JointRows.of(base, stack, estimate, alone, np.zeros(base.robot.n)), 0.0
+        rows, large = JointRows.of(stack, estimate, alone, np.zeros(base.robot.n)), 0.0
         if like is not None:
             for joint in like.free:
                 rows = rows.freed(joint)
         elif contradicts(*(relative_error(stack.whole[0], x) for x in (alone, estimate.theta))):
             rows, large = _with_large_torques(base, rows, arm)
         rows, size, arm_of_all, estimate = _with_joints_apart(
-            base, stack, rows, arm, size, like, estimate, refit
+            stack, rows, arm, size, like, estimate, refit
         )
         released = rows.apart.any() or rows.free.any()
         with_it, without = (log_evidence(rows, arm_of_all, x)[0] for x in (size, NONE))
@@ -125,7 +121,6 @@ def physical_posterior(
 
 
 def _with_joints_apart(
-    base: BaseModel,
     stack: Stack,
     rows: JointRows,
     arm: Arm,
@@ -139,7 +134,6 @@ def _with_joints_apart(
     The columns come first: where friction or a cable is what a joint has beyond the model, it contradicts nobody.
 
     Args:
-        base: model and base parameters.
         stack: the stacked logs.
         rows: rows of all joints.
         arm: the arm that they ask for.
@@ -152,6 +146,7 @@ def _with_joints_apart(
         The rows, the sizes, the arm that the other joints ask for, and their estimate.
     """
     # Why without what somebody knows about the arm: torques that contradict that do not contradict each other.
+    base = stack.base
     free = replace(base, model=replace(base.model, robot=replace(base.robot, known=Known())))
     if rows.free.any() or free.robot != base.robot:
         arm = Arm.of(free, rows.of_arm(NONE).rows, arm)
@@ -179,7 +174,7 @@ def _with_joints_apart(
     # Why not sought near the arm of all joints: what these asked for together may have driven a kind of parameter to
     # zero, from where no pooled size leads back.
     arm, freed = Arm.of_estimate(free, estimate), np.flatnonzero(rows.free.any(axis=1))
-    rows = JointRows.of(free, stack, estimate, arm.theta, rows.apart)
+    rows = JointRows.of(stack, estimate, arm.theta, rows.apart)
     for joint in freed.tolist():
         rows = rows.freed(joint)
     rows = replace(rows, apart=joints_apart(rows, arm, sized(), known=True)[0])
@@ -225,16 +220,15 @@ def _with_large_torques(base: BaseModel, rows: JointRows, arm: Arm) -> tuple[Joi
 
 
 # ---------------------------------------------------------------- what a set is worth
-def expected_error(base: BaseModel, stack: Stack, post: Posterior, rms: Floats) -> ExpectedError:
+def expected_error(stack: Stack, post: Posterior, rms: Floats) -> ExpectedError:
     """Return how far the torques of a set will be off, on the fitted motion and on an exciting one.
 
     Args:
-        base: model and base parameters.
         stack: the fitted rows.
         post: the parameters with their covariance, of which ``changes`` are no doubt about these recordings.
         rms: residual of each joint on the fitted rows, (n,) [N m or N].
     """
-    (factors, counts), error = stack.whole, post.error
+    (factors, counts), error, base = stack.whole, post.error, stack.base
     W, count, root = factors[:, :, :-1], np.maximum(counts, 1), symmetric_root(post.covariance)
     doubt, larger, other = W @ root, 1.0, np.sum((W @ post.changes) ** 2, axis=(1, 2)) / count
     if error is not None:

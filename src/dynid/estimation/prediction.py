@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Mask
 from dynid.estimation.residual_model import ModelError, shapes_in
 from dynid.estimation.rows import Rows, at_rows
 from dynid.estimation.stack import Stack
@@ -18,8 +18,6 @@ from dynid.model.regressor import Observer
 from dynid.npz import write_artifact
 from dynid.signals.conditioned_log import ConditionedLog, Segment
 from dynid.signals.filters import Filter
-
-Floats = NDArray[np.float64]
 
 SCHEMA = "dynid/estimatedmotion/1"
 
@@ -50,7 +48,7 @@ class EstimatedMotion:
     qdd_estimated: Floats
     tau_measured: Floats
     tau_estimated: Floats
-    usable: NDArray[np.bool_]
+    usable: Mask
 
 
 #: What the file of a prediction holds.

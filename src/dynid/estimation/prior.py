@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.estimation import tuning
 from dynid.estimation.possible_arm import constraints_of, curvature, require_possible_prior
 from dynid.model.base_model import BaseModel, prior_base_parameters
 from dynid.robot import Robot
-
-Floats = NDArray[np.float64]
 
 
 def exciting_speed(robot: Robot) -> Floats:

@@ -19,12 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Mask
 from dynid.estimation import tuning
 from dynid.estimation.residual_model import ModelError
 from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -76,9 +75,7 @@ class Parts:
                 grams.append(F.swapaxes(1, 2) @ F)
         return cls(np.array(logs), np.array(grams))
 
-    def disagreement(
-        self, covariance: Floats, error: ModelError | None, informed: NDArray[np.bool_]
-    ) -> float:
+    def disagreement(self, covariance: Floats, error: ModelError | None, informed: Mask) -> float:
         """Return how many times more parts move the parameters than their rows let expect, at least 1.
 
         When the parameters move, the columns of the residual model follow them.

@@ -29,6 +29,7 @@ from operator import add
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Ints
 from dynid.estimation import tuning
 from dynid.estimation.factor import Conditional, Factor, triangle
 from dynid.estimation.least_squares import Fit, symmetric_root
@@ -39,10 +40,6 @@ from dynid.estimation.stack import Stack
 from dynid.model.base_model import BaseModel
 from dynid.model.regressor import Observer
 from dynid.signals.conditioned_log import ConditionedLog, Segment
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
-
 
 # ---------------------------------------------------------------- columns
 #: Group of each column: 0 position, 1 friction, 2 load.
@@ -67,18 +64,13 @@ def shapes_of(q: Floats, qd: Floats, sign: Floats, speed: Floats) -> Floats:
         sign: Coulomb signs of the velocities, (N, n).
         speed: rms speed of each joint in the fitted motion, (n,) [rad/s or m/s].
     """
-    return _shapes(q, qd, sign, speed).transpose(2, 0, 1)
-
-
-def _shapes(q: Floats, qd: Floats, sign: Floats, speed: Floats) -> Floats:
-    """Return the columns as ``shapes_of`` does, (n, k, N)."""
     q, share, sign = (np.ascontiguousarray(x.T) for x in (q, np.abs(qd) / speed, sign))
     # Why products and not a sine of each multiple: they take a tenth of its time.
     turns = list(accumulate([np.exp(1j * q)] * tuning.POSITION_HARMONICS, np.multiply))
     waves = [wave for turn in turns for wave in (turn.imag, turn.real)]
     slow = [np.exp(share / -least) for least in tuning.FRICTION_SPEEDS]
     friction = [sign * x for x in (*waves[: 2 * tuning.FRICTION_HARMONICS], *slow)]
-    return np.stack([*waves, *friction, sign], axis=1)
+    return np.stack([*waves, *friction, sign], axis=1).transpose(2, 0, 1)
 
 
 def shapes_in(log: ConditionedLog, observer: Observer, speed: Floats) -> Floats:
@@ -86,7 +78,8 @@ def shapes_in(log: ConditionedLog, observer: Observer, speed: Floats) -> Floats:
 
     def shapes(part: Segment) -> Floats:
         sign = part.coulomb_sign if part.coulomb_sign.size else observer.coulomb_sign(part.qd)
-        return _shapes(part.q, part.qd, sign, speed).reshape(-1, len(part))
+        columns = shapes_of(part.q, part.qd, sign, speed)
+        return np.asarray(columns.transpose(1, 2, 0).reshape(-1, len(part)))
 
     return at_rows(log, shapes).reshape(-1, len(speed), len(GROUPS))
 
@@ -276,16 +269,13 @@ class JointRows:
     spread: Floats
 
     @classmethod
-    def of(
-        cls, base: BaseModel, stack: Stack, estimate: Fit, reference: Floats, apart: Floats
-    ) -> JointRows:
+    def of(cls, stack: Stack, estimate: Fit, reference: Floats, apart: Floats) -> JointRows:
         """Return the rows of a stack; an estimate solves those of the joints not apart where there is no model error.
 
         Reversals and spikes weigh as little as in the estimate: columns that say how friction depends on the speed
         would explain them with a friction that the arm does not have.
 
         Args:
-            base: model and base parameters.
             stack: the stacked logs.
             estimate: of the base parameters.
             reference: base parameters that give the torque of the load, (p,).
@@ -298,7 +288,7 @@ class JointRows:
         counts = np.maximum(stack.whole[1], 1)
         scale = np.linalg.norm(factors[:, :, :k], axis=1) / np.sqrt(counts)[:, None]
         columns = replace(columns, scale=np.where(scale > 1e-9, scale, 1.0))  # of joints with rows
-        columns = replace(columns, projection=_projection(base, stack.observer, columns))
+        columns = replace(columns, projection=_projection(stack.base, columns))
         factors = columns.changed(factors)
         factors /= (noise * np.sqrt(estimate.inflation))[:, None, None]
         agree = apart == 0.0
@@ -310,7 +300,7 @@ class JointRows:
             columns=columns,
             free=np.zeros((n, k)),
             apart=apart,
-            spread=symmetric_root(prior_covariance(base)),
+            spread=symmetric_root(prior_covariance(stack.base)),
         )
 
     @property
@@ -424,15 +414,15 @@ def centred(factors: Floats, k: int, theta: Floats) -> Floats:
     return F
 
 
-def _projection(base: BaseModel, observer: Observer, columns: Columns) -> Floats:
+def _projection(base: BaseModel, columns: Columns) -> Floats:
     """Regress the columns on the parameters over random states inside the limits, (n, p, k).
 
     Their speeds are at least those of an exciting motion: what a joint that crawls leaves to the columns would grow
     with the speed of another motion without bounds.
     """
     q, qd, qdd = random_states(base.robot, np.maximum(columns.speed, exciting_speed(base.robot)))
-    W = observer.dense(q, qd, qdd)
-    D = _loaded(columns.shapes_at(q, qd, observer), W @ columns.reference) / columns.scale
+    W = base.observer.dense(q, qd, qdd)
+    D = _loaded(columns.shapes_at(q, qd, base.observer), W @ columns.reference) / columns.scale
     projection = np.zeros_like(columns.projection)
     for j in range(W.shape[1]):
         seen = np.any(W[:, j] != 0.0, axis=0)

@@ -29,8 +29,6 @@ from dynid.npz import write_artifact
 from dynid.robot import coulomb_of
 from dynid.text import csv_row, yaml_text
 
-Floats = NDArray[np.float64]
-
 SCHEMA = "dynid/identification/1"
 TABLE = "dynid/parameters-table/1"
 #: What is stored as it is, by its name in the result.

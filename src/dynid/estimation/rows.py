@@ -22,15 +22,14 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Mask
 from dynid.estimation import tuning
 from dynid.estimation.factor import triangle
 from dynid.model.regressor import Observer
 from dynid.signals.conditioned_log import ConditionedLog, Segment
 from dynid.signals.filters import Filter, decimate
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 #: Arrays of rows that are joined and taken.
 ARRAYS = ("W", "tau", "use", "t", "log", "block", "begins")

@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Mask
 from dynid.errors import Finding
 from dynid.estimation import tuning
 from dynid.estimation.covariance import hac_covariance, widened
@@ -37,9 +38,7 @@ from dynid.signals.conditioned_log import (
     with_effects,
 )
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -228,18 +227,6 @@ def _slope(t: Floats, tau: Floats) -> Floats:
     return np.asarray(slope)
 
 
-def delay_findings(delay: float, std_error: float, applied: float, reach: float) -> list[Finding]:
-    """Say that the torques are late, when they are by more than a few milliseconds [s]."""
-    if abs(delay) < tuning.DELAY_NOTABLE_S or not is_clear(delay, std_error, reach):
-        return []
-    size = (
-        f"{1e3 * abs(delay):.1f} +- {1e3 * std_error:.1f} ms {'later' if delay > 0 else 'earlier'}"
-    )
-    done = "corrected" if applied else "not corrected: --delay auto"
-    text = f"torques are stamped {size} than positions; {done}"
-    return [Finding("W321", "warning", text, {"delay_s": delay, "std_error_s": std_error})]
-
-
 def on_time(stack: Stack) -> tuple[Stack, tuple[float, float], tuple[Finding, ...]]:
     """Estimate how late the torques of a stack are, and move them back when that is clear.
 
@@ -262,6 +249,13 @@ def on_time(stack: Stack) -> tuple[Stack, tuple[float, float], tuple[Finding, ..
     size = f"torques {1e3 * delay:+.1f} +- {1e3 * std_error:.1f} ms after the positions"
     done = f"corrected by {1e3 * applied:.1f} ms" if applied else "left as it is"
     stage("delay", f"{size}; {done}")
-    late = tuple(delay_findings(delay, std_error, applied, reach))
+    late: tuple[Finding, ...] = ()
+    if abs(delay) >= tuning.DELAY_NOTABLE_S and is_clear(delay, std_error, reach):
+        size = f"{1e3 * abs(delay):.1f} +- {1e3 * std_error:.1f} ms"
+        side = "later" if delay > 0 else "earlier"
+        done = "corrected" if applied else "not corrected: --delay auto"
+        text = f"torques are stamped {size} {side} than positions; {done}"
+        facts = {"delay_s": delay, "std_error_s": std_error}
+        late = (Finding("W321", "warning", text, facts),)
     notice(late)
     return stack, (delay, std_error), late

@@ -189,7 +189,7 @@ def identify(
         seen = observe(robot, recordings, options, base=base, drop_weak=options.drop_weak)
     robot = replace(robot, estimated_coulomb=seen.base.robot.estimated_coulomb)
     base = replace(seen.base, model=replace(seen.base.model, robot=robot))
-    stack, header = seen.stack, seen.header()
+    stack, header = replace(seen.stack, base=base), seen.header()
     if update is not None:
         header |= _both_logs(header, update, options)
         stack = stack_of_result(update, stack.base) + stack
@@ -197,7 +197,6 @@ def identify(
     try:
         result = estimate(
             stack,
-            base,
             method=options.method,
             holdout=holdout,
             # Why: where the bodies are known, what the log leaves open has an answer.

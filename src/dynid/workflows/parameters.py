@@ -76,7 +76,7 @@ class Observations(Answered):
     def weakly_excited(self) -> list[Finding]:
         """Return what the logs do not excite."""
         prior = prior_base_parameters(self.base.model, self.base.reduction)
-        return list(weakly_excited(self.base, self.stack, prior))
+        return list(weakly_excited(self.stack, prior))
 
     def header(self) -> dict[str, Any]:
         """Return what the headers of results made from these observations say."""

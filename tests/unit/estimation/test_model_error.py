@@ -46,7 +46,7 @@ def fitted(base):
     """The rows of a log with something hidden, their estimate, and both for the residual model."""
     stack = stacked(base, hidden(base, 0))
     estimate = again(stack)
-    rows = JointRows.of(base, stack, estimate, estimate.theta, np.zeros(base.robot.n))
+    rows = JointRows.of(stack, estimate, estimate.theta, np.zeros(base.robot.n))
     return (
         stack,
         estimate,
@@ -54,8 +54,8 @@ def fitted(base):
     )
 
 
-def posterior(base, stack, estimate):
-    return physical_posterior(base, estimate, stack, refit=again, residual_model=None)
+def posterior(stack, estimate):
+    return physical_posterior(estimate, stack, refit=again, residual_model=None)
 
 
 def all_unknowns(rows, size, released=None):
@@ -113,7 +113,7 @@ def test_the_evidence_is_that_of_the_normal_distribution_of_all_rows(fitted):
 
 
 def test_a_hidden_friction_is_found_and_predicted_on_another_motion(base, fitted):
-    post = posterior(base, *fitted[:2])
+    post = posterior(*fitted[:2])
     other = stacked(base, hidden(base, 7))
     assert post.error is not None
     without = squares(other, post.alone, None)[0]
@@ -123,7 +123,7 @@ def test_a_hidden_friction_is_found_and_predicted_on_another_motion(base, fitted
 
 def test_an_arm_with_a_complete_model_has_no_model_error(base):
     stack = stacked(base, simulated(base, noise=0.05), cutoff=15.0)
-    post = posterior(base, stack, again(stack))
+    post = posterior(stack, again(stack))
     assert post.error is None
     true = base.reduction.K @ truth(base)
     z = np.abs(post.theta - true) / np.sqrt(np.diag(post.covariance))
@@ -134,7 +134,7 @@ def test_without_model_error_the_rows_give_the_estimate_that_they_are_centred_on
     """Instruments find other parameters than least squares of the same rows."""
     stack, estimate, _ = fitted
     other = estimate.theta * (1.0 + 0.01 * np.arange(len(estimate.theta)))
-    rows = JointRows.of(base, stack, replace(estimate, theta=other), other, np.zeros(base.robot.n))
+    rows = JointRows.of(stack, replace(estimate, theta=other), other, np.zeros(base.robot.n))
     left = rows.of_arm(np.full(3, 1e-9)).rows
     assert np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=None)[0] == pytest.approx(
         other, rel=1e-5, abs=1e-6
@@ -152,4 +152,4 @@ def test_spikes_are_not_taken_for_friction(base):
         cutoff=15.0,
     )
     estimate = estimated(spiky, "irls")
-    assert posterior(base, spiky, estimate).error is None
+    assert posterior(spiky, estimate).error is None

@@ -23,7 +23,7 @@ def base():
 
 def identified(base, log, method="wls"):
     source = condition_log(log, base.model, cutoff=6.0)
-    return estimate(stack_logs([source], base), base, method=method, holdout=None, drop_weak=True)
+    return estimate(stack_logs([source], base), method=method, holdout=None, drop_weak=True)
 
 
 @pytest.fixture(scope="module")

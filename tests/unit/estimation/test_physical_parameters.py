@@ -1,4 +1,4 @@
-"""Physical fits against Clarabel's conic solver, and what exact parameters keep of base parameters."""
+"""Physical fits against Clarabel's conic solver, and what the prior of poor data is worth."""
 
 import numpy as np
 import pytest
@@ -66,53 +66,44 @@ def test_an_impossible_prior_is_named(arm):
         feasible_start(make_constraints(arm.constraints.parameters, prior))
 
 
-@pytest.fixture(scope="module")
-def base(arm):
-    """Base parameters from the rows of a random regressor: beta = K x."""
-    rng = np.random.default_rng(5)
-    W = arm.regressor(rng.uniform(-2, 2, (100, 7)), *rng.uniform(-3, 3, (2, 100, 7))).reshape(
-        -1, 91
-    )
-    _, S, Vt = np.linalg.svd(W)
-    return Vt[: int((1e-9 * S[0] < S).sum())]
-
-
 def heldout(arm, x):
     """Torque error on another, fast motion [%]."""
     W = arm.regressor(*arm.motion(300, seed=5))
     return 100 * np.linalg.norm(W @ (x - arm.truth)) / np.linalg.norm(W @ arm.truth)
 
 
+def pooled(constraints):
+    return lambda R, r: fit_pooled(R, r, constraints)[0].x
+
+
+def shortest(R, r):
+    return np.linalg.lstsq(R, r, rcond=1e-10)[0]
+
+
+def medians(arm, noise, *fits, seeds=16, move=None):
+    """Torque errors on another motion of fits to poor data, (fits,) [%]."""
+    W, errors = arm.regressor(*(move or arm.motion)(300, seed=5)), []
+    for seed in range(1, 1 + seeds):
+        R, r = arm.whitened(300, 0.2, noise, seed=seed, motion=move or arm.motion)
+        errors.append([np.linalg.norm(W @ (fit(R, r) - arm.truth)) for fit in fits])
+    return 100 * np.median(errors, axis=0) / np.linalg.norm(W @ arm.truth)
+
+
 def test_poor_data_are_rescued_by_the_prior(arm):
-    errors = []
-    for seed in range(1, 17):
-        R, r = arm.whitened(300, 0.2, 10.0, seed=seed)
-        shortest = np.linalg.lstsq(R, r, rcond=1e-10)[0]
-        errors.append([heldout(arm, x) for x in (shortest, fit_pooled(R, r, arm.constraints)[0].x)])
-    least_squares, pooled = np.median(errors, axis=0)
+    least_squares, physical = medians(arm, 10.0, shortest, pooled(arm.constraints))
     assert least_squares > 150
     # Why not less: with everything else known exactly, viscous friction alone would leave this much.
     least = unavoidable(arm, arm.whitened(300, 0.2, 10.0)[0], np.arange(77, 91, 2))
     assert 9 < least < 11
-    assert pooled < 1.5 * least
+    assert physical < 1.5 * least
 
 
 def test_where_least_squares_begin_to_be_worthless_the_physical_set_misses_six_percent():
     arm = arm_with_measured_friction()
-    W = arm.regressor(*arm.within_limits(300, seed=5))
-    errors = []
-    for seed in range(1, 17):
-        R, r = arm.whitened(300, 0.2, 7.0, seed=seed, motion=arm.within_limits)
-        fits = np.linalg.lstsq(R, r, rcond=1e-10)[0], fit_pooled(R, r, arm.constraints)[0].x
-        errors.append(
-            [
-                100 * np.linalg.norm(W @ (x - arm.truth)) / np.linalg.norm(W @ arm.truth)
-                for x in fits
-            ]
-        )
-    least_squares, pooled = np.median(errors, axis=0)
+    fits = shortest, pooled(arm.constraints)
+    least_squares, physical = medians(arm, 7.0, *fits, move=arm.within_limits)
     assert least_squares > 100
-    assert pooled < 7
+    assert physical < 7
 
 
 def unavoidable(arm, R, columns):
@@ -173,24 +164,14 @@ def test_joints_with_ratings_lend_each_other_friction_in_proportion_to_them(arm)
     joint = np.array([3.0, 3, 2, 2, 1, 1, 0.5])
     ratings = {f"{kind}{k + 1}": 50 * joint[k] for kind in ("fv", "fc") for k in range(7)}
     constraints = make_constraints(arm.constraints.parameters, arm.prior, ratings=ratings)
-    W = arm.regressor(*arm.motion(300, seed=5))
-    errors = []
-    for seed in range(1, 9):
-        R, r = arm.whitened(300, 0.2, 10.0, seed=seed)
-        errors.append(
-            [
-                np.linalg.norm(W @ (fit_pooled(R, r, x)[0].x - arm.truth))
-                for x in (arm.constraints, constraints)
-            ]
-        )
-    equal, rated = np.median(errors, axis=0)
+    equal, rated = medians(arm, 10.0, pooled(arm.constraints), pooled(constraints), seeds=8)
     assert rated < 0.8 * equal
 
 
 def test_good_data_override_the_pooling(arm):
     R, r = arm.whitened(5000)
-    plain, pooled = fit_physical(R, r, arm.constraints).x, fit_pooled(R, r, arm.constraints)[0].x
-    assert abs(heldout(arm, plain) - heldout(arm, pooled)) < 0.05
+    fits = fit_physical(R, r, arm.constraints).x, pooled(arm.constraints)(R, r)
+    assert abs(np.subtract(*(heldout(arm, x) for x in fits))) < 0.05
 
 
 def test_a_joint_that_moves_one_way_only_has_friction_of_the_size_of_the_others():

@@ -23,7 +23,7 @@ def base():
 @pytest.fixture(scope="module")
 def result(base):
     rows = stacked(base, simulated(base, noise=0.1), cutoff=15.0)
-    return estimate(rows, base, method="wls", holdout=last_share(rows, 0.2))
+    return estimate(rows, method="wls", holdout=last_share(rows, 0.2))
 
 
 def test_its_torques_are_those_of_the_arm_that_was_simulated(base, result):
@@ -88,10 +88,10 @@ def described(request, base, result):
     """Results whose torques are made of all that they can be made of."""
     if request.param == "some links":
         part = models.base_of(replace(base.robot, links=(3, 4)))
-        return estimate(stacked(part, simulated(base, noise=0.1)), part, method="wls", holdout=None)
+        return estimate(stacked(part, simulated(base, noise=0.1)), method="wls", holdout=None)
     if request.param == "residual model":
         rows = stacked(base, simulated(base, noise=0.1))
-        return estimate(rows, base, method="wls", holdout=None, residual_model=True)
+        return estimate(rows, method="wls", holdout=None, residual_model=True)
     return replace(result, in_force="plain") if request.param == "plain" else result
 
 

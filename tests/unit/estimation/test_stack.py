@@ -67,7 +67,7 @@ def stacked(base, *logs, cutoff=None):
 
 def test_noise_free_motion_gives_the_true_base_parameters(base):
     """To a millionth of their size; only filter and resampling are between the sines and the fit."""
-    found = estimate(stacked(base, simulated(base), cutoff=15.0), base, method="wls", holdout=None)
+    found = estimate(stacked(base, simulated(base), cutoff=15.0), method="wls", holdout=None)
     true = base.reduction.K @ truth(base)
     scale = np.maximum(np.abs(true), 0.05)
     assert np.abs(found.theta - true) / scale == pytest.approx(0.0, abs=2e-6)
@@ -83,10 +83,8 @@ def test_errors_of_four_logs_are_half_those_of_one(base):
     """Four recordings of one motion: 1/sqrt(4), to the tenth that the noise's own estimate is uncertain."""
     clean = simulated(base, seconds=20)
     logs = [renoised(clean, seed) for seed in range(4)]
-    singles = [
-        estimate(stacked(base, log), base, method="wls", holdout=None).std_error for log in logs
-    ]
-    together = estimate(stacked(base, *logs), base, method="wls", holdout=None).std_error
+    singles = [estimate(stacked(base, log), method="wls", holdout=None).std_error for log in logs]
+    together = estimate(stacked(base, *logs), method="wls", holdout=None).std_error
     ratio = together / np.sqrt(np.mean(np.square(singles), axis=0))
     assert np.median(ratio) == pytest.approx(0.5, rel=0.1)
 
@@ -96,7 +94,7 @@ def test_the_covariance_is_that_of_estimates_over_many_draws_of_noise(base):
     """The mean Mahalanobis distance of 12 draws is chi-square over its degrees of freedom: 1 to three errors of 9 %."""
     clean = simulated(base, seconds=20)
     draws = [
-        estimate(stacked(base, renoised(clean, 50 + k)), base, method="wls", holdout=None)
+        estimate(stacked(base, renoised(clean, 50 + k)), method="wls", holdout=None)
         for k in range(12)
     ]
     estimates = np.array([draw.plain for draw in draws])
@@ -119,7 +117,7 @@ def test_held_out_rows_judge_a_fit_to_the_others(base):
     blocks = np.unique(found.rows.block)
     assert set(test.rows.block) == set(blocks[-round(0.2 * len(blocks)) :])
     assert test.rows.t[0] > train.rows.t[-1]
-    result = estimate(found, base, method="ols", holdout=split, drop_weak=True)
+    result = estimate(found, method="ols", holdout=split, drop_weak=True)
     theta = np.linalg.lstsq(*usable(train), rcond=None)[0]
     W, tau = usable(test)
     expected = 100 * np.linalg.norm(tau - W @ theta) / np.linalg.norm(tau)
@@ -133,8 +131,8 @@ def test_a_joint_that_stands_still_leaves_parameters_open(base):
     q[:, -1] = 0.3
     found = stacked(base, replace(log, q=q))
     with pytest.raises(RankDeficient, match="base parameters"):
-        estimate(found, base, method="wls", holdout=None)
-    kept = estimate(found, base, method="wls", holdout=None, drop_weak=True)
+        estimate(found, method="wls", holdout=None)
+    kept = estimate(found, method="wls", holdout=None, drop_weak=True)
     unknown = [
         name
         for name, known in zip(kept.names, kept.knowledge, strict=True)
@@ -159,7 +157,7 @@ def test_clipped_samples_do_not_count(base):
     kept_rate = clean.logs[0].filter.kept_rate
     assert lost.tolist()[1:] == [0] * (base.robot.n - 1)
     assert kept_rate <= lost[0] <= 2 * kept_rate
-    one, other = (estimate(found, base, method="wls", holdout=None) for found in (spoilt, clean))
+    one, other = (estimate(found, method="wls", holdout=None) for found in (spoilt, clean))
     assert one.joints[0].rms == pytest.approx(other.joints[0].rms, rel=0.02)
     assert one.plain == pytest.approx(other.plain, abs=1e-3)
 
@@ -171,7 +169,7 @@ def test_links_that_are_not_identified_keep_the_prior_and_are_part_of_the_torque
     rest = [k for k, p in enumerate(base.model.parameters) if p.number < 3 and p.kind[0] in "mI"]
     gamma[rest] = prior_vector(base.model)[rest]
     log = simulated(base, gamma=gamma)
-    found = estimate(stacked(part, log, cutoff=15.0), part, method="wls", holdout=None)
+    found = estimate(stacked(part, log, cutoff=15.0), method="wls", holdout=None)
     true = dict(zip(names, gamma, strict=True))
     expected = part.reduction.K @ [true[name] for name in part.reduction.names]
     assert found.theta == pytest.approx(expected, abs=1e-6)

@@ -53,7 +53,7 @@ class TwoLinkLogs:
     def kept(self, logs):
         """Return the model that logs give, to be kept."""
         stack = stack_logs(logs, self.base)
-        return kept_model(estimate(stack, self.base, method="wls", holdout=None))
+        return kept_model(estimate(stack, method="wls", holdout=None))
 
     def problem(self, added=None, kept=None, **options):
         """Return the problem of such logs."""

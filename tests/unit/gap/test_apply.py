@@ -68,7 +68,7 @@ def test_the_logs_are_stacked_with_the_columns_of_the_effect(springy, twolinks):
         seen.problem.theta,
     )
     assert "spring2_k1" in base.reduction.base_names
-    found = estimate(stack, base, method="wls", holdout=None)
+    found = estimate(stack, method="wls", holdout=None)
     k = found.names.index("spring2_k1")
     assert abs(found.plain[k] - 2.0) < 3 * found.std_error[k]
     assert found.std_error[k] < 0.1
