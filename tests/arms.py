@@ -139,6 +139,11 @@ def pinocchio_torques(model, q, qd, qdd):
     return np.array([pin.rnea(model, data, configuration(model, x), v, a) for x, v, a in states])
 
 
+def simulated_torques(arm, q, qd, qdd):
+    """The torques of an arm in a simulator, (N, n)."""
+    return np.array([arm.inverse_dynamics(*state) for state in zip(q, qd, qdd, strict=True)])
+
+
 def relative_error(found, expected):
     return float(np.abs(found - expected).max() / np.abs(expected).max())
 

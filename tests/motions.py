@@ -38,6 +38,12 @@ def there_and_back(t, far, middle=0.0):
     return Motion(t, middle + q, qd, qdd)
 
 
+def standing(q):
+    """Return a second of rest at a pose, (n,)."""
+    still = np.zeros((2, len(q)))
+    return Motion(np.array([0.0, 1.0]), still + q, still, still)
+
+
 def pose_to_pose(goals, rate=100.0):
     """Return t, q, qd, qdd through poses (k, n): a second on the way to the next one, and a second of rest in it."""
     t = np.arange(0, 2.0 * (len(goals) - 1), 1 / rate)

@@ -51,27 +51,29 @@ def here(tmp_path_factory):
 
 
 def right(here, name):
-    """A call of a public function that is right."""
-    arm, log, result = here.arm, here.log, here.result
-    return {
-        "base_model": {"robot": arm},
-        "compare": {"results": [result]},
-        "compare_in_simulator": {"results": [result], "log": here.unseen},
-        "earlier_logs": {"result": result, "logs": here.unseen},
-        "export": {"result": result, "path": here.folder / "arm.xml"},
-        "find_drive_gains": {"robot": arm, "logs": log},
-        "find_gap": {"result": result, "logs": here.unseen, "effects": "spring"},
-        "find_payload": {"loaded": result, "unloaded": result},
-        "identify": {"robot": arm, "logs": log},
+    """A call of a public function that is right: what it needs, and what is its own."""
+    needed = {
+        "loaded": here.result,
+        "log": here.unseen,
+        "logs": here.log,
+        "motion": here.motion,
+        "result": here.result,
+        "results": [here.result],
+        "robot": here.arm,
+        "source": here.folder / "arm.yaml",
+        "unloaded": here.result,
+    }
+    own = {
+        "earlier_logs": {"logs": here.unseen},
+        "export": {"path": here.folder / "arm.xml"},
+        "find_gap": {"logs": here.unseen, "effects": "spring"},
         "load": {"path": here.folder / "out"},
-        "load_log": {"path": here.folder / "log.csv", "robot": arm},
-        "load_robot": {"source": here.folder / "arm.yaml"},
-        "observe": {"robot": arm, "logs": log},
-        "plan_trajectory": {"robot": arm, **QUICK},
-        "report": {"result": result},
-        "simulate": {"robot": arm, "motion": here.motion},
-        "validate": {"result": result, "log": here.unseen},
-    }[name]
+        "load_log": {"path": here.folder / "log.csv", "robot": here.arm},
+        "plan_trajectory": QUICK,
+    }.get(name, {})
+    parameters = inspect.signature(getattr(dynid, name)).parameters.values()
+    missing = [one.name for one in parameters if one.default is one.empty and one.name not in own]
+    return {each: needed[each] for each in missing if each in needed} | own
 
 
 def also(here, parameter):

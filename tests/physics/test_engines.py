@@ -11,6 +11,7 @@ from arms import (
     random_robot,
     random_states,
     relative_error,
+    simulated_torques,
     tensor_of,
 )
 from dynid.model import build_model
@@ -64,7 +65,5 @@ def test_any_arm_has_the_torques_of_mujoco(seed):
     nothing = {kind: np.zeros(robot.n) for kind in FRICTION}
     tau = model.regressor(q, qd, qdd) @ parameters(model, bodies, np.zeros(robot.n), nothing)
     with SimulatedArm(robot, bodies) as arm:
-        expected = np.array(
-            [arm.inverse_dynamics(*state) for state in zip(q, qd, qdd, strict=True)]
-        )
+        expected = simulated_torques(arm, q, qd, qdd)
     assert relative_error(tau, expected) < 1e-6

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import models
+from arms import simulated_torques
 from dynid import Log, LogOptions, identify, load_log, load_robot
 from dynid.estimation.least_squares import weighted
 from dynid.estimation.posterior import prior_information
@@ -77,12 +78,7 @@ def test_expected_torque_errors_come_true_of_what_is_identified_by_default_from_
         c = coefficients(basis, limits, random_variables(basis, limits, rng))
         motion = Trajectory(basis, c, alpha).sampled(RATE)
         with plant.arm(robot) as arm:
-            tau = np.array(
-                [
-                    arm.inverse_dynamics(*state)
-                    for state in zip(motion.q, motion.qd, motion.qdd, strict=True)
-                ]
-            )
+            tau = simulated_torques(arm, motion.q, motion.qd, motion.qdd)
             tau = tau + arm.friction.torque(motion.qd) + arm.rotor_inertia * motion.qdd
         tau = tau + noise * rng.normal(size=tau.shape)
         log = Log(motion.t, motion.q, tau, robot.joint_names, tau_unit="Nm", dh=True)

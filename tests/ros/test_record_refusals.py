@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from lab import KINOVA, LIMIT, LWR, MIDDLE, Ended, store
 
-from dynid import Motion
 from dynid.files.trajectoryfile import read_trajectory, write_trajectory
+from motions import standing
 
 
 def test_nothing_moves_unless_a_person_or_the_option_names_the_robot(lab):
@@ -167,9 +167,7 @@ def test_the_arm_is_brought_to_the_start_when_asked(lab):
 
 
 def test_sensors_are_zeroed_at_the_candle_pose(lab):
-    still = np.zeros((2, 7))
-    candle = Motion(np.array([0.0, 1.0]), still + np.pi, still, still)
-    path = store(lab.folder / "candle.npz", KINOVA, candle)
+    path = store(lab.folder / "candle.npz", KINOVA, standing(np.full(7, np.pi)))
     lab.driver(KINOVA, "--torque-offset 0.5 --torque-noise 0.01")
     done = lab.record(KINOVA, path, "--dry-run")
     assert "warning[W316]" in done.err

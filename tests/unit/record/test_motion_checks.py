@@ -3,13 +3,14 @@ import re
 import numpy as np
 import pytest
 
-from dynid import Motion, load_robot
+from arms import simulated_torques
+from dynid import load_robot
 from dynid.errors import Collision, LimitBroken
 from dynid.record.motion_checks import check_clearance, check_limits, check_torque
 from dynid.record.playing import PlayedMotion, approach, joined
 from dynid.sim.arm import SimulatedArm
 from dynid.trajectory.scene import Box, Scene, scene_from
-from motions import there_and_back
+from motions import standing, there_and_back
 
 LWR = load_robot("kuka_lwr4plus")
 BENT = np.array([0.0, 0.5, 0.0, 0.9, 0.0, -0.7, 0.0])
@@ -26,12 +27,7 @@ def only(joint, size):
 @pytest.fixture(scope="module")
 def bullet():
     with SimulatedArm(LWR) as arm:
-        yield lambda motion: np.array(
-            [
-                arm.inverse_dynamics(*state)
-                for state in zip(motion.q, motion.qd, motion.qdd, strict=True)
-            ]
-        )
+        yield lambda motion: simulated_torques(arm, motion.q, motion.qd, motion.qdd)
 
 
 def advised(error, speed=1.0):
@@ -90,11 +86,8 @@ def test_the_floor_an_obstacle_and_the_arm_itself_are_kept_clear_of():
         check_clearance(LWR, played, Scene(obstacles=(Box((0.05, -0.2, 0.9), (0.5, 0.2, 1.2)),)))
     kinova = load_robot("kinova_gen2")
     folded = np.array([0.0, 3.14, 0.0, 0.55, 0.0, 5.1, 0.0])
-    still = Motion(
-        np.array([0.0, 1.0]), np.tile(folded, (2, 1)), np.zeros((2, 7)), np.zeros((2, 7))
-    )
     with pytest.raises(Collision, match=r"link_\d and (link_\d|base)"):
-        check_clearance(kinova, PlayedMotion(still), Scene(floor=None))
+        check_clearance(kinova, PlayedMotion(standing(folded)), Scene(floor=None))
 
 
 def test_contact_on_the_approach_names_the_approach():

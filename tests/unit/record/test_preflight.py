@@ -3,14 +3,15 @@ import time
 import numpy as np
 import pytest
 
-from dynid import Motion, load_robot
+from dynid import load_robot
 from dynid.drivers.joint_state import Sample
 from dynid.errors import StartPoseOff, StateStale
 from dynid.record.preflight import ObservedState, check_place, check_start
+from motions import standing
 
 ARM = load_robot("kuka_lwr4plus")
 STILL = np.zeros(7)
-REST = Motion(np.array([0.0, 1.0]), *(np.zeros((2, 7)) for _ in range(3)))
+REST = standing(STILL)
 
 
 def off(size):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid import Motion, PlanOptions, base_model, load_robot
+from dynid import PlanOptions, base_model, load_robot
 from dynid.errors import LimitsAssumed
 from dynid.files.trajectoryfile import StoredTrajectory
 from dynid.trajectory.clearance import Capsules
@@ -13,6 +13,7 @@ from dynid.trajectory.feasible import assumed_limits, position_range, unsafe_to_
 from dynid.trajectory.planning import planning_context, search_ranges, thickness
 from dynid.workflows.options import RecordOptions
 from dynid.workflows.record import require_usable
+from motions import standing
 
 
 def without(robot, **limits):
@@ -37,10 +38,9 @@ def test_what_the_robot_file_leaves_out_is_said_with_what_stands_in_for_it():
 )
 def test_record_refuses_assumed_rates_and_takes_a_joint_without_end(limits, refused):
     robot = without(load_robot("ur5e"), **limits)
-    zero = np.zeros((2, 6))
-    motion = Motion(np.array([0.0, 1.0]), zero, zero, zero)
+    motion = standing(np.zeros(6))
     facts = {"assumed_limits": list(assumed_limits(robot))}
-    planned = StoredTrajectory("ur5e", robot.joint_names, motion, 1.0, {}, zero, facts=facts)
+    planned = StoredTrajectory("ur5e", robot.joint_names, motion, 1.0, {}, motion.q, facts=facts)
     if refused:
         with pytest.raises(LimitsAssumed, match="velocity of all joints"):
             require_usable(robot, planned, RecordOptions())

@@ -9,6 +9,7 @@ from dynid.errors import RobotNotFound, WrongUrdf, WrongUsage
 from dynid.files.robotfile import load_robot as read_robot
 from dynid.robot import Joint
 from dynid.sim.urdf import urdf_text
+from runner import rows
 
 FORKED = """<robot name="two_arms"><link name="world"/><link name="torso"/>
 <joint name="lift" type="prismatic"><parent link="world"/><child link="torso"/><axis xyz="0 0 1"/></joint>
@@ -29,18 +30,18 @@ def _branch(side):
 
 @pytest.mark.parametrize(
     ("word", "meant"),
-    [
-        ("panda", "franka_panda"),
-        ("ur5", "ur5e"),
-        ("iiwa", "kuka_iiwa7"),
-        ("gen3", "kinova_gen3"),
-        ("LBR-iiwa", "kuka_iiwa7"),
-        ("tx40", "staubli_tx40"),
-        ("jaco2", "kinova_gen2"),
-        ("lwr", "kuka_lwr4plus"),
-        ("ur3", "ur3e"),
-        ("xArm", "xarm7"),
-    ],
+    rows("""
+        panda    | franka_panda
+        ur5      | ur5e
+        iiwa     | kuka_iiwa7
+        gen3     | kinova_gen3
+        LBR-iiwa | kuka_iiwa7
+        tx40     | staubli_tx40
+        jaco2    | kinova_gen2
+        lwr      | kuka_lwr4plus
+        ur3      | ur3e
+        xArm     | xarm7
+    """),
 )
 def test_an_unknown_name_is_answered_with_the_arm_that_was_meant(word, meant):
     with pytest.raises(RobotNotFound, match=f"did you mean.*'{meant}'"):
