@@ -31,12 +31,13 @@ from dynid.signals.filters import (
     Filter,
     choose_cutoff,
     choose_filter,
+    choose_sign_cutoffs,
     decimate,
     despiked,
     lowpass_kernel,
-    sharp_velocity,
     too_short,
     under,
+    velocity_kernel,
 )
 from dynid.signals.motion import runs
 
@@ -101,10 +102,39 @@ def condition(
     Raises:
         LogTooShort: no part is longer than the filters.
     """
-    return [
-        _segment(part, chosen, part.qd if measured_velocity else None, part.t - log.t[0])
-        for part in _parts(log, chosen)
-    ]
+    kernels, step, found = chosen.first_kernels, chosen.first_step, []
+    half = kernels.shape[1] // 2
+
+    def filtered(x: NDArray[Any], weights: Floats) -> Floats:
+        """Return a signal under kernels, (K, M, n)."""
+        return np.ascontiguousarray(decimate(x.T, weights, step).transpose(0, 2, 1))
+
+    for part in _parts(log, chosen):
+        q, qd, qdd = filtered(part.q, kernels)
+        if measured_velocity and part.qd is not None:
+            qd, qdd = filtered(part.qd, kernels[:2])
+        clipped, command = part.extra.get("clipped"), part.extra.get("q_ref")
+        usable = np.ones(q.shape, dtype=bool)
+        if clipped is not None and clipped.any():
+            usable = filtered(clipped, np.ones_like(kernels[:1]))[0] < 0.5
+        centres, none = half + step * np.arange(len(q)), np.empty((len(q), 0))
+        raw_qd = 0.5 * chosen.rate * (part.q[centres + 1] - part.q[centres - 1])
+        segment = Segment(
+            t=part.t[centres],
+            q=q,
+            qd=qd,
+            qdd=qdd,
+            tau=filtered(part.tau, kernels[:1])[0],
+            usable=usable,
+            raw_q=part.q[centres],
+            raw_qd=raw_qd if part.qd is None else part.qd[centres],
+            command_q=none if command is None else filtered(command, kernels[:1])[0],
+            effects=none,
+            elapsed=part.t[centres] - log.t[0],
+            coulomb_sign=none,
+        )
+        found.append(segment)
+    return found
 
 
 def _parts(log: Log, chosen: Filter) -> list[Log]:
@@ -113,66 +143,27 @@ def _parts(log: Log, chosen: Filter) -> list[Log]:
     Raises:
         LogTooShort: there are none.
     """
-    step = 1.0 / chosen.rate
+    step, parts = 1.0 / chosen.rate, []
     cuts = np.flatnonzero(np.diff(log.t) > (tuning.GAP_SAMPLES + 0.5) * step) + 1
     needed = chosen.first_kernels.shape[1] + chosen.first_step * (
         chosen.second_kernel.shape[1] + chosen.second_step
     )
     edges = [0, *cuts.tolist(), len(log)]
-    longest = max(end - start for start, end in pairwise(edges))
-    if longest <= needed:
+    for start, end in pairwise(edges):
+        part = take_samples(log, slice(start, end))
+        times = part.t[0] + np.arange(round(part.duration * chosen.rate) + 1) * step
+        if end - start <= needed:
+            continue
+        if len(times) != len(part) or np.abs(part.t - times).max() >= tuning.EVEN_STEP * step:
+            columns = {key: resampled(part.t, x, times) for key, x in part.columns.items()}
+            parts.append(part.with_columns(columns, t=times))
+        else:
+            parts.append(replace(part, t=times))
+    if not parts:
+        longest = max(end - start for start, end in pairwise(edges))
         what = f"the longest part without a gap has {longest * step:.2f} s"
         raise too_short(log, what, chosen.cutoff, needed * step)
-    return [
-        _on_grid(take_samples(log, slice(start, end)), chosen.rate)
-        for start, end in pairwise(edges)
-        if end - start > needed
-    ]
-
-
-def _on_grid(log: Log, rate: float) -> Log:
-    """Return a part without gaps on an even grid."""
-    t = log.t
-    times = t[0] + np.arange(round((t[-1] - t[0]) * rate) + 1) / rate
-    if len(times) == len(t) and np.abs(t - times).max() < tuning.EVEN_STEP / rate:
-        return replace(log, t=times)
-    columns = {key: resampled(t, x, times) for key, x in log.columns.items()}
-    return log.with_columns(columns, t=times)
-
-
-def _segment(log: Log, chosen: Filter, moved: Floats | None, elapsed: Floats) -> Segment:
-    """Filter and differentiate a part on an even grid; of measured velocities, (N, n), where there are any."""
-    kernels, step = chosen.first_kernels, chosen.first_step
-    taps = kernels.shape[1]
-
-    def filtered(x: NDArray[Any], weights: Floats) -> Floats:
-        """Return a signal under kernels, (K, M, n)."""
-        found = decimate(np.ascontiguousarray(x.T, dtype=float), weights, step)
-        return np.ascontiguousarray(found.transpose(0, 2, 1))
-
-    q, qd, qdd = filtered(log.q, kernels)
-    if moved is not None:
-        qd, qdd = filtered(moved, kernels[:2])
-    clipped, command = log.extra.get("clipped"), log.extra.get("q_ref")
-    usable = np.ones(q.shape, dtype=bool)
-    if clipped is not None and clipped.any():
-        usable = filtered(clipped, np.ones((1, taps)))[0] < 0.5
-    centres = slice(taps // 2, taps // 2 + (len(q) - 1) * step + 1, step)
-    none = np.empty((len(q), 0))
-    return Segment(
-        t=log.t[centres],
-        q=q,
-        qd=qd,
-        qdd=qdd,
-        tau=filtered(log.tau, kernels[:1])[0],
-        usable=usable,
-        raw_q=log.q[centres],
-        raw_qd=(np.gradient(log.q, log.t, axis=0) if log.qd is None else log.qd)[centres],
-        command_q=none if command is None else filtered(command, kernels[:1])[0],
-        effects=none,
-        elapsed=elapsed[centres],
-        coulomb_sign=none,
-    )
+    return parts
 
 
 def _without_rests(segment: Segment, rest_speed: Floats) -> Segment:
@@ -211,14 +202,19 @@ def signs_of_shapes(
         most: samples of the beginning of each segment that are wanted; None for all.
     """
     kernels, step, found = chosen.first_kernels[:1], chosen.first_step, []
+    count = None if most is None else (most - 1) * step + kernels.shape[1]
     for part in _parts(log, chosen):
-        moved = part.qd if measured_velocity else None
-        v = sharp_velocity(part.q, moved, sharp, chosen.rate, chosen.cutoff)
-        if most is not None:
-            v = v[: (most - 1) * step + kernels.shape[1]]
-        signs = [coulomb_sign(x, shape, j) for j, x in enumerate(v.T) for shape in shapes]
-        smooth = decimate(np.array(signs), kernels, step)[0]
-        found.append(np.ascontiguousarray(smooth.T.reshape(-1, v.shape[1], len(shapes))))
+        x = part.qd if measured_velocity and part.qd is not None else part.q
+        measured = x is part.qd
+        cutoffs = choose_sign_cutoffs(x, sharp, chosen.rate, chosen.cutoff, measured=measured)
+        signs = []
+        for j, cutoff in enumerate(cutoffs):
+            kernel = velocity_kernel(cutoff, chosen.rate, measured=measured)
+            v = under(kernel, x[: None if count is None else count + len(kernel), j])[:count]
+            # Why one by one: the signs of all shapes take many times the memory of the log.
+            each = (coulomb_sign(v, shape, j)[None] for shape in shapes)
+            signs.append([decimate(sign, kernels, step)[0, 0] for sign in each])
+        found.append(np.ascontiguousarray(np.array(signs).transpose(2, 0, 1)))
     return found
 
 

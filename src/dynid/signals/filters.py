@@ -82,11 +82,13 @@ def decimate(x: Floats, kernels: Floats, step: int) -> Floats:
         (K, C, M) with M = (L - taps) // step + 1; output i is centred on sample i * step + (taps - 1) / 2.
     """
     taps = kernels.shape[1]
-    if x.shape[1] < taps:
-        return np.empty((len(kernels), len(x), 0))
-    windows = sliding_window_view(x, taps, axis=1)[:, ::step]
-    # Why not scipy.signal: it takes as long, and half a second to import.
-    return np.asarray(np.einsum("cmt,kt->kcm", windows, kernels))
+    found = np.empty((len(kernels), len(x), max(0, (x.shape[1] - taps) // step + 1)))
+    for c in range(len(x) if found.size else 0):
+        # Why one by one: of a long log, a copy of all signals is large.
+        windows = sliding_window_view(np.ascontiguousarray(x[c], dtype=float), taps)[::step]
+        # Why not scipy.signal: it takes as long, and half a second to import.
+        found[:, c] = np.einsum("mt,kt->km", windows, kernels)
+    return found
 
 
 def despiked(log: Log, cutoff: float) -> tuple[Log, tuple[Finding, ...]]:
@@ -212,8 +214,8 @@ def check_position_noise(log: Log, robot: Robot) -> Iterator[Finding]:
 
 def encoder_noise(q: Floats) -> Floats:
     """Return the noise that rounding to the steps of an encoder makes of positions q, (N, n), (n,) [rad or m]."""
-    change = np.abs(np.diff(q, axis=0))
-    step = np.min(change, axis=0, where=change > 0.0, initial=np.inf)
+    changes = (np.abs(np.diff(x)) for x in q.T)
+    step = np.array([np.min(each, where=each > 0.0, initial=np.inf) for each in changes])
     return np.where(np.isfinite(step), step, 0.0) / 12**0.5
 
 
@@ -273,24 +275,6 @@ def under(kernel: Floats, x: Floats) -> Floats:
     half = min(len(kernel) // 2, len(x) - 1)
     padded = np.pad(x, half, mode="reflect", reflect_type="odd")
     return np.asarray(decimate(padded[None], kernel[None], 1)[0, 0])
-
-
-def sharp_velocity(
-    q: Floats, measured: Floats | None, coulomb: Coulomb, rate: float, lowest: float
-) -> Floats:
-    """Return the velocity of each joint whose sign is taken: its noise is small against that of the sign, (N, n).
-
-    Args:
-        q: positions on an even grid, (N, n) [rad or m].
-        measured: velocities that are used instead where there are any, (N, n) [rad/s or m/s].
-        coulomb: shape of the sign.
-        rate: sample rate [Hz].
-        lowest: as for ``choose_sign_cutoffs`` [Hz].
-    """
-    x, given = (q, False) if measured is None else (measured, True)
-    cutoffs = choose_sign_cutoffs(x, coulomb, rate, lowest, measured=given)
-    kernels = [velocity_kernel(cutoff, rate, measured=given) for cutoff in cutoffs]
-    return np.column_stack([under(kernel, some) for kernel, some in zip(kernels, x.T, strict=True)])
 
 
 def choose_sign_cutoffs(

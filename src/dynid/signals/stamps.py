@@ -302,8 +302,9 @@ def without_copies(logs: Sequence[Log]) -> tuple[list[Log], tuple[Finding, ...]]
 def _keys(log: Log) -> NDArray[np.uint64]:
     """Return a hash of the positions and torques of each sample, (N,)."""
     # Why: odd factors keep every bit; a sum of products over a row is a hash as good as these logs need.
-    factors = np.random.default_rng(0).integers(1, 2**63, 2 * log.n, dtype=np.uint64) * np.uint64(
-        2
-    ) + np.uint64(1)
-    bits = (np.hstack([log.q, log.tau]) + 0.0).view(np.uint64)
-    return np.asarray((bits ^ (bits >> np.uint64(29))) @ factors)
+    factors = np.random.default_rng(0).integers(1, 2**63, 2 * log.n, dtype=np.uint64)
+    keys = np.zeros(len(log), dtype=np.uint64)
+    for factor, x in zip(factors, [*log.q.T, *log.tau.T], strict=True):
+        bits = (x + 0.0).view(np.uint64)
+        keys += (bits ^ (bits >> np.uint64(29))) * (np.uint64(2) * factor + np.uint64(1))
+    return keys
