@@ -40,14 +40,14 @@ def main(wanted: list[str]) -> None:
 def make_log(plant: Plant, robot: Robot, limits: dict[str, float], entry: dict[str, float]) -> None:
     """Simulate one motion and write its bag."""
     rng = np.random.default_rng(entry["seed"])
-    with plant.arm(robot) as arm:
-        motion = sines(
-            robot,
-            SineSpec(duration=entry["duration"], period=entry["period"], **limits),
-            arm.dt,
-            rng,
-        )
-        truth = track(arm, motion, every=round(1 / entry["rate"] / arm.dt))
+    arm = plant.arm(robot)
+    motion = sines(
+        robot,
+        SineSpec(duration=entry["duration"], period=entry["period"], **limits),
+        arm.dt,
+        rng,
+    )
+    truth = track(arm, motion, every=round(1 / entry["rate"] / arm.dt))
     check_torques(robot, truth.tau)
     log = as_published(robot, plant.sensors.measure(truth, robot.log_names, rng))
     path = HERE / str(entry["file"])

@@ -64,6 +64,6 @@ def test_any_arm_has_the_torques_of_mujoco(seed):
     model = build_model(robot)
     nothing = {kind: np.zeros(robot.n) for kind in FRICTION}
     tau = model.regressor(q, qd, qdd) @ parameters(model, bodies, np.zeros(robot.n), nothing)
-    with SimulatedArm(robot, bodies) as arm:
-        expected = simulated_torques(arm, q, qd, qdd)
+    arm = SimulatedArm(robot, bodies)
+    expected = simulated_torques(arm, q, qd, qdd)
     assert relative_error(tau, expected) < 1e-6

@@ -38,8 +38,8 @@ def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_i
     noise, other = default_noise(robot), held_out(model, reduction.base, bounds(robot))
     predicted = predict(model, reduction.base, plan.sampled(RATE), noise, other)
 
-    with SimulatedArm(robot, dt=STEP) as arm:
-        truth = track(arm, plan.sampled(1 / STEP), every=round(1 / STEP / RATE))
+    arm = SimulatedArm(robot, dt=STEP)
+    truth = track(arm, plan.sampled(1 / STEP), every=round(1 / STEP / RATE))
     sensors = dataclasses.replace(
         Sensors.perfect(robot.n), torque_noise=tuple(noise), velocity_noise=None
     )
@@ -77,9 +77,9 @@ def test_expected_torque_errors_come_true_of_what_is_identified_by_default_from_
         rng = np.random.default_rng(seed)
         c = coefficients(basis, limits, random_variables(basis, limits, rng))
         motion = Trajectory(basis, c, alpha).sampled(RATE)
-        with plant.arm(robot) as arm:
-            tau = simulated_torques(arm, motion.q, motion.qd, motion.qdd)
-            tau = tau + arm.friction.torque(motion.qd) + arm.rotor_inertia * motion.qdd
+        arm = plant.arm(robot)
+        tau = simulated_torques(arm, motion.q, motion.qd, motion.qdd)
+        tau = tau + arm.friction.torque(motion.qd) + arm.rotor_inertia * motion.qdd
         tau = tau + noise * rng.normal(size=tau.shape)
         log = Log(motion.t, motion.q, tau, robot.joint_names, tau_unit="Nm", dh=True)
         found = identify(robot, log, holdout=None, base=base)

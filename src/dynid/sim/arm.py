@@ -97,13 +97,6 @@ class SimulatedArm:
         self.friction = friction or Friction.none(robot.n)
         self.rotor_inertia = np.zeros(robot.n) + (0.0 if rotor_inertia is None else rotor_inertia)
 
-    def __enter__(self) -> SimulatedArm:
-        """Return itself."""
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """Do nothing: MuJoCo holds no process and no window."""
-
     def reset(self, q: Floats, qd: Floats | float = 0.0) -> None:
         """Put the arm at positions (n,) [rad or m] and velocities (n,) [rad/s or m/s]."""
         self._data.qpos, self._data.qvel = q, qd

@@ -98,16 +98,16 @@ def hidden_logs(
     """
     spec = SineSpec(seconds, seconds, 0.5, 0.6, 0.4, 0.05)
     logs: list[Log] = []
-    with plant.arm(robot, tuning.HIDDEN_STEP_S) as arm:
-        law, only = _law(hidden), np.eye(robot.n)[hidden.joint]
-        rng.bit_generator.advance(PASSED_OVER)  # type: ignore[attr-defined]
-        arm.extra = lambda t, q, v: only * law(float(q[hidden.joint]), float(v[hidden.joint]))
-        for _ in range(motions):
-            motion = sines(robot, spec, tuning.HIDDEN_STEP_S, rng)
-            for _ in range(repeats):
-                truth = _truth(track(arm, motion), hidden, len(logs) * (seconds + 1.0))
-                log = plant.sensors.measure(truth, arm.robot.joint_names, rng)
-                logs.append(replace(log, dh=True))
+    arm = plant.arm(robot, tuning.HIDDEN_STEP_S)
+    law, only = _law(hidden), np.eye(robot.n)[hidden.joint]
+    rng.bit_generator.advance(PASSED_OVER)  # type: ignore[attr-defined]
+    arm.extra = lambda t, q, v: only * law(float(q[hidden.joint]), float(v[hidden.joint]))
+    for _ in range(motions):
+        motion = sines(robot, spec, tuning.HIDDEN_STEP_S, rng)
+        for _ in range(repeats):
+            truth = _truth(track(arm, motion), hidden, len(logs) * (seconds + 1.0))
+            log = plant.sensors.measure(truth, arm.robot.joint_names, rng)
+            logs.append(replace(log, dh=True))
     return logs
 
 

@@ -45,14 +45,14 @@ def replay(
     ).astype(int)
     x, v = q[starts].copy(), qd[starts].copy()
     errors = np.zeros((len(starts), robot.n))
-    # Why one arm for all windows, put where each of them is: an arm of Bullet takes 30 MB and 10 ms to make.
-    with SimulatedArm(robot, dt=dt) as arm:
-        for k in range(length):
-            at = starts + k
-            a = acceleration(t[at], x, v, 0.5 * (tau[at] + tau[at + 1]))
-            for w in range(len(starts)):
-                arm.reset(x[w], v[w])
-                arm.step(arm.inverse_dynamics(x[w], v[w], a[w]))
-                x[w], v[w] = arm.state()
-            errors += (x - q[at + 1]) ** 2
+    # One arm for all windows, put where each of them is.
+    arm = SimulatedArm(robot, dt=dt)
+    for k in range(length):
+        at = starts + k
+        a = acceleration(t[at], x, v, 0.5 * (tau[at] + tau[at + 1]))
+        for w in range(len(starts)):
+            arm.reset(x[w], v[w])
+            arm.step(arm.inverse_dynamics(x[w], v[w], a[w]))
+            x[w], v[w] = arm.state()
+        errors += (x - q[at + 1]) ** 2
     return np.asarray(np.sqrt(np.mean(errors / length, axis=0)))

@@ -78,28 +78,28 @@ def simulate_driver(
     node = connect("dynid_sim_driver", options.master)
     try:
         plant = plant_of(robot) if options.truth is None else read_plant(options.truth)
-        with plant.arm(robot, step_of(options.rate)) as arm:
-            kind = VelocityFollower if is_kinova(robot) else PointFollower
-            follower = kind(start_pose(robot, options.pose), arm.dt)
-            rng = np.random.default_rng(options.seed)
-            loop = DriverLoop(arm, follower, options.rate, _imperfections(plant, options), rng)
-            driver = simulated_driver(node, loop, topic)
-            if started is not None:
-                started(topic, node.uri)
-            end, interrupted = time.monotonic() + (options.duration or float("inf")), False
-            try:
-                loop.run(driver.publish, lambda: time.monotonic() < end)
-            except KeyboardInterrupt:
-                interrupted = True
-            return DriverRun(
-                robot,
-                loop.published,
-                loop.dropped,
-                loop.largest_delay,
-                follower.longest,
-                loop.reference_shares(),
-                interrupted,
-            )
+        arm = plant.arm(robot, step_of(options.rate))
+        kind = VelocityFollower if is_kinova(robot) else PointFollower
+        follower = kind(start_pose(robot, options.pose), arm.dt)
+        rng = np.random.default_rng(options.seed)
+        loop = DriverLoop(arm, follower, options.rate, _imperfections(plant, options), rng)
+        driver = simulated_driver(node, loop, topic)
+        if started is not None:
+            started(topic, node.uri)
+        end, interrupted = time.monotonic() + (options.duration or float("inf")), False
+        try:
+            loop.run(driver.publish, lambda: time.monotonic() < end)
+        except KeyboardInterrupt:
+            interrupted = True
+        return DriverRun(
+            robot,
+            loop.published,
+            loop.dropped,
+            loop.largest_delay,
+            follower.longest,
+            loop.reference_shares(),
+            interrupted,
+        )
     finally:
         node.close()
 

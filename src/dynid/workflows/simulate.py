@@ -95,7 +95,8 @@ def simulate(
     stage("simulate")
     tau: Floats | None = None
     source = "MuJoCo's inverse dynamics"
-    with suppress(PackageMissing), SimulatedArm(robot, prior_bodies(robot)) as arm:
+    with suppress(PackageMissing):
+        arm = SimulatedArm(robot, prior_bodies(robot))
         rows = zip(motion.q, motion.qd, motion.qdd, strict=True)
         tau = np.array([arm.inverse_dynamics(*row) for row in rows])
     if tau is None:

@@ -23,12 +23,11 @@ def recorded(seed, load=None, seconds=25.0, rotor=0.0, noise=1.0):
     plant = replace(plant, bodies=bodies, rotor_inertia=(rotor,) * robot.n)
     rng = np.random.default_rng(seed)
     motion = sines(robot, SineSpec(seconds, 12.0, 0.8, 0.7, 0.7, 0.1), 1 / RATE, rng)
-    with plant.arm(robot) as arm:
-        rigid = [
-            arm.inverse_dynamics(*state)
-            for state in zip(motion.q, motion.qd, motion.qdd, strict=True)
-        ]
-        tau = np.array(rigid) + arm.friction.torque(motion.qd) + arm.rotor_inertia * motion.qdd
+    arm = plant.arm(robot)
+    rigid = [
+        arm.inverse_dynamics(*state) for state in zip(motion.q, motion.qd, motion.qdd, strict=True)
+    ]
+    tau = np.array(rigid) + arm.friction.torque(motion.qd) + arm.rotor_inertia * motion.qdd
     tau = tau + noise * rng.normal(size=tau.shape) * np.array(plant.sensors.torque_noise)
     q = np.round(motion.q / plant.sensors.position_step) * plant.sensors.position_step
     return robot, Log(motion.t, q, tau, robot.joint_names, tau_unit="Nm", dh=True)

@@ -26,8 +26,8 @@ def only(joint, size):
 
 @pytest.fixture(scope="module")
 def bullet():
-    with SimulatedArm(LWR) as arm:
-        yield lambda motion: simulated_torques(arm, motion.q, motion.qd, motion.qdd)
+    arm = SimulatedArm(LWR)
+    return lambda motion: simulated_torques(arm, motion.q, motion.qd, motion.qdd)
 
 
 def advised(error, speed=1.0):

@@ -45,8 +45,8 @@ SLIPPERY = Friction((4.0,), (0.0,), (0.0,), (0.01,))
 def test_half_a_second_of_two_kilograms_is_that_of_the_textbook(gravity, options, tau, speed, rel):
     """To the first order of the step; damping of the engine would show."""
     body = Body(2.0, inertia_com=SPHERE)
-    with SimulatedArm(slider((0.0, 0.0, gravity)), [body], **options, dt=1e-4) as arm:
-        q, qd = run(arm, 5000, tau)
+    arm = SimulatedArm(slider((0.0, 0.0, gravity)), [body], **options, dt=1e-4)
+    q, qd = run(arm, 5000, tau)
     assert qd[-1] == pytest.approx(speed, rel=rel)
     if not tau:
         assert q[-1] == pytest.approx(gravity * 0.25 / 2, rel=1e-3)
@@ -58,17 +58,17 @@ def test_the_base_pose_turns_gravity_with_the_arm():
     turned = Robot("t", "standard", upright.joints, upright.gravity, base_rpy=(np.pi, 0.3, 1.0))
     ends = []
     for robot in (upright, turned):
-        with SimulatedArm(robot, [Body(2.0, inertia_com=SPHERE)]) as arm:
-            ends.append(run(arm, 500)[0, -1])
+        arm = SimulatedArm(robot, [Body(2.0, inertia_com=SPHERE)])
+        ends.append(run(arm, 500)[0, -1])
     assert ends[1] == pytest.approx(ends[0], rel=1e-9)
 
 
 def test_coulomb_friction_slows_at_a_constant_rate_then_creeps():
     """A steep Coulomb part on a light body: v falls by c / m, then stays at rest without chattering."""
     friction = Friction((0.0,), (1.0,), (0.0,), (1e-3,))
-    with SimulatedArm(slider(), [Body(0.05, inertia_com=SPHERE)], friction) as arm:
-        arm.reset(np.zeros(1), np.ones(1))
-        _, qd = run(arm, 400)
+    arm = SimulatedArm(slider(), [Body(0.05, inertia_com=SPHERE)], friction)
+    arm.reset(np.zeros(1), np.ones(1))
+    _, qd = run(arm, 400)
     assert qd[49] == pytest.approx(1.0 - 20.0 * 0.025, rel=1e-6)
     assert np.abs(qd[-100:]).max() < 1e-6
 
@@ -76,11 +76,11 @@ def test_coulomb_friction_slows_at_a_constant_rate_then_creeps():
 @pytest.mark.slow
 def test_a_pendulum_keeps_its_energy():
     """m l^2 qd^2 / 2 - m g l cos q over two swings, to the first order of the step."""
-    with SimulatedArm(
+    arm = SimulatedArm(
         pendulum(), [Body(1.0, inertia_com=(1e-6, 0.0, 0.0, 1e-6, 0.0, 1e-6))], dt=1e-4
-    ) as arm:
-        arm.reset(np.array([1.0]))
-        q, qd = run(arm, 30_000)
+    )
+    arm.reset(np.array([1.0]))
+    q, qd = run(arm, 30_000)
     energy = 0.5**2 * qd**2 / 2 - 9.81 * 0.5 * np.cos(q)
     assert np.abs(energy - energy[0]).max() < 1e-3 * np.ptp(9.81 * 0.5 * np.cos(q))
 
@@ -90,9 +90,9 @@ def test_no_mechanical_stop_disturbs_the_torques():
     robot = Robot(
         "s", "standard", (Joint("p", limits=Limits((-0.1, 0.1))),), gravity=(0.0, 0.0, 0.0)
     )
-    with SimulatedArm(robot, [Body(1.0, inertia_com=SPHERE)]) as arm:
-        arm.reset(np.zeros(1), np.ones(1))
-        q, qd = run(arm, 1000)
+    arm = SimulatedArm(robot, [Body(1.0, inertia_com=SPHERE)])
+    arm.reset(np.zeros(1), np.ones(1))
+    q, qd = run(arm, 1000)
     assert q[-1] == pytest.approx(0.5)
     assert qd[-1] == pytest.approx(1.0)
 
@@ -102,16 +102,14 @@ def test_a_tracked_motion_needs_the_torques_of_inverse_dynamics():
     """What the drives gave equals rigid body + friction + rotors of the motion that was made."""
     robot = load_robot("kuka_lwr4plus")
     friction = Friction((0.5,) * 7, (0.4,) * 7, (0.1,) * 7, (0.1,) * 7)
-    with SimulatedArm(robot, None, friction, [0.1] * 7) as arm:
-        motion = sines(
-            robot, SineSpec(6.0, 6.0, 0.3, 0.3, 0.3, 0.05), arm.dt, np.random.default_rng(3)
-        )
-        made = track(arm, motion)
-        qd = np.gradient(made.q, arm.dt, axis=0)
-        qdd = np.gradient(qd, arm.dt, axis=0)
-        rows = list(range(10, len(made.t) - 10, 50))
-        rigid = np.array([arm.inverse_dynamics(made.q[k], qd[k], qdd[k]) for k in rows])
-        needed = rigid + friction.torque(qd[rows]) + 0.1 * qdd[rows]
+    arm = SimulatedArm(robot, None, friction, [0.1] * 7)
+    motion = sines(robot, SineSpec(6.0, 6.0, 0.3, 0.3, 0.3, 0.05), arm.dt, np.random.default_rng(3))
+    made = track(arm, motion)
+    qd = np.gradient(made.q, arm.dt, axis=0)
+    qdd = np.gradient(qd, arm.dt, axis=0)
+    rows = list(range(10, len(made.t) - 10, 50))
+    rigid = np.array([arm.inverse_dynamics(made.q[k], qd[k], qdd[k]) for k in rows])
+    needed = rigid + friction.torque(qd[rows]) + 0.1 * qdd[rows]
     assert np.abs(made.q - made.q_ref).max() < np.radians(2.0)
     assert np.abs(needed - made.tau[rows]).max() < 0.01
 

@@ -16,17 +16,17 @@ def samples(rate, **imperfections):
     """What the driver of a moving arm measures in a third of a second, by the time in its stamp [ms]."""
     follower = PointFollower(START, 1e-3)
     follower.play([(START + 0.3, np.full(6, 0.2), 0.5)])
-    with SimulatedArm(UR, dt=1e-3) as arm:
-        loop = DriverLoop(
-            arm,
-            follower,
-            rate,
-            Imperfections((0.0,) * 6, **imperfections),
-            np.random.default_rng(0),
-        )
-        for _ in range(330):
-            loop._step()
-        return {round(1e3 * measured.elapsed): measured for _, measured in loop._waiting}
+    arm = SimulatedArm(UR, dt=1e-3)
+    loop = DriverLoop(
+        arm,
+        follower,
+        rate,
+        Imperfections((0.0,) * 6, **imperfections),
+        np.random.default_rng(0),
+    )
+    for _ in range(330):
+        loop._step()
+    return {round(1e3 * measured.elapsed): measured for _, measured in loop._waiting}
 
 
 def test_torques_and_velocities_that_are_polled_later_belong_to_a_later_moment():
