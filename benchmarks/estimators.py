@@ -236,7 +236,7 @@ def one(name, regime, draw):
         seconds = made + time.perf_counter() - start
         again = partial(estimated, method=method, prior=prior)
         whole = physical_posterior(each, rows, refit=again, residual_model=False).theta
-        fitted = relative_error(rows.whole[0], each.theta)
+        fitted = relative_error(rows.factors, each.theta)
         found[method] = figures(arm, each.theta, each.covariance, fitted, seconds, whole)
     found["auto"] = found[choose(rows)[0]]
     return found

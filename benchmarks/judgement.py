@@ -281,8 +281,8 @@ def true_floor(case, result, unseen):
     sigma = case["noise"] * np.array([joint.limits.torque for joint in arm.joints])
     white = replace(unseen, tau=sigma * rng.standard_normal(unseen.tau.shape), sha256="white")
     logs = condition_logs([white], base.model, cutoff=result.cutoff)
-    factors, counts = stack_logs(logs, base).whole
-    return np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=1) / np.maximum(1, counts))
+    stack = stack_logs(logs, base)
+    return np.sqrt(np.sum(stack.factors[:, :, -1] ** 2, axis=1) / np.maximum(1, stack.counts))
 
 
 # ---------------------------------------------------------------- recordings

@@ -128,14 +128,13 @@ def baseline(pair, unseen, cutoff):
     """Return the errors of ordinary and weighted least squares of the filtered rows on unseen ones [%]."""
     # Each log for itself: stacking two of one file would leave one out.
     options = IdentifyOptions(cutoff=cutoff, delay=0.0)
-    (factors, counts), (test, _) = (
-        observe(pair.robot, logs, options).stack.whole for logs in (pair.fitted, [unseen])
-    )
+    fitted, test = (observe(pair.robot, logs, options).stack for logs in (pair.fitted, [unseen]))
+    factors, counts = fitted.factors, fitted.counts
     found = [least_squares(factors, np.ones(len(factors)))] * 2
     for _ in range(20):
         rms = np.linalg.norm(factors @ np.append(found[1], -1.0), axis=1) / np.sqrt(counts)
         found[1] = least_squares(factors, 1.0 / rms)
-    return tuple(relative_error(test, theta) for theta in found)
+    return tuple(relative_error(test.factors, theta) for theta in found)
 
 
 def outcomes(pair):

@@ -51,7 +51,7 @@ def test_predicted_errors_are_those_of_20_noisy_logs_simulated_in_pybullet_and_i
             [load_log(tmp_path / "log.npz", robot, identify=False)], model, LogOptions()
         )
         stacked = stack_logs(sources, base)
-        draws.append(weighted(*stacked.whole).theta)
+        draws.append(weighted(stacked.factors, stacked.counts).theta)
     misses = np.array(draws) - prior_base_parameters(model, reduction, unknown=0.0)
 
     ratio = np.sqrt(np.mean(misses**2, axis=0)) / predicted.std_error

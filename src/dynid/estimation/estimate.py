@@ -22,6 +22,7 @@ from dynid.estimation.identified import SAME_MOTION, JointQuality
 from dynid.estimation.least_squares import (
     Fit,
     condition_number,
+    joint_rms,
     relative_error,
     solvable,
 )
@@ -81,7 +82,7 @@ def last_motion(stack: Stack, share: float) -> HoldOut | None:
     rows = stack.rows
     held = np.isin(rows.log, last)
     # Why the size: a motion that is most of the rows has to be fitted.
-    if max(numbers, default=0) == 0 or rows.use[held].sum() > 0.5 * stack.whole[1].sum():
+    if max(numbers, default=0) == 0 or rows.use[held].sum() > 0.5 * stack.counts.sum():
         return last_share(stack, share)
     return _split(stack, held, f"another motion: {', '.join(stack.logs[k].name for k in last)}")
 
@@ -239,15 +240,13 @@ def _header(stack: Stack) -> dict[str, Any]:
 
 def _errors(stack: Stack, theta: Floats, error: ModelError | None) -> tuple[Floats, float]:
     """Return the rms residual of each joint on any rows, (n,) [N m or N], and the total relative error [%]."""
-    factors, counts = stack.whole
     left = squares(stack, theta, error)
-    torque = max(float(np.linalg.norm(factors[:, :, -1])), 1e-300)
-    return np.sqrt(left / np.maximum(counts, 1)), float(100.0 * np.sqrt(left.sum()) / torque)
+    torque = max(float(np.linalg.norm(stack.factors[:, :, -1])), 1e-300)
+    return np.sqrt(left / np.maximum(stack.counts, 1)), float(100.0 * np.sqrt(left.sum()) / torque)
 
 
 def _qualities(stack: Stack, rms: Floats, held: Floats | None) -> tuple[JointQuality, ...]:
-    factors, counts = stack.whole
-    torque = np.sqrt(np.sum(factors[:, :, -1] ** 2, axis=1) / np.maximum(counts, 1))
+    torque = joint_rms(stack.factors, stack.counts, np.zeros(len(stack.names)))
     percent = 100.0 * rms / np.where(torque > 0.0, torque, np.inf)
     held_out = [None] * len(rms) if held is None else held.tolist()
     columns = (rms.tolist(), percent.tolist(), torque.tolist(), held_out)
@@ -292,7 +291,7 @@ def _require_followed(stack: Stack, fit: Fit) -> None:
         WeakInstruments: with the torque error of both.
     """
     left, least = (
-        relative_error(stack.whole[0], theta) for theta in (fit.theta, stack.first_fit.theta)
+        relative_error(stack.factors, theta) for theta in (fit.theta, stack.first_fit.theta)
     )
     if contradicts(left, least):
         raise WeakInstruments(f"iv leaves {left:.3g} % of the torque, wls {least:.3g} %")

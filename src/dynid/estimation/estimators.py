@@ -135,7 +135,7 @@ def fitted(stack: Stack, method: str, prior: Floats | None = None) -> Fit:
             noise, or ``"ridge"``, the weighted pseudo-inverse with prior data (the paper's last remark on estimation).
         prior: prior base parameters, which ridge needs, (p,), NaN where nothing is known.
     """
-    (factors, counts), rows, earlier = stack.whole, stack.rows, stack.earlier
+    factors, counts, rows, earlier = stack.factors, stack.counts, stack.rows, stack.earlier
     if method == "iv":
         if not all(each.command_q.size for log in stack.logs for each in log.segments):
             raise WrongUsage(

@@ -172,7 +172,7 @@ def scale_of(stack: Stack, theta: Floats, own: Floats, joint: int) -> float | No
         own: what those of the joint differ by, (p,).
         joint: its number.
     """
-    W, rubs = stack.whole[0][joint][:, :-1], friction(stack.base)
+    W, rubs = stack.factors[joint][:, :-1], friction(stack.base)
     Q = np.linalg.qr(W[:, rubs & W.any(axis=0)])[0]
     torque, more = ((np.eye(len(Q)) - Q @ Q.T) @ W[:, ~rubs] @ x[~rubs] for x in (theta, own))
     scale = 1.0 + float(torque @ more) / max(float(torque @ torque), 1e-300)
@@ -214,7 +214,7 @@ def physics_findings(
         level = "info" if physical or many_open else "warning"
         text = f"the mass matrix of least squares is not positive definite in {100 * share:.0f} % of poses: {cause}"
         findings.append(Finding("W405", level, text, {"share": share}))
-    findings += _unexplained(base, plain, joint_rms(*stack.whole, alone), error)
+    findings += _unexplained(base, plain, joint_rms(stack.factors, stack.counts, alone), error)
     if many_open:
         consequence = (
             "their values come mostly from the prior"

@@ -16,7 +16,7 @@ from dynid.arrays import Floats
 from dynid.estimation import tuning
 from dynid.estimation.covariance import autocorrelation_time
 from dynid.estimation.rows import joined, parallel_filtered, rows_of
-from dynid.estimation.stack import Stack, settled_stack
+from dynid.estimation.stack import Stack, stack_with_settled_effects
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
 from dynid.robot import Coulomb
@@ -84,7 +84,7 @@ def with_estimated_step(stack: Stack, logs: Sequence[Log], *, measured_velocity:
         pairs = zip(log.segments, signs([step], k), strict=True)
         segments = [replace(segment, coulomb_sign=sign[..., 0]) for segment, sign in pairs]
         logs_then.append(with_effects(replace(log, segments=segments), base.model))
-    return settled_stack(logs_then, base)
+    return stack_with_settled_effects(logs_then, base)
 
 
 def _width(others: Floats, targets: Floats) -> Floats:

@@ -36,8 +36,7 @@ def save(path: Path, stack: Stack, header: dict[str, Any]) -> None:
     """Write fullnumericregressor.npz."""
     segments = [(k, segment) for k, log in enumerate(stack.logs) for segment in log.segments]
     arrays = {name: np.concatenate([getattr(s, name) for _, s in segments]) for name in _ARRAYS}
-    factors, counts = stack.whole
-    arrays |= {"R": factors, "rows": counts}
+    arrays |= {"R": stack.factors, "rows": stack.counts}
     facts = {
         **header,
         "base": list(stack.names),

@@ -93,7 +93,7 @@ def physical_posterior(
         if like is not None:
             for joint in like.free:
                 rows = rows.freed(joint)
-        elif contradicts(*(relative_error(stack.whole[0], x) for x in (alone, estimate.theta))):
+        elif contradicts(*(relative_error(stack.factors, x) for x in (alone, estimate.theta))):
             rows, large = _with_large_torques(base, rows, arm)
         rows, size, arm_of_all, estimate = _with_joints_apart(
             stack, rows, arm, size, like, estimate, refit
@@ -107,7 +107,7 @@ def physical_posterior(
             if rows.apart.any():
                 alone = Arm.of(base, rows.of_arm(NONE).rows, arm_of_all).theta
             arm = Arm.of(base, rows.of_arm(size).rows, arm_of_all)
-            error = rows.residual(size, gain + large, arm.theta, stack.whole[1])
+            error = rows.residual(size, gain + large, arm.theta, stack.counts)
     K, fit = arm.K, replace(arm.fit, inflation=worth)
     changes, covariance = np.zeros((len(K), 0)), K @ fit.covariance @ K.T
     if has_rows and like is None:
@@ -165,7 +165,7 @@ def _with_joints_apart(
         return rows, size, arm, estimate
     # The rows are made anew from an estimate of the other joints: beside those that contradict them these look noisy,
     # coloured and full of spikes, and what is no spike of theirs gets the weight of one.
-    set_apart, (factors, counts) = np.flatnonzero(rows.apart), stack.whole
+    set_apart, factors, counts = np.flatnonzero(rows.apart), stack.factors, stack.counts
     estimate = refit(stack.without(set_apart))
     noise = estimate.noise.copy()
     for j in set_apart:
@@ -228,8 +228,12 @@ def expected_error(stack: Stack, post: Posterior, rms: Floats) -> ExpectedError:
         post: the parameters with their covariance, of which ``changes`` are no doubt about these recordings.
         rms: residual of each joint on the fitted rows, (n,) [N m or N].
     """
-    (factors, counts), error, base = stack.whole, post.error, stack.base
-    W, count, root = factors[:, :, :-1], np.maximum(counts, 1), symmetric_root(post.covariance)
+    factors, error, base = stack.factors, post.error, stack.base
+    W, count, root = (
+        factors[:, :, :-1],
+        np.maximum(stack.counts, 1),
+        symmetric_root(post.covariance),
+    )
     doubt, larger, other = W @ root, 1.0, np.sum((W @ post.changes) ** 2, axis=(1, 2)) / count
     if error is not None:
         # Why: a fit takes from the residuals what it cannot take from those of another recording.

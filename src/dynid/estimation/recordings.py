@@ -64,7 +64,7 @@ class Parts:
             for blocks in filter(len, np.array_split(of_log, tuning.PARTS_OF_LOG)):
                 part = stack.take(np.isin(rows.block, blocks))
                 if error is None:
-                    F, estimate = part.whole[0], np.tile(theta, (len(noise), 1))
+                    F, estimate = part.factors, np.tile(theta, (len(noise), 1))
                 else:
                     F = error.factors(part, noise, robust) * (error.apart == 0.0)[:, None, None]
                     estimate = error.mean.copy()

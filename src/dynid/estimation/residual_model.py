@@ -241,7 +241,7 @@ def residuals(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
 def squares(stack: Stack, theta: Floats, error: ModelError | None) -> Floats:
     """Return the sum of squared residuals of each joint on any rows, (n,) [N^2 m^2 or N^2]; as for ``residuals``."""
     if error is None:
-        return np.asarray(np.sum((stack.whole[0] @ np.append(theta, -1.0)) ** 2, axis=1))
+        return np.asarray(np.sum((stack.factors @ np.append(theta, -1.0)) ** 2, axis=1))
     return np.asarray(np.sum(residuals(stack, theta, error) ** 2, axis=0, where=stack.rows.use))
 
 
@@ -285,7 +285,7 @@ class JointRows:
         none = np.zeros((n, len(reference), k))
         columns = Columns(_rms_speed(stack.logs, n), reference, np.ones((n, k)), none)
         factors = columns.factors(stack, noise, estimate.robust)
-        counts = np.maximum(stack.whole[1], 1)
+        counts = np.maximum(stack.counts, 1)
         scale = np.linalg.norm(factors[:, :, :k], axis=1) / np.sqrt(counts)[:, None]
         columns = replace(columns, scale=np.where(scale > 1e-9, scale, 1.0))  # of joints with rows
         columns = replace(columns, projection=_projection(stack.base, columns))

@@ -148,13 +148,13 @@ def joined(parts: Sequence[Rows]) -> Rows:
 
 
 # ---------------------------------------------------------------- evaluation
-def rows_of(log: ConditionedLog, observer: Observer, *, whole: bool = True) -> Rows:
+def rows_of(log: ConditionedLog, observer: Observer, *, reversals: bool = True) -> Rows:
     """Return the filtered rows of one log.
 
     Args:
         log: the conditioned log.
         observer: the columns to evaluate.
-        whole: count rows at velocity reversals, too.
+        reversals: count rows at velocity reversals, too.
     """
     chosen, counts, t = log.filter, _counts(log), row_times(log)
     edges = np.cumsum([0, *counts])
@@ -162,7 +162,7 @@ def rows_of(log: ConditionedLog, observer: Observer, *, whole: bool = True) -> R
     usable = [sliding_window_view(s.usable, taps, axis=0)[::step].all(axis=2) for s in pieces(log)]
     use = np.concatenate(usable)
     for segment, at in zip(log.segments, np.split(np.arange(len(t)), edges[1:-1]), strict=True):
-        if not whole and segment.coulomb_sign.size:
+        if not reversals and segment.coulomb_sign.size:
             times = reversal_times(segment, chosen.position_cutoff)
             use[at] &= np.array([_far(t[at], each, chosen.cutoff) for each in times]).T
     return Rows(

@@ -86,18 +86,23 @@ class Stack:
         return int(np.max(of_blocks, axis=0).sum() + earlier)
 
     @cached_property
-    def whole(self) -> tuple[Floats, Ints]:
-        """One factor per joint over all rows, (n, p + 1, p + 1) [N m or N], and its number of rows, (n,)."""
-        factors, counts, old = self.rows.factors(), self.rows.counts, self.earlier
+    def factors(self) -> Floats:
+        """One factor per joint over all rows, (n, p + 1, p + 1) [N m or N]."""
+        factors, old = self.rows.factors(), self.earlier
         if old is None:
-            return factors, counts
-        both = zip(old.factors, factors, strict=True)
-        return np.array([merge(np.stack(pair)) for pair in both]), counts + old.counts
+            return factors
+        return np.array([merge(np.stack(pair)) for pair in zip(old.factors, factors, strict=True)])
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """Number of rows of each joint, (n,)."""
+        counts = self.rows.counts
+        return counts if self.earlier is None else counts + self.earlier.counts
 
     @cached_property
     def first_fit(self) -> Fit:
         """Weighted least squares of all rows as they are, from which what is asked of residuals begins."""
-        return weighted(*self.whole)
+        return weighted(self.factors, self.counts)
 
     def take(self, chosen: Mask) -> Stack:
         """Return some of the rows, (M,), as a stack of their own."""
@@ -136,7 +141,7 @@ def stack_logs(logs: Sequence[ConditionedLog], base: BaseModel) -> Stack:
     stage("stack")
     parts = []
     for k, log in enumerate(logs):
-        rows = rows_of(log, base.observer, whole=False)
+        rows = rows_of(log, base.observer, reversals=False)
         parts.append(replace(rows, log=rows.log + k))
         advance(k + 1.0, len(logs), log.name)
     stacked = Stack(base, tuple(logs), joined(parts))
@@ -146,7 +151,7 @@ def stack_logs(logs: Sequence[ConditionedLog], base: BaseModel) -> Stack:
 
 
 # ---------------------------------------------------------------- effects that scale with what is identified
-def settled(logs: Sequence[ConditionedLog], base: BaseModel) -> list[ConditionedLog]:
+def with_settled_effects(logs: Sequence[ConditionedLog], base: BaseModel) -> list[ConditionedLog]:
     """Return logs whose columns that scale with the model fit the parameters that are identified from them.
 
     Such columns, of load-dependent friction for example, are made with the last estimate, and the fit is repeated; the
@@ -163,9 +168,9 @@ def settled(logs: Sequence[ConditionedLog], base: BaseModel) -> list[Conditioned
 
 
 @heard_by()
-def settled_stack(logs: Sequence[ConditionedLog], base: BaseModel) -> Stack:
+def stack_with_settled_effects(logs: Sequence[ConditionedLog], base: BaseModel) -> Stack:
     """Return settled logs stacked again, of which nothing is said."""
-    return stack_logs(settled(logs, base), base)
+    return stack_logs(with_settled_effects(logs, base), base)
 
 
 def scale_with_model(base: BaseModel) -> bool:
@@ -241,7 +246,9 @@ def on_time(stack: Stack) -> tuple[Stack, tuple[float, float], tuple[Finding, ..
     (delay, std_error), applied = estimate_delay(stack), 0.0
     for _ in range(tuning.DELAY_ROUNDS if is_clear(delay, std_error, reach) else 0):
         applied = delay
-        stack = settled_stack([torques_moved_back(log, base.model, applied) for log in logs], base)
+        stack = stack_with_settled_effects(
+            [torques_moved_back(log, base.model, applied) for log in logs], base
+        )
         left, std_error = estimate_delay(stack)
         delay = applied + left
         if abs(delay - applied) < tuning.DELAY_SETTLED_S:

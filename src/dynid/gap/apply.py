@@ -11,7 +11,7 @@ import numpy as np
 
 from dynid.arrays import Floats
 from dynid.disk import write_text
-from dynid.estimation.stack import Stack, settled, stack_logs
+from dynid.estimation.stack import Stack, stack_logs, with_settled_effects
 from dynid.files.robotfile import text_of
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.base_model import BaseModel, model_torques
@@ -78,7 +78,7 @@ def stacked_with(
         replace(s, segments=[segment_without_delay(x, delay) for x in s.segments]) for s in logs
     ]
     first = model_torques(base.model, base.reduction, theta)
-    made = settled([with_effects(s, added.model, first) for s in late], added)
+    made = with_settled_effects([with_effects(s, added.model, first) for s in late], added)
     return added, stack_logs([*(_before(s, base, added) for s in earlier), *made], added)
 
 

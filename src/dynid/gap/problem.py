@@ -9,7 +9,7 @@ import numpy as np
 
 from dynid.arrays import Floats
 from dynid.estimation.result import Identification
-from dynid.estimation.stack import scale_with_model, settled_stack
+from dynid.estimation.stack import scale_with_model, stack_with_settled_effects
 from dynid.gap.gap_rows import GapRows, gap_rows
 from dynid.gap.known_errors import reversal_columns, with_reversals
 from dynid.gap.noise import (
@@ -182,7 +182,9 @@ def _first_guess(logs: Sequence[ConditionedLog], base: BaseModel) -> Floats:
     """Return base parameters that columns of the model's own effects scale with; zeros where none does, (p,)."""
     if not scale_with_model(base):
         return np.zeros(base.rank)
-    return settled_stack([with_effects(log, base.model) for log in logs], base).first_fit.theta
+    return stack_with_settled_effects(
+        [with_effects(log, base.model) for log in logs], base
+    ).first_fit.theta
 
 
 def _rms(rows: GapRows, residual: Floats) -> Floats:

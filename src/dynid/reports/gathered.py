@@ -80,7 +80,7 @@ def gather(result: Identification) -> Gathered:
         motions = prediction.predict_logs(result.stack, result.theta)
         columns = ([getattr(one, part.name) for one in motions] for part in fields(EstimatedMotion))
         fitted = EstimatedMotion(*map(np.concatenate, columns))
-        return Gathered(result, result.judgement, fitted, (), _spectrum(result.stack.whole[0]))
+        return Gathered(result, result.judgement, fitted, (), _spectrum(result.stack.factors))
     run, robot = RunFolder.of(result.path), result.robot
     record = read_record(run.search) if run.search.is_file() else None
     if record is not None:

@@ -268,7 +268,7 @@ def _unexplained(robot: Robot, logs: Sequence[Log], options: LogOptions) -> floa
     base = in_memory(replace(robot, prior=None, estimated_coulomb=None))
     stack = stack_logs(condition_logs(logs, base.model, options), base)
     fit = fitted(stack, "wls")
-    return relative_error(stack.whole[0], fit.theta)
+    return relative_error(stack.factors, fit.theta)
 
 
 # ---------------------------------------------------------------- what is fitted, and what is held out

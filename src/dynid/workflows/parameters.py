@@ -20,9 +20,9 @@ from dynid.estimation.stack import (
     Stack,
     on_time,
     scale_with_model,
-    settled,
-    settled_stack,
     stack_logs,
+    stack_with_settled_effects,
+    with_settled_effects,
 )
 from dynid.files.artifact import read_artifact, read_header, reading
 from dynid.loading import (
@@ -95,7 +95,7 @@ class Observations(Answered):
 
     def facts(self) -> dict[str, Any]:
         """Return what the JSON answer of ``dynid parameters`` says."""
-        R, header = merge(self.stack.whole[0]), self.header()
+        R, header = merge(self.stack.factors), self.header()
         solution, weak = solve(R), [asdict(finding) for finding in self.weakly_excited()]
         same = (
             "robot",
@@ -193,7 +193,7 @@ def observe(
     stack = stack_logs(condition_logs(checked, base.model, options), base)
     noticed = [finding for log in stack.logs for finding in log.findings]
     if scale_with_model(stack.base):
-        stack = settled_stack(stack.logs, stack.base)
+        stack = stack_with_settled_effects(stack.logs, stack.base)
     delay: tuple[float, float] | None = None
     late: Sequence[Finding] = ()
     if options.delay is None:
@@ -238,7 +238,7 @@ def load_observations(path: Path, base: BaseModel) -> Observations:
         delay = None if error is None else (float(header["delay_s"]), error)
         findings = tuple(Finding(**finding) for finding in header["log_findings"])
     stage("log", f"from {path}: {', '.join(logs)}")
-    stack = stack_logs(settled(conditioned, base), base)
+    stack = stack_logs(with_settled_effects(conditioned, base), base)
     return Observations(base, stack, logs, hashes, delay, applied, findings)
 
 

@@ -521,11 +521,9 @@ def _of_result(base: BaseModel, result: Identification) -> Floats:
 def _of_log(base: BaseModel, log: Log) -> Floats:
     options = LogOptions(delay=0.0)
     conditioned = condition_logs([checked_log(log, base.robot)], base.model, options)
-    factors, rows = stack_logs(conditioned, base).whole
-    noise, p = weighted(factors, rows).noise, base.reduction.rank
-    return np.asarray(
-        sum(R[:, :p].T @ R[:, :p] / sigma**2 for R, sigma in zip(factors, noise, strict=True))
-    )
+    stack = stack_logs(conditioned, base)
+    W = stack.factors[:, :, :-1] / weighted(stack.factors, stack.counts).noise[:, None, None]
+    return np.asarray((W.swapaxes(1, 2) @ W).sum(axis=0))
 
 
 # ---------------------------------------------------------------- what is asked

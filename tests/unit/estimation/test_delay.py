@@ -46,7 +46,8 @@ def test_logs_whose_torques_are_late_are_stacked_on_time_without_reading_them_ag
     assert [finding.code for finding in findings] == ["W321"]
     clean = stacked(base, prompt)
     left, best = (
-        relative_error(each.whole[0], weighted(*each.whole).theta) for each in (rows, clean)
+        relative_error(each.factors, weighted(each.factors, each.counts).theta)
+        for each in (rows, clean)
     )
     assert left < 1.2 * best
 

@@ -74,7 +74,7 @@ def test_parameters_own_ones_and_columns_are_the_joint_solution_of_all_unknowns(
     size = np.array([0.1, 0.2, 0.3])
     left = rows.of_arm(size).rows
     theta = np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=None)[0]
-    error = rows.residual(size, 0.0, theta, stack.whole[1])
+    error = rows.residual(size, 0.0, theta, stack.counts)
     n, k, p = len(stack.joints), rows.k, len(theta)
     whole = all_unknowns(rows, size, 1).prior("own", np.full(p, 0.3**0.5))
     blocks = {**{f"columns{j}": k for j in range(n)}, "own": p, "arm": p}

@@ -118,5 +118,5 @@ def test_a_result_pickles_and_copies_with_all_that_it_holds(result, copied):
     again = copied(result)
     assert np.array_equal(again.inverse_dynamics(q[0], qd[0], qdd[0]), tau)
     assert again.summary() == result.summary()
-    assert again.stack.whole[0].tobytes() == result.stack.whole[0].tobytes()
+    assert again.stack.factors.tobytes() == result.stack.factors.tobytes()
     assert np.array_equal(again.stack.rows.W, result.stack.rows.W)

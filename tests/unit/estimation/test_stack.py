@@ -153,7 +153,7 @@ def test_clipped_samples_do_not_count(base):
     tau = np.where(clipped, 99.0, log.tau)
     spoilt = stacked(base, replace(log, tau=tau, extra={"clipped": clipped}))
     clean = stacked(base, log)
-    lost = clean.whole[1] - spoilt.whole[1]
+    lost = clean.counts - spoilt.counts
     kept_rate = clean.logs[0].filter.kept_rate
     assert lost.tolist()[1:] == [0] * (base.robot.n - 1)
     assert kept_rate <= lost[0] <= 2 * kept_rate
@@ -184,7 +184,7 @@ def test_the_numeric_regressor_is_read_back_as_the_same_stack(base, tmp_path):
     observation_files.save(tmp_path / "fullnumericregressor.npz", found, {"robot": "x"})
     sources, header = observation_files.load(tmp_path / "fullnumericregressor.npz")
     again = stack_logs(sources, base)
-    assert again.whole[0] == pytest.approx(found.whole[0], abs=1e-12)
+    assert again.factors == pytest.approx(found.factors, abs=1e-12)
     assert header["robot"] == "x"
 
 
