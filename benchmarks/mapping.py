@@ -18,7 +18,7 @@ import study
 from arms import lumped, pinocchio_model, pinocchio_torques
 from dynid.diagnose import diagnosis as mapping
 from dynid.diagnose import tuning
-from dynid.diagnose.fit import Judge, judge_of
+from dynid.diagnose.fit import RobotFileFit, robot_file_fit
 from dynid.diagnose.mistakes import with_edits
 from dynid.files.logs import read_log
 from dynid.files.robotfile import load_robot
@@ -128,19 +128,19 @@ def bodies_of(robot, rng):
 MEMORY = {}
 
 
-class Remembered(Judge):
+class Remembered(RobotFileFit):
     """A judge that fits each robot file once, whichever mistake and edits made it."""
 
-    def least(self, robots):
+    def least_residuals(self, robots):
         keys = [self._key("least", robot) for robot in robots]
         new = {key: robot for key, robot in zip(keys, robots, strict=True) if key not in MEMORY}
-        MEMORY.update(zip(new, Judge.least(self, list(new.values())), strict=True))
+        MEMORY.update(zip(new, RobotFileFit.least_residuals(self, list(new.values())), strict=True))
         return [MEMORY[key] for key in keys]
 
-    def possible(self, robot):
+    def possible_residuals(self, robot):
         key = self._key("possible", robot)
         if key not in MEMORY:
-            MEMORY[key] = Judge.possible(self, robot)
+            MEMORY[key] = RobotFileFit.possible_residuals(self, robot)
         return MEMORY[key]
 
     def _key(self, what, robot):
@@ -158,14 +158,14 @@ class Remembered(Judge):
             turns,
             map_.torque_signs,
             robot.driver.units["position"],
-            self.says(robot).tobytes(),
+            self.has_say(robot).tobytes(),
             float(f"{np.abs(self.tau).sum():.6g}"),
         )
 
 
 def remembered(log, robot, *, mapped=True):
     """Return the judge of a log that fits each robot file once."""
-    judge = judge_of(log, robot, mapped=mapped)
+    judge = robot_file_fit(log, robot, mapped=mapped)
     return judge and Remembered(**vars(judge))
 
 
@@ -186,10 +186,10 @@ def one(name, _, source, every, pairs, seed):
     start = time.process_time()
     alarm = mapping.find_mistake(raw, robot, names).wrong
     seconds, answers = time.process_time() - start, []
-    mapping.judge_of = remembered
+    mapping.robot_file_fit = remembered
     try:
-        judge = Remembered(**vars(judge_of(raw, robot)))
-        right = mapping.Hypothesis((), *judge.possible(robot))
+        judge = Remembered(**vars(robot_file_fit(raw, robot)))
+        right = mapping.Hypothesis((), *judge.possible_residuals(robot))
         for edits in mistakes(judge, names, every, pairs, seed):
             wrong = with_edits(robot, edits)
             in_order = [names[robot.log_names.index(each)] for each in wrong.log_names]
@@ -197,18 +197,21 @@ def one(name, _, source, every, pairs, seed):
             said = verdict(judge, robot, wrong, raw_wrong, in_order, right, edits)
             answers.append(([(edit.kind, edit.value) for edit in edits], *said))
     finally:
-        mapping.judge_of = judge_of
+        mapping.robot_file_fit = robot_file_fit
     return {"seconds": seconds, "alarm": alarm, "asked": answers}
 
 
 def verdict(judge, robot, wrong, raw, names, right, edits):
     """Return a word of VERDICTS for a mistake, and what was named."""
     found = mapping.find_mistake(raw, wrong, names)
-    noise = np.hypot(mapping.noise_of(robot, right.floor), mapping.usual_error(robot, right.left))
+    noise = np.hypot(
+        mapping.noise_of(robot, right.friction_residual), mapping.usual_error(robot, right.residual)
+    )
 
     def hidden(file):
         return (
-            mapping.Hypothesis((), *judge.possible(file)).misfit(noise) - right.misfit(noise)
+            mapping.Hypothesis((), *judge.possible_residuals(file)).misfit(noise)
+            - right.misfit(noise)
             < tuning.CLEAR
         )
 

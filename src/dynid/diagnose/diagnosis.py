@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.diagnose import tuning
-from dynid.diagnose.fit import Judge, judge_of
+from dynid.diagnose.fit import RobotFileFit, robot_file_fit
 from dynid.diagnose.gravity import check_gravity
 from dynid.diagnose.mistakes import (
     OF_ALL,
     Edit,
+    as_robot_file_lines,
     edited,
     edits_of,
-    pasted,
-    said,
+    in_words,
     unlikeliness,
     with_edits,
     with_one_more,
@@ -41,20 +41,20 @@ class Hypothesis:
 
     Attributes:
         edits: what is changed.
-        left: what bodies that can exist leave of each joint's torque, root mean square, (n,) [N m or N].
-        floor: what a constant, friction and rotor inertia alone leave, (n,) [N m or N].
+        residual: what bodies that can exist leave of each joint's torque, root mean square, (n,) [N m or N].
+        friction_residual: what a constant, friction and rotor inertia alone leave, (n,) [N m or N].
         outside: how many joints move far beyond their limits.
     """
 
     edits: tuple[Edit, ...]
-    left: Floats
-    floor: Floats
+    residual: Floats
+    friction_residual: Floats
     outside: int = 0
 
     @property
     def unexplained(self) -> float:
         """Share that it leaves of what constant, friction and rotor inertia leave, over all joints."""
-        return float(np.linalg.norm(self.left) / np.linalg.norm(self.floor))
+        return float(np.linalg.norm(self.residual) / np.linalg.norm(self.friction_residual))
 
     def misfit(self, noise: Floats) -> float:
         """Return the mean logarithm of the share that it leaves of each joint's torque.
@@ -62,11 +62,17 @@ class Hypothesis:
         Args:
             noise: how well each joint's torque can be known, (n,) [N m or N].
         """
-        return float(np.mean(np.log(np.hypot(self.left, noise) / np.hypot(self.floor, noise))))
+        return float(
+            np.mean(
+                np.log(np.hypot(self.residual, noise) / np.hypot(self.friction_residual, noise))
+            )
+        )
 
     def alike(self, other: Hypothesis) -> bool:
         """Return whether both explain the log the same."""
-        return bool(np.allclose(self.left, other.left, rtol=tuning.SAME_RESIDUAL, atol=1e-9))
+        return bool(
+            np.allclose(self.residual, other.residual, rtol=tuning.SAME_RESIDUAL, atol=1e-9)
+        )
 
 
 @dataclass(frozen=True)
@@ -74,20 +80,20 @@ class Diagnosis:
     """What was found out about a robot file and a log.
 
     Attributes:
-        given: the robot file as it is.
+        as_written: the robot file as it is.
         best: the best hypotheses, the best first, each of another explanation.
         same: hypotheses that make the same torques as the best one, whatever the arm does.
         tied: further ones that explain this log as well as the best one.
         wrong: whether the best one is so much better that the file must be wrong.
-        beyond: numbers of the joints that no file explains, which have no say.
+        without_say: numbers of the joints that no file explains, which have no say.
     """
 
-    given: Hypothesis
+    as_written: Hypothesis
     best: tuple[Hypothesis, ...]
     same: tuple[Hypothesis, ...]
     tied: tuple[Hypothesis, ...]
     wrong: bool
-    beyond: tuple[int, ...] = ()
+    without_say: tuple[int, ...] = ()
 
 
 class _Search:
@@ -98,38 +104,42 @@ class _Search:
         names: names of the log's columns in chain order.
     """
 
-    def __init__(self, judge: Judge, names: Sequence[str]) -> None:
+    def __init__(self, judge: RobotFileFit, names: Sequence[str]) -> None:
         self.single = tuple(edits_of(judge, names))
         self.depth = 0
         self.price = max(tuning.CLEAR, tuning.FREE_NUMBERS / judge.independent)
         self._begin(judge)
-        beyond = self._beyond()
-        if any(beyond) and not all(beyond):
-            self._begin(replace(judge, beyond=beyond))
+        without_say = self._without_say()
+        if any(without_say) and not all(without_say):
+            self._begin(replace(judge, without_say=without_say))
 
-    def _begin(self, judge: Judge) -> None:
+    def _begin(self, judge: RobotFileFit) -> None:
         self.judge = judge
         self.bounds: dict[tuple[Edit, ...], Hypothesis] = {}
         self.found: dict[tuple[Edit, ...], Hypothesis] = {}
         self.least_error = np.full(judge.robot.n, np.inf)
-        self.given = self.fit(())
+        self.as_written = self.fit(())
         #: How well each joint's torque can be known, whatever the robot file is, (n,) [N m or N].
-        self.noise = noise_of(judge.robot, self.given.floor)
+        self.noise = noise_of(judge.robot, self.as_written.friction_residual)
         #: Whether the robot file explains so much that it has no two mistakes that hide each other.
-        self.well = self.given.misfit(self.noise) < tuning.WELL_EXPLAINED
+        self.explains_well = self.as_written.misfit(self.noise) < tuning.WELL_EXPLAINED
 
-    def _beyond(self) -> tuple[bool, ...]:
+    def _without_say(self) -> tuple[bool, ...]:
         """Return which joints no robot file explains: whatever their signs are, their friction would not brake.
 
         No edit of a file but those of a joint's signs changes what its friction has to be.
         """
         judge, ratios = self.judge, []
         # Why not what possible bodies leave alone: huge ones, held by friction that drives, follow any short log.
-        ((least, _),) = judge.least([judge.robot])
-        for j, suspect in enumerate(self.given.left > self.given.floor):
+        ((least, _),) = judge.least_residuals([judge.robot])
+        for j, suspect in enumerate(self.as_written.residual > self.as_written.friction_residual):
             kinds = OF_ALL.values() if suspect and judge.mapped else ()
             files = [judge.robot, *(edited(judge.robot, Edit(kind, (float(j),))) for kind in kinds)]
-            left = [np.hypot(judge.alone(file, j), self.noise[j]) for file in files if suspect]
+            left = [
+                np.hypot(judge.braking_residuals(file, j), self.noise[j])
+                for file in files
+                if suspect
+            ]
             free = max(left[0][0], np.hypot(least[j], self.noise[j])) if left else np.inf
             ratios.append(min((each[1] for each in left), default=0) > tuning.NOT_BRAKING * free)
         return tuple(map(bool, ratios))
@@ -138,8 +148,10 @@ class _Search:
         """Return a hypothesis fitted with bodies that can exist."""
         if edits not in self.found:
             robot = with_edits(self.judge.robot, edits)
-            hypothesis = Hypothesis(edits, *self.judge.possible(robot), self.judge.outside(robot))
-            error = usual_error(self.judge.robot, hypothesis.left)
+            hypothesis = Hypothesis(
+                edits, *self.judge.possible_residuals(robot), self.judge.outside(robot)
+            )
+            error = usual_error(self.judge.robot, hypothesis.residual)
             self.least_error = np.minimum(self.least_error, error)
             self.found[edits] = hypothesis
         return self.found[edits]
@@ -148,7 +160,7 @@ class _Search:
         """Return whether two hypotheses make the same torques whatever the arm does."""
         return self.judge.same(*(with_edits(self.judge.robot, each.edits) for each in (one, other)))
 
-    def promise(self, hypothesis: Hypothesis) -> float:
+    def search_rank(self, hypothesis: Hypothesis) -> float:
         """Return what hypotheses are taken further by, lower is better: as ``rank``, but small errors count as well."""
         return hypothesis.misfit(self.noise) + self._cost(hypothesis)
 
@@ -163,36 +175,41 @@ class _Search:
         unlikely += tuning.OUT_OF_RANGE * min(hypothesis.outside, tuning.MOST_OUTSIDE)
         return tuning.CLEAR * unlikely + self.price * len(hypothesis.edits)
 
-    def unrivalled(self) -> bool:
+    def has_no_rival(self) -> bool:
         """Return whether the robot file explains the log well, and all single edits stay behind it."""
-        return self.well and all(self._beaten(self.bounds[edits]) for edits in self.more([()]))
+        return self.explains_well and all(
+            self._stays_behind(self.bounds[edits]) for edits in self.more([()])
+        )
 
-    def _beaten(self, bound: Hypothesis) -> bool:
+    def _stays_behind(self, bound: Hypothesis) -> bool:
         """Return whether a hypothesis, by what it leaves at least, stays behind the robot file."""
-        given = self.given
+        as_written = self.as_written
         # How well torques are known at best and at worst, whatever else is found out. Why the ends: a ratio comes
         # nearer to one, and never crosses it, as the noise grows.
-        worst = np.hypot(self.noise, usual_error(self.judge.robot, given.left))
+        worst = np.hypot(self.noise, usual_error(self.judge.robot, as_written.residual))
         left, floor = (
             np.minimum(*(np.log(np.hypot(a, x) / np.hypot(b, x)) for x in (self.noise, worst)))
-            for a, b in ((bound.left, given.left), (given.floor, bound.floor))
+            for a, b in (
+                (bound.residual, as_written.residual),
+                (as_written.friction_residual, bound.friction_residual),
+            )
         )
-        return float(np.mean(left + floor)) + self._cost(bound) > self._cost(given)
+        return float(np.mean(left + floor)) + self._cost(bound) > self._cost(as_written)
 
     def ranked(self) -> list[Hypothesis]:
         """Return what was fitted, the best first."""
         return sorted(self.found.values(), key=self.rank)
 
-    def promising(self) -> list[tuple[Edit, ...]]:
+    def next_starts(self) -> list[tuple[Edit, ...]]:
         """Return edits that may become the best with one more, the most promising first.
 
         Two mistakes can hide each other: where little is explained, many are taken further by what they leave at least.
         """
-        lost = not self.well and self.depth == 1
-        values = sorted((self.bounds if lost else self.found).values(), key=self.promise)
-        most = self.promise(values[0]) + tuning.NEAR_BEST
+        lost = not self.explains_well and self.depth == 1
+        values = sorted((self.bounds if lost else self.found).values(), key=self.search_rank)
+        most = self.search_rank(values[0]) + tuning.NEAR_BEST
         places = values[: tuning.BEAM_LOST if lost else tuning.BEAM]
-        return [each.edits for each in places if self.promise(each) < most]
+        return [each.edits for each in places if self.search_rank(each) < most]
 
     def more(self, starts: Iterable[tuple[Edit, ...]]) -> list[tuple[Edit, ...]]:
         """Return what has one edit more than a start and is not fitted yet, with what it leaves at least found out."""
@@ -202,16 +219,16 @@ class _Search:
         new = [edits for edits in more if edits not in self.bounds]
         # Why together: their columns are much the same.
         files = [with_edits(self.judge.robot, edits) for edits in new]
-        for edits, file, least in zip(new, files, self.judge.least(files), strict=True):
+        for edits, file, least in zip(new, files, self.judge.least_residuals(files), strict=True):
             self.bounds[edits] = Hypothesis(edits, *least, self.judge.outside(file))
         return more
 
     def widen(self, starts: Iterable[tuple[Edit, ...]]) -> None:
         """Add one edit to each start, and fit those that can be among the best."""
         self.depth += 1
-        bounds = {edits: self.promise(self.bounds[edits]) for edits in self.more(starts)}
+        bounds = {edits: self.search_rank(self.bounds[edits]) for edits in self.more(starts)}
         for edits in sorted(bounds, key=bounds.__getitem__):
-            places = sorted(map(self.promise, self.found.values()))[: tuning.BEAM]
+            places = sorted(map(self.search_rank, self.found.values()))[: tuning.BEAM]
             if len(places) == tuning.BEAM and bounds[edits] > places[-1]:
                 break
             self.fit(edits)
@@ -228,32 +245,39 @@ def find_mistake(
         names: names of the columns in the log, in chain order; () where it names none.
         mapped: whether signs, offsets and order of the columns have a say: not where the log was in DH quantities.
     """
-    judge = judge_of(log, robot, mapped=mapped)
+    judge = robot_file_fit(log, robot, mapped=mapped)
     if judge is None:
         return None
     search = _Search(judge, names or robot.log_names)
-    given, beyond = search.given, tuple(np.flatnonzero(search.judge.beyond).tolist())
-    if search.unrivalled():
-        return Diagnosis(given, (given,), (), (), False, beyond)
+    as_written, without_say = (
+        search.as_written,
+        tuple(np.flatnonzero(search.judge.without_say).tolist()),
+    )
+    if search.has_no_rival():
+        return Diagnosis(as_written, (as_written,), (), (), False, without_say)
     search.widen([()])
     for _ in range(2):
         before = search.ranked()[0]
-        if before is given and search.well:
+        if before is as_written and search.explains_well:
             break
-        search.widen(search.promising())
+        search.widen(search.next_starts())
         if search.ranked()[0] is before:
             break
     best, *others = search.ranked()
-    if best is given:
-        return Diagnosis(given, (best, *others[:4]), (), (), False, beyond)
+    if best is as_written:
+        return Diagnosis(as_written, (best, *others[:4]), (), (), False, without_say)
     near = [each for each in others if len(each.edits) <= len(best.edits)]
     same = [each for each in near if each.alike(best) and search.same(each, best)]
     others = [each for each in others if each not in same]
     most = search.rank(best) + tuning.TIED
     tied = [
-        each for each in near if each not in same and each is not given and search.rank(each) < most
+        each
+        for each in near
+        if each not in same and each is not as_written and search.rank(each) < most
     ]
-    return Diagnosis(given, (best, *others[:4]), tuple(same), tuple(tied[:2]), True, beyond)
+    return Diagnosis(
+        as_written, (best, *others[:4]), tuple(same), tuple(tied[:2]), True, without_say
+    )
 
 
 def noise_of(robot: Robot, floor: Floats) -> Floats:
@@ -289,15 +313,14 @@ def usual_error(robot: Robot, left: Floats) -> Floats:
 
 def driver_columns(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
     """Return a checked log as ``find_mistake`` takes it, before the driver's map, and the names of its columns."""
-    names = tuple(log.extra.get("driver_columns", ()))
     if "driver_columns" not in log.extra:
-        return log, names
+        return log, ()
     map_, matrix = robot.columns.map, np.eye(robot.n)
     if robot.coupling is not None:
         matrix = np.array(robot.coupling.matrix)
     q = ((log.q - np.array(map_.offset)) * map_.sign) @ matrix.T
     tau = (log.tau * np.multiply(map_.sign, map_.torque_signs)) @ np.linalg.inv(matrix)
-    return replace(log, q=q, tau=tau, qd=None), names
+    return replace(log, q=q, tau=tau, qd=None), tuple(log.extra["driver_columns"])
 
 
 def diagnose(log: Log, robot: Robot, *, anyway: bool = False) -> tuple[Finding, ...]:
@@ -323,7 +346,7 @@ def diagnose(log: Log, robot: Robot, *, anyway: bool = False) -> tuple[Finding, 
     except GravityRemoved:
         # Why: torques that seem not to change with the weight may only be mapped wrongly.
         findings = _explained(log, robot, anyway=anyway, least_gain=tuning.GAIN_OVER_GRAVITY)
-        if not any(finding.code == "W329" for finding in findings):
+        if "W329" not in [finding.code for finding in findings]:
             raise
         return findings
     return _explained(log, robot, anyway=anyway)
@@ -340,50 +363,52 @@ def _explained(
     diagnosis = find_mistake(columns, robot, names, mapped="driver_columns" in log.extra)
     if diagnosis is None:
         return ()
-    beyond, best = _unexplained(diagnosis, robot), diagnosis.best[0]
-    if not diagnosis.wrong or diagnosis.given.unexplained < least_gain * best.unexplained:
-        return beyond
-    what = f"{_improvement(diagnosis.given, best, robot)} with {said(best.edits, robot)}"
+    unexplained, best = _unexplained(diagnosis, robot), diagnosis.best[0]
+    if not diagnosis.wrong or diagnosis.as_written.unexplained < least_gain * best.unexplained:
+        return unexplained
+    what = f"{_improvement(diagnosis.as_written, best, robot)} with {in_words(best.edits, robot)}"
     for words, alike in (
         ("the same torques result with", diagnosis.same),
         ("this log fits as well with", diagnosis.tied),
     ):
         if alike:
-            what += f" ({words} {' or '.join(said(each.edits, robot) for each in alike)})"
+            what += f" ({words} {' or '.join(in_words(each.edits, robot) for each in alike)})"
     if anyway:
-        evidence: dict[str, object] = {"unexplained": diagnosis.given.unexplained}
-        for key, several in (
-            ("hypotheses", diagnosis.best),
-            ("same", diagnosis.same),
-            ("tied", diagnosis.tied),
-        ):
-            evidence[key] = [
+        several = {"hypotheses": diagnosis.best, "same": diagnosis.same, "tied": diagnosis.tied}
+        evidence = {
+            key: [
                 {
-                    "edits": [said([edit], robot) for edit in each.edits],
+                    "edits": [in_words([edit], robot) for edit in each.edits],
                     "unexplained": each.unexplained,
                 }
-                for each in several
+                for each in hypotheses
             ]
-        return (Finding("W329", "warning", what, evidence), *beyond)
+            for key, hypotheses in several.items()
+        }
+        share = {"unexplained": diagnosis.as_written.unexplained}
+        return (Finding("W329", "warning", what, {**share, **evidence}), *unexplained)
     next_best = [each for each in diagnosis.best[1:3] if each.edits and each not in diagnosis.tied]
-    others = [f"{said(each.edits, robot)} ({100 * each.unexplained:.0f} %)" for each in next_best]
+    others = [
+        f"{in_words(each.edits, robot)} ({100 * each.unexplained:.0f} %)" for each in next_best
+    ]
     edits = [
-        pasted(each.edits, robot, bool(names)) for each in (best, *diagnosis.same, *diagnosis.tied)
+        as_robot_file_lines(each.edits, robot, bool(names))
+        for each in (best, *diagnosis.same, *diagnosis.tied)
     ]
     raise WrongMapping(
         what,
         why="with this robot file, no physically consistent parameters make these torques"
         + (f"; next likely: {'; '.join(others)}" if others else "")
-        + "".join(f"; {finding.text}" for finding in beyond),
+        + "".join(f"; {finding.text}" for finding in unexplained),
         fix=f"in {robot.editable}: {', or '.join(edits)}; or continue with --anyway",
     )
 
 
 def _unexplained(diagnosis: Diagnosis, robot: Robot) -> tuple[Finding, ...]:
     """Return W334 where no robot file explains the torques of some joints."""
-    if not diagnosis.beyond:
+    if not diagnosis.without_say:
         return ()
-    names = [robot.joint_names[j] for j in diagnosis.beyond]
+    names = [robot.joint_names[j] for j in diagnosis.without_say]
     good = ", ".join(name for name in robot.joint_names if name not in names)
     text = (
         f"no edit of the robot file explains the torques of {', '.join(names)}: their friction would not brake with "
@@ -392,11 +417,14 @@ def _unexplained(diagnosis: Diagnosis, robot: Robot) -> tuple[Finding, ...]:
     return (Finding("W334", "warning", text, {"joints": names}),)
 
 
-def _improvement(given: Hypothesis, best: Hypothesis, robot: Robot) -> str:
+def _improvement(as_written: Hypothesis, best: Hypothesis, robot: Robot) -> str:
     """Return the torque error with the robot file and with the edit, of all joints or of the one that gains."""
-    before, after, whose = given.unexplained, best.unexplained, "the torques"
+    before, after, whose = as_written.unexplained, best.unexplained, "the torques"
     if before < 2 * after:
-        had, has = given.left / given.floor, best.left / best.floor
+        had, has = (
+            as_written.residual / as_written.friction_residual,
+            best.residual / best.friction_residual,
+        )
         j = int(np.argmax(had / np.maximum(has, 1e-3)))
         before, after, whose = had[j], has[j], f"the torque of {robot.joint_names[j]}"
     return (

@@ -70,53 +70,53 @@ class Columns:
             products[:, j, 10 * j :, 10 * j :] = B @ B.swapaxes(1, 2) - own @ own.swapaxes(1, 2)
         return products
 
-    def left(
-        self, of: Sequence[int], tau: Floats, says: NDArray[np.bool_], *, apart: bool
+    def bodies_residual(
+        self, of: Sequence[int], tau: Floats, has_say: NDArray[np.bool_], *, separate: bool
     ) -> Floats:
         """Return the root mean square that any bodies leave of each joint's torque, (M, n) [N m or N].
 
         Args:
             of: numbers of the motions that the torques belong to, M of them.
             tau: torques, (M, N, n) [N m or N].
-            says: which joints have a say about the bodies, (M, n).
-            apart: whether each joint may have bodies of its own.
+            has_say: which joints have a say about the bodies, (M, n).
+            separate: whether each joint may have bodies of its own.
         """
-        if not apart:
-            return _shared(self, of, tau, says)
+        if not separate:
+            return _shared(self, of, tau, has_say)
         parts = [
             _left(np.concatenate([self.own[of, j], self.of_joint(j)[of]], axis=2), tau[:, :, j])
             for j in range(tau.shape[2])
         ]
         return np.stack(parts, axis=1)
 
-    def floor(self, of: Sequence[int], tau: Floats) -> Floats:
+    def friction_residual(self, of: Sequence[int], tau: Floats) -> Floats:
         """Return what a constant, friction and rotor inertia alone leave of each joint's torque, (M, n) [N m or N]."""
         return np.maximum(_left(self.own[of], tau.swapaxes(1, 2)), 1e-9)
 
 
 @dataclass(frozen=True)
-class Judge:
+class RobotFileFit:
     """Fits robot files that differ from one by edits to some samples of one log.
 
     Attributes:
         robot: the arm as its file says.
         x: position, velocity, acceleration in the driver's columns and SI units, (3, N, n).
         tau: torques, (N, n).
-        apart: whether torques are currents of unknown gains, so that each joint is fitted for itself.
+        separate: whether torques are currents of unknown gains, so that each joint is fitted for itself.
         mapped: whether signs, offsets and order of the columns still have a say.
         independent: number of instants of the whole log that say something of their own: it was smoothed.
-        beyond: which columns no robot file explains, so that they have no say, (n,); () for none.
+        without_say: which columns no robot file explains, so that they have no say, (n,); () for none.
     """
 
     robot: Robot
     x: Floats
     tau: Floats
-    apart: bool
+    separate: bool
     mapped: bool
     independent: float = np.inf
-    beyond: tuple[bool, ...] = ()
+    without_say: tuple[bool, ...] = ()
 
-    def least(self, robots: Sequence[Robot]) -> list[tuple[Floats, Floats]]:
+    def least_residuals(self, robots: Sequence[Robot]) -> list[tuple[Floats, Floats]]:
         """Return what any bodies leave of each joint's torque under edited files, and what friction alone leaves.
 
         Files under which the arm moves alike share their columns, and those of several motions are formed together.
@@ -141,28 +141,32 @@ class Judge:
                 numbers = [k for same in some for k in same]
                 of = [number for number, same in enumerate(some) for _ in same]
                 tau = np.stack([moved[k][1] for k in numbers])
-                says = np.stack([self.says(robots[k]) for k in numbers])
-                floor = columns.floor(of, tau)
-                left = np.where(says, columns.left(of, tau, says, apart=self.apart), floor)
+                has_say = np.stack([self.has_say(robots[k]) for k in numbers])
+                floor = columns.friction_residual(of, tau)
+                left = np.where(
+                    has_say,
+                    columns.bodies_residual(of, tau, has_say, separate=self.separate),
+                    floor,
+                )
                 errors |= dict(zip(numbers, zip(left, floor, strict=True), strict=True))
         return [errors[k] for k in range(len(robots))]
 
-    def possible(self, robot: Robot) -> tuple[Floats, Floats]:
+    def possible_residuals(self, robot: Robot) -> tuple[Floats, Floats]:
         """Return what bodies that can exist leave of each joint's torque, and what friction alone leaves, (n,) each."""
         x, tau = self._dh(robot)
-        columns, says = self._columns(robot, [x]), self.says(robot)
-        parts = [_reduced(columns, tau, j, self._signed) for j in np.flatnonzero(says).tolist()]
+        columns, has_say = self._columns(robot, [x]), self.has_say(robot)
+        parts = [_reduced(columns, tau, j, self._signed) for j in np.flatnonzero(has_say).tolist()]
         bodies = _corners(robot.convention, robot.joints, prior_bodies(robot))
-        (floor,) = columns.floor([0], tau[None])
+        (floor,) = columns.friction_residual([0], tau[None])
         remaining = floor.copy()
-        if self.apart:
-            remaining[says] = [_cone([part], bodies, np.ones(1))[0] for part in parts]
-        elif says.any():
-            (left,) = columns.left([0], tau[None], says[None], apart=False)
-            remaining[says] = _cone(parts, bodies, 1.0 / np.maximum(left[says], 1e-9))
+        if self.separate:
+            remaining[has_say] = [_cone([part], bodies, np.ones(1))[0] for part in parts]
+        elif has_say.any():
+            (left,) = columns.bodies_residual([0], tau[None], has_say[None], separate=False)
+            remaining[has_say] = _cone(parts, bodies, 1.0 / np.maximum(left[has_say], 1e-9))
         return remaining, floor
 
-    def alone(self, robot: Robot, joint: int) -> tuple[float, float]:
+    def braking_residuals(self, robot: Robot, joint: int) -> tuple[float, float]:
         """Return what a joint leaves under an edited file with bodies of its own.
 
         Args:
@@ -179,10 +183,10 @@ class Judge:
         free, braking = (float(_cone([part], bodies, np.ones(1))[0]) for part in parts)
         return free, braking
 
-    def says(self, robot: Robot) -> NDArray[np.bool_]:
+    def has_say(self, robot: Robot) -> NDArray[np.bool_]:
         """Return which joints of an edited file have a say, (n,)."""
-        beyond = np.array(self.beyond or (False,) * robot.n)
-        return ~(beyond[self._order(robot)] if self.mapped else beyond)
+        silent = np.array(self.without_say or (False,) * robot.n)
+        return ~(silent[self._order(robot)] if self.mapped else silent)
 
     @property
     def _signed(self) -> tuple[int, ...]:
@@ -205,7 +209,7 @@ class Judge:
         """
         rng = np.random.default_rng(0)
         x = rng.uniform(-2.0, 2.0, (3, RANDOM, self.robot.n))
-        drawn = replace(self, x=x, tau=np.zeros_like(x[0]), apart=False)
+        drawn = replace(self, x=x, tau=np.zeros_like(x[0]), separate=False)
         bases = [np.linalg.svd(drawn._span(each), full_matrices=False)[:2] for each in (one, other)]
         a, b = (u[:, s > SPAN * s[0]] for u, s in bases)
         return a.shape == b.shape and bool(np.linalg.norm(a - b @ (b.T @ a)) < np.sqrt(SPAN))
@@ -277,7 +281,7 @@ def smoother(width: int) -> Callable[[Floats], Floats]:
     return lambda x: np.apply_along_axis(np.convolve, 0, x, kernel, "valid")
 
 
-def judge_of(log: Log, robot: Robot, *, mapped: bool = True) -> Judge | None:
+def robot_file_fit(log: Log, robot: Robot, *, mapped: bool = True) -> RobotFileFit | None:
     """Smooth, differentiate and thin a log for fits of robot files; None where it hardly moves.
 
     Args:
@@ -312,7 +316,7 @@ def judge_of(log: Log, robot: Robot, *, mapped: bool = True) -> Judge | None:
     rows = rows[:: max(1, len(rows) // tuning.SAMPLES)]
     motion = np.stack([position, velocity, acceleration])[:, rows]
     unknown = log.tau_unit == "A" and not robot.torque.complete
-    return Judge(robot, motion, torque[rows], unknown, mapped, independent)
+    return RobotFileFit(robot, motion, torque[rows], unknown, mapped, independent)
 
 
 def _left(columns: Floats, tau: Floats) -> Floats:
@@ -330,7 +334,7 @@ def _left(columns: Floats, tau: Floats) -> Floats:
     return np.asarray(np.sqrt(np.mean((tau - (scaled @ fit)[..., 0]) ** 2, axis=-1)))
 
 
-def _shared(columns: Columns, of: Sequence[int], tau: Floats, says: NDArray[np.bool_]) -> Floats:
+def _shared(columns: Columns, of: Sequence[int], tau: Floats, has_say: NDArray[np.bool_]) -> Floats:
     """Return what is left of each joint's torque when all joints share the bodies, (M, n).
 
     Friction is taken out joint by joint; weights are found in three rounds, from what each joint leaves.
@@ -339,7 +343,7 @@ def _shared(columns: Columns, of: Sequence[int], tau: Floats, says: NDArray[np.b
         columns: of K motions.
         of: numbers of the motions that the torques belong to, M of them.
         tau: torques, (M, N, n) [N m or N].
-        says: which joints have a say about the bodies, (M, n).
+        has_say: which joints have a say about the bodies, (M, n).
     """
     grams, basis, torque = columns.grams[of], columns.basis[of], tau.swapaxes(1, 2)[..., None]
     (M, n, p), count = grams.shape[:3], tau.shape[1]
@@ -353,7 +357,7 @@ def _shared(columns: Columns, of: Sequence[int], tau: Floats, says: NDArray[np.b
     rms = np.sqrt(np.maximum(energy, 1e-18))
     ridge = np.tile(tuning.USUAL_BODY**-2.0, p // 10)
     for _ in range(3):
-        weight = says[:, None] / (tuning.SAMPLES_ALIKE * rms[:, None] ** 2)
+        weight = has_say[:, None] / (tuning.SAMPLES_ALIKE * rms[:, None] ** 2)
         G, side = (weight @ grams.reshape(M, n, -1)).reshape(M, p, p), weight @ sides
         G[:, range(p), range(p)] += ridge
         theta = _solved(G, side.swapaxes(1, 2))[:, None]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.diagnose import tuning
-from dynid.diagnose.fit import Judge
+from dynid.diagnose.fit import RobotFileFit
 from dynid.robot import JointMap, Robot
 from dynid.text import yaml_word
 
@@ -86,12 +86,13 @@ _WORDS = {
 }
 
 
-def said(edits: Sequence[Edit], robot: Robot) -> str:
+def in_words(edits: Sequence[Edit], robot: Robot) -> str:
     """Return edits in words."""
-    return " and ".join(_said(edit, robot) for edit in edits)
+    return " and ".join(edit_in_words(edit, robot) for edit in edits)
 
 
-def _said(edit: Edit, robot: Robot) -> str:
+def edit_in_words(edit: Edit, robot: Robot) -> str:
+    """Return one edit in words."""
     if edit.kind == "gravity":
         axis = "xyz"[int(np.argmax(np.abs(edit.value)))]
         return f"gravity along {'-' if sum(edit.value) < 0 else '+'}{axis}"
@@ -106,7 +107,7 @@ def _said(edit: Edit, robot: Robot) -> str:
     return _WORDS[edit.kind].format(name)
 
 
-def pasted(edits: Sequence[Edit], robot: Robot, named: bool = True) -> str:
+def as_robot_file_lines(edits: Sequence[Edit], robot: Robot, named: bool = True) -> str:
     """Return edits as lines of a robot file.
 
     Args:
@@ -148,7 +149,7 @@ def _angle(value: float) -> str:
     return f"{math.degrees(value):.6g} deg" if value else "0"
 
 
-def edits_of(judge: Judge, names: Sequence[str]) -> Iterator[Edit]:
+def edits_of(judge: RobotFileFit, names: Sequence[str]) -> Iterator[Edit]:
     """Yield all single edits of a robot file."""
     robot = judge.robot
     yield Edit("convention")

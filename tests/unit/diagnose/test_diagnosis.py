@@ -7,7 +7,7 @@ import pytest
 
 from dynid import load_robot
 from dynid.diagnose.diagnosis import diagnose, find_mistake
-from dynid.diagnose.mistakes import Edit, edited, pasted, said, with_edits
+from dynid.diagnose.mistakes import Edit, as_robot_file_lines, edited, in_words, with_edits
 from dynid.errors import WrongMapping
 from dynid.files.logs import read_log
 from dynid.signals.checks import prepare
@@ -66,7 +66,7 @@ def test_two_mistakes_are_named_together():
 def test_edits_that_make_the_same_torques_are_listed_as_such():
     """Joint 3 turned by 180 degrees reverses what joint 2 does to the links behind it, as a is 0 at both."""
     found = looked_at(edited(lwr(), Edit("sign", (1.0,))))
-    named = {said(each.edits, lwr()) for each in (found.best[0], *found.same)}
+    named = {in_words(each.edits, lwr()) for each in (found.best[0], *found.same)}
     assert named == {"lwr_1_joint reversed", "lwr_2_joint offset by +180 deg"}
 
 
@@ -96,7 +96,7 @@ def test_it_stops_with_the_edit_and_goes_on_when_asked(mistake, said):
     with pytest.raises(WrongMapping) as caught:
         diagnose(log, wrong)
     assert said in caught.value.what
-    assert not said or pasted([mistake], wrong) in caught.value.fix
+    assert not said or as_robot_file_lines([mistake], wrong) in caught.value.fix
     assert [finding.code for finding in diagnose(log, wrong, anyway=True)] == ["W329"]
     assert diagnose(prepare(lwr_log(), lwr()), lwr()) == ()
 
