@@ -140,15 +140,14 @@ def read_npz_log(path: Path) -> Log:
         header = dict(json.loads(str(arrays.pop(HEADER)))) if HEADER in arrays else {}
         units = {str(key): str(unit) for key, unit in dict(header.get("units") or {}).items()}
         names = tuple(header.get("joint_names") or ())
-        if header:
+        if "schema" in header:
             require_schema(path, header, SCHEMA)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise LogNotFound(
             f"{path.name} is not an .npz log, or is damaged: {error}", where=path
         ) from error
     except NotAnArtifact as error:
-        holds = header.get("schema") or "something else"
-        raise LogNotFound(f"{path.name} holds {holds}, not a log", where=path) from error
+        raise LogNotFound(f"{path.name} holds {header['schema']}, not a log", where=path) from error
     motor = "q_motor" in arrays
     position, torque = ("q_motor", "tau_motor") if motor else ("q", "tau")
     for key in ("t", position, torque):

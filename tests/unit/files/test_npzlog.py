@@ -36,6 +36,10 @@ def test_a_plain_file_has_its_order_assumed_and_says_so(tmp_path):
     assert [f.code for f in log.findings] == ["W320"]
 
 
+def test_a_header_of_somebody_else_names_the_joints(tmp_path):
+    assert read_npz_log(saved(tmp_path, {"joint_names": ["b", "a"]}, **LOG)).names == ("b", "a")
+
+
 def test_motor_columns_are_known_by_their_names(tmp_path):
     assert read_npz_log(
         saved(tmp_path, t=LOG["t"], q_motor=LOG["q"], tau_motor=LOG["tau"])
