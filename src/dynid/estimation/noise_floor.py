@@ -77,11 +77,8 @@ def _difference(one: Part, other: Part, chosen: Filter) -> Iterator[tuple[Floats
     lag = lag_of(q, other_q, shortest, shortest if one is other else None)
     if lag is None:
         return
-    rows = int(np.floor(lag))
-    start, end = max(0, -rows), min(len(q), len(other_q) - rows)
-    moved = shifted(other_left, lag - rows)[start + rows : end + rows]
-    e = (left[start:end] - moved) / np.sqrt(2.0)
-    both = use[start:end] & other_use[start + rows : end + rows]
+    here, there, e = difference_of_runs(left, other_left, lag)
+    both = use[here] & other_use[there]
     both[:8] = both[len(both) - 8 :] = False
     line = np.column_stack([np.ones(len(e)), np.linspace(-1.0, 1.0, len(e))])
     yield e - line @ np.linalg.lstsq(line, e, rcond=None)[0], both
@@ -112,6 +109,20 @@ def lag_of(one: Floats, other: Floats, shortest: int, least: int | None) -> floa
     bend = left - 2.0 * middle + right
     part = 0.5 * (left - right) / bend if bend > 0.0 else 0.0
     return float(lags[best] + (part if abs(part) > tuning.SAME_GRID else 0.0))
+
+
+def difference_of_runs(one: Floats, other: Floats, lag: float) -> tuple[slice, slice, Floats]:
+    """Return which rows two runs of one motion share in each, and their differences there over the root of two.
+
+    Args:
+        one: signals of the first run, (M, n).
+        other: those of the second one, (N, n).
+        lag: by how many rows the motion comes later in it.
+    """
+    whole = int(np.floor(lag))
+    start, end = max(0, -whole), min(len(one), len(other) - whole)
+    here, there = slice(start, end), slice(start + whole, end + whole)
+    return here, there, (one[here] - shifted(other, lag - whole)[there]) / np.sqrt(2.0)
 
 
 def shifted(x: Floats, rows: float) -> Floats:

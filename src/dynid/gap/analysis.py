@@ -51,7 +51,6 @@ class GapAnalysis:
         simulation: position error of the forward simulation before and after it, (n,) each [rad or m]; None where it
             cannot be run.
         verdict: the verdict.
-        invisible: effects and joints that these logs cannot show.
     """
 
     logs: tuple[ConditionedLog, ...]
@@ -61,7 +60,15 @@ class GapAnalysis:
     improvement: HeldOutImprovement
     simulation: tuple[Floats, Floats] | None
     verdict: GapVerdict
-    invisible: dict[str, list[int]]
+
+    @property
+    def invisible(self) -> dict[str, list[int]]:
+        """Effects and joints that these logs cannot show."""
+        joints: dict[str, list[int]] = {}
+        for (name, where), share in self.search.visibility.items():
+            if share < HIDDEN:
+                joints.setdefault(name, []).extend(where[:1])
+        return joints
 
 
 @solvable()
@@ -114,8 +121,8 @@ def with_counterbalances(
     if options.effects and COUNTERBALANCE not in options.effects:
         return analysis
     search = analysis.search
-    found = counterbalances(search.problem, search.selected, joints)
-    search = replace(search, problem=judged_by_possible(search.problem), selected=found)
+    selected = counterbalances(search.problem, search.selected, joints)
+    search = replace(search, problem=judged_by_possible(search.problem), selected=selected)
     return _proved(analysis.logs, analysis.problem, search, options, simulate=simulate)
 
 
@@ -139,8 +146,8 @@ def _proved(
     problem, effects = search.problem, list(search.selected)
     refused: list[tuple[SelectedEffect, str]] = []
     # Why not of the same motion: what always was cancels there.
-    asked = problem.rows.compared and not problem.same_motion
-    changed = still_changed(first, []).joints if asked and effects else None
+    on_another_motion = problem.rows.compared and not problem.same_motion
+    changed = still_changed(first, []).joints if on_another_motion and effects else None
     # Why the same noise: it weighs the joints, and another weight is another fit.
     in_time = replace(first, noise=problem.noise, in_force=problem.in_force)
 
@@ -164,10 +171,6 @@ def _proved(
         effects.remove(refused[-1][0])
     improvement = held_out_improvement(problem, held_out([]), after, search.errors)
     search = replace(search, selected=effects)
-    invisible: dict[str, list[int]] = {}
-    for (name, where), share in search.visibility.items():
-        if share < HIDDEN:
-            invisible.setdefault(name, []).extend(where[:1])
     return GapAnalysis(
         logs,
         first,
@@ -176,7 +179,6 @@ def _proved(
         improvement,
         _replays(first, search, effects) if simulate else None,
         judge(search, effects, refused, problem.base.robot.joint_names),
-        invisible,
     )
 
 
@@ -201,8 +203,8 @@ def _replays(
 def relative_error(logs: Sequence[ConditionedLog], base: BaseModel, theta: Floats) -> float:
     """Return what base parameters, (p,), leave of the torques of logs [%]."""
     rows = gap_rows(logs, base, model_torques(base.model, base.reduction, theta))
-    left, tau = (np.sum(x[rows.use] ** 2) for x in (rows.tau - rows.W @ theta, rows.tau))
-    return float(100.0 * np.sqrt(left / max(tau, 1e-300)))
+    residual, tau = (np.sum(x[rows.use] ** 2) for x in (rows.tau - rows.W @ theta, rows.tau))
+    return float(100.0 * np.sqrt(residual / max(tau, 1e-300)))
 
 
 def on_one_clock(logs: Sequence[ConditionedLog]) -> list[ConditionedLog]:

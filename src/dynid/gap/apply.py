@@ -26,15 +26,7 @@ def with_specs(base: BaseModel, specs: Sequence[EffectSpec]) -> BaseModel:
     """Return a model with effects added; the rigid body and its base parameters stay as they are."""
     robot = replace(base.robot, effects=(*base.robot.effects, *specs))
     model = Model(robot, base.model.rigid)
-    kept = Model(replace(robot, effects=()), base.model.rigid).size
-    plain = replace(
-        base.reduction,
-        names=base.reduction.names[:kept],
-        base=base.reduction.base[base.reduction.base < kept],
-        K=base.reduction.K[base.reduction.base < kept, :kept],
-        alone=tuple(name for name in base.reduction.alone if name in base.reduction.names[:kept]),
-    )
-    return BaseModel(model, with_added(plain, model))
+    return BaseModel(model, with_added(base.reduction, model))
 
 
 def specs_of(effects: Sequence[SelectedEffect], robot: Robot) -> list[EffectSpec]:

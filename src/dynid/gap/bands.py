@@ -131,17 +131,19 @@ class Bands:
         for time in self.times:
             at, away = self.place[time], np.zeros_like(mean)
             here, before = use[time].astype(float), count[at]
-            whole = np.maximum(before + here, 1.0)
+            total = np.maximum(before + here, 1.0)
             off = flat[:, time] - mean[:, at] * here
-            away[:, at] = np.sqrt(before / whole) * off
-            mean[:, at] += off / whole
+            away[:, at] = np.sqrt(before / total) * off
+            mean[:, at] += off / total
             count[at] += here
             turned.append(away)
         turned[0] = np.sqrt(count) * mean
         ends = np.cumsum(self.lengths)[:-1]
         motions = [part for each in turned for part in np.split(each, ends, axis=1)]
-        found = np.concatenate([dct(part, norm="ortho", axis=-1) for part in motions], axis=1)
-        return np.asarray(found[:, self._order[0]].reshape(*x.shape[:-1], -1))
+        by_frequency = np.concatenate(
+            [dct(part, norm="ortho", axis=-1) for part in motions], axis=1
+        )
+        return np.asarray(by_frequency[:, self._order[0]].reshape(*x.shape[:-1], -1))
 
     def unrepeated(self, joint: int, x: Floats) -> Floats:
         """Return rows of a joint, (M,), less their mean over all times that each instant is driven; once, as they are.

@@ -86,7 +86,7 @@ class Candidate:
     rms: Floats
     groups: int
 
-    def beside(self, rows: EvidenceRows, added: EffectColumns) -> Candidate:
+    def with_added(self, rows: EvidenceRows, added: EffectColumns) -> Candidate:
         """Return the candidate with its products with further columns of T."""
         others = {}
         for j, C in self.columns.items():
@@ -99,8 +99,8 @@ class Candidate:
         """Return products of the columns of one shape, {joint: (own, others)}, and their rms, 1 for none, (k,)."""
         k = self.rms.shape[1]
         part = slice(g * k, (g + 1) * k)
-        found = {j: (own[:, g], self.others[j][:, part]) for j, own in self.own.items()}
-        return found, np.where(self.rms[g] > 0, self.rms[g], 1.0)
+        products = {j: (own[:, g], self.others[j][:, part]) for j, own in self.own.items()}
+        return products, np.where(self.rms[g] > 0, self.rms[g], 1.0)
 
     def and_also(self, other: Candidate) -> Candidate:
         """Return the candidate with the shapes of another one of the same effect at the same place."""
@@ -218,8 +218,8 @@ def visible_share(evidence: Evidence, one: Candidate, base: int) -> float:
     Z = forward(root, P.T).reshape(base, count, k)
     raw = np.asarray(sum(x.sum(axis=0) for x in one.own.values()))
     own = np.sqrt(np.maximum(np.diagonal(raw, axis1=1, axis2=2), 1e-300))
-    left = (raw - np.einsum("mgk,mgl->gkl", Z, Z)) / own[:, :, None] / own[:, None, :]
-    return float(np.max(np.linalg.eigvalsh(left)[np.any(one.rms > 0, axis=1), -1], initial=0.0))
+    visible = (raw - np.einsum("mgk,mgl->gkl", Z, Z)) / own[:, :, None] / own[:, None, :]
+    return float(np.max(np.linalg.eigvalsh(visible)[np.any(one.rms > 0, axis=1), -1], initial=0.0))
 
 
 def likeness(own: Floats) -> Floats:
@@ -229,14 +229,14 @@ def likeness(own: Floats) -> Floats:
     on one side of zero are nearly one column, and three priors of it would make a line dearer than a cubic.
     """
     size = np.sqrt(np.maximum(np.diagonal(own, axis1=-2, axis2=-1), 1e-300))
-    found = own / size[..., :, None] / size[..., None, :]
-    return np.asarray(np.where(np.eye(own.shape[-1], dtype=bool), 1.0 + tuning.ALIKE, found))
+    correlation = own / size[..., :, None] / size[..., None, :]
+    return np.asarray(np.where(np.eye(own.shape[-1], dtype=bool), 1.0 + tuning.ALIKE, correlation))
 
 
 def prior_precision(products: Mapping[int, Products], strength: Floats) -> Floats:
     """Return the prior precision of amplitudes, (k, k), of columns of so much rms over their prior size, (k,)."""
-    whole = np.sum([own.sum(axis=0) for own, _ in products.values()], axis=0)
-    return np.asarray(likeness(whole) * np.outer(strength, strength))
+    products_of_all = np.sum([own.sum(axis=0) for own, _ in products.values()], axis=0)
+    return np.asarray(likeness(products_of_all) * np.outer(strength, strength))
 
 
 @dataclass(frozen=True)
@@ -275,7 +275,7 @@ def gains(evidence: Evidence, one: Candidate) -> Gains:
     U -= np.einsum("mgk,mgl->gkl", Z, Z)
     unit = np.where(one.rms > 0, 1.0 / np.where(one.rms > 0, one.rms, 1.0), 0.0)
     alike = likeness(np.sum([own.sum(axis=0) for own in one.own.values()], axis=0))
-    odds, found, spread = [], [], []
+    odds, amplitudes, spread = [], [], []
     for scale in tuning.SCALES:
         size = scale * unit
         W = U * size[:, :, None] * size[:, None, :] + alike
@@ -283,7 +283,7 @@ def gains(evidence: Evidence, one: Candidate) -> Gains:
         best = np.einsum("gkl,gl->gk", inverse, v)
         volume = np.linalg.slogdet(W)[1] - np.linalg.slogdet(alike)[1]
         odds.append(0.5 * np.sum(v * best, axis=1) - 0.5 * volume)
-        found.append(size * best)
+        amplitudes.append(size * best)
         spread.append(inverse * size[:, :, None] * size[:, None, :])
     top = np.max(odds, axis=0)
     mixed = top + np.log(np.mean(np.exp(odds - top), axis=0))
@@ -292,6 +292,6 @@ def gains(evidence: Evidence, one: Candidate) -> Gains:
     return Gains(
         np.where(possible, mixed, NEVER),
         np.array(tuning.SCALES)[chosen[0]],
-        np.array(found)[chosen],
+        np.array(amplitudes)[chosen],
         np.array(spread)[chosen],
     )

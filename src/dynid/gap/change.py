@@ -185,19 +185,19 @@ class _Era:
     def of(cls, rows: GapRows, chosen: Mask) -> _Era:
         """Return the chosen rows, (M,)."""
         (n, p), use, W = rows.W.shape[1:], rows.use[chosen], rows.W[chosen]
-        columns, found = [], []
+        columns, rows_of_joint = [], []
         for j in range(n):
-            seen = np.flatnonzero(np.any(W[:, j] != 0.0, axis=0))
+            used = np.flatnonzero(np.any(W[:, j] != 0.0, axis=0))
             extra = reversal_columns(rows, j)[:, chosen].T
             own, k = np.arange(extra.shape[1]), extra.shape[1]
-            columns.append(np.array([*seen, *(p + j * k + own), p + n * k]))
-            every = np.column_stack([W[:, j][:, seen], extra, rows.tau[chosen, j]])
-            found.append(every[use[:, j]])
+            columns.append(np.array([*used, *(p + j * k + own), p + n * k]))
+            every = np.column_stack([W[:, j][:, used], extra, rows.tau[chosen, j]])
+            rows_of_joint.append(every[use[:, j]])
         part = rows.part[chosen]
         begin, end = (np.searchsorted(part, part, side) for side in ("left", "right"))
         first = np.arange(len(part)) - begin < (end - begin) // 2
         at, speed = [np.flatnonzero(x) for x in use.T], np.abs(rows.qd[chosen])
-        return cls(columns, found, at, first, rows.q[chosen], speed, p + n * k + 1)
+        return cls(columns, rows_of_joint, at, first, rows.q[chosen], speed, p + n * k + 1)
 
     @cached_property
     def whole(self) -> Floats:
@@ -273,8 +273,8 @@ def _growth(parts: Sequence[Floats], sigma: Floats, known: Floats) -> Floats:
 
 def _solved(part: Floats, sigma: Floats, known: Floats) -> Floats:
     """Return [-theta, 1] of the weighted least-squares fit jointly with what is known of theta, (w + 1,)."""
-    whole = np.tensordot(sigma**-2.0, part, 1) + known
-    gram, right = whole[:-1, :-1], whole[:-1, -1]
+    information = np.tensordot(sigma**-2.0, part, 1) + known
+    gram, right = information[:-1, :-1], information[:-1, -1]
     size = np.sqrt(np.maximum(np.diag(gram), 0.0))
     size = np.where(size > 0, size, 1.0)
     theta = (

@@ -14,13 +14,14 @@ from scipy.special import expit
 from scipy.stats import chi2
 
 from dynid.arrays import Floats
-from dynid.estimation.possible_arm import PhysicalParameters, constraints_of
+from dynid.estimation.possible_arm import constraints_of
 from dynid.gap import tuning
 from dynid.gap.gap_rows import EffectColumns
 from dynid.gap.possible_arm import (
     COUNTERBALANCE,
     LEAST_GAIN,
     MASSES,
+    amplitudes_beside,
     imitated_counterbalances,
     least_gain,
     sized_links,
@@ -127,18 +128,20 @@ def suspicions(problem: GapProblem, selected: Sequence[SelectedEffect]) -> list[
         selected: effects that it found.
     """
     bare = _beside_links(problem)
-    found = _suspected(with_selected(bare, selected), problem)
+    suspected = _suspected(with_selected(bare, selected), problem)
     for one in selected:
         # Why without it: jointly with what carries the weight in its stead, no links are implausible.
-        if one.name in LOOKALIKES and one.joints[0] not in {other.joint for other in found}:
-            found += _instead(bare, problem, one, [other for other in selected if other is not one])
-    return found
+        if one.name in LOOKALIKES and one.joints[0] not in {other.joint for other in suspected}:
+            suspected += _instead(
+                bare, problem, one, [other for other in selected if other is not one]
+            )
+    return suspected
 
 
 def _beside_links(problem: GapProblem) -> Regression:
     """Return rows whose noise is at least what parameters without any bounds leave: that says nothing about links."""
-    judged = judged_by_possible(problem)
-    return replace(problem, noise=judged.in_force or problem.noise).regression()
+    by_possible = judged_by_possible(problem)
+    return replace(problem, noise=by_possible.in_force or problem.noise).regression()
 
 
 def counterbalances(
@@ -152,10 +155,10 @@ def counterbalances(
         joints: on which a counterbalance may be.
     """
     every = {one.joint: one for one in suspicions(problem, selected) if one.joint in joints}
-    found = [x for x in selected if x.name not in LOOKALIKES or x.joints[0] not in every]
+    effects = [x for x in selected if x.name not in LOOKALIKES or x.joints[0] not in every]
     effect, bare = CATALOGUE[COUNTERBALANCE], _beside_links(problem)
     for _ in joints:
-        likely = _suspected(with_selected(bare, found), problem)
+        likely = _suspected(with_selected(bare, effects), problem)
         left = [each for each in likely if each.sure and each.joint in joints]
         if not left:
             break
@@ -165,7 +168,7 @@ def counterbalances(
         torques = {j: best.sizes[0] @ C for j, C in columns.items()}
         rms = {j: float(np.sqrt(np.mean(x**2))) for j, x in torques.items() if len(x)}
         names = list(effect.amplitudes({}))
-        found.append(
+        effects.append(
             SelectedEffect(
                 effect=effect,
                 joints=(best.joint,),
@@ -180,12 +183,12 @@ def counterbalances(
                 probability=best.probability,
             )
         )
-    return found
+    return effects
 
 
 def _suspected(regression: Regression, problem: GapProblem) -> list[Suspicion]:
     """Return the joints that are likely to have a counterbalance jointly with the effects of a regression."""
-    base, found = problem.base, []
+    base, suspected = problem.base, []
     for joint, one in imitated_counterbalances(regression, base).items():
         price = _price(regression, one)
         gain = least_gain(regression, base, one, MASSES[:1]) - price
@@ -193,8 +196,8 @@ def _suspected(regression: Regression, problem: GapProblem) -> list[Suspicion]:
             more = [least_gain(regression, base, one, [mass]) - price for mass in MASSES[1:]]
             suspicion = _described(regression, base, joint, one, (gain, *more))
             if suspicion.searched or suspicion.instead_of:
-                found.append(suspicion)
-    return found
+                suspected.append(suspicion)
+    return suspected
 
 
 def _instead(
@@ -213,15 +216,15 @@ def _instead(
     """
     regression = with_selected(bare, others)
     likely = _suspected(regression, problem)
-    found = [each for each in likely if each.joint == one.joints[0] and each.sure]
-    if not found:
+    sure = [each for each in likely if each.joint == one.joints[0] and each.sure]
+    if not sure:
         return []
     columns = regression.columns_of(one.effect, one.joints, one.shape)
     own = least_gain(regression, problem.base, columns, MASSES[:1])
     own -= _price(regression, columns)
     return [
         replace(each, instead=one.key, beaten=each.gain > own + EQUAL)
-        for each in found
+        for each in sure
         if each.gain >= AS_GOOD * own
     ]
 
@@ -258,6 +261,12 @@ def _described(
     offset, usual = (each.get(f"fo{joint + 1}", 0.0) for each in named)
     number = links.parameters[bodies[k, 0]].number
     ends = link_cylinders(robot)[number - 1]
+    K, freedom = base.reduction.K, len(next(iter(one.values())))
+    amplitudes, covariance = amplitudes_beside(
+        regression.with_effects([*regression.effects, one]),
+        K @ with_it.x,
+        K @ with_it.covariance @ K.T,
+    )
     return Suspicion(
         joint=joint,
         gains=gains,
@@ -267,27 +276,6 @@ def _described(
         moved=float(np.linalg.norm(centres[0] - centres[1])),
         length=float(np.linalg.norm(ends[1] - ends[0])),
         offsets=(offset, usual, named[1].get(f"fc{joint + 1}", 0.0)),
-        sizes=_sizes(regression, base.reduction.K, one, with_it),
-        chance=float(chi2.sf(gains[0] + _price(regression, one), len(next(iter(one.values()))))),
+        sizes=np.array([amplitudes, np.sqrt(np.diagonal(covariance))])[:, -freedom:],
+        chance=float(chi2.sf(gains[0] + _price(regression, one), freedom)),
     )
-
-
-def _sizes(
-    regression: Regression, K: Floats, one: EffectColumns, fit: PhysicalParameters
-) -> Floats:
-    """Return amplitudes and standard errors of a counterbalance beside possible links, (2, k) [N m].
-
-    Args:
-        regression: the rows, without it.
-        K: base parameters as combinations of all parameters, (p, c).
-        one: its columns.
-        fit: the possible links beside it.
-    """
-    wide = replace(regression, prior=None, effects=(one,))
-    p, k = regression.base, len(next(iter(one.values())))
-    gram = wide.gram.sum(axis=0)
-    its = np.arange(len(gram) - 1 - k, len(gram) - 1)
-    side, inverse = gram[its, :p], np.linalg.pinv(gram[np.ix_(its, its)])
-    size = inverse @ (gram[its, -1] - side @ K @ fit.x)
-    spread = inverse + inverse @ side @ K @ fit.covariance @ K.T @ side.T @ inverse
-    return np.array([size, np.sqrt(np.diagonal(spread))])

@@ -89,10 +89,10 @@ class JointModel:
     @cached_property
     def precision(self) -> Floats:
         """Prior precision of R, (r,)."""
-        found = np.ones(self.own)
+        precision = np.ones(self.own)
         for (_, part), h in zip(self.kinds, self.log_rms, strict=True):
-            found[part] = np.exp(-2.0 * h)
-        return found
+            precision[part] = np.exp(-2.0 * h)
+        return precision
 
     @cached_property
     def plain(self) -> Floats:
@@ -316,11 +316,11 @@ class Evidence:
         ridge = 1e-9 * np.maximum(np.diag(G), 1e-12) + 1e-12
         root = lower_root(G + np.diag(ridge))
         taken = back(root, forward(root, np.sum([*sides.values()], axis=0)))
-        found = np.array([taken @ gram @ taken for gram in grams])
+        power = np.array([taken @ gram @ taken for gram in grams])
         for j in joints:
-            found[j] += powers[j] - 2.0 * taken @ sides[j]
+            power[j] += powers[j] - 2.0 * taken @ sides[j]
         counts = np.array([max(float(model.counts.sum()), 1.0) for model in models])
-        return np.asarray(np.sqrt(np.maximum(found, 0.0) / counts))
+        return np.asarray(np.sqrt(np.maximum(power, 0.0) / counts))
 
     def rest(self) -> Rest:
         """Return what is missing without a name."""
@@ -341,17 +341,17 @@ class Evidence:
             joints: these joints, 0-based.
             steps: of MacKay's fixed point.
         """
-        found = self
+        evidence = self
         for _ in range(steps):
-            found = found.replaced({j: found._step(j) for j in joints})
+            evidence = evidence.replaced({j: evidence._step(j) for j in joints})
         for j in joints:
             for k, missing in enumerate(self.joints[j].missing):
-                model = found.joints[j]
+                model = evidence.joints[j]
                 if missing and model.log_rms[k] > NONE:
                     sizes = np.where(np.arange(len(model.kinds)) == k, NONE, model.log_rms)
-                    other = found.replaced({j: replace(model, log_rms=sizes)})
-                    found = other if other.log_evidence > found.log_evidence else found
-        return found
+                    other = evidence.replaced({j: replace(model, log_rms=sizes)})
+                    evidence = other if other.log_evidence > evidence.log_evidence else evidence
+        return evidence
 
     def _step(self, j: int) -> JointModel:
         """Return a joint with sizes and powers after one step towards what its rows say."""
@@ -411,8 +411,8 @@ class EvidenceRows:
         """
         flat = C.reshape(-1, C.shape[-1])
         more = [on_joint(one, joint, C.shape[-1]) for one in added]
-        whole = np.concatenate([self.own[joint], *more])
-        return self.bands.products(C, C), self.bands.products(flat, whole)
+        columns = np.concatenate([self.own[joint], *more])
+        return self.bands.products(C, C), self.bands.products(flat, columns)
 
 
 def evidence_of(
@@ -464,5 +464,5 @@ def evidence_of(
         information[:p, :p] += prior[:, :p].T @ prior[:, :p]
         held[:p] += prior[:, :p].T @ prior[:, -1]
     price = float(np.log(7.0 * n))
-    found = Evidence(tuple(models), information, held, price, size, size - p)
-    return found.sized(range(n), FIRST_STEPS), EvidenceRows(bands, every, filtered)
+    evidence = Evidence(tuple(models), information, held, price, size, size - p)
+    return evidence.sized(range(n), FIRST_STEPS), EvidenceRows(bands, every, filtered)

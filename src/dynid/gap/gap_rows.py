@@ -114,11 +114,11 @@ class GapRows:
 
     def filtered(self, signals: Sequence[Floats]) -> Floats:
         """Return signals of the motion of each part, (..., N) each, under the parallel filter, (..., M)."""
-        found = [
+        filtered = [
             parallel_filtered(x.reshape(-1, x.shape[-1]), log.filter).reshape(*x.shape[:-1], -1)
             for x, log in zip(signals, self.logs, strict=True)
         ]
-        return np.concatenate(found, axis=-1)
+        return np.concatenate(filtered, axis=-1)
 
     def columns(
         self, effect: Effect, joints: Joints, shapes: Sequence[Shape], *, always: bool = False
@@ -132,14 +132,14 @@ class GapRows:
             always: whether it acts in earlier logs too.
         """
         on = list(effect.rows(joints, self.tau.shape[1]))
-        found = np.zeros((len(on), len(shapes), len(effect.amplitudes(shapes[0])), len(self)))
+        columns = np.zeros((len(on), len(shapes), len(effect.amplitudes(shapes[0])), len(self)))
         for part, log, motion in zip(self.parts, self.logs, self.motions, strict=True):
             if (always or self.is_new[part.start]) and self.use[part][:, on].any():
                 # Why shape by shape: a filter takes five times the memory of what it is given.
                 for g, raw in enumerate(effect.tried(motion, joints, shapes)):
                     kept = parallel_filtered(raw.reshape(-1, len(motion)), log.filter)
-                    found[:, g, :, part] = kept.reshape(*raw.shape[:2], -1).swapaxes(0, 1)
-        return dict(zip(on, found, strict=True))
+                    columns[:, g, :, part] = kept.reshape(*raw.shape[:2], -1).swapaxes(0, 1)
+        return dict(zip(on, columns, strict=True))
 
 
 def gap_rows(
@@ -158,7 +158,7 @@ def gap_rows(
     """
     observer = base.model.observer(base.reduction.base)
     parts: list[ConditionedLog] = []
-    motions, found = [], []
+    motions, arrays_of_parts = [], []
     for number, log in enumerate(with_effects(x, base.model, reference) for x in (*earlier, *logs)):
         for segment in log.segments:
             alone = replace(log, segments=[segment])
@@ -166,7 +166,7 @@ def gap_rows(
             if count := len(rows.t):
                 motion = arm_motion(segment, log.filter, base.model, reference)
                 q, qd = (parallel_filtered(x.T, log.filter).T for x in (motion.q, motion.qd))
-                found.append(
+                arrays_of_parts.append(
                     {
                         "part": np.full(count, len(parts)),
                         "W": rows.W,
@@ -184,7 +184,10 @@ def gap_rows(
                 )
                 parts.append(alone)
                 motions.append(motion)
-    arrays = {name: np.concatenate([each[name] for each in found]) for name in found[0]}
+    arrays = {
+        name: np.concatenate([each[name] for each in arrays_of_parts])
+        for name in arrays_of_parts[0]
+    }
     width = np.full(base.robot.n, base.robot.coulomb_shape.velocity)
     coulomb = np.zeros(base.robot.n)
     return GapRows(tuple(parts), tuple(motions), **arrays, coulomb=coulomb, reversal=width)

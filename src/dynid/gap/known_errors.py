@@ -62,7 +62,7 @@ def reversal_columns(rows: GapRows, joint: int) -> Floats:
         rows: the rows.
         joint: 0-based.
     """
-    found = []
+    columns = []
     for motion in rows.motions:
         x, sign = motion.qd[:, joint] / rows.reversal[joint], sign_of(motion, joint)
         sharp = np.tanh(x / 0.25)
@@ -78,8 +78,8 @@ def reversal_columns(rows: GapRows, joint: int) -> Floats:
             sharp * np.exp(-((x / 2.4) ** 4)),
         ]
         shares = np.repeat([tuning.SHARPER, tuning.WIDER], [SHARP, 3])
-        found.append(rows.coulomb[joint] * shares[:, None] * np.array([*sharper, *wider]))
-    return rows.filtered(found)
+        columns.append(rows.coulomb[joint] * shares[:, None] * np.array([*sharper, *wider]))
+    return rows.filtered(columns)
 
 
 def without_slow(x: Floats, seconds: float, t: Floats) -> Floats:

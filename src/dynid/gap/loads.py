@@ -25,18 +25,18 @@ def named_load(analysis: GapAnalysis) -> SelectedEffect | None:
 
 
 def with_reestimated_payload(
-    analysis: GapAnalysis, load: SelectedEffect, found: IdentifiedPayload
+    analysis: GapAnalysis, load: SelectedEffect, payload: IdentifiedPayload
 ) -> GapAnalysis:
     """Return an analysis whose load has other numbers.
 
     Args:
         analysis: the analysis.
         load: the load that it names.
-        found: the load as it was weighed; of one that was taken off, the same body that hung there before.
+        payload: the load as it was weighed; of one that was taken off, the same body that hung there before.
     """
     form = max(LEAST_FORM, round(load.values["form"]))
     sign = 1.0 if load.values["m"] >= 0.0 else -1.0
-    values, errors = sign * found.body.parameters(), np.sqrt(np.diagonal(found.covariance))
+    values, errors = sign * payload.body.parameters(), np.sqrt(np.diagonal(payload.covariance))
     new = replace(
         load,
         shape=load.shape | {"form": float(form)},

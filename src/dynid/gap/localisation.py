@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.arrays import Floats
+from dynid.arrays import Floats, Ints
 from dynid.gap.regression import Regression
 
 #: Share of the noise's power that may be left: a joint with more is above its noise floor. Clean joints have 0.9 to 1.1
@@ -20,14 +20,14 @@ FEWEST = 60
 #: Time after a reversal that counts as the reversal [s]: one and a half periods of the cut-off of 10 Hz.
 REVERSAL = 0.15
 
-#: How a region of each kind is told.
-PHRASES = {
-    "speed": "when {}",
-    "position": "at the {} of its travel",
-    "load": "at {} load",
-    "time": "{} in the recording",
-    "direction": "when moving {}",
-    "reversal": "{}",
+#: Regions of each kind, in the order in which they are drawn, and how one is said.
+KINDS = {
+    "speed": (("slow", "medium", "fast"), "when {}"),
+    "position": (("lower end", "middle", "upper end"), "at the {} of its travel"),
+    "load": (("low", "medium", "high"), "at {} load"),
+    "time": (("early", "middle", "late"), "{} in the recording"),
+    "direction": (("forward", "backward"), "when moving {}"),
+    "reversal": (("at reversals", "between reversals"), "{}"),
 }
 
 
@@ -77,12 +77,12 @@ def localise_residual(regression: Regression) -> list[JointGap]:
         chi.append(float(noise.count[j] * (e @ e) / freedom) if known else 1.0)
         energy.append(max(0.0, chi[j] - 1.0) * len(e) * noise.sigma[j] ** 2)
     shares = np.array(energy) / (sum(energy) or 1.0)
-    found = []
+    gaps = []
     for j, each in enumerate(chi):
         regions = _regions(regression, j)
         text = _words(regions) if each > 1 + NEGLIGIBLE else "at the noise level"
-        found.append(JointGap(j, each, float(shares[j]), tuple(regions), text))
-    return found
+        gaps.append(JointGap(j, each, float(shares[j]), tuple(regions), text))
+    return gaps
 
 
 def _regions(regression: Regression, joint: int) -> list[ResidualRegion]:
@@ -93,28 +93,25 @@ def _regions(regression: Regression, joint: int) -> list[ResidualRegion]:
         return []
     q, qd, tau = (x[use, joint] for x in (rows.q, rows.qd, rows.tau))
     near = [near_reversal(rows.qd[part, joint], rows.rate) for part in rows.parts]
-    reversing = np.concatenate(near)[use]
-    parts = {
-        ("direction", "forward"): qd > 0,
-        ("direction", "backward"): qd <= 0,
-        ("reversal", "at reversals"): reversing,
-        ("reversal", "between reversals"): ~reversing,
+
+    def third(signal: Floats) -> Ints:
+        return np.searchsorted(np.quantile(signal, [1 / 3, 2 / 3]), signal)
+
+    number = {
+        "speed": third(np.abs(qd)),
+        "position": third(q),
+        "load": third(np.abs(tau)),
+        "time": third((rows.t + 1e6 * rows.number)[use]),
+        "direction": 1 * (qd <= 0),
+        "reversal": 1 * ~np.concatenate(near)[use],
     }
-    for kind, signal, names in (
-        ("speed", np.abs(qd), ("slow", "medium", "fast")),
-        ("position", q, ("lower end", "middle", "upper end")),
-        ("load", np.abs(tau), ("low", "medium", "high")),
-        ("time", (rows.t + 1e6 * rows.number)[use], ("early", "middle", "late")),
-    ):
-        third = np.searchsorted(np.quantile(signal, [1 / 3, 2 / 3]), signal)
-        parts |= {(kind, name): third == k for k, name in enumerate(names)}
-    # In the order in which they are drawn.
-    order = list(PHRASES)
-    return [
-        ResidualRegion(kind, name, float(np.mean(e[mask] ** 2)), int(mask.sum()))
-        for (kind, name), mask in sorted(parts.items(), key=lambda item: order.index(item[0][0]))
-        if mask.sum() >= FEWEST
-    ]
+    regions = []
+    for kind, (names, _) in KINDS.items():
+        for k, name in enumerate(names):
+            power = e[number[kind] == k] ** 2
+            if len(power) >= FEWEST:
+                regions.append(ResidualRegion(kind, name, float(np.mean(power)), len(power)))
+    return regions
 
 
 def near_reversal(qd: Floats, rate: float) -> NDArray[np.bool_]:
@@ -129,7 +126,7 @@ def near_reversal(qd: Floats, rate: float) -> NDArray[np.bool_]:
 def _words(regions: list[ResidualRegion]) -> str:
     """Return the strongest contrasts in words."""
     strong = []
-    for kind, phrase in PHRASES.items():
+    for kind, (_, phrase) in KINDS.items():
         of = sorted((r for r in regions if r.kind == kind), key=lambda r: -r.chi)
         if len(of) > 1 and of[0].chi - 1 > STANDS_OUT * max(of[1].chi - 1, 0.05):
             strong.append((of[0].chi / of[1].chi, phrase.format(of[0].name)))

@@ -15,7 +15,7 @@ from scipy.linalg import solve_toeplitz
 from dynid.arrays import Floats, Mask
 from dynid.errors import LogTooShort
 from dynid.estimation.covariance import autocorrelation_time
-from dynid.estimation.noise_floor import floor_from_spectrum, lag_of, shifted
+from dynid.estimation.noise_floor import difference_of_runs, floor_from_spectrum, lag_of
 from dynid.estimation.tuning import SHORTEST_REPEAT_S
 from dynid.gap import tuning
 from dynid.gap.gap_rows import GapRows
@@ -67,8 +67,8 @@ class NoiseModel:
     @property
     def unrepeatable(self) -> list[int]:
         """Joints with disturbances that do not repeat."""
-        loud = (self.burst > BURST) | (self.drift > DRIFT) | (self.peak > tuning.RINGS)
-        return np.flatnonzero(loud).tolist()
+        above = (self.burst > BURST) | (self.drift > DRIFT) | (self.peak > tuning.RINGS)
+        return np.flatnonzero(above).tolist()
 
     @property
     def peak(self) -> Floats:
@@ -80,8 +80,10 @@ class NoiseModel:
         lags = np.arange(1, self.ar.shape[1] + 1)
         z = np.exp(-2j * np.pi * np.outer(np.linspace(0.02, 0.2, 60), lags))
         power = 1.0 / np.abs(1.0 - z @ self.ar.T) ** 2
-        beside = np.maximum(np.minimum.accumulate(power), np.minimum.accumulate(power[::-1])[::-1])
-        return np.asarray(np.max(power / beside, axis=0))
+        without_peaks = np.maximum(
+            np.minimum.accumulate(power), np.minimum.accumulate(power[::-1])[::-1]
+        )
+        return np.asarray(np.max(power / without_peaks, axis=0))
 
     def counting(self, rows: GapRows, joint: int) -> Mask:
         """Return which rows count, (M,): whitening takes the first ones of each part."""
@@ -148,8 +150,8 @@ def with_steps(noise: NoiseModel, rows: GapRows) -> NoiseModel:
     known = [x.torque_step for x in rows.logs if len(x.torque_step) == len(noise.floor)]
     if not known or not np.any(known):
         return noise
-    chosen, step = rows.logs[0].filter, np.max(known, axis=0)
-    white = min(1.0, 2.0 * chosen.cutoff / chosen.rate)
+    filters, step = rows.logs[0].filter, np.max(known, axis=0)
+    white = min(1.0, 2.0 * filters.cutoff / filters.rate)
     spread = noise.floor / np.sqrt(white) / np.where(step > 0, step, 1.0)
     share = white + (1.0 - white) * np.exp(-2.0 * np.pi**2 * spread**2)
     more = np.sqrt(1.0 + share * step**2 / 12.0 / noise.floor**2)
@@ -159,27 +161,19 @@ def with_steps(noise: NoiseModel, rows: GapRows) -> NoiseModel:
 def _difference(rows: GapRows, residual: Floats, pair: RepeatPair) -> tuple[Floats, Mask]:
     """Return what differs between two repeats, trends and friction changes taken off, and the rows that count."""
     one, other = rows.parts[pair.first], rows.parts[pair.second]
-    whole = int(np.floor(pair.lag))
-    start = max(0, -whole)
-    end = min(one.stop - one.start, other.stop - other.start - whole - 1)
-    here, there = (
-        slice(part.start + start + k, part.start + end + k)
-        for part, k in ((one, 0), (other, whole))
-    )
-    moved = shifted(residual[other], pair.lag - whole)[start + whole : end + whole]
-    e, use = (residual[here] - moved) / np.sqrt(2), rows.use[here] & rows.use[there]
+    here, there, e = difference_of_runs(residual[one], residual[other], pair.lag)
+    qd, use = rows.qd[one][here], rows.use[one][here] & rows.use[other][there]
     use[:8], use[-8:] = False, False
     for j in range(e.shape[1]):
         if use[:, j].sum() > 20:
-            qd = rows.qd[here, j]
             line = np.linspace(-1, 1, len(e))
-            A = np.column_stack([np.ones(len(e)), line, np.tanh(qd / 0.01), qd])
+            A = np.column_stack([np.ones(len(e)), line, np.tanh(qd[:, j] / 0.01), qd[:, j]])
             e[:, j] -= A @ np.linalg.lstsq(A[use[:, j]], e[use[:, j], j], rcond=None)[0]
     return e, use
 
 
 def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: float) -> NoiseModel:
-    found = []
+    joints = []
     for j in range(parts[0][0].shape[1]):
         own = [(e[:, j], use[:, j]) for e, use in parts]
         x = [np.where(use, e, 0.0) for e, use in own]
@@ -192,8 +186,8 @@ def _from_repeats(parts: Sequence[tuple[Floats, Mask]], rate: float, seconds: fl
         ar = yule_walker(covariance)
         white = (whitened(e, ar)[use] for e, use in own)
         sigma = np.sqrt(sum(float(w @ w) for w in white) / count)
-        found.append((ar, sigma, np.sqrt(power / count), _burst(x, rate), _drift(x, rate)))
-    ar, sigma, floor, burst, drift = map(np.array, zip(*found, strict=True))
+        joints.append((ar, sigma, np.sqrt(power / count), _burst(x, rate), _drift(x, rate)))
+    ar, sigma, floor, burst, drift = map(np.array, zip(*joints, strict=True))
     sigma, floor = np.maximum(sigma, 1e-9), np.maximum(floor, 1e-9)
     return NoiseModel(ar, sigma, floor, burst, drift, np.ones(len(floor)), seconds)
 

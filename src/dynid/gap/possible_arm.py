@@ -63,13 +63,13 @@ def sized_links(
 def imitated_counterbalances(regression: Regression, base: BaseModel) -> dict[int, EffectColumns]:
     """Return the columns of the counterbalances that links imitate, by joint."""
     effect = CATALOGUE[COUNTERBALANCE]
-    found: dict[int, EffectColumns] = {}
+    columns_of_joint: dict[int, EffectColumns] = {}
     for joints in effect.candidate_joints(base.robot.n):
         for shape in effect.grid(regression.rows.motion, joints):
             columns = regression.columns_of(effect, joints, shape)
             if _visible_share(regression, columns) <= IMITATED:
-                found[joints[0]] = columns
-    return found
+                columns_of_joint[joints[0]] = columns
+    return columns_of_joint
 
 
 def _visible_share(regression: Regression, columns: EffectColumns) -> float:
@@ -95,32 +95,44 @@ def reduced(regression: Regression, more: Sequence[EffectColumns] = ()) -> Reduc
     gram = wide.gram.sum(axis=0)
     order = [*range(p), len(gram) - 1]
     other = [k for k in range(len(gram)) if k not in order]
-    kept = gram[np.ix_(order, order)]
+    gram_of_base = gram[np.ix_(order, order)]
     if other:
         side = gram[np.ix_(other, order)]
-        kept = kept - side.T @ _inverse(gram[np.ix_(other, other)]) @ side
+        gram_of_base = gram_of_base - side.T @ _inverse(gram[np.ix_(other, other)]) @ side
     # Why of the rows before: a direction that is eliminated has nothing but rounding left. What no row sees is zero,
     # not rounding: on a scale of its own, rounding would tell a number.
     length = np.sqrt(np.maximum(np.diag(gram)[:p], 0.0))
     size = np.where(length > 0.0, length, 1.0)
-    values, V = np.linalg.eigh(kept[:p, :p] / np.outer(size, size))
-    seen = values > NONE * values[-1]
-    root = np.sqrt(values[seen])
-    r = V[:, seen].T @ (kept[:p, p] / size) / root
-    return ReducedRows(root[:, None] * V[:, seen].T * length, r, float(kept[p, p] - r @ r))
+    values, V = np.linalg.eigh(gram_of_base[:p, :p] / np.outer(size, size))
+    determined = values > NONE * values[-1]
+    root = np.sqrt(values[determined])
+    r = V[:, determined].T @ (gram_of_base[:p, p] / size) / root
+    return ReducedRows(
+        root[:, None] * V[:, determined].T * length, r, float(gram_of_base[p, p] - r @ r)
+    )
 
 
-def amplitudes_beside(regression: Regression, theta: Floats) -> Floats:
-    """Return everything but the base parameters as it fits best beside given ones, (p,)."""
-    gram, p = regression.gram.sum(axis=0), regression.base
-    own = gram[p:-1]
-    return np.asarray(_inverse(own[:, p:-1]) @ (own[:, -1] - own[:, :p] @ theta))
+def amplitudes_beside(
+    regression: Regression, theta: Floats, covariance: Floats
+) -> tuple[Floats, Floats]:
+    """Return everything but the base parameters as it fits best beside given ones, and its covariance.
+
+    Args:
+        regression: the rows.
+        theta: base parameters, (p,).
+        covariance: of them, (p, p).
+    """
+    gram, p = regression.gram.sum(axis=0)[regression.base : -1], regression.base
+    inverse = _inverse(gram[:, p:-1])
+    slope = inverse @ gram[:, :p]
+    return inverse @ gram[:, -1] - slope @ theta, inverse + slope @ covariance @ slope.T
 
 
 def possible_fit(regression: Regression, base: BaseModel) -> tuple[Floats, Floats]:
     """Return the base parameters of the best possible arm jointly with effects, (p,), and the amplitudes of these."""
-    theta = base.reduction.K @ sized_links(regression, base)[0].x
-    return theta, amplitudes_beside(regression, theta)
+    K, fit = base.reduction.K, sized_links(regression, base)[0]
+    theta = K @ fit.x
+    return theta, amplitudes_beside(regression, theta, K @ fit.covariance @ K.T)[0]
 
 
 def least_gain(
@@ -141,11 +153,11 @@ def least_gain(
         (x.R @ base.reduction.K, x.r, x.rest)
         for x in (reduced(regression), reduced(regression, [one]))
     ]
-    (A, r, _), given = pairs[1], constraints_of(base)
+    (A, r, _), constraints = pairs[1], constraints_of(base)
     # Why the size of the links with the effect: without it, links of a hundred tons carry what it carries. The sizes
     # of friction stay as they are found there too: with others, the objective would be another.
     # And never lighter than the prior's: that links might be light makes heavier ones no less possible.
-    fits = (fit_pooled(A, r, given, sized=sized)[1] for sized in (True, False))
+    fits = (fit_pooled(A, r, constraints, sized=sized)[1] for sized in (True, False))
     size = max(fits, key=lambda each: each.prior[each.bodies[:, 0]].sum())
     gains = []
     for mass in masses:

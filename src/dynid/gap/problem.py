@@ -59,21 +59,21 @@ class KeptModel:
         return np.column_stack([root, root @ self.theta])
 
 
-def kept_model(found: Identification) -> KeptModel:
+def kept_model(result: Identification) -> KeptModel:
     """Return what an identification found as a model that is kept."""
-    left = np.einsum("jkp,p->jk", found.factors, np.append(-found.plain, 1.0))
-    rms = np.linalg.norm(left, axis=1) / np.sqrt(np.maximum(found.counts, 1))
+    left = np.einsum("jkp,p->jk", result.factors, np.append(-result.plain, 1.0))
+    rms = np.linalg.norm(left, axis=1) / np.sqrt(np.maximum(result.counts, 1))
     # Why the larger one: on other motion a model leaves more than on what it was fitted to, and that is no change.
-    unseen = np.array([joint.heldout_rms or 0.0 for joint in found.joints])
-    return KeptModel(found.plain, found.plain_covariance, np.maximum(rms, unseen))
+    unseen = np.array([joint.heldout_rms or 0.0 for joint in result.joints])
+    return KeptModel(result.plain, result.plain_covariance, np.maximum(rms, unseen))
 
 
 def information_root(covariance: Floats) -> Floats:
     """Return L^T with (L L^T)^-1 the covariance, without the directions that it leaves open, (r, p)."""
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-18))
     values, V = np.linalg.eigh(covariance / np.outer(size, size))
-    seen = values > OPEN * values[-1]
-    root: Floats = (V[:, seen] / np.sqrt(np.maximum(values[seen], 1e-8))).T / size
+    determined = values > OPEN * values[-1]
+    root: Floats = (V[:, determined] / np.sqrt(np.maximum(values[determined], 1e-8))).T / size
     return root
 
 
@@ -160,9 +160,9 @@ def make_problem(
     same = [pair for pair in repeats if era[pair.first] == era[pair.second]]
     noise = with_steps(measure_noise(rows, residual, same), rows)
     if kept is not None and alone:
-        whole = unwhitened_fit(rows, nuisance=False)[1]
+        of_all = unwhitened_fit(rows, nuisance=False)[1]
         # Why: the earlier identification knew no nuisance columns; they take what it left at reversals.
-        left = _rms(rows, residual) / _rms(rows, whole)
+        left = _rms(rows, residual) / _rms(rows, of_all)
         noise = with_misfit(noise, rows, residual, kept.unexplained * np.minimum(1.0, left))
     return GapProblem(base, rows, text, repeats, noise, theta, kept is not None, prior)
 
@@ -233,11 +233,11 @@ def unwhitened_fit(
     n, p = rows.W.shape[1:]
     sigma, searched = np.ones(n), rows.only(rows.train)
     for _ in range(2):
-        found = whitened_regression(searched, NoiseModel.white(sigma), prior, nuisance=nuisance)
-        power = [float(np.mean(e**2)) if len(e) else 1.0 for e in found.e]
+        fit = whitened_regression(searched, NoiseModel.white(sigma), prior, nuisance=nuisance)
+        power = [float(np.mean(e**2)) if len(e) else 1.0 for e in fit.e]
         sigma = sigma * np.sqrt(np.maximum(power, 1e-18))
-    residual = rows.tau - rows.W @ found.theta[:p]
+    residual = rows.tau - rows.W @ fit.theta[:p]
     if nuisance:
-        for j, size in enumerate(found.theta[p:].reshape(n, -1)):
+        for j, size in enumerate(fit.theta[p:].reshape(n, -1)):
             residual[:, j] -= size @ reversal_columns(rows, j)
-    return found.theta[:p], residual
+    return fit.theta[:p], residual

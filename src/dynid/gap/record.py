@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -104,16 +104,16 @@ class GapEffect:
 
     def texts(self) -> list[str]:
         """Return each parameter with its standard error and unit, in words."""
-        found = []
+        texts = []
         for name, value in self.values.items():
             if self.open(name):
-                found.append(
+                texts.append(
                     f"{name} not determined, set to {value:.4g} {self.units.get(name, '')}".strip()
                 )
                 continue
             error = f" +- {self.std_errors[name]:.2g}" if name in self.std_errors else ""
-            found.append(f"{name} = {value:.4g}{error} {self.units.get(name, '')}".strip())
-        return found
+            texts.append(f"{name} = {value:.4g}{error} {self.units.get(name, '')}".strip())
+        return texts
 
 
 @dataclass(frozen=True)
@@ -214,27 +214,22 @@ def record_of(
         made_from: the result that was searched; "" for one that is in no file.
     """
     verdict, names = analysis.verdict, robot.joint_names
-    silent = unrepeatable(analysis.search)
+    disturbed = unrepeatable(analysis.search)
     noise_from, noise_note = _noise_texts(analysis, names)
     simulation = (
         np.zeros((0, robot.n)) if analysis.simulation is None else np.array(analysis.simulation)
     )
-    closest = [
-        replace(
-            _effect(one, analysis, robot),
-            why_not=why,
-            rms_after=None,
-            # Why none: it is against other names and what has none, and something else speaks against this one.
-            probability=one.probability if why.startswith(LIKELY) else None,
-        )
-        for one, why in verdict.closest
-    ]
+    drawn = with_columns(verdict.named)
+    curves = (
+        held_out_effect(analysis.search.problem, [x for x in drawn if x is not one], one, one.joint)
+        for one in drawn
+    )
     return GapRecord(
         robot=robot.name,
         mode="frozen" if question == "changed" else "refit",
         verdict=verdict.word,
         named=tuple(_effect(one, analysis, robot) for one in verdict.named),
-        closest=tuple(closest),
+        closest=tuple(_effect(one, analysis, robot, why) for one, why in verdict.closest),
         alternatives=verdict.alternatives,
         advice=verdict.advice,
         joint_names=names,
@@ -245,17 +240,19 @@ def record_of(
         heldout=analysis.problem.held_text,
         noise_from=noise_from,
         noise_note=noise_note,
-        not_repeatable=tuple(names[j] for j in silent),
+        not_repeatable=tuple(names[j] for j in disturbed),
         cannot_judge={name: tuple(joints) for name, joints in analysis.invisible.items()},
         logs=tuple(log.path for log in analysis.logs),
         made_from=made_from,
         # Why not of a change: what is left of it is no property of the arm.
         clues=()
         if analysis.problem.since
-        else tuple(clue(analysis.search, j) for j in dict.fromkeys((*verdict.remainder, *silent))),
+        else tuple(
+            clue(analysis.search, j) for j in dict.fromkeys((*verdict.remainder, *disturbed))
+        ),
         question=question,
         asked=asked,
-        curves=tuple(_curves(analysis)),
+        curves=tuple(curves),
         repeats=analysis.search.problem.noise.repeats,
         more=tuple(names[j] for j in verdict.remainder),
         events=() if verdict.word.startswith("nothing") else tuple(_events(analysis, robot)),
@@ -278,21 +275,13 @@ def _events(analysis: GapAnalysis, robot: Robot) -> list[dict[str, Any]]:
     ]
 
 
-def _curves(analysis: GapAnalysis) -> list[HeldOutEffect]:
-    """Return what is named on held-out rows."""
-    effects, problem = with_columns(analysis.verdict.named), analysis.search.problem
-    return [
-        held_out_effect(problem, [other for other in effects if other is not one], one, one.joint)
-        for one in effects
-    ]
-
-
-def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffect:
-
+def _effect(
+    one: SelectedEffect, analysis: GapAnalysis, robot: Robot, why_not: str = ""
+) -> GapEffect:
     names, j = robot.joint_names, one.joint
-    partly = None
-    if any(one is named for named in analysis.verdict.named) and one.name != "torque_delay":
-        partly = explained_share(analysis.search, one)
+    shareless = why_not or one.name == "torque_delay"
+    # Why none: it is against other names and what has none, and something else speaks against this one.
+    other_reason = why_not and not why_not.startswith(LIKELY)
     return GapEffect(
         effect=one.name,
         indices=one.joints,
@@ -307,12 +296,13 @@ def _effect(one: SelectedEffect, analysis: GapAnalysis, robot: Robot) -> GapEffe
         p_value=one.p_value,
         joint=names[j],
         rms_before=float(analysis.improvement.before[j]),
-        rms_after=float(analysis.improvement.after[j]),
+        rms_after=None if why_not else float(analysis.improvement.after[j]),
         unit=robot.joints[j].torque_unit,
+        why_not=why_not,
         rivals=tuple(labels(one, names)[1:]),
-        share=partly,
+        share=None if shareless else explained_share(analysis.search, one),
         rival_keys=one.rivals,
-        probability=one.probability,
+        probability=None if other_reason else one.probability,
     )
 
 

@@ -50,8 +50,8 @@ class Regression:
 
     def columns_of(self, effect: Effect, joints: Joints, shape: Shape) -> EffectColumns:
         """Return whitened columns of an effect, {joint: (k, M_j)}."""
-        found = self.rows.columns(effect, joints, [shape])
-        return {j: self.noise.whiten(self.rows, j, C[0]) for j, C in found.items()}
+        columns = self.rows.columns(effect, joints, [shape])
+        return {j: self.noise.whiten(self.rows, j, C[0]) for j, C in columns.items()}
 
     def columns(self, joint: int) -> Floats:
         """Return all columns in the rows of one joint, those of effects elsewhere as zeros, (M_j, w)."""

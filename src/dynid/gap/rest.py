@@ -50,8 +50,8 @@ def rest_columns(rows: GapRows, joint: int) -> dict[str, Floats]:
                 "load": np.concatenate([carried, carried[:4] * sign, carried[:4] * speed]),
             }
         )
-    found = {kind: rows.filtered([part[kind] for part in parts]) for kind in parts[0]}
+    columns_of_kind = {kind: rows.filtered([part[kind] for part in parts]) for kind in parts[0]}
     if rows.compared:
-        every = np.concatenate([found[kind] for kind in ("place", "speed", "load")])
-        found["new"] = every * rows.is_new
-    return found
+        every = np.concatenate([columns_of_kind[kind] for kind in ("place", "speed", "load")])
+        columns_of_kind["new"] = every * rows.is_new
+    return columns_of_kind

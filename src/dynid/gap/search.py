@@ -69,7 +69,7 @@ def search_effects(
     wanted = not options.effects or "torque_delay" in options.effects
     shift = delay = late_torques(problem) if problem.since and wanted else 0.0
     late: SelectedEffect | None = None
-    settled = False
+    refined = False
     for k in range(MOST_SELECTIONS):
         if shift:
             shifted = [
@@ -79,12 +79,12 @@ def search_effects(
             problem = make_problem(shifted, base, kept, earlier)
         more = abs(delay) < LONGEST_DELAY and k < MOST_SELECTIONS - 1
         search = Search(problem, options, delay=more)
-        state, found, first_of_all = search.run()
+        state, delay_effect, first_of_all = search.run()
         # Why once more although it is no name any more: the rest is small beside the noise, not beside its own error.
-        if found is None or settled or not (first_of_all or delay):
+        if delay_effect is None or refined or not (first_of_all or delay):
             break
-        settled = not first_of_all
-        late, shift = found, found.values["delay"]
+        refined = not first_of_all
+        late, shift = delay_effect, delay_effect.values["delay"]
         delay += shift
     selected = [] if first_of_all else search.with_numbers(state)
     if late is not None:

@@ -61,7 +61,7 @@ class Look:
         shape: its best shape.
         scale: of its prior, in units of the noise.
         log_odds: that it is there, against nothing with a name.
-        beside: the evidence without it, the rest sized as with it.
+        evidence: without it, the rest sized as with it.
         visible: its largest visible size, in units of the noise.
         rivals: of a name, others with their log odds in its place.
     """
@@ -71,7 +71,7 @@ class Look:
     shape: dict[str, float]
     scale: float
     log_odds: float
-    beside: Evidence
+    evidence: Evidence
     visible: float = 0.0
     rivals: tuple[tuple[Place, float], ...] = ()
 
@@ -175,8 +175,8 @@ class Search:
         self.start = State((), (), self.first, self.rows, self._candidates(self.rows, ()))
         self.visibility: dict[Key, float] = {}
         for one in self.start.candidates:
-            seen = visible_share(self.first, one, problem.base.rank)
-            self.visibility[one.place.key] = max(seen, self.visibility.get(one.place.key, 0.0))
+            share = visible_share(self.first, one, problem.base.rank)
+            self.visibility[one.place.key] = max(share, self.visibility.get(one.place.key, 0.0))
         there = {c.place.at for c in self.start.candidates}
         self.places_of = Counter(name for (name, _), _ in there)
 
@@ -184,16 +184,16 @@ class Search:
         self, rows: EvidenceRows, added: Sequence[EffectColumns]
     ) -> tuple[Candidate, ...]:
         """Return all candidates beside what is named, each made once, and again at a size that it was found to have."""
-        found = []
+        candidates = []
         for k, place in enumerate(self.places, start=1):
             key = place.at, place.effect.at
             if key not in self.made:
                 self.made[key] = candidates_of(rows, place)
-            found += self.made[key]
+            candidates += self.made[key]
             advance(k, len(self.places), place.effect.name)
         for columns in added:
-            found = [one.beside(rows, columns) for one in found]
-        return tuple(found)
+            candidates = [one.with_added(rows, columns) for one in candidates]
+        return tuple(candidates)
 
     def run(self) -> tuple[State, SelectedEffect | None, bool]:
         """Search until nothing is sure.
@@ -213,7 +213,7 @@ class Search:
                 break
             if best.late:
                 return state, self._late(state, best), True
-            state = self._exchanged(self._built([*state.named, best], best.beside))
+            state = self._exchanged(self._built([*state.named, best], best.evidence))
         late = next((c for c in state.candidates if c.place.effect.name == DELAY), None)
         small = None
         if late is not None:
@@ -251,12 +251,14 @@ class Search:
         exact = []
         for one in looks:
             if one.log_odds > max(top - BEHIND, 0.0):
-                gain, shape, scale = integrated(one.beside, state.rows, one.candidate, state.added)
-                sure = self._odds(state, one.candidate, one.beside, gain)
+                gain, shape, scale = integrated(
+                    one.evidence, state.rows, one.candidate, state.added
+                )
+                sure = self._odds(state, one.candidate, one.evidence, gain)
                 exact.append(replace(one, shape=shape, scale=scale, log_odds=sure))
         return sorted(exact, key=lambda one: -one.log_odds)
 
-    def _odds(self, state: State, one: Candidate, beside: Evidence, gain: float) -> float:
+    def _odds(self, state: State, one: Candidate, sized: Evidence, gain: float) -> float:
         """Return the log odds of a candidate with its log Bayes factor beside a rest of its own."""
         name = one.place.effect.name
         # Why by effect: one that may sit in forty places is as likely in all of them as one that sits in one.
@@ -264,15 +266,15 @@ class Search:
         changed = self.problem.since and not one.place.always
         far = name == "torque_crosstalk" and abs(np.diff(one.place.joints)[0]) > 1
         prior = tuning.CHANGES.get(name, 0.0) * changed - tuning.FAR * far - float(np.log(ways))
-        return beside.log_evidence - state.evidence.log_evidence + gain + prior
+        return sized.log_evidence - state.evidence.log_evidence + gain + prior
 
     def _look(self, state: State, bare: Evidence, one: Candidate) -> Look:
         """Return a candidate with the rest sized beside it, from its best shape beside the rest and without it."""
-        found = gains(state.evidence, one)
-        g = int(np.argmax(found.log_odds))
+        gained = gains(state.evidence, one)
+        g = int(np.argmax(gained.log_odds))
         # Why refined: beside a shape of the grid the rest holds what that one misses, and does the work of the effect.
         _, shape, scale = integrated(bare, state.rows, one, state.added)
-        starts = {g: float(found.scale[g])}
+        starts = {g: float(gained.scale[g])}
         if shape not in one.shapes:
             one = one.and_also(candidate(state.rows, one.place, [shape], state.added))
         starts.setdefault(one.shapes.index(shape), scale)
@@ -288,31 +290,31 @@ class Search:
         }
         joints = sorted(strength, key=lambda j: -strength[j])[:MOST_JOINTS]
         wide = evidence.with_columns(products, prior_precision(products, rms / scale))
-        beside = evidence.sized_as(wide.sized(joints))
-        again = gains(beside, one)
+        sized = evidence.sized_as(wide.sized(joints))
+        again = gains(sized, one)
         best = int(np.argmax(again.log_odds))
-        odds = self._odds(state, one, beside, float(again.log_odds[best]))
+        odds = self._odds(state, one, sized, float(again.log_odds[best]))
         shape, scale = dict(one.shapes[best]), float(again.scale[best])
-        return Look(one.place, one, shape, scale, odds, beside)
+        return Look(one.place, one, shape, scale, odds, sized)
 
     def _visible(self, state: State, look: Look) -> dict[int, float]:
         """Return the visible size of a candidate by joint in units of the noise, beside what is named."""
         one = candidate(state.rows, look.place, [look.shape], state.added)
         products, rms = one.at(0)
-        size = gains(look.beside, one).amplitudes[0]
-        wide = look.beside.with_columns(products, prior_precision(products, rms))
-        part = slice(look.beside.width, wide.width)
+        size = gains(look.evidence, one).amplitudes[0]
+        wide = look.evidence.with_columns(products, prior_precision(products, rms))
+        part = slice(look.evidence.width, wide.width)
         return self._seen(wide, part, size, look.place, list(one.own))
 
     def _seen(
         self, evidence: Evidence, part: slice, size: Floats, place: Place, joints: Sequence[int]
     ) -> dict[int, float]:
         rms, bands = evidence.seen(size, joints, part), self.rows.bands
-        found = {}
+        sizes = {}
         for j in joints:
             share = bands.counts(j, always=place.always).sum() / max(bands.counts(j).sum(), 1e-9)
-            found[j] = float(rms[j] / np.sqrt(max(share, 1e-9)))
-        return found
+            sizes[j] = float(rms[j] / np.sqrt(max(share, 1e-9)))
+        return sizes
 
     # ------------------------------------------------------------ names
     def _built(self, named: Sequence[Look], sized: Evidence) -> State:
@@ -365,7 +367,7 @@ class Search:
                     state = self._built(others, state.evidence)
                     break
                 if best.place.at != one.place.at and not best.late:
-                    state = self._built([*others, best], best.beside)
+                    state = self._built([*others, best], best.evidence)
                     break
             else:
                 return state
@@ -377,7 +379,7 @@ class Search:
         kept = {
             c.place.at: float(gains(state.evidence, c).log_odds.max()) for c in state.candidates
         }
-        found = []
+        with_odds = []
         for one, looks in zip(state.named, self.instead, strict=False):
             own = max((x.log_odds for x in looks if x.place.at == one.place.at), default=0.0)
             rivals = tuple(
@@ -387,18 +389,18 @@ class Search:
                 and not contains(look.place, one.place)
                 and kept.get(look.place.at, 0.0) < tuning.INSTEAD * look.log_odds
             )
-            found.append(replace(one, log_odds=own, rivals=rivals))
+            with_odds.append(replace(one, log_odds=own, rivals=rivals))
         if likely is None or likely.late or likely.log_odds <= log_odds_of(tuning.LIKELY):
-            return replace(state, named=tuple(found))
-        return self._built([*found, likely], likely.beside)
+            return replace(state, named=tuple(with_odds))
+        return self._built([*with_odds, likely], likely.evidence)
 
     def _late(self, state: State, look: Look) -> SelectedEffect:
         """Return how late torques are beside what is named."""
         # Why without the skew of the recorder: it is a delay too, and what is told is the whole.
         skew = self.problem.base.rank
         part = slice(skew, skew + 1)
-        found = gains(look.beside.without(part), look.candidate)
-        (delay,), error = found.amplitudes[0].tolist(), float(np.sqrt(found.covariance[0, 0, 0]))
+        gained = gains(look.evidence.without(part), look.candidate)
+        (delay,), error = gained.amplitudes[0].tolist(), float(np.sqrt(gained.covariance[0, 0, 0]))
         visible = self._visible(state, look)
         joint = max(visible, key=lambda j: visible[j])
         return SelectedEffect(
@@ -416,11 +418,11 @@ class Search:
     def _with_numbers(self, state: State, k: int) -> SelectedEffect:
         """Return a name with sizes and errors, everything else and its own shape being integrated out."""
         one, part, effect = state.named[k], state.columns(k), state.named[k].place.effect
-        beside = state.evidence.without(part)
-        found = sizes_of(beside, state.rows, one.place, one.shape, state.added)
-        size, power = found.amplitudes, np.diag(found.covariance)
+        without = state.evidence.without(part)
+        sizes = sizes_of(without, state.rows, one.place, one.shape, state.added)
+        size, power = sizes.amplitudes, np.diag(sizes.covariance)
         there = power > 0
-        covariance = found.covariance[np.ix_(there, there)]
+        covariance = sizes.covariance[np.ix_(there, there)]
         square = float(size[there] @ np.linalg.solve(covariance, size[there]))
         errors = np.where(there, np.sqrt(power), np.inf)
         names, mode = list(effect.amplitudes(one.shape)), state.evidence.estimate[part]
@@ -432,16 +434,16 @@ class Search:
         return SelectedEffect(
             effect=effect,
             joints=one.place.joints,
-            shape=found.shape,
+            shape=sizes.shape,
             joint=joint,
             visible=visible[joint],
             log_odds=one.log_odds,
             p_value=float(chdtrc(int(there.sum()), square)),
             rivals=tuple(each.key for each in equals if not each.always),
             always=any(each.always for each in equals),
-            values=dict(zip(names, size.tolist(), strict=True)) | found.shape,
+            values=dict(zip(names, size.tolist(), strict=True)) | sizes.shape,
             std_errors=dict.fromkeys(effect.steps, float("inf"))
-            | found.shape_errors
+            | sizes.shape_errors
             | dict(zip(names, errors.tolist(), strict=True)),
             probability=float(weights[1] / weights.sum()),
         )

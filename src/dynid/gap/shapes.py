@@ -60,11 +60,11 @@ def integrated(
         one: the effect on its grid.
         added: columns that have been added to T, one effect after the other.
     """
-    found, effect = gains(evidence, one), one.place.effect
-    best = int(np.argmax(found.log_odds))
-    top, scale = float(found.log_odds[best]), float(found.scale[best])
+    on_grid, effect = gains(evidence, one), one.place.effect
+    best = int(np.argmax(on_grid.log_odds))
+    top, scale = float(on_grid.log_odds[best]), float(on_grid.scale[best])
     shape = dict(one.shapes[best])
-    mean = top + float(np.log(np.mean(np.exp(found.log_odds - top))))
+    mean = top + float(np.log(np.mean(np.exp(on_grid.log_odds - top))))
     if not effect.steps or top < -1e8:
         return mean, shape, scale
     # Why of the grid: a range belongs to the effect, and does not grow with the shapes that were tried.

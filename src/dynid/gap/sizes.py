@@ -122,8 +122,8 @@ def sizes_of(
     for k in range(CLOSINGS):
         # Why the best shape too: a lattice that is too wide for the peak has no point near it.
         tried = [*points, shape]
-        found = [gains(evidence, candidate(way, place, tried, added)) for way in ways]
-        odds = np.array([one.log_odds for one in found])
+        gained = [gains(evidence, candidate(way, place, tried, added)) for way in ways]
+        odds = np.array([one.log_odds for one in gained])
         between = float(odds[:, -1].max() - odds[:, :-1].max()) > BETWEEN
         count = len(tried) - (lattice is not None and not between)
         points, odds = tried[:count], odds[:, :count]
@@ -137,17 +137,19 @@ def sizes_of(
             break
         lattice = lattice.closer(mean, spread)
         points = [from_steps(effect, shape, y) for y in lattice.points()]
-    amplitudes = np.array([one.amplitudes[:count] for one in found])
+    amplitudes = np.array([one.amplitudes[:count] for one in gained])
     size = np.einsum("wg,wgk->k", weights, amplitudes)
     off = amplitudes - size
-    covariance = np.array([one.covariance[:count] for one in found])
+    covariance = np.array([one.covariance[:count] for one in gained])
     covariance = covariance + off[..., :, None] * off[..., None, :]
-    told = from_steps(effect, shape, mean) if lattice else shape
+    mean_shape = from_steps(effect, shape, mean) if lattice else shape
     errors = {
-        name: float(np.sqrt(likely @ (np.array([each[name] for each in points]) - told[name]) ** 2))
+        name: float(
+            np.sqrt(likely @ (np.array([each[name] for each in points]) - mean_shape[name]) ** 2)
+        )
         for name in (effect.steps if lattice else ())
     }
-    return Sizes(told, errors, size, np.einsum("wg,wgkl->kl", weights, covariance))
+    return Sizes(mean_shape, errors, size, np.einsum("wg,wgkl->kl", weights, covariance))
 
 
 def turning(rows: EvidenceRows) -> list[EvidenceRows]:

@@ -46,7 +46,7 @@ def find_strays(state: State, shown: Sequence[int]) -> list[Stray]:
     noise, theta, p = bands.noise, evidence.estimate, rows.W.shape[2]
     common = error_columns(rows).common
     shared = np.tensordot(theta[p : p + len(common)], common, 1)
-    left, found = (rows.tau - rows.W @ theta[:p]).T - shared, []
+    left, strays = (rows.tau - rows.W @ theta[:p]).T - shared, []
     for k, one in enumerate(state.named):
         place, size = one.place, theta[state.columns(k)]
         columns = rows.columns(place.effect, place.joints, [one.shape], always=place.always)
@@ -60,8 +60,8 @@ def find_strays(state: State, shown: Sequence[int]) -> list[Stray]:
             both = np.array([alone, bands.unrepeated(j, alone)])
             least = tuning.STRAY_SHOWN if j in shown else tuning.STRAY_POWER
             stray = _loudest(j, noise.whiten(rows, j, both), index, rows, noise.floor[j], least)
-            found += [] if stray is None else [stray]
-    return found
+            strays += [] if stray is None else [stray]
+    return strays
 
 
 def _loudest(

@@ -129,11 +129,11 @@ def reduce_without_effects(
 
 
 def with_added(reduction: Reduction, model: Model) -> Reduction:
-    """Return the base parameters of a model with those of added effects, each of which stands alone.
+    """Return base parameters with those of the further added effects of a model, each of which stands alone.
 
     Why not found like the others: they depend on the order of the samples, which random states do not have.
     """
-    size, total = model.size_without_effects, model.size
+    size, total = len(reduction.names), model.size
     if total == size:
         return reduction
     K = np.zeros((reduction.rank + total - size, total))

@@ -19,18 +19,20 @@ def test_nothing_hidden_nothing_missing(twolinks):
 
 
 @pytest.mark.parametrize(
-    ("torque", "name"),
+    ("torque", "name", "sizes"),
     [
-        (lambda t: np.where(t > 27.0, 0.2, 0.0), "offset_step"),
-        (lambda t: 0.004 * t, "torque_drift"),
+        (lambda t: np.where(t > 27.0, 0.2, 0.0), "offset_step", {"c": 0.2, "since": 27.0}),
+        (lambda t: 0.004 * t, "torque_drift", {"a": 0.004}),
     ],
 )
-def test_an_offset_that_jumps_is_no_drift(twolinks, on_joint, torque, name):
+def test_an_offset_that_jumps_is_no_drift(twolinks, on_joint, torque, name, sizes):
     sources = on_one_clock(twolinks.logs(lambda t, q, qd, qdd: on_joint(1, torque(t))))
     some = SelectionOptions(("torque_offset", "torque_drift", "offset_step", "spring"))
     seen = analyse_gap(sources, twolinks.base, None, some, simulate=False)
-    assert [one.key for one in seen.verdict.named] == [(name, (1,))]
-    assert seen.verdict.word == "named"
+    (one,) = seen.verdict.named
+    assert (seen.verdict.word, one.key) == ("named", (name, (1,)))
+    for key, size in sizes.items():
+        assert abs(one.values[key] - size) < 3 * one.std_errors[key] < 0.5 * size
 
 
 def test_what_these_logs_cannot_show_is_listed(twolinks):

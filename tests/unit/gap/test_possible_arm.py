@@ -37,8 +37,11 @@ def test_beside_the_base_parameters_of_a_fit_all_else_is_as_in_it(clean):
     regression = clean.regression(nuisance=False)
     shape = {"order": 3.0, "constant": 1.0}
     fit = regression.with_effects([regression.columns_of(spring, (1,), shape)])
-    beside = amplitudes_beside(fit, fit.theta[: fit.base])
+    covariance = fit.root @ fit.root.T
+    base = slice(fit.base)
+    beside, spread = amplitudes_beside(fit, fit.theta[base], covariance[base, base])
     np.testing.assert_allclose(beside, fit.amplitudes, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(spread, covariance[fit.base :, fit.base :], rtol=1e-5, atol=1e-12)
 
 
 def test_a_counterbalance_vanishes_in_links_that_no_arm_has(carried):

@@ -62,7 +62,6 @@ SHAPES = {
         lambda t, q, qd: 0.6 * np.exp(-t / 20) * np.tanh(qd / 0.01),
         {"a1": 0.6, "a2": 0.0, "tw": 20.0},
     ),
-    "offset_step": (lambda t, q, qd: np.where(t > 27.0, 0.3, 0.0), {"c": 0.3, "since": 27.0}),
 }
 
 
