@@ -10,9 +10,11 @@ import numpy as np
 from dynid.arrays import Floats
 from dynid.errors import PackageMissing
 from dynid.estimation.least_squares import solvable
+from dynid.estimation.payload import IdentifiedPayload
 from dynid.gap.candidates import SelectionOptions
 from dynid.gap.change import still_changed
-from dynid.gap.counterbalance import counterbalances
+from dynid.gap.counterbalance import COUNTERBALANCE, counterbalances
+from dynid.gap.delays import EffectSearch, search_effects
 from dynid.gap.forward_simulation import simulate_held_out
 from dynid.gap.gap_rows import gap_rows
 from dynid.gap.held_out import (
@@ -24,12 +26,11 @@ from dynid.gap.held_out import (
     rms_of,
 )
 from dynid.gap.localisation import JointGap, localise_residual
-from dynid.gap.possible_arm import COUNTERBALANCE
 from dynid.gap.problem import GapProblem, KeptModel, judged_by_possible, make_problem
-from dynid.gap.search import EffectSearch, search_effects
 from dynid.gap.selected_effects import SelectedEffect, with_columns
 from dynid.gap.verdict import GapVerdict, judge, refusal
 from dynid.model.base_model import BaseModel, model_torques
+from dynid.model.parameters import BODY_PARAMETERS
 from dynid.signals.conditioned_log import ConditionedLog
 
 #: Cut-off of the search [Hz]: below, what happens at reversals is gone; above, noise of the positions comes in.
@@ -216,3 +217,44 @@ def on_one_clock(logs: Sequence[ConditionedLog]) -> list[ConditionedLog]:
     return [
         replace(s, segments=[replace(x, elapsed=x.t - begin[0]) for x in s.segments]) for s in logs
     ]
+
+
+# ---------------------------------------------------------------- a load
+# The search fits a load with errors that it takes to be noise. What the arm's residual model may explain, what its
+# friction may have changed by, and gains that are wrong in both logs alike are not noise, and they are larger.
+#: Parameters of a load that are told at least: its mass and its first moments.
+LEAST_FORM = 4
+
+
+def named_load(analysis: GapAnalysis) -> SelectedEffect | None:
+    """Return the load that is named, None where none is."""
+    return next((one for one in analysis.verdict.named if one.name == "payload"), None)
+
+
+def with_reestimated_payload(
+    analysis: GapAnalysis, load: SelectedEffect, payload: IdentifiedPayload
+) -> GapAnalysis:
+    """Return an analysis whose load has other numbers.
+
+    Args:
+        analysis: the analysis.
+        load: the load that it names.
+        payload: the load as it was weighed; of one that was taken off, the same body that hung there before.
+    """
+    form = max(LEAST_FORM, round(load.values["form"]))
+    sign = 1.0 if load.values["m"] >= 0.0 else -1.0
+    values, errors = sign * payload.body.parameters(), np.sqrt(np.diagonal(payload.covariance))
+    new = replace(
+        load,
+        shape=load.shape | {"form": float(form)},
+        values=dict(zip(BODY_PARAMETERS[:form], values.tolist(), strict=False))
+        | {"form": float(form)},
+        std_errors=load.std_errors
+        | dict(zip(BODY_PARAMETERS[:form], errors.tolist(), strict=False)),
+    )
+
+    verdict = replace(
+        analysis.verdict,
+        named=tuple(new if one is load else one for one in analysis.verdict.named),
+    )
+    return replace(analysis, verdict=verdict)

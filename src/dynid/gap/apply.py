@@ -76,14 +76,11 @@ def stacked_with(
 
 def _before(log: ConditionedLog, base: BaseModel, added: BaseModel) -> ConditionedLog:
     """Return a log of a time when the effects that were added were not there: their columns are zero."""
-    own = with_effects(log, base.model).segments
-    full = with_effects(log, added.model).segments
-    widths = [old.effects.shape[1] if base.model.added else 0 for old in own]
-    segments = [
-        replace(new, effects=np.where(np.arange(new.effects.shape[1]) < width, new.effects, 0.0))
-        for new, width in zip(full, widths, strict=True)
-    ]
-    return replace(log, segments=segments)
+    known = sum(len(column.rows) for one in base.model.added for column in one.columns)
+    log = with_effects(log, added.model)
+    for segment in log.segments:
+        segment.effects[:, known:] = 0.0
+    return log
 
 
 def write_robot(robot: Robot, specs: Sequence[EffectSpec], path: Path) -> None:

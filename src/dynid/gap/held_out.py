@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynid.arrays import Floats, Ints
+from dynid.gap.counterbalance import possible_fit
+from dynid.gap.delays import EffectSearch
 from dynid.gap.known_errors import KnownErrors
-from dynid.gap.possible_arm import possible_fit
 from dynid.gap.problem import GapProblem
 from dynid.gap.regression import Regression
-from dynid.gap.search import EffectSearch
 from dynid.gap.selected_effects import SelectedEffect, torque_in_rows, with_columns, with_selected
 
 #: Residuals of the held-out rows of a joint that count, and the number of the block of time of each, (M_j,) and (M_j,).

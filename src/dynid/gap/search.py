@@ -1,99 +1,448 @@
-"""The search: delays are taken out of the logs, and what is left is searched for names."""
+"""Which names the evidence gives: the best first, all others again beside it, and none that the rest does without."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from scipy.special import chdtrc
 
-from dynid.gap.candidates import SelectionOptions
-from dynid.gap.evidence import Rest
-from dynid.gap.known_errors import KnownErrors
-from dynid.gap.late_torques import late_torques
-from dynid.gap.problem import GapProblem, KeptModel, make_problem
+from dynid.arrays import Floats
+from dynid.gap import tuning
+from dynid.gap.candidates import (
+    Candidate,
+    Place,
+    SelectionOptions,
+    candidate,
+    candidates_of,
+    gains,
+    places_of,
+    prior_precision,
+    visible_share,
+)
+from dynid.gap.evidence import Evidence, EvidenceRows, evidence_of
+from dynid.gap.gap_rows import EffectColumns
+from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import Key, SelectedEffect
-from dynid.gap.selection import Search
-from dynid.gap.strays import Stray, find_strays
-from dynid.model.base_model import BaseModel
-from dynid.options import LONGEST_DELAY
-from dynid.signals.conditioned_log import ConditionedLog, segment_without_delay
+from dynid.gap.shapes import integrated, sizes_of
+from dynid.progress import advance
 
-#: Most selections: three for a delay, because each shift makes the next one exact to second order, one after what is
-#: left of it, and one more.
-MOST_SELECTIONS = 5
+#: Joints whose rest is sized beside an effect that acts on all: those that show it most.
+MOST_JOINTS = 4
+#: Log odds behind the first from which shapes are not integrated any more: it cannot come near.
+BEHIND = 25.0
+#: Rounds of exchanging a name for a better one, and most names, what always was included.
+EXCHANGES, MOST_NAMES = 3, 12
+#: Effects that are a special case of others, which always fit as well: they are no rivals, and have to win.
+SIMPLER = {
+    "torque_offset": ("spring", "end_stop", "torque_drift"),
+    "coulomb": (
+        "presliding_hysteresis",
+        "stribeck",
+        "position_friction",
+        "nonlinear_viscous",
+        "warmup_friction",
+    ),
+    "viscous": ("nonlinear_viscous", "asymmetric_viscous", "warmup_friction"),
+}
+DELAY = "torque_delay"
 
 
 @dataclass(frozen=True)
-class EffectSearch:
-    """A finished search.
+class Look:
+    """A candidate with the rest sized beside it, or a name.
 
     Attributes:
-        problem: what was searched, delays taken out.
-        selected: effects that were found, a delay included.
-        visibility: largest visible share of each candidate.
-        errors: what recorder, filter and reversals do.
-        rest: what is missing without a name.
-        strays: short disturbances that do not repeat.
+        place: the effect, of a name exact at its size, and where it sits.
+        candidate: what is looked at.
+        shape: its best shape.
+        scale: of its prior, in units of the noise.
+        log_odds: that it is there, against nothing with a name.
+        evidence: without it, the rest sized as with it.
+        visible: its largest visible size, in units of the noise.
+        rivals: of a name, others with their log odds in its place.
     """
 
-    problem: GapProblem
-    selected: list[SelectedEffect]
-    visibility: dict[Key, float]
-    errors: KnownErrors
-    rest: Rest
-    strays: tuple[Stray, ...] = ()
+    place: Place
+    candidate: Candidate
+    shape: dict[str, float]
+    scale: float
+    log_odds: float
+    evidence: Evidence
+    visible: float = 0.0
+    rivals: tuple[tuple[Place, float], ...] = ()
+
+    @property
+    def late(self) -> bool:
+        """Whether it is a delay of all torques."""
+        return self.place.effect.name == DELAY
 
 
-def search_effects(
-    logs: Sequence[ConditionedLog],
-    base: BaseModel,
-    kept: KeptModel | None,
-    options: SelectionOptions,
-    *,
-    first: GapProblem | None = None,
-    earlier: Sequence[ConditionedLog] = (),
-) -> EffectSearch:
-    """Search logs for what the model lacks.
+@dataclass(frozen=True)
+class State:
+    """What is named, and everything beside it.
 
-    Args:
-        logs: conditioned logs, all with the same filter.
-        base: model and base parameters.
-        kept: the model that is kept, to find what has changed; None to find what no re-identification can absorb.
-        options: what is searched.
-        first: the problem of these logs, when it is there already.
-        earlier: conditioned logs that a kept model was identified from.
+    Attributes:
+        named: the names.
+        added: columns of T, those of names first, {joint: (k, F)} each.
+        evidence: with them, sized.
+        rows: the rows, effects scaled with the parameters that go with the names.
+        candidates: all that may be named beside them.
     """
-    problem = first or make_problem(logs, base, kept, earlier)
-    # Why not otherwise: a model that is fitted to late torques alone bends to them, and another delay does as well.
-    wanted = not options.effects or "torque_delay" in options.effects
-    shift = delay = late_torques(problem) if problem.since and wanted else 0.0
-    late: SelectedEffect | None = None
-    refined = False
-    for k in range(MOST_SELECTIONS):
-        if shift:
-            shifted = [
-                replace(s, segments=[segment_without_delay(x, delay) for x in s.segments])
-                for s in logs
-            ]
-            problem = make_problem(shifted, base, kept, earlier)
-        more = abs(delay) < LONGEST_DELAY and k < MOST_SELECTIONS - 1
-        search = Search(problem, options, delay=more)
-        state, delay_effect, first_of_all = search.run()
-        # Why once more although it is no name any more: the rest is small beside the noise, not beside its own error.
-        if delay_effect is None or refined or not (first_of_all or delay):
-            break
-        refined = not first_of_all
-        late, shift = delay_effect, delay_effect.values["delay"]
-        delay += shift
-    selected = [] if first_of_all else search.with_numbers(state)
-    if late is not None:
-        # Why of the last one: the first one is that of a slope of torques which are in another place.
-        error, share = late.std_errors["delay"], abs(delay / late.values["delay"])
-        p_value, visible = float(chdtrc(1, (delay / error) ** 2)), share * late.visible
-        values = {"delay": delay}
-        selected.append(replace(late, values=values, visible=visible, p_value=p_value))
-    evidence, strays = state.evidence, find_strays(state, problem.noise.unrepeatable)
-    return EffectSearch(
-        problem, selected, search.visibility, evidence.known_errors, evidence.rest(), tuple(strays)
+
+    named: tuple[Look, ...]
+    added: tuple[EffectColumns, ...]
+    evidence: Evidence
+    rows: EvidenceRows
+    candidates: tuple[Candidate, ...]
+
+    def columns(self, k: int) -> slice:
+        """Return where the columns of one name are among T."""
+        ends = self.evidence.base + np.cumsum(
+            [0, *(len(next(iter(x.values()))) for x in self.added)]
+        )
+        return slice(*ends[k : k + 2].tolist())
+
+    def without(self, k: int) -> State:
+        """Return the state without one name, the rest sized again."""
+        evidence = self.evidence.without(self.columns(k))
+        named = self.named[:k] + self.named[k + 1 :]
+        return replace(self, named=named, evidence=evidence.sized(range(len(evidence.joints))))
+
+
+def log_odds_of(probability: float) -> float:
+    """Return log odds."""
+    return float(np.log(probability / (1.0 - probability)))
+
+
+def not_ruled_out(log_odds: float) -> float:
+    """Return the log odds of a rival that are just not ruled out by those of a name."""
+    return log_odds - log_odds_of(tuning.AGAINST_OTHERS)
+
+
+def contains(wide: Place, narrow: Place) -> bool:
+    """Return whether one effect holds the other as a special case at the same place."""
+    same = wide.joints == narrow.joints and wide.always == narrow.always
+    return same and wide.effect.name in SIMPLER.get(narrow.effect.name, ())
+
+
+def simplest(looks: Sequence[Look], sure: float) -> Look | None:
+    """Return what is taken of looks, the best first; None where there are none.
+
+    Of sure ones on its joint that the best does not rule out, that is the one that explains most; then the special case
+    of it that is not ruled out. The same effect with fewer amplitudes is such a case: a line is one of a cubic.
+    """
+    if not looks:
+        return None
+    likely = [one for one in looks if one.log_odds > not_ruled_out(looks[0].log_odds)]
+    here = [x for x in likely if x.place.joints[:1] == likely[0].place.joints[:1]]
+    best = max([likely[0], *(x for x in here if x.log_odds > sure)], key=lambda x: x.visible)
+    sure_ones = [one for one in likely if one.log_odds > min(sure, best.log_odds)]
+
+    def amplitudes(one: Look) -> int:
+        return int(one.candidate.rms.shape[1])
+
+    alike = [x for x in sure_ones if x.place.at == best.place.at]
+    fewer = [x for x in alike if amplitudes(x) < amplitudes(best)]
+    return next(
+        (one for one in sure_ones if contains(best.place, one.place)),
+        min(fewer, key=amplitudes, default=best),
     )
+
+
+class Search:
+    """A search for names on one problem."""
+
+    def __init__(self, problem: GapProblem, options: SelectionOptions, *, delay: bool) -> None:
+        """Make the evidence without any name, and all candidates.
+
+        Args:
+            problem: what is searched.
+            options: which effects are tried.
+            delay: whether a delay is tried.
+        """
+        self.problem, self.options = problem, options
+        self.sure = log_odds_of(options.sure)
+        self.places = places_of(problem, options, delay=delay)
+        rows = problem.searched(problem.theta)
+        self.first, self.rows = evidence_of(rows, problem.noise, problem.repeats, problem.prior)
+        self.made: dict[tuple[tuple[Key, bool], float], list[Candidate]] = {}
+        self.barred: set[tuple[Key, bool]] = set()
+        self.instead: list[list[Look]] = []
+        self.start = State((), (), self.first, self.rows, self._candidates(self.rows, ()))
+        self.visibility: dict[Key, float] = {}
+        for one in self.start.candidates:
+            share = visible_share(self.first, one, problem.base.rank)
+            self.visibility[one.place.key] = max(share, self.visibility.get(one.place.key, 0.0))
+        there = {c.place.at for c in self.start.candidates}
+        self.places_of = Counter(name for (name, _), _ in there)
+
+    def _candidates(
+        self, rows: EvidenceRows, added: Sequence[EffectColumns]
+    ) -> tuple[Candidate, ...]:
+        """Return all candidates beside what is named, each made once, and again at a size that it was found to have."""
+        candidates = []
+        for k, place in enumerate(self.places, start=1):
+            key = place.at, place.effect.at
+            if key not in self.made:
+                self.made[key] = candidates_of(rows, place)
+            candidates += self.made[key]
+            advance(k, len(self.places), place.effect.name)
+        for columns in added:
+            candidates = [one.with_added(rows, columns) for one in candidates]
+        return tuple(candidates)
+
+    def run(self) -> tuple[State, SelectedEffect | None, bool]:
+        """Search until nothing is sure.
+
+        Returns:
+            Names with everything beside them, what is only likely included; how late torques are jointly with them,
+            None where it is not tried; and whether that is the best name, and has to be taken out first.
+        """
+        state, likely = self.start, None
+        while len(state.named) < MOST_NAMES:
+            # What always was is not told.
+            if sum(not one.place.always for one in state.named) >= self.options.most:
+                break
+            best = simplest(self.looks(state), self.sure)
+            if best is None or best.log_odds < self.sure:
+                likely = best
+                break
+            if best.late:
+                return state, self._late(state, best), True
+            state = self._exchanged(self._built([*state.named, best], best.evidence))
+        late = next((c for c in state.candidates if c.place.effect.name == DELAY), None)
+        small = None
+        if late is not None:
+            small = self._late(state, Look(late.place, late, {}, 1.0, 0.0, state.evidence))
+        return self._with_rivals(state, likely), small, False
+
+    def with_numbers(self, state: State) -> list[SelectedEffect]:
+        """Return the names with numbers, without what was always there."""
+        return [
+            self._with_numbers(state, k) for k, x in enumerate(state.named) if not x.place.always
+        ]
+
+    # ------------------------------------------------------------ looking
+    def looks(self, state: State, own: Key | None = None) -> list[Look]:
+        """Return the leading candidates, each with the rest sized beside it, the best first.
+
+        Args:
+            state: what they stand beside.
+            own: what is looked at in any case.
+        """
+        taken, evidence = {one.place.at for one in state.named} | self.barred, state.evidence
+        open_ = [one for one in state.candidates if one.place.at not in taken]
+        picked = dict.fromkeys(k for k, one in enumerate(open_) if one.place.key == own)
+        bare = evidence.smaller(1.0)
+        for some in (evidence, evidence.smaller(0.5), bare):
+            odds = np.array([gains(some, one).log_odds.max() for one in open_])
+            best = np.argsort(-odds, kind="stable")[: tuning.MOST_LOOKS]
+            picked |= dict.fromkeys(best[odds[best] >= tuning.WORTH_A_LOOK].tolist())
+        looks = [self._look(state, bare, open_[k]) for k in picked]
+        looks = [one for one in looks if one.log_odds > 0.0]
+        looks = [replace(one, visible=max(self._visible(state, one).values())) for one in looks]
+        # Why first: a long log is sure of torques that matter to nobody, and they are no rivals of what does.
+        looks = [one for one in looks if one.visible >= tuning.MATERIAL]
+        top = max((one.log_odds for one in looks), default=0.0)
+        exact = []
+        for one in looks:
+            if one.log_odds > max(top - BEHIND, 0.0):
+                gain, shape, scale = integrated(
+                    one.evidence, state.rows, one.candidate, state.added
+                )
+                sure = self._odds(state, one.candidate, one.evidence, gain)
+                exact.append(replace(one, shape=shape, scale=scale, log_odds=sure))
+        return sorted(exact, key=lambda one: -one.log_odds)
+
+    def _odds(self, state: State, one: Candidate, sized: Evidence, gain: float) -> float:
+        """Return the log odds of a candidate with its log Bayes factor beside a rest of its own."""
+        name = one.place.effect.name
+        # Why by effect: one that may sit in forty places is as likely in all of them as one that sits in one.
+        ways = len(self.places_of) * self.places_of[name] * one.groups
+        changed = self.problem.since and not one.place.always
+        far = name == "torque_crosstalk" and abs(np.diff(one.place.joints)[0]) > 1
+        prior = tuning.CHANGES.get(name, 0.0) * changed - tuning.FAR * far - float(np.log(ways))
+        return sized.log_evidence - state.evidence.log_evidence + gain + prior
+
+    def _look(self, state: State, bare: Evidence, one: Candidate) -> Look:
+        """Return a candidate with the rest sized beside it, from its best shape beside the rest and without it."""
+        gained = gains(state.evidence, one)
+        g = int(np.argmax(gained.log_odds))
+        # Why refined: beside a shape of the grid the rest holds what that one misses, and does the work of the effect.
+        _, shape, scale = integrated(bare, state.rows, one, state.added)
+        starts = {g: float(gained.scale[g])}
+        if shape not in one.shapes:
+            one = one.and_also(candidate(state.rows, one.place, [shape], state.added))
+        starts.setdefault(one.shapes.index(shape), scale)
+        looks = [self._look_from(state, one, *start) for start in starts.items()]
+        return max(looks, key=lambda look: look.log_odds)
+
+    def _look_from(self, state: State, one: Candidate, g: int, scale: float) -> Look:
+        """Return a candidate with the rest sized beside one of its shapes."""
+        evidence, (products, rms) = state.evidence, one.at(g)
+        strength = {
+            j: float(np.trace(own.sum(axis=0)) / max(evidence.joints[j].counts.sum(), 1.0))
+            for j, (own, _) in products.items()
+        }
+        joints = sorted(strength, key=lambda j: -strength[j])[:MOST_JOINTS]
+        wide = evidence.with_columns(products, prior_precision(products, rms / scale))
+        sized = evidence.sized_as(wide.sized(joints))
+        again = gains(sized, one)
+        best = int(np.argmax(again.log_odds))
+        odds = self._odds(state, one, sized, float(again.log_odds[best]))
+        shape, scale = dict(one.shapes[best]), float(again.scale[best])
+        return Look(one.place, one, shape, scale, odds, sized)
+
+    def _visible(self, state: State, look: Look) -> dict[int, float]:
+        """Return the visible size of a candidate by joint in units of the noise, beside what is named."""
+        one = candidate(state.rows, look.place, [look.shape], state.added)
+        products, rms = one.at(0)
+        size = gains(look.evidence, one).amplitudes[0]
+        wide = look.evidence.with_columns(products, prior_precision(products, rms))
+        part = slice(look.evidence.width, wide.width)
+        return self._seen(wide, part, size, look.place, list(one.own))
+
+    def _seen(
+        self, evidence: Evidence, part: slice, size: Floats, place: Place, joints: Sequence[int]
+    ) -> dict[int, float]:
+        rms, bands = evidence.seen(size, joints, part), self.rows.bands
+        sizes = {}
+        for j in joints:
+            share = bands.counts(j, always=place.always).sum() / max(bands.counts(j).sum(), 1e-9)
+            sizes[j] = float(rms[j] / np.sqrt(max(share, 1e-9)))
+        return sizes
+
+    # ------------------------------------------------------------ names
+    def _built(self, named: Sequence[Look], sized: Evidence) -> State:
+        """Return the state of some names, all columns made at the parameters and sizes that go with them.
+
+        Args:
+            named: the names.
+            sized: an evidence with sizes to begin with.
+        """
+        rows, base = self.rows, self.problem.base
+        for _ in range(2):
+            evidence, added = self.first.sized_as(sized), list[EffectColumns]()
+            for one in named:
+                made = candidate(rows, one.place, [one.shape], added)
+                products, rms = made.at(0)
+                precision = prior_precision(products, rms / one.scale)
+                evidence = evidence.with_columns(products, precision)
+                added.append({j: C[0] for j, C in made.columns.items()})
+            sized = evidence.sized(range(len(evidence.joints)))
+            # Now scaled with the parameters and sizes that were found.
+            theta, at, exact = sized.estimate, self.first.width, {}
+            for one in named:
+                names = list(one.place.effect.amplitudes(one.shape))
+                own = dict(zip(names, theta[at : at + len(names)].tolist(), strict=True))
+                at += len(names)
+                exact[one.place.at] = replace(one.place, effect=one.place.effect.at_size(own))
+            again = any(one.place.effect.needs_model for one in named)
+            named = [replace(one, place=exact[one.place.at]) for one in named]
+            self.places = [exact.get(place.at, place) for place in self.places]
+            rows = self.rows.with_rows(self.rows.rows.with_reference(base, theta[: base.rank]))
+            if not again:
+                break
+        return State(tuple(named), tuple(added), sized, rows, self._candidates(rows, added))
+
+    def _look_instead(self, state: State) -> None:
+        """Look at what explains the rows in place of each name, itself included."""
+        self.instead = [
+            self.looks(state.without(k), one.place.key) for k, one in enumerate(state.named)
+        ]
+
+    def _exchanged(self, state: State) -> State:
+        """Return a state with better names instead, without those that the others do without; these are barred."""
+        for _ in range(EXCHANGES):
+            self._look_instead(state)
+            for k, one in enumerate(state.named):
+                best = simplest(self.instead[k], self.sure)
+                others = [x for i, x in enumerate(state.named) if i != k]
+                if best is None or best.log_odds < self.sure:
+                    self.barred.add(one.place.at)
+                    state = self._built(others, state.evidence)
+                    break
+                if best.place.at != one.place.at and not best.late:
+                    state = self._built([*others, best], best.evidence)
+                    break
+            else:
+                return state
+        self._look_instead(state)
+        return state
+
+    def _with_rivals(self, state: State, likely: Look | None) -> State:
+        """Return the state with the odds of each name and its rivals, and what is likely as a last name."""
+        kept = {
+            c.place.at: float(gains(state.evidence, c).log_odds.max()) for c in state.candidates
+        }
+        with_odds = []
+        for one, looks in zip(state.named, self.instead, strict=False):
+            own = max((x.log_odds for x in looks if x.place.at == one.place.at), default=0.0)
+            rivals = tuple(
+                (look.place, look.log_odds)
+                for look in looks
+                if look.place.at != one.place.at
+                and not contains(look.place, one.place)
+                and kept.get(look.place.at, 0.0) < tuning.INSTEAD * look.log_odds
+            )
+            with_odds.append(replace(one, log_odds=own, rivals=rivals))
+        if likely is None or likely.late or likely.log_odds <= log_odds_of(tuning.LIKELY):
+            return replace(state, named=tuple(with_odds))
+        return self._built([*with_odds, likely], likely.evidence)
+
+    def _late(self, state: State, look: Look) -> SelectedEffect:
+        """Return how late torques are beside what is named."""
+        # Why without the skew of the recorder: it is a delay too, and what is told is the whole.
+        skew = self.problem.base.rank
+        part = slice(skew, skew + 1)
+        gained = gains(look.evidence.without(part), look.candidate)
+        (delay,), error = gained.amplitudes[0].tolist(), float(np.sqrt(gained.covariance[0, 0, 0]))
+        visible = self._visible(state, look)
+        joint = max(visible, key=lambda j: visible[j])
+        return SelectedEffect(
+            effect=look.place.effect,
+            joints=(),
+            shape={},
+            joint=joint,
+            visible=visible[joint],
+            log_odds=look.log_odds,
+            p_value=float(chdtrc(1, (delay / error) ** 2)),
+            values={"delay": delay},
+            std_errors={"delay": error},
+        )
+
+    def _with_numbers(self, state: State, k: int) -> SelectedEffect:
+        """Return a name with sizes and errors, everything else and its own shape being integrated out."""
+        one, part, effect = state.named[k], state.columns(k), state.named[k].place.effect
+        without = state.evidence.without(part)
+        sizes = sizes_of(without, state.rows, one.place, one.shape, state.added)
+        size, power = sizes.amplitudes, np.diag(sizes.covariance)
+        there = power > 0
+        covariance = sizes.covariance[np.ix_(there, there)]
+        square = float(size[there] @ np.linalg.solve(covariance, size[there]))
+        errors = np.where(there, np.sqrt(power), np.inf)
+        names, mode = list(effect.amplitudes(one.shape)), state.evidence.estimate[part]
+        visible = self._seen(state.evidence, part, mode, one.place, list(state.added[k]))
+        joint = max(visible, key=lambda j: visible[j])
+        equals = [place for place, x in one.rivals if x > not_ruled_out(one.log_odds)]
+        odds = np.array([0.0, one.log_odds, *(x for _, x in one.rivals)])
+        weights = np.exp(odds - odds.max())
+        return SelectedEffect(
+            effect=effect,
+            joints=one.place.joints,
+            shape=sizes.shape,
+            joint=joint,
+            visible=visible[joint],
+            log_odds=one.log_odds,
+            p_value=float(chdtrc(int(there.sum()), square)),
+            rivals=tuple(each.key for each in equals if not each.always),
+            always=any(each.always for each in equals),
+            values=dict(zip(names, size.tolist(), strict=True)) | sizes.shape,
+            std_errors=dict.fromkeys(effect.steps, float("inf"))
+            | sizes.shape_errors
+            | dict(zip(names, errors.tolist(), strict=True)),
+            probability=float(weights[1] / weights.sum()),
+        )

@@ -11,7 +11,7 @@ from dynid.arrays import Floats, Ints
 from dynid.gap import tuning
 from dynid.gap.gap_rows import GapRows
 from dynid.gap.known_errors import error_columns
-from dynid.gap.selection import State
+from dynid.gap.search import State
 
 
 @dataclass(frozen=True)

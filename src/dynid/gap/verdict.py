@@ -12,8 +12,8 @@ from dynid.arrays import Floats
 from dynid.estimation.possible_set import pseudo_inertia
 from dynid.gap import tuning
 from dynid.gap.change import still_changed
-from dynid.gap.possible_arm import COUNTERBALANCE
-from dynid.gap.search import EffectSearch
+from dynid.gap.counterbalance import COUNTERBALANCE
+from dynid.gap.delays import EffectSearch
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.effects.interface import Joints

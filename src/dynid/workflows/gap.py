@@ -27,16 +27,16 @@ from dynid.gap.analysis import (
     CUTOFF,
     GapAnalysis,
     analyse_gap,
+    named_load,
     on_one_clock,
     relative_error,
     with_counterbalances,
+    with_reestimated_payload,
 )
 from dynid.gap.apply import specs_of, stacked_with, write_robot
 from dynid.gap.candidates import SelectionOptions
-from dynid.gap.counterbalance import Suspicion, suspicions
-from dynid.gap.loads import named_load, with_reestimated_payload
+from dynid.gap.counterbalance import COUNTERBALANCE, Suspicion, suspicions
 from dynid.gap.localisation import NEGLIGIBLE
-from dynid.gap.possible_arm import COUNTERBALANCE
 from dynid.gap.problem import kept_model
 from dynid.gap.record import (
     GapEffect,

@@ -11,8 +11,8 @@ from dynid.gap.bands import Bands, instants
 from dynid.gap.candidates import Place, SelectionOptions, candidate, gains
 from dynid.gap.evidence import Evidence, JointModel
 from dynid.gap.problem import make_problem
-from dynid.gap.selection import Search, log_odds_of
-from dynid.gap.sizes import sizes_of, turning
+from dynid.gap.search import Search, log_odds_of
+from dynid.gap.shapes import sizes_of, turning
 from dynid.model.effects.catalogue import CATALOGUE
 
 #: Rows of the two bands of ``drawn``.

@@ -8,7 +8,7 @@ import pytest
 import twolink
 from dynid.gap.analysis import analyse_gap
 from dynid.gap.candidates import SelectionOptions
-from dynid.gap.late_torques import late_torques
+from dynid.gap.delays import late_torques
 from dynid.gap.problem import make_problem
 
 

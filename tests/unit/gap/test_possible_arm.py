@@ -5,7 +5,7 @@ import pytest
 
 from dynid.gap.analysis import analyse_gap, with_counterbalances
 from dynid.gap.candidates import SelectionOptions
-from dynid.gap.possible_arm import amplitudes_beside, least_gain, reduced
+from dynid.gap.counterbalance import amplitudes_beside, least_gain, reduced
 from dynid.model.effects.catalogue import CATALOGUE
 
 #: Torque of a counterbalance at the shoulder [N m], several times the arm's weight.

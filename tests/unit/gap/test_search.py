@@ -4,7 +4,7 @@ import pytest
 
 from dynid.gap.analysis import on_one_clock
 from dynid.gap.candidates import SelectionOptions
-from dynid.gap.search import search_effects
+from dynid.gap.delays import search_effects
 
 
 @pytest.mark.slow

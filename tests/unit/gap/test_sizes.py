@@ -6,8 +6,8 @@ import pytest
 import twolink
 from dynid.gap.analysis import on_one_clock
 from dynid.gap.candidates import SelectionOptions
+from dynid.gap.delays import search_effects
 from dynid.gap.held_out import held_out_improvement, held_out_rows
-from dynid.gap.search import search_effects
 
 OFFSET = 0.12
 

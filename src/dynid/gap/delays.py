@@ -1,0 +1,146 @@
+"""The search: delays are taken out of the logs, and what is left is searched for names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.special import chdtrc
+
+from dynid.arrays import Floats
+from dynid.gap.candidates import SelectionOptions
+from dynid.gap.evidence import Rest
+from dynid.gap.known_errors import KnownErrors
+from dynid.gap.problem import GapProblem, KeptModel, make_problem
+from dynid.gap.search import Search
+from dynid.gap.selected_effects import Key, SelectedEffect
+from dynid.gap.strays import Stray, find_strays
+from dynid.model.base_model import BaseModel
+from dynid.options import LONGEST_DELAY
+from dynid.signals.conditioned_log import ConditionedLog, segment_without_delay
+
+#: Most selections: three for a delay, because each shift makes the next one exact to second order, one after what is
+#: left of it, and one more.
+MOST_SELECTIONS = 5
+
+
+@dataclass(frozen=True)
+class EffectSearch:
+    """A finished search.
+
+    Attributes:
+        problem: what was searched, delays taken out.
+        selected: effects that were found, a delay included.
+        visibility: largest visible share of each candidate.
+        errors: what recorder, filter and reversals do.
+        rest: what is missing without a name.
+        strays: short disturbances that do not repeat.
+    """
+
+    problem: GapProblem
+    selected: list[SelectedEffect]
+    visibility: dict[Key, float]
+    errors: KnownErrors
+    rest: Rest
+    strays: tuple[Stray, ...] = ()
+
+
+def search_effects(
+    logs: Sequence[ConditionedLog],
+    base: BaseModel,
+    kept: KeptModel | None,
+    options: SelectionOptions,
+    *,
+    first: GapProblem | None = None,
+    earlier: Sequence[ConditionedLog] = (),
+) -> EffectSearch:
+    """Search logs for what the model lacks.
+
+    Args:
+        logs: conditioned logs, all with the same filter.
+        base: model and base parameters.
+        kept: the model that is kept, to find what has changed; None to find what no re-identification can absorb.
+        options: what is searched.
+        first: the problem of these logs, when it is there already.
+        earlier: conditioned logs that a kept model was identified from.
+    """
+    problem = first or make_problem(logs, base, kept, earlier)
+    # Why not otherwise: a model that is fitted to late torques alone bends to them, and another delay does as well.
+    wanted = not options.effects or "torque_delay" in options.effects
+    shift = delay = late_torques(problem) if problem.since and wanted else 0.0
+    late: SelectedEffect | None = None
+    refined = False
+    for k in range(MOST_SELECTIONS):
+        if shift:
+            shifted = [
+                replace(s, segments=[segment_without_delay(x, delay) for x in s.segments])
+                for s in logs
+            ]
+            problem = make_problem(shifted, base, kept, earlier)
+        more = abs(delay) < LONGEST_DELAY and k < MOST_SELECTIONS - 1
+        search = Search(problem, options, delay=more)
+        state, delay_effect, first_of_all = search.run()
+        # Why once more although it is no name any more: the rest is small beside the noise, not beside its own error.
+        if delay_effect is None or refined or not (first_of_all or delay):
+            break
+        refined = not first_of_all
+        late, shift = delay_effect, delay_effect.values["delay"]
+        delay += shift
+    selected = [] if first_of_all else search.with_numbers(state)
+    if late is not None:
+        # Why of the last one: the first one is that of a slope of torques which are in another place.
+        error, share = late.std_errors["delay"], abs(delay / late.values["delay"])
+        p_value, visible = float(chdtrc(1, (delay / error) ** 2)), share * late.visible
+        values = {"delay": delay}
+        selected.append(replace(late, values=values, visible=visible, p_value=p_value))
+    evidence, strays = state.evidence, find_strays(state, problem.noise.unrepeatable)
+    return EffectSearch(
+        problem, selected, search.visibility, evidence.known_errors, evidence.rest(), tuple(strays)
+    )
+
+
+# ---------------------------------------------------------------- tenths of a second
+# The slope of the torque of a model stands for a short delay alone, and a model fitted to late torques has another
+# slope. Torques that are moved back know of neither.
+#: Delays that are tried [s]: closer than half a period of what moves an arm, and further than the slope reaches.
+TRIED = np.linspace(-LONGEST_DELAY, LONGEST_DELAY, 21)
+#: Drop of twice the log likelihood from which a delay begins the search, and by which no joint may be worse with it:
+#: all torques are late, or it is something else.
+SURE = 24.0
+
+
+def late_torques(problem: GapProblem) -> float:
+    """Return the delay of all new torques that explains most [s]; 0 where none is sure.
+
+    Args:
+        problem: what is searched.
+    """
+    bare = problem.regression()
+    rows, moved = bare.rows, np.zeros((*bare.rows.tau.T.shape, len(TRIED)))
+    every = ~rows.is_new
+    for part in rows.parts:
+        t, new = rows.t[part], rows.is_new[part.start]
+        every[part] |= (t >= t[0] + LONGEST_DELAY) & (t <= t[-1] - LONGEST_DELAY)
+        wanted = np.clip(t[:, None] + TRIED * new, t[0], t[-1])
+        moved[:, part] = CubicSpline(t, rows.tau[part], axis=0)(wanted).transpose(2, 0, 1)
+    chosen, right = [], np.zeros((bare.baseline[0].shape[1], len(TRIED)))
+    for j, baseline in enumerate(bare.baseline):
+        kept = every[bare.noise.counting(rows, j)]
+        A, y = baseline[kept], bare.noise.whiten(rows, j, moved[j].T)[:, kept]
+        chosen.append((A, y))
+        right += A.T @ y.T
+    theta = bare.solved(right)
+    left = np.array([np.sum((y - (A @ theta).T) ** 2, axis=1) for A, y in chosen])
+    total = left.sum(axis=0)
+    best, still = int(np.argmin(total)), len(TRIED) // 2
+    # Why over what is left: a model that lacks something leaves more than noise, whatever the delay.
+    noise = max(float(total[best]) / max(sum(y.shape[1] for _, y in chosen), 1), 1.0)
+    gain: Floats = (left[:, still] - left[:, best]) / noise
+    if gain.sum() < SURE or gain.min() < -SURE / 2:
+        return 0.0
+    near = slice(max(best - 1, 0), best + 2)
+    bend, slope, _ = np.polyfit(TRIED[near] - TRIED[best], total[near], 2)
+    step = -slope / (2 * bend) if bend > 0 else 0.0
+    return float(np.clip(TRIED[best] + step, -LONGEST_DELAY, LONGEST_DELAY))
