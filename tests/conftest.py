@@ -30,9 +30,14 @@ def recordings():
 
 
 @pytest.fixture(scope="session")
-def runner():
-    """The class, for fixtures that keep a folder for several tests."""
-    return Runner
+def workshop(tmp_path_factory):
+    """Makes the command line in a folder of its own that several tests share."""
+
+    def make():
+        folder = tmp_path_factory.mktemp("workshop")
+        return Runner(folder / "work", folder / "home")
+
+    return make
 
 
 @pytest.fixture
@@ -42,10 +47,9 @@ def dynid(tmp_path):
 
 
 @pytest.fixture(scope="session")
-def story(tmp_path_factory):
+def story(workshop):
     """The shipped log of the LWR4+ identified, with its report, in ``out/arm``: a folder that tests only add to."""
-    folder = tmp_path_factory.mktemp("story")
-    run = Runner(folder, folder / "home")
+    run = workshop()
     bag = ROOT / "trajectories" / "lwr4plus_identify.bag"
     run.answer = run(f"identify kuka_lwr4plus {bag} -o out/arm --json").facts
     return run

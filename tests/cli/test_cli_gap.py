@@ -18,10 +18,9 @@ KEYS = "schema robot verdict where named alternatives gap advice wrote"
 
 
 @pytest.fixture(scope="module")
-def shop(tmp_path_factory, runner):
+def shop(workshop):
     """A folder with logs of an LWR4+ with load-dependent friction on joint 4, its robot file and a first result."""
-    folder = tmp_path_factory.mktemp("gap")
-    run = runner(folder / "work", folder)
+    run = workshop()
     shutil.copy(ROOT / "robots" / "kuka_lwr4plus.yaml", run.folder / "arm.yaml")
 
     def load_friction(t, q, qd, rigid):

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from dynid.files.trajectoryfile import read_trajectory
-from runner import ROOT, Runner, rows
+from runner import ROOT, rows
 
 LWR = "trajectory kuka_lwr4plus"
 QUICK = "--no-optimise --duration 6 --segments 4 --preview none"
@@ -17,10 +17,9 @@ TRAJECTORIES = ROOT / "trajectories"
 
 
 @pytest.fixture(scope="module")
-def planned(tmp_path_factory):
+def planned(workshop):
     """A quick plan in one folder for several tests: how to run there, its answer, what was said."""
-    folder = tmp_path_factory.mktemp("plan")
-    run = Runner(folder, folder)
+    run = workshop()
     done = run(f"{LWR} {QUICK} --json")
     return run, done.facts, done.err
 

@@ -17,19 +17,18 @@ import yaml
 
 import twolink
 from dynid.files.artifact import read_artifact
-from runner import Runner, rows
+from runner import rows
 
 OUT = "out/arm"
 IDENTIFY = "identify arm.yaml log.csv"
 
 
 @pytest.fixture(scope="session")
-def finished(tmp_path_factory):
+def finished(workshop):
     """A folder where the two-link arm was identified; tests get copies of it."""
-    folder = tmp_path_factory.mktemp("finished")
-    run = Runner(folder / "work", folder / "home")
+    run = workshop()
     twolink.write_arm(run.folder)
-    assert run(f"{IDENTIFY} --no-report").status == 0
+    assert run(f"{IDENTIFY} --no-report").good
     return run.folder
 
 

@@ -10,15 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from dynid import (
-    Identification,
-    LogOptions,
-    find_gap,
-    identify,
-    load_log,
-    load_robot,
-    validate,
-)
+from dynid import Identification, LogOptions, find_gap, identify, load_log, load_robot, validate
 from dynid.estimation.rows import rows_of
 from dynid.loading import condition_logs
 from dynid.model import build_model

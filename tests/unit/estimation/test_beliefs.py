@@ -16,12 +16,11 @@ from dynid.sim.urdf import urdf_text
 
 
 @pytest.fixture(scope="module")
-def shop(tmp_path_factory, runner):
-    folder = tmp_path_factory.mktemp("beliefs")
-    (folder / "home").mkdir()
+def shop(workshop):
+    run = workshop()
     log = recorded(11, seconds=15.0)[1]
-    np.savez(folder / "log.npz", t=log.t, q=log.q, tau=log.tau)
-    return runner(folder, folder / "home")
+    np.savez(run.folder / "log.npz", t=log.t, q=log.q, tau=log.tau)
+    return run
 
 
 def links(shop, *options):

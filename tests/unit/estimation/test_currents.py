@@ -14,16 +14,15 @@ LOADED = ("--loaded", "loaded.csv", "--load-mass", "1.8", "--drop-weak", "--no-r
 
 
 @pytest.fixture(scope="module")
-def shop(tmp_path_factory, runner):
+def shop(workshop):
     """A robot file with unknown gains and the currents of two motions, one with a load."""
-    folder = tmp_path_factory.mktemp("currents")
-    (folder / "home").mkdir()
+    run = workshop()
     for name, seed, load in (("empty", 11, None), ("loaded", 12, LOAD)):
         robot, log = recorded(seed, load)
         names = [f"{kind}_{joint}" for kind in "qi" for joint in robot.joint_names]
         rows = np.column_stack([log.t, log.q, log.tau / GAINS])
         np.savetxt(
-            folder / f"{name}.csv",
+            run.folder / f"{name}.csv",
             rows,
             delimiter=",",
             header=",".join(["t", *names]),
@@ -35,8 +34,8 @@ def shop(tmp_path_factory, runner):
         for line in robot.path.read_text().splitlines(keepends=True)
         if not line.startswith("torque:")
     )
-    (folder / "arm.yaml").write_text(text + "torque: {source: motor_current, gain: null}\n")
-    return runner(folder, folder / "home")
+    (run.folder / "arm.yaml").write_text(text + "torque: {source: motor_current, gain: null}\n")
+    return run
 
 
 def test_a_load_of_known_mass_makes_newton_metres_of_amperes(shop):

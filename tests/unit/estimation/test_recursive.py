@@ -13,16 +13,15 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def shop(tmp_path_factory, runner):
-    folder = tmp_path_factory.mktemp("updates")
-    (folder / "home").mkdir()
+def shop(workshop):
+    run = workshop()
     # Why a width of the file: an update keeps the one that the first log told, the fit on both asks both.
     text = (ROOT / "robots/kuka_lwr4plus.yaml").read_text()
-    (folder / "arm.yaml").write_text(f"{text}\ncoulomb: {{shape: smooth, velocity: 0.57}}\n")
+    (run.folder / "arm.yaml").write_text(f"{text}\ncoulomb: {{shape: smooth, velocity: 0.57}}\n")
     for name, seed in (("one", 41), ("two", 42)):
         log = recorded(seed, seconds=15.0)[1]
-        np.savez(folder / f"{name}.npz", t=log.t, q=log.q, tau=log.tau)
-    return runner(folder, folder / "home")
+        np.savez(run.folder / f"{name}.npz", t=log.t, q=log.q, tau=log.tau)
+    return run
 
 
 def run(shop, *words):

@@ -8,6 +8,7 @@ import pybullet
 
 import models
 from arms import pinocchio_torques, random_bodies, random_robot
+from dynid import load_robot
 from dynid.estimation.residual_model import GROUPS, ModelError
 from dynid.exporters import FORMATS, FullModel, IdentifiedArm, Provenance
 from dynid.exporters.code import imported
@@ -16,7 +17,6 @@ from dynid.exporters.engines import bullet_body, own_torques
 from dynid.exporters.full_model import world_gravity
 from dynid.exporters.simulated import numbers_of
 from dynid.exporters.urdf import joints_of
-from dynid.files.robotfile import load_robot
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.reduce import random_states
 from dynid.robot import EffectSpec

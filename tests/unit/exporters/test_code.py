@@ -14,9 +14,9 @@ from export_cases import SHIPPED, made, random, random_model_error, shipped, wit
 from numpy.testing import assert_allclose
 
 from arms import pinocchio_model
+from dynid import load_robot
 from dynid.exporters import FORMATS
 from dynid.exporters.code import compiled, imported, pointer
-from dynid.files.robotfile import load_robot
 from dynid.model.effects.catalogue import CATALOGUE
 from dynid.model.reduce import random_states
 from dynid.robot import Coulomb, EffectSpec

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from dynid import load_robot
 from dynid.errors import TopicMissing, WrongMessageType
 from dynid.files.logs import read_log
-from dynid.files.robotfile import load_robot
 from makelogs import (
     KINOVA,
     ROOT,

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dynid import load_robot
 from dynid.errors import DynidError
 from dynid.files.planfile import read_plan, read_waypoints
-from dynid.files.robotfile import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[3] / "robots" / "kuka_lwr4plus.yaml")
 ROW = "0, 10, 20, 30, 40, 50, 60"

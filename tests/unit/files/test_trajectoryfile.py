@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 import yaml
 
-from dynid import Motion
+from dynid import Motion, load_robot
 from dynid.errors import JointCountDiffers, NotAnArtifact
-from dynid.files.robotfile import load_robot
 from dynid.files.trajectoryfile import (
     Review,
     StoredTrajectory,

@@ -5,10 +5,9 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 from signal_cases import robot
 
+from dynid import Log, load_robot
 from dynid.errors import RateTooLow
 from dynid.files.logs import read_log
-from dynid.files.robotfile import load_robot
-from dynid.log import Log
 from dynid.signals import tuning
 from dynid.signals.checks import prepare
 from dynid.signals.filters import check_position_noise, check_rate, choose_cutoff, position_noise
@@ -18,7 +17,7 @@ RATE, SECONDS = 200.0, 60.0
 T = np.arange(round(RATE * SECONDS)) / RATE
 
 
-def slow_log(noise: float, seed: int = 0) -> Log:
+def slow_log(noise, seed=0):
     q = np.column_stack(
         [0.8 * np.sin(1.3 * T) + 0.2 * np.sin(2.9 * T), 0.6 * np.sin(1.7 * T + 0.4)]
     )
@@ -26,7 +25,7 @@ def slow_log(noise: float, seed: int = 0) -> Log:
     return Log(T, q, 5 * np.cos(q), ("joint_1", "joint_2"))
 
 
-def acceleration_below(q: np.ndarray, cutoff: float) -> np.ndarray:
+def acceleration_below(q, cutoff):
     """Return accelerations below a cut-off, the ends left out, (N, n) [rad/s^2]."""
     smooth = sosfiltfilt(butter(8, cutoff, fs=RATE, output="sos"), q, axis=0)
     return np.gradient(np.gradient(smooth, 1 / RATE, axis=0), 1 / RATE, axis=0)[400:-400]

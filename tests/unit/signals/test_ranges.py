@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dynid.log import Log
-from dynid.robot import Joint, Limits, Robot
+from dynid import Log, Robot
+from dynid.robot import Joint, Limits
 from dynid.signals.checks import check_ranges
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from signal_cases import RNG, moving_log, robot
 
 from dynid.signals.columns import take_samples
@@ -15,8 +16,8 @@ def test_samples_held_by_the_driver_are_left_out(every):
     log = moving_log()
     index = np.arange(len(log)) // every * every
     kept = without_stale(replace(take_samples(log, index), t=log.t), robot())
-    np.testing.assert_array_equal(kept.t, log.t[::every])
-    np.testing.assert_array_equal(kept.q, log.q[::every])
+    assert_array_equal(kept.t, log.t[::every])
+    assert_array_equal(kept.q, log.q[::every])
     assert [finding.code for finding in kept.findings] == ["W325"]
     assert kept.findings[0].evidence["rate_hz"] == pytest.approx(log.rate / every, rel=0.02)
 
@@ -24,7 +25,7 @@ def test_samples_held_by_the_driver_are_left_out(every):
 def test_positions_held_beside_fresh_torques_are_left_out():
     log = moving_log()
     kept = without_stale(replace(log, q=log.q[np.arange(len(log)) // 4 * 4]), robot())
-    np.testing.assert_array_equal(kept.t, log.t[::4])
+    assert_array_equal(kept.t, log.t[::4])
 
 
 def test_encoders_so_coarse_that_positions_repeat_are_no_held_samples():
@@ -50,7 +51,7 @@ def test_samples_stored_twice_under_one_stamp_are_dropped():
     log = moving_log()
     index = np.repeat(np.arange(len(log)), 2)
     kept = with_rising_time(take_samples(log, index), sort_time=False)
-    np.testing.assert_array_equal(kept.t, log.t)
+    assert_array_equal(kept.t, log.t)
     assert [finding.code for finding in kept.findings] == ["W311"]
 
 
@@ -68,7 +69,7 @@ def test_the_part_of_a_log_that_an_earlier_one_has_is_left_out():
     first = take_samples(log, slice(half))
     kept, findings = without_copies([first, log])
     assert kept[0] is first
-    np.testing.assert_array_equal(kept[1].t, log.t[half:])
+    assert_array_equal(kept[1].t, log.t[half:])
     assert findings[0].evidence["share"] == pytest.approx(0.5, abs=0.01)
 
 
@@ -77,7 +78,7 @@ def test_a_recording_joined_to_itself_counts_once():
     twice = take_samples(log, np.tile(np.arange(len(log)), 2))
     twice = replace(twice, t=np.append(log.t, log.t + log.t[-1] + 0.01))
     kept, _ = without_copies([twice])
-    np.testing.assert_array_equal(kept[0].q, log.q)
+    assert_array_equal(kept[0].q, log.q)
 
 
 def test_copies_are_found_among_many_logs():

@@ -1,6 +1,7 @@
 """A simulated log holds what was put into it, and nothing else."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -63,8 +64,13 @@ def test_mujoco_and_the_own_model_agree(name, monkeypatch):
     assert_allclose(other.torque, one.torque, atol=2e-4 * largest)
 
 
-def test_payload_weighs_what_it_weighs_on_the_sliding_joint(arm, motion):
-    more = simulate(arm, motion, BARE, payload=2.0).torque - simulate(arm, motion, BARE).torque
+@pytest.fixture
+def bare(arm, motion):
+    return partial(simulate, arm, motion, BARE)
+
+
+def test_payload_weighs_what_it_weighs_on_the_sliding_joint(arm, motion, bare):
+    more = bare(payload=2.0).torque - bare().torque
     slide = next(j for j, joint in enumerate(arm.joints) if not joint.revolute)
     sign = np.sign(more[:, slide].mean())
     assert (
@@ -73,22 +79,19 @@ def test_payload_weighs_what_it_weighs_on_the_sliding_joint(arm, motion):
     )
 
 
-def test_an_effect_of_the_catalogue_is_added_with_its_numbers(arm, motion):
-    plain, bent = (
-        simulate(arm, motion, BARE),
-        simulate(arm, motion, BARE, effects=("viscous@2:fv=4.5",)),
-    )
+def test_an_effect_of_the_catalogue_is_added_with_its_numbers(motion, bare):
+    plain, bent = bare(), bare(effects=("viscous@2:fv=4.5",))
     assert_allclose(bent.torque[:, 1] - plain.torque[:, 1], 4.5 * motion.qd[:, 1], atol=1e-9)
     assert_allclose(np.delete(bent.torque - plain.torque, 1, axis=1), 0.0, atol=1e-12)
 
 
-def test_delay_noise_and_resolution_are_as_large_as_asked(arm, motion):
-    plain = simulate(arm, motion, BARE)
-    late = simulate(arm, motion, BARE, delay=0.05)
+def test_delay_noise_and_resolution_are_as_large_as_asked(arm, motion, bare):
+    plain = bare()
+    late = bare(delay=0.05)
     assert_allclose(late.log.tau[5:], plain.log.tau[:-5], atol=1e-9)
-    coarse = simulate(arm, motion, BARE, resolution=1e-3)
+    coarse = bare(resolution=1e-3)
     assert np.abs(coarse.log.q - motion.q).max() <= 0.5e-3 + 1e-12
-    noisy = simulate(arm, motion, BARE, noise=0.01)
+    noisy = bare(noise=0.01)
     rated = np.array([joint.limits.torque for joint in arm.joints])
     assert_allclose((noisy.log.tau - plain.log.tau).std(axis=0) / rated, 0.01, rtol=0.25)
 
@@ -102,20 +105,18 @@ def test_delay_noise_and_resolution_are_as_large_as_asked(arm, motion):
         ("sprign@2:k1=3", "did you mean 'spring'"),
     ],
 )
-def test_an_effect_without_its_numbers_or_of_another_name_is_refused(arm, motion, text, said):
+def test_an_effect_without_its_numbers_or_of_another_name_is_refused(bare, text, said):
     with pytest.raises(WrongUsage, match=said):
-        simulate(arm, motion, BARE, effects=(text,))
+        bare(effects=(text,))
 
 
 @pytest.mark.parametrize("name", sorted(set(CATALOGUE) - {"torque_delay"}))
-def test_a_refused_effect_of_the_catalogue_is_answered_with_one_that_works(arm, base, motion, name):
+def test_a_refused_effect_of_the_catalogue_is_answered_with_one_that_works(bare, base, name):
     joints = {"joint": "@2", "pair": "@2,1", "arm": ""}[CATALOGUE[name].scope]
     with pytest.raises(WrongUsage) as caught:
-        simulate(arm, motion, BARE, base=base, effects=(f"{name}{joints}",))
-    plain = simulate(arm, motion, BARE, base=base)
-    bent = simulate(
-        arm, motion, BARE, base=base, effects=(caught.value.fix.removeprefix("--effect "),)
-    )
+        bare(base=base, effects=(f"{name}{joints}",))
+    plain = bare(base=base)
+    bent = bare(base=base, effects=(caught.value.fix.removeprefix("--effect "),))
     assert np.isfinite(bent.torque).all()
     # The second joint carries no weight that backlash could move in, and never comes to the stop.
     assert np.abs(bent.torque - plain.torque).max() > 0 or name in ("backlash", "end_stop")
