@@ -23,7 +23,6 @@ from pathlib import Path
 import numpy as np
 
 import study
-from dynid.files.robotfile import load_robot
 from dynid.model.regressor import Model
 from dynid.model.regressor_gradient import RegressorGradient
 from dynid.trajectory.basis import Quintic
@@ -33,7 +32,7 @@ from dynid.trajectory.objective import ExcitationObjective, PlanProblem
 from dynid.trajectory.optimise import descend
 from dynid.trajectory.plan import Trajectory, through_waypoints
 from dynid.trajectory.predict import held_out, predict
-from models import base_of
+from models import with_plain_friction
 
 HERE = Path(__file__).parent
 STORE, TABLE = HERE / "excitation.json", HERE / "excitation.md"
@@ -112,11 +111,8 @@ def broken(trajectory, limits, rate=1e4):
 
 def bench(name):
     """Prepare an arm."""
-    robot = load_robot(name)
-    robot = replace(
-        robot, joints=tuple(replace(j, friction=("viscous", "coulomb")) for j in robot.joints)
-    )
-    found = base_of(robot)
+    found = with_plain_friction(name)
+    robot = found.robot
     model, base, names = found.model, found.reduction.base, found.model.parameter_names
     rigid = np.array([k for k in base if not names[k].startswith(("fv", "fc", "Im"))])
     limits = bounds(robot, 0.05, 0.0)

@@ -1,5 +1,6 @@
 """Models of arms with their base parameters, each derived once for all tests of a process."""
 
+from dataclasses import replace
 from functools import cache
 
 import twolink
@@ -16,6 +17,14 @@ def base_of(robot):
 @cache
 def shipped(name):
     return base_of(load_robot(name))
+
+
+@cache
+def with_plain_friction(name):
+    """An arm with viscous and Coulomb friction alone: 62 base parameters of seven joints."""
+    robot = load_robot(name)
+    joints = tuple(replace(j, friction=("viscous", "coulomb")) for j in robot.joints)
+    return base_of(replace(robot, joints=joints))
 
 
 @cache

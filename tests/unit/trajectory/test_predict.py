@@ -26,9 +26,8 @@ def other(lwr):
 
 def test_slowing_down_costs_accuracy_at_every_step(lwr, other):
     noise = np.full(7, 0.1)
-    rows = alpha_table(
-        random_trajectory(lwr.robot, 2), lwr.model, lwr.reduction.base, noise, other, samples=6000
-    )
+    motion, columns = random_trajectory(lwr.robot, 2), lwr.reduction.base
+    rows = alpha_table(motion, lwr.model, columns, noise, other, samples=6000)
     assert [row.alpha for row in rows] == [0.2, 0.5, 1.0]
     errors = [row.torque_error for row in rows]
     assert errors == sorted(errors, reverse=True)
@@ -45,8 +44,7 @@ def test_the_table_counts_the_samples_that_the_log_will_have(lwr, other):
 
 
 def test_a_motion_without_one_joint_leaves_its_friction_unknown(lwr, other):
-    plan = random_trajectory(lwr.robot, 3)
-    motion = plan.sampled(50)
+    motion = random_trajectory(lwr.robot, 3).sampled(50)
     motion.qd[:, 6] = motion.qdd[:, 6] = 0.0
     found = predict(lwr.model, lwr.reduction.base, motion, np.full(7, 0.1), other)
     errors = dict(zip(lwr.reduction.base_names, found.std_error, strict=True))
