@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -65,12 +66,8 @@ def rest_slices(log: Log, robot: Robot) -> list[slice]:
     slow = per_joint(tuning.REST_SPEED, robot)
     still = np.all(np.abs(speed(log)) < slow, axis=1)
     margin = round(0.1 * log.rate)
-    found = [slice(rest.start + margin, rest.stop - margin) for rest in runs(still)]
-    return [
-        part
-        for part in found
-        if part.stop - part.start >= max(2, (tuning.ARM_REST_S - 0.2) * log.rate)
-    ]
+    least = 2 * margin + max(2, math.ceil((tuning.ARM_REST_S - 0.2) * log.rate))
+    return [slice(rest.start + margin, rest.stop - margin) for rest in runs(still, least)]
 
 
 def bandwidth(log: Log, robot: Robot) -> float:

@@ -241,7 +241,7 @@ def without_stale(log: Log, robot: Robot) -> Log:
     busy, same_q = alive.any(axis=1), same_rows(log.q)
 
     def many(flags: Flags) -> bool:
-        return bool(np.sum(flags & busy) > tuning.STALE_SHARE * busy.sum())
+        return bool(np.sum(flags[busy]) > tuning.STALE_SHARE * busy.sum())
 
     stale = same_q & same_rows(log.tau)
     if not many(stale) and many(same_q):
@@ -252,7 +252,7 @@ def without_stale(log: Log, robot: Robot) -> Log:
             stale = same_q
     if not many(stale):
         return log
-    share = float(np.sum(stale & busy) / busy.sum())
+    share = float(np.mean(stale[busy]))
     # Why also at rest between motions: the samples of a driver that holds them are as far apart there.
     first, last = np.flatnonzero(busy)[[0, -1]]
     stale[:first] = stale[last + 1 :] = False
