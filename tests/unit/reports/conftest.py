@@ -57,11 +57,10 @@ def gathered(tmp_path_factory):
     physical = PhysicalParameters(
         reduction.names,
         x,
-        np.full(c, 0.1),
         np.linspace(0, 1, c),
         cost=1.0,
         objective=2.0,
-        covariance=np.eye(c),
+        covariance=0.01 * np.eye(c),
         hessian=np.eye(c),
     )
     error = np.where(np.arange(p) == 0, np.inf, 0.01)
