@@ -249,9 +249,8 @@ def unchanged(data, draws, seed):
         source = source_of(first, base.model)
         verdict = look([second], base, identified([source], base), source).verdict
         named = ", ".join(f"{f.name} {places(f.joints)}" for f in verdict.named) or "-"
-        parts = (part.split("/")[1] for part in pair)
-        differ = ", ".join(str(j + 1) for j in verdict.remainder) or "-"
-        print(arm, *parts, verdict.word, named, differ, flush=True)
+        differ = [j + 1 for j in verdict.remainder] or "-"
+        print(arm, *pair, verdict.word, named, differ, flush=True)
 
 
 def drawn_pair(logs, rng):
