@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from rosbags.highlevel import AnyReader
 from scipy.signal import butter, sosfiltfilt
 
 from arms import pinocchio_model, pinocchio_torques, tensor_of
 from dynid import load_robot
-from dynid.files.logs import read_log
 from dynid.model.parameters import prior_bodies
 from dynid.sim.plant import read_plant
 
@@ -19,9 +19,15 @@ LOGS = [(arm, job) for arm in ("lwr4plus", "kinova_gen2") for job in ("identify"
 
 def read(robot, path):
     """Return time, positions and torques in chain order, columns taken by name."""
-    log = read_log(path, robot=robot, topic=robot.driver.topic)
-    order = [log.names.index(name) for name in robot.log_names]
-    return log.t - log.t[0], log.q[:, order], log.tau[:, order]
+    with AnyReader([path]) as reader:
+        (channel,) = reader.connections
+        messages = [reader.deserialize(raw, channel.msgtype) for _, _, raw in reader.messages()]
+    assert channel.topic == robot.driver.topic
+    order = [messages[0].name.index(name) for name in robot.log_names]
+    t = np.array([m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages])
+    return t - t[0], *(
+        np.array([getattr(m, part) for m in messages])[:, order] for part in ("position", "effort")
+    )
 
 
 def derivatives(t, q, cutoff):

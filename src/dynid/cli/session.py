@@ -246,7 +246,7 @@ class Session(Options):
         """Print a part of an answer; warnings go to stderr."""
         match part:
             case Finding():
-                self.findings([part])
+                self.progress.findings([part])
             case Judgement():
                 self.answer(part.sentence, "bold", SENTENCE)
                 for text in (*part.reasons, *part.warnings, ""):
