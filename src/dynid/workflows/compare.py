@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,7 @@ from dynid import arguments
 from dynid.answer import Answer, Answered, Judged, Part, picked
 from dynid.arguments import public
 from dynid.errors import WrongUsage
-from dynid.estimation.compare import Change, Comparison, FigureOfMerit, same_parameters
+from dynid.estimation.compare import Comparison, FigureOfMerit, same_parameters
 from dynid.estimation.compare import compare as compared
 from dynid.estimation.result import Identification
 from dynid.files import typed
@@ -51,7 +51,7 @@ class ComparedRun(Judged):
     earlier: str = ""
 
     @property
-    def changed(self) -> tuple[Change | FigureOfMerit, ...]:
+    def changed(self) -> tuple[FigureOfMerit, ...]:
         """The numbers that changed: beyond the tolerance, or without one more than noise explains."""
         if self.comparison is None:
             return ()
@@ -79,8 +79,10 @@ class ComparedRun(Judged):
             return self.result.evidence
         units = {row["name"]: row["unit"] for row in self.result.parameter_rows()}
         changes = tuple(
-            ChangedNumber(each.name, each.before, each.after, chance, units.get(each.name, ""))
-            for each, chance in self._chances()
+            ChangedNumber(
+                each.name, each.before, each.after, _chance(each), units.get(each.name, "")
+            )
+            for each in self.changed
         )
         return replace(
             self.result.evidence,
@@ -91,12 +93,6 @@ class ComparedRun(Judged):
             tolerance=self.tolerance,
         )
 
-    def _chances(self) -> Iterator[tuple[Change | FigureOfMerit, float | None]]:
-        """Yield what changed, and the probability that noise alone makes it; None where that is unknown."""
-        for each in self.changed:
-            chance = getattr(each, "p_value", float("nan"))
-            yield each, chance if chance == chance else None
-
     def table(self) -> Table:
         """Return the numbers that changed."""
         rows = [
@@ -105,9 +101,9 @@ class ComparedRun(Judged):
                 "before": f"{each.before:.5g}",
                 "after": f"{each.after:.5g}",
                 "change": f"{each.percent:+.2f} %",
-                "p": "-" if chance is None else f"{chance:.1g}",
+                "p": _chance(each),
             }
-            for each, chance in self._chances()
+            for each in self.changed
         ]
         return Table(rows)
 
@@ -142,6 +138,12 @@ class ComparedRun(Judged):
             },
             "log_sha256": list(result.log_sha256),
         }
+
+
+def _chance(changed: FigureOfMerit) -> float | None:
+    """Return the probability that noise alone changes a number so much; None where that is unknown."""
+    chance = getattr(changed, "p_value", float("nan"))
+    return chance if chance == chance else None
 
 
 @dataclass(frozen=True, repr=False)

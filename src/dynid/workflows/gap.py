@@ -181,7 +181,7 @@ class Gap(Judged, GapRecord):
             }
             for one in (*self.named, *self.closest)
         ]
-        return Table(rows, self.robot)
+        return Table(rows)
 
     def joint_table(self) -> Table:
         """Return one row per joint: held-out rms before and after, noise [N m or N], errors of the simulated motion."""
@@ -199,7 +199,7 @@ class Gap(Judged, GapRecord):
                 unit = "m" if row["unit"] == "N" else "rad"
                 row |= {"simulated before": before, "simulated after": after, "in": unit}
             rows.append(row)
-        return Table(rows, f"{self.robot}: held-out error ({self.heldout})")
+        return Table(rows)
 
     def answer(self) -> Answer:
         """Return what ``dynid gap`` answers."""

@@ -34,11 +34,6 @@ class Report(Answered):
     html: str
     markdown: str
 
-    @property
-    def verdict(self) -> tuple[str, ...]:
-        """The answer, why, and what to beware of, in sentences."""
-        return self.judgement.sentences
-
     def save(self, folder: Path | str) -> list[Path]:
         """Write report.html and summary.md to a folder and return their paths."""
         texts = {"report.html": self.html, "summary.md": self.markdown}
@@ -51,7 +46,7 @@ class Report(Answered):
         return {
             "schema": "dynid/report/1",
             "robot": self.robot,
-            "verdict": [*self.verdict],
+            "verdict": [*self.judgement.sentences],
             "lights": {light.name: light.state for light in self.judgement.lights},
             "judgement": self.judgement.facts(),
         }

@@ -118,7 +118,7 @@ class Validation(Judged):
             }
             for error, joint in zip(self.joints, self.robot.joints, strict=True)
         ]
-        return Table(rows, self.title)
+        return Table(rows)
 
     def answer(
         self,

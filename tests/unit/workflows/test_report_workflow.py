@@ -13,9 +13,9 @@ from dynid.workflows.identify import save_result
 
 def test_a_new_result_has_a_report_with_its_motion_and_excitation(result):
     made = report(result)
-    assert made.verdict[0] == result.judgement.sentence
+    assert made.judgement.sentence == result.judgement.sentence
     shown = made._repr_html_()
-    assert all(html.escape(sentence) in shown for sentence in made.verdict)
+    assert all(html.escape(sentence) in shown for sentence in made.judgement.sentences)
     assert all(light.title in shown for light in made.judgement.lights)
     assert [light.name for light in made.judgement.lights] == [
         "fit",
@@ -44,7 +44,7 @@ def test_it_is_the_report_of_the_saved_result(result, tmp_path):
     memory, disk = gather(result), gather(stored)
     for name in ("t", "q_measured", "qd_estimated", "tau_measured", "tau_estimated", "usable"):
         np.testing.assert_array_equal(getattr(memory.motion, name), getattr(disk.motion, name))
-    assert report(stored).verdict == report(result).verdict
+    assert report(stored).judgement.sentences == report(result).judgement.sentences
 
 
 def test_the_singular_values_are_those_of_the_stack_with_columns_of_unit_length(result):
