@@ -102,10 +102,6 @@ class Answered:
         """Return what its command prints."""
         raise NotImplementedError
 
-    def facts(self) -> dict[str, Any]:
-        """Return the JSON answer of its command."""
-        raise NotImplementedError
-
     def table(self) -> Table:
         """Return the table that a person reads."""
         return next(part for part in self.answer().parts if isinstance(part, Table))

@@ -229,7 +229,7 @@ def gap_evidence(
         kept=_number(record.get("kept")),
         expected=_number(record.get("expected")),
         kept_rms=tuple(map(float, record.get("kept_rms", ()))),
-        logs=tuple(path_of(str(path)) for path in record["logs"]),
+        logs=tuple(path_of(str(path)) for path in record["logs"] if path),
     )
 
 

@@ -332,7 +332,7 @@ class Case:
     @cached_property
     def logs(self) -> tuple[str, ...]:
         """The fitted logs in a command; LOG stands for a recording that only the user can name."""
-        return self.evidence.logs or ("LOG",)
+        return tuple(filter(None, self.evidence.logs)) or ("LOG",)
 
     @cached_property
     def to_search(self) -> tuple[str, ...]:
