@@ -21,7 +21,7 @@ NUMBERS = (
     "motor_inertia",
     "payload",
 )
-LEFT = ("joint_elasticity", "backlash", "torque_delay")
+LEFT = ("joint_elasticity", "backlash", "torque_delay", "offset_step")
 
 
 @pytest.mark.slow
