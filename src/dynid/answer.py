@@ -17,6 +17,8 @@ from dynid.text import html
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+#: Width of the column of labels.
+LABEL = 11
 #: A sentence, a label with a sentence, a table, a warning, or what is said of a model.
 Part: TypeAlias = str | tuple[str, str] | Table | Finding | Judgement
 
@@ -77,22 +79,30 @@ class Answer:
                 case Table() | str():
                     yield part
                 case label, text:
-                    yield f"{label:<11}{text}"
+                    yield f"{label:<{LABEL}}{text}"
 
 
-def lights(judgement: Judgement, *states: str) -> list[Part]:
-    """Return what is behind the lights of some states, one line each."""
-    chosen = (light for light in judgement.lights if light.state in states)
-    return [(light.shown, ": ".join(filter(None, (light.title, light.text)))) for light in chosen]
+def judged(
+    judgement: Judgement, facts: Mapping[str, Any], *parts: Part, details: Sequence[Part] = ()
+) -> Answer:
+    """Return the answer of a judgement: its sentences, its sides, and what follows them."""
 
+    def sides(*states: str) -> Iterator[Part]:
+        for side in judgement.lights:
+            if side.state in states:
+                yield side.shown, ": ".join(filter(None, (side.title, side.text)))
 
-def all_lights(judgement: Judgement) -> list[Part]:
-    """Return what is behind the lights that are not green, and the names of the others."""
     names = {
-        word: ", ".join(light.title for light in judgement.lights if light.state == state)
+        word: ", ".join(side.title for side in judgement.lights if side.state == state)
         for state, word in (("good", "good"), ("open", "untested"))
     }
-    return [*lights(judgement, "bad", "fair"), *((k, v) for k, v in names.items() if v), ""]
+    named = ((word, titles) for word, titles in names.items() if titles)
+    return Answer(
+        facts,
+        parts=(judgement, *sides("bad", "fair"), *named, "", *parts),
+        details=(*sides("good"), *details),
+        next=judgement.steps,
+    )
 
 
 class Answered:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import Finding, LogLayout, PackageMissing
 from dynid.npz import write_npz
 from dynid.text import html, visible
@@ -24,7 +25,6 @@ from dynid.version import __version__
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-Floats = NDArray[np.float64]
 
 #: Name and number of the format of a saved log.
 SCHEMA = "dynid/log/1"

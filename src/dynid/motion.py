@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import LogLayout
 
-Floats = NDArray[np.float64]
 _SHAPES = "dynid.Motion(t, q, qd, qdd) with t (N,) and the others (N, joints)"
 
 

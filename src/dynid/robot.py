@@ -16,12 +16,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.errors import Finding, JointCountDiffers, WrongUsage
 from dynid.table import Table
-
-Floats = NDArray[np.float64]
 
 #: The model grows with the square of its joints; arms have up to ten.
 MOST_JOINTS = 32

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 
 @dataclass(frozen=True)
@@ -65,10 +63,3 @@ class RunFolder:
         left = [path for name in pictures for path in self.path.glob(f"gap/{name}")]
         for path in (*left, self.search, self.simulated):
             path.unlink(missing_ok=True)
-
-
-def header_of(path: Path) -> Mapping[str, Any]:
-    """Return the header of a result file, empty if there is none."""
-    from dynid.files.artifact import read_header  # with NumPy, and help must be fast
-
-    return read_header(path)

@@ -22,14 +22,6 @@ _NUMBER = re.compile(r"-|[-+<]?\d[\d.]*(e[-+]?\d+)?( (?![a-z]{5})[^\d_]+)?")
 #: Believed values below this are zero: a centre of mass turned into its DH frame is off an axis by rounding.
 ROUNDING = 1e-12
 
-#: What changes in tables of joints: heading in the compact form, and the column of its unit.
-CHANGES = {
-    "rms": ("held-out error", "unit"),
-    "simulated": ("error of simulated motion", "in"),
-    "position": ("position error", "in"),
-    "torque": ("torque error", "unit"),
-}
-
 
 class Table(list[dict[str, Any]]):
     """Rows that print as a table.
@@ -64,21 +56,6 @@ class Table(list[dict[str, Any]]):
         except ImportError:
             raise PackageMissing("to_dataframe() needs pandas", fix="pip install pandas") from None
         return DataFrame([*self])
-
-    def compact(self) -> Table:
-        """Return what was before and is after in one cell, for which a terminal of 80 columns has room."""
-        rows = []
-        for row in self:
-            cells = {"joint": row["joint"]}
-            for what, (head, unit) in CHANGES.items():
-                if f"{what} before" in row:
-                    before, after = (
-                        cell_text(row[f"{what} {when}"]) for when in ("before", "after")
-                    )
-                    change = before if before == after else f"{before} -> {after}"
-                    cells[head] = f"{change} {row[unit]}"
-            rows.append(cells | {"noise": row["noise"]} if "noise" in row else cells)
-        return Table(rows)
 
     def __repr__(self) -> str:
         """Return the table as text with aligned columns."""

@@ -74,7 +74,9 @@ def command(
         parts += [*[""] * bool(parts), *each.description, *each.findings]
     count = f", {warnings} warning{'s' * (warnings > 1)}" if warnings else ""
     parts.append(("verdict", f"{missing[0] if missing else 'usable'}{count}"))
-    checked = [{**each.answer(), "wrote": files} for each, files in zip(checks, wrote, strict=True)]
+    checked = [
+        {**each.all_facts(), "wrote": files} for each, files in zip(checks, wrote, strict=True)
+    ]
     facts = {
         "schema": "dynid/check/1",
         "checked": checked,

@@ -114,7 +114,10 @@ def added(
         # Why both: MuJoCo has no error of its own for a model that it refuses.
         parts.append(("simulator", f"not driven: {error}"))
     else:
-        parts, simulator = [driven.sentence(), driven.table().compact()], driven.facts()
+        parts, simulator = (
+            [driven.sentence(), workflows.gap.in_one_cell(driven.table())],
+            driven.facts(),
+        )
         wrote.append(driven.save(run.simulated))
         if plot:
             wrote.append(work.save_figure(driven, run.path / "gap/simulator.png"))

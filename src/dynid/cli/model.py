@@ -80,7 +80,7 @@ def command(
         if reply is Reply.NO:
             why = "Find out which of its parameters are identifiable, alone or in linear combinations."
             step = Step(why, f"dynid model {robot.word} --reduce")
-            return Answer(derived.facts(), f"The equations of {robot.name} are ready.", next=[step])
+            return replace(derived.answer(), next=[step])
         source = str(robot.path or robot.source)
         click.edit(filename=source)
         robot = dynid.load_robot(robot.source or source)
@@ -129,7 +129,7 @@ def reduced(session: Session, derived: DerivedModel, options: ModelOptions) -> A
     path, seed = RunFolder(derived.folder).model[1], session.seed
     name = derived.model.robot.word
     made = workflows.model.reduce_model(derived, options, seed=seed)
-    base, reduction = made.base, made.base.reduction
+    reduction = made.base.reduction
     if path in made.wrote:
         size = f"{len(reduction.names)} -> {reduction.rank} columns, rank {reduction.rank}"
         gap = f"gap between kept and dropped singular values {reduction.gap:.0e}, seed {seed}"
@@ -138,8 +138,7 @@ def reduced(session: Session, derived: DerivedModel, options: ModelOptions) -> A
     else:
         session.stage("reused", str(path))
     return replace(
-        base.answer(),
-        facts=made.facts(),
+        made.answer(),
         next=(
             Step("Plan a motion that shows these parameters well.", f"dynid trajectory {name}"),
             Step(

@@ -20,7 +20,6 @@ from dynid.cli.failure import is_terminal
 from dynid.cli.session import Session, plain
 from dynid.disk import sha256, write_text
 from dynid.errors import CannotAsk, Declined, OutputExists, WrongUsage
-from dynid.runs import header_of
 from dynid.text import shell, visible
 
 #: After so many answers that are none, the terminal is taken to be a machine.
@@ -232,7 +231,9 @@ def may_write(
         return True
     fix, stored = f"use --force, or {other}", None
     if inputs is not None:
-        stored = header_of(path).get("inputs")
+        from dynid.files.artifact import read_header  # with NumPy, and help must be fast
+
+        stored = read_header(path).get("inputs")
         if stored == dict(inputs) and not session.yes:
             reused = f"{path}       (made from the same inputs; --force makes it again)"
             session.stage("reused", reused)

@@ -27,7 +27,7 @@ import click
 from rich.console import Console
 from rich.text import Text
 
-from dynid.answer import Answer, Part
+from dynid.answer import LABEL, Answer, Part
 from dynid.cli.failure import is_terminal, silence_streams, use_color
 from dynid.errors import CannotWrite, Finding
 from dynid.judgement.judge import Judgement
@@ -38,8 +38,8 @@ from dynid.text import shell, visible, whole_number
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-#: Width of the column of labels, and how far the further lines of a sentence are moved in.
-LABEL, SENTENCE = 11, 2
+#: How far the further lines of a sentence are moved in.
+SENTENCE = 2
 #: Labels of lines that are copied from the terminal, and so never folded.
 COPYABLE = ("wrote", "next", "")
 #: Width of tables that go to a file or a pipe: nothing is folded there.

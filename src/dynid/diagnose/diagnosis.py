@@ -12,8 +12,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.diagnose import tuning
 from dynid.diagnose.fit import RobotFileFit, robot_file_fit
 from dynid.diagnose.gravity import check_gravity
@@ -31,8 +31,6 @@ from dynid.diagnose.mistakes import (
 from dynid.errors import Finding, GravityRemoved, WrongMapping
 from dynid.log import Log
 from dynid.robot import Robot
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Mask
 from dynid.diagnose import tuning
 from dynid.log import Log
 from dynid.model.kinematics import link_frames
@@ -25,8 +25,6 @@ from dynid.signals import tuning as signal_tuning
 from dynid.signals.checks import beyond
 from dynid.signals.motion import bandwidth, per_joint
 from dynid.units import POSITION
-
-Floats = NDArray[np.float64]
 
 #: Eigenvalues below this share of the largest are combinations of parameters that the log does not show.
 RANK = 1e-9
@@ -71,7 +69,7 @@ class Columns:
         return products
 
     def bodies_residual(
-        self, of: Sequence[int], tau: Floats, has_say: NDArray[np.bool_], *, separate: bool
+        self, of: Sequence[int], tau: Floats, has_say: Mask, *, separate: bool
     ) -> Floats:
         """Return the root mean square that any bodies leave of each joint's torque, (M, n) [N m or N].
 
@@ -183,7 +181,7 @@ class RobotFileFit:
         free, braking = (float(_cone([part], bodies, np.ones(1))[0]) for part in parts)
         return free, braking
 
-    def has_say(self, robot: Robot) -> NDArray[np.bool_]:
+    def has_say(self, robot: Robot) -> Mask:
         """Return which joints of an edited file have a say, (n,)."""
         silent = np.array(self.without_say or (False,) * robot.n)
         return ~(silent[self._order(robot)] if self.mapped else silent)
@@ -334,7 +332,7 @@ def _left(columns: Floats, tau: Floats) -> Floats:
     return np.asarray(np.sqrt(np.mean((tau - (scaled @ fit)[..., 0]) ** 2, axis=-1)))
 
 
-def _shared(columns: Columns, of: Sequence[int], tau: Floats, has_say: NDArray[np.bool_]) -> Floats:
+def _shared(columns: Columns, of: Sequence[int], tau: Floats, has_say: Mask) -> Floats:
     """Return what is left of each joint's torque when all joints share the bodies, (M, n).
 
     Friction is taken out joint by joint; weights are found in three rounds, from what each joint leaves.

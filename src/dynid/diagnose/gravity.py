@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.diagnose import tuning
 from dynid.diagnose.fit import middle, smoother
 from dynid.drivers.interface import driver_of
@@ -16,8 +16,6 @@ from dynid.model.regressor import expected_torque
 from dynid.robot import Robot
 from dynid.signals import tuning as signal_tuning
 from dynid.signals.motion import any_moves, per_joint, rest_slices
-
-Floats = NDArray[np.float64]
 
 
 def check_gravity(log: Log, robot: Robot) -> None:

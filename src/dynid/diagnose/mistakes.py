@@ -8,14 +8,11 @@ from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.diagnose import tuning
 from dynid.diagnose.fit import RobotFileFit
 from dynid.robot import JointMap, Robot
 from dynid.text import yaml_word
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, order=True)

@@ -21,7 +21,7 @@ from dynid.estimation.possible_arm import PhysicalParameters
 from dynid.estimation.prediction import JointError
 from dynid.estimation.residual_model import GROUP_NAMES, ModelError
 from dynid.model.base_model import BaseModel, model_torques
-from dynid.model.effects.interface import ArmMotion
+from dynid.model.effects.motion import ArmMotion
 from dynid.model.parameters import body_columns, body_of
 from dynid.model.program import Program
 from dynid.model.reduce import Reduction

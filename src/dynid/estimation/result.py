@@ -8,7 +8,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid.answer import Answer, Judged, all_lights, lights, picked
+from dynid.answer import Answer, Judged, judged, picked
 from dynid.errors import WrongUsage
 from dynid.estimation import result_files
 from dynid.estimation.covariance import counted
@@ -108,22 +108,18 @@ class Identification(Identified, Judged):
         Args:
             facts: its facts where they are in other units.
         """
-        facts, judgement = facts or self.facts(), self.judgement
+        facts = facts or self.facts()
         total, held = self.relative_error_percent, self.heldout_relative_error_percent
         held_out = "" if held is None else f", held out {held:.2f} % ({self.heldout})"
         mass = f"{sum(link['mass_kg'] for link in facts['links']):.3g} kg in all"
         if self.robot.torque.relative:
             mass = "masses are unknown without motor gains"
-        return Answer(
+        return judged(
+            self.judgement,
             facts,
-            parts=(
-                judgement,
-                *all_lights(judgement),
-                self._joint_table(facts["joints"]),
-                f"total relative error {total:.2f} %{held_out}",
-            ),
+            self._joint_table(facts["joints"]),
+            f"total relative error {total:.2f} %{held_out}",
             details=(
-                *lights(judgement, "good"),
                 "",
                 f"{len(self.names)} base parameters, estimator {self.method} ({self.why})",
                 *self.expectation(),
@@ -135,7 +131,6 @@ class Identification(Identified, Judged):
                 self.table(),
                 *self.findings,
             ),
-            next=judgement.steps,
         )
 
     def _joint_table(self, joints: Sequence[Mapping[str, Any]]) -> Table:

@@ -14,7 +14,7 @@ from dynid.arrays import Floats, Ints
 from dynid.estimation.residual_model import ModelError
 from dynid.exporters.full_model import FullModel
 from dynid.model.base_model import BaseModel, model_torques
-from dynid.model.effects.interface import ArmMotion
+from dynid.model.effects.motion import ArmMotion
 from dynid.model.reduce import random_states
 from dynid.model.regressor import Model
 from dynid.robot import Robot

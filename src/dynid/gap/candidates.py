@@ -14,7 +14,8 @@ from dynid.gap.gap_rows import EffectColumns, on_joint
 from dynid.gap.problem import GapProblem
 from dynid.gap.selected_effects import Key
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.effects.interface import Effect, Joints
+from dynid.model.effects.interface import Effect
+from dynid.model.effects.motion import Joints
 
 #: Log Bayes factor of what cannot be.
 NEVER = -1e9

@@ -18,10 +18,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack, solve_triangular
 
-from dynid.arrays import Floats
+from dynid.arrays import Floats, Mask
 from dynid.gap import tuning
 from dynid.gap.bands import Bands, instants
 from dynid.gap.gap_rows import EffectColumns, GapRows, on_joint
@@ -131,7 +130,7 @@ class JointModel:
         return float(value - np.log(np.diag(self.root)).sum())
 
     @property
-    def missing(self) -> NDArray[np.bool_]:
+    def missing(self) -> Mask:
         """Which kinds are something that is missing, and no shape of reversals, (kinds,)."""
         return np.array([name != SHAPE for name, _ in self.kinds], dtype=bool)
 

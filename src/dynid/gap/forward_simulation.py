@@ -17,7 +17,7 @@ from dynid.gap.problem import GapProblem, information_root
 from dynid.gap.regression import Regression
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.base_model import BaseModel, model_torques
-from dynid.model.effects.interface import ArmMotion, ReferenceTorques
+from dynid.model.effects.motion import ArmMotion, ReferenceTorques
 from dynid.model.parameters import BODY_PARAMETERS, body_columns
 from dynid.robot import Body
 from dynid.signals.conditioned_log import arm_motion

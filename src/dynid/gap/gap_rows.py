@@ -15,13 +15,8 @@ from dynid.arrays import Floats, Ints, Mask
 from dynid.estimation.rows import parallel_filtered, rows_of
 from dynid.model.base_model import BaseModel, model_torques
 from dynid.model.effects.catalogue import joined_motion
-from dynid.model.effects.interface import (
-    ArmMotion,
-    Effect,
-    Joints,
-    ReferenceTorques,
-    Shape,
-)
+from dynid.model.effects.interface import Effect
+from dynid.model.effects.motion import ArmMotion, Joints, ReferenceTorques, Shape
 from dynid.signals.conditioned_log import ConditionedLog, arm_motion, with_effects
 
 #: Columns of one effect by joint, such as {joint: (k, M)}.

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dynid.arrays import Floats, Ints
+from dynid.arrays import Floats, Ints, Mask
 from dynid.gap.regression import Regression
 
 #: Share of the noise's power that may be left: a joint with more is above its noise floor. Clean joints have 0.9 to 1.1
@@ -114,7 +113,7 @@ def _regions(regression: Regression, joint: int) -> list[ResidualRegion]:
     return regions
 
 
-def near_reversal(qd: Floats, rate: float) -> NDArray[np.bool_]:
+def near_reversal(qd: Floats, rate: float) -> Mask:
     """Return which rows are at a reversal of a joint, (M,)."""
     near = np.zeros(len(qd), dtype=bool)
     width = max(1, round(REVERSAL * rate))

@@ -17,7 +17,7 @@ from dynid.gap.held_out import HeldOutEffect, HeldOutImprovement, clue, held_out
 from dynid.gap.localisation import JointGap
 from dynid.gap.selected_effects import SelectedEffect, with_columns
 from dynid.gap.verdict import LIKELY, explained_share, joints_text, labels, unrepeatable
-from dynid.model.effects.interface import Joints
+from dynid.model.effects.motion import Joints
 from dynid.npz import write_artifact
 from dynid.robot import Robot
 from dynid.units import joint_unit

@@ -15,7 +15,8 @@ from dynid.arrays import Floats
 from dynid.gap.gap_rows import EffectColumns, GapRows, on_joint
 from dynid.gap.known_errors import reversal_columns
 from dynid.gap.noise import NoiseModel
-from dynid.model.effects.interface import Effect, Joints, Shape
+from dynid.model.effects.interface import Effect
+from dynid.model.effects.motion import Joints, Shape
 
 #: Directions of normalised columns below this share of the strongest are not excited: they are left at zero.
 WEAK = 1e-9

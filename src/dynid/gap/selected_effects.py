@@ -10,7 +10,8 @@ import numpy as np
 from dynid.arrays import Floats
 from dynid.gap.gap_rows import GapRows
 from dynid.gap.regression import Regression
-from dynid.model.effects.interface import Effect, Joints
+from dynid.model.effects.interface import Effect
+from dynid.model.effects.motion import Joints
 
 #: Identifier and joints of an effect.
 Key = tuple[str, Joints]

@@ -16,7 +16,7 @@ from dynid.gap.counterbalance import COUNTERBALANCE
 from dynid.gap.delays import EffectSearch
 from dynid.gap.selected_effects import SelectedEffect
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.effects.interface import Joints
+from dynid.model.effects.motion import Joints
 from dynid.model.parameters import BODY_PARAMETERS
 
 #: A delay below this share of the sampling period is how a recorder reads position and torque, not a missing effect.

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.answer import Answer
 from dynid.arrays import Floats
 from dynid.errors import NotAnArtifact
 from dynid.files.artifact import read_artifact, read_header, reading
@@ -118,13 +117,7 @@ class BaseModel:
         for j, joint in zip(numbers, self.robot.joints, strict=True):
             cells = {kind: symbols.get(f"{kind}{j}", "") for kind in kinds}
             rows.append({"joint": f"{j} {joint.name}", **cells})
-        styles = {"#": "bold green", ".": "red"}
-        return Table(rows, self._title(), (self.legend,), styles)
-
-    def answer(self) -> Answer:
-        """Return what ``dynid model`` answers: the classes, and what each combination is made of."""
-        relations = [f"  {each}" for each in (*self.relations.values(), self.where) if each]
-        return Answer({}, self.sentence, ("", self.class_table(), self.legend, *relations))
+        return Table(rows, self._title(), (self.legend,))
 
     @property
     def sentence(self) -> str:

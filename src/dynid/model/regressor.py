@@ -21,7 +21,7 @@ from dynid.model import tuning
 from dynid.model.dynamics import derive
 from dynid.model.effects.catalogue import Added, added_effects
 from dynid.model.effects.friction import friction_entries, friction_parameters, friction_rows
-from dynid.model.effects.interface import ArmMotion
+from dynid.model.effects.motion import ArmMotion
 from dynid.model.parameters import (
     BODY_PARAMETERS,
     Parameter,

@@ -14,6 +14,7 @@ from itertools import compress
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Mask
 from dynid.drivers.interface import driver_of
 from dynid.errors import (
     Finding,
@@ -57,9 +58,6 @@ from dynid.signals.stamps import (
     without_intervals,
     without_stale,
 )
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 def prepare(
@@ -153,7 +151,7 @@ def _trusted_velocity(log: Log, robot: Robot) -> Log:
     return with_findings(log, Finding("W308", "info", text, evidence))
 
 
-def measurable(values: Floats) -> Flags:
+def measurable(values: Floats) -> Mask:
     """Return which values are finite and of a size that a sensor can read."""
     with np.errstate(invalid="ignore"):
         return np.asarray(np.abs(values) < tuning.LARGEST, dtype=bool)
@@ -286,7 +284,7 @@ def _full_turns(q: Floats) -> tuple[NDArray[np.intp], Floats]:
     return where + 1, turns[where]
 
 
-def check_torque_scale(log: Log, robot: Robot, gone: Flags) -> None:
+def check_torque_scale(log: Log, robot: Robot, gone: Mask) -> None:
     """Raise when torques are no torques of this arm; joints without any, (n,), are known.
 
     Raises:
@@ -325,7 +323,7 @@ def check_torque_scale(log: Log, robot: Robot, gone: Flags) -> None:
         )
 
 
-def clipped_samples(log: Log, robot: Robot, gone: Flags) -> tuple[Flags, tuple[Finding, ...]]:
+def clipped_samples(log: Log, robot: Robot, gone: Mask) -> tuple[Mask, tuple[Finding, ...]]:
     """Return which torques are none, (N, n), and findings W319; in the driver's columns.
 
     They sit at their largest value, or stay at any value while their joint moves to and fro, or nobody measured them
@@ -357,7 +355,7 @@ def clipped_samples(log: Log, robot: Robot, gone: Flags) -> tuple[Flags, tuple[F
     return mask, tuple(findings)
 
 
-def _stuck(x: Floats, q: Floats, moved: float, least: int) -> Flags:
+def _stuck(x: Floats, q: Floats, moved: float, least: int) -> Mask:
     """Return the samples of a torque that does not change at all while its joint moves one way and back.
 
     Args:
@@ -378,7 +376,7 @@ def _stuck(x: Floats, q: Floats, moved: float, least: int) -> Flags:
     return np.zeros(len(x), dtype=bool) if coarse and not found.all() else found
 
 
-def _flat_top(x: Floats, alive: Flags) -> Flags:
+def _flat_top(x: Floats, alive: Mask) -> Mask:
     """Return the samples of runs at the maximum while the arm moves, if there are suspiciously many.
 
     Args:

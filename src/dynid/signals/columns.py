@@ -12,6 +12,7 @@ from difflib import SequenceMatcher
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Mask
 from dynid.drivers.interface import driver_of
 from dynid.errors import JointCountDiffers, JointNamesDiffer, LogLayout
 from dynid.log import COLUMNS, Log, has_rows
@@ -19,8 +20,6 @@ from dynid.robot import Robot
 from dynid.signals import tuning
 from dynid.text import yaml_word
 from dynid.units import EFFORT, POSITION, VELOCITY
-
-Floats = NDArray[np.float64]
 
 
 def matching_columns(log: Log, robot: Robot) -> tuple[list[int], list[str]]:
@@ -174,7 +173,7 @@ def to_dh(log: Log, robot: Robot) -> Log:
     return log.with_columns(columns, tau_unit=unit, units={}, motor_side=False, dh=True)
 
 
-def joint_of_motor(robot: Robot) -> NDArray[np.bool_]:
+def joint_of_motor(robot: Robot) -> Mask:
     """Return which joints' torques a motor's torque goes into, (n motors, n joints)."""
     if robot.coupling is None:
         return np.eye(robot.n, dtype=bool)

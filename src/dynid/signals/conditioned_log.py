@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Mask
 from dynid.errors import Finding, located
 from dynid.log import Log
 from dynid.model.effects.catalogue import delay_of
 from dynid.model.effects.friction import coulomb_sign
-from dynid.model.effects.interface import ArmMotion, ReferenceTorques
+from dynid.model.effects.motion import ArmMotion, ReferenceTorques
 from dynid.model.regressor import Model, prior_torques, prior_vector
 from dynid.progress import notice, stage
 from dynid.robot import Coulomb
@@ -40,8 +41,6 @@ from dynid.signals.filters import (
     velocity_kernel,
 )
 from dynid.signals.motion import runs
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ class Segment:
     qd: Floats
     qdd: Floats
     tau: Floats
-    usable: NDArray[np.bool_]
+    usable: Mask
     raw_q: Floats
     raw_qd: Floats
     command_q: Floats

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.log import Log
 from dynid.robot import Robot
@@ -19,8 +18,6 @@ from dynid.signals.columns import (
     to_dh,
 )
 from dynid.signals.motion import speed
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.drivers.interface import driver_of
 from dynid.errors import Finding, LogTooShort, RateTooLow
 from dynid.log import Log
@@ -24,7 +25,6 @@ from dynid.robot import Coulomb, Robot
 from dynid.signals import tuning
 from dynid.signals.motion import bandwidth, per_joint
 
-Floats = NDArray[np.float64]
 #: Power of a Hann window.
 _HANN = 0.375
 

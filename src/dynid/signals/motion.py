@@ -8,14 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Ints, Mask
 from dynid.errors import Finding, JointStill, LogTooShort
 from dynid.log import Log
 from dynid.robot import Robot
 from dynid.signals import tuning
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Ints = NDArray[np.intp]
 
 
 def per_joint(pair: tuple[float, float], robot: Robot) -> Floats:
@@ -40,17 +37,17 @@ def _change(x: Floats, half: int) -> Floats:
     return found
 
 
-def moving(log: Log, robot: Robot) -> Flags:
+def moving(log: Log, robot: Robot) -> Mask:
     """Return which joints move at which sample, (N, n)."""
     return np.asarray(np.abs(speed(log)) > per_joint(tuning.MOVING_SPEED, robot))
 
 
-def any_moves(log: Log, robot: Robot) -> Flags:
+def any_moves(log: Log, robot: Robot) -> Mask:
     """Return at which samples a joint moves, (N,)."""
     return np.asarray(moving(log, robot).any(axis=1))
 
 
-def runs(flags: Flags, least: int = 1) -> list[slice]:
+def runs(flags: Mask, least: int = 1) -> list[slice]:
     """Return where flags, (N,), are set for at least so many samples in a row.
 
     Why not scipy.ndimage: it takes as long, and importing it 0.06 s.

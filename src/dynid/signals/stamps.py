@@ -13,15 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Floats, Mask
 from dynid.errors import Finding, LogTooShort, NotFinite, TimeNotIncreasing, TooManyLost
 from dynid.log import Log
 from dynid.robot import Robot
 from dynid.signals import tuning
 from dynid.signals.columns import take_samples
 from dynid.signals.motion import moving, runs
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 def with_rising_time(log: Log, *, sort_time: bool) -> Log:
@@ -78,7 +76,7 @@ def _check_length(log: Log) -> None:
         )
 
 
-def same_rows(x: Floats) -> NDArray[np.bool_]:
+def same_rows(x: Floats) -> Mask:
     """Return which samples of x, (N, n), equal the one before them, (N - 1,)."""
     return np.asarray(np.all(x[1:] == x[:-1], axis=1))
 
@@ -155,7 +153,7 @@ def _samples_between(step: Floats) -> NDArray[Any] | None:
     return count
 
 
-def _bend(t: Floats, q: Floats, close: NDArray[np.bool_]) -> Floats:
+def _bend(t: Floats, q: Floats, close: Mask) -> Floats:
     """Return the mean square distance of samples from the line between their neighbours, (n,)."""
     share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
     away = q[1:-1] - q[:-2]
@@ -240,7 +238,7 @@ def without_stale(log: Log, robot: Robot) -> Log:
     alive = moving(log, robot)[1:]
     busy, same_q = alive.any(axis=1), same_rows(log.q)
 
-    def many(flags: Flags) -> bool:
+    def many(flags: Mask) -> bool:
         return bool(np.sum(flags[busy]) > tuning.STALE_SHARE * busy.sum())
 
     stale = same_q & same_rows(log.tau)

@@ -15,7 +15,8 @@ import numpy as np
 
 from dynid.arrays import Floats
 from dynid.model.base_model import BaseModel, model_torques
-from dynid.model.effects.interface import ArmMotion, Effect, Joints, Shape
+from dynid.model.effects.interface import Effect
+from dynid.model.effects.motion import ArmMotion, Joints, Shape
 from dynid.motion import Motion
 from dynid.progress import advance
 from dynid.trajectory import tuning

@@ -57,7 +57,7 @@ class Checked:
         """Number of warnings."""
         return sum(finding.level == "warning" for finding in self.findings)
 
-    def answer(self) -> dict[str, Any]:
+    def all_facts(self) -> dict[str, Any]:
         """Return the file's part of the JSON answer of ``dynid check``."""
         findings = [asdict(finding) for finding in self.findings]
         return {"path": self.path, "kind": self.kind, **self.facts, "findings": findings}

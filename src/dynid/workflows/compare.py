@@ -101,7 +101,7 @@ class ComparedRun(Judged):
                 "before": f"{each.before:.5g}",
                 "after": f"{each.after:.5g}",
                 "change": f"{each.percent:+.2f} %",
-                "p": _chance(each),
+                "p": "-" if (chance := _chance(each)) is None else f"{chance:.1g}",
             }
             for each in self.changed
         ]

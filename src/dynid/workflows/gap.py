@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid import arguments
 from dynid.answer import Answer, Judged, picked
 from dynid.arguments import public
+from dynid.arrays import Floats
 from dynid.disk import sha256
 from dynid.errors import DynidError, NotAnArtifact, WrongUsage
 from dynid.estimation.evidence import evidence_of, fingerprint, found_path, gap_evidence
@@ -67,7 +67,7 @@ from dynid.reports.figures import write_figure
 from dynid.reports.gap_figures import effect_figure, improvement_figure, residual_figure
 from dynid.robot import EffectSpec, Robot
 from dynid.signals.conditioned_log import ConditionedLog, stretches
-from dynid.table import Table
+from dynid.table import Table, cell_text
 from dynid.text import closest
 from dynid.workflows.identify import identify
 from dynid.workflows.model import base_model_of
@@ -219,7 +219,7 @@ class Gap(Judged, GapRecord):
         }
         return Answer(
             self.facts(),
-            parts=(self.judgement, self.joint_table().compact()),
+            parts=(self.judgement, in_one_cell(self.joint_table())),
             details=(
                 "",
                 *sizes,
@@ -406,6 +406,29 @@ class Gap(Judged, GapRecord):
             drop_weak=True,
         )
         return identify(base.robot, seen, options, like=before)
+
+
+#: What changes in tables of joints: its heading, and the column of its unit.
+CHANGES = {
+    "rms": ("held-out error", "unit"),
+    "simulated": ("error of simulated motion", "in"),
+    "position": ("position error", "in"),
+    "torque": ("torque error", "unit"),
+}
+
+
+def in_one_cell(table: Table) -> Table:
+    """Return what was before and is after in one cell, for which a terminal of 80 columns has room."""
+    rows = []
+    for row in table:
+        cells = {"joint": row["joint"]}
+        for what, (head, unit) in CHANGES.items():
+            if f"{what} before" in row:
+                before, after = (cell_text(row[f"{what} {when}"]) for when in ("before", "after"))
+                change = before if before == after else f"{before} -> {after}"
+                cells[head] = f"{change} {row[unit]}"
+        rows.append(cells | {"noise": row["noise"]} if "noise" in row else cells)
+    return Table(rows)
 
 
 def robot_file_beside(robot: Robot, effects: Sequence[GapEffect]) -> Path:
@@ -668,14 +691,14 @@ class _Search:
             simulation=gap.simulation[[0, 0]] if len(gap.simulation) else gap.simulation,
         )
 
-    def _before(self, gap: Gap) -> NDArray[np.float64]:
+    def _before(self, gap: Gap) -> Floats:
         """Return the error of each joint without what is named, of the model as it is where it is tried, (n,)."""
         known = any(log.sha256 in self.result.log_sha256 for log in gap.unseen_logs)
         if known or not gap.unseen_logs:
             return gap.improvement.before
         return self._errors(self.result, gap)
 
-    def _errors(self, result: Identification, gap: Gap) -> NDArray[np.float64]:
+    def _errors(self, result: Identification, gap: Gap) -> Floats:
         """Return the error of each joint on what was held out, with the filter of the search, (n,) [N m or N]."""
         replays = self._replays(gap.unseen_logs, result, gap.signals.cutoff)
         counts = np.array([each.motion.usable.sum(axis=0) for each in replays])

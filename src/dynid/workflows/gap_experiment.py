@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.errors import DynidError, WrongUsage
 from dynid.gap.record import GapEffect, GapRecord
 from dynid.loading import checked_log, condition_logs, load_run, read_log
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE
-from dynid.model.effects.interface import Floats
 from dynid.motion import Motion
 from dynid.options import LogOptions
 from dynid.trajectory import tuning

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from dynid import arguments
-from dynid.answer import picked
+from dynid.answer import Answer, picked
 from dynid.arguments import public
 from dynid.errors import NotAnArtifact, WrongUsage
 from dynid.estimation.result import Identification
@@ -30,6 +30,7 @@ from dynid.model.regressor import Model, build_model
 from dynid.progress import Progress, stage
 from dynid.robot import Robot
 from dynid.runs import RunFolder
+from dynid.table import Table
 from dynid.text import whole_number
 from dynid.workflows.options import ModelOptions
 
@@ -104,6 +105,15 @@ class DerivedModel:
         ]
         classes = picked(reduction, "alone", "none", "combined")
         return {**answer, **picked(reduction, "rank", "gap"), "classes": classes, "groups": groups}
+
+    def answer(self) -> Answer:
+        """Return what ``dynid model`` answers: the classes, and what each combination is made of."""
+        if self.reduction is None:
+            return Answer(self.facts(), f"The equations of {self.model.robot.name} are ready.")
+        base = self.base
+        relations = [f"  {each}" for each in (*base.relations.values(), base.where) if each]
+        table = Table(base.class_table(), styles={"#": "bold green", ".": "red"})
+        return Answer(self.facts(), base.sentence, ("", table, base.legend, *relations))
 
 
 def stored_differences(robot: Robot, folder: Path) -> str | None:

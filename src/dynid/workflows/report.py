@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from dynid.answer import Answer, Answered, all_lights
+from dynid.answer import Answer, Answered, judged
 from dynid.arguments import public
 from dynid.disk import write_text
 from dynid.judgement.judge import Judgement
@@ -53,8 +53,7 @@ class Report(Answered):
 
     def answer(self) -> Answer:
         """Return what ``dynid report`` answers."""
-        judgement = self.judgement
-        return Answer(self.facts(), parts=(judgement, *all_lights(judgement)), next=judgement.steps)
+        return judged(self.judgement, self.facts())
 
 
 @public

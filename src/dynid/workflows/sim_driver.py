@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Floats
 from dynid.drivers.ros import connect
 from dynid.errors import WrongUsage
 from dynid.files.trajectoryfile import read_trajectory
@@ -20,8 +20,6 @@ from dynid.sim.follow import PointFollower, VelocityFollower
 from dynid.sim.plant import Plant, plant_of, read_plant
 from dynid.sim.ros_drivers import simulated_driver
 from dynid.workflows.options import SimDriverOptions
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.arguments import public
+from dynid.arrays import Floats
 from dynid.errors import PackageMissing, WrongRobotFile, WrongUsage
 from dynid.loading import MotionLike, RobotLike, as_motion, as_robot
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
 from dynid.model.effects.catalogue import CATALOGUE, checked, joints_of
-from dynid.model.effects.interface import ArmMotion
+from dynid.model.effects.motion import ArmMotion
 from dynid.model.parameters import prior_bodies
 from dynid.model.regressor import Model, ModelTorques, prior_vector
 from dynid.motion import Motion
@@ -26,8 +26,6 @@ from dynid.sim.arm import SimulatedArm
 from dynid.text import whole_number
 from dynid.workflows.model import base_model
 from dynid.workflows.options import SimulateOptions
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

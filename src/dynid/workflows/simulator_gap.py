@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid import arguments
 from dynid.arguments import public
+from dynid.arrays import Floats
 from dynid.errors import WrongUsage
 from dynid.estimation.result import Identification
 from dynid.exporters.driven import drive
@@ -25,8 +25,6 @@ from dynid.sim import tuning
 from dynid.sim.comparison import SimulatorGap
 from dynid.workflows.export import identified_arm
 from dynid.workflows.gap import Gap
-
-Floats = NDArray[np.float64]
 
 #: Engines that an exported file can be driven in.
 ENGINES = ("mujoco", "pybullet")

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynid import arguments
 from dynid.answer import Answer, Answered, picked
 from dynid.arguments import public
+from dynid.arrays import Floats
 from dynid.disk import sha256
 from dynid.errors import Finding, PlanTeachesLittle, WrongUsage
 from dynid.estimation.least_squares import weighted
@@ -84,8 +85,6 @@ from dynid.trajectory.preview import Drawing, window
 from dynid.units import joint_unit
 from dynid.workflows.gap_experiment import GapExperiment
 from dynid.workflows.model import base_model
-
-Floats = NDArray[np.float64]
 
 #: PyBullet measures no distance beyond this [m].
 FAR = 0.3
@@ -649,7 +648,7 @@ def plan_trajectory(
         **once_more(lambda: _predicted(context, chosen.trajectory)),
         noise=noise,
         noise_from=source,
-        search=None if through else SearchRecord.of(outcome, options.seed, chosen.share),
+        search=SearchRecord.of(outcome, options.seed, chosen.share) if through is None else None,
         urdf=urdf,
         unexplained=_unexplained(before),
         outlook=() if experiment is None else experiment.outlook(chosen.trajectory),

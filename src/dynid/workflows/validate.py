@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynid.answer import Answer, Judged, all_lights, lights, picked
+from dynid.answer import Answer, Judged, judged, picked
 from dynid.arguments import public
 from dynid.arrays import Floats
 from dynid.errors import SameRecording
@@ -22,6 +22,7 @@ from dynid.estimation.result import Identification
 from dynid.estimation.rows import Rows, rows_of
 from dynid.estimation.stack import scaled
 from dynid.exporters import FORMATS
+from dynid.files.artifact import read_header
 from dynid.files.convert import JointStates, write_replay
 from dynid.judgement.evidence import Evidence, Unseen
 from dynid.loading import (
@@ -37,7 +38,7 @@ from dynid.model.base_model import BaseModel
 from dynid.progress import Progress, stage
 from dynid.reports.figures import motion_figure, write_motion_figures
 from dynid.robot import Robot
-from dynid.runs import RunFolder, header_of
+from dynid.runs import RunFolder
 from dynid.signals.motion import same_motion
 from dynid.table import Table
 from dynid.workflows.drive_gains import in_amperes
@@ -133,7 +134,7 @@ class Validation(Judged):
             max_unexplained: largest total relative error that is allowed, as a share.
             wrote: files of this replay.
         """
-        judgement, total = self.judgement, self.relative_error_percent
+        total = self.relative_error_percent
         limits = [
             f"{joint.joint}: rms error {joint.rms:.3g} N m > {max_rms:g}"
             for joint in self.joints
@@ -142,14 +143,8 @@ class Validation(Judged):
         if max_unexplained is not None and total > 100 * max_unexplained:
             limits.append(f"total relative error {total:.2f} % > {100 * max_unexplained:g} %")
         text = f"total relative error {total:.2f} %; baseline: {self.baseline}"
-        return Answer(
-            self.facts() | {"passed": not limits},
-            parts=(judgement, *all_lights(judgement), self.table(), text),
-            details=lights(judgement, "good"),
-            wrote=wrote,
-            next=judgement.steps,
-            limits=limits,
-        )
+        answer = judged(self.judgement, self.facts() | {"passed": not limits}, self.table(), text)
+        return replace(answer, wrote=wrote, limits=limits)
 
     def plot_torque(self) -> Figure:
         """Return a figure of measured and estimated torque and their difference, one panel per joint."""
@@ -188,7 +183,7 @@ class Validation(Judged):
     def folder(self, parent: Path) -> Path:
         """Return where its files go: named after the log, and after its hash where another log has that name."""
         name, own = Path(self.log).stem, [self.log_sha256]
-        other = header_of(RunFolder(parent / name).motion).get("log_sha256", own) != own
+        other = read_header(RunFolder(parent / name).motion).get("log_sha256", own) != own
         return parent / (f"{name}_{self.log_sha256[:8]}" if other else name)
 
     def save(self, folder: Path) -> Path:

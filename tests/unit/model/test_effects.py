@@ -12,8 +12,8 @@ from scipy.signal import butter, filtfilt
 from arms import pinocchio_torques, placements
 from dynid.errors import WrongRobotFile
 from dynid.model.effects.catalogue import CATALOGUE, checked
-from dynid.model.effects.interface import ArmMotion
 from dynid.model.effects.laws import presliding
+from dynid.model.effects.motion import ArmMotion
 from dynid.model.reduce import reduce
 from dynid.model.regressor import ModelTorques, build_model
 from dynid.robot import EffectSpec

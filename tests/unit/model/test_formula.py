@@ -10,7 +10,7 @@ from dynid import load_robot
 from dynid.errors import WrongRobotFile
 from dynid.files.robotfile import robot_text
 from dynid.model.effects.formula import Formula
-from dynid.model.effects.interface import ArmMotion
+from dynid.model.effects.motion import ArmMotion
 from dynid.model.regressor import build_model
 from dynid.robot import EffectSpec
 

@@ -8,9 +8,11 @@ from typing import NoReturn
 
 import numpy as np
 
+from dynid.arrays import Floats
 from dynid.errors import WrongRobotFile
 from dynid.model.effects.formula import FORMULA, Formula
-from dynid.model.effects.interface import ArmMotion, Effect, Floats, Joints
+from dynid.model.effects.interface import Effect
+from dynid.model.effects.motion import ArmMotion, Joints
 from dynid.model.effects.table import CATALOGUE as CATALOGUE
 from dynid.model.parameters import Parameter
 from dynid.options import LONGEST_DELAY

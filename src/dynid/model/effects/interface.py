@@ -12,12 +12,9 @@ from typing import Literal
 
 import numpy as np
 
-from dynid.arrays import Floats as Floats
+from dynid.arrays import Floats
 from dynid.model.effects.expression import Node, read, value_of
-from dynid.model.effects.motion import ArmMotion as ArmMotion
-from dynid.model.effects.motion import Joints as Joints
-from dynid.model.effects.motion import ReferenceTorques as ReferenceTorques
-from dynid.model.effects.motion import Shape as Shape
+from dynid.model.effects.motion import ArmMotion, Joints, Shape
 
 #: Columns of an effect over a motion: (amplitudes, N) on its first joint, or (amplitudes, rows, N).
 Law = Callable[[ArmMotion, Joints, Shape], Floats | list[Floats]]
