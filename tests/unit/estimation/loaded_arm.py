@@ -1,33 +1,51 @@
-"""Torques of PyBullet for an arm with and without a load, with the noise of its sensors; rounded encoders."""
+"""Logs of a simulated LWR4+ with and without a load, with rounded encoders and the noise of its sensors."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
-from dynid import Log, load_robot
+from arms import pinocchio_model, simulated_torques
+from dynid import Log
 from dynid.model.parameters import joined
 from dynid.robot import Body
-from dynid.sim.plant import read_plant
 from dynid.sim.sines import SineSpec, sines
+from follower import follow_motion
+from recorded_lwr import PLANT, ROBOT
 
-TRUTH = Path(__file__).parents[3] / "trajectories" / "lwr4plus_truth.yaml"
 LOAD = Body(1.8, (0.03, -0.02, 0.09), (0.006, 0.0004, -0.0003, 0.005, 0.0002, 0.004))
-RATE = 200.0
+ROTOR = (0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05)
+CONTROLLER = (2000.0, 2000, 1500, 1500, 800, 500, 250), (100.0, 100, 60, 60, 25, 15, 8)
+ENCODER = np.deg2rad(1e-3)
 
 
-def recorded(seed, load=None, seconds=25.0, rotor=0.0, noise=1.0):
-    """Return the robot and one log of the simulated LWR4+."""
-    plant, robot = read_plant(TRUTH), load_robot("kuka_lwr4plus")
-    bodies = plant.bodies if load is None else (*plant.bodies[:-1], joined(plant.bodies[-1], load))
-    plant = replace(plant, bodies=bodies, rotor_inertia=(rotor,) * robot.n)
+def drawn(seed, load, seconds, rate):
+    """Return random numbers, a motion, and the bodies of the arm."""
     rng = np.random.default_rng(seed)
-    motion = sines(robot, SineSpec(seconds, 12.0, 0.8, 0.7, 0.7, 0.1), 1 / RATE, rng)
-    arm = plant.arm(robot)
-    rigid = [
-        arm.inverse_dynamics(*state) for state in zip(motion.q, motion.qd, motion.qdd, strict=True)
-    ]
-    tau = np.array(rigid) + arm.friction.torque(motion.qd) + arm.rotor_inertia * motion.qdd
-    tau = tau + noise * rng.normal(size=tau.shape) * np.array(plant.sensors.torque_noise)
-    q = np.round(motion.q / plant.sensors.position_step) * plant.sensors.position_step
-    return robot, Log(motion.t, q, tau, robot.joint_names, tau_unit="Nm", dh=True)
+    motion = sines(ROBOT, SineSpec(seconds, 12.0, 0.8, 0.7, 0.7, 0.1), 1 / rate, rng)
+    carried = () if load is None else (joined(PLANT.bodies[-1], load),)
+    return rng, motion, (*PLANT.bodies[: 7 - len(carried)], *carried)
+
+
+def logged(t, q, tau, **extra):
+    return Log(t, q, tau, ROBOT.joint_names, tau_unit="Nm", dh=True, extra=extra)
+
+
+def recorded(seed, load=None, seconds=25.0):
+    """Return a log of an arm that follows its command exactly, with torques of PyBullet."""
+    rng, motion, bodies = drawn(seed, load, seconds, 200.0)
+    arm, step = replace(PLANT, bodies=bodies).arm(ROBOT), PLANT.sensors.position_step
+    tau = simulated_torques(arm, motion.q, motion.qd, motion.qdd) + arm.friction.torque(motion.qd)
+    tau = tau + rng.normal(size=tau.shape) * np.array(PLANT.sensors.torque_noise)
+    return logged(motion.t, np.round(motion.q / step) * step, tau)
+
+
+def followed(seed, load=None):
+    """Return a log of an arm with rotors that Pinocchio moves in closed loop, the noise of its encoders fed back."""
+    rng, motion, bodies = drawn(seed, load, 25.0, 500.0)
+    encoder = ENCODER * rng.standard_normal(motion.q.shape)
+    plant = pinocchio_model(ROBOT, bodies, ROTOR)
+    seen, tau = follow_motion(plant, PLANT.friction.torque, motion, CONTROLLER, encoder)
+    # A torque is held from its sample to the next, so the mean of two belongs to the sample between them.
+    tau[1:] = 0.5 * (tau[1:] + tau[:-1])
+    tau += np.array(PLANT.sensors.torque_noise) * rng.standard_normal(tau.shape)
+    return logged(motion.t, seen, tau, q_ref=motion.q)

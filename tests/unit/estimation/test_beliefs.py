@@ -5,20 +5,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from loaded_arm import TRUTH, recorded
+from loaded_arm import PLANT, ROBOT, recorded
 
-from dynid import load_robot
 from dynid.errors import WrongRobotFile
 from dynid.files.robotfile import parse_robot
 from dynid.model.attached import attached
-from dynid.sim.plant import read_plant
 from dynid.sim.urdf import urdf_text
 
 
 @pytest.fixture(scope="module")
 def shop(workshop):
     run = workshop()
-    log = recorded(11, seconds=15.0)[1]
+    log = recorded(11, seconds=15.0)
     np.savez(run.folder / "log.npz", t=log.t, q=log.q, tau=log.tau)
     return run
 
@@ -48,19 +46,17 @@ def test_bounds_on_masses_and_centres_of_mass_are_kept(shop):
 
 
 def test_a_prior_from_a_urdf_lies_in_the_frames_of_the_dh_table(tmp_path):
-    plant, robot = read_plant(TRUTH), load_robot("kuka_lwr4plus")
-    (tmp_path / "arm.urdf").write_text(urdf_text(robot, plant.bodies))
+    (tmp_path / "arm.urdf").write_text(urdf_text(ROBOT, PLANT.bodies))
     for found, true in zip(
-        attached(tmp_path / "arm.urdf", robot).prior().links, plant.bodies, strict=True
+        attached(tmp_path / "arm.urdf", ROBOT).prior().links, PLANT.bodies, strict=True
     ):
         assert found.parameters() == pytest.approx(true.parameters(), abs=1e-9)
 
 
 @pytest.mark.slow
 def test_a_prior_from_a_file_fills_what_the_log_leaves_open(shop):
-    plant, robot = read_plant(TRUTH), load_robot("kuka_lwr4plus")
-    (shop.folder / "arm.urdf").write_text(urdf_text(robot, plant.bodies))
-    true = np.array([body.mass for body in plant.bodies])
+    (shop.folder / "arm.urdf").write_text(urdf_text(ROBOT, PLANT.bodies))
+    true = np.array([body.mass for body in PLANT.bodies])
     # Why root mean square: noise may move one link's mass by 10 % at the cost of its neighbour, over five such logs.
     with_prior, without = (
         np.sqrt(
@@ -74,6 +70,6 @@ def test_a_prior_from_a_file_fills_what_the_log_leaves_open(shop):
 
 def test_a_range_upside_down_is_refused(shop):
     assert shop("identify", "kuka_lwr4plus", "log.npz", "--total-mass", "17:15").status == 2
-    text = load_robot("kuka_lwr4plus").path.read_text() + "known: {total_mass: [17, 15]}\n"
+    text = ROBOT.path.read_text() + "known: {total_mass: [17, 15]}\n"
     with pytest.raises(WrongRobotFile, match="not a range"):
         parse_robot(text, Path("arm.yaml"))

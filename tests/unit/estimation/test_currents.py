@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from loaded_arm import LOAD, recorded
-from test_drive_gains import GAINS
+from loaded_arm import LOAD, ROBOT, recorded
+from test_loads import GAINS
 
 pytestmark = pytest.mark.slow
 
@@ -18,8 +18,8 @@ def shop(workshop):
     """A robot file with unknown gains and the currents of two motions, one with a load."""
     run = workshop()
     for name, seed, load in (("empty", 11, None), ("loaded", 12, LOAD)):
-        robot, log = recorded(seed, load)
-        names = [f"{kind}_{joint}" for kind in "qi" for joint in robot.joint_names]
+        log = recorded(seed, load)
+        names = [f"{kind}_{joint}" for kind in "qi" for joint in ROBOT.joint_names]
         rows = np.column_stack([log.t, log.q, log.tau / GAINS])
         np.savetxt(
             run.folder / f"{name}.csv",
@@ -31,7 +31,7 @@ def shop(workshop):
         )
     text = "".join(
         line
-        for line in robot.path.read_text().splitlines(keepends=True)
+        for line in ROBOT.path.read_text().splitlines(keepends=True)
         if not line.startswith("torque:")
     )
     (run.folder / "arm.yaml").write_text(text + "torque: {source: motor_current, gain: null}\n")

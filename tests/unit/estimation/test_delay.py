@@ -1,29 +1,24 @@
 """The delay of the torques: what was put in comes out, and what was never there is left alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from test_stack import motion, stacked, truth
+from test_stack import simulated, stacked
 
 import dynid
-import models
 from dynid import Log
 from dynid.estimation.least_squares import relative_error, weighted
 from dynid.estimation.stack import estimate_delay, is_clear, on_time, stack_logs
 from dynid.signals.conditioned_log import condition_log, torques_moved_back
 
 
-@pytest.fixture(scope="module")
-def base():
-    return models.shipped("scara")
-
-
-def late(base, delay, seconds=30.0):
+def late(base, delay):
     """A log whose torques belong to the exact motion ``delay`` earlier, with noise."""
-    t, q, qd, qdd = motion(base.robot, seconds, 0)
-    tau = base.model.regressor(q, qd, qdd) @ truth(base)
-    moved = np.column_stack([np.interp(t - delay, t, column) for column in tau.T])
-    noise = np.random.default_rng(0).normal(size=tau.shape) * 0.02 * np.std(tau, axis=0)
-    return Log(t, q, moved + noise, base.robot.joint_names, dh=True)
+    log = simulated(base)
+    moved = np.column_stack([np.interp(log.t - delay, log.t, column) for column in log.tau.T])
+    noise = np.random.default_rng(0).normal(size=log.tau.shape) * 0.02 * np.std(log.tau, axis=0)
+    return replace(log, tau=moved + noise)
 
 
 @pytest.mark.parametrize("delay", [0.020, 0.006, -0.010])

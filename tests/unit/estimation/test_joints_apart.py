@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from loaded_arm import recorded
+from loaded_arm import ROBOT, recorded
 
 from dynid import identify, load, validate
 
@@ -31,8 +31,8 @@ def shares(found):
 
 @pytest.fixture(scope="module")
 def good(logs):
-    (robot, log), (_, other) = logs
-    return shares(validate(identify(robot, log, holdout=None), other))
+    log, other = logs
+    return shares(validate(identify(ROBOT, log, holdout=None), other))
 
 
 def stuck(log):
@@ -58,14 +58,14 @@ def partial(log):
     ],
 )
 def test_joints_with_wrong_or_missing_torques_spoil_no_other(logs, good, change, joints):
-    (robot, log), (_, other) = logs
-    bad = shares(validate(identify(robot, change(log), holdout=None), change(other)))
+    log, other = logs
+    bad = shares(validate(identify(ROBOT, change(log), holdout=None), change(other)))
     assert np.linalg.norm(np.delete(bad, joints)) < 1.1 * np.linalg.norm(np.delete(good, joints))
 
 
 def test_draws_of_a_joint_apart_are_those_of_its_own_parameters(logs):
-    (robot, log), (_, other) = logs
-    result = identify(robot, spoilt(log, -1.0), holdout=None)
+    log, other = logs
+    result = identify(ROBOT, spoilt(log, -1.0), holdout=None)
     assert result.model_error.joints_apart.tolist() == [BAD]
     qd = np.gradient(other.q, other.t, axis=0)
     qdd = np.gradient(qd, other.t, axis=0)
@@ -77,28 +77,28 @@ def test_draws_of_a_joint_apart_are_those_of_its_own_parameters(logs):
 
 
 def test_a_reversed_joint_is_named_and_predicted_by_parameters_of_its_own(logs):
-    (robot, log), (_, other) = logs
-    result = identify(robot, spoilt(log, -1.0), holdout=None)
+    log, other = logs
+    result = identify(ROBOT, spoilt(log, -1.0), holdout=None)
     (finding,) = [finding for finding in result.findings if finding.code == "W413"]
-    assert finding.evidence["joints"] == [robot.joint_names[BAD]]
-    assert finding.evidence["scales"][robot.joint_names[BAD]] == pytest.approx(-1.0, abs=0.05)
-    assert f"{robot.joint_names[BAD]} has -1.0" in finding.text
+    assert finding.evidence["joints"] == [ROBOT.joint_names[BAD]]
+    assert finding.evidence["scales"][ROBOT.joint_names[BAD]] == pytest.approx(-1.0, abs=0.05)
+    assert f"{ROBOT.joint_names[BAD]} has -1.0" in finding.text
     assert shares(validate(result, spoilt(other, -1.0)))[BAD] < 0.2
 
 
 def test_joints_that_agree_are_not_set_apart(logs):
-    (robot, log), _ = logs
-    result = identify(robot, log, holdout=None)
+    log, _ = logs
+    result = identify(ROBOT, log, holdout=None)
     assert "W413" not in [finding.code for finding in result.findings]
     assert result.model_error is None or not len(result.model_error.joints_apart)
 
 
 def test_a_result_with_a_joint_apart_predicts_the_same_from_its_file(logs, tmp_path):
-    (robot, log), _ = logs
-    result = identify(robot, spoilt(log, -1.0), holdout=None)
+    log, _ = logs
+    result = identify(ROBOT, spoilt(log, -1.0), holdout=None)
     again = load(result.save(tmp_path / "parameters.npz"))
     rng = np.random.default_rng(0)
-    states = rng.uniform(-1.0, 1.0, (3, 7, robot.n))
+    states = rng.uniform(-1.0, 1.0, (3, 7, ROBOT.n))
     assert again.inverse_dynamics(*states) == pytest.approx(
         result.inverse_dynamics(*states), rel=1e-9
     )

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from test_stack import simulated, stacked, truth
 
-import models
 from dynid.estimation import tuning
 from dynid.estimation.estimators import fitted as estimated
 from dynid.estimation.factor import Factor
@@ -25,11 +24,6 @@ from dynid.estimation.residual_model import (
 def again(part):
     """Estimate the rows of some joints anew."""
     return estimated(part, "wls")
-
-
-@pytest.fixture(scope="module")
-def base():
-    return models.shipped("scara")
 
 
 def hidden(base, seed, noise=0.05):

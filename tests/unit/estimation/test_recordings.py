@@ -6,15 +6,9 @@ import numpy as np
 import pytest
 from test_stack import simulated, stacked
 
-import models
 from dynid.estimation import tuning
 from dynid.estimation.estimators import fitted as estimated
 from dynid.estimation.recordings import Parts
-
-
-@pytest.fixture(scope="module")
-def scara():
-    return models.shipped("scara")
 
 
 def fitted(base, log):
@@ -31,16 +25,16 @@ def asked(stack, fit, like):
     return parts.disagreement(covariance, None, told)
 
 
-def test_parts_that_differ_by_noise_alone_widen_nothing(scara):
-    stack, fit = fitted(scara, simulated(scara, seed=0, noise=0.05))
+def test_parts_that_differ_by_noise_alone_widen_nothing(base):
+    stack, fit = fitted(base, simulated(base, seed=0, noise=0.05))
     assert asked(stack, fit, fit) == 1.0
 
 
-def test_torques_whose_scale_changes_in_the_recording_widen_unless_the_fit_counts_it_already(scara):
-    log = simulated(scara, seed=0, noise=0.05)
-    _, steady = fitted(scara, log)
+def test_torques_whose_scale_changes_in_the_recording_widen_unless_the_fit_counts_it_already(base):
+    log = simulated(base, seed=0, noise=0.05)
+    _, steady = fitted(base, log)
     scale = 1.0 + 0.3 * ((log.t - log.t[0]) / np.ptp(log.t) - 0.5)
-    stack, fit = fitted(scara, replace(log, tau=log.tau * scale[:, None]))
+    stack, fit = fitted(base, replace(log, tau=log.tau * scale[:, None]))
     assert asked(stack, fit, steady) == tuning.LARGEST_INFLATION
     assert asked(stack, fit, fit) == 1.0
 
@@ -64,11 +58,11 @@ def wandering(base, theta, within, between, logs=3, seed=0, error=0.002):
 
 
 @pytest.fixture(scope="module")
-def friction(scara):
+def friction(base):
     """Parameters with Coulomb friction alone."""
-    theta = np.zeros(len(scara.names))
-    for j in range(scara.robot.n):
-        theta[scara.names.index(f"fc{j + 1}")] = 2.0 + j
+    theta = np.zeros(len(base.names))
+    for j in range(base.robot.n):
+        theta[base.names.index(f"fc{j + 1}")] = 2.0 + j
     return theta
 
 
@@ -78,23 +72,22 @@ def added(base, theta, parts):
     return np.sqrt(np.sum(parts.changes(base, theta) ** 2, axis=1))[places] / theta[places]
 
 
-def test_what_differs_between_recordings_is_the_error_of_their_mean(scara, friction):
+def test_what_differs_between_recordings_is_the_error_of_their_mean(base, friction):
     found = [
-        added(scara, friction, wandering(scara, friction, 0.02, 0.16, seed=seed))
-        for seed in range(8)
+        added(base, friction, wandering(base, friction, 0.02, 0.16, seed=seed)) for seed in range(8)
     ]
     assert np.median(found) == pytest.approx(0.16 / np.sqrt(3.0), rel=0.3)
 
 
 def test_one_recording_that_wanders_tells_that_others_differ_and_a_steady_one_that_they_do_not(
-    scara, friction
+    base, friction
 ):
     moving = [
-        added(scara, friction, wandering(scara, friction, 0.02, 0.0, logs=1, seed=seed))
+        added(base, friction, wandering(base, friction, 0.02, 0.0, logs=1, seed=seed))
         for seed in range(8)
     ]
     steady = [
-        added(scara, friction, wandering(scara, friction, 0.0, 0.0, logs=1, seed=seed))
+        added(base, friction, wandering(base, friction, 0.0, 0.0, logs=1, seed=seed))
         for seed in range(8)
     ]
     assert np.median(moving) == pytest.approx(0.02 * tuning.CHANGE_BETWEEN, rel=0.4)

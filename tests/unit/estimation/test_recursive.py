@@ -19,7 +19,7 @@ def shop(workshop):
     text = (ROOT / "robots/kuka_lwr4plus.yaml").read_text()
     (run.folder / "arm.yaml").write_text(f"{text}\ncoulomb: {{shape: smooth, velocity: 0.57}}\n")
     for name, seed in (("one", 41), ("two", 42)):
-        log = recorded(seed, seconds=15.0)[1]
+        log = recorded(seed, seconds=15.0)
         np.savez(run.folder / f"{name}.npz", t=log.t, q=log.q, tau=log.tau)
     return run
 

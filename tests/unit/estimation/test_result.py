@@ -16,11 +16,6 @@ from dynid.robot import EffectSpec
 
 
 @pytest.fixture(scope="module")
-def base():
-    return models.shipped("scara")
-
-
-@pytest.fixture(scope="module")
 def result(base):
     rows = stacked(base, simulated(base, noise=0.1), cutoff=15.0)
     return estimate(rows, method="wls", holdout=last_share(rows, 0.2))

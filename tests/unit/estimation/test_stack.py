@@ -21,11 +21,6 @@ from motions import tones
 RATE = 100.0
 
 
-@pytest.fixture(scope="module")
-def base():
-    return models.shipped("scara")
-
-
 def motion(robot, seconds, seed):
     """A sum of sines with its exact derivatives."""
     rng = np.random.default_rng(seed)
@@ -59,9 +54,8 @@ def stacked(base, *logs, cutoff=None):
     sources = []
     for log in logs:
         chosen = choose_filter(log, base.robot, cutoff)
-        sources.append(
-            ConditionedLog(without_known(condition(log, chosen), base.model), chosen, "log")
-        )
+        segments = without_known(condition(log, chosen), base.model)
+        sources.append(ConditionedLog(segments, chosen, "log"))
     return stack_logs(sources, base)
 
 

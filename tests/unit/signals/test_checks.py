@@ -1,0 +1,353 @@
+"""What is wrong with times, numbers and velocities of a log is named with a fix that mends it; good logs pass."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid import Log, load_robot
+from dynid.errors import (
+    JointNamesDiffer,
+    LogTooShort,
+    NotFinite,
+    PositionInDegrees,
+    RateTooLow,
+    TimeNotIncreasing,
+    TooManyLost,
+    WrongMessageType,
+)
+from dynid.files.logs import read_log
+from dynid.signals.checks import prepare
+from dynid.signals.columns import take_samples
+from dynid.signals.stamps import with_even_clock
+from makelogs import ROOT, gen2, gen2_log, lwr, lwr_log, shared_data
+
+
+def generic():
+    """The Gen2 behind a driver whose velocity is to be believed."""
+    return replace(gen2(), driver=replace(gen2().driver, kind="generic"))
+
+
+def boundless(robot):
+    limits = [replace(joint.limits, position=None) for joint in robot.joints]
+    joints = zip(robot.joints, limits, strict=True)
+    return replace(robot, joints=tuple(replace(j, limits=each) for j, each in joints))
+
+
+def of(name, change):
+    """Return a function that changes one column of a log."""
+    return lambda log: replace(log, **{name: change(getattr(log, name).copy())})
+
+
+def put(where, value):
+    def change(values):
+        values[where] = value
+        return values
+
+    return change
+
+
+def samples(index):
+    return lambda log: take_samples(log, np.arange(len(log))[index])
+
+
+def columns(order):
+    return lambda values: values[:, np.r_[order, len(order) : 13]]
+
+
+def noise(size):
+    return lambda values: values + size * np.random.default_rng(0).normal(size=values.shape)
+
+
+def checked(robot, change=None, **options):
+    """Return a shipped log after a change and the checks, of the Gen2 or of the LWR4+."""
+    log = lwr_log() if robot.n == 7 and robot.name == lwr().name else gen2_log()
+    return prepare(change(log) if change else log, robot, **options)
+
+
+def codes(log):
+    return [finding.code for finding in log.findings]
+
+
+# ---------------------------------------------------------------- refused
+SHUFFLED = np.arange(4000).reshape(-1, 4)[:, [1, 0, 3, 2]].ravel()
+LOST = np.random.default_rng(0).random(4000) > 0.08
+HUGE = r"lwr_0_joint position is 3e\+150, not measurable, in 1 samples"
+SWAPPED = "j2s7s300_joint_{} and j2s7s300_joint_{} look swapped"
+
+
+@pytest.mark.parametrize(
+    ("robot", "change", "error", "said", "fix"),
+    [
+        (lwr, samples(SHUFFLED), TimeNotIncreasing, "shuffled", "--sort-time"),
+        (lwr, of("t", lambda t: np.round(t, 2)), TimeNotIncreasing, "too coarse", ""),
+        (lwr, samples(LOST), TooManyLost, "8 % of the samples are missing", ""),
+        (lwr, of("t", put(321, np.nan)), NotFinite, "row 322", ""),
+        (
+            lwr,
+            of("q", put((10, 0), np.inf)),
+            NotFinite,
+            "lwr_0_joint position is infinite in 1",
+            "",
+        ),
+        (lwr, of("q", put((10, 0), 3e150)), NotFinite, HUGE, ""),
+        (lwr, samples(slice(5)), LogTooShort, "5 samples", ""),
+        (lwr, of("tau", np.zeros_like), WrongMessageType, "effort is 0", ""),
+        (
+            gen2,
+            samples(slice(None, None, 10)),
+            RateTooLow,
+            r"joint states arrive at 10\.0 Hz; the fastest motion, .* needs >= 50 Hz",
+            "feedback_publish_rate:=0.01",
+        ),
+        (
+            generic,
+            of("qd", columns([0, 1, 2, 4, 3])),
+            JointNamesDiffer,
+            SWAPPED.format(4, 5) + r".*(0\.99|1\.00) swapped",
+            "",
+        ),
+        (
+            generic,
+            of("qd", columns([6, 1, 2, 3, 4, 5, 0])),
+            JointNamesDiffer,
+            SWAPPED.format(1, 7) + r".*(0\.99|1\.00) swapped",
+            "",
+        ),
+        (
+            lambda: boundless(generic()),
+            of("q", columns([0, 1, 2, 4, 3])),
+            JointNamesDiffer,
+            SWAPPED.format(4, 5),
+            "",
+        ),
+    ],
+)
+def test_what_no_parameters_can_be_found_from_is_refused(robot, change, error, said, fix):
+    with pytest.raises(error, match=f"(?s){said}") as caught:
+        checked(robot(), change)
+    assert fix in caught.value.fix
+
+
+def test_excluding_everything_leaves_no_log():
+    with pytest.raises(LogTooShort, match="no sample"):
+        checked(lwr(), exclude=[(0.0, 100.0)])
+
+
+def test_shuffled_stamps_are_put_in_order_when_asked_to():
+    found = checked(lwr(), samples(SHUFFLED), sort_time=True)
+    np.testing.assert_array_equal(found.q, checked(lwr()).q)
+
+
+def test_degrees_of_joints_without_position_limits_are_seen_at_the_speed():
+    """The printed units, put into the robot file, mend it."""
+    robot = boundless(gen2())
+    broken = replace(gen2_log(), q=np.degrees(gen2_log().q), qd=np.degrees(gen2_log().qd))
+    with pytest.raises(PositionInDegrees, match=r"degrees\? the speed limit is") as caught:
+        prepare(broken, robot)
+    inner = re.search(r"units: \{(position: deg, velocity: deg/s)\}", caught.value.fix)[1]
+    units = robot.driver.units | dict(pair.split(": ") for pair in inner.split(", "))
+    prepare(broken, replace(robot, driver=replace(robot.driver, units=units)))
+
+
+# ---------------------------------------------------------------- said
+TWICE = np.sort(np.r_[0:4000, 100, 200, 300])
+GAPS = np.delete(np.arange(4000), np.r_[500:510, 1500:1530])
+HELD = of("q", lambda q: q[np.arange(len(q)) // 2 * 2])
+
+
+@pytest.mark.parametrize(
+    ("robot", "change", "code", "text"),
+    [
+        (lwr, samples(TWICE), "W311", ""),
+        (
+            lwr,
+            samples(GAPS),
+            "W312",
+            r"lwr4plus_validate\.bag: 2 gaps, longest 15\d ms at 7\.50 s",
+        ),
+        (lwr, HELD, "W325", ".*100 Hz"),
+        (generic, of("qd", lambda qd: 0.65 * qd), "W308", ".*0.65 x the change of position"),
+    ],
+)
+def test_what_is_odd_is_said(robot, change, code, text):
+    found = checked(robot(), change).findings
+    assert [finding.code for finding in found] == [code] * (7 if code == "W308" else 1)
+    assert re.match(text, found[0].text)
+
+
+def test_samples_with_the_stamp_of_their_predecessor_are_dropped():
+    assert len(checked(lwr(), samples(TWICE))) == 4000
+
+
+def test_a_jump_by_a_full_turn_is_taken_out():
+    turned = lwr_log().q[2000:, 6] - 2 * np.pi
+    log = checked(lwr(), of("q", put((slice(2000, None), 6), turned)))
+    np.testing.assert_allclose(log.q, checked(lwr()).q, atol=1e-9)
+    assert codes(log) == ["W315"]
+    text = r"lwr_6_joint jumps by -6\.2\d rad at 10\.00 s; unwrapped"
+    assert re.match(text, log.findings[0].text)
+
+
+LEVEL = "lwr_{}_joint torque {} at {:.4g} Nm for .* {}"
+
+
+def test_flat_tops_are_found_where_they_are_and_nowhere_else():
+    tau = lwr_log().tau[:, 1]
+    level = np.quantile(tau, 0.97)
+    over = tau >= level
+    log = checked(lwr(), of("tau", put((over, 1), level)))
+    assert codes(log) == ["W319"]
+    text = LEVEL.format(1, "sits", level, "s: clipped samples are left out")
+    assert re.match(text, log.findings[0].text)
+    clipped = log.extra["clipped"]
+    assert clipped.shape == log.tau.shape
+    assert not clipped[:, [0, 2, 3, 4, 5, 6]].any()
+    assert not clipped[~over, 1].any()
+    assert clipped[over, 1].mean() > 0.9
+
+
+def test_a_torque_that_stays_while_its_joint_moves_to_and_fro_is_none():
+    level, stuck = lwr_log().tau[500, 3], slice(500, None)
+    log = checked(lwr(), of("tau", put((stuck, 3), level)))
+    assert codes(log) == ["W319"]
+    text = LEVEL.format(3, "stays", level, "to and fro: these samples")
+    assert re.match(text, log.findings[0].text)
+    assert log.extra["clipped"][stuck, 3].all()
+    assert not log.extra["clipped"][:500].any()
+
+
+def test_kinovas_velocity_is_put_aside_with_its_ratio():
+    log = checked(gen2(), of("qd", lambda qd: 2 * qd))
+    (finding,) = log.findings
+    assert (finding.code, finding.level) == ("W308", "info")
+    np.testing.assert_allclose(finding.evidence["slope"], 2.0, rtol=0.02)
+    assert log.qd is None
+    np.testing.assert_array_equal(log.extra["qd_reported"], 2 * gen2_log().qd[:, :7])
+
+
+# ---------------------------------------------------------------- no fault
+def late(t):
+    return t + np.minimum(np.random.default_rng(0).exponential(0.0015, len(t)), 0.004)
+
+
+def resting(log):
+    """Return a log whose first joint stands from 2.5 s on, with a torque that stays."""
+    q, tau = log.q.copy(), log.tau.copy()
+    q[500:, 0], tau[500:, 0] = q[500, 0], 0.2
+    return replace(log, q=q, tau=tau)
+
+
+def still(log):
+    return replace(log, q=0 * log.q + log.q[0], qd=noise(0.01)(0 * log.qd))
+
+
+def alike(log):
+    """Return a log of joints that all swing in one way, two of their velocities exchanged."""
+    size, w = np.linspace(0.4, 0.8, 13), 0.6
+    q, qd = (np.outer(f(w * log.t), k * size) for f, k in ((np.sin, 1), (np.cos, w)))
+    return replace(log, q=q + np.pi, qd=columns([1, 0])(noise(0.01)(qd)))
+
+
+def rounded(step):
+    return of("tau", lambda tau: np.round(tau / step) * step)
+
+
+def weightless():
+    return replace(generic(), torque=replace(generic().torque, source="gravity_free"))
+
+
+@pytest.mark.parametrize(
+    ("robot", "change", "said"),
+    [
+        (lwr, of("t", late), ["W323"]),
+        (lwr, of("tau", put((1234, 0), 5000.0)), []),
+        *((lwr, rounded(step), []) for step in (0.05, 0.2, 1.0)),
+        (lwr, resting, []),
+        (gen2, of("tau", put((slice(None), -1), np.nan)), ["W308"]),
+        (generic, of("qd", noise(0.05)), []),
+        (weightless, alike, []),
+    ],
+)
+def test_what_is_no_fault_passes(robot, change, said):
+    """Late stamps, a spike, coarse torques, one that stays at rest, a finger, noise, joints that all move alike."""
+    log = checked(robot(), change)
+    assert codes(log) == said
+    assert len(log) == len(lwr_log() if robot is lwr else gen2_log())
+
+
+def test_what_is_left_out_and_what_does_not_move_is_not_judged():
+    assert checked(lwr(), exclude=[(5.0, 9.0)]).findings == ()
+    assert checked(generic(), still, identify=False).findings == ()
+
+
+def test_a_continuous_joint_that_has_turned_many_times_is_not_in_degrees():
+    assert checked(gen2(), of("q", lambda q: q + np.eye(13)[6] * 20 * np.pi)).q[:, 6].min() > 50
+
+
+@pytest.mark.parametrize(
+    ("robot", "change"),
+    [
+        (gen2, of("qd", put((5, 3), np.nan))),
+        (generic, of("qd", np.zeros_like)),
+        (generic, lambda log: replace(log, qd=None)),
+    ],
+)
+def test_a_velocity_that_was_never_measured_or_is_not_used_may_have_holes(robot, change):
+    assert checked(robot(), change).qd is None
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(
+    ("robot", "recording"),
+    [
+        ("kuka_lwr4plus", "kuka_lwr4plus/run1.bag"),
+        ("kuka_lwr4plus", "kuka_lwr4plus/run2.bag"),
+        ("ur10", "ur10_salerno/exc.npz"),
+        ("franka_panda", "panda_salerno/exc.npz"),
+        ("staubli_tx40", "tx40/exc.npz"),
+    ],
+)
+def test_good_recordings_of_real_arms_pass_without_a_false_warning(robot, recording):
+    """The TX40 keeps within the limits of its joints."""
+    arm = load_robot(ROOT / "robots" / f"{robot}.yaml")
+    log = prepare(read_log(shared_data(recording), robot=arm), arm)
+    assert set(codes(log)) <= {"W320"}
+    if robot == "staubli_tx40":
+        for q, joint in zip(log.q.T, arm.joints, strict=True):
+            low, high = joint.limits.position
+            assert low - 0.01 <= q.min() <= q.max() <= high + 0.01
+
+
+# ---------------------------------------------------------------- stamps
+def moved(t):
+    """Return a log of a motion that is known at every time."""
+    q = np.stack([np.sin(0.9 * t) + 0.2 * np.sin(4 * t), 0.8 * np.cos(0.7 * t)], axis=1)
+    return Log(t, q, np.zeros_like(q), ("a", "b"))
+
+
+def test_stamps_that_come_late_are_put_on_an_even_clock():
+    rng, t = np.random.default_rng(3), np.arange(4000) / 200.0
+    stamps = np.maximum.accumulate(t + rng.exponential(5e-4, len(t))) + 1e-9 * np.arange(4000)
+    found = with_even_clock(replace(moved(t), t=stamps))
+    assert np.std(found.t - t) < 2e-5  # the mean lateness cannot be known
+    assert codes(found) == ["W323"]
+
+
+def test_lost_samples_keep_their_places_on_the_even_clock():
+    rng, t = np.random.default_rng(4), np.arange(4000) / 200.0
+    kept = rng.random(4000) > 0.02
+    stamped = replace(moved(t), t=t + rng.uniform(0, 1e-3, 4000))
+    assert np.std(with_even_clock(take_samples(stamped, kept)).t - t[kept]) < 3e-5
+
+
+def test_samples_taken_unevenly_and_coarse_encoders_that_cannot_tell_keep_their_stamps():
+    uneven = moved(
+        np.arange(4000) / 200.0 + np.random.default_rng(5).uniform(-0.0015, 0.0015, 4000)
+    )
+    t = np.arange(2000) / 100.0
+    coarse = of("q", lambda q: np.round(q / 0.01) * 0.01)(moved(t))
+    coarse = replace(coarse, t=t + np.random.default_rng(6).exponential(1e-4, len(t)))
+    for log in (uneven, coarse):
+        assert with_even_clock(log) is log
