@@ -72,15 +72,13 @@ def unit_of(name: str, word: str = "") -> str:
 # ---------------------------------------------------------------- patterns
 def matched(pattern: str, names: Sequence[str], joints: Sequence[str]) -> list[str]:
     """Return the columns of a pattern in chain order, [] where one is missing; numbers count from 0 or 1."""
-    for first in (1, 0):
+    # Why from 0 first: of an arm with six joints and columns 0 to 6, 0 to 5 are the arm and 6 is its gripper.
+    for first in (0, 1):
         columns = [
-            pattern.replace("{i}", str(first + k)).replace("{name}", joint)
-            for k, joint in enumerate(joints)
+            pattern.replace("{i}", str(k)).replace("{name}", joint)
+            for k, joint in enumerate(joints, first)
         ]
-        # Why: of an arm with six joints and columns 0 to 6, 0 to 5 are the arm and 6 is its gripper.
-        if set(columns) <= set(names) and not (
-            first and "{i}" in pattern and pattern.replace("{i}", "0") in names
-        ):
+        if set(columns) <= set(names):
             return columns
     return []
 
@@ -90,17 +88,18 @@ def numbered(pattern: str, names: Sequence[str]) -> list[str]:
     return max((matched(pattern, names, [""] * k) for k in range(1, 33)), key=len)
 
 
-def usual_joints(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the joints of columns with the usual names; () where no position has a torque or a current."""
-    own = [name[2:] for name in names if name.startswith("q_") and not name.startswith("q_ref_")]
-    has_effort = any(f"{kind}_{joint}" in names for joint in own for kind in ("tau", "i"))
-    return tuple(own) if has_effort else ()
-
-
-def members(pattern: str, names: Sequence[str]) -> list[str]:
-    """Return what stands in place of ``{name}`` in the columns of a pattern, in their order."""
+def joints_of(pattern: str, names: Sequence[str]) -> list[str]:
+    """Return what stands in place of ``{name}`` in the columns of a pattern, or a name for each of its numbers."""
+    if "{name}" not in pattern:
+        return [f"joint_{k}" for k, _ in enumerate(numbered(pattern, names), 1)]
     form = re.escape(pattern).replace(re.escape("{name}"), "(.+)")
     return [match[1] for name in names if (match := re.fullmatch(form, name))]
+
+
+def usual_joints(names: Sequence[str]) -> list[str]:
+    """Return the joints of columns with the usual names; [] where no position has a torque or a current."""
+    own = [name[2:] for name in names if name.startswith("q_") and not name.startswith("q_ref_")]
+    return own if {f"{kind}_{joint}" for kind in ("tau", "i") for joint in own} & {*names} else []
 
 
 def template(names: Sequence[str]) -> dict[str, str]:
@@ -121,51 +120,43 @@ def snippet(patterns: Mapping[str, str]) -> str:
 
 def suggested(names: Sequence[str]) -> dict[str, str]:
     """Return patterns for ``driver: columns:`` that would find columns of these names; {} if none is recognised."""
-    patterns = _paired(_numbers(names)) or _paired(_named(names))
-    like = [name for name in names if re.search(r"time|stamp", name.lower())]
-    time = next((name for name in [*filter(is_time, names), *like]), "") if patterns else ""
-    return ({"time": time} if time else {}) | patterns
+    patterns = _of_same_joints(_numbers(names)) or _of_same_joints(_named(names))
+    like = (name for name in names if re.search(r"time|stamp", name.lower()))
+    time = next(filter(is_time, names), next(like, None))
+    return {"time": time, **patterns} if time and patterns else patterns
 
 
-def _paired(members: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """Return the best patterns of positions and torques that have the same members, and what goes with them."""
+def _of_same_joints(members: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """Return the least doubtful patterns of positions and torques of the same joints, and what goes with them.
+
+    Args:
+        members: patterns, each with what stands in its place in the name of one column.
+    """
     families = defaultdict[str, set[str]](set)
     for pattern, member in members:
         families[pattern].add(member)
-    # Why the best of each first: names full of numbers have thousands of families, and pairs without end.
-    best: dict[tuple[str, frozenset[str]], tuple[int, str]] = {}
+    # Why one of each kind: names full of numbers have thousands of families, and pairs without end.
+    groups = defaultdict[frozenset[str], dict[str, tuple[int, str]]](dict)
     for pattern, family in families.items():
         kind, doubt = _meaning(pattern)
-        each = kind, frozenset(family)
-        if kind and len(family) > 1 and doubt < best.get(each, (99, ""))[0]:
-            best[each] = doubt, pattern
-    pairs = [
-        (doubt + best["effort", each][0], each)
-        for (kind, each), (doubt, _) in best.items()
-        if kind == "position" and ("effort", each) in best
-    ]
-    if not pairs:
-        return {}
-    _, chosen = min(pairs, key=lambda pair: pair[0])
-    return {
-        kind: best[kind, chosen][1]
-        for kind in ("position", "effort", "velocity", "reference", "name")
-        if (kind, chosen) in best
-    }
+        group = groups[frozenset(family)]
+        if kind and len(family) > 1 and (kind not in group or doubt < group[kind][0]):
+            group[kind] = doubt, pattern
+    pairs = [group for group in groups.values() if {"position", "effort"} <= group.keys()]
+    best = min(pairs, key=lambda pair: pair["position"][0] + pair["effort"][0], default={})
+    return {kind: pattern for kind, (_, pattern) in best.items()}
 
 
 def _meaning(pattern: str) -> tuple[str, int]:
     """Return what a family of columns is, "" for nothing of use, and how little its name says so."""
     words = _words(pattern)
-    kinds = {_KINDS[word] for word in words if word in _KINDS}
+    kinds = {_KINDS.get(word) for word in words}
     kind = next((each for each in _WORDS if each in kinds), "")
-    if kind == "acceleration" or words.intersection(_OTHER):
+    if kind == "acceleration" or words & _OTHER or (kind == "name" and "{i}" not in pattern):
         return "", 0
-    if kind == "name":
-        return ("name" if "{i}" in pattern else ""), 0
-    if words.intersection(_COMMANDED):
+    if kind != "name" and words & _COMMANDED:
         return ("reference" if kind == "position" else ""), 0
-    doubt = 2 * (kind == "effort" and in_amperes(pattern)) + words.isdisjoint(_MEASURED)
+    doubt = words.isdisjoint(_MEASURED) + 2 * (kind == "effort" and in_amperes(pattern))
     return ("position", doubt + 4) if kind == "joint" else (kind, doubt)
 
 
@@ -176,9 +167,8 @@ def in_amperes(pattern: str) -> bool:
 
 
 def _words(pattern: str) -> set[str]:
-    """Return the words of a name: letters between other signs, and parts that begin with a capital."""
-    bare = re.sub(r"\{(i|name)\}", " ", pattern)
-    bare = re.sub(r"[\[(][^\[\]()]*[\])]\s*$", " ", bare)
+    """Return the words of a name without its unit: letters between other signs, parts that begin with a capital."""
+    bare = re.sub(r"\{(i|name)\}|[\[(][^\[\]()]*[\])]\s*$", " ", pattern)
     bare = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", bare)
     return {part.lower() for part in re.findall(r"[A-Za-z]+", bare)}
 
@@ -192,8 +182,8 @@ def _numbers(names: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 def _named(names: Sequence[str]) -> Iterator[tuple[str, str]]:
     """Yield patterns of names that differ in the name of the joint, before or behind what they are, with that name."""
-    for kind in ("position", "velocity", "effort"):
-        meanings = [(kind, doubt) for doubt in range(4)]
+    for wanted in ("position", "velocity", "effort"):
+        meanings = [(wanted, doubt) for doubt in range(4)]
         some = [name for name in names if not is_time(name) and _meaning(name) in meanings]
         start = commonprefix(some)  # noqa: RUF071 - letters are meant
         rest = [name[len(start) :] for name in some]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +13,7 @@ from dynid.files import logs, tables, tuning
 from dynid.files.bags import list_topics, read_topics
 from dynid.files.columnwords import (
     in_amperes,
-    members,
-    numbered,
+    joints_of,
     snippet,
     suggested,
     template,
@@ -24,35 +23,22 @@ from dynid.files.messages import KINOVA_TYPES, MULTI_ARRAY, Topic
 from dynid.files.texttable import text_table
 from dynid.log import Log
 from dynid.text import yaml_word
+from dynid.units import FACTORS
 
 
-@dataclass(frozen=True)
-class Joints:
-    """Joint states of one topic, or of a file that has only one.
+def has_torques(log: Log) -> bool:
+    """Return whether any effort of a recording is a number."""
+    return bool(np.isfinite(log.tau).any())
 
-    Attributes:
-        topic: topic, "" for tables and arrays.
-        log: the numbers as they were recorded.
-    """
 
-    topic: str
-    log: Log
-
-    @property
-    def has_torques(self) -> bool:
-        """Whether any effort is a number."""
-        return bool(np.isfinite(self.log.tau).any())
-
-    @property
-    def units(self) -> dict[str, str]:
-        """Likely units of ``position`` and ``effort``."""
-        q, tau = self.log.q, self.log.tau
-        span = float(np.nanmax(np.ptp(q, axis=0))) if np.isfinite(q).any() else 0.0
-        most = float(np.nanmax(np.abs(tau))) if np.isfinite(tau).any() else 0.0
-        return {
-            "position": "deg" if span > tuning.MOST_RADIANS else "rad",
-            "effort": "mNm" if most > tuning.MOST_TORQUE_NM else self.log.tau_unit or "Nm",
-        } | {key: unit for key, unit in self.log.units.items() if key != "velocity"}
+def likely_units(log: Log) -> dict[str, str]:
+    """Return the units of ``position`` and ``effort`` that a recording has by what it says, else by its numbers."""
+    span = np.fmax.reduce(np.fmax.reduce(log.q) - np.fmin.reduce(log.q), initial=0.0)
+    most = np.fmax.reduce(np.abs(log.tau), axis=None, initial=0.0)
+    return {
+        "position": "deg" if span > tuning.MOST_RADIANS else "rad",
+        "effort": "mNm" if most > tuning.MOST_TORQUE_NM else log.tau_unit or "Nm",
+    } | {key: unit for key, unit in log.units.items() if key != "velocity"}
 
 
 @dataclass(frozen=True)
@@ -60,49 +46,44 @@ class Inspected:
     """What a recording holds.
 
     Attributes:
-        path: the file or folder.
+        logs: joint states that could be read, as they were recorded: one per topic and set of joints.
+        findings: what was noticed.
         topics: of a bag, by name.
         columns: of a table, in their order.
-        joints: joint states that could be read.
         patterns: columns for ``driver: columns:``, {} where the usual names are used; where the names do not tell,
             words in capitals stand for what a person has to fill in.
-        findings: what was noticed.
     """
 
-    path: Path
-    topics: dict[str, Topic]
-    columns: tuple[str, ...]
-    joints: tuple[Joints, ...]
-    patterns: dict[str, str]
+    logs: tuple[Log, ...]
     findings: tuple[Finding, ...]
+    topics: dict[str, Topic] = field(default_factory=dict)
+    columns: tuple[str, ...] = ()
+    patterns: dict[str, str] = field(default_factory=dict)
 
     def snippet(self) -> str:
         """Return the part of a robot file that reads this recording, "" if it cannot be recognised."""
-        if not self.joints:
-            return f"driver:\n  kind: generic\n  {snippet(self.patterns)}" if self.patterns else ""
-        # Why torques first: commands are published as joint states too, and more often.
-        chosen = max(self.joints, key=lambda each: (each.has_torques, len(each.log)))
         lines = ["driver:", "  kind: generic"]
-        if chosen.topic:
-            lines.append(f"  topic: {yaml_word(chosen.topic)}")
+        columns = [f"  {snippet(self.patterns)}"] if self.patterns else []
+        if not self.logs:
+            return "\n".join([*lines, *columns]) if columns else ""
+        # Why torques first: commands are published as joint states too, and more often.
+        log = max(self.logs, key=lambda each: (has_torques(each), len(each)))
         arrays = [topic.name for topic in self.topics.values() if topic.type == MULTI_ARRAY]
-        if chosen.topic and not chosen.has_torques and arrays:
+        if log.topic:
+            lines.append(f"  topic: {yaml_word(log.topic)}")
+        if arrays and not has_torques(log):
             lines.append(f"  effort_topic: {yaml_word(arrays[0])}")
-        position = self.patterns.get("position", "{name}")
-        if chosen.log.names and ("name" in self.patterns or "{name}" in position):
-            names = ", ".join(map(yaml_word, chosen.log.names))
+        numbered = "{i}" in self.patterns.get("position", "") and "name" not in self.patterns
+        if log.names and not numbered:
+            names = ", ".join(map(yaml_word, log.names))
             lines.append(f"  joint_names: [{names}]    # put them in the order base to tip")
-        units = chosen.units
-        if self.patterns:
-            lines.append(f"  {snippet(self.patterns)}")
-            if "effort" not in chosen.log.units and in_amperes(self.patterns["effort"]):
-                units["effort"] = "A"
-        if chosen.log.qd is not None and np.isfinite(chosen.log.qd).any():
+        units = likely_units(log)
+        if self.patterns and "effort" not in log.units and in_amperes(self.patterns["effort"]):
+            units["effort"] = "A"
+        if log.qd is not None and np.isfinite(log.qd).any():
             units["velocity"] = f"{units['position']}/s"
-        order = ("position", "velocity", "effort")
-        inside = ", ".join(f"{key}: {units[key]}" for key in order if key in units)
-        lines.append(f"  units: {{{inside}}}")
-        return "\n".join(lines)
+        inside = ", ".join(f"{key}: {units[key]}" for key in FACTORS if key in units)
+        return "\n".join([*lines, *columns, f"  units: {{{inside}}}"])
 
 
 def inspect(path: Path, rate: float | None = None) -> Inspected:
@@ -116,41 +97,37 @@ def inspect(path: Path, rate: float | None = None) -> Inspected:
         DynidError: it is no recording, or nothing of it can be read.
     """
     kind = logs.format_of(path)
-    if kind == "bag":
-        topics = list_topics(path)
-        filled = [topic for topic in topics.values() if topic.count]
-        wanted = [topic.name for topic in filled if topic.type == JOINT_STATE]
-        groups, findings = read_topics(path, wanted) if wanted else ({}, ())
-        joints = tuple(
-            Joints(name, log) for name in wanted for log in groups.get(name, []) if log.n
-        )
-        # Why not those of Kinova: they are read where the robot file names their driver.
-        if not joints and not any(topic.type in KINOVA_TYPES for topic in filled):
-            text = f"no topic of {path.name} holds joint states ({JOINT_STATE})"
-            findings = (*findings, Finding("W333", "warning", text))
-        return Inspected(path, topics, (), joints, {}, findings)
     if kind == "table":
         return _table(path, rate)
-    log = logs.read_npz_log(path) if kind == "npz" else tables.read_folder(path, rate)
-    return Inspected(path, {}, (), (Joints("", log),), {}, log.findings)
+    if kind != "bag":
+        log = logs.read_npz_log(path) if kind == "npz" else tables.read_folder(path, rate)
+        return Inspected((log,), log.findings)
+    topics = list_topics(path)
+    filled = [topic for topic in topics.values() if topic.count]
+    wanted = [topic.name for topic in filled if topic.type == JOINT_STATE]
+    groups, findings = read_topics(path, wanted) if wanted else ({}, ())
+    found = tuple(log for name in wanted for log in groups.get(name, ()) if log.n)
+    # Why not those of Kinova: they are read where the robot file names their driver.
+    if not found and not any(topic.type in KINOVA_TYPES for topic in filled):
+        text = f"no topic of {path.name} holds joint states ({JOINT_STATE})"
+        findings = (*findings, Finding("W333", "warning", text))
+    return Inspected(found, findings, topics)
 
 
 def _table(path: Path, rate: float | None) -> Inspected:
     columns = text_table(path).names
-    patterns = {} if usual_joints(columns) else suggested(columns)
-    position = patterns.get("position", "")
-    names = members(position, columns) if "{name}" in position else []
-    if "{i}" in position:
-        names = [f"joint_{k + 1}" for k in range(len(numbered(position, columns)))]
+    usual = usual_joints(columns)
+    patterns = {} if usual else suggested(columns)
+    joints = joints_of(patterns["position"], columns) if patterns else ()
     try:
-        log = tables.read_table(path, names, patterns, rate)
+        log = tables.read_table(path, joints, patterns, rate)
     except LogLayout:
-        if not columns or usual_joints(columns) or patterns:
+        if not columns or usual or patterns:
             raise
         text = (
             f"{path.name}: which of {len(columns)} columns are positions and torques does not "
             f"follow from their names"
         )
-        unknown = Finding("W330", "warning", text, {"columns": list(columns)})
-        return Inspected(path, {}, columns, (), template(columns), (unknown,))
-    return Inspected(path, {}, columns, (Joints("", log),), patterns, log.findings)
+        unknown = Finding("W330", "warning", text, {"columns": columns})
+        return Inspected((), (unknown,), {}, tuple(columns), template(columns))
+    return Inspected((log,), log.findings, {}, tuple(columns), patterns)

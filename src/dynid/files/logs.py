@@ -149,8 +149,8 @@ def read_npz_log(path: Path) -> Log:
     except NotAnArtifact as error:
         raise LogNotFound(f"{path.name} holds {header['schema']}, not a log", where=path) from error
     motor = "q_motor" in arrays
-    position, torque = ("q_motor", "tau_motor") if motor else ("q", "tau")
-    for key in ("t", position, torque):
+    t, q, tau = ("t", "q_motor", "tau_motor") if motor else ("t", "q", "tau")
+    for key in (t, q, tau):
         if key not in arrays:
             have = ", ".join(sorted(arrays)) or "no arrays"
             raise LogLayout(f"{path.name} has no array '{key}'; it has {have}", where=path)
@@ -158,15 +158,15 @@ def read_npz_log(path: Path) -> Log:
         key: values
         for key, values in arrays.items()
         if key not in (*ARRAYS, "q", "qd", "tau")
-        and (COLUMNS[key] if key in COLUMNS else has_rows(values, arrays["t"].size))
+        and (COLUMNS[key] if key in COLUMNS else has_rows(values, arrays[t].size))
     }
     effort = units.get("effort")
     log = Log(
-        t=arrays["t"],
-        q=arrays[position],
-        tau=arrays[torque],
-        names=names,
-        qd=arrays.get("qd"),
+        arrays[t],
+        arrays[q],
+        arrays[tau],
+        names,
+        arrays.get("qd"),
         source=path,
         topic=str(header.get("topic", "")),
         tau_unit="A" if effort in ("A", "mA") else "Nm" if effort else "",
@@ -184,24 +184,24 @@ def read_npz_log(path: Path) -> Log:
 def _read_joint_states(path: Path, robot: Robot, topic: str | None) -> Log:
     """Read the joint states of a robot from a bag; the driver chooses the topic where None is given."""
     topics = {name: state.type for name, state in list_topics(path).items()}
-    effort_topic = robot.columns.effort_topic
     # Why Kinova's own only where they are all: they are degrees, and come without stamps.
     own = [name for name, kind in topics.items() if kind in KINOVA_TYPES]
     pair = [name for end in ("angles", "torques") for name in own if name.endswith(f"joint_{end}")]
     kinova = JOINT_STATE not in topics.values() and len(pair) == 2 and topic in (None, *pair)
     if kinova:
-        chosen, effort_topic = pair
+        chosen, efforts = pair
     else:
         chosen = driver_of(robot).choose_topic(topics, topic, robot, path.name)
-        if effort_topic is not None and topics.get(effort_topic) not in (JOINT_STATE, MULTI_ARRAY):
-            state = f"is {topics[effort_topic]}" if effort_topic in topics else "is not there"
+        efforts = robot.columns.effort_topic or chosen
+        if topics.get(efforts) not in (JOINT_STATE, MULTI_ARRAY):
+            state = f"is {topics[efforts]}" if efforts in topics else "is not there"
             raise WrongMessageType(
-                f"the topic of the torques, {effort_topic}, {state}; {JOINT_STATE} or {MULTI_ARRAY} is needed",
+                f"the topic of the torques, {efforts}, {state}; {JOINT_STATE} or {MULTI_ARRAY} is needed",
                 where=path.name,
                 fix="correct `effort_topic:` under `driver:` in the robot file",
             )
-    groups, findings = read_topics(path, {chosen, effort_topic or chosen})
-    log = _of_robot(groups, robot, chosen)
+    groups, findings = read_topics(path, {chosen, efforts})
+    log, other = (_of_robot(groups, robot, name) for name in (chosen, efforts))
     if kinova:
         n = min(robot.n, log.n)
         q = log.q[:, :n] * POSITION["deg"] / POSITION[robot.columns.units["position"]]
@@ -212,14 +212,10 @@ def _read_joint_states(path: Path, robot: Robot, topic: str | None) -> Log:
             where=chosen,
             fix="make the driver fill the names of its JointState",
         )
-    absent = set(log.extra["absent"])
-    if effort_topic is not None:
-        log = _with_effort(log, _of_robot(groups, robot, effort_topic), robot)
-        absent.discard("effort")
-    for key in ("position", "effort"):
-        if key in absent:
+    for each, field in ((log, "position"), (other, "effort")):
+        if field in each.extra["absent"]:
             raise WrongMessageType(
-                f"{chosen} has no {key} in any of its {len(log)} messages", where=path.name
+                f"{each.topic} has no {field} in any of its {len(each)} messages", where=path.name
             )
     if log.extra["clock"] == "arrival":
         text = (
@@ -227,6 +223,7 @@ def _read_joint_states(path: Path, robot: Robot, topic: str | None) -> Log:
             "the time of arrival in the bag is used, which jitters more"
         )
         findings = (*findings, Finding("W304", "warning", text))
+    log = log if efforts == chosen else _with_effort(log, other, robot)
     return replace(log, source=path, findings=findings)
 
 
@@ -239,27 +236,32 @@ def _of_robot(groups: Mapping[str, Sequence[Log]], robot: Robot, topic: str) -> 
     return next((log for names in known for log in logs if names <= set(log.names)), logs[0])
 
 
-def _with_effort(log: Log, one: Log, robot: Robot) -> Log:
+def _with_effort(log: Log, other: Log, robot: Robot) -> Log:
     """Return a log with the torques of another topic, each position with the torque at its time."""
-    torque = one.q if "effort" in one.extra["absent"] else one.tau
-    joints = one.names or robot.log_names[: one.n]
-    if one.n < robot.n or not set(joints) <= {*log.names, *one.names}:
+    joints = other.names or robot.log_names[: other.n]
+    if other.n < robot.n or not set(joints) <= {*log.names, *other.names}:
         raise WrongMessageType(
-            f"{one.topic} has {one.n} torques, {robot.name} has {robot.n} joints", where=one.topic
+            f"{other.topic} has {other.n} torques, {robot.name} has {robot.n} joints",
+            where=other.topic,
         )
     # Unit: both clocks count from their own first message; stamps of headers only compare with each other.
-    both = log.extra["clock"] == one.extra["clock"]
-    start, other = (
-        each.extra["start_ns"] if both else each.extra["arrival_ns"][0] for each in (log, one)
+    both = log.extra["clock"] == other.extra["clock"]
+    start, first = (
+        each.extra["start_ns"] if both else each.extra["arrival_ns"][0] for each in (log, other)
     )
-    clock = one.t + (other - start) * 1e-9
+    clock = other.t + (first - start) * 1e-9
     shared = (log.t >= clock[0]) & (log.t <= clock[-1])
     if not shared.any():
-        raise WrongMessageType(f"{log.topic} and {one.topic} share no time", where=one.topic)
-    t, tau = log.t[shared], np.full((int(shared.sum()), log.n), np.nan)
-    for k, name in enumerate(log.names):
-        if name in joints:
-            tau[:, k] = np.interp(t, clock, torque[:, joints.index(name)])
-    extra = log.extra | {"start_ns": log.extra["start_ns"] + round(1e9 * float(t[0]))}
-    qd = log.qd[shared] if log.qd is not None else None
-    return replace(log, t=t - t[0], q=log.q[shared], tau=tau, qd=qd, extra=extra)
+        raise WrongMessageType(f"{log.topic} and {other.topic} share no time", where=other.topic)
+    t = log.t[shared]
+    torques = dict(zip(joints, other.tau.T, strict=False))
+    unknown = np.full(other.t.shape, np.nan)
+    tau = [np.interp(t, clock, torques.get(name, unknown)) for name in log.names]
+    return replace(
+        log,
+        t=t - t[0],
+        q=log.q[shared],
+        tau=np.stack(tau, axis=1),
+        qd=log.qd[shared] if log.qd is not None else None,
+        extra=log.extra | {"start_ns": log.extra["start_ns"] + round(1e9 * float(t[0]))},
+    )

@@ -32,7 +32,7 @@ from dynid.files.robotkeys import (
     several,
     unit_of,
 )
-from dynid.files.texttable import COMMENT, lines_of, text_table
+from dynid.files.texttable import text_table
 from dynid.files.yamlfile import LARGEST, Value, read_yaml
 from dynid.robot import Robot
 from dynid.units import ANGLE
@@ -139,19 +139,18 @@ def read_waypoints(path: Path, robot: Robot) -> Waypoints:
     """
     try:
         table = text_table(path)
-        rows = table.read(range(table.width))
+        rows = table.read()
     except LogLayout as error:
         raise LogLayout(error.what, where=error.where, **_LAYOUT) from error
     for k in np.flatnonzero(~np.all(np.abs(rows) <= LARGEST, axis=1)):
         raise LogLayout(
-            f"{path}: row {k + 1} is not {table.width} numbers up to {LARGEST:g}",
+            f"{path}: row {k + 1} is not {rows.shape[1]} numbers up to {LARGEST:g}",
             where=path,
             **_LAYOUT,
         )
     names = [name.removeprefix("q_") for name in table.names]
     times = None
-    # Why: the last line of comments, as wide as the rows, may be anything.
-    if any(line[0] not in COMMENT for number, line in lines_of(path) if number < table.start):
+    if names:
         times = rows[:, names.index("t")] if "t" in names else None
         missing = [name for name in robot.joint_names if name not in names]
         if missing:

@@ -25,16 +25,19 @@ from dynid.files.columnwords import (
     usual_joints,
 )
 from dynid.files.texttable import TextTable, text_table
-from dynid.log import COLUMNS, Log
+from dynid.log import Log
 from dynid.units import FACTORS
 
-#: What a robot file calls columns of joints; others have their own name there.
-WORDS = {"q": "position", "qd": "velocity", "tau": "effort", "q_ref": "reference"}
-#: Patterns that are tried where the robot file gives none.
-USUAL: dict[str, tuple[str, ...]] = {
-    WORDS.get(key, key): (f"{key}_{{name}}",) for key, kind in COLUMNS.items() if kind
+#: Pattern of the columns of each quantity where the robot file gives none; torques may be currents instead.
+USUAL = {
+    "position": "q_{name}",
+    "velocity": "qd_{name}",
+    "effort": "tau_{name}",
+    "reference": "q_ref_{name}",
+    "qd_reported": "qd_reported_{name}",
 }
-USUAL["effort"] += ("i_{name}",)
+CURRENT = "i_{name}"
+#: Units of stamps: their size [s], and how messages call them.
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _LONG = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 
@@ -49,6 +52,8 @@ def read_table(
 ) -> Log:
     """Read a table; joints without a column of torques have NaN.
 
+    Rows without any number of a joint are left out (W331): a table of several topics has a row per message of any.
+
     Args:
         path: .csv or .tsv file.
         joints: names of the joints in chain order, () when they are to be taken from the columns ``q_<name>``.
@@ -61,35 +66,35 @@ def read_table(
         LogLayout: columns are missing, or a cell is not a number.
     """
     table, patterns = text_table(path), patterns or {}
-    names = table.names
-    if not names:
+    if not table.names:
         raise table.wrong("no header; expected t, q_<joint>, tau_<joint>")
     if "position" not in patterns:
-        joints = usual_joints(names) or joints
+        joints = usual_joints(table.names) or joints
     if "name" in patterns:
-        joints = _names_in_rows(table, patterns["name"])
-    columns = _columns(table, joints, patterns, sensors=sensors)
+        named = numbered(patterns["name"], table.names)
+        if not named:
+            raise _absent(table, patterns["name"])
+        joints = [table.first[table.names.index(name)] for name in named]
+    currents = matched(CURRENT, table.names, joints)
+    columns = _columns(table, joints, patterns, currents, sensors=sensors)
     time = _time_column(table, patterns.get("time"), rate)
-    chosen = [name for each in columns.values() for name in each]
-    wanted = [*filter(None, [time]), *chosen]
-    values = table.read([names.index(name or names[0]) for name in wanted])
-    values[:, [k for k, name in enumerate(wanted) if not name]] = np.nan
+    wanted = [*dict.fromkeys(name for each in columns.values() for name in each if name)]
+    values = table.read([*wanted, time] if time else wanted)
     findings: tuple[Finding, ...] = ()
-    # Why: a table of several topics has a row for each message of any.
-    empty = np.isnan(values[:, -len(chosen) :]).all(axis=1)
+    empty = np.isnan(values[:, : len(wanted)]).all(axis=1)
     if 0 < (rows := int(np.count_nonzero(empty))) < len(values):
         text = f"{path.name}: {rows} of {len(values)} rows have no value and are left out"
         findings = (Finding("W331", "info", text, {"rows": rows}),)
         values = values[~empty]
     t = np.arange(len(values)) / (rate or 1.0)
     if time:
-        t, noticed = in_seconds(values[:, 0], time, path.name)
+        t, noticed = in_seconds(values[:, -1], time, path.name)
         findings += noticed
-    arrays = dict(zip(columns, np.split(values[:, -len(chosen) :], len(columns), 1), strict=True))
-    currents = matched("i_{name}", names, joints)
     if currents and "" in columns["effort"]:
         text = f"{path.name}: its torques of some joints are used, its currents of all are not"
         findings += (Finding("W335", "warning", text, {"columns": currents}),)
+    cells = dict(zip(wanted, values.T, strict=False)) | {"": np.full(len(values), np.nan)}
+    arrays = {key: np.stack([cells[name] for name in x], axis=1) for key, x in columns.items()}
     return Log(
         t,
         arrays.pop("position"),
@@ -114,19 +119,22 @@ def in_seconds(t: Floats, name: str, where: str) -> tuple[Floats, tuple[Finding,
     """
     known = t[np.isfinite(t)]
     steps = np.diff(known)
-    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
+    step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
     start, end = (float(known[0]), float(known[-1])) if len(known) else (0.0, 0.0)
-    unit = time_unit(name)[1]
-    if unit in _LONG:
-        level, said = "info", f"as the name of {name} says"
-    else:
-        unit = _unit_of(start, len(known), usual)
-        level, said = "warning", f"a step of {usual:.4g} in {name} can be nothing else"
+    unit, level, said = time_unit(name)[1], "info", f"as the name of {name} says"
+    if unit not in _LONG:
+        # Stamps of a calendar count from 1970; others show their unit by their step.
+        first, last = tuning.CALENDAR_S
+        likely = [each for each, factor in SECONDS.items() if first < start * factor < last]
+        if len(known) >= tuning.LEAST_STAMPS:
+            likely += [each for each, (low, high) in tuning.STEPS.items() if low <= step < high]
+        unit, level = next(iter(likely), "s"), "warning"
+        said = f"a step of {step:.4g} in {name} can be nothing else"
     if unit == "s":
         return t, ()
     factor = SECONDS[unit]
     span, offset = (end - start) * factor, start * factor
-    rate = f" at {1 / (usual * factor):.4g} Hz" if usual else ""
+    rate = f" at {1 / (step * factor):.4g} Hz" if step else ""
     text = f"{where}: the stamps are {_LONG[unit]} ({span:.1f} s{rate}), {said}"
     noticed = Finding("W328", level, text, {"unit": unit, "seconds": span})
     # Why subtracted first: stamps of the calendar have more digits in ns than a number holds after the product.
@@ -134,47 +142,36 @@ def in_seconds(t: Floats, name: str, where: str) -> tuple[Floats, tuple[Finding,
     return (t - start) * factor + (0.0 if far else offset), (noticed,)
 
 
-def _unit_of(start: float, count: int, step: float) -> str:
-    """Return the unit of stamps that name none: from the calendar where they count from 1970, else from their step."""
-    first, last = tuning.CALENDAR_S
-    likely = [unit for unit, factor in SECONDS.items() if first < start * factor < last]
-    if count >= tuning.LEAST_STAMPS:
-        likely += [unit for unit, (low, high) in tuning.STEPS.items() if low <= step < high]
-    return likely[0] if likely else "s"
-
-
 # ---------------------------------------------------------------- which columns
 def _columns(
-    table: TextTable, joints: Sequence[str], patterns: Mapping[str, str], *, sensors: bool
-) -> dict[str, list[str]]:
+    table: TextTable,
+    joints: Sequence[str],
+    patterns: Mapping[str, str],
+    currents: Sequence[str],
+    *,
+    sensors: bool,
+) -> dict[str, Sequence[str]]:
     """Return for each quantity that is there one column a joint; "" for a joint without torque.
 
     Raises:
         LogLayout: positions, torques or what the robot file names are not there.
     """
-    columns = {}
-    for key, usual in USUAL.items():
-        tried = (patterns[key],) if key in patterns else usual
-        candidates = [matched(pattern, table.names, joints) for pattern in tried]
-        if key == "effort":
-            named = [tried[0].replace("{name}", joint) for joint in joints]
+    columns: dict[str, Sequence[str]] = {}
+    for quantity, usual in USUAL.items():
+        pattern = patterns.get(quantity, usual)
+        named = [pattern.replace("{name}", joint) for joint in joints or ["<joint>"]]
+        found: Sequence[str] = matched(pattern, table.names, joints)
+        if quantity == "effort" and not found:
             some = [name if name in table.names else "" for name in named]
-            candidates.insert(1 if sensors else len(candidates), some * any(some))
-        if any(candidates):
-            columns[key] = next(filter(None, candidates))
-        elif key in patterns or key in ("position", "effort"):
-            patterns = suggested(table.names) or template(table.names)
-            wanted = [tried[0].replace("{name}", joint) for joint in joints or ["<joint>"]]
-            lost = next((name for name in wanted if name not in table.names), tried[0])
-            raise _absent(table, lost, f"under `driver:` in the robot file: {snippet(patterns)}")
+            usable = () if "effort" in patterns else currents
+            found = some if any(some) and (sensors or not usable) else usable
+        if found:
+            columns[quantity] = found
+        elif quantity in patterns or quantity in ("position", "effort"):
+            lost = next((name for name in named if name not in table.names), pattern)
+            paste = snippet(suggested(table.names) or template(table.names))
+            raise _absent(table, lost, f"under `driver:` in the robot file: {paste}")
     return columns
-
-
-def _absent(table: TextTable, name: str, fix: str = "") -> LogLayout:
-    """Return the mistake of a column that is not there."""
-    more = len(table.names) - 12
-    have = ", ".join(table.names[:12]) + (f" and {more} more" if more > 0 else "")
-    return table.wrong(f"no column {name}; it has {have}", fix)
 
 
 def _time_column(table: TextTable, given: str | None, rate: float | None) -> str | None:
@@ -191,25 +188,21 @@ def _time_column(table: TextTable, given: str | None, rate: float | None) -> str
     raise _absent(table, f"'{given or 't'}'", fix or "add the column t, or give --rate")
 
 
-def _names_in_rows(table: TextTable, pattern: str) -> tuple[str, ...]:
-    """Return the names of the joints that stand in columns of their own, as in what ROS writes of joint states.
-
-    Raises:
-        LogLayout: there are no such columns.
-    """
-    if not (chosen := numbered(pattern, table.names)):
-        raise _absent(table, pattern)
-    return tuple(table.first[table.names.index(name)] for name in chosen if table.first)
+def _absent(table: TextTable, name: str, fix: str = "") -> LogLayout:
+    """Return the mistake of a column that is not there."""
+    more = len(table.names) - 12
+    have = ", ".join(table.names[:12]) + (f" and {more} more" if more > 0 else "")
+    return table.wrong(f"no column {name}; it has {have}", fix)
 
 
 def _declared(columns: Mapping[str, Sequence[str]], table: TextTable) -> dict[str, str]:
     """Return the units that the header gives for all columns of a quantity."""
     below = dict(zip(table.names, table.units, strict=False))
     declared = {}
-    for key in FACTORS:
-        units = {unit_of(name, below.get(name, "")) for name in columns.get(key, ())}
-        if len(units) == 1 and (unit := units.pop()) in FACTORS[key]:
-            declared[key] = unit
+    for quantity in FACTORS.keys() & columns.keys():
+        units = {unit_of(name, below.get(name, "")) for name in columns[quantity]}
+        if len(units) == 1 and (unit := units.pop()) in FACTORS[quantity]:
+            declared[quantity] = unit
     return declared
 
 
@@ -234,7 +227,7 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
             where=path,
             fix="give the folder with metadata.yaml of rosbag2, or with position.txt and torque.txt",
         )
-    names: tuple[str, ...] = ()
+    names: list[str] = []
     t: Floats | None = None
     arrays: dict[str, Floats] = {}
     for key in ("position", "velocity", "torque", "time"):
@@ -242,7 +235,7 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
         if not file.is_file():
             continue
         table = text_table(file)
-        heads, values = table.names, table.read(range(table.width))
+        heads, values = table.names, table.read()
         if key == "time" or (heads and is_time(heads[0])):
             t = values[:, 0] if key in ("position", "time") else t
             heads, values = heads[1:], values[:, 1:]
@@ -252,15 +245,14 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
         if key == "time":
             break
         if values.shape[1] != width:
-            raise LogLayout(
-                f"{file.name} has {values.shape[1]} columns, position.txt {width}", where=file
-            )
+            columns = values.shape[1]
+            text = f"{file.name} has {columns} columns, position.txt {width}"
+            raise LogLayout(text, where=file)
         names = names or heads
         if missing := [name for name in names if heads and name not in heads]:
             raise table.wrong(f"no column '{missing[0]}'")
         # A file without names has the order of the others.
-        order = [heads.index(name) for name in names] if heads else slice(None)
-        arrays[key] = values[:, order]
+        arrays[key] = values[:, [heads.index(name) for name in names]] if heads else values
     if t is None and rate is None:
         raise WrongUsage(
             f"{path} has no time.txt and position.txt no time column",
@@ -269,4 +261,6 @@ def read_folder(path: Path, rate: float | None = None) -> Log:
             fix="give the sample rate: --rate 100",
         )
     t = np.arange(len(arrays["position"])) / (rate or 1.0) if t is None else t
-    return Log(t, arrays["position"], arrays["torque"], names, arrays.get("velocity"), source=path)
+    return Log(
+        t, arrays["position"], arrays["torque"], tuple(names), arrays.get("velocity"), source=path
+    )

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import re
+from array import array
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +15,6 @@ import numpy as np
 from dynid.arrays import Floats
 from dynid.errors import LogLayout, LogNotFound
 from dynid.files import tuning
-
-Words = tuple[str, ...]
 
 DELIMITERS = (";", "\t", ",")
 #: What lines that hold no numbers begin with, of which the last may be the header.
@@ -33,78 +33,52 @@ class TextTable:
         path: the file.
         delimiter: between cells; None for white space.
         comma: whether numbers have decimal commas.
-        names: words of the header, () where there is none.
-        units: words of a line of units below the header, () where there is none.
         start: number of the first line of numbers.
         first: cells of the first row.
+        names: words of the header, [] where there is none.
+        units: words of a line of units below the header, [] where there is none.
     """
 
     path: Path
     delimiter: str | None
     comma: bool
-    names: Words
-    units: Words
     start: int
-    first: Words
-
-    @property
-    def width(self) -> int:
-        """Cells of a row; a delimiter at its end begins none."""
-        return len(self.names) or len(self.first)
+    first: list[str]
+    names: list[str] = field(default_factory=list)
+    units: list[str] = field(default_factory=list)
 
     def wrong(self, text: str, fix: str = "", line: int = 1) -> LogLayout:
         """Return a mistake in a line of the table."""
         return LogLayout(f"{self.path.name}:{line}: {text}", where=f"{self.path}:{line}", fix=fix)
 
-    def read(self, places: Sequence[int]) -> Floats:
-        """Return some columns, (N, k): at once where all cells are plain numbers.
+    def read(self, names: Sequence[str] = ()) -> Floats:
+        """Return some columns by their names, all where none is given, (N, k).
 
         Raises:
             LogNotFound: it is no text.
-            LogLayout: a cell is not a number, a row has another number of cells, or there is none.
+            LogLayout: a cell is not a number, or a row has another number of cells.
         """
-        if not self.first:
-            raise LogLayout(f"{self.path.name} has no samples", where=self.path)
+        width = len(self.names) or len(self.first)
+        places = [self.names.index(name) for name in names] or range(width)
+        values = array("d")
+        for number, line in _lines(self.path):
+            if number < self.start or line[0] in COMMENT:
+                continue
+            cells = _cells(line, self.delimiter)
+            # A delimiter at the end of a row begins no cell.
+            if len(cells) != width and not (len(cells) == width + 1 and not cells[-1]):
+                raise self.wrong(f"{len(cells)} numbers, expected {width}", line=number)
+            values.extend([self._number(cells[k], number) for k in places])
+        return np.reshape(values, (-1, len(places)))
+
+    def _number(self, cell: str, line: int) -> float:
+        """Return a cell as a number; an empty one is none, words are named."""
+        # Points next to decimal commas group thousands: 1.234 must not be read.
+        decimal = cell.replace(".", "?").replace(",", ".") if self.comma else cell
         try:
-            return np.loadtxt(
-                self._decimal_lines(),
-                delimiter=self.delimiter,
-                comments=None,
-                quotechar='"',
-                ndmin=2,
-                usecols=places,
-            )
-        except ValueError:
-            return np.array([self._row(number, line, places) for number, line in self._lines()])
-
-    def _lines(self) -> Iterator[tuple[int, str]]:
-        """Yield the lines of numbers."""
-        for number, line in lines_of(self.path):
-            if number >= self.start and line[0] not in COMMENT:
-                yield number, line
-
-    def _decimal_lines(self) -> Iterator[str]:
-        """Yield the lines of numbers with decimal points; ``ValueError`` where one has to be read by cells."""
-        for _, line in self._lines():
-            # Points next to decimal commas group thousands: 1.234 must not be read.
-            grouped = self.comma and "." in line
-            if grouped or (self.delimiter and line.count(self.delimiter) != len(self.first) - 1):
-                raise ValueError
-            yield line.replace(",", ".") if self.comma else line
-
-    def _row(self, number: int, line: str, places: Sequence[int]) -> list[float]:
-        """Return the numbers of one row; an empty cell is not a number, words are named."""
-        cells = cells_of(line, self.delimiter)
-        if len(cells) != self.width and not (len(cells) == self.width + 1 and not cells[-1]):
-            raise self.wrong(f"{len(cells)} numbers, expected {self.width}", line=number)
-        row = []
-        for cell in map(cells.__getitem__, places):
-            try:
-                decimal = cell.replace(".", "?").replace(",", ".") if self.comma else cell
-                row.append(float("nan" if cell.lower() in NONE else decimal))
-            except ValueError as error:
-                raise self.wrong(f"'{cell[:40]}' is not a number", line=number) from error
-        return row
+            return float("nan" if cell.lower() in NONE else decimal)
+        except ValueError as error:
+            raise self.wrong(f"'{cell[:40]}' is not a number", line=line) from error
 
 
 def text_table(path: Path) -> TextTable:
@@ -114,82 +88,83 @@ def text_table(path: Path) -> TextTable:
 
     Raises:
         LogNotFound: it cannot be read, or is no text.
-        LogLayout: the header names another number of columns than the rows have.
+        LogLayout: there are no rows, or the header names another number of columns than they have.
     """
-    head = []
-    rows: list[str] = []
-    start = 0
-    for number, line in lines_of(path):
-        if line[0] not in COMMENT and (rows or _is_data(line)):
-            start = start or number
-            rows.append(line)
+    head: list[tuple[int, str]] = []
+    rows: list[tuple[int, str]] = []
+    for number, line in _lines(path):
+        commented = line[0] in COMMENT
+        if not commented and (rows or _is_data(line)):
+            rows.append((number, line))
         elif not rows:
             head.append((number, line))
         if len(rows) >= tuning.FIRST_ROWS or number >= tuning.FIRST_LINES:
             break
-    texts = [line for _, line in head if line[0] not in COMMENT]
-    model = (rows or texts[-1:] or [""])[0]
+    if not rows:
+        raise LogLayout(f"{path.name} has no samples", where=path)
+    start, model = rows[0]
     delimiter = next((sign for sign in DELIMITERS if sign in model.strip()), None)
-    if delimiter == "," and len(model.split()) > 1 and texts and "," not in "".join(texts):
+    texts = "".join(line for _, line in head if line[0] not in COMMENT)
+    if delimiter == "," and " " in model and texts and "," not in texts:
         # White space between decimal commas: the names have no comma.
         delimiter = None
-    cells = [cell for line in rows for cell in cells_of(line, delimiter)]
+    first = _cells(model, delimiter)
+    cells = [cell for _, line in rows for cell in _cells(line, delimiter)]
     commas = sum(bool(_WITH_COMMA.fullmatch(cell)) for cell in cells)
     comma = delimiter != "," and commas > sum("." in cell for cell in cells)
-    first = tuple(cells_of(model, delimiter))
-    table = TextTable(path, delimiter, comma, (), (), start, first)
+    table = TextTable(path, delimiter, comma, start, first)
     names, units = _header(table, head)
-    return replace(table, names=names, units=units, first=first if rows else ())
+    return replace(table, names=names, units=units)
 
 
-def _header(table: TextTable, head: Sequence[tuple[int, str]]) -> tuple[Words, Words]:
-    """Return the names of the columns, and the words of a line of units below them.
+def _header(table: TextTable, head: Sequence[tuple[int, str]]) -> tuple[list[str], list[str]]:
+    """Return the names of the columns, and the words of a line of units below them, from the lines before the rows.
 
     Raises:
         LogLayout: there are names, but not as many as cells.
     """
     n = len(table.first)
-    fits = {n, n - (n > 1 and not table.first[-1])}
-    texts: list[Words] = []
-    comments: list[Words] = [()]
-    wrong = []
+    widths = {n, n - (n > 1 and not table.first[-1])}
+    texts: list[list[str]] = []
+    comment: list[str] = []
+    wrong = None
     for number, line in head:
-        words = tuple(cells_of(line.lstrip("#% "), table.delimiter))
-        if len(words) - 1 in fits and not words[-1]:
-            words = words[:-1]
-        if len(words) in fits:
-            (comments if line[0] in COMMENT else texts).append(words)
-        elif line[0] not in COMMENT and len(words) > 1:
-            wrong.append((number, len(words)))
+        words = _cells(line.lstrip("#% "), table.delimiter)
+        if len(words) - 1 in widths and not words[-1]:
+            words.pop()
+        fits = len(words) in widths
+        if line[0] in COMMENT:
+            comment = words if fits else comment
+        elif fits:
+            texts.append(words)
+        elif len(words) > 1:
+            text = f"{len(words)} names, but the rows have {n} numbers"
+            wrong = table.wrong(text, line=number)
     if not texts and wrong:
-        number, count = wrong[-1]
-        raise table.wrong(f"{count} names, but the rows have {n} numbers", line=number)
+        raise wrong
     if not texts:
-        return comments[-1], ()
+        return comment, []
     # Why the most words: a spreadsheet fills a title with empty cells.
     at = max(range(len(texts)), key=lambda k: len(set(texts[k]) - {""}))
-    below = next(iter(texts[at + 1 :]), ())
-    return texts[at], below if len(below) == len(texts[at]) else ()
+    return texts[at], [*texts, []][at + 1]
 
 
-def cells_of(line: str, delimiter: str | None) -> list[str]:
+def _cells(line: str, delimiter: str | None) -> list[str]:
     """Return the cells of a line, without quotes."""
-    if delimiter is not None and '"' in line:
-        try:
+    cells = line.split(delimiter)
+    if delimiter and '"' in line:
+        with suppress(csv.Error):
             (cells,) = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
-            return [cell.strip() for cell in cells]
-        except (csv.Error, ValueError):
-            pass
-    return [cell.strip().strip('"') for cell in line.split(delimiter)]
+    return [cell.strip().strip('"') for cell in cells]
 
 
 def _is_data(line: str) -> bool:
     """Return whether most words of a line begin like numbers."""
-    words = [word for word in re.split(r'[;,\s"]+', line) if word]
+    words = re.findall(r'[^;,\s"]+', line)
     return 2 * sum(bool(_NUMBER.match(word)) for word in words) > len(words)
 
 
-def lines_of(path: Path) -> Iterator[tuple[int, str]]:
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
     """Yield the lines that hold something, with their numbers.
 
     Raises:
@@ -198,9 +173,8 @@ def lines_of(path: Path) -> Iterator[tuple[int, str]]:
     try:
         with path.open(encoding="utf-8-sig") as stream:
             for number, text in enumerate(stream, 1):
-                # Why: a tab at an end means an empty cell.
+                # Why: a tab at an end means an empty cell, and spreadsheets end with rows of delimiters alone.
                 line = text.strip(" \r\n\f\v")
-                # Why: spreadsheets end with rows of delimiters alone.
                 if line.strip(';,\t" '):
                     yield number, line
     except OSError as error:

@@ -14,7 +14,7 @@ from dynid.answer import picked
 from dynid.arguments import one_thread
 from dynid.errors import Finding, located
 from dynid.files.artifact import kind_of, read_artifact
-from dynid.files.inspect import inspect
+from dynid.files.inspect import has_torques, inspect, likely_units
 from dynid.loading import checked_log, diagnose_logs, load_robot, read_log
 from dynid.log import Log
 from dynid.model.effects.catalogue import added_effects
@@ -226,20 +226,21 @@ def inspected(path: Path, options: LogOptions) -> Checked:
     if contents.columns:
         lines.append(("columns", ", ".join(contents.columns)))
     described = []
-    for each in contents.joints:
-        log, units = each.log, each.units
-        effort = units["effort"] if each.has_torques else "no torques"
+    for log in contents.logs:
+        units = likely_units(log)
+        effort = units["effort"] if has_torques(log) else "no torques"
         rate = (len(log) - 1) / log.duration if log.duration > 0 else 0.0
         span = np.ptp(log.q, axis=0).tolist()
         names = ", ".join(log.names) or f"{log.n} without names"
         lines += [
-            ("joints", f"{each.topic} {names}".strip()),
+            ("joints", f"{log.topic} {names}".strip()),
             ("samples", f"{len(log)}, {log.duration:.1f} s, {rate:.1f} Hz"),
             ("units", f"likely {units['position']} (span {max(span):.2f}) and {effort}"),
         ]
         described.append(
             {
-                **picked(each, "topic", "units"),
+                "topic": log.topic,
+                "units": units,
                 "joints": list(log.names),
                 "samples": len(log),
                 "duration_s": log.duration,

@@ -63,7 +63,7 @@ def convert(
         return Converted(write_log(log, Path(target)), log, log.findings)
     with located(str(path)):
         contents = inspect(Path(path), options.rate)
-        logs = [each.log for each in contents.joints if options.topic in (None, each.topic)]
+        logs = [log for log in contents.logs if options.topic in (None, log.topic)]
         if not logs:
             have = ", ".join([*map(str, contents.topics.values())] or contents.columns) or "nothing"
             what = f"{path} has no topic that dynid can read as joint states; it has {have}"
