@@ -28,9 +28,6 @@ from .workflows.gap import (
     Gap as Gap,
 )
 from .workflows.gap import (
-    earlier_logs as earlier_logs,
-)
-from .workflows.gap import (
     find_gap as find_gap,
 )
 from .workflows.gap import (

@@ -64,7 +64,6 @@ def right(here, name):
         "unloaded": here.result,
     }
     own = {
-        "earlier_logs": {"logs": here.unseen},
         "export": {"path": here.folder / "arm.xml"},
         "find_gap": {"logs": here.unseen, "effects": "spring"},
         "load": {"path": here.folder / "out"},

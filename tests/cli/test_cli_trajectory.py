@@ -114,11 +114,12 @@ def test_no_asks_what_to_change_old_pictures_go_and_an_unseen_motion_is_accepted
     out = dynid.folder / OUT
     out.mkdir(parents=True)
     (out / "preview.gif").write_bytes(b"of another motion")
-    keys = ["n\n", "alpha five\n", "seed 3\n", "n\n", "alpha 0.1\n", "y\n"]
+    keys = ["n\n", "five\n", "\n", "3\n", "n\n", "0.1\n", "\n", "y\n"]
     said = dynid.typing(f"{LWR} {QUICK}", keys=keys).good.err
-    assert "change what? such as alpha 0.1, seed 1" in said
-    assert "five is no number" in said
-    assert "alpha 0.2, seed 3" in said
+    assert "'five' is not a valid float" in said
+    assert "alpha [0.2]" in said
+    assert "seed [1]" in said
+    assert "seed [4]" in said
     assert "reviewed: accepted unseen" in said
     assert not (out / "preview.gif").exists()
     stored = read_trajectory(out / "trajectory.npz")

@@ -13,7 +13,6 @@ from dynid.drivers.follow_joint_trajectory import ABORTED
 from dynid.sim import ros_drivers
 from dynid.sim.driver_loop import DriverLoop
 from dynid.sim.follow import PointFollower, VelocityFollower
-from dynid.workflows.sim_driver import DriverRun
 
 #: Time between two commands that the driver expects [s].
 PERIOD = 0.01
@@ -65,9 +64,9 @@ def wraps(kind, name):
     return put
 
 
-@wraps(DriverRun, "facts")
-def facts(method, done):
-    return {**method(done), **WATCH.facts(done.robot)}
+@wraps(DriverLoop, "reference_shares")
+def shares(method, loop):
+    return {**method(loop), **WATCH.facts(loop.robot)}
 
 
 # ---------------------------------------------------------------- commands

@@ -45,6 +45,4 @@ def command(
     if target.exists() and not session.force:
         raise OutputExists(f"{target} exists", fix="--force, or another --to")
     arm = dynid.load_robot(robot) if robot else None
-    done = workflows.convert.convert(log, target, arm, options)
-    size = f"{len(done.log)} samples, {done.log.duration:.1f} s, {done.log.n} joints"
-    return Answer(done.facts(), parts=(*done.findings, ("log", size)), wrote=[done.path])
+    return workflows.convert.convert(log, target, arm, options)

@@ -14,7 +14,6 @@ from dynid.answer import Answer
 from dynid.cli.options import dynid_command, invoke, load_robot
 from dynid.cli.session import Session, program
 from dynid.files import packaged
-from dynid.files.trajectoryfile import read_trajectory
 from dynid.reports.demo_page import Chapter, write_demo_page
 from dynid.text import shell
 from dynid.trajectory.options import PlanOptions
@@ -138,9 +137,9 @@ def plan(
     base = workflows.model.base_model(arm, folder)
     shown, work = Drawing(folder / "preview.png"), workflows.trajectory
     if robot in ARMS:
-        stored = read_trajectory(packaged("trajectories") / f"{arm.slug}_alpha1.0.npz", arm)
-        facts = stored.facts["answer"]
-        clearance = work.review_trajectory(arm, stored, base=base, drawing=shown).clearance
+        shipped = packaged("trajectories") / f"{arm.slug}_alpha1.0.npz"
+        motion = work.review_trajectory(arm, shipped, base=base, drawing=shown)
+        facts, clearance = motion.stored.facts["answer"], motion.clearance
     else:
         options = PlanOptions(optimise=False, duration=10.0, seed=session.seed)
         planned = work.plan_trajectory(arm, options, base=base, drawing=shown)

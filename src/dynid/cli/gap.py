@@ -67,14 +67,11 @@ def command(
         what = "--apply and --no-apply cannot be used together"
         raise WrongUsage(what, fix="leave one of them out")
     stored = dynid.loading.load_run(parameters)
+    run = RunFolder.of(stored.path)
     workflows.gap.selection_options(stored.robot, options)
-    run, search = RunFolder.of(stored.path), workflows.gap
     base = workflows.model.base_model_of(stored, run.path)
     stage("read")
-    read = [dynid.loading.load_log(path, base.robot, options, identify=False) for path in logs]
-    asks = options.question in ("auto", "changed")
-    earlier = search.earlier_logs(stored, read, options) if asks else []
-    gap = search.find_gap(stored, read, options, earlier=earlier, base=base)
+    gap = dynid.find_gap(stored, logs, options, base=base)
     stage("draw")
     run.remove_search()
     # Why first: what a simulator does afterwards takes no answer away.
@@ -99,37 +96,31 @@ def added(
     plot: bool,
 ) -> Answer:
     """Identify the arm with effects, and drive the exported files without and with them in a simulator."""
-    assert gap.analysis is not None
-    usual = workflows.gap.robot_file_beside(gap.analysis.problem.base.robot, chosen)
+    assert gap.searched is not None
+    usual = workflows.gap.robot_file_beside(gap.searched.robot, chosen)
     copy = new_name or (session.out / usual.name if session.out else usual)
     may_write(session, copy, other="another name with --new-name")
     after = gap.apply(chosen, robot_file=copy)
-    folder = session.out or Path("out") / copy.stem
+    folder, facts = session.out or Path("out") / copy.stem, {**gap.facts(), "simulator": None}
     *others, path = workflows.identify.save_result(folder, after)
-    wrote = [copy, path, *others, *workflows.report.report(path).save(folder)]
-    work, parts, simulator = workflows.simulator_gap, list[Part](), None
+    wrote, parts = [copy, path, *others, *dynid.report(path).save(folder)], list[Part]()
     try:
-        driven = work.gap_in_simulator(gap, after)
+        driven = workflows.simulator_gap.gap_in_simulator(gap, after)
     except (DynidError, ValueError) as error:
         # Why both: MuJoCo has no error of its own for a model that it refuses.
         parts.append(("simulator", f"not driven: {error}"))
     else:
-        parts, simulator = (
-            [driven.sentence(), workflows.gap.in_one_cell(driven.table())],
-            driven.facts(),
-        )
+        parts += [driven.sentence(), workflows.gap.in_one_cell(driven.table())]
+        facts["simulator"] = driven.facts()
         wrote.append(driven.save(run.simulated))
         if plot:
-            wrote.append(work.save_figure(driven, run.path / "gap/simulator.png"))
-    facts = {**gap.facts(), "simulator": simulator}
-    return Answer(facts, parts=parts, wrote=wrote, next=[proof(gap, path)])
-
-
-def proof(gap: Gap, path: Path) -> Step:
-    """Return how the model with effects is tried on a log that was not used."""
+            picture = run.path / "gap/simulator.png"
+            wrote.append(workflows.simulator_gap.save_figure(driven, picture))
     unseen = [str(log.source) for log in gap.unseen_logs if log.source]
+    why = "This log was held out: the errors are those of the table."
+    step = Step(
+        why, shell("dynid", "validate", path, *unseen[:1], "--cutoff", f"{gap.signals.cutoff:g}")
+    )
     if not unseen:
-        command = f"{shell('dynid', 'validate', path)} LOG"
-        return Step("LOG is one that was not used here.", command)
-    command = shell("dynid", "validate", path, unseen[0], "--cutoff", f"{gap.signals.cutoff:g}")
-    return Step("This log was held out: the errors are those of the table.", command)
+        step = Step("LOG is one that was not used here.", f"{shell('dynid', 'validate', path)} LOG")
+    return Answer(facts, parts=parts, wrote=wrote, next=[step])

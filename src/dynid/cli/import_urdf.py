@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import degrees
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -13,7 +13,6 @@ from dynid.cli.options import INPUT, dynid_command, options_from
 from dynid.cli.prompt import write_once
 from dynid.cli.session import Session
 from dynid.judgement.rules import Step
-from dynid.table import Table
 from dynid.text import shell
 from dynid.workflows.options import ImportOptions
 
@@ -30,35 +29,8 @@ from dynid.workflows.options import ImportOptions
 @options_from(ImportOptions)
 def command(session: Session, urdf: Path, options: ImportOptions) -> Answer:
     """Make a robot file from a URDF: DH table, limits, inertias as prior."""
-    imported = workflows.import_urdf.import_urdf(urdf, options)
-    path, robot = session.folder(urdf.stem) / f"{urdf.stem}.yaml", imported.robot
-    write_once(session, path, workflows.import_urdf.robot_file(imported, urdf))
-    rows = [
-        {"joint": joint.name, "type": joint.type}
-        | {
-            "a [m]": f"{joint.a:.6g}",
-            "twist [deg]": f"{degrees(joint.twist):.6g}",
-            "d [m]": f"{joint.d:.6g}",
-            "theta offset [deg]": f"{degrees(joint.theta_offset):.6g}",
-        }
-        for joint in robot.joints
-    ]
-    chain = f"{robot.n} joints from {imported.base} to {imported.tip}, {robot.convention} DH"
-    error = f"forward kinematics agree with the URDF to {imported.largest:.1e} m and rad"
-    unknown = "a URDF does not say what the effort column of a log is; write `torque: {source: ...}` into the file"
-    prior = []
-    if robot.prior:
-        masses = ", ".join(f"{body.mass:.3g}" for body in robot.prior.links)
-        prior.append(("prior", f"masses {masses} kg, inertias moved into the DH frames"))
-    return Answer(
-        workflows.import_urdf.import_facts(imported, path),
-        parts=(
-            *imported.findings,
-            ("robot", f"{robot.name}, {chain}"),
-            Table(rows),
-            ("check", error),
-            ("torque", unknown),
-            *prior,
-        ),
-        next=[Step("", shell("dynid", "check", path))],
-    )
+    text, answer = workflows.import_urdf.import_urdf(urdf, options)
+    path = session.folder(urdf.stem) / f"{urdf.stem}.yaml"
+    write_once(session, path, text)
+    facts = {**answer.facts, "wrote": [path]}
+    return replace(answer, facts=facts, next=[Step("", shell("dynid", "check", path))])

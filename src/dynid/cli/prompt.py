@@ -169,11 +169,6 @@ def confirm(session: Session, robot: str, given: str | None) -> None:
         raise WrongUsage(what, why=why, fix=option)
 
 
-def ask_line(session: Session, question: str) -> str:
-    """Return what a person writes after a question; an empty line at the end of input or when nobody can be asked."""
-    return (_read_line(session, f"? {question}: ") or "").strip() if can_ask(session) else ""
-
-
 def _read_line(session: Session, shown: str) -> str | None:
     """Show a question on stderr and read a line from the terminal; None at the end of input."""
     session.progress.end()

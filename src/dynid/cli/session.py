@@ -48,8 +48,6 @@ UNLIMITED = 400
 PATIENCE = 0.5
 #: Steps that are shown without -v.
 STEPS = 2
-
-
 #: How words of a line look; colour never says something alone.
 Styles = Mapping[str, str]
 PLAIN: Styles = MappingProxyType({})
@@ -89,8 +87,7 @@ class Session(Options):
 
     def __enter__(self) -> Session:
         """Begin the run: what cannot be written is noticed before the work."""
-        if self._copy is not None:
-            self._copy.flush()
+        self._copied("")
         return self
 
     def __exit__(
@@ -99,12 +96,10 @@ class Session(Options):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Take the bar away and close the copy; what ended the run is its last line."""
+        """Take the bar away; what ended the run is the last line of the copy."""
         self.progress.end()
-        if self._copy is not None:
-            if error is not None:
-                self._copied(f"{getattr(error, 'code', type(error).__name__)} {error}")
-            self._copy.close()
+        if error is not None:
+            self._copied(f"{getattr(error, 'code', type(error).__name__)} {error}")
 
     def folder(self, slug: str) -> Path:
         """Return the folder of the results of a robot."""
@@ -131,36 +126,22 @@ class Session(Options):
         """What the library tells about long work."""
         return Bar(self)
 
-    @cached_property
-    def _copy(self) -> TextIO | None:
-        """The file of --log-file."""
-        path = self.log_file
+    def _copied(self, text: str) -> None:
+        """Append a line to the file of --log-file."""
+        path, now = self.log_file, datetime.now().astimezone()
         if path is None:
-            return None
+            return
+        line = f"{now:%Y-%m-%d %H:%M:%S} {visible(text)}\n" if text else ""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            # Why not at once by Python, which would wait for somebody to read a pipe.
-            flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_NONBLOCK", 0)
-            handle = os.open(path, flags, 0o666)
-            os.set_blocking(handle, True)
-            return os.fdopen(handle, "a", encoding="utf-8", errors="backslashreplace")
+            with path.open("a", encoding="utf-8", errors="backslashreplace") as stream:
+                stream.write(line)
         except OSError as error:
             what = f"cannot write {path}: {error.strerror}"
             raise CannotWrite(what, where=path, fix="give another --log-file") from error
 
-    def _copied(self, text: str) -> None:
-        if self._copy is not None:
-            now = datetime.now().astimezone()
-            self._copy.write(f"{now:%Y-%m-%d %H:%M:%S} {visible(text)}\n")
-            self._copy.flush()
-
     def _print(
-        self,
-        console: Console,
-        text: str,
-        style: str,
-        indent: int | None,
-        styles: Styles,
+        self, console: Console, text: str, style: str, indent: int | None, styles: Styles
     ) -> None:
         """Print one line; with an indent it is folded between words where a terminal ends."""
         self.progress.end()
@@ -203,16 +184,6 @@ class Session(Options):
         for path in paths:
             self.stage("wrote", f"{path}{f'       ({note})' * bool(note)}")
 
-    def next(self, command: str, why: str = "") -> None:
-        """Say the next sensible command, and below it why; not with --quiet, nor where another command goes on."""
-        if click.get_current_context().obj is not None:
-            return
-        if command.startswith("dynid "):
-            command = program() + command.removeprefix("dynid")
-        self.stage("next", command)
-        if why:
-            self.say(" " * LABEL + why, indent=LABEL, shown=not self.quiet)
-
     def findings(self, findings: Sequence[Finding]) -> None:
         """Say warnings, and with -v what is only worth knowing."""
         for each in findings:
@@ -228,22 +199,8 @@ class Session(Options):
         for line in [] if self.json else text.split("\n"):
             self._print(self.stdout, line, style, indent, styles)
 
-    def table(self, table: Table) -> None:
-        """Print a table; one line a cell where it is wider than the terminal."""
-        if not table:
-            return
-        head, *lines = repr(Table(table)).splitlines()
-        if max(map(len, (head, *lines))) > self.stdout.width:
-            width = max(map(len, table[0]))
-            cells = [(name, value) for row in table for name, value in row.items()]
-            lines = [f"{name:<{width}}  {cell_text(value)}" for name, value in cells]
-        else:
-            self.answer(head, "bold")
-        for line in lines:
-            self.answer(line, styles=table.styles)
-
     def part(self, part: Part) -> None:
-        """Print a part of an answer; warnings go to stderr."""
+        """Print a part of an answer; warnings go to stderr, tables wider than the terminal have one line a cell."""
         match part:
             case Finding():
                 self.progress.findings([part])
@@ -252,7 +209,15 @@ class Session(Options):
                 for text in (*part.reasons, *part.warnings, ""):
                     self.answer(text, indent=SENTENCE)
             case Table():
-                self.table(part)
+                head, *lines = repr(Table(part)).splitlines() or [""]
+                if max(map(len, (head, *lines))) > self.stdout.width:
+                    width = max(map(len, part[0]))
+                    cells = [cell for row in part for cell in row.items()]
+                    lines = [f"{name:<{width}}  {cell_text(value)}" for name, value in cells]
+                elif part:
+                    self.answer(head, "bold")
+                for line in lines:
+                    self.answer(line, styles=part.styles)
             case str():
                 self.answer(part, indent=SENTENCE)
             case label, text:
@@ -269,8 +234,15 @@ class Session(Options):
         for text in answer.limits:
             self.say(f"{'limit':<{LABEL}}{text}")
         self.wrote(*answer.wrote)
-        for step in answer.next if self.verbose else answer.next[:STEPS]:
-            self.next(step.command, step.why)
+        # Where another command goes on, its next steps are not those of this one.
+        inner = click.get_current_context().obj is not None
+        for step in () if inner else answer.next[: None if self.verbose else STEPS]:
+            own = step.command.startswith("dynid ")
+            self.stage(
+                "next", program() + step.command.removeprefix("dynid") if own else step.command
+            )
+            if step.why:
+                self.say(" " * LABEL + step.why, indent=LABEL, shown=not self.quiet)
 
     def emit_json(self, answer: Mapping[str, Any], indent: int | None = 2) -> None:
         """Print a JSON object on stdout at once, in so many lines or, without an indent, on one."""
@@ -286,7 +258,7 @@ class Bar:
         self._session, self._told = session, set[tuple[str, ...]]()
         self._name, self._began, self._said = "", time.monotonic(), False
         self._bar: Progress | None = None
-        self._timer: threading.Timer | None = None
+        self._timer = threading.Timer(PATIENCE, lambda: None)
 
     def stage(self, name: str, text: str = "") -> None:
         """Say a line when there is something to say; otherwise a stage begins that may get a bar."""
@@ -309,10 +281,12 @@ class Bar:
 
     def advance(self, done: float, total: float, text: str = "") -> None:
         """Move the bar; without one, name a silent stage once it takes long."""
-        slow, bar = time.monotonic() - self._began > PATIENCE, self._bar
-        if bar is not None:
+        slow = time.monotonic() - self._began > PATIENCE
+        if self._bar is not None:
             words = visible(f"{self._name}  {text}")
-            bar.update(bar.task_ids[0], completed=done, total=total or None, description=words)
+            self._bar.update(
+                self._bar.task_ids[0], completed=done, total=total or None, description=words
+            )
         # Why not with --json: what a program reads would depend on how busy the machine is.
         elif slow and not self._said and not self._session.json:
             self._said = True
@@ -324,8 +298,8 @@ class Bar:
 
     def end(self) -> None:
         """Take the bar away until the next stage begins."""
-        if self._timer is not None and self._bar is not None:
-            self._timer.cancel()
+        self._timer.cancel()
+        if self._bar is not None:
             self._bar.stop()
 
     def _new(self, *words: str) -> bool:

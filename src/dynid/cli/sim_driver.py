@@ -38,12 +38,4 @@ def command(session: Session, robot: Robot, options: SimDriverOptions) -> Answer
         signal.signal(signal.SIGTERM, signal.default_int_handler)
 
     raise_priority()
-    done = workflows.sim_driver.simulate_driver(robot, options, started=started)
-    if done.interrupted:
-        session.stage("stop", "interrupted", shown=bool(session.verbose))
-    facts = done.facts()
-    parts = [("published", f"{done.published} joint states, {done.dropped} dropped")]
-    if facts["stop_acceleration_share"]:
-        share = f"{100 * facts['stop_acceleration_share']:.0f} % of the acceleration limits"
-        parts.append(("stops", f"braking took {share}; this driver brakes as it can"))
-    return Answer(facts, parts=parts)
+    return workflows.sim_driver.simulate_driver(robot, options, started=started)

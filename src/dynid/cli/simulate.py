@@ -60,13 +60,13 @@ def command(
     target = session.folder(arm.slug) / "simulated.npz"
     inputs = {"robot": arm.model_key, **input_hashes({"motion": source}), **options.texts()}
     simulation = workflows.simulate.simulate(arm, source, options)
-    wrote = []
+    facts, wrote = simulation.facts(), []
     if may_write(session, target, inputs):
         target.parent.mkdir(parents=True, exist_ok=True)
         wrote.append(simulation.log.save(target, session.header(inputs)))
     return Answer(
-        simulation.facts(),
-        notes=[("physics", f"{simulation.source}; the arm follows the motion exactly")],
+        facts,
+        notes=[("physics", f"{facts['physics']}; the arm follows the motion exactly")],
         wrote=wrote,
         next=[Step("", f"dynid identify {arm.word} {shell(target)}")],
     )

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
+import dynid
 from dynid import workflows
 from dynid.answer import Answer
 from dynid.cli.options import (
@@ -19,16 +21,14 @@ from dynid.cli.options import (
     robot_argument,
     take_defaults,
 )
-from dynid.cli.prompt import ATTEMPTS, Reply, ask, ask_line, can_ask, may_write
+from dynid.cli.prompt import Reply, ask, can_ask, may_write
 from dynid.cli.session import Session
-from dynid.errors import Declined, Finding, NoDisplay, WrongUsage
+from dynid.errors import Declined, Finding, NoDisplay
 from dynid.files.yamlfile import read_yaml
 from dynid.judgement.rules import Step
-from dynid.text import shell
 from dynid.trajectory.options import PlanOptions
 
 if TYPE_CHECKING:
-    from dynid.files.trajectoryfile import StoredTrajectory
     from dynid.robot import Robot
     from dynid.trajectory.preview import Drawing
     from dynid.workflows.trajectory import Plan, Reviewed
@@ -53,8 +53,9 @@ def take_options(ctx: click.Context, param: click.Parameter, plan: Path | None) 
 
     if plan is not None:
         keys = read_yaml(plan).entries()
-        given = {key: keys[key] for key in OPTIONS if key in keys and not keys[key].is_null}
-        take_defaults(ctx, given)
+        take_defaults(
+            ctx, {key: keys[key] for key in OPTIONS if key in keys and not keys[key].is_null}
+        )
     return plan
 
 
@@ -109,37 +110,35 @@ def command(
     robot: Robot,
     plan: Path | None,
     options: PlanOptions,
+    from_waypoints: Path | None,
+    earlier: tuple[Path, ...],
+    for_gap: Path | None,
     urdf: Path | None,
     review: Path | None,
     preview: str,
     accept: bool,
-    **files: Any,  # noqa: ANN401
 ) -> Answer:
     """Plan an exciting motion, check limits and collisions, preview it, ask for approval."""
-    from dynid.files.planfile import PlanFile, read_plan
-
-    written = PlanFile() if plan is None else read_plan(plan, robot)
-    changes: dict[str, Any] = {
-        "obstacles": (*((*low, *high) for low, high in written.obstacles), *options.obstacles)
-    }
-    if written.workspace is not None and options.workspace is None:
-        changes["workspace"] = (*written.workspace[0], *written.workspace[1])
-    options = replace(options, **changes)
-    path = session.folder(robot.slug) / "trajectory.npz"
+    work, path = workflows.trajectory, session.folder(robot.slug) / "trajectory.npz"
+    waypoints, options = work.with_plan_file(plan, robot, options)
     if review is not None:
-        look = view(session, preview, review.parent, accept=accept)
+        look = view(session, preview, review.parent, accept)
         return reviewed(session, robot, review, options, urdf, look)
-    inputs = plan_inputs(robot, options, plan, files)
+    files = {"plan": plan, "waypoints": from_waypoints, "gap": for_gap}
+    files |= {f"earlier {k}": file for k, file in enumerate(earlier, start=1)}
+    inputs = work.plan_inputs(robot, options, files)
+    look = view(session, preview, path.parent, accept)
     if not may_write(session, path, inputs):
-        return reused(session, robot, path, accept=accept)
+        answer = work.stored_answer(robot, path)
+        known = answer.facts["reviewed"] or not accept
+        return answer if known else reviewed(session, robot, path, options, urdf, look)
     while True:
-        look = view(session, preview, path.parent, accept=accept)
-        planned = workflows.trajectory.plan_trajectory(
+        planned = dynid.plan_trajectory(
             robot,
             options,
-            waypoints=files["from_waypoints"] or written.waypoints,
-            earlier=files["earlier"],
-            for_gap=files["for_gap"],
+            waypoints=from_waypoints or waypoints,
+            earlier=earlier,
+            for_gap=for_gap,
             urdf=urdf,
             base=workflows.model.base_model(robot, path.parent),
             drawing=look.drawing,
@@ -150,68 +149,28 @@ def command(
             remove(planned.clearance.pictures)
             raise Declined("the motion was not accepted", why="nothing was written")
         if reply is Reply.YES or not can_ask(session) or session.yes:
+            inputs = work.plan_inputs(robot, options, files)
             return saved(session, path, planned, inputs, look if reply is Reply.YES else None)
-        options, files["from_waypoints"] = changed(session, options, files["from_waypoints"])
-        inputs = plan_inputs(robot, options, plan, files)
-
-
-def plan_inputs(
-    robot: Robot, options: PlanOptions, plan: Path | None, files: dict[str, Any]
-) -> dict[str, str]:
-    """Return what a plan depends on, for its header."""
-    used = {"plan": plan, "waypoints": files["from_waypoints"], "gap": files["for_gap"]}
-    used |= {f"earlier {k}": file for k, file in enumerate(files["earlier"], start=1)}
-    there = {name: file for name, file in used.items() if file is not None}
-    return workflows.trajectory.plan_inputs(robot, options, there)
-
-
-def changed(
-    session: Session, options: PlanOptions, waypoints: Path | None
-) -> tuple[PlanOptions, Path | None]:
-    """Ask what to change in a motion that did not look safe."""
-    seed = options.seed + 1
-    question = f"change what? such as alpha {options.alpha / 2:g}, seed {seed}, points.csv; Enter means seed {seed}"
-    for _ in range(ATTEMPTS):
-        words = ask_line(session, question).replace("=", " ").removeprefix("--").split()
-        try:
-            match words:
-                case []:
-                    options = replace(options, seed=seed)
-                case ["seed", number]:
-                    options = replace(options, seed=int(number))
-                case ["alpha", number]:
-                    options = replace(options, alpha=float(number))
-                case [*_, file] if len(words) <= 2 and Path(file).is_file():
-                    waypoints = Path(file)
-                case _:
-                    what = f"'{' '.join(words)}' is neither alpha, seed nor a file of waypoints"
-                    raise WrongUsage(what)
-        except ValueError:
-            session.say(f"  {words[1]} is no number")
-            continue
-        except WrongUsage as error:
-            session.say(f"  {error.what}")
-            continue
-        now = f"alpha {options.alpha:g}, seed {options.seed}"
-        session.stage("again", f"{now}; a changed waypoint file is read again")
-        return options, waypoints
-    raise Declined("the motion was not accepted", why="nothing was written")
+        alpha = click.prompt("alpha", default=options.alpha, err=True)
+        seed = click.prompt("seed", default=options.seed + 1, err=True)
+        options = replace(options, alpha=alpha, seed=seed)
+        session.stage("again", "with these; a changed waypoint file is read again")
 
 
 def saved(
     session: Session, path: Path, planned: Plan, inputs: dict[str, str], look: View | None
 ) -> Answer:
     """Write a plan, marked as accepted where a look is given."""
-    pictures, seen = planned.clearance.pictures, None
-    if look is not None:
-        seen = bool(pictures) or look.window
+    pictures = planned.clearance.pictures
+    seen = None if look is None else bool(pictures) or look.window
+    if seen is not None:
         planned = planned.accepted(seen=seen)
     # Why: pictures of another motion beside this one would be taken for pictures of it.
-    remove({path.parent / name for name in PICTURES} - set(pictures))
+    remove({path.parent / name for name in PICTURES} - {*pictures})
     wrote = planned.save(path, inputs)
     session.wrote(path, note=f"reviewed: {MARKS[seen]}")
     session.wrote(*wrote[1:])
-    step = next_step(planned.robot, path, reviewed=look is not None)
+    step = workflows.trajectory.next_step(planned.robot, path, reviewed=look is not None)
     if any(finding.code == "W606" for finding in planned.findings):
         # Why: dynid record would refuse it.
         limits = f"write `limits:` of every joint into {planned.robot.editable}"
@@ -220,7 +179,29 @@ def saved(
     return Answer(planned.facts() | facts, next=[step])
 
 
-def remove(pictures: Any) -> None:  # noqa: ANN401
+def reviewed(
+    session: Session, robot: Robot, path: Path, options: PlanOptions, urdf: Path | None, look: View
+) -> Answer:
+    """Judge, preview and ask about a motion that was planned before, and mark it."""
+    work = workflows.trajectory
+    base = workflows.model.base_model(robot, session.folder(robot.slug))
+    motion = work.review_trajectory(
+        robot, path, options, urdf=urdf, base=base, drawing=look.drawing
+    )
+    pictures, wrote = motion.clearance.pictures, list[Path]()
+    session.findings(motion.clearance.findings)
+    for picture in pictures:
+        session.stage("preview", str(picture))
+    if asked(session, motion, look) is Reply.YES:
+        seen = bool(pictures) or look.window
+        motion.accept(seen=seen)
+        session.wrote(path, note=f"reviewed: {MARKS[seen]}")
+        wrote = [path]
+    answer = work.stored_answer(robot, path)
+    return replace(answer, sentence="", facts={**answer.facts, "wrote": [*wrote, *pictures]})
+
+
+def remove(pictures: Iterable[Path]) -> None:
     """Remove pictures of a motion that is not there any more."""
     for picture in pictures:
         picture.unlink(missing_ok=True)
@@ -228,13 +209,13 @@ def remove(pictures: Any) -> None:  # noqa: ANN401
 
 def asked(session: Session, motion: Plan | Reviewed, look: View) -> Reply:
     """Ask P2 while the window shows the motion."""
-    with motion.window() if look.window else nullcontext():
+    with workflows.trajectory.in_window(motion) if look.window else nullcontext():
         if look.window:
             session.stage("preview", "PyBullet window opened; press space there to replay")
         return ask(session, "P2", given=look.accept or None)
 
 
-def view(session: Session, wanted: str, folder: Path, *, accept: bool) -> View:
+def view(session: Session, wanted: str, folder: Path, accept: bool) -> View:
     """Decide how to look: a window where there is a display and a person, otherwise pictures.
 
     Raises:
@@ -258,68 +239,3 @@ def view(session: Session, wanted: str, folder: Path, *, accept: bool) -> View:
         needed=wanted in ("gui", "video"),
     )
     return View(drawing, window, accept)
-
-
-# ---------------------------------------------------------------- motions planned before
-def reused(session: Session, robot: Robot, path: Path, *, accept: bool) -> Answer:
-    """Answer from a motion that was planned before with the same inputs; accept it when asked to."""
-    from dynid.files.trajectoryfile import read_trajectory
-
-    stored, seen = read_trajectory(path), None
-    if accept and not stored.reviewed:
-        drawn = stored.facts.get("pictures", [])
-        seen = bool(drawn) and all((path.parent / name).is_file() for name in drawn)
-        stored = stored.accepted(seen=seen)
-    answer = marked(session, robot, path, stored, seen)
-    facts = stored.facts.get("answer")
-    sentence = workflows.trajectory.plan_sentence(robot, facts) if facts else ""
-    return replace(answer, parts=[sentence] * bool(facts))
-
-
-def reviewed(
-    session: Session, robot: Robot, path: Path, options: PlanOptions, urdf: Path | None, look: View
-) -> Answer:
-    """Judge, preview and ask about a motion that was planned before, and mark it."""
-    from dynid.files.trajectoryfile import read_trajectory
-
-    stored, seen = read_trajectory(path, robot), None
-    base = workflows.model.base_model(robot, session.folder(robot.slug))
-    review = workflows.trajectory.review_trajectory(
-        robot, stored, options, urdf=urdf, base=base, drawing=look.drawing
-    )
-    pictures = review.clearance.pictures
-    session.findings(review.clearance.findings)
-    for picture in pictures:
-        session.stage("preview", str(picture))
-    if asked(session, review, look) is Reply.YES:
-        seen = bool(pictures) or look.window
-        stored = review.accepted(seen=seen)
-    return marked(session, robot, path, stored, seen, *pictures)
-
-
-def marked(
-    session: Session,
-    robot: Robot,
-    path: Path,
-    stored: StoredTrajectory,
-    seen: bool | None,
-    *pictures: Path,
-) -> Answer:
-    """Write a motion that was accepted now, and answer with it and what to do with it."""
-    from dynid.files.trajectoryfile import write_trajectory
-
-    facts = {**stored.facts.get("answer", {}), "wrote": [*pictures], "reviewed": stored.reviewed}
-    if seen is not None:
-        write_trajectory(path, stored)
-        session.wrote(path, note=f"reviewed: {MARKS[seen]}")
-        facts["wrote"] = [path, *pictures]
-    return Answer(facts, next=[next_step(robot, path, reviewed=stored.reviewed)])
-
-
-def next_step(robot: Robot, path: Path, *, reviewed: bool) -> Step:
-    """Return what to do with a motion: record it, or look at it before."""
-    if reviewed:
-        why = "Record it. This moves the arm and asks first."
-        return Step(why, f"dynid record {robot.word} {shell(path)}")
-    why = "Look at it and accept it: an arm plays no motion that nobody has seen."
-    return Step(why, f"dynid trajectory {robot.word} {shell('--review', path)}")

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dynid.answer import picked
+from dynid.answer import Answer, Part, picked
 from dynid.arguments import one_thread
 from dynid.errors import Finding, located
 from dynid.files.artifact import kind_of, read_artifact
 from dynid.files.inspect import has_torques, inspect, likely_units
+from dynid.judgement.rules import Step
 from dynid.loading import checked_log, diagnose_logs, load_robot, read_log
 from dynid.log import Log
 from dynid.model.effects.catalogue import added_effects
@@ -22,13 +23,21 @@ from dynid.model.kinematics import tool_pose
 from dynid.options import LogOptions
 from dynid.robot import Robot
 from dynid.signals.describe import LogSummary, describe
-from dynid.text import visible
+from dynid.text import shell
 from dynid.units import joint_unit
 
 ROBOT_SUFFIXES = (".yaml", ".yml", ".urdf")
 
 
-@dataclass(frozen=True, repr=False)
+#: What a file lacks, by the warning that tells it.
+MISSING = {
+    "W330": "usable once `driver: columns:` names the columns",
+    "W333": "not usable: no joint states",
+}
+Lines = Sequence[tuple[str, str]]
+
+
+@dataclass(frozen=True)
 class Checked:
     """What was found in one file.
 
@@ -45,27 +54,12 @@ class Checked:
 
     path: str
     kind: str
-    description: tuple[tuple[str, str], ...]
-    facts: dict[str, Any] = field(default_factory=dict)
+    description: Lines
+    facts: dict[str, Any]
     findings: tuple[Finding, ...] = ()
     robot: Robot | None = None
     raw: Log | None = None
     log: Log | None = None
-
-    @property
-    def warnings(self) -> int:
-        """Number of warnings."""
-        return sum(finding.level == "warning" for finding in self.findings)
-
-    def all_facts(self) -> dict[str, Any]:
-        """Return the file's part of the JSON answer of ``dynid check``."""
-        findings = [asdict(finding) for finding in self.findings]
-        return {"path": self.path, "kind": self.kind, **self.facts, "findings": findings}
-
-    def __repr__(self) -> str:
-        """Return the description, one fact per line."""
-        lines = [*self.description, *((f.code, f.text) for f in self.findings)]
-        return "\n".join(visible(f"{label:<10} {text}") for label, text in lines)
 
 
 @one_thread
@@ -73,7 +67,7 @@ def check(
     paths: Sequence[str | Path],
     robot: Robot | None = None,
     options: LogOptions = LogOptions(),
-) -> tuple[Checked, ...]:
+) -> list[Checked]:
     """Look for mistakes in robot files, logs and results.
 
     Args:
@@ -84,12 +78,10 @@ def check(
     Raises:
         DynidError: the first serious fault of any file.
     """
-    kinds = [_kind_of(str(path)) for path in paths]
-    robots = {
-        path: load_robot(path) for path, kind in zip(paths, kinds, strict=True) if kind == "robot"
-    }
+    kinds = [(str(path), _kind_of(str(path))) for path in paths]
+    robots = {path: load_robot(path) for path, kind in kinds if kind == "robot"}
     arm, checks = robot or next(iter(robots.values()), None), []
-    for path, kind in zip(paths, kinds, strict=True):
+    for path, kind in kinds:
         if kind == "robot":
             checks.append(_check_robot(robots[path]))
         elif kind == "result":
@@ -98,7 +90,74 @@ def check(
             checks.append(inspected(Path(path), options))
         else:
             checks.append(_check_log(Path(path), arm, options))
-    return tuple(checks)
+    return checks
+
+
+def checks_answer(
+    checks: Sequence[Checked], wrote: Sequence[Sequence[Path]], *, strict: bool
+) -> Answer:
+    """Return what ``dynid check`` answers.
+
+    Args:
+        checks: what was found in each file.
+        wrote: what was written of each.
+        strict: whether warnings are an exit status of 1.
+    """
+    findings, parts = [finding for each in checks for finding in each.findings], list[Part]()
+    missing = [MISSING[each.code] for each in findings if each.code in MISSING]
+    warnings = sum(each.level == "warning" for each in findings)
+    for each in checks:
+        parts += [*[""] * bool(parts), *each.description, *each.findings]
+    count = f", {warnings} warning{'s' * (warnings > 1)}" if warnings else ""
+    parts.append(("verdict", f"{missing[0] if missing else 'usable'}{count}"))
+    *names, what = (Path(each.path).name for each in checks)
+    what = f"{', '.join(names)} and {what}" if names else what
+    but = f", but see the warning{'s' * (warnings > 1)}" if warnings else ": no mistake was found"
+    sentence = f"{what} can be used{but}."
+    if missing:
+        sentence = f"{what}: {missing[0]}."
+    elif any(each.kind == "log" and each.robot is None for each in checks):
+        sentence = f"{what} can be read; checking the numbers needs a robot file."
+    pairs = zip(checks, wrote, strict=True)
+    facts = {
+        "schema": "dynid/check/1",
+        "checked": [
+            {
+                **picked(each, "path", "kind"),
+                **each.facts,
+                "findings": [asdict(finding) for finding in each.findings],
+                "wrote": files,
+            }
+            for each, files in pairs
+        ],
+        "findings": [asdict(each) for each in findings],
+        "warnings": warnings,
+        "usable": not missing,
+    }
+    return Answer(
+        facts,
+        sentence,
+        parts,
+        wrote=[path for files in wrote for path in files],
+        next=[] if missing else _steps(checks),
+        status=strict and warnings > 0,
+    )
+
+
+def _steps(checks: Sequence[Checked]) -> list[Step]:
+    """Return the next command and why, where the files tell it."""
+    robot = next((each.robot for each in checks if each.robot is not None), None)
+    logs = [each.path for each in checks if each.kind == "log"]
+    if logs and robot is None:
+        why = "ROBOT is a robot file; the block above is the part of it that reads this recording."
+        return [Step(why, f"{shell('dynid', 'check', *logs)} --robot ROBOT")]
+    if robot is None:
+        return []
+    if logs:
+        why = f"Identify the arm from {'it' if len(logs) == 1 else 'them'}."
+        return [Step(why, f"dynid identify {robot.word} {shell(*logs)}")]
+    why = "Find out which parameters of the arm are identifiable."
+    return [Step(why, f"dynid model {robot.word}")]
 
 
 def _kind_of(path: str) -> str:
@@ -189,26 +248,59 @@ def _check_log(path: Path, robot: Robot, options: LogOptions) -> Checked:
     if columns.matched:
         ignored = f"; ignored: {', '.join(columns.ignored)}" if columns.ignored else ""
         matched = f"matched by name: {', '.join(columns.matched)}{ignored}"
-    numbers = picked(
-        summary,
-        *("samples", "gaps", "least_moving", "velocity_slope", "torque_share"),
-        duration_s="duration",
-        rate_hz="rate",
-        jitter_share="jitter",
-        longest_gap_s="longest_gap",
-        position_span_rad="span",
-        rms_velocity_rad_s="rms_velocity",
-        **{f"torque_max_{'a' if summary.torque_unit == 'A' else 'nm'}": "torque_max"},
-    )
     facts = {
         "robot": robot.name,
         "topic": raw.topic,
         "joints": list(robot.joint_names),
         "ignored": list(columns.ignored),
-        **numbers,
+        **picked(summary, "samples", "gaps", "least_moving", "velocity_slope", "torque_share"),
+        **picked(
+            summary,
+            duration_s="duration",
+            rate_hz="rate",
+            jitter_share="jitter",
+            longest_gap_s="longest_gap",
+            position_span_rad="span",
+            rms_velocity_rad_s="rms_velocity",
+            **{f"torque_max_{'a' if summary.torque_unit == 'A' else 'nm'}": "torque_max"},
+        ),
     }
-    lines = _lines(summary, raw, matched, robot)
+    gaps = f"{summary.gaps} gaps (longest {1e3 * summary.longest_gap:.0f} ms)"
+    rate = f"{summary.rate:.1f} Hz +-{100 * summary.jitter:.1f} %"
+    gaps = gaps if summary.gaps else "no gaps"
+    least = robot.joint_names.index(summary.least_moving)
+    unit = joint_unit("rad/s", revolute=robot.joints[least].revolute)
+    slowest = f"({summary.rms_velocity[least]:.2f} {unit} rms)"
+    lines = (
+        ("log", f"{summary.samples} samples, {summary.duration:.1f} s, {rate}, {gaps}"),
+        *([("topic", raw.topic)] if raw.topic else []),
+        ("columns", matched),
+        ("units", _units(summary, robot)),
+        ("motion", f"{summary.least_moving} moves least {slowest}"),
+    )
     return Checked(str(path), "log", lines, facts, log.findings, robot, raw, log)
+
+
+def _units(summary: LogSummary, robot: Robot) -> str:
+    """Say the units of a log, apart for turning and for sliding joints."""
+    turning, words = [joint.revolute for joint in robot.joints], []
+    for revolute in sorted(set(turning), reverse=True):
+        kind, length, unit = ("turning", "rad", "Nm") if revolute else ("sliding", "m", "N")
+        some = [j for j, each in enumerate(turning) if each is revolute]
+        slopes = [slope for j in some if (slope := summary.velocity_slope[j]) is not None]
+        shares = [share for j in some if (share := summary.torque_share[j]) is not None]
+        span, top = (max(x[j] for j in some) for x in (summary.span, summary.torque_max))
+        velocity = "not measured or not used"
+        if slopes:
+            velocity = f"slope to dq/dt {min(slopes):.2f} to {max(slopes):.2f}"
+        rated = f", {100 * max(shares):.0f} % of the rating" if shares else ""
+        unit = "A" if summary.torque_unit == "A" else unit
+        torque = f"{unit} (max {top:.1f}{rated})"
+        which = f"{kind} joints: " * (len(set(turning)) > 1)
+        words.append(
+            f"{which}position {length} (span {span:.1f})   velocity {length}/s ({velocity})   torque {torque}"
+        )
+    return "   ".join(words)
 
 
 def inspected(path: Path, options: LogOptions) -> Checked:
@@ -257,48 +349,3 @@ def inspected(path: Path, options: LogOptions) -> Checked:
         "snippet": snippet,
     }
     return Checked(str(path), "log", tuple(lines), facts, contents.findings)
-
-
-def _lines(
-    summary: LogSummary, raw: Log, matched: str, robot: Robot
-) -> tuple[tuple[str, str], ...]:
-    gaps = "no gaps"
-    if summary.gaps:
-        gaps = f"{summary.gaps} gaps (longest {1e3 * summary.longest_gap:.0f} ms)"
-    rate = f"{summary.rate:.1f} Hz +-{100 * summary.jitter:.1f} %"
-    least = robot.joint_names.index(summary.least_moving)
-    unit = joint_unit("rad/s", revolute=robot.joints[least].revolute)
-    slowest = f"({summary.rms_velocity[least]:.2f} {unit} rms)"
-    return (
-        ("log", f"{summary.samples} samples, {summary.duration:.1f} s, {rate}, {gaps}"),
-        *([("topic", raw.topic)] if raw.topic else []),
-        ("columns", matched),
-        ("units", _units(summary, robot)),
-        ("motion", f"{summary.least_moving} moves least {slowest}"),
-    )
-
-
-def _units(summary: LogSummary, robot: Robot) -> str:
-    """Say the units of a log; of an arm with sliding joints apart for turning and for sliding ones."""
-    if all(joint.revolute for joint in robot.joints):
-        slopes = [value for value in summary.velocity_slope if value is not None]
-        velocity = "not measured or not used"
-        if slopes:
-            velocity = f"slope to dq/dt {min(slopes):.2f} to {max(slopes):.2f}"
-        shares = [value for value in summary.torque_share if value is not None]
-        share = f", {100 * max(shares):.0f} % of the rating" if shares else ""
-        torque = f"{summary.torque_unit or 'Nm'} (max {max(summary.torque_max):.1f}{share})"
-        position = f"position rad (span {max(summary.span):.1f})"
-        return f"{position}   velocity rad/s ({velocity})   torque {torque}"
-    words = []
-    for revolute, kind, length, effort in (
-        (True, "turning", "rad", "Nm"),
-        (False, "sliding", "m", "N"),
-    ):
-        some = [j for j, joint in enumerate(robot.joints) if joint.revolute is revolute]
-        if some:
-            span, top = (max(x[j] for j in some) for x in (summary.span, summary.torque_max))
-            unit = "A" if summary.torque_unit == "A" else effort
-            sizes = f"{length} (span {span:.2f}), {length}/s, {unit} (max {top:.1f})"
-            words.append(f"{kind} joints {sizes}")
-    return "   ".join(words)

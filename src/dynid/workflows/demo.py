@@ -21,7 +21,7 @@ from dynid.sim.hidden import CASES, OUTSIDE, Hidden, hidden_logs
 from dynid.sim.plant import read_plant
 from dynid.sim.sines import SineSpec, sines
 from dynid.text import closest
-from dynid.workflows.simulate import simulate
+from dynid.workflows.simulate import PHYSICS, simulate
 
 #: The arm that something is hidden in, and its true parameters.
 ROBOT, TRUTH = "kuka_lwr4plus", "lwr4plus_truth.yaml"
@@ -121,12 +121,11 @@ def simulate_own(robot: Robot, folder: Path, seed: int) -> KnownArm:
     """
     rng = np.random.default_rng([seed, 2])
     bodies = tuple(_other(body, rng) for body in prior_bodies(robot))
-    arm, paths, physics = replace(robot, prior=Prior(links=bodies), tool=None), [], ""
+    arm, paths = replace(robot, prior=Prior(links=bodies), tool=None), []
     for k, seconds in enumerate(OWN_SECONDS):
         spec = SineSpec(seconds, 10.0, 0.8, 0.6, 0.6, -math.inf)
         motion = sines(arm, spec, OWN_STEP, np.random.default_rng([seed, k]))
         simulation = simulate(arm, motion, seed=seed + k)
-        physics = simulation.source
         paths.append(simulation.log.save(folder / f"motion{k + 1}.npz"))
     truth: dict[str, float] = {}
     frictions = zip(bodies, simulation.viscous, simulation.coulomb, strict=True)
@@ -134,7 +133,7 @@ def simulate_own(robot: Robot, folder: Path, seed: int) -> KnownArm:
         names = [f"{name}{i}" for name in (*LINK_PARAMETERS, "fv", "fc", "fo")]
         values = (*body.parameters().tolist(), 0.0, float(viscous), float(coulomb), 0.0)
         truth |= zip(names, values, strict=True)
-    return KnownArm(tuple(paths), truth, physics)
+    return KnownArm(tuple(paths), truth, PHYSICS)
 
 
 def _other(body: Body, rng: np.random.Generator) -> Body:

@@ -38,14 +38,7 @@ from dynid.gap.candidates import SelectionOptions
 from dynid.gap.counterbalance import COUNTERBALANCE, Suspicion, suspicions
 from dynid.gap.localisation import NEGLIGIBLE
 from dynid.gap.problem import kept_model
-from dynid.gap.record import (
-    GapEffect,
-    GapRecord,
-    new_name,
-    read_record,
-    record_of,
-    write_record,
-)
+from dynid.gap.record import GapEffect, GapRecord, new_name, read_record, record_of, write_record
 from dynid.judgement.evidence import Evidence
 from dynid.loading import (
     LogsLike,
@@ -82,37 +75,42 @@ T = TypeVar("T")
 
 #: A joint with a larger share of the disagreement of all joints is told.
 TOLD_SHARE = 0.1
+#: What each question asks, as the answer says it.
+ASKED = {
+    "numbers": "which effects remain after refitting all parameters?",
+    "arm": "which effects remain when the links have to be plausible?",
+    "changed": "what has changed since the model was identified?",
+}
+#: A kept model that misses so many times more of new torques than of its own, although nothing has changed, is told.
+EXTRAPOLATES = 1.5
+#: Longer recordings are searched in stretches that are so long together [s]: whitened columns of a hundred candidates
+#: of eight minutes take half a gigabyte.
+LONGEST = 480.0
 
 
 def selection_options(robot: Robot, options: GapOptions) -> SelectionOptions:
     """Return what is searched on one arm, every name checked."""
     for word in options.effects:
         if word not in CATALOGUE:
-            raise WrongUsage(
-                f"--effects: no effect '{word}'{closest(word, CATALOGUE)}",
-                fix=f"some of {','.join(CATALOGUE)}",
-            )
+            what = f"--effects: no effect '{word}'{closest(word, CATALOGUE)}"
+            raise WrongUsage(what, fix=f"some of {','.join(CATALOGUE)}")
     joints = joint_indices(robot.joint_names, ",".join(options.joints), "--joints")
     return SelectionOptions(options.effects, joints, 1.0 - options.false_alarm, options.max_effects)
 
 
 def joint_indices(names: Sequence[str], text: str, option: str) -> tuple[int, ...]:
     """Return 0-based joints given by name, by number from 1, or as a range such as ``2-4``, separated by commas."""
-    indices: list[int] = []
-    for word in (w.strip() for w in text.split(",")):
-        span = re.fullmatch(r"([0-9]{1,9})(?:-([0-9]{1,9}))?", word)
-        if not word:
-            continue
+    indices: dict[int, None] = {}
+    for word in filter(None, map(str.strip, text.split(","))):
+        span = re.fullmatch(r"(\d{1,9})(?:-(\d{1,9}))?", word, re.ASCII)
+        first, last = (int(span[1]), int(span[2] or span[1])) if span else (0, 0)
         if word in names:
-            indices.append(list(names).index(word))
-        elif span and 1 <= int(span[1]) <= int(span[2] or span[1]) <= len(names):
-            indices += range(int(span[1]) - 1, int(span[2] or span[1]))
-        else:
-            raise WrongUsage(
-                f"{option}: no joint '{word}'{closest(word, names)}",
-                fix=f"1 to {len(names)}, or a name",
-            )
-    return tuple(dict.fromkeys(indices))
+            first = last = list(names).index(word) + 1
+        if not 1 <= first <= last <= len(names):
+            what = f"{option}: no joint '{word}'{closest(word, names)}"
+            raise WrongUsage(what, fix=f"1 to {len(names)}, or a name")
+        indices |= dict.fromkeys(range(first - 1, last))
+    return tuple(indices)
 
 
 @dataclass(frozen=True, repr=False)
@@ -145,43 +143,31 @@ class Gap(Judged, GapRecord):
         """What is known of the searched model with what was found."""
         record = picked(self, *(each.name for each in fields(GapRecord)))
         record |= {key: [asdict(one) for one in record[key]] for key in ("named", "closest")}
-        delay = 0.0 if self.searched is None else self.searched.delay
+        result = self.searched
+        known = Evidence(result=self.made_from) if result is None else evidence_of(result)
+        delay = 0.0 if result is None else result.delay
         search = gap_evidence(record, asdict(self.improvement), delay)
-        known = Evidence() if self.searched is None else evidence_of(self.searched)
-        known = replace(known, result=known.result or self.made_from)
-        return replace(known, asked="gap", gap=search)
-
-    @property
-    def noise_text(self) -> str:
-        """Where the noise floor comes from and what it allows for."""
-        return "; ".join(filter(None, [f"from {self.noise_from}", self.noise_note]))
-
-    @property
-    def where_text(self) -> str:
-        """On which joints the disagreement is, and where in their motion."""
-        above = [one for one in self.joints if one.share > TOLD_SHARE and one.chi > 1 + NEGLIGIBLE]
-        texts = (
-            f"{self.joint_names[one.joint]} ({100 * one.share:.0f} % of the residual above the noise) {one.text}"
-            for one in sorted(above, key=lambda one: -one.share)
-        )
-        return "; ".join(texts) or "no joint is above its noise level"
+        return replace(known, asked="gap", gap=search, result=known.result or self.made_from)
 
     def table(self) -> Table:
         """Return one row per candidate: size, held-out rms of its joint before and, if it is named, after, p-value."""
-        rows = [
-            {
-                "effect": one.effect,
-                "where": one.where,
-                "size": ", ".join(one.texts()),
-                "rms before": one.rms_before,
-                "rms after": one.rms_after,
-                "unit": one.unit,
-                "p-value": one.p_value,
-                "result": one.message,
-            }
-            for one in (*self.named, *self.closest)
-        ]
-        return Table(rows)
+        columns = {
+            "rms before": "rms_before",
+            "rms after": "rms_after",
+            "unit": "unit",
+            "p-value": "p_value",
+            "result": "message",
+        }
+        return Table(
+            [
+                {
+                    **picked(one, "effect", "where"),
+                    "size": ", ".join(one.texts()),
+                    **picked(one, **columns),
+                }
+                for one in (*self.named, *self.closest)
+            ]
+        )
 
     def joint_table(self) -> Table:
         """Return one row per joint: held-out rms before and after, noise [N m or N], errors of the simulated motion."""
@@ -203,32 +189,34 @@ class Gap(Judged, GapRecord):
 
     def answer(self) -> Answer:
         """Return what ``dynid gap`` answers."""
-        sizes = [f"{one.effect} on {one.where}: {', '.join(one.texts())}" for one in self.named]
-        simulated = (
-            "too little motion is held out, or a link is too light to be simulated from its torques"
+        above = [one for one in self.joints if one.share > TOLD_SHARE and one.chi > 1 + NEGLIGIBLE]
+        where = "; ".join(
+            f"{self.joint_names[one.joint]} ({100 * one.share:.0f} % of the residual above the noise) {one.text}"
+            for one in sorted(above, key=lambda one: -one.share)
         )
-        hidden = [
+        hidden = ", ".join(
             f"{name} ({','.join(str(j + 1) for j in joints) or 'arm'})"
             for name, joints in self.cannot_judge.items()
-        ]
+        )
+        simulated = "no: too little motion is held out, or a link is too light to be simulated from its torques"
         lines = {
-            "where": self.where_text,
+            "where": where or "no joint is above its noise level",
             "asked": self.asked,
-            "simulated": "" if len(self.simulation) else f"no: {simulated}",
-            "not shown": f"these logs cannot show: {', '.join(hidden)}" * bool(hidden),
+            "simulated": "" if len(self.simulation) else simulated,
+            "not shown": f"these logs cannot show: {hidden}" if hidden else "",
         }
+        noise = "; ".join(filter(None, [f"from {self.noise_from}", self.noise_note]))
         return Answer(
             self.facts(),
             parts=(self.judgement, in_one_cell(self.joint_table())),
             details=(
                 "",
-                *sizes,
                 *((label, text) for label, text in lines.items() if text),
                 *(("rest", clue) for clue in self.clues),
                 *filter(None, (self.advice,)),
                 self.table(),
             ),
-            notes=(("noise", f"{self.noise_text}; held out: {self.heldout}"),),
+            notes=(("noise", f"{noise}; held out: {self.heldout}"),),
             next=self.judgement.steps,
         )
 
@@ -236,36 +224,37 @@ class Gap(Judged, GapRecord):
         """Return what the JSON answer of ``dynid gap`` says."""
         names = self.joint_names
         before, after = self.simulation if len(self.simulation) else (None, None)
-        hidden = {name: joints for name, joints in self.cannot_judge.items() if name in CATALOGUE}
+        errors = {
+            "heldout_before_nm": "before",
+            "heldout_after_nm": "after",
+            "noise_floor_nm": "floor",
+            "ratio_interval": "ratio",
+        }
         return {
             "schema": "dynid/gap/1",
             **picked(self, "robot", "mode", "question", "asked", "verdict", "advice"),
             **picked(self, kept_relative_error_percent="kept"),
             **picked(self, expected_relative_error_percent="expected"),
+            **picked(self, "clues", "alternatives", "not_repeatable"),
             "where": [
                 {"joint": names[one.joint], **picked(one, "share", "chi", region="text")}
                 for one in self.joints
             ],
             "named": [one.facts() for one in self.named],
-            "alternatives": [list(group) for group in self.alternatives],
             "closest": [one.facts() for one in self.closest],
             "formulas": [],
-            "clues": list(self.clues),
             "gap": {
                 "joints": list(names),
-                **picked(
-                    self.improvement,
-                    heldout_before_nm="before",
-                    heldout_after_nm="after",
-                    noise_floor_nm="floor",
-                    ratio_interval="ratio",
-                ),
+                **picked(self.improvement, **errors),
                 "simulation_before": before,
                 "simulation_after": after,
                 **picked(self, "heldout", "noise_from"),
             },
-            "not_repeatable": list(self.not_repeatable),
-            "cannot_judge": {name: [names[j] for j in joints] for name, joints in hidden.items()},
+            "cannot_judge": {
+                name: [names[j] for j in joints]
+                for name, joints in self.cannot_judge.items()
+                if name in CATALOGUE
+            },
             "judgement": self.judgement.facts(),
         }
 
@@ -295,10 +284,8 @@ class Gap(Judged, GapRecord):
     def write_figures(self, folder: Path) -> list[Path]:
         """Write the figures as PNG: where.png, shrink.png, and one of each named effect."""
         figures = {"where": self.plot_residual(), "shrink": self.plot_improvement()}
-        for k, (figure, (one, _)) in enumerate(
-            zip(self.plot_effects(), self.drawn(), strict=True), start=1
-        ):
-            figures[f"effect_{k}_{one.effect}"] = figure
+        named = [f"effect_{k}_{one.effect}" for k, (one, _) in enumerate(self.drawn(), start=1)]
+        figures |= zip(named, self.plot_effects(), strict=True)
         return [write_figure(figure, folder / f"{name}.png") for name, figure in figures.items()]
 
     def chosen(self, text: str = "best") -> tuple[GapEffect, ...]:
@@ -314,20 +301,22 @@ class Gap(Judged, GapRecord):
         if text == "best":
             return self.named
         name, _, where = text.partition("@")
-        joints = joint_indices(self.joint_names, where, "--apply")
-        every = (*self.named, *self.closest)
-        matching = [
+        joints, every = (
+            joint_indices(self.joint_names, where, "--apply"),
+            (*self.named, *self.closest),
+        )
+        matching = tuple(
             one
             for one in every
             if one.effect == name and (not joints or {*one.indices[:1]} & {*joints})
-        ]
+        )
         if not matching:
-            there = [
+            there = ", ".join(
                 f"{one.effect}@{','.join(f'{j + 1}' for j in one.indices[:1])}" for one in every
-            ]
-            why = f"found: {', '.join(there) or 'nothing'}"
-            raise WrongUsage(f"--apply {text}: this was not found", why=why)
-        return tuple(matching)
+            )
+            what = f"--apply {text}: this was not found"
+            raise WrongUsage(what, why=f"found: {there or 'nothing'}")
+        return matching
 
     def apply(
         self, effects: str | Sequence[GapEffect] = "best", *, robot_file: Path | str | None = None
@@ -344,24 +333,22 @@ class Gap(Judged, GapRecord):
         Raises:
             WrongUsage: the search was read from a file, or there is nothing to add.
         """
-        analysis = self.analysis
-        if analysis is None:
-            raise WrongUsage(
-                "a search that was read from a file cannot be applied", fix="find_gap(...).apply()"
-            )
+        if self.analysis is None:
+            what = "a search that was read from a file cannot be applied"
+            raise WrongUsage(what, fix="find_gap(...).apply()")
         requested = self.chosen(effects) if isinstance(effects, str) else effects
         wanted = [(one.effect, one.indices) for one in requested]
-        every = (*analysis.verdict.named, *(one for one, _ in analysis.verdict.closest))
+        verdict, robot = self.analysis.verdict, self.analysis.problem.base.robot
+        every = (*verdict.named, *(one for one, _ in verdict.closest))
         chosen = [one for one in every if (one.name, one.joints) in wanted]
         if not chosen:
             fix = "name a candidate of the table, such as apply('spring@7')"
             raise WrongUsage("no effect is named", fix=fix)
-        robot = analysis.problem.base.robot
         specs = specs_of(chosen, robot)
-        if robot_file is not None:
-            write_robot(robot, specs, Path(robot_file))
-        result = self._identified(specs)
         path = None if robot_file is None else Path(robot_file)
+        if path is not None:
+            write_robot(robot, specs, path)
+        result = self._identified(specs)
         header = {
             **result.header,
             "inputs": {f"log {k}": hashed for k, hashed in enumerate(result.log_sha256, start=1)},
@@ -373,20 +360,18 @@ class Gap(Judged, GapRecord):
     @heard_by()
     def _identified(self, specs: Sequence[EffectSpec]) -> Identification:
         """Return the arm with effects, identified as before: filter, estimator, set, sizes of the residual model."""
-        before, analysis = self.searched, self.analysis
+        before, analysis, late = self.searched, self.analysis, self.signals.delay or 0.0
         assert before is not None
         assert analysis is not None
-        late = self.signals.delay or 0.0
+        problem, own = analysis.problem, replace(self.signals, delay=before.delay)
         if not any(spec.effect == "torque_delay" for spec in specs):
             late = before.delay
-        signals = replace(self.signals, cutoff=before.cutoff or self.signals.cutoff, delay=late)
+        own = replace(own, cutoff=before.cutoff or own.cutoff)
         unseen = {id(log) for log in self.unseen_logs}
         fitted = [log for log in self.recordings if id(log) not in unseen]
-        model, every = analysis.problem.base.model, (*self.before, *fitted)
-        logs = on_one_clock(condition_logs(fitted, model, signals))
-        own = replace(signals, delay=before.delay)
+        model, every = problem.base.model, (*self.before, *fitted)
+        logs = on_one_clock(condition_logs(fitted, model, replace(own, delay=late)))
         earlier = condition_logs(self.before, model, own) if self.before else []
-        problem = analysis.problem
         base, stack = stacked_with(logs, problem.base, specs, problem.theta, earlier)
         seen = Observations(
             base=base,
@@ -424,23 +409,19 @@ def in_one_cell(table: Table) -> Table:
         cells = {"joint": row["joint"]}
         for what, (head, unit) in CHANGES.items():
             if f"{what} before" in row:
-                before, after = (cell_text(row[f"{what} {when}"]) for when in ("before", "after"))
-                change = before if before == after else f"{before} -> {after}"
-                cells[head] = f"{change} {row[unit]}"
-        rows.append(cells | {"noise": row["noise"]} if "noise" in row else cells)
+                both = dict.fromkeys(
+                    cell_text(row[f"{what} {when}"]) for when in ("before", "after")
+                )
+                cells[head] = f"{' -> '.join(both)} {row[unit]}"
+        rows.append(cells | ({"noise": row["noise"]} if "noise" in row else {}))
     return Table(rows)
 
 
 def robot_file_beside(robot: Robot, effects: Sequence[GapEffect]) -> Path:
     """Return where the copy of a robot file with effects goes: beside a file of one's own, else ./robots or here."""
-    shipped = packaged("robots").resolve()
-    folder = Path("robots") if Path("robots").is_dir() else Path()
-    if (
-        robot.path is not None
-        and shipped not in robot.path.resolve().parents
-        and os.access(robot.path.parent, os.W_OK)
-    ):
-        folder = robot.path.parent
+    folder, own = Path("robots") if Path("robots").is_dir() else Path(), robot.path
+    if own is not None and packaged("robots").resolve() not in own.resolve().parents:
+        folder = own.parent if os.access(own.parent, os.W_OK) else folder
     return folder / f"{new_name(robot, effects)}.yaml"
 
 
@@ -470,12 +451,12 @@ def load(path: Path | str, kind: type[Any] = object) -> Any:
     """
     arguments.instance(kind, type, "kind", "a type such as dynid.Identification")
     file = parameters_of(arguments.path(path, "path"))
-    schema = kind_of(file)
     readers: dict[str, Callable[[Path], object]] = {
         "dynid/identification": load_run,
         "dynid/trajectory": read_trajectory,
         "dynid/gap": Gap.load,
     }
+    schema = kind_of(file)
     if schema not in readers:
         raise NotAnArtifact(f"{file} holds nothing that dynid.load reads", where=str(file))
     loaded = readers[schema](file)
@@ -485,26 +466,13 @@ def load(path: Path | str, kind: type[Any] = object) -> Any:
 
 
 # ---------------------------------------------------------------- the search
-#: What each question asks, as the answer says it.
-ASKED = {
-    "numbers": "which effects remain after refitting all parameters?",
-    "arm": "which effects remain when the links have to be plausible?",
-    "changed": "what has changed since the model was identified?",
-}
-#: A kept model that misses so many times more of new torques than of its own, although nothing has changed, is told.
-EXTRAPOLATES = 1.5
-#: Longer recordings are searched in stretches that are so long together [s]: whitened columns of a hundred candidates
-#: of eight minutes take half a gigabyte.
-LONGEST = 480.0
-
-
 @public
 def find_gap(
     result: ResultLike,
     logs: LogsLike,
     options: GapOptions = GapOptions(),
     *,
-    earlier: LogsLike = (),
+    earlier: LogsLike | None = None,
     base: BaseModel | None = None,
     progress: Progress | None = None,
     **changes: Any,  # noqa: ANN401
@@ -515,7 +483,8 @@ def find_gap(
         result: identified parameters, their folder or their file.
         logs: one or several recordings, or their paths; each motion twice, so that the noise is known.
         options: what is searched and how.
-        earlier: logs that the model was identified from (``earlier_logs``), to find what has changed since.
+        earlier: logs that the model was identified from, to find what has changed since; None to look for their files,
+            () for none.
         base: the result's base model, where it is there already.
         progress: reports how far the work is.
         changes: single options by name, such as ``joints="2-4"``; see ``dynid.GapOptions``.
@@ -529,38 +498,41 @@ def find_gap(
         dynid.find_gap("out/kuka_lwr4plus", ["run3.bag", "run4.bag"])
     """
     result = as_result(result)
-    recordings = as_logs(logs, result.robot, options)
-    known = as_logs(earlier, result.robot, options, "earlier", empty=True)
-    base = base or base_model_of(result)
-    search = _Search(result, base, selection_options(base.robot, options), options)
-    new, question = search.checked(recordings), options.question
-    before = search.checked(known) if question in ("auto", "changed") else []
-    if question == "auto":
-        return search.judged(_answered(search, new, before), new)
-    return search.judged(search.ask(question, new, before, ASKED[question]), new)
+    wanted = selection_options(result.robot, options)
+    given = as_logs(logs, result.robot, options)
+    before: Sequence[Log] = ()
+    if earlier is not None:
+        before = as_logs(earlier, result.robot, options, "earlier", empty=True)
+    search = _Search(result, base or base_model_of(result), wanted, options)
+    new = search.checked(given)
+    if options.question not in ("auto", "changed"):
+        before = ()
+    elif earlier is None:
+        before = earlier_logs(result, new, options)
+    return search.judged(search.answered(new, search.checked(before)), new)
 
 
-def _answered(search: _Search, new: Sequence[Log], before: Sequence[Log]) -> Gap:
-    """Return the answer to the question that the logs allow."""
-    if any(log.sha256 and log.sha256 in search.result.log_sha256 for log in new):
-        return search.of_the_arm(new, "the model was identified from these logs")
-    if not before:
-        why = "the logs that the model was identified from were not found"
-        gap = search.of_the_arm(new, why)
-        named = not gap.verdict.startswith("nothing")
-        if named or search.judged(gap, new).verdict == gap.verdict:
-            return gap
-        # Why: new numbers for all parameters take in a load, and the model as it is does not.
-        why += ", and the error of the model is larger than expected."
-        changed = search.ask("changed", new, (), why)
-        return changed if changed.named else gap
-    changed = search.ask("changed", new, before, ASKED["changed"])
-    if changed.named:
-        return changed
-    unchanged = changed.verdict == "nothing_changed"
-    answer = "Nothing has changed" if unchanged else "No change could be named"
-    why = f"{changed.asked} {answer}, so all {len(before) + len(new)} logs were searched"
-    return search.of_the_arm([*before, *new], why)
+def earlier_logs(result: Identification, new: Sequence[Log], options: GapOptions) -> list[Log]:
+    """Return the recordings that a result was identified from, where their files are still what they were.
+
+    Why: what the model left unexplained in them it leaves unexplained in new ones, and that is no change. A new log
+    that is one of them cannot be compared with itself.
+    """
+    given = {log.sha256 for log in new if log.sha256}
+    pairs = zip(result.header.get("logs", []), result.log_sha256, strict=False)
+    before = [(Path(found_path(result, name)), sha) for name, sha in pairs]
+    own = given & {sha for _, sha in before}
+    if own and options.question == "auto":
+        return []
+    if own:
+        text = "the model was identified from a log given here, so that log shows no change"
+        stage("earlier", text)
+    others = [(path, sha) for path, sha in before if sha not in given]
+    there = [path for path, sha in others if path.exists() and sha256(path) == sha]
+    if missing := ", ".join(str(path) for path, _ in others if path not in there):
+        text = f"missing, or changed since then: {missing}"
+        stage("earlier", f"logs that the model was identified from are {text}")
+    return [load_log(path, result.robot, options, identify=False) for path in there]
 
 
 @dataclass(frozen=True)
@@ -586,80 +558,152 @@ class _Search:
             check_weight(log, self.base.robot)
         return checked
 
-    def ask(
-        self,
-        question: str,
-        logs: Sequence[Log],
-        earlier: Sequence[Log],
-        why: str,
-    ) -> Gap:
-        """Ask one question of checked logs.
+    def answered(self, new: Sequence[Log], before: Sequence[Log]) -> Gap:
+        """Return the answer to the question that was asked, or else to the one that the logs allow."""
+        question = self.options.question
+        if question != "auto":
+            return self.ask(question, new, before, ASKED[question])
+        if any(log.sha256 and log.sha256 in self.result.log_sha256 for log in new):
+            return self.of_the_arm(new, "the model was identified from these logs")
+        if not before:
+            why = "the logs that the model was identified from were not found"
+            gap = self.of_the_arm(new, why)
+            nothing = gap.verdict.startswith("nothing")
+            if not nothing or self.judged(gap, new).verdict == gap.verdict:
+                return gap
+            # Why: new numbers for all parameters take in a load, and the model as it is does not.
+            why += ", and the error of the model is larger than expected."
+            changed = self.ask("changed", new, (), why)
+            return changed if changed.named else gap
+        changed = self.ask("changed", new, before, ASKED["changed"])
+        if changed.named:
+            return changed
+        unchanged = changed.verdict == "nothing_changed"
+        said = "Nothing has changed" if unchanged else "No change could be named"
+        why = f"{changed.asked} {said}, so all {len(before) + len(new)} logs were searched"
+        return self.of_the_arm([*before, *new], why)
 
-        Args:
-            question: one of ``QUESTIONS``.
-            logs: the recordings.
-            earlier: those that the model was identified from, to find what has changed since.
-            why: why this is asked, in words.
-        """
-        base, wanted = self.base, self.wanted
-        options = signals_of(self.result, self.options, question)
+    def ask(self, question: str, logs: Sequence[Log], earlier: Sequence[Log], why: str) -> Gap:
+        """Ask one question of checked logs, and of those that the model was identified from; ``why`` in words."""
+        result, base, wanted, options = self.result, self.base, self.wanted, self.options
+        kept = question == "changed"
+        # Why no delay otherwise: there it is one of the effects that are looked for.
+        delay = result.delay if kept else 0.0
+        options = replace(
+            options,
+            cutoff=max(CUTOFF, result.cutoff) if options.cutoff is None else options.cutoff,
+            delay=delay if options.delay is None else options.delay,
+        )
         conditioned = self._conditioned(logs, options)
         before = self._conditioned(earlier, options) if earlier else []
         stage("search")
         analysis = analyse_gap(
             conditioned,
             base,
-            kept_model(self.result) if question == "changed" else None,
+            kept_model(result) if kept else None,
             wanted,
             earlier=before,
-            possible=self.result.in_force == "physical",
+            possible=result.in_force == "physical",
         )
         if question == "arm":
             analysis = with_counterbalances(analysis, wanted, wanted.joints or range(base.robot.n))
-        if question == "changed":
-            now = relative_error(conditioned, base, self.result.theta)
-            then = relative_error(before, base, self.result.theta) if before else 0.0
+        if kept:
+            now = relative_error(conditioned, base, result.theta)
+            then = relative_error(before, base, result.theta) if before else 0.0
             why += _kept_error(now, then, analysis.verdict.word == "nothing_changed")
             analysis = self._with_reestimated_payload(analysis, logs) if earlier else analysis
         gap = self._recorded(analysis, question, why)
         return replace(gap, recordings=tuple(logs), before=tuple(earlier), signals=options)
 
-    @heard_by()
-    def _replays(
-        self, logs: Sequence[Log], result: Identification, cutoff: float | None = None
-    ) -> list[Validation]:
-        """Return replays of logs by a result, read as they were for the search."""
-        read = picked(self.options, "exclude", "velocity")
-        base = self.base if result is self.result else None
-        return [validate(result, log, base=base, cutoff=cutoff, **read) for log in logs]
+    def of_the_arm(self, logs: Sequence[Log], why: str) -> Gap:
+        """Ask which effects remain after refitting all parameters, and which only implausible links imitate."""
+        gap = self.ask("numbers", logs, (), f"{why}: {ASKED['numbers']}")
+        assert gap.analysis is not None
+        search, effects, joints = gap.analysis.search, self.wanted.effects, self.wanted.joints
+        suspected = [
+            one
+            for one in suspicions(search.problem, search.selected)
+            if (not effects or COUNTERBALANCE in effects) and (not joints or one.joint in joints)
+        ]
+        names = self.base.robot.joint_names
+        sought = [one for one in suspected if one.searched]
+        if not sought:
+            return _with_likely(gap, suspected, names)
+        reasons = (
+            f"A counterbalance on {names[one.joint]} makes the links more plausible"
+            + f" (without it, there is {one.instead_of})" * bool(one.instead_of)
+            for one in sought
+        )
+        why = f"{gap.asked} {' and '.join(reasons)}: {ASKED['arm']}"
+        analysis = with_counterbalances(gap.analysis, self.wanted, [one.joint for one in sought])
+        if any(one.name == COUNTERBALANCE for one in analysis.verdict.named):
+            of_arm = self._recorded(analysis, "arm", why)
+            return replace(of_arm, recordings=gap.recordings, signals=gap.signals)
+        gap = replace(gap, asked=f"{why} {_not_told(sought, analysis)}")
+        return _with_likely(gap, sought, names)
 
+    def _recorded(self, analysis: GapAnalysis, question: str, why: str) -> Gap:
+        """Return an analysis as the answer to a question, without logs and signals."""
+        made_from = str(self.result.path) if self.result.path.name else ""
+        record = record_of(analysis, self.base.robot, question, why, made_from)
+        facts = vars(record) | {"of": fingerprint(self.result)}
+        return Gap(**facts, analysis=analysis, searched=self.result)
+
+    def _conditioned(self, logs: Sequence[Log], options: GapOptions) -> list[ConditionedLog]:
+        """Return conditioned logs, of long ones stretches: minutes say what hours do, and all candidates fit."""
+        searched, parts = stretches(condition_logs(logs, self.base.model, options), LONGEST)
+        if parts:
+            text = f"{LONGEST:.0f} s are searched, in {parts} stretches spread evenly over the logs"
+            stage("stretches", text)
+        return searched
+
+    @heard_by()
+    def _with_reestimated_payload(self, analysis: GapAnalysis, logs: Sequence[Log]) -> GapAnalysis:
+        """Return an analysis whose load, if it names one, is as heavy as ``dynid identify --payload-from`` says."""
+        load, result = named_load(analysis), self.result
+        if load is None or result.robot.torque.relative:
+            return analysis
+        options = IdentifyOptions(
+            holdout=None,
+            drop_weak=True,
+            cutoff=result.cutoff or None,
+            delay=result.delay,
+            exclude=self.options.exclude,
+        )
+        try:
+            now = identify(self.base.robot, logs, options, base=self.base)
+            # Why the other way round: what was taken off hung there when the model was identified.
+            loaded, bare = (now, result) if load.values["m"] >= 0.0 else (result, now)
+            return with_reestimated_payload(analysis, load, find_payload(loaded, bare))
+        except DynidError:
+            # Why nothing is said: the load is there, and the search has numbers of its own.
+            return analysis
+
+    # ------------------------------------------------------------ the model as it is, and with what is named
     def judged(self, gap: Gap, new: Sequence[Log]) -> Gap:
         """Return an answer beside how the model as it is does on the new logs: "nothing" only where that agrees."""
-        fitted = [sha for sha in self.result.log_sha256 if sha]
-        replays = self._replays([log for log in new if log.sha256 not in fitted], self.result)
-        if replays:
-            # The worst of them.
-            kept = max(
-                replays, key=lambda one: one.relative_error_percent / (one.expected_percent or 1.0)
-            )
-            gap = replace(
-                gap,
-                kept=kept.relative_error_percent,
-                expected=kept.expected_percent,
-                kept_rms=tuple(joint.rms for joint in kept.joints),
-            )
-        if evidence_of(self.result).of_another_arm:
-            gap = self._unproved(gap)
-        if gap.named and gap.unseen_logs:
-            gap = self._proved(gap)
+        unknown = [log for log in new if not log.sha256 or log.sha256 not in self.result.log_sha256]
+        # The worst of them.
+        worst = max(
+            self._replays(unknown, self.result),
+            key=lambda one: one.relative_error_percent / (one.expected_percent or 1.0),
+            default=None,
+        )
+        if worst is not None:
+            rms = tuple(joint.rms for joint in worst.joints)
+            kept = picked(worst, kept="relative_error_percent", expected="expected_percent")
+            gap = replace(gap, kept_rms=rms, **kept)
+        other_arm = evidence_of(self.result).of_another_arm
+        if other_arm or (gap.named and gap.unseen_logs):
+            gap = self._unproved(gap) if other_arm else self._proved(gap)
         if gap.verdict.startswith("nothing") and gap.judgement.light("complete").state != "good":
             gap = replace(gap, verdict="unexplained", advice="")
         return gap
 
     def _proved(self, gap: Gap) -> Gap:
         """Return an answer with the errors that ``apply`` and then ``validate`` reach on the recordings held out."""
-        after = self._errors(gap.apply(), gap)
-        before, at = self._before(gap), gap.joint_names.index
+        before, after = self._before(gap), self._errors(gap.apply(), gap)
+        at = gap.joint_names.index
         named = tuple(
             replace(
                 one,
@@ -668,13 +712,13 @@ class _Search:
             )
             for one in gap.named
         )
-        improvement = replace(gap.improvement, before=before, after=after)
-        return replace(gap, named=named, improvement=improvement)
+        return replace(
+            gap, named=named, improvement=replace(gap.improvement, before=before, after=after)
+        )
 
     def _unproved(self, gap: Gap) -> Gap:
         """Return an answer that names nothing: what links of another arm leave over is no effect of this one."""
         why, before = "the robot file does not describe the arm of these logs", self._before(gap)
-        ratio = np.ones_like(gap.improvement.ratio)
         given_up = (
             replace(one, why_not=why, rms_after=None, share=None, probability=None)
             for one in gap.named
@@ -687,132 +731,68 @@ class _Search:
             alternatives=(),
             advice="",
             curves=(),
-            improvement=replace(gap.improvement, before=before, after=before, ratio=ratio),
-            simulation=gap.simulation[[0, 0]] if len(gap.simulation) else gap.simulation,
+            improvement=replace(gap.improvement, before=before, after=before),
+            simulation=gap.simulation[:0],
         )
 
     def _before(self, gap: Gap) -> Floats:
         """Return the error of each joint without what is named, of the model as it is where it is tried, (n,)."""
-        known = any(log.sha256 in self.result.log_sha256 for log in gap.unseen_logs)
-        if known or not gap.unseen_logs:
-            return gap.improvement.before
-        return self._errors(self.result, gap)
+        fitted = any(log.sha256 in self.result.log_sha256 for log in gap.unseen_logs)
+        tried = gap.unseen_logs and not fitted
+        return self._errors(self.result, gap) if tried else gap.improvement.before
 
     def _errors(self, result: Identification, gap: Gap) -> Floats:
         """Return the error of each joint on what was held out, with the filter of the search, (n,) [N m or N]."""
         replays = self._replays(gap.unseen_logs, result, gap.signals.cutoff)
         counts = np.array([each.motion.usable.sum(axis=0) for each in replays])
         squares = np.array([[joint.rms**2 for joint in each.joints] for each in replays])
-        return np.asarray(
-            np.sqrt(np.sum(counts * squares, axis=0) / np.maximum(1, counts.sum(axis=0)))
-        )
-
-    def _recorded(self, analysis: GapAnalysis, question: str, why: str) -> Gap:
-        """Return an analysis as the answer to a question, without logs and signals."""
-        made_from = str(self.result.path) if self.result.path.name else ""
-        record = record_of(analysis, self.base.robot, question, why, made_from)
-        facts = {**vars(record), "of": fingerprint(self.result)}
-        return Gap(**facts, analysis=analysis, searched=self.result)
+        mean = np.sum(counts * squares, axis=0) / np.maximum(1, counts.sum(axis=0))
+        return np.asarray(np.sqrt(mean))
 
     @heard_by()
-    def _with_reestimated_payload(self, analysis: GapAnalysis, logs: Sequence[Log]) -> GapAnalysis:
-        """Return an analysis whose load, if it names one, is as heavy as ``dynid identify --payload-from`` says."""
-        load, result = named_load(analysis), self.result
-        if load is None or result.robot.torque.relative:
-            return analysis
-        try:
-            now = identify(
-                self.base.robot,
-                logs,
-                base=self.base,
-                holdout=None,
-                drop_weak=True,
-                cutoff=result.cutoff or None,
-                delay=result.delay,
-                exclude=self.options.exclude,
-            )
-            # Why the other way round: what was taken off hung there when the model was identified.
-            loaded, bare = (now, result) if load.values["m"] >= 0.0 else (result, now)
-            return with_reestimated_payload(analysis, load, find_payload(loaded, bare))
-        except DynidError:
-            # Why nothing is said: the load is there, and the search has numbers of its own.
-            return analysis
-
-    def _conditioned(self, logs: Sequence[Log], options: GapOptions) -> list[ConditionedLog]:
-        """Return conditioned logs, of long ones stretches: minutes say what hours do, and all candidates fit."""
-        conditioned = condition_logs(logs, self.base.model, options)
-        searched, parts = stretches(conditioned, LONGEST)
-        if parts:
-            text = f"{LONGEST:.0f} s are searched, in {parts} stretches spread evenly over the logs"
-            stage("stretches", text)
-        return searched
-
-    def of_the_arm(self, logs: Sequence[Log], why: str) -> Gap:
-        """Ask which effects remain after refitting all parameters, and which only implausible links imitate."""
-        gap = self.ask("numbers", logs, (), f"{why}: {ASKED['numbers']}")
-        assert gap.analysis is not None
-        search, effects, joints = gap.analysis.search, self.wanted.effects, self.wanted.joints
-        suspected = [
-            one
-            for one in suspicions(search.problem, search.selected)
-            if not effects or COUNTERBALANCE in effects
-            if not joints or one.joint in joints
-        ]
-        names = self.base.robot.joint_names
-        sought = [one for one in suspected if one.searched]
-        if not sought:
-            return _with_likely(gap, suspected, names)
-        why = f"{gap.asked} {_suspected(sought, names)}: {ASKED['arm']}"
-        analysis = with_counterbalances(gap.analysis, self.wanted, [one.joint for one in sought])
-        if any(one.name == COUNTERBALANCE for one in analysis.verdict.named):
-            return replace(
-                self._recorded(analysis, "arm", why),
-                recordings=gap.recordings,
-                signals=gap.signals,
-            )
-        gap = replace(gap, asked=f"{why} {_not_told(sought, analysis)}")
-        return _with_likely(gap, sought, names)
+    def _replays(
+        self, logs: Sequence[Log], result: Identification, cutoff: float | None = None
+    ) -> list[Validation]:
+        """Return replays of logs by a result, read as they were for the search."""
+        read = picked(self.options, "exclude", "velocity")
+        base = self.base if result is self.result else None
+        return [validate(result, log, base=base, cutoff=cutoff, **read) for log in logs]
 
 
-def _suspected(suspected: Sequence[Suspicion], names: Sequence[str]) -> str:
-    """Return why effects are searched that only implausible links could imitate."""
-    said = []
-    for one in suspected:
-        shown = f" (without it, there is {one.instead_of})" if one.instead_of else ""
-        said.append(f"A counterbalance on {names[one.joint]} makes the links more plausible{shown}")
-    return " and ".join(said)
-
-
+# ---------------------------------------------------------------- counterbalances, which heavier links imitate
 def _with_likely(gap: Gap, suspected: Sequence[Suspicion], names: Sequence[str]) -> Gap:
     """Return an answer with the counterbalances that an arm of other links would do for: what is odd is not nothing."""
     doubtful = [one for one in suspected if one.instead_of]
     if not doubtful or not gap.verdict.startswith("nothing"):
         return gap
-    effect = CATALOGUE[COUNTERBALANCE]
-    likely = tuple(
-        GapEffect(
-            effect=COUNTERBALANCE,
-            indices=(one.joint,),
-            joints=(names[one.joint],),
-            where=names[one.joint],
-            values=dict(zip(effect.units, one.sizes[0].tolist(), strict=True)),
-            std_errors=dict(zip(effect.units, one.sizes[1].tolist(), strict=True)),
-            units=dict(effect.units),
-            p_value=one.chance,
-            joint=names[one.joint],
-            rms_before=float(gap.improvement.before[one.joint]),
-            rms_after=None,
-            unit=gap.torque_units[one.joint],
-            why_not=f"torques alone do not separate it from {one.instead_of}",
-            probability=one.probability,
+    units, likely = dict(CATALOGUE[COUNTERBALANCE].units), []
+    for one in doubtful:
+        name = names[one.joint]
+        values, errors = (dict(zip(units, sizes.tolist(), strict=True)) for sizes in one.sizes[:2])
+        likely.append(
+            GapEffect(
+                effect=COUNTERBALANCE,
+                indices=(one.joint,),
+                joints=(name,),
+                where=name,
+                values=values,
+                std_errors=errors,
+                units=units,
+                p_value=one.chance,
+                joint=name,
+                rms_before=float(gap.improvement.before[one.joint]),
+                rms_after=None,
+                unit=gap.torque_units[one.joint],
+                why_not=f"torques alone do not separate it from {one.instead_of}",
+                probability=one.probability,
+            )
         )
-        for one in doubtful
+    return replace(
+        gap,
+        closest=(*likely, *gap.closest),
+        verdict="unexplained" if any(one.odd for one in doubtful) else gap.verdict,
+        advice=f"Give the mass {_links(doubtful)} from the data sheet with --link-mass and identify again.",
     )
-    advice = (
-        f"Give the mass {_links(doubtful)} from the data sheet with --link-mass and identify again."
-    )
-    verdict = "unexplained" if any(one.odd for one in doubtful) else gap.verdict
-    return replace(gap, closest=(*likely, *gap.closest), verdict=verdict, advice=advice)
 
 
 def _not_told(suspected: Sequence[Suspicion], analysis: GapAnalysis) -> str:
@@ -836,61 +816,8 @@ def _kept_error(now: float, then: float, unchanged: bool) -> str:
     """Return how well the kept model does on new and on its own logs [%], in words."""
     if not then:
         return f" (error of the model on these logs {now:.3g} %)"
-    text = f" (error of the model {now:.3g} % on these logs, {then:.3g} % on the logs it was identified from"
-    if unchanged and now > EXTRAPOLATES * then:
-        return f"{text}; this motion differs from the one used to identify)"
-    return f"{text})"
-
-
-def signals_of(result: Identification, options: GapOptions, question: str) -> GapOptions:
-    """Return options with cut-off and delay of the search where nothing else was asked for."""
-    # Why no delay otherwise: there it is one of the effects that are looked for.
-    delay = result.delay if question == "changed" else 0.0
-    cutoff = max(CUTOFF, result.cutoff) if options.cutoff is None else options.cutoff
-    return replace(options, cutoff=cutoff, delay=delay if options.delay is None else options.delay)
-
-
-@public
-def earlier_logs(
-    result: ResultLike,
-    logs: LogsLike,
-    options: GapOptions = GapOptions(),
-    progress: Progress | None = None,
-    **changes: Any,  # noqa: ANN401
-) -> list[Log]:
-    """Return the recordings that a result was identified from, where their files are still what they were.
-
-    Why: what the model left unexplained in them it leaves unexplained in new ones, and that is no change. A new log
-    that is one of them cannot be compared with itself.
-
-    Args:
-        result: the result, its folder or its file.
-        logs: the new recordings, or their paths.
-        options: how recordings are read.
-        progress: reports which logs are missing.
-        changes: single options by name; see ``dynid.GapOptions``.
-
-    Raises:
-        WrongUsage: an argument or option is something else than what is wanted (E101).
-
-    Example:
-        dynid.earlier_logs("out/kuka_lwr4plus", ["run3.bag", "run4.bag"])
-    """
-    result = as_result(result)
-    new = {log.sha256 for log in as_logs(logs, result.robot, options, empty=True) if log.sha256}
-    pairs = zip(result.header.get("logs", []), result.log_sha256, strict=False)
-    before = [(Path(found_path(result, name)), sha) for name, sha in pairs]
-    own = new & {sha for _, sha in before}
-    if own and options.question == "auto":
-        return []
-    if own and options.question == "changed":
-        text = "the model was identified from a log given here, so that log shows no change"
-        stage("earlier", text)
-    there = [
-        path for path, sha in before if sha not in new and path.exists() and sha256(path) == sha
-    ]
-    missing = [str(path) for path, sha in before if sha not in own and path not in there]
-    if missing:
-        text = f"missing, or changed since then: {', '.join(missing)}"
-        stage("earlier", f"logs that the model was identified from are {text}")
-    return [load_log(path, result.robot, options, identify=False) for path in there]
+    other = "; this motion differs from the one used to identify"
+    return (
+        f" (error of the model {now:.3g} % on these logs, {then:.3g} % on the logs it was identified from"
+        f"{other * (unchanged and now > EXTRAPOLATES * then)})"
+    )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from dynid.answer import Answer, picked
 from dynid.arrays import Floats
 from dynid.drivers.ros import connect
 from dynid.errors import WrongUsage
@@ -22,47 +23,12 @@ from dynid.sim.ros_drivers import simulated_driver
 from dynid.workflows.options import SimDriverOptions
 
 
-@dataclass(frozen=True)
-class DriverRun:
-    """What a simulated driver published, and what its commands asked of the arm.
-
-    Attributes:
-        robot: the arm.
-        published: number of joint states.
-        dropped: number of joint states that were lost on purpose.
-        largest_delay: how far the simulation fell behind real time at worst [s].
-        longest_queue: largest number of commands that waited.
-        reference: shares of the limits that the arm's own reference used.
-        interrupted: whether Ctrl-C ended it.
-    """
-
-    robot: Robot
-    published: int
-    dropped: int
-    largest_delay: float
-    longest_queue: int
-    reference: dict[str, float]
-    interrupted: bool
-
-    def facts(self) -> dict[str, Any]:
-        """Return what the JSON answer of ``dynid sim-driver`` says."""
-        return {
-            "schema": "dynid/sim-driver/1",
-            "robot": self.robot.name,
-            **self.reference,
-            "published": self.published,
-            "dropped": self.dropped,
-            "largest_delay_s": self.largest_delay,
-            "longest_queue": self.longest_queue,
-        }
-
-
 def simulate_driver(
     robot: Robot,
     options: SimDriverOptions = SimDriverOptions(),
     *,
-    started: Callable[[str, str], None] | None = None,
-) -> DriverRun:
+    started: Callable[[str, str], None] = lambda topic, master: None,
+) -> Answer:
     """Simulate an arm behind its driver's topics until the time is over or Ctrl-C is pressed.
 
     Args:
@@ -70,8 +36,6 @@ def simulate_driver(
         options: what is simulated.
         started: told the topic of the joint states and the address of the master once the driver is there.
     """
-    import time
-
     topic = options.topic or robot.columns.topic or "/joint_states"
     node = connect("dynid_sim_driver", options.master)
     try:
@@ -82,24 +46,22 @@ def simulate_driver(
         rng = np.random.default_rng(options.seed)
         loop = DriverLoop(arm, follower, options.rate, _imperfections(plant, options), rng)
         driver = simulated_driver(node, loop, topic)
-        if started is not None:
-            started(topic, node.uri)
-        end, interrupted = time.monotonic() + (options.duration or float("inf")), False
-        try:
+        started(topic, node.uri)
+        end = time.monotonic() + (options.duration or float("inf"))
+        with suppress(KeyboardInterrupt):
             loop.run(driver.publish, lambda: time.monotonic() < end)
-        except KeyboardInterrupt:
-            interrupted = True
-        return DriverRun(
-            robot,
-            loop.published,
-            loop.dropped,
-            loop.largest_delay,
-            follower.longest,
-            loop.reference_shares(),
-            interrupted,
-        )
     finally:
         node.close()
+    shares = loop.reference_shares()
+    parts = [("published", f"{loop.published} joint states, {loop.dropped} dropped")]
+    if stop := shares["stop_acceleration_share"]:
+        share = f"{100 * stop:.0f} % of the acceleration limits"
+        parts.append(("stops", f"braking took {share}; this driver brakes as it can"))
+    counts = picked(loop, "published", "dropped", largest_delay_s="largest_delay")
+    counts["longest_queue"] = follower.longest
+    return Answer(
+        {"schema": "dynid/sim-driver/1", "robot": robot.name, **shares, **counts}, parts=parts
+    )
 
 
 def is_kinova(robot: Robot) -> bool:
@@ -108,7 +70,6 @@ def is_kinova(robot: Robot) -> bool:
 
 
 def _imperfections(plant: Plant, options: SimDriverOptions) -> Imperfections:
-
     sensors, n = plant.sensors, len(plant.bodies)
     noise, step = options.torque_noise, options.position_step
     return Imperfections(

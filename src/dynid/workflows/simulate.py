@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from dynid.arguments import public
 from dynid.arrays import Floats
-from dynid.errors import PackageMissing, WrongRobotFile, WrongUsage
+from dynid.errors import WrongRobotFile, WrongUsage
 from dynid.loading import MotionLike, RobotLike, as_motion, as_robot
 from dynid.log import Log
 from dynid.model.base_model import BaseModel
@@ -27,6 +26,9 @@ from dynid.text import whole_number
 from dynid.workflows.model import base_model
 from dynid.workflows.options import SimulateOptions
 
+#: What computes the rigid bodies.
+PHYSICS = "MuJoCo's inverse dynamics"
+
 
 @dataclass(frozen=True)
 class Simulation:
@@ -35,14 +37,12 @@ class Simulation:
     Attributes:
         log: what a driver would have recorded, in DH quantities.
         torque: drive torques without sensor errors, (N, n) [N m or N].
-        source: which physics computed the rigid bodies, in words.
         viscous: viscous friction that was added, (n,) [N m s/rad or N s/m].
         coulomb: Coulomb friction that was added, (n,) [N m or N].
     """
 
     log: Log
     torque: Floats
-    source: str
     viscous: Floats
     coulomb: Floats
 
@@ -50,7 +50,7 @@ class Simulation:
         """Return what the JSON answer of ``dynid simulate`` says."""
         return {
             "schema": "dynid/simulate/1",
-            "physics": self.source,
+            "physics": PHYSICS,
             "samples": len(self.log.t),
             "duration_s": float(self.log.t[-1] - self.log.t[0]),
             "torque_max_nm": np.abs(self.torque).max(axis=0).tolist(),
@@ -73,7 +73,7 @@ def simulate(
         robot: the arm, its name, or the path of its file; its prior are the true bodies.
         motion: what it does, evenly sampled; or a plan, a log, or the path of either.
         options: friction, effects and sensors.
-        base: the arm's base model, where it is there already; needed for effects and without a simulator.
+        base: the arm's base model, where it is there already; needed for effects.
         progress: reports what is computed.
         changes: single options by name, such as ``payload=2.0``; see ``dynid.SimulateOptions``.
 
@@ -91,15 +91,9 @@ def simulate(
             raise WrongUsage("the robot file has a tool already", fix=fix)
         robot = replace(robot, tool=Body(options.payload, (0.0, 0.0, 0.0), (0.0,) * 6))
     stage("simulate")
-    tau: Floats | None = None
-    source = "MuJoCo's inverse dynamics"
-    with suppress(PackageMissing):
-        arm = SimulatedArm(robot, prior_bodies(robot))
-        rows = zip(motion.q, motion.qd, motion.qdd, strict=True)
-        tau = np.array([arm.inverse_dynamics(*row) for row in rows])
-    if tau is None:
-        tau = _reference(robot, base).rigid(motion.q, motion.qd, motion.qdd)
-        source = "dynid's own model"
+    arm = SimulatedArm(robot, prior_bodies(robot))
+    rows = zip(motion.q, motion.qd, motion.qdd, strict=True)
+    tau = np.array([arm.inverse_dynamics(*row) for row in rows])
     limits, largest = [joint.limits for joint in robot.joints], np.maximum(np.abs(tau).max(0), 1e-3)
     rated = np.array([one.torque or own for one, own in zip(limits, largest, strict=True)])
     speed = np.array([one.velocity or 1.0 for one in limits])
@@ -107,7 +101,10 @@ def simulate(
     sign = np.tanh(motion.qd / np.array(robot.coulomb_shape.velocity))
     tau = tau + viscous * motion.qd + coulomb * sign
     if specs := (*robot.effects, *options.effects):
-        tau = tau + _effect_torque(robot, motion, specs, _reference(robot, base))
+        rigid = replace(robot, effects=())
+        model = Model(rigid, (base or base_model(rigid)).model.rigid)
+        reference = ModelTorques(model, prior_vector(model))
+        tau = tau + _effect_torque(robot, motion, specs, reference)
     moved = motion.t - options.delay
     late = np.stack([np.interp(moved, motion.t, column) for column in tau.T], axis=1)
     rng = np.random.default_rng(options.seed)
@@ -122,14 +119,7 @@ def simulate(
         dh=True,
         extra={"q_ref": q},
     )
-    return Simulation(log, tau, source, viscous, coulomb)
-
-
-def _reference(robot: Robot, base: BaseModel | None) -> ModelTorques:
-    """Return the rigid bodies of the robot file by dynid's own model."""
-    rigid = replace(robot, effects=())
-    model = Model(rigid, (base or base_model(rigid)).model.rigid)
-    return ModelTorques(model, prior_vector(model))
+    return Simulation(log, tau, viscous, coulomb)
 
 
 def _effect_torque(

@@ -9,13 +9,10 @@ import numpy as np
 
 from dynid import arguments
 from dynid.arguments import public
-from dynid.arrays import Floats
 from dynid.errors import WrongUsage
 from dynid.estimation.result import Identification
 from dynid.exporters.driven import drive
-from dynid.exporters.engines import module
 from dynid.loading import LogLike, ResultLike, as_log, as_results, checked_log, condition_logs
-from dynid.log import Log
 from dynid.model.regressor import mass_matrices
 from dynid.options import LogOptions
 from dynid.progress import Progress, heard_by, stage
@@ -25,9 +22,6 @@ from dynid.sim import tuning
 from dynid.sim.comparison import SimulatorGap
 from dynid.workflows.export import identified_arm
 from dynid.workflows.gap import Gap
-
-#: Engines that an exported file can be driven in.
-ENGINES = ("mujoco", "pybullet")
 
 
 @public
@@ -63,38 +57,42 @@ def compare_in_simulator(
         dynid.compare_in_simulator(["out/before", "out/after"], "run3.bag")
     """
     given = as_results(results)
-    robot, count = given[0].robot, len(given)
-    recording = as_log(log, robot, LogOptions())
-    if arguments.words((engine,), "engine", ENGINES) != (engine,):
-        raise WrongUsage(f"there is no engine '{engine}'", fix=" or ".join(ENGINES))
-    models = arguments.words(names, "names") or (
-        ("before", "after") if count == 2 else tuple(f"{k + 1}" for k in range(count))
+    count, last = len(given), given[-1]
+    robot, options = (
+        given[0].robot,
+        LogOptions(cutoff=given[0].cutoff or None, delay=given[0].delay),
     )
-    if seconds is not None:
-        wanted = "a length in seconds, such as 10.0, or None for all"
-        seconds = arguments.number(seconds, "seconds", wanted)
-        if not seconds > 0.0:
-            raise WrongUsage(f"{seconds:g} s cannot be driven", fix="seconds=10.0, or None for all")
-    if any(each.robot.joint_names != robot.joint_names for each in given):
-        raise WrongUsage("the results are of different arms", fix="results of one arm")
+    recording = as_log(log, robot, options)
+    arguments.words(engine, "engine", ("mujoco", "pybullet"))
+    usual = ("before", "after") if count == 2 else tuple(f"{k + 1}" for k in range(count))
+    models = arguments.words(names, "names") or usual
     if len(models) != count:
         raise WrongUsage(f"{len(models)} names for {count} results", fix="one name per result")
-    recorded = _recorded(given[0], recording, seconds)
-    arms = [identified_arm(each, ("mjcf",)) for each in given]
-    inertia, runs = _inertia(given[-1], recorded[1]), []
-    for name, arm in zip(models, arms, strict=True):
-        stage("simulate", f"{name}, {len(recorded[0])} samples")
-        runs.append(drive(arm, engine, recorded, inertia))
-    return SimulatorGap(
-        robot=robot,
-        log=str(recording.source or recording.name),
-        engine=engine,
-        models=models,
-        t=recorded[0],
-        q=recorded[1],
-        simulated=np.array([q for q, _ in runs]),
-        added=np.array([added for _, added in runs]),
-    )
+    if any(each.robot.joint_names != robot.joint_names for each in given):
+        raise WrongUsage("the results are of different arms", fix="results of one arm")
+    wanted = "a length in seconds, such as 10.0, or None for all"
+    length = np.inf if seconds is None else arguments.number(seconds, "seconds", wanted)
+    if not length > 0.0:
+        raise arguments.refused("seconds", wanted, seconds)
+    with heard_by():
+        checked = checked_log(recording, robot, options, identify=False)
+        (conditioned,) = condition_logs([checked], given[0].base.model, options)
+    # The end of the longest part without gaps.
+    longest = max(conditioned.segments, key=len)
+    first = int(np.searchsorted(longest.t[:-2], longest.t[-1] - length))
+    t, q, qd, tau = (x[first:] for x in (longest.t, longest.q, longest.qd, longest.tau))
+    some = q[:: max(1, len(q) // 100)]
+    matrices = mass_matrices(lambda *state: last.base.observer.torque(last.theta, *state), some)
+    # What each joint moves, on average along the motion, (n,) [kg m^2 or kg].
+    inertia = np.abs(np.diagonal(matrices, axis1=1, axis2=2)).mean(axis=0)
+    runs = []
+    for name, each in zip(models, given, strict=True):
+        arm = identified_arm(each, ("mjcf",))
+        stage("simulate", f"{name}, {len(t)} samples")
+        runs.append(drive(arm, engine, (t - t[0], q, qd, tau), inertia))
+    simulated, added = (np.array(each) for each in zip(*runs, strict=True))
+    source = str(recording.source or recording.name)
+    return SimulatorGap(robot, source, engine, models, t - t[0], q, simulated, added)
 
 
 def gap_in_simulator(gap: Gap, after: Identification) -> SimulatorGap:
@@ -105,34 +103,11 @@ def gap_in_simulator(gap: Gap, after: Identification) -> SimulatorGap:
         after: what ``gap.apply`` returned.
 
     Raises:
-        PackageMissing: no simulator is installed.
         NotSimulated: a simulation diverges.
     """
     assert gap.searched is not None
     log = (*gap.unseen_logs, *reversed(gap.recordings))[0]
-    engine = next((name for name in ENGINES if module(name) is not None), ENGINES[0])
-    return compare_in_simulator((gap.searched, after), log, engine=engine, seconds=tuning.DRIVEN_S)
-
-
-@heard_by()
-def _recorded(
-    result: Identification, log: Log, seconds: float | None
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return time, position, velocity and torque of the end of the longest part without gaps of a log, filtered."""
-    options = LogOptions(cutoff=result.cutoff or None, delay=result.delay)
-    checked = checked_log(log, result.robot, options, identify=False)
-    (conditioned,) = condition_logs([checked], result.base.model, options)
-    longest = max(conditioned.segments, key=len)
-    first = 0 if seconds is None else int(np.searchsorted(longest.t[:-2], longest.t[-1] - seconds))
-    t, q, qd, tau = (x[first:] for x in (longest.t, longest.q, longest.qd, longest.tau))
-    return t - t[0], q, qd, tau
-
-
-def _inertia(result: Identification, q: Floats) -> Floats:
-    """Return what each joint moves, on average along a motion, (n,) [kg m^2 or kg]."""
-    some = q[:: max(1, len(q) // 100)]
-    matrices = mass_matrices(lambda *state: result.base.observer.torque(result.theta, *state), some)
-    return np.asarray(np.abs(np.diagonal(matrices, axis1=1, axis2=2)).mean(axis=0))
+    return compare_in_simulator((gap.searched, after), log, seconds=tuning.DRIVEN_S)
 
 
 def save_figure(gap: SimulatorGap, path: Path) -> Path:

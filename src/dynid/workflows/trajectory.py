@@ -26,7 +26,7 @@ from dynid.estimation.posterior import prior_information, sample_noise
 from dynid.estimation.result import Identification
 from dynid.estimation.stack import stack_logs
 from dynid.files.artifact import kind_of, reading
-from dynid.files.planfile import Waypoints, read_waypoints
+from dynid.files.planfile import Waypoints, read_plan, read_waypoints
 from dynid.files.trajectoryfile import (
     Review,
     StoredTrajectory,
@@ -36,6 +36,7 @@ from dynid.files.trajectoryfile import (
     write_trajectory,
 )
 from dynid.gap.record import GapRecord, read_record
+from dynid.judgement.rules import Step
 from dynid.loading import (
     RobotLike,
     as_robot,
@@ -53,10 +54,11 @@ from dynid.progress import Progress, stage
 from dynid.reports.motion_drawing import draw_motion
 from dynid.robot import Robot
 from dynid.table import Table
+from dynid.text import shell
 from dynid.trajectory.basis import basis_from
 from dynid.trajectory.feasible import Bounds, assumed_limits, unsafe_to_play
 from dynid.trajectory.limits import LimitCheck, require_within_limits
-from dynid.trajectory.optimise import SearchOutcome, optimise
+from dynid.trajectory.optimise import optimise
 from dynid.trajectory.options import PlanOptions
 from dynid.trajectory.plan import Trajectory, through_waypoints
 from dynid.trajectory.planning import (
@@ -82,8 +84,10 @@ from dynid.trajectory.predict import (
     predict,
 )
 from dynid.trajectory.preview import Drawing, window
+from dynid.trajectory.scene import Box
+from dynid.trajectory.separation import separate
 from dynid.units import joint_unit
-from dynid.workflows.gap_experiment import GapExperiment
+from dynid.workflows.gap_experiment import outlook, question_of
 from dynid.workflows.model import base_model
 
 #: PyBullet measures no distance beyond this [m].
@@ -114,21 +118,6 @@ class SearchRecord:
     ended: str
     finished_starts: int
     share: float
-
-    @classmethod
-    def of(cls, outcome: SearchOutcome | None, seed: int, share: float) -> SearchRecord:
-        """Return the record of a search, or that there was none."""
-        if outcome is None:
-            return cls(seed, "no search", 0, share)
-        return cls(seed, outcome.ended, outcome.finished, share)
-
-    @property
-    def text(self) -> str:
-        """How the search ended, in words."""
-        done = f"{self.finished_starts} start{'s' * (self.finished_starts != 1)} finished"
-        drawn = f", reduced to {100 * self.share:.0f} % of its size to avoid collisions"
-        drawn *= self.share < 1
-        return f"{ENDINGS[self.ended].format(done=done)}{drawn}; seed {self.seed}"
 
 
 @dataclass(frozen=True, repr=False)
@@ -331,77 +320,68 @@ class Plan(Answered):
 
     def lines(self) -> list[tuple[str, str]]:
         """Return the lines of the summary, each as a label and a sentence."""
-        run, figures, unit = self.trajectory, self.prediction.figures, self.units[3]
-        basis, alpha = run.basis.facts, run.alpha
+        run, figures, unit, alpha = (
+            self.trajectory,
+            self.prediction.figures,
+            self.units[3],
+            self.trajectory.alpha,
+        )
+        basis, noise, lines = run.basis.facts, self.noise, list[tuple[str, str]]()
         kind = f"{len(basis['knots']) - 1} {basis['kind']} segments, {run.basis.duration:.1f} s at full speed"
         slow = f"{run.duration:.1f} s at alpha {alpha:g} (speed x{alpha:g}, acceleration x{alpha**2:.2g})"
+        lines.append(("plan", f"{kind}; {slow}"))
+        if (search := self.search) is not None:
+            done = f"{search.finished_starts} start{'s' * (search.finished_starts != 1)} finished"
+            drawn = f", reduced to {100 * search.share:.0f} % of its size to avoid collisions"
+            ended = ENDINGS[search.ended].format(done=done) + drawn * (search.share < 1)
+            lines.append(("search", f"{ended}; seed {search.seed}"))
+        lines.append(("limits", self._shares()))
+        for near in self.clearance.distances[:1]:
+            size = f"{'at least ' * (near.distance >= FAR)}{1000 * near.distance:.0f} mm"
+            lines.append(
+                ("collision", f"none; nearest {near.pair} at {size}, t = {near.time:.1f} s")
+            )
+        if self.clearance.left_out and self.urdf is None:
+            pairs = f"{', '.join(self.clearance.left_out)}; {thickness(self.robot)}"
+            lines.append(("left out", f"always close to each other, so not checked: {pairs}"))
+        if assumed := assumed_limits(self.robot):
+            lines.append(("assumed", f"not in the robot file: {'; '.join(assumed)}"))
         condition = (
             f"{figures.condition:.3g} (columns of equal length: {figures.condition_scaled:.3g})"
         )
-        left = (
-            f" and {self.unexplained:.2g} {unit} that no parameter explains"
-            if self.unexplained is not None
-            else ""
-        )
-        error = f"{self.prediction.torque_error:.2g} {unit} on other motions{left}"
-        sizes = dict.fromkeys(f"{size:.2g}" for size in (self.noise.min(), self.noise.max()))
-        return [
-            ("plan", f"{kind}; {slow}"),
-            *([("search", self.search.text)] if self.search is not None else []),
-            ("limits", self._shares()),
-            *self._nearest(),
-            (
-                "excitation",
-                f"condition number {condition}   smallest singular value {figures.smallest:.2g}",
-            ),
-            ("predicted", f"torque error {error}; weakest: {self.weakest}"),
-            *(("gap", text) for text in self.outlook),
-            ("noise", f"{' to '.join(sizes)} {unit} per sample, {self.noise_from}"),
-            *self._alpha_lines(),
-        ]
+        smallest = f"smallest singular value {figures.smallest:.2g}"
+        lines.append(("excitation", f"condition number {condition}   {smallest}"))
+        error, left = f"torque error {self.prediction.torque_error:.2g} {unit} on other motions", ""
+        if self.unexplained is not None:
+            left = f" and {self.unexplained:.2g} {unit} that no parameter explains"
+        lines.append(("predicted", f"{error}{left}; weakest: {self.weakest}"))
+        lines += [("gap", text) for text in self.outlook]
+        sizes = " to ".join(dict.fromkeys(f"{size:.2g}" for size in (noise.min(), noise.max())))
+        lines.append(("noise", f"{sizes} {unit} per sample, {self.noise_from}"))
+        # What slowing down costs, so that nobody identifies from a first, slow run by mistake.
+        for row in self.alphas:
+            times = row.torque_error / self.at_full_speed.torque_error
+            here = "  <- this plan" * (row.alpha == alpha)
+            text = f"{row.alpha:g}: {row.duration:.0f} s, expected torque error x{times:.3g}{here}"
+            lines.append(("alpha", text))
+        if alpha < 1:
+            lines.append(
+                ("note", "a slow run is a first, safe one: then record at 0.5, then at 1.0")
+            )
+        return lines
 
     def _shares(self) -> str:
         """Say how much of what the margin leaves is used."""
         limits, peaks = self.limits, self.check.peaks
         middle, half = (limits.upper + limits.lower) / 2, (limits.upper - limits.lower) / 2
         used = {
-            "position": (np.array([p.position for p in peaks]) - middle) / half,
-            "speed": np.array([p.velocity for p in peaks]) / limits.velocity,
-            "acceleration": np.array([p.acceleration for p in peaks]) / limits.acceleration,
-            "torque": np.array([p.torque or 0.0 for p in peaks]) / limits.torque,
+            "position": (np.array([peak.position for peak in peaks]) - middle) / half,
+            "speed": np.array([peak.velocity for peak in peaks]) / limits.velocity,
+            "acceleration": np.array([peak.acceleration for peak in peaks]) / limits.acceleration,
+            "torque": np.array([peak.torque or 0.0 for peak in peaks]) / limits.torque,
         }
         words = "   ".join(f"{k} {100 * np.max(np.abs(share)):.0f} %" for k, share in used.items())
         return f"{words}   of the limits less margin: all inside; tool up to {self.check.tool_speed:.2f} m/s"
-
-    def _nearest(self) -> Iterator[tuple[str, str]]:
-        for near in self.clearance.distances[:1]:
-            size = f"{'at least ' * (near.distance >= FAR)}{1000 * near.distance:.0f} mm"
-            yield "collision", f"none; nearest {near.pair} at {size}, t = {near.time:.1f} s"
-        if self.clearance.left_out and self.urdf is None:
-            pairs = f"{', '.join(self.clearance.left_out)}; {thickness(self.robot)}"
-            yield "left out", f"always close to each other, so not checked: {pairs}"
-        if assumed := assumed_limits(self.robot):
-            yield "assumed", f"not in the robot file: {'; '.join(assumed)}"
-
-    def _alpha_lines(self) -> Iterator[tuple[str, str]]:
-        """Say what slowing down costs, so that nobody identifies from a first, slow run by mistake."""
-        for row in self.alphas:
-            times, here = row.torque_error / self.at_full_speed.torque_error, ""
-            if row.alpha == self.trajectory.alpha:
-                here, cost = "  <- this plan", times
-            text = f"{row.alpha:g}: {row.duration:.0f} s, expected torque error x{times:.3g}{here}"
-            yield "alpha", text
-        if (alpha := self.trajectory.alpha) < 1:
-            text = f"at alpha {alpha:g} the expected torque error is {cost:.2g} times larger than at 1.0"
-            yield "note", f"{text} for equally many samples: a first, safe run; then 0.5, then 1.0"
-
-    def window(self) -> AbstractContextManager[None]:
-        """Show the motion in PyBullet's window for the length of a ``with`` block.
-
-        Raises:
-            NoDisplay: there is no display.
-        """
-        return window(self.trajectory, self.robot, self.urdf, self.options.scene)
 
 
 def plan_sentence(robot: Robot, facts: Mapping[str, Any]) -> str:
@@ -433,30 +413,40 @@ SHORT = 10.0
 
 
 # ---------------------------------------------------------------- what is known before
-def _read_earlier(path: Path, robot: Robot) -> Earlier:
-    """Return what a file holds: parameters.npz, trajectory.npz, or else a log."""
-    # Why: a recording of rosbag2 is a folder as well.
-    path = parameters_of(path) if parameters_of(path).is_file() else path
-    kind = kind_of(path) if path.suffix == ".npz" else ""
-    if kind == "dynid/identification":
-        return load_run(path)
-    return read_trajectory(path, robot) if kind == "dynid/trajectory" else read_log(path, robot)
+def _earlier_of(given: EarlierLike | Sequence[EarlierLike], robot: Robot) -> Iterator[Earlier]:
+    """Yield logs, results and motions, each given by itself or by its path."""
+    kinds = (Log, Identification, StoredTrajectory, Plan)
+    wanted = "a log, a result or a motion; or a list of them"
+    for each in arguments.several(given, (*kinds, str, Path), "earlier", wanted, empty=True):
+        known = each.stored() if isinstance(each, Plan) else each
+        if isinstance(each, (str, Path)):
+            path = arguments.path(each, "earlier")
+            # Why: a recording of rosbag2 is a folder as well.
+            path = parameters_of(path) if parameters_of(path).is_file() else path
+            kind = kind_of(path) if path.suffix == ".npz" else ""
+            if kind == "dynid/identification":
+                known = load_run(path)
+            elif kind == "dynid/trajectory":
+                known = read_trajectory(path, robot)
+            else:
+                known = read_log(path, robot)
+        elif not isinstance(each, kinds):
+            raise arguments.refused("earlier", wanted, each)
+        # Of a log the columns are looked up.
+        if isinstance(known, Identification):
+            robot.require_joints(known.robot.joint_names, known.label)
+        elif isinstance(known, StoredTrajectory):
+            robot.require_joints(known.joints, known.source or "the earlier motion")
+        yield known
 
 
 def _torque_noise(
-    robot: Robot, given: Sequence[float] | None, earlier: Sequence[Earlier], rate: float
+    robot: Robot, given: Sequence[float] | None, results: Sequence[Identification], rate: float
 ) -> tuple[Floats, str]:
-    """Return each joint's torque noise from the first of its sources that there is, and that source in words.
+    """Return each joint's torque noise, (n,) [N m or N], from the first source that there is, and that in words.
 
-    Args:
-        robot: the arm.
-        given: one number or one per joint [N m or N]; None to look further.
-        earlier: an identification among them has found the noise.
-        rate: of the coming log's samples [Hz].
-
-    Returns:
-        Standard deviation of each joint's torque, (n,) [N m or N], and where it comes from. White noise is meant: of an
-        identification, that which tells as little as its coloured residuals.
+    White noise at the rate of the coming log [Hz] is meant: of an identification, that which tells as little as its
+    coloured residuals.
     """
     if given is not None:
         if len(given) not in (1, robot.n):
@@ -464,10 +454,8 @@ def _torque_noise(
             one = f"one positive number, or {robot.n} of them"
             raise WrongUsage(f"{what} must be {one}", fix="such as --noise 0.1")
         return np.broadcast_to(np.array(given), (robot.n,)).copy(), "given with --noise"
-    for known in earlier:
-        if isinstance(known, Identification):
-            noise = sample_noise(known, rate)
-            return noise, "as an earlier identification found it"
+    if results:
+        return sample_noise(results[0], rate), "as an earlier identification found it"
     assumed = "assumed (0.3 % of the rating, 0.1 N m without one)"
     return default_noise(robot), assumed if robot.torque.noise is None else "from the robot file"
 
@@ -495,7 +483,14 @@ def _information(
             columns, name = base.reduction.base, str(known.source)
             information = information_of(base.model, columns, known.motion, noise)[1]
         else:
-            information, name = _of_log(base, known), str(known.source)
+            log, options = checked_log(known, base.robot), LogOptions(delay=0.0)
+            stack, name = (
+                stack_logs(condition_logs([log], base.model, options), base),
+                str(log.source),
+            )
+            sigma = weighted(stack.factors, stack.counts).noise
+            W = stack.factors[:, :, :-1] / sigma[:, None, None]
+            information = np.asarray((W.swapaxes(1, 2) @ W).sum(axis=0))
         total = information if total is None else total + information
         stage("earlier", f"{name}: the new motion is planned to complete it")
     return total, prior if total is None else total + prior
@@ -511,43 +506,12 @@ def _of_result(base: BaseModel, result: Identification) -> Floats:
     others = [k for k in names.values() if k not in some]
     information = known_of(result)[0]
     known, shared = information[np.ix_(some, some)], information[np.ix_(some, others)]
-    if others:
-        rest = np.linalg.pinv(information[np.ix_(others, others)], hermitian=True)
-        known = known - shared @ rest @ shared.T
-    return np.asarray(known)
-
-
-def _of_log(base: BaseModel, log: Log) -> Floats:
-    options = LogOptions(delay=0.0)
-    conditioned = condition_logs([checked_log(log, base.robot)], base.model, options)
-    stack = stack_logs(conditioned, base)
-    W = stack.factors[:, :, :-1] / weighted(stack.factors, stack.counts).noise[:, None, None]
-    return np.asarray((W.swapaxes(1, 2) @ W).sum(axis=0))
+    rest = np.linalg.pinv(information[np.ix_(others, others)], hermitian=True)
+    return np.asarray(known - shared @ rest @ shared.T)
 
 
 # ---------------------------------------------------------------- what is asked
-def _earlier_of(given: EarlierLike | Sequence[EarlierLike], robot: Robot) -> list[Earlier]:
-    """Return logs, results and motions, each given by itself or by its path."""
-    kinds, wanted = (Log, Identification, StoredTrajectory, Plan), "a log, a result or a motion"
-    sources: list[Earlier] = []
-    single, several = (*kinds, str, Path), f"{wanted}; or a list of them"
-    for each in arguments.several(given, single, "earlier", several, empty=True):
-        if isinstance(each, (str, Path)):
-            sources.append(_read_earlier(arguments.path(each, "earlier"), robot))
-        elif not isinstance(each, kinds):
-            raise arguments.refused("earlier", several, each)
-        else:
-            sources.append(each.stored() if isinstance(each, Plan) else each)
-        # Of a log the columns are looked up.
-        if isinstance(sources[-1], Identification):
-            robot.require_joints(sources[-1].robot.joint_names, sources[-1].label)
-        elif isinstance(sources[-1], StoredTrajectory):
-            where = sources[-1].source or "the earlier motion"
-            robot.require_joints(sources[-1].joints, where)
-    return sources
-
-
-def _waypoints_of(given: Waypoints | ArrayLike, robot: Robot) -> Waypoints:
+def _waypoints_of(given: Waypoints | ArrayLike | str | Path, robot: Robot) -> Waypoints:
     """Return waypoints given by themselves, as rows, or by the path of a CSV file."""
     if isinstance(given, Waypoints):
         return given
@@ -563,12 +527,25 @@ def _waypoints_of(given: Waypoints | ArrayLike, robot: Robot) -> Waypoints:
     return Waypoints(points)
 
 
+def with_plan_file(
+    plan: Path | None, robot: Robot, options: PlanOptions
+) -> tuple[Waypoints | None, PlanOptions]:
+    """Return the waypoints of a plan file, if there are any, and options with its surroundings."""
+    if plan is None:
+        return None, options
+    written, workspace = read_plan(plan, robot), options.workspace
+    if written.workspace is not None:
+        workspace = workspace or Box(*written.workspace)
+    obstacles = (*(Box(*corners) for corners in written.obstacles), *options.obstacles)
+    return written.waypoints, replace(options, obstacles=obstacles, workspace=workspace)
+
+
 @public
 def plan_trajectory(
     robot: RobotLike,
     options: PlanOptions = PlanOptions(),
     *,
-    waypoints: Waypoints | ArrayLike | None = None,
+    waypoints: Waypoints | ArrayLike | str | Path | None = None,
     earlier: EarlierLike | Sequence[EarlierLike] = (),
     urdf: str | Path | None = None,
     base: BaseModel | None = None,
@@ -600,8 +577,8 @@ def plan_trajectory(
     Example:
         dynid.plan_trajectory("kuka_lwr4plus", duration=20.0, seconds=30.0)
     """
-    robot = as_robot(robot)
-    before = _earlier_of(earlier, robot)
+    robot, begin = as_robot(robot), time.monotonic()
+    before = list(_earlier_of(earlier, robot))
     through = None if waypoints is None else _waypoints_of(waypoints, robot)
     urdf = None if urdf is None else arguments.path(urdf, "urdf")
     known_drawing = "dynid.trajectory.preview.Drawing"
@@ -610,20 +587,22 @@ def plan_trajectory(
         for_gap = read_record(arguments.path(for_gap, "for_gap"))
     wanted = "what dynid.find_gap returns, or the path of its gap.npz"
     for_gap = arguments.optional(for_gap, GapRecord, "for_gap", wanted)
-    begin = time.monotonic()
-    base = _plain(base or base_model(robot))
-    noise, source = _torque_noise(robot, options.noise, before, options.rate)
-    known, believed = _information(base, before, noise)
-    context = planning_context(base, options, noise, known, believed)
-    experiment = None if for_gap is None else GapExperiment.of(for_gap, context)
-    outcome, until = None, begin + options.seconds
+    base = _without_effects(base or base_model(robot))
+    results = [each for each in before if isinstance(each, Identification)]
+    noise, source = _torque_noise(robot, options.noise, results, options.rate)
+    context = planning_context(base, options, noise, *_information(base, before, noise))
+    question = None if for_gap is None else question_of(for_gap, base, context.theta)
+    outcome, until, search = None, begin + options.seconds, None
+    stage("plan" if through else "search")
     if through is not None:
-        stage("plan")
-        path = through_waypoints(through.q, context.limits, through.times)
+        path, until = through_waypoints(through.q, context.limits, through.times), np.inf
         candidates: Iterable[Proposal] = [Proposal(path.slowed(options.alpha))]
-        until = np.inf
     else:
-        outcome = _searched(context, experiment, until)
+        limit = search_time(until - time.monotonic())
+        if question is not None:
+            outcome = separate(plan_problem(context), base, question, options, limit)
+        elif options.optimise:
+            outcome = optimise(plan_problem(context), options, limit)
         candidates = proposals(context, outcome)
     stage("clearance")
 
@@ -636,6 +615,9 @@ def plan_trajectory(
 
     chosen, (check, clearance) = first_accepted(candidates, safe, until)
     stage("predict")
+    if through is None:
+        ended = (outcome.ended, outcome.finished) if outcome else ("no search", 0)
+        search = SearchRecord(options.seed, *ended, chosen.share)
     plan = Plan(
         robot=context.robot,
         options=options,
@@ -648,34 +630,20 @@ def plan_trajectory(
         **once_more(lambda: _predicted(context, chosen.trajectory)),
         noise=noise,
         noise_from=source,
-        search=SearchRecord.of(outcome, options.seed, chosen.share) if through is None else None,
+        search=search,
         urdf=urdf,
-        unexplained=_unexplained(before),
-        outlook=() if experiment is None else experiment.outlook(chosen.trajectory),
+        unexplained=_unexplained(results),
+        outlook=() if question is None else tuple(outlook(base, question, chosen.trajectory)),
     )
-    if outcome is not None and experiment is None and not before:
+    if outcome is not None and question is None and not before:
         require_teaching(plan)
     return plan
 
 
-def _searched(
-    context: PlanningContext, experiment: GapExperiment | None, until: float
-) -> SearchOutcome | None:
-    """Search until a time for the motion that tells most; None where a random one is wanted."""
-    stage("search")
-    limit = search_time(until - time.monotonic())
-    if experiment is not None:
-        return experiment.search(context, limit)
-    options = context.options
-    return optimise(plan_problem(context), options, limit) if options.optimise else None
-
-
-def _unexplained(earlier: Sequence[Earlier]) -> float | None:
+def _unexplained(results: Sequence[Identification]) -> float | None:
     """Return the rms torque that the first of earlier results leaves whatever the parameters; None without one."""
-    for each in earlier:
-        if isinstance(each, Identification) and each.expected:
-            return float(np.sqrt(np.mean(each.expected.noise**2)))
-    return None
+    known = (each.expected.noise for each in results if each.expected)
+    return next((float(np.sqrt(np.mean(noise**2))) for noise in known), None)
 
 
 def require_teaching(plan: Plan) -> None:
@@ -702,7 +670,7 @@ def require_teaching(plan: Plan) -> None:
     raise PlanTeachesLittle(f"{error}, {more}: {', '.join(reasons)}")
 
 
-def _plain(base: BaseModel) -> BaseModel:
+def _without_effects(base: BaseModel) -> BaseModel:
     """Return the base model that motions are planned with: without the effects of the robot file.
 
     Why: some effects follow the whole motion, and none has a slope that a search could go down.
@@ -713,16 +681,6 @@ def _plain(base: BaseModel) -> BaseModel:
     return base_model(replace(base.robot, effects=()))
 
 
-def trajectory_of(stored: StoredTrajectory) -> Trajectory:
-    """Return the motion of trajectory.npz as coefficients of its family."""
-    with reading(Path(stored.source or "the trajectory")):
-        basis = basis_from(dict(stored.basis))
-        count = len(stored.coefficients)
-        if count != basis.size:
-            raise ValueError(f"it has {count} coefficients of each joint, expected {basis.size}")
-    return Trajectory(basis, stored.coefficients, stored.alpha)
-
-
 def _shown(drawing: Drawing, context: PlanningContext, trajectory: Trajectory) -> Drawing:
     """Return what to draw of a motion, with its title and what draws it."""
     title = f"{context.robot.name}, alpha {trajectory.alpha:g}, {trajectory.duration:.1f} s"
@@ -731,19 +689,17 @@ def _shown(drawing: Drawing, context: PlanningContext, trajectory: Trajectory) -
 
 def _predicted(context: PlanningContext, trajectory: Trajectory) -> dict[str, Any]:
     """Return what of a plan says what it will teach, by name."""
-    base, noise, options = context.base, context.noise, context.options
-    columns, beliefs = base.reduction.base, (context.other, context.believed)
-    full = replace(trajectory, alpha=1.0)
-    prediction = predict(base.model, columns, trajectory.sampled(options.rate), noise, *beliefs)
-    cost = prediction.std_error * np.sqrt(np.diag(context.other))
-    samples = len(full.sampled(options.rate))
-    alphas = alpha_table(
-        trajectory, base.model, columns, noise, context.other, samples, context.believed
-    )
-    weakest = base.reduction.base_names[int(np.argmax(cost))]
-    return {"prediction": prediction, "alphas": alphas, "weakest": weakest}
+    base, noise, rate = context.base, context.noise, context.options.rate
+    model, columns, other, known = base.model, base.reduction.base, context.other, context.believed
+    prediction = predict(model, columns, trajectory.sampled(rate), noise, other, known)
+    samples = len(replace(trajectory, alpha=1.0).sampled(rate))
+    alphas = alpha_table(trajectory, model, columns, noise, other, samples, known)
+    weakest = int(np.argmax(prediction.std_error * np.sqrt(np.diag(other))))
+    names = base.reduction.base_names
+    return {"prediction": prediction, "alphas": alphas, "weakest": names[weakest]}
 
 
+# ---------------------------------------------------------------- motions planned before
 @dataclass(frozen=True)
 class Reviewed:
     """A motion that was planned before and passed the checks once more.
@@ -752,6 +708,7 @@ class Reviewed:
         robot: the arm.
         options: surroundings and margins that it was judged with.
         stored: what its file holds.
+        trajectory: the motion as coefficients of its family.
         clearance: how far it stays away from everything.
         urdf: shapes of the arm; None for cylinders along the DH table.
     """
@@ -759,21 +716,20 @@ class Reviewed:
     robot: Robot
     options: PlanOptions
     stored: StoredTrajectory
+    trajectory: Trajectory
     clearance: Clearance
     urdf: Path | None
 
-    def accepted(self, *, seen: bool = True) -> StoredTrajectory:
-        """Return the motion with the mark of the person at this machine, who has seen it in these surroundings."""
-        return self.stored.accepted(seen=seen, scene=scene_facts(self.options, self.urdf))
-
-    def window(self) -> AbstractContextManager[None]:
-        """Show the motion in PyBullet's window; see ``Plan.window``."""
-        return window(trajectory_of(self.stored), self.robot, self.urdf, self.options.scene)
+    def accept(self, *, seen: bool = True) -> None:
+        """Write its file with the mark of the person at this machine, who has seen it in these surroundings."""
+        accepted = self.stored.accepted(seen=seen, scene=scene_facts(self.options, self.urdf))
+        assert accepted.source is not None
+        write_trajectory(accepted.source, accepted)
 
 
 def review_trajectory(
     robot: Robot,
-    stored: StoredTrajectory,
+    path: Path,
     options: PlanOptions = PlanOptions(),
     *,
     urdf: Path | None = None,
@@ -784,7 +740,7 @@ def review_trajectory(
 
     Args:
         robot: the arm.
-        stored: the motion.
+        path: trajectory.npz.
         options: margin, tool speed and surroundings; what concerns planning does not count.
         urdf: the arm's own shapes; cylinders along the DH table when None.
         base: the arm's base model, where it is there already.
@@ -794,25 +750,61 @@ def review_trajectory(
         LimitBroken: it breaks a limit (E501).
         Collision: something comes too near (E502).
     """
-    context = planning_context(_plain(base or base_model(robot)), options)
-    trajectory = trajectory_of(stored)
+    stored = read_trajectory(path, robot)
+    with reading(path):
+        basis, count = basis_from(dict(stored.basis)), len(stored.coefficients)
+        if count != basis.size:
+            raise ValueError(f"it has {count} coefficients of each joint, expected {basis.size}")
+    trajectory = Trajectory(basis, stored.coefficients, stored.alpha)
+    context = planning_context(_without_effects(base or base_model(robot)), options)
     require_within_limits(context.check(trajectory), options.margin)
     shown = _shown(drawing or Drawing(), context, trajectory)
     clearance = require_clear_motion(context, trajectory, urdf, shown, given=True)
-    return Reviewed(robot, options, stored, clearance, urdf)
+    return Reviewed(robot, options, stored, trajectory, clearance, urdf)
 
 
-def plan_inputs(robot: Robot, options: PlanOptions, files: Mapping[str, Path]) -> dict[str, str]:
+def in_window(motion: Plan | Reviewed) -> AbstractContextManager[None]:
+    """Show a motion in PyBullet's window for the length of a ``with`` block.
+
+    Raises:
+        NoDisplay: there is no display.
+    """
+    return window(motion.trajectory, motion.robot, motion.urdf, motion.options.scene)
+
+
+def stored_answer(robot: Robot, path: Path) -> Answer:
+    """Return the answer of a motion that is there already, and what to do with it."""
+    stored = read_trajectory(path, robot)
+    facts = stored.facts.get("answer", {})
+    return Answer(
+        {**facts, "reviewed": stored.reviewed},
+        plan_sentence(robot, facts) if facts else "",
+        next=[next_step(robot, path, reviewed=stored.reviewed)],
+    )
+
+
+def next_step(robot: Robot, path: Path, *, reviewed: bool) -> Step:
+    """Return what to do with a motion: record it, or look at it before."""
+    if reviewed:
+        why = "Record it. This moves the arm and asks first."
+        return Step(why, f"dynid record {robot.word} {shell(path)}")
+    why = "Look at it and accept it: an arm plays no motion that nobody has seen."
+    return Step(why, f"dynid trajectory {robot.word} {shell('--review', path)}")
+
+
+def plan_inputs(
+    robot: Robot, options: PlanOptions, files: Mapping[str, Path | None]
+) -> dict[str, str]:
     """Return what a plan depends on, for its header.
 
     Args:
         robot: the arm; beyond its model, its limits, base pose, prior and torque noise count.
         options: what is wanted.
-        files: further files by what they are.
+        files: further files by what they are; None for one that is not given.
     """
     joints = [asdict(joint.limits) for joint in robot.joints]
     bodies = [asdict(each) if each else None for each in (robot.prior, robot.tool)]
     parts = [joints, robot.base_xyz, robot.base_rpy, *bodies, robot.torque.noise]
     limits = hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
-    hashes = {name: sha256(path) for name, path in files.items()}
+    hashes = {name: sha256(path) for name, path in files.items() if path is not None}
     return {"robot": robot.model_key, "limits": limits, **hashes, **options.texts()}

@@ -11,7 +11,6 @@ from dynid import (
     Gap,
     GapOptions,
     PlanOptions,
-    earlier_logs,
     find_gap,
     identify,
     load_log,
@@ -23,7 +22,7 @@ from dynid.cli.session import plain
 from dynid.errors import WrongUsage
 from dynid.loading import load_run
 from dynid.robot import Known
-from dynid.workflows.gap import joint_indices
+from dynid.workflows.gap import earlier_logs, joint_indices
 from dynid.workflows.identify import save_result
 
 EFFECTS = "spring,torque_offset,asymmetric_viscous"
@@ -143,7 +142,7 @@ def test_a_kept_model_is_compared_with_the_same_motion_before(arm, springy):
     found = find_gap(result, new, mode="frozen", earlier=logs[::2])
     assert [(one.effect, one.indices) for one in found.named] == [("coulomb_change", (1,))]
     assert found.named[0].values["c"] == pytest.approx(0.4, rel=0.1)
-    assert "row by row" in found.noise_text
+    assert "row by row" in found.noise_note
 
 
 def test_logs_of_a_result_are_found_again_where_they_are_what_they_were(arm, tmp_path):
@@ -153,13 +152,13 @@ def test_logs_of_a_result_are_found_again_where_they_are_what_they_were(arm, tmp
     read = [load_log(path, arm) for path in paths]
     result = identify(arm, read)
     new = log(3, 7)
-    assert [one.source for one in earlier_logs(result, [new])] == paths
+    assert [one.source for one in earlier_logs(result, [new], GapOptions())] == paths
     asked = GapOptions(ask="changed")
     assert [one.source for one in earlier_logs(result, [read[0]], asked)] == paths[1:], (
         "a log is not compared with itself"
     )
     log(1, 99).save(paths[0])
-    assert [one.source for one in earlier_logs(result, [new])] == paths[1:]
+    assert [one.source for one in earlier_logs(result, [new], GapOptions())] == paths[1:]
 
 
 def test_joints_are_names_numbers_and_ranges():
@@ -275,7 +274,8 @@ def test_earlier_logs_are_found_in_folders_and_from_another_working_folder(
     arm, tmp_path, monkeypatch
 ):
     result = stored(arm, tmp_path, monkeypatch)
-    assert [len(each) for each in earlier_logs(result, [])] == [len(log(1, 1)), len(log(2, 2))]
+    there = earlier_logs(result, [], GapOptions())
+    assert [len(each) for each in there] == [len(log(1, 1)), len(log(2, 2))]
 
 
 @pytest.mark.slow
