@@ -8,13 +8,27 @@ the numbers. Source: Gautier & Khalil 1990; pseudo-inertia as in Wensing 2018.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from sympy import Add, Expr, Float, Integer, Matrix, Symbol, cancel, expand, latex, zeros  # noqa: TID253
+from sympy import (  # noqa: TID253
+    Add,
+    Expr,
+    Float,
+    Integer,
+    Matrix,
+    Symbol,
+    cancel,
+    expand,
+    latex,
+    sstr,
+    total_degree,
+    zeros,
+)
 
 from dynid.arrays import Floats
 from dynid.errors import ReductionsDisagree
@@ -67,8 +81,7 @@ def base_parameters(
     at = {name: k for k, name in enumerate(reduction.names)}
     for row, relation in zip(K, relations, strict=True):
         row[[at[term.name] for term in relation]] = [term.value for term in relation]
-    formulas = tuple(f"{base_name(one)} = {_spelled(one, PLAIN)}" for one in relations)
-    return with_added(replace(reduction, K=K, formulas=formulas), model)
+    return with_added(replace(reduction, K=K, formulas=tuple(map(_spelled, relations))), model)
 
 
 def relations_of(
@@ -241,15 +254,9 @@ def _of_first_link(model: Model, still: bool) -> dict[int, Shares]:
 
 
 # ---------------------------------------------------------------- text, JSON and LaTeX
-@dataclass(frozen=True)
-class Notation:
-    """How relations are spelled: a symbol, a product of symbols, what stands between factors, a sum, brackets."""
-
-    symbol: Callable[[str], str]
-    product: Callable[[Expr], str]
-    times: str
-    plus: str
-    brackets: str
+def base_name(relation: Relation) -> str:
+    """Return the name of a base parameter: a combination is called after its representative with an R, ``Ixx2R``."""
+    return relation[0].name + ("R" if len(relation) > 1 else "")
 
 
 def _latex_symbol(name: str) -> str:
@@ -263,79 +270,39 @@ def _latex_symbol(name: str) -> str:
     return rf"{head}_{{{number}{',' * bool(tail)}{tail}}}"
 
 
-def _product(term: Expr) -> str:
-    factor, rest = term.as_coeff_Mul()
-    powers = sorted((x.name, int(power)) for x, power in rest.as_powers_dict().items() if x != 1)
-    names = [name if power == 1 else f"{name}^{power}" for name, power in powers]
-    return "*".join([str(factor)] * (factor != 1 or not names) + names)
-
-
-def _latex_product(term: Expr) -> str:
-    names = {symbol: _latex_symbol(symbol.name) for symbol in term.free_symbols}
-    return str(latex(term, symbol_names=names))
-
-
-PLAIN = Notation(str, _product, "*", "+", "({})")
-LATEX = Notation(_latex_symbol, _latex_product, " ", " + ", r"\left({}\right)")
-
-
-def base_name(relation: Relation) -> str:
-    """Return the name of a base parameter: a combination is called after its representative with an R, ``Ixx2R``."""
-    return relation[0].name + ("R" if len(relation) > 1 else "")
-
-
-def _spelled(relation: Relation, notation: Notation) -> str:
-    """Return what a base parameter is made of, such as ``mcz2 - mcy3 + d3*(m3+m4)``."""
-    parts = []
-    for terms in _factored(relation):
-        body = notation.plus.join(notation.symbol(term.name) for term in terms)
-        body = notation.brackets.format(body) if len(terms) > 1 else body
-        formula, value = terms[0].formula, terms[0].value
-        if formula is None:
-            sign, size = "-" if value < 0 else "+", f"{abs(value):.9g}"
-        else:
-            (sign, first), *more = _monomials(formula)
-            size = "" if first == 1 else notation.product(first)
-            if more:
-                sign, size = "+", notation.brackets.format(_sum(formula, notation.product))
-        parts.append((sign, f"{size}{notation.times}{body}" if size else body))
-    return _joined(parts)
-
-
-def _factored(relation: Relation) -> list[tuple[Term, ...]]:
-    """Return the terms of a relation gathered by equal coefficient: plain ones first and one by one, then by degree."""
-    gathered: dict[object, tuple[Term, ...]] = {}
+def _gathered(relation: Relation) -> list[tuple[Expr, list[Term]]]:
+    """Return the terms of a relation by coefficient: plain ones first and one by one, then by degree."""
+    gathered: dict[tuple[Expr, str], list[Term]] = {}
     for term in relation:
-        key = term.name if term.formula in (None, 1, -1) else term.formula
-        gathered[key] = (*gathered.get(key, ()), term)
+        share = Float(f"{term.value:.9g}", 9) if term.formula is None else term.formula
+        single = term.formula in (None, 1, -1)
+        gathered.setdefault((share, term.name * single), []).append(term)
 
-    def degree(terms: tuple[Term, ...]) -> int:
-        formula = terms[0].formula
-        return 99 if formula is None else max(_degree(size) for _, size in _monomials(formula))
+    def degree(share: Expr) -> float:
+        return math.inf if share.is_Float else total_degree(share) if share.free_symbols else 0
 
-    return sorted(gathered.values(), key=degree)
-
-
-def _monomials(formula: Expr) -> list[tuple[str, Expr]]:
-    """Return sign and size of each term, in rising degree."""
-    terms = expand(formula).as_ordered_terms()
-    signed = [("-", -x) if x.as_coeff_Mul()[0] < 0 else ("+", x) for x in terms]
-    return sorted(signed, key=lambda part: (_degree(part[1]), str(part[1])))
+    return sorted(
+        ((share, x) for (share, _), x in gathered.items()), key=lambda one: degree(one[0])
+    )
 
 
-def _degree(term: Expr) -> int:
-    return sum(abs(int(power)) for x, power in term.as_powers_dict().items() if x.is_Symbol)
+def _sum_of(relation: Relation, name: Callable[[str], str], plus: str, brackets: str) -> Expr:
+    """Return what a base parameter is made of; parameters are symbols with their names, behind their coefficients."""
+    parts = []
+    for share, terms in _gathered(relation):
+        body = plus.join(name(term.name) for term in terms)
+        body = brackets.format(body) if len(terms) > 1 else body
+        parts.append(share * Symbol(body, commutative=False))
+    return Add(*parts, evaluate=False)
 
 
-def _sum(formula: Expr, product: Callable[[Expr], str] = _product) -> str:
-    """Return a formula, such as ``2*ca4*d3``."""
-    return _joined([(sign, product(size)) for sign, size in _monomials(formula)])
+def _plain(formula: Expr) -> str:
+    return str(sstr(formula, order="none")).replace("**", "^")
 
 
-def _joined(parts: list[tuple[str, str]]) -> str:
-    """Join signed terms: the first without a plus sign, the others with spaces round the sign."""
-    text = " ".join(f"{sign} {body}" for sign, body in parts)
-    return text.removeprefix("+ ") if text[0] == "+" else "-" + text[2:]
+def _spelled(relation: Relation) -> str:
+    """Return what a base parameter is made of, such as ``mcz2R = mcz2 - mcy3 + d3*(m3+m4)``."""
+    return f"{base_name(relation)} = {_plain(_sum_of(relation, str, '+', '({})'))}"
 
 
 def relations_text(relations: tuple[Relation, ...], *, alone: bool = False) -> str:
@@ -344,13 +311,12 @@ def relations_text(relations: tuple[Relation, ...], *, alone: bool = False) -> s
     for relation in relations:
         if len(relation) > 1 or alone:
             values = {
-                _sum(term.formula): term.value
-                for term, *_ in _factored(relation)
-                if term.formula is not None and not term.formula.is_Number
+                _plain(share): terms[0].value
+                for share, terms in _gathered(relation)
+                if not share.is_Number
             }
             shown = ", ".join(f"{text} = {value:.6g}" for text, value in values.items())
-            line = f"{base_name(relation)} = {_spelled(relation, PLAIN)}"
-            lines.append(line + (f"    [{shown}]" if values else ""))
+            lines.append(_spelled(relation) + (f"    [{shown}]" if values else ""))
     if missing := unnamed(relations):
         lines.append(f"{missing} coefficients have no formula and are given as numbers only")
     return "\n".join(lines)
@@ -368,9 +334,10 @@ def relations_json(model: Model, relations: tuple[Relation, ...]) -> dict[str, A
             "name": base_name(relation),
             "terms": {term.name: term.value for term in relation},
             "formulas": {
-                term.name: None if term.formula is None else _sum(term.formula) for term in relation
+                term.name: None if term.formula is None else _plain(term.formula)
+                for term in relation
             },
-            "text": f"{base_name(relation)} = {_spelled(relation, PLAIN)}",
+            "text": _spelled(relation),
         }
         for relation in relations
     ]
@@ -392,9 +359,13 @@ def relations_json(model: Model, relations: tuple[Relation, ...]) -> dict[str, A
 
 def relations_latex(relations: tuple[Relation, ...]) -> str:
     """Return the relations of all combinations as a LaTeX ``align*`` environment."""
-    rows = [
-        rf"  {_latex_symbol(relation[0].name)}^{{R}} &= {_spelled(relation, LATEX)}"
-        for relation in relations
-        if len(relation) > 1
-    ]
+    rows = []
+    for relation in relations:
+        if len(relation) > 1:
+            total = _sum_of(relation, _latex_symbol, " + ", r"\left({}\right)")
+            names = {
+                x: _latex_symbol(x.name) if x.is_commutative else x.name for x in total.free_symbols
+            }
+            made_of = latex(total, order="none", symbol_names=names)
+            rows.append(rf"  {_latex_symbol(relation[0].name)}^{{R}} &= {made_of}")
     return "\n".join([r"\begin{align*}", " \\\\\n".join(rows), r"\end{align*}"])
