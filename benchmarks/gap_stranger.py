@@ -1,6 +1,6 @@
 """Cases for ``dynid gap`` from physics alone: arms, motions, recorders and hidden things that share nothing with it.
 
-    python benchmarks/gap_stranger.py --seeds 101-103 --cases 0-59 [--only single] [--out lines.jsonl]
+    python benchmarks/gap_stranger.py --seeds 101-103 --cases 0-59 [--only single] [--out answers.json]
 
 Pinocchio computes all torques. An arm of 3 to 7 random bodies follows a motion under a controller; its torque is rigid
 bodies, rotors, viscous and Coulomb friction, and what is hidden. A recorder adds coloured and quantised noise. Each
@@ -8,14 +8,13 @@ case is a folder as a user would have it (robot file, logs) with ``truth.json``.
 the true rigid body, rotor and friction columns leave of the hidden thing in data without noise, over the noise below
 10 Hz, on the joint that shows it most. Sets: clean, single, double, outside (nothing of the catalogue), changed (the
 model comes from logs before the change). Seeds 1 to 19 are for development, 100 and above for proof. Finished cases are
-kept as JSON lines by commit, seed and case.
+kept by seed and case.
 """
 
 import argparse
 import itertools
 import json
 import os
-import subprocess
 import tempfile
 import time
 from collections.abc import Callable
@@ -1152,18 +1151,13 @@ def numbers(text):
     return [k for span in spans for k in range(int(span[0]), int(span[-1]) + 1)]
 
 
-def commit():
-    """Return which code runs: its commit, with a plus where it was changed since."""
-    line = "git describe --always --dirty=+ --exclude=*"
-    return subprocess.check_output(line.split(), cwd=study.ROOT, text=True).strip()
-
-
 def work(folder, seed, k):
     """Make a case if it is not there, run it, return its line."""
     place = folder / f"{seed}" / f"{k:03d}"
     if not (place / "truth.json").exists():
         make_case(place, seed, k)
-    return run_case(place, json.loads((place / "truth.json").read_text()))
+    row = run_case(place, json.loads((place / "truth.json").read_text()))
+    return json.loads(json.dumps(row, default=float))
 
 
 def main():
@@ -1177,31 +1171,26 @@ def main():
     parser.add_argument("--jobs", type=int, default=1)
     kept = Path(tempfile.gettempdir()) / "gap_stranger"
     parser.add_argument("--folder", type=Path, default=kept, help="where cases are kept")
-    parser.add_argument("--out", type=Path, default=Path("gap_stranger.jsonl"))
-    parser.add_argument("--code", help="name of the code instead of its commit")
+    text = "answers of the code as it is; another file for other code"
+    parser.add_argument("--out", type=Path, default=Path("gap_stranger.json"), help=text)
     args = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    code = args.code or commit()
-    wanted = {(seed, k) for seed in args.seeds for k in args.cases}
-    rows = map(json.loads, args.out.read_text().splitlines() if args.out.exists() else [])
-    rows = [row for row in rows if row["code"] == code and (row["seed"], row["case"]) in wanted]
-    jobs = []
-    for seed, k in sorted(wanted - {(row["seed"], row["case"]) for row in rows}):
-        kind = CYCLE[k % len(CYCLE)]
+    answers, jobs, wanted = study.Answers(args.out), [], []
+    for seed, k in itertools.product(args.seeds, args.cases):
+        kind, name = CYCLE[k % len(CYCLE)], f"{seed}/{k:02d}"
         if args.only in (None, kind, "single" if kind == "stribeck" else kind):
-            jobs.append((args.folder, seed, k))
-    print(f"code {code}: {len(jobs)} to do", flush=True)
+            wanted.append(name)
+            jobs += [] if name in answers else [(args.folder, seed, k)]
+    print(f"{len(jobs)} to do", flush=True)
     with ProcessPoolExecutor(args.jobs) as pool:
         for row in pool.map(work, *zip(*jobs, strict=True)):
-            rows.append(row | {"code": code})
-            with args.out.open("a") as file:
-                file.write(json.dumps(rows[-1], default=float) + "\n")
+            name = f"{row['seed']}/{row['case']:02d}"
+            answers.keep(name, row)
             hidden = ", ".join(f"{n}@{j} {v:.2f}" for n, j, v in row["effects"]) or "-"
             told = ", ".join(f"{n}@{'+'.join(j)}" for n, j, *_ in row.get("told", ())) or "-"
-            head = f"{row['seed']}/{row['case']:02d} {row['set']:8} {row['kind']:15}"
-            print(f"{head} {row['seconds']:5.1f} s  {hidden}  ->  {told}", flush=True)
-    if rows:
-        print(table(rows))
+            head = f"{name} {row['set']:8} {row['kind']:15} {row['seconds']:5.1f} s"
+            print(f"{head}  {hidden}  ->  {told}", flush=True)
+    print(table([answers[name] for name in wanted]))
 
 
 if __name__ == "__main__":

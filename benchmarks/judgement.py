@@ -12,7 +12,6 @@ part is replayed, and a third one tells whether the lights were right.
 
 import argparse
 import itertools
-import json
 import math
 import tempfile
 import time
@@ -21,7 +20,9 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import beta
 
+import study
 from dynid.cli.session import plain
 from dynid.errors import DynidError
 from dynid.estimation.stack import stack_logs
@@ -36,6 +37,7 @@ from dynid.workflows.model import base_model
 from dynid.workflows.report import report
 from dynid.workflows.simulate import simulate
 from dynid.workflows.validate import validate
+from real_arms import pairs, part
 
 #: Arms, and what may be hidden at a joint: an effect of the catalogue with its numbers by the torque of the joint.
 ARMS = ("scara", "ur5e", "kuka_lwr4plus")
@@ -288,40 +290,30 @@ def true_floor(case, result, unseen):
 # ---------------------------------------------------------------- recordings
 def recordings(data):
     """Yield name, arm, fitted, replayed and judging logs of recordings of real arms."""
-    from real_arms import pairs, part
-
     whole = {}
     for pair in pairs(data):
-        for name, log in (
-            *((f"fitted {k}", log) for k, log in enumerate(pair.fitted)),
-            *pair.unseen,
-        ):
-            seconds = float(log.t[-1] - log.t[0])
-            if pair.name.startswith(("LWR4+", "AIRBOT", "Shanghai", "arm")) or len(pair.fitted) > 1:
+        fitted = [(f"fitted {k}", log) for k, log in enumerate(pair.fitted)]
+        for name, log in (*fitted, *pair.unseen):
+            if pair.name.startswith(("LWR4+", "AIRBOT", "Shanghai", "arm")) or len(fitted) > 1:
                 whole[log.sha256 or f"{pair.name} {name}"] = (pair.robot, log)
-            halves = [part(log, 0.0, seconds / 2), part(log, seconds / 2, 1e9)]
-            if (name, log) in pair.unseen:
-                for k in (0, 1):
-                    yield (
-                        f"{pair.name} -> {name}, half {k + 1}",
-                        pair.robot,
-                        pair.fitted,
-                        halves[k],
-                        halves[1 - k],
-                    )
+        for name, log in pair.unseen:
+            for k, halves in enumerate(itertools.permutations(cut(log, 2))):
+                title = f"{pair.name} -> {name}, half {k + 1}"
+                yield title, pair.robot, pair.fitted, *halves
     for key, (robot, log) in whole.items():
-        seconds = float(log.t[-1] - log.t[0])
-        cuts = [part(log, k * seconds / 4, (k + 1) * seconds / 4) for k in range(4)]
-        for first, second in itertools.combinations(range(4), 2):
-            rest = [k for k in range(4) if k not in (first, second)]
-            for replayed, judging in (rest, rest[::-1]):
-                yield (
-                    f"{robot.name} {key[:8]}, quarters {first + 1} {second + 1} -> {replayed + 1} {judging + 1}",
-                    robot,
-                    (cuts[first], cuts[second]),
-                    cuts[replayed],
-                    cuts[judging],
-                )
+        cuts = cut(log, 4)
+        for first, second, *rest in itertools.permutations(range(4)):
+            if first < second:
+                numbers = f"{first + 1} {second + 1} -> {rest[0] + 1} {rest[1] + 1}"
+                title = f"{robot.name} {key[:8]}, quarters {numbers}"
+                yield title, robot, (cuts[first], cuts[second]), *(cuts[k] for k in rest)
+
+
+def cut(log, count):
+    """Return parts of a log of one length."""
+    seconds = float(log.t[-1] - log.t[0]) / count
+    ends = [*(k * seconds for k in range(count)), 1e9 if count == 2 else count * seconds]
+    return [part(log, *each) for each in itertools.pairwise(ends)]
 
 
 def run_recording(name, robot, fitted, replay, judging):
@@ -368,56 +360,49 @@ def calibration(rows, stage=None):
 
 def proved(right, count):
     """Return the share that is exceeded with a confidence of 95 % (Clopper and Pearson)."""
-    from scipy.stats import beta
-
     return float(beta.ppf(0.05, right, count - right + 1)) if right else 0.0
 
 
 def table(rows):
     """Return rates of good and bad, and contradictions, after each command."""
-    lines = ["| evidence | cases | contradict | good: right | proved | bad: wrong | at most |"]
-    lines += ["| --- | ---: | ---: | ---: | ---: | ---: | ---: |"]
-    count = sum(bool(row["contradictions"]) for row in rows)
+    lines, count = [], sum(bool(row["contradictions"]) for row in rows)
     for stage in ("identify", "validate", "report", None):
         good, right, bad, wrong = calibration(rows, stage)
-        lines.append(
-            f"| after {stage or 'the last command'} | {len(rows)} | {count} | {right} of {good} | "
-            f"{100 * proved(right, good):.0f} % | {wrong} of {bad} | {100 * (1 - proved(bad - wrong, bad)):.0f} % |"
-        )
-    return "\n".join(lines)
+        least, most = proved(right, good), 1 - proved(bad - wrong, bad)
+        counts = f"{right} of {good}", f"{100 * least:.0f} %", f"{wrong} of {bad}"
+        title = f"after {stage or 'the last command'}"
+        lines.append([title, len(rows), count, *counts, f"{100 * most:.0f} %"])
+    head = "evidence | cases | contradict | good: right | proved | bad: wrong | at most"
+    return study.markdown(head, lines)
 
 
 # ---------------------------------------------------------------- command
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("judgement.json"))
-    parser.add_argument(
-        "--kind", choices=("situations", "lights", "recordings"), default="situations"
-    )
-    parser.add_argument("--data", type=Path, default=Path("../shared/data"))
+    kinds = "situations", "lights", "recordings"
+    parser.add_argument("--kind", choices=kinds, default="situations")
+    parser.add_argument("--data", type=Path, default=study.DATA)
     parser.add_argument("--cases", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--minutes", type=float, default=60.0)
     given = parser.parse_args()
-    rows = json.loads(given.out.read_text()) if given.out.exists() else []
-    done, end = {row.get("name", row.get("seed")) for row in rows}, time.time() + 60 * given.minutes
+    answers, end = study.Answers(given.out), time.time() + 60 * given.minutes
     if given.kind == "recordings":
         work = ((each[0], partial(run_recording, *each)) for each in recordings(given.data))
     else:
         searched = given.kind == "situations"
         make = case_of if searched else light_case_of
         seeds = range(1000 * given.seed, 1000 * given.seed + given.cases)
-        work = ((seed, partial(run, make(seed), searched)) for seed in seeds)
+        work = ((str(seed), partial(run, make(seed), searched)) for seed in seeds)
     for name, task in work:
-        if name in done or time.time() > end:
-            continue
-        row = task()
-        rows.append(row)
-        given.out.write_text(json.dumps(rows))
-        state = list(row["states"].values())[-1] if "states" in row else row["refused"]
-        what = (row.get("arm", ""), row.get("hidden", ""), state, row["contradictions"])
-        print(name, *what, flush=True)
-    print(table(rows))
+        if name not in answers and time.time() < end:
+            row = task()
+            answers.keep(name, row)
+            state = list(row["states"].values())[-1] if "states" in row else row["refused"]
+            what = (row.get("arm", ""), row.get("hidden", ""), state, row["contradictions"])
+            print(name, *what, flush=True)
+    print(table(answers.values()))
 
 
 if __name__ == "__main__":

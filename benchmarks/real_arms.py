@@ -21,19 +21,14 @@ from dynid.estimation.least_squares import relative_error
 from dynid.robot import DriverSpec, JointMap
 from dynid.signals.columns import take_samples
 from dynid.workflows.parameters import observe
+from runner import rows
 
 #: Robot, recording, and the seconds that are fitted.
-PARTS = (
-    ("ur10", "ur10_salerno/exc.npz", 18.0),
-    ("ur10", "ur10_salerno/exc.npz", 13.0),
-    ("ur10", "ur10_salerno/exc.npz", 9.0),
-    ("staubli_tx40", "tx40/exc.npz", 5.0),
-    ("staubli_tx40", "tx40/exc.npz", 3.5),
-    ("staubli_tx40", "tx40/exc.npz", 2.5),
-    ("franka_panda", "panda_salerno/exc.npz", 16.0),
-    ("franka_panda", "panda_salerno/exc.npz", 13.0),
-    ("franka_panda", "panda_salerno/exc.npz", 10.0),
-)
+PARTS = """
+ur10         | ur10_salerno/exc.npz  | 18 13 9
+staubli_tx40 | tx40/exc.npz          | 5 3.5 2.5
+franka_panda | panda_salerno/exc.npz | 16 13 10
+"""
 #: Share of the prior's variance from which on a parameter comes from the data.
 DOMINATED = 0.9
 RUNS = ((1,), (2,), (3,), (1, 2), (1, 3), (2, 3))
@@ -74,10 +69,11 @@ def pairs(data):
     arm = load_robot("kuka_lwr4plus")
     logs = {k: load_log(data / f"kuka_lwr4plus/run{k}.bag", arm) for k in (1, 2, 3)}
     yield from several("LWR4+ run", arm, logs, RUNS)
-    for robot, recording, seconds in PARTS:
+    for robot, recording, seconds in rows(PARTS):
         arm = load_robot(robot)
         log = load_log(data / recording, arm)
-        yield begun(arm, log, seconds)
+        for each in seconds.split():
+            yield begun(arm, log, float(each))
     arm = load_robot(data / "rokae_xmate3/rokae.yaml")
     log = load_log(data / "rokae_xmate3/joint_all.csv", arm)
     halves = {"A": part(log, 0.0, 10.0), "B": part(log, 10.0, 1e9)}
@@ -118,10 +114,10 @@ def both(arm, logs):
 
 def least_squares(factors, weight):
     """Return least squares of rows, each joint with a weight; the shortest where rank is short."""
-    rows = (factors * weight[:, None, None]).reshape(-1, factors.shape[-1])
-    length = np.linalg.norm(rows[:, :-1], axis=0)
+    W = (factors * weight[:, None, None]).reshape(-1, factors.shape[-1])
+    length = np.linalg.norm(W[:, :-1], axis=0)
     length[length == 0.0] = 1.0
-    return np.linalg.lstsq(rows[:, :-1] / length, rows[:, -1], rcond=1e-10)[0] / length
+    return np.linalg.lstsq(W[:, :-1] / length, W[:, -1], rcond=1e-10)[0] / length
 
 
 def baseline(pair, unseen, cutoff):
@@ -181,8 +177,8 @@ def apart(data, results):
     rokae, airbot = (load_robot(data / name).name for name in names)
     yield "Rokae halves", results[f"{rokae} A"], results[f"{rokae} B"]
     yield "AIRBOT chirp, trapezoid", results[f"{airbot} chirp"], results[f"{airbot} trapezoid"]
-    for robot, recording, seconds in PARTS[1::3]:
-        arm = load_robot(robot)
+    for robot, recording, every in rows(PARTS):
+        arm, seconds = load_robot(robot), float(every.split()[1])
         log = load_log(data / recording, arm)
         try:
             halves = [
@@ -224,10 +220,10 @@ def main():
             refused.append(f"\nRefused: {pair.name}: {error}.")
     ratio = np.array([o.default / o.expected for o in every])
     within, wide = (100 * np.mean((ratio < 1.5) & (ratio > low)) for low in (1 / 1.5, 0.5))
-    rows = []
+    lines = []
     for o, over in zip(every, ratio, strict=True):
         figures = (o.default, o.alone, o.plain, o.ols, o.wls, o.expected, over)
-        rows.append([o.name, o.in_force, *(f"{x:.2f}" for x in figures)])
+        lines.append([o.name, o.in_force, *(f"{x:.2f}" for x in figures)])
     head = "pair | in force | default | parameters alone | plain | OLS | WLS | expected"
     print(f"""\
 # Recordings of real arms
@@ -235,7 +231,7 @@ def main():
 Total relative torque error on what was not fitted [%]. OLS and WLS are least
 squares of the filtered rows, without anything else.
 
-{study.markdown(f"{head} | true / expected", rows)}
+{study.markdown(f"{head} | true / expected", lines)}
 {"".join(refused)}
 True over expected error: median {np.median(ratio):.2f}, {within:.0f} % within a factor of 1.5,
 {wide:.0f} % between 0.5 and 1.5.
@@ -243,8 +239,8 @@ True over expected error: median {np.median(ratio):.2f}, {within:.0f} % within a
 Parameters that agree between two recordings within 1.96 combined standard errors, and median |z|.
 Those count as from the data of which both runs took {100 * DOMINATED:.0f} % of the prior's variance.
 """)
-    rows = [[name, *intervals(a, b)] for name, a, b in apart(data, results)]
-    print(study.markdown("recordings | in force | from the data | plain", rows))
+    lines = [[name, *intervals(a, b)] for name, a, b in apart(data, results)]
+    print(study.markdown("recordings | in force | from the data | plain", lines))
 
 
 if __name__ == "__main__":

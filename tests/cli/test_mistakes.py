@@ -5,16 +5,17 @@ Rows of motions and of the arm itself stand with the commands that can make them
 
 import re
 import shutil
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import twolink
 from dynid.npz import write_artifact
 from makelogs import kinova, state_messages, write_bag
 from motions import pose_to_pose
+from runner import rows
 
 ROOT = Path(__file__).parents[2]
 BAG = ROOT / "trajectories/lwr4plus_validate.bag"
@@ -22,68 +23,18 @@ CHECK = "check arm.yaml log.csv"
 IDENTIFY = "identify arm.yaml log.csv"
 
 
-@dataclass(frozen=True)
-class Mistake:
-    """One row: what is spoilt, what is said, what repairs it.
-
-    Attributes:
-        code: of the error.
-        says: pattern that the first line matches.
-        line: the command.
-        status: of the exit.
-        robot: (old, new) text of arm.yaml that spoils it.
-        log: spoils the columns of log.csv.
-        fix: what the printed advice comes to: words to add, (old, new) text of arm.yaml, or None when only a new
-            recording helps.
-        advice: what the fix line holds; the words to add where there are any.
-    """
-
-    code: str
-    says: str
-    line: str = CHECK
-    status: int = 3
-    robot: tuple[str, str] | None = None
-    log: object = None
-    fix: str | tuple[str, str] | None = None
-    advice: str = ""
-
-
-def in_file(code, says, old, new, fix=None, advice=""):
-    """Return a mistake in the robot file, which the old text repairs unless another fix is given."""
-    line, fix = "check arm.yaml", fix or (new, old)
-    return Mistake(code, says, line, robot=(old, new), fix=fix, advice=advice)
-
-
-def above_joints(line):
-    return "joints:", f"{line}\njoints:"
-
-
-def in_units(code, says, units, log):
-    """Return a mistake that the units of a driver repair."""
-    fix = above_joints(f"driver: {{kind: generic, units: {{{units}}}}}")
-    return Mistake(code, says, log=log, fix=fix, advice=units)
-
-
 def spoil(key, change):
     """Return a function that replaces one kind of column."""
-
-    def spoilt(columns):
-        columns[key] = change(columns[key].copy())
-
-    return spoilt
+    return lambda columns: {**columns, key: change(columns[key])}
 
 
-def put(rows, column, value):
-    def change(values):
-        values[(rows, column) if values.ndim == 2 else rows] = value
-        return values
-
-    return change
-
-
-def keep(rows):
+def keep(some):
     """Return a function that keeps some rows of all columns."""
-    return lambda columns: {key: values[rows] for key, values in columns.items()}
+    return lambda columns: {key: values[some] for key, values in columns.items()}
+
+
+def without_twelve_torques(columns):
+    columns["tau"][300:312, 1] = np.nan
 
 
 def poses(gravity=1.0, zero=0.0):
@@ -98,139 +49,39 @@ def poses(gravity=1.0, zero=0.0):
     return change
 
 
-ROWS = [
-    in_file(
-        "E201",
-        r"arm.yaml:2: unknown key 'convetion'; did you mean 'convention'\?",
-        "convention",
-        "convetion",
-    ),
-    in_file(
-        "E202",
-        r"arm.yaml:\d+: joints\[0\].twist = 90 rad is more than a full turn",
-        "shoulder, a: 0.4",
-        "shoulder, twist: 90, a: 0.4",
-        ("convention:", "angle_unit: deg\nconvention:"),
-        "angle_unit: deg",
-    ),
-    in_file("E203", r"joints\[1\].a = '3e-1' is text in YAML; write 3.0e-1", "a: 0.3", "a: 3e-1"),
-    in_file("E203", r"joints\[1\].a", "a: 0.3", "a: 0x"),
-    in_file(
-        "E204",
-        "standard or modified",
-        "convention: standard\n",
-        "",
-        ("name: arm", "name: arm\nconvention: standard"),
-        "convention: standard",
-    ),
-    in_file("E206", r"981 m/s\^2", "-9.81", "-981"),
-    in_file(
-        "E207",
-        "arm.yaml:2: key 'name' is given twice",
-        "name: arm\n",
-        "name: arm\nname: arm\n",
-    ),
-    Mistake("E205", r"no robot 'kinova_gen'; did you mean 'kinova_gen2'\?", "model kinova_gen", 2),
-    Mistake("E301", r"no such file logg.csv; nearby: log.csv", "check arm.yaml logg.csv"),
-    Mistake("E301", r"no such file logg.csv; nearby: log.csv", "identify arm.yaml logg.csv"),
-    Mistake(
-        "E306",
-        r"elbow torque is not a number in 12 samples, first at t = 3.000 s \(row 301\)",
-        log=spoil("tau", put(slice(300, 312), 1, np.nan)),
-        fix="--exclude 2.999-3.111",
-    ),
-    in_units(
-        "E307",
-        r"position spans .*degrees\? limits are \+-3.00 rad",
-        "position: deg, velocity: deg/s",
-        lambda c: {**c, "q": np.degrees(c["q"]), "qd": np.degrees(c["qd"])},
-    ),
-    in_units(
-        "E308",
-        r"shoulder velocity is 57.\d x the change of position: deg/s",
-        "velocity: deg/s",
-        spoil("qd", np.degrees),
-    ),
-    Mistake(
-        "E308",
-        "elbow velocity has the opposite sign",
-        IDENTIFY,
-        log=spoil("qd", lambda v: v * [1, -1]),
-        fix="--velocity derived",
-    ),
-    Mistake(
-        "E309",
-        "log.csv names shoulder, elbow; the robot file expects schulter, elbow",
-        robot=("name: shoulder", "name: schulter"),
-        fix=above_joints("driver: {kind: generic, joint_names: [shoulder, elbow]}"),
-        advice="joint_names: [shoulder, elbow]",
-    ),
-    Mistake(
-        "E309",
-        r"shoulder and elbow look swapped \(correlation",
-        IDENTIFY,
-        log=spoil("qd", lambda v: v[:, ::-1]),
-        fix="--velocity derived",
-    ),
-    Mistake(
-        "E311",
-        r"time goes back 4.99 s at row 1501 \(t = 14.99 s\): two recordings joined\?",
-        log=spoil("t", lambda t: t - 5 * (np.arange(len(t)) >= 1500)),
-        fix="--exclude 10.000-14.990",
-    ),
-    Mistake(
-        "E312",
-        r"\d+ % of the samples are missing \(9 gaps",
-        log=keep(np.flatnonzero(np.arange(2000) % 200 < 180)),
-    ),
-    Mistake(
-        "E313", "s of motion; about 18 parameters need about", status=4, log=keep(slice(0, 60))
-    ),
-    Mistake(
-        "E314",
-        r"joint states arrive at 5.0 Hz",
-        status=4,
-        log=keep(slice(None, None, 20)),
-        advice="rate",
-    ),
-    Mistake(
-        "E317",
-        "gravity was already removed",
-        log=poses(gravity=0),
-        fix=above_joints("torque: {source: gravity_free}"),
-        advice="gravity_free",
-    ),
-    in_units(
-        "E318",
-        r"torque reaches .*: mNm\? rating 60 Nm",
-        "effort: mNm",
-        spoil("tau", lambda v: 1000 * v),
-    ),
-    Mistake(
-        "E401",
-        "elbow moves 0 rad: its 4 own parameters cannot be found",
-        status=4,
-        log=lambda c: {**c, "q": c["q"] * [1, 0] + [0, 0.3], "qd": c["qd"] * [1, 0]},
-    ),
-]
+SPOILT = {
+    "holes": without_twelve_torques,
+    "degrees": lambda c: {**c, "q": np.degrees(c["q"]), "qd": np.degrees(c["qd"])},
+    "speeds in degrees": spoil("qd", np.degrees),
+    "a speed reversed": spoil("qd", lambda v: v * [1, -1]),
+    "speeds swapped": spoil("qd", lambda v: v[:, ::-1]),
+    "joined": spoil("t", lambda t: t - 5 * (np.arange(len(t)) >= 1500)),
+    "a tenth lost": keep(np.flatnonzero(np.arange(2000) % 200 < 180)),
+    "short": keep(slice(0, 60)),
+    "slow": keep(slice(None, None, 20)),
+    "weightless": poses(gravity=0),
+    "thousandfold": spoil("tau", lambda v: 1000 * v),
+    "elbow stands": lambda c: {**c, "q": c["q"] * [1, 0] + [0, 0.3], "qd": c["qd"] * [1, 0]},
+    "a gap": keep(np.r_[0:600, 630:2000]),
+    "clipped": spoil("tau", lambda v: np.clip(v, -12, 12)),
+}
+MISTAKES = yaml.safe_load(Path(__file__).with_name("mistakes.yaml").read_text())
 
 
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.code}-{row.line.split()[0]}")
+@pytest.mark.parametrize("row", MISTAKES, ids=lambda row: row["code"])
 def test_a_mistake_gives_its_code_its_status_and_advice_that_works(arm, row):
-    file, words = arm.folder / "arm.yaml", isinstance(row.fix, str)
-    if row.robot:
-        file.write_text(file.read_text().replace(*row.robot, 1))
-    if row.log:
-        twolink.write_log(arm.folder / "log.csv", 1, row.log)
-    advice = row.fix if words else row.advice
-    refused(arm(row.line), row.code, row.status, row.says, advice)
-    if row.fix is None:
-        return
-    if not words:
-        file.write_text(file.read_text().replace(*row.fix, 1))
-    again = arm(f"{row.line} {row.fix if words else ''}")
-    assert f"error[{row.code}]" not in again.err
-    assert again.status == 0, again.err
+    file, line, fix = arm.folder / "arm.yaml", row.get("line", CHECK), row.get("fix", "")
+    file.write_text(file.read_text().replace(*row.get("robot", ("", "")), 1))
+    if "log" in row:
+        twolink.write_log(arm.folder / "log.csv", 1, SPOILT[row["log"]])
+    words, edit = (fix, ("", "")) if isinstance(fix, str) else ("", fix)
+    says, advice = row["says"], row.get("advice", words)
+    refused(arm(line), row["code"], row.get("status", 3), says, advice)
+    file.write_text(file.read_text().replace(*edit, 1))
+    if fix:
+        again = arm(f"{line} {words}")
+        assert f"error[{row['code']}]" not in again.err
+        assert again.status == 0, again.err
 
 
 def refused(run, code, status=3, says=".", advice=""):
@@ -244,23 +95,17 @@ def refused(run, code, status=3, says=".", advice=""):
 
 
 # ---------------------------------------------------------------- warnings: said, and the work goes on
-WARNINGS = [
-    (
-        "W312",
-        keep(np.r_[0:600, 630:2000]),
-        r"log.csv: 1 gap, longest 310 ms at 5.99 s: cut there, not bridged",
+@pytest.mark.parametrize(
+    ("code", "spoils", "says"),
+    rows(
+        """
+        W312 | a gap   | log.csv: 1 gap, longest 310 ms at 5.99 s: cut there, not bridged
+        W319 | clipped | shoulder torque sits at 12 Nm .*clipped samples are left out
+        """
     ),
-    (
-        "W319",
-        spoil("tau", lambda v: np.clip(v, -12, 12)),
-        r"shoulder torque sits at 12 Nm .*clipped samples are left out",
-    ),
-]
-
-
-@pytest.mark.parametrize(("code", "change", "says"), WARNINGS, ids=lambda v: str(v)[:4])
-def test_a_warning_is_said_and_the_log_is_used(arm, code, change, says):
-    twolink.write_log(arm.folder / "log.csv", 1, change)
+)
+def test_a_warning_is_said_and_the_log_is_used(arm, code, spoils, says):
+    twolink.write_log(arm.folder / "log.csv", 1, SPOILT[spoils])
     run = arm(CHECK)
     assert run.status == 0
     assert re.search(rf"warning\[{code}\] {says}", run.err), run.err

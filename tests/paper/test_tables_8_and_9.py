@@ -1,7 +1,7 @@
 """Where the paper's Table 8 comes from: its misprinted equations, taken at their word, give its classes back.
 
 The wrong equations live here only. They are Eqs. 2-6 in the paper's own matrix form, with numbers instead of symbols;
-the package's derivation is used only in the last two tests, which show that the right model has other classes.
+the package's derivation is used only in the last test, which shows that the right model has other classes.
 """
 
 from pathlib import Path
@@ -26,62 +26,18 @@ TABLE_8 = ["RR.GGGG"] * 4 + [
     "R.....G",
     "..GGGGG",
 ]
-#: Gen2 column of Table 10: the numbers phi of the parameters that were given as combinations.
-TABLE_10 = (
-    8,
-    11,
-    16,
-    19,
-    21,
-    22,
-    23,
-    24,
-    30,
-    32,
-    38,
-    41,
-    43,
-    49,
-    52,
-    53,
-    54,
-    60,
-    63,
-    64,
-    65,
-    71,
-    74,
-)
+#: Empty cells that are no combination in the Gen2 column of Table 10; with them green the text counts rightly.
+MISCOLOURED = ("mcy3", "mcz3", "Ixx3", "Ixy2", "Ixy3", "Ixz2", "Ixz3")
 #: Eq. 9: which components of r are not zero, links 1 to 7, r12 = 0; any general values do.
-EQ_9 = (
-    (0, 0.28, 0),
-    (0, 0, 0),
-    (0.41, 0, 0),
-    (0, 0.21, 0),
-    (0, 0.07, 0.15),
-    (0, 0, 0.12),
-    (0, 0, 0.16),
-)
+EQ_9 = np.zeros((7, 3))
+EQ_9[[0, 2, 3, 4, 4, 5, 6], [1, 0, 1, 1, 2, 2, 2]] = (0.28, 0.41, 0.21, 0.07, 0.15, 0.12, 0.16)
 #: Table 6, but joints 5 and 6 with the 60 degrees of Eqs. 20-21.
 TWISTS = np.radians([90, 90, 90, 90, 60, 60, 0])
 Z = np.array([0.0, 0.0, 1.0])
-
-
-def printed_classes():
-    return {
-        f"{name}{k + 1}": cell
-        for name, row in zip(ROWS, TABLE_8, strict=True)
-        for k, cell in enumerate(row)
-    }
-
-
-def corrected_classes():
-    """Return Table 8 with Table 10's list of combinations: the seven empty cells that are missing there are green."""
-    listed = {NAMES[phi - 1] for phi in TABLE_10}
-    return {
-        name: "G" if cell == "." and name not in listed else cell
-        for name, cell in printed_classes().items()
-    }
+PRINTED = {
+    f"{name}{k + 1}": row[k] for name, row in zip(ROWS, TABLE_8, strict=True) for k in range(7)
+}
+CORRECTED = PRINTED | dict.fromkeys(MISCOLOURED, "G")
 
 
 def turn(theta, twist):
@@ -96,14 +52,11 @@ def times(R, v):
 def printed_regressor(q, qd, qdd, *, gravity=0.0, twists=TWISTS, eq3_as_printed=True):
     """Return P of Eqs. 2-6 with Eq. 3 as printed: angular acceleration of link i-1, bracket turned, (N, 7, 77)."""
     R = [turn(q[:, i], twists[i]) for i in range(7)]
-    w, dw, dv = (
-        np.zeros((len(q), 3)),
-        np.zeros((len(q), 3)),
-        np.tile([0.0, 0.0, gravity], (len(q), 1)),
-    )
+    w, dw, dv = np.zeros((3, len(q), 3))
+    dv[:, 2] = gravity
     P = np.zeros((len(q), 7, 77))
     for k in range(7):
-        back, r = R[k].transpose(0, 2, 1), np.array(EQ_9[k])
+        back, r = R[k].transpose(0, 2, 1), EQ_9[k]
         before = dw
         dw = times(back, dw + qdd[:, [k]] * Z + qd[:, [k]] * np.cross(w, Z))
         w = times(back, w + qd[:, [k]] * Z)
@@ -151,33 +104,23 @@ def states():
     return rng.uniform(-3, 3, (60, 7)), *rng.normal(0, 2, (2, 60, 7))
 
 
-def test_table_8_as_coloured_contradicts_the_counts_in_the_text():
-    cells = list(printed_classes().values())
-    assert [cells.count(c) for c in "GR."] == [34, 13, 30]
-
-
-def test_table_8_with_the_list_of_table_10_has_the_counts_in_the_text():
-    cells = list(corrected_classes().values())
-    assert [cells.count(c) for c in "GR."] == [41, 13, 14 + 9]
-    changed = {
-        name for name, cell in corrected_classes().items() if cell != printed_classes()[name]
-    }
-    assert changed == {"mcy3", "mcz3", "Ixx3", "Ixy2", "Ixy3", "Ixz2", "Ixz3"}
+def test_table_8_as_coloured_contradicts_the_counts_in_the_text_and_with_table_10_has_them():
+    cells = [list(table.values()) for table in (PRINTED, CORRECTED)]
+    assert [[each.count(c) for c in "GR."] for each in cells] == [[34, 13, 30], [41, 13, 14 + 9]]
 
 
 def test_the_misprinted_equations_give_rank_55_and_76_of_77_cells(states):
+    """Masses that stand alone come from the misprint of Eq. 3."""
     rank, cells = classify(printed_regressor(*states))
-    paper = corrected_classes()
     assert rank == 55 == 41 + 14
-    assert {name for name in paper if cells[name] != paper[name]} == {"Ixx3"}
+    assert {name for name in NAMES if cells[name] != CORRECTED[name]} == {"Ixx3"}
+    assert all(cells[f"m{k}"] == "G" for k in (4, 5, 6, 7))
 
 
 def test_each_of_the_four_departures_is_needed(states):
-    paper = corrected_classes()
-
     def matches(**change):
         cells = classify(printed_regressor(*states, **change))[1]
-        return sum(cells[name] == paper[name] for name in paper)
+        return sum(cells[name] == CORRECTED[name] for name in NAMES)
 
     right_angles = np.radians([90, 90, 90, 90, 90, 90, 0])
     assert matches(gravity=9.81) < 76
@@ -185,23 +128,11 @@ def test_each_of_the_four_departures_is_needed(states):
     assert matches(eq3_as_printed=False, twists=right_angles) < 76
 
 
-def test_masses_that_stand_alone_come_from_the_misprint_of_eq_3(states):
-    cells = classify(printed_regressor(*states))[1]
-    right = reduce(
-        build_model(load_robot(Path(__file__).parents[2] / "robots/paper/kinova_gen2_table6.yaml"))
-    )
-    assert all(cells[f"m{k}"] == "G" for k in (4, 5, 6, 7))
-    assert not {"m4", "m5", "m6", "m7"} & set(right.alone)
-
-
 def test_the_right_model_matches_57_of_the_77_printed_cells():
-    right = reduce(
-        build_model(load_robot(Path(__file__).parents[2] / "robots/paper/kinova_gen2_table6.yaml"))
-    )
-    cells = {
-        name: "G" if name in right.alone else "R" if name in right.none else "."
-        for name in right.names
-    }
-    printed = printed_classes()
-    assert sum(cells[name] == printed[name] for name in printed) == 57
+    robot = load_robot(Path(__file__).parents[2] / "robots/paper/kinova_gen2_table6.yaml")
+    right = reduce(build_model(robot))
+    cells = dict.fromkeys(NAMES, ".") | dict.fromkeys(right.alone, "G")
+    cells |= dict.fromkeys(right.none, "R")
+    assert sum(cells[name] == PRINTED[name] for name in NAMES) == 57
     assert right.rank == 48
+    assert not {"m4", "m5", "m6", "m7"} & set(right.alone)

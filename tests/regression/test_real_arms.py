@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from dynid import Identification, LogOptions, find_gap, identify, load_log, load_robot, validate
+from dynid import LogOptions, find_gap, identify, load_log, load_robot, validate
 from dynid.estimation.rows import rows_of
 from dynid.loading import condition_logs
 from dynid.model import build_model
@@ -19,7 +19,6 @@ from gap_real import ball_torque, read
 from real_arms import part
 
 pytestmark = pytest.mark.data
-AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
 
 
 def test_the_jaco_torques_agree_with_the_official_inertias(recordings):
@@ -34,9 +33,9 @@ def test_the_jaco_torques_agree_with_the_official_inertias(recordings):
     (source,) = condition_logs([log], model, LogOptions())
     gamma = np.zeros(model.size)
     for k, link in enumerate(table["links_dh"], start=1):
-        inertia = tuple(link["inertia_com"][f"i{axes}"] for axes in AXES)
+        body = Body(link["mass"], tuple(link["com"]), tuple(link["inertia_com"].values()))
         first = model.parameter_names.index(f"m{k}")
-        gamma[first : first + 10] = Body(link["mass"], tuple(link["com"]), inertia).parameters()
+        gamma[first : first + 10] = body.parameters()
     rows = rows_of(source, model.observer())
     left = rows.tau - rows.torque(gamma)
     assert 100 * np.linalg.norm(left) / np.linalg.norm(rows.tau) < 15.0
@@ -62,16 +61,15 @@ def runs_of_the_lwr(recordings):
 
 @pytest.fixture(scope="module")
 def results_of_the_lwr(runs_of_the_lwr):
-    return {
-        runs: identify("kuka_lwr4plus", [runs_of_the_lwr[k] for k in runs], holdout=None)
-        for runs in {pair[0] for pair in PAIRS}
-    }
+    fitted = {pair[0]: [runs_of_the_lwr[k] for k in pair[0]] for pair in PAIRS}
+    return {runs: identify("kuka_lwr4plus", logs, holdout=None) for runs, logs in fitted.items()}
 
 
 @pytest.fixture(scope="module")
 def unseen_of_the_lwr(runs_of_the_lwr, results_of_the_lwr):
     return {
-        pair[:2]: validate(results_of_the_lwr[pair[0]], runs_of_the_lwr[pair[1]]) for pair in PAIRS
+        (fitted, k): validate(results_of_the_lwr[fitted], runs_of_the_lwr[k])
+        for fitted, k, *_ in PAIRS
     }
 
 
@@ -90,10 +88,8 @@ def test_what_the_default_misses_on_a_run_that_was_not_fitted(
 
 def test_the_expected_error_is_right(unseen_of_the_lwr):
     """Of each pair within 0.5 to 1.5, as benchmarks/real_arms.md counts, and of all but one within a factor of 1.5."""
-    found = [
-        one.relative_error_percent / one.expected_percent for one in unseen_of_the_lwr.values()
-    ]
-    found = np.array(found)
+    every = unseen_of_the_lwr.values()
+    found = np.array([one.relative_error_percent / one.expected_percent for one in every])
     assert np.all((found > 0.5) & (found < 1.5))
     assert np.count_nonzero((found < 1 / 1.5) | (found > 1.5)) <= 1
     assert 0.75 < np.median(found) < 1.3
@@ -183,17 +179,3 @@ def test_the_first_part_of_a_recording_predicts_the_rest(
     without = validate(result, rest, residual_model=False)
     assert without.relative_error_percent == pytest.approx(alone, abs=0.15)
     assert 1 / 1.5 < seen.relative_error_percent / seen.expected_percent < 1.5
-
-
-def test_a_result_with_a_residual_model_is_read_back(results_of_the_lwr, tmp_path):
-    kept = results_of_the_lwr[(1,)]
-    again = Identification.load(kept.save(tmp_path / "parameters.npz"))
-    rng = np.random.default_rng(0)
-    q, qd, qdd = rng.uniform(-1, 1, (3, 20, 7))
-    assert np.array_equal(again.inverse_dynamics(q, qd, qdd), kept.inverse_dynamics(q, qd, qdd))
-    assert not np.allclose(
-        kept.inverse_dynamics(q, qd, qdd), kept.inverse_dynamics(q, qd, qdd, residual_model=False)
-    )
-    assert again.residual_facts() == kept.residual_facts()
-    drives = [name.startswith(("fv", "fc", "Im")) for name in kept.physical.names]
-    assert np.all(kept.physical.x[drives] >= 0)

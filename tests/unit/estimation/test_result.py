@@ -91,11 +91,15 @@ def described(request, base, result):
 
 
 @pytest.mark.slow
-def test_the_torques_of_one_state_are_those_of_a_motion(described):
+def test_the_torques_of_one_state_are_those_of_a_motion(described, tmp_path):
     """To rounding, with and without the residual model; a loaded result gives the same."""
     _, q, qd, qdd = motion(described.robot, 2.0, 7)
+    again = Identification.load(described.save(tmp_path / "parameters.npz"))
+    assert again.residual_facts() == described.residual_facts()
     for residual_model in (True, False):
         whole = described.inverse_dynamics(q, qd, qdd, residual_model=residual_model)
+        loaded = again.inverse_dynamics(q, qd, qdd, residual_model=residual_model)
+        assert np.array_equal(loaded, whole)
         for k in range(0, len(q), 10):
             tau = described.inverse_dynamics(
                 q[k], qd[k].tolist(), tuple(qdd[k]), residual_model=residual_model

@@ -32,15 +32,8 @@ def converted(log, robot):
 
 
 def driver(**more):
-    return DriverSpec(
-        **{
-            "kind": "generic",
-            "topic": None,
-            "joint_names": (),
-            "map": JointMap((1.0, 1.0), (0.0, 0.0)),
-            **more,
-        }
-    )
+    common = {"kind": "generic", "topic": None, "joint_names": ()}
+    return DriverSpec(**common, **{"map": JointMap((1.0, 1.0), (0.0, 0.0)), **more})
 
 
 def test_columns_are_taken_by_name_whatever_their_order():
@@ -53,29 +46,30 @@ def test_columns_are_taken_by_name_whatever_their_order():
     assert_array_equal(one.tau, two.tau)
 
 
-def test_sign_and_offset_are_applied_as_the_robot_file_says():
-    robot = replace(TWO, driver=driver(map=JointMap((-1.0, 1.0), (0.5, 0.1))))
-    log = raw()
-    dh = converted(log, robot)
-    assert_allclose(dh.q, log.q * [-1, 1] + [0.5, 0.1])
-    assert_allclose(dh.qd, log.qd * [-1, 1])
-    assert_allclose(dh.tau, log.tau * [-1, 1])
-
-
-def test_degrees_and_millinewtonmetres_become_si_and_leave_the_sliding_joint_alone():
-    units = {"position": "deg", "velocity": "deg/s", "effort": "mNm"}
-    log = raw()
-    dh = converted(log, replace(TWO, driver=driver(units=units)))
-    assert_allclose(dh.q, log.q * [np.pi / 180, 1])
-    assert_allclose(dh.qd, log.qd * [np.pi / 180, 1])
-    assert_allclose(dh.tau, log.tau / 1000)
-
-
-def test_currents_with_known_gains_become_torques():
-    robot = replace(TWO, torque=TorqueSource("motor_current", (2.0, 3.0)))
-    dh = converted(raw(tau_unit="A"), robot)
+@pytest.mark.parametrize(
+    ("changes", "scale", "offset"),
+    [
+        (
+            {"driver": driver(map=JointMap((-1.0, 1.0), (0.5, 0.1)))},
+            ([-1, 1], [-1, 1], [-1, 1]),
+            [0.5, 0.1],
+        ),
+        (
+            {"driver": driver(units={"position": "deg", "velocity": "deg/s", "effort": "mNm"})},
+            ([np.pi / 180, 1], [np.pi / 180, 1], 1e-3),
+            0.0,
+        ),
+        ({"torque": TorqueSource("motor_current", (2.0, 3.0))}, (1, 1, [2, 3]), 0.0),
+    ],
+)
+def test_columns_are_converted_as_the_robot_file_says(changes, scale, offset):
+    """Sign and offset; units, which leave the sliding joint alone; gains of currents."""
+    log = raw(tau_unit="A" if "torque" in changes else "Nm")
+    dh = converted(log, replace(TWO, **changes))
+    assert_allclose(dh.q, log.q * scale[0] + offset)
+    assert_allclose(dh.qd, log.qd * scale[1])
+    assert_allclose(dh.tau, log.tau * scale[2])
     assert dh.tau_unit == "Nm"
-    assert_allclose(dh.tau, raw().tau * [2, 3])
 
 
 def test_currents_without_gains_stay_currents():
